@@ -1,0 +1,85 @@
+//! Validation of values: collects every violation instead of stopping at the first.
+
+use std::fmt::Display;
+use std::ops::RangeInclusive;
+
+use crate::{Range, SpecError, Violation};
+
+/// A spec, or a part of one, that can say what is wrong with its values.
+pub(crate) trait Check {
+    fn check(&self, report: &mut Report);
+}
+
+/// The violations found so far and the path of the part being checked.
+#[derive(Default)]
+pub(crate) struct Report {
+    path: Vec<String>,
+    violations: Vec<Violation>,
+}
+
+impl Report {
+    pub fn finish(self) -> Result<(), SpecError> {
+        if self.violations.is_empty() {
+            Ok(())
+        } else {
+            Err(SpecError { violations: self.violations })
+        }
+    }
+
+    pub fn count(&self) -> usize {
+        self.violations.len()
+    }
+
+    /// Checks `part`, with its fields reported as `field.…`.
+    pub fn part(&mut self, field: &str, part: &impl Check) {
+        self.path.push(field.to_owned());
+        part.check(self);
+        self.path.pop();
+    }
+
+    pub fn violation(&mut self, field: &str, value: impl Display, allowed: impl Into<String>) {
+        let mut path = self.path.clone();
+        path.push(field.to_owned());
+        self.violations.push(Violation {
+            field: path.join("."),
+            value: value.to_string(),
+            allowed: allowed.into(),
+        });
+    }
+
+    pub fn within<T: PartialOrd + Display>(
+        &mut self,
+        field: &str,
+        value: T,
+        allowed: RangeInclusive<T>,
+    ) {
+        // NaN lies in no interval, so it is refused here as well.
+        if !allowed.contains(&value) {
+            self.violation(field, value, format!("{} to {}", allowed.start(), allowed.end()));
+        }
+    }
+
+    pub fn all_within(&mut self, field: &str, values: &[f64], allowed: &RangeInclusive<f64>) {
+        for (i, value) in values.iter().enumerate() {
+            self.within(&format!("{field}[{i}]"), *value, allowed.clone());
+        }
+    }
+
+    /// An interval with ordered ends, both in `allowed`.
+    pub fn interval(&mut self, field: &str, range: Range, allowed: &RangeInclusive<f64>) {
+        self.within(&format!("{field}[0]"), range.min, allowed.clone());
+        self.within(&format!("{field}[1]"), range.max, allowed.clone());
+        if range.min > range.max {
+            self.violation(
+                field,
+                format!("[{}, {}]", range.min, range.max),
+                "[min, max] with min not above max",
+            );
+        }
+    }
+
+    /// A seed; JSON numbers are exact only up to 2^53.
+    pub fn seed(&mut self, field: &str, seed: u64) {
+        self.within(field, seed, 0..=(1 << 53) - 1);
+    }
+}

@@ -1,0 +1,41 @@
+//! The language of torqued: every job a user can ask for.
+//!
+//! [`parse`] is the only way in: it resolves presets, refuses unknown fields, checks every value
+//! and reports all violations at once. What it returns can be trusted by every other crate.
+//!
+//! Units are SI and named in the field (`_hz`, `_rad`, `_nm`); angles are radians, torques N·m.
+
+mod canonical;
+mod check;
+mod compatibility;
+mod error;
+mod evaluate;
+mod execution;
+mod job;
+mod model;
+mod pipeline;
+mod preset;
+mod range;
+mod reference;
+mod simulate;
+mod train;
+
+/// Joints of the arm; every `u` and `y` has this many channels.
+pub const JOINTS: usize = 7;
+
+pub use canonical::{Digest, ParseDigestError};
+pub use compatibility::Training;
+pub use error::{SpecError, Violation};
+pub use evaluate::{Baseline, Bootstrap, EvaluateSpec};
+pub use execution::Execution;
+pub use job::{JobKind, JobSpec, parse};
+pub use model::{ModelSpec, RoboMorphSpec};
+pub use pipeline::{PipelineMember, PipelineSpec};
+pub use preset::{Preset, PresetPlace, presets};
+pub use range::Range;
+pub use reference::{CheckpointRef, DatasetRef};
+pub use simulate::{
+    Cell, Chirp, ChirpBand, Excitation, Family, Frequency, Gravity, InertiaScheme, InitialState,
+    Integrator, Multisine, Precision, Rejection, RobotModel, RobotSpec, SimulateSpec,
+};
+pub use train::{Normalization, OptimizerSpec, TrainSpec};

@@ -1,0 +1,154 @@
+use std::collections::{BTreeMap, BTreeSet};
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use crate::check::{Check, Report};
+use crate::{CheckpointRef, DatasetRef, JobKind, JobSpec};
+
+/// The most jobs one pipeline may have.
+pub const MAX_MEMBERS: usize = 200;
+
+/// Named jobs, some of which need others. Order follows from references and `needs`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PipelineSpec {
+    pub name: String,
+    /// 1 to 200 jobs; names are lower-case letters, digits and dashes.
+    #[schema(no_recursion)]
+    pub jobs: BTreeMap<String, PipelineMember>,
+}
+
+/// A job of a pipeline: any job spec but a pipeline, with `needs` beside its fields.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct PipelineMember {
+    /// Jobs that must succeed first, besides those this one refers to.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub needs: Vec<String>,
+    #[serde(flatten)]
+    #[schema(no_recursion)]
+    pub spec: JobSpec,
+}
+
+impl PipelineMember {
+    /// Every job of the pipeline that must succeed before this one.
+    pub fn all_needs(&self) -> BTreeSet<String> {
+        let mut needs: BTreeSet<String> = self.needs.iter().cloned().collect();
+        match &self.spec {
+            JobSpec::Train(spec) => needs.extend(dataset_job(&spec.data)),
+            JobSpec::Evaluate(spec) => {
+                needs.extend(dataset_job(&spec.data));
+                needs.extend(spec.checkpoints.iter().filter_map(checkpoint_job));
+            }
+            JobSpec::Simulate(_) | JobSpec::Pipeline(_) => {}
+        }
+        needs
+    }
+}
+
+fn dataset_job(reference: &DatasetRef) -> Option<String> {
+    match reference {
+        DatasetRef::Job(name) => Some(name.clone()),
+        DatasetRef::Dataset(_) | DatasetRef::Digest(_) => None,
+    }
+}
+
+fn checkpoint_job(reference: &CheckpointRef) -> Option<String> {
+    match reference {
+        CheckpointRef::Job(name) => Some(name.clone()),
+        CheckpointRef::Checkpoint(_) | CheckpointRef::Digest(_) => None,
+    }
+}
+
+impl PipelineSpec {
+    /// Names of the jobs, each after all it needs; `None` when they need each other in a circle.
+    pub fn order(&self) -> Option<Vec<&str>> {
+        let mut done: BTreeSet<&str> = BTreeSet::new();
+        let mut order = Vec::with_capacity(self.jobs.len());
+        while order.len() < self.jobs.len() {
+            let ready: Vec<&str> = self
+                .jobs
+                .iter()
+                .filter(|(name, _)| !done.contains(name.as_str()))
+                .filter(|(_, job)| job.all_needs().iter().all(|need| done.contains(need.as_str())))
+                .map(|(name, _)| name.as_str())
+                .collect();
+            if ready.is_empty() {
+                return None;
+            }
+            done.extend(&ready);
+            order.extend(ready);
+        }
+        Some(order)
+    }
+}
+
+impl Check for PipelineSpec {
+    fn check(&self, report: &mut Report) {
+        report.within("name", self.name.len(), 1..=100);
+        if self.jobs.is_empty() || self.jobs.len() > MAX_MEMBERS {
+            report.violation("jobs", format!("{} jobs", self.jobs.len()), "1 to 200 jobs");
+        }
+        let known_violations = report.count();
+        for (name, member) in &self.jobs {
+            let path = format!("jobs.{name}");
+            if !is_job_name(name) {
+                report.violation(
+                    &path,
+                    format!("{name:?}"),
+                    "a name of 1 to 60 lower-case letters, digits and dashes",
+                );
+            }
+            if member.spec.kind() == JobKind::Pipeline {
+                report.violation(&format!("{path}.kind"), "pipeline", "simulate, train, evaluate");
+                continue;
+            }
+            report.part(&path, &member.spec);
+            self.check_references(&path, member, report);
+        }
+        if report.count() == known_violations && self.order().is_none() {
+            report.violation("jobs", "circular", "jobs that do not need each other in a circle");
+        }
+    }
+}
+
+impl PipelineSpec {
+    fn check_references(&self, path: &str, member: &PipelineMember, report: &mut Report) {
+        let mut check = |field: &str, name: &str, kind: Option<JobKind>| {
+            let found = self.jobs.get(name).map(|job| job.spec.kind());
+            let fits = found.is_some() && (kind.is_none() || found == kind);
+            if !fits {
+                let kind = kind.map_or(String::new(), |kind| format!("{kind} "));
+                let names: Vec<&str> = self
+                    .jobs
+                    .iter()
+                    .filter(|(_, job)| {
+                        kind.is_empty() || kind.trim_end() == job.spec.kind().as_str()
+                    })
+                    .map(|(name, _)| name.as_str())
+                    .collect();
+                let allowed = format!("a {kind}job of this pipeline: {}", names.join(", "));
+                report.violation(&format!("{path}.{field}"), format!("{name:?}"), allowed);
+            }
+        };
+        for need in &member.needs {
+            check("needs", need, None);
+        }
+        let (data, checkpoints) = match &member.spec {
+            JobSpec::Train(spec) => (Some(&spec.data), &[][..]),
+            JobSpec::Evaluate(spec) => (Some(&spec.data), &spec.checkpoints[..]),
+            JobSpec::Simulate(_) | JobSpec::Pipeline(_) => (None, &[][..]),
+        };
+        if let Some(name) = data.and_then(dataset_job) {
+            check("data.job", &name, Some(JobKind::Simulate));
+        }
+        for name in checkpoints.iter().filter_map(checkpoint_job) {
+            check("checkpoints.job", &name, Some(JobKind::Train));
+        }
+    }
+}
+
+fn is_job_name(name: &str) -> bool {
+    (1..=60).contains(&name.len())
+        && name.bytes().all(|b| b.is_ascii_lowercase() || b.is_ascii_digit() || b == b'-')
+}

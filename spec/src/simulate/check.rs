@@ -1,0 +1,184 @@
+//! What values a simulation may have.
+
+use super::{Chirp, Excitation, Frequency, InitialState, Integrator, MAX_TRAJECTORIES, Multisine};
+use super::{Rejection, RobotSpec, SimulateSpec};
+use crate::check::{Check, Report};
+
+/// The most frequencies one grid may have.
+const MAX_GRID: usize = 200;
+const TORQUE_NM: std::ops::RangeInclusive<f64> = -1000.0..=1000.0;
+const FACTOR: std::ops::RangeInclusive<f64> = 0.01..=100.0;
+
+impl Check for SimulateSpec {
+    fn check(&self, report: &mut Report) {
+        report.within("trajectories", self.trajectories, 1..=MAX_TRAJECTORIES);
+        report.seed("seed", self.seed);
+        report.within("samples", self.samples, 2..=10_000);
+        report.within("rate_hz", self.rate_hz, 1.0..=1000.0);
+        report.within("shard_trajectories", self.shard_trajectories, 1..=100_000);
+        report.part("excitation", &self.excitation);
+        report.part("robot", &self.robot);
+        report.part("initial_state", &self.initial_state);
+        report.part("rejection", &self.rejection);
+        report.part("integrator", &self.integrator);
+        report.part("execution", &self.execution);
+        self.check_nyquist(report);
+        if let Some((_, grid)) = self.excitation.grid()
+            && !grid.is_empty()
+            && !self.trajectories.is_multiple_of(grid.len() as u64)
+        {
+            report.violation(
+                "trajectories",
+                self.trajectories,
+                format!("a multiple of {}, the number of grid frequencies", grid.len()),
+            );
+        }
+    }
+}
+
+impl SimulateSpec {
+    /// Torques are held between samples, so no component may lie above half the rate.
+    fn check_nyquist(&self, report: &mut Report) {
+        let nyquist = self.rate_hz / 2.0;
+        let mut check = |field: &str, highest: f64| {
+            if highest > nyquist {
+                report.violation(
+                    field,
+                    format!("up to {highest} Hz with its multiples"),
+                    format!("at most {nyquist} Hz, half of rate_hz"),
+                );
+            }
+        };
+        if let Some(chirp) = &self.excitation.chirp {
+            check("excitation.chirp.frequency_hz", chirp.highest_frequency_hz());
+        }
+        if let Some(multisine) = &self.excitation.multisine {
+            check("excitation.multisine.frequency_hz", multisine.highest_frequency_hz());
+        }
+    }
+}
+
+impl Check for Excitation {
+    fn check(&self, report: &mut Report) {
+        report.within("chirp_fraction", self.chirp_fraction, 0.0..=1.0);
+        if self.chirp.is_none() && self.multisine.is_none() {
+            report.violation("chirp", "missing", "chirp, multisine or both");
+        }
+        let both = self.chirp.is_some() && self.multisine.is_some();
+        if let Some(chirp) = &self.chirp {
+            report.part("chirp", chirp);
+            check_frequency(&chirp.frequency_hz, both, "chirp", report);
+        }
+        if let Some(multisine) = &self.multisine {
+            report.part("multisine", multisine);
+            check_frequency(&multisine.frequency_hz, both, "multisine", report);
+        }
+    }
+}
+
+fn check_frequency(frequency: &Frequency, both_families: bool, family: &str, report: &mut Report) {
+    let field = format!("{family}.frequency_hz");
+    let allowed = 0.001..=500.0;
+    match frequency {
+        Frequency::Fixed(value) => report.within(&format!("{field}.fixed"), *value, allowed),
+        Frequency::Uniform(range) => {
+            report.interval(&format!("{field}.uniform"), *range, &allowed);
+        }
+        Frequency::Grid(grid) => {
+            let field = format!("{field}.grid");
+            report.all_within(&field, grid, &allowed);
+            if grid.is_empty() || grid.len() > MAX_GRID {
+                report.violation(&field, format!("{} values", grid.len()), "1 to 200 frequencies");
+            }
+            if grid.windows(2).any(|pair| pair[0] >= pair[1]) {
+                report.violation(&field, "unordered", "frequencies in rising order");
+            }
+            if both_families {
+                report.violation(&field, "a grid", "a grid only when there is one family");
+            }
+        }
+    }
+}
+
+impl Check for Chirp {
+    fn check(&self, report: &mut Report) {
+        report.interval("amplitude_nm", self.amplitude_nm, &TORQUE_NM);
+        report.interval("offset_nm", self.offset_nm, &TORQUE_NM);
+        report.interval("phase_rad", self.phase_rad, &(-10.0..=10.0));
+        report.within("modulation_depth", self.modulation_depth, 0.0..=1.0);
+        report.within("torque_divisor", self.torque_divisor, FACTOR);
+        report.within("band_split_hz", self.band_split_hz, 0.0..=500.0);
+        for (name, band) in [("low_band", self.low_band), ("high_band", self.high_band)] {
+            report.interval(&format!("{name}.f1"), band.f1, &FACTOR);
+            report.interval(&format!("{name}.f2"), band.f2, &FACTOR);
+        }
+    }
+}
+
+impl Chirp {
+    fn highest_frequency_hz(&self) -> f64 {
+        let factor = self.low_band.f1.max.max(self.high_band.f1.max);
+        self.frequency_hz.support().max * factor * (1.0 + self.modulation_depth)
+    }
+}
+
+impl Check for Multisine {
+    fn check(&self, report: &mut Report) {
+        report.interval("amplitude_nm_per_hz", self.amplitude_nm_per_hz, &TORQUE_NM);
+        report.interval("base", self.base, &FACTOR);
+        report.all_within("multiples", &self.multiples, &FACTOR);
+        report.all_within("torque_divisor", &self.torque_divisor, &FACTOR);
+    }
+}
+
+impl Multisine {
+    fn highest_frequency_hz(&self) -> f64 {
+        let multiple = self.multiples.iter().copied().fold(0.0, f64::max);
+        self.frequency_hz.support().max * self.base.max * multiple
+    }
+}
+
+impl Check for RobotSpec {
+    fn check(&self, report: &mut Report) {
+        let fraction = 0.0..=0.9;
+        report.within("mass_fraction", self.mass_fraction, fraction.clone());
+        report.within("com_fraction", self.com_fraction, fraction.clone());
+        report.within("inertia_fraction", self.inertia_fraction, fraction.clone());
+        report.within("damping_fraction", self.damping_fraction, fraction);
+        report.all_within("damping_nm_s_rad", &self.damping_nm_s_rad, &(0.0..=1000.0));
+        report.all_within("armature_kg_m2", &self.armature_kg_m2, &(0.0..=10.0));
+    }
+}
+
+impl Check for InitialState {
+    fn check(&self, report: &mut Report) {
+        report.interval("joint1_scale", self.joint1_scale, &(0.0..=1.0));
+        report.all_within("center_rad", &self.center_rad, &(-4.0..=4.0));
+        report.within("spread_rad", self.spread_rad, 0.0..=3.0);
+        report.interval("velocity_scale", self.velocity_scale, &(0.0..=10.0));
+        report.within("joint1_velocity_rad_s", self.joint1_velocity_rad_s, 0.0..=10.0);
+        report.within("velocity_rad_s", self.velocity_rad_s, 0.0..=10.0);
+    }
+}
+
+impl Check for Rejection {
+    fn check(&self, report: &mut Report) {
+        if let Some(margin) = self.position_margin_rad {
+            report.within("position_margin_rad", margin, 0.0..=1.0);
+        }
+        report.within("max_draws", self.max_draws, 1..=100_000);
+    }
+}
+
+impl Check for Integrator {
+    fn check(&self, report: &mut Report) {
+        match self {
+            Self::Extrapolated { order, substeps } => {
+                report.within("order", *order, 1..=4);
+                report.within("substeps", *substeps, 1..=64);
+            }
+            Self::Rk4 { substeps } => report.within("substeps", *substeps, 1..=64),
+            Self::Reference => {}
+        }
+    }
+}

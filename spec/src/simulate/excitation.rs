@@ -1,0 +1,212 @@
+use std::f64::consts::PI;
+use std::fmt;
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use crate::{JOINTS, Range};
+
+/// Joint torques that excite the arm, drawn independently per joint.
+///
+/// With both families present, each trajectory draws its own: `chirp` with probability
+/// `chirp_fraction`, else `multisine`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Excitation {
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub chirp: Option<Chirp>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub multisine: Option<Multisine>,
+    #[serde(default = "half")]
+    pub chirp_fraction: f64,
+}
+
+const fn half() -> f64 {
+    0.5
+}
+
+/// The shape of an excitation signal.
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, ToSchema,
+)]
+#[serde(rename_all = "kebab-case")]
+pub enum Family {
+    Chirp,
+    Multisine,
+}
+
+impl fmt::Display for Family {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Chirp => "chirp",
+            Self::Multisine => "multisine",
+        })
+    }
+}
+
+/// The master frequency f of a trajectory; each joint's frequencies are drawn around it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Frequency {
+    /// The same for all.
+    Fixed(f64),
+    /// Drawn uniformly for each trajectory.
+    Uniform(Range),
+    /// Equal contiguous blocks of trajectories, one per frequency; only with a single family.
+    Grid(Vec<f64>),
+}
+
+impl Frequency {
+    /// The interval of master frequencies that can be drawn: what "in distribution" means.
+    pub fn support(&self) -> Range {
+        match self {
+            Self::Fixed(f) => Range::new(*f, *f),
+            Self::Uniform(range) => *range,
+            Self::Grid(grid) => Range::new(
+                grid.iter().copied().fold(f64::INFINITY, f64::min),
+                grid.iter().copied().fold(f64::NEG_INFINITY, f64::max),
+            ),
+        }
+    }
+}
+
+/// u(t) = (o + s·a·cos(2π f1 (1 + d·cos(2π f2 t)) t + φ)) / torque_divisor.
+///
+/// The phase is multiplied by t as the paper prints it, so the instantaneous frequency grows
+/// with t. Offset, sign and divisor come from the paper's code, not its text.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Chirp {
+    pub frequency_hz: Frequency,
+    /// a, in N·m.
+    #[serde(default = "chirp::amplitude_nm")]
+    pub amplitude_nm: Range,
+    /// o, in N·m.
+    #[serde(default = "chirp::offset_nm")]
+    pub offset_nm: Range,
+    /// φ, in rad.
+    #[serde(default = "chirp::phase_rad")]
+    pub phase_rad: Range,
+    /// d.
+    #[serde(default = "chirp::modulation_depth")]
+    pub modulation_depth: f64,
+    /// Whether s is ±1 with equal probability; otherwise s = 1.
+    #[serde(default = "yes")]
+    pub random_sign: bool,
+    #[serde(default = "chirp::torque_divisor")]
+    pub torque_divisor: f64,
+    /// Where `low_band` ends and `high_band` begins, in Hz of the master frequency.
+    #[serde(default = "chirp::band_split_hz")]
+    pub band_split_hz: f64,
+    #[serde(default = "chirp::low_band")]
+    pub low_band: ChirpBand,
+    #[serde(default = "chirp::high_band")]
+    pub high_band: ChirpBand,
+}
+
+/// The intervals of f1 and f2 as multiples of the master frequency.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ChirpBand {
+    pub f1: Range,
+    pub f2: Range,
+}
+
+/// u(t) = s·(a0 sin ωt + a1 cos m1ωt + a2 sin m2ωt + s'·a3 cos m3ωt) / torque_divisor,
+/// with ω = 2π·f·c, c drawn from `base`, and m0 = 1 in the default `multiples`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Multisine {
+    pub frequency_hz: Frequency,
+    /// Interval of every a, in N·m per Hz of the master frequency.
+    #[serde(default = "multisine::amplitude_nm_per_hz")]
+    pub amplitude_nm_per_hz: Range,
+    /// Interval of c.
+    #[serde(default = "multisine::base")]
+    pub base: Range,
+    /// m0 to m3.
+    #[serde(default = "multisine::multiples")]
+    pub multiples: [f64; 4],
+    /// Whether s and s' are ±1 with equal probability; otherwise 1.
+    #[serde(default = "yes")]
+    pub random_sign: bool,
+    /// κ of each joint.
+    #[serde(default = "multisine::torque_divisor")]
+    pub torque_divisor: [f64; JOINTS],
+}
+
+impl Excitation {
+    /// The family and its frequencies when there is one family with a frequency grid.
+    pub fn grid(&self) -> Option<(Family, &[f64])> {
+        match (&self.chirp, &self.multisine) {
+            (Some(Chirp { frequency_hz: Frequency::Grid(grid), .. }), None) => {
+                Some((Family::Chirp, grid))
+            }
+            (None, Some(Multisine { frequency_hz: Frequency::Grid(grid), .. })) => {
+                Some((Family::Multisine, grid))
+            }
+            _ => None,
+        }
+    }
+
+    /// The master frequencies that `family` can have here; `None` when it does not occur.
+    pub fn support(&self, family: Family) -> Option<Range> {
+        match family {
+            Family::Chirp => self.chirp.as_ref().map(|chirp| chirp.frequency_hz.support()),
+            Family::Multisine => {
+                self.multisine.as_ref().map(|multisine| multisine.frequency_hz.support())
+            }
+        }
+    }
+}
+
+const fn yes() -> bool {
+    true
+}
+
+/// Source of every constant: SCIENCE sheet section 1, read in the paper's code.
+mod chirp {
+    use super::{ChirpBand, PI, Range};
+
+    pub const fn amplitude_nm() -> Range {
+        Range::new(-4.0, 4.0)
+    }
+    pub const fn offset_nm() -> Range {
+        Range::new(-0.5, 0.5)
+    }
+    pub const fn phase_rad() -> Range {
+        Range::new(-PI, PI)
+    }
+    pub const fn modulation_depth() -> f64 {
+        0.25
+    }
+    pub const fn torque_divisor() -> f64 {
+        2.0
+    }
+    pub const fn band_split_hz() -> f64 {
+        0.3
+    }
+    pub const fn low_band() -> ChirpBand {
+        ChirpBand { f1: Range::new(1.0 / 1.1, 1.5), f2: Range::new(1.0 / 1.5, 2.0) }
+    }
+    pub const fn high_band() -> ChirpBand {
+        ChirpBand { f1: Range::new(1.0 / 1.3, 1.0 / 1.2), f2: Range::new(1.0 / 1.1, 1.1) }
+    }
+}
+
+mod multisine {
+    use super::{JOINTS, Range};
+
+    pub const fn amplitude_nm_per_hz() -> Range {
+        Range::new(-30.0, 30.0)
+    }
+    pub const fn base() -> Range {
+        Range::new(1.0 / 1.5, 1.5)
+    }
+    pub const fn multiples() -> [f64; 4] {
+        [1.0, 1.5, 2.0, 3.0]
+    }
+    pub const fn torque_divisor() -> [f64; JOINTS] {
+        [1.6, 1.3, 1.6, 1.6, 1.6, 1.6, 1.6]
+    }
+}

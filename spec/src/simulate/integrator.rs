@@ -1,0 +1,47 @@
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// How one sampling period is integrated, with the torque held and joint damping implicit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(tag = "scheme", rename_all = "kebab-case", deny_unknown_fields)]
+pub enum Integrator {
+    /// Implicit-damping Euler, Richardson-extrapolated over 1, 2, .. `order` steps.
+    Extrapolated {
+        #[serde(default = "four")]
+        order: u32,
+        #[serde(default = "one")]
+        substeps: u32,
+    },
+    /// Classical Runge-Kutta of order 4, damping explicit.
+    Rk4 {
+        #[serde(default = "six")]
+        substeps: u32,
+    },
+    /// Semi-implicit Euler with 2 substeps: what the paper's simulator setting amounts to.
+    Reference,
+}
+
+impl Default for Integrator {
+    fn default() -> Self {
+        Self::Extrapolated { order: four(), substeps: one() }
+    }
+}
+
+/// The arithmetic of the simulation; datasets hold f32 either way.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Precision {
+    #[default]
+    F32,
+    F64,
+}
+
+const fn one() -> u32 {
+    1
+}
+const fn four() -> u32 {
+    4
+}
+const fn six() -> u32 {
+    6
+}

@@ -1,0 +1,139 @@
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use crate::check::{Check, Report};
+use crate::{DatasetRef, Execution, ModelSpec};
+
+/// Train one model on one dataset.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct TrainSpec {
+    pub data: DatasetRef,
+    pub model: ModelSpec,
+    /// Samples the model is given (the paper's m); the rest of the trajectory is the horizon.
+    #[serde(default = "defaults::context")]
+    pub context: u32,
+    #[serde(default)]
+    pub normalization: Normalization,
+    #[serde(default)]
+    pub optimizer: OptimizerSpec,
+    #[serde(default = "defaults::batch_size")]
+    pub batch_size: u32,
+    /// Optimizer steps.
+    pub steps: u64,
+    /// Key of initial weights and batch order, 0 to 2^53 - 1.
+    #[serde(default)]
+    pub seed: u64,
+    /// Share of trajectories kept for validation: the last ones, never trained on.
+    #[serde(default = "defaults::validation_fraction")]
+    pub validation_fraction: f64,
+    #[serde(default = "defaults::validate_every_steps")]
+    pub validate_every_steps: u64,
+    #[serde(default = "defaults::checkpoint_every_steps")]
+    pub checkpoint_every_steps: u64,
+    #[serde(default, skip_serializing_if = "Execution::is_default")]
+    pub execution: Execution,
+}
+
+/// Where the mean and standard deviation of u and y come from.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Normalization {
+    /// Each trajectory's own context, per channel.
+    #[default]
+    Context,
+    /// The training trajectories of the dataset, per channel, fixed.
+    Dataset,
+    /// Each trajectory's own context *and horizon*, as in the paper's code: leaks the future.
+    PaperLeaky,
+}
+
+/// AdamW with an optional linear warmup and a cosine to a fraction of the learning rate.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct OptimizerSpec {
+    pub learning_rate: f64,
+    pub final_learning_rate_ratio: f64,
+    pub warmup_steps: u64,
+    pub betas: [f64; 2],
+    pub epsilon: f64,
+    /// 0 makes it Adam.
+    pub weight_decay: f64,
+    /// Largest global norm of the gradient; `null` does not clip.
+    pub gradient_clip_norm: Option<f64>,
+}
+
+impl Default for OptimizerSpec {
+    fn default() -> Self {
+        Self {
+            learning_rate: 6e-4,
+            final_learning_rate_ratio: 0.1,
+            warmup_steps: 0,
+            betas: [0.9, 0.95],
+            epsilon: 1e-8,
+            weight_decay: 0.0,
+            gradient_clip_norm: None,
+        }
+    }
+}
+
+mod defaults {
+    pub const fn context() -> u32 {
+        320
+    }
+    pub const fn batch_size() -> u32 {
+        64
+    }
+    pub const fn validation_fraction() -> f64 {
+        0.1
+    }
+    pub const fn validate_every_steps() -> u64 {
+        200
+    }
+    pub const fn checkpoint_every_steps() -> u64 {
+        200
+    }
+}
+
+impl Check for TrainSpec {
+    fn check(&self, report: &mut Report) {
+        report.part("model", &self.model);
+        report.within("context", self.context, 1..=9_999);
+        report.part("optimizer", &self.optimizer);
+        report.within("batch_size", self.batch_size, 1..=4096);
+        report.within("steps", self.steps, 1..=10_000_000);
+        report.seed("seed", self.seed);
+        report.within("validation_fraction", self.validation_fraction, 0.0..=0.5);
+        report.within("validate_every_steps", self.validate_every_steps, 1..=10_000_000);
+        report.within("checkpoint_every_steps", self.checkpoint_every_steps, 1..=10_000_000);
+        report.part("execution", &self.execution);
+        let patch = self.model.patch();
+        if patch > 0 && !self.context.is_multiple_of(patch) {
+            report.violation(
+                "context",
+                self.context,
+                format!("a multiple of model.patch, which is {patch}"),
+            );
+        }
+        if self.optimizer.warmup_steps > self.steps {
+            report.violation(
+                "optimizer.warmup_steps",
+                self.optimizer.warmup_steps,
+                format!("at most steps, which is {}", self.steps),
+            );
+        }
+    }
+}
+
+impl Check for OptimizerSpec {
+    fn check(&self, report: &mut Report) {
+        report.within("learning_rate", self.learning_rate, 1e-9..=1.0);
+        report.within("final_learning_rate_ratio", self.final_learning_rate_ratio, 0.0..=1.0);
+        report.all_within("betas", &self.betas, &(0.0..=0.999_999));
+        report.within("epsilon", self.epsilon, 1e-12..=0.1);
+        report.within("weight_decay", self.weight_decay, 0.0..=1.0);
+        if let Some(norm) = self.gradient_clip_norm {
+            report.within("gradient_clip_norm", norm, 1e-6..=1e6);
+        }
+    }
+}

@@ -1,0 +1,111 @@
+//! What a user sees after a mistake: the field, the value and what is allowed.
+
+use serde_json::{Value, json};
+
+fn simulate() -> Value {
+    json!({
+        "kind": "simulate",
+        "trajectories": 100,
+        "excitation": {"multisine": {"frequency_hz": {"fixed": 0.15}}},
+    })
+}
+
+fn train() -> Value {
+    json!({
+        "kind": "train",
+        "data": {"dataset": 1},
+        "model": {"preset": "robomorph-tiny"},
+        "steps": 100,
+    })
+}
+
+/// Parses `base` with `value` at the JSON pointer `at`; returns the error's text.
+fn error_of(mut base: Value, at: &str, value: Value) -> String {
+    let (parent, field) = at.rsplit_once('/').unwrap();
+    base.pointer_mut(parent).unwrap().as_object_mut().unwrap().insert(field.to_owned(), value);
+    spec::parse(base.to_string().as_bytes()).unwrap_err().to_string()
+}
+
+fn check_refused(base: Value, at: &str, value: Value, expected: &[&str]) {
+    let error = error_of(base, at, value);
+    for part in expected {
+        assert!(error.contains(part), "{error:?} lacks {part:?}");
+    }
+}
+
+#[test]
+fn an_unknown_field_is_named() {
+    check_refused(simulate(), "/robots", json!(3), &["robots", "unknown field", "trajectories"]);
+    check_refused(simulate(), "/robot", json!({"mas": 1}), &["robot.mas", "mass_fraction"]);
+    check_refused(train(), "/model/hidden", json!(3), &["model", "hidden"]);
+}
+
+#[test]
+fn a_number_out_of_range_is_named_with_its_range() {
+    check_refused(simulate(), "/trajectories", json!(0), &["trajectories is 0", "1 to 10000000"]);
+    check_refused(simulate(), "/trajectories", json!(-4), &["trajectories", "-4"]);
+    check_refused(simulate(), "/trajectories", json!(4_000_000_000_u64), &["1 to 10000000"]);
+    check_refused(simulate(), "/rate_hz", json!("fast"), &["rate_hz", "fast"]);
+    check_refused(simulate(), "/seed", json!(u64::MAX), &["seed", "9007199254740991"]);
+    check_refused(train(), "/context", json!(321), &["context is 321", "model.patch"]);
+    check_refused(train(), "/model/heads", json!(7), &["model.d_model", "a multiple of heads"]);
+}
+
+#[test]
+fn a_frequency_above_nyquist_is_refused() {
+    let grid = json!({"multisine": {"frequency_hz": {"grid": [1.0, 20.0]}}});
+    check_refused(simulate(), "/excitation", grid, &["frequency_hz", "30 Hz"]);
+}
+
+#[test]
+fn numbers_that_json_cannot_hold_are_refused() {
+    for text in
+        [r#"{"kind":"simulate","trajectories":NaN}"#, r#"{"rate_hz":1e999}"#, "", "[]", "nul"]
+    {
+        assert!(spec::parse(text.as_bytes()).is_err(), "{text}");
+    }
+}
+
+#[test]
+fn an_unknown_preset_or_kind_lists_the_known_ones() {
+    check_refused(simulate(), "/preset", json!("D9"), &["preset", "D9", "D1-multisine"]);
+    check_refused(simulate(), "/kind", json!("simulat"), &["kind", "simulat", "evaluate"]);
+    check_refused(
+        train(),
+        "/model",
+        json!({"preset": "huge"}),
+        &["model.preset", "robomorph-tiny"],
+    );
+}
+
+#[test]
+fn a_name_of_a_pipeline_job_means_nothing_outside_one() {
+    check_refused(train(), "/data", json!({"job": "train-set"}), &["data", "only in a pipeline"]);
+}
+
+#[test]
+fn every_violation_is_reported_at_once() {
+    let mut base = simulate();
+    base["rate_hz"] = json!(0);
+    base["samples"] = json!(1);
+    let error = spec::parse(base.to_string().as_bytes()).unwrap_err();
+    assert_eq!(error.violations.len(), 2 + 1, "rate, samples and Nyquist: {error}");
+}
+
+#[test]
+fn a_pipeline_names_the_member_that_is_wrong() {
+    let pipeline = |jobs: Value| json!({"kind": "pipeline", "name": "p", "jobs": jobs});
+    let mut lost = train();
+    lost["data"] = json!({"job": "nowhere"});
+    check_refused(pipeline(json!({"a": simulate()})), "/jobs/b", lost, &["jobs.b.data", "nowhere"]);
+
+    let mut wrong = simulate();
+    wrong["samples"] = json!(1);
+    check_refused(pipeline(json!({})), "/jobs/a", wrong, &["jobs.a.samples is 1"]);
+
+    let mut circular = simulate();
+    circular["needs"] = json!(["a"]);
+    check_refused(pipeline(json!({})), "/jobs/a", circular, &["circle"]);
+
+    check_refused(pipeline(json!({})), "/jobs/A b", simulate(), &["A b", "lower-case"]);
+}

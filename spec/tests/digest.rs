@@ -1,0 +1,54 @@
+//! A digest names results: it must change with anything that changes them, and with nothing else.
+
+use proptest::prelude::*;
+use serde_json::json;
+use spec::{JobSpec, parse};
+
+fn simulate(extra: &serde_json::Value) -> JobSpec {
+    let mut base = json!({
+        "kind": "simulate",
+        "trajectories": 100,
+        "excitation": {"multisine": {"frequency_hz": {"fixed": 0.15}}},
+    });
+    for (key, value) in extra.as_object().unwrap() {
+        base[key] = value.clone();
+    }
+    parse(base.to_string().as_bytes()).unwrap()
+}
+
+#[test]
+fn defaults_written_out_leave_the_digest_alone() {
+    let implicit = simulate(&json!({}));
+    let explicit = parse(implicit.to_json().to_string().as_bytes()).unwrap();
+    assert_eq!(implicit, explicit);
+    assert_eq!(implicit.digest(), explicit.digest());
+}
+
+#[test]
+fn how_a_job_is_run_leaves_the_digest_alone() {
+    let urgent = simulate(&json!({"execution": {"priority": 7, "max_attempts": 5}}));
+    assert_eq!(urgent.digest(), simulate(&json!({})).digest());
+}
+
+/// Catches a change of meaning or default that would silently reuse old results.
+#[test]
+fn the_digest_of_a_known_spec_is_pinned() {
+    assert_eq!(
+        simulate(&json!({})).digest().to_string(),
+        "2e0fb6f4800c40bbf8e940d282ef1162b2e26440b4f70bef2491d89efb6dda7f"
+    );
+}
+
+proptest! {
+    #[test]
+    fn another_seed_or_size_is_another_digest(seed in 1_u64..1 << 53, trajectories in 1_u64..100) {
+        let reference = simulate(&json!({})).digest();
+        prop_assert_ne!(simulate(&json!({"seed": seed})).digest(), reference);
+        prop_assert_ne!(simulate(&json!({"trajectories": trajectories})).digest(), reference);
+    }
+
+    #[test]
+    fn any_bytes_parse_or_fail_without_a_panic(text in "\\PC*") {
+        let _ = parse(text.as_bytes());
+    }
+}
