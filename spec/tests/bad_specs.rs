@@ -1,5 +1,7 @@
 //! What a user sees after a mistake: the field, the value and what is allowed.
 
+#![expect(clippy::unwrap_used, reason = "a test may panic")]
+
 use serde_json::{Value, json};
 
 fn simulate() -> Value {

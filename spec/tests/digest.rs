@@ -1,5 +1,7 @@
 //! A digest names results: it must change with anything that changes them, and with nothing else.
 
+#![expect(clippy::unwrap_used, reason = "a test may panic")]
+
 use proptest::prelude::*;
 use serde_json::json;
 use spec::{JobSpec, parse};
