@@ -1,0 +1,130 @@
+use serde::{Deserialize, Serialize};
+use spec::ModelSpec;
+
+use super::CONFIG_FILE;
+use crate::ModelError;
+use crate::normalization::Normalizer;
+use crate::sequence_model::SequenceModel;
+use crate::trainer::{TrainingData, horizon};
+
+/// Raised with every change that an older torqued would misread.
+pub const FORMAT_VERSION: u32 = 1;
+
+/// The burn release that computes the models, for readers of old checkpoints.
+const BURN_VERSION: &str = "0.22.1";
+
+/// What `config.json` says about a checkpoint.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CheckpointConfig {
+    pub format_version: u32,
+    pub model: ModelSpec,
+    /// Samples the model is given.
+    pub context: u32,
+    /// Samples the model predicts.
+    pub horizon: u32,
+    /// Both together.
+    pub samples: u32,
+    pub rate_hz: f64,
+    /// With the statistics where they are fixed.
+    pub normalizer: Normalizer,
+    pub parameters: u64,
+    /// Optimizer steps taken.
+    pub step: u64,
+    pub seed: u64,
+    /// Digest of the training's spec.
+    pub spec_digest: String,
+    pub versions: Versions,
+}
+
+/// The programs that made the checkpoint.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Versions {
+    pub torqued: String,
+    pub burn: String,
+}
+
+impl CheckpointConfig {
+    pub(crate) fn new(
+        model: ModelSpec,
+        context: u32,
+        data: &TrainingData,
+        normalizer: Normalizer,
+        step: u64,
+        seed: u64,
+        spec_digest: &str,
+    ) -> Result<Self, ModelError> {
+        let horizon = horizon(context, data.samples)?;
+        Ok(Self {
+            format_version: FORMAT_VERSION,
+            parameters: SequenceModel::parameter_count(&model, context, horizon)?,
+            model,
+            context,
+            horizon,
+            samples: data.samples,
+            rate_hz: data.rate_hz,
+            normalizer,
+            step,
+            seed,
+            spec_digest: spec_digest.to_owned(),
+            versions: Versions {
+                torqued: env!("CARGO_PKG_VERSION").to_owned(),
+                burn: BURN_VERSION.to_owned(),
+            },
+        })
+    }
+
+    /// # Errors
+    /// Anything but the JSON of a consistent config of this format version or an older one.
+    pub fn parse(bytes: &[u8]) -> Result<Self, ModelError> {
+        let damaged = |reason| ModelError::CheckpointFile { file: CONFIG_FILE, reason };
+        let value: serde_json::Value = serde_json::from_slice(bytes)
+            .map_err(|error| damaged(format!("is no JSON: {error}")))?;
+        // Before the rest, which a newer version may well have changed.
+        let version = value.get("format_version").and_then(serde_json::Value::as_u64);
+        match version {
+            None => return Err(damaged("has no format_version".to_owned())),
+            Some(found) if found > u64::from(FORMAT_VERSION) => {
+                let supported = FORMAT_VERSION;
+                return Err(ModelError::NewerCheckpoint { file: CONFIG_FILE, found, supported });
+            }
+            Some(_) => {}
+        }
+        let config: Self =
+            serde_json::from_value(value).map_err(|error| damaged(error.to_string()))?;
+        config.check().map_err(damaged)?;
+        Ok(config)
+    }
+
+    pub(crate) fn to_json(&self) -> Result<Vec<u8>, ModelError> {
+        let mut json = serde_json::to_vec_pretty(self).map_err(|error| {
+            ModelError::CheckpointFile { file: CONFIG_FILE, reason: error.to_string() }
+        })?;
+        json.push(b'\n');
+        Ok(json)
+    }
+
+    fn check(&self) -> Result<(), String> {
+        let expected = horizon(self.context, self.samples).map_err(|error| error.to_string())?;
+        if self.horizon != expected {
+            let found = self.horizon;
+            return Err(format!("horizon is {found}, samples less context are {expected}"));
+        }
+        let parameters = SequenceModel::parameter_count(&self.model, self.context, self.horizon)
+            .map_err(|error| error.to_string())?;
+        if self.parameters != parameters {
+            let found = self.parameters;
+            return Err(format!("parameters is {found}, a model of this spec has {parameters}"));
+        }
+        if !(self.rate_hz.is_finite() && self.rate_hz > 0.0) {
+            return Err(format!("rate_hz is {}, expected a positive number", self.rate_hz));
+        }
+        match self.normalizer {
+            Normalizer::Dataset(statistics) if !statistics.is_usable() => {
+                Err("normalizer has a mean that is not finite or a deviation not above 0"
+                    .to_owned())
+            }
+            _ => Ok(()),
+        }
+    }
+}

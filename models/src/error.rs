@@ -1,0 +1,46 @@
+use thiserror::Error;
+
+/// Why a model cannot be built, trained, saved, loaded or asked.
+#[derive(Debug, Error)]
+pub enum ModelError {
+    #[error("the model cannot be built: {field} is {value}, allowed: {allowed}")]
+    Size { field: &'static str, value: u64, allowed: String },
+
+    #[error("{what} has {actual} values, expected {expected}")]
+    Length { what: &'static str, actual: usize, expected: usize },
+
+    #[error("a batch of {actual} samples per trajectory was given to a model of {expected}")]
+    Samples { actual: usize, expected: usize },
+
+    #[error("{what} of trajectory {trajectory} has a value that is not finite")]
+    NotFiniteInput { what: &'static str, trajectory: usize },
+
+    #[error("step {step}: the {quantity} is {value}; a smaller learning rate may help")]
+    NotFinite { step: u64, quantity: &'static str, value: f64 },
+
+    #[error("normalization `dataset` needs the statistics of the training trajectories")]
+    MissingStatistics,
+
+    #[error(
+        "a model trained with normalization `paper-leaky` needs the statistics of the horizon it \
+         predicts; ask it through `predict_with_leak`"
+    )]
+    LeakRequired,
+
+    #[error("{file}: {reason}")]
+    CheckpointFile { file: &'static str, reason: String },
+
+    #[error(
+        "{file} has format version {found}, this program reads {supported} and older; \
+         use a newer torqued"
+    )]
+    NewerCheckpoint { file: &'static str, found: u64, supported: u32 },
+
+    #[error(
+        "the checkpoint was written by a training with {field} {found}, this one has {expected}"
+    )]
+    OtherTraining { field: &'static str, found: String, expected: String },
+
+    #[error("the tensor could not be read back from the device: {0}")]
+    Device(String),
+}

@@ -1,0 +1,55 @@
+use burn::module::Param;
+use burn::tensor::{Device, Tensor, TensorData};
+use rand_chacha::ChaCha12Rng;
+use rand_core::{Rng, SeedableRng};
+
+/// Draws initial weights, one after the other, from a seed.
+///
+/// burn's own initializers draw from a generator that the whole process shares; weights must
+/// depend on nothing but the seed and the order in which the model asks for them.
+pub(crate) struct InitialWeights<'a> {
+    generator: ChaCha12Rng,
+    device: &'a Device,
+}
+
+impl<'a> InitialWeights<'a> {
+    pub fn new(seed: u64, device: &'a Device) -> Self {
+        Self { generator: ChaCha12Rng::seed_from_u64(seed), device }
+    }
+
+    /// Uniform on `[-bound, bound)`.
+    pub fn uniform<const D: usize>(&mut self, shape: [usize; D], bound: f32) -> Param<Tensor<D>> {
+        let values =
+            (0..shape.iter().product()).map(|_| (2.0 * self.unit() - 1.0) * bound).collect();
+        self.parameter(values, shape)
+    }
+
+    /// Normal with mean 0 (Box and Muller 1958, the cosine branch).
+    pub fn normal<const D: usize>(
+        &mut self,
+        shape: [usize; D],
+        standard_deviation: f32,
+    ) -> Param<Tensor<D>> {
+        let values = (0..shape.iter().product())
+            .map(|_| {
+                let radius = (-2.0 * (1.0 - self.unit()).ln()).sqrt();
+                radius * (std::f32::consts::TAU * self.unit()).cos() * standard_deviation
+            })
+            .collect();
+        self.parameter(values, shape)
+    }
+
+    pub fn constant<const D: usize>(&self, shape: [usize; D], value: f32) -> Param<Tensor<D>> {
+        self.parameter(vec![value; shape.iter().product()], shape)
+    }
+
+    fn parameter<const D: usize>(&self, values: Vec<f32>, shape: [usize; D]) -> Param<Tensor<D>> {
+        Param::from_data(TensorData::new(values, shape), self.device)
+    }
+
+    /// Uniform on `[0, 1)`, in steps of 2⁻²⁴, each of which an `f32` holds exactly.
+    fn unit(&mut self) -> f32 {
+        const STEP: f32 = 1.0 / 16_777_216.0;
+        (self.generator.next_u32() >> 8) as f32 * STEP
+    }
+}

@@ -1,0 +1,62 @@
+use burn::module::{Module, Param};
+use burn::tensor::Tensor;
+
+use crate::initialization::InitialWeights;
+use crate::kernels;
+
+/// `y = x Wᵀ + b`, with parameter names, layout and initial weights of `torch.nn.Linear`.
+///
+/// burn's own `Linear` keeps W transposed. With this one a checkpoint is the parameters as they
+/// are, and loads into PyTorch without a word of translation.
+#[derive(Module, Debug)]
+pub(crate) struct Linear {
+    /// `[output, input]`
+    weight: Param<Tensor<2>>,
+    /// `[output]`
+    bias: Param<Tensor<1>>,
+}
+
+impl Linear {
+    /// Weights and biases uniform on ±1/√input.
+    pub fn new(input: usize, output: usize, weights: &mut InitialWeights<'_>) -> Self {
+        let bound = 1.0 / (input as f32).sqrt();
+        Self {
+            weight: weights.uniform([output, input], bound),
+            bias: weights.uniform([output], bound),
+        }
+    }
+
+    /// `[batch, token, input]` to `[batch, token, output]`.
+    pub fn forward(&self, x: Tensor<3>) -> Tensor<3> {
+        kernels::linear(x, self.weight.val(), self.bias.val())
+    }
+
+    pub const fn parameter_count(input: u64, output: u64) -> u64 {
+        input * output + output
+    }
+}
+
+/// Layer normalization over the last dimension (Ba et al. 2016), with the names and ε of
+/// `torch.nn.LayerNorm`.
+#[derive(Module, Debug)]
+pub(crate) struct LayerNorm {
+    /// `[width]`, initially 1.
+    weight: Param<Tensor<1>>,
+    /// `[width]`, initially 0.
+    bias: Param<Tensor<1>>,
+}
+
+impl LayerNorm {
+    pub fn new(width: usize, weights: &InitialWeights<'_>) -> Self {
+        Self { weight: weights.constant([width], 1.0), bias: weights.constant([width], 0.0) }
+    }
+
+    /// `[batch, token, width]` to the same shape.
+    pub fn forward(&self, x: Tensor<3>) -> Tensor<3> {
+        kernels::layer_norm(x, self.weight.val(), self.bias.val())
+    }
+
+    pub const fn parameter_count(width: u64) -> u64 {
+        2 * width
+    }
+}

@@ -1,0 +1,248 @@
+use std::collections::BTreeMap;
+
+use burn::module::{ModuleMapper, ModuleVisitor, Param};
+use burn::optim::{AdamW, AdamWConfig, AdamWState, AdaptiveMomentumState, Optimizer};
+use burn::tensor::{Gradients, Tensor, TensorData};
+use spec::OptimizerSpec;
+
+use crate::ModelError;
+use crate::parameters::{NamedTensor, NamedTensors, Path, check_shapes, host_values, parameters};
+use crate::sequence_model::SequenceModel;
+
+/// Names of the moments in PyTorch's `Adam`.
+const FIRST_MOMENT: &str = "exp_avg.";
+const SECOND_MOMENT: &str = "exp_avg_sq.";
+
+/// As in `torch.nn.utils.clip_grad_norm_`, so that a norm of zero divides nothing.
+const CLIP_EPSILON: f64 = 1e-6;
+
+/// AdamW (Loshchilov and Hutter 2019) over the parameters of one model.
+///
+/// burn's own `ModuleOptimizer` keys its state by ids that a process draws at random. Here the
+/// moments have the names of their parameters, so that they can be saved and resumed exactly.
+pub(crate) struct ModelOptimizer {
+    rule: AdamW,
+    clip_norm: Option<f64>,
+    /// Moments of every parameter, flattened.
+    moments: BTreeMap<String, AdamWState<1>>,
+}
+
+/// Gradients by parameter name, flattened.
+pub(crate) struct NamedGradients {
+    gradients: BTreeMap<String, Tensor<1>>,
+    /// Euclidean norm over all of them.
+    pub norm: f64,
+}
+
+impl ModelOptimizer {
+    pub fn new(spec: &OptimizerSpec, model: &SequenceModel) -> Self {
+        let mut zeros = ZeroMoments { path: Path::default(), moments: BTreeMap::new() };
+        model.visit(&mut zeros);
+        Self { rule: rule(spec), clip_norm: spec.gradient_clip_norm, moments: zeros.moments }
+    }
+
+    /// The optimizer that [`ModelOptimizer::state`] was read from after `steps` steps.
+    ///
+    /// # Errors
+    /// What is missing, superfluous or of another shape.
+    pub fn from_state(
+        spec: &OptimizerSpec,
+        model: &SequenceModel,
+        state: NamedTensors,
+        steps: usize,
+    ) -> Result<Self, String> {
+        let mut first = NamedTensors::new();
+        let mut second = NamedTensors::new();
+        for (key, tensor) in state {
+            // The longer prefix is tried first; neither is a prefix of the other's names.
+            if let Some(name) = key.strip_prefix(SECOND_MOMENT) {
+                second.insert(name.to_owned(), tensor);
+            } else if let Some(name) = key.strip_prefix(FIRST_MOMENT) {
+                first.insert(name.to_owned(), tensor);
+            } else {
+                return Err(format!("tensor `{key}` is no moment of an optimizer"));
+            }
+        }
+        check_shapes(model, &first).map_err(|reason| format!("{FIRST_MOMENT}: {reason}"))?;
+        check_shapes(model, &second).map_err(|reason| format!("{SECOND_MOMENT}: {reason}"))?;
+
+        let mut optimizer = Self::new(spec, model);
+        for (name, state) in &mut optimizer.moments {
+            let momentum = &mut state.momentum;
+            momentum.time = steps;
+            fill(&mut momentum.moment_1, first.remove(name));
+            fill(&mut momentum.moment_2, second.remove(name));
+        }
+        Ok(optimizer)
+    }
+
+    /// Both moments of every parameter, in the parameter's shape.
+    pub fn state(&self, model: &SequenceModel) -> Result<NamedTensors, ModelError> {
+        let mut state = NamedTensors::new();
+        for (name, NamedTensor { shape, .. }) in parameters(model)? {
+            let Some(AdamWState { momentum }) = self.moments.get(&name) else { continue };
+            for (prefix, moment) in
+                [(FIRST_MOMENT, &momentum.moment_1), (SECOND_MOMENT, &momentum.moment_2)]
+            {
+                let values = host_values(moment.clone())?;
+                state.insert(
+                    format!("{prefix}{name}"),
+                    NamedTensor { shape: shape.clone(), values },
+                );
+            }
+        }
+        Ok(state)
+    }
+
+    /// One step down the gradients, clipped to the spec's global norm.
+    pub fn step(
+        &mut self,
+        model: SequenceModel,
+        gradients: NamedGradients,
+        learning_rate: f64,
+    ) -> SequenceModel {
+        let scale = match self.clip_norm {
+            Some(largest) if gradients.norm > largest => {
+                Some(largest / (gradients.norm + CLIP_EPSILON))
+            }
+            _ => None,
+        };
+        let mut update = Update {
+            path: Path::default(),
+            rule: &self.rule,
+            moments: &mut self.moments,
+            gradients: gradients.gradients,
+            scale,
+            learning_rate,
+        };
+        model.map(&mut update)
+    }
+}
+
+impl NamedGradients {
+    /// Takes the gradients of the model's parameters out of `gradients`.
+    pub fn of(model: &SequenceModel, gradients: Gradients) -> Result<Self, ModelError> {
+        let mut collector = Collector {
+            path: Path::default(),
+            from: gradients,
+            gradients: BTreeMap::new(),
+            square_sum: Ok(0.0),
+        };
+        model.visit(&mut collector);
+        Ok(Self { gradients: collector.gradients, norm: collector.square_sum?.sqrt() })
+    }
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "burn keeps these constants in f32")]
+fn rule(spec: &OptimizerSpec) -> AdamW {
+    AdamWConfig::new()
+        .with_beta_1(spec.betas[0] as f32)
+        .with_beta_2(spec.betas[1] as f32)
+        .with_epsilon(spec.epsilon as f32)
+        .with_weight_decay(spec.weight_decay as f32)
+        .build()
+}
+
+fn fill(moment: &mut Tensor<1>, from: Option<NamedTensor>) {
+    if let Some(NamedTensor { values, .. }) = from {
+        let length = values.len();
+        *moment = Tensor::from_data(TensorData::new(values, [length]), &moment.device());
+    }
+}
+
+struct ZeroMoments {
+    path: Path,
+    moments: BTreeMap<String, AdamWState<1>>,
+}
+
+impl ModuleVisitor for ZeroMoments {
+    fn enter_module(&mut self, name: &str, _container: &str) {
+        self.path.enter(name);
+    }
+
+    fn exit_module(&mut self, _name: &str, _container: &str) {
+        self.path.leave();
+    }
+
+    fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
+        let tensor = param.val().inner();
+        let zeros = Tensor::<1>::zeros([tensor.shape().num_elements()], &tensor.device());
+        let momentum = AdaptiveMomentumState::new(0, zeros.clone(), zeros);
+        self.moments.insert(self.path.name(), AdamWState::new(momentum));
+    }
+}
+
+struct Collector {
+    path: Path,
+    from: Gradients,
+    gradients: BTreeMap<String, Tensor<1>>,
+    square_sum: Result<f64, ModelError>,
+}
+
+impl ModuleVisitor for Collector {
+    fn enter_module(&mut self, name: &str, _container: &str) {
+        self.path.enter(name);
+    }
+
+    fn exit_module(&mut self, _name: &str, _container: &str) {
+        self.path.leave();
+    }
+
+    fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
+        let Some(gradient) = param.val().grad_remove(&mut self.from) else { return };
+        let length = gradient.shape().num_elements();
+        let flat = gradient.reshape([length]);
+        // Summed here and in order: burn-flex adds large tensors in an order that depends on
+        // which thread was free, and the clipped step must not.
+        let squares = host_values(flat.clone())
+            .map(|values| values.iter().map(|&value| f64::from(value).powi(2)).sum::<f64>());
+        self.square_sum = match (std::mem::replace(&mut self.square_sum, Ok(0.0)), squares) {
+            (Ok(sum), Ok(more)) => Ok(sum + more),
+            (Err(error), _) | (_, Err(error)) => Err(error),
+        };
+        self.gradients.insert(self.path.name(), flat);
+    }
+}
+
+struct Update<'a> {
+    path: Path,
+    rule: &'a AdamW,
+    moments: &'a mut BTreeMap<String, AdamWState<1>>,
+    gradients: BTreeMap<String, Tensor<1>>,
+    scale: Option<f64>,
+    learning_rate: f64,
+}
+
+impl ModuleMapper for Update<'_> {
+    fn enter_module(&mut self, name: &str, _container: &str) {
+        self.path.enter(name);
+    }
+
+    fn exit_module(&mut self, _name: &str, _container: &str) {
+        self.path.leave();
+    }
+
+    fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
+        let name = self.path.name();
+        let Some(gradient) = self.gradients.remove(&name) else { return param };
+        let gradient = match self.scale {
+            Some(scale) => gradient.mul_scalar(scale),
+            None => gradient,
+        };
+        let moments = self.moments.remove(&name);
+        param.map(|value| {
+            let shape = value.dims();
+            let length = gradient.shape().num_elements();
+            let (updated, moments) = self.rule.step(
+                self.learning_rate,
+                value.inner().reshape([length]),
+                gradient,
+                moments,
+            );
+            if let Some(moments) = moments {
+                self.moments.insert(name, moments);
+            }
+            Tensor::from_inner(updated.reshape(shape)).require_grad()
+        })
+    }
+}

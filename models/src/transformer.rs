@@ -1,0 +1,117 @@
+//! Transformer blocks with the norm before each part (Xiong et al. 2020), as in GPT-2.
+
+use burn::module::Module;
+use burn::tensor::Tensor;
+
+use crate::attention::Attention;
+use crate::initialization::InitialWeights;
+use crate::kernels::{self, Mask};
+use crate::layers::{LayerNorm, Linear};
+
+/// Two linear maps with a GELU between.
+#[derive(Module, Debug)]
+pub(crate) struct FeedForward {
+    expand: Linear,
+    contract: Linear,
+}
+
+impl FeedForward {
+    fn new(d_model: usize, hidden: usize, weights: &mut InitialWeights<'_>) -> Self {
+        Self {
+            expand: Linear::new(d_model, hidden, weights),
+            contract: Linear::new(hidden, d_model, weights),
+        }
+    }
+
+    fn forward(&self, x: Tensor<3>) -> Tensor<3> {
+        self.contract.forward(kernels::gelu(self.expand.forward(x)))
+    }
+
+    const fn parameter_count(d_model: u64, hidden: u64) -> u64 {
+        Linear::parameter_count(d_model, hidden) + Linear::parameter_count(hidden, d_model)
+    }
+}
+
+/// Self-attention in both directions, then the feed-forward part.
+#[derive(Module, Debug)]
+pub(crate) struct EncoderBlock {
+    attention_norm: LayerNorm,
+    attention: Attention,
+    feed_forward_norm: LayerNorm,
+    feed_forward: FeedForward,
+}
+
+impl EncoderBlock {
+    pub fn new(
+        d_model: usize,
+        heads: usize,
+        hidden: usize,
+        weights: &mut InitialWeights<'_>,
+    ) -> Self {
+        Self {
+            attention_norm: LayerNorm::new(d_model, weights),
+            attention: Attention::new(d_model, heads, weights),
+            feed_forward_norm: LayerNorm::new(d_model, weights),
+            feed_forward: FeedForward::new(d_model, hidden, weights),
+        }
+    }
+
+    /// `[batch, token, d_model]` to the same shape.
+    pub fn forward(&self, x: Tensor<3>) -> Tensor<3> {
+        let normed = self.attention_norm.forward(x.clone());
+        let x = x + self.attention.forward(normed.clone(), normed, Mask::None);
+        let normed = self.feed_forward_norm.forward(x.clone());
+        x + self.feed_forward.forward(normed)
+    }
+
+    pub const fn parameter_count(d_model: u64, hidden: u64) -> u64 {
+        2 * LayerNorm::parameter_count(d_model)
+            + Attention::parameter_count(d_model)
+            + FeedForward::parameter_count(d_model, hidden)
+    }
+}
+
+/// Causal self-attention, attention to all of the encoder's output, the feed-forward part.
+#[derive(Module, Debug)]
+pub(crate) struct DecoderBlock {
+    self_attention_norm: LayerNorm,
+    self_attention: Attention,
+    cross_attention_norm: LayerNorm,
+    cross_attention: Attention,
+    feed_forward_norm: LayerNorm,
+    feed_forward: FeedForward,
+}
+
+impl DecoderBlock {
+    pub fn new(
+        d_model: usize,
+        heads: usize,
+        hidden: usize,
+        weights: &mut InitialWeights<'_>,
+    ) -> Self {
+        Self {
+            self_attention_norm: LayerNorm::new(d_model, weights),
+            self_attention: Attention::new(d_model, heads, weights),
+            cross_attention_norm: LayerNorm::new(d_model, weights),
+            cross_attention: Attention::new(d_model, heads, weights),
+            feed_forward_norm: LayerNorm::new(d_model, weights),
+            feed_forward: FeedForward::new(d_model, hidden, weights),
+        }
+    }
+
+    /// `x` `[batch, token, d_model]` with `memory` `[batch, source, d_model]` to the shape of `x`.
+    pub fn forward(&self, x: Tensor<3>, memory: Tensor<3>) -> Tensor<3> {
+        let normed = self.self_attention_norm.forward(x.clone());
+        let x = x + self.self_attention.forward(normed.clone(), normed, Mask::Causal);
+        let normed = self.cross_attention_norm.forward(x.clone());
+        let x = x + self.cross_attention.forward(normed, memory, Mask::None);
+        let normed = self.feed_forward_norm.forward(x.clone());
+        x + self.feed_forward.forward(normed)
+    }
+
+    pub const fn parameter_count(d_model: u64, hidden: u64) -> u64 {
+        3 * LayerNorm::parameter_count(d_model)
+            + 2 * Attention::parameter_count(d_model)
+            + FeedForward::parameter_count(d_model, hidden)
+    }
+}

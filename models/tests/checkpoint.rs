@@ -1,0 +1,227 @@
+//! Checkpoints that are damaged, foreign or from the future end in an error that says so.
+
+mod synthetic;
+
+use models::{CheckpointFiles, Device, ModelError, TrainedModel, Trainer};
+use proptest::prelude::*;
+use serde_json::{Value, json};
+use synthetic::{DATA, batch, train_spec};
+
+fn files() -> CheckpointFiles {
+    let mut trainer = Trainer::new(&train_spec(), DATA, "digest", &Device::cpu()).unwrap();
+    trainer.step(&batch(0, 8)).unwrap();
+    trainer.checkpoint().unwrap()
+}
+
+fn load(files: &CheckpointFiles) -> Result<TrainedModel, ModelError> {
+    TrainedModel::from_files(files, &Device::cpu())
+}
+
+fn resume(files: &CheckpointFiles) -> Result<Trainer, ModelError> {
+    Trainer::resume(&train_spec(), DATA, "digest", files, &Device::cpu())
+}
+
+fn with_config(files: &CheckpointFiles, change: impl FnOnce(&mut Value)) -> CheckpointFiles {
+    let mut config: Value = serde_json::from_slice(&files.config).unwrap();
+    change(&mut config);
+    CheckpointFiles { config: serde_json::to_vec(&config).unwrap(), ..files.clone() }
+}
+
+#[track_caller]
+fn check_refused(files: &CheckpointFiles, message: &str) {
+    let error = load(files).unwrap_err().to_string();
+    assert!(error.contains(message), "{error}");
+}
+
+#[test]
+fn what_was_saved_is_what_is_loaded() {
+    let files = files();
+    let model = load(&files).unwrap();
+    assert_eq!((model.context(), model.horizon(), model.samples()), (16, 8, 24));
+    assert_eq!(model.rate_hz(), 60.0);
+    assert_eq!(*model.architecture(), train_spec().model);
+    assert_eq!(model.config().step, 1);
+    assert_eq!(model.config().spec_digest, "digest");
+}
+
+#[test]
+fn the_config_counts_the_parameters_that_are_there() {
+    let files = files();
+    let parsed = safetensors::SafeTensors::deserialize(&files.model).unwrap();
+    let values: usize = parsed.iter().map(|(_, view)| view.data().len() / 4).sum();
+    assert_eq!(load(&files).unwrap().config().parameters, values as u64);
+}
+
+#[test]
+fn names_and_layouts_are_those_of_torch_nn() {
+    let files = files();
+    let parsed = safetensors::SafeTensors::deserialize(&files.model).unwrap();
+    let shape = |name: &str| parsed.tensor(name).unwrap().shape().to_vec();
+    assert_eq!(shape("encoder_input.weight"), [8, 4 * 14]);
+    assert_eq!(shape("encoder_blocks.0.attention.query.weight"), [8, 8]);
+    assert_eq!(shape("decoder_blocks.0.feed_forward.expand.weight"), [16, 8]);
+    assert_eq!(shape("decoder_norm.bias"), [8]);
+    assert_eq!(shape("decoder_positions"), [2, 8]);
+}
+
+#[test]
+fn a_newer_format_is_named_as_such() {
+    let newer = with_config(&files(), |config| {
+        config["format_version"] = json!(2);
+        config["something_new"] = json!(true);
+    });
+    check_refused(&newer, "format version 2, this program reads 1 and older");
+}
+
+#[test]
+fn sizes_that_the_weights_cannot_hold_are_refused_before_they_are_allocated() {
+    let huge = |parameters: u64| {
+        with_config(&files(), |config| {
+            config["model"]["d_model"] = json!(16_000);
+            config["model"]["encoder_layers"] = json!(256);
+            config["parameters"] = json!(parameters);
+        })
+    };
+    let message = load(&huge(1)).unwrap_err().to_string();
+    let (_, parameters) = message.rsplit_once("a model of this spec has ").unwrap();
+    check_refused(&huge(parameters.parse().unwrap()), "too few for the");
+}
+
+#[test]
+fn impossible_sizes_are_refused() {
+    let files = files();
+    for (field, value, message) in [
+        ("d_model", json!(0), "d_model"),
+        ("d_model", json!(4_294_967_295_u32), "d_model"),
+        ("heads", json!(0), "heads"),
+        ("heads", json!(3), "heads"),
+        ("patch", json!(0), "patch"),
+        ("patch", json!(3), "patch"),
+        ("encoder_layers", json!(4_000_000_000_u32), "encoder_layers"),
+        ("mlp_ratio", json!(0), "mlp_ratio"),
+        ("d_model", json!(-1), "config.json"),
+        ("d_model", json!("8"), "config.json"),
+    ] {
+        check_refused(&with_config(&files, |config| config["model"][field] = value), message);
+    }
+    check_refused(&with_config(&files, |config| config["context"] = json!(0)), "context");
+    check_refused(&with_config(&files, |config| config["context"] = json!(24)), "context");
+    check_refused(&with_config(&files, |config| config["horizon"] = json!(9)), "horizon");
+    check_refused(&with_config(&files, |config| config["rate_hz"] = json!(0.0)), "rate_hz");
+    check_refused(
+        &with_config(&files, |config| config["model"]["architecture"] = json!("diffuser")),
+        "config.json",
+    );
+    check_refused(&with_config(&files, |config| config["surplus"] = json!(1)), "surplus");
+}
+
+#[test]
+fn statistics_that_would_divide_by_zero_are_refused() {
+    let unusable = with_config(&files(), |config| {
+        let seven = |value: f64| vec![value; 7];
+        config["normalizer"] = json!({"dataset": {
+            "u_mean": seven(0.0), "u_std": seven(1.0), "y_mean": seven(0.0), "y_std": seven(0.0),
+        }});
+    });
+    check_refused(&unusable, "deviation");
+}
+
+#[test]
+fn weights_of_another_model_are_refused_by_name() {
+    let files = files();
+    let other = with_config(&files, |config| {
+        config["model"]["patch"] = json!(2);
+        config["parameters"] = json!(1_000);
+    });
+    check_refused(&other, "parameters");
+
+    let renamed = rewrite(&files.model, |name, shape, bytes| {
+        (name.replace("head.bias", "tail.bias"), shape, bytes)
+    });
+    check_refused(
+        &CheckpointFiles { model: renamed, ..files.clone() },
+        "tensor `head.bias` is missing",
+    );
+
+    let reshaped = rewrite(&files.model, |name, shape, bytes| {
+        let shape = if name == "head.weight" { vec![8, 28] } else { shape };
+        (name, shape, bytes)
+    });
+    check_refused(
+        &CheckpointFiles { model: reshaped, ..files },
+        "tensor `head.weight` has shape [8, 28], expected [28, 8]",
+    );
+}
+
+#[test]
+fn a_weight_that_is_not_a_number_is_refused_by_name() {
+    let files = files();
+    let poisoned = rewrite(&files.model, |name, shape, mut bytes| {
+        if name == "encoder_norm.bias" {
+            bytes[4..8].copy_from_slice(&f32::NAN.to_le_bytes());
+        }
+        (name, shape, bytes)
+    });
+    check_refused(
+        &CheckpointFiles { model: poisoned, ..files },
+        "tensor `encoder_norm.bias` holds NaN",
+    );
+}
+
+#[test]
+fn optimizer_state_that_is_missing_or_foreign_is_refused() {
+    let files = files();
+    let weights = CheckpointFiles { optimizer: files.model.clone(), ..files.clone() };
+    let error = resume(&weights).err().unwrap().to_string();
+    assert!(error.contains("optimizer.safetensors") && error.contains("no moment"), "{error}");
+
+    let renamed = rewrite(&files.optimizer, |name, shape, bytes| {
+        (name.replace("exp_avg_sq.head.bias", "exp_avg_sq.tail"), shape, bytes)
+    });
+    let error = resume(&CheckpointFiles { optimizer: renamed, ..files }).err().unwrap().to_string();
+    assert!(error.contains("exp_avg_sq") && error.contains("`head.bias` is missing"), "{error}");
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 64, failure_persistence: None, ..Default::default() })]
+
+    /// Of the files as they are cut short or changed in one byte, none may panic; where such a
+    /// file loads nevertheless, the byte was a digit of a weight.
+    #[test]
+    fn damaged_files_never_panic(file in 0..3, cut in any::<bool>(), at in any::<prop::sample::Index>(), byte in any::<u8>()) {
+        let mut files = files();
+        let bytes = match file {
+            0 => &mut files.model,
+            1 => &mut files.optimizer,
+            _ => &mut files.config,
+        };
+        let at = at.index(bytes.len());
+        if cut { bytes.truncate(at) } else { bytes[at] = byte }
+        let loaded = load(&files);
+        let resumed = resume(&files);
+        if cut && file == 0 {
+            prop_assert!(loaded.is_err() && resumed.is_err());
+        }
+        if cut && file == 1 {
+            prop_assert!(resumed.is_err());
+        }
+    }
+}
+
+/// The safetensors file with each tensor's name, shape and bytes changed.
+fn rewrite(
+    bytes: &[u8],
+    change: impl Fn(String, Vec<usize>, Vec<u8>) -> (String, Vec<usize>, Vec<u8>),
+) -> Vec<u8> {
+    let parsed = safetensors::SafeTensors::deserialize(bytes).unwrap();
+    let tensors: Vec<_> = parsed
+        .iter()
+        .map(|(name, view)| change(name.to_owned(), view.shape().to_vec(), view.data().to_vec()))
+        .collect();
+    let views = tensors.iter().map(|(name, shape, bytes)| {
+        let dtype = safetensors::Dtype::F32;
+        let view = safetensors::tensor::TensorView::new(dtype, shape.clone(), bytes).unwrap();
+        (name.as_str(), view)
+    });
+    safetensors::serialize(views, None).unwrap()
+}

@@ -1,0 +1,153 @@
+//! What a trained model answers, and what it may know to do so.
+
+mod synthetic;
+
+use models::{Batch, Device, ModelError, PredictionInput, TrainedModel, Trainer, TrainingData};
+use models::{Statistics, StatisticsAccumulator};
+use spec::{JOINTS, Normalization, TrainSpec};
+use synthetic::{CONTEXT, DATA, SAMPLES, batch, train_spec};
+
+const CONTEXT_VALUES: usize = CONTEXT as usize * JOINTS;
+const ROW: usize = SAMPLES as usize * JOINTS;
+
+fn statistics() -> Statistics {
+    let mut accumulator = StatisticsAccumulator::default();
+    let batch = batch(5, 64);
+    accumulator.add(&batch.u, &batch.y);
+    accumulator.finish()
+}
+
+fn trainer(normalization: Normalization) -> Trainer {
+    let spec = TrainSpec { normalization, ..train_spec() };
+    let data = TrainingData { statistics: Some(statistics()), ..DATA };
+    let mut trainer = Trainer::new(&spec, data, "digest", &Device::cpu()).unwrap();
+    for step in 0..3 {
+        trainer.step(&batch(step, 8)).unwrap();
+    }
+    trainer
+}
+
+fn model(trainer: &Trainer) -> TrainedModel {
+    TrainedModel::from_files(&trainer.checkpoint().unwrap(), &Device::cpu()).unwrap()
+}
+
+fn known(batch: &Batch) -> PredictionInput {
+    let y_context = batch.y.chunks_exact(ROW).flat_map(|y| &y[..CONTEXT_VALUES]).copied().collect();
+    PredictionInput { u: batch.u.clone(), y_context, size: batch.size }
+}
+
+/// The batch with other positions in the horizon.
+fn with_other_future(batch: &Batch) -> Batch {
+    let mut other = batch.clone();
+    for y in other.y.chunks_exact_mut(ROW) {
+        for value in &mut y[CONTEXT_VALUES..] {
+            *value = 100.0 - *value;
+        }
+    }
+    other
+}
+
+#[test]
+fn a_model_predicts_what_its_trainer_validated() {
+    for normalization in [Normalization::Context, Normalization::Dataset] {
+        let trainer = trainer(normalization);
+        let batch = batch(50, 5);
+        let predicted = model(&trainer).predict(&known(&batch)).unwrap();
+        let horizon = (SAMPLES - CONTEXT) as usize;
+        let mut total = 0.0;
+        for (predicted, truth) in predicted.chunks(horizon * JOINTS).zip(batch.y.chunks(ROW)) {
+            for joint in 0..JOINTS {
+                let error = |sample: usize| {
+                    predicted[sample * JOINTS + joint]
+                        - truth[CONTEXT_VALUES + sample * JOINTS + joint]
+                };
+                let squares: f32 = (0..horizon).map(|sample| error(sample).powi(2)).sum();
+                total += f64::from(squares / horizon as f32).sqrt();
+            }
+        }
+        let rmse = total / (5 * JOINTS) as f64;
+        let reported = trainer.validate(&batch).unwrap().rmse_rad;
+        assert!((rmse - reported).abs() < 1e-6 * reported, "{rmse} {reported}");
+    }
+}
+
+#[test]
+fn many_trajectories_are_answered_as_each_alone() {
+    let model = model(&trainer(Normalization::Context));
+    let batch = batch(51, 130);
+    let all = model.predict(&known(&batch)).unwrap();
+    let answer = all.len() / 130;
+    for index in [0, 63, 64, 129] {
+        let alone = Batch {
+            u: batch.u[index * ROW..][..ROW].to_vec(),
+            y: batch.y[index * ROW..][..ROW].to_vec(),
+            size: 1,
+            samples: batch.samples,
+        };
+        let one = model.predict(&known(&alone)).unwrap();
+        for (one, among) in one.iter().zip(&all[index * answer..][..answer]) {
+            assert!((one - among).abs() < 1e-5, "{one} {among}");
+        }
+    }
+}
+
+#[test]
+fn later_torques_do_not_change_earlier_predictions() {
+    let model = model(&trainer(Normalization::Context));
+    let batch = batch(52, 1);
+    let mut other = batch.clone();
+    // From the second token of the horizon on; a token is four samples.
+    for value in &mut other.u[CONTEXT_VALUES + 4 * JOINTS..] {
+        *value += 3.0;
+    }
+    let (first, second) =
+        (model.predict(&known(&batch)).unwrap(), model.predict(&known(&other)).unwrap());
+    assert_eq!(first[..4 * JOINTS], second[..4 * JOINTS]);
+    assert_ne!(first[4 * JOINTS..], second[4 * JOINTS..]);
+}
+
+#[test]
+fn no_prediction_depends_on_the_positions_of_the_horizon() {
+    for normalization in [Normalization::Context, Normalization::Dataset] {
+        let model = model(&trainer(normalization));
+        let batch = batch(53, 3);
+        let answer = model.predict_with_leak(&batch).unwrap();
+        assert_eq!(answer, model.predict_with_leak(&with_other_future(&batch)).unwrap());
+        assert_eq!(answer, model.predict(&known(&batch)).unwrap());
+        assert!(!model.needs_leak());
+    }
+}
+
+#[test]
+fn the_papers_normalization_leaks_and_says_so() {
+    let model = model(&trainer(Normalization::PaperLeaky));
+    let batch = batch(54, 3);
+    assert!(model.needs_leak());
+    assert!(matches!(model.predict(&known(&batch)), Err(ModelError::LeakRequired)));
+    let honest = model.predict_with_leak(&batch).unwrap();
+    assert_ne!(honest, model.predict_with_leak(&with_other_future(&batch)).unwrap());
+}
+
+#[test]
+fn a_joint_that_stands_still_is_predicted_with_finite_numbers() {
+    let model = model(&trainer(Normalization::Context));
+    let still =
+        PredictionInput { u: vec![0.0; ROW], y_context: vec![0.25; CONTEXT_VALUES], size: 1 };
+    let answer = model.predict(&still).unwrap();
+    assert!(answer.iter().all(|value| (value - 0.25).abs() < 0.1), "{answer:?}");
+}
+
+#[test]
+fn a_question_of_the_wrong_shape_is_refused() {
+    let model = model(&trainer(Normalization::Context));
+    let mut question = known(&batch(55, 2));
+    question.y_context.truncate(CONTEXT_VALUES);
+    let error = model.predict(&question).unwrap_err();
+    assert!(matches!(error, ModelError::Length { what: "y_context", .. }), "{error}");
+}
+
+#[test]
+fn a_model_can_be_shared_between_threads() {
+    fn check<T: Send + Sync>() {}
+    check::<TrainedModel>();
+}

@@ -1,0 +1,69 @@
+//! Arms that obey q̇ = u / D exactly, and the smallest training that can learn from them.
+
+#![allow(dead_code, reason = "each test file uses its own part")]
+
+use models::{Batch, TrainingData};
+use rand_chacha::ChaCha8Rng;
+use rand_core::{Rng, SeedableRng};
+use spec::{
+    DatasetRef, Execution, JOINTS, ModelSpec, Normalization, OptimizerSpec, RoboMorphSpec,
+    TrainSpec,
+};
+
+pub const SAMPLES: u32 = 24;
+pub const CONTEXT: u32 = 16;
+pub const DATA: TrainingData = TrainingData { samples: SAMPLES, rate_hz: 60.0, statistics: None };
+
+/// A training of a model of some two thousand parameters.
+pub fn train_spec() -> TrainSpec {
+    TrainSpec {
+        data: DatasetRef::Dataset(1),
+        model: ModelSpec::RoboMorph(RoboMorphSpec {
+            d_model: 8,
+            heads: 2,
+            encoder_layers: 1,
+            decoder_layers: 1,
+            patch: 4,
+            mlp_ratio: 2,
+        }),
+        context: CONTEXT,
+        normalization: Normalization::Context,
+        optimizer: OptimizerSpec {
+            learning_rate: 3e-3,
+            warmup_steps: 2,
+            gradient_clip_norm: Some(1.0),
+            weight_decay: 0.01,
+            ..OptimizerSpec::default()
+        },
+        batch_size: 8,
+        steps: 40,
+        seed: 7,
+        validation_fraction: 0.1,
+        validate_every_steps: 10,
+        checkpoint_every_steps: 10,
+        execution: Execution::default(),
+    }
+}
+
+/// Batch number `index`, always the same.
+pub fn batch(index: u64, size: usize) -> Batch {
+    let samples = SAMPLES as usize;
+    let mut generator = ChaCha8Rng::seed_from_u64(index);
+    let mut unit = move || generator.next_u32() as f32 / u32::MAX as f32;
+    let (mut u, mut y) = (Vec::new(), Vec::new());
+    for _ in 0..size {
+        let mut position: [f32; JOINTS] = std::array::from_fn(|_| unit() - 0.5);
+        let damping: [f32; JOINTS] = std::array::from_fn(|_| 9.0 + 2.0 * unit());
+        let amplitude: [f32; JOINTS] = std::array::from_fn(|_| 10.0 * (unit() - 0.5));
+        let frequency: [f32; JOINTS] = std::array::from_fn(|_| 0.2 + 0.3 * unit());
+        for sample in 0..samples {
+            for joint in 0..JOINTS {
+                let torque = amplitude[joint] * (frequency[joint] * sample as f32).sin();
+                u.push(torque);
+                y.push(position[joint]);
+                position[joint] += torque / damping[joint] / 60.0;
+            }
+        }
+    }
+    Batch { u, y, size, samples }
+}
