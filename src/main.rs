@@ -1,1 +1,43 @@
-fn main() {}
+//! `torqued`: the command line, and the composition of server and workers into one program.
+
+mod cli;
+mod client;
+mod commands;
+mod progress;
+mod report;
+mod server;
+mod table;
+
+use std::io::Write;
+use std::process::ExitCode;
+
+use clap::Parser;
+use mimalloc::MiMalloc;
+
+/// Training allocates and frees the same large tensors at every step; glibc gives such pages back
+/// to the system each time and doubles the time of a step.
+#[global_allocator]
+static ALLOCATOR: MiMalloc = MiMalloc;
+
+fn main() -> ExitCode {
+    let cli = cli::Cli::parse();
+    let log = cli::start_logging(&cli);
+    let runtime = match tokio::runtime::Builder::new_multi_thread().enable_all().build() {
+        Ok(runtime) => runtime,
+        Err(error) => return fail(&anyhow::Error::new(error).context("cannot start threads")),
+    };
+    let code = match runtime.block_on(commands::run(cli.command, &log)) {
+        Ok(code) => code,
+        Err(error) => fail(&error),
+    };
+    // A blocking read or computation that is still under way must not keep the process alive.
+    runtime.shutdown_background();
+    code
+}
+
+/// Says what went wrong in one line.
+fn fail(error: &anyhow::Error) -> ExitCode {
+    // Whoever closed stderr does not want to hear it.
+    let _ = writeln!(std::io::stderr(), "error: {error:#}");
+    ExitCode::FAILURE
+}

@@ -1,0 +1,90 @@
+//! What can be typed: commands, the flags they share, logging.
+
+use clap::{Args, Parser, Subcommand};
+use tracing_subscriber::EnvFilter;
+
+use crate::commands::{cancel, jobs, presets, quickstart, serve, submit, watch, worker};
+
+/// In-context identification of robot dynamics as a service: simulate, train, evaluate.
+#[derive(Debug, Parser)]
+#[command(name = "torqued", version, about, max_term_width = 100)]
+pub struct Cli {
+    #[command(subcommand)]
+    pub command: Command,
+
+    /// What to log to stderr: error, warn, info, debug, or a filter such as `warn,worker=debug`
+    #[arg(long, global = true, env = "TORQUED_LOG", value_name = "FILTER")]
+    pub log: Option<String>,
+}
+
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Run the server and its workers
+    Serve(serve::Arguments),
+    /// Run one worker; `serve` starts its own
+    Worker(worker::Arguments),
+    /// Simulate, train and evaluate a small model, and show the result
+    Quickstart(quickstart::Arguments),
+    /// Submit a job
+    Submit(submit::Arguments),
+    /// List jobs, newest first
+    Jobs(jobs::Arguments),
+    /// Follow a job until it ends
+    Watch(watch::Arguments),
+    /// Cancel a job
+    Cancel(cancel::Arguments),
+    /// List the presets, or show one
+    Presets(presets::Arguments),
+}
+
+/// Where the commands that talk to a server find it.
+#[derive(Debug, Args)]
+pub struct ServerArguments {
+    /// The server's address
+    #[arg(long, env = "TORQUED_SERVER", value_name = "URL", default_value = DEFAULT_SERVER)]
+    pub server: String,
+
+    /// The server's token, if it asks for one
+    #[arg(long, env = "TORQUED_TOKEN", value_name = "TOKEN", hide_env_values = true)]
+    pub token: Option<String>,
+}
+
+const DEFAULT_SERVER: &str = "http://127.0.0.1:7070";
+
+/// Sends log lines to stderr. What a user waits for is shown by the command itself, so only the
+/// long-running commands log what they do. Returns the filter in use, for child processes.
+pub fn start_logging(cli: &Cli) -> String {
+    let usual = match cli.command {
+        Command::Serve(_) | Command::Worker(_) => "info",
+        _ => "warn",
+    };
+    let filter = cli.log.as_deref().unwrap_or(usual);
+    tracing_subscriber::fmt()
+        .with_env_filter(EnvFilter::builder().parse_lossy(filter))
+        .with_writer(std::io::stderr)
+        .with_ansi(std::io::IsTerminal::is_terminal(&std::io::stderr()))
+        .init();
+    filter.to_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn every_command_and_flag_explains_itself() {
+        for command in Cli::command().get_subcommands() {
+            assert!(command.get_about().is_some(), "{} has no description", command.get_name());
+            for argument in command.get_arguments() {
+                let name = argument.get_id();
+                assert!(argument.get_help().is_some(), "{} {name} has no help", command.get_name());
+            }
+        }
+    }
+}

@@ -1,0 +1,103 @@
+use std::fmt::Write;
+
+use reqwest::StatusCode;
+use serde::Deserialize;
+use thiserror::Error;
+
+/// Why the server gave no answer, or not the one asked for.
+#[derive(Debug, Error)]
+pub enum ClientError {
+    #[error("{server:?} is no server address: {reason}")]
+    Address { server: String, reason: String },
+
+    #[error("no answer from {server}: {}; is `torqued serve` running there?", innermost(source))]
+    Unreachable { server: String, source: reqwest::Error },
+
+    /// An RFC 9457 problem, one violation per line.
+    #[error("{message}")]
+    Refused { status: StatusCode, message: String },
+
+    #[error("{server} answered something else than torqued does: {source}")]
+    Answer { server: String, source: serde_json::Error },
+}
+
+/// `reqwest` wraps the reason ("connection refused") in several layers of its own.
+fn innermost(error: &reqwest::Error) -> String {
+    if error.is_timeout() {
+        return "timed out".to_owned();
+    }
+    let mut reason: &dyn std::error::Error = error;
+    while let Some(source) = reason.source() {
+        reason = source;
+    }
+    reason.to_string()
+}
+
+#[derive(Deserialize)]
+struct Problem {
+    title: String,
+    #[serde(default)]
+    detail: Option<String>,
+    #[serde(default)]
+    violations: Vec<Violation>,
+}
+
+#[derive(Deserialize)]
+struct Violation {
+    field: String,
+    value: String,
+    allowed: String,
+}
+
+impl ClientError {
+    pub(super) fn refused(status: StatusCode, body: &str) -> Self {
+        let message = match serde_json::from_str::<Problem>(body) {
+            Ok(problem) => problem.to_message(),
+            Err(_) => format!("the server answered {status}"),
+        };
+        Self::Refused { status, message }
+    }
+}
+
+impl Problem {
+    fn to_message(&self) -> String {
+        let mut message = self.title.clone();
+        if self.violations.is_empty() {
+            if let Some(detail) = &self.detail {
+                let _ = write!(message, ": {detail}");
+            }
+            return message;
+        }
+        for Violation { field, value, allowed } in &self.violations {
+            let field = if field.is_empty() { "the spec" } else { field };
+            let _ = match value.as_str() {
+                "" => write!(message, "\n  {field}: {allowed}"),
+                value => write!(message, "\n  {field} is {value}, allowed: {allowed}"),
+            };
+        }
+        message
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_problem_names_each_field_its_value_and_what_is_allowed() {
+        let body = r#"{"type":"/problems/spec","title":"The spec cannot be accepted","status":422,
+            "violations":[{"field":"steps","value":"0","allowed":"1 to 10"},
+                          {"field":"stesp","value":"","allowed":"unknown field"}]}"#;
+        let error = ClientError::refused(StatusCode::UNPROCESSABLE_ENTITY, body);
+        assert_eq!(
+            error.to_string(),
+            "The spec cannot be accepted\n  steps is 0, allowed: 1 to 10\n  stesp: unknown field"
+        );
+    }
+
+    #[test]
+    fn an_answer_that_is_no_problem_still_names_the_status() {
+        let error = ClientError::refused(StatusCode::BAD_GATEWAY, "<html>");
+        assert_eq!(error.to_string(), "the server answered 502 Bad Gateway");
+    }
+}

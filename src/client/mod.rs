@@ -1,0 +1,157 @@
+//! A client of the HTTP API, with what the command line needs of it.
+
+mod answer;
+mod error;
+
+use std::time::Duration;
+
+use reqwest::{Method, RequestBuilder, StatusCode, Url};
+use serde::de::DeserializeOwned;
+
+pub use answer::{Checkpoint, Dataset, Evaluation, Job, JobList, JobState, PresetList, Progress};
+pub use error::ClientError;
+
+/// A server's API at one address.
+#[derive(Clone, Debug)]
+pub struct Client {
+    http: reqwest::Client,
+    base: Url,
+    token: Option<String>,
+}
+
+/// Whether results that already exist are taken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Reuse {
+    ByDigest,
+    ComputeAnew,
+}
+
+/// A job that the server accepted.
+#[derive(Debug)]
+pub struct Submitted {
+    pub job: Job,
+    /// The job existed before: nothing was queued.
+    pub existed: bool,
+}
+
+impl Client {
+    /// # Errors
+    /// When `server` is no `http://` address.
+    pub fn new(server: &str, token: Option<String>) -> Result<Self, ClientError> {
+        let address = |reason: String| ClientError::Address { server: server.to_owned(), reason };
+        let base = Url::parse(server).map_err(|error| address(error.to_string()))?;
+        if base.scheme() != "http" || base.host_str().is_none() {
+            return Err(address("expected http://HOST:PORT".to_owned()));
+        }
+        let http = reqwest::Client::builder()
+            // The server is on this machine or in this laboratory, never behind a web proxy.
+            .no_proxy()
+            .connect_timeout(Duration::from_secs(5))
+            .timeout(Duration::from_secs(60))
+            .user_agent(concat!("torqued/", env!("CARGO_PKG_VERSION")))
+            .build()
+            .map_err(|error| address(error.to_string()))?;
+        Ok(Self { http, base, token })
+    }
+
+    /// Submits a spec, `text` being its JSON.
+    pub async fn submit(&self, text: Vec<u8>, reuse: Reuse) -> Result<Submitted, ClientError> {
+        let path = match reuse {
+            Reuse::ByDigest => "/v1/jobs",
+            Reuse::ComputeAnew => "/v1/jobs?force=true",
+        };
+        let request =
+            self.request(Method::POST, path).header("content-type", "application/json").body(text);
+        let (status, job) = self.send(request).await?;
+        Ok(Submitted { job: self.read(&job)?, existed: status == StatusCode::OK })
+    }
+
+    pub async fn job(&self, id: i64) -> Result<Job, ClientError> {
+        self.get(&format!("/v1/jobs/{id}")).await
+    }
+
+    /// The answer as the server wrote it.
+    pub async fn raw(&self, path: &str) -> Result<String, ClientError> {
+        let (_, body) = self.send(self.request(Method::GET, path)).await?;
+        Ok(body)
+    }
+
+    pub async fn jobs(&self, path: &str) -> Result<JobList, ClientError> {
+        self.get(path).await
+    }
+
+    pub async fn cancel(&self, id: i64) -> Result<Job, ClientError> {
+        let request = self.request(Method::POST, &format!("/v1/jobs/{id}/cancel"));
+        let (_, job) = self.send(request).await?;
+        self.read(&job)
+    }
+
+    pub async fn presets(&self) -> Result<PresetList, ClientError> {
+        self.get("/v1/presets").await
+    }
+
+    pub async fn dataset(&self, id: i64) -> Result<Dataset, ClientError> {
+        self.get(&format!("/v1/datasets/{id}")).await
+    }
+
+    pub async fn checkpoint(&self, id: i64) -> Result<Checkpoint, ClientError> {
+        self.get(&format!("/v1/checkpoints/{id}")).await
+    }
+
+    pub async fn evaluation(&self, id: i64) -> Result<Evaluation, ClientError> {
+        self.get(&format!("/v1/evaluations/{id}")).await
+    }
+
+    /// The address of a page or download, for people.
+    pub fn url(&self, path: &str) -> String {
+        format!("{}{path}", self.base.as_str().trim_end_matches('/'))
+    }
+
+    async fn get<T: DeserializeOwned>(&self, path: &str) -> Result<T, ClientError> {
+        let (_, body) = self.send(self.request(Method::GET, path)).await?;
+        self.read(&body)
+    }
+
+    fn request(&self, method: Method, path: &str) -> RequestBuilder {
+        let request = self.http.request(method, self.url(path));
+        match &self.token {
+            Some(token) => request.bearer_auth(token),
+            None => request,
+        }
+    }
+
+    async fn send(&self, request: RequestBuilder) -> Result<(StatusCode, String), ClientError> {
+        let unreachable =
+            |source| ClientError::Unreachable { server: self.base.to_string(), source };
+        let response = request.send().await.map_err(unreachable)?;
+        let status = response.status();
+        let body = response.text().await.map_err(unreachable)?;
+        if status.is_success() {
+            Ok((status, body))
+        } else {
+            Err(ClientError::refused(status, &body))
+        }
+    }
+
+    fn read<T: DeserializeOwned>(&self, body: &str) -> Result<T, ClientError> {
+        serde_json::from_str(body)
+            .map_err(|source| ClientError::Answer { server: self.base.to_string(), source })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_address_without_a_scheme_is_refused_with_an_example() {
+        let error = Client::new("localhost:7070", None).unwrap_err().to_string();
+        assert!(error.contains("http://HOST:PORT"), "{error}");
+    }
+
+    #[test]
+    fn a_trailing_slash_of_the_address_does_not_double() {
+        let client = Client::new("http://127.0.0.1:7070/", None).unwrap();
+        assert_eq!(client.url("/jobs/1"), "http://127.0.0.1:7070/jobs/1");
+    }
+}

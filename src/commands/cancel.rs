@@ -1,0 +1,26 @@
+use std::process::ExitCode;
+
+use clap::Args;
+
+use crate::cli::ServerArguments;
+use crate::client::Client;
+
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// The job's id
+    id: i64,
+
+    #[command(flatten)]
+    server: ServerArguments,
+}
+
+pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
+    let client = Client::new(&arguments.server.server, arguments.server.token)?;
+    let job = client.cancel(arguments.id).await?;
+    if job.state.is_final() {
+        println!("job {} {}", job.id, job.state);
+    } else {
+        println!("job {} {}, its worker was told to stop", job.id, job.state);
+    }
+    Ok(ExitCode::SUCCESS)
+}

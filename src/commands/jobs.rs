@@ -1,0 +1,98 @@
+use std::process::ExitCode;
+use std::time::{Duration, SystemTime};
+
+use clap::Args;
+
+use crate::cli::ServerArguments;
+use crate::client::{Client, Job};
+use crate::progress::measure;
+use crate::table::{Align, Table};
+
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// Only jobs in this state
+    #[arg(long, value_name = "STATE", value_parser = ["waiting", "queued", "running", "succeeded", "failed", "cancelled"])]
+    state: Option<String>,
+
+    /// Only jobs of this kind
+    #[arg(long, value_name = "KIND", value_parser = ["simulate", "train", "evaluate", "pipeline"])]
+    kind: Option<String>,
+
+    /// At most so many
+    #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=100))]
+    limit: u32,
+
+    /// Only jobs older than this one
+    #[arg(long, value_name = "ID")]
+    before: Option<i64>,
+
+    /// Print the server's answer as it is
+    #[arg(long)]
+    json: bool,
+
+    #[command(flatten)]
+    server: ServerArguments,
+}
+
+pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
+    let path = path(&arguments);
+    let client = Client::new(&arguments.server.server, arguments.server.token)?;
+    if arguments.json {
+        println!("{}", client.raw(&path).await?);
+        return Ok(ExitCode::SUCCESS);
+    }
+    let list = client.jobs(&path).await?;
+    let mut table = Table::new([
+        ("id", Align::Right),
+        ("kind", Align::Left),
+        ("name", Align::Left),
+        ("state", Align::Left),
+        ("done", Align::Right),
+        ("submitted", Align::Right),
+        ("took", Align::Right),
+    ]);
+    for job in list.jobs {
+        table.push(row(job));
+    }
+    print!("{}", table.render());
+    if let Some(next) = list.next {
+        println!("older ones: torqued jobs --before {next}");
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn path(Arguments { state, kind, limit, before, .. }: &Arguments) -> String {
+    let mut path = format!("/v1/jobs?limit={limit}");
+    for (key, value) in [("state", state), ("kind", kind)] {
+        path.extend(value.iter().map(|value| format!("&{key}={value}")));
+    }
+    path.extend(before.iter().map(|id| format!("&before={id}")));
+    path
+}
+
+fn row(job: Job) -> Vec<String> {
+    let share = if job.progress.total > 0.0 {
+        format!("{:.0} %", 100.0 * (job.progress.done / job.progress.total).min(1.0))
+    } else {
+        String::new()
+    };
+    let age = since(&job.created_at, None).map(|age| format!("{} ago", measure::duration(age)));
+    let took = job.started_at.as_deref().and_then(|from| since(from, job.finished_at.as_deref()));
+    vec![
+        job.id.to_string(),
+        job.kind,
+        job.name.unwrap_or_default(),
+        job.state.to_string(),
+        share,
+        age.unwrap_or_default(),
+        took.map(measure::duration).unwrap_or_default(),
+    ]
+}
+
+/// Time from one RFC 3339 instant to another, or to now.
+fn since(from: &str, to: Option<&str>) -> Option<Duration> {
+    let from = humantime::parse_rfc3339_weak(from).ok()?;
+    let to =
+        to.map_or_else(|| Some(SystemTime::now()), |to| humantime::parse_rfc3339_weak(to).ok())?;
+    Some(to.duration_since(from).unwrap_or_default())
+}

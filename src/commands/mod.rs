@@ -1,0 +1,28 @@
+//! One file per command.
+
+pub mod cancel;
+pub mod jobs;
+pub mod presets;
+pub mod quickstart;
+pub mod serve;
+pub mod submit;
+pub mod watch;
+pub mod worker;
+
+use std::process::ExitCode;
+
+use crate::cli::Command;
+
+/// Runs a command; `log` is the filter that child processes shall log with.
+pub async fn run(command: Command, log: &str) -> anyhow::Result<ExitCode> {
+    match command {
+        Command::Serve(arguments) => serve::run(arguments, log).await,
+        Command::Worker(arguments) => worker::run(arguments).await,
+        Command::Quickstart(arguments) => quickstart::run(arguments, log).await,
+        Command::Submit(arguments) => submit::run(arguments).await,
+        Command::Jobs(arguments) => jobs::run(arguments).await,
+        Command::Watch(arguments) => watch::run(arguments).await,
+        Command::Cancel(arguments) => cancel::run(arguments).await,
+        Command::Presets(arguments) => presets::run(arguments).await,
+    }
+}

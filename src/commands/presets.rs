@@ -1,0 +1,36 @@
+use std::process::ExitCode;
+
+use anyhow::bail;
+use clap::Args;
+
+use crate::cli::ServerArguments;
+use crate::client::Client;
+use crate::table::{Align, Table};
+
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// Print this preset's JSON
+    name: Option<String>,
+
+    #[command(flatten)]
+    server: ServerArguments,
+}
+
+pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
+    let client = Client::new(&arguments.server.server, arguments.server.token)?;
+    let presets = client.presets().await?.presets;
+    let Some(name) = arguments.name else {
+        let mut table = Table::new(["name", "of a", "about"].map(|name| (name, Align::Left)));
+        for preset in presets {
+            table.push(vec![preset.name, preset.place, preset.about]);
+        }
+        print!("{}", table.render());
+        return Ok(ExitCode::SUCCESS);
+    };
+    let Some(preset) = presets.iter().find(|preset| preset.name == name) else {
+        let names: Vec<&str> = presets.iter().map(|preset| preset.name.as_str()).collect();
+        bail!("there is no preset {name:?}, only {}", names.join(", "));
+    };
+    println!("{}", serde_json::to_string_pretty(&preset.spec)?);
+    Ok(ExitCode::SUCCESS)
+}

@@ -1,0 +1,135 @@
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::{Context, bail};
+use clap::Args;
+
+use crate::client::{Client, Job, JobState, Reuse, Submitted};
+use crate::progress;
+use crate::report::{self, Report};
+use crate::server::{Interrupts, Options, Server};
+use crate::table::{Align, Table};
+
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// Compute everything anew, even what was done before
+    #[arg(long)]
+    force: bool,
+
+    /// End when the result is printed, instead of serving until Ctrl-C
+    #[arg(long)]
+    exit: bool,
+
+    #[command(flatten)]
+    server: Options,
+}
+
+/// What a shell reports for a program that Ctrl-C ended.
+const INTERRUPTED: u8 = 130;
+
+const SPEC: &str = r#"{"preset": "quickstart"}"#;
+
+pub async fn run(arguments: Arguments, log: &str) -> anyhow::Result<ExitCode> {
+    let mut interrupts = Interrupts::new()?;
+    let server = Server::start(&arguments.server, log).await?;
+    let result = tokio::select! {
+        result = compute_and_show(&arguments, &server) => result,
+        () = interrupts.next() => {
+            eprintln!("stopping; run it again to go on");
+            server.stop(&mut interrupts).await;
+            return Ok(ExitCode::from(INTERRUPTED));
+        }
+    };
+    if result.is_err() || arguments.exit {
+        server.stop(&mut interrupts).await;
+        return result.map(|()| ExitCode::SUCCESS);
+    }
+    eprintln!("serving until Ctrl-C");
+    server.run_until_interrupted(&mut interrupts).await?;
+    Ok(ExitCode::SUCCESS)
+}
+
+async fn compute_and_show(arguments: &Arguments, server: &Server) -> anyhow::Result<()> {
+    let client = Client::new(&server.url, arguments.server.token.clone())?;
+    let reuse = if arguments.force { Reuse::ComputeAnew } else { Reuse::ByDigest };
+    let Submitted { job, existed } = client.submit(SPEC.into(), reuse).await?;
+    let page = client.url(&format!("/jobs/{}", job.id));
+    match (existed, job.state) {
+        (true, JobState::Succeeded) => {
+            eprintln!("job {} did all this before: nothing to compute, --force does", job.id);
+        }
+        (true, _) => eprintln!("going on with job {}: {page}", job.id),
+        (false, _) => eprintln!("job {}: {page}", job.id),
+    }
+    let job = progress::follow(&client, job.id).await?;
+    if job.state != JobState::Succeeded {
+        bail!("job {} {}: {}", job.id, job.state, reason(&job));
+    }
+    let evaluation = member(&job, "evaluate")?;
+    let report = client
+        .evaluation(evaluation)
+        .await?
+        .report
+        .with_context(|| format!("evaluation {evaluation} has no report"))?;
+    print_report(&report);
+    print_places(&client, &job, &arguments.server.data, &page).await
+}
+
+/// Why a pipeline did not succeed: its own reason, else that of its members.
+fn reason(job: &Job) -> String {
+    let members = job.members.iter().filter(|member| member.state == JobState::Failed);
+    let reasons: Vec<String> = members
+        .filter_map(|member| Some(format!("{}: {}", member.name, member.error.as_ref()?)))
+        .collect();
+    match (reasons.is_empty(), &job.error) {
+        (true, Some(error)) => error.clone(),
+        (true, None) => "no reason given".to_owned(),
+        (false, _) => reasons.join("; "),
+    }
+}
+
+fn member(job: &Job, name: &str) -> anyhow::Result<i64> {
+    let member = job.members.iter().find(|member| member.name == name);
+    member.map(|member| member.job).with_context(|| format!("job {} has no {name:?}", job.id))
+}
+
+fn print_report(report: &Report) {
+    let (context, horizon) = (report.context, report.horizon);
+    println!(
+        "\nRMSE in degrees over {horizon} samples at {} Hz, given the {context} before: mean \
+         [95 % confidence interval]\n",
+        report.rate_hz
+    );
+    println!("{}", report::by_group(report));
+    println!("{}* the model was trained at this frequency\n", report::by_frequency(report));
+    if let Some(verdict) = report::verdict(report) {
+        println!("{verdict}\n");
+    }
+}
+
+async fn print_places(client: &Client, job: &Job, data: &Path, page: &str) -> anyhow::Result<()> {
+    let mut table = Table::new(["", "", ""].map(|name| (name, Align::Left)));
+    for name in ["train-set", "test-grid"] {
+        let simulation = client.job(member(job, name)?).await?;
+        let id = simulation.dataset.with_context(|| format!("{name} has no dataset"))?;
+        let dataset = client.dataset(id).await?;
+        let megabytes = dataset.bytes as f64 / 1e6;
+        let size = format!("{} trajectories, {megabytes:.1} MB", dataset.trajectories);
+        table.push(vec![name.to_owned(), client.url(&format!("/datasets/{id}")), size]);
+    }
+    let training = client.job(member(job, "train")?).await?;
+    let last = training.checkpoints.iter().max().context("the training left no checkpoint")?;
+    let checkpoint = client.checkpoint(*last).await?;
+    let step = format!("after {} steps", checkpoint.step);
+    table.push(vec!["checkpoint".to_owned(), client.url(&format!("/checkpoints/{last}")), step]);
+    let evaluation = member(job, "evaluate")?;
+    table.push(vec!["report".to_owned(), client.url(&format!("/evaluations/{evaluation}"))]);
+    table.push(vec!["all of it".to_owned(), page.to_owned()]);
+    table.push(vec!["files in".to_owned(), absolute(data).display().to_string()]);
+    print!("{}", table.render().trim_start());
+    Ok(())
+}
+
+fn absolute(path: &Path) -> PathBuf {
+    path.canonicalize().unwrap_or_else(|_| path.to_owned())
+}

@@ -1,0 +1,79 @@
+use std::io::Read;
+use std::num::NonZero;
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::time::Duration;
+
+use clap::Args;
+use tokio_util::sync::CancellationToken;
+use worker::WorkerOptions;
+
+use crate::server::Interrupts;
+
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// Folder with the server's database and files
+    #[arg(long, env = "TORQUED_DATA", value_name = "DIR", default_value = "./torqued-data")]
+    data: PathBuf,
+
+    /// Name to show beside its tasks [default: machine and process id]
+    #[arg(long, value_name = "NAME")]
+    name: Option<String>,
+
+    /// Threads to compute with [default: the machine's]
+    #[arg(long, env = "TORQUED_WORKER_THREADS", value_name = "N")]
+    threads: Option<NonZero<usize>>,
+
+    /// Stop when standard input closes, as it does when the server that started this worker dies
+    #[arg(long)]
+    stop_with_stdin: bool,
+}
+
+/// How long a task may take to put itself down before the process ends without it.
+const STOP_WITHIN: Duration = Duration::from_secs(30);
+
+pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
+    let shutdown = CancellationToken::new();
+    if arguments.stop_with_stdin {
+        watch_stdin(shutdown.clone());
+    }
+    tokio::spawn(watch_signals(Interrupts::new()?, shutdown.clone()));
+    let threads = arguments.threads.or_else(|| std::thread::available_parallelism().ok());
+    let options = WorkerOptions {
+        data_dir: arguments.data,
+        name: arguments.name.unwrap_or_else(machine_and_process),
+        threads: threads.map_or(1, NonZero::get),
+    };
+    worker::run(options, shutdown).await?;
+    Ok(ExitCode::SUCCESS)
+}
+
+async fn watch_signals(mut interrupts: Interrupts, shutdown: CancellationToken) {
+    interrupts.next().await;
+    shutdown.cancel();
+    interrupts.next().await;
+    std::process::exit(1);
+}
+
+/// A thread of its own: a read of standard input cannot be abandoned.
+fn watch_stdin(shutdown: CancellationToken) {
+    std::thread::spawn(move || {
+        let mut stdin = std::io::stdin().lock();
+        let mut byte = [0];
+        while stdin.read(&mut byte).is_ok_and(|count| count > 0) {}
+        shutdown.cancel();
+        std::thread::sleep(STOP_WITHIN);
+        tracing::error!("the task did not stop in time; its lease will run out");
+        std::process::exit(1);
+    });
+}
+
+/// For example `lab-3-4711`.
+fn machine_and_process() -> String {
+    let machine = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
+    let machine = match machine.trim() {
+        "" => "worker",
+        name => name,
+    };
+    format!("{machine}-{}", std::process::id())
+}

@@ -1,0 +1,54 @@
+//! Numbers and times as people read them.
+
+use std::time::Duration;
+
+/// A whole number with thin groups of three: `16 384`.
+pub fn count(number: f64) -> String {
+    let digits = format!("{:.0}", number.max(0.0));
+    let mut text = String::new();
+    for (k, digit) in digits.chars().enumerate() {
+        if k > 0 && (digits.len() - k).is_multiple_of(3) {
+            text.push(' ');
+        }
+        text.push(digit);
+    }
+    text
+}
+
+/// About three digits.
+pub fn rounded(number: f64) -> String {
+    if number >= 100.0 {
+        count(number)
+    } else if number >= 10.0 {
+        format!("{number:.1}")
+    } else {
+        format!("{number:.2}")
+    }
+}
+
+/// `9s`, `2m 05s`, `3h 07m`.
+pub fn duration(time: Duration) -> String {
+    let seconds = time.as_secs();
+    match seconds {
+        0..60 => format!("{seconds}s"),
+        60..3600 => format!("{}m {:02}s", seconds / 60, seconds % 60),
+        _ => format!("{}h {:02}m", seconds / 3600, seconds % 3600 / 60),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn digits_are_grouped_by_three_from_the_right() {
+        let texts = [7.0, 999.0, 1000.0, 16_384.0, 10_000_000.0].map(count);
+        assert_eq!(texts, ["7", "999", "1 000", "16 384", "10 000 000"]);
+    }
+
+    #[test]
+    fn times_show_their_two_largest_units() {
+        let texts = [9, 125, 11_220].map(|seconds| duration(Duration::from_secs(seconds)));
+        assert_eq!(texts, ["9s", "2m 05s", "3h 07m"]);
+    }
+}

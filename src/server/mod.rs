@@ -1,0 +1,144 @@
+//! A server: store, HTTP, reaper and worker processes, started and stopped together.
+
+mod interrupt;
+mod listen;
+mod worker_processes;
+
+use std::net::SocketAddr;
+use std::num::NonZero;
+use std::path::PathBuf;
+use std::time::Duration;
+
+use anyhow::Context;
+use api::App;
+use clap::Args;
+use store::Store;
+use tokio_util::sync::CancellationToken;
+use tokio_util::task::TaskTracker;
+
+pub use interrupt::Interrupts;
+use worker_processes::WorkerProcesses;
+
+/// What `serve` and `quickstart` can be told about the server they run.
+#[derive(Debug, Args)]
+pub struct Options {
+    /// Folder for database and files; created if missing
+    #[arg(long, env = "TORQUED_DATA", value_name = "DIR", default_value = "./torqued-data")]
+    pub data: PathBuf,
+
+    /// Address to listen on [default: 127.0.0.1:7070, or the next free port]
+    #[arg(long, env = "TORQUED_LISTEN", value_name = "ADDRESS:PORT")]
+    pub listen: Option<SocketAddr>,
+
+    /// Worker processes to run, 0 to 64
+    #[arg(long, env = "TORQUED_WORKERS", value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(0..=64))]
+    pub workers: u16,
+
+    /// Threads of each worker [default: the machine's, divided among the workers]
+    #[arg(long, env = "TORQUED_WORKER_THREADS", value_name = "N")]
+    pub worker_threads: Option<NonZero<usize>>,
+
+    /// Token that every request must carry; needed when other machines can connect
+    #[arg(long, env = "TORQUED_TOKEN", value_name = "TOKEN", hide_env_values = true)]
+    pub token: Option<String>,
+}
+
+/// How often leases are checked for workers that died.
+const REAP_EVERY: Duration = Duration::from_secs(2);
+
+/// How long requests that are under way may take when the server stops.
+const FINISH_REQUESTS_WITHIN: Duration = Duration::from_secs(3);
+
+/// A running server.
+pub struct Server {
+    /// For example `http://127.0.0.1:7070`.
+    pub url: String,
+    workers: TaskTracker,
+    stop_workers: CancellationToken,
+    kill_workers: CancellationToken,
+    http: tokio::task::JoinHandle<Result<(), api::ApiError>>,
+    stop_http: CancellationToken,
+}
+
+impl Server {
+    /// # Errors
+    /// When the folder cannot be used, or the address cannot be listened on.
+    pub async fn start(options: &Options, log: &str) -> anyhow::Result<Self> {
+        listen::refuse_unguarded(options.listen, options.token.as_deref())?;
+        let store = Store::open(&options.data).await?;
+        let listener = listen::bind(options.listen).await?;
+        let address = listener.local_addr().context("cannot tell the address listened on")?;
+
+        let stop_http = CancellationToken::new();
+        let app = App::new(store.clone(), options.token.clone());
+        let http = tokio::spawn(api::serve(listener, app, stop_http.clone()));
+
+        let workers = TaskTracker::new();
+        let stop_workers = CancellationToken::new();
+        let kill_workers = CancellationToken::new();
+        workers.spawn(reap(store, stop_workers.clone()));
+        WorkerProcesses {
+            data: options.data.clone(),
+            count: usize::from(options.workers),
+            threads: worker_threads(options),
+            log: log.to_owned(),
+        }
+        .spawn(&workers, &stop_workers, &kill_workers);
+        workers.close();
+
+        let url = format!("http://{address}");
+        Ok(Self { url, workers, stop_workers, kill_workers, http, stop_http })
+    }
+
+    /// Serves until the first interrupt, then stops; the second kills.
+    pub async fn run_until_interrupted(
+        mut self,
+        interrupts: &mut Interrupts,
+    ) -> anyhow::Result<()> {
+        tokio::select! {
+            () = interrupts.next() => {}
+            ended = &mut self.http => {
+                self.stop(interrupts).await;
+                ended.context("the server panicked")??;
+                return Ok(());
+            }
+        }
+        self.stop(interrupts).await;
+        Ok(())
+    }
+
+    /// Takes no more tasks, lets workers put theirs down, finishes requests.
+    pub async fn stop(self, interrupts: &mut Interrupts) {
+        tracing::info!("stopping; once more to kill");
+        self.stop_workers.cancel();
+        tokio::select! {
+            () = self.workers.wait() => {}
+            () = interrupts.next() => {
+                self.kill_workers.cancel();
+                self.workers.wait().await;
+            }
+        }
+        self.stop_http.cancel();
+        if !self.http.is_finished() {
+            let _ = tokio::time::timeout(FINISH_REQUESTS_WITHIN, self.http).await;
+        }
+    }
+}
+
+/// Puts back the tasks of workers that died.
+async fn reap(store: Store, stop: CancellationToken) {
+    while stop.run_until_cancelled(tokio::time::sleep(REAP_EVERY)).await.is_some() {
+        match store.reap().await {
+            Ok(reaped) => tracing::debug!(?reaped, "leases checked"),
+            Err(error) => tracing::error!(%error, "cannot check leases"),
+        }
+    }
+}
+
+fn worker_threads(options: &Options) -> usize {
+    if let Some(threads) = options.worker_threads {
+        return threads.get();
+    }
+    let machine = std::thread::available_parallelism().map_or(1, NonZero::get);
+    (machine / usize::from(options.workers).max(1)).max(1)
+}

@@ -1,0 +1,125 @@
+//! Workers as child processes, so that a job that crashes or is killed never takes the server
+//! along.
+
+use std::path::PathBuf;
+use std::process::Stdio;
+use std::time::{Duration, Instant};
+
+use tokio::process::{Child, Command};
+use tokio_util::sync::CancellationToken;
+use tokio_util::task::TaskTracker;
+
+/// How a server runs its workers.
+#[derive(Clone, Debug)]
+pub struct WorkerProcesses {
+    pub data: PathBuf,
+    pub count: usize,
+    pub threads: usize,
+    pub log: String,
+}
+
+/// A worker that lived this long was healthy: if it dies, the next one starts at once.
+const HEALTHY_AFTER: Duration = Duration::from_secs(30);
+
+const FIRST_PAUSE: Duration = Duration::from_millis(200);
+const LONGEST_PAUSE: Duration = Duration::from_secs(30);
+
+/// How long workers may take to put down their task; a checkpoint of a large model takes seconds.
+const STOP_WITHIN: Duration = Duration::from_secs(20);
+
+impl WorkerProcesses {
+    /// Keeps `count` workers running until `shutdown`, then until they have ended.
+    pub fn spawn(
+        self,
+        tracker: &TaskTracker,
+        shutdown: &CancellationToken,
+        kill: &CancellationToken,
+    ) {
+        for index in 1..=self.count {
+            tracker.spawn(self.clone().keep_running(index, shutdown.clone(), kill.clone()));
+        }
+    }
+
+    async fn keep_running(
+        self,
+        index: usize,
+        shutdown: CancellationToken,
+        kill: CancellationToken,
+    ) {
+        let mut pause = FIRST_PAUSE;
+        while !shutdown.is_cancelled() {
+            let started = Instant::now();
+            match self.start(index) {
+                Ok(child) => {
+                    tracing::info!(worker = index, pid = child.id(), "worker started");
+                    if !run_to_end(index, child, &shutdown, &kill).await {
+                        return;
+                    }
+                }
+                Err(error) => tracing::error!(worker = index, %error, "cannot start a worker"),
+            }
+            if started.elapsed() > HEALTHY_AFTER {
+                pause = FIRST_PAUSE;
+            }
+            tokio::select! {
+                () = tokio::time::sleep(pause) => pause = (pause * 2).min(LONGEST_PAUSE),
+                () = shutdown.cancelled() => {}
+            }
+        }
+    }
+
+    fn start(&self, index: usize) -> std::io::Result<Child> {
+        Command::new(std::env::current_exe()?)
+            .arg("worker")
+            .arg("--data")
+            .arg(&self.data)
+            .args(["--name", &format!("worker-{index}")])
+            .args(["--threads", &self.threads.to_string()])
+            .args(["--log", &self.log])
+            .arg("--stop-with-stdin")
+            // Training reuses the same large tensors at every step; giving their pages back to the
+            // system in between costs more than holding on to them.
+            .env("MIMALLOC_PURGE_DELAY", "-1")
+            // Nothing is ever written: the pipe's closing, with or without a farewell of the
+            // server, is what tells the worker to stop.
+            .stdin(Stdio::piped())
+            .stdout(Stdio::null())
+            // Ctrl-C in the terminal reaches the server alone, which then stops its workers.
+            .process_group(0)
+            .kill_on_drop(true)
+            .spawn()
+    }
+}
+
+/// Waits for a worker; asks it to stop on `shutdown`. Returns whether another shall follow it.
+async fn run_to_end(
+    index: usize,
+    mut child: Child,
+    shutdown: &CancellationToken,
+    kill: &CancellationToken,
+) -> bool {
+    tokio::select! {
+        status = child.wait() => {
+            match status {
+                Ok(status) => tracing::warn!(worker = index, %status, "worker died, starting another"),
+                Err(error) => tracing::warn!(worker = index, %error, "worker lost, starting another"),
+            }
+            return true;
+        }
+        () = shutdown.cancelled() => {}
+    }
+    drop(child.stdin.take());
+    let ended = tokio::select! {
+        ended = tokio::time::timeout(STOP_WITHIN, child.wait()) => ended.is_ok(),
+        () = kill.cancelled() => false,
+    };
+    if ended {
+        tracing::info!(worker = index, "worker stopped");
+    } else {
+        tracing::warn!(worker = index, "worker killed; its lease will run out");
+        if let Err(error) = child.kill().await {
+            tracing::error!(worker = index, %error, "cannot kill the worker");
+        }
+    }
+    false
+}
