@@ -1,0 +1,161 @@
+//! Consecutive trajectories, carried through the lanes of one thread.
+//!
+//! Lanes work like a conveyor: each has its own trajectory and its own sample, and whenever one is
+//! finished or rejected the next scenario takes its place at once. Nothing waits for the slowest
+//! lane, and a rejected draw costs only the samples until its rejection.
+
+use std::ops::ControlFlow;
+
+use spec::{JOINTS, Rejection};
+
+use crate::integrators::{Scheme, State, advance};
+use crate::lanes::{Kernels, MAX_LANES};
+use crate::model::Model;
+use crate::rejection::Clearance;
+use crate::{DynamicsError, Joints, Robot, Scenario, Scenarios};
+
+/// Trajectories `first`, `first + 1`, .., one per element of `scenarios`.
+pub(crate) struct Block<'a> {
+    pub(crate) source: &'a Scenarios<'a>,
+    /// As first drawn; rejected ones are replaced by the draw that was kept.
+    pub(crate) scenarios: &'a mut [Scenario],
+    /// Torques, [trajectory, sample, joint].
+    pub(crate) u: &'a mut [f32],
+    /// Positions, [trajectory, sample, joint].
+    pub(crate) q: &'a mut [f32],
+    /// Told how many more trajectories are finished; may ask to stop.
+    pub(crate) finished: &'a (dyn Fn(u64) -> ControlFlow<()> + Sync),
+}
+
+/// What a lane is doing.
+#[derive(Clone, Copy)]
+enum Lane {
+    Idle,
+    /// Must start the trajectory in this row of the block.
+    Starting {
+        row: usize,
+    },
+    /// Stands at `sample` of the trajectory in `row`.
+    Running {
+        row: usize,
+        sample: usize,
+    },
+}
+
+/// Fills the block's `u` and `q`. Returns early when `finished` says so.
+#[inline(always)]
+pub(crate) fn simulate<L: Kernels>(block: &mut Block<'_>) -> Result<(), DynamicsError> {
+    let spec = block.source.spec();
+    let scheme = Scheme::from(spec.integrator);
+    let period = 1.0 / spec.rate_hz;
+    let row_len = spec.samples as usize * JOINTS;
+    let clearance = Clearance::<L>::new(&spec.rejection);
+
+    let mut model = Model::splat(&Robot::nominal(&spec.robot));
+    let mut state = State::<L>::zero();
+    let mut lanes = [Lane::Idle; MAX_LANES];
+    let mut waiting = 0..block.scenarios.len();
+
+    loop {
+        let mut running = false;
+        for lane in 0..L::LANES {
+            if matches!(lanes[lane], Lane::Idle)
+                && let Some(row) = waiting.next()
+            {
+                lanes[lane] = Lane::Starting { row };
+            }
+            if let Lane::Starting { row } = lanes[lane] {
+                let scenario = &block.scenarios[row];
+                let u = &mut block.u[row * row_len..][..row_len];
+                scenario.torques.sample::<L::Double>(spec.rate_hz, u);
+                model.set_lane(lane, &scenario.robot);
+                state.set_lane(lane, &scenario.q0, &scenario.qd0);
+                lanes[lane] = Lane::Running { row, sample: 0 };
+            }
+            running |= matches!(lanes[lane], Lane::Running { .. });
+        }
+        if !running {
+            return Ok(());
+        }
+
+        let mut positions = [[0.0; MAX_LANES]; JOINTS];
+        for joint in 0..JOINTS {
+            state.q[joint].store(&mut positions[joint]);
+        }
+        let mut excess = [0.0; MAX_LANES];
+        clearance.excess(&state.q).store(&mut excess);
+
+        let mut torques = [[0.0; MAX_LANES]; JOINTS];
+        let mut finished = 0;
+        for lane in 0..L::LANES {
+            let Lane::Running { row, sample } = lanes[lane] else { continue };
+            let at = row * row_len + sample * JOINTS;
+            let q = &mut block.q[at..at + JOINTS];
+            let mut finite = true;
+            for joint in 0..JOINTS {
+                q[joint] = positions[joint][lane];
+                finite &= q[joint].is_finite();
+            }
+            if !finite {
+                return Err(not_finite(&block.scenarios[row], spec.seed, sample));
+            }
+            if excess[lane] > 0.0 {
+                redraw(block.source, &spec.rejection, &mut block.scenarios[row])?;
+                lanes[lane] = Lane::Starting { row };
+            } else if (sample + 1) * JOINTS == row_len {
+                lanes[lane] = Lane::Idle;
+                finished += 1;
+            } else {
+                let u = &block.u[at..at + JOINTS];
+                for joint in 0..JOINTS {
+                    torques[joint][lane] = u[joint];
+                }
+                lanes[lane] = Lane::Running { row, sample: sample + 1 };
+            }
+        }
+        if finished > 0 && (block.finished)(finished).is_break() {
+            return Ok(());
+        }
+
+        let mut torque = state.qd;
+        for joint in 0..JOINTS {
+            torque[joint] = L::load(&torques[joint]);
+        }
+        advance(scheme, period, &model, &torque, &mut state);
+    }
+}
+
+impl<L: Kernels> State<L> {
+    #[inline(always)]
+    fn set_lane(&mut self, lane: usize, q: &Joints<f64>, qd: &Joints<f64>) {
+        for joint in 0..JOINTS {
+            self.q[joint].set_lane(lane, q[joint]);
+            self.q_remainder[joint].set_lane(lane, 0.0);
+            self.qd[joint].set_lane(lane, qd[joint]);
+        }
+    }
+}
+
+#[cold]
+fn redraw(
+    source: &Scenarios<'_>,
+    rejection: &Rejection,
+    scenario: &mut Scenario,
+) -> Result<(), DynamicsError> {
+    let Scenario { index, draws, .. } = *scenario;
+    if draws >= rejection.max_draws {
+        return Err(DynamicsError::EveryDrawRejected {
+            index,
+            seed: source.spec().seed,
+            draws,
+            margin_rad: rejection.position_margin_rad.unwrap_or_default(),
+        });
+    }
+    *scenario = source.draw(index, draws + 1);
+    Ok(())
+}
+
+#[cold]
+fn not_finite(scenario: &Scenario, seed: u64, sample: usize) -> DynamicsError {
+    DynamicsError::NotFinite { index: scenario.index, seed, draw: scenario.draws, sample }
+}

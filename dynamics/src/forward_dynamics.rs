@@ -1,0 +1,270 @@
+//! (M + A) q̈ + C q̇ + g + D q̇ = u, solved for q̈.
+//!
+//! Mass matrix by the composite-rigid-body algorithm, bias forces by recursive Newton-Euler, both in
+//! link frames and in one pass outwards and one inwards, then a factorization L D Lᵀ from the tip
+//! (Featherstone 2008, "Rigid Body Dynamics Algorithms", chapters 5 and 6). With seven joints this
+//! takes fewer operations than the articulated-body algorithm, and most of them are independent.
+
+use spec::JOINTS;
+
+use crate::Joints;
+use crate::lanes::Lanes;
+use crate::model::{Link, Model};
+use crate::spatial::{
+    Symmetric, Turn, Vector, add_cross, add_matrix_offset, add_offset_cross, add_scaled_offset,
+    add_symmetric_product, cross, shifted_inertia, sum, symmetric_product,
+};
+
+/// The equation of motion at one state.
+#[derive(Clone, Copy)]
+pub(crate) struct Dynamics<L> {
+    /// M + A; only entries on and below the diagonal are set.
+    pub(crate) mass_matrix: Joints<Joints<L>>,
+    /// C q̇ + g.
+    pub(crate) bias: Joints<L>,
+}
+
+impl<L: Lanes> Dynamics<L> {
+    #[inline(always)]
+    pub(crate) fn zero() -> Self {
+        let zero = L::splat(0.0);
+        Self { mass_matrix: [[zero; JOINTS]; JOINTS], bias: [zero; JOINTS] }
+    }
+}
+
+/// How a link moves when no joint accelerates, in the link's axes.
+#[derive(Clone, Copy)]
+struct Motion<L> {
+    angular_velocity: Vector<L>,
+    angular_acceleration: Vector<L>,
+    /// Of the frame's origin, less that of free fall.
+    acceleration: Vector<L>,
+    /// [ω̇] + [ω]²: the acceleration of a point of the link per distance from the origin.
+    gradient: [Vector<L>; 3],
+}
+
+impl<L: Lanes> Motion<L> {
+    #[inline(always)]
+    fn new(w: Vector<L>, w_dot: Vector<L>, acceleration: Vector<L>) -> Self {
+        let [xx, yy, zz] = [w[0] * w[0], w[1] * w[1], w[2] * w[2]];
+        let [xy, xz, yz] = [w[0] * w[1], w[0] * w[2], w[1] * w[2]];
+        let gradient = [
+            [-(yy + zz), xy - w_dot[2], xz + w_dot[1]],
+            [xy + w_dot[2], -(xx + zz), yz - w_dot[0]],
+            [xz - w_dot[1], yz + w_dot[0], -(xx + yy)],
+        ];
+        Self { angular_velocity: w, angular_acceleration: w_dot, acceleration, gradient }
+    }
+
+    /// The first link turns about the vertical, which is also its own z.
+    #[inline(always)]
+    fn of_first_link(base_acceleration: L, qd: L) -> Self {
+        let zero = L::splat(0.0);
+        Self::new([zero, zero, qd], [zero; 3], [zero, zero, base_acceleration])
+    }
+
+    /// The motion of the link that joint `J` carries, given that of the link before it.
+    #[inline(always)]
+    fn child<const J: usize>(&self, turn: Turn<L>, qd: L) -> Self {
+        let origin = add_matrix_offset::<L, J>(&self.gradient, self.acceleration);
+        let mut w = turn.to_child::<J>(self.angular_velocity);
+        let mut w_dot = turn.to_child::<J>(self.angular_acceleration);
+        w_dot[0] = w[1].mul_add(qd, w_dot[0]);
+        w_dot[1] = w[0].neg_mul_add(qd, w_dot[1]);
+        w[2] = w[2] + qd;
+        Self::new(w, w_dot, turn.to_child::<J>(origin))
+    }
+
+    /// The wrench about the frame's origin that moves `link` this way (Newton and Euler).
+    #[inline(always)]
+    fn wrench(&self, link: &Link<L>) -> Wrench<L> {
+        let moment = &link.first_moment;
+        let mut force = self.acceleration;
+        for row in 0..3 {
+            force[row] = self.gradient[row][0].mul_add(
+                moment[0],
+                self.gradient[row][1].mul_add(
+                    moment[1],
+                    self.gradient[row][2].mul_add(moment[2], link.mass * self.acceleration[row]),
+                ),
+            );
+        }
+        let angular_momentum = symmetric_product(&link.inertia, self.angular_velocity);
+        let lever = cross(*moment, self.acceleration);
+        let euler = add_symmetric_product(&link.inertia, self.angular_acceleration, lever);
+        Wrench { force, moment: add_cross(self.angular_velocity, angular_momentum, euler) }
+    }
+}
+
+/// A force and a moment about a frame's origin.
+#[derive(Clone, Copy)]
+struct Wrench<L> {
+    force: Vector<L>,
+    moment: Vector<L>,
+}
+
+impl<L: Lanes> Wrench<L> {
+    /// The same wrench about the origin of the link before joint `J`, in that link's axes.
+    #[inline(always)]
+    fn to_parent<const J: usize>(self, turn: Turn<L>) -> Self {
+        let force = turn.to_parent::<J>(self.force);
+        let moment = turn.to_parent::<J>(self.moment);
+        Self { force, moment: add_offset_cross::<L, J>(force, moment) }
+    }
+}
+
+/// A link and everything beyond it, as one rigid body, with the wrench that moves it.
+#[derive(Clone, Copy)]
+struct Composite<L> {
+    mass: L,
+    first_moment: Vector<L>,
+    inertia: Symmetric<L>,
+    wrench: Wrench<L>,
+}
+
+impl<L: Lanes> Composite<L> {
+    #[inline(always)]
+    fn of_last_link(link: &Link<L>, wrench: Wrench<L>) -> Self {
+        Self { mass: link.mass, first_moment: link.first_moment, inertia: link.inertia, wrench }
+    }
+
+    /// This composite, carried by joint `J`, together with the link before the joint.
+    #[inline(always)]
+    fn with_parent<const J: usize>(self, turn: Turn<L>, link: &Link<L>, wrench: Wrench<L>) -> Self {
+        let first_moment = turn.to_parent::<J>(self.first_moment);
+        let inertia = turn.symmetric_to_parent::<J>(self.inertia);
+        let inertia = shifted_inertia::<L, J>(self.mass, first_moment, inertia);
+        let first_moment = add_scaled_offset::<L, J>(self.mass, first_moment);
+        let carried = self.wrench.to_parent::<J>(turn);
+        Self {
+            mass: self.mass + link.mass,
+            first_moment: sum(first_moment, link.first_moment),
+            inertia: sum(inertia, link.inertia),
+            wrench: Wrench {
+                force: sum(carried.force, wrench.force),
+                moment: sum(carried.moment, wrench.moment),
+            },
+        }
+    }
+
+    /// The wrench of a unit acceleration about the frame's z from rest.
+    #[inline(always)]
+    fn wrench_of_unit_acceleration(&self) -> Wrench<L> {
+        let [x, y, _] = self.first_moment;
+        let [_, _, xz, _, yz, zz] = self.inertia;
+        Wrench { force: [-y, x, L::splat(0.0)], moment: [xz, yz, zz] }
+    }
+}
+
+/// M + A and C q̇ + g at positions `q` (rad) and velocities `qd` (rad/s).
+#[inline(always)]
+pub(crate) fn mass_matrix_and_bias<L: Lanes>(
+    model: &Model<L>,
+    q: &Joints<L>,
+    qd: &Joints<L>,
+    dynamics: &mut Dynamics<L>,
+) {
+    let links = &model.links;
+    let mut turns = [Turn { sin: L::splat(0.0), cos: L::splat(1.0) }; JOINTS];
+    // The first joint's own angle changes nothing: gravity is along its axis.
+    for joint in 1..JOINTS {
+        turns[joint] = Turn::by(q[joint]);
+    }
+
+    let motion1 = Motion::of_first_link(model.base_acceleration, qd[0]);
+    let motion2 = motion1.child::<1>(turns[1], qd[1]);
+    let motion3 = motion2.child::<2>(turns[2], qd[2]);
+    let motion4 = motion3.child::<3>(turns[3], qd[3]);
+    let motion5 = motion4.child::<4>(turns[4], qd[4]);
+    let motion6 = motion5.child::<5>(turns[5], qd[5]);
+    let motion7 = motion6.child::<6>(turns[6], qd[6]);
+
+    let still = Wrench { force: [L::splat(0.0); 3], moment: [L::splat(0.0); 3] };
+    let mut columns = [still; JOINTS];
+
+    // Takes in a composite at its joint: one diagonal entry, one bias force, one more column.
+    macro_rules! joint {
+        ($joint:literal, $composite:ident) => {
+            columns[$joint] = $composite.wrench_of_unit_acceleration();
+            let inertia = columns[$joint].moment[2];
+            dynamics.mass_matrix[$joint][$joint] = inertia + model.armature[$joint];
+            dynamics.bias[$joint] = $composite.wrench.moment[2];
+        };
+    }
+    // Carries a composite and the columns so far over joint `$joint` to the link before it.
+    macro_rules! inwards {
+        ($composite:ident over $joint:literal to $parent:literal, $wrench:expr) => {{
+            for column in $joint..JOINTS {
+                columns[column] = columns[column].to_parent::<$joint>(turns[$joint]);
+                dynamics.mass_matrix[column][$parent] = columns[column].moment[2];
+            }
+            $composite.with_parent::<$joint>(turns[$joint], &links[$parent], $wrench)
+        }};
+    }
+
+    let composite = Composite::of_last_link(&links[6], motion7.wrench(&links[6]));
+    joint!(6, composite);
+    let composite = inwards!(composite over 6 to 5, motion6.wrench(&links[5]));
+    joint!(5, composite);
+    let composite = inwards!(composite over 5 to 4, motion5.wrench(&links[4]));
+    joint!(4, composite);
+    let composite = inwards!(composite over 4 to 3, motion4.wrench(&links[3]));
+    joint!(3, composite);
+    let composite = inwards!(composite over 3 to 2, motion3.wrench(&links[2]));
+    joint!(2, composite);
+    let composite = inwards!(composite over 2 to 1, motion2.wrench(&links[1]));
+    joint!(1, composite);
+    // Of the first link only the inertia about the vertical matters; its own wrench has no moment there.
+    let composite = inwards!(composite over 1 to 0, still);
+    joint!(0, composite);
+}
+
+/// Solves (M + A + h D) q̈ = u − C q̇ − g − D q̇.
+///
+/// With h the length of the step to come, damping acts at the step's end (implicitly); with h = 0
+/// this is the acceleration at the given state.
+#[inline(always)]
+pub(crate) fn accelerations<L: Lanes>(
+    model: &Model<L>,
+    dynamics: &Dynamics<L>,
+    qd: &Joints<L>,
+    torque: &Joints<L>,
+    step: L,
+    qdd: &mut Joints<L>,
+) {
+    let mut m = dynamics.mass_matrix;
+    let mut b = *torque;
+    for joint in 0..JOINTS {
+        m[joint][joint] = step.mul_add(model.damping[joint], m[joint][joint]);
+        b[joint] =
+            model.damping[joint].neg_mul_add(qd[joint], torque[joint] - dynamics.bias[joint]);
+    }
+
+    let mut inverse_pivots = [L::splat(0.0); JOINTS];
+    // From the tip inwards, so that joint 7, whose column is ready first, is eliminated first.
+    macro_rules! eliminate {
+        ($($pivot:literal)*) => {$(
+            inverse_pivots[$pivot] = m[$pivot][$pivot].recip();
+            for row in 0..$pivot {
+                let factor = m[$pivot][row] * inverse_pivots[$pivot];
+                for column in 0..=row {
+                    m[row][column] = factor.neg_mul_add(m[$pivot][column], m[row][column]);
+                }
+                b[row] = factor.neg_mul_add(b[$pivot], b[row]);
+            }
+        )*};
+    }
+    macro_rules! substitute {
+        ($($joint:literal)*) => {$(
+            let mut rest = b[$joint];
+            for inner in 0..$joint {
+                rest = m[$joint][inner].neg_mul_add(qdd[inner], rest);
+            }
+            qdd[$joint] = rest * inverse_pivots[$joint];
+        )*};
+    }
+    eliminate!(6 5 4 3 2 1);
+    inverse_pivots[0] = m[0][0].recip();
+    qdd[0] = b[0] * inverse_pivots[0];
+    substitute!(1 2 3 4 5 6);
+}

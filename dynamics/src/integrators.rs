@@ -1,0 +1,204 @@
+//! One sampling period, with the torque held.
+//!
+//! Both schemes work on *increments* to the state at the start of a step and add them once, to a
+//! position kept with the rounding error of the last addition. In f32 this is what makes the result
+//! as accurate as f64: the increments are small, and their rounding with them.
+
+use spec::{Integrator, JOINTS};
+
+use crate::Joints;
+use crate::forward_dynamics::Dynamics;
+use crate::lanes::Kernels;
+use crate::model::Model;
+
+/// A way through one sampling period.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Scheme {
+    /// Euler with implicit damping in sequences of 1, 2, .. `order` steps, extrapolated.
+    Extrapolated { order: usize, substeps: u32 },
+    /// Runge-Kutta of order 4, damping explicit.
+    Rk4 { substeps: u32 },
+}
+
+impl From<Integrator> for Scheme {
+    fn from(integrator: Integrator) -> Self {
+        match integrator {
+            Integrator::Extrapolated { order, substeps } => {
+                Self::Extrapolated { order: (order as usize).clamp(1, MAX_ORDER), substeps }
+            }
+            Integrator::Rk4 { substeps } => Self::Rk4 { substeps },
+            // The paper's simulator: two semi-implicit Euler steps per period.
+            Integrator::Reference => Self::Extrapolated { order: 1, substeps: 2 },
+        }
+    }
+}
+
+const MAX_ORDER: usize = 4;
+
+/// Positions and velocities of the joints.
+pub(crate) struct State<L> {
+    pub(crate) q: Joints<L>,
+    /// What rounding left out of `q` so far (Kahan summation).
+    pub(crate) q_remainder: Joints<L>,
+    pub(crate) qd: Joints<L>,
+}
+
+#[derive(Clone, Copy)]
+struct Increment<L> {
+    q: Joints<L>,
+    qd: Joints<L>,
+}
+
+impl<L: Kernels> State<L> {
+    #[inline(always)]
+    pub(crate) fn zero() -> Self {
+        let zero = [L::splat(0.0); JOINTS];
+        Self { q: zero, q_remainder: zero, qd: zero }
+    }
+
+    #[inline(always)]
+    fn plus(&self, increment: &Increment<L>) -> (Joints<L>, Joints<L>) {
+        let (mut q, mut qd) = (self.q, self.qd);
+        for joint in 0..JOINTS {
+            q[joint] = self.q[joint] + increment.q[joint];
+            qd[joint] = self.qd[joint] + increment.qd[joint];
+        }
+        (q, qd)
+    }
+
+    #[inline(always)]
+    fn add(&mut self, increment: &Increment<L>) {
+        for joint in 0..JOINTS {
+            let change = increment.q[joint] + self.q_remainder[joint];
+            let q = self.q[joint] + change;
+            self.q_remainder[joint] = change - (q - self.q[joint]);
+            self.q[joint] = q;
+            self.qd[joint] = self.qd[joint] + increment.qd[joint];
+        }
+    }
+}
+
+impl<L: Kernels> Increment<L> {
+    #[inline(always)]
+    fn zero() -> Self {
+        Self { q: [L::splat(0.0); JOINTS], qd: [L::splat(0.0); JOINTS] }
+    }
+
+    /// Adds `factor` times the derivatives of position and velocity.
+    #[inline(always)]
+    fn add_scaled(&mut self, factor: L, qd: &Joints<L>, qdd: &Joints<L>) {
+        for joint in 0..JOINTS {
+            self.q[joint] = factor.mul_add(qd[joint], self.q[joint]);
+            self.qd[joint] = factor.mul_add(qdd[joint], self.qd[joint]);
+        }
+    }
+}
+
+/// Moves `state` over `period` seconds under `torque` (N·m).
+#[inline(always)]
+pub(crate) fn advance<L: Kernels>(
+    scheme: Scheme,
+    period: f64,
+    model: &Model<L>,
+    torque: &Joints<L>,
+    state: &mut State<L>,
+) {
+    match scheme {
+        Scheme::Extrapolated { order, substeps } => {
+            let step = period / f64::from(substeps);
+            for _ in 0..substeps {
+                extrapolated_step(order, step, model, torque, state);
+            }
+        }
+        Scheme::Rk4 { substeps } => {
+            let step = period / f64::from(substeps);
+            for _ in 0..substeps {
+                runge_kutta_step(step, model, torque, state);
+            }
+        }
+    }
+}
+
+/// Richardson extrapolation of the implicit-damping Euler method (Hairer, Nørsett and Wanner 1993,
+/// "Solving Ordinary Differential Equations I", section II.9, harmonic sequence): order `order`
+/// from order · (order + 1) / 2 evaluations, however stiff the damping.
+#[inline(always)]
+fn extrapolated_step<L: Kernels>(
+    order: usize,
+    step: f64,
+    model: &Model<L>,
+    torque: &Joints<L>,
+    state: &mut State<L>,
+) {
+    let mut table = [Increment::zero(); MAX_ORDER];
+    let mut start = Dynamics::zero();
+    let mut later = Dynamics::zero();
+    let mut qdd = state.qd;
+
+    // Every sequence starts from the same state and needs its dynamics only once.
+    L::mass_matrix_and_bias(model, &state.q, &state.qd, &mut start);
+    for steps in 1..=order {
+        let h = L::splat(step / steps as f64);
+        let increment = &mut table[steps - 1];
+        L::accelerations(model, &start, &state.qd, torque, h, &mut qdd);
+        euler_update(increment, state, h, &qdd);
+        for _ in 1..steps {
+            let (q, qd) = state.plus(increment);
+            L::mass_matrix_and_bias(model, &q, &qd, &mut later);
+            L::accelerations(model, &later, &qd, torque, h, &mut qdd);
+            euler_update(increment, state, h, &qdd);
+        }
+    }
+
+    // Aitken and Neville: T(j, k) = T(j, k-1) + (T(j, k-1) − T(j-1, k-1)) / (n_j / n_(j-k) − 1), n_j = j.
+    for column in 1..order {
+        for row in (column..order).rev() {
+            let ratio = (row + 1) as f64 / (row + 1 - column) as f64;
+            let weight = L::splat(1.0 / (ratio - 1.0));
+            let above = table[row - 1];
+            let entry = &mut table[row];
+            for joint in 0..JOINTS {
+                let (q, qd) = (entry.q[joint], entry.qd[joint]);
+                entry.q[joint] = weight.mul_add(q - above.q[joint], q);
+                entry.qd[joint] = weight.mul_add(qd - above.qd[joint], qd);
+            }
+        }
+    }
+    state.add(&table[order - 1]);
+}
+
+/// Semi-implicit Euler: the new velocity moves the position.
+#[inline(always)]
+fn euler_update<L: Kernels>(increment: &mut Increment<L>, state: &State<L>, h: L, qdd: &Joints<L>) {
+    for joint in 0..JOINTS {
+        increment.qd[joint] = h.mul_add(qdd[joint], increment.qd[joint]);
+        let qd = state.qd[joint] + increment.qd[joint];
+        increment.q[joint] = h.mul_add(qd, increment.q[joint]);
+    }
+}
+
+#[inline(always)]
+fn runge_kutta_step<L: Kernels>(
+    step: f64,
+    model: &Model<L>,
+    torque: &Joints<L>,
+    state: &mut State<L>,
+) {
+    /// Weight of each stage's slope in the result, and how far along it the next stage lies.
+    const STAGES: [(f64, f64); 4] =
+        [(1.0 / 6.0, 0.5), (1.0 / 3.0, 0.5), (1.0 / 3.0, 1.0), (1.0 / 6.0, 0.0)];
+
+    let mut total = Increment::zero();
+    let mut stage = Increment::zero();
+    let mut dynamics = Dynamics::zero();
+    let mut qdd = state.qd;
+    for (weight, reach) in STAGES {
+        let (q, qd) = state.plus(&stage);
+        L::mass_matrix_and_bias(model, &q, &qd, &mut dynamics);
+        L::accelerations(model, &dynamics, &qd, torque, L::splat(0.0), &mut qdd);
+        total.add_scaled(L::splat(step * weight), &qd, &qdd);
+        stage = Increment::zero();
+        stage.add_scaled(L::splat(step * reach), &qd, &qdd);
+    }
+    state.add(&total);
+}

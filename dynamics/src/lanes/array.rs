@@ -1,0 +1,155 @@
+//! Lanes as plain arrays, for processors without vectors of ours and for single robots.
+//!
+//! The compiler vectorizes them where it can. `mul_add` is fused by hardware on aarch64; on an
+//! x86-64 without FMA it is a library call, slow and still right to the last bit.
+
+use std::ops::{Add, Mul, Neg, Sub};
+
+use super::{Lanes, MAX_LANES, Trigonometry, trigonometry};
+
+macro_rules! array_lanes {
+    ($name:ident, $scalar:ty, $bits:ty, $trigonometry:expr, $round:expr) => {
+        #[derive(Clone, Copy)]
+        #[repr(C, align(32))]
+        pub(crate) struct $name<const N: usize>([$scalar; N]);
+
+        impl<const N: usize> Add for $name<N> {
+            type Output = Self;
+            #[inline(always)]
+            fn add(mut self, other: Self) -> Self {
+                for i in 0..N {
+                    self.0[i] += other.0[i];
+                }
+                self
+            }
+        }
+
+        impl<const N: usize> Sub for $name<N> {
+            type Output = Self;
+            #[inline(always)]
+            fn sub(mut self, other: Self) -> Self {
+                for i in 0..N {
+                    self.0[i] -= other.0[i];
+                }
+                self
+            }
+        }
+
+        impl<const N: usize> Mul for $name<N> {
+            type Output = Self;
+            #[inline(always)]
+            fn mul(mut self, other: Self) -> Self {
+                for i in 0..N {
+                    self.0[i] *= other.0[i];
+                }
+                self
+            }
+        }
+
+        impl<const N: usize> Neg for $name<N> {
+            type Output = Self;
+            #[inline(always)]
+            fn neg(mut self) -> Self {
+                for i in 0..N {
+                    self.0[i] = -self.0[i];
+                }
+                self
+            }
+        }
+
+        impl<const N: usize> Lanes for $name<N> {
+            const LANES: usize = N;
+            const TRIGONOMETRY: Trigonometry = $trigonometry;
+            type Double = F64Array<N>;
+
+            #[inline(always)]
+            fn splat(value: f64) -> Self {
+                Self([$round(value); N])
+            }
+
+            #[inline(always)]
+            fn mul_add(mut self, b: Self, c: Self) -> Self {
+                for i in 0..N {
+                    self.0[i] = self.0[i].mul_add(b.0[i], c.0[i]);
+                }
+                self
+            }
+
+            #[inline(always)]
+            fn neg_mul_add(mut self, b: Self, c: Self) -> Self {
+                for i in 0..N {
+                    self.0[i] = (-self.0[i]).mul_add(b.0[i], c.0[i]);
+                }
+                self
+            }
+
+            #[inline(always)]
+            fn recip(mut self) -> Self {
+                for i in 0..N {
+                    self.0[i] = 1.0 / self.0[i];
+                }
+                self
+            }
+
+            #[inline(always)]
+            fn max(mut self, other: Self) -> Self {
+                for i in 0..N {
+                    if other.0[i] > self.0[i] {
+                        self.0[i] = other.0[i];
+                    }
+                }
+                self
+            }
+
+            #[inline(always)]
+            fn turn_by_quadrant(quadrant: Self, sin: Self, cos: Self) -> (Self, Self) {
+                let (mut turned_sin, mut turned_cos) = (sin, cos);
+                for i in 0..N {
+                    let quadrant = quadrant.0[i].to_bits();
+                    let (s, c) =
+                        if quadrant & 1 == 0 { (sin.0[i], cos.0[i]) } else { (cos.0[i], sin.0[i]) };
+                    let sign_of = |bit: $bits| (bit & 2) << (<$bits>::BITS - 2);
+                    turned_sin.0[i] = <$scalar>::from_bits(s.to_bits() ^ sign_of(quadrant));
+                    turned_cos.0[i] =
+                        <$scalar>::from_bits(c.to_bits() ^ sign_of(quadrant.wrapping_add(1)));
+                }
+                (turned_sin, turned_cos)
+            }
+
+            #[inline(always)]
+            fn lane(&self, lane: usize) -> f64 {
+                f64::from(self.0[lane])
+            }
+
+            #[inline(always)]
+            fn set_lane(&mut self, lane: usize, value: f64) {
+                self.0[lane] = $round(value);
+            }
+
+            #[inline(always)]
+            fn load(values: &[f32; MAX_LANES]) -> Self {
+                let mut lanes = [0.0; N];
+                for i in 0..N {
+                    lanes[i] = <$scalar>::from(values[i]);
+                }
+                Self(lanes)
+            }
+
+            #[inline(always)]
+            fn store(self, values: &mut [f32; MAX_LANES]) {
+                for i in 0..N {
+                    values[i] = rounded(f64::from(self.0[i]));
+                }
+            }
+        }
+    };
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "rounding to the nearest f32 is the purpose")]
+#[inline(always)]
+pub(super) fn rounded(value: f64) -> f32 {
+    value as f32
+}
+
+array_lanes!(F32Array, f32, u32, trigonometry::F32, rounded);
+array_lanes!(F64Array, f64, u64, trigonometry::F64, std::convert::identity);

@@ -1,0 +1,90 @@
+use std::f64::consts::FRAC_2_PI;
+
+use super::Lanes;
+
+/// What sine and cosine need to know about a number format.
+///
+/// Polynomials and splittings are those of S. L. Moshier's Cephes library (`sinf.c`, `sin.c`).
+pub(crate) struct Trigonometry {
+    /// 1.5 · 2^(mantissa bits): adding it rounds to an integer, left in the low bits.
+    pub(crate) rounder: f64,
+    /// π/2 as an unevaluated sum of two numbers of the format.
+    pub(crate) half_pi: [f64; 2],
+    /// sin r = r + r³ P(r²), highest power first.
+    pub(crate) sin: &'static [f64],
+    /// cos r = 1 − r²/2 + r⁴ P(r²), highest power first.
+    pub(crate) cos: &'static [f64],
+}
+
+pub(crate) const F32: Trigonometry = Trigonometry {
+    rounder: 12_582_912.0,
+    half_pi: [1.570_796_370_506_286_6, -4.371_139_000_186_243e-8],
+    sin: &[-1.951_529_589_1e-4, 8.332_160_873_6e-3, -1.666_665_461_1e-1],
+    cos: &[2.443_315_711_809_948e-5, -1.388_731_625_493_765e-3, 4.166_664_568_298_827e-2],
+};
+
+pub(crate) const F64: Trigonometry = Trigonometry {
+    rounder: 6_755_399_441_055_744.0,
+    half_pi: [std::f64::consts::FRAC_PI_2, 6.123_233_995_736_766e-17],
+    sin: &[
+        1.589_623_015_765_465_7e-10,
+        -2.505_074_776_285_780_7e-8,
+        2.755_731_362_138_572_2e-6,
+        -1.984_126_982_958_954e-4,
+        8.333_333_333_322_118e-3,
+        -1.666_666_666_666_663e-1,
+    ],
+    cos: &[
+        -1.135_853_652_138_768_2e-11,
+        2.087_570_084_197_473e-9,
+        -2.755_731_417_929_674e-7,
+        2.480_158_728_885_170_4e-5,
+        -1.388_888_888_887_305_6e-3,
+        4.166_666_666_666_659e-2,
+    ],
+};
+
+#[inline(always)]
+pub(super) fn sin_cos<L: Lanes>(angle: L) -> (L, L) {
+    let format = const { L::TRIGONOMETRY };
+    let rounder = L::splat(format.rounder);
+    let quadrant = angle.mul_add(L::splat(FRAC_2_PI), rounder);
+    let quarter_turns = quadrant - rounder;
+    let r = quarter_turns.neg_mul_add(L::splat(format.half_pi[0]), angle);
+    let r = quarter_turns.neg_mul_add(L::splat(format.half_pi[1]), r);
+    let z = r * r;
+    let sin = (r * z).mul_add(polynomial(format.sin, z), r);
+    let one_minus_half_z = z.mul_add(L::splat(-0.5), L::splat(1.0));
+    let cos = (z * z).mul_add(polynomial(format.cos, z), one_minus_half_z);
+    L::turn_by_quadrant(quadrant, sin, cos)
+}
+
+#[inline(always)]
+fn polynomial<L: Lanes>(coefficients: &'static [f64], x: L) -> L {
+    let mut sum = L::splat(coefficients[0]);
+    for &coefficient in &coefficients[1..] {
+        sum = sum.mul_add(x, L::splat(coefficient));
+    }
+    sum
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::lanes::{F32Array, F64Array, Lanes};
+
+    #[test]
+    fn sine_and_cosine_are_accurate_to_the_format_over_many_turns() {
+        for step in -40_000..=40_000 {
+            let angle = f64::from(step) * 0.002_617;
+            let (sin, cos) = F64Array::<1>::splat(angle).sin_cos();
+            assert!((sin.lane(0) - angle.sin()).abs() < 2.5e-16, "sin {angle}");
+            assert!((cos.lane(0) - angle.cos()).abs() < 2.5e-16, "cos {angle}");
+
+            let single = F32Array::<1>::splat(angle);
+            let angle = single.lane(0);
+            let (sin, cos) = single.sin_cos();
+            assert!((sin.lane(0) - angle.sin()).abs() < 1.2e-7, "f32 sin {angle}");
+            assert!((cos.lane(0) - angle.cos()).abs() < 1.2e-7, "f32 cos {angle}");
+        }
+    }
+}

@@ -1,0 +1,47 @@
+//! The arm: randomization, excitation, forward dynamics on SIMD lanes, integrators, trajectories.
+//!
+//! [`simulate`] turns a [`spec::SimulateSpec`] and a range of trajectory indices into torques and
+//! joint positions. Trajectory `i` is a function of (spec, `i`): every random number is keyed by
+//! (seed, index, purpose, draw), and every lane type does the same fused arithmetic in the same
+//! order, so that ranges, threads, neighbours and processors do not show in the result.
+//!
+//! Symbols are those of the manipulator equation
+//! `(M(q) + A) q̈ + C(q, q̇) q̇ + g(q) + D q̇ = u`, in SI units, with armature `A` and damping `D`.
+
+#![expect(
+    clippy::needless_range_loop,
+    reason = "closures do not inline into functions compiled for other instructions; loops over indices do"
+)]
+
+mod block;
+mod error;
+mod excitation;
+mod forward_dynamics;
+mod inertia;
+mod initial_state;
+mod instruction_set;
+mod integrators;
+mod lanes;
+mod model;
+mod panda;
+mod random;
+mod randomization;
+mod rejection;
+mod robot;
+mod scenario;
+mod simulate;
+mod single;
+mod spatial;
+
+pub use error::DynamicsError;
+pub use excitation::{Chirp, Multisine, Torques};
+pub use inertia::RigidBody;
+pub use instruction_set::InstructionSet;
+pub use panda::JOINT_LIMITS_RAD;
+pub use robot::Robot;
+pub use scenario::{Scenario, Scenarios};
+pub use simulate::{Trajectories, simulate, simulate_on};
+pub use single::{bias_forces, forward_dynamics, gravity, mass_matrix};
+
+/// One value per joint.
+pub type Joints<T> = [T; spec::JOINTS];

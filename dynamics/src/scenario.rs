@@ -1,0 +1,89 @@
+use spec::{Cell, Family, Frequency, SimulateSpec};
+
+use crate::excitation::{Torques, draw_chirps, draw_multisines};
+use crate::initial_state::draw_initial_state;
+use crate::random::{Draws, Purpose};
+use crate::randomization::draw_robot;
+use crate::{Joints, Robot};
+
+/// Everything that makes one trajectory.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Scenario {
+    /// Of the trajectory in its dataset.
+    pub index: u64,
+    /// How many draws it took: 1 when the first was kept.
+    pub draws: u32,
+    pub robot: Robot,
+    pub family: Family,
+    /// The master frequency.
+    pub frequency_hz: f64,
+    /// Positions at t = 0, rad.
+    pub q0: Joints<f64>,
+    /// Velocities at t = 0, rad/s.
+    pub qd0: Joints<f64>,
+    pub torques: Torques,
+}
+
+/// The scenarios of a spec, by index.
+pub struct Scenarios<'a> {
+    spec: &'a SimulateSpec,
+    cells: Vec<Cell>,
+}
+
+impl<'a> Scenarios<'a> {
+    pub fn new(spec: &'a SimulateSpec) -> Self {
+        Self { spec, cells: spec.cells() }
+    }
+
+    pub fn spec(&self) -> &'a SimulateSpec {
+        self.spec
+    }
+
+    /// The scenario of trajectory `index` at its `draw`th draw, 1 for the first.
+    ///
+    /// Excitation family and master frequency are the trajectory's own and the same at every draw,
+    /// so that rejection cannot shift their shares; robot, initial state and torques are drawn anew.
+    ///
+    /// Indices past the spec's `trajectories` are allowed and continue the dataset; with a frequency
+    /// grid they belong to the last cell.
+    pub fn draw(&self, index: u64, draw: u32) -> Scenario {
+        let draws = |purpose, draw| Draws::new(self.spec.seed, index, purpose, draw);
+        let (excitation, frequency_hz) = self.design(index, &mut draws(Purpose::Design, 0));
+        let robot = draw_robot(&self.spec.robot, &mut draws(Purpose::Robot, draw));
+        let (q0, qd0) =
+            draw_initial_state(&self.spec.initial_state, &mut draws(Purpose::InitialState, draw));
+        let mut draws = draws(Purpose::Excitation, draw);
+        let torques = match excitation {
+            Law::Chirp(chirp) => draw_chirps(chirp, frequency_hz, &mut draws),
+            Law::Multisine(multisine) => draw_multisines(multisine, frequency_hz, &mut draws),
+        };
+        let family = torques.family();
+        Scenario { index, draws: draw, robot, family, frequency_hz, q0, qd0, torques }
+    }
+
+    /// The law and the master frequency of a trajectory.
+    fn design(&self, index: u64, draws: &mut Draws) -> (Law<'a>, f64) {
+        let excitation = &self.spec.excitation;
+        let prefers_chirp = draws.unit() < excitation.chirp_fraction;
+        let (law, frequency) = match (&excitation.chirp, &excitation.multisine) {
+            (Some(chirp), None) => (Law::Chirp(chirp), &chirp.frequency_hz),
+            (Some(chirp), Some(_)) if prefers_chirp => (Law::Chirp(chirp), &chirp.frequency_hz),
+            (_, Some(multisine)) => (Law::Multisine(multisine), &multisine.frequency_hz),
+            (None, None) => unreachable!("a checked spec has at least one excitation family"),
+        };
+        let frequency_hz = match frequency {
+            Frequency::Fixed(frequency_hz) => *frequency_hz,
+            Frequency::Uniform(range) => draws.uniform(*range),
+            Frequency::Grid(grid) => {
+                let own = self.cells.iter().rfind(|cell| cell.first <= index);
+                own.map_or(grid[0], |cell| cell.frequency_hz)
+            }
+        };
+        (law, frequency_hz)
+    }
+}
+
+enum Law<'a> {
+    Chirp(&'a spec::Chirp),
+    Multisine(&'a spec::Multisine),
+}

@@ -1,0 +1,212 @@
+//! Vectors and inertias of the recursion, moved between the frames of neighbouring links.
+//!
+//! A child's frame is the parent's, shifted by the joint's offset, turned by its twist about x and
+//! by its angle about z. Offsets and twists are constants of the arm, so that their zeros and
+//! quarter turns cost nothing: every `J` below is a joint whose constants the compiler sees.
+
+use crate::lanes::Lanes;
+use crate::panda::{JOINT_ORIGINS, Twist};
+
+pub(crate) type Vector<L> = [L; 3];
+/// Entries xx, xy, xz, yy, yz, zz of a symmetric matrix.
+pub(crate) type Symmetric<L> = [L; 6];
+
+/// Sine and cosine of a joint's angle.
+#[derive(Clone, Copy)]
+pub(crate) struct Turn<L> {
+    pub(crate) sin: L,
+    pub(crate) cos: L,
+}
+
+impl<L: Lanes> Turn<L> {
+    #[inline(always)]
+    pub(crate) fn by(angle: L) -> Self {
+        let (sin, cos) = angle.sin_cos();
+        Self { sin, cos }
+    }
+
+    /// A vector of joint `J`'s link, in the parent's axes.
+    #[inline(always)]
+    pub(crate) fn to_parent<const J: usize>(self, [x, y, z]: Vector<L>) -> Vector<L> {
+        let turned_x = self.sin.neg_mul_add(y, self.cos * x);
+        let turned_y = self.sin.mul_add(x, self.cos * y);
+        match const { JOINT_ORIGINS[J].twist } {
+            Twist::None => [turned_x, turned_y, z],
+            Twist::Quarter => [turned_x, -z, turned_y],
+            Twist::MinusQuarter => [turned_x, z, -turned_y],
+        }
+    }
+
+    /// A vector of the parent, in the axes of joint `J`'s link.
+    #[inline(always)]
+    pub(crate) fn to_child<const J: usize>(self, [x, y, z]: Vector<L>) -> Vector<L> {
+        let (y, z) = match const { JOINT_ORIGINS[J].twist } {
+            Twist::None => (y, z),
+            Twist::Quarter => (z, -y),
+            Twist::MinusQuarter => (-z, y),
+        };
+        [self.sin.mul_add(y, self.cos * x), self.sin.neg_mul_add(x, self.cos * y), z]
+    }
+
+    /// A symmetric matrix of joint `J`'s link, in the parent's axes: R A Rᵀ.
+    #[inline(always)]
+    pub(crate) fn symmetric_to_parent<const J: usize>(self, a: Symmetric<L>) -> Symmetric<L> {
+        let Self { sin, cos } = self;
+        let [xx, xy, xz, yy, yz, zz] = a;
+        let half_x = sin.neg_mul_add(xy, cos * xx);
+        let half_y = sin.neg_mul_add(yy, cos * xy);
+        let turned_xx = sin.neg_mul_add(half_y, cos * half_x);
+        let turned_xy = cos.mul_add(half_y, sin * half_x);
+        // The trace of the turned block is that of the block.
+        let turned_yy = (xx + yy) - turned_xx;
+        let turned_xz = sin.neg_mul_add(yz, cos * xz);
+        let turned_yz = cos.mul_add(yz, sin * xz);
+        match const { JOINT_ORIGINS[J].twist } {
+            Twist::None => [turned_xx, turned_xy, turned_xz, turned_yy, turned_yz, zz],
+            Twist::Quarter => [turned_xx, -turned_xz, turned_xy, zz, -turned_yz, turned_yy],
+            Twist::MinusQuarter => [turned_xx, turned_xz, -turned_xy, zz, -turned_yz, turned_yy],
+        }
+    }
+}
+
+#[inline(always)]
+const fn offset<const J: usize>(axis: usize) -> f64 {
+    JOINT_ORIGINS[J].offset[axis]
+}
+
+/// `sum + offset × v` with the offset of joint `J`.
+#[inline(always)]
+pub(crate) fn add_offset_cross<L: Lanes, const J: usize>(
+    v: Vector<L>,
+    sum: Vector<L>,
+) -> Vector<L> {
+    let mut sum = sum;
+    if const { offset::<J>(0) != 0.0 } {
+        let x = L::splat(offset::<J>(0));
+        sum[1] = x.neg_mul_add(v[2], sum[1]);
+        sum[2] = x.mul_add(v[1], sum[2]);
+    }
+    if const { offset::<J>(1) != 0.0 } {
+        let y = L::splat(offset::<J>(1));
+        sum[0] = y.mul_add(v[2], sum[0]);
+        sum[2] = y.neg_mul_add(v[0], sum[2]);
+    }
+    if const { offset::<J>(2) != 0.0 } {
+        let z = L::splat(offset::<J>(2));
+        sum[0] = z.neg_mul_add(v[1], sum[0]);
+        sum[1] = z.mul_add(v[0], sum[1]);
+    }
+    sum
+}
+
+/// `sum + factor · offset` with the offset of joint `J`.
+#[inline(always)]
+pub(crate) fn add_scaled_offset<L: Lanes, const J: usize>(factor: L, sum: Vector<L>) -> Vector<L> {
+    let mut sum = sum;
+    for axis in 0..3 {
+        if offset::<J>(axis) != 0.0 {
+            sum[axis] = factor.mul_add(L::splat(offset::<J>(axis)), sum[axis]);
+        }
+    }
+    sum
+}
+
+/// `sum + A · offset` with the offset of joint `J`.
+#[inline(always)]
+pub(crate) fn add_matrix_offset<L: Lanes, const J: usize>(
+    a: &[Vector<L>; 3],
+    sum: Vector<L>,
+) -> Vector<L> {
+    let mut sum = sum;
+    for row in 0..3 {
+        for axis in 0..3 {
+            if offset::<J>(axis) != 0.0 {
+                sum[row] = a[row][axis].mul_add(L::splat(offset::<J>(axis)), sum[row]);
+            }
+        }
+    }
+    sum
+}
+
+/// Inertia about the parent's origin of a body whose inertia about joint `J`'s is given, all in the
+/// parent's axes: I − [t][h] − [h][t] − m [t][t] with t the offset and h the first moment, where
+/// [t] is the matrix of t × ·.
+#[inline(always)]
+pub(crate) fn shifted_inertia<L: Lanes, const J: usize>(
+    mass: L,
+    first_moment: Vector<L>,
+    inertia: Symmetric<L>,
+) -> Symmetric<L> {
+    /// Where entry (row, column) sits in a [`Symmetric`].
+    const ENTRY: [[usize; 3]; 3] = [[0, 1, 2], [1, 3, 4], [2, 4, 5]];
+
+    let mean_moment = add_scaled_offset::<L, J>(mass * L::splat(0.5), first_moment);
+    let mut shifted = inertia;
+    for axis in 0..3 {
+        if offset::<J>(axis) != 0.0 {
+            let t = L::splat(offset::<J>(axis));
+            let twice_t = L::splat(2.0 * offset::<J>(axis));
+            for other in 0..3 {
+                if other != axis {
+                    let (diagonal, mixed) = (ENTRY[other][other], ENTRY[axis][other]);
+                    shifted[diagonal] = twice_t.mul_add(mean_moment[axis], shifted[diagonal]);
+                    shifted[mixed] = t.neg_mul_add(mean_moment[other], shifted[mixed]);
+                }
+            }
+        }
+    }
+    shifted
+}
+
+/// a × b.
+#[inline(always)]
+pub(crate) fn cross<L: Lanes>(a: Vector<L>, b: Vector<L>) -> Vector<L> {
+    [
+        a[2].neg_mul_add(b[1], a[1] * b[2]),
+        a[0].neg_mul_add(b[2], a[2] * b[0]),
+        a[1].neg_mul_add(b[0], a[0] * b[1]),
+    ]
+}
+
+/// sum + a × b.
+#[inline(always)]
+pub(crate) fn add_cross<L: Lanes>(a: Vector<L>, b: Vector<L>, sum: Vector<L>) -> Vector<L> {
+    [
+        a[2].neg_mul_add(b[1], a[1].mul_add(b[2], sum[0])),
+        a[0].neg_mul_add(b[2], a[2].mul_add(b[0], sum[1])),
+        a[1].neg_mul_add(b[0], a[0].mul_add(b[1], sum[2])),
+    ]
+}
+
+/// A v.
+#[inline(always)]
+pub(crate) fn symmetric_product<L: Lanes>(a: &Symmetric<L>, v: Vector<L>) -> Vector<L> {
+    [
+        a[2].mul_add(v[2], a[1].mul_add(v[1], a[0] * v[0])),
+        a[4].mul_add(v[2], a[3].mul_add(v[1], a[1] * v[0])),
+        a[5].mul_add(v[2], a[4].mul_add(v[1], a[2] * v[0])),
+    ]
+}
+
+/// sum + A v.
+#[inline(always)]
+pub(crate) fn add_symmetric_product<L: Lanes>(
+    a: &Symmetric<L>,
+    v: Vector<L>,
+    sum: Vector<L>,
+) -> Vector<L> {
+    [
+        a[2].mul_add(v[2], a[1].mul_add(v[1], a[0].mul_add(v[0], sum[0]))),
+        a[4].mul_add(v[2], a[3].mul_add(v[1], a[1].mul_add(v[0], sum[1]))),
+        a[5].mul_add(v[2], a[4].mul_add(v[1], a[2].mul_add(v[0], sum[2]))),
+    ]
+}
+
+#[inline(always)]
+pub(crate) fn sum<L: Lanes, const N: usize>(a: [L; N], b: [L; N]) -> [L; N] {
+    let mut sum = a;
+    for i in 0..N {
+        sum[i] = a[i] + b[i];
+    }
+    sum
+}
