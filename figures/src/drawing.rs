@@ -1,0 +1,248 @@
+//! From a layout to an SVG document.
+//!
+//! Each part is drawn by plotters on a canvas of its own and then wrapped in a group, because the
+//! canvas itself has no dashes, no clipping and no names for what belongs together.
+
+use plotters::prelude::{ChartBuilder, IntoDrawingArea, RGBColor, SVGBackend};
+use plotters::style::text_anchor::{HPos, Pos, VPos};
+use plotters::style::{Color, FontDesc, FontFamily, FontStyle, ShapeStyle, TextStyle};
+use plotters_backend::DrawingBackend;
+
+use crate::coordinate::{SUBPIXELS, subpixels};
+use crate::layout::{
+    BandLabel, FONT_SIZE, LEGEND_LINE, LEGEND_SPACE, Layout, MARGIN, PlacedBand, TITLE_FONT_SIZE,
+    X_AXIS_HEIGHT,
+};
+use crate::marks::{Drawn, Look};
+use crate::trace::Trace;
+use crate::{Figure, FigureError, SERIES_ALLOWED, Size, Stroke, description, text};
+
+const INK: RGBColor = RGBColor(0x22, 0x22, 0x22);
+const AXIS: RGBColor = RGBColor(0x55, 0x55, 0x55);
+const GRID: RGBColor = RGBColor(0xD6, 0xD6, 0xD6);
+const FINE_GRID: RGBColor = RGBColor(0xEC, 0xEC, 0xEC);
+const SHADE: RGBColor = RGBColor(0x80, 0x80, 0x80);
+const FONT: &str = "system-ui, sans-serif";
+/// Room around the plot for markers and lines of points that lie on its edge, in CSS pixels.
+const OVERHANG: f64 = 6.0;
+
+pub(crate) fn svg(figure: &Figure, size: Size) -> Result<String, FigureError> {
+    size.check()?;
+    for (what, count) in [("series", figure.series.len()), ("bands", figure.bands.len())] {
+        if count > SERIES_ALLOWED {
+            return Err(FigureError::TooMany { what, count });
+        }
+    }
+    let traces: Vec<Trace> = figure
+        .series
+        .iter()
+        .map(|series| Trace::new(&series.points, &figure.x, &figure.y))
+        .collect();
+    let layout = Layout::new(figure, &traces, size)?;
+    let looks: Vec<Look> = figure
+        .series
+        .iter()
+        .zip(&traces)
+        .enumerate()
+        .map(|(index, (series, trace))| Look::new(index, series, trace))
+        .collect();
+
+    let empty = traces.iter().all(|trace| trace.drawable == 0);
+    let mut body = bands(&layout)?;
+    body.push_str(&frame(&layout)?);
+    body.push_str(&data(figure, &layout, &looks, &traces)?);
+    body.push_str(&legend(&layout, &looks)?);
+    body.push_str(&titles(&layout, empty)?);
+    Ok(document(figure, &traces, size, &body))
+}
+
+/// The root element around the drawn groups.
+fn document(figure: &Figure, traces: &[Trace], size: Size, body: &str) -> String {
+    let Size { width, height } = size;
+    let title = text::xml(&figure.title);
+    let description = text::xml(&description::describe(figure, traces));
+    let shrink = 1.0 / f64::from(SUBPIXELS);
+    format!(
+        r##"<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="100%" role="img">
+<title>{title}</title>
+<desc>{description}</desc>
+<rect width="{width}" height="{height}" rx="8" fill="#FFFFFF"/>
+<g transform="scale({shrink})" stroke-linejoin="round">
+{body}</g>
+</svg>
+"##
+    )
+}
+
+/// What `draw` leaves on an empty canvas, without the canvas's own root element.
+fn canvas<E>(
+    layout: &Layout,
+    name: &'static str,
+    draw: impl FnOnce(SVGBackend) -> Result<(), E>,
+) -> Result<String, FigureError>
+where
+    E: std::error::Error + Send + Sync + 'static,
+{
+    let size = [layout.size.width, layout.size.height].map(|n| u32::from(n) * u32::from(SUBPIXELS));
+    let mut drawn = String::new();
+    draw(SVGBackend::with_string(&mut drawn, (size[0], size[1])))
+        .map_err(|source| FigureError::Drawing { layer: name, source: Box::new(source) })?;
+    let inner = drawn.split_once(">\n").and_then(|(_, rest)| rest.strip_suffix("</svg>\n"));
+    Ok(inner.unwrap_or_default().to_owned())
+}
+
+fn bands(layout: &Layout) -> Result<String, FigureError> {
+    canvas(layout, "bands", |mut canvas| {
+        for band in &layout.bands {
+            draw_band(&mut canvas, layout, band)?;
+        }
+        canvas.present()
+    })
+}
+
+fn draw_band(canvas: &mut SVGBackend, layout: &Layout, band: &PlacedBand) -> Drawn {
+    // A sliver must not pass for a grid line.
+    let alpha = if band.right - band.left < 8.0 { 0.55 } else { 0.22 };
+    let upper = (subpixels(band.left), subpixels(layout.plot.top));
+    let lower = (subpixels(band.right), subpixels(layout.plot.bottom));
+    canvas.draw_rect(upper, lower, &ShapeStyle::from(&SHADE.mix(alpha)), true)?;
+    if let Some(BandLabel { text, center, middle }) = &band.label {
+        let style = font(FONT_SIZE, &AXIS).pos(Pos::new(HPos::Center, VPos::Center));
+        canvas.draw_text(text, &style, (subpixels(*center), subpixels(*middle)))?;
+    }
+    Ok(())
+}
+
+/// Grid, axes, ticks and headings.
+fn frame(layout: &Layout) -> Result<String, FigureError> {
+    let plot = &layout.plot;
+    let (width, height) = (f64::from(layout.size.width), f64::from(layout.size.height));
+    canvas(layout, "axes", |canvas| {
+        let area = canvas.into_drawing_area();
+        let mut chart = ChartBuilder::on(&area)
+            .margin_left(subpixels(MARGIN))
+            .margin_right(subpixels(width) - subpixels(plot.right))
+            .margin_top(subpixels(plot.top))
+            .margin_bottom(subpixels(height) - subpixels(plot.bottom + X_AXIS_HEIGHT))
+            .x_label_area_size(subpixels(X_AXIS_HEIGHT))
+            .y_label_area_size(subpixels(plot.left) - subpixels(MARGIN))
+            .build_cartesian_2d(layout.x.clone(), layout.y.clone())?;
+        let hairline =
+            |color: &RGBColor| ShapeStyle::from(color).stroke_width(u32::from(SUBPIXELS));
+        chart
+            .configure_mesh()
+            .axis_style(hairline(&AXIS))
+            .bold_line_style(hairline(&GRID))
+            .light_line_style(hairline(&FINE_GRID))
+            .label_style(font(FONT_SIZE, &INK))
+            .axis_desc_style(font(FONT_SIZE, &INK))
+            .set_all_tick_mark_size(subpixels(4.0))
+            .x_desc(&layout.x_heading)
+            .y_desc(&layout.y_heading)
+            .draw()?;
+        area.present()
+    })
+}
+
+/// The series, clipped to the plot. A nested `<svg>` clips without needing an id.
+fn data(
+    figure: &Figure,
+    layout: &Layout,
+    looks: &[Look],
+    traces: &[Trace],
+) -> Result<String, FigureError> {
+    let plot = &layout.plot;
+    let [x, y, width, height] = [
+        plot.left - OVERHANG,
+        plot.top - OVERHANG,
+        plot.width() + 2.0 * OVERHANG,
+        plot.height() + 2.0 * OVERHANG,
+    ]
+    .map(subpixels);
+    let mut clipped = format!(
+        "<svg x=\"{x}\" y=\"{y}\" width=\"{width}\" height=\"{height}\" \
+         viewBox=\"{x} {y} {width} {height}\">\n"
+    );
+    // All ribbons lie below all lines.
+    for (look, trace) in looks.iter().zip(traces) {
+        clipped.push_str(&canvas(layout, "ribbons", |mut canvas| {
+            look.draw_ribbons(&mut canvas, layout, trace)?;
+            canvas.present()
+        })?);
+    }
+    for ((series, look), trace) in figure.series.iter().zip(looks).zip(traces) {
+        let lines = canvas(layout, "lines", |mut canvas| {
+            look.draw_lines(&mut canvas, layout, trace)?;
+            canvas.present()
+        })?;
+        let points = canvas(layout, "points", |mut canvas| {
+            look.draw_points(&mut canvas, layout, trace)?;
+            canvas.present()
+        })?;
+        let name = text::xml(&series.name);
+        let lines = stroked(look.stroke, &lines);
+        clipped.push_str(&format!("<g>\n<title>{name}</title>\n{lines}{points}</g>\n"));
+    }
+    clipped.push_str("</svg>\n");
+    Ok(clipped)
+}
+
+fn legend(layout: &Layout, looks: &[Look]) -> Result<String, FigureError> {
+    let mut legend = String::new();
+    for entry in &layout.legend {
+        let look = entry.series.and_then(|series| looks.get(series));
+        if let Some(look) = look {
+            let line = canvas(layout, "legend", |mut canvas| {
+                look.draw_legend_line(&mut canvas, entry)?;
+                canvas.present()
+            })?;
+            legend.push_str(&stroked(look.stroke, &line));
+        }
+        legend.push_str(&canvas(layout, "legend", |mut canvas| {
+            if let Some(look) = look {
+                look.draw_legend_marker(&mut canvas, entry)?;
+            }
+            let style = font(FONT_SIZE, &INK).pos(Pos::new(HPos::Left, VPos::Center));
+            let left = subpixels(entry.left + LEGEND_LINE + LEGEND_SPACE);
+            canvas.draw_text(&entry.name, &style, (left, subpixels(entry.middle)))?;
+            canvas.present()
+        })?);
+    }
+    Ok(legend)
+}
+
+fn titles(layout: &Layout, empty: bool) -> Result<String, FigureError> {
+    canvas(layout, "titles", |mut canvas| {
+        let title = styled(TITLE_FONT_SIZE, &INK, FontStyle::Bold);
+        let at = (subpixels(MARGIN), subpixels(MARGIN));
+        canvas.draw_text(&layout.title, &title.pos(Pos::new(HPos::Left, VPos::Top)), at)?;
+        if empty {
+            let plot = &layout.plot;
+            let middle = ((plot.left + plot.right) / 2.0, (plot.top + plot.bottom) / 2.0);
+            let style = font(TITLE_FONT_SIZE, &AXIS).pos(Pos::new(HPos::Center, VPos::Center));
+            canvas.draw_text("no data yet", &style, (subpixels(middle.0), subpixels(middle.1)))?;
+        }
+        canvas.present()
+    })
+}
+
+/// Lines in a group that dashes them if their series asks for it.
+fn stroked(stroke: Stroke, lines: &str) -> String {
+    match stroke {
+        Stroke::Solid => lines.to_owned(),
+        Stroke::Dashed => {
+            let (dash, gap) = (subpixels(7.0), subpixels(4.0));
+            format!("<g stroke-dasharray=\"{dash} {gap}\">\n{lines}</g>\n")
+        }
+    }
+}
+
+fn font(size: f64, color: &'static RGBColor) -> TextStyle<'static> {
+    styled(size, color, FontStyle::Normal)
+}
+
+fn styled(size: f64, color: &'static RGBColor, style: FontStyle) -> TextStyle<'static> {
+    // plotters writes 1/1.24 of a font's size into the SVG.
+    let size = size * 1.24 * f64::from(SUBPIXELS);
+    TextStyle::from(FontDesc::new(FontFamily::Name(FONT), size, style)).color(color)
+}
