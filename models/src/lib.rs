@@ -8,6 +8,8 @@
 //!
 //! All series are row-major `[trajectory, sample, joint]`, u in N·m and y in rad.
 
+#[cfg(test)]
+mod agreement_with_pytorch;
 mod attention;
 mod batch;
 mod checkpoint;

@@ -120,6 +120,11 @@ impl ModelOptimizer {
 }
 
 impl NamedGradients {
+    #[cfg(test)]
+    pub fn by_name(&self) -> &BTreeMap<String, Tensor<1>> {
+        &self.gradients
+    }
+
     /// Takes the gradients of the model's parameters out of `gradients`.
     pub fn of(model: &SequenceModel, gradients: Gradients) -> Result<Self, ModelError> {
         let mut collector = Collector {

@@ -1,5 +1,7 @@
 //! What a trained model answers, and what it may know to do so.
 
+#![expect(clippy::unwrap_used, reason = "a test ends at what it did not expect")]
+
 mod synthetic;
 
 use models::{Batch, Device, ModelError, PredictionInput, TrainedModel, Trainer, TrainingData};

@@ -1,5 +1,7 @@
 //! What a training promises: that it learns, repeats, resumes exactly and says when it fails.
 
+#![expect(clippy::unwrap_used, reason = "a test ends at what it did not expect")]
+
 mod synthetic;
 
 use models::{CheckpointFiles, Device, ModelError, StatisticsAccumulator, Trainer, TrainingData};
