@@ -29,7 +29,7 @@ pub(crate) fn describe(figure: &Figure, traces: &[Trace]) -> String {
 fn axis(axis: &Axis) -> String {
     let scale = match axis.scale {
         Scale::Linear => "",
-        Scale::Log => ", logarithmic",
+        Scale::Log => " (logarithmic)",
     };
     format!("{}{scale}", axis.heading())
 }

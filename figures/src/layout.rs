@@ -4,7 +4,7 @@ use plotters::coord::ranged1d::Ranged;
 
 use crate::coordinate::{Coordinate, Direction, subpixels};
 use crate::trace::{Dot, Trace, drawable};
-use crate::{Band, Figure, FigureError, Size, text};
+use crate::{Axis, Band, Figure, FigureError, Size, text};
 
 pub(crate) const FONT_SIZE: f64 = 12.0;
 pub(crate) const TITLE_FONT_SIZE: f64 = 15.0;
@@ -122,8 +122,8 @@ impl Layout {
             plot,
             title: text::fit(&figure.title, TITLE_FONT_SIZE * 1.05, width - 2.0 * MARGIN),
             bands: place_bands(&figure.bands, &x, &plot, title_height),
-            x_heading: text::fit(&figure.x.heading(), FONT_SIZE, plot.width()),
-            y_heading: text::fit(&figure.y.heading(), FONT_SIZE, y_heading_room),
+            x_heading: fit_heading(&figure.x, plot.width()),
+            y_heading: fit_heading(&figure.y, y_heading_room),
             x,
             y,
             legend,
@@ -172,6 +172,20 @@ fn coordinates(figure: &Figure, traces: &[Trace]) -> Result<(Coordinate, Coordin
         Coordinate::new(&figure.x, Direction::Horizontal, across)?,
         Coordinate::new(&figure.y, Direction::Vertical, up)?,
     ))
+}
+
+/// The heading of an axis, shortened in its label: a number without its unit misleads.
+fn fit_heading(axis: &Axis, room: f64) -> String {
+    let heading = text::printable(&axis.heading());
+    let unit = axis.unit.as_ref().map(|unit| text::printable(&format!(" ({unit})")));
+    match unit {
+        Some(unit) if text::width(&heading, FONT_SIZE) > room => {
+            let unit = text::fit(&unit, FONT_SIZE, room / 2.0);
+            let label_room = room - text::width(&unit, FONT_SIZE);
+            format!("{}{unit}", text::fit(&axis.label, FONT_SIZE, label_room))
+        }
+        _ => text::fit(&heading, FONT_SIZE, room),
+    }
 }
 
 /// Beside the plot if several rows would be needed below it and the drawing is wide enough.

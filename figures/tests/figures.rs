@@ -98,6 +98,15 @@ fn axes_legend_and_title_are_written() {
 }
 
 #[test]
+fn a_heading_that_is_too_long_keeps_its_unit() {
+    let series = vec![Series::line("a", points(&[1.0, 2.0]))];
+    let y = Axis::linear("root mean squared error of the joint positions").in_unit("rad");
+    let drawn = Figure { y, ..figure(series) }.to_svg(Size { width: 300, height: 220 }).unwrap();
+    let texts = texts(&Document::parse(&drawn).unwrap());
+    assert!(texts.iter().any(|text| text.starts_with("root") && text.ends_with("… (rad)")));
+}
+
+#[test]
 fn points_that_are_not_finite_break_the_line_and_are_told() {
     let values = [1.0, 2.0, f64::NAN, 3.0, 4.0, f64::INFINITY, f64::NEG_INFINITY, 1.0, 2.0];
     let drawn = svg(&figure(vec![Series::line("training", points(&values))]));
