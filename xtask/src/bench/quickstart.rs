@@ -1,0 +1,128 @@
+//! Seconds per stage of the quickstart, from the times the server keeps of its jobs.
+
+use std::io::{BufRead, BufReader};
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::time::Instant;
+
+use anyhow::{Context, bail, ensure};
+use serde::Deserialize;
+
+use super::{Measurement, Peers, build_torqued};
+use crate::process;
+
+/// The whole quickstart on two cores without a GPU, in seconds.
+const GOAL_FIRST: f64 = 300.0;
+/// A second run, which has nothing to compute.
+const GOAL_SECOND: f64 = 10.0;
+
+pub(super) fn run(peers: Peers) -> anyhow::Result<Vec<Measurement>> {
+    if peers == Peers::Measured {
+        eprintln!("no other program does what the quickstart does: nothing to compare with");
+    }
+    let torqued = build_torqued()?;
+    let data = tempfile::Builder::new().prefix("torqued-bench-").tempdir()?;
+    let first = quickstart(&torqued, data.path())?;
+    let second = quickstart(&torqued, data.path())?;
+    let mut measurements: Vec<Measurement> = stages(&torqued, data.path())?
+        .into_iter()
+        .map(|(stage, seconds)| Measurement::alone(stage, seconds, "s", None))
+        .collect();
+    measurements.push(Measurement::alone("first run", first, "s", Some(GOAL_FIRST)));
+    measurements.push(Measurement::alone("second run", second, "s", Some(GOAL_SECOND)));
+    Ok(measurements)
+}
+
+/// Seconds that one quickstart takes, from start to exit.
+fn quickstart(torqued: &Path, data: &Path) -> anyhow::Result<f64> {
+    let started = Instant::now();
+    let mut command = Command::new(torqued);
+    command.args(["quickstart", "--exit", "--listen", "127.0.0.1:0", "--data"]).arg(data);
+    let finished = process::run(&mut command)?;
+    ensure!(finished.success, "quickstart failed");
+    Ok(started.elapsed().as_secs_f64())
+}
+
+#[derive(Deserialize)]
+struct JobList {
+    jobs: Vec<Job>,
+}
+
+#[derive(Deserialize)]
+struct Job {
+    id: i64,
+    kind: String,
+    started_at: Option<String>,
+    finished_at: Option<String>,
+    #[serde(default)]
+    members: Vec<Member>,
+}
+
+#[derive(Deserialize)]
+struct Member {
+    name: String,
+    job: i64,
+}
+
+/// Seconds that each job of the pipeline took.
+fn stages(torqued: &Path, data: &Path) -> anyhow::Result<Vec<(String, f64)>> {
+    let server = Serving::start(torqued, data)?;
+    let output = Command::new(torqued)
+        .args(["jobs", "--json", "--server", &server.url])
+        .output()
+        .context("cannot run torqued jobs")?;
+    ensure!(output.status.success(), "torqued jobs: {}", String::from_utf8_lossy(&output.stderr));
+    let list: JobList = serde_json::from_slice(&output.stdout).context("unexpected job list")?;
+    let pipeline = list.jobs.iter().find(|job| job.kind == "pipeline").context("no pipeline")?;
+    pipeline
+        .members
+        .iter()
+        .map(|member| {
+            let job = list.jobs.iter().find(|job| job.id == member.job);
+            let job = job.with_context(|| format!("no job {}", member.job))?;
+            Ok((member.name.clone(), seconds(job)?))
+        })
+        .collect()
+}
+
+fn seconds(job: &Job) -> anyhow::Result<f64> {
+    let (Some(started), Some(finished)) = (&job.started_at, &job.finished_at) else {
+        bail!("job {} did not finish", job.id);
+    };
+    let started = humantime::parse_rfc3339_weak(started)?;
+    let finished = humantime::parse_rfc3339_weak(finished)?;
+    Ok(finished.duration_since(started)?.as_secs_f64())
+}
+
+/// A server without workers, there to be asked.
+struct Serving {
+    process: Child,
+    url: String,
+}
+
+impl Serving {
+    fn start(torqued: &Path, data: &Path) -> anyhow::Result<Self> {
+        let mut process = Command::new(torqued)
+            .args(["serve", "--workers", "0", "--listen", "127.0.0.1:0", "--data"])
+            .arg(data)
+            .stdout(Stdio::piped())
+            .spawn()
+            .context("cannot run torqued serve")?;
+        let mut line = String::new();
+        if let Some(stdout) = process.stdout.take() {
+            BufReader::new(stdout).read_line(&mut line)?;
+        }
+        let url = line.split_whitespace().last().unwrap_or_default().to_owned();
+        let serving = Self { process, url };
+        ensure!(serving.url.starts_with("http://"), "torqued serve did not say where: {line:?}");
+        Ok(serving)
+    }
+}
+
+impl Drop for Serving {
+    fn drop(&mut self) {
+        // It has no workers and nothing to lose.
+        let _ = self.process.kill();
+        let _ = self.process.wait();
+    }
+}

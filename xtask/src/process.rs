@@ -1,0 +1,75 @@
+//! Running other programs: shown as they go, and kept to be read afterwards.
+
+use std::io::{BufRead, BufReader, Read};
+use std::process::{Command, Stdio};
+use std::sync::mpsc;
+use std::thread;
+
+use anyhow::Context;
+
+use crate::repository;
+
+/// What a program that ran to its end printed, and whether it succeeded.
+#[derive(Debug)]
+pub struct Finished {
+    pub success: bool,
+    /// Lines of standard output and standard error, in the order they came.
+    pub text: String,
+}
+
+/// A program run from the repository's folder.
+pub fn command(program: &str, arguments: &[&str]) -> Command {
+    let mut command = Command::new(program);
+    command.args(arguments).current_dir(repository()).stdin(Stdio::null());
+    command
+}
+
+/// Runs to the end, passing every line on to our own standard error.
+///
+/// # Errors
+/// When the program cannot be started.
+pub fn run(command: &mut Command) -> anyhow::Result<Finished> {
+    let program = command.get_program().to_string_lossy().into_owned();
+    let mut child = command
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .with_context(|| format!("cannot run {program}"))?;
+    let (sender, lines) = mpsc::channel();
+    let streams: [Option<Box<dyn Read + Send>>; 2] = [
+        child.stdout.take().map(|stream| Box::new(stream) as _),
+        child.stderr.take().map(|stream| Box::new(stream) as _),
+    ];
+    for stream in streams.into_iter().flatten() {
+        let sender = sender.clone();
+        thread::spawn(move || pass_on(stream, &sender));
+    }
+    drop(sender);
+    let mut text = String::new();
+    for line in lines {
+        eprintln!("{line}");
+        text.push_str(&line);
+        text.push('\n');
+    }
+    let status = child.wait().with_context(|| format!("cannot wait for {program}"))?;
+    Ok(Finished { success: status.success(), text })
+}
+
+fn pass_on(stream: impl Read, sender: &mpsc::Sender<String>) {
+    let mut lines = BufReader::new(stream);
+    let mut line = Vec::new();
+    while lines.read_until(b'\n', &mut line).is_ok_and(|count| count > 0) {
+        let text = String::from_utf8_lossy(&line).trim_end().to_owned();
+        if sender.send(text).is_err() {
+            return;
+        }
+        line.clear();
+    }
+}
+
+/// Whether `program` can be found.
+pub fn exists(program: &str) -> bool {
+    std::env::var_os("PATH").is_some_and(|path| {
+        std::env::split_paths(&path).any(|folder| folder.join(program).is_file())
+    })
+}

@@ -1,0 +1,92 @@
+//! What the tests need and a fresh machine lacks.
+
+use std::process::Command;
+
+use anyhow::{Context, ensure};
+
+use crate::process::{self, command};
+use crate::repository;
+
+/// Interpreter of the environment that the reader tests run in.
+pub const PYTHON: &str = ".venv/bin/python";
+
+pub struct Installation {
+    pub name: &'static str,
+    pub run: fn() -> anyhow::Result<()>,
+}
+
+pub const ALL: [Installation; 4] = [
+    Installation { name: "install system packages", run: system_packages },
+    Installation { name: "install cargo-nextest", run: nextest },
+    Installation { name: "install Python packages", run: python_packages },
+    Installation { name: "install Node packages", run: node_packages },
+];
+
+/// Program that shows a package is there, and the package's name in Debian.
+const SYSTEM: [(&str, &str); 5] = [
+    ("chromium", "chromium"),
+    ("curl", "curl"),
+    ("node", "nodejs"),
+    ("npm", "npm"),
+    ("python3", "python3"),
+];
+
+fn system_packages() -> anyhow::Result<()> {
+    let mut missing: Vec<&str> = SYSTEM
+        .iter()
+        .filter(|(program, _)| !process::exists(program))
+        .map(|(_, package)| *package)
+        .collect();
+    let venv = Command::new("python3").args(["-c", "import ensurepip"]).output();
+    if !venv.is_ok_and(|output| output.status.success()) {
+        missing.push("python3-venv");
+    }
+    if missing.is_empty() {
+        eprintln!("all there");
+        return Ok(());
+    }
+    apt_get(&["update", "--quiet"])?;
+    let mut arguments = vec!["install", "--yes", "--quiet", "--no-install-recommends"];
+    arguments.extend(&missing);
+    apt_get(&arguments)
+}
+
+fn apt_get(arguments: &[&str]) -> anyhow::Result<()> {
+    let root = Command::new("id").arg("-u").output().is_ok_and(|id| id.stdout == b"0\n");
+    let mut apt_get = if root {
+        command("apt-get", arguments)
+    } else {
+        command("sudo", &[&["apt-get"], arguments].concat())
+    };
+    succeed(apt_get.env("DEBIAN_FRONTEND", "noninteractive"))
+}
+
+fn nextest() -> anyhow::Result<()> {
+    if process::exists("cargo-nextest") {
+        eprintln!("there already");
+        return Ok(());
+    }
+    succeed(&mut command("cargo", &["install", "--locked", "cargo-nextest"]))
+}
+
+fn python_packages() -> anyhow::Result<()> {
+    if !repository().join(PYTHON).is_file() {
+        succeed(&mut command("python3", &["-m", "venv", ".venv"]))?;
+    }
+    let requirements = "tests/readers/requirements.txt";
+    let pip =
+        ["-m", "pip", "install", "--quiet", "--disable-pip-version-check", "-r", requirements];
+    succeed(&mut command(PYTHON, &pip))
+}
+
+fn node_packages() -> anyhow::Result<()> {
+    succeed(&mut command("npm", &["ci", "--no-audit", "--no-fund"]))
+}
+
+fn succeed(command: &mut Command) -> anyhow::Result<()> {
+    let words = std::iter::once(command.get_program()).chain(command.get_args());
+    let line = words.map(|word| word.to_string_lossy()).collect::<Vec<_>>().join(" ");
+    let finished = process::run(command).with_context(|| line.clone())?;
+    ensure!(finished.success, "`{line}` failed");
+    Ok(())
+}

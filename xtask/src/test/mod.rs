@@ -1,0 +1,151 @@
+//! `cargo xtask test`: everything that must hold before a change is done.
+
+mod counts;
+mod install;
+
+use std::process::{Command, ExitCode};
+use std::time::Instant;
+
+use clap::Args;
+
+use crate::process::{self, command};
+use crate::repository;
+use counts::Counts;
+
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// Leave out what needs packages to be installed: the Python readers and the browser
+    #[arg(long)]
+    quick: bool,
+}
+
+/// One part of the test run. A failing one does not hide those after it.
+struct Step {
+    name: &'static str,
+    command: Command,
+    /// Reads the counts from what the command printed; without it, the step counts as one.
+    count: Option<fn(&str) -> Option<Counts>>,
+}
+
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
+    let mut total = Counts::default();
+    let mut failed = Vec::new();
+    let mut record = |name: &'static str, counts: Counts| {
+        total += counts;
+        if counts.failed > 0 {
+            failed.push(name);
+        }
+    };
+    if !arguments.quick {
+        for installation in install::ALL {
+            eprintln!("\n== {}", installation.name);
+            let result = (installation.run)();
+            if let Err(error) = &result {
+                eprintln!("error: {error:#}");
+            }
+            record(installation.name, Counts::one(result.is_ok()));
+        }
+    }
+    for step in steps(arguments) {
+        record(step.name, take(step));
+    }
+    if !failed.is_empty() {
+        eprintln!("\nfailed: {}", failed.join(", "));
+    }
+    println!("{} passed, {} failed", total.passed, total.failed);
+    Ok(if total.failed == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}
+
+/// Runs a step and counts.
+fn take(mut step: Step) -> Counts {
+    eprintln!("\n== {}", step.name);
+    let started = Instant::now();
+    let counts = match process::run(&mut step.command) {
+        Ok(finished) => match step.count {
+            Some(count) => {
+                count(&finished.text).unwrap_or_default().agreeing_with(finished.success)
+            }
+            None => Counts::one(finished.success),
+        },
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            Counts::one(false)
+        }
+    };
+    let seconds = started.elapsed().as_secs();
+    eprintln!("== {}: {} passed, {} failed, {seconds} s", step.name, counts.passed, counts.failed);
+    counts
+}
+
+fn steps(Arguments { quick }: &Arguments) -> Vec<Step> {
+    let mut steps = vec![
+        Step {
+            name: "formatting",
+            command: command("cargo", &["fmt", "--all", "--check"]),
+            count: None,
+        },
+        Step {
+            name: "clippy",
+            command: command(
+                "cargo",
+                &["clippy", "--release", "--workspace", "--all-targets", "--", "-D", "warnings"],
+            ),
+            count: None,
+        },
+        Step {
+            name: "tests",
+            command: nextest_or_cargo_test(),
+            count: Some(|text| counts::nextest(text).or_else(|| counts::cargo_test(text))),
+        },
+        Step {
+            name: "doc tests",
+            command: command("cargo", &["test", "--release", "--workspace", "--doc"]),
+            count: Some(counts::cargo_test),
+        },
+    ];
+    if !quick {
+        steps.push(Step {
+            name: "build",
+            command: command("cargo", &["build", "--release", "--bin", "torqued"]),
+            count: None,
+        });
+        steps.push(Step {
+            name: "readers",
+            command: with_product(command(
+                install::PYTHON,
+                &["-m", "unittest", "discover", "--verbose", "--start-directory", "tests/readers"],
+            )),
+            count: Some(counts::unittest),
+        });
+        steps.push(Step {
+            name: "browser",
+            command: with_product(command(
+                "node",
+                &["--test", "--test-reporter=tap", "tests/browser/"],
+            )),
+            count: Some(counts::node),
+        });
+    }
+    steps
+}
+
+/// Without installs, plain `cargo test` stands in for a missing nextest.
+fn nextest_or_cargo_test() -> Command {
+    if process::exists("cargo-nextest") {
+        command(
+            "cargo",
+            &["nextest", "run", "--workspace", "--cargo-profile", "release", "--no-fail-fast"],
+        )
+    } else {
+        command(
+            "cargo",
+            &["test", "--release", "--workspace", "--lib", "--bins", "--tests", "--no-fail-fast"],
+        )
+    }
+}
+
+/// Tells tests in other languages where the program is.
+fn with_product(mut command: Command) -> Command {
+    command.env("TORQUED", repository().join("target/release/torqued"));
+    command
+}
