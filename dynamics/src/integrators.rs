@@ -202,3 +202,87 @@ fn runge_kutta_step<L: Kernels>(
     }
     state.add(&total);
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::lanes::{F64Array, Lanes};
+    use crate::{Robot, mass_matrix};
+
+    type Lane = F64Array<1>;
+
+    const TORQUE: Joints<f64> = [2.0, -3.0, 1.0, 2.0, -0.5, 0.4, 0.3];
+    const Q0: Joints<f64> = [0.3, -0.4, 0.2, -1.7, 0.1, 1.9, -0.2];
+    const QD0: Joints<f64> = [0.2, -0.5, 0.4, 0.3, -0.6, 0.5, 0.8];
+
+    /// Position and velocity after `seconds` in periods of 1/60 s.
+    fn run(scheme: Scheme, robot: &Robot, torque: Joints<f64>, seconds: f64) -> Vec<f64> {
+        let model = Model::<Lane>::splat(robot);
+        let mut state = State { q: Q0.map(Lane::splat), qd: QD0.map(Lane::splat), ..State::zero() };
+        let torque = torque.map(Lane::splat);
+        let mut time = 0.0;
+        while time < seconds - 1e-9 {
+            advance(scheme, 1.0 / 60.0, &model, &torque, &mut state);
+            time += 1.0 / 60.0;
+        }
+        state.q.iter().chain(&state.qd).map(|value| value.lane(0)).collect()
+    }
+
+    fn distance(a: &[f64], b: &[f64]) -> f64 {
+        a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+    }
+
+    /// The power of the step with which the error falls between `substeps` and twice as many.
+    fn observed_order(scheme: impl Fn(u32) -> Scheme, substeps: u32) -> f64 {
+        let robot = Robot { gravity: 9.81, damping: [1.0; JOINTS], ..Robot::panda() };
+        let exact = run(Scheme::Rk4 { substeps: 200 }, &robot, TORQUE, 0.2);
+        let error = |substeps| distance(&run(scheme(substeps), &robot, TORQUE, 0.2), &exact);
+        (error(substeps) / error(2 * substeps)).log2()
+    }
+
+    #[test]
+    fn extrapolation_converges_with_its_order() {
+        for order in 1..=4 {
+            let substeps = if order < 3 { 32 } else { 8 };
+            let observed =
+                observed_order(|substeps| Scheme::Extrapolated { order, substeps }, substeps);
+            assert!((observed - order as f64).abs() < 0.35, "order {order}: {observed}");
+        }
+    }
+
+    #[test]
+    fn runge_kutta_converges_with_order_4() {
+        let observed = observed_order(|substeps| Scheme::Rk4 { substeps }, 12);
+        assert!((observed - 4.0).abs() < 0.35, "{observed}");
+    }
+
+    #[test]
+    fn energy_is_conserved_without_damping_torque_and_gravity() {
+        let robot = Robot { damping: [0.0; JOINTS], ..Robot::panda() };
+        let kinetic_energy = |q: Joints<f64>, qd: Joints<f64>| -> f64 {
+            let m = mass_matrix(&robot, q);
+            let momentum = m.map(|row| row.iter().zip(qd).map(|(m, qd)| m * qd).sum::<f64>());
+            0.5 * momentum.iter().zip(qd).map(|(p, qd)| p * qd).sum::<f64>()
+        };
+        let before = kinetic_energy(Q0, QD0);
+        for scheme in
+            [Scheme::Rk4 { substeps: 12 }, Scheme::Extrapolated { order: 4, substeps: 12 }]
+        {
+            let end = run(scheme, &robot, [0.0; JOINTS], 2.0);
+            let (q, qd) = end.split_at(JOINTS);
+            let after = kinetic_energy(q.try_into().unwrap(), qd.try_into().unwrap());
+            assert!((after / before - 1.0).abs() < 1e-6, "{scheme:?}: {before} J, then {after} J");
+        }
+    }
+
+    #[test]
+    fn implicit_damping_is_stable_where_explicit_damping_is_not() {
+        let robot = Robot { gravity: 9.81, ..Robot::panda() };
+        let fine = run(Scheme::Extrapolated { order: 4, substeps: 2 }, &robot, TORQUE, 0.5);
+        let stiff = run(Scheme::Extrapolated { order: 1, substeps: 1 }, &robot, TORQUE, 0.5);
+        // One implicit step per period is coarse, but stays close where an explicit one blows up.
+        assert!(distance(&fine[..JOINTS], &stiff[..JOINTS]) < 0.05);
+        let explicit = run(Scheme::Rk4 { substeps: 1 }, &robot, TORQUE, 0.5);
+        assert!(explicit.iter().any(|value| !(value.abs() < 1e3)));
+    }
+}

@@ -24,6 +24,8 @@ mod integrators;
 mod lanes;
 mod model;
 mod panda;
+#[cfg(test)]
+mod pinocchio;
 mod random;
 mod randomization;
 mod rejection;
