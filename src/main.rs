@@ -35,9 +35,20 @@ fn main() -> ExitCode {
     code
 }
 
-/// Says what went wrong in one line.
+/// Says what went wrong in one line: the error and what caused it.
 fn fail(error: &anyhow::Error) -> ExitCode {
+    let mut message = String::new();
+    for cause in error.chain().map(ToString::to_string) {
+        // Many errors name their cause themselves.
+        if message.ends_with(&cause) {
+            continue;
+        }
+        if !message.is_empty() {
+            message.push_str(": ");
+        }
+        message.push_str(&cause);
+    }
     // Whoever closed stderr does not want to hear it.
-    let _ = writeln!(std::io::stderr(), "error: {error:#}");
+    let _ = writeln!(std::io::stderr(), "error: {message}");
     ExitCode::FAILURE
 }

@@ -2,10 +2,9 @@
 
 use std::fmt;
 
+use evaluation::Report;
 use serde::Deserialize;
 use serde_json::Value;
-
-use crate::report::Report;
 
 #[derive(Clone, Debug, Deserialize)]
 pub struct JobList {

@@ -3,10 +3,11 @@ use std::process::ExitCode;
 
 use anyhow::{Context, bail};
 use clap::Args;
+use evaluation::Report;
 
 use crate::client::{Client, Job, JobState, Reuse, Submitted};
 use crate::progress;
-use crate::report::{self, Report};
+use crate::report;
 use crate::server::{Interrupts, Options, Server};
 use crate::table::{Align, Table};
 

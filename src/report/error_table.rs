@@ -1,4 +1,6 @@
-use super::{Interval, PredictorError, Report};
+use evaluation::{Interval, PredictorSummary, Report};
+
+use super::label;
 use crate::table::{Align, Table};
 
 /// RMSE of every predictor in and out of distribution.
@@ -17,7 +19,7 @@ pub fn by_frequency(report: &Report) -> String {
     let mut table = predictor_columns(report, [("excitation", Align::Left), ("Hz", Align::Right)]);
     for cell in &report.cells {
         let mark = if cell.in_distribution { "*" } else { " " };
-        let mut row = vec![cell.family.clone(), format!("{:.2}{mark}", cell.frequency_hz)];
+        let mut row = vec![cell.family.to_string(), format!("{:.2}{mark}", cell.frequency_hz)];
         row.extend(cells(report, &cell.rmse_deg));
         table.push(row);
     }
@@ -25,15 +27,15 @@ pub fn by_frequency(report: &Report) -> String {
 }
 
 fn predictor_columns(report: &Report, first: [(&str, Align); 2]) -> Table {
-    let labels = report.predictors.iter().map(|predictor| (predictor.label(), Align::Right));
+    let labels = report.predictors.iter().map(|predictor| (label(predictor), Align::Right));
     Table::new(first.map(|(name, align)| (name.to_owned(), align)).into_iter().chain(labels))
 }
 
 /// One cell per predictor, in the order of the columns.
-fn cells(report: &Report, errors: &[PredictorError]) -> impl Iterator<Item = String> {
+fn cells(report: &Report, errors: &[PredictorSummary]) -> impl Iterator<Item = String> {
     report.predictors.iter().map(|predictor| {
         let error = errors.iter().find(|error| error.predictor == predictor.name);
-        error.map_or_else(|| "-".to_owned(), |error| interval(error.rmse))
+        error.map_or_else(|| "-".to_owned(), |error| interval(error.interval))
     })
 }
 
@@ -70,7 +72,7 @@ mod tests {
     #[test]
     fn a_predictor_that_saw_the_future_is_labelled_in_the_table() {
         let mut report = example();
-        report.predictors[2].normalization = Some("paper-leaky".to_owned());
+        report.predictors[2].normalization = Some(spec::Normalization::PaperLeaky);
         assert!(by_group(&report).contains("robomorph (paper-leaky)"));
     }
 }

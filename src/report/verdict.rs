@@ -1,11 +1,13 @@
-use super::{Interval, PairedDifference, Report};
+use evaluation::{Interval, PairedDifference, Report};
+
+use super::model;
 
 /// How the trained model stands against the damped integrator and against holding the last
 /// position, from differences on the same scenarios; `None` without a trained model.
 ///
 /// A difference counts when its 95 % interval leaves zero out.
 pub fn verdict(report: &Report) -> Option<String> {
-    let model = &report.model()?.name;
+    let model = &model(report)?.name;
     let clauses: Vec<String> = ["damped-integrator", "hold-last"]
         .into_iter()
         .filter_map(|against| clause(report, model, against))

@@ -56,7 +56,7 @@ pub struct Server {
     workers: TaskTracker,
     stop_workers: CancellationToken,
     kill_workers: CancellationToken,
-    http: tokio::task::JoinHandle<Result<(), api::ApiError>>,
+    http: tokio::task::JoinHandle<Result<(), api::ServeError>>,
     stop_http: CancellationToken,
 }
 
@@ -71,7 +71,7 @@ impl Server {
 
         let stop_http = CancellationToken::new();
         let app = App::new(store.clone(), options.token.clone());
-        let http = tokio::spawn(api::serve(listener, app, stop_http.clone()));
+        let http = tokio::spawn(api::serve(listener, app, stop_http.clone().cancelled_owned()));
 
         let workers = TaskTracker::new();
         let stop_workers = CancellationToken::new();
