@@ -209,3 +209,47 @@ fn scatter<D: Lanes>(lanes: D, first: usize, sample: &mut [f32]) {
     let count = D::LANES.min(JOINTS - first);
     sample[first..first + count].copy_from_slice(&values[..count]);
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::lanes::F64Array;
+
+    /// The largest distance from the law evaluated directly, in units of the largest torque.
+    fn sampling_error<D: Lanes>(torques: &Torques, samples: usize) -> f64 {
+        let mut u = vec![0.0; samples * JOINTS];
+        torques.sample::<D>(60.0, &mut u);
+        let mut error: f64 = 0.0;
+        let mut largest: f64 = 0.0;
+        for (k, sample) in u.chunks_exact(JOINTS).enumerate() {
+            for (expected, &torque) in torques.at(k as f64 / 60.0).iter().zip(sample) {
+                error = error.max((f64::from(torque) - expected).abs());
+                largest = largest.max(expected.abs());
+            }
+        }
+        error / largest
+    }
+
+    #[test]
+    fn sampled_torques_are_the_law_rounded_to_f32() {
+        let chirps = Torques::Chirp(std::array::from_fn(|joint| Chirp {
+            offset_nm: 0.1 * joint as f64,
+            amplitude_nm: 2.0 - 0.5 * joint as f64,
+            f1_hz: 0.2 + 0.15 * joint as f64,
+            f2_hz: 0.9 - 0.1 * joint as f64,
+            depth: 0.25,
+            phase_rad: joint as f64 - 3.0,
+        }));
+        let multisines = Torques::Multisine(std::array::from_fn(|joint| Multisine {
+            amplitude_nm: [1.0, -2.0, 3.0, 0.5 * joint as f64],
+            frequency_hz: [0.1, 0.15, 0.2, 0.3].map(|frequency| frequency * (1.0 + joint as f64)),
+        }));
+        for torques in [chirps, multisines] {
+            for samples in [400, 20_000] {
+                assert!(sampling_error::<F64Array<1>>(&torques, samples) < 6e-8);
+                assert!(sampling_error::<F64Array<4>>(&torques, samples) < 6e-8);
+                assert!(sampling_error::<F64Array<8>>(&torques, samples) < 6e-8);
+            }
+        }
+    }
+}

@@ -283,6 +283,6 @@ mod tests {
         // One implicit step per period is coarse, but stays close where an explicit one blows up.
         assert!(distance(&fine[..JOINTS], &stiff[..JOINTS]) < 0.05);
         let explicit = run(Scheme::Rk4 { substeps: 1 }, &robot, TORQUE, 0.5);
-        assert!(explicit.iter().any(|value| !(value.abs() < 1e3)));
+        assert!(explicit.iter().any(|value| value.is_nan() || value.abs() > 1e3));
     }
 }

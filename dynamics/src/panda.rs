@@ -1,6 +1,7 @@
 //! The Franka Emika Panda with hand and fingers: nominal parameters and their sources.
 
 use std::f64::consts::FRAC_1_SQRT_2;
+use std::sync::LazyLock;
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use spec::Range;
@@ -70,12 +71,13 @@ impl Bodies {
     /// diag(.002462, .000492, .000691), breaks the triangle inequality, so that no body has it; it is
     /// projected onto the nearest one that exists, which adds .00064 kg·m² about the flange's axis.
     pub(crate) fn nominal() -> Self {
-        Self {
-            hand: HAND.projected(),
+        static NOMINAL: LazyLock<Bodies> = LazyLock::new(|| Bodies {
             links: LINKS,
+            hand: HAND.projected(),
             left_finger: LEFT_FINGER,
             right_finger: RIGHT_FINGER,
-        }
+        });
+        NOMINAL.clone()
     }
 
     /// In a fixed order, which the randomization relies on.

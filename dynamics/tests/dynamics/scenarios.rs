@@ -1,0 +1,142 @@
+use std::ops::ControlFlow;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use dynamics::{DynamicsError, JOINT_LIMITS_RAD, simulate};
+use serde_json::json;
+use spec::{Family, JOINTS, Range, SimulateSpec};
+
+use super::{chirp, failure, mixed, multisine, run, spec};
+
+#[test]
+fn recorded_torques_are_those_of_the_scenario_and_recorded_positions_begin_at_its_start() {
+    let spec = spec(&mixed(), &json!({}));
+    let trajectories = run(&spec, 10..40);
+    let row = spec.samples as usize * JOINTS;
+    for (scenario, (u, q)) in trajectories
+        .scenarios
+        .iter()
+        .zip(trajectories.u.chunks_exact(row).zip(trajectories.q.chunks_exact(row)))
+    {
+        for (k, sample) in u.chunks_exact(JOINTS).enumerate() {
+            for (expected, &torque) in scenario.torques.at(k as f64 / 60.0).iter().zip(sample) {
+                assert!((f64::from(torque) - expected).abs() < 1e-6 * expected.abs().max(1.0));
+            }
+        }
+        for (start, &q) in scenario.q0.iter().zip(q) {
+            assert_eq!(*start as f32, q);
+        }
+    }
+}
+
+#[test]
+fn no_sample_comes_closer_to_a_limit_than_the_margin() {
+    let spec = spec(&chirp(0.1), &json!({"rejection": {"position_margin_rad": 0.05}}));
+    let trajectories = run(&spec, 0..200);
+    for sample in trajectories.q.chunks_exact(JOINTS) {
+        for (&q, limit) in sample.iter().zip(JOINT_LIMITS_RAD) {
+            let inside = Range::new(limit.min + 0.05, limit.max - 0.05);
+            assert!(inside.contains(f64::from(q)), "{q}");
+        }
+    }
+}
+
+#[test]
+fn rejected_draws_are_counted_and_leave_the_frequency_alone() {
+    let strict = spec(&mixed(), &json!({"rejection": {"position_margin_rad": 1.0}}));
+    let free = spec(&mixed(), &json!({"rejection": {"position_margin_rad": null}}));
+    let (strict, free) = (run(&strict, 0..300), run(&free, 0..300));
+    let redraws =
+        strict.scenarios.iter().map(|scenario| u64::from(scenario.draws) - 1).sum::<u64>();
+    assert_eq!(strict.rejected, redraws);
+    assert!(strict.rejected > 0);
+    assert_eq!(free.rejected, 0);
+    for (kept, first) in strict.scenarios.iter().zip(&free.scenarios) {
+        assert_eq!((kept.family, kept.frequency_hz), (first.family, first.frequency_hz));
+        assert_eq!(kept.draws == 1, kept == first);
+    }
+}
+
+#[test]
+fn a_trajectory_whose_every_draw_is_rejected_is_an_error_that_names_it() {
+    let spec = spec(
+        &multisine(0.45),
+        &json!({
+            "initial_state": {"center_rad": [0, 0, 0, -0.5, 0, 1.9, 0]},
+            "rejection": {"position_margin_rad": 1.0, "max_draws": 3},
+        }),
+    );
+    let error = failure(&spec, 7..8);
+    assert!(
+        matches!(error, DynamicsError::EveryDrawRejected { index: 7, seed: 3, draws: 3, .. }),
+        "{error}"
+    );
+}
+
+#[test]
+fn a_diverging_integration_is_an_error_that_names_the_trajectory() {
+    let spec = spec(
+        &multisine(0.1),
+        &json!({
+            "integrator": {"scheme": "rk4", "substeps": 1},
+            "rejection": {"position_margin_rad": null},
+        }),
+    );
+    let error = failure(&spec, 5..6);
+    assert!(matches!(error, DynamicsError::NotFinite { index: 5, seed: 3, .. }), "{error}");
+}
+
+#[test]
+fn grid_frequencies_come_in_blocks_of_equal_size() {
+    let grid = json!({"chirp": {"frequency_hz": {"grid": [0.2, 0.5, 0.9]}}});
+    let spec = spec(&grid, &json!({"trajectories": 30, "samples": 20}));
+    let trajectories = run(&spec, 0..30);
+    for cell in spec.cells() {
+        for scenario in
+            &trajectories.scenarios[cell.first as usize..(cell.first + cell.count) as usize]
+        {
+            assert_eq!(
+                (scenario.family, scenario.frequency_hz),
+                (Family::Chirp, cell.frequency_hz)
+            );
+        }
+    }
+}
+
+#[test]
+fn families_and_frequencies_are_drawn_in_the_shares_asked_for() {
+    let excitation = json!({
+        "chirp": {"frequency_hz": {"uniform": [0.2, 0.4]}},
+        "multisine": {"frequency_hz": {"uniform": [0.05, 0.15]}},
+        "chirp_fraction": 0.25,
+    });
+    let trajectories = run(&spec(&excitation, &json!({"samples": 2})), 0..4000);
+    let chirps: Vec<_> =
+        trajectories.scenarios.iter().filter(|scenario| scenario.family == Family::Chirp).collect();
+    assert!((chirps.len() as f64 / 4000.0 - 0.25).abs() < 0.03);
+    let mean =
+        chirps.iter().map(|scenario| scenario.frequency_hz).sum::<f64>() / chirps.len() as f64;
+    assert!((mean - 0.3).abs() < 0.01, "{mean}");
+}
+
+#[test]
+fn progress_counts_up_and_can_cancel() {
+    let spec = spec(&multisine(0.1), &json!({}));
+    let most = AtomicU64::new(0);
+    let count = |done| {
+        most.fetch_max(done, Ordering::Relaxed);
+        ControlFlow::Continue(())
+    };
+    simulate(&spec, 0..100, &count).unwrap();
+    assert_eq!(most.into_inner(), 100);
+
+    let stop_at_50 =
+        |done| if done < 50 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) };
+    let result = simulate(&spec, 0..1000, &stop_at_50);
+    assert!(matches!(result, Err(DynamicsError::Cancelled { .. })));
+}
+
+#[test]
+fn an_empty_range_has_no_trajectories() {
+    let trajectories = run(&spec(&multisine(0.1), &json!({})), 5..5);
+    assert_eq!((trajectories.count, trajectories.u.len(), trajectories.scenarios.len()), (0, 0, 0));
+}
