@@ -1,9 +1,21 @@
 //! The operations that a Transformer spends its time in.
+//!
+//! Each has two forms with the same result: burn's own operations, which run on every device, and
+//! a fused one for burn's CPU backend with a derivative of its own. burn-flex 0.22 computes GELU in
+//! a serial scalar loop, fuses softmax, layer norm and attention only where no gradient is
+//! recorded, and writes every intermediate to memory; see [`fused`].
+//!
+//! The fused forms give the same bits whatever thread runs which part: no sum crosses a task.
 
+#[cfg(test)]
+mod agreement;
 mod attention;
+mod fused;
 mod gelu;
 mod layer_norm;
 mod linear;
+mod matrix;
+mod vectorized;
 
 pub(crate) use attention::{Mask, attention};
 pub(crate) use gelu::gelu;

@@ -1,0 +1,118 @@
+//! Operations of our own in burn's autodiff graph, on burn's CPU backend.
+
+use std::fmt::Debug;
+
+use burn::backend::tensor::FloatTensor;
+use burn::tensor::{DType, Tensor, TensorData};
+use burn_autodiff::Autodiff;
+use burn_autodiff::checkpoint::base::Checkpointer;
+use burn_autodiff::checkpoint::strategy::NoCheckpointing;
+use burn_autodiff::grads::Gradients;
+use burn_autodiff::ops::{Backward, Ops, OpsKind};
+use burn_flex::{Flex, FlexTensor};
+
+/// An operation on `N` tensors and its derivative.
+pub(super) trait FusedOp<const N: usize>: Clone + Debug + Send + 'static {
+    fn forward(&self, inputs: &[Array; N]) -> Array;
+
+    /// Gradient of each input, given that of the output.
+    fn backward(&self, inputs: &[Array; N], gradient: &Array) -> [Array; N];
+}
+
+/// A contiguous float tensor in memory. Clones share it.
+#[derive(Clone, Debug)]
+pub(super) struct Array(FlexTensor);
+
+impl Array {
+    /// `values` in row-major order.
+    pub fn new(values: Vec<f32>, shape: &[usize]) -> Self {
+        Self(FlexTensor::from_data(TensorData::new(values, shape.to_vec())))
+    }
+
+    pub fn values(&self) -> &[f32] {
+        self.0.as_slice().expect("operands are contiguous and of type f32")
+    }
+
+    pub fn shape(&self) -> &[usize] {
+        self.0.layout().shape().as_slice()
+    }
+
+    /// Extent of the last dimension.
+    pub fn width(&self) -> usize {
+        self.shape().last().copied().unwrap_or(1)
+    }
+}
+
+/// A tensor of the CPU backend.
+pub(super) enum Operand {
+    Plain(FlexTensor),
+    Tracked(FloatTensor<Autodiff<Flex>>),
+}
+
+/// The tensor, if it is a float32 tensor of the CPU backend.
+pub(super) fn operand<const D: usize>(tensor: &Tensor<D>) -> Option<Operand> {
+    if tensor.dtype() != DType::F32 {
+        return None;
+    }
+    let tensor = tensor.clone();
+    if tensor.is_autodiff() {
+        tensor.try_into_primitive::<Autodiff<Flex>>().ok().map(Operand::Tracked)
+    } else {
+        tensor.try_into_primitive::<Flex>().ok().map(Operand::Plain)
+    }
+}
+
+/// Computes `op` and records it where gradients are. `None` if an operand is not the CPU
+/// backend's, or only some record gradients: then burn's own operations have to do it.
+pub(super) fn apply<const N: usize, O: FusedOp<N>>(
+    op: O,
+    operands: [Option<Operand>; N],
+) -> Option<Tensor<3>> {
+    let operands = all(operands)?;
+    if operands.iter().all(|operand| matches!(operand, Operand::Plain(_))) {
+        let inputs = all(operands.map(|operand| match operand {
+            Operand::Plain(tensor) => Some(Array(tensor.to_contiguous())),
+            Operand::Tracked(_) => None,
+        }))?;
+        return Some(Tensor::from_primitive::<Flex>(op.forward(&inputs).0));
+    }
+    let tracked = all(operands.map(|operand| match operand {
+        Operand::Plain(_) => None,
+        Operand::Tracked(tensor) => Some(tensor),
+    }))?;
+    let nodes = tracked.each_ref().map(|tensor| tensor.node());
+    let inputs = tracked.map(|tensor| Array(tensor.into_primitive().to_contiguous()));
+    let output = op.forward(&inputs).0;
+    let prepared = Derivative(op).prepare::<NoCheckpointing>(nodes).compute_bound().stateful();
+    Some(Tensor::from_primitive::<Autodiff<Flex>>(match prepared {
+        OpsKind::Tracked(prepared) => prepared.finish(inputs, output),
+        OpsKind::UnTracked(prepared) => prepared.finish(output),
+    }))
+}
+
+fn all<T, const N: usize>(items: [Option<T>; N]) -> Option<[T; N]> {
+    let items: Vec<T> = items.into_iter().collect::<Option<_>>()?;
+    items.try_into().ok()
+}
+
+#[derive(Debug)]
+struct Derivative<O>(O);
+
+impl<const N: usize, O: FusedOp<N>> Backward<Flex, N> for Derivative<O> {
+    type State = [Array; N];
+
+    fn backward(
+        self,
+        ops: Ops<Self::State, N>,
+        gradients: &mut Gradients,
+        _checkpointer: &mut Checkpointer,
+    ) {
+        let gradient = Array(gradients.consume::<Flex>(&ops.node).to_contiguous());
+        let of_inputs = self.0.backward(&ops.state, &gradient);
+        for (parent, gradient) in ops.parents.into_iter().zip(of_inputs) {
+            if let Some(parent) = parent {
+                gradients.register::<Flex>(parent.id, gradient.0);
+            }
+        }
+    }
+}
