@@ -12,7 +12,7 @@ use std::time::Duration;
 use anyhow::Context;
 use api::App;
 use clap::Args;
-use store::Store;
+use store::{Access, Store};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
@@ -65,12 +65,12 @@ impl Server {
     /// When the folder cannot be used, or the address cannot be listened on.
     pub async fn start(options: &Options, log: &str) -> anyhow::Result<Self> {
         listen::refuse_unguarded(options.listen, options.token.as_deref())?;
-        let store = Store::open(&options.data).await?;
+        let store = Store::open(&options.data, Access::Server).await?;
         let listener = listen::bind(options.listen).await?;
         let address = listener.local_addr().context("cannot tell the address listened on")?;
 
         let stop_http = CancellationToken::new();
-        let app = App::new(store.clone(), options.token.clone());
+        let app = App::new(store.clone(), api::Options { token: options.token.clone() });
         let http = tokio::spawn(api::serve(listener, app, stop_http.clone().cancelled_owned()));
 
         let workers = TaskTracker::new();

@@ -1,0 +1,121 @@
+// The page in Chromium: what it shows, what it asks for, what it gives to download.
+
+import assert from "node:assert/strict";
+import { createHash } from "node:crypto";
+import { readFile } from "node:fs/promises";
+import { after, before, beforeEach, test } from "node:test";
+
+import { chromium } from "playwright-core";
+
+import { start } from "./product.mjs";
+
+let product;
+let browser;
+let page;
+let complaints;
+let strangers;
+
+before(async () => {
+  product = await start();
+  browser = await chromium.launch({
+    executablePath: "/usr/bin/chromium",
+    args: [
+      "--no-sandbox",
+      "--disable-gpu",
+      "--disable-quic",
+      "--no-first-run",
+      "--disable-background-networking",
+      "--disable-component-update",
+      "--disable-sync",
+    ],
+  });
+});
+
+after(async () => {
+  await browser?.close();
+  await product?.stop();
+});
+
+beforeEach(async () => {
+  page = await browser.newPage();
+  complaints = [];
+  strangers = [];
+  page.on("console", (message) => {
+    if (["error", "warning"].includes(message.type())) complaints.push(message.text());
+  });
+  page.on("pageerror", (error) => complaints.push(error.message));
+  page.on("requestfailed", (request) => complaints.push(`${request.url()} failed`));
+  page.on("response", (response) => {
+    if (response.status() >= 400) complaints.push(`${response.url()}: ${response.status()}`);
+  });
+  page.on("request", (request) => {
+    if (new URL(request.url()).origin !== product.url) strangers.push(request.url());
+  });
+});
+
+const member = (name) => product.pipeline.members.find((it) => it.name === name).job;
+
+/** Nothing was wrong in the console and nothing was asked of another machine. */
+function assertClean() {
+  assert.deepEqual(complaints, []);
+  assert.deepEqual(strangers, []);
+}
+
+test("the first page lists the experiment with its state", async () => {
+  await page.goto(product.url);
+  const text = await page.locator("body").innerText();
+  assert.match(text, /quickstart/);
+  assert.match(text, /succeeded/);
+  assertClean();
+});
+
+test("a run shows its loss curve", async () => {
+  const { run } = await product.get(`/v1/jobs/${member("train")}`);
+  await page.goto(`${product.url}/runs/${run}`);
+  await assertFigureIsDrawn();
+  assertClean();
+});
+
+test("an evaluation shows its error over frequency and every predictor", async () => {
+  await page.goto(`${product.url}/evaluations/${member("evaluate")}`);
+  await assertFigureIsDrawn();
+  const text = await page.locator("body").innerText();
+  for (const predictor of ["hold-last", "damped-integrator", "least-squares", "robomorph"]) {
+    assert.ok(text.includes(predictor), `${predictor} is not on the page`);
+  }
+  assertClean();
+});
+
+test("the checkpoint downloads with the digest that the API states", async () => {
+  const { checkpoints } = await product.get(`/v1/jobs/${member("train")}`);
+  const id = Math.max(...checkpoints);
+  const { files } = await product.get(`/v1/checkpoints/${id}`);
+  const weights = files.find((file) => file.name.endsWith(".safetensors"));
+  await page.goto(`${product.url}/checkpoints/${id}`);
+  const [download] = await Promise.all([
+    page.waitForEvent("download"),
+    page.locator(`a[href="${weights.url}"]`).first().click(),
+  ]);
+  const bytes = await readFile(await download.path());
+  assert.equal(createHash("sha256").update(bytes).digest("hex"), weights.sha256);
+  assert.deepEqual(strangers, []);
+});
+
+test("the page works without scripts", async () => {
+  const context = await browser.newContext({ javaScriptEnabled: false });
+  const plain = await context.newPage();
+  await plain.goto(product.url);
+  await plain.locator(`a[href="/jobs/${product.pipeline.id}"]`).first().click();
+  assert.match(await plain.locator("body").innerText(), /train-set/);
+  await context.close();
+});
+
+/** A figure is an image or inline SVG with a size on the screen. */
+async function assertFigureIsDrawn() {
+  const figure = page.locator("img[src*='.svg'], figure svg, object[data*='.svg']").first();
+  await figure.waitFor();
+  const box = await figure.boundingBox();
+  assert.ok(box.width > 200 && box.height > 100, JSON.stringify(box));
+  const loaded = await figure.evaluate((it) => it.tagName !== "IMG" || it.naturalWidth > 0);
+  assert.ok(loaded, "the image did not load");
+}

@@ -1,0 +1,12 @@
+//! The whole product from outside: the shipped program, its HTTP API, signals and full disks.
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+mod bad_specs;
+mod data_folder;
+mod full_disk;
+mod killed_server;
+mod killed_worker;
+mod pipeline;
+mod product;
+mod quickstart;
+mod stopping;

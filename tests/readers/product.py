@@ -1,0 +1,86 @@
+"""A torqued server for these tests, with a quickstart whose training is cut short."""
+
+import json
+import os
+import pathlib
+import socket
+import subprocess
+import tempfile
+import time
+import urllib.request
+
+REPOSITORY = pathlib.Path(__file__).resolve().parents[2]
+TORQUED = os.environ.get("TORQUED", str(REPOSITORY / "target/release/torqued"))
+
+# The ids are those of a quickstart in a fresh data folder, with seconds of training.
+SPEC = {
+    "preset": "quickstart",
+    "jobs": {
+        "train-set": {"trajectories": 2048, "shard_trajectories": 1024},
+        "train": {"steps": 20, "optimizer": {"warmup_steps": 0}},
+    },
+}
+
+
+def usual_port_is_free():
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind(("127.0.0.1", 7070))
+        except OSError:
+            return False
+    return True
+
+
+class Product:
+    """Serves until `stop`; `url` is where, `pipeline` the job that succeeded."""
+
+    def __init__(self):
+        self.folder = tempfile.TemporaryDirectory(prefix="torqued-readers-")
+        listen = "127.0.0.1:7070" if usual_port_is_free() else "127.0.0.1:0"
+        self.process = subprocess.Popen(
+            [TORQUED, "serve", "--data", self.folder.name, "--listen", listen],
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        self.url = self.process.stdout.readline().split()[-1]
+        self.pipeline = self.post("/v1/jobs", SPEC)["id"]
+        self.wait(self.pipeline)
+
+    def get(self, path):
+        with urllib.request.urlopen(self.url + path) as answer:
+            return json.load(answer)
+
+    def post(self, path, body):
+        request = urllib.request.Request(
+            self.url + path,
+            data=json.dumps(body).encode(),
+            headers={"content-type": "application/json"},
+        )
+        with urllib.request.urlopen(request) as answer:
+            return json.load(answer)
+
+    def wait(self, job):
+        for _ in range(3000):
+            state = self.get(f"/v1/jobs/{job}")
+            if state["state"] in ("succeeded", "failed", "cancelled"):
+                assert state["state"] == "succeeded", state
+                return
+            time.sleep(0.1)
+        raise TimeoutError(f"job {job} does not end")
+
+    def member(self, name):
+        members = self.get(f"/v1/jobs/{self.pipeline}")["members"]
+        job = next(member["job"] for member in members if member["name"] == name)
+        return self.get(f"/v1/jobs/{job}")
+
+    def download(self, url, folder):
+        path = pathlib.Path(folder) / url.rsplit("/", 1)[-1]
+        urllib.request.urlretrieve(self.url + url, path)
+        return path
+
+    def stop(self):
+        self.process.terminate()
+        self.process.wait(timeout=60)
+        self.process.stdout.close()
+        self.folder.cleanup()

@@ -1,0 +1,83 @@
+"""What torqued writes, read by the libraries that notebooks use."""
+
+import hashlib
+import tempfile
+import unittest
+
+import numpy
+import polars
+import pyarrow.parquet
+import safetensors.numpy
+
+from product import Product
+
+CHANNELS = [f"u{k}" for k in range(1, 8)] + [f"q{k}" for k in range(1, 8)]
+
+
+class Files(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.product = Product()
+        cls.addClassCleanup(cls.product.stop)
+        cls.folder = tempfile.TemporaryDirectory(prefix="torqued-downloads-")
+        cls.addClassCleanup(cls.folder.cleanup)
+        simulation = cls.product.member("train-set")
+        cls.dataset = cls.product.get(f"/v1/datasets/{simulation['dataset']}")
+        cls.paths = {}
+        for file in cls.dataset["files"]:
+            path = cls.product.download(file["url"], cls.folder.name)
+            cls.paths.setdefault(file["content"], []).append((file, path))
+
+    def test_downloads_have_the_size_and_digest_that_the_api_states(self):
+        for files in self.paths.values():
+            for file, path in files:
+                data = path.read_bytes()
+                self.assertEqual(len(data), file["size"])
+                self.assertEqual(hashlib.sha256(data).hexdigest(), file["sha256"])
+
+    def test_polars_reads_one_row_per_time_step(self):
+        frame = polars.concat(polars.read_parquet(path) for _, path in self.paths["trajectories"])
+        self.assertEqual(frame.height, 2048 * 400)
+        self.assertEqual(frame.schema["trajectory"], polars.Int32)
+        self.assertEqual(frame.schema["step"], polars.Int32)
+        for channel in CHANNELS:
+            self.assertEqual(frame.schema[channel], polars.Float32)
+        self.assertEqual(frame["trajectory"].n_unique(), 2048)
+        values = frame.select(CHANNELS).to_numpy()
+        self.assertTrue(numpy.isfinite(values).all())
+        # Joint limits of the arm: no position may lie beyond the widest of them.
+        self.assertLess(frame.select(polars.col("^q.$").abs().max()).to_numpy().max(), 3.8)
+
+    def test_pyarrow_finds_the_encodings_that_make_the_files_small(self):
+        for _, path in self.paths["trajectories"]:
+            metadata = pyarrow.parquet.ParquetFile(path).metadata
+            group = metadata.row_group(0)
+            columns = {
+                group.column(k).path_in_schema: group.column(k) for k in range(group.num_columns)
+            }
+            for name in ("trajectory", "step"):
+                self.assertIn("DELTA_BINARY_PACKED", columns[name].encodings)
+            for name in CHANNELS:
+                self.assertIn("BYTE_STREAM_SPLIT", columns[name].encodings)
+                self.assertFalse(columns[name].has_dictionary_page)
+                self.assertEqual(columns[name].compression, "ZSTD")
+            self.assertEqual(group.num_rows % 400, 0, "a row group holds whole trajectories")
+
+    def test_the_robot_table_has_one_row_per_trajectory(self):
+        tables = [pyarrow.parquet.read_table(path) for _, path in self.paths["robots"]]
+        self.assertEqual(sum(table.num_rows for table in tables), 2048)
+        self.assertIn("trajectory", tables[0].column_names)
+
+    def test_the_checkpoint_opens_as_safetensors_with_finite_weights(self):
+        checkpoint = max(self.product.member("train")["checkpoints"])
+        files = self.product.get(f"/v1/checkpoints/{checkpoint}")["files"]
+        weights = next(file for file in files if file["name"] == "model.safetensors")
+        path = self.product.download(weights["url"], self.folder.name)
+        tensors = safetensors.numpy.load_file(path)
+        self.assertGreater(len(tensors), 10)
+        for name, tensor in tensors.items():
+            self.assertTrue(numpy.isfinite(tensor).all(), name)
+
+
+if __name__ == "__main__":
+    unittest.main()
