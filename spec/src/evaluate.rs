@@ -31,7 +31,7 @@ pub enum Baseline {
     HoldLast,
     /// q̇ = u / D with the nominal damping D, from the last context position.
     DampedIntegrator,
-    /// q̇ = G u + b with G and b of each robot fitted to its context by least squares.
+    /// v' = a·v + g·u + b per joint, with a, g and b of each robot fitted to its context.
     LeastSquares,
 }
 

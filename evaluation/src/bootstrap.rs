@@ -1,0 +1,93 @@
+//! Percentile bootstrap: how far a mean over scenarios could be off.
+
+use rand_chacha::ChaCha8Rng;
+use rand_core::{Rng, SeedableRng};
+use serde::{Deserialize, Serialize};
+use spec::Bootstrap;
+
+/// A mean with its 95 % interval.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Interval {
+    pub mean: f64,
+    pub low: f64,
+    pub high: f64,
+}
+
+/// The mean over all values of all strata, resampled within each stratum.
+///
+/// Strata are the cells of a grid: their frequencies are chosen, not drawn, so only the robots
+/// within each are resampled. The result depends on the values and `bootstrap` alone.
+///
+/// # Panics
+/// When there is no value at all.
+pub fn stratified_mean(strata: &[Vec<f64>], bootstrap: Bootstrap) -> Interval {
+    let count: usize = strata.iter().map(Vec::len).sum();
+    assert!(count > 0, "a mean needs a value");
+    let mean_of = |sum: f64| sum / count as f64;
+    let mean = mean_of(strata.iter().flatten().sum());
+    let mut generator = ChaCha8Rng::seed_from_u64(bootstrap.seed);
+    let mut means: Vec<f64> = (0..bootstrap.resamples)
+        .map(|_| mean_of(strata.iter().map(|values| resampled_sum(values, &mut generator)).sum()))
+        .collect();
+    means.sort_by(f64::total_cmp);
+    Interval { mean, low: quantile(&means, 0.025), high: quantile(&means, 0.975) }
+}
+
+fn resampled_sum(values: &[f64], generator: &mut ChaCha8Rng) -> f64 {
+    (0..values.len()).map(|_| values[draw_below(values.len(), generator)]).sum()
+}
+
+/// Uniform index below `count`, by the high half of a 64-bit product.
+#[expect(clippy::cast_possible_truncation, reason = "the result is below `count`, a usize")]
+fn draw_below(count: usize, generator: &mut ChaCha8Rng) -> usize {
+    ((u128::from(generator.next_u64()) * count as u128) >> 64) as usize
+}
+
+/// Linear interpolation between order statistics.
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "a position within a slice, not negative"
+)]
+fn quantile(sorted: &[f64], q: f64) -> f64 {
+    let position = q * (sorted.len() - 1) as f64;
+    let below = position.floor() as usize;
+    let above = (below + 1).min(sorted.len() - 1);
+    sorted[below] + (sorted[above] - sorted[below]) * position.fract()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const BOOTSTRAP: Bootstrap = Bootstrap { resamples: 4000, seed: 7 };
+
+    #[test]
+    fn equal_values_have_no_spread() {
+        let interval = stratified_mean(&[vec![2.0; 10], vec![2.0; 5]], BOOTSTRAP);
+        assert_eq!(interval, Interval { mean: 2.0, low: 2.0, high: 2.0 });
+    }
+
+    #[test]
+    fn the_interval_is_that_of_the_normal_law_for_many_values() {
+        let values: Vec<f64> = (0..1000).map(|k| f64::from(k) / 999.0).collect();
+        let interval = stratified_mean(&[values], BOOTSTRAP);
+        // The mean of n uniform values has standard deviation sqrt(1 / 12 n).
+        let half_width = 1.96 * (1.0_f64 / 12_000.0).sqrt();
+        assert!((interval.mean - 0.5).abs() < 1e-12);
+        assert!((interval.high - 0.5 - half_width).abs() < 0.1 * half_width, "{interval:?}");
+        assert!((0.5 - interval.low - half_width).abs() < 0.1 * half_width, "{interval:?}");
+    }
+
+    #[test]
+    fn differences_between_strata_do_not_widen_the_interval() {
+        let interval = stratified_mean(&[vec![1.0; 50], vec![9.0; 50]], BOOTSTRAP);
+        assert_eq!(interval, Interval { mean: 5.0, low: 5.0, high: 5.0 });
+    }
+
+    #[test]
+    fn the_same_seed_gives_the_same_interval() {
+        let strata = [(0..50).map(|k| f64::from(k).sin()).collect::<Vec<_>>()];
+        assert_eq!(stratified_mean(&strata, BOOTSTRAP), stratified_mean(&strata, BOOTSTRAP));
+    }
+}
