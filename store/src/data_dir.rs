@@ -1,0 +1,86 @@
+//! The data folder: what lies where, and who may serve it.
+
+use std::fs::{File, OpenOptions, TryLockError};
+use std::io::{Read, Seek, Write};
+use std::path::{Path, PathBuf};
+
+use crate::StoreError;
+
+/// What a process opens the store for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Access {
+    /// Creates the folder, brings the schema up to date and holds the folder's lock: one at a time.
+    Server,
+    /// Uses what a server made; any number at a time.
+    Worker,
+}
+
+/// Paths inside a data folder.
+#[derive(Clone, Debug)]
+pub(crate) struct DataDir(PathBuf);
+
+impl DataDir {
+    pub fn new(dir: &Path) -> Self {
+        Self(dir.to_owned())
+    }
+
+    pub fn path(&self) -> &Path {
+        &self.0
+    }
+
+    pub fn database(&self) -> PathBuf {
+        self.0.join("torqued.sqlite")
+    }
+
+    pub fn objects(&self) -> PathBuf {
+        self.0.join("objects")
+    }
+
+    fn lock_file(&self) -> PathBuf {
+        self.0.join("server.lock")
+    }
+
+    /// Creates the folders.
+    pub fn create(&self) -> Result<(), StoreError> {
+        std::fs::create_dir_all(self.objects()).map_err(|source| self.unusable(source))
+    }
+
+    /// Takes the server's lock, which the returned handle holds until it is dropped or its
+    /// process dies.
+    pub fn lock(&self) -> Result<File, StoreError> {
+        let mut file = OpenOptions::new()
+            .read(true)
+            .write(true)
+            .create(true)
+            .truncate(false)
+            .open(self.lock_file())
+            .map_err(|source| self.unusable(source))?;
+        match file.try_lock() {
+            Ok(()) => {}
+            Err(TryLockError::WouldBlock) => {
+                let mut text = String::new();
+                let pid =
+                    file.read_to_string(&mut text).ok().and_then(|_| text.trim().parse().ok());
+                return Err(StoreError::InUse { dir: self.0.clone(), pid });
+            }
+            Err(TryLockError::Error(source)) => return Err(self.unusable(source)),
+        }
+        write_pid(&mut file).map_err(|source| self.unusable(source))?;
+        Ok(file)
+    }
+
+    pub fn unusable(&self, source: std::io::Error) -> StoreError {
+        if crate::error::is_disk_full(&source) {
+            return StoreError::DiskFull {
+                operation: format!("opening data folder {}", self.0.display()),
+            };
+        }
+        StoreError::Unusable { dir: self.0.clone(), source }
+    }
+}
+
+fn write_pid(file: &mut File) -> std::io::Result<()> {
+    file.set_len(0)?;
+    file.rewind()?;
+    writeln!(file, "{}", std::process::id())
+}

@@ -1,0 +1,178 @@
+//! What can go wrong, in one enum.
+
+use std::error::Error;
+use std::io;
+use std::path::PathBuf;
+
+use thiserror::Error;
+
+use crate::{Epoch, JobId, JobState, TaskId};
+
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum StoreError {
+    #[error("data folder {} cannot be used: {source}", dir.display())]
+    Unusable { dir: PathBuf, source: io::Error },
+
+    #[error("data folder {} has no store; start a server on it first", dir.display())]
+    Absent { dir: PathBuf },
+
+    #[error("data folder {} is in use by another torqued server{}", dir.display(), of_process(*pid))]
+    InUse { dir: PathBuf, pid: Option<u32> },
+
+    #[error(
+        "data folder {} was made by a newer torqued (schema {found}, this one knows {known}); nothing was changed",
+        dir.display()
+    )]
+    NewerSchema { dir: PathBuf, found: i64, known: i64 },
+
+    #[error(
+        "data folder {} has schema {found}, this worker needs {known}; start a server of this version first",
+        dir.display()
+    )]
+    OlderSchema { dir: PathBuf, found: i64, known: i64 },
+
+    #[error("the database in {} is damaged: {detail}; nothing was changed", dir.display())]
+    Damaged { dir: PathBuf, detail: String },
+
+    #[error("disk full while {operation}")]
+    DiskFull { operation: String },
+
+    #[error("the database failed while {operation}")]
+    Database { operation: &'static str, source: sqlx::Error },
+
+    #[error("the database could not be brought up to date")]
+    Migration { source: sqlx::migrate::MigrateError },
+
+    #[error("object {path} failed while {operation}")]
+    Object { operation: &'static str, path: String, source: object_store::Error },
+
+    #[error("object {path} failed while {operation}")]
+    ObjectFile { operation: &'static str, path: String, source: io::Error },
+
+    #[error("Parquet file {path} failed while {operation}")]
+    Parquet { operation: &'static str, path: String, source: parquet::errors::ParquetError },
+
+    #[error("the shards do not hold trajectories {first} up to {end}")]
+    NoSuchTrajectories { first: u64, end: u64 },
+
+    /// The task was meanwhile given to another worker, or has ended.
+    #[error("the lease of task {task} at epoch {epoch} is lost")]
+    LeaseLost { task: TaskId, epoch: Epoch },
+
+    #[error("there is no {what} {id}")]
+    NotFound { what: &'static str, id: String },
+
+    #[error("a submission is inconsistent: {reason}")]
+    InvalidSubmission { reason: String },
+
+    #[error("needs job {job}, which is {state}")]
+    NeedNotMet { job: JobId, state: JobState },
+
+    #[error("idempotency key {key:?} came with a different request before")]
+    IdempotencyConflict { key: String },
+}
+
+fn of_process(pid: Option<u32>) -> String {
+    pid.map_or(String::new(), |pid| format!(" (pid {pid})"))
+}
+
+impl StoreError {
+    /// For `map_err` after a query; `operation` completes "while ...".
+    pub(crate) fn database(operation: &'static str) -> impl Fn(sqlx::Error) -> Self {
+        move |source| {
+            if is_disk_full(&source) {
+                Self::DiskFull { operation: operation.to_owned() }
+            } else {
+                Self::Database { operation, source }
+            }
+        }
+    }
+
+    /// For `map_err` after an object operation; `operation` completes "while ...".
+    pub(crate) fn object(
+        operation: &'static str,
+        path: &str,
+    ) -> impl FnOnce(object_store::Error) -> Self {
+        let path = path.to_owned();
+        move |source| {
+            if is_disk_full(&source) {
+                Self::DiskFull { operation: format!("{operation} object {path}") }
+            } else {
+                Self::Object { operation, path, source }
+            }
+        }
+    }
+
+    pub(crate) fn parquet(
+        operation: &'static str,
+        path: &str,
+    ) -> impl FnOnce(parquet::errors::ParquetError) -> Self {
+        let path = path.to_owned();
+        move |source| {
+            if is_disk_full(&source) {
+                Self::DiskFull { operation: format!("{operation} object {path}") }
+            } else {
+                Self::Parquet { operation, path, source }
+            }
+        }
+    }
+
+    pub(crate) fn not_found(what: &'static str, id: impl ToString) -> Self {
+        Self::NotFound { what, id: id.to_string() }
+    }
+}
+
+/// `SQLITE_FULL` (https://www.sqlite.org/rescode.html#full).
+const SQLITE_FULL: i32 = 13;
+
+/// Whether the disk, or the quota on it, was exhausted anywhere down the chain of causes.
+pub(crate) fn is_disk_full(error: &(dyn Error + 'static)) -> bool {
+    let mut cause = Some(error);
+    while let Some(error) = cause {
+        if let Some(error) = error.downcast_ref::<io::Error>() {
+            let full = [io::ErrorKind::StorageFull, io::ErrorKind::QuotaExceeded];
+            if full.contains(&error.kind()) || error.get_ref().is_some_and(|e| is_disk_full(e)) {
+                return true;
+            }
+        }
+        if let Some(sqlx::Error::Database(error)) = error.downcast_ref::<sqlx::Error>()
+            && sqlite_code(error.as_ref()) == Some(SQLITE_FULL)
+        {
+            return true;
+        }
+        // `source` of an external error is the source of what it wraps, not the wrapped itself.
+        if let Some(parquet::errors::ParquetError::External(error)) = error.downcast_ref()
+            && is_disk_full(error.as_ref())
+        {
+            return true;
+        }
+        cause = error.source();
+    }
+    false
+}
+
+/// The primary result code: extended codes carry more in their higher bytes.
+pub(crate) fn sqlite_code(error: &dyn sqlx::error::DatabaseError) -> Option<i32> {
+    Some(error.code()?.parse::<i32>().ok()? & 0xff)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_full_disk_is_told_apart_however_deep_it_lies() {
+        let full = || io::Error::from(io::ErrorKind::StorageFull);
+        let object = object_store::Error::Generic { store: "local", source: Box::new(full()) };
+        assert!(is_disk_full(&full()));
+        assert!(is_disk_full(&io::Error::other(object)));
+        assert!(is_disk_full(&parquet::errors::ParquetError::External(Box::new(full()))));
+        assert!(!is_disk_full(&io::Error::other("something else")));
+        let error = StoreError::object("writing", "a/b")(object_store::Error::Generic {
+            store: "local",
+            source: Box::new(full()),
+        });
+        assert_eq!(error.to_string(), "disk full while writing object a/b");
+    }
+}

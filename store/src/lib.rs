@@ -1,0 +1,60 @@
+//! Everything that lasts: jobs, tasks, runs, metrics, datasets and checkpoints as rows in SQLite,
+//! their bytes as objects on disk, and the Parquet layout of a dataset.
+//!
+//! [`Store`] is the one door; its methods lie in one file per resource. Rules that hold throughout:
+//!
+//! - *A row is the commit point.* Bytes are written, synced, digested and published first; the
+//!   transaction that follows makes them exist. Whatever a crash leaves without a row is invisible
+//!   and swept later.
+//! - *Every write of a worker carries a [`Fence`]* and fails with [`StoreError::LeaseLost`] when
+//!   the task was meanwhile given to somebody else.
+//! - *The database's clock is the only clock.*
+//! - Counts are `u64` here and 64-bit integers in SQL.
+
+mod artifacts;
+mod cancellation;
+mod checkpoints;
+mod clock;
+mod data_dir;
+mod database;
+mod datasets;
+mod error;
+mod identifiers;
+mod jobs;
+mod leases;
+mod metrics;
+mod objects;
+mod orphans;
+mod parquet_layout;
+mod pipelines;
+mod propagation;
+mod runs;
+mod store;
+mod submission;
+mod table_writer;
+mod task_end;
+mod tasks;
+mod trajectories;
+
+pub use artifacts::{Artifact, NewArtifact};
+pub use checkpoints::{Checkpoint, CheckpointFile, NewCheckpoint};
+pub use clock::Timestamp;
+pub use data_dir::Access;
+pub use datasets::{Dataset, DatasetState, FileContent, NewShard, Shard};
+pub use error::StoreError;
+pub use identifiers::{CheckpointId, DatasetId, Epoch, JobId, RunId, TaskId};
+pub use jobs::{Job, JobFilter, JobProgress, JobState, Page};
+pub use leases::{ClaimedTask, Fence, Lease, Progress, Reaped};
+pub use metrics::{Metric, Series, SeriesPoint};
+pub use objects::{ObjectBytes, ObjectWriter, StoredObject, object_path};
+pub use parquet_layout::{STEP, TRAJECTORY, trajectories_per_row_group, trajectory_schema};
+pub use pipelines::Member;
+pub use runs::Run;
+pub use store::Store;
+pub use submission::{
+    Idempotency, Need, NewJob, NewMember, NewPipeline, NewTask, Reuse, Submission, Submitted,
+};
+pub use table_writer::TableWriter;
+pub use task_end::Retry;
+pub use tasks::{Task, TaskState};
+pub use trajectories::ShardReader;

@@ -1,0 +1,71 @@
+use std::fs::File;
+use std::path::Path;
+use std::sync::Arc;
+
+use crate::data_dir::DataDir;
+use crate::database::{Database, known_schema};
+use crate::objects::Objects;
+use crate::{Access, StoreError};
+
+/// A data folder, open. Clones share it; several processes may have the same folder open.
+#[derive(Clone, Debug)]
+pub struct Store {
+    inner: Arc<Inner>,
+}
+
+#[derive(Debug)]
+struct Inner {
+    database: Database,
+    objects: Objects,
+    /// Held for as long as any clone lives.
+    _lock: Option<File>,
+}
+
+impl Store {
+    /// # Errors
+    /// When the folder cannot be written, is served by another process, has no store yet (for a
+    /// worker), comes from a newer version or is damaged. Nothing is changed in the last two.
+    pub async fn open(dir: &Path, access: Access) -> Result<Self, StoreError> {
+        let dir = DataDir::new(dir);
+        let lock = match access {
+            Access::Server => {
+                dir.create()?;
+                Some(dir.lock()?)
+            }
+            Access::Worker => None,
+        };
+        let database = Database::open(&dir, access).await?;
+        let objects = Objects::open(&dir)?;
+        Ok(Self { inner: Arc::new(Inner { database, objects, _lock: lock }) })
+    }
+
+    /// Version of the database's schema, as this binary knows it.
+    pub fn schema_version(&self) -> i64 {
+        known_schema()
+    }
+
+    /// Whether the database answers.
+    ///
+    /// # Errors
+    /// When it does not.
+    pub async fn ping(&self) -> Result<(), StoreError> {
+        sqlx::query("SELECT 1")
+            .execute(self.database().reader())
+            .await
+            .map_err(StoreError::database("asking whether it is there"))?;
+        Ok(())
+    }
+
+    /// Ends all connections; SQLite then folds its write-ahead log into the database.
+    pub async fn close(&self) {
+        self.inner.database.close().await;
+    }
+
+    pub(crate) fn database(&self) -> &Database {
+        &self.inner.database
+    }
+
+    pub(crate) fn objects(&self) -> &Objects {
+        &self.inner.objects
+    }
+}
