@@ -177,8 +177,8 @@ fn check_lanes<L: Kernels>(tolerance: f64) {
     }
 }
 
-const F64_TOLERANCE: f64 = 1e-12;
-const F32_TOLERANCE: f64 = 5e-5;
+const F64_TOLERANCE: f64 = 1e-13;
+const F32_TOLERANCE: f64 = 1e-5;
 
 #[test]
 fn portable_lanes_have_the_dynamics_of_the_reference() {

@@ -6,6 +6,7 @@
     reason = "a test that panics fails, which is what it should do; its numbers are small"
 )]
 
+mod accuracy;
 mod calibration;
 mod determinism;
 mod scenarios;

@@ -3,7 +3,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use dynamics::{DynamicsError, JOINT_LIMITS_RAD, simulate};
 use serde_json::json;
-use spec::{Family, JOINTS, Range, SimulateSpec};
+use spec::{Family, JOINTS, Range};
 
 use super::{chirp, failure, mixed, multisine, run, spec};
 
