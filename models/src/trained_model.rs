@@ -55,7 +55,7 @@ impl TrainedModel {
         input.check(self.samples(), self.context())?;
         let statistics =
             self.normalizer.statistics_of_input(input, self.samples(), self.context())?;
-        self.answer(input, &statistics)
+        rayon::scope(|_| self.answer(input, &statistics))
     }
 
     /// As [`TrainedModel::predict`], except that normalization `paper-leaky` takes its statistics
@@ -64,7 +64,7 @@ impl TrainedModel {
     pub fn predict_with_leak(&self, batch: &Batch) -> Result<Vec<f32>, ModelError> {
         batch.check(self.samples())?;
         let statistics = self.normalizer.statistics_of_batch(batch, self.context());
-        self.answer(&batch.known(self.context()), &statistics)
+        rayon::scope(|_| self.answer(&batch.known(self.context()), &statistics))
     }
 
     /// Whether this model needs the future to predict it.

@@ -148,6 +148,12 @@ impl Trainer {
     /// A batch of the wrong shape or with values that are not finite; [`ModelError::NotFinite`]
     /// when loss or gradient are not, after which the trainer is as it was before.
     pub fn step(&mut self, batch: &Batch) -> Result<StepReport, ModelError> {
+        // On a thread of the pool: from any other, each of the hundreds of parallel loops of a step
+        // would wake a worker and wait for it.
+        rayon::scope(|_| self.step_in_pool(batch))
+    }
+
+    fn step_in_pool(&mut self, batch: &Batch) -> Result<StepReport, ModelError> {
         let step = self.step + 1;
         let device = self.device.training();
         let (loss, _, _) = self.loss(&self.model, batch, &device)?;
@@ -166,6 +172,10 @@ impl Trainer {
 
     /// Loss and error on `batch`; changes nothing.
     pub fn validate(&self, batch: &Batch) -> Result<ValidationReport, ModelError> {
+        rayon::scope(|_| self.validate_in_pool(batch))
+    }
+
+    fn validate_in_pool(&self, batch: &Batch) -> Result<ValidationReport, ModelError> {
         let model = self.model.for_inference();
         let (loss, predicted, statistics) = self.loss(&model, batch, &self.device.inference())?;
         let context = self.identity.context as usize;
