@@ -10,8 +10,8 @@ pub enum ClientError {
     #[error("{server:?} is no server address: {reason}")]
     Address { server: String, reason: String },
 
-    #[error("no answer from {server}: {}; is `torqued serve` running there?", innermost(source))]
-    Unreachable { server: String, source: reqwest::Error },
+    #[error("no answer from {server}: {}; is `torqued serve` running there?", innermost(reason))]
+    Unreachable { server: String, reason: reqwest::Error },
 
     /// An RFC 9457 problem, one violation per line.
     #[error("{message}")]
@@ -26,11 +26,11 @@ fn innermost(error: &reqwest::Error) -> String {
     if error.is_timeout() {
         return "timed out".to_owned();
     }
-    let mut reason: &dyn std::error::Error = error;
-    while let Some(source) = reason.source() {
-        reason = source;
+    let mut innermost: &dyn std::error::Error = error;
+    while let Some(source) = innermost.source() {
+        innermost = source;
     }
-    reason.to_string()
+    innermost.to_string()
 }
 
 #[derive(Deserialize)]

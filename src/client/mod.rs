@@ -122,7 +122,7 @@ impl Client {
 
     async fn send(&self, request: RequestBuilder) -> Result<(StatusCode, String), ClientError> {
         let unreachable =
-            |source| ClientError::Unreachable { server: self.base.to_string(), source };
+            |reason| ClientError::Unreachable { server: self.base.to_string(), reason };
         let response = request.send().await.map_err(unreachable)?;
         let status = response.status();
         let body = response.text().await.map_err(unreachable)?;

@@ -1,4 +1,3 @@
-use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context, bail};
@@ -73,7 +72,7 @@ async fn compute_and_show(arguments: &Arguments, server: &Server) -> anyhow::Res
         .report
         .with_context(|| format!("evaluation {evaluation} has no report"))?;
     print_report(&report);
-    print_places(&client, &job, &arguments.server.data, &page).await
+    print_places(&client, server, &job, &page).await
 }
 
 /// Why a pipeline did not succeed: its own reason, else that of its members.
@@ -108,29 +107,28 @@ fn print_report(report: &Report) {
     }
 }
 
-async fn print_places(client: &Client, job: &Job, data: &Path, page: &str) -> anyhow::Result<()> {
-    let mut table = Table::new(["", "", ""].map(|name| (name, Align::Left)));
+async fn print_places(
+    client: &Client,
+    server: &Server,
+    job: &Job,
+    page: &str,
+) -> anyhow::Result<()> {
+    let mut table = Table::new([("result", Align::Left), ("where", Align::Left)]);
     for name in ["train-set", "test-grid"] {
         let simulation = client.job(member(job, name)?).await?;
         let id = simulation.dataset.with_context(|| format!("{name} has no dataset"))?;
         let dataset = client.dataset(id).await?;
         let megabytes = dataset.bytes as f64 / 1e6;
-        let size = format!("{} trajectories, {megabytes:.1} MB", dataset.trajectories);
-        table.push(vec![name.to_owned(), client.url(&format!("/datasets/{id}")), size]);
+        let what = format!("{name}, {} trajectories, {megabytes:.1} MB", dataset.trajectories);
+        table.push(vec![what, server.dataset_folder(id).await?.display().to_string()]);
     }
     let training = client.job(member(job, "train")?).await?;
-    let last = training.checkpoints.iter().max().context("the training left no checkpoint")?;
-    let checkpoint = client.checkpoint(*last).await?;
-    let step = format!("after {} steps", checkpoint.step);
-    table.push(vec!["checkpoint".to_owned(), client.url(&format!("/checkpoints/{last}")), step]);
-    let evaluation = member(job, "evaluate")?;
-    table.push(vec!["report".to_owned(), client.url(&format!("/evaluations/{evaluation}"))]);
-    table.push(vec!["all of it".to_owned(), page.to_owned()]);
-    table.push(vec!["files in".to_owned(), absolute(data).display().to_string()]);
-    print!("{}", table.render().trim_start());
+    let last = *training.checkpoints.iter().max().context("the training left no checkpoint")?;
+    let what = format!("checkpoint after {} steps", client.checkpoint(last).await?.step);
+    table.push(vec![what, server.checkpoint_folder(last).await?.display().to_string()]);
+    let report = server.artifact_file(member(job, "evaluate")?, "report.json").await?;
+    table.push(vec!["report".to_owned(), report.display().to_string()]);
+    table.push(vec!["page".to_owned(), page.to_owned()]);
+    print!("{}", table.render());
     Ok(())
-}
-
-fn absolute(path: &Path) -> PathBuf {
-    path.canonicalize().unwrap_or_else(|_| path.to_owned())
 }

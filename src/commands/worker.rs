@@ -24,6 +24,10 @@ pub struct Arguments {
     #[arg(long, env = "TORQUED_WORKER_THREADS", value_name = "N")]
     threads: Option<NonZero<usize>>,
 
+    /// Seconds without a sign of life after which its task is given to another worker
+    #[arg(long, env = "TORQUED_LEASE_SECONDS", value_name = "SECONDS", default_value_t = 15, value_parser = clap::value_parser!(u64).range(1..=3600))]
+    lease_seconds: u64,
+
     /// Stop when standard input closes, as it does when the server that started this worker dies
     #[arg(long)]
     stop_with_stdin: bool,
@@ -38,13 +42,13 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
         watch_stdin(shutdown.clone());
     }
     tokio::spawn(watch_signals(Interrupts::new()?, shutdown.clone()));
-    let threads = arguments.threads.or_else(|| std::thread::available_parallelism().ok());
     let options = WorkerOptions {
         data_dir: arguments.data,
         name: arguments.name.unwrap_or_else(machine_and_process),
-        threads: threads.map_or(1, NonZero::get),
+        threads: arguments.threads.map(NonZero::get),
+        lease: Duration::from_secs(arguments.lease_seconds),
     };
-    worker::run(options, shutdown).await?;
+    worker::run(&options, shutdown).await?;
     Ok(ExitCode::SUCCESS)
 }
 

@@ -1,7 +1,9 @@
 //! A server: store, HTTP, reaper and worker processes, started and stopped together.
 
+mod housekeeping;
 mod interrupt;
 mod listen;
+mod places;
 mod worker_processes;
 
 use std::net::SocketAddr;
@@ -38,13 +40,14 @@ pub struct Options {
     #[arg(long, env = "TORQUED_WORKER_THREADS", value_name = "N")]
     pub worker_threads: Option<NonZero<usize>>,
 
+    /// Seconds without a sign of life after which a worker's task is given to another
+    #[arg(long, env = "TORQUED_LEASE_SECONDS", value_name = "SECONDS", default_value_t = 15, value_parser = clap::value_parser!(u64).range(1..=3600))]
+    pub lease_seconds: u64,
+
     /// Token that every request must carry; needed when other machines can connect
     #[arg(long, env = "TORQUED_TOKEN", value_name = "TOKEN", hide_env_values = true)]
     pub token: Option<String>,
 }
-
-/// How often leases are checked for workers that died.
-const REAP_EVERY: Duration = Duration::from_secs(2);
 
 /// How long requests that are under way may take when the server stops.
 const FINISH_REQUESTS_WITHIN: Duration = Duration::from_secs(3);
@@ -53,6 +56,8 @@ const FINISH_REQUESTS_WITHIN: Duration = Duration::from_secs(3);
 pub struct Server {
     /// For example `http://127.0.0.1:7070`.
     pub url: String,
+    data: PathBuf,
+    store: Store,
     workers: TaskTracker,
     stop_workers: CancellationToken,
     kill_workers: CancellationToken,
@@ -76,18 +81,21 @@ impl Server {
         let workers = TaskTracker::new();
         let stop_workers = CancellationToken::new();
         let kill_workers = CancellationToken::new();
-        workers.spawn(reap(store, stop_workers.clone()));
+        workers.spawn(housekeeping::reap(store.clone(), stop_workers.clone()));
+        workers.spawn(housekeeping::sweep(store.clone(), stop_workers.clone()));
         WorkerProcesses {
             data: options.data.clone(),
             count: usize::from(options.workers),
             threads: worker_threads(options),
+            lease_seconds: options.lease_seconds,
             log: log.to_owned(),
         }
         .spawn(&workers, &stop_workers, &kill_workers);
         workers.close();
 
         let url = format!("http://{address}");
-        Ok(Self { url, workers, stop_workers, kill_workers, http, stop_http })
+        let data = options.data.clone();
+        Ok(Self { url, data, store, workers, stop_workers, kill_workers, http, stop_http })
     }
 
     /// Serves until the first interrupt, then stops; the second kills.
@@ -122,16 +130,7 @@ impl Server {
         if !self.http.is_finished() {
             let _ = tokio::time::timeout(FINISH_REQUESTS_WITHIN, self.http).await;
         }
-    }
-}
-
-/// Puts back the tasks of workers that died.
-async fn reap(store: Store, stop: CancellationToken) {
-    while stop.run_until_cancelled(tokio::time::sleep(REAP_EVERY)).await.is_some() {
-        match store.reap().await {
-            Ok(reaped) => tracing::debug!(?reaped, "leases checked"),
-            Err(error) => tracing::error!(%error, "cannot check leases"),
-        }
+        self.store.close().await;
     }
 }
 

@@ -15,6 +15,7 @@ pub struct WorkerProcesses {
     pub data: PathBuf,
     pub count: usize,
     pub threads: usize,
+    pub lease_seconds: u64,
     pub log: String,
 }
 
@@ -75,6 +76,7 @@ impl WorkerProcesses {
             .arg(&self.data)
             .args(["--name", &format!("worker-{index}")])
             .args(["--threads", &self.threads.to_string()])
+            .args(["--lease-seconds", &self.lease_seconds.to_string()])
             .args(["--log", &self.log])
             .arg("--stop-with-stdin")
             // Training reuses the same large tensors at every step; giving their pages back to the
@@ -98,6 +100,8 @@ async fn run_to_end(
     shutdown: &CancellationToken,
     kill: &CancellationToken,
 ) -> bool {
+    // Taken out, because waiting for a child closes its standard input.
+    let stdin = child.stdin.take();
     tokio::select! {
         status = child.wait() => {
             match status {
@@ -108,7 +112,7 @@ async fn run_to_end(
         }
         () = shutdown.cancelled() => {}
     }
-    drop(child.stdin.take());
+    drop(stdin);
     let ended = tokio::select! {
         ended = tokio::time::timeout(STOP_WITHIN, child.wait()) => ended.is_ok(),
         () = kill.cancelled() => false,

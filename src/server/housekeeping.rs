@@ -1,0 +1,46 @@
+//! What a server does beside answering: leases of dead workers, files nobody owns.
+
+use std::time::Duration;
+
+use store::{Reaped, Store};
+use tokio_util::sync::CancellationToken;
+
+/// How often leases are looked at: how much later than its lease a death is noticed.
+const REAP_EVERY: Duration = Duration::from_secs(1);
+
+const SWEEP_EVERY: Duration = Duration::from_secs(60 * 60);
+
+/// No file takes this long from its first byte to the row that names it.
+const ORPHANED_AFTER: Duration = Duration::from_secs(60 * 60);
+
+/// Gives the tasks of workers that died to others.
+pub async fn reap(store: Store, stop: CancellationToken) {
+    while stop.run_until_cancelled(tokio::time::sleep(REAP_EVERY)).await.is_some() {
+        match store.reap().await {
+            Ok(Reaped { queued: 0, failed: 0, cancelled: 0 }) => {}
+            Ok(Reaped { queued, failed, cancelled }) => {
+                tracing::warn!(
+                    queued,
+                    failed,
+                    cancelled,
+                    "workers died; their tasks were taken back"
+                );
+            }
+            Err(error) => tracing::error!(%error, "cannot look for expired leases"),
+        }
+    }
+}
+
+/// Deletes what killed workers left half written.
+pub async fn sweep(store: Store, stop: CancellationToken) {
+    loop {
+        match store.sweep_orphans(ORPHANED_AFTER).await {
+            Ok(0) => {}
+            Ok(count) => tracing::info!(count, "deleted files that nothing refers to"),
+            Err(error) => tracing::error!(%error, "cannot delete files that nothing refers to"),
+        }
+        if stop.run_until_cancelled(tokio::time::sleep(SWEEP_EVERY)).await.is_none() {
+            return;
+        }
+    }
+}
