@@ -1,0 +1,54 @@
+use std::future::Future;
+use std::sync::Arc;
+
+use serde::de::DeserializeOwned;
+use serde_json::Value;
+use store::{ClaimedTask, Fence, Store};
+use tokio::runtime::Handle;
+
+use crate::error::TaskError;
+use crate::heartbeat::ProgressCell;
+use crate::stop::StopSignal;
+
+/// One attempt at a task: what the work needs, on the thread it runs on.
+pub(crate) struct Attempt {
+    pub store: Store,
+    pub task: ClaimedTask,
+    pub progress: Arc<ProgressCell>,
+    pub stop: Arc<StopSignal>,
+    pub runtime: Handle,
+}
+
+impl Attempt {
+    pub fn fence(&self) -> Fence {
+        self.task.fence
+    }
+
+    /// Asks the store, which is asynchronous, from the work, which is not.
+    pub fn wait<T>(&self, future: impl Future<Output = T>) -> T {
+        self.runtime.block_on(future)
+    }
+
+    /// # Errors
+    /// [`TaskError::Stopped`] when the attempt is to end.
+    pub fn check_stop(&self) -> Result<(), TaskError> {
+        match self.stop.get() {
+            Some(_) => Err(TaskError::Stopped),
+            None => Ok(()),
+        }
+    }
+
+    /// Reads the job's stored spec, which is tagged with its kind.
+    pub fn spec<T: DeserializeOwned>(&self) -> Result<T, TaskError> {
+        read_spec(&self.task.spec)
+    }
+}
+
+/// Reads a stored spec of a known kind. It was validated when the job was submitted.
+pub(crate) fn read_spec<T: DeserializeOwned>(spec: &Value) -> Result<T, TaskError> {
+    let mut fields = spec.clone();
+    if let Some(fields) = fields.as_object_mut() {
+        fields.remove("kind");
+    }
+    Ok(serde_json::from_value(fields)?)
+}

@@ -1,0 +1,125 @@
+use std::any::Any;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+
+use spec::JobKind;
+use store::{Access, ClaimedTask, Store, StoreError};
+use tokio::runtime::Handle;
+use tokio_util::sync::CancellationToken;
+
+use crate::attempt::Attempt;
+use crate::error::TaskError;
+use crate::heartbeat::{ProgressCell, keep_alive};
+use crate::stop::{StopReason, StopSignal};
+use crate::{WorkerError, evaluate, simulate, train};
+
+/// How one worker works.
+#[derive(Clone, Debug)]
+pub struct WorkerOptions {
+    pub data_dir: PathBuf,
+    /// Shown beside the tasks it has; unique among workers, so that people can tell them apart.
+    pub name: String,
+    /// Threads for computing; `None` takes all cores.
+    pub threads: Option<usize>,
+    /// How long a lease lasts without a heartbeat: how late a death is noticed.
+    pub lease: Duration,
+}
+
+/// Between two looks for a task when there was none.
+const POLL: Duration = Duration::from_millis(250);
+
+/// Between two tries when the database did not answer.
+const RETRY: Duration = Duration::from_secs(2);
+
+/// Executes tasks until `shutdown`, then gives back the one it has.
+///
+/// # Errors
+/// A data folder that cannot be opened. Failures of tasks are theirs, not the worker's.
+pub async fn run(options: &WorkerOptions, shutdown: CancellationToken) -> Result<(), WorkerError> {
+    if let Some(threads) = options.threads {
+        rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build_global()
+            .map_err(|source| WorkerError::Threads { threads, source })?;
+    }
+    let store = Store::open(&options.data_dir, Access::Worker).await?;
+    while !shutdown.is_cancelled() {
+        let pause = match store.claim(&options.name, options.lease).await {
+            Ok(Some(task)) => {
+                execute(&store, task, options.lease, &shutdown).await;
+                Duration::ZERO
+            }
+            Ok(None) => POLL,
+            Err(error) => {
+                tracing::error!(%error, "cannot look for a task");
+                RETRY
+            }
+        };
+        tokio::select! {
+            () = shutdown.cancelled() => {}
+            () = tokio::time::sleep(pause) => {}
+        }
+    }
+    Ok(())
+}
+
+/// One attempt at a task, to its end.
+async fn execute(store: &Store, task: ClaimedTask, lease: Duration, shutdown: &CancellationToken) {
+    let fence = task.fence;
+    let (label, job, attempt_number) = (task.label.clone(), task.job, task.attempt);
+    tracing::info!(%job, task = %label, attempt = attempt_number, "begins");
+    let progress = Arc::new(ProgressCell::default());
+    let stop = Arc::new(StopSignal::default());
+    let attempt = Attempt {
+        store: store.clone(),
+        task,
+        progress: Arc::clone(&progress),
+        stop: Arc::clone(&stop),
+        runtime: Handle::current(),
+    };
+    let over = CancellationToken::new();
+    let work = async {
+        let done = tokio::task::spawn_blocking(move || work(&attempt)).await;
+        over.cancel();
+        done.unwrap_or_else(|error| Err(panicked(error.try_into_panic().ok().as_deref())))
+    };
+    let heartbeat = keep_alive(store, fence, lease, &progress, &stop, shutdown, &over);
+    let (done, ()) = tokio::join!(work, heartbeat);
+
+    let committed = match (&done, stop.get()) {
+        (Ok(()), _) => Ok(()),
+        (Err(TaskError::Store(StoreError::LeaseLost { .. })), _)
+        | (Err(_), Some(StopReason::LeaseLost)) => {
+            tracing::warn!(%job, task = %label, "lost its lease; what it did does not count");
+            return;
+        }
+        (Err(TaskError::Stopped), Some(StopReason::Cancelled)) => store.stopped(fence).await,
+        (Err(TaskError::Stopped), _) => store.release(fence).await,
+        (Err(error), _) => store.fail(fence, &error.to_string(), error.retry()).await,
+    };
+    match (done, committed) {
+        (_, Err(error)) => tracing::error!(%job, task = %label, %error, "cannot end the task"),
+        (Ok(()), Ok(())) => tracing::info!(%job, task = %label, "done"),
+        (Err(error), Ok(())) => tracing::warn!(%job, task = %label, %error, "not done"),
+    }
+}
+
+fn work(attempt: &Attempt) -> Result<(), TaskError> {
+    match attempt.task.kind {
+        JobKind::Simulate => simulate::shard(attempt),
+        JobKind::Train => train::train(attempt),
+        JobKind::Evaluate if attempt.task.stage == 0 => evaluate::cell(attempt),
+        JobKind::Evaluate => evaluate::report(attempt),
+        JobKind::Pipeline => Err(TaskError::Panicked("a pipeline has no tasks".to_owned())),
+    }
+}
+
+fn panicked(panic: Option<&(dyn Any + Send)>) -> TaskError {
+    let message = panic.and_then(|panic| {
+        let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
+        text.or_else(|| panic.downcast_ref::<String>().cloned())
+    });
+    let message = message.unwrap_or_else(|| "without a message".to_owned());
+    TaskError::Panicked(format!("a fault of torqued, please report it: {message}"))
+}

@@ -1,0 +1,89 @@
+use evaluation::{PredictorInfo, PredictorKind, TrainedOn};
+use models::{CONFIG_FILE, Device, MODEL_FILE, TrainedModel};
+use spec::{
+    CheckpointRef, DatasetRef, Digest, EvaluateSpec, Normalization, SimulateSpec, TrainSpec,
+};
+use store::JobState;
+
+use crate::attempt::{Attempt, read_spec};
+use crate::error::TaskError;
+
+/// A checkpoint of an evaluation, with what is known of its training.
+pub(super) struct LoadedCheckpoint {
+    pub info: PredictorInfo,
+    pub model: TrainedModel,
+    pub trained_on: Vec<TrainedOn>,
+}
+
+impl LoadedCheckpoint {
+    /// All checkpoints of an evaluation, in its order.
+    pub fn load_all(attempt: &Attempt, spec: &EvaluateSpec) -> Result<Vec<Self>, TaskError> {
+        let mut loaded: Vec<Self> = spec
+            .checkpoints
+            .iter()
+            .map(|reference| Self::load(attempt, reference))
+            .collect::<Result<_, _>>()?;
+        tell_apart(&mut loaded);
+        Ok(loaded)
+    }
+
+    fn load(attempt: &Attempt, reference: &CheckpointRef) -> Result<Self, TaskError> {
+        let missing = |digest: String| TaskError::Missing { what: "the checkpoint", digest };
+        // Submission turned every other form of reference into a digest.
+        let CheckpointRef::Digest(digest) = reference else {
+            return Err(missing(format!("{reference:?}")));
+        };
+        let store = &attempt.store;
+        let checkpoint = attempt
+            .wait(store.final_checkpoint_by_digest(*digest))?
+            .ok_or_else(|| missing(digest.to_string()))?;
+        let read = |name| {
+            let object = checkpoint.file(name).ok_or_else(|| missing(digest.to_string()))?;
+            Ok::<_, TaskError>(attempt.wait(store.read_object(object))?)
+        };
+        let model = TrainedModel::load(&read(MODEL_FILE)?, &read(CONFIG_FILE)?, &Device::cpu())?;
+
+        let training: TrainSpec = stored_spec(attempt, *digest)?;
+        let trained_on = match &training.data {
+            DatasetRef::Digest(data) => {
+                let data: SimulateSpec = stored_spec(attempt, *data)?;
+                TrainedOn::of(&data.excitation).collect()
+            }
+            DatasetRef::Job(_) | DatasetRef::Dataset(_) => Vec::new(),
+        };
+        let leaky = match training.normalization {
+            Normalization::PaperLeaky => " (paper-leaky)",
+            Normalization::Context | Normalization::Dataset => "",
+        };
+        let info = PredictorInfo {
+            name: format!("{}{leaky}", training.model.architecture()),
+            kind: PredictorKind::Checkpoint,
+            digest: Some(*digest),
+            normalization: Some(training.normalization),
+        };
+        Ok(Self { info, model, trained_on })
+    }
+}
+
+/// The spec of a job that succeeded, by its digest.
+fn stored_spec<T: serde::de::DeserializeOwned>(
+    attempt: &Attempt,
+    digest: Digest,
+) -> Result<T, TaskError> {
+    let job = attempt
+        .wait(attempt.store.job_by_digest(digest, &[JobState::Succeeded]))?
+        .ok_or_else(|| TaskError::Missing { what: "the job", digest: digest.to_string() })?;
+    read_spec(&job.spec)
+}
+
+/// Adds the digest to names that several checkpoints share.
+fn tell_apart(loaded: &mut [LoadedCheckpoint]) {
+    let names: Vec<String> = loaded.iter().map(|checkpoint| checkpoint.info.name.clone()).collect();
+    for checkpoint in loaded {
+        let info = &mut checkpoint.info;
+        let shared = names.iter().filter(|name| **name == info.name).count() > 1;
+        if let (true, Some(digest)) = (shared, info.digest) {
+            info.name = format!("{} {}", info.name, digest.short());
+        }
+    }
+}

@@ -1,0 +1,68 @@
+//! An evaluation: one task per cell, then the report over all of them.
+
+mod checkpoints;
+mod report;
+
+use evaluation::{CellResult, LeakyLearned, Learned, Predictor, Scenarios, baseline};
+use spec::EvaluateSpec;
+
+use crate::attempt::Attempt;
+use crate::dataset::DatasetReader;
+use crate::error::TaskError;
+use checkpoints::LoadedCheckpoint;
+
+pub(crate) use report::report;
+
+/// Asks every predictor for the same scenarios and keeps their errors.
+pub(crate) fn cell(attempt: &Attempt) -> Result<(), TaskError> {
+    let spec: EvaluateSpec = attempt.spec()?;
+    let data = DatasetReader::open(attempt, &spec.data)?;
+    let index = attempt.task.ordinal as usize;
+    let cells = data.spec.cells();
+    let cell = cells.get(index).ok_or_else(|| TaskError::Missing {
+        what: "the cell of this task",
+        digest: index.to_string(),
+    })?;
+    let series = data.read(cell.first..cell.first + cell.count)?;
+    let scenarios = Scenarios {
+        size: series.count(),
+        samples: series.samples,
+        rate_hz: data.spec.rate_hz,
+        u: series.u,
+        y: series.y,
+    };
+    let checkpoints = LoadedCheckpoint::load_all(attempt, &spec)?;
+    attempt.check_stop()?;
+    let predictors = predictors(&spec, &data, &checkpoints, &scenarios);
+    let errors = evaluation::evaluate_cell(&scenarios, spec.context as usize, &predictors)?;
+    let result = CellResult {
+        cell: index,
+        family: cell.family,
+        frequency_hz: cell.frequency_hz,
+        first: cell.first,
+        predictors: errors,
+    };
+    let result = serde_json::to_value(result)?;
+    attempt.wait(attempt.store.complete(attempt.fence(), Some(&result)))?;
+    Ok(())
+}
+
+/// Baselines first, then checkpoints: the order of every table.
+fn predictors<'a>(
+    spec: &EvaluateSpec,
+    data: &DatasetReader,
+    checkpoints: &'a [LoadedCheckpoint],
+    scenarios: &'a Scenarios,
+) -> Vec<Box<dyn Predictor + 'a>> {
+    let damping = data.spec.robot.damping_nm_s_rad;
+    let baselines = spec.baselines.iter().map(|&name| baseline(name, damping));
+    let learned = checkpoints.iter().map(|LoadedCheckpoint { info, model, .. }| {
+        let name = info.name.clone();
+        if model.needs_leak() {
+            Box::new(LeakyLearned { name, model, scenarios }) as Box<dyn Predictor>
+        } else {
+            Box::new(Learned { name, model })
+        }
+    });
+    baselines.chain(learned).collect()
+}

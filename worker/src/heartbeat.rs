@@ -1,0 +1,100 @@
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+use store::{Fence, Lease, Progress, Store};
+use tokio_util::sync::CancellationToken;
+
+use crate::stop::{StopReason, StopSignal};
+
+/// Between two heartbeats: also how long a cancellation may go unnoticed.
+const INTERVAL: Duration = Duration::from_secs(1);
+
+/// How far an attempt is, written by the work and read by the heartbeat.
+#[derive(Debug)]
+pub struct ProgressCell {
+    done: AtomicU64,
+    message: Mutex<Option<String>>,
+    began: Instant,
+    /// Done when this attempt began, by an earlier one.
+    initial: AtomicU64,
+}
+
+impl Default for ProgressCell {
+    fn default() -> Self {
+        Self {
+            done: AtomicU64::new(0),
+            message: Mutex::new(None),
+            began: Instant::now(),
+            initial: AtomicU64::new(0),
+        }
+    }
+}
+
+impl ProgressCell {
+    pub fn set_done(&self, done: u64) {
+        self.done.store(done, Ordering::Relaxed);
+    }
+
+    /// Starts at what an earlier attempt has left.
+    pub fn begin_at(&self, done: u64) {
+        self.initial.store(done, Ordering::Relaxed);
+        self.set_done(done);
+    }
+
+    pub fn say(&self, message: String) {
+        *self.message.lock().unwrap_or_else(PoisonError::into_inner) = Some(message);
+    }
+
+    fn read(&self) -> Progress {
+        let done = self.done.load(Ordering::Relaxed);
+        let new = done.saturating_sub(self.initial.load(Ordering::Relaxed));
+        let seconds = self.began.elapsed().as_secs_f64();
+        #[expect(clippy::cast_precision_loss, reason = "a rate for people to look at")]
+        let rate = (new > 0 && seconds > 0.0).then(|| new as f64 / seconds);
+        let message = self.message.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        Progress { done, rate_per_second: rate, message }
+    }
+}
+
+/// Renews the lease until `over`; tells the work through `stop` when it is to end.
+///
+/// A database that does not answer is no reason to stop until the lease has run out, by this
+/// machine's clock, since the last renewal.
+pub async fn keep_alive(
+    store: &Store,
+    fence: Fence,
+    ttl: Duration,
+    progress: &ProgressCell,
+    stop: &StopSignal,
+    shutdown: &CancellationToken,
+    over: &CancellationToken,
+) {
+    let mut renewed = Instant::now();
+    loop {
+        tokio::select! {
+            () = over.cancelled() => return,
+            () = shutdown.cancelled(), if stop.get().is_none() => stop.set(StopReason::Shutdown),
+            () = tokio::time::sleep(INTERVAL.min(ttl / 3)) => {}
+        }
+        match store.renew(fence, ttl, &progress.read()).await {
+            Ok(Lease::Held { cancel_requested }) => {
+                renewed = Instant::now();
+                if cancel_requested {
+                    stop.set(StopReason::Cancelled);
+                }
+            }
+            Ok(Lease::Lost) => {
+                stop.set(StopReason::LeaseLost);
+                return;
+            }
+            Err(error) => {
+                tracing::warn!(task = %fence.task, %error, "cannot renew the lease");
+                if renewed.elapsed() >= ttl {
+                    stop.set(StopReason::LeaseLost);
+                    return;
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,18 @@
+//! Executes tasks: claims one, keeps its lease alive, does the science, commits, repeats.
+//!
+//! One module per job kind turns rows and objects into science and back. They are blocking code on
+//! a thread of their own, while heartbeats go on beside them; when told to stop they end at the
+//! next point where nothing is lost.
+
+mod attempt;
+mod claim_loop;
+mod dataset;
+mod error;
+mod evaluate;
+mod heartbeat;
+mod simulate;
+mod stop;
+mod train;
+
+pub use claim_loop::{WorkerOptions, run};
+pub use error::WorkerError;

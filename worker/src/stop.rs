@@ -1,0 +1,51 @@
+use std::sync::atomic::{AtomicU8, Ordering};
+
+/// Why an attempt is to end before it is done.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum StopReason {
+    /// The worker is to end; another will go on.
+    Shutdown,
+    /// Its user asked for the job to end.
+    Cancelled,
+    /// Somebody else has the task: nothing may be written any more.
+    LeaseLost,
+}
+
+/// A reason to stop, set by the heartbeat and looked at by the work. The gravest reason stays.
+#[derive(Debug, Default)]
+pub struct StopSignal(AtomicU8);
+
+impl StopSignal {
+    pub fn set(&self, reason: StopReason) {
+        let code = match reason {
+            StopReason::Shutdown => 1,
+            StopReason::Cancelled => 2,
+            StopReason::LeaseLost => 3,
+        };
+        self.0.fetch_max(code, Ordering::Relaxed);
+    }
+
+    pub fn get(&self) -> Option<StopReason> {
+        match self.0.load(Ordering::Relaxed) {
+            0 => None,
+            1 => Some(StopReason::Shutdown),
+            2 => Some(StopReason::Cancelled),
+            _ => Some(StopReason::LeaseLost),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_lost_lease_outweighs_every_other_reason() {
+        let stop = StopSignal::default();
+        assert_eq!(stop.get(), None);
+        for reason in [StopReason::LeaseLost, StopReason::Shutdown, StopReason::Cancelled] {
+            stop.set(reason);
+        }
+        assert_eq!(stop.get(), Some(StopReason::LeaseLost));
+    }
+}

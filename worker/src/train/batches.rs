@@ -1,0 +1,114 @@
+//! Batches, read ahead of the training that uses them.
+
+use std::collections::HashMap;
+use std::sync::mpsc::SyncSender;
+
+use models::Batch;
+use spec::JOINTS;
+
+use super::order::{Order, Window};
+use crate::dataset::{DatasetReader, Series};
+use crate::error::TaskError;
+
+/// Sends the batches of optimizer steps `first` to `end` (excluded) until nobody listens.
+pub(super) fn read_ahead(
+    data: &DatasetReader,
+    order: &Order,
+    first: u64,
+    end: u64,
+    send: &SyncSender<Result<Batch, TaskError>>,
+) {
+    let mut step = first;
+    while step < end {
+        let (epoch, skipped) = order.place(step);
+        let batches = (order.batches_per_epoch() - skipped).min(end - step);
+        if let Err(error) = send_epoch(data, order, epoch, skipped, batches, send) {
+            // A receiver that is gone has its own reason.
+            let _ = send.send(Err(error));
+            return;
+        }
+        step += batches;
+    }
+}
+
+/// Sends `count` batches of an epoch from its batch `skipped` on.
+fn send_epoch(
+    data: &DatasetReader,
+    order: &Order,
+    epoch: u64,
+    skipped: u64,
+    count: u64,
+    send: &SyncSender<Result<Batch, TaskError>>,
+) -> Result<(), TaskError> {
+    let size = order.batch_size();
+    let mut to_skip = usize::try_from(skipped).unwrap_or(usize::MAX).saturating_mul(size);
+    let mut left = count;
+    let mut batch = BatchBuilder::new(size, data.spec.samples as usize);
+    for window in order.epoch(epoch).windows {
+        if to_skip >= window.trajectories.len() {
+            to_skip -= window.trajectories.len();
+            continue;
+        }
+        let series = read_window(data, &window)?;
+        for index in &window.trajectories[std::mem::take(&mut to_skip)..] {
+            let (u, y) = series.trajectory(*index);
+            if let Some(full) = batch.push(u, y) {
+                left -= 1;
+                if send.send(Ok(full)).is_err() || left == 0 {
+                    return Ok(());
+                }
+            }
+        }
+    }
+    Ok(())
+}
+
+/// The blocks of a window, by the index of each trajectory.
+struct WindowSeries {
+    blocks: Vec<Series>,
+    block_of: HashMap<u64, usize>,
+}
+
+impl WindowSeries {
+    fn trajectory(&self, index: u64) -> (&[f32], &[f32]) {
+        self.blocks[self.block_of[&index]].trajectory(index)
+    }
+}
+
+fn read_window(data: &DatasetReader, window: &Window) -> Result<WindowSeries, TaskError> {
+    let mut block_of = HashMap::with_capacity(window.trajectories.len());
+    let mut blocks = Vec::with_capacity(window.blocks.len());
+    for block in &window.blocks {
+        block_of.extend(block.clone().map(|index| (index, blocks.len())));
+        blocks.push(data.read(block.clone())?);
+    }
+    Ok(WindowSeries { blocks, block_of })
+}
+
+/// Trajectories gathered until they make a batch.
+struct BatchBuilder {
+    size: usize,
+    samples: usize,
+    u: Vec<f32>,
+    y: Vec<f32>,
+}
+
+impl BatchBuilder {
+    fn new(size: usize, samples: usize) -> Self {
+        Self { size, samples, u: Vec::new(), y: Vec::new() }
+    }
+
+    fn push(&mut self, u: &[f32], y: &[f32]) -> Option<Batch> {
+        let values = self.size * self.samples * JOINTS;
+        self.u.reserve(values - self.u.len());
+        self.y.reserve(values - self.y.len());
+        self.u.extend_from_slice(u);
+        self.y.extend_from_slice(y);
+        (self.u.len() == values).then(|| Batch {
+            u: std::mem::take(&mut self.u),
+            y: std::mem::take(&mut self.y),
+            size: self.size,
+            samples: self.samples,
+        })
+    }
+}

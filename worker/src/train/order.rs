@@ -1,0 +1,145 @@
+//! In which order trajectories are trained on: a function of (seed, step) alone.
+//!
+//! Reading rows at random from Parquet is slow, reading row groups is fast. So an epoch shuffles
+//! blocks (row groups), takes them a few at a time into a window, and shuffles within it.
+
+use std::ops::Range;
+
+use rand_chacha::ChaCha8Rng;
+use rand_core::{Rng, SeedableRng};
+
+/// Blocks that are shuffled together.
+const BLOCKS_PER_WINDOW: usize = 4;
+
+/// Consecutive trajectories of one shard that are read at once, by their indices in the dataset.
+type Block = Range<u64>;
+
+/// Which trajectories make which batch.
+#[derive(Clone, Debug)]
+pub(crate) struct Order {
+    blocks: Vec<Block>,
+    batch_size: usize,
+    seed: u64,
+}
+
+/// One epoch, window after window.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Epoch {
+    pub windows: Vec<Window>,
+}
+
+/// Trajectories in the order of training, and the blocks that hold them.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Window {
+    pub blocks: Vec<Block>,
+    pub trajectories: Vec<u64>,
+}
+
+impl Order {
+    /// Over `shards`, given as the trajectories each holds, up to trajectory `end`.
+    pub fn new(shards: &[Range<u64>], end: u64, block: u64, batch_size: usize, seed: u64) -> Self {
+        let blocks = shards.iter().flat_map(|shard| {
+            let (start, end) = (shard.start, shard.end.min(end));
+            (0..)
+                .map(move |k| start + k * block)
+                .take_while(move |&first| first < end)
+                .map(move |first| first..(first + block).min(end))
+        });
+        Self { blocks: blocks.collect(), batch_size, seed }
+    }
+
+    /// Whole batches in an epoch; the trajectories left over wait for the next shuffle.
+    pub fn batches_per_epoch(&self) -> u64 {
+        let trajectories: u64 = self.blocks.iter().map(|block| block.end - block.start).sum();
+        trajectories / self.batch_size as u64
+    }
+
+    /// The epoch of optimizer step `step` (from 0) and the step's place within it.
+    pub fn place(&self, step: u64) -> (u64, u64) {
+        let batches = self.batches_per_epoch().max(1);
+        (step / batches, step % batches)
+    }
+
+    pub fn batch_size(&self) -> usize {
+        self.batch_size
+    }
+
+    pub fn epoch(&self, epoch: u64) -> Epoch {
+        let mut generator = self.generator(epoch);
+        let mut blocks = self.blocks.clone();
+        shuffle(&mut blocks, &mut generator);
+        let windows = blocks.chunks(BLOCKS_PER_WINDOW).map(|blocks| {
+            let mut trajectories: Vec<u64> = blocks.iter().flat_map(Range::clone).collect();
+            shuffle(&mut trajectories, &mut generator);
+            Window { blocks: blocks.to_vec(), trajectories }
+        });
+        Epoch { windows: windows.collect() }
+    }
+
+    fn generator(&self, epoch: u64) -> ChaCha8Rng {
+        let mut key = [0; 32];
+        key[..8].copy_from_slice(&self.seed.to_le_bytes());
+        key[8..16].copy_from_slice(&epoch.to_le_bytes());
+        key[16..27].copy_from_slice(b"batch order");
+        ChaCha8Rng::from_seed(key)
+    }
+}
+
+/// Fisher-Yates.
+fn shuffle<T>(items: &mut [T], generator: &mut ChaCha8Rng) {
+    for last in (1..items.len()).rev() {
+        #[expect(clippy::cast_possible_truncation, reason = "at most `last`, a usize")]
+        let chosen = ((u128::from(generator.next_u64()) * (last as u128 + 1)) >> 64) as usize;
+        items.swap(last, chosen);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn order() -> Order {
+        Order::new(&[0..1000, 1000..2000, 2000..2400], 2300, 250, 64, 7)
+    }
+
+    fn trajectories(epoch: &Epoch) -> Vec<u64> {
+        epoch.windows.iter().flat_map(|window| window.trajectories.clone()).collect()
+    }
+
+    #[test]
+    fn an_epoch_holds_every_training_trajectory_once() {
+        let mut seen = trajectories(&order().epoch(3));
+        seen.sort_unstable();
+        assert_eq!(seen, (0..2300).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn a_window_holds_just_the_trajectories_of_its_blocks() {
+        for window in order().epoch(0).windows {
+            let within = |t: &u64| window.blocks.iter().any(|block| block.contains(t));
+            assert!(window.trajectories.iter().all(within));
+        }
+    }
+
+    #[test]
+    fn blocks_do_not_cross_shards() {
+        let order = Order::new(&[0..300, 300..600], 600, 250, 10, 0);
+        assert_eq!(order.blocks, [0..250, 250..300, 300..550, 550..600]);
+    }
+
+    #[test]
+    fn epochs_and_seeds_differ_and_repeat() {
+        let again = order();
+        assert_eq!(order().epoch(1), again.epoch(1));
+        assert_ne!(trajectories(&order().epoch(1)), trajectories(&order().epoch(2)));
+        let other = Order { seed: 8, ..order() };
+        assert_ne!(trajectories(&order().epoch(1)), trajectories(&other.epoch(1)));
+    }
+
+    #[test]
+    fn a_step_falls_into_its_epoch() {
+        let order = order();
+        assert_eq!(order.batches_per_epoch(), 35);
+        assert_eq!([order.place(0), order.place(34), order.place(35)], [(0, 0), (0, 34), (1, 0)]);
+    }
+}
