@@ -117,7 +117,7 @@ fn robomorph_sizes() -> [Preset; 3] {
             }),
         };
     [
-        size("tiny", "minutes on two cores", 96, 4, 2, 10),
+        size("tiny", "minutes on two cores", 64, 4, 2, 10),
         size("small", "an hour on two cores", 128, 8, 3, 4),
         size("paper", "49.9 M parameters, the paper's size", 384, 8, 12, 1),
     ]
@@ -144,8 +144,12 @@ fn quickstart() -> Preset {
                     "kind": "train",
                     "data": {"job": "train-set"},
                     "model": {"preset": "robomorph-tiny"},
-                    "optimizer": {"learning_rate": 1e-3, "warmup_steps": 100},
-                    "steps": 2000,
+                    "normalization": "dataset",
+                    "optimizer": {
+                        "learning_rate": 3e-3, "warmup_steps": 200, "gradient_clip_norm": 1.0
+                    },
+                    "batch_size": 32,
+                    "steps": 3000,
                 },
                 "evaluate": {
                     "kind": "evaluate",
@@ -240,7 +244,7 @@ mod tests {
         };
         let JobSpec::Train(train) = &pipeline.jobs["train"].spec else { panic!("not a training") };
         assert_eq!((train.steps, train.optimizer.warmup_steps), (10, 0));
-        assert_eq!(train.optimizer.learning_rate, 1e-3);
+        assert_eq!(train.optimizer.learning_rate, 3e-3);
         assert_eq!(pipeline.jobs["train-set"].spec.to_json()["trajectories"], 16_384);
     }
 }
