@@ -1,0 +1,63 @@
+//! What a job, a dataset, a run, a checkpoint and an evaluation are to a user.
+//!
+//! One file per resource: its shape in JSON, and the methods of [`App`] that read or change it.
+//! Routes and page call these, and nothing else calls the store.
+
+mod checkpoints;
+mod datasets;
+mod evaluations;
+mod experiments;
+mod files;
+mod jobs;
+mod paging;
+mod references;
+mod report;
+mod runs;
+mod submission;
+mod tasks;
+
+use store::Store;
+
+use crate::auth::Token;
+use crate::error::ApiError;
+
+pub use checkpoints::{Checkpoint, Checkpoints};
+pub use datasets::{Dataset, DatasetFile, Datasets, FileContent};
+pub use evaluations::{CellTask, Evaluation, Evaluations};
+pub use files::{Download, StoredFile};
+pub use jobs::{Job, JobFilter, JobState, Jobs, Member, Progress, Task, TaskState, Tasks};
+pub use paging::Paging;
+pub use report::{Interval, PairedDifference, PredictorKind, Report, ReportedPredictor, Rmse};
+pub use runs::{LatestMetric, Metric, Run, Runs};
+pub use submission::Reuse;
+
+/// How the server is to behave.
+#[derive(Clone, Debug, Default)]
+pub struct Options {
+    /// What callers must send as `Authorization: Bearer TOKEN`; without it everyone on this
+    /// machine may ask.
+    pub token: Option<String>,
+}
+
+/// The service behind the routes. Clones share it.
+#[derive(Clone)]
+pub struct App {
+    store: Store,
+    token: Option<Token>,
+}
+
+impl App {
+    pub fn new(store: Store, options: &Options) -> Self {
+        Self { store, token: options.token.as_deref().map(Token::new) }
+    }
+
+    pub(crate) fn token(&self) -> Option<&Token> {
+        self.token.as_ref()
+    }
+
+    /// The version of the database's schema, once the database has answered.
+    pub(crate) async fn database_schema(&self) -> Result<i64, ApiError> {
+        self.store.ping().await?;
+        Ok(self.store.schema_version())
+    }
+}

@@ -1,0 +1,36 @@
+//! Pages of a list: newest first, by id.
+
+use crate::error::ApiError;
+use crate::limits::{PAGE_DEFAULT, PAGE_MAXIMUM};
+
+/// Which part of a list is asked for.
+#[derive(Clone, Copy, Debug)]
+pub struct Paging {
+    /// Items at most.
+    pub limit: u32,
+    /// Only items with a smaller id.
+    pub before: Option<i64>,
+}
+
+impl From<Paging> for store::Page {
+    fn from(paging: Paging) -> Self {
+        Self { before: paging.before, limit: paging.limit }
+    }
+}
+
+impl Paging {
+    /// # Errors
+    /// When `limit` is not in 1 to [`PAGE_MAXIMUM`].
+    pub fn new(limit: Option<u32>, before: Option<i64>) -> Result<Self, ApiError> {
+        let limit = limit.unwrap_or(PAGE_DEFAULT);
+        if !(1..=PAGE_MAXIMUM).contains(&limit) {
+            return Err(ApiError::parameter("limit", limit, format!("1 to {PAGE_MAXIMUM}")));
+        }
+        Ok(Self { limit, before })
+    }
+
+    /// The `before` of the page that follows one whose last id is `last` among `found` items.
+    pub fn next(self, found: usize, last: Option<i64>) -> Option<i64> {
+        last.filter(|_| u32::try_from(found).is_ok_and(|found| found >= self.limit))
+    }
+}

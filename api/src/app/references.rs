@@ -1,0 +1,276 @@
+//! What a spec refers to: found, checked to be usable, and replaced by its digest.
+
+use std::collections::BTreeMap;
+
+use spec::{
+    CheckpointRef, DatasetRef, Digest, EvaluateSpec, JobKind, JobSpec, SimulateSpec, SpecError,
+    TrainSpec, Training,
+};
+use store::{CheckpointId, DatasetId, Job, JobFilter, JobState, Need, Page, Store, StoreError};
+
+use crate::error::ApiError;
+
+/// How many ids an error names as what exists.
+const EXISTING_SHOWN: u32 = 10;
+
+/// States of jobs whose results exist or are on their way.
+const LIVE: [JobState; 3] = [JobState::Waiting, JobState::Queued, JobState::Running];
+
+/// Resolves the references of a job, or of the jobs of a pipeline one after the other.
+pub struct References<'a> {
+    store: &'a Store,
+    /// The jobs of the pipeline that were resolved before, by name.
+    siblings: BTreeMap<String, Sibling>,
+}
+
+/// A resolved job of the same pipeline.
+struct Sibling {
+    index: usize,
+    digest: Digest,
+    spec: JobSpec,
+}
+
+/// A job with every reference resolved, and what follows from them.
+pub struct Resolved {
+    pub spec: JobSpec,
+    pub needs: Vec<Need>,
+    /// What it reads, unless it is a simulation.
+    pub data: Option<SimulateSpec>,
+}
+
+/// Something that a job needs: the digest of its spec, and the job that makes it.
+struct Found {
+    digest: Digest,
+    need: Need,
+    spec: JobSpec,
+}
+
+impl<'a> References<'a> {
+    pub fn new(store: &'a Store) -> Self {
+        Self { store, siblings: BTreeMap::new() }
+    }
+
+    /// Lets later jobs of the pipeline refer to the `index`-th by `name`.
+    pub fn add_sibling(&mut self, name: &str, index: usize, spec: &JobSpec) {
+        let sibling = Sibling { index, digest: spec.digest(), spec: spec.clone() };
+        self.siblings.insert(name.to_owned(), sibling);
+    }
+
+    /// The index of a sibling that was added.
+    pub fn sibling(&self, name: &str) -> Option<usize> {
+        self.siblings.get(name).map(|sibling| sibling.index)
+    }
+
+    /// # Errors
+    /// [`ApiError::Spec`] when something that `spec` refers to does not exist, has failed, or does
+    /// not fit.
+    pub async fn resolve(&self, spec: &JobSpec) -> Result<Resolved, ApiError> {
+        match spec {
+            JobSpec::Train(spec) => self.resolve_training(spec).await,
+            JobSpec::Evaluate(spec) => self.resolve_evaluation(spec).await,
+            JobSpec::Simulate(_) | JobSpec::Pipeline(_) => {
+                Ok(Resolved { spec: spec.clone(), needs: Vec::new(), data: None })
+            }
+        }
+    }
+
+    async fn resolve_training(&self, spec: &TrainSpec) -> Result<Resolved, ApiError> {
+        let found = self.dataset(&spec.data).await?;
+        let data = simulation(&found.spec, "data")?;
+        spec.check_data(&data)?;
+        let spec = TrainSpec { data: DatasetRef::Digest(found.digest), ..spec.clone() };
+        Ok(Resolved { spec: JobSpec::Train(spec), needs: vec![found.need], data: Some(data) })
+    }
+
+    async fn resolve_evaluation(&self, spec: &EvaluateSpec) -> Result<Resolved, ApiError> {
+        let found = self.dataset(&spec.data).await?;
+        let data = simulation(&found.spec, "data")?;
+        let mut needs = vec![found.need];
+        let mut checkpoints = Vec::with_capacity(spec.checkpoints.len());
+        let mut trainings = Vec::with_capacity(spec.checkpoints.len());
+        for (i, reference) in spec.checkpoints.iter().enumerate() {
+            let field = format!("checkpoints[{i}]");
+            let checkpoint = self.checkpoint(reference, &field).await?;
+            let training = training(&checkpoint.spec, &field)?;
+            if checkpoints.contains(&CheckpointRef::Digest(checkpoint.digest)) {
+                let value = checkpoint.digest.to_string();
+                return Err(SpecError::one(field, value, "each training once").into());
+            }
+            let data = self.data_of(&training, &field).await?;
+            needs.push(checkpoint.need);
+            checkpoints.push(CheckpointRef::Digest(checkpoint.digest));
+            trainings.push((training, data));
+        }
+        let inputs: Vec<Training<'_>> =
+            trainings.iter().map(|(spec, data)| Training { spec, data }).collect();
+        spec.check_inputs(&data, &inputs)?;
+        let spec =
+            EvaluateSpec { data: DatasetRef::Digest(found.digest), checkpoints, ..spec.clone() };
+        Ok(Resolved { spec: JobSpec::Evaluate(spec), needs, data: Some(data) })
+    }
+
+    async fn dataset(&self, reference: &DatasetRef) -> Result<Found, ApiError> {
+        match reference {
+            DatasetRef::Job(name) => self.named(name, "data.job"),
+            DatasetRef::Dataset(id) => match self.store.dataset(DatasetId(*id)).await {
+                Ok(dataset) => {
+                    self.made(dataset.digest, JobKind::Simulate, "data.dataset", &id.to_string())
+                        .await
+                }
+                Err(StoreError::NotFound { .. }) => {
+                    let newest = self.store.datasets(None, newest()).await?;
+                    let ids = newest.iter().map(|dataset| dataset.id.0);
+                    Err(no_such("data.dataset", *id, "dataset", ids))
+                }
+                Err(error) => Err(error.into()),
+            },
+            DatasetRef::Digest(digest) => {
+                self.made(*digest, JobKind::Simulate, "data.digest", &digest.to_string()).await
+            }
+        }
+    }
+
+    async fn checkpoint(&self, reference: &CheckpointRef, field: &str) -> Result<Found, ApiError> {
+        match reference {
+            CheckpointRef::Job(name) => self.named(name, &format!("{field}.job")),
+            CheckpointRef::Checkpoint(id) => {
+                let field = format!("{field}.checkpoint");
+                match self.store.checkpoint(CheckpointId(*id)).await {
+                    Ok(checkpoint) => {
+                        self.made(checkpoint.digest, JobKind::Train, &field, &id.to_string()).await
+                    }
+                    Err(StoreError::NotFound { .. }) => {
+                        let newest = self.store.checkpoints(newest()).await?;
+                        let ids = newest.iter().map(|checkpoint| checkpoint.id.0);
+                        Err(no_such(&field, *id, "checkpoint", ids))
+                    }
+                    Err(error) => Err(error.into()),
+                }
+            }
+            CheckpointRef::Digest(digest) => {
+                let field = format!("{field}.digest");
+                self.made(*digest, JobKind::Train, &field, &digest.to_string()).await
+            }
+        }
+    }
+
+    fn named(&self, name: &str, field: &str) -> Result<Found, ApiError> {
+        let Some(sibling) = self.siblings.get(name) else {
+            let names: Vec<&str> = self.siblings.keys().map(String::as_str).collect();
+            let allowed = format!("a job of this pipeline: {}", names.join(", "));
+            return Err(SpecError::one(field, format!("{name:?}"), allowed).into());
+        };
+        Ok(Found {
+            digest: sibling.digest,
+            need: Need::New(sibling.index),
+            spec: sibling.spec.clone(),
+        })
+    }
+
+    /// The job of `kind` that has made, or is going to make, what `digest` names.
+    async fn made(
+        &self,
+        digest: Digest,
+        kind: JobKind,
+        field: &str,
+        value: &str,
+    ) -> Result<Found, ApiError> {
+        let of_kind = |job: Option<Job>| job.filter(|job| job.kind == kind);
+        let mut job = of_kind(self.store.job_by_digest(digest, &[JobState::Succeeded]).await?);
+        if job.is_none() {
+            let live = of_kind(self.store.job_by_digest(digest, &LIVE).await?);
+            job = live.filter(|job| !job.cancel_requested);
+        }
+        let Some(job) = job else {
+            return Err(self.not_made(digest, kind, field, value).await?.into());
+        };
+        Ok(Found { digest, need: Need::Existing(job.id), spec: stored(&job, field)? })
+    }
+
+    async fn not_made(
+        &self,
+        digest: Digest,
+        kind: JobKind,
+        field: &str,
+        value: &str,
+    ) -> Result<SpecError, ApiError> {
+        let any = self.store.job_by_digest(digest, &JobState::ALL).await?;
+        if let Some(job) = any.filter(|job| job.kind == kind) {
+            let state = if job.cancel_requested { JobState::Cancelled } else { job.state };
+            let value = format!("{value}, of {kind} job {}, which {}", job.id, ended(state));
+            return Ok(SpecError::one(field, value, "of a job that succeeded or still can"));
+        }
+        let filter = JobFilter { kind: Some(kind), ..JobFilter::default() };
+        let existing = self.store.jobs(filter, newest()).await?;
+        let digests: Vec<String> = existing
+            .iter()
+            .filter(|job| !matches!(job.state, JobState::Failed | JobState::Cancelled))
+            .map(|job| job.digest.to_string())
+            .collect();
+        let allowed = match digests.as_slice() {
+            [] => format!("the digest of a {kind} job, of which there are none yet"),
+            digests => format!("the digest of a {kind} job: {}", digests.join(", ")),
+        };
+        Ok(SpecError::one(field, value, allowed))
+    }
+
+    /// The simulation that a training was trained on.
+    async fn data_of(&self, training: &TrainSpec, field: &str) -> Result<SimulateSpec, ApiError> {
+        let DatasetRef::Digest(digest) = training.data else {
+            return Err(SpecError::one(field, "", "a training with resolved data").into());
+        };
+        if let Some(sibling) = self.siblings.values().find(|it| it.digest == digest) {
+            return simulation(&sibling.spec, field);
+        }
+        match self.store.job_by_digest(digest, &JobState::ALL).await? {
+            Some(job) => simulation(&stored(&job, field)?, field),
+            None => {
+                let value = format!("trained on {digest}, of which nothing is known");
+                Err(SpecError::one(field, value, "a training with known data").into())
+            }
+        }
+    }
+}
+
+fn newest() -> Page {
+    Page { before: None, limit: EXISTING_SHOWN }
+}
+
+fn ended(state: JobState) -> &'static str {
+    match state {
+        JobState::Failed => "failed",
+        JobState::Cancelled => "was cancelled",
+        _ => "has not ended",
+    }
+}
+
+fn no_such(field: &str, id: i64, what: &str, existing: impl Iterator<Item = i64>) -> ApiError {
+    let ids: Vec<String> = existing.map(|id| id.to_string()).collect();
+    let allowed = match ids.as_slice() {
+        [] => format!("the id of a {what}, of which there are none yet"),
+        ids => format!("the id of a {what}, the newest are {}", ids.join(", ")),
+    };
+    SpecError::one(field, id.to_string(), allowed).into()
+}
+
+/// The spec of a stored job; it was resolved when it was stored.
+fn stored(job: &Job, field: &str) -> Result<JobSpec, ApiError> {
+    serde_json::from_value(job.spec.clone()).map_err(|error| {
+        let value = format!("of job {}, whose spec this version cannot read: {error}", job.id);
+        SpecError::one(field, value, "of a job of this version").into()
+    })
+}
+
+fn simulation(spec: &JobSpec, field: &str) -> Result<SimulateSpec, ApiError> {
+    match spec {
+        JobSpec::Simulate(spec) => Ok(spec.clone()),
+        other => Err(SpecError::one(field, other.kind().as_str(), "simulate").into()),
+    }
+}
+
+fn training(spec: &JobSpec, field: &str) -> Result<TrainSpec, ApiError> {
+    match spec {
+        JobSpec::Train(spec) => Ok(spec.clone()),
+        other => Err(SpecError::one(field, other.kind().as_str(), "train").into()),
+    }
+}

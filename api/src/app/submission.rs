@@ -1,0 +1,97 @@
+//! From a spec as it is sent to jobs in the store.
+
+use serde::de::IgnoredAny;
+use serde_json::json;
+use spec::{Digest, JobSpec, PipelineMember, PipelineSpec, SpecError};
+use store::{Idempotency, Need, NewJob, NewMember, NewPipeline, Submission};
+
+use crate::app::references::{References, Resolved};
+use crate::app::tasks::Plan;
+use crate::app::{App, Job};
+use crate::error::ApiError;
+
+pub use store::Reuse;
+
+/// What became of a submission.
+#[derive(Clone, Debug)]
+pub struct Submitted {
+    pub job: Job,
+    /// Whether it is new.
+    pub created: bool,
+}
+
+impl App {
+    /// Submits the spec in `text`: a job, or a pipeline with all its jobs, in one transaction.
+    ///
+    /// # Errors
+    /// [`ApiError::Json`] or [`ApiError::Spec`] when it cannot be accepted; nothing is queued then.
+    pub async fn submit(
+        &self,
+        text: &[u8],
+        reuse: Reuse,
+        idempotency_key: Option<String>,
+    ) -> Result<Submitted, ApiError> {
+        serde_json::from_slice::<IgnoredAny>(text).map_err(ApiError::Json)?;
+        let spec = spec::parse(text)?;
+        let references = References::new(&self.store);
+        let (jobs, pipeline) = match &spec {
+            JobSpec::Pipeline(pipeline) => {
+                let (jobs, pipeline) = plan_pipeline(references, pipeline).await?;
+                (jobs, Some(pipeline))
+            }
+            single => {
+                let resolved = references.resolve(single).await?;
+                let name = format!("{}-{}", single.kind(), resolved.spec.digest().short());
+                (vec![plan_job(name, resolved)?], None)
+            }
+        };
+        let idempotency = idempotency_key.map(|key| Idempotency {
+            key,
+            request: Digest::of_json(&json!([Digest::of(text), reuse == Reuse::Never])),
+        });
+        let submission = Submission { jobs, pipeline, reuse, idempotency };
+        let submitted = self.store.submit(submission).await?;
+        Ok(Submitted { job: self.job(submitted.job.0).await?, created: !submitted.reused })
+    }
+}
+
+fn plan_job(name: String, resolved: Resolved) -> Result<NewJob, ApiError> {
+    let Plan { unit, tasks } = Plan::new(&resolved.spec, resolved.data.as_ref())?;
+    Ok(NewJob { name, spec: resolved.spec, unit: unit.to_owned(), tasks, needs: resolved.needs })
+}
+
+async fn plan_pipeline(
+    mut references: References<'_>,
+    pipeline: &PipelineSpec,
+) -> Result<(Vec<NewJob>, NewPipeline), ApiError> {
+    let order = pipeline.order().ok_or_else(|| {
+        SpecError::one("jobs", "circular", "jobs that do not need each other in a circle")
+    })?;
+    let mut resolved_pipeline = pipeline.clone();
+    let mut jobs: Vec<NewJob> = Vec::with_capacity(order.len());
+    let mut members = Vec::with_capacity(order.len());
+    for name in order {
+        let member = &pipeline.jobs[name];
+        let job = plan_member(&references, name, member)
+            .await
+            .map_err(|error| error.within(&format!("jobs.{name}")))?;
+        references.add_sibling(name, jobs.len(), &job.spec);
+        let resolved_member =
+            PipelineMember { needs: member.needs.clone(), spec: job.spec.clone() };
+        resolved_pipeline.jobs.insert(name.to_owned(), resolved_member);
+        members.push(NewMember { name: name.to_owned(), job: jobs.len() });
+        jobs.push(job);
+    }
+    Ok((jobs, NewPipeline { spec: resolved_pipeline, members }))
+}
+
+async fn plan_member(
+    references: &References<'_>,
+    name: &str,
+    member: &PipelineMember,
+) -> Result<NewJob, ApiError> {
+    let mut resolved = references.resolve(&member.spec).await?;
+    let explicit = member.needs.iter().filter_map(|need| references.sibling(need)).map(Need::New);
+    resolved.needs.extend(explicit);
+    plan_job(name.to_owned(), resolved)
+}

@@ -1,0 +1,105 @@
+//! The pieces of a job that workers lease.
+
+use serde_json::{Value, json};
+use spec::{JobSpec, SimulateSpec, SpecError};
+use store::NewTask;
+
+use crate::limits::TASKS_PER_JOB;
+
+/// The tasks of a job and what their progress counts.
+#[derive(Clone, Debug)]
+pub struct Plan {
+    pub unit: &'static str,
+    pub tasks: Vec<NewTask>,
+}
+
+impl Plan {
+    /// The tasks of `spec`, which reads `data` when it is an evaluation.
+    ///
+    /// # Errors
+    /// When there would be more than [`TASKS_PER_JOB`], or an evaluation has no data.
+    pub fn new(spec: &JobSpec, data: Option<&SimulateSpec>) -> Result<Self, SpecError> {
+        match (spec, data) {
+            (JobSpec::Simulate(spec), _) => Self::of_simulation(spec),
+            (JobSpec::Train(spec), _) => {
+                let task = task(0, 0, "train".to_owned(), json!({}), spec.steps);
+                Ok(Self { unit: "steps", tasks: vec![task] })
+            }
+            (JobSpec::Evaluate(_), Some(data)) => Ok(Self::of_evaluation(data)),
+            (JobSpec::Evaluate(_), None) => Err(SpecError::one("data", "", "a dataset")),
+            (JobSpec::Pipeline(_), _) => {
+                Err(SpecError::one("kind", "pipeline", "simulate, train, evaluate"))
+            }
+        }
+    }
+
+    /// One task per shard.
+    fn of_simulation(spec: &SimulateSpec) -> Result<Self, SpecError> {
+        let shards = u32::try_from(spec.shard_count()).unwrap_or(u32::MAX);
+        if shards > TASKS_PER_JOB {
+            return Err(SpecError::one(
+                "shard_trajectories",
+                spec.shard_trajectories.to_string(),
+                format!("so many that at most {TASKS_PER_JOB} shards are needed, not {shards}"),
+            ));
+        }
+        let shard = |shard: u32| {
+            let trajectories = spec.shard(u64::from(shard));
+            let total = trajectories.end - trajectories.start;
+            task(0, shard, format!("shard {shard:05}"), json!({"shard": shard}), total)
+        };
+        Ok(Self { unit: "trajectories", tasks: (0..shards).map(shard).collect() })
+    }
+
+    /// One task per cell, and the report over all of them.
+    fn of_evaluation(data: &SimulateSpec) -> Self {
+        let cells = (0u32..).zip(data.cells()).map(|(k, cell)| {
+            let label = format!("{} {} Hz", cell.family, cell.frequency_hz);
+            task(0, k, label, json!({"cell": k}), cell.count)
+        });
+        let report = task(1, 0, "report".to_owned(), json!({}), 0);
+        Self { unit: "scenarios", tasks: cells.chain([report]).collect() }
+    }
+}
+
+fn task(stage: u32, ordinal: u32, label: String, payload: Value, total: u64) -> NewTask {
+    NewTask { stage, ordinal, label, payload, total }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parse(spec: &Value) -> JobSpec {
+        spec::parse(spec.to_string().as_bytes()).unwrap()
+    }
+
+    #[test]
+    fn a_simulation_has_a_task_per_shard_and_the_last_one_is_shorter() {
+        let spec = json!({"preset": "D1-chirp", "trajectories": 25, "shard_trajectories": 10});
+        let plan = Plan::new(&parse(&spec), None).unwrap();
+        let tasks: Vec<_> = plan.tasks.iter().map(|it| (it.label.as_str(), it.total)).collect();
+        assert_eq!(tasks, [("shard 00000", 10), ("shard 00001", 10), ("shard 00002", 5)]);
+        assert_eq!(plan.tasks[2].payload, json!({"shard": 2}));
+    }
+
+    #[test]
+    fn a_simulation_in_tiny_shards_is_refused() {
+        let spec = json!({"preset": "D1-chirp", "shard_trajectories": 1});
+        let error = Plan::new(&parse(&spec), None).unwrap_err();
+        assert_eq!(error.violations[0].field, "shard_trajectories");
+    }
+
+    #[test]
+    fn an_evaluation_has_a_task_per_cell_and_a_report_after_them() {
+        let JobSpec::Simulate(data) = parse(&json!({"preset": "grid-chirp"})) else {
+            panic!("not a simulation");
+        };
+        let digest = "0".repeat(64);
+        let spec = json!({"kind": "evaluate", "data": {"digest": digest}});
+        let plan = Plan::new(&parse(&spec), Some(&data)).unwrap();
+        assert_eq!(plan.tasks.len(), 11);
+        assert_eq!((plan.tasks[2].label.as_str(), plan.tasks[2].total), ("chirp 0.3 Hz", 100));
+        assert_eq!((plan.tasks[10].stage, plan.tasks[10].label.as_str()), (1, "report"));
+    }
+}

@@ -1,0 +1,208 @@
+//! Files: with their digest, whole or in part, and only when the caller does not have them yet.
+
+use axum::body::Body;
+use axum::http::header::{
+    ACCEPT_RANGES, CACHE_CONTROL, CONTENT_DISPOSITION, CONTENT_LENGTH, CONTENT_RANGE, CONTENT_TYPE,
+    ETAG, HeaderName, IF_NONE_MATCH, IF_RANGE, RANGE,
+};
+use axum::http::{HeaderMap, HeaderValue, Method, StatusCode};
+use axum::response::Response;
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD as BASE64;
+use spec::Digest;
+
+use crate::range::{self, Requested};
+
+/// RFC 9530; not yet among the constants of `http`.
+const REPR_DIGEST: HeaderName = HeaderName::from_static("repr-digest");
+
+/// What is known of a file before a byte of it is read.
+#[derive(Clone, Debug)]
+pub struct FileInfo {
+    /// As the caller should save it.
+    pub name: String,
+    pub media_type: String,
+    pub size: u64,
+    pub sha256: Digest,
+}
+
+/// The answer to a request for a file: its headers, and the bytes to send, if any.
+#[derive(Debug)]
+pub struct Answer {
+    status: StatusCode,
+    headers: HeaderMap,
+    /// Bytes of the file to send; `None` when the answer has no body.
+    pub part: Option<std::ops::Range<u64>>,
+}
+
+impl Answer {
+    /// Decides by RFC 9110, sections 13.2.2 and 14.2.
+    pub fn new(method: &Method, request: &HeaderMap, file: &FileInfo) -> Self {
+        let tag = format!("\"{}\"", file.sha256);
+        let mut headers = HeaderMap::new();
+        headers.insert(ETAG, ascii(&tag));
+        headers.insert(ACCEPT_RANGES, HeaderValue::from_static("bytes"));
+        headers.insert(
+            REPR_DIGEST,
+            ascii(&format!("sha-256=:{}:", BASE64.encode(file.sha256.as_bytes()))),
+        );
+        // The bytes behind an id never change, but a data folder may be replaced by another one.
+        headers.insert(CACHE_CONTROL, HeaderValue::from_static("no-cache"));
+        if text(request, IF_NONE_MATCH).is_some_and(|known| lists_tag(known, &tag)) {
+            return Self { status: StatusCode::NOT_MODIFIED, headers, part: None };
+        }
+        headers.insert(CONTENT_TYPE, ascii(&file.media_type));
+        headers.insert(CONTENT_DISPOSITION, disposition(&file.name));
+
+        let (status, part) = match requested(method, request, &tag, file.size) {
+            Requested::Whole => (StatusCode::OK, 0..file.size),
+            Requested::Part { first, last } => {
+                let range = format!("bytes {first}-{last}/{}", file.size);
+                headers.insert(CONTENT_RANGE, ascii(&range));
+                (StatusCode::PARTIAL_CONTENT, first..last + 1)
+            }
+            Requested::Unsatisfiable => {
+                headers.insert(CONTENT_RANGE, ascii(&format!("bytes */{}", file.size)));
+                headers.insert(CONTENT_LENGTH, HeaderValue::from(0));
+                let status = StatusCode::RANGE_NOT_SATISFIABLE;
+                return Self { status, headers, part: None };
+            }
+        };
+        headers.insert(CONTENT_LENGTH, HeaderValue::from(part.end - part.start));
+        let part = (method != Method::HEAD).then_some(part);
+        Self { status, headers, part }
+    }
+
+    pub fn with_body(self, body: Body) -> Response {
+        let mut response = Response::new(body);
+        *response.status_mut() = self.status;
+        *response.headers_mut() = self.headers;
+        response
+    }
+}
+
+/// The part that `Range` asks for, unless `If-Range` says that the caller has another file.
+fn requested(method: &Method, request: &HeaderMap, tag: &str, size: u64) -> Requested {
+    let Some(range) = text(request, RANGE).filter(|_| method == Method::GET) else {
+        return Requested::Whole;
+    };
+    // Dates never match: what identifies a file here is its digest.
+    if request.contains_key(IF_RANGE) && text(request, IF_RANGE) != Some(tag) {
+        return Requested::Whole;
+    }
+    range::requested(range, size)
+}
+
+fn text(headers: &HeaderMap, name: HeaderName) -> Option<&str> {
+    headers.get(name).and_then(|value| value.to_str().ok())
+}
+
+/// Whether `If-None-Match` names `tag`; weak tags count as well there.
+fn lists_tag(list: &str, tag: &str) -> bool {
+    list.split(',')
+        .map(str::trim)
+        .any(|known| known == "*" || known.strip_prefix("W/").unwrap_or(known) == tag)
+}
+
+/// Saves under `name`, with everything replaced that a header or a file system could take amiss.
+fn disposition(name: &str) -> HeaderValue {
+    let safe: String = name
+        .chars()
+        .map(|c| if c.is_ascii_alphanumeric() || "._-".contains(c) { c } else { '-' })
+        .collect();
+    ascii(&format!("attachment; filename=\"{safe}\""))
+}
+
+/// A header value of what was put together here; the callers give ASCII only.
+fn ascii(value: &str) -> HeaderValue {
+    HeaderValue::from_str(value)
+        .unwrap_or_else(|_| HeaderValue::from_static("application/octet-stream"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn file() -> FileInfo {
+        FileInfo {
+            name: "d1 \"x\"\r\n.parquet".to_owned(),
+            media_type: "application/vnd.apache.parquet".to_owned(),
+            size: 1000,
+            sha256: Digest::of(b"bytes"),
+        }
+    }
+
+    fn answer(method: &Method, request: &[(HeaderName, &str)]) -> Answer {
+        let request = request
+            .iter()
+            .map(|(name, value)| (name.clone(), HeaderValue::from_str(value).unwrap()))
+            .collect();
+        Answer::new(method, &request, &file())
+    }
+
+    fn header(answer: &Answer, name: HeaderName) -> &str {
+        answer.headers[name].to_str().unwrap()
+    }
+
+    fn tag() -> String {
+        format!("\"{}\"", file().sha256)
+    }
+
+    #[test]
+    fn a_whole_file_says_its_size_and_digest_and_a_harmless_name() {
+        let answer = answer(&Method::GET, &[]);
+        assert_eq!((answer.status, answer.part.clone()), (StatusCode::OK, Some(0..1000)));
+        assert_eq!(header(&answer, CONTENT_LENGTH), "1000");
+        assert_eq!(header(&answer, ETAG), tag());
+        let digest = BASE64.encode(file().sha256.as_bytes());
+        assert_eq!(header(&answer, REPR_DIGEST), format!("sha-256=:{digest}:"));
+        assert_eq!(
+            header(&answer, CONTENT_DISPOSITION),
+            "attachment; filename=\"d1--x---.parquet\""
+        );
+    }
+
+    #[test]
+    fn head_has_the_headers_of_get_and_no_bytes() {
+        let head = answer(&Method::HEAD, &[(RANGE, "bytes=0-9")]);
+        assert_eq!((head.status, head.part.clone()), (StatusCode::OK, None));
+        assert_eq!(head.headers, answer(&Method::GET, &[]).headers);
+    }
+
+    #[test]
+    fn a_part_is_sent_with_its_place() {
+        let answer = answer(&Method::GET, &[(RANGE, "bytes=990-2000")]);
+        assert_eq!(answer.status, StatusCode::PARTIAL_CONTENT);
+        assert_eq!(answer.part, Some(990..1000));
+        assert_eq!(header(&answer, CONTENT_RANGE), "bytes 990-999/1000");
+        assert_eq!(header(&answer, CONTENT_LENGTH), "10");
+    }
+
+    #[test]
+    fn a_part_beyond_the_end_is_refused_with_the_size() {
+        let answer = answer(&Method::GET, &[(RANGE, "bytes=1000-")]);
+        assert_eq!((answer.status, answer.part.clone()), (StatusCode::RANGE_NOT_SATISFIABLE, None));
+        assert_eq!(header(&answer, CONTENT_RANGE), "bytes */1000");
+    }
+
+    #[test]
+    fn a_part_of_another_file_is_not_asked_for() {
+        let range = (RANGE, "bytes=0-9");
+        let same = answer(&Method::GET, &[range.clone(), (IF_RANGE, &tag())]);
+        assert_eq!(same.part, Some(0..10));
+        for other in ["\"other\"", "W/\"weak\"", "Wed, 21 Oct 2015 07:28:00 GMT"] {
+            let answer = answer(&Method::GET, &[range.clone(), (IF_RANGE, other)]);
+            assert_eq!((answer.status, answer.part), (StatusCode::OK, Some(0..1000)));
+        }
+    }
+
+    #[test]
+    fn a_file_that_the_caller_has_is_not_sent_again() {
+        for known in [tag(), format!("\"x\", W/{}", tag()), "*".to_owned()] {
+            let answer = answer(&Method::GET, &[(IF_NONE_MATCH, &known)]);
+            assert_eq!((answer.status, answer.part), (StatusCode::NOT_MODIFIED, None));
+        }
+        let answer = answer(&Method::GET, &[(IF_NONE_MATCH, "\"x\"")]);
+        assert_eq!(answer.status, StatusCode::OK);
+    }
+}

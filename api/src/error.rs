@@ -1,0 +1,230 @@
+//! Why a request was not answered as asked.
+
+use std::fmt::Display;
+
+use axum::http::header::{RETRY_AFTER, WWW_AUTHENTICATE};
+use axum::http::{HeaderValue, Method, StatusCode};
+use axum::response::{IntoResponse, Response};
+use spec::SpecError;
+use store::{JobState, StoreError};
+use thiserror::Error;
+
+use crate::limits::{BODY_BYTES, REQUEST_TIMEOUT};
+use crate::problem::Problem;
+
+#[derive(Debug, Error)]
+pub enum ApiError {
+    #[error("there is no {what} {id}")]
+    NotFound { what: &'static str, id: String },
+
+    #[error("nothing is at {path}; GET /v1/openapi.json lists every path")]
+    NoRoute { path: String },
+
+    #[error("{path} does not answer {method}; GET /v1/openapi.json lists every path")]
+    Method { method: Method, path: String },
+
+    #[error("{name} is {value:?}, allowed: {allowed}")]
+    Parameter { name: String, value: String, allowed: String },
+
+    #[error("the query is not understood: {reason}")]
+    Query { reason: String },
+
+    #[error("the body is {found}; send the spec as JSON with Content-Type: application/json")]
+    ContentType { found: String },
+
+    #[error("a body may have {BODY_BYTES} bytes at most")]
+    BodyTooLarge,
+
+    #[error("the body could not be read to its end: {reason}")]
+    Body { reason: String },
+
+    #[error("the body is not valid JSON: {0}")]
+    Json(serde_json::Error),
+
+    #[error("{0}")]
+    Spec(SpecError),
+
+    #[error("job {id} is {state}, which is final, so it cannot be cancelled")]
+    AlreadyFinal { id: i64, state: JobState },
+
+    #[error("{}", if *.offered { "the token is not the server's" } else {
+        "this server wants a token; send Authorization: Bearer TOKEN"
+    })]
+    Unauthorized { offered: bool },
+
+    #[error("another site's page may not change anything here")]
+    CrossSite,
+
+    #[error(
+        "this server answers as localhost or 127.0.0.1, not as {name:?}; start it with a token to use other names"
+    )]
+    ForeignHost { name: String },
+
+    #[error("the server is answering as many requests as it can; try again in a second")]
+    Crowded,
+
+    #[error("the answer took longer than {} s", REQUEST_TIMEOUT.as_secs())]
+    Timeout,
+
+    #[error("{}", store_message(.0))]
+    Store(#[from] StoreError),
+
+    #[error("drawing a figure failed")]
+    Figure(#[from] figures::FigureError),
+
+    #[error("rendering a page failed")]
+    Page(#[from] askama::Error),
+
+    #[error("a fault in the server; its log says more")]
+    Internal,
+}
+
+impl ApiError {
+    pub fn not_found(what: &'static str, id: impl Display) -> Self {
+        Self::NotFound { what, id: id.to_string() }
+    }
+
+    pub fn parameter(name: &str, value: impl Display, allowed: impl Into<String>) -> Self {
+        Self::Parameter { name: name.to_owned(), value: value.to_string(), allowed: allowed.into() }
+    }
+
+    /// The same error, with the fields of a spec seen from an enclosing one.
+    pub fn within(self, outer: &str) -> Self {
+        match self {
+            Self::Spec(error) => Self::Spec(error.within(outer)),
+            other => other,
+        }
+    }
+
+    pub fn status(&self) -> StatusCode {
+        self.kind().0
+    }
+
+    /// Status, name and title of the kind of problem.
+    fn kind(&self) -> (StatusCode, &'static str, &'static str) {
+        use StatusCode as S;
+        match self {
+            Self::NotFound { .. } => (S::NOT_FOUND, "not-found", "There is no such thing"),
+            Self::NoRoute { .. } => (S::NOT_FOUND, "no-route", "There is no such path"),
+            Self::Method { .. } => {
+                (S::METHOD_NOT_ALLOWED, "method", "The path does not answer this method")
+            }
+            Self::Parameter { .. } | Self::Query { .. } => {
+                (S::BAD_REQUEST, "parameter", "A parameter cannot be accepted")
+            }
+            Self::ContentType { .. } => {
+                (S::UNSUPPORTED_MEDIA_TYPE, "content-type", "The body is not declared as JSON")
+            }
+            Self::BodyTooLarge => (S::PAYLOAD_TOO_LARGE, "body-too-large", "The body is too large"),
+            Self::Body { .. } => (S::BAD_REQUEST, "body", "The body could not be read"),
+            Self::Json(_) => (S::BAD_REQUEST, "json", "The body is not JSON"),
+            Self::Spec(_) => (S::UNPROCESSABLE_ENTITY, "spec", "The spec cannot be accepted"),
+            Self::Store(error) => of_store(error),
+            Self::AlreadyFinal { .. } => (S::CONFLICT, "already-final", "The job has ended"),
+            Self::Unauthorized { .. } => (S::UNAUTHORIZED, "token", "A token is required"),
+            Self::CrossSite => (S::FORBIDDEN, "cross-site", "The request came from another site"),
+            Self::ForeignHost { .. } => {
+                (S::MISDIRECTED_REQUEST, "host", "The server does not have this name")
+            }
+            Self::Crowded => (S::SERVICE_UNAVAILABLE, "crowded", "Too many requests at once"),
+            Self::Timeout => (S::SERVICE_UNAVAILABLE, "timeout", "The answer took too long"),
+            Self::Figure(_) | Self::Page(_) | Self::Internal => {
+                (S::INTERNAL_SERVER_ERROR, "internal", "The server failed")
+            }
+        }
+    }
+
+    pub fn to_problem(&self) -> Problem {
+        let (status, kind, title) = self.kind();
+        let violations = match self {
+            Self::Spec(error) => error.violations.clone(),
+            _ => Vec::new(),
+        };
+        Problem {
+            // A tag URI (RFC 4151): a name that does not pretend to be a page.
+            kind: format!("tag:torqued,2026:{kind}"),
+            title: title.to_owned(),
+            status: status.as_u16(),
+            detail: self.to_string(),
+            violations,
+        }
+    }
+
+    /// Writes to the log what the answer leaves out.
+    pub fn log(&self) {
+        if self.status().is_server_error() {
+            tracing::error!(error = causes(self), "a request failed");
+        }
+    }
+
+    /// Headers that belong to the answer, whatever its body.
+    pub fn add_headers(&self, response: &mut Response) {
+        let headers = response.headers_mut();
+        match self {
+            Self::Unauthorized { .. } => {
+                let schemes =
+                    r#"Bearer realm="torqued", Basic realm="torqued (the password is the token)""#;
+                headers.insert(WWW_AUTHENTICATE, HeaderValue::from_static(schemes));
+            }
+            Self::Crowded | Self::Timeout => {
+                headers.insert(RETRY_AFTER, HeaderValue::from_static("1"));
+            }
+            _ => {}
+        }
+    }
+}
+
+fn of_store(error: &StoreError) -> (StatusCode, &'static str, &'static str) {
+    use StatusCode as S;
+    match error {
+        StoreError::NotFound { .. } => (S::NOT_FOUND, "not-found", "There is no such thing"),
+        StoreError::IdempotencyConflict { .. } => (
+            S::UNPROCESSABLE_ENTITY,
+            "idempotency-key",
+            "The Idempotency-Key belongs to another request",
+        ),
+        StoreError::NeedNotMet { .. } => {
+            (S::CONFLICT, "need-not-met", "A job that this one needs has just ended")
+        }
+        StoreError::DiskFull { .. } => (S::INSUFFICIENT_STORAGE, "disk-full", "The disk is full"),
+        _ => (S::INTERNAL_SERVER_ERROR, "internal", "The server failed"),
+    }
+}
+
+/// What a caller may know of a failure: paths and SQL stay in the log.
+fn store_message(error: &StoreError) -> String {
+    match error {
+        StoreError::NotFound { .. }
+        | StoreError::IdempotencyConflict { .. }
+        | StoreError::NeedNotMet { .. }
+        | StoreError::DiskFull { .. } => error.to_string(),
+        _ => "a fault in the server; its log says more".to_owned(),
+    }
+}
+
+/// The causes of an error, outermost first.
+fn causes(error: &dyn std::error::Error) -> String {
+    let mut text = error.to_string();
+    let mut cause = error.source();
+    while let Some(error) = cause {
+        text.push_str(": ");
+        text.push_str(&error.to_string());
+        cause = error.source();
+    }
+    text
+}
+
+impl From<SpecError> for ApiError {
+    fn from(error: SpecError) -> Self {
+        Self::Spec(error)
+    }
+}
+
+impl IntoResponse for ApiError {
+    fn into_response(self) -> Response {
+        self.log();
+        let mut response = self.to_problem().into_response();
+        self.add_headers(&mut response);
+        response
+    }
+}

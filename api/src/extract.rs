@@ -1,0 +1,108 @@
+//! Extractors of axum, with its rejections as problems.
+
+use axum::body::Bytes;
+use axum::extract::rejection::{BytesRejection, PathRejection, QueryRejection};
+use axum::extract::{FromRequest, FromRequestParts, Request};
+use axum::http::header::CONTENT_TYPE;
+use axum::http::request::Parts;
+use axum::http::{HeaderMap, StatusCode};
+use axum::response::IntoResponse;
+use serde::de::DeserializeOwned;
+
+use crate::error::ApiError;
+use crate::limits::IDEMPOTENCY_KEY_BYTES;
+
+/// The captures of a path.
+pub struct Path<T>(pub T);
+
+impl<T, S> FromRequestParts<S> for Path<T>
+where
+    T: DeserializeOwned + Send,
+    S: Send + Sync,
+{
+    type Rejection = ApiError;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, ApiError> {
+        let captures: Result<axum::extract::Path<T>, PathRejection> =
+            axum::extract::Path::from_request_parts(parts, state).await;
+        match captures {
+            Ok(axum::extract::Path(captures)) => Ok(Self(captures)),
+            Err(_) => Err(ApiError::parameter("path", parts.uri.path(), "ids are whole numbers")),
+        }
+    }
+}
+
+/// The query string; unknown parameters were refused before.
+pub struct Query<T>(pub T);
+
+impl<T, S> FromRequestParts<S> for Query<T>
+where
+    T: DeserializeOwned + Send,
+    S: Send + Sync,
+{
+    type Rejection = ApiError;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, ApiError> {
+        let query: Result<axum::extract::Query<T>, QueryRejection> =
+            axum::extract::Query::from_request_parts(parts, state).await;
+        match query {
+            Ok(axum::extract::Query(query)) => Ok(Self(query)),
+            Err(rejection) => Err(ApiError::Query { reason: rejection.body_text() }),
+        }
+    }
+}
+
+/// The bytes of a body that is declared as JSON.
+pub struct JsonBytes(pub Bytes);
+
+impl<S: Send + Sync> FromRequest<S> for JsonBytes {
+    type Rejection = ApiError;
+
+    async fn from_request(request: Request, state: &S) -> Result<Self, ApiError> {
+        require_json(request.headers())?;
+        match Bytes::from_request(request, state).await {
+            Ok(bytes) => Ok(Self(bytes)),
+            Err(rejection) => Err(unreadable(rejection)),
+        }
+    }
+}
+
+fn unreadable(rejection: BytesRejection) -> ApiError {
+    let reason = rejection.body_text();
+    if rejection.into_response().status() == StatusCode::PAYLOAD_TOO_LARGE {
+        return ApiError::BodyTooLarge;
+    }
+    ApiError::Body { reason }
+}
+
+fn require_json(headers: &HeaderMap) -> Result<(), ApiError> {
+    let found = match headers.get(CONTENT_TYPE) {
+        None => return Err(ApiError::ContentType { found: "of no declared type".to_owned() }),
+        Some(value) => String::from_utf8_lossy(value.as_bytes()).into_owned(),
+    };
+    let essence = found.split(';').next().unwrap_or("").trim();
+    if essence.eq_ignore_ascii_case("application/json") {
+        return Ok(());
+    }
+    Err(ApiError::ContentType { found: format!("declared as {found}") })
+}
+
+/// The `Idempotency-Key` header, if any.
+pub struct IdempotencyKey(pub Option<String>);
+
+impl<S: Send + Sync> FromRequestParts<S> for IdempotencyKey {
+    type Rejection = ApiError;
+
+    async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, ApiError> {
+        let Some(value) = parts.headers.get("idempotency-key") else { return Ok(Self(None)) };
+        let key = value.to_str().unwrap_or("");
+        if key.is_empty() || key.len() > IDEMPOTENCY_KEY_BYTES {
+            return Err(ApiError::parameter(
+                "Idempotency-Key",
+                String::from_utf8_lossy(value.as_bytes()),
+                format!("1 to {IDEMPOTENCY_KEY_BYTES} printable ASCII characters"),
+            ));
+        }
+        Ok(Self(Some(key.to_owned())))
+    }
+}

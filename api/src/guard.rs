@@ -1,0 +1,65 @@
+//! What every request passes: a bounded crowd, a deadline, and headers that keep a browser safe.
+
+use std::any::Any;
+use std::sync::Arc;
+
+use axum::extract::{Request, State};
+use axum::http::HeaderValue;
+use axum::http::header::{
+    CONTENT_SECURITY_POLICY, HeaderName, REFERRER_POLICY, X_CONTENT_TYPE_OPTIONS,
+};
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Response};
+use tokio::sync::Semaphore;
+
+use crate::error::ApiError;
+use crate::limits::{CONCURRENT_REQUESTS, REQUEST_TIMEOUT};
+
+/// Places for the requests answered at once.
+#[derive(Clone)]
+pub struct Crowd(Arc<Semaphore>);
+
+impl Crowd {
+    pub fn new() -> Self {
+        Self(Arc::new(Semaphore::new(CONCURRENT_REQUESTS)))
+    }
+}
+
+/// Answers within [`REQUEST_TIMEOUT`] or says that it could not.
+pub async fn admit(
+    State(crowd): State<Crowd>,
+    request: Request,
+    next: Next,
+) -> Result<Response, ApiError> {
+    let _place = crowd.0.try_acquire().map_err(|_| ApiError::Crowded)?;
+    tokio::time::timeout(REQUEST_TIMEOUT, next.run(request)).await.map_err(|_| ApiError::Timeout)
+}
+
+/// Everything the page needs comes from this server, and nothing may frame it.
+const POLICY: &str = "default-src 'none'; style-src 'self'; script-src 'self'; img-src 'self'; \
+                      connect-src 'self'; form-action 'self'; base-uri 'none'; \
+                      frame-ancestors 'none'";
+
+const BROWSER_HEADERS: [(HeaderName, HeaderValue); 3] = [
+    (CONTENT_SECURITY_POLICY, HeaderValue::from_static(POLICY)),
+    (X_CONTENT_TYPE_OPTIONS, HeaderValue::from_static("nosniff")),
+    (REFERRER_POLICY, HeaderValue::from_static("same-origin")),
+];
+
+pub async fn add_browser_headers(request: Request, next: Next) -> Response {
+    let mut response = next.run(request).await;
+    response.headers_mut().extend(BROWSER_HEADERS);
+    response
+}
+
+/// The last resort for a fault of ours: the caller learns that it was one, the log learns which.
+#[expect(clippy::needless_pass_by_value, reason = "the layer hands it over")]
+pub fn answer_panic(panic: Box<dyn Any + Send + 'static>) -> Response {
+    let message = panic
+        .downcast_ref::<String>()
+        .map(String::as_str)
+        .or_else(|| panic.downcast_ref::<&str>().copied())
+        .unwrap_or("a panic without a message");
+    tracing::error!(message, "a request handler panicked");
+    ApiError::Internal.into_response()
+}

@@ -1,0 +1,26 @@
+//! HTTP: routes, auth, OpenAPI, downloads and the page.
+//!
+//! A handler parses, calls [`app`], and answers. `app` knows what a job, a dataset or an evaluation
+//! is to a user and asks the store; nothing here runs a job, writes SQL or touches a file path.
+
+mod app;
+mod auth;
+mod charts;
+mod download;
+mod error;
+mod extract;
+mod guard;
+pub mod limits;
+mod page;
+mod parameters;
+mod problem;
+mod range;
+mod routes;
+mod server;
+
+/// Of the server, as /healthz and the page show it.
+const VERSION: &str = env!("CARGO_PKG_VERSION");
+
+pub use app::{App, Options};
+pub use routes::{openapi, router};
+pub use server::{ServeError, serve};

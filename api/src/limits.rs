@@ -1,0 +1,34 @@
+//! Every limit of the server in one place; crossing one is a 4xx or 503 that names it.
+
+use std::time::Duration;
+
+/// Bytes of a request body; a spec is the only body there is. Crossing it is a 413.
+pub const BODY_BYTES: usize = 1 << 20;
+
+/// Items of one page of a list when the request does not say.
+pub const PAGE_DEFAULT: u32 = 50;
+
+/// Items of one page of a list at most.
+pub const PAGE_MAXIMUM: u32 = 500;
+
+/// Tasks of one job. Crossing it is a violation of the field that asks for so many.
+pub const TASKS_PER_JOB: u32 = 10_000;
+
+/// Points of one metric when the request does not say.
+pub const POINTS_DEFAULT: u32 = 500;
+
+/// Points of one metric at most.
+pub const POINTS_MAXIMUM: u32 = 5000;
+
+/// Bytes of an `Idempotency-Key`.
+pub const IDEMPOTENCY_KEY_BYTES: usize = 255;
+
+/// How long a request may take until its response begins; downloads may then take as long as
+/// they need. Crossing it is a 503.
+pub const REQUEST_TIMEOUT: Duration = Duration::from_secs(30);
+
+/// Requests answered at once; the ones beyond are refused with 503 instead of piling up.
+pub const CONCURRENT_REQUESTS: usize = 512;
+
+/// How long open connections may go on after a shutdown was asked for.
+pub const SHUTDOWN_GRACE: Duration = Duration::from_secs(3);

@@ -1,0 +1,84 @@
+//! A checkpoint: its files, and how to open them elsewhere.
+
+use askama::Template;
+use axum::extract::State;
+use axum::http::HeaderMap;
+use axum::response::Response;
+
+use crate::app::{App, StoredFile};
+use crate::extract::Path;
+use crate::page::parts::{FileRow, origin, pretty};
+use crate::page::{PageError, html, text};
+
+#[derive(Template)]
+#[template(path = "checkpoint.html")]
+struct CheckpointPage {
+    id: i64,
+    job: i64,
+    job_name: String,
+    run: i64,
+    step: String,
+    is_final: bool,
+    architecture: String,
+    digest: String,
+    short_digest: String,
+    files: Vec<FileRow>,
+    snippet: String,
+    spec: String,
+}
+
+pub async fn show(
+    State(app): State<App>,
+    Path(id): Path<i64>,
+    headers: HeaderMap,
+) -> Result<Response, PageError> {
+    let checkpoint = app.checkpoint(id).await?;
+    let job = app.job(checkpoint.job).await?;
+    let page = CheckpointPage {
+        id,
+        job: job.id,
+        job_name: job.name.clone(),
+        run: checkpoint.run,
+        step: text::count(checkpoint.step),
+        is_final: checkpoint.is_final,
+        snippet: snippet(&origin(&headers), &checkpoint.files),
+        architecture: checkpoint.architecture,
+        digest: checkpoint.digest.to_string(),
+        short_digest: checkpoint.digest.short(),
+        files: checkpoint.files.iter().map(FileRow::of_checkpoint).collect(),
+        spec: pretty(&job.spec),
+    };
+    Ok(html(&page)?)
+}
+
+impl FileRow {
+    fn of_checkpoint(file: &StoredFile) -> Self {
+        let contents = match file.name.rsplit_once('.') {
+            Some((_, "safetensors")) => "tensors",
+            Some((_, "json")) => "configuration",
+            _ => "",
+        };
+        Self {
+            url: file.url.clone(),
+            name: file.name.clone(),
+            contents: contents.to_owned(),
+            size: text::size(file.size),
+            sha256: file.sha256.to_string(),
+        }
+    }
+}
+
+/// Lines that work as printed, in a shell and then in Python.
+fn snippet(origin: &str, files: &[StoredFile]) -> String {
+    let downloads: Vec<String> =
+        files.iter().map(|file| format!("curl -o {} {origin}{}", file.name, file.url)).collect();
+    let model = files.iter().find(|file| file.name.starts_with("model."));
+    let model = model.map_or("model.safetensors", |file| file.name.as_str());
+    format!(
+        "{}\n\n\
+         from safetensors.torch import load_file\n\n\
+         weights = load_file(\"{model}\")  # name -> torch.Tensor\n\
+         for name, tensor in weights.items():\n    print(name, tuple(tensor.shape))",
+        downloads.join("\n"),
+    )
+}

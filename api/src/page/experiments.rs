@@ -1,0 +1,112 @@
+//! The front page: every experiment with its state, progress and key result.
+
+use askama::Template;
+use axum::extract::State;
+use axum::http::HeaderMap;
+use axum::response::Response;
+use serde::Deserialize;
+use spec::JobKind;
+
+use crate::app::{App, Job, JobState};
+use crate::error::ApiError;
+use crate::extract::Query;
+use crate::page::parts::{Row, key_metric, origin, when};
+use crate::page::{PageError, html};
+
+/// Experiments of one page; each shows all its jobs.
+const PAGE: usize = 20;
+
+#[derive(Deserialize)]
+pub struct Listing {
+    state: Option<JobState>,
+    before: Option<i64>,
+}
+
+#[derive(Template)]
+#[template(path = "experiments.html")]
+struct ExperimentsPage {
+    origin: String,
+    filters: Vec<Filter>,
+    filtered: bool,
+    settled: bool,
+    experiments: Vec<Experiment>,
+    older: Option<String>,
+}
+
+struct Filter {
+    href: String,
+    label: &'static str,
+    current: bool,
+}
+
+struct Experiment {
+    id: i64,
+    name: String,
+    kind: JobKind,
+    state: JobState,
+    when: String,
+    can_cancel: bool,
+    error: String,
+    rows: Vec<Row>,
+}
+
+pub async fn show(
+    State(app): State<App>,
+    Query(listing): Query<Listing>,
+    headers: HeaderMap,
+) -> Result<Response, PageError> {
+    let jobs = app.experiments(listing.state, listing.before, PAGE).await?;
+    let mut experiments = Vec::with_capacity(jobs.jobs.len());
+    for job in &jobs.jobs {
+        experiments.push(experiment(&app, job).await?);
+    }
+    let page = ExperimentsPage {
+        origin: origin(&headers),
+        filters: filters(listing.state),
+        filtered: listing.state.is_some() || listing.before.is_some(),
+        settled: jobs.jobs.iter().all(|job| job.state.is_final()),
+        experiments,
+        older: jobs.next.map(|before| match listing.state {
+            Some(state) => format!("/?state={state}&before={before}"),
+            None => format!("/?before={before}"),
+        }),
+    };
+    Ok(html(&page)?)
+}
+
+fn filters(current: Option<JobState>) -> Vec<Filter> {
+    let states = [
+        JobState::Running,
+        JobState::Queued,
+        JobState::Succeeded,
+        JobState::Failed,
+        JobState::Cancelled,
+    ];
+    let of_state = states.map(|state| Filter {
+        href: format!("/?state={state}"),
+        label: state.as_str(),
+        current: current == Some(state),
+    });
+    let all = Filter { href: "/".to_owned(), label: "all", current: current.is_none() };
+    [all].into_iter().chain(of_state).collect()
+}
+
+async fn experiment(app: &App, job: &Job) -> Result<Experiment, ApiError> {
+    let mut rows = Vec::with_capacity(job.members.len().max(1));
+    for member in &job.members {
+        rows.push(Row::of_member(member, key_metric(app, member.job, member.kind).await?));
+    }
+    if rows.is_empty() {
+        rows.push(Row::of_job(job, key_metric(app, job.id, job.kind).await?));
+    }
+    Ok(Experiment {
+        id: job.id,
+        name: job.name.clone(),
+        kind: job.kind,
+        state: job.state,
+        when: when(job),
+        can_cancel: !job.state.is_final(),
+        error: job.error.clone().unwrap_or_default(),
+        rows,
+    })
+}

@@ -1,0 +1,81 @@
+//! The page: HTML that works without scripts, from the same data that the API answers with.
+
+mod assets;
+mod checkpoint;
+mod dataset;
+mod evaluation;
+mod experiments;
+mod job;
+mod parts;
+mod report;
+mod run;
+mod text;
+
+use askama::Template;
+use axum::Router;
+use axum::extract::Request;
+use axum::http::HeaderMap;
+use axum::http::header::{ACCEPT, CACHE_CONTROL, CONTENT_TYPE};
+use axum::response::{IntoResponse, Response};
+use axum::routing::{get, post};
+
+use crate::app::App;
+use crate::error::ApiError;
+use crate::problem::Problem;
+
+pub fn routes() -> Router<App> {
+    Router::new()
+        .route("/", get(experiments::show))
+        .route("/jobs/{id}", get(job::show))
+        .route("/jobs/{id}/cancel", post(job::cancel))
+        .route("/runs/{id}", get(run::show))
+        .route("/evaluations/{id}", get(evaluation::show))
+        .route("/datasets/{id}", get(dataset::show))
+        .route("/checkpoints/{id}", get(checkpoint::show))
+        .route("/static/{name}", get(assets::show))
+}
+
+/// An error, told in HTML.
+struct PageError(ApiError);
+
+impl<E: Into<ApiError>> From<E> for PageError {
+    fn from(error: E) -> Self {
+        Self(error.into())
+    }
+}
+
+#[derive(Template)]
+#[template(path = "problem.html")]
+struct ProblemPage {
+    problem: Problem,
+}
+
+impl IntoResponse for PageError {
+    fn into_response(self) -> Response {
+        let Self(error) = self;
+        error.log();
+        let page = ProblemPage { problem: error.to_problem() };
+        let mut response = match html(&page) {
+            Ok(body) => (error.status(), body).into_response(),
+            Err(_) => error.to_problem().into_response(),
+        };
+        error.add_headers(&mut response);
+        response
+    }
+}
+
+/// A page, never kept by the browser: it shows what is the case now.
+fn html(page: &impl Template) -> Result<Response, ApiError> {
+    let headers = [(CONTENT_TYPE, "text/html; charset=utf-8"), (CACHE_CONTROL, "no-store")];
+    Ok((headers, page.render()?).into_response())
+}
+
+/// Answers what no route does: in HTML to a browser, as a problem to everyone else.
+pub async fn no_route(headers: HeaderMap, request: Request) -> Response {
+    let error = ApiError::NoRoute { path: request.uri().path().to_owned() };
+    let accepts_html = headers
+        .get(ACCEPT)
+        .and_then(|accept| accept.to_str().ok())
+        .is_some_and(|accept| accept.contains("text/html"));
+    if accepts_html { PageError(error).into_response() } else { error.into_response() }
+}

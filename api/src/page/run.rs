@@ -1,0 +1,77 @@
+//! A training: its loss curve, its latest metrics and its checkpoints.
+
+use askama::Template;
+use axum::extract::State;
+use axum::response::Response;
+use figures::Size;
+
+use crate::app::{App, Checkpoint, JobState, LatestMetric};
+use crate::extract::Path;
+use crate::page::parts::{Bar, Fact, pretty, when};
+use crate::page::{PageError, html, text};
+
+#[derive(Template)]
+#[template(path = "run.html")]
+struct RunPage {
+    id: i64,
+    job: i64,
+    job_name: String,
+    state: JobState,
+    when: String,
+    settled: bool,
+    can_cancel: bool,
+    error: String,
+    progress: Option<Bar>,
+    loss: String,
+    metrics: Vec<Fact>,
+    checkpoints: Vec<CheckpointRow>,
+    spec: String,
+}
+
+struct CheckpointRow {
+    id: i64,
+    step: String,
+    is_final: bool,
+    size: String,
+    digest: String,
+}
+
+pub async fn show(State(app): State<App>, Path(id): Path<i64>) -> Result<Response, PageError> {
+    let run = app.run(id).await?;
+    let job = app.job(run.job).await?;
+    let loss = app.loss_figure(id).await?.to_svg(Size::PAGE)?;
+    let checkpoints = app.checkpoints_of_job(run.job).await?;
+    let page = RunPage {
+        id,
+        job: job.id,
+        job_name: job.name.clone(),
+        state: job.state,
+        when: when(&job),
+        settled: job.state.is_final(),
+        can_cancel: !job.state.is_final(),
+        error: job.error.clone().unwrap_or_default(),
+        progress: Bar::of(job.state, &job.progress),
+        loss,
+        metrics: run.metrics.iter().map(|(key, latest)| fact(key, latest)).collect(),
+        checkpoints: checkpoints.iter().rev().map(CheckpointRow::from).collect(),
+        spec: pretty(&job.spec),
+    };
+    Ok(html(&page)?)
+}
+
+fn fact(key: &str, latest: &LatestMetric) -> Fact {
+    let name = key.replace(['/', '_'], " ");
+    Fact::new(name, text::value(latest.value), format!("at step {}", text::count(latest.step)))
+}
+
+impl From<&Checkpoint> for CheckpointRow {
+    fn from(checkpoint: &Checkpoint) -> Self {
+        Self {
+            id: checkpoint.id,
+            step: text::count(checkpoint.step),
+            is_final: checkpoint.is_final,
+            size: text::size(checkpoint.files.iter().map(|file| file.size).sum()),
+            digest: checkpoint.digest.short(),
+        }
+    }
+}

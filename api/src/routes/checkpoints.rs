@@ -1,0 +1,41 @@
+//! Checkpoints and their files.
+
+use axum::Json;
+use axum::extract::State;
+use axum::http::{HeaderMap, Method};
+use axum::response::Response;
+
+use crate::app::{App, Checkpoint, Checkpoints};
+use crate::error::ApiError;
+use crate::extract::{Path, Query};
+use crate::routes::{ListParameters, send};
+
+/// Checkpoints, newest first.
+#[utoipa::path(get, path = "/v1/checkpoints", tag = "checkpoints", params(ListParameters), responses((status = 200, body = Checkpoints)))]
+pub async fn list(
+    State(app): State<App>,
+    Query(parameters): Query<ListParameters>,
+) -> Result<Json<Checkpoints>, ApiError> {
+    Ok(Json(app.checkpoints(parameters.paging()?).await?))
+}
+
+/// A checkpoint with its files.
+#[utoipa::path(get, path = "/v1/checkpoints/{id}", tag = "checkpoints", params(("id" = i64, Path)), responses((status = 200, body = Checkpoint)))]
+pub async fn show(
+    State(app): State<App>,
+    Path(id): Path<i64>,
+) -> Result<Json<Checkpoint>, ApiError> {
+    Ok(Json(app.checkpoint(id).await?))
+}
+
+/// A file of a checkpoint: weights and optimizer as safetensors, configuration as JSON.
+#[utoipa::path(get, path = "/v1/checkpoints/{id}/files/{name}", tag = "checkpoints", params(("id" = i64, Path), ("name" = String, Path)), responses((status = 200, body = Vec<u8>, content_type = "application/octet-stream"), (status = 206), (status = 304), (status = 416)))]
+pub async fn file(
+    State(app): State<App>,
+    Path((id, name)): Path<(i64, String)>,
+    method: Method,
+    headers: HeaderMap,
+) -> Result<Response, ApiError> {
+    let file = app.checkpoint_file(id, &name).await?;
+    send(&app, &method, &headers, file).await
+}

@@ -1,0 +1,93 @@
+//! Submitting, watching and cancelling jobs.
+
+use axum::Json;
+use axum::extract::State;
+use axum::http::StatusCode;
+use axum::http::header::LOCATION;
+use axum::response::{IntoResponse, Response};
+use serde::Deserialize;
+use spec::{JobKind, JobSpec};
+use utoipa::IntoParams;
+
+use crate::app::{App, Job, JobFilter, JobState, Jobs, Paging, Reuse, Tasks};
+use crate::error::ApiError;
+use crate::extract::{IdempotencyKey, JsonBytes, Path, Query};
+use crate::problem::Problem;
+
+#[derive(Deserialize, IntoParams)]
+#[into_params(parameter_in = Query)]
+pub struct SubmitParameters {
+    /// Compute everything anew, even what was already done.
+    #[serde(default)]
+    force: bool,
+}
+
+#[derive(Deserialize, IntoParams)]
+#[into_params(parameter_in = Query)]
+pub struct ListParameters {
+    #[param(value_type = Option<String>, inline)]
+    state: Option<JobState>,
+    #[param(inline)]
+    kind: Option<JobKind>,
+    limit: Option<u32>,
+    /// Only jobs with a smaller id.
+    before: Option<i64>,
+}
+
+/// Submit a spec. A job whose digest was already done, or is on its way, is answered with 200.
+#[utoipa::path(
+    post,
+    path = "/v1/jobs",
+    tag = "jobs",
+    params(
+        SubmitParameters,
+        ("Idempotency-Key" = Option<String>, Header, description = "Sent again with the same spec, it names the same job"),
+    ),
+    request_body = JobSpec,
+    responses(
+        (status = 201, body = Job, headers(("Location" = String))),
+        (status = 200, body = Job, description = "The job exists already"),
+        (status = 422, body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn submit(
+    State(app): State<App>,
+    Query(parameters): Query<SubmitParameters>,
+    IdempotencyKey(key): IdempotencyKey,
+    JsonBytes(body): JsonBytes,
+) -> Result<Response, ApiError> {
+    let reuse = if parameters.force { Reuse::Never } else { Reuse::SameDigest };
+    let submitted = app.submit(&body, reuse, key).await?;
+    let status = if submitted.created { StatusCode::CREATED } else { StatusCode::OK };
+    let location = format!("/v1/jobs/{}", submitted.job.id);
+    Ok((status, [(LOCATION, location)], Json(submitted.job)).into_response())
+}
+
+/// Jobs and pipelines, newest first.
+#[utoipa::path(get, path = "/v1/jobs", tag = "jobs", params(ListParameters), responses((status = 200, body = Jobs)))]
+pub async fn list(
+    State(app): State<App>,
+    Query(parameters): Query<ListParameters>,
+) -> Result<Json<Jobs>, ApiError> {
+    let paging = Paging::new(parameters.limit, parameters.before)?;
+    let filter = JobFilter { state: parameters.state, kind: parameters.kind };
+    Ok(Json(app.jobs(filter, paging).await?))
+}
+
+/// A job, how far it is and what it has made.
+#[utoipa::path(get, path = "/v1/jobs/{id}", tag = "jobs", params(("id" = i64, Path)), responses((status = 200, body = Job), (status = 404, body = Problem, content_type = "application/problem+json")))]
+pub async fn show(State(app): State<App>, Path(id): Path<i64>) -> Result<Json<Job>, ApiError> {
+    Ok(Json(app.job(id).await?))
+}
+
+/// Cancel a job, or a pipeline with all its jobs that no other pipeline needs.
+#[utoipa::path(post, path = "/v1/jobs/{id}/cancel", tag = "jobs", params(("id" = i64, Path)), responses((status = 200, body = Job), (status = 409, body = Problem, description = "It succeeded or failed before", content_type = "application/problem+json")))]
+pub async fn cancel(State(app): State<App>, Path(id): Path<i64>) -> Result<Json<Job>, ApiError> {
+    Ok(Json(app.cancel(id).await?))
+}
+
+/// The pieces that workers lease.
+#[utoipa::path(get, path = "/v1/jobs/{id}/tasks", tag = "jobs", params(("id" = i64, Path)), responses((status = 200, body = Tasks)))]
+pub async fn tasks(State(app): State<App>, Path(id): Path<i64>) -> Result<Json<Tasks>, ApiError> {
+    Ok(Json(Tasks { tasks: app.tasks(id).await? }))
+}

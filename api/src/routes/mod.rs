@@ -1,0 +1,159 @@
+//! Every path of the API, once: the router and the OpenAPI document are built from one list.
+
+mod checkpoints;
+mod datasets;
+mod evaluations;
+mod health;
+mod jobs;
+mod presets;
+mod runs;
+
+use axum::body::Body;
+use axum::extract::{DefaultBodyLimit, Request};
+use axum::http::{HeaderMap, Method};
+use axum::response::{IntoResponse, Response};
+use axum::routing::get;
+use axum::{Json, Router, middleware};
+use serde::Deserialize;
+use tower::ServiceBuilder;
+use tower_http::catch_panic::CatchPanicLayer;
+use tower_http::csrf::{CsrfLayer, ProtectionError};
+use tower_http::trace::TraceLayer;
+use utoipa::{IntoParams, OpenApi as _};
+use utoipa_axum::router::OpenApiRouter;
+use utoipa_axum::routes;
+
+use crate::app::{App, Download, Paging};
+use crate::download::Answer;
+use crate::error::ApiError;
+use crate::guard::Crowd;
+use crate::limits::BODY_BYTES;
+use crate::parameters::KnownParameters;
+use crate::{auth, guard, page, parameters};
+
+/// Which part of a list is asked for.
+#[derive(Deserialize, IntoParams)]
+#[into_params(parameter_in = Query)]
+struct ListParameters {
+    /// Items at most, 1 to 500; 50 when left out.
+    limit: Option<u32>,
+    /// Only items with a smaller id.
+    before: Option<i64>,
+}
+
+impl ListParameters {
+    fn paging(&self) -> Result<Paging, ApiError> {
+        Paging::new(self.limit, self.before)
+    }
+}
+
+/// Sends a file, or the part of it that the request asks for.
+async fn send(
+    app: &App,
+    method: &Method,
+    headers: &HeaderMap,
+    file: Download,
+) -> Result<Response, ApiError> {
+    let answer = Answer::new(method, headers, &file.info);
+    let body = match answer.part.clone() {
+        Some(part) => app.read(&file, part).await?,
+        None => Body::empty(),
+    };
+    Ok(answer.with_body(body))
+}
+
+#[derive(utoipa::OpenApi)]
+#[openapi(
+    info(
+        title = "torqued",
+        description = "In-context identification of robot dynamics as a service: simulate, train, \
+                       evaluate.\n\nErrors are RFC 9457 problem details. Lists are newest first; \
+                       `next` is the `before` of the following page. Downloads answer HEAD, Range, \
+                       If-Range and If-None-Match and carry the SHA-256 of the whole file as ETag \
+                       and Repr-Digest.",
+        license(name = "MIT OR Apache-2.0", identifier = "MIT OR Apache-2.0"),
+    ),
+    security((), ("token" = [])),
+    modifiers(&TokenScheme),
+)]
+struct Document;
+
+/// The token, declared once for all operations.
+struct TokenScheme;
+
+impl utoipa::Modify for TokenScheme {
+    fn modify(&self, document: &mut utoipa::openapi::OpenApi) {
+        use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityScheme};
+        let scheme = HttpBuilder::new()
+            .scheme(HttpAuthScheme::Bearer)
+            .description(Some("Only when the server was started with a token."))
+            .build();
+        document
+            .components
+            .get_or_insert_default()
+            .add_security_scheme("token", SecurityScheme::Http(scheme));
+    }
+}
+
+fn documented() -> OpenApiRouter<App> {
+    OpenApiRouter::with_openapi(Document::openapi())
+        .routes(routes!(health::show))
+        .routes(routes!(presets::list))
+        .routes(routes!(jobs::list, jobs::submit))
+        .routes(routes!(jobs::show))
+        .routes(routes!(jobs::cancel))
+        .routes(routes!(jobs::tasks))
+        .routes(routes!(datasets::list))
+        .routes(routes!(datasets::show))
+        .routes(routes!(datasets::file))
+        .routes(routes!(runs::list))
+        .routes(routes!(runs::show))
+        .routes(routes!(runs::metric))
+        .routes(routes!(runs::metric_of_group))
+        .routes(routes!(runs::artifact))
+        .routes(routes!(runs::figure))
+        .routes(routes!(checkpoints::list))
+        .routes(routes!(checkpoints::show))
+        .routes(routes!(checkpoints::file))
+        .routes(routes!(evaluations::list))
+        .routes(routes!(evaluations::show))
+}
+
+/// The OpenAPI document of every operation under `/v1`, and of `/healthz`.
+pub fn openapi() -> utoipa::openapi::OpenApi {
+    documented().into_openapi()
+}
+
+/// The whole service: the API, the page, and the guards in front of them.
+pub fn router(app: App) -> Router {
+    let (api, document) = documented().split_for_parts();
+    let known = KnownParameters::of(&document);
+    let api = api
+        .route("/v1/openapi.json", get(async move || Json(document)))
+        .layer(middleware::from_fn_with_state(known, parameters::refuse_unknown));
+
+    // The first layer is the outermost.
+    let guards = ServiceBuilder::new()
+        .layer(TraceLayer::new_for_http())
+        .layer(middleware::from_fn(guard::add_browser_headers))
+        .layer(CatchPanicLayer::custom(guard::answer_panic))
+        .layer(middleware::from_fn_with_state(Crowd::new(), guard::admit))
+        .layer(middleware::from_fn_with_state(app.clone(), auth::require_loopback_name))
+        .layer(middleware::from_fn_with_state(app.clone(), auth::require_token))
+        .layer(CsrfLayer::new().with_rejection_response(refuse_cross_site))
+        .layer(DefaultBodyLimit::max(BODY_BYTES));
+
+    api.merge(page::routes())
+        .fallback(page::no_route)
+        .method_not_allowed_fallback(refuse_method)
+        .layer(guards)
+        .with_state(app)
+}
+
+fn refuse_cross_site(_: ProtectionError) -> Response {
+    ApiError::CrossSite.into_response()
+}
+
+async fn refuse_method(request: Request) -> ApiError {
+    ApiError::Method { method: request.method().clone(), path: request.uri().path().to_owned() }
+}

@@ -1,0 +1,102 @@
+//! Runs: the records of trainings and evaluations.
+
+use axum::Json;
+use axum::extract::State;
+use axum::http::header::{CONTENT_DISPOSITION, CONTENT_TYPE};
+use axum::http::{HeaderMap, Method};
+use axum::response::{IntoResponse, Response};
+use figures::Size;
+use serde::Deserialize;
+use utoipa::IntoParams;
+
+use crate::app::{App, Metric, Run, Runs};
+use crate::error::ApiError;
+use crate::extract::{Path, Query};
+use crate::limits::{POINTS_DEFAULT, POINTS_MAXIMUM};
+use crate::routes::{ListParameters, send};
+
+#[derive(Deserialize, IntoParams)]
+#[into_params(parameter_in = Query)]
+pub struct MetricParameters {
+    /// Points at most, 2 to 5000; of each part of the curve the lowest and the highest are kept.
+    points: Option<u32>,
+}
+
+impl MetricParameters {
+    fn points(&self) -> Result<u32, ApiError> {
+        let points = self.points.unwrap_or(POINTS_DEFAULT);
+        if (2..=POINTS_MAXIMUM).contains(&points) {
+            return Ok(points);
+        }
+        Err(ApiError::parameter("points", points, format!("2 to {POINTS_MAXIMUM}")))
+    }
+}
+
+/// Runs, newest first.
+#[utoipa::path(get, path = "/v1/runs", tag = "runs", params(ListParameters), responses((status = 200, body = Runs)))]
+pub async fn list(
+    State(app): State<App>,
+    Query(parameters): Query<ListParameters>,
+) -> Result<Json<Runs>, ApiError> {
+    Ok(Json(app.runs(parameters.paging()?).await?))
+}
+
+/// A run with the latest value of every metric and its artifacts.
+#[utoipa::path(get, path = "/v1/runs/{id}", tag = "runs", params(("id" = i64, Path)), responses((status = 200, body = Run)))]
+pub async fn show(State(app): State<App>, Path(id): Path<i64>) -> Result<Json<Run>, ApiError> {
+    Ok(Json(app.run(id).await?))
+}
+
+/// The values of one metric; a slash in its key is written `%2F`.
+#[utoipa::path(get, path = "/v1/runs/{id}/metrics/{key}", tag = "runs", params(("id" = i64, Path), ("key" = String, Path), MetricParameters), responses((status = 200, body = Metric)))]
+pub async fn metric(
+    State(app): State<App>,
+    Path((id, key)): Path<(i64, String)>,
+    Query(parameters): Query<MetricParameters>,
+) -> Result<Json<Metric>, ApiError> {
+    Ok(Json(app.metric(id, &key, parameters.points()?).await?))
+}
+
+/// The values of the metric `group/name`, such as `train/loss`.
+#[utoipa::path(get, path = "/v1/runs/{id}/metrics/{group}/{name}", tag = "runs", params(("id" = i64, Path), ("group" = String, Path), ("name" = String, Path), MetricParameters), responses((status = 200, body = Metric)))]
+pub async fn metric_of_group(
+    State(app): State<App>,
+    Path((id, group, name)): Path<(i64, String, String)>,
+    Query(parameters): Query<MetricParameters>,
+) -> Result<Json<Metric>, ApiError> {
+    Ok(Json(app.metric(id, &format!("{group}/{name}"), parameters.points()?).await?))
+}
+
+/// A file that the run left, such as `report.json` or `rmse.svg`.
+#[utoipa::path(get, path = "/v1/runs/{id}/artifacts/{name}", tag = "runs", params(("id" = i64, Path), ("name" = String, Path)), responses((status = 200, body = Vec<u8>, content_type = "application/octet-stream"), (status = 206), (status = 304), (status = 416)))]
+pub async fn artifact(
+    State(app): State<App>,
+    Path((id, name)): Path<(i64, String)>,
+    method: Method,
+    headers: HeaderMap,
+) -> Result<Response, ApiError> {
+    let file = app.run_artifact(id, &name).await?;
+    send(&app, &method, &headers, file).await
+}
+
+/// The loss curve as it is now: `loss.svg`, or its numbers as `loss.csv`.
+#[utoipa::path(get, path = "/v1/runs/{id}/figures/{name}", tag = "runs", params(("id" = i64, Path), ("name" = String, Path)), responses((status = 200, body = String, content_type = "image/svg+xml")))]
+pub async fn figure(
+    State(app): State<App>,
+    Path((id, name)): Path<(i64, String)>,
+) -> Result<Response, ApiError> {
+    let figure = app.loss_figure(id).await?;
+    let (media_type, text) = match name.as_str() {
+        "loss.svg" => ("image/svg+xml", figure.to_svg(Size::PAGE)?),
+        "loss.csv" => ("text/csv; charset=utf-8", figure.to_csv()),
+        _ => {
+            return Err(ApiError::not_found(
+                "figure",
+                format!("{name:?}; there are loss.svg and loss.csv"),
+            ));
+        }
+    };
+    let disposition = format!("attachment; filename=\"run-{id}-{name}\"");
+    let headers = [(CONTENT_TYPE, media_type), (CONTENT_DISPOSITION, disposition.as_str())];
+    Ok((headers, text).into_response())
+}
