@@ -24,7 +24,7 @@ impl Store {
             .fetch_optional(&mut *tx)
             .await
             .map_err(&failed)?
-            .ok_or_else(|| StoreError::not_found("job", job))?;
+            .ok_or_else(|| StoreError::not_found("job", job.to_string()))?;
         let state: JobState = row.try_get("state").map_err(&failed)?;
         if state.is_final() {
             return Ok(());

@@ -141,7 +141,7 @@ impl Store {
             .fetch_all(self.database().reader())
             .await;
         let found = self.with_files(found).await?;
-        found.into_iter().next().ok_or_else(|| StoreError::not_found("checkpoint", id))
+        found.into_iter().next().ok_or_else(|| StoreError::not_found("checkpoint", id.to_string()))
     }
 
     /// Newest first.

@@ -75,11 +75,6 @@ impl Database {
         self.reader.close().await;
         self.writer.close().await;
     }
-
-    #[cfg(test)]
-    pub fn writer(&self) -> &SqlitePool {
-        &self.writer
-    }
 }
 
 /// The newest schema this binary knows.

@@ -165,7 +165,7 @@ impl Store {
             .fetch_optional(self.database().reader())
             .await
             .map_err(StoreError::database("reading a dataset"))?
-            .ok_or_else(|| StoreError::not_found("dataset", id))
+            .ok_or_else(|| StoreError::not_found("dataset", id.to_string()))
     }
 
     /// Newest first; all states without a `state`.
@@ -296,7 +296,7 @@ pub(crate) async fn complete(conn: &mut SqliteConnection, job: JobId) -> Result<
 
 fn shards_from_rows(rows: &[SqliteRow]) -> Result<Vec<Shard>, sqlx::Error> {
     let mut shards = Vec::with_capacity(rows.len() / 2);
-    for files in rows.chunk_by(|a, b| same_shard(a, b)) {
+    for files in rows.chunk_by(same_shard) {
         let mut objects = files
             .iter()
             .map(|row| Ok((row.try_get("content")?, stored_object(row)?)))

@@ -118,8 +118,8 @@ impl StoreError {
         }
     }
 
-    pub(crate) fn not_found(what: &'static str, id: impl ToString) -> Self {
-        Self::NotFound { what, id: id.to_string() }
+    pub(crate) fn not_found(what: &'static str, id: String) -> Self {
+        Self::NotFound { what, id }
     }
 }
 
@@ -174,5 +174,20 @@ mod tests {
             source: Box::new(full()),
         });
         assert_eq!(error.to_string(), "disk full while writing object a/b");
+    }
+
+    #[tokio::test]
+    async fn a_database_that_cannot_grow_is_a_full_disk() {
+        use sqlx::{ConnectOptions, Executor};
+        let mut connection =
+            sqlx::sqlite::SqliteConnectOptions::new().in_memory(true).connect().await.unwrap();
+        connection.execute("PRAGMA max_page_count = 2").await.unwrap();
+        connection.execute("CREATE TABLE t (x)").await.unwrap();
+        let error = connection
+            .execute("INSERT INTO t VALUES (zeroblob(100000))")
+            .await
+            .map_err(StoreError::database("submitting a job"))
+            .unwrap_err();
+        assert_eq!(error.to_string(), "disk full while submitting a job");
     }
 }

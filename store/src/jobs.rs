@@ -137,7 +137,7 @@ impl Store {
         let mut query = QueryBuilder::new(SELECT_JOB);
         query.push("WHERE job.id = ").push_bind(id);
         let jobs = self.jobs_of(query).await?;
-        jobs.into_iter().next().ok_or_else(|| StoreError::not_found("job", id))
+        jobs.into_iter().next().ok_or_else(|| StoreError::not_found("job", id.to_string()))
     }
 
     /// Newest first.

@@ -238,7 +238,7 @@ pub(crate) async fn check_run(
         .fetch_optional(conn)
         .await
         .map_err(StoreError::database("looking up a run"))?
-        .ok_or_else(|| StoreError::not_found("run of job", job))
+        .ok_or_else(|| StoreError::not_found("run of job", job.to_string()))
 }
 
 pub(crate) fn lost(fence: Fence) -> StoreError {

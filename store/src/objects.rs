@@ -7,6 +7,7 @@
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
 use std::ops::Range;
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use bytes::Bytes;
@@ -65,6 +66,7 @@ pub struct ObjectBytes {
 
 #[derive(Debug)]
 pub(crate) struct Objects {
+    root: PathBuf,
     local: Arc<LocalFileSystem>,
 }
 
@@ -73,7 +75,11 @@ impl Objects {
         let local = LocalFileSystem::new_with_prefix(dir.objects())
             .map_err(|error| dir.unusable(io::Error::other(error)))?
             .with_fsync(true);
-        Ok(Self { local: Arc::new(local) })
+        Ok(Self { root: dir.objects(), local: Arc::new(local) })
+    }
+
+    pub fn root(&self) -> &std::path::Path {
+        &self.root
     }
 
     pub fn local(&self) -> &LocalFileSystem {

@@ -49,11 +49,7 @@ impl Store {
 
     /// object_store writes to `NAME#N` beside its destination, which it does not list.
     async fn delete_unfinished(&self, older_than: Duration) -> Result<u64, StoreError> {
-        let root = self
-            .objects()
-            .local()
-            .path_to_filesystem(&object_store::path::Path::ROOT)
-            .map_err(StoreError::object("listing", "objects"))?;
+        let root = self.objects().root().to_owned();
         let swept =
             tokio::task::spawn_blocking(move || delete_unfinished_below(&root, older_than)).await;
         swept.map_err(std::io::Error::other).flatten().map_err(|source| StoreError::ObjectFile {

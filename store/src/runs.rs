@@ -43,7 +43,7 @@ impl Store {
             .fetch_optional(self.database().reader())
             .await
             .map_err(StoreError::database("reading a run"))?
-            .ok_or_else(|| StoreError::not_found("run", id))
+            .ok_or_else(|| StoreError::not_found("run", id.to_string()))
     }
 
     /// Newest first; all kinds without a `kind`.
@@ -72,7 +72,7 @@ impl Store {
             .fetch_optional(self.database().reader())
             .await
             .map_err(StoreError::database("reading a run"))?
-            .ok_or_else(|| StoreError::not_found("run of job", job))
+            .ok_or_else(|| StoreError::not_found("run of job", job.to_string()))
     }
 }
 

@@ -309,7 +309,7 @@ async fn state_of(conn: &mut SqliteConnection, job: JobId) -> Result<JobState, S
         .fetch_optional(conn)
         .await
         .map_err(StoreError::database("looking up a job"))?
-        .ok_or_else(|| StoreError::not_found("job", job))
+        .ok_or_else(|| StoreError::not_found("job", job.to_string()))
 }
 
 #[derive(Clone, Copy, PartialEq, Eq)]

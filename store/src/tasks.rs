@@ -96,7 +96,7 @@ impl Store {
             .fetch_optional(self.database().reader())
             .await
             .map_err(StoreError::database("reading a task"))?
-            .ok_or_else(|| StoreError::not_found("task", id))
+            .ok_or_else(|| StoreError::not_found("task", id.to_string()))
     }
 }
 

@@ -1,0 +1,202 @@
+//! What happens when a data folder cannot be opened: one clear line, and nothing damaged.
+
+#![expect(clippy::unwrap_used, reason = "tests")]
+
+use std::path::Path;
+use std::time::Duration;
+
+use serde_json::json;
+use sqlx::sqlite::SqliteConnectOptions;
+use sqlx::{ConnectOptions, Connection};
+use store::{
+    Access, JobId, JobState, NewJob, NewTask, Reuse, Store, StoreError, Submission, TaskState,
+};
+
+async fn serve(dir: &Path) -> Result<Store, StoreError> {
+    Store::open(dir, Access::Server).await
+}
+
+async fn refused(dir: &Path, access: Access) -> String {
+    let error = Store::open(dir, access).await.unwrap_err().to_string();
+    assert!(!error.contains('\n'), "{error}");
+    error
+}
+
+/// Makes a store, then changes its database behind its back.
+async fn with_changed_database(dir: &Path, sql: &'static str) -> Vec<u8> {
+    serve(dir).await.unwrap().close().await;
+    let file = dir.join("torqued.sqlite");
+    let mut connection = SqliteConnectOptions::new().filename(&file).connect().await.unwrap();
+    sqlx::query(sql).execute(&mut connection).await.unwrap();
+    connection.close().await.unwrap();
+    std::fs::read(file).unwrap()
+}
+
+async fn submit(store: &Store, tasks: u32) -> JobId {
+    let text = json!({"preset": "D1-multisine", "trajectories": 4, "samples": 4}).to_string();
+    let task = |ordinal| NewTask {
+        stage: 0,
+        ordinal,
+        label: format!("shard {ordinal}"),
+        payload: json!({}),
+        total: 1,
+    };
+    let job = NewJob {
+        name: "simulate".into(),
+        spec: spec::parse(text.as_bytes()).unwrap(),
+        unit: "trajectories".into(),
+        tasks: (0..tasks).map(task).collect(),
+        needs: vec![],
+    };
+    let submission =
+        Submission { jobs: vec![job], pipeline: None, reuse: Reuse::Never, idempotency: None };
+    store.submit(submission).await.unwrap().job
+}
+
+#[tokio::test]
+async fn a_folder_in_use_by_another_server_is_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let store = serve(dir.path()).await.unwrap();
+    let error = refused(dir.path(), Access::Server).await;
+    let pid = std::process::id();
+    let path = dir.path().display();
+    let expected = format!("data folder {path} is in use by another torqued server (pid {pid})");
+    assert_eq!(error, expected);
+    let clone = store.clone();
+    drop(store);
+    refused(dir.path(), Access::Server).await;
+    drop(clone);
+    serve(dir.path()).await.unwrap();
+}
+
+#[tokio::test]
+async fn a_folder_without_a_store_is_refused_to_a_worker_and_not_touched() {
+    let dir = tempfile::tempdir().unwrap();
+    let error = refused(dir.path(), Access::Worker).await;
+    assert!(error.ends_with("has no store; start a server on it first"), "{error}");
+    assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0);
+    assert!(refused(&dir.path().join("absent"), Access::Worker).await.contains("has no store"));
+}
+
+#[tokio::test]
+async fn a_folder_that_cannot_be_created_is_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join("file");
+    std::fs::write(&file, "").unwrap();
+    let error = refused(&file.join("data"), Access::Server).await;
+    assert!(error.contains("cannot be used: Not a directory"), "{error}");
+}
+
+#[tokio::test]
+async fn a_database_from_a_newer_version_is_refused_and_not_changed() {
+    let dir = tempfile::tempdir().unwrap();
+    let before = with_changed_database(
+        dir.path(),
+        "INSERT INTO _sqlx_migrations (version, description, success, checksum, execution_time) \
+         VALUES (9001, 'from the future', 1, x'00', 0)",
+    )
+    .await;
+    for access in [Access::Server, Access::Worker] {
+        let error = refused(dir.path(), access).await;
+        assert!(error.contains("newer torqued (schema 9001, this one knows 1)"), "{error}");
+    }
+    assert_eq!(std::fs::read(dir.path().join("torqued.sqlite")).unwrap(), before);
+}
+
+#[tokio::test]
+async fn a_database_from_an_older_version_is_refused_to_a_worker() {
+    let dir = tempfile::tempdir().unwrap();
+    with_changed_database(dir.path(), "DELETE FROM _sqlx_migrations").await;
+    let error = refused(dir.path(), Access::Worker).await;
+    assert!(error.contains("has schema 0, this worker needs 1"), "{error}");
+}
+
+#[tokio::test]
+async fn a_database_that_is_none_is_refused_and_not_changed() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join("torqued.sqlite");
+    let garbage = vec![7u8; 10_000];
+    std::fs::write(&file, &garbage).unwrap();
+    let error = refused(dir.path(), Access::Server).await;
+    assert!(error.contains("is damaged: file is not a database"), "{error}");
+    assert_eq!(std::fs::read(&file).unwrap(), garbage);
+}
+
+#[tokio::test]
+async fn a_database_with_a_damaged_page_is_refused_and_not_changed() {
+    let dir = tempfile::tempdir().unwrap();
+    let store = serve(dir.path()).await.unwrap();
+    submit(&store, 500).await;
+    store.close().await;
+    drop(store);
+    let file = dir.path().join("torqued.sqlite");
+    let mut bytes = std::fs::read(&file).unwrap();
+    let last_pages = bytes.len() - 3 * 4096;
+    bytes[last_pages..].fill(0xa5);
+    std::fs::write(&file, &bytes).unwrap();
+    let error = refused(dir.path(), Access::Server).await;
+    assert!(error.contains("is damaged"), "{error}");
+    assert_eq!(std::fs::read(&file).unwrap(), bytes);
+}
+
+#[tokio::test]
+async fn everything_is_there_after_a_restart() {
+    let dir = tempfile::tempdir().unwrap();
+    let store = serve(dir.path()).await.unwrap();
+    let job = submit(&store, 1).await;
+    let task = store.claim("w", Duration::from_secs(600)).await.unwrap().unwrap();
+    drop(store);
+    let store = serve(dir.path()).await.unwrap();
+    assert_eq!(store.job(job).await.unwrap().state, JobState::Running);
+    // The worker outlived its server, and its lease with it.
+    store.complete(task.fence, None).await.unwrap();
+    assert_eq!(store.job(job).await.unwrap().state, JobState::Succeeded);
+    store.ping().await.unwrap();
+    assert_eq!(store.schema_version(), 1);
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn several_processes_share_a_folder() {
+    let dir = tempfile::tempdir().unwrap();
+    let server = serve(dir.path()).await.unwrap();
+    let job = submit(&server, 40).await;
+    let mut workers = Vec::new();
+    for i in 0..4 {
+        // Connections of its own are all that tells a process from another, to SQLite.
+        let store = Store::open(dir.path(), Access::Worker).await.unwrap();
+        workers.push(tokio::spawn(async move {
+            let mut count = 0;
+            let name = format!("w{i}");
+            while let Some(task) = store.claim(&name, Duration::from_secs(600)).await.unwrap() {
+                store.complete(task.fence, None).await.unwrap();
+                count += 1;
+            }
+            count
+        }));
+    }
+    let mut count = 0;
+    for worker in workers {
+        count += worker.await.unwrap();
+    }
+    assert_eq!(count, 40);
+    let tasks = server.tasks(job).await.unwrap();
+    assert!(tasks.iter().all(|task| task.state == TaskState::Succeeded && task.attempt == 1));
+}
+
+#[tokio::test]
+async fn final_states_cannot_be_changed_by_any_sql() {
+    let dir = tempfile::tempdir().unwrap();
+    let store = serve(dir.path()).await.unwrap();
+    submit(&store, 1).await;
+    let task = store.claim("w", Duration::from_secs(600)).await.unwrap().unwrap();
+    store.complete(task.fence, None).await.unwrap();
+    let mut connection = SqliteConnectOptions::new()
+        .filename(dir.path().join("torqued.sqlite"))
+        .connect()
+        .await
+        .unwrap();
+    for sql in ["UPDATE job SET state = 'failed'", "UPDATE task SET state = 'queued'"] {
+        let error = sqlx::query(sql).execute(&mut connection).await.unwrap_err();
+        assert!(error.to_string().contains("never changes"), "{error}");
+    }
+}

@@ -1,0 +1,92 @@
+//! Runs the suite against SQLite.
+
+#![expect(clippy::unwrap_used, reason = "tests")]
+
+mod suite;
+
+use store::{Access, Store};
+use suite::Fixture;
+
+async fn fixture() -> Fixture {
+    let dir = tempfile::tempdir().unwrap();
+    let store = Store::open(dir.path(), Access::Server).await.unwrap();
+    Fixture { store, _dir: dir }
+}
+
+macro_rules! conforms {
+    ($($room:ident: $($law:ident),+ $(,)?;)+) => {
+        $(mod $room {
+            $(
+                #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+                async fn $law() {
+                    crate::suite::$room::$law(crate::fixture().await).await;
+                }
+            )+
+        })+
+    };
+}
+
+conforms! {
+    leases:
+        a_claimed_task_carries_all_that_its_worker_needs,
+        a_killed_worker_loses_its_lease_and_its_late_writes,
+        a_lease_that_is_renewed_is_not_reaped,
+        a_task_that_kills_its_worker_fails_after_max_attempts,
+        the_first_retry_comes_at_once_and_the_second_later,
+        a_failure_that_would_repeat_is_not_retried,
+        a_released_task_is_claimed_again_without_losing_an_attempt,
+        tasks_are_claimed_by_priority_and_then_in_order,
+        two_claimers_never_get_the_same_task,
+        a_finished_task_takes_no_second_ending;
+    propagation:
+        a_stage_waits_for_all_tasks_of_the_stage_before,
+        a_pipeline_runs_its_jobs_in_the_order_of_their_needs,
+        a_failed_job_cancels_those_that_need_it_and_fails_its_pipeline,
+        a_pipeline_ends_when_its_last_member_does,
+        a_job_waits_for_one_that_was_submitted_before;
+    submission:
+        a_job_that_was_done_is_not_done_again,
+        execution_does_not_tell_jobs_apart,
+        a_job_that_failed_is_done_again,
+        a_job_that_is_being_cancelled_is_not_reused,
+        force_computes_anew_and_needs_point_to_the_new_jobs,
+        a_pipeline_is_reused_whole_or_job_by_job,
+        a_repeated_request_does_what_the_first_did,
+        an_inconsistent_submission_leaves_nothing,
+        jobs_are_listed_newest_first_in_pages,
+        jobs_are_filtered_by_kind_and_state,
+        a_job_is_found_by_its_digest,
+        what_does_not_exist_is_named;
+    cancellation:
+        tasks_that_nobody_has_are_cancelled_at_once,
+        a_running_task_is_told_and_then_ends_its_job,
+        a_cancelled_task_is_not_tried_again,
+        what_has_ended_cannot_be_cancelled,
+        a_cancelled_pipeline_cancels_its_members,
+        a_cancelled_pipeline_spares_what_others_need,
+        a_member_that_a_job_outside_needs_goes_on;
+    metrics:
+        a_step_that_is_taken_again_replaces_its_metrics,
+        the_latest_value_of_each_key_is_at_hand,
+        a_long_series_is_thinned_out_without_losing_its_extremes,
+        a_loss_that_is_not_a_number_is_kept_as_such,
+        an_unknown_key_has_no_points;
+    datasets:
+        the_last_shard_completes_dataset_and_job,
+        a_shard_committed_twice_is_there_once,
+        a_zombie_neither_commits_nor_overwrites_a_shard,
+        a_row_never_comes_before_its_bytes;
+    checkpoints:
+        a_training_resumes_from_its_latest_checkpoint,
+        the_final_checkpoint_is_found_by_digest,
+        a_step_that_is_taken_again_keeps_its_checkpoints_id,
+        old_checkpoints_are_pruned_with_their_bytes;
+    artifacts:
+        an_artifact_is_replaced_under_its_name,
+        every_training_and_evaluation_has_a_run;
+    objects:
+        an_object_is_downloaded_whole_or_in_part,
+        an_object_written_in_pieces_appears_when_finished,
+        damaged_bytes_are_refused,
+        what_was_published_but_not_committed_is_swept;
+}

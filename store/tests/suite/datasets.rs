@@ -1,0 +1,74 @@
+use serde_json::json;
+use spec::Digest;
+use store::{DatasetState, FileContent, JobState, NewShard, Page, StoreError, StoredObject};
+
+use super::{Fixture, assert_lost, digest_of, simulate};
+
+pub async fn the_last_shard_completes_dataset_and_job(f: Fixture) {
+    let job = f.submit_one(simulate(1)).await;
+    let id = f.store.job(job).await.unwrap().dataset.unwrap();
+    for left in (0..3).rev() {
+        assert!(f.store.dataset_by_digest(digest_of(&simulate(1))).await.unwrap().is_none());
+        let task = f.must_claim().await;
+        let shard = f.publish_shard(&task).await;
+        f.store.commit_shard(task.fence, &shard, Some(&json!({"left": left}))).await.unwrap();
+    }
+    let dataset = f.store.dataset_by_digest(digest_of(&simulate(1))).await.unwrap().unwrap();
+    assert_eq!((dataset.id, dataset.job, dataset.state), (id, job, DatasetState::Complete));
+    assert_eq!((dataset.trajectories, dataset.samples, dataset.shards), (6, 4, 3));
+    assert_eq!((dataset.rejected, dataset.bytes), (3, 3 * ("trajectories 0robots 0".len() as u64)));
+    assert_eq!(f.state(job).await, JobState::Succeeded);
+
+    let shards = f.store.shards(id).await.unwrap();
+    let ranges: Vec<_> = shards.iter().map(|s| (s.ordinal, s.first, s.count)).collect();
+    assert_eq!(ranges, [(0, 0, 2), (1, 2, 2), (2, 4, 2)]);
+    assert_eq!(shards[1].file_name(FileContent::Robots), "robots-00001.parquet");
+    assert_eq!(shards[1].file(FileContent::Robots).sha256, Digest::of(b"robots 1"));
+    assert_eq!(f.store.datasets(None, Page::default()).await.unwrap().len(), 1);
+    let building = f.store.datasets(Some(DatasetState::Building), Page::default()).await.unwrap();
+    assert!(building.is_empty());
+}
+
+pub async fn a_shard_committed_twice_is_there_once(f: Fixture) {
+    let job = f.submit_one(simulate(1)).await;
+    let task = f.must_claim().await;
+    let shard = f.publish_shard(&task).await;
+    f.store.commit_shard(task.fence, &shard, None).await.unwrap();
+    f.store.commit_shard(task.fence, &shard, None).await.unwrap();
+    let id = f.store.job(job).await.unwrap().dataset.unwrap();
+    assert_eq!(f.store.shards(id).await.unwrap().len(), 1);
+}
+
+pub async fn a_zombie_neither_commits_nor_overwrites_a_shard(f: Fixture) {
+    let job = f.submit_one(simulate(1)).await;
+    let dead = f.claim_and_die().await;
+    let late = f.publish_shard(&dead).await;
+    f.store.reap().await.unwrap();
+    let mut alive = f.must_claim().await;
+    while alive.fence.task != dead.fence.task {
+        alive = f.must_claim().await;
+    }
+    let shard = f.publish_shard(&alive).await;
+    f.store.commit_shard(alive.fence, &shard, None).await.unwrap();
+    assert_lost(f.store.commit_shard(dead.fence, &late, None).await, dead.fence);
+    let id = f.store.job(job).await.unwrap().dataset.unwrap();
+    let shards = f.store.shards(id).await.unwrap();
+    assert_eq!(shards.len(), 1);
+    assert_eq!(shards[0].trajectories, shard.trajectories);
+    assert_ne!(shards[0].trajectories.path, late.trajectories.path);
+}
+
+pub async fn a_row_never_comes_before_its_bytes(f: Fixture) {
+    f.submit_one(simulate(1)).await;
+    let task = f.must_claim().await;
+    let published = f.publish_shard(&task).await;
+    let absent = StoredObject { path: "datasets/1/absent".into(), ..published.robots.clone() };
+    let short = StoredObject { size: 3, ..published.robots.clone() };
+    for robots in [absent, short] {
+        let shard = NewShard { robots, ..published.clone() };
+        let error = f.store.commit_shard(task.fence, &shard, None).await.unwrap_err();
+        let named = matches!(error, StoreError::Object { .. } | StoreError::ObjectFile { .. });
+        assert!(named, "{error}");
+    }
+    assert_eq!(f.state(task.job).await, JobState::Running);
+}

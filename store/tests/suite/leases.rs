@@ -1,0 +1,157 @@
+use std::collections::HashSet;
+use std::time::Duration;
+
+use serde_json::json;
+use store::{Epoch, Fence, JobState, Lease, Metric, NewCheckpoint, Progress, Retry, TaskState};
+
+use super::{Fixture, LONG, assert_lost, simulate, task, train, with_execution};
+
+pub async fn a_claimed_task_carries_all_that_its_worker_needs(f: Fixture) {
+    let new = train(&simulate(1), vec![]);
+    let job = f.submit_one(new.clone()).await;
+    let claimed = f.must_claim().await;
+    assert_eq!((claimed.job, claimed.digest), (job, new.spec.digest()));
+    assert_eq!(claimed.spec, new.spec.to_json());
+    assert_eq!(claimed.run, f.store.job(job).await.unwrap().run);
+    assert_eq!((claimed.stage, claimed.ordinal, claimed.total), (0, 0, 10));
+    assert_eq!((claimed.attempt, claimed.max_attempts, claimed.fence.epoch), (1, 3, Epoch(1)));
+    assert_eq!(claimed.payload, json!({"piece": 0}));
+    assert_eq!(f.state(job).await, JobState::Running);
+    assert!(f.claim().await.is_none());
+}
+
+pub async fn a_killed_worker_loses_its_lease_and_its_late_writes(f: Fixture) {
+    f.submit_one(train(&simulate(1), vec![])).await;
+    let dead = f.claim_and_die().await.fence;
+    assert_eq!(f.store.reap().await.unwrap().queued, 1);
+    let alive = f.must_claim().await;
+    assert_eq!(alive.fence, Fence { task: dead.task, epoch: Epoch(2) });
+
+    let lease = f.store.renew(dead, LONG, &Progress::default()).await.unwrap();
+    assert_eq!(lease, Lease::Lost);
+    assert_lost(f.store.complete(dead, None).await, dead);
+    assert_lost(f.store.fail(dead, "late", Retry::Never).await, dead);
+    assert_lost(f.store.release(dead).await, dead);
+    assert_lost(f.store.stopped(dead).await, dead);
+    let metric = Metric { key: "train/loss".into(), step: 1, value: 1.0 };
+    assert_lost(f.store.record_metrics(dead, &[metric]).await, dead);
+    assert_lost(f.store.delete_metrics_after(dead, 0).await, dead);
+    let checkpoint = NewCheckpoint { step: 1, is_final: true, files: vec![] };
+    assert_lost(f.store.commit_checkpoint(dead, &checkpoint).await, dead);
+    assert_lost(f.store.prune_checkpoints(dead, 1).await, dead);
+    let artifact =
+        store::NewArtifact { name: "a.txt", media_type: "text/plain", bytes: "a".into() };
+    assert_lost(f.store.put_artifact(dead, artifact).await, dead);
+
+    f.store.complete(alive.fence, None).await.unwrap();
+    assert_eq!(f.state(alive.job).await, JobState::Succeeded);
+}
+
+pub async fn a_lease_that_is_renewed_is_not_reaped(f: Fixture) {
+    f.submit_one(train(&simulate(1), vec![])).await;
+    let fence = f.claim_and_die().await.fence;
+    let progress = Progress { done: 4, rate_per_second: Some(2.0), message: Some("hm".into()) };
+    let lease = f.store.renew(fence, LONG, &progress).await.unwrap();
+    assert_eq!(lease, Lease::Held { cancel_requested: false });
+    assert_eq!(f.store.reap().await.unwrap(), store::Reaped::default());
+    let task = f.store.task(fence.task).await.unwrap();
+    assert_eq!((task.state, &task.progress), (TaskState::Running, &progress));
+    let of_job = f.store.job(task.job).await.unwrap().progress;
+    assert_eq!((of_job.done, of_job.total, of_job.unit.as_str()), (4, 10, "steps"));
+    assert_eq!((of_job.rate_per_second, of_job.message.as_deref()), (Some(2.0), Some("hm")));
+}
+
+pub async fn a_task_that_kills_its_worker_fails_after_max_attempts(f: Fixture) {
+    let job = f.submit_one(with_execution(train(&simulate(1), vec![]), 0, 2)).await;
+    assert_eq!(f.claim_and_die().await.attempt, 1);
+    assert_eq!(f.store.reap().await.unwrap().queued, 1);
+    assert_eq!(f.claim_and_die().await.attempt, 2);
+    assert_eq!(f.store.reap().await.unwrap().failed, 1);
+    assert!(f.claim().await.is_none());
+    assert_eq!(f.state(job).await, JobState::Failed);
+    let error = f.error(job).await;
+    assert_eq!(error, "piece 0.0: worker w0 stopped answering (attempt 2 of 2)");
+}
+
+pub async fn the_first_retry_comes_at_once_and_the_second_later(f: Fixture) {
+    f.submit_one(train(&simulate(1), vec![])).await;
+    let first = f.must_claim().await;
+    f.store.fail(first.fence, "out of luck", Retry::Allowed).await.unwrap();
+    let second = f.must_claim().await;
+    assert_eq!(second.attempt, 2);
+    f.store.fail(second.fence, "out of luck", Retry::Allowed).await.unwrap();
+    assert!(f.claim().await.is_none(), "the second retry waits");
+    let task = f.store.task(second.fence.task).await.unwrap();
+    assert_eq!(task.state, TaskState::Queued);
+    assert_eq!(task.error.as_deref(), Some("out of luck (attempt 2 of 3)"));
+}
+
+pub async fn a_failure_that_would_repeat_is_not_retried(f: Fixture) {
+    let job = f.submit_one(train(&simulate(1), vec![])).await;
+    let task = f.must_claim().await;
+    f.store.fail(task.fence, "bad data", Retry::Never).await.unwrap();
+    assert_eq!(
+        (f.state(job).await, f.error(job).await.as_str()),
+        (JobState::Failed, "piece 0.0: bad data")
+    );
+}
+
+pub async fn a_released_task_is_claimed_again_without_losing_an_attempt(f: Fixture) {
+    f.submit_one(train(&simulate(1), vec![])).await;
+    for epoch in 1..=5 {
+        let task = f.must_claim().await;
+        assert_eq!((task.attempt, task.fence.epoch), (1, Epoch(epoch)));
+        f.store.release(task.fence).await.unwrap();
+    }
+}
+
+pub async fn tasks_are_claimed_by_priority_and_then_in_order(f: Fixture) {
+    let low = f.submit_one(with_execution(simulate(1), -1, 3)).await;
+    let first = f.submit_one(simulate(2)).await;
+    let second = f.submit_one(simulate(3)).await;
+    let high = f.submit_one(with_execution(simulate(4), 5, 3)).await;
+    let claimed = f.work_off().await;
+    let order: Vec<_> = claimed.iter().map(|task| (task.job, task.ordinal)).collect();
+    let expected: Vec<_> =
+        [high, first, second, low].into_iter().flat_map(|j| [(j, 0), (j, 1), (j, 2)]).collect();
+    assert_eq!(order, expected);
+}
+
+pub async fn two_claimers_never_get_the_same_task(f: Fixture) {
+    let mut new = simulate(1);
+    new.tasks = (0..60).map(|ordinal| task(0, ordinal, 1)).collect();
+    let job = f.submit_one(new).await;
+    let workers: Vec<_> = (0..8)
+        .map(|i| {
+            let store = f.store.clone();
+            tokio::spawn(async move {
+                let mut claimed = Vec::new();
+                while let Some(task) = store.claim(&format!("w{i}"), LONG).await.unwrap() {
+                    claimed.push(task.fence.task);
+                    store.complete(task.fence, None).await.unwrap();
+                }
+                claimed
+            })
+        })
+        .collect();
+    let mut claimed = Vec::new();
+    for worker in workers {
+        claimed.extend(worker.await.unwrap());
+    }
+    assert_eq!(claimed.len(), 60);
+    assert_eq!(claimed.iter().collect::<HashSet<_>>().len(), 60);
+    assert_eq!(f.state(job).await, JobState::Succeeded);
+}
+
+pub async fn a_finished_task_takes_no_second_ending(f: Fixture) {
+    f.submit_one(train(&simulate(1), vec![])).await;
+    let fence = f.must_claim().await.fence;
+    f.store.complete(fence, Some(&json!({"loss": 0.5}))).await.unwrap();
+    assert_lost(f.store.fail(fence, "no", Retry::Never).await, fence);
+    assert_lost(f.store.complete(fence, None).await, fence);
+    tokio::time::sleep(Duration::from_millis(2)).await;
+    f.store.reap().await.unwrap();
+    let task = f.store.task(fence.task).await.unwrap();
+    assert_eq!((task.state, task.result), (TaskState::Succeeded, Some(json!({"loss": 0.5}))));
+    assert_eq!(task.progress.done, task.total);
+}

@@ -1,0 +1,73 @@
+use std::io::Write;
+use std::time::Duration;
+
+use bytes::Bytes;
+use futures::TryStreamExt;
+use spec::Digest;
+
+use super::{Fixture, simulate};
+
+fn bytes(length: usize) -> Bytes {
+    (0..length).map(|i| u8::try_from(i % 251).unwrap()).collect()
+}
+
+async fn download(f: &Fixture, path: &str, range: Option<std::ops::Range<u64>>) -> Vec<u8> {
+    let object = f.store.open_object(path, range.clone()).await.unwrap();
+    assert_eq!(object.range, range.unwrap_or(0..object.size));
+    object.stream.try_collect::<Vec<Bytes>>().await.unwrap().concat()
+}
+
+pub async fn an_object_is_downloaded_whole_or_in_part(f: Fixture) {
+    let data = bytes(1_000_000);
+    let object = f.store.put_object("a/b", data.clone()).await.unwrap();
+    assert_eq!((object.size, object.sha256), (1_000_000, Digest::of(&data)));
+    assert_eq!(download(&f, "a/b", None).await, data);
+    assert_eq!(download(&f, "a/b", Some(300_000..700_001)).await, data[300_000..700_001]);
+    assert!(f.store.open_object("a/absent", None).await.is_err());
+    assert!(f.store.open_object("../outside", None).await.is_err());
+}
+
+pub async fn an_object_written_in_pieces_appears_when_finished(f: Fixture) {
+    let data = bytes(20_000_000);
+    let mut writer = f.store.write_object("a/big").await.unwrap();
+    let expected = data.clone();
+    let store = f.store.clone();
+    let object = tokio::task::spawn_blocking(move || {
+        for piece in data.chunks(777_777) {
+            writer.write_all(piece).unwrap();
+        }
+        let early = writer.path().to_owned();
+        tokio::runtime::Handle::current()
+            .block_on(async { assert!(store.open_object(&early, None).await.is_err()) });
+        writer.finish().unwrap()
+    })
+    .await
+    .unwrap();
+    assert_eq!((object.size, object.sha256), (20_000_000, Digest::of(&expected)));
+    assert_eq!(f.store.read_object(&object).await.unwrap(), expected);
+}
+
+pub async fn damaged_bytes_are_refused(f: Fixture) {
+    let object = f.store.put_object("a/b", "right".into()).await.unwrap();
+    f.store.put_object("a/b", "wrong".into()).await.unwrap();
+    assert!(f.store.read_object(&object).await.is_err());
+}
+
+pub async fn what_was_published_but_not_committed_is_swept(f: Fixture) {
+    f.submit_one(simulate(1)).await;
+    let committed = f.must_claim().await;
+    let shard = f.publish_shard(&committed).await;
+    f.store.commit_shard(committed.fence, &shard, None).await.unwrap();
+    let killed = f.must_claim().await;
+    let orphan = f.publish_shard(&killed).await;
+    let unfinished = f.store.write_object("datasets/1/unfinished").await.unwrap();
+    std::mem::forget(unfinished);
+
+    assert_eq!(f.store.sweep_orphans(Duration::from_secs(3600)).await.unwrap(), 0, "too young");
+    assert!(f.store.read_object(&orphan.robots).await.is_ok());
+    tokio::time::sleep(Duration::from_millis(20)).await;
+    assert_eq!(f.store.sweep_orphans(Duration::ZERO).await.unwrap(), 3);
+    assert!(f.store.read_object(&orphan.robots).await.is_err());
+    assert!(f.store.read_object(&shard.robots).await.is_ok());
+    assert!(f.store.read_object(&shard.trajectories).await.is_ok());
+}

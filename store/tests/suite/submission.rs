@@ -1,0 +1,153 @@
+use serde_json::json;
+use spec::{Digest, JobKind};
+use store::{
+    Idempotency, JobFilter, JobState, Need, Page, Retry, Reuse, StoreError, Submission, Submitted,
+};
+
+use super::{Fixture, alone, digest_of, pipeline, simulate, train};
+
+pub async fn a_job_that_was_done_is_not_done_again(f: Fixture) {
+    let first = f.submit(alone(simulate(1))).await;
+    assert!(!first.reused);
+    let again = Submitted { reused: true, ..first.clone() };
+    assert_eq!(f.submit(alone(simulate(1))).await, again, "while queued");
+    f.work_off().await;
+    assert_eq!(f.submit(alone(simulate(1))).await, again, "when succeeded");
+    assert_ne!(f.submit(alone(simulate(2))).await.job, first.job);
+}
+
+pub async fn execution_does_not_tell_jobs_apart(f: Fixture) {
+    let first = f.submit_one(simulate(1)).await;
+    let again = f.submit(alone(super::with_execution(simulate(1), 7, 1))).await;
+    assert_eq!(again, Submitted { job: first, reused: true });
+}
+
+pub async fn a_job_that_failed_is_done_again(f: Fixture) {
+    let first = f.submit_one(simulate(1)).await;
+    let task = f.must_claim().await;
+    f.store.fail(task.fence, "no", Retry::Never).await.unwrap();
+    let second = f.submit(alone(simulate(1))).await;
+    assert!(second.job != first && !second.reused);
+}
+
+pub async fn a_job_that_is_being_cancelled_is_not_reused(f: Fixture) {
+    let first = f.submit_one(simulate(1)).await;
+    f.must_claim().await;
+    f.store.cancel(first).await.unwrap();
+    assert_eq!(f.state(first).await, JobState::Running);
+    assert_ne!(f.submit_one(simulate(1)).await, first);
+}
+
+pub async fn force_computes_anew_and_needs_point_to_the_new_jobs(f: Fixture) {
+    let first = f.submit(pipeline(1)).await;
+    let old = f.members(first.job).await;
+    f.work_off().await;
+    let forced = Submission { reuse: Reuse::Never, ..pipeline(1) };
+    let second = f.submit(forced).await;
+    let new = f.members(second.job).await;
+    assert!(!second.reused && second.job != first.job);
+    assert!(new.iter().all(|job| !old.contains(job)));
+    assert_eq!(f.store.needs(new[1]).await.unwrap(), [new[0]]);
+    assert_eq!(f.state(new[1]).await, JobState::Waiting);
+    assert!(f.store.members(second.job).await.unwrap().iter().all(|member| !member.reused));
+}
+
+pub async fn a_pipeline_is_reused_whole_or_job_by_job(f: Fixture) {
+    let simulation = f.submit_one(simulate(1)).await;
+    f.work_off().await;
+    let first = f.submit(pipeline(1)).await;
+    let members = f.store.members(first.job).await.unwrap();
+    assert_eq!((members[0].job, members[0].reused), (simulation, true));
+    assert_eq!((members[1].state, members[1].reused), (JobState::Queued, false));
+    assert_eq!(f.submit(pipeline(1)).await, Submitted { job: first.job, reused: true });
+    f.work_off().await;
+
+    // The same jobs under another name are another pipeline, which has nothing left to do.
+    let mut renamed = pipeline(1);
+    renamed.pipeline.as_mut().unwrap().spec.name = "renamed".into();
+    let second = f.submit(renamed).await;
+    assert!(!second.reused);
+    assert_eq!(f.state(second.job).await, JobState::Succeeded);
+}
+
+pub async fn a_repeated_request_does_what_the_first_did(f: Fixture) {
+    let with_key = |seed: u64| Submission {
+        idempotency: Some(Idempotency {
+            key: "k".into(),
+            request: Digest::of(&seed.to_be_bytes()),
+        }),
+        reuse: Reuse::Never,
+        ..alone(simulate(seed))
+    };
+    let first = f.submit(with_key(1)).await;
+    assert_eq!(f.submit(with_key(1)).await, first);
+    assert!(!first.reused);
+    let error = f.store.submit(with_key(2)).await.unwrap_err();
+    assert!(matches!(error, StoreError::IdempotencyConflict { .. }), "{error}");
+    assert_eq!(f.store.jobs(JobFilter::default(), Page::default()).await.unwrap().len(), 1);
+}
+
+pub async fn an_inconsistent_submission_leaves_nothing(f: Fixture) {
+    let mut backwards = pipeline(1);
+    backwards.jobs[0].needs = vec![Need::New(1)];
+    let mut empty = alone(simulate(1));
+    empty.jobs[0].tasks.clear();
+    let two = Submission { pipeline: None, ..pipeline(1) };
+    for submission in [backwards, empty, two] {
+        let error = f.store.submit(submission).await.unwrap_err();
+        assert!(matches!(error, StoreError::InvalidSubmission { .. }), "{error}");
+    }
+    let missing = alone(train(&simulate(1), vec![Need::Existing(store::JobId(77))]));
+    let error = f.store.submit(missing).await.unwrap_err();
+    assert_eq!(error.to_string(), "there is no job 77");
+    assert!(f.store.jobs(JobFilter::default(), Page::default()).await.unwrap().is_empty());
+}
+
+pub async fn jobs_are_listed_newest_first_in_pages(f: Fixture) {
+    let mut ids = Vec::new();
+    for seed in 0..5 {
+        ids.push(f.submit_one(simulate(seed)).await);
+    }
+    ids.reverse();
+    let page = Page { before: None, limit: 2 };
+    let first = f.store.jobs(JobFilter::default(), page).await.unwrap();
+    assert_eq!(first.iter().map(|job| job.id).collect::<Vec<_>>(), ids[..2]);
+    let next = Page { before: Some(first[1].id.0), limit: 500 };
+    let rest = f.store.jobs(JobFilter::default(), next).await.unwrap();
+    assert_eq!(rest.iter().map(|job| job.id).collect::<Vec<_>>(), ids[2..]);
+}
+
+pub async fn jobs_are_filtered_by_kind_and_state(f: Fixture) {
+    f.submit(pipeline(1)).await;
+    let found = |kind, state| {
+        let store = f.store.clone();
+        async move {
+            let jobs = store.jobs(JobFilter { kind, state }, Page::default()).await.unwrap();
+            jobs.into_iter().map(|job| job.kind).collect::<Vec<_>>()
+        }
+    };
+    assert_eq!(found(None, None).await.len(), 4);
+    assert_eq!(found(Some(JobKind::Train), None).await, [JobKind::Train]);
+    assert_eq!(found(None, Some(JobState::Queued)).await, [JobKind::Pipeline, JobKind::Simulate]);
+    assert!(found(Some(JobKind::Train), Some(JobState::Queued)).await.is_empty());
+}
+
+pub async fn a_job_is_found_by_its_digest(f: Fixture) {
+    let job = f.submit_one(simulate(1)).await;
+    let digest = digest_of(&simulate(1));
+    let found = f.store.job_by_digest(digest, &JobState::ALL).await.unwrap().unwrap();
+    assert_eq!((found.id, found.spec), (job, simulate(1).spec.to_json()));
+    assert!(f.store.job_by_digest(digest, &[JobState::Failed]).await.unwrap().is_none());
+    assert!(f.store.job_by_digest(digest, &[]).await.unwrap().is_none());
+}
+
+pub async fn what_does_not_exist_is_named(f: Fixture) {
+    let job = store::JobId(5);
+    assert_eq!(f.store.job(job).await.unwrap_err().to_string(), "there is no job 5");
+    assert_eq!(f.store.tasks(job).await.unwrap_err().to_string(), "there is no job 5");
+    assert_eq!(f.store.cancel(job).await.unwrap_err().to_string(), "there is no job 5");
+    let simulation = f.submit_one(simulate(1)).await;
+    let error = f.store.run_of_job(simulation).await.unwrap_err();
+    assert_eq!(error.to_string(), format!("there is no run of job {simulation}"));
+    assert_eq!(f.store.job(simulation).await.unwrap().spec["seed"], json!(1));
+}
