@@ -26,7 +26,10 @@ pub async fn reap(store: Store, stop: CancellationToken) {
                     "workers died; their tasks were taken back"
                 );
             }
-            Err(error) => tracing::error!(%error, "cannot look for expired leases"),
+            Err(error) => {
+                let error = anyhow::Error::new(error);
+                tracing::error!("cannot look for expired leases: {error:#}");
+            }
         }
     }
 }
@@ -37,7 +40,10 @@ pub async fn sweep(store: Store, stop: CancellationToken) {
         match store.sweep_orphans(ORPHANED_AFTER).await {
             Ok(0) => {}
             Ok(count) => tracing::info!(count, "deleted files that nothing refers to"),
-            Err(error) => tracing::error!(%error, "cannot delete files that nothing refers to"),
+            Err(error) => {
+                let error = anyhow::Error::new(error);
+                tracing::error!("cannot delete files that nothing refers to: {error:#}");
+            }
         }
         if stop.run_until_cancelled(tokio::time::sleep(SWEEP_EVERY)).await.is_none() {
             return;

@@ -75,7 +75,7 @@ impl Server {
         let address = listener.local_addr().context("cannot tell the address listened on")?;
 
         let stop_http = CancellationToken::new();
-        let app = App::new(store.clone(), api::Options { token: options.token.clone() });
+        let app = App::new(store.clone(), &api::Options { token: options.token.clone() });
         let http = tokio::spawn(api::serve(listener, app, stop_http.clone().cancelled_owned()));
 
         let workers = TaskTracker::new();

@@ -29,9 +29,9 @@ pub struct Product {
 }
 
 impl Product {
-    /// Serves `data` on a free port with one worker.
+    /// Serves `data` on a free port with one worker, whose death is noticed soon.
     pub fn start(data: &Path) -> Self {
-        Self::start_with(data, &["--workers", "1", "--worker-threads", "1"])
+        Self::start_with(data, &["--worker-threads", "1", "--lease-seconds", "2"])
     }
 
     pub fn start_with(data: &Path, arguments: &[&str]) -> Self {
@@ -59,12 +59,6 @@ impl Product {
         let (status, body) = self.ask(self.http.get(self.address(path))).await;
         assert_eq!(status, StatusCode::OK, "GET {path}: {body}");
         body
-    }
-
-    pub async fn download(&self, path: &str) -> Vec<u8> {
-        let response = self.http.get(self.address(path)).send().await.unwrap();
-        assert_eq!(response.status(), StatusCode::OK, "GET {path}");
-        response.bytes().await.unwrap().to_vec()
     }
 
     /// POST of a body, as it is.
@@ -97,13 +91,22 @@ impl Product {
 
     /// Waits until a job is as it should be, and returns it.
     pub async fn job_when(&self, id: i64, reached: impl Fn(&Value) -> bool) -> Value {
+        self.when(&format!("/v1/jobs/{id}"), reached).await
+    }
+
+    /// Waits until a job's only task is as it should be.
+    pub async fn task_when(&self, job: i64, reached: impl Fn(&Value) -> bool) {
+        self.when(&format!("/v1/jobs/{job}/tasks"), |tasks| reached(&tasks["tasks"][0])).await;
+    }
+
+    async fn when(&self, path: &str, reached: impl Fn(&Value) -> bool) -> Value {
         let started = Instant::now();
         loop {
-            let job = self.get(&format!("/v1/jobs/{id}")).await;
-            if reached(&job) {
-                return job;
+            let answer = self.get(path).await;
+            if reached(&answer) {
+                return answer;
             }
-            assert!(started.elapsed() < PATIENCE, "still waiting: {job:#}");
+            assert!(started.elapsed() < PATIENCE, "still waiting: {answer:#}");
             tokio::time::sleep(Duration::from_millis(20)).await;
         }
     }

@@ -12,12 +12,12 @@ import urllib.request
 REPOSITORY = pathlib.Path(__file__).resolve().parents[2]
 TORQUED = os.environ.get("TORQUED", str(REPOSITORY / "target/release/torqued"))
 
-# The ids are those of a quickstart in a fresh data folder, with seconds of training.
+# Seconds of training, with the ids of a quickstart in a fresh data folder: as many checkpoints.
 SPEC = {
     "preset": "quickstart",
     "jobs": {
         "train-set": {"trajectories": 2048, "shard_trajectories": 1024},
-        "train": {"steps": 20, "optimizer": {"warmup_steps": 0}},
+        "train": {"steps": 20, "optimizer": {"warmup_steps": 0}, "checkpoint_every_steps": 2},
     },
 }
 
