@@ -42,7 +42,7 @@ impl DataDir {
 
     /// Creates the folders.
     pub fn create(&self) -> Result<(), StoreError> {
-        std::fs::create_dir_all(self.objects()).map_err(|source| self.unusable(source))
+        std::fs::create_dir_all(self.objects()).map_err(|reason| self.unusable(reason))
     }
 
     /// Takes the server's lock, which the returned handle holds until it is dropped or its
@@ -54,7 +54,7 @@ impl DataDir {
             .create(true)
             .truncate(false)
             .open(self.lock_file())
-            .map_err(|source| self.unusable(source))?;
+            .map_err(|reason| self.unusable(reason))?;
         match file.try_lock() {
             Ok(()) => {}
             Err(TryLockError::WouldBlock) => {
@@ -63,19 +63,19 @@ impl DataDir {
                     file.read_to_string(&mut text).ok().and_then(|_| text.trim().parse().ok());
                 return Err(StoreError::InUse { dir: self.0.clone(), pid });
             }
-            Err(TryLockError::Error(source)) => return Err(self.unusable(source)),
+            Err(TryLockError::Error(reason)) => return Err(self.unusable(reason)),
         }
-        write_pid(&mut file).map_err(|source| self.unusable(source))?;
+        write_pid(&mut file).map_err(|reason| self.unusable(reason))?;
         Ok(file)
     }
 
-    pub fn unusable(&self, source: std::io::Error) -> StoreError {
-        if crate::error::is_disk_full(&source) {
+    pub fn unusable(&self, reason: std::io::Error) -> StoreError {
+        if crate::error::is_disk_full(&reason) {
             return StoreError::DiskFull {
                 operation: format!("opening data folder {}", self.0.display()),
             };
         }
-        StoreError::Unusable { dir: self.0.clone(), source }
+        StoreError::Unusable { dir: self.0.clone(), reason }
     }
 }
 

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use sqlx::migrate::{Migrate, Migrator};
 use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions, SqliteSynchronous};
-use sqlx::{ConnectOptions, Connection, Sqlite, SqlitePool, Transaction};
+use sqlx::{ConnectOptions, Connection, Sqlite, SqliteConnection, SqlitePool, Transaction};
 
 use crate::data_dir::DataDir;
 use crate::error::sqlite_code;
@@ -43,6 +43,7 @@ impl Database {
         let writer = SqlitePoolOptions::new()
             .max_connections(1)
             .acquire_timeout(BUSY_TIMEOUT)
+            .before_acquire(|connection, _| Box::pin(async { Ok(is_idle(connection)) }))
             .connect_with(options.clone())
             .await
             .map_err(|source| failed_to_open(dir, source))?;
@@ -75,6 +76,13 @@ impl Database {
         self.reader.close().await;
         self.writer.close().await;
     }
+}
+
+/// Whether no transaction is open. After an error such as a full disk SQLite ends a transaction by
+/// itself, sqlx then fails to, and believes for good that one is open: such a connection is
+/// replaced, or nothing could be written any more.
+fn is_idle(connection: &SqliteConnection) -> bool {
+    !connection.is_in_transaction()
 }
 
 /// The newest schema this binary knows.
@@ -162,4 +170,25 @@ fn failed_to_migrate(dir: &DataDir, source: sqlx::migrate::MigrateError) -> Stor
 /// A count as SQL's integer. Counts come from checked specs and sizes of files, far below 2^63.
 pub(crate) fn integer(count: u64) -> i64 {
     i64::try_from(count).unwrap_or(i64::MAX)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[tokio::test]
+    async fn a_transaction_that_sqlite_ended_by_itself_does_not_stop_all_writing() {
+        let folder = tempfile::tempdir().unwrap();
+        let dir = DataDir::new(folder.path());
+        let database = Database::open(&dir, Access::Server).await.unwrap();
+        for _ in 0..3 {
+            let mut tx = database.write("testing").await.unwrap();
+            sqlx::query("INSERT OR ROLLBACK INTO _sqlx_migrations SELECT * FROM _sqlx_migrations")
+                .execute(&mut *tx)
+                .await
+                .unwrap_err();
+            drop(tx);
+        }
+        database.write("testing").await.unwrap().commit().await.unwrap();
+    }
 }

@@ -281,12 +281,14 @@ async fn insert_shard(
     Ok(())
 }
 
-/// Completes the dataset of a simulation that succeeded; other jobs have none.
+/// Completes the dataset of a simulation that succeeded, if all its trajectories are there; other
+/// jobs have none.
 pub(crate) async fn complete(conn: &mut SqliteConnection, job: JobId) -> Result<(), sqlx::Error> {
     sqlx::query(concat!(
         "UPDATE dataset SET state = 'complete', completed_at = ",
         now!(),
-        " WHERE job = ?"
+        " WHERE job = ? AND trajectories = \
+          (SELECT SUM(shard.count) FROM shard WHERE shard.dataset = dataset.id)"
     ))
     .bind(job)
     .execute(conn)

@@ -11,8 +11,8 @@ use crate::{Epoch, JobId, JobState, TaskId};
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum StoreError {
-    #[error("data folder {} cannot be used: {source}", dir.display())]
-    Unusable { dir: PathBuf, source: io::Error },
+    #[error("data folder {} cannot be used: {reason}", dir.display())]
+    Unusable { dir: PathBuf, reason: io::Error },
 
     #[error("data folder {} has no store; start a server on it first", dir.display())]
     Absent { dir: PathBuf },

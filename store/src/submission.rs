@@ -287,14 +287,16 @@ async fn submit_job(
 }
 
 /// The job that stands in for a new one of the same digest: one that succeeded, or else the
-/// newest that still may.
+/// newest that still may, which a pipeline with a failed member may not.
 async fn reusable(
     conn: &mut SqliteConnection,
     digest: Digest,
 ) -> Result<Option<JobId>, StoreError> {
     sqlx::query_scalar(
         "SELECT id FROM job WHERE digest = ? AND (state = 'succeeded' \
-         OR state IN ('waiting', 'queued', 'running') AND cancel_requested = 0) \
+         OR state IN ('waiting', 'queued', 'running') AND cancel_requested = 0 AND NOT EXISTS \
+            (SELECT 1 FROM pipeline_member JOIN job AS member ON member.id = pipeline_member.job \
+             WHERE pipeline_member.pipeline = job.id AND member.state IN ('failed', 'cancelled'))) \
          ORDER BY state = 'succeeded' DESC, id DESC LIMIT 1",
     )
     .bind(digest.to_string())

@@ -51,6 +51,8 @@ conforms! {
         a_job_that_is_being_cancelled_is_not_reused,
         force_computes_anew_and_needs_point_to_the_new_jobs,
         a_pipeline_is_reused_whole_or_job_by_job,
+        a_pipeline_that_can_only_fail_is_not_reused,
+        a_submission_that_is_dropped_halfway_leaves_nothing,
         a_repeated_request_does_what_the_first_did,
         an_inconsistent_submission_leaves_nothing,
         jobs_are_listed_newest_first_in_pages,
@@ -74,6 +76,7 @@ conforms! {
     datasets:
         the_last_shard_completes_dataset_and_job,
         a_shard_committed_twice_is_there_once,
+        a_dataset_without_all_its_trajectories_is_not_complete,
         a_zombie_neither_commits_nor_overwrites_a_shard,
         a_row_never_comes_before_its_bytes;
     checkpoints:

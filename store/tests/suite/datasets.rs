@@ -39,6 +39,13 @@ pub async fn a_shard_committed_twice_is_there_once(f: Fixture) {
     assert_eq!(f.store.shards(id).await.unwrap().len(), 1);
 }
 
+pub async fn a_dataset_without_all_its_trajectories_is_not_complete(f: Fixture) {
+    let job = f.submit_one(simulate(1)).await;
+    f.work_off().await;
+    let id = f.store.job(job).await.unwrap().dataset.unwrap();
+    assert_eq!(f.store.dataset(id).await.unwrap().state, DatasetState::Building);
+}
+
 pub async fn a_zombie_neither_commits_nor_overwrites_a_shard(f: Fixture) {
     let job = f.submit_one(simulate(1)).await;
     let dead = f.claim_and_die().await;

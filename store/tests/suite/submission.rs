@@ -70,6 +70,39 @@ pub async fn a_pipeline_is_reused_whole_or_job_by_job(f: Fixture) {
     assert_eq!(f.state(second.job).await, JobState::Succeeded);
 }
 
+pub async fn a_pipeline_that_can_only_fail_is_not_reused(f: Fixture) {
+    let mut other = simulate(2);
+    other.name = "other".into();
+    let submission = super::pipeline_of(vec![simulate(1), other]);
+    let first = f.submit(submission.clone()).await;
+    let task = f.must_claim().await;
+    f.store.fail(task.fence, "no", Retry::Never).await.unwrap();
+    assert_eq!(f.state(first.job).await, JobState::Running);
+    let second = f.submit(submission).await;
+    assert!(second.job != first.job && !second.reused);
+    let members = f.store.members(second.job).await.unwrap();
+    assert_eq!(members.iter().map(|m| m.reused).collect::<Vec<_>>(), [false, true]);
+}
+
+pub async fn a_submission_that_is_dropped_halfway_leaves_nothing(f: Fixture) {
+    for microseconds in (0..4000).step_by(50) {
+        let (store, seed) = (f.store.clone(), microseconds);
+        let submission = tokio::spawn(async move { store.submit(pipeline(seed)).await });
+        tokio::time::sleep(std::time::Duration::from_micros(microseconds)).await;
+        submission.abort();
+    }
+    f.submit(pipeline(9999)).await;
+    let page = Page { before: None, limit: 500 };
+    let kind = Some(JobKind::Pipeline);
+    let pipelines = f.store.jobs(JobFilter { kind, state: None }, page).await.unwrap();
+    for pipeline in &pipelines {
+        assert_eq!(f.members(pipeline.id).await.len(), 3);
+    }
+    let all = f.store.jobs(JobFilter::default(), page).await.unwrap();
+    assert_eq!(all.len(), 4 * pipelines.len());
+    assert_eq!(f.work_off().await.len(), 7 * pipelines.len());
+}
+
 pub async fn a_repeated_request_does_what_the_first_did(f: Fixture) {
     let with_key = |seed: u64| Submission {
         idempotency: Some(Idempotency {
