@@ -48,7 +48,7 @@ pub(crate) struct DatasetReader {
 impl DatasetReader {
     /// Finds the dataset that a stored spec refers to.
     pub fn open(attempt: &Attempt, reference: &DatasetRef) -> Result<Self, TaskError> {
-        let missing = |digest: String| TaskError::Missing { what: "the dataset", digest };
+        let missing = |name: String| TaskError::Missing { what: "the dataset of simulation", name };
         // Submission turned every other form of reference into a digest.
         let DatasetRef::Digest(digest) = reference else {
             return Err(missing(format!("{reference:?}")));

@@ -33,8 +33,8 @@ pub(crate) enum TaskError {
     Columns(#[from] arrow::error::ArrowError),
     #[error("the stored spec cannot be read: {0}")]
     Spec(#[from] serde_json::Error),
-    #[error("{what} with digest {digest} does not exist any more")]
-    Missing { what: &'static str, digest: String },
+    #[error("{what} {name} does not exist any more")]
+    Missing { what: &'static str, name: String },
     #[error("{0}")]
     Panicked(String),
 }

@@ -28,7 +28,8 @@ impl LoadedCheckpoint {
     }
 
     fn load(attempt: &Attempt, reference: &CheckpointRef) -> Result<Self, TaskError> {
-        let missing = |digest: String| TaskError::Missing { what: "the checkpoint", digest };
+        let missing =
+            |name: String| TaskError::Missing { what: "the checkpoint of training", name };
         // Submission turned every other form of reference into a digest.
         let CheckpointRef::Digest(digest) = reference else {
             return Err(missing(format!("{reference:?}")));
@@ -72,7 +73,7 @@ fn stored_spec<T: serde::de::DeserializeOwned>(
 ) -> Result<T, TaskError> {
     let job = attempt
         .wait(attempt.store.job_by_digest(digest, &[JobState::Succeeded]))?
-        .ok_or_else(|| TaskError::Missing { what: "the job", digest: digest.to_string() })?;
+        .ok_or_else(|| TaskError::Missing { what: "the job of spec", name: digest.to_string() })?;
     read_spec(&job.spec)
 }
 

@@ -19,10 +19,8 @@ pub(crate) fn cell(attempt: &Attempt) -> Result<(), TaskError> {
     let data = DatasetReader::open(attempt, &spec.data)?;
     let index = attempt.task.ordinal as usize;
     let cells = data.spec.cells();
-    let cell = cells.get(index).ok_or_else(|| TaskError::Missing {
-        what: "the cell of this task",
-        digest: index.to_string(),
-    })?;
+    let missing = || TaskError::Missing { what: "cell", name: index.to_string() };
+    let cell = cells.get(index).ok_or_else(missing)?;
     let series = data.read(cell.first..cell.first + cell.count)?;
     let scenarios = Scenarios {
         size: series.count(),

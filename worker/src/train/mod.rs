@@ -87,7 +87,8 @@ fn read_checkpoint(
     checkpoint: &Checkpoint,
 ) -> Result<CheckpointFiles, TaskError> {
     let read = |name: &'static str| {
-        let missing = || TaskError::Missing { what: name, digest: checkpoint.digest.to_string() };
+        let missing =
+            || TaskError::Missing { what: "a file of the checkpoint:", name: name.to_owned() };
         let object = checkpoint.file(name).ok_or_else(missing)?;
         Ok::<_, TaskError>(attempt.wait(attempt.store.read_object(object))?.to_vec())
     };
