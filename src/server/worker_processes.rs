@@ -79,8 +79,8 @@ impl WorkerProcesses {
             .args(["--lease-seconds", &self.lease_seconds.to_string()])
             .args(["--log", &self.log])
             .arg("--stop-with-stdin")
-            // Training reuses the same large tensors at every step; giving their pages back to the
-            // system in between costs more than holding on to them.
+            // Training reuses the same large tensors at every step. Holding on to their pages instead
+            // of giving them back after 10 ms made 150 steps of the quickstart take 4.5 s, not 5.6.
             .env("MIMALLOC_PURGE_DELAY", "-1")
             // Nothing is ever written: the pipe's closing, with or without a farewell of the
             // server, is what tells the worker to stop.
