@@ -53,9 +53,6 @@ pub enum StoreError {
     #[error("Parquet file {path} failed while {operation}")]
     Parquet { operation: &'static str, path: String, source: parquet::errors::ParquetError },
 
-    #[error("the shards do not hold trajectories {first} up to {end}")]
-    NoSuchTrajectories { first: u64, end: u64 },
-
     /// The task was meanwhile given to another worker, or has ended.
     #[error("the lease of task {task} at epoch {epoch} is lost")]
     LeaseLost { task: TaskId, epoch: Epoch },

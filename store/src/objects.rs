@@ -113,8 +113,21 @@ impl Objects {
         }
     }
 
-    /// Opens an object for blocking reads.
-    pub fn open_file(&self, path: &str) -> Result<File, StoreError> {
+    /// Opens an object for blocking reads, having read all of it once to check its digest.
+    pub fn open_verified(&self, object: &StoredObject) -> Result<File, StoreError> {
+        let file = self.open_file(&object.path)?;
+        let digest = digest_of(&file).map_err(|source| StoreError::ObjectFile {
+            operation: "checking",
+            path: object.path.clone(),
+            source,
+        })?;
+        if digest != object.sha256 {
+            return Err(damaged(object, OTHER_DIGEST.to_owned()));
+        }
+        Ok(file)
+    }
+
+    fn open_file(&self, path: &str) -> Result<File, StoreError> {
         let file = self
             .local
             .path_to_filesystem(&parse(path)?)
@@ -130,6 +143,19 @@ impl Objects {
 fn parse(path: &str) -> Result<Path, StoreError> {
     Path::parse(path).map_err(|error| StoreError::object("parsing its path", path)(error.into()))
 }
+
+fn digest_of(mut file: &File) -> io::Result<Digest> {
+    let mut buffer = vec![0; 1 << 20];
+    let mut digest = Sha256::new();
+    loop {
+        match file.read(&mut buffer)? {
+            0 => return Ok(Digest::from_bytes(digest.finalize().into())),
+            read => digest.update(&buffer[..read]),
+        }
+    }
+}
+
+const OTHER_DIGEST: &str = "it has not the digest it was published with";
 
 fn damaged(object: &StoredObject, detail: String) -> StoreError {
     StoreError::ObjectFile {
@@ -193,7 +219,7 @@ impl Store {
             .await
             .map_err(StoreError::object("reading", &object.path))?;
         if Digest::of(&bytes) != object.sha256 {
-            return Err(damaged(object, "it has not the digest it was published with".to_owned()));
+            return Err(damaged(object, OTHER_DIGEST.to_owned()));
         }
         Ok(bytes)
     }

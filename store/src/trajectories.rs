@@ -26,17 +26,23 @@ pub struct ShardReader {
 }
 
 impl Store {
+    /// Opens the trajectories of a shard, once all their bytes have been checked against the digest
+    /// they were published with: what is read later is what was written.
+    ///
     /// # Errors
     /// When the file cannot be read or does not hold what its row says.
     pub fn open_shard(&self, shard: &Shard) -> Result<ShardReader, StoreError> {
         let path = &shard.trajectories.path;
-        let file = PositionedFile::new(self.objects().open_file(path)?).map_err(|source| {
-            StoreError::ObjectFile { operation: "opening", path: path.clone(), source }
+        let file = self.objects().open_verified(&shard.trajectories)?;
+        let file = PositionedFile::new(file).map_err(|source| StoreError::ObjectFile {
+            operation: "opening",
+            path: path.clone(),
+            source,
         })?;
         let metadata = ArrowReaderMetadata::load(&file, ArrowReaderOptions::new())
             .map_err(StoreError::parquet("opening", path))?;
         let rows = metadata.metadata().file_metadata().num_rows().unsigned_abs();
-        if shard.count == 0 || rows % shard.count != 0 {
+        if shard.count == 0 || rows == 0 || !rows.is_multiple_of(shard.count) {
             let detail = format!("{rows} rows are not {} whole trajectories", shard.count);
             return Err(StoreError::parquet("opening", path)(ParquetError::General(detail)));
         }
@@ -49,35 +55,6 @@ impl Store {
             row_groups.push(first..next);
         }
         Ok(ShardReader { file, metadata, path: path.clone(), row_groups, samples })
-    }
-
-    /// The rows of `trajectories`, by index in their dataset, from the shards they are in.
-    ///
-    /// # Errors
-    /// When a trajectory is in none of `shards`, a column does not exist or a file cannot be read.
-    pub fn read_trajectories(
-        &self,
-        shards: &[Shard],
-        trajectories: Range<u64>,
-        columns: &[&str],
-    ) -> Result<RecordBatch, StoreError> {
-        let mut parts = Vec::new();
-        let mut found = 0;
-        for shard in shards {
-            let part = overlap(&trajectories, &(shard.first..shard.first + shard.count));
-            if part.is_empty() {
-                continue;
-            }
-            found += part.end - part.start;
-            parts.push(self.open_shard(shard)?.read_trajectories(part, columns)?);
-        }
-        if trajectories.is_empty() || found != trajectories.end - trajectories.start {
-            return Err(StoreError::NoSuchTrajectories {
-                first: trajectories.start,
-                end: trajectories.end,
-            });
-        }
-        concatenate(parts, "a dataset")
     }
 }
 

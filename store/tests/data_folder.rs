@@ -9,7 +9,8 @@ use serde_json::json;
 use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{ConnectOptions, Connection};
 use store::{
-    Access, JobId, JobState, NewJob, NewTask, Reuse, Store, StoreError, Submission, TaskState,
+    Access, JobFilter, JobId, JobState, NewJob, NewTask, Page, Reuse, Store, StoreError,
+    Submission, TaskState,
 };
 
 async fn serve(dir: &Path) -> Result<Store, StoreError> {
@@ -33,7 +34,12 @@ async fn with_changed_database(dir: &Path, sql: &'static str) -> Vec<u8> {
 }
 
 async fn submit(store: &Store, tasks: u32) -> JobId {
-    let text = json!({"preset": "D1-multisine", "trajectories": 4, "samples": 4}).to_string();
+    store.submit(simulation(0, tasks, Reuse::Never)).await.unwrap().job
+}
+
+fn simulation(seed: u64, tasks: u32, reuse: Reuse) -> Submission {
+    let text = json!({"preset": "D1-multisine", "seed": seed, "trajectories": 4, "samples": 4})
+        .to_string();
     let task = |ordinal| NewTask {
         stage: 0,
         ordinal,
@@ -48,9 +54,7 @@ async fn submit(store: &Store, tasks: u32) -> JobId {
         tasks: (0..tasks).map(task).collect(),
         needs: vec![],
     };
-    let submission =
-        Submission { jobs: vec![job], pipeline: None, reuse: Reuse::Never, idempotency: None };
-    store.submit(submission).await.unwrap().job
+    Submission { jobs: vec![job], pipeline: None, reuse, idempotency: None }
 }
 
 #[tokio::test]
@@ -181,6 +185,31 @@ async fn several_processes_share_a_folder() {
     assert_eq!(count, 40);
     let tasks = server.tasks(job).await.unwrap();
     assert!(tasks.iter().all(|task| task.state == TaskState::Succeeded && task.attempt == 1));
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn processes_that_submit_the_same_at_once_make_one_job() {
+    let dir = tempfile::tempdir().unwrap();
+    let server = serve(dir.path()).await.unwrap();
+    let mut submitters = Vec::new();
+    for _ in 0..4 {
+        let store = Store::open(dir.path(), Access::Worker).await.unwrap();
+        submitters.push(tokio::spawn(async move {
+            let mut new = 0;
+            for seed in 0..25 {
+                let submission = simulation(seed, 2, Reuse::SameDigest);
+                new += u32::from(!store.submit(submission).await.unwrap().reused);
+            }
+            new
+        }));
+    }
+    let mut new = 0;
+    for submitter in submitters {
+        new += submitter.await.unwrap();
+    }
+    assert_eq!(new, 25);
+    let page = Page { before: None, limit: 500 };
+    assert_eq!(server.jobs(JobFilter::default(), page).await.unwrap().len(), 25);
 }
 
 #[tokio::test]

@@ -103,20 +103,6 @@ async fn trajectories_come_back_bit_for_bit() {
 }
 
 #[tokio::test]
-async fn trajectories_are_read_across_shards() {
-    let (store, _dir) = store().await;
-    let first = write(&store, "a.parquet", vec![trajectories(0..50)]).await;
-    let second = write(&store, "b.parquet", vec![trajectories(50..70)]).await;
-    let shards = [shard(0, 50, first), shard(50, 20, second)];
-    let read = |range| store.read_trajectories(&shards, range, &["trajectory", "step", "u1"]);
-    assert_eq!(read(45..55).unwrap(), trajectories(45..55).project(&[0, 1, 2]).unwrap());
-    for outside in [60..71, 80..90, 5..5] {
-        let error = read(outside).unwrap_err();
-        assert!(matches!(error, StoreError::NoSuchTrajectories { .. }), "{error}");
-    }
-}
-
-#[tokio::test]
 async fn a_file_is_laid_out_for_compression_and_for_training() {
     let (store, _dir) = store().await;
     let object = write(&store, "a.parquet", vec![trajectories(0..100)]).await;
@@ -216,6 +202,22 @@ async fn a_file_that_is_not_what_its_row_says_is_an_error() {
     assert!(store.open_shard(&shard(0, 10, cut)).is_err());
     let missing = StoredObject { path: "missing.parquet".into(), ..object };
     assert!(store.open_shard(&shard(0, 10, missing)).is_err());
+}
+
+/// The Parquet decoder panics on some damaged pages and reads others as if nothing were wrong.
+#[tokio::test]
+async fn a_file_with_any_bit_changed_is_refused_before_it_is_decoded() {
+    let (store, _dir) = store().await;
+    let object = write(&store, "a.parquet", vec![trajectories(0..10)]).await;
+    let bytes = store.read_object(&object).await.unwrap();
+    for position in (0..bytes.len()).step_by(bytes.len() / 50) {
+        let mut changed = bytes.to_vec();
+        changed[position] ^= 1;
+        let changed = store.put_object("changed.parquet", changed.into()).await.unwrap();
+        let tampered = StoredObject { sha256: object.sha256, ..changed };
+        let error = store.open_shard(&shard(0, 10, tampered)).unwrap_err();
+        assert!(matches!(error, StoreError::ObjectFile { .. }), "byte {position}: {error}");
+    }
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
