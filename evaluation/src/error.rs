@@ -8,12 +8,8 @@ pub enum EvaluationError {
     NotFinite { predictor: String, scenario: usize },
     #[error("predictor {predictor} gave {got} values, {expected} were asked for")]
     WrongLength { predictor: String, got: usize, expected: usize },
-    #[error("predictor {predictor}: {source}")]
-    Model {
-        predictor: String,
-        #[source]
-        source: models::ModelError,
-    },
+    #[error("predictor {predictor} failed")]
+    Model { predictor: String, source: models::ModelError },
     #[error("cell {0} of the evaluation has no result")]
     MissingCell(usize),
 }

@@ -1,6 +1,7 @@
 //! One pipeline from submission to result, and what its results are equal by.
 
 use std::collections::BTreeMap;
+use std::time::Duration;
 
 use reqwest::StatusCode;
 use serde_json::Value;
@@ -104,7 +105,9 @@ async fn a_cancelled_job_ends_cancelled_and_what_needs_it_never_runs() {
         .await;
     let (status, _) = product.post(&format!("/v1/jobs/{id}/cancel"), "").await;
     assert_eq!(status, StatusCode::OK);
-    let pipeline = product.finished(id).await;
+    // Far more than a heartbeat and a checkpoint take, far less than reading on to the last step.
+    let ended = tokio::time::timeout(Duration::from_secs(20), product.finished(id)).await;
+    let pipeline = ended.expect("a cancelled training ends soon");
     assert_eq!(pipeline["state"], "cancelled", "{pipeline:#}");
     let evaluation = member(&pipeline, "evaluate");
     assert_eq!(product.finished(evaluation).await["state"], "cancelled");

@@ -96,12 +96,14 @@ async fn execute(store: &Store, task: ClaimedTask, lease: Duration, shutdown: &C
         }
         (Err(TaskError::Stopped), Some(StopReason::Cancelled)) => store.stopped(fence).await,
         (Err(TaskError::Stopped), _) => store.release(fence).await,
-        (Err(error), _) => store.fail(fence, &error.to_string(), error.retry()).await,
+        (Err(error), _) => store.fail(fence, &error.reason(), error.retry()).await,
     };
     match (done, committed) {
         (_, Err(error)) => tracing::error!(%job, task = %label, %error, "cannot end the task"),
         (Ok(()), Ok(())) => tracing::info!(%job, task = %label, "done"),
-        (Err(error), Ok(())) => tracing::warn!(%job, task = %label, %error, "not done"),
+        (Err(error), Ok(())) => {
+            tracing::warn!(%job, task = %label, error = error.reason(), "not done");
+        }
     }
 }
 

@@ -5,7 +5,7 @@ use std::ops::Range;
 use arrow::array::{Array, Float32Array, RecordBatch};
 use arrow::error::ArrowError;
 use spec::{DatasetRef, JOINTS, SimulateSpec};
-use store::{Shard, Store};
+use store::ShardReader;
 
 use crate::attempt::{Attempt, read_spec};
 use crate::error::TaskError;
@@ -40,9 +40,9 @@ impl Series {
 /// A complete dataset, open for reading from any thread.
 #[derive(Clone, Debug)]
 pub(crate) struct DatasetReader {
-    store: Store,
     pub spec: SimulateSpec,
-    shards: Vec<Shard>,
+    /// By the trajectories each holds.
+    shards: Vec<(Range<u64>, ShardReader)>,
 }
 
 impl DatasetReader {
@@ -55,13 +55,19 @@ impl DatasetReader {
         };
         let found = attempt.wait(attempt.store.dataset_by_digest(*digest))?;
         let dataset = found.ok_or_else(|| missing(digest.to_string()))?;
-        let shards = attempt.wait(attempt.store.shards(dataset.id))?;
-        Ok(Self { store: attempt.store.clone(), spec: read_spec(&dataset.spec)?, shards })
+        let mut shards = Vec::new();
+        for shard in attempt.wait(attempt.store.shards(dataset.id))? {
+            attempt.check_stop()?;
+            // Checks the bytes against their digest, so that what is read below is what was written.
+            let reader = attempt.store.open_shard(&shard)?;
+            shards.push((shard.first..shard.first + shard.count, reader));
+        }
+        Ok(Self { spec: read_spec(&dataset.spec)?, shards })
     }
 
     /// The trajectories of each shard.
     pub fn shards(&self) -> Vec<Range<u64>> {
-        self.shards.iter().map(|shard| shard.first..shard.first + shard.count).collect()
+        self.shards.iter().map(|(trajectories, _)| trajectories.clone()).collect()
     }
 
     /// Trajectories per row group: what is fastest to read at once.
@@ -69,30 +75,47 @@ impl DatasetReader {
         u64::from(store::trajectories_per_row_group(self.spec.samples))
     }
 
+    /// Trajectories within the dataset, in the order of their indices.
     pub fn read(&self, trajectories: Range<u64>) -> Result<Series, TaskError> {
         let columns: Vec<&str> = TORQUES.into_iter().chain(POSITIONS).collect();
-        let first = trajectories.start;
-        let batch = self.store.read_trajectories(&self.shards, trajectories, &columns)?;
-        Ok(Series {
-            first,
+        let mut series = Series {
+            first: trajectories.start,
             samples: self.spec.samples as usize,
-            u: interleave(&batch, 0)?,
-            y: interleave(&batch, JOINTS)?,
-        })
+            u: Vec::new(),
+            y: Vec::new(),
+        };
+        // The shards of a complete dataset hold all its trajectories, in order.
+        for (held, reader) in &self.shards {
+            let part = trajectories.start.max(held.start)..trajectories.end.min(held.end);
+            if !part.is_empty() {
+                let batch = reader.read_trajectories(part, &columns)?;
+                interleave(&batch, 0, &mut series.u)?;
+                interleave(&batch, JOINTS, &mut series.y)?;
+            }
+        }
+        Ok(series)
     }
 }
 
-/// Seven columns from `first` on as `[.., 7]`.
-fn interleave(batch: &RecordBatch, first: usize) -> Result<Vec<f32>, ArrowError> {
-    let mut series = vec![0.0; batch.num_rows() * JOINTS];
-    for joint in 0..JOINTS {
-        let column = batch.column(first + joint).as_any().downcast_ref::<Float32Array>();
-        let column = column.ok_or_else(|| {
-            ArrowError::SchemaError(format!("column {} is not f32", first + joint))
-        })?;
-        for (sample, value) in series.as_chunks_mut::<JOINTS>().0.iter_mut().zip(column.values()) {
-            sample[joint] = *value;
+/// Appends seven columns from `first` on, as `[.., 7]`.
+fn interleave(batch: &RecordBatch, first: usize, series: &mut Vec<f32>) -> Result<(), ArrowError> {
+    /// Samples at once: seven passes over all of a column would not stay in the cache.
+    const BLOCK: usize = 512;
+    let mut columns = [&[][..]; JOINTS];
+    for (joint, column) in columns.iter_mut().enumerate() {
+        let array = batch.column(first + joint).as_any().downcast_ref::<Float32Array>();
+        let not_f32 = || ArrowError::SchemaError(format!("column {} is not f32", first + joint));
+        *column = array.ok_or_else(not_f32)?.values();
+    }
+    let start = series.len();
+    series.resize(start + batch.num_rows() * JOINTS, 0.0);
+    let samples = series[start..].as_chunks_mut::<JOINTS>().0;
+    for (block, samples) in samples.chunks_mut(BLOCK).enumerate() {
+        for (joint, column) in columns.iter().enumerate() {
+            for (sample, value) in samples.iter_mut().zip(&column[block * BLOCK..]) {
+                sample[joint] = *value;
+            }
         }
     }
-    Ok(series)
+    Ok(())
 }

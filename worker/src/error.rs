@@ -1,3 +1,5 @@
+use std::error::Error as _;
+
 use store::{Retry, StoreError};
 use thiserror::Error;
 
@@ -6,12 +8,8 @@ use thiserror::Error;
 pub enum WorkerError {
     #[error(transparent)]
     Store(#[from] StoreError),
-    #[error("start {threads} threads: {source}")]
-    Threads {
-        threads: usize,
-        #[source]
-        source: rayon::ThreadPoolBuildError,
-    },
+    #[error("cannot start {threads} threads")]
+    Threads { threads: usize, source: rayon::ThreadPoolBuildError },
 }
 
 /// Why an attempt at a task did not end well.
@@ -27,11 +25,11 @@ pub(crate) enum TaskError {
     Model(#[from] models::ModelError),
     #[error(transparent)]
     Evaluation(#[from] evaluation::EvaluationError),
-    #[error("draw a figure: {0}")]
+    #[error("a figure could not be drawn")]
     Figure(#[from] figures::FigureError),
-    #[error("arrange columns: {0}")]
+    #[error("columns could not be arranged")]
     Columns(#[from] arrow::error::ArrowError),
-    #[error("the stored spec cannot be read: {0}")]
+    #[error("the stored spec or a result cannot be read")]
     Spec(#[from] serde_json::Error),
     #[error("{what} {name} does not exist any more")]
     Missing { what: &'static str, name: String },
@@ -40,6 +38,17 @@ pub(crate) enum TaskError {
 }
 
 impl TaskError {
+    /// This error and what lies behind it, for its user to read.
+    pub fn reason(&self) -> String {
+        let mut reason = self.to_string();
+        let mut source = self.source();
+        while let Some(error) = source {
+            reason = format!("{reason}: {error}");
+            source = error.source();
+        }
+        reason
+    }
+
     /// Whether another attempt could end otherwise: what depends on disk and database alone may.
     pub fn retry(&self) -> Retry {
         match self {

@@ -1,6 +1,7 @@
 //! Batches, read ahead of the training that uses them.
 
 use std::collections::HashMap;
+use std::ops::ControlFlow;
 use std::sync::mpsc::SyncSender;
 
 use models::Batch;
@@ -22,16 +23,19 @@ pub(super) fn read_ahead(
     while step < end {
         let (epoch, skipped) = order.place(step);
         let batches = (order.batches_per_epoch() - skipped).min(end - step);
-        if let Err(error) = send_epoch(data, order, epoch, skipped, batches, send) {
-            // A receiver that is gone has its own reason.
-            let _ = send.send(Err(error));
-            return;
+        match send_epoch(data, order, epoch, skipped, batches, send) {
+            Ok(ControlFlow::Continue(())) => step += batches,
+            Ok(ControlFlow::Break(())) => return,
+            Err(error) => {
+                // A receiver that is gone has its own reason.
+                let _ = send.send(Err(error));
+                return;
+            }
         }
-        step += batches;
     }
 }
 
-/// Sends `count` batches of an epoch from its batch `skipped` on.
+/// Sends `count` batches of an epoch from its batch `skipped` on; breaks when nobody listens.
 fn send_epoch(
     data: &DatasetReader,
     order: &Order,
@@ -39,7 +43,7 @@ fn send_epoch(
     skipped: u64,
     count: u64,
     send: &SyncSender<Result<Batch, TaskError>>,
-) -> Result<(), TaskError> {
+) -> Result<ControlFlow<()>, TaskError> {
     let size = order.batch_size();
     let mut to_skip = usize::try_from(skipped).unwrap_or(usize::MAX).saturating_mul(size);
     let mut left = count;
@@ -53,14 +57,17 @@ fn send_epoch(
         for index in &window.trajectories[std::mem::take(&mut to_skip)..] {
             let (u, y) = series.trajectory(*index);
             if let Some(full) = batch.push(u, y) {
+                if send.send(Ok(full)).is_err() {
+                    return Ok(ControlFlow::Break(()));
+                }
                 left -= 1;
-                if send.send(Ok(full)).is_err() || left == 0 {
-                    return Ok(());
+                if left == 0 {
+                    return Ok(ControlFlow::Continue(()));
                 }
             }
         }
     }
-    Ok(())
+    Ok(ControlFlow::Continue(()))
 }
 
 /// The blocks of a window, by the index of each trajectory.
