@@ -8,7 +8,7 @@ use axum::response::Response;
 use crate::app::{App, StoredFile};
 use crate::extract::Path;
 use crate::page::parts::{FileRow, origin, pretty};
-use crate::page::{PageError, html, text};
+use crate::page::{InPage, PageError, html, text};
 
 #[derive(Template)]
 #[template(path = "checkpoint.html")]
@@ -29,7 +29,7 @@ struct CheckpointPage {
 
 pub async fn show(
     State(app): State<App>,
-    Path(id): Path<i64>,
+    InPage(Path(id)): InPage<Path<i64>>,
     headers: HeaderMap,
 ) -> Result<Response, PageError> {
     let checkpoint = app.checkpoint(id).await?;

@@ -8,7 +8,7 @@ use axum::response::Response;
 use crate::app::{App, Dataset, DatasetFile, FileContent, JobState};
 use crate::extract::Path;
 use crate::page::parts::{Fact, FileRow, origin, pretty, when};
-use crate::page::{PageError, html, text};
+use crate::page::{InPage, PageError, html, text};
 
 #[derive(Template)]
 #[template(path = "dataset.html")]
@@ -29,7 +29,7 @@ struct DatasetPage {
 
 pub async fn show(
     State(app): State<App>,
-    Path(id): Path<i64>,
+    InPage(Path(id)): InPage<Path<i64>>,
     headers: HeaderMap,
 ) -> Result<Response, PageError> {
     let dataset = app.dataset(id).await?;

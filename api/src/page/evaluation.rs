@@ -8,7 +8,7 @@ use crate::app::{App, CellTask, JobState};
 use crate::extract::Path;
 use crate::page::parts::{Bar, pretty, when};
 use crate::page::report::ReportView;
-use crate::page::{PageError, html, text};
+use crate::page::{InPage, PageError, html, text};
 
 #[derive(Template)]
 #[template(path = "evaluation.html")]
@@ -35,7 +35,10 @@ struct ArtifactLink {
     size: String,
 }
 
-pub async fn show(State(app): State<App>, Path(id): Path<i64>) -> Result<Response, PageError> {
+pub async fn show(
+    State(app): State<App>,
+    InPage(Path(id)): InPage<Path<i64>>,
+) -> Result<Response, PageError> {
     let evaluation = app.evaluation(id).await?;
     let job = app.job(id).await?;
     let report = evaluation.read_report();

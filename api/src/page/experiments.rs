@@ -11,7 +11,7 @@ use crate::app::{App, Job, JobState};
 use crate::error::ApiError;
 use crate::extract::Query;
 use crate::page::parts::{Row, key_metric, origin, when};
-use crate::page::{PageError, html};
+use crate::page::{InPage, PageError, html};
 
 /// Experiments of one page; each shows all its jobs.
 const PAGE: usize = 20;
@@ -52,7 +52,7 @@ struct Experiment {
 
 pub async fn show(
     State(app): State<App>,
-    Query(listing): Query<Listing>,
+    InPage(Query(listing)): InPage<Query<Listing>>,
     headers: HeaderMap,
 ) -> Result<Response, PageError> {
     let jobs = app.experiments(listing.state, listing.before, PAGE).await?;

@@ -10,7 +10,7 @@ use crate::app::{App, Job, JobState, Task, TaskState};
 use crate::error::ApiError;
 use crate::extract::Path;
 use crate::page::parts::{Bar, Link, Row, key_metric, origin, pretty, when};
-use crate::page::{PageError, html};
+use crate::page::{InPage, PageError, html};
 
 /// Tasks shown; the rest is one link away.
 const TASKS: usize = 100;
@@ -48,7 +48,7 @@ struct TaskRow {
 
 pub async fn show(
     State(app): State<App>,
-    Path(id): Path<i64>,
+    InPage(Path(id)): InPage<Path<i64>>,
     headers: HeaderMap,
 ) -> Result<Response, PageError> {
     let job = app.job(id).await?;
@@ -116,7 +116,10 @@ impl From<Task> for TaskRow {
 }
 
 /// Cancels and shows the job; one that has just ended by itself is no error to its reader.
-pub async fn cancel(State(app): State<App>, Path(id): Path<i64>) -> Result<Response, PageError> {
+pub async fn cancel(
+    State(app): State<App>,
+    InPage(Path(id)): InPage<Path<i64>>,
+) -> Result<Response, PageError> {
     match app.cancel(id).await {
         Ok(_) | Err(ApiError::AlreadyFinal { .. }) => {
             Ok(Redirect::to(&format!("/jobs/{id}")).into_response())

@@ -13,9 +13,10 @@ mod text;
 
 use askama::Template;
 use axum::Router;
-use axum::extract::Request;
+use axum::extract::{FromRequestParts, Request};
 use axum::http::HeaderMap;
 use axum::http::header::{ACCEPT, CACHE_CONTROL, CONTENT_TYPE};
+use axum::http::request::Parts;
 use axum::response::{IntoResponse, Response};
 use axum::routing::{get, post};
 
@@ -41,6 +42,21 @@ struct PageError(ApiError);
 impl<E: Into<ApiError>> From<E> for PageError {
     fn from(error: E) -> Self {
         Self(error.into())
+    }
+}
+
+/// An extractor of the API whose rejection is told in HTML.
+struct InPage<E>(E);
+
+impl<E, S> FromRequestParts<S> for InPage<E>
+where
+    E: FromRequestParts<S, Rejection = ApiError>,
+    S: Send + Sync,
+{
+    type Rejection = PageError;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, PageError> {
+        Ok(Self(E::from_request_parts(parts, state).await?))
     }
 }
 

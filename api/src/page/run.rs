@@ -8,7 +8,7 @@ use figures::Size;
 use crate::app::{App, Checkpoint, JobState, LatestMetric};
 use crate::extract::Path;
 use crate::page::parts::{Bar, Fact, pretty, when};
-use crate::page::{PageError, html, text};
+use crate::page::{InPage, PageError, html, text};
 
 #[derive(Template)]
 #[template(path = "run.html")]
@@ -36,7 +36,10 @@ struct CheckpointRow {
     digest: String,
 }
 
-pub async fn show(State(app): State<App>, Path(id): Path<i64>) -> Result<Response, PageError> {
+pub async fn show(
+    State(app): State<App>,
+    InPage(Path(id)): InPage<Path<i64>>,
+) -> Result<Response, PageError> {
     let run = app.run(id).await?;
     let job = app.job(run.job).await?;
     let loss = app.loss_figure(id).await?.to_svg(Size::PAGE)?;

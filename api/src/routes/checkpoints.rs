@@ -8,10 +8,16 @@ use axum::response::Response;
 use crate::app::{App, Checkpoint, Checkpoints};
 use crate::error::ApiError;
 use crate::extract::{Path, Query};
-use crate::routes::{ListParameters, send};
+use crate::routes::{FileResponses, ListParameters, send};
 
 /// Checkpoints, newest first.
-#[utoipa::path(get, path = "/v1/checkpoints", tag = "checkpoints", params(ListParameters), responses((status = 200, body = Checkpoints)))]
+#[utoipa::path(
+    get,
+    path = "/v1/checkpoints",
+    tag = "checkpoints",
+    params(ListParameters),
+    responses((status = 200, body = Checkpoints)),
+)]
 pub async fn list(
     State(app): State<App>,
     Query(parameters): Query<ListParameters>,
@@ -20,7 +26,13 @@ pub async fn list(
 }
 
 /// A checkpoint with its files.
-#[utoipa::path(get, path = "/v1/checkpoints/{id}", tag = "checkpoints", params(("id" = i64, Path)), responses((status = 200, body = Checkpoint)))]
+#[utoipa::path(
+    get,
+    path = "/v1/checkpoints/{id}",
+    tag = "checkpoints",
+    params(("id" = i64, Path)),
+    responses((status = 200, body = Checkpoint)),
+)]
 pub async fn show(
     State(app): State<App>,
     Path(id): Path<i64>,
@@ -29,7 +41,13 @@ pub async fn show(
 }
 
 /// A file of a checkpoint: weights and optimizer as safetensors, configuration as JSON.
-#[utoipa::path(get, path = "/v1/checkpoints/{id}/files/{name}", tag = "checkpoints", params(("id" = i64, Path), ("name" = String, Path)), responses((status = 200, body = Vec<u8>, content_type = "application/octet-stream"), (status = 206), (status = 304), (status = 416)))]
+#[utoipa::path(
+    get,
+    path = "/v1/checkpoints/{id}/files/{name}",
+    tag = "checkpoints",
+    params(("id" = i64, Path), ("name" = String, Path)),
+    responses(FileResponses),
+)]
 pub async fn file(
     State(app): State<App>,
     Path((id, name)): Path<(i64, String)>,

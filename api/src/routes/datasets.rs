@@ -8,10 +8,16 @@ use axum::response::Response;
 use crate::app::{App, Dataset, Datasets};
 use crate::error::ApiError;
 use crate::extract::{Path, Query};
-use crate::routes::{ListParameters, send};
+use crate::routes::{FileResponses, ListParameters, send};
 
 /// Datasets, newest first.
-#[utoipa::path(get, path = "/v1/datasets", tag = "datasets", params(ListParameters), responses((status = 200, body = Datasets)))]
+#[utoipa::path(
+    get,
+    path = "/v1/datasets",
+    tag = "datasets",
+    params(ListParameters),
+    responses((status = 200, body = Datasets)),
+)]
 pub async fn list(
     State(app): State<App>,
     Query(parameters): Query<ListParameters>,
@@ -20,13 +26,25 @@ pub async fn list(
 }
 
 /// A dataset with the files that exist so far.
-#[utoipa::path(get, path = "/v1/datasets/{id}", tag = "datasets", params(("id" = i64, Path)), responses((status = 200, body = Dataset)))]
+#[utoipa::path(
+    get,
+    path = "/v1/datasets/{id}",
+    tag = "datasets",
+    params(("id" = i64, Path)),
+    responses((status = 200, body = Dataset)),
+)]
 pub async fn show(State(app): State<App>, Path(id): Path<i64>) -> Result<Json<Dataset>, ApiError> {
     Ok(Json(app.dataset(id).await?))
 }
 
 /// A Parquet file: the samples or the robots of a shard.
-#[utoipa::path(get, path = "/v1/datasets/{id}/files/{name}", tag = "datasets", params(("id" = i64, Path), ("name" = String, Path)), responses((status = 200, body = Vec<u8>, content_type = "application/vnd.apache.parquet"), (status = 206), (status = 304), (status = 416)))]
+#[utoipa::path(
+    get,
+    path = "/v1/datasets/{id}/files/{name}",
+    tag = "datasets",
+    params(("id" = i64, Path), ("name" = String, Path)),
+    responses(FileResponses),
+)]
 pub async fn file(
     State(app): State<App>,
     Path((id, name)): Path<(i64, String)>,

@@ -9,7 +9,13 @@ use crate::extract::{Path, Query};
 use crate::routes::ListParameters;
 
 /// Evaluations, newest first.
-#[utoipa::path(get, path = "/v1/evaluations", tag = "evaluations", params(ListParameters), responses((status = 200, body = Evaluations)))]
+#[utoipa::path(
+    get,
+    path = "/v1/evaluations",
+    tag = "evaluations",
+    params(ListParameters),
+    responses((status = 200, body = Evaluations)),
+)]
 pub async fn list(
     State(app): State<App>,
     Query(parameters): Query<ListParameters>,
@@ -18,7 +24,13 @@ pub async fn list(
 }
 
 /// An evaluation, by the id of its job; `report` is there once all its cells are.
-#[utoipa::path(get, path = "/v1/evaluations/{id}", tag = "evaluations", params(("id" = i64, Path)), responses((status = 200, body = Evaluation)))]
+#[utoipa::path(
+    get,
+    path = "/v1/evaluations/{id}",
+    tag = "evaluations",
+    params(("id" = i64, Path)),
+    responses((status = 200, body = Evaluation)),
+)]
 pub async fn show(
     State(app): State<App>,
     Path(id): Path<i64>,

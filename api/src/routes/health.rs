@@ -19,7 +19,13 @@ pub struct Health {
 }
 
 /// Answers when the database does; needs no token.
-#[utoipa::path(get, path = "/healthz", tag = "health", security(()), responses((status = 200, body = Health)))]
+#[utoipa::path(
+    get,
+    path = "/healthz",
+    tag = "health",
+    security(()),
+    responses((status = 200, body = Health)),
+)]
 pub async fn show(State(app): State<App>) -> Result<Json<Health>, ApiError> {
     let database_schema = app.database_schema().await?;
     Ok(Json(Health { status: "ok", version: VERSION, database_schema }))

@@ -12,7 +12,6 @@ use utoipa::IntoParams;
 use crate::app::{App, Job, JobFilter, JobState, Jobs, Paging, Reuse, Tasks};
 use crate::error::ApiError;
 use crate::extract::{IdempotencyKey, JsonBytes, Path, Query};
-use crate::problem::Problem;
 
 #[derive(Deserialize, IntoParams)]
 #[into_params(parameter_in = Query)]
@@ -41,14 +40,17 @@ pub struct ListParameters {
     tag = "jobs",
     params(
         SubmitParameters,
-        ("Idempotency-Key" = Option<String>, Header, description = "Sent again with the same spec, it names the same job"),
+        (
+            "Idempotency-Key" = Option<String>,
+            Header,
+            description = "Sent again with the same spec, it names the same job",
+        ),
     ),
     request_body = JobSpec,
     responses(
         (status = 201, body = Job, headers(("Location" = String))),
         (status = 200, body = Job, description = "The job exists already"),
-        (status = 422, body = Problem, content_type = "application/problem+json"),
-    )
+    ),
 )]
 pub async fn submit(
     State(app): State<App>,
@@ -64,7 +66,13 @@ pub async fn submit(
 }
 
 /// Jobs and pipelines, newest first.
-#[utoipa::path(get, path = "/v1/jobs", tag = "jobs", params(ListParameters), responses((status = 200, body = Jobs)))]
+#[utoipa::path(
+    get,
+    path = "/v1/jobs",
+    tag = "jobs",
+    params(ListParameters),
+    responses((status = 200, body = Jobs)),
+)]
 pub async fn list(
     State(app): State<App>,
     Query(parameters): Query<ListParameters>,
@@ -75,19 +83,37 @@ pub async fn list(
 }
 
 /// A job, how far it is and what it has made.
-#[utoipa::path(get, path = "/v1/jobs/{id}", tag = "jobs", params(("id" = i64, Path)), responses((status = 200, body = Job), (status = 404, body = Problem, content_type = "application/problem+json")))]
+#[utoipa::path(
+    get,
+    path = "/v1/jobs/{id}",
+    tag = "jobs",
+    params(("id" = i64, Path)),
+    responses((status = 200, body = Job)),
+)]
 pub async fn show(State(app): State<App>, Path(id): Path<i64>) -> Result<Json<Job>, ApiError> {
     Ok(Json(app.job(id).await?))
 }
 
 /// Cancel a job, or a pipeline with all its jobs that no other pipeline needs.
-#[utoipa::path(post, path = "/v1/jobs/{id}/cancel", tag = "jobs", params(("id" = i64, Path)), responses((status = 200, body = Job), (status = 409, body = Problem, description = "It succeeded or failed before", content_type = "application/problem+json")))]
+#[utoipa::path(
+    post,
+    path = "/v1/jobs/{id}/cancel",
+    tag = "jobs",
+    params(("id" = i64, Path)),
+    responses((status = 200, body = Job)),
+)]
 pub async fn cancel(State(app): State<App>, Path(id): Path<i64>) -> Result<Json<Job>, ApiError> {
     Ok(Json(app.cancel(id).await?))
 }
 
 /// The pieces that workers lease.
-#[utoipa::path(get, path = "/v1/jobs/{id}/tasks", tag = "jobs", params(("id" = i64, Path)), responses((status = 200, body = Tasks)))]
+#[utoipa::path(
+    get,
+    path = "/v1/jobs/{id}/tasks",
+    tag = "jobs",
+    params(("id" = i64, Path)),
+    responses((status = 200, body = Tasks)),
+)]
 pub async fn tasks(State(app): State<App>, Path(id): Path<i64>) -> Result<Json<Tasks>, ApiError> {
     Ok(Json(Tasks { tasks: app.tasks(id).await? }))
 }

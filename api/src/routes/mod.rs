@@ -5,6 +5,7 @@ mod datasets;
 mod evaluations;
 mod health;
 mod jobs;
+mod openapi;
 mod presets;
 mod runs;
 
@@ -29,6 +30,7 @@ use crate::error::ApiError;
 use crate::guard::Crowd;
 use crate::limits::BODY_BYTES;
 use crate::parameters::KnownParameters;
+use crate::routes::openapi::{Document, FileResponses};
 use crate::{auth, guard, page, parameters};
 
 /// Which part of a list is asked for.
@@ -62,40 +64,13 @@ async fn send(
     Ok(answer.with_body(body))
 }
 
-#[derive(utoipa::OpenApi)]
-#[openapi(
-    info(
-        title = "torqued",
-        description = "In-context identification of robot dynamics as a service: simulate, train, \
-                       evaluate.\n\nErrors are RFC 9457 problem details. Lists are newest first; \
-                       `next` is the `before` of the following page. Downloads answer HEAD, Range, \
-                       If-Range and If-None-Match and carry the SHA-256 of the whole file as ETag \
-                       and Repr-Digest.",
-        license(name = "MIT OR Apache-2.0", identifier = "MIT OR Apache-2.0"),
-    ),
-    security((), ("token" = [])),
-    modifiers(&TokenScheme),
-)]
-struct Document;
-
-/// The token, declared once for all operations.
-struct TokenScheme;
-
-impl utoipa::Modify for TokenScheme {
-    fn modify(&self, document: &mut utoipa::openapi::OpenApi) {
-        use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityScheme};
-        let scheme = HttpBuilder::new()
-            .scheme(HttpAuthScheme::Bearer)
-            .description(Some("Only when the server was started with a token."))
-            .build();
-        document
-            .components
-            .get_or_insert_default()
-            .add_security_scheme("token", SecurityScheme::Http(scheme));
-    }
+fn documented() -> OpenApiRouter<App> {
+    let mut router = operations();
+    openapi::add_problems(router.get_openapi_mut());
+    router
 }
 
-fn documented() -> OpenApiRouter<App> {
+fn operations() -> OpenApiRouter<App> {
     OpenApiRouter::with_openapi(Document::openapi())
         .routes(routes!(health::show))
         .routes(routes!(presets::list))

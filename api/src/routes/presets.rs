@@ -11,7 +11,12 @@ pub struct Presets {
 }
 
 /// Every preset with the spec it stands for.
-#[utoipa::path(get, path = "/v1/presets", tag = "presets", responses((status = 200, body = Presets)))]
+#[utoipa::path(
+    get,
+    path = "/v1/presets",
+    tag = "presets",
+    responses((status = 200, body = Presets)),
+)]
 pub async fn list() -> Json<Presets> {
     Json(Presets { presets: spec::presets() })
 }

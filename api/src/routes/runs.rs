@@ -13,7 +13,7 @@ use crate::app::{App, Metric, Run, Runs};
 use crate::error::ApiError;
 use crate::extract::{Path, Query};
 use crate::limits::{POINTS_DEFAULT, POINTS_MAXIMUM};
-use crate::routes::{ListParameters, send};
+use crate::routes::{FileResponses, ListParameters, send};
 
 #[derive(Deserialize, IntoParams)]
 #[into_params(parameter_in = Query)]
@@ -33,7 +33,13 @@ impl MetricParameters {
 }
 
 /// Runs, newest first.
-#[utoipa::path(get, path = "/v1/runs", tag = "runs", params(ListParameters), responses((status = 200, body = Runs)))]
+#[utoipa::path(
+    get,
+    path = "/v1/runs",
+    tag = "runs",
+    params(ListParameters),
+    responses((status = 200, body = Runs)),
+)]
 pub async fn list(
     State(app): State<App>,
     Query(parameters): Query<ListParameters>,
@@ -42,13 +48,25 @@ pub async fn list(
 }
 
 /// A run with the latest value of every metric and its artifacts.
-#[utoipa::path(get, path = "/v1/runs/{id}", tag = "runs", params(("id" = i64, Path)), responses((status = 200, body = Run)))]
+#[utoipa::path(
+    get,
+    path = "/v1/runs/{id}",
+    tag = "runs",
+    params(("id" = i64, Path)),
+    responses((status = 200, body = Run)),
+)]
 pub async fn show(State(app): State<App>, Path(id): Path<i64>) -> Result<Json<Run>, ApiError> {
     Ok(Json(app.run(id).await?))
 }
 
 /// The values of one metric; a slash in its key is written `%2F`.
-#[utoipa::path(get, path = "/v1/runs/{id}/metrics/{key}", tag = "runs", params(("id" = i64, Path), ("key" = String, Path), MetricParameters), responses((status = 200, body = Metric)))]
+#[utoipa::path(
+    get,
+    path = "/v1/runs/{id}/metrics/{key}",
+    tag = "runs",
+    params(("id" = i64, Path), ("key" = String, Path), MetricParameters),
+    responses((status = 200, body = Metric)),
+)]
 pub async fn metric(
     State(app): State<App>,
     Path((id, key)): Path<(i64, String)>,
@@ -58,7 +76,18 @@ pub async fn metric(
 }
 
 /// The values of the metric `group/name`, such as `train/loss`.
-#[utoipa::path(get, path = "/v1/runs/{id}/metrics/{group}/{name}", tag = "runs", params(("id" = i64, Path), ("group" = String, Path), ("name" = String, Path), MetricParameters), responses((status = 200, body = Metric)))]
+#[utoipa::path(
+    get,
+    path = "/v1/runs/{id}/metrics/{group}/{name}",
+    tag = "runs",
+    params(
+        ("id" = i64, Path),
+        ("group" = String, Path),
+        ("name" = String, Path),
+        MetricParameters,
+    ),
+    responses((status = 200, body = Metric)),
+)]
 pub async fn metric_of_group(
     State(app): State<App>,
     Path((id, group, name)): Path<(i64, String, String)>,
@@ -68,7 +97,13 @@ pub async fn metric_of_group(
 }
 
 /// A file that the run left, such as `report.json` or `rmse.svg`.
-#[utoipa::path(get, path = "/v1/runs/{id}/artifacts/{name}", tag = "runs", params(("id" = i64, Path), ("name" = String, Path)), responses((status = 200, body = Vec<u8>, content_type = "application/octet-stream"), (status = 206), (status = 304), (status = 416)))]
+#[utoipa::path(
+    get,
+    path = "/v1/runs/{id}/artifacts/{name}",
+    tag = "runs",
+    params(("id" = i64, Path), ("name" = String, Path)),
+    responses(FileResponses),
+)]
 pub async fn artifact(
     State(app): State<App>,
     Path((id, name)): Path<(i64, String)>,
@@ -80,7 +115,13 @@ pub async fn artifact(
 }
 
 /// The loss curve as it is now: `loss.svg`, or its numbers as `loss.csv`.
-#[utoipa::path(get, path = "/v1/runs/{id}/figures/{name}", tag = "runs", params(("id" = i64, Path), ("name" = String, Path)), responses((status = 200, body = String, content_type = "image/svg+xml")))]
+#[utoipa::path(
+    get,
+    path = "/v1/runs/{id}/figures/{name}",
+    tag = "runs",
+    params(("id" = i64, Path), ("name" = String, Path)),
+    responses((status = 200, body = String, content_type = "image/svg+xml")),
+)]
 pub async fn figure(
     State(app): State<App>,
     Path((id, name)): Path<(i64, String)>,

@@ -1,0 +1,114 @@
+//! The OpenAPI document: committed, complete, and kept by what the server does.
+
+use std::collections::BTreeSet;
+use std::path::Path;
+
+use axum::http::Method;
+use serde_json::Value;
+
+use crate::fixture::{Server, small_pipeline, small_simulation};
+
+/// Rewrites the committed document when `UPDATE` is set.
+#[test]
+fn the_committed_document_is_the_generated_one() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("openapi.json");
+    let generated = format!("{}\n", api::openapi().to_pretty_json().unwrap());
+    if std::env::var_os("UPDATE").is_some() {
+        std::fs::write(&path, &generated).unwrap();
+    }
+    let committed = std::fs::read_to_string(&path).unwrap_or_default();
+    assert!(
+        committed == generated,
+        "api/openapi.json is not what the handlers say; run this test with UPDATE=1"
+    );
+}
+
+/// Every operation, with a request that it answers with success.
+const OPERATIONS: [(&str, &str, &str); 21] = [
+    ("get", "/healthz", "/healthz"),
+    ("get", "/v1/presets", "/v1/presets"),
+    ("post", "/v1/jobs", "/v1/jobs"),
+    ("get", "/v1/jobs", "/v1/jobs"),
+    ("get", "/v1/jobs/{id}", "/v1/jobs/5"),
+    ("post", "/v1/jobs/{id}/cancel", "/v1/jobs/6/cancel"),
+    ("get", "/v1/jobs/{id}/tasks", "/v1/jobs/1/tasks"),
+    ("get", "/v1/datasets", "/v1/datasets"),
+    ("get", "/v1/datasets/{id}", "/v1/datasets/1"),
+    ("get", "/v1/datasets/{id}/files/{name}", "/v1/datasets/1/files/robots-00000.parquet"),
+    ("get", "/v1/runs", "/v1/runs"),
+    ("get", "/v1/runs/{id}", "/v1/runs/1"),
+    ("get", "/v1/runs/{id}/metrics/{key}", "/v1/runs/1/metrics/train%2Floss"),
+    ("get", "/v1/runs/{id}/metrics/{group}/{name}", "/v1/runs/1/metrics/train/loss"),
+    ("get", "/v1/runs/{id}/artifacts/{name}", "/v1/runs/2/artifacts/report.json"),
+    ("get", "/v1/runs/{id}/figures/{name}", "/v1/runs/1/figures/loss.csv"),
+    ("get", "/v1/checkpoints", "/v1/checkpoints"),
+    ("get", "/v1/checkpoints/{id}", "/v1/checkpoints/1"),
+    ("get", "/v1/checkpoints/{id}/files/{name}", "/v1/checkpoints/1/files/config.json"),
+    ("get", "/v1/evaluations", "/v1/evaluations"),
+    ("get", "/v1/evaluations/{id}", "/v1/evaluations/4"),
+];
+
+#[tokio::test]
+async fn every_documented_operation_answers_and_every_one_is_listed_here() {
+    let server = Server::start().await;
+    server.submitted(&small_pipeline()).await;
+    server.work().await;
+    server.submitted(&small_simulation(7)).await;
+
+    let document = server.json("/v1/openapi.json").await;
+    let mut documented: BTreeSet<(String, String)> = BTreeSet::new();
+    for (path, item) in document["paths"].as_object().unwrap() {
+        for method in item.as_object().unwrap().keys() {
+            documented.insert((method.clone(), path.clone()));
+        }
+    }
+    for (method, path, request) in OPERATIONS {
+        assert!(documented.remove(&(method.to_owned(), path.to_owned())), "{method} {path}");
+        let answer = match method {
+            "post" if path == "/v1/jobs" => server.submit(&small_simulation(8)).await,
+            "post" => server.request(Method::POST, request, &[]).await,
+            _ => server.get(request).await,
+        };
+        assert!(answer.status.is_success(), "{method} {request}: {answer:?}");
+    }
+    assert!(documented.is_empty(), "documented but not listed here: {documented:?}");
+}
+
+#[tokio::test]
+async fn no_documented_operation_answers_without_the_token() {
+    let options = api::Options { token: Some("secret".to_owned()) };
+    let server = Server::start_with(&options).await;
+    for (method, path, request) in OPERATIONS {
+        if path == "/healthz" {
+            continue;
+        }
+        let method = Method::from_bytes(method.to_uppercase().as_bytes()).unwrap();
+        server.request(method, request, &[]).await.problem(401);
+    }
+}
+
+/// Collects every `$ref` of a document.
+fn references(value: &Value, found: &mut BTreeSet<String>) {
+    match value {
+        Value::Object(fields) => {
+            if let Some(Value::String(reference)) = fields.get("$ref") {
+                found.insert(reference.clone());
+            }
+            fields.values().for_each(|value| references(value, found));
+        }
+        Value::Array(items) => items.iter().for_each(|value| references(value, found)),
+        _ => {}
+    }
+}
+
+#[tokio::test]
+async fn the_document_refers_to_nothing_that_it_lacks() {
+    let document = Server::start().await.json("/v1/openapi.json").await;
+    assert!(document["openapi"].as_str().unwrap().starts_with("3.1"));
+    let mut found = BTreeSet::new();
+    references(&document, &mut found);
+    assert!(found.contains("#/components/schemas/Job"));
+    for reference in found {
+        assert!(document.pointer(&reference[1..]).is_some(), "{reference}");
+    }
+}

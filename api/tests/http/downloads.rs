@@ -1,0 +1,109 @@
+//! Downloads: whole, in part, not again, and only their headers.
+
+use axum::http::Method;
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD as BASE64;
+use spec::Digest;
+
+use crate::fixture::{Server, bytes_of, small_pipeline};
+
+const FILE: &str = "/v1/checkpoints/1/files/model.safetensors";
+
+async fn finished() -> Server {
+    let server = Server::start().await;
+    server.submitted(&small_pipeline()).await;
+    server.work().await;
+    server
+}
+
+#[tokio::test]
+async fn every_file_that_is_listed_downloads_with_the_digest_that_is_stated() {
+    let server = finished().await;
+    let mut files = Vec::new();
+    for id in 1..=2 {
+        let dataset = server.json(&format!("/v1/datasets/{id}")).await;
+        files.extend(dataset["files"].as_array().unwrap().clone());
+    }
+    files.extend(server.json("/v1/checkpoints/1").await["files"].as_array().unwrap().clone());
+    for id in 1..=2 {
+        files.extend(
+            server.json(&format!("/v1/runs/{id}")).await["artifacts"].as_array().unwrap().clone(),
+        );
+    }
+    assert_eq!(files.len(), 6 + 2 + 3);
+    for file in files {
+        let answer = server.get(file["url"].as_str().unwrap()).await;
+        assert_eq!(answer.status, 200, "{file}");
+        let digest = Digest::of(&answer.body);
+        assert_eq!(file["sha256"], digest.to_string());
+        assert_eq!(file["size"], answer.body.len());
+        assert_eq!(answer.header("content-length"), answer.body.len().to_string());
+        assert_eq!(answer.header("etag"), format!("\"{digest}\""));
+        let repr = format!("sha-256=:{}:", BASE64.encode(digest.as_bytes()));
+        assert_eq!(answer.header("repr-digest"), repr);
+        assert!(answer.header("content-disposition").contains(file["name"].as_str().unwrap()));
+    }
+}
+
+#[tokio::test]
+async fn a_download_is_taken_up_where_it_broke_off() {
+    let server = finished().await;
+    let whole = bytes_of(5000, 7);
+    let tag = server.get(FILE).await.header("etag").to_owned();
+    let headers = [("range", "bytes=1234-"), ("if-range", tag.as_str())];
+    let rest = server.request(Method::GET, FILE, &headers).await;
+    assert_eq!(rest.status, 206);
+    assert_eq!(rest.header("content-range"), "bytes 1234-4999/5000");
+    assert_eq!(rest.body, whole[1234..]);
+
+    let headers = [("range", "bytes=1234-"), ("if-range", "\"another\"")];
+    let changed = server.request(Method::GET, FILE, &headers).await;
+    assert_eq!((changed.status.as_u16(), changed.body), (200, whole));
+}
+
+#[tokio::test]
+async fn a_part_beyond_the_end_is_refused_with_the_size() {
+    let server = finished().await;
+    let answer = server.request(Method::GET, FILE, &[("range", "bytes=5000-")]).await;
+    assert_eq!(answer.status, 416);
+    assert_eq!(answer.header("content-range"), "bytes */5000");
+    assert!(answer.body.is_empty());
+}
+
+#[tokio::test]
+async fn several_parts_at_once_are_answered_with_the_whole() {
+    let server = finished().await;
+    let answer = server.request(Method::GET, FILE, &[("range", "bytes=0-1,4-5")]).await;
+    assert_eq!((answer.status.as_u16(), answer.body.len()), (200, 5000));
+}
+
+#[tokio::test]
+async fn a_file_that_the_caller_has_is_not_sent_again() {
+    let server = finished().await;
+    let tag = server.get(FILE).await.header("etag").to_owned();
+    let answer = server.request(Method::GET, FILE, &[("if-none-match", &tag)]).await;
+    assert_eq!((answer.status.as_u16(), answer.body.len()), (304, 0));
+    assert_eq!(answer.header("etag"), tag);
+}
+
+#[tokio::test]
+async fn head_tells_what_get_would_send() {
+    let server = finished().await;
+    let head = server.request(Method::HEAD, FILE, &[]).await;
+    assert_eq!((head.status.as_u16(), head.body.len()), (200, 0));
+    assert_eq!(head.header("content-length"), "5000");
+    assert_eq!(head.header("accept-ranges"), "bytes");
+    let missing = server.request(Method::HEAD, "/v1/checkpoints/9/files/x", &[]).await;
+    assert_eq!(missing.status, 404);
+}
+
+#[tokio::test]
+async fn the_loss_curve_is_drawn_and_its_numbers_are_there() {
+    let server = finished().await;
+    let train = server.json("/v1/jobs?kind=train").await["jobs"][0].clone();
+    let svg = server.get(&format!("/v1/runs/{}/figures/loss.svg", train["run"])).await;
+    assert_eq!(svg.header("content-type"), "image/svg+xml");
+    assert!(svg.text().starts_with("<svg") && svg.text().contains("validation"));
+    let csv = server.get(&format!("/v1/runs/{}/figures/loss.csv", train["run"])).await;
+    assert_eq!(csv.text().lines().count(), 1 + 100 + 10);
+}

@@ -1,0 +1,306 @@
+//! A server on a store of its own, and a worker that finishes tasks with made-up results.
+
+use std::time::Duration;
+
+use api::{App, Options};
+use axum::Router;
+use axum::body::Body;
+use axum::http::header::{CONTENT_TYPE, HOST};
+use axum::http::{HeaderMap, Method, Request, StatusCode};
+use bytes::Bytes;
+use http_body_util::BodyExt;
+use serde_json::{Value, json};
+use spec::JobKind;
+use store::{
+    Access, CheckpointFile, ClaimedTask, FileContent, Metric, NewArtifact, NewCheckpoint, NewShard,
+    Retry, Store, object_path,
+};
+use tempfile::TempDir;
+use tower::ServiceExt;
+
+pub struct Server {
+    pub store: Store,
+    router: Router,
+    _dir: TempDir,
+}
+
+/// An answer, read to its end.
+#[derive(Debug)]
+pub struct Answer {
+    pub status: StatusCode,
+    pub headers: HeaderMap,
+    pub body: Bytes,
+}
+
+impl Answer {
+    pub fn json(&self) -> Value {
+        serde_json::from_slice(&self.body).unwrap_or_else(|error| panic!("{error}: {self:?}"))
+    }
+
+    pub fn text(&self) -> &str {
+        std::str::from_utf8(&self.body).unwrap()
+    }
+
+    pub fn header(&self, name: &str) -> &str {
+        self.headers.get(name).unwrap_or_else(|| panic!("no {name}: {self:?}")).to_str().unwrap()
+    }
+
+    /// Checks that this is a problem of `status` and returns it.
+    #[track_caller]
+    pub fn problem(&self, status: u16) -> Value {
+        assert_eq!(self.status.as_u16(), status, "{self:?}");
+        assert_eq!(self.header("content-type"), "application/problem+json");
+        let problem = self.json();
+        assert_eq!(problem["status"], status);
+        for member in ["type", "title", "detail"] {
+            assert!(problem[member].as_str().is_some_and(|it| !it.is_empty()), "{problem}");
+        }
+        problem
+    }
+}
+
+impl Server {
+    pub async fn start() -> Self {
+        Self::start_with(&Options::default()).await
+    }
+
+    pub async fn start_with(options: &Options) -> Self {
+        let dir = tempfile::tempdir().unwrap();
+        let store = Store::open(dir.path(), Access::Server).await.unwrap();
+        let router = api::router(App::new(store.clone(), options));
+        Self { store, router, _dir: dir }
+    }
+
+    pub async fn send(&self, request: Request<Body>) -> Answer {
+        let response = self.router.clone().oneshot(request).await.unwrap();
+        let (parts, body) = response.into_parts();
+        let body = body.collect().await.unwrap().to_bytes();
+        Answer { status: parts.status, headers: parts.headers, body }
+    }
+
+    pub async fn request(&self, method: Method, path: &str, headers: &[(&str, &str)]) -> Answer {
+        let mut request = Request::builder().method(method).uri(path);
+        for (name, value) in headers {
+            request = request.header(*name, *value);
+        }
+        if !headers.iter().any(|(name, _)| *name == "host") {
+            request = request.header(HOST, "127.0.0.1:7070");
+        }
+        self.send(request.body(Body::empty()).unwrap()).await
+    }
+
+    pub async fn get(&self, path: &str) -> Answer {
+        self.request(Method::GET, path, &[]).await
+    }
+
+    /// The JSON that GET answers with.
+    pub async fn json(&self, path: &str) -> Value {
+        let answer = self.get(path).await;
+        assert_eq!(answer.status, StatusCode::OK, "{path}: {answer:?}");
+        answer.json()
+    }
+
+    pub async fn post(&self, path: &str) -> Answer {
+        self.request(Method::POST, path, &[]).await
+    }
+
+    pub async fn submit(&self, spec: &Value) -> Answer {
+        self.submit_to("/v1/jobs", spec, &[]).await
+    }
+
+    pub async fn submit_to(&self, path: &str, spec: &Value, headers: &[(&str, &str)]) -> Answer {
+        let mut request = Request::post(path)
+            .header(HOST, "127.0.0.1:7070")
+            .header(CONTENT_TYPE, "application/json");
+        for (name, value) in headers {
+            request = request.header(*name, *value);
+        }
+        self.send(request.body(Body::from(spec.to_string())).unwrap()).await
+    }
+
+    /// Submits `spec`, which must be new, and returns its job.
+    pub async fn submitted(&self, spec: &Value) -> Value {
+        let answer = self.submit(spec).await;
+        assert_eq!(answer.status, StatusCode::CREATED, "{answer:?}");
+        answer.json()
+    }
+
+    pub async fn claim(&self) -> Option<ClaimedTask> {
+        self.store.claim("test-worker", Duration::from_secs(600)).await.unwrap()
+    }
+
+    /// Claims and finishes every task that there is.
+    pub async fn work(&self) {
+        while let Some(task) = self.claim().await {
+            self.finish(&task).await;
+        }
+    }
+
+    /// Fails the next task for good.
+    pub async fn fail_next(&self, error: &str) {
+        let task = self.claim().await.unwrap();
+        self.store.fail(task.fence, error, Retry::Never).await.unwrap();
+    }
+
+    pub async fn finish(&self, task: &ClaimedTask) {
+        match task.kind {
+            JobKind::Simulate => self.commit_shard(task).await,
+            JobKind::Train => self.finish_training(task).await,
+            JobKind::Evaluate => {
+                if task.stage == 1 {
+                    self.write_report(task).await;
+                }
+                self.store.complete(task.fence, None).await.unwrap();
+            }
+            JobKind::Pipeline => panic!("a pipeline has no tasks"),
+        }
+    }
+
+    async fn commit_shard(&self, task: &ClaimedTask) {
+        let file = async |content: FileContent| {
+            let path = object_path::shard(task.job, task.ordinal, task.fence.epoch, content);
+            self.store.put_object(&path, bytes_of(1000, content as u8)).await.unwrap()
+        };
+        let shard = NewShard {
+            first: u64::from(task.ordinal) * task.total,
+            count: task.total,
+            rejected: 3,
+            trajectories: file(FileContent::Trajectories).await,
+            robots: file(FileContent::Robots).await,
+        };
+        self.store.commit_shard(task.fence, &shard, None).await.unwrap();
+    }
+
+    async fn finish_training(&self, task: &ClaimedTask) {
+        self.train_to(task, task.total, true).await;
+        self.store.complete(task.fence, None).await.unwrap();
+    }
+
+    /// Metrics of every step and a checkpoint at the last one.
+    pub async fn train_to(&self, task: &ClaimedTask, steps: u64, is_final: bool) {
+        #[expect(clippy::cast_precision_loss, reason = "a curve to look at")]
+        let decay = |step: u64| (-(step as f64) / 30.0).exp();
+        let metrics: Vec<Metric> = (0..steps)
+            .flat_map(|step| {
+                let wiggle = if step % 2 == 0 { 0.02 } else { -0.02 };
+                let value = |key: &str, value: f64| Metric { key: key.to_owned(), step, value };
+                let mut all = vec![
+                    value("train/loss", 0.05 + decay(step) + wiggle),
+                    value("train/learning_rate", 1e-3),
+                ];
+                if step % 10 == 9 {
+                    all.push(value("validation/loss", 0.07 + decay(step)));
+                    all.push(value("validation/rmse_deg", 1.5 + 6.0 * decay(step)));
+                }
+                all
+            })
+            .collect();
+        self.store.record_metrics(task.fence, &metrics).await.unwrap();
+        let mut files = Vec::new();
+        for (name, size) in [("config.json", 300), ("model.safetensors", 5000)] {
+            let path = object_path::checkpoint(task.job, steps, task.fence.epoch, name);
+            let object = self.store.put_object(&path, bytes_of(size, 7)).await.unwrap();
+            files.push(CheckpointFile { name: name.to_owned(), object });
+        }
+        let checkpoint = NewCheckpoint { step: steps, is_final, files };
+        self.store.commit_checkpoint(task.fence, &checkpoint).await.unwrap();
+    }
+
+    async fn write_report(&self, task: &ClaimedTask) {
+        let artifacts = [
+            ("report.json", "application/json", report().to_string()),
+            ("rmse.svg", "image/svg+xml", "<svg xmlns='http://www.w3.org/2000/svg'/>".to_owned()),
+            ("rmse.csv", "text/csv", "series,frequency\n".to_owned()),
+        ];
+        for (name, media_type, text) in artifacts {
+            let artifact = NewArtifact { name, media_type, bytes: Bytes::from(text) };
+            self.store.put_artifact(task.fence, artifact).await.unwrap();
+        }
+    }
+}
+
+/// `size` bytes that differ from one `seed` to another.
+pub fn bytes_of(size: usize, seed: u8) -> Bytes {
+    (0..size).map(|i| u8::try_from(i % 251).unwrap() ^ seed).collect()
+}
+
+/// The preset `quickstart` with 2 shards, 2 cells and 100 steps.
+pub fn small_pipeline() -> Value {
+    json!({
+        "preset": "quickstart",
+        "jobs": {
+            "train-set": {"trajectories": 200, "shard_trajectories": 100},
+            "test-grid": {
+                "trajectories": 20,
+                "excitation": {"multisine": {"frequency_hz": {"grid": [0.15, 0.3]}}},
+            },
+            "train": {"steps": 100, "optimizer": {"warmup_steps": 0}},
+        },
+    })
+}
+
+/// 10 robots in one shard.
+pub fn small_simulation(seed: u64) -> Value {
+    json!({"preset": "D1-multisine", "trajectories": 10, "seed": seed})
+}
+
+/// A training on something that `data` refers to.
+pub fn small_training(data: &Value) -> Value {
+    json!({
+        "kind": "train", "data": data, "steps": 20, "batch_size": 4,
+        "model": {"preset": "robomorph-tiny"},
+    })
+}
+
+pub fn report() -> Value {
+    let rmse = |values: [f64; 4]| -> Value {
+        let names = ["hold-last", "damped-integrator", "least-squares", "robomorph"];
+        names
+            .iter()
+            .zip(values)
+            .map(|(name, mean)| {
+                json!({"predictor": name, "mean": mean, "low": mean * 0.93, "high": mean * 1.08})
+            })
+            .collect()
+    };
+    let paired = |group: &str, against: &str, mean: f64, half: f64| {
+        json!({
+            "group": group, "predictor": "robomorph", "against": against,
+            "difference_deg": {"mean": mean, "low": mean - half, "high": mean + half},
+        })
+    };
+    let cell = |frequency_hz: f64, in_distribution: bool, values: [f64; 4]| {
+        json!({
+            "family": "multisine", "frequency_hz": frequency_hz, "scenarios": 10,
+            "in_distribution": in_distribution, "rmse_deg": rmse(values),
+        })
+    };
+    json!({
+        "context": 320, "horizon": 80, "rate_hz": 60.0,
+        "bootstrap": {"resamples": 2000, "seed": 0},
+        "predictors": [
+            {"name": "hold-last", "kind": "baseline"},
+            {"name": "damped-integrator", "kind": "baseline"},
+            {"name": "least-squares", "kind": "baseline"},
+            {"name": "robomorph", "kind": "checkpoint", "digest": "ab".repeat(32),
+             "normalization": "context"},
+        ],
+        "in_distribution": [{"family": "multisine", "frequency_hz": [0.15, 0.15]}],
+        "cells": [
+            cell(0.15, true, [7.61, 1.52, 1.31, 1.18]),
+            cell(0.3, false, [10.02, 3.21, 2.94, 3.87]),
+        ],
+        "groups": [
+            {"name": "in distribution", "scenarios": 10, "rmse_deg": rmse([7.61, 1.52, 1.31, 1.18])},
+            {"name": "out of distribution", "scenarios": 10,
+             "rmse_deg": rmse([10.02, 3.21, 2.94, 3.87])},
+        ],
+        "paired": [
+            paired("in distribution", "hold-last", -6.43, 0.4),
+            paired("in distribution", "damped-integrator", -0.34, 0.12),
+            paired("in distribution", "least-squares", -0.13, 0.2),
+            paired("out of distribution", "hold-last", -6.15, 0.5),
+            paired("out of distribution", "damped-integrator", 0.66, 0.3),
+        ],
+    })
+}

@@ -1,0 +1,15 @@
+//! The service from outside: requests through the router, answers compared with what is promised.
+
+#![expect(clippy::unwrap_used, reason = "a test stops where its case cannot be set up")]
+
+mod access;
+mod documented;
+mod downloads;
+mod fixture;
+mod fuzz;
+mod pages;
+mod problems;
+mod references;
+mod resources;
+mod serving;
+mod submission;

@@ -1,0 +1,142 @@
+//! The page, as a browser without scripts gets it.
+
+use axum::http::Method;
+use serde_json::json;
+
+use crate::fixture::{Server, small_pipeline, small_simulation};
+
+async fn page(server: &Server, path: &str) -> String {
+    let answer = server.get(path).await;
+    assert_eq!(answer.status, 200, "{path}: {answer:?}");
+    assert_eq!(answer.header("content-type"), "text/html; charset=utf-8");
+    answer.text().to_owned()
+}
+
+#[tokio::test]
+async fn an_empty_server_explains_the_first_command() {
+    let server = Server::start().await;
+    let page = page(&server, "/").await;
+    assert!(page.contains("Nothing has been run yet"));
+    assert!(page.contains("http://127.0.0.1:7070/v1/jobs"));
+}
+
+#[tokio::test]
+async fn a_pipeline_is_listed_once_with_its_jobs_and_results() {
+    let server = Server::start().await;
+    server.submitted(&small_pipeline()).await;
+    server.work().await;
+    server.submitted(&small_simulation(3)).await;
+    let page = page(&server, "/").await;
+    assert_eq!(page.matches("<article").count(), 2, "{page}");
+    for text in
+        ["quickstart", "train-set", "validation RMSE", "robomorph 1.18°", "least-squares 1.31°"]
+    {
+        assert!(page.contains(text), "{text} is not in {page}");
+    }
+    assert!(page.contains("Cancel"));
+}
+
+#[tokio::test]
+async fn experiments_are_listed_page_by_page_and_by_state() {
+    let server = Server::start().await;
+    for seed in 1..=23 {
+        server.submitted(&small_simulation(seed)).await;
+    }
+    let first = page(&server, "/").await;
+    assert_eq!(first.matches("<article").count(), 20);
+    assert!(first.contains("/?before=4\""), "{first}");
+    let second = page(&server, "/?before=4").await;
+    assert_eq!(second.matches("<article").count(), 3);
+    let failed = page(&server, "/?state=failed").await;
+    assert!(failed.contains("No experiment is in this state"));
+}
+
+#[tokio::test]
+async fn every_page_of_a_finished_experiment_is_there() {
+    let server = Server::start().await;
+    let pipeline = server.submitted(&small_pipeline()).await;
+    server.work().await;
+    let job = page(&server, &format!("/jobs/{}", pipeline["id"])).await;
+    assert!(job.contains("quickstart") && job.contains("train-set"));
+    let run = page(&server, "/runs/1").await;
+    assert!(run.contains("<svg") && run.contains("validation rmse deg"));
+    let evaluation = page(&server, "/evaluations/4").await;
+    for text in
+        ["/v1/runs/2/artifacts/rmse.svg", "not told apart", "out of distribution", "[1.10, 1.27]"]
+    {
+        assert!(evaluation.contains(text), "{text} is not in {evaluation}");
+    }
+    let dataset = page(&server, "/datasets/1").await;
+    assert!(dataset.contains("pl.read_parquet") && dataset.contains("robots-00000.parquet"));
+    let checkpoint = page(&server, "/checkpoints/1").await;
+    assert!(checkpoint.contains("load_file") && checkpoint.contains("model.safetensors"));
+}
+
+#[tokio::test]
+async fn every_link_of_every_page_leads_somewhere() {
+    let server = Server::start().await;
+    server.submitted(&small_pipeline()).await;
+    server.work().await;
+    let mut open = vec!["/".to_owned()];
+    let mut seen = std::collections::BTreeSet::new();
+    while let Some(path) = open.pop() {
+        if !seen.insert(path.clone()) {
+            continue;
+        }
+        let answer = server.get(&path).await;
+        assert_eq!(answer.status, 200, "{path}");
+        if !answer.header("content-type").starts_with("text/html") {
+            continue;
+        }
+        for attribute in ["href=\"", "src=\""] {
+            for link in answer.text().split(attribute).skip(1) {
+                open.push(link.split('"').next().unwrap().replace("&#38;", "&"));
+            }
+        }
+    }
+    assert!(seen.len() > 30, "{seen:?}");
+}
+
+#[tokio::test]
+async fn the_button_cancels_and_leads_back() {
+    let server = Server::start().await;
+    let job = server.submitted(&small_simulation(1)).await;
+    let path = format!("/jobs/{}", job["id"]);
+    for _ in 0..2 {
+        let answer = server.post(&format!("{path}/cancel")).await;
+        assert_eq!((answer.status.as_u16(), answer.header("location")), (303, path.as_str()));
+    }
+    assert!(page(&server, &path).await.contains("cancelled"));
+}
+
+#[tokio::test]
+async fn what_is_written_into_a_spec_cannot_become_markup() {
+    let server = Server::start().await;
+    let name = "<script>alert(1)</script>";
+    let spec = json!({"kind": "pipeline", "name": name, "jobs": {"a": small_simulation(1)}});
+    let id = server.submitted(&spec).await["id"].clone();
+    for path in ["/".to_owned(), format!("/jobs/{id}")] {
+        assert!(!page(&server, &path).await.contains("<script>alert"), "{path}");
+    }
+}
+
+#[tokio::test]
+async fn a_reader_is_told_in_html_what_is_wrong() {
+    let server = Server::start().await;
+    let browser = [("accept", "text/html,application/xhtml+xml")];
+    for (path, status) in [("/jobs/7", 404), ("/jobs/x", 400), ("/runs/7", 404), ("/nothing", 404)]
+    {
+        let answer = server.request(Method::GET, path, &browser).await;
+        assert_eq!(answer.status.as_u16(), status, "{path}");
+        assert!(answer.header("content-type").starts_with("text/html"), "{path}");
+    }
+}
+
+#[tokio::test]
+async fn the_style_sheet_is_sent_once() {
+    let server = Server::start().await;
+    let first = server.get("/static/page.css").await;
+    let tag = first.header("etag").to_owned();
+    let again = server.request(Method::GET, "/static/page.css", &[("if-none-match", &tag)]).await;
+    assert_eq!((again.status.as_u16(), again.body.len()), (304, 0));
+}
