@@ -9,7 +9,7 @@ pub fn loss_figure(training: &[SeriesPoint], validation: &[SeriesPoint]) -> Figu
         of.iter().map(|point| Point::new(step(point.step), point.value)).collect()
     };
     Figure {
-        title: "Loss".to_owned(),
+        title: "Training and validation loss".to_owned(),
         x: Axis::linear("optimizer step"),
         y: Axis::log("loss"),
         series: vec![

@@ -74,6 +74,10 @@ impl App {
         Ok(dataset)
     }
 
+    pub async fn dataset_without_files(&self, id: i64) -> Result<Dataset, ApiError> {
+        Ok(Dataset::from(self.store.dataset(DatasetId(id)).await?))
+    }
+
     pub async fn datasets(&self, paging: Paging) -> Result<Datasets, ApiError> {
         let rows = self.store.datasets(None, paging.into()).await?;
         let next = paging.next(rows.len(), rows.last().map(|row| row.id.0));

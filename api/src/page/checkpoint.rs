@@ -7,7 +7,8 @@ use axum::response::Response;
 
 use crate::app::{App, StoredFile};
 use crate::extract::Path;
-use crate::page::parts::{FileRow, origin, pretty};
+use crate::page::parts::{Commands, FileRow};
+use crate::page::spec_text::spec_text;
 use crate::page::{InPage, PageError, html, text};
 
 #[derive(Template)]
@@ -41,12 +42,12 @@ pub async fn show(
         run: checkpoint.run,
         step: text::count(checkpoint.step),
         is_final: checkpoint.is_final,
-        snippet: snippet(&origin(&headers), &checkpoint.files),
+        snippet: snippet(&Commands::new(&app, &headers), &checkpoint.files),
         architecture: checkpoint.architecture,
         digest: checkpoint.digest.to_string(),
         short_digest: checkpoint.digest.short(),
         files: checkpoint.files.iter().map(FileRow::of_checkpoint).collect(),
-        spec: pretty(&job.spec),
+        spec: spec_text(&job.spec),
     };
     Ok(html(&page)?)
 }
@@ -69,9 +70,9 @@ impl FileRow {
 }
 
 /// Lines that work as printed, in a shell and then in Python.
-fn snippet(origin: &str, files: &[StoredFile]) -> String {
+fn snippet(commands: &Commands, files: &[StoredFile]) -> String {
     let downloads: Vec<String> =
-        files.iter().map(|file| format!("curl -o {} {origin}{}", file.name, file.url)).collect();
+        files.iter().map(|file| commands.download(&file.url, &file.name)).collect();
     let model = files.iter().find(|file| file.name.starts_with("model."));
     let model = model.map_or("model.safetensors", |file| file.name.as_str());
     format!(

@@ -7,7 +7,8 @@ use axum::response::Response;
 
 use crate::app::{App, Dataset, DatasetFile, FileContent, JobState};
 use crate::extract::Path;
-use crate::page::parts::{Fact, FileRow, origin, pretty, when};
+use crate::page::parts::{Commands, Fact, FileRow, when};
+use crate::page::spec_text::spec_text;
 use crate::page::{InPage, PageError, html, text};
 
 #[derive(Template)]
@@ -23,7 +24,7 @@ struct DatasetPage {
     short_digest: String,
     facts: Vec<Fact>,
     files: Vec<FileRow>,
-    snippet: String,
+    snippet: Option<String>,
     spec: String,
 }
 
@@ -45,8 +46,8 @@ pub async fn show(
         short_digest: dataset.digest.short(),
         facts: facts(&dataset),
         files: dataset.files.iter().map(FileRow::of_dataset).collect(),
-        snippet: snippet(&origin(&headers), &dataset),
-        spec: pretty(&job.spec),
+        snippet: snippet(&Commands::new(&app, &headers), &dataset),
+        spec: spec_text(&job.spec),
     };
     Ok(html(&page)?)
 }
@@ -78,18 +79,21 @@ impl FileRow {
     }
 }
 
-/// Lines that work as printed once the first shard exists.
-fn snippet(origin: &str, dataset: &Dataset) -> String {
-    let first = dataset.files.iter().find(|file| file.content == FileContent::Trajectories);
-    let Some(first) = first else { return "# no file yet".to_owned() };
-    format!(
-        "import polars as pl\n\n\
-         samples = pl.read_parquet(\"{origin}{}\")\n\
-         # one row per time step: u1..u7 in N·m, q1..q7 in rad\n\
-         one = samples.filter(pl.col(\"trajectory\") == samples[\"trajectory\"][0])\n\
-         u = one.select([f\"u{{j}}\" for j in range(1, 8)]).to_numpy()\n\
-         q = one.select([f\"q{{j}}\" for j in range(1, 8)]).to_numpy()\n\
-         print(u.shape, q.shape)",
-        first.url,
-    )
+/// Lines that work as printed once the first shard exists, in a shell and then in Python.
+fn snippet(commands: &Commands, dataset: &Dataset) -> Option<String> {
+    let of = |content: FileContent| dataset.files.iter().find(|file| file.content == content);
+    let (samples, robots) = (of(FileContent::Trajectories)?, of(FileContent::Robots)?);
+    Some(format!(
+        "{}\n{}\n\n\
+         import polars as pl\n\n\
+         samples = pl.read_parquet(\"{}\")  # a row per time step: u1..u7 in N·m, q1..q7 in rad\n\
+         robots = pl.read_parquet(\"{}\")  # a row per trajectory: its robot and excitation\n\
+         first = samples.filter(pl.col(\"trajectory\") == samples[\"trajectory\"][0])\n\
+         u = first.select(f\"u{{j}}\" for j in range(1, 8)).to_numpy()  # [time, joint]\n\
+         q = first.select(f\"q{{j}}\" for j in range(1, 8)).to_numpy()  # [time, joint]",
+        commands.download(&samples.url, &samples.name),
+        commands.download(&robots.url, &robots.name),
+        samples.name,
+        robots.name,
+    ))
 }

@@ -6,8 +6,9 @@ use axum::response::Response;
 
 use crate::app::{App, CellTask, JobState};
 use crate::extract::Path;
-use crate::page::parts::{Bar, pretty, when};
+use crate::page::parts::{Bar, when};
 use crate::page::report::ReportView;
+use crate::page::spec_text::spec_text;
 use crate::page::{InPage, PageError, html, text};
 
 #[derive(Template)]
@@ -64,7 +65,7 @@ pub async fn show(
             })
             .collect(),
         cells: evaluation.cells,
-        spec: pretty(&job.spec),
+        spec: spec_text(&job.spec),
     };
     Ok(html(&page)?)
 }

@@ -10,7 +10,8 @@ use spec::JobKind;
 use crate::app::{App, Job, JobState};
 use crate::error::ApiError;
 use crate::extract::Query;
-use crate::page::parts::{Row, key_metric, origin, when};
+use crate::page::parts::{Commands, when};
+use crate::page::rows::Row;
 use crate::page::{InPage, PageError, html};
 
 /// Experiments of one page; each shows all its jobs.
@@ -25,7 +26,7 @@ pub struct Listing {
 #[derive(Template)]
 #[template(path = "experiments.html")]
 struct ExperimentsPage {
-    origin: String,
+    commands: Commands,
     filters: Vec<Filter>,
     filtered: bool,
     settled: bool,
@@ -44,6 +45,8 @@ struct Experiment {
     name: String,
     kind: JobKind,
     state: JobState,
+    /// Its only row says the same as its heading.
+    is_single: bool,
     when: String,
     can_cancel: bool,
     error: String,
@@ -61,7 +64,7 @@ pub async fn show(
         experiments.push(experiment(&app, job).await?);
     }
     let page = ExperimentsPage {
-        origin: origin(&headers),
+        commands: Commands::new(&app, &headers),
         filters: filters(listing.state),
         filtered: listing.state.is_some() || listing.before.is_some(),
         settled: jobs.jobs.iter().all(|job| job.state.is_final()),
@@ -92,18 +95,16 @@ fn filters(current: Option<JobState>) -> Vec<Filter> {
 }
 
 async fn experiment(app: &App, job: &Job) -> Result<Experiment, ApiError> {
-    let mut rows = Vec::with_capacity(job.members.len().max(1));
-    for member in &job.members {
-        rows.push(Row::of_member(member, key_metric(app, member.job, member.kind).await?));
-    }
-    if rows.is_empty() {
-        rows.push(Row::of_job(job, key_metric(app, job.id, job.kind).await?));
-    }
+    let rows = match job.kind {
+        JobKind::Pipeline => Row::of_members(app, job).await?,
+        _ => vec![Row::of_job(app, job).await?],
+    };
     Ok(Experiment {
         id: job.id,
         name: job.name.clone(),
         kind: job.kind,
         state: job.state,
+        is_single: job.kind != JobKind::Pipeline,
         when: when(job),
         can_cancel: !job.state.is_final(),
         error: job.error.clone().unwrap_or_default(),

@@ -6,10 +6,12 @@ use axum::http::HeaderMap;
 use axum::response::{IntoResponse, Redirect, Response};
 use spec::JobKind;
 
-use crate::app::{App, Job, JobState, Task, TaskState};
+use crate::app::{App, JobState, Task, TaskState};
 use crate::error::ApiError;
 use crate::extract::Path;
-use crate::page::parts::{Bar, Link, Row, key_metric, origin, pretty, when};
+use crate::page::parts::{Bar, Commands, Link, when};
+use crate::page::rows::{Row, results};
+use crate::page::spec_text::spec_text;
 use crate::page::{InPage, PageError, html};
 
 /// Tasks shown; the rest is one link away.
@@ -34,7 +36,7 @@ struct JobPage {
     tasks: Vec<TaskRow>,
     tasks_left_out: usize,
     spec: String,
-    origin: String,
+    commands: Commands,
 }
 
 struct TaskRow {
@@ -52,10 +54,7 @@ pub async fn show(
     headers: HeaderMap,
 ) -> Result<Response, PageError> {
     let job = app.job(id).await?;
-    let mut rows = Vec::with_capacity(job.members.len());
-    for member in &job.members {
-        rows.push(Row::of_member(member, key_metric(&app, member.job, member.kind).await?));
-    }
+    let rows = Row::of_members(&app, &job).await?;
     let tasks = app.tasks(id).await?;
     let page = JobPage {
         id,
@@ -73,32 +72,10 @@ pub async fn show(
         rows,
         tasks_left_out: tasks.len().saturating_sub(TASKS),
         tasks: tasks.into_iter().take(TASKS).map(TaskRow::from).collect(),
-        spec: pretty(&job.spec),
-        origin: origin(&headers),
+        spec: spec_text(&job.spec),
+        commands: Commands::new(&app, &headers),
     };
     Ok(html(&page)?)
-}
-
-/// What the job has made, wherever it is shown.
-fn results(job: &Job) -> Vec<Link> {
-    let dataset =
-        job.dataset.map(|id| Link::new(format!("/datasets/{id}"), format!("Dataset {id}")));
-    let run = match (job.kind, job.run) {
-        (JobKind::Train, Some(run)) => {
-            Some(Link::new(format!("/runs/{run}"), format!("Loss curve and metrics of run {run}")))
-        }
-        (JobKind::Evaluate, _) => {
-            Some(Link::new(format!("/evaluations/{}", job.id), "RMSE figure and table"))
-        }
-        _ => None,
-    };
-    let checkpoints = job
-        .checkpoints
-        .iter()
-        .rev()
-        .take(1)
-        .map(|id| Link::new(format!("/checkpoints/{id}"), format!("Last checkpoint ({id})")));
-    dataset.into_iter().chain(run).chain(checkpoints).collect()
 }
 
 impl From<Task> for TaskRow {

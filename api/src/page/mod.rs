@@ -8,7 +8,9 @@ mod experiments;
 mod job;
 mod parts;
 mod report;
+mod rows;
 mod run;
+mod spec_text;
 mod text;
 
 use askama::Template;

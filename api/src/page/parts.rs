@@ -2,11 +2,8 @@
 
 use axum::http::HeaderMap;
 use axum::http::header::HOST;
-use spec::JobKind;
 
-use crate::app::{App, Job, JobState, Member, Progress, Report};
-use crate::error::ApiError;
-use crate::page::report::headline;
+use crate::app::{App, Job, JobState, Progress};
 use crate::page::text;
 
 /// A progress bar and the words below it.
@@ -43,19 +40,6 @@ impl Bar {
     }
 }
 
-/// One job in a table of jobs.
-pub struct Row {
-    pub href: String,
-    pub name: String,
-    pub kind: String,
-    pub state: JobState,
-    pub progress: Option<Bar>,
-    /// What there is to say instead of progress.
-    pub remark: String,
-    /// The one number that a reader looks for first.
-    pub metric: String,
-}
-
 /// A link among a page's results.
 pub struct Link {
     pub href: String,
@@ -90,42 +74,6 @@ pub struct FileRow {
     pub sha256: String,
 }
 
-impl Row {
-    pub fn of_member(member: &Member, metric: String) -> Self {
-        let remark = match (&member.error, member.reused) {
-            (Some(error), _) => error.clone(),
-            (None, true) if member.state == JobState::Succeeded => "reused".to_owned(),
-            (None, _) => String::new(),
-        };
-        Self {
-            href: format!("/jobs/{}", member.job),
-            name: member.name.clone(),
-            kind: member.kind.to_string(),
-            state: member.state,
-            progress: Bar::of(member.state, &member.progress),
-            remark,
-            metric,
-        }
-    }
-
-    pub fn of_job(job: &Job, metric: String) -> Self {
-        Self {
-            href: format!("/jobs/{}", job.id),
-            name: job.name.clone(),
-            kind: job.kind.to_string(),
-            state: job.state,
-            progress: Bar::of(job.state, &job.progress),
-            remark: String::new(),
-            metric,
-        }
-    }
-}
-
-/// A spec as it can be read and submitted again.
-pub fn pretty(spec: &serde_json::Value) -> String {
-    format!("{spec:#}")
-}
-
 /// When a job was submitted and how long it took.
 pub fn when(job: &Job) -> String {
     let submitted = job.created_at.split('.').next().unwrap_or("").replace('T', " ");
@@ -135,26 +83,29 @@ pub fn when(job: &Job) -> String {
     }
 }
 
-/// The address that the reader used, for commands to copy.
-pub fn origin(headers: &HeaderMap) -> String {
-    let host = headers.get(HOST).and_then(|host| host.to_str().ok()).unwrap_or("127.0.0.1:7070");
-    format!("http://{host}")
+/// What commands to copy are made of.
+pub struct Commands {
+    /// `curl` with all that this server asks of it.
+    pub curl: String,
+    /// The address that the reader used.
+    pub origin: String,
 }
 
-/// The number that says how a job went.
-pub async fn key_metric(app: &App, job: i64, kind: JobKind) -> Result<String, ApiError> {
-    match kind {
-        JobKind::Train => {
-            let latest = app.latest_metric_of_job(job, "validation/rmse_deg").await?;
-            Ok(latest.map_or(String::new(), |latest| {
-                format!("validation RMSE {}°", text::degrees(latest.value))
-            }))
+impl Commands {
+    pub fn new(app: &App, headers: &HeaderMap) -> Self {
+        let host = headers.get(HOST).and_then(|host| host.to_str().ok());
+        let curl = match app.token() {
+            Some(_) => "curl -H \"Authorization: Bearer $TORQUED_TOKEN\"",
+            None => "curl",
+        };
+        Self {
+            curl: curl.to_owned(),
+            origin: format!("http://{}", host.unwrap_or("127.0.0.1:7070")),
         }
-        JobKind::Evaluate => {
-            let report: Option<Report> =
-                app.report(job).await?.and_then(|report| serde_json::from_value(report).ok());
-            Ok(report.as_ref().map_or(String::new(), headline))
-        }
-        JobKind::Simulate | JobKind::Pipeline => Ok(String::new()),
+    }
+
+    /// Saves what is at `path` as `name`.
+    pub fn download(&self, path: &str, name: &str) -> String {
+        format!("{} -o {name} {}{path}", self.curl, self.origin)
     }
 }

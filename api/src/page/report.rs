@@ -163,8 +163,8 @@ impl PairedRow {
             predictor: paired.predictor.clone(),
             against: paired.against.clone(),
             group: paired.group.clone(),
-            mean: format!("{mean:+.2}"),
-            interval: format!("[{low:+.2}, {high:+.2}]"),
+            mean: text::signed_degrees(mean),
+            interval: format!("[{}, {}]", text::signed_degrees(low), text::signed_degrees(high)),
             verdict,
         }
     }

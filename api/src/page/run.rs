@@ -7,7 +7,8 @@ use figures::Size;
 
 use crate::app::{App, Checkpoint, JobState, LatestMetric};
 use crate::extract::Path;
-use crate::page::parts::{Bar, Fact, pretty, when};
+use crate::page::parts::{Bar, Fact, when};
+use crate::page::spec_text::spec_text;
 use crate::page::{InPage, PageError, html, text};
 
 #[derive(Template)]
@@ -57,14 +58,13 @@ pub async fn show(
         loss,
         metrics: run.metrics.iter().map(|(key, latest)| fact(key, latest)).collect(),
         checkpoints: checkpoints.iter().rev().map(CheckpointRow::from).collect(),
-        spec: pretty(&job.spec),
+        spec: spec_text(&job.spec),
     };
     Ok(html(&page)?)
 }
 
 fn fact(key: &str, latest: &LatestMetric) -> Fact {
-    let name = key.replace(['/', '_'], " ");
-    Fact::new(name, text::value(latest.value), format!("at step {}", text::count(latest.step)))
+    Fact::new(key, text::value(latest.value), format!("at step {}", text::count(latest.step)))
 }
 
 impl From<&Checkpoint> for CheckpointRow {

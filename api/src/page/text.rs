@@ -58,7 +58,7 @@ pub fn rate(per_second: f64) -> String {
     format!("{:.1}/min", per_second * 60.0)
 }
 
-/// A measured value with four significant digits.
+/// A measured value with four significant digits, without the zeros that say nothing.
 pub fn value(x: f64) -> String {
     if x == 0.0 || !x.is_finite() {
         return x.to_string();
@@ -68,18 +68,26 @@ pub fn value(x: f64) -> String {
         return format!("{x:.3e}");
     }
     let decimals = match magnitude {
-        m if m >= 1000.0 => 0,
+        m if m >= 1000.0 => return format!("{x:.0}"),
         m if m >= 100.0 => 1,
         m if m >= 10.0 => 2,
         m if m >= 1.0 => 3,
-        _ => 4,
+        m if m >= 0.1 => 4,
+        m if m >= 0.01 => 5,
+        _ => 6,
     };
-    format!("{x:.decimals$}")
+    let digits = format!("{x:.decimals$}");
+    digits.trim_end_matches('0').trim_end_matches('.').to_owned()
 }
 
 /// An angle in degrees; a hundredth of a degree is less than any interval reported here.
 pub fn degrees(x: f64) -> String {
     format!("{x:.2}")
+}
+
+/// A difference of angles in degrees, with its sign.
+pub fn signed_degrees(x: f64) -> String {
+    format!("{x:+.2}").replace('-', "\u{2212}")
 }
 
 #[cfg(test)]
@@ -127,7 +135,16 @@ mod tests {
 
     #[test]
     fn values_keep_their_significant_digits() {
-        let cases = [(0.0, "0"), (1234.5, "1234"), (0.012_345, "0.0123"), (6e-4, "6.000e-4")];
+        let cases = [
+            (0.0, "0"),
+            (1230.4, "1230"),
+            (1.5, "1.5"),
+            (-20.004, "-20"),
+            (0.012_345, "0.01235"),
+            (0.001, "0.001"),
+            (6e-4, "6.000e-4"),
+            (f64::NAN, "NaN"),
+        ];
         for (x, text) in cases {
             assert_eq!(value(x), text);
         }

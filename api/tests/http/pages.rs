@@ -59,7 +59,7 @@ async fn every_page_of_a_finished_experiment_is_there() {
     let job = page(&server, &format!("/jobs/{}", pipeline["id"])).await;
     assert!(job.contains("quickstart") && job.contains("train-set"));
     let run = page(&server, "/runs/1").await;
-    assert!(run.contains("<svg") && run.contains("validation rmse deg"));
+    assert!(run.contains("<svg") && run.contains("validation/rmse_deg"));
     let evaluation = page(&server, "/evaluations/4").await;
     for text in
         ["/v1/runs/2/artifacts/rmse.svg", "not told apart", "out of distribution", "[1.10, 1.27]"]

@@ -1,0 +1,99 @@
+//! Jobs in a row: how far each is, what it found, and where to look.
+
+use spec::JobKind;
+
+use crate::app::{App, Job, JobState, Member, Report};
+use crate::error::ApiError;
+use crate::page::parts::{Bar, Link};
+use crate::page::report::headline;
+use crate::page::text;
+
+/// One job among others.
+pub struct Row {
+    pub href: String,
+    pub name: String,
+    pub kind: JobKind,
+    pub state: JobState,
+    pub progress: Option<Bar>,
+    /// What there is to say instead of progress.
+    pub remark: String,
+    /// What a reader looks for first.
+    pub metric: String,
+    pub links: Vec<Link>,
+}
+
+impl Row {
+    pub async fn of_job(app: &App, job: &Job) -> Result<Self, ApiError> {
+        let took = job.duration_seconds.map(|it| format!("took {}", text::duration(it)));
+        Ok(Self {
+            href: format!("/jobs/{}", job.id),
+            name: job.name.clone(),
+            kind: job.kind,
+            state: job.state,
+            progress: Bar::of(job.state, &job.progress),
+            remark: took.unwrap_or_default(),
+            metric: key_metric(app, job).await?,
+            links: results(job),
+        })
+    }
+
+    pub async fn of_member(app: &App, member: &Member) -> Result<Self, ApiError> {
+        let job = app.job(member.job).await?;
+        let row = Self::of_job(app, &job).await?;
+        let remark = match &member.error {
+            Some(error) => error.clone(),
+            None if member.reused && member.state == JobState::Succeeded => "reused".to_owned(),
+            None => row.remark,
+        };
+        Ok(Self { name: member.name.clone(), remark, ..row })
+    }
+
+    /// A row for every job of a pipeline.
+    pub async fn of_members(app: &App, pipeline: &Job) -> Result<Vec<Self>, ApiError> {
+        let mut rows = Vec::with_capacity(pipeline.members.len());
+        for member in &pipeline.members {
+            rows.push(Self::of_member(app, member).await?);
+        }
+        Ok(rows)
+    }
+}
+
+/// Where to see what a job has made so far.
+pub fn results(job: &Job) -> Vec<Link> {
+    let has_begun = job.started_at.is_some();
+    let dataset = job.dataset.filter(|_| has_begun);
+    let dataset = dataset.map(|id| Link::new(format!("/datasets/{id}"), "files"));
+    let figure = match (job.kind, job.run.filter(|_| has_begun)) {
+        (JobKind::Train, Some(run)) => Some(Link::new(format!("/runs/{run}"), "loss curve")),
+        (JobKind::Evaluate, Some(_)) => {
+            Some(Link::new(format!("/evaluations/{}", job.id), "figure and table"))
+        }
+        _ => None,
+    };
+    let last = job.checkpoints.last();
+    let checkpoint = last.map(|id| Link::new(format!("/checkpoints/{id}"), "checkpoint"));
+    dataset.into_iter().chain(figure).chain(checkpoint).collect()
+}
+
+/// The numbers that say how a job went.
+async fn key_metric(app: &App, job: &Job) -> Result<String, ApiError> {
+    match (job.kind, job.dataset) {
+        (JobKind::Simulate, Some(dataset)) if job.state == JobState::Succeeded => {
+            let dataset = app.dataset_without_files(dataset).await?;
+            let trajectories = text::count(dataset.trajectories);
+            Ok(format!("{trajectories} trajectories, {}", text::size(dataset.bytes)))
+        }
+        (JobKind::Train, _) => {
+            let latest = app.latest_metric_of_job(job.id, "validation/rmse_deg").await?;
+            Ok(latest.map_or(String::new(), |latest| {
+                format!("validation RMSE {}°", text::degrees(latest.value))
+            }))
+        }
+        (JobKind::Evaluate, _) => {
+            let report: Option<Report> =
+                app.report(job.id).await?.and_then(|report| serde_json::from_value(report).ok());
+            Ok(report.as_ref().map_or(String::new(), headline))
+        }
+        _ => Ok(String::new()),
+    }
+}
