@@ -12,6 +12,9 @@ use thiserror::Error;
 use crate::limits::{BODY_BYTES, REQUEST_TIMEOUT};
 use crate::problem::Problem;
 
+const BEARER: &str = r#"Bearer realm="torqued""#;
+const BASIC: &str = r#"Basic realm="torqued: the token as password""#;
+
 #[derive(Debug, Error)]
 pub enum ApiError {
     #[error("there is no {what} {id}")]
@@ -162,9 +165,9 @@ impl ApiError {
         let headers = response.headers_mut();
         match self {
             Self::Unauthorized { .. } => {
-                let schemes =
-                    r#"Bearer realm="torqued", Basic realm="torqued (the password is the token)""#;
-                headers.insert(WWW_AUTHENTICATE, HeaderValue::from_static(schemes));
+                // Two lines and not one list: browsers do not look for Basic behind a comma.
+                headers.append(WWW_AUTHENTICATE, HeaderValue::from_static(BEARER));
+                headers.append(WWW_AUTHENTICATE, HeaderValue::from_static(BASIC));
             }
             Self::Crowded | Self::Timeout => {
                 headers.insert(RETRY_AFTER, HeaderValue::from_static("1"));

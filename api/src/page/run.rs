@@ -2,8 +2,9 @@
 
 use askama::Template;
 use axum::extract::State;
-use axum::response::Response;
+use axum::response::{IntoResponse, Redirect, Response};
 use figures::Size;
+use spec::JobKind;
 
 use crate::app::{App, Checkpoint, JobState, LatestMetric};
 use crate::extract::Path;
@@ -42,6 +43,9 @@ pub async fn show(
     InPage(Path(id)): InPage<Path<i64>>,
 ) -> Result<Response, PageError> {
     let run = app.run(id).await?;
+    if run.kind == JobKind::Evaluate {
+        return Ok(Redirect::to(&format!("/evaluations/{}", run.job)).into_response());
+    }
     let job = app.job(run.job).await?;
     let loss = app.loss_figure(id).await?.to_svg(Size::PAGE)?;
     let checkpoints = app.checkpoints_of_job(run.job).await?;

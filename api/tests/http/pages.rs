@@ -60,6 +60,8 @@ async fn every_page_of_a_finished_experiment_is_there() {
     assert!(job.contains("quickstart") && job.contains("train-set"));
     let run = page(&server, "/runs/1").await;
     assert!(run.contains("<svg") && run.contains("validation/rmse_deg"));
+    let answer = server.get("/runs/2").await;
+    assert_eq!((answer.status.as_u16(), answer.header("location")), (303, "/evaluations/4"));
     let evaluation = page(&server, "/evaluations/4").await;
     for text in
         ["/v1/runs/2/artifacts/rmse.svg", "not told apart", "out of distribution", "[1.10, 1.27]"]
