@@ -43,7 +43,7 @@ impl Database {
         let writer = SqlitePoolOptions::new()
             .max_connections(1)
             .acquire_timeout(BUSY_TIMEOUT)
-            .before_acquire(|connection, _| Box::pin(async { Ok(is_idle(connection)) }))
+            .before_acquire(|connection, _| Box::pin(async { Ok(is_idle(connection).await) }))
             .connect_with(options.clone())
             .await
             .map_err(|source| failed_to_open(dir, source))?;
@@ -78,11 +78,15 @@ impl Database {
     }
 }
 
-/// Whether no transaction is open. After an error such as a full disk SQLite ends a transaction by
-/// itself, sqlx then fails to, and believes for good that one is open: such a connection is
-/// replaced, or nothing could be written any more.
-fn is_idle(connection: &SqliteConnection) -> bool {
+/// Whether no transaction is open; a connection that has one is replaced, or nothing could be
+/// written any more.
+///
+/// After an error such as a full disk, SQLite may have ended a transaction that sqlx believes open,
+/// or still have open one that sqlx believes ended. Only asking both tells: SQLite's answer is that
+/// there is nothing to roll back.
+async fn is_idle(connection: &mut SqliteConnection) -> bool {
     !connection.is_in_transaction()
+        && sqlx::query("ROLLBACK").execute(&mut *connection).await.is_err()
 }
 
 /// The newest schema this binary knows.
@@ -189,6 +193,18 @@ mod tests {
                 .unwrap_err();
             drop(tx);
         }
+        database.write("testing").await.unwrap().commit().await.unwrap();
+    }
+
+    /// A commit that fails because the disk is full leaves the transaction open.
+    #[tokio::test]
+    async fn a_transaction_that_sqlite_kept_open_does_not_stop_all_writing() {
+        let folder = tempfile::tempdir().unwrap();
+        let dir = DataDir::new(folder.path());
+        let database = Database::open(&dir, Access::Server).await.unwrap();
+        let mut connection = database.writer.acquire().await.unwrap();
+        sqlx::query("BEGIN IMMEDIATE").execute(&mut *connection).await.unwrap();
+        drop(connection);
         database.write("testing").await.unwrap().commit().await.unwrap();
     }
 }

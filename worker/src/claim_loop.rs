@@ -9,7 +9,7 @@ use tokio::runtime::Handle;
 use tokio_util::sync::CancellationToken;
 
 use crate::attempt::Attempt;
-use crate::error::TaskError;
+use crate::error::{TaskError, reason};
 use crate::heartbeat::{ProgressCell, keep_alive};
 use crate::stop::{StopReason, StopSignal};
 use crate::{WorkerError, evaluate, simulate, train};
@@ -52,7 +52,7 @@ pub async fn run(options: &WorkerOptions, shutdown: CancellationToken) -> Result
             }
             Ok(None) => POLL,
             Err(error) => {
-                tracing::error!(%error, "cannot look for a task");
+                tracing::error!(error = reason(&error), "cannot look for a task");
                 RETRY
             }
         };
@@ -96,13 +96,15 @@ async fn execute(store: &Store, task: ClaimedTask, lease: Duration, shutdown: &C
         }
         (Err(TaskError::Stopped), Some(StopReason::Cancelled)) => store.stopped(fence).await,
         (Err(TaskError::Stopped), _) => store.release(fence).await,
-        (Err(error), _) => store.fail(fence, &error.reason(), error.retry()).await,
+        (Err(error), _) => store.fail(fence, &reason(error), error.retry()).await,
     };
     match (done, committed) {
-        (_, Err(error)) => tracing::error!(%job, task = %label, %error, "cannot end the task"),
+        (_, Err(error)) => {
+            tracing::error!(%job, task = %label, error = reason(&error), "cannot end the task");
+        }
         (Ok(()), Ok(())) => tracing::info!(%job, task = %label, "done"),
         (Err(error), Ok(())) => {
-            tracing::warn!(%job, task = %label, error = error.reason(), "not done");
+            tracing::warn!(%job, task = %label, error = reason(&error), "not done");
         }
     }
 }

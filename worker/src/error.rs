@@ -1,4 +1,4 @@
-use std::error::Error as _;
+use std::error::Error;
 
 use store::{Retry, StoreError};
 use thiserror::Error;
@@ -38,17 +38,6 @@ pub(crate) enum TaskError {
 }
 
 impl TaskError {
-    /// This error and what lies behind it, for its user to read.
-    pub fn reason(&self) -> String {
-        let mut reason = self.to_string();
-        let mut source = self.source();
-        while let Some(error) = source {
-            reason = format!("{reason}: {error}");
-            source = error.source();
-        }
-        reason
-    }
-
     /// Whether another attempt could end otherwise: what depends on disk and database alone may.
     pub fn retry(&self) -> Retry {
         match self {
@@ -63,4 +52,15 @@ impl TaskError {
             | Self::Panicked(_) => Retry::Never,
         }
     }
+}
+
+/// An error and what lies behind it, for people to read.
+pub(crate) fn reason(error: &dyn Error) -> String {
+    let mut reason = error.to_string();
+    let mut source = error.source();
+    while let Some(error) = source {
+        reason = format!("{reason}: {error}");
+        source = error.source();
+    }
+    reason
 }
