@@ -164,7 +164,7 @@ const fn yes() -> bool {
     true
 }
 
-/// Source of every constant: SCIENCE sheet section 1, read in the paper's code.
+/// Source of every constant: the paper's code, GunesCaginAydin/dynamical-metalearning@ede6d35.
 mod chirp {
     use super::{ChirpBand, PI, Range};
 
