@@ -37,7 +37,7 @@ impl Robot {
             armature: spec.armature_kg_m2,
             gravity: match spec.gravity {
                 Gravity::Off => 0.0,
-                Gravity::On => GRAVITY,
+                Gravity::On | Gravity::Compensated => GRAVITY,
             },
         }
     }

@@ -35,7 +35,8 @@ pub use preset::{Preset, PresetPlace, presets};
 pub use range::Range;
 pub use reference::{CheckpointRef, DatasetRef};
 pub use simulate::{
-    Cell, Chirp, ChirpBand, Excitation, Family, Frequency, Gravity, InertiaScheme, InitialState,
-    Integrator, Multisine, Precision, Rejection, RobotModel, RobotSpec, SimulateSpec,
+    Cell, Chirp, ChirpBand, Excitation, Family, Frequency, Friction, Gravity, InertiaScheme,
+    InitialState, Integrator, MAX_TRAJECTORIES, Multisine, Observations, Payload, Precision,
+    Rejection, RobotModel, RobotSpec, SimulateSpec,
 };
 pub use train::{Normalization, OptimizerSpec, TrainSpec};

@@ -1,7 +1,7 @@
 //! What values a simulation may have.
 
-use super::{Chirp, Excitation, Frequency, InitialState, Integrator, MAX_TRAJECTORIES, Multisine};
-use super::{Rejection, RobotSpec, SimulateSpec};
+use super::{Chirp, Excitation, Frequency, Friction, InitialState, Integrator, MAX_TRAJECTORIES};
+use super::{Multisine, Payload, Rejection, RobotSpec, SimulateSpec};
 use crate::check::{Check, Report};
 
 /// The most frequencies one grid may have.
@@ -144,9 +144,36 @@ impl Check for RobotSpec {
         report.within("mass_fraction", self.mass_fraction, fraction.clone());
         report.within("com_fraction", self.com_fraction, fraction.clone());
         report.within("inertia_fraction", self.inertia_fraction, fraction.clone());
-        report.within("damping_fraction", self.damping_fraction, fraction);
+        report.within("damping_fraction", self.damping_fraction, fraction.clone());
+        report.within("armature_fraction", self.armature_fraction, fraction);
+        report.within("geometry_fraction", self.geometry_fraction, 0.0..=0.5);
         report.all_within("damping_nm_s_rad", &self.damping_nm_s_rad, &(0.0..=1000.0));
         report.all_within("armature_kg_m2", &self.armature_kg_m2, &(0.0..=10.0));
+        if let Some(friction) = &self.friction {
+            report.part("friction", friction);
+        }
+        if let Some(payload) = &self.payload {
+            report.part("payload", payload);
+        }
+    }
+}
+
+impl Check for Friction {
+    fn check(&self, report: &mut Report) {
+        report.all_within("phi1_nm", &self.phi1_nm, &(0.0..=100.0));
+        report.all_within("phi2_s_rad", &self.phi2_s_rad, &(0.0..=1000.0));
+        report.all_within("phi3_rad_s", &self.phi3_rad_s, &(-10.0..=10.0));
+        report.within("phi1_fraction", self.phi1_fraction, 0.0..=0.9);
+    }
+}
+
+impl Check for Payload {
+    fn check(&self, report: &mut Report) {
+        report.interval("mass_kg", self.mass_kg, &(0.0..=50.0));
+        for (axis, range) in ["x", "y", "z"].into_iter().zip(self.center_m) {
+            report.interval(&format!("center_m.{axis}"), range, &(-1.0..=1.0));
+        }
+        report.interval("radius_m", self.radius_m, &(0.001..=1.0));
     }
 }
 

@@ -4,12 +4,14 @@ mod check;
 mod excitation;
 mod initial_state;
 mod integrator;
+mod observations;
 mod robot;
 
 pub use excitation::{Chirp, ChirpBand, Excitation, Family, Frequency, Multisine};
 pub use initial_state::InitialState;
 pub use integrator::{Integrator, Precision};
-pub use robot::{Gravity, InertiaScheme, RobotModel, RobotSpec};
+pub use observations::Observations;
+pub use robot::{Friction, Gravity, InertiaScheme, Payload, RobotModel, RobotSpec};
 
 use std::ops::Range as IndexRange;
 
@@ -18,8 +20,9 @@ use utoipa::ToSchema;
 
 use crate::Execution;
 
-/// The largest dataset one job may ask for.
-pub const MAX_TRAJECTORIES: u64 = 10_000_000;
+/// The largest dataset there can be: trajectories are numbered in 32 bits. A server's own limit is
+/// lower.
+pub const MAX_TRAJECTORIES: u64 = 2_147_483_647;
 
 /// Simulate `trajectories` arms, each with its own parameters, initial state and excitation.
 ///
@@ -27,7 +30,7 @@ pub const MAX_TRAJECTORIES: u64 = 10_000_000;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SimulateSpec {
-    /// Number of trajectories, 1 to 10 000 000; each is one robot.
+    /// Number of trajectories; each is one robot. A server takes 1 to 10 000 000 unless told otherwise.
     pub trajectories: u64,
     /// Key of every random draw, 0 to 2^53 - 1.
     #[serde(default)]
@@ -43,6 +46,9 @@ pub struct SimulateSpec {
     pub robot: RobotSpec,
     #[serde(default)]
     pub initial_state: InitialState,
+    /// What is recorded besides torques and joint positions.
+    #[serde(default)]
+    pub observations: Observations,
     #[serde(default)]
     pub rejection: Rejection,
     #[serde(default)]
