@@ -1,4 +1,4 @@
-//! (M + A) q̈ + C q̇ + g + D q̇ = u, solved for q̈.
+//! (M + A) q̈ + C q̇ + g + D q̇ + τ_f(q̇) = u, solved for q̈.
 //!
 //! Mass matrix by the composite-rigid-body algorithm, bias forces by recursive Newton-Euler, both in
 //! link frames and in one pass outwards and one inwards, then a factorization L D Lᵀ from the tip
@@ -11,7 +11,7 @@ use crate::Joints;
 use crate::lanes::Lanes;
 use crate::model::{Link, Model};
 use crate::spatial::{
-    Symmetric, Turn, Vector, add_cross, add_matrix_offset, add_offset_cross, add_scaled_offset,
+    Symmetric, Turn, Vector, add_cross, add_matrix_origin, add_origin_cross, add_scaled_origin,
     add_symmetric_product, cross, shifted_inertia, sum, symmetric_product,
 };
 
@@ -65,14 +65,14 @@ impl<L: Lanes> Motion<L> {
 
     /// The motion of the link that joint `J` carries, given that of the link before it.
     #[inline(always)]
-    fn child<const J: usize>(&self, turn: Turn<L>, qd: L) -> Self {
-        let origin = add_matrix_offset::<L, J>(&self.gradient, self.acceleration);
+    fn child<const J: usize>(&self, origin: &Vector<L>, turn: Turn<L>, qd: L) -> Self {
+        let acceleration = add_matrix_origin::<L, J>(&self.gradient, origin, self.acceleration);
         let mut w = turn.to_child::<J>(self.angular_velocity);
         let mut w_dot = turn.to_child::<J>(self.angular_acceleration);
         w_dot[0] = w[1].mul_add(qd, w_dot[0]);
         w_dot[1] = w[0].neg_mul_add(qd, w_dot[1]);
         w[2] = w[2] + qd;
-        Self::new(w, w_dot, turn.to_child::<J>(origin))
+        Self::new(w, w_dot, turn.to_child::<J>(acceleration))
     }
 
     /// The wrench about the frame's origin that moves `link` this way (Newton and Euler).
@@ -106,10 +106,10 @@ struct Wrench<L> {
 impl<L: Lanes> Wrench<L> {
     /// The same wrench about the origin of the link before joint `J`, in that link's axes.
     #[inline(always)]
-    fn to_parent<const J: usize>(self, turn: Turn<L>) -> Self {
+    fn to_parent<const J: usize>(self, origin: &Vector<L>, turn: Turn<L>) -> Self {
         let force = turn.to_parent::<J>(self.force);
         let moment = turn.to_parent::<J>(self.moment);
-        Self { force, moment: add_offset_cross::<L, J>(force, moment) }
+        Self { force, moment: add_origin_cross::<L, J>(origin, force, moment) }
     }
 }
 
@@ -130,12 +130,18 @@ impl<L: Lanes> Composite<L> {
 
     /// This composite, carried by joint `J`, together with the link before the joint.
     #[inline(always)]
-    fn with_parent<const J: usize>(self, turn: Turn<L>, link: &Link<L>, wrench: Wrench<L>) -> Self {
+    fn with_parent<const J: usize>(
+        self,
+        origin: &Vector<L>,
+        turn: Turn<L>,
+        link: &Link<L>,
+        wrench: Wrench<L>,
+    ) -> Self {
         let first_moment = turn.to_parent::<J>(self.first_moment);
         let inertia = turn.symmetric_to_parent::<J>(self.inertia);
-        let inertia = shifted_inertia::<L, J>(self.mass, first_moment, inertia);
-        let first_moment = add_scaled_offset::<L, J>(self.mass, first_moment);
-        let carried = self.wrench.to_parent::<J>(turn);
+        let inertia = shifted_inertia::<L, J>(self.mass, origin, first_moment, inertia);
+        let first_moment = add_scaled_origin::<L, J>(self.mass, origin, first_moment);
+        let carried = self.wrench.to_parent::<J>(origin, turn);
         Self {
             mass: self.mass + link.mass,
             first_moment: sum(first_moment, link.first_moment),
@@ -164,7 +170,7 @@ pub(crate) fn mass_matrix_and_bias<L: Lanes>(
     qd: &Joints<L>,
     dynamics: &mut Dynamics<L>,
 ) {
-    let links = &model.links;
+    let (links, origins) = (&model.links, &model.origins);
     let mut turns = [Turn { sin: L::splat(0.0), cos: L::splat(1.0) }; JOINTS];
     // The first joint's own angle changes nothing: gravity is along its axis.
     for joint in 1..JOINTS {
@@ -172,12 +178,12 @@ pub(crate) fn mass_matrix_and_bias<L: Lanes>(
     }
 
     let motion1 = Motion::of_first_link(model.base_acceleration, qd[0]);
-    let motion2 = motion1.child::<1>(turns[1], qd[1]);
-    let motion3 = motion2.child::<2>(turns[2], qd[2]);
-    let motion4 = motion3.child::<3>(turns[3], qd[3]);
-    let motion5 = motion4.child::<4>(turns[4], qd[4]);
-    let motion6 = motion5.child::<5>(turns[5], qd[5]);
-    let motion7 = motion6.child::<6>(turns[6], qd[6]);
+    let motion2 = motion1.child::<1>(&origins[1], turns[1], qd[1]);
+    let motion3 = motion2.child::<2>(&origins[2], turns[2], qd[2]);
+    let motion4 = motion3.child::<3>(&origins[3], turns[3], qd[3]);
+    let motion5 = motion4.child::<4>(&origins[4], turns[4], qd[4]);
+    let motion6 = motion5.child::<5>(&origins[5], turns[5], qd[5]);
+    let motion7 = motion6.child::<6>(&origins[6], turns[6], qd[6]);
 
     let still = Wrench { force: [L::splat(0.0); 3], moment: [L::splat(0.0); 3] };
     let mut columns = [still; JOINTS];
@@ -194,11 +200,12 @@ pub(crate) fn mass_matrix_and_bias<L: Lanes>(
     // Carries a composite and the columns so far over joint `$joint` to the link before it.
     macro_rules! inwards {
         ($composite:ident over $joint:literal to $parent:literal, $wrench:expr) => {{
+            let origin = &origins[$joint];
             for column in $joint..JOINTS {
-                columns[column] = columns[column].to_parent::<$joint>(turns[$joint]);
+                columns[column] = columns[column].to_parent::<$joint>(origin, turns[$joint]);
                 dynamics.mass_matrix[column][$parent] = columns[column].moment[2];
             }
-            $composite.with_parent::<$joint>(turns[$joint], &links[$parent], $wrench)
+            $composite.with_parent::<$joint>(origin, turns[$joint], &links[$parent], $wrench)
         }};
     }
 
@@ -219,10 +226,10 @@ pub(crate) fn mass_matrix_and_bias<L: Lanes>(
     joint!(0, composite);
 }
 
-/// Solves (M + A + h D) q̈ = u − C q̇ − g − D q̇.
+/// Solves (M + A + h D + h τ_f'(q̇)) q̈ = u − C q̇ − g − D q̇ − τ_f(q̇).
 ///
-/// With h the length of the step to come, damping acts at the step's end (implicitly); with h = 0
-/// this is the acceleration at the given state.
+/// With h the length of the step to come, damping acts at the step's end, and friction as its
+/// tangent does (linearly implicitly); with h = 0 this is the acceleration at the given state.
 #[inline(always)]
 pub(crate) fn accelerations<L: Lanes>(
     model: &Model<L>,
@@ -238,6 +245,14 @@ pub(crate) fn accelerations<L: Lanes>(
         m[joint][joint] = step.mul_add(model.damping[joint], m[joint][joint]);
         b[joint] =
             model.damping[joint].neg_mul_add(qd[joint], torque[joint] - dynamics.bias[joint]);
+    }
+    // All robots of a simulation have friction or none has: the branch is always the same.
+    if let Some(friction) = &model.friction {
+        for joint in 0..JOINTS {
+            let (resistance, slope) = friction.at(joint, qd[joint]);
+            m[joint][joint] = step.mul_add(slope, m[joint][joint]);
+            b[joint] = b[joint] - resistance;
+        }
     }
 
     let mut inverse_pivots = [L::splat(0.0); JOINTS];

@@ -6,7 +6,8 @@
 //! order, so that ranges, threads, neighbours and processors do not show in the result.
 //!
 //! Symbols are those of the manipulator equation
-//! `(M(q) + A) q̈ + C(q, q̇) q̇ + g(q) + D q̇ = u`, in SI units, with armature `A` and damping `D`.
+//! `(M(q) + A) q̈ + C(q, q̇) q̇ + g(q) + D q̇ + τ_f(q̇) = u`, in SI units, with armature `A`, damping `D`
+//! and friction `τ_f`.
 
 #![expect(
     clippy::needless_range_loop,
@@ -17,10 +18,12 @@ mod block;
 mod error;
 mod excitation;
 mod forward_dynamics;
+mod friction;
 mod inertia;
 mod initial_state;
 mod instruction_set;
 mod integrators;
+mod kinematics;
 mod lanes;
 mod model;
 mod panda;
@@ -37,10 +40,12 @@ mod spatial;
 
 pub use error::DynamicsError;
 pub use excitation::{Chirp, Multisine, Torques};
+pub use friction::Friction;
 pub use inertia::RigidBody;
 pub use instruction_set::InstructionSet;
+pub use kinematics::{Kinematics, Pose};
 pub use panda::JOINT_LIMITS_RAD;
-pub use robot::Robot;
+pub use robot::{Payload, Robot};
 pub use scenario::{Scenario, Scenarios};
 pub use simulate::{Trajectories, simulate, simulate_on};
 pub use single::{bias_forces, forward_dynamics, gravity, mass_matrix};

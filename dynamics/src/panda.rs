@@ -6,7 +6,7 @@ use std::sync::LazyLock;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use spec::Range;
 
-use crate::{Joints, RigidBody};
+use crate::{Joints, Kinematics, RigidBody};
 
 /// Rotation about x from a joint's frame to its parent's, the α of its modified DH row.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -18,28 +18,27 @@ pub(crate) enum Twist {
     MinusQuarter,
 }
 
-/// Where a joint sits in the frame of the link before it; the joint turns about its own z.
-#[derive(Clone, Copy)]
-pub(crate) struct JointOrigin {
-    pub(crate) twist: Twist,
-    /// m, in the parent's frame: (a, −d sin α, d cos α).
-    pub(crate) offset: [f64; 3],
-}
+/// Of each joint, from the link before it.
+pub(crate) const TWISTS: Joints<Twist> = [
+    Twist::None,
+    Twist::MinusQuarter,
+    Twist::Quarter,
+    Twist::Quarter,
+    Twist::MinusQuarter,
+    Twist::Quarter,
+    Twist::Quarter,
+];
 
 /// Modified DH rows (a, α, d): (0, 0, .333), (0, −90°, 0), (0, 90°, .316), (.0825, 90°, 0),
-/// (−.0825, −90°, .384), (0, 90°, 0), (.088, 90°, 0).
+/// (−.0825, −90°, .384), (0, 90°, 0), (.088, 90°, 0); the flange is .107 beyond the last.
 ///
 /// Source: Gaz et al. 2019; the same numbers are in frankarobotics/franka_description,
 /// robots/fer/kinematics.yaml.
-pub(crate) const JOINT_ORIGINS: Joints<JointOrigin> = [
-    JointOrigin { twist: Twist::None, offset: [0.0, 0.0, 0.333] },
-    JointOrigin { twist: Twist::MinusQuarter, offset: [0.0, 0.0, 0.0] },
-    JointOrigin { twist: Twist::Quarter, offset: [0.0, -0.316, 0.0] },
-    JointOrigin { twist: Twist::Quarter, offset: [0.0825, 0.0, 0.0] },
-    JointOrigin { twist: Twist::MinusQuarter, offset: [-0.0825, 0.384, 0.0] },
-    JointOrigin { twist: Twist::Quarter, offset: [0.0, 0.0, 0.0] },
-    JointOrigin { twist: Twist::Quarter, offset: [0.088, 0.0, 0.0] },
-];
+pub(crate) const KINEMATICS: Kinematics = Kinematics {
+    a_m: [0.0, 0.0, 0.0, 0.0825, -0.0825, 0.0, 0.088],
+    d_m: [0.333, 0.0, 0.316, 0.0, 0.384, 0.0, 0.0],
+    flange_m: 0.107,
+};
 
 /// Position limits of the joints, rad. Source: franka_description, robots/fer/joint_limits.yaml.
 pub const JOINT_LIMITS_RAD: Joints<Range> = [
@@ -86,25 +85,27 @@ impl Bodies {
         self.links.iter_mut().chain(gripper)
     }
 
-    /// The seven links with hand and fingers, opened to 0.04 m each, welded to the last.
-    pub(crate) fn welded(&self) -> Joints<RigidBody> {
-        let hand_in_link7 = Vector3::new(0.0, 0.0, FLANGE_M);
+    /// The seven links with hand and fingers, opened to 0.04 m each, and what the hand holds (in the
+    /// hand's frame) welded to the last.
+    pub(crate) fn welded(&self, flange_m: f64, held: Option<&RigidBody>) -> Joints<RigidBody> {
+        let hand_in_link7 = Vector3::new(0.0, 0.0, flange_m);
         let finger_in_hand =
             |side: f64| Vector3::new(0.0, side * FINGER_OPENING_M, FINGER_HEIGHT_M);
         let unturned = Rotation3::identity();
 
-        let hand = self
+        let mut hand = self
             .hand
             .welded_to(&self.left_finger.seen_from(&unturned, &finger_in_hand(1.0)))
             .welded_to(&self.right_finger.seen_from(&unturned, &finger_in_hand(-1.0)));
+        if let Some(held) = held {
+            hand = hand.welded_to(held);
+        }
         let mut links = self.links;
         links[6] = links[6].welded_to(&hand.seen_from(&hand_yaw(), &hand_in_link7));
         links
     }
 }
 
-/// From the frame of link 7 to the flange, along z.
-const FLANGE_M: f64 = 0.107;
 /// From the hand's frame to the fingers', along z.
 const FINGER_HEIGHT_M: f64 = 0.0584;
 /// How far each finger stands from the middle, as in the paper's simulator.
@@ -195,7 +196,7 @@ mod tests {
     #[test]
     fn welding_keeps_the_mass() {
         let bodies = Bodies::nominal();
-        let welded: f64 = bodies.welded().iter().map(|link| link.mass).sum();
+        let welded: f64 = bodies.welded(KINEMATICS.flange_m, None).iter().map(|link| link.mass).sum();
         let mut bodies = bodies;
         let apart: f64 = bodies.each_mut().map(|body| body.mass).sum();
         assert!((welded - apart).abs() < 1e-14);

@@ -9,6 +9,7 @@ use crate::block::Block;
 use crate::forward_dynamics::Dynamics;
 use crate::lanes::{F32Array, F64Array, Kernels};
 use crate::model::Model;
+use crate::panda::KINEMATICS;
 use crate::{
     Chirp, InstructionSet, Joints, Multisine, RigidBody, Robot, Scenario, Scenarios, Torques,
 };
@@ -76,6 +77,9 @@ impl Parameters {
             links: self.links.map(body),
             damping: self.damping,
             armature: self.armature,
+            kinematics: KINEMATICS,
+            friction: None,
+            payload: None,
             gravity: self.gravity,
         }
     }

@@ -13,6 +13,10 @@ pub(crate) enum Purpose {
     Robot = 1,
     InitialState = 2,
     Excitation = 3,
+    Armature = 4,
+    Geometry = 5,
+    Friction = 6,
+    Payload = 7,
 }
 
 /// A sequence of random numbers keyed by (seed, trajectory, purpose, draw).

@@ -3,22 +3,71 @@
 use nalgebra::Matrix3;
 use spec::{InertiaScheme, RobotSpec};
 
-use crate::panda::Bodies;
-use crate::random::Draws;
-use crate::{RigidBody, Robot};
+use crate::panda::{Bodies, KINEMATICS};
+use crate::random::{Draws, Purpose};
+use crate::robot::Parts;
+use crate::{Friction, Joints, Kinematics, Payload, RigidBody, Robot};
 
-/// Draws one robot: every body's mass, centre of mass and inertia, then every joint's damping.
+/// Draws one robot from the sequences of random numbers that `draws` has for each purpose.
 ///
 /// Bodies are drawn before hand and fingers are welded to link 7, as in the paper's simulator,
-/// which randomizes each body of the articulation.
-pub(crate) fn draw_robot(spec: &RobotSpec, draws: &mut Draws) -> Robot {
+/// which randomizes each body of the articulation. What the paper does not draw has a sequence of
+/// its own, so that asking for it leaves everything else of every robot as it was.
+pub(crate) fn draw_robot(spec: &RobotSpec, draws: impl Fn(Purpose) -> Draws) -> Robot {
+    let mut body_draws = draws(Purpose::Robot);
     let mut bodies = Bodies::of(spec.model);
     for body in bodies.each_mut() {
-        *body = draw_body(spec, body, draws);
+        *body = draw_body(spec, body, &mut body_draws);
     }
     let damping =
-        spec.damping_nm_s_rad.map(|nominal| nominal * draws.factor(spec.damping_fraction));
-    Robot::from_bodies(spec, &bodies, damping)
+        spec.damping_nm_s_rad.map(|nominal| nominal * body_draws.factor(spec.damping_fraction));
+
+    let armature = scaled(spec.armature_kg_m2, spec.armature_fraction, &draws, Purpose::Armature);
+    let kinematics = match spec.geometry_fraction {
+        0.0 => KINEMATICS,
+        fraction => draw_kinematics(fraction, &mut draws(Purpose::Geometry)),
+    };
+    let friction = spec.friction.as_ref().map(|friction| Friction {
+        phi1_nm: scaled(friction.phi1_nm, friction.phi1_fraction, &draws, Purpose::Friction),
+        ..Friction::nominal(friction)
+    });
+    let payload =
+        spec.payload.as_ref().map(|payload| draw_payload(payload, &mut draws(Purpose::Payload)));
+    Parts { bodies, damping, armature, kinematics, friction, payload }.assembled(spec.gravity)
+}
+
+/// Each value times a factor of its own.
+fn scaled(
+    nominal: Joints<f64>,
+    fraction: f64,
+    draws: impl Fn(Purpose) -> Draws,
+    purpose: Purpose,
+) -> Joints<f64> {
+    if fraction == 0.0 {
+        return nominal;
+    }
+    let mut draws = draws(purpose);
+    nominal.map(|value| value * draws.factor(fraction))
+}
+
+/// Every length that is not zero times a factor of its own.
+fn draw_kinematics(fraction: f64, draws: &mut Draws) -> Kinematics {
+    let mut kinematics = KINEMATICS;
+    let lengths = kinematics.a_m.iter_mut().chain(&mut kinematics.d_m);
+    for length in lengths.chain([&mut kinematics.flange_m]) {
+        if *length != 0.0 {
+            *length *= draws.factor(fraction);
+        }
+    }
+    kinematics
+}
+
+fn draw_payload(spec: &spec::Payload, draws: &mut Draws) -> Payload {
+    Payload {
+        mass_kg: draws.uniform(spec.mass_kg),
+        center_m: spec.center_m.map(|range| draws.uniform(range)),
+        radius_m: draws.uniform(spec.radius_m),
+    }
 }
 
 fn draw_body(spec: &RobotSpec, nominal: &RigidBody, draws: &mut Draws) -> RigidBody {
@@ -55,8 +104,13 @@ fn per_entry(body: &RigidBody, fraction: f64, draws: &mut Draws) -> RigidBody {
 mod tests {
     use proptest::prelude::*;
 
+    use spec::Range;
+
     use super::*;
-    use crate::random::Purpose;
+
+    fn draw(spec: &RobotSpec, seed: u64) -> Robot {
+        draw_robot(spec, |purpose| Draws::new(seed, 0, purpose, 1))
+    }
 
     fn bodies_of_a_draw(spec: &RobotSpec, seed: u64) -> Vec<RigidBody> {
         let mut draws = Draws::new(seed, 0, Purpose::Robot, 1);
@@ -96,7 +150,7 @@ mod tests {
                     }
                 }
             }
-            let robot = draw_robot(&spec, &mut Draws::new(seed, 0, Purpose::Robot, 1));
+            let robot = draw(&spec, seed);
             prop_assert!(robot.links.iter().all(RigidBody::is_physical));
             prop_assert!(robot.damping.iter().all(|&damping| within(damping, 10.0)));
         }
@@ -111,7 +165,7 @@ mod tests {
             damping_fraction: 0.0,
             ..RobotSpec::default()
         };
-        let robot = draw_robot(&spec, &mut Draws::new(7, 0, Purpose::Robot, 1));
+        let robot = draw(&spec, 7);
         for (drawn, nominal) in robot.links.iter().zip(Robot::nominal(&spec).links) {
             assert_eq!((drawn.mass, drawn.com), (nominal.mass, nominal.com));
             for (drawn, nominal) in
@@ -120,5 +174,93 @@ mod tests {
                 assert!((drawn - nominal).abs() < 1e-16);
             }
         }
+    }
+
+    #[test]
+    fn asking_for_more_leaves_the_rest_of_every_robot_as_it_was() {
+        let paper = RobotSpec::default();
+        let payload = spec::Payload {
+            mass_kg: Range::new(0.5, 2.0),
+            center_m: [Range::new(-0.01, 0.01), Range::new(-0.01, 0.01), Range::new(0.1, 0.12)],
+            radius_m: Range::new(0.02, 0.05),
+        };
+        let more = RobotSpec {
+            armature_fraction: 0.2,
+            geometry_fraction: 0.1,
+            friction: Some(spec::Friction::default()),
+            payload: Some(payload),
+            ..paper.clone()
+        };
+        let only_payload = RobotSpec { payload: more.payload.clone(), ..paper.clone() };
+        for seed in 0..50 {
+            let (plain, all) = (draw(&paper, seed), draw(&more, seed));
+            assert_eq!(plain.links[..6], all.links[..6]);
+            assert_eq!(plain.damping, all.damping);
+            assert_eq!((plain.armature, plain.kinematics), ([0.01; 7], KINEMATICS));
+            assert_eq!((&plain.friction, plain.payload), (&None, None));
+
+            assert_eq!(draw(&only_payload, seed).payload, all.payload);
+            let held = all.payload.unwrap();
+            assert!((0.5..2.0).contains(&held.mass_kg));
+            assert!((0.1..0.12).contains(&held.center_m[2]));
+            assert!((all.links[6].mass - plain.links[6].mass - held.mass_kg).abs() < 1e-12);
+
+            let friction = all.friction.unwrap();
+            let nominal = spec::Friction::default();
+            assert_eq!(friction.phi2_s_rad, nominal.phi2_s_rad);
+            for (phi1, nominal) in friction.phi1_nm.iter().zip(nominal.phi1_nm) {
+                assert!((phi1 / nominal - 1.0).abs() <= 0.1 && *phi1 != nominal);
+            }
+            assert!(all.armature.iter().all(|a| (a / 0.01 - 1.0).abs() <= 0.2 && *a != 0.01));
+        }
+    }
+
+    #[test]
+    fn every_length_is_drawn_on_its_own_and_zeros_stay() {
+        let spec = RobotSpec { geometry_fraction: 0.1, ..RobotSpec::default() };
+        let kinematics = draw(&spec, 3).kinematics;
+        let lengths = |k: Kinematics| k.a_m.into_iter().chain(k.d_m).chain([k.flange_m]);
+        let mut factors = Vec::new();
+        for (drawn, nominal) in lengths(kinematics).zip(lengths(KINEMATICS)) {
+            if nominal == 0.0 {
+                assert_eq!(drawn, 0.0);
+            } else {
+                factors.push(drawn / nominal);
+            }
+        }
+        assert_eq!(factors.len(), 7);
+        assert!(factors.iter().all(|factor| (factor - 1.0).abs() <= 0.1));
+        factors.sort_by(f64::total_cmp);
+        assert!(factors.windows(2).all(|pair| pair[1] - pair[0] > 1e-6));
+    }
+
+    #[test]
+    fn a_payload_hangs_in_the_frame_of_the_hand_of_this_very_robot() {
+        let fixed = |value: f64| Range::new(value, value);
+        let payload = spec::Payload {
+            mass_kg: fixed(1.5),
+            center_m: [fixed(0.02), fixed(-0.01), fixed(0.1034)],
+            radius_m: fixed(0.05),
+        };
+        let spec = RobotSpec { geometry_fraction: 0.3, ..RobotSpec::default() };
+        let loaded = RobotSpec { payload: Some(payload), ..spec.clone() };
+        let (bare, loaded) = (draw(&spec, 5), draw(&loaded, 5));
+        // The hand is turned by −45° about the flange's axis.
+        let (c, s) = (std::f64::consts::FRAC_1_SQRT_2, -std::f64::consts::FRAC_1_SQRT_2);
+        let center = [
+            c * 0.02 - s * -0.01,
+            s * 0.02 + c * -0.01,
+            loaded.kinematics.flange_m + 0.1034,
+        ];
+        for axis in 0..3 {
+            let moment = |robot: &Robot| robot.links[6].mass * robot.links[6].com[axis];
+            let added = moment(&loaded) - moment(&bare);
+            assert!((added - 1.5 * center[axis]).abs() < 1e-15, "axis {axis}");
+        }
+        // A solid sphere has 2/5 m r² about any axis, and m d² more about one at distance d.
+        let about_z = |robot: &Robot| robot.links[6].inertia_about_origin()[5];
+        let distance_squared = center[0] * center[0] + center[1] * center[1];
+        let expected = 1.5 * (0.4 * 0.05 * 0.05 + distance_squared);
+        assert!((about_z(&loaded) - about_z(&bare) - expected).abs() < 1e-15);
     }
 }

@@ -49,7 +49,7 @@ impl<'a> Scenarios<'a> {
     pub fn draw(&self, index: u64, draw: u32) -> Scenario {
         let draws = |purpose, draw| Draws::new(self.spec.seed, index, purpose, draw);
         let (excitation, frequency_hz) = self.design(index, &mut draws(Purpose::Design, 0));
-        let robot = draw_robot(&self.spec.robot, &mut draws(Purpose::Robot, draw));
+        let robot = draw_robot(&self.spec.robot, |purpose| draws(purpose, draw));
         let (q0, qd0) =
             draw_initial_state(&self.spec.initial_state, &mut draws(Purpose::InitialState, draw));
         let mut draws = draws(Purpose::Excitation, draw);

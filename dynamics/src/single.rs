@@ -19,7 +19,7 @@ pub fn mass_matrix(robot: &Robot, q: Joints<f64>) -> Joints<Joints<f64>> {
     })
 }
 
-/// C(q, q̇) q̇ + g(q), N·m; `q` in rad, `qd` in rad/s. Damping is not part of it.
+/// C(q, q̇) q̇ + g(q), N·m; `q` in rad, `qd` in rad/s. Damping and friction are not part of it.
 pub fn bias_forces(robot: &Robot, q: Joints<f64>, qd: Joints<f64>) -> Joints<f64> {
     dynamics(robot, q, qd).bias.map(|bias| bias.lane(0))
 }
@@ -29,7 +29,7 @@ pub fn gravity(robot: &Robot, q: Joints<f64>) -> Joints<f64> {
     bias_forces(robot, q, [0.0; JOINTS])
 }
 
-/// q̈ in rad/s² under `torque` (N·m), damping included.
+/// q̈ in rad/s² under `torque` (N·m), damping and friction included.
 pub fn forward_dynamics(
     robot: &Robot,
     q: Joints<f64>,

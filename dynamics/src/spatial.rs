@@ -1,11 +1,12 @@
 //! Vectors and inertias of the recursion, moved between the frames of neighbouring links.
 //!
-//! A child's frame is the parent's, shifted by the joint's offset, turned by its twist about x and
-//! by its angle about z. Offsets and twists are constants of the arm, so that their zeros and
-//! quarter turns cost nothing: every `J` below is a joint whose constants the compiler sees.
+//! A child's frame is the parent's, shifted by the joint's origin, turned by its twist about x and
+//! by its angle about z. Origins differ from robot to robot, but which of their coordinates are zero
+//! does not, nor do twists, so that zeros and quarter turns cost nothing: every `J` below is a
+//! joint whose constants the compiler sees.
 
 use crate::lanes::Lanes;
-use crate::panda::{JOINT_ORIGINS, Twist};
+use crate::panda::{KINEMATICS, TWISTS, Twist};
 
 pub(crate) type Vector<L> = [L; 3];
 /// Entries xx, xy, xz, yy, yz, zz of a symmetric matrix.
@@ -30,7 +31,7 @@ impl<L: Lanes> Turn<L> {
     pub(crate) fn to_parent<const J: usize>(self, [x, y, z]: Vector<L>) -> Vector<L> {
         let turned_x = self.sin.neg_mul_add(y, self.cos * x);
         let turned_y = self.sin.mul_add(x, self.cos * y);
-        match const { JOINT_ORIGINS[J].twist } {
+        match const { TWISTS[J] } {
             Twist::None => [turned_x, turned_y, z],
             Twist::Quarter => [turned_x, -z, turned_y],
             Twist::MinusQuarter => [turned_x, z, -turned_y],
@@ -40,7 +41,7 @@ impl<L: Lanes> Turn<L> {
     /// A vector of the parent, in the axes of joint `J`'s link.
     #[inline(always)]
     pub(crate) fn to_child<const J: usize>(self, [x, y, z]: Vector<L>) -> Vector<L> {
-        let (y, z) = match const { JOINT_ORIGINS[J].twist } {
+        let (y, z) = match const { TWISTS[J] } {
             Twist::None => (y, z),
             Twist::Quarter => (z, -y),
             Twist::MinusQuarter => (-z, y),
@@ -61,7 +62,7 @@ impl<L: Lanes> Turn<L> {
         let turned_yy = (xx + yy) - turned_xx;
         let turned_xz = sin.neg_mul_add(yz, cos * xz);
         let turned_yz = cos.mul_add(yz, sin * xz);
-        match const { JOINT_ORIGINS[J].twist } {
+        match const { TWISTS[J] } {
             Twist::None => [turned_xx, turned_xy, turned_xz, turned_yy, turned_yz, zz],
             Twist::Quarter => [turned_xx, -turned_xz, turned_xy, zz, -turned_yz, turned_yy],
             Twist::MinusQuarter => [turned_xx, turned_xz, -turned_xy, zz, -turned_yz, turned_yy],
@@ -69,59 +70,63 @@ impl<L: Lanes> Turn<L> {
     }
 }
 
+/// Whether the origin of joint `J` is shifted along `axis` of the frame before it.
 #[inline(always)]
-const fn offset<const J: usize>(axis: usize) -> f64 {
-    JOINT_ORIGINS[J].offset[axis]
+const fn shifted<const J: usize>(axis: usize) -> bool {
+    KINEMATICS.joint_origin(J)[axis] != 0.0
 }
 
-/// `sum + offset × v` with the offset of joint `J`.
+/// `sum + origin × v` with the origin of joint `J`.
 #[inline(always)]
-pub(crate) fn add_offset_cross<L: Lanes, const J: usize>(
+pub(crate) fn add_origin_cross<L: Lanes, const J: usize>(
+    origin: &Vector<L>,
     v: Vector<L>,
     sum: Vector<L>,
 ) -> Vector<L> {
     let mut sum = sum;
-    if const { offset::<J>(0) != 0.0 } {
-        let x = L::splat(offset::<J>(0));
-        sum[1] = x.neg_mul_add(v[2], sum[1]);
-        sum[2] = x.mul_add(v[1], sum[2]);
+    if const { shifted::<J>(0) } {
+        sum[1] = origin[0].neg_mul_add(v[2], sum[1]);
+        sum[2] = origin[0].mul_add(v[1], sum[2]);
     }
-    if const { offset::<J>(1) != 0.0 } {
-        let y = L::splat(offset::<J>(1));
-        sum[0] = y.mul_add(v[2], sum[0]);
-        sum[2] = y.neg_mul_add(v[0], sum[2]);
+    if const { shifted::<J>(1) } {
+        sum[0] = origin[1].mul_add(v[2], sum[0]);
+        sum[2] = origin[1].neg_mul_add(v[0], sum[2]);
     }
-    if const { offset::<J>(2) != 0.0 } {
-        let z = L::splat(offset::<J>(2));
-        sum[0] = z.neg_mul_add(v[1], sum[0]);
-        sum[1] = z.mul_add(v[0], sum[1]);
+    if const { shifted::<J>(2) } {
+        sum[0] = origin[2].neg_mul_add(v[1], sum[0]);
+        sum[1] = origin[2].mul_add(v[0], sum[1]);
     }
     sum
 }
 
-/// `sum + factor · offset` with the offset of joint `J`.
+/// `sum + factor · origin` with the origin of joint `J`.
 #[inline(always)]
-pub(crate) fn add_scaled_offset<L: Lanes, const J: usize>(factor: L, sum: Vector<L>) -> Vector<L> {
+pub(crate) fn add_scaled_origin<L: Lanes, const J: usize>(
+    factor: L,
+    origin: &Vector<L>,
+    sum: Vector<L>,
+) -> Vector<L> {
     let mut sum = sum;
     for axis in 0..3 {
-        if offset::<J>(axis) != 0.0 {
-            sum[axis] = factor.mul_add(L::splat(offset::<J>(axis)), sum[axis]);
+        if shifted::<J>(axis) {
+            sum[axis] = factor.mul_add(origin[axis], sum[axis]);
         }
     }
     sum
 }
 
-/// `sum + A · offset` with the offset of joint `J`.
+/// `sum + A · origin` with the origin of joint `J`.
 #[inline(always)]
-pub(crate) fn add_matrix_offset<L: Lanes, const J: usize>(
+pub(crate) fn add_matrix_origin<L: Lanes, const J: usize>(
     a: &[Vector<L>; 3],
+    origin: &Vector<L>,
     sum: Vector<L>,
 ) -> Vector<L> {
     let mut sum = sum;
     for row in 0..3 {
         for axis in 0..3 {
-            if offset::<J>(axis) != 0.0 {
-                sum[row] = a[row][axis].mul_add(L::splat(offset::<J>(axis)), sum[row]);
+            if shifted::<J>(axis) {
+                sum[row] = a[row][axis].mul_add(origin[axis], sum[row]);
             }
         }
     }
@@ -129,33 +134,34 @@ pub(crate) fn add_matrix_offset<L: Lanes, const J: usize>(
 }
 
 /// Inertia about the parent's origin of a body whose inertia about joint `J`'s is given, all in the
-/// parent's axes: I − [t][h] − [h][t] − m [t][t] with t the offset and h the first moment, where
-/// [t] is the matrix of t × ·.
+/// parent's axes: I − [t][h] − [h][t] − m [t][t] with t the joint's origin and h the first moment,
+/// where [t] is the matrix of t × ·.
 #[inline(always)]
 pub(crate) fn shifted_inertia<L: Lanes, const J: usize>(
     mass: L,
+    origin: &Vector<L>,
     first_moment: Vector<L>,
     inertia: Symmetric<L>,
 ) -> Symmetric<L> {
     /// Where entry (row, column) sits in a [`Symmetric`].
     const ENTRY: [[usize; 3]; 3] = [[0, 1, 2], [1, 3, 4], [2, 4, 5]];
 
-    let mean_moment = add_scaled_offset::<L, J>(mass * L::splat(0.5), first_moment);
-    let mut shifted = inertia;
+    let mean_moment = add_scaled_origin::<L, J>(mass * L::splat(0.5), origin, first_moment);
+    let mut moved = inertia;
     for axis in 0..3 {
-        if offset::<J>(axis) != 0.0 {
-            let t = L::splat(offset::<J>(axis));
-            let twice_t = L::splat(2.0 * offset::<J>(axis));
+        if shifted::<J>(axis) {
+            let t = origin[axis];
+            let twice_moment = mean_moment[axis] + mean_moment[axis];
             for other in 0..3 {
                 if other != axis {
                     let (diagonal, mixed) = (ENTRY[other][other], ENTRY[axis][other]);
-                    shifted[diagonal] = twice_t.mul_add(mean_moment[axis], shifted[diagonal]);
-                    shifted[mixed] = t.neg_mul_add(mean_moment[other], shifted[mixed]);
+                    moved[diagonal] = t.mul_add(twice_moment, moved[diagonal]);
+                    moved[mixed] = t.neg_mul_add(mean_moment[other], moved[mixed]);
                 }
             }
         }
     }
-    shifted
+    moved
 }
 
 /// a × b.

@@ -4,7 +4,7 @@
 use std::path::PathBuf;
 
 use safetensors::SafeTensors;
-use spec::{DatasetRef, Execution, JOINTS, Normalization, OptimizerSpec, TrainSpec};
+use spec::{DataSource, Execution, JOINTS, Normalization, OptimizerSpec, TrainSpec};
 
 use crate::checkpoint::{CONFIG_FILE, CheckpointFiles, MODEL_FILE};
 use crate::initialization::InitialWeights;
@@ -105,7 +105,7 @@ fn gradients_agree() {
 fn steps_of_the_optimizer_agree() {
     let config = config();
     let spec = TrainSpec {
-        data: DatasetRef::Dataset(1),
+        data: DataSource::Dataset(1),
         model: config.model.clone(),
         context: config.context,
         normalization: Normalization::Dataset,

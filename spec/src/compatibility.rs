@@ -1,44 +1,45 @@
 //! Whether a job fits the data and the checkpoints it refers to.
 
 use crate::check::Report;
-use crate::{EvaluateSpec, SimulateSpec, SpecError, TrainSpec};
+use crate::{DataSource, DataSpec, EvaluateSpec, SpecError, TrainSpec};
 
 /// A training that an evaluation refers to, and the data it was trained on.
 #[derive(Clone, Copy, Debug)]
 pub struct Training<'a> {
     pub spec: &'a TrainSpec,
-    pub data: &'a SimulateSpec,
+    pub data: &'a DataSpec,
 }
 
 impl TrainSpec {
-    /// Trajectories to train on: all but the validation share at the end.
-    pub fn training_trajectories(&self, data: &SimulateSpec) -> u64 {
-        data.trajectories - self.validation_trajectories(data)
+    /// Trajectories to train on, of a dataset with `all`: all but the validation share at the end.
+    pub fn training_trajectories(&self, all: u64) -> u64 {
+        all - self.validation_trajectories(all)
     }
 
-    /// Trajectories kept for validation, rounded to the nearest whole number.
+    /// Trajectories kept for validation, of a dataset with `all`, rounded to the nearest whole number.
     #[expect(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,
         clippy::cast_precision_loss,
-        reason = "a share of at most 10^7 trajectories is exact in f64 and not negative"
+        reason = "a share of at most 2^31 trajectories is exact in f64 and not negative"
     )]
-    pub fn validation_trajectories(&self, data: &SimulateSpec) -> u64 {
-        (self.validation_fraction * data.trajectories as f64).round() as u64
+    pub fn validation_trajectories(&self, all: u64) -> u64 {
+        (self.validation_fraction * all as f64).round() as u64
     }
 
     /// # Errors
     /// Names each field that does not fit `data`, with both numbers.
-    pub fn check_data(&self, data: &SimulateSpec) -> Result<(), SpecError> {
+    pub fn check_data(&self, data: &DataSpec) -> Result<(), SpecError> {
         let mut report = Report::default();
-        if self.context >= data.samples {
+        let samples = data.samples();
+        if self.context >= samples {
             report.violation(
                 "context",
                 self.context,
-                format!("less than the dataset's samples, which are {}", data.samples),
+                format!("less than the data's samples, which are {samples}"),
             );
         } else {
-            let (horizon, patch) = (data.samples - self.context, self.model.patch());
+            let (horizon, patch) = (samples - self.context, self.model.patch());
             if !horizon.is_multiple_of(patch) {
                 report.violation(
                     "model.patch",
@@ -47,7 +48,25 @@ impl TrainSpec {
                 );
             }
         }
-        let trained = self.training_trajectories(data);
+        if let (Some(all), false) =
+            (data.trajectories(), matches!(self.data, DataSource::Stream(_)))
+        {
+            self.check_batch(self.training_trajectories(all), &mut report);
+        }
+        report.finish()
+    }
+
+    /// For data of which [`DataSpec::trajectories`] did not tell how many there are.
+    ///
+    /// # Errors
+    /// When a batch needs more trajectories than there are to train on.
+    pub fn check_trajectories(&self, all: u64) -> Result<(), SpecError> {
+        let mut report = Report::default();
+        self.check_batch(self.training_trajectories(all), &mut report);
+        report.finish()
+    }
+
+    fn check_batch(&self, trained: u64, report: &mut Report) {
         if u64::from(self.batch_size) > trained {
             report.violation(
                 "batch_size",
@@ -55,7 +74,6 @@ impl TrainSpec {
                 format!("at most the number of training trajectories, which is {trained}"),
             );
         }
-        report.finish()
     }
 }
 
@@ -64,22 +82,19 @@ impl EvaluateSpec {
     /// Names each field that does not fit `data` or a training, with both numbers.
     pub fn check_inputs(
         &self,
-        data: &SimulateSpec,
+        data: &DataSpec,
         trainings: &[Training<'_>],
     ) -> Result<(), SpecError> {
         let mut report = Report::default();
         if data.cells().is_empty() {
-            report.violation(
-                "data",
-                "a dataset without cells",
-                "one simulated over a frequency grid",
-            );
+            report.violation("data", "without cells", "a simulation over a frequency grid");
         }
-        if self.context >= data.samples {
+        let samples = data.samples();
+        if self.context >= samples {
             report.violation(
                 "context",
                 self.context,
-                format!("less than the dataset's samples, which are {}", data.samples),
+                format!("less than the data's samples, which are {samples}"),
             );
         }
         for (i, training) in trainings.iter().enumerate() {
@@ -94,8 +109,8 @@ impl EvaluateSpec {
                 }
             };
             same("context", f64::from(training.spec.context), f64::from(self.context));
-            same("samples", f64::from(training.data.samples), f64::from(data.samples));
-            same("rate_hz", training.data.rate_hz, data.rate_hz);
+            same("samples", f64::from(training.data.samples()), f64::from(samples));
+            same("rate_hz", training.data.rate_hz(), data.rate_hz());
         }
         report.finish()
     }

@@ -2,14 +2,14 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use crate::check::{Check, Report};
-use crate::{CheckpointRef, DatasetRef, Execution};
+use crate::{CheckpointRef, DataSource, Execution};
 
 /// Compare predictors on the same scenarios, one cell per frequency of the dataset's grid.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct EvaluateSpec {
-    /// A dataset simulated over a frequency grid.
-    pub data: DatasetRef,
+    /// Simulated over a frequency grid.
+    pub data: DataSource,
     #[serde(default)]
     pub checkpoints: Vec<CheckpointRef>,
     #[serde(default = "Baseline::all")]
@@ -61,6 +61,7 @@ const fn context() -> u32 {
 
 impl Check for EvaluateSpec {
     fn check(&self, report: &mut Report) {
+        report.part("data", &self.data);
         if self.checkpoints.is_empty() && self.baselines.is_empty() {
             report.violation("checkpoints", "[]", "at least one checkpoint or baseline");
         }

@@ -6,8 +6,8 @@ use utoipa::ToSchema;
 
 use crate::check::{Check, Report};
 use crate::{
-    CheckpointRef, DatasetRef, Digest, EvaluateSpec, Execution, PipelineSpec, SimulateSpec,
-    SpecError, TrainSpec, preset,
+    CheckpointRef, DataSource, Digest, EvaluateSpec, Execution, ImportSpec, PipelineSpec,
+    SimulateSpec, SpecError, TrainSpec, VerifySpec, preset, stream,
 };
 
 /// Anything a user can ask for.
@@ -18,6 +18,8 @@ pub enum JobSpec {
     Simulate(SimulateSpec),
     Train(TrainSpec),
     Evaluate(EvaluateSpec),
+    Import(ImportSpec),
+    Verify(VerifySpec),
     Pipeline(PipelineSpec),
 }
 
@@ -27,17 +29,22 @@ pub enum JobKind {
     Simulate,
     Train,
     Evaluate,
+    Import,
+    Verify,
     Pipeline,
 }
 
 impl JobKind {
-    pub const ALL: [Self; 4] = [Self::Simulate, Self::Train, Self::Evaluate, Self::Pipeline];
+    pub const ALL: [Self; 6] =
+        [Self::Simulate, Self::Train, Self::Evaluate, Self::Import, Self::Verify, Self::Pipeline];
 
     pub const fn as_str(self) -> &'static str {
         match self {
             Self::Simulate => "simulate",
             Self::Train => "train",
             Self::Evaluate => "evaluate",
+            Self::Import => "import",
+            Self::Verify => "verify",
             Self::Pipeline => "pipeline",
         }
     }
@@ -73,9 +80,10 @@ fn check_outside_pipeline(spec: &JobSpec, report: &mut Report) {
     let (data, checkpoints) = match spec {
         JobSpec::Train(spec) => (Some(&spec.data), &[][..]),
         JobSpec::Evaluate(spec) => (Some(&spec.data), &spec.checkpoints[..]),
-        JobSpec::Simulate(_) | JobSpec::Pipeline(_) => (None, &[][..]),
+        JobSpec::Verify(spec) => (Some(&spec.data), &[][..]),
+        JobSpec::Simulate(_) | JobSpec::Import(_) | JobSpec::Pipeline(_) => (None, &[][..]),
     };
-    if let Some(DatasetRef::Job(name)) = data {
+    if let Some(DataSource::Job(name)) = data {
         let allowed = r#"{"dataset": ID} or {"digest": HEX}; {"job": NAME} only in a pipeline"#;
         report.violation("data", format!("{{\"job\": {name:?}}}"), allowed);
     }
@@ -106,8 +114,13 @@ fn read(value: Value) -> Result<JobSpec, SpecError> {
     };
     match kind.as_str() {
         "simulate" => Ok(JobSpec::Simulate(from_fields(fields)?)),
-        "train" => Ok(JobSpec::Train(from_fields(preset::resolve_model(fields)?)?)),
-        "evaluate" => Ok(JobSpec::Evaluate(from_fields(fields)?)),
+        "train" => {
+            let fields = preset::resolve_model(stream::resolve_endless(fields)?)?;
+            Ok(JobSpec::Train(from_fields(fields)?))
+        }
+        "evaluate" => Ok(JobSpec::Evaluate(from_fields(stream::resolve(fields)?)?)),
+        "import" => Ok(JobSpec::Import(from_fields(fields)?)),
+        "verify" => Ok(JobSpec::Verify(from_fields(stream::resolve(fields)?)?)),
         "pipeline" => read_pipeline(fields),
         other => Err(SpecError::one("kind", format!("{other:?}"), kinds)),
     }
@@ -140,7 +153,9 @@ fn read_pipeline(mut fields: Map<String, Value>) -> Result<JobSpec, SpecError> {
     Ok(JobSpec::Pipeline(pipeline))
 }
 
-fn from_fields<T: serde::de::DeserializeOwned>(fields: Map<String, Value>) -> Result<T, SpecError> {
+pub(crate) fn from_fields<T: serde::de::DeserializeOwned>(
+    fields: Map<String, Value>,
+) -> Result<T, SpecError> {
     let fields = Value::Object(fields);
     serde_path_to_error::deserialize(&fields).map_err(|error| {
         let path = error.path().to_string();
@@ -150,7 +165,7 @@ fn from_fields<T: serde::de::DeserializeOwned>(fields: Map<String, Value>) -> Re
 }
 
 /// A value as it appears in an error: whole when short.
-fn shorten(value: &Value) -> String {
+pub(crate) fn shorten(value: &Value) -> String {
     let text = value.to_string();
     if text.chars().count() <= 60 {
         return text;
@@ -164,6 +179,8 @@ impl Check for JobSpec {
             Self::Simulate(spec) => spec.check(report),
             Self::Train(spec) => spec.check(report),
             Self::Evaluate(spec) => spec.check(report),
+            Self::Import(spec) => spec.check(report),
+            Self::Verify(spec) => spec.check(report),
             Self::Pipeline(spec) => spec.check(report),
         }
     }
@@ -175,6 +192,8 @@ impl JobSpec {
             Self::Simulate(_) => JobKind::Simulate,
             Self::Train(_) => JobKind::Train,
             Self::Evaluate(_) => JobKind::Evaluate,
+            Self::Import(_) => JobKind::Import,
+            Self::Verify(_) => JobKind::Verify,
             Self::Pipeline(_) => JobKind::Pipeline,
         }
     }
@@ -185,6 +204,8 @@ impl JobSpec {
             Self::Simulate(spec) => spec.execution,
             Self::Train(spec) => spec.execution,
             Self::Evaluate(spec) => spec.execution,
+            Self::Import(spec) => spec.execution,
+            Self::Verify(spec) => spec.execution,
             Self::Pipeline(_) => Execution::default(),
         }
     }
@@ -205,11 +226,12 @@ impl JobSpec {
     }
 
     /// The dataset this job reads.
-    pub fn dataset_ref(&mut self) -> Option<&mut DatasetRef> {
+    pub fn dataset_ref(&mut self) -> Option<&mut DataSource> {
         match self {
             Self::Train(spec) => Some(&mut spec.data),
             Self::Evaluate(spec) => Some(&mut spec.data),
-            Self::Simulate(_) | Self::Pipeline(_) => None,
+            Self::Verify(spec) => Some(&mut spec.data),
+            Self::Simulate(_) | Self::Import(_) | Self::Pipeline(_) => None,
         }
     }
 
@@ -217,7 +239,11 @@ impl JobSpec {
     pub fn checkpoint_refs(&mut self) -> &mut [CheckpointRef] {
         match self {
             Self::Evaluate(spec) => &mut spec.checkpoints,
-            Self::Simulate(_) | Self::Train(_) | Self::Pipeline(_) => &mut [],
+            Self::Simulate(_)
+            | Self::Train(_)
+            | Self::Import(_)
+            | Self::Verify(_)
+            | Self::Pipeline(_) => &mut [],
         }
     }
 }

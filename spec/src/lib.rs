@@ -8,9 +8,11 @@
 mod canonical;
 mod check;
 mod compatibility;
+mod data;
 mod error;
 mod evaluate;
 mod execution;
+mod import;
 mod job;
 mod model;
 mod pipeline;
@@ -18,25 +20,33 @@ mod preset;
 mod range;
 mod reference;
 mod simulate;
+mod stream;
 mod train;
+mod verify;
 
 /// Joints of the arm; every `u` and `y` has this many channels.
 pub const JOINTS: usize = 7;
 
 pub use canonical::{Digest, ParseDigestError};
 pub use compatibility::Training;
+pub use data::DataSpec;
 pub use error::{SpecError, Violation};
 pub use evaluate::{Baseline, Bootstrap, EvaluateSpec};
 pub use execution::Execution;
+pub use import::{
+    AngleUnit, FileFormat, ImportColumns, ImportRanges, ImportSpec, ImportUnits, Resampling, Split,
+    TimeUnit,
+};
 pub use job::{JobKind, JobSpec, parse};
 pub use model::{ModelSpec, RoboMorphSpec};
 pub use pipeline::{PipelineMember, PipelineSpec};
 pub use preset::{Preset, PresetPlace, presets};
 pub use range::Range;
-pub use reference::{CheckpointRef, DatasetRef};
+pub use reference::{CheckpointRef, DataSource};
 pub use simulate::{
     Cell, Chirp, ChirpBand, Excitation, Family, Frequency, Friction, Gravity, InertiaScheme,
     InitialState, Integrator, MAX_TRAJECTORIES, Multisine, Observations, Payload, Precision,
     Rejection, RobotModel, RobotSpec, SimulateSpec,
 };
 pub use train::{Normalization, OptimizerSpec, TrainSpec};
+pub use verify::VerifySpec;

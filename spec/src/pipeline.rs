@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use crate::check::{Check, Report};
-use crate::{CheckpointRef, DatasetRef, JobKind, JobSpec};
+use crate::{CheckpointRef, DataSource, JobKind, JobSpec};
 
 /// The most jobs one pipeline may have.
 pub const MAX_MEMBERS: usize = 200;
@@ -40,16 +40,17 @@ impl PipelineMember {
                 needs.extend(dataset_job(&spec.data));
                 needs.extend(spec.checkpoints.iter().filter_map(checkpoint_job));
             }
-            JobSpec::Simulate(_) | JobSpec::Pipeline(_) => {}
+            JobSpec::Verify(spec) => needs.extend(dataset_job(&spec.data)),
+            JobSpec::Simulate(_) | JobSpec::Import(_) | JobSpec::Pipeline(_) => {}
         }
         needs
     }
 }
 
-fn dataset_job(reference: &DatasetRef) -> Option<String> {
+fn dataset_job(reference: &DataSource) -> Option<String> {
     match reference {
-        DatasetRef::Job(name) => Some(name.clone()),
-        DatasetRef::Dataset(_) | DatasetRef::Digest(_) => None,
+        DataSource::Job(name) => Some(name.clone()),
+        DataSource::Dataset(_) | DataSource::Digest(_) | DataSource::Stream(_) => None,
     }
 }
 
@@ -100,7 +101,7 @@ impl Check for PipelineSpec {
                 );
             }
             if member.spec.kind() == JobKind::Pipeline {
-                report.violation(&format!("{path}.kind"), "pipeline", "simulate, train, evaluate");
+                report.violation(&format!("{path}.kind"), "pipeline", "any other kind of job");
                 continue;
             }
             report.part(&path, &member.spec);
@@ -137,7 +138,8 @@ impl PipelineSpec {
         let (data, checkpoints) = match &member.spec {
             JobSpec::Train(spec) => (Some(&spec.data), &[][..]),
             JobSpec::Evaluate(spec) => (Some(&spec.data), &spec.checkpoints[..]),
-            JobSpec::Simulate(_) | JobSpec::Pipeline(_) => (None, &[][..]),
+            JobSpec::Verify(spec) => (Some(&spec.data), &[][..]),
+            JobSpec::Simulate(_) | JobSpec::Import(_) | JobSpec::Pipeline(_) => (None, &[][..]),
         };
         if let Some(name) = data.and_then(dataset_job) {
             check("data.job", &name, Some(JobKind::Simulate));

@@ -2,13 +2,13 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use crate::check::{Check, Report};
-use crate::{DatasetRef, Execution, ModelSpec};
+use crate::{DataSource, Execution, ModelSpec};
 
 /// Train one model on one dataset.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct TrainSpec {
-    pub data: DatasetRef,
+    pub data: DataSource,
     pub model: ModelSpec,
     /// Samples the model is given (the paper's m); the rest of the trajectory is the horizon.
     #[serde(default = "defaults::context")]
@@ -24,7 +24,8 @@ pub struct TrainSpec {
     /// Key of initial weights and batch order, 0 to 2^53 - 1.
     #[serde(default)]
     pub seed: u64,
-    /// Share of trajectories kept for validation: the last ones, never trained on.
+    /// Share of trajectories kept for validation: the last ones, never trained on. A stream has no
+    /// last ones: unless this is 0, it is validated with robots that training never reaches.
     #[serde(default = "defaults::validation_fraction")]
     pub validation_fraction: f64,
     #[serde(default = "defaults::validate_every_steps")]
@@ -97,6 +98,16 @@ mod defaults {
 
 impl Check for TrainSpec {
     fn check(&self, report: &mut Report) {
+        report.part("data", &self.data);
+        if let DataSource::Stream(stream) = &self.data
+            && stream.excitation.grid().is_some()
+        {
+            report.violation(
+                "data.stream.excitation",
+                "a frequency grid",
+                "fixed or uniform frequencies, since a training stream has no last robot",
+            );
+        }
         report.part("model", &self.model);
         report.within("context", self.context, 1..=9_999);
         report.part("optimizer", &self.optimizer);

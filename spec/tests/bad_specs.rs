@@ -44,9 +44,9 @@ fn an_unknown_field_is_named() {
 
 #[test]
 fn a_number_out_of_range_is_named_with_its_range() {
-    check_refused(simulate(), "/trajectories", json!(0), &["trajectories is 0", "1 to 10000000"]);
+    check_refused(simulate(), "/trajectories", json!(0), &["trajectories is 0", "1 to 2147483647"]);
     check_refused(simulate(), "/trajectories", json!(-4), &["trajectories", "-4"]);
-    check_refused(simulate(), "/trajectories", json!(4_000_000_000_u64), &["1 to 10000000"]);
+    check_refused(simulate(), "/trajectories", json!(4_000_000_000_u64), &["1 to 2147483647"]);
     check_refused(simulate(), "/rate_hz", json!("fast"), &["rate_hz", "fast"]);
     check_refused(simulate(), "/seed", json!(u64::MAX), &["seed", "9007199254740991"]);
     check_refused(train(), "/context", json!(321), &["context is 321", "model.patch"]);
@@ -110,4 +110,70 @@ fn a_pipeline_names_the_member_that_is_wrong() {
     check_refused(pipeline(json!({})), "/jobs/a", circular, &["circle"]);
 
     check_refused(pipeline(json!({})), "/jobs/A b", simulate(), &["A b", "lower-case"]);
+}
+
+#[test]
+fn a_mistake_inside_a_stream_is_named_with_its_whole_path() {
+    let stream = |fields: Value| {
+        let mut stream = json!({"preset": "D1-chirp"});
+        stream.as_object_mut().unwrap().extend(fields.as_object().unwrap().clone());
+        json!({"stream": stream})
+    };
+    let refused = |fields, expected: &[&str]| {
+        check_refused(train(), "/data", stream(fields), expected);
+    };
+    refused(json!({"rate_hz": 0}), &["data.stream.rate_hz is 0", "1 to 1000"]);
+    refused(json!({"preset": "D9"}), &["data.stream.preset", "D9", "D1-chirp"]);
+    refused(json!({"kind": "train"}), &["data.stream.kind", "simulate"]);
+    refused(json!({"execution": {"priority": 3}}), &["data.stream.execution"]);
+    let grid = json!({"preset": "grid-chirp"});
+    check_refused(train(), "/data", json!({"stream": grid}), &["data.stream.excitation", "grid"]);
+}
+
+#[test]
+fn a_stream_for_training_need_not_end_and_one_for_evaluation_must() {
+    let endless = json!({"stream": {"excitation": {"chirp": {"frequency_hz": {"fixed": 0.2}}}}});
+    let mut spec = train();
+    spec["data"] = endless.clone();
+    spec::parse(spec.to_string().as_bytes()).unwrap();
+    let evaluate = json!({"kind": "evaluate"});
+    check_refused(evaluate, "/data", endless, &["data.stream", "missing field `trajectories`"]);
+}
+
+#[test]
+fn an_import_that_uses_a_column_twice_or_in_wrong_units_is_refused() {
+    let import = || {
+        json!({
+            "kind": "import",
+            "file": "0".repeat(64),
+            "format": "csv",
+            "columns": {
+                "u": ["u1", "u2", "u3", "u4", "u5", "u6", "u7"],
+                "q": ["q1", "q2", "q3", "q4", "q5", "q6", "q7"],
+            },
+        })
+    };
+    spec::parse(import().to_string().as_bytes()).unwrap();
+    let twice = json!(["q1", "q2", "q3", "q4", "q5", "q6", "u1"]);
+    check_refused(import(), "/columns/q", twice, &["columns.q[6]", "u1", "u[0]"]);
+    check_refused(import(), "/units", json!({"angle": "turns"}), &["units.angle", "deg"]);
+    check_refused(import(), "/resampling", json!("linear"), &["columns.time", "resampling"]);
+    check_refused(import(), "/split", json!({"kind": "windows", "stride": 0}), &["split.stride"]);
+}
+
+#[test]
+fn a_stream_cannot_be_verified() {
+    let verify = json!({"kind": "verify"});
+    let stream = json!({"stream": {"preset": "D1-chirp"}});
+    check_refused(verify, "/data", stream, &["data", "stream", "dataset"]);
+}
+
+#[test]
+fn an_impossible_payload_or_friction_is_refused() {
+    let heavy = json!({"payload": {"mass_kg": [1.0, 80.0]}});
+    check_refused(simulate(), "/robot", heavy, &["robot.payload.mass_kg[1] is 80"]);
+    let reversed = json!({"payload": {"mass_kg": [2.0, 1.0]}});
+    check_refused(simulate(), "/robot", reversed, &["robot.payload.mass_kg", "min"]);
+    let negative = json!({"friction": {"phi1_nm": [-1, 0, 0, 0, 0, 0, 0]}});
+    check_refused(simulate(), "/robot", negative, &["robot.friction.phi1_nm[0] is -1"]);
 }

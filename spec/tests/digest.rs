@@ -37,7 +37,7 @@ fn how_a_job_is_run_leaves_the_digest_alone() {
 fn the_digest_of_a_known_spec_is_pinned() {
     assert_eq!(
         simulate(&json!({})).digest().to_string(),
-        "2e0fb6f4800c40bbf8e940d282ef1162b2e26440b4f70bef2491d89efb6dda7f"
+        "79452e61c4afed08f4fdf80f0bca8f06c12d868c2ebde3e7586b2c24493978ab"
     );
 }
 

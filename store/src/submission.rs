@@ -1,7 +1,7 @@
 //! A submission: jobs with their tasks, and perhaps the pipeline they form, in one transaction.
 
 use serde_json::Value;
-use spec::{Digest, JobKind, JobSpec, PipelineSpec};
+use spec::{DataSpec, Digest, JobKind, JobSpec, PipelineSpec};
 use sqlx::SqliteConnection;
 
 use crate::clock::now;
@@ -374,14 +374,15 @@ async fn insert_tasks(
     Ok(())
 }
 
-/// Every simulation fills a dataset; every training and evaluation is recorded in a run.
+/// Every simulation and import fills a dataset; every training and evaluation is recorded in a run.
 async fn insert_results(
     conn: &mut SqliteConnection,
     job: JobId,
     spec: &JobSpec,
 ) -> Result<(), sqlx::Error> {
-    match spec {
-        JobSpec::Simulate(simulate) => {
+    let dataset = DataSpec::of(spec);
+    match (spec, dataset) {
+        (_, Some(data)) => {
             sqlx::query(concat!(
                 "INSERT INTO dataset (job, digest, state, trajectories, samples, created_at) ",
                 "VALUES (?, ?, 'building', ?, ?, ",
@@ -390,18 +391,19 @@ async fn insert_results(
             ))
             .bind(job)
             .bind(spec.digest().to_string())
-            .bind(integer(simulate.trajectories))
-            .bind(simulate.samples)
+            // An import learns how many there are when it ends.
+            .bind(integer(data.trajectories().unwrap_or(0)))
+            .bind(data.samples())
             .execute(conn)
             .await?;
         }
-        JobSpec::Train(_) | JobSpec::Evaluate(_) => {
+        (JobSpec::Train(_) | JobSpec::Evaluate(_), None) => {
             sqlx::query(concat!("INSERT INTO run (job, created_at) VALUES (?, ", now!(), ")"))
                 .bind(job)
                 .execute(conn)
                 .await?;
         }
-        JobSpec::Pipeline(_) => {}
+        (_, None) => {}
     }
     Ok(())
 }

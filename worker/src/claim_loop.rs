@@ -115,6 +115,9 @@ fn work(attempt: &Attempt) -> Result<(), TaskError> {
         JobKind::Train => train::train(attempt),
         JobKind::Evaluate if attempt.task.stage == 0 => evaluate::cell(attempt),
         JobKind::Evaluate => evaluate::report(attempt),
+        JobKind::Import | JobKind::Verify => {
+            Err(TaskError::Panicked("this version has no such jobs".to_owned()))
+        }
         JobKind::Pipeline => Err(TaskError::Panicked("a pipeline has no tasks".to_owned())),
     }
 }

@@ -4,10 +4,10 @@ use std::ops::Range;
 
 use arrow::array::{Array, Float32Array, RecordBatch};
 use arrow::error::ArrowError;
-use spec::{DatasetRef, JOINTS, SimulateSpec};
+use spec::{DataSource, DataSpec, JOINTS, JobSpec};
 use store::ShardReader;
 
-use crate::attempt::{Attempt, read_spec};
+use crate::attempt::Attempt;
 use crate::error::TaskError;
 use crate::simulate::{POSITIONS, TORQUES};
 
@@ -40,17 +40,17 @@ impl Series {
 /// A complete dataset, open for reading from any thread.
 #[derive(Clone, Debug)]
 pub(crate) struct DatasetReader {
-    pub spec: SimulateSpec,
+    pub spec: DataSpec,
     /// By the trajectories each holds.
     shards: Vec<(Range<u64>, ShardReader)>,
 }
 
 impl DatasetReader {
     /// Finds the dataset that a stored spec refers to.
-    pub fn open(attempt: &Attempt, reference: &DatasetRef) -> Result<Self, TaskError> {
+    pub fn open(attempt: &Attempt, reference: &DataSource) -> Result<Self, TaskError> {
         let missing = |name: String| TaskError::Missing { what: "the dataset of simulation", name };
         // Submission turned every other form of reference into a digest.
-        let DatasetRef::Digest(digest) = reference else {
+        let DataSource::Digest(digest) = reference else {
             return Err(missing(format!("{reference:?}")));
         };
         let found = attempt.wait(attempt.store.dataset_by_digest(*digest))?;
@@ -62,7 +62,14 @@ impl DatasetReader {
             let reader = attempt.store.open_shard(&shard)?;
             shards.push((shard.first..shard.first + shard.count, reader));
         }
-        Ok(Self { spec: read_spec(&dataset.spec)?, shards })
+        let job: JobSpec = serde_json::from_value(dataset.spec)?;
+        let spec = DataSpec::of(&job).ok_or_else(|| missing(digest.to_string()))?;
+        Ok(Self { spec, shards })
+    }
+
+    /// Trajectories in all.
+    pub fn count(&self) -> u64 {
+        self.shards.last().map_or(0, |(trajectories, _)| trajectories.end)
     }
 
     /// The trajectories of each shard.
@@ -72,7 +79,7 @@ impl DatasetReader {
 
     /// Trajectories per row group: what is fastest to read at once.
     pub fn block(&self) -> u64 {
-        u64::from(store::trajectories_per_row_group(self.spec.samples))
+        u64::from(store::trajectories_per_row_group(self.spec.samples()))
     }
 
     /// Trajectories within the dataset, in the order of their indices.
@@ -80,7 +87,7 @@ impl DatasetReader {
         let columns: Vec<&str> = TORQUES.into_iter().chain(POSITIONS).collect();
         let mut series = Series {
             first: trajectories.start,
-            samples: self.spec.samples as usize,
+            samples: self.spec.samples() as usize,
             u: Vec::new(),
             y: Vec::new(),
         };

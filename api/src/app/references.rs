@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 
 use spec::{
-    CheckpointRef, DatasetRef, Digest, EvaluateSpec, JobKind, JobSpec, SimulateSpec, SpecError,
-    TrainSpec, Training,
+    CheckpointRef, DataSource, DataSpec, Digest, EvaluateSpec, JobKind, JobSpec, SpecError,
+    TrainSpec, Training, VerifySpec,
 };
 use store::{CheckpointId, DatasetId, Job, JobFilter, JobState, Need, Page, Store, StoreError};
 
@@ -15,6 +15,9 @@ const EXISTING_SHOWN: u32 = 10;
 
 /// States of jobs whose results exist or are on their way.
 const LIVE: [JobState; 3] = [JobState::Waiting, JobState::Queued, JobState::Running];
+
+/// Kinds of jobs that make datasets.
+const DATA_KINDS: &[JobKind] = &[JobKind::Simulate, JobKind::Import];
 
 /// Resolves the references of a job, or of the jobs of a pipeline one after the other.
 pub struct References<'a> {
@@ -34,8 +37,16 @@ struct Sibling {
 pub struct Resolved {
     pub spec: JobSpec,
     pub needs: Vec<Need>,
-    /// What it reads, unless it is a simulation.
-    pub data: Option<SimulateSpec>,
+    /// What it reads, if it reads trajectories.
+    pub data: Option<DataSpec>,
+}
+
+/// The trajectories that a job reads.
+struct FoundData {
+    source: DataSource,
+    /// The job that makes them, unless they are a stream.
+    need: Option<Need>,
+    spec: DataSpec,
 }
 
 /// Something that a job needs: the digest of its spec, and the job that makes it.
@@ -68,24 +79,31 @@ impl<'a> References<'a> {
         match spec {
             JobSpec::Train(spec) => self.resolve_training(spec).await,
             JobSpec::Evaluate(spec) => self.resolve_evaluation(spec).await,
-            JobSpec::Simulate(_) | JobSpec::Pipeline(_) => {
+            JobSpec::Verify(spec) => self.resolve_verification(spec).await,
+            JobSpec::Simulate(_) | JobSpec::Import(_) | JobSpec::Pipeline(_) => {
                 Ok(Resolved { spec: spec.clone(), needs: Vec::new(), data: None })
             }
         }
     }
 
     async fn resolve_training(&self, spec: &TrainSpec) -> Result<Resolved, ApiError> {
-        let found = self.dataset(&spec.data).await?;
-        let data = simulation(&found.spec, "data")?;
-        spec.check_data(&data)?;
-        let spec = TrainSpec { data: DatasetRef::Digest(found.digest), ..spec.clone() };
-        Ok(Resolved { spec: JobSpec::Train(spec), needs: vec![found.need], data: Some(data) })
+        let data = self.data(&spec.data).await?;
+        spec.check_data(&data.spec)?;
+        let spec = TrainSpec { data: data.source, ..spec.clone() };
+        let needs = data.need.into_iter().collect();
+        Ok(Resolved { spec: JobSpec::Train(spec), needs, data: Some(data.spec) })
+    }
+
+    async fn resolve_verification(&self, spec: &VerifySpec) -> Result<Resolved, ApiError> {
+        let data = self.data(&spec.data).await?;
+        let spec = VerifySpec { data: data.source, ..spec.clone() };
+        let needs = data.need.into_iter().collect();
+        Ok(Resolved { spec: JobSpec::Verify(spec), needs, data: Some(data.spec) })
     }
 
     async fn resolve_evaluation(&self, spec: &EvaluateSpec) -> Result<Resolved, ApiError> {
-        let found = self.dataset(&spec.data).await?;
-        let data = simulation(&found.spec, "data")?;
-        let mut needs = vec![found.need];
+        let data = self.data(&spec.data).await?;
+        let mut needs: Vec<Need> = data.need.into_iter().collect();
         let mut checkpoints = Vec::with_capacity(spec.checkpoints.len());
         let mut trainings = Vec::with_capacity(spec.checkpoints.len());
         for (i, reference) in spec.checkpoints.iter().enumerate() {
@@ -103,30 +121,38 @@ impl<'a> References<'a> {
         }
         let inputs: Vec<Training<'_>> =
             trainings.iter().map(|(spec, data)| Training { spec, data }).collect();
-        spec.check_inputs(&data, &inputs)?;
-        let spec =
-            EvaluateSpec { data: DatasetRef::Digest(found.digest), checkpoints, ..spec.clone() };
-        Ok(Resolved { spec: JobSpec::Evaluate(spec), needs, data: Some(data) })
+        spec.check_inputs(&data.spec, &inputs)?;
+        let spec = EvaluateSpec { data: data.source, checkpoints, ..spec.clone() };
+        Ok(Resolved { spec: JobSpec::Evaluate(spec), needs, data: Some(data.spec) })
     }
 
-    async fn dataset(&self, reference: &DatasetRef) -> Result<Found, ApiError> {
-        match reference {
-            DatasetRef::Job(name) => self.named(name, "data.job"),
-            DatasetRef::Dataset(id) => match self.store.dataset(DatasetId(*id)).await {
-                Ok(dataset) => {
-                    self.made(dataset.digest, JobKind::Simulate, "data.dataset", &id.to_string())
-                        .await
-                }
-                Err(StoreError::NotFound { .. }) => {
-                    let newest = self.store.datasets(None, newest()).await?;
-                    let ids = newest.iter().map(|dataset| dataset.id.0);
-                    Err(no_such("data.dataset", *id, "dataset", ids))
-                }
-                Err(error) => Err(error.into()),
-            },
-            DatasetRef::Digest(digest) => {
-                self.made(*digest, JobKind::Simulate, "data.digest", &digest.to_string()).await
+    async fn data(&self, source: &DataSource) -> Result<FoundData, ApiError> {
+        let found = match source {
+            DataSource::Stream(spec) => {
+                let spec = DataSpec::Simulation(spec.as_ref().clone());
+                return Ok(FoundData { source: source.clone(), need: None, spec });
             }
+            DataSource::Job(name) => self.named(name, "data.job")?,
+            DataSource::Dataset(id) => self.dataset(*id).await?,
+            DataSource::Digest(digest) => {
+                self.made(*digest, DATA_KINDS, "data.digest", &digest.to_string()).await?
+            }
+        };
+        let spec = data_spec(&found.spec, "data")?;
+        Ok(FoundData { source: DataSource::Digest(found.digest), need: Some(found.need), spec })
+    }
+
+    async fn dataset(&self, id: i64) -> Result<Found, ApiError> {
+        match self.store.dataset(DatasetId(id)).await {
+            Ok(dataset) => {
+                self.made(dataset.digest, DATA_KINDS, "data.dataset", &id.to_string()).await
+            }
+            Err(StoreError::NotFound { .. }) => {
+                let newest = self.store.datasets(None, newest()).await?;
+                let ids = newest.iter().map(|dataset| dataset.id.0);
+                Err(no_such("data.dataset", id, "dataset", ids))
+            }
+            Err(error) => Err(error.into()),
         }
     }
 
@@ -137,7 +163,8 @@ impl<'a> References<'a> {
                 let field = format!("{field}.checkpoint");
                 match self.store.checkpoint(CheckpointId(*id)).await {
                     Ok(checkpoint) => {
-                        self.made(checkpoint.digest, JobKind::Train, &field, &id.to_string()).await
+                        self.made(checkpoint.digest, &[JobKind::Train], &field, &id.to_string())
+                            .await
                     }
                     Err(StoreError::NotFound { .. }) => {
                         let newest = self.store.checkpoints(newest()).await?;
@@ -149,7 +176,7 @@ impl<'a> References<'a> {
             }
             CheckpointRef::Digest(digest) => {
                 let field = format!("{field}.digest");
-                self.made(*digest, JobKind::Train, &field, &digest.to_string()).await
+                self.made(*digest, &[JobKind::Train], &field, &digest.to_string()).await
             }
         }
     }
@@ -167,22 +194,22 @@ impl<'a> References<'a> {
         })
     }
 
-    /// The job of `kind` that has made, or is going to make, what `digest` names.
+    /// The job of one of `kinds` that has made, or is going to make, what `digest` names.
     async fn made(
         &self,
         digest: Digest,
-        kind: JobKind,
+        kinds: &[JobKind],
         field: &str,
         value: &str,
     ) -> Result<Found, ApiError> {
-        let of_kind = |job: Option<Job>| job.filter(|job| job.kind == kind);
+        let of_kind = |job: Option<Job>| job.filter(|job| kinds.contains(&job.kind));
         let mut job = of_kind(self.store.job_by_digest(digest, &[JobState::Succeeded]).await?);
         if job.is_none() {
             let live = of_kind(self.store.job_by_digest(digest, &LIVE).await?);
             job = live.filter(|job| !job.cancel_requested);
         }
         let Some(job) = job else {
-            return Err(self.not_made(digest, kind, field, value).await?.into());
+            return Err(self.not_made(digest, kinds, field, value).await?.into());
         };
         Ok(Found { digest, need: Need::Existing(job.id), spec: stored(&job, field)? })
     }
@@ -190,40 +217,49 @@ impl<'a> References<'a> {
     async fn not_made(
         &self,
         digest: Digest,
-        kind: JobKind,
+        kinds: &[JobKind],
         field: &str,
         value: &str,
     ) -> Result<SpecError, ApiError> {
         let any = self.store.job_by_digest(digest, &JobState::ALL).await?;
-        if let Some(job) = any.filter(|job| job.kind == kind) {
+        if let Some(job) = any.filter(|job| kinds.contains(&job.kind)) {
             let state = if job.cancel_requested { JobState::Cancelled } else { job.state };
-            let value = format!("{value}, of {kind} job {}, which {}", job.id, ended(state));
+            let value = format!("{value}, of {} job {}, which {}", job.kind, job.id, ended(state));
             return Ok(SpecError::one(field, value, "of a job that succeeded or still can"));
         }
-        let filter = JobFilter { kind: Some(kind), ..JobFilter::default() };
-        let existing = self.store.jobs(filter, newest()).await?;
+        let mut existing = Vec::new();
+        for kind in kinds {
+            let filter = JobFilter { kind: Some(*kind), ..JobFilter::default() };
+            existing.extend(self.store.jobs(filter, newest()).await?);
+        }
         let digests: Vec<String> = existing
             .iter()
             .filter(|job| !matches!(job.state, JobState::Failed | JobState::Cancelled))
             .map(|job| job.digest.to_string())
             .collect();
+        let names: Vec<&str> = kinds.iter().map(|kind| kind.as_str()).collect();
+        let kind = names.join(" or ");
         let allowed = match digests.as_slice() {
-            [] => format!("the digest of a {kind} job, of which there are none yet"),
-            digests => format!("the digest of a {kind} job: {}", digests.join(", ")),
+            [] => format!("the digest of a job of kind {kind}, of which there are none yet"),
+            digests => format!("the digest of a job of kind {kind}: {}", digests.join(", ")),
         };
         Ok(SpecError::one(field, value, allowed))
     }
 
-    /// The simulation that a training was trained on.
-    async fn data_of(&self, training: &TrainSpec, field: &str) -> Result<SimulateSpec, ApiError> {
-        let DatasetRef::Digest(digest) = training.data else {
-            return Err(SpecError::one(field, "", "a training with resolved data").into());
+    /// What a training was trained on.
+    async fn data_of(&self, training: &TrainSpec, field: &str) -> Result<DataSpec, ApiError> {
+        let digest = match &training.data {
+            DataSource::Digest(digest) => *digest,
+            DataSource::Stream(spec) => return Ok(DataSpec::Simulation(spec.as_ref().clone())),
+            DataSource::Job(_) | DataSource::Dataset(_) => {
+                return Err(SpecError::one(field, "", "a training with resolved data").into());
+            }
         };
         if let Some(sibling) = self.siblings.values().find(|it| it.digest == digest) {
-            return simulation(&sibling.spec, field);
+            return data_spec(&sibling.spec, field);
         }
         match self.store.job_by_digest(digest, &JobState::ALL).await? {
-            Some(job) => simulation(&stored(&job, field)?, field),
+            Some(job) => data_spec(&stored(&job, field)?, field),
             None => {
                 let value = format!("trained on {digest}, of which nothing is known");
                 Err(SpecError::one(field, value, "a training with known data").into())
@@ -261,11 +297,9 @@ fn stored(job: &Job, field: &str) -> Result<JobSpec, ApiError> {
     })
 }
 
-fn simulation(spec: &JobSpec, field: &str) -> Result<SimulateSpec, ApiError> {
-    match spec {
-        JobSpec::Simulate(spec) => Ok(spec.clone()),
-        other => Err(SpecError::one(field, other.kind().as_str(), "simulate").into()),
-    }
+fn data_spec(spec: &JobSpec, field: &str) -> Result<DataSpec, ApiError> {
+    DataSpec::of(spec)
+        .ok_or_else(|| SpecError::one(field, spec.kind().as_str(), "simulate, import").into())
 }
 
 fn training(spec: &JobSpec, field: &str) -> Result<TrainSpec, ApiError> {

@@ -1,7 +1,7 @@
 //! The pieces of a job that workers lease.
 
 use serde_json::{Value, json};
-use spec::{JobSpec, SimulateSpec, SpecError};
+use spec::{DataSpec, JobSpec, SimulateSpec, SpecError};
 use store::NewTask;
 
 use crate::limits::TASKS_PER_JOB;
@@ -14,11 +14,11 @@ pub struct Plan {
 }
 
 impl Plan {
-    /// The tasks of `spec`, which reads `data` when it is an evaluation.
+    /// The tasks of `spec`, which reads `data` if it reads trajectories.
     ///
     /// # Errors
-    /// When there would be more than [`TASKS_PER_JOB`], or an evaluation has no data.
-    pub fn new(spec: &JobSpec, data: Option<&SimulateSpec>) -> Result<Self, SpecError> {
+    /// When there would be more than [`TASKS_PER_JOB`], or data that is needed is missing.
+    pub fn new(spec: &JobSpec, data: Option<&DataSpec>) -> Result<Self, SpecError> {
         match (spec, data) {
             (JobSpec::Simulate(spec), _) => Self::of_simulation(spec),
             (JobSpec::Train(spec), _) => {
@@ -26,9 +26,16 @@ impl Plan {
                 Ok(Self { unit: "steps", tasks: vec![task] })
             }
             (JobSpec::Evaluate(_), Some(data)) => Ok(Self::of_evaluation(data)),
-            (JobSpec::Evaluate(_), None) => Err(SpecError::one("data", "", "a dataset")),
+            (JobSpec::Import(_), _) => {
+                let task = task(0, 0, "import".to_owned(), json!({}), 0);
+                Ok(Self { unit: "trajectories", tasks: vec![task] })
+            }
+            (JobSpec::Verify(_), Some(data)) => Ok(Self::of_verification(data)),
+            (JobSpec::Evaluate(_) | JobSpec::Verify(_), None) => {
+                Err(SpecError::one("data", "", "a dataset"))
+            }
             (JobSpec::Pipeline(_), _) => {
-                Err(SpecError::one("kind", "pipeline", "simulate, train, evaluate"))
+                Err(SpecError::one("kind", "pipeline", "any other kind of job"))
             }
         }
     }
@@ -51,8 +58,21 @@ impl Plan {
         Ok(Self { unit: "trajectories", tasks: (0..shards).map(shard).collect() })
     }
 
+    /// One task per shard of the dataset.
+    fn of_verification(data: &DataSpec) -> Self {
+        let shards = u32::try_from(data.shard_count()).unwrap_or(u32::MAX);
+        let task = |shard: u32| {
+            let total = data.simulation().map_or(0, |spec| {
+                let trajectories = spec.shard(u64::from(shard));
+                trajectories.end - trajectories.start
+            });
+            task(0, shard, format!("shard {shard:05}"), json!({"shard": shard}), total)
+        };
+        Self { unit: "trajectories", tasks: (0..shards).map(task).collect() }
+    }
+
     /// One task per cell, and the report over all of them.
-    fn of_evaluation(data: &SimulateSpec) -> Self {
+    fn of_evaluation(data: &DataSpec) -> Self {
         let cells = (0u32..).zip(data.cells()).map(|(k, cell)| {
             let label = format!("{} {} Hz", cell.family, cell.frequency_hz);
             task(0, k, label, json!({"cell": k}), cell.count)
@@ -97,7 +117,7 @@ mod tests {
         };
         let digest = "0".repeat(64);
         let spec = json!({"kind": "evaluate", "data": {"digest": digest}});
-        let plan = Plan::new(&parse(&spec), Some(&data)).unwrap();
+        let plan = Plan::new(&parse(&spec), Some(&DataSpec::Simulation(data))).unwrap();
         assert_eq!(plan.tasks.len(), 11);
         assert_eq!((plan.tasks[2].label.as_str(), plan.tasks[2].total), ("chirp 0.3 Hz", 100));
         assert_eq!((plan.tasks[10].stage, plan.tasks[10].label.as_str()), (1, "report"));

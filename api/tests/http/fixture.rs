@@ -152,6 +152,9 @@ impl Server {
                 }
                 self.store.complete(task.fence, None).await.unwrap();
             }
+            JobKind::Import | JobKind::Verify => {
+                self.store.complete(task.fence, None).await.unwrap();
+            }
             JobKind::Pipeline => panic!("a pipeline has no tasks"),
         }
     }

@@ -5,10 +5,10 @@
 
 use std::ops::{Add, Mul, Neg, Sub};
 
-use super::{Lanes, MAX_LANES, Trigonometry, trigonometry};
+use super::{Exponential, Lanes, MAX_LANES, Trigonometry, exponential, trigonometry};
 
 macro_rules! array_lanes {
-    ($name:ident, $scalar:ty, $bits:ty, $trigonometry:expr, $round:expr) => {
+    ($name:ident, $scalar:ty, $bits:ty, $trigonometry:expr, $exponential:expr, $round:expr) => {
         #[derive(Clone, Copy)]
         #[repr(C, align(32))]
         pub(crate) struct $name<const N: usize>([$scalar; N]);
@@ -60,6 +60,7 @@ macro_rules! array_lanes {
         impl<const N: usize> Lanes for $name<N> {
             const LANES: usize = N;
             const TRIGONOMETRY: Trigonometry = $trigonometry;
+            const EXPONENTIAL: Exponential = $exponential;
             type Double = F64Array<N>;
 
             #[inline(always)]
@@ -117,6 +118,16 @@ macro_rules! array_lanes {
             }
 
             #[inline(always)]
+            fn doubled(mut self, power: Self) -> Self {
+                const MANTISSA_BITS: u32 = <$scalar>::MANTISSA_DIGITS - 1;
+                for i in 0..N {
+                    let exponent = power.0[i].to_bits() << MANTISSA_BITS;
+                    self.0[i] = <$scalar>::from_bits(self.0[i].to_bits().wrapping_add(exponent));
+                }
+                self
+            }
+
+            #[inline(always)]
             fn lane(&self, lane: usize) -> f64 {
                 f64::from(self.0[lane])
             }
@@ -147,9 +158,16 @@ macro_rules! array_lanes {
 
 #[expect(clippy::cast_possible_truncation, reason = "rounding to the nearest f32 is the purpose")]
 #[inline(always)]
-pub(super) fn rounded(value: f64) -> f32 {
+pub(crate) fn rounded(value: f64) -> f32 {
     value as f32
 }
 
-array_lanes!(F32Array, f32, u32, trigonometry::F32, rounded);
-array_lanes!(F64Array, f64, u64, trigonometry::F64, std::convert::identity);
+array_lanes!(F32Array, f32, u32, trigonometry::F32, exponential::F32, rounded);
+array_lanes!(
+    F64Array,
+    f64,
+    u64,
+    trigonometry::F64,
+    exponential::F64,
+    std::convert::identity
+);

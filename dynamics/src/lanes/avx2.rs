@@ -3,29 +3,29 @@
 use std::arch::x86_64::*;
 
 use super::array::rounded;
-use super::trigonometry;
 use super::x86::x86_lanes;
+use super::{exponential, trigonometry};
 
 x86_lanes! {
     /// 8 robots in single precision.
     F32x8(__m256) of f32, lanes 8, double F64x4,
-    trigonometry trigonometry::F32, round rounded,
+    trigonometry trigonometry::F32, exponential exponential::F32, round rounded,
     add _mm256_add_ps, sub _mm256_sub_ps, mul _mm256_mul_ps, div _mm256_div_ps,
     mul_add _mm256_fmadd_ps, neg_mul_add _mm256_fnmadd_ps,
     max _mm256_max_ps, xor _mm256_xor_ps, splat _mm256_set1_ps,
-    load _mm256_loadu_ps, store _mm256_storeu_ps, turn_by_quadrant turn_f32,
+    load _mm256_loadu_ps, store _mm256_storeu_ps, turn_by_quadrant turn_f32, doubled doubled_f32,
 }
 
 x86_lanes! {
     /// 4 robots in double precision.
     F64x4(__m256d) of f64, lanes 4, double F64x4,
-    trigonometry trigonometry::F64, round std::convert::identity,
+    trigonometry trigonometry::F64, exponential exponential::F64, round std::convert::identity,
     add _mm256_add_pd, sub _mm256_sub_pd, mul _mm256_mul_pd, div _mm256_div_pd,
     mul_add _mm256_fmadd_pd, neg_mul_add _mm256_fnmadd_pd,
     max _mm256_max_pd, xor _mm256_xor_pd, splat _mm256_set1_pd,
     load |values| _mm256_cvtps_pd(_mm_loadu_ps(values)),
     store |values, lanes| _mm_storeu_ps(values, _mm256_cvtpd_ps(lanes)),
-    turn_by_quadrant turn_f64,
+    turn_by_quadrant turn_f64, doubled doubled_f64,
 }
 
 #[inline]
@@ -58,4 +58,18 @@ fn turn_f64(quadrant: __m256d, sin: __m256d, cos: __m256d) -> (__m256d, __m256d)
         _mm256_xor_pd(_mm256_blendv_pd(sin, cos, odd), _mm256_castsi256_pd(sin_sign)),
         _mm256_xor_pd(_mm256_blendv_pd(cos, sin, odd), _mm256_castsi256_pd(cos_sign)),
     )
+}
+
+#[inline]
+#[target_feature(enable = "avx2")]
+fn doubled_f32(value: __m256, power: __m256) -> __m256 {
+    let exponent = _mm256_slli_epi32::<23>(_mm256_castps_si256(power));
+    _mm256_castsi256_ps(_mm256_add_epi32(_mm256_castps_si256(value), exponent))
+}
+
+#[inline]
+#[target_feature(enable = "avx2")]
+fn doubled_f64(value: __m256d, power: __m256d) -> __m256d {
+    let exponent = _mm256_slli_epi64::<52>(_mm256_castpd_si256(power));
+    _mm256_castsi256_pd(_mm256_add_epi64(_mm256_castpd_si256(value), exponent))
 }

@@ -3,29 +3,29 @@
 use std::arch::x86_64::*;
 
 use super::array::rounded;
-use super::trigonometry;
 use super::x86::x86_lanes;
+use super::{exponential, trigonometry};
 
 x86_lanes! {
     /// 16 robots in single precision.
     F32x16(__m512) of f32, lanes 16, double F64x8,
-    trigonometry trigonometry::F32, round rounded,
+    trigonometry trigonometry::F32, exponential exponential::F32, round rounded,
     add _mm512_add_ps, sub _mm512_sub_ps, mul _mm512_mul_ps, div _mm512_div_ps,
     mul_add _mm512_fmadd_ps, neg_mul_add _mm512_fnmadd_ps,
     max _mm512_max_ps, xor _mm512_xor_ps, splat _mm512_set1_ps,
-    load _mm512_loadu_ps, store _mm512_storeu_ps, turn_by_quadrant turn_f32,
+    load _mm512_loadu_ps, store _mm512_storeu_ps, turn_by_quadrant turn_f32, doubled doubled_f32,
 }
 
 x86_lanes! {
     /// 8 robots in double precision.
     F64x8(__m512d) of f64, lanes 8, double F64x8,
-    trigonometry trigonometry::F64, round std::convert::identity,
+    trigonometry trigonometry::F64, exponential exponential::F64, round std::convert::identity,
     add _mm512_add_pd, sub _mm512_sub_pd, mul _mm512_mul_pd, div _mm512_div_pd,
     mul_add _mm512_fmadd_pd, neg_mul_add _mm512_fnmadd_pd,
     max _mm512_max_pd, xor _mm512_xor_pd, splat _mm512_set1_pd,
     load |values| _mm512_cvtps_pd(_mm256_loadu_ps(values)),
     store |values, lanes| _mm256_storeu_ps(values, _mm512_cvtpd_ps(lanes)),
-    turn_by_quadrant turn_f64,
+    turn_by_quadrant turn_f64, doubled doubled_f64,
 }
 
 #[inline]
@@ -56,4 +56,18 @@ fn turn_f64(quadrant: __m512d, sin: __m512d, cos: __m512d) -> (__m512d, __m512d)
         _mm512_xor_pd(_mm512_mask_blend_pd(odd, sin, cos), _mm512_castsi512_pd(sin_sign)),
         _mm512_xor_pd(_mm512_mask_blend_pd(odd, cos, sin), _mm512_castsi512_pd(cos_sign)),
     )
+}
+
+#[inline]
+#[target_feature(enable = "avx512f,avx512dq")]
+fn doubled_f32(value: __m512, power: __m512) -> __m512 {
+    let exponent = _mm512_slli_epi32::<23>(_mm512_castps_si512(power));
+    _mm512_castsi512_ps(_mm512_add_epi32(_mm512_castps_si512(value), exponent))
+}
+
+#[inline]
+#[target_feature(enable = "avx512f,avx512dq")]
+fn doubled_f64(value: __m512d, power: __m512d) -> __m512d {
+    let exponent = _mm512_slli_epi64::<52>(_mm512_castpd_si512(power));
+    _mm512_castsi512_pd(_mm512_add_epi64(_mm512_castpd_si512(value), exponent))
 }

@@ -10,6 +10,7 @@ mod array;
 mod avx2;
 #[cfg(target_arch = "x86_64")]
 mod avx512;
+mod exponential;
 mod kernels;
 mod trigonometry;
 #[cfg(target_arch = "x86_64")]
@@ -17,11 +18,14 @@ mod x86;
 
 use std::ops::{Add, Mul, Neg, Sub};
 
+#[cfg(test)]
+pub(crate) use array::rounded;
 pub(crate) use array::{F32Array, F64Array};
 #[cfg(target_arch = "x86_64")]
 pub(crate) use avx2::{F32x8, F64x4};
 #[cfg(target_arch = "x86_64")]
 pub(crate) use avx512::{F32x16, F64x8};
+pub(crate) use exponential::Exponential;
 pub(crate) use kernels::Kernels;
 pub(crate) use trigonometry::Trigonometry;
 
@@ -38,6 +42,8 @@ pub(crate) trait Lanes:
     const LANES: usize;
     /// Coefficients that make [`Lanes::sin_cos`] as accurate as the number format.
     const TRIGONOMETRY: Trigonometry;
+    /// Constants that make [`Lanes::exp`] as accurate as the number format.
+    const EXPONENTIAL: Exponential;
     /// Lanes of f64 with the same instructions.
     type Double: Lanes;
 
@@ -53,6 +59,10 @@ pub(crate) trait Lanes:
     /// the integer `quadrant` sits in the low bits of each lane's representation.
     fn turn_by_quadrant(quadrant: Self, sin: Self, cos: Self) -> (Self, Self);
 
+    /// `self · 2^power`, where the integer `power` sits in the low bits of each lane's representation
+    /// and the result is in the normal range.
+    fn doubled(self, power: Self) -> Self;
+
     fn lane(&self, lane: usize) -> f64;
     /// Rounds `value` to the lane's format.
     fn set_lane(&mut self, lane: usize, value: f64);
@@ -65,5 +75,11 @@ pub(crate) trait Lanes:
     #[inline(always)]
     fn sin_cos(self) -> (Self, Self) {
         trigonometry::sin_cos(self)
+    }
+
+    /// e to the power of `self`, to about the last place while |self| ≤ 87.
+    #[inline(always)]
+    fn exp(self) -> Self {
+        exponential::exp(self)
     }
 }

@@ -59,8 +59,9 @@ pub(super) fn sin_cos<L: Lanes>(angle: L) -> (L, L) {
     L::turn_by_quadrant(quadrant, sin, cos)
 }
 
+/// Σ coefficients · powers of `x`, highest power first.
 #[inline(always)]
-fn polynomial<L: Lanes>(coefficients: &'static [f64], x: L) -> L {
+pub(super) fn polynomial<L: Lanes>(coefficients: &'static [f64], x: L) -> L {
     let mut sum = L::splat(coefficients[0]);
     for &coefficient in &coefficients[1..] {
         sum = sum.mul_add(x, L::splat(coefficient));

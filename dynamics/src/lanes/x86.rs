@@ -9,11 +9,11 @@ macro_rules! x86_lanes {
     (
         $(#[$doc:meta])*
         $name:ident($vector:ty) of $scalar:ty, lanes $lanes:literal, double $double:ty,
-        trigonometry $trigonometry:expr, round $round:expr,
+        trigonometry $trigonometry:expr, exponential $exponential:expr, round $round:expr,
         add $add:ident, sub $sub:ident, mul $mul:ident, div $div:ident,
         mul_add $mul_add:ident, neg_mul_add $neg_mul_add:ident,
         max $max:ident, xor $xor:ident, splat $splat:ident,
-        load $load:expr, store $store:expr, turn_by_quadrant $turn:ident,
+        load $load:expr, store $store:expr, turn_by_quadrant $turn:ident, doubled $doubled:ident,
     ) => {
         $(#[$doc])*
         #[derive(Clone, Copy)]
@@ -59,6 +59,7 @@ macro_rules! x86_lanes {
         impl $crate::lanes::Lanes for $name {
             const LANES: usize = $lanes;
             const TRIGONOMETRY: $crate::lanes::Trigonometry = $trigonometry;
+            const EXPONENTIAL: $crate::lanes::Exponential = $exponential;
             type Double = $double;
 
             #[inline(always)]
@@ -96,6 +97,12 @@ macro_rules! x86_lanes {
                 // SAFETY: the processor has the instructions, see the macro.
                 let (sin, cos) = unsafe { $turn(quadrant.0, sin.0, cos.0) };
                 (Self(sin), Self(cos))
+            }
+
+            #[inline(always)]
+            fn doubled(self, power: Self) -> Self {
+                // SAFETY: the processor has the instructions, see the macro.
+                Self(unsafe { $doubled(self.0, power.0) })
             }
 
             #[inline(always)]

@@ -6,7 +6,7 @@ use models::{Batch, TrainingData};
 use rand_chacha::ChaCha8Rng;
 use rand_core::{Rng, SeedableRng};
 use spec::{
-    DatasetRef, Execution, JOINTS, ModelSpec, Normalization, OptimizerSpec, RoboMorphSpec,
+    DataSource, Execution, JOINTS, ModelSpec, Normalization, OptimizerSpec, RoboMorphSpec,
     TrainSpec,
 };
 
@@ -17,7 +17,7 @@ pub const DATA: TrainingData = TrainingData { samples: SAMPLES, rate_hz: 60.0, s
 /// A training of a model of some two thousand parameters.
 pub fn train_spec() -> TrainSpec {
     TrainSpec {
-        data: DatasetRef::Dataset(1),
+        data: DataSource::Dataset(1),
         model: ModelSpec::RoboMorph(RoboMorphSpec {
             d_model: 8,
             heads: 2,

@@ -1,11 +1,9 @@
 use evaluation::{PredictorInfo, PredictorKind, TrainedOn};
 use models::{CONFIG_FILE, Device, MODEL_FILE, TrainedModel};
-use spec::{
-    CheckpointRef, DatasetRef, Digest, EvaluateSpec, Normalization, SimulateSpec, TrainSpec,
-};
+use spec::{CheckpointRef, DataSource, Digest, EvaluateSpec, JobSpec, Normalization};
 use store::JobState;
 
-use crate::attempt::{Attempt, read_spec};
+use crate::attempt::Attempt;
 use crate::error::TaskError;
 
 /// A checkpoint of an evaluation, with what is known of its training.
@@ -44,13 +42,19 @@ impl LoadedCheckpoint {
         };
         let model = TrainedModel::load(&read(MODEL_FILE)?, &read(CONFIG_FILE)?, &Device::cpu())?;
 
-        let training: TrainSpec = stored_spec(attempt, *digest)?;
+        let JobSpec::Train(training) = stored_spec(attempt, *digest)? else {
+            return Err(missing(digest.to_string()));
+        };
         let trained_on = match &training.data {
-            DatasetRef::Digest(data) => {
-                let data: SimulateSpec = stored_spec(attempt, *data)?;
-                TrainedOn::of(&data.excitation).collect()
+            DataSource::Digest(data) => {
+                match stored_spec(attempt, *data)? {
+                    JobSpec::Simulate(data) => TrainedOn::of(&data.excitation).collect(),
+                    // Recordings do not say what excited them.
+                    _ => Vec::new(),
+                }
             }
-            DatasetRef::Job(_) | DatasetRef::Dataset(_) => Vec::new(),
+            DataSource::Stream(data) => TrainedOn::of(&data.excitation).collect(),
+            DataSource::Job(_) | DataSource::Dataset(_) => Vec::new(),
         };
         let leaky = match training.normalization {
             Normalization::PaperLeaky => " (paper-leaky)",
@@ -67,14 +71,11 @@ impl LoadedCheckpoint {
 }
 
 /// The spec of a job that succeeded, by its digest.
-fn stored_spec<T: serde::de::DeserializeOwned>(
-    attempt: &Attempt,
-    digest: Digest,
-) -> Result<T, TaskError> {
+fn stored_spec(attempt: &Attempt, digest: Digest) -> Result<JobSpec, TaskError> {
     let job = attempt
         .wait(attempt.store.job_by_digest(digest, &[JobState::Succeeded]))?
         .ok_or_else(|| TaskError::Missing { what: "the job of spec", name: digest.to_string() })?;
-    read_spec(&job.spec)
+    Ok(serde_json::from_value(job.spec)?)
 }
 
 /// Adds the digest to names that several checkpoints share.

@@ -4,7 +4,7 @@ mod checkpoints;
 mod report;
 
 use evaluation::{CellResult, LeakyLearned, Learned, Predictor, Scenarios, baseline};
-use spec::EvaluateSpec;
+use spec::{DataSpec, EvaluateSpec, JOINTS, RobotSpec};
 
 use crate::attempt::Attempt;
 use crate::dataset::DatasetReader;
@@ -25,7 +25,7 @@ pub(crate) fn cell(attempt: &Attempt) -> Result<(), TaskError> {
     let scenarios = Scenarios {
         size: series.count(),
         samples: series.samples,
-        rate_hz: data.spec.rate_hz,
+        rate_hz: data.spec.rate_hz(),
         u: series.u,
         y: series.y,
     };
@@ -45,6 +45,12 @@ pub(crate) fn cell(attempt: &Attempt) -> Result<(), TaskError> {
     Ok(())
 }
 
+/// Viscous damping that the damped integrator assumes, N·m·s/rad: that of the nominal robot.
+fn nominal_damping(data: &DataSpec) -> [f64; JOINTS] {
+    data.simulation()
+        .map_or_else(|| RobotSpec::default().damping_nm_s_rad, |spec| spec.robot.damping_nm_s_rad)
+}
+
 /// Baselines first, then checkpoints: the order of every table.
 fn predictors<'a>(
     spec: &EvaluateSpec,
@@ -52,7 +58,7 @@ fn predictors<'a>(
     checkpoints: &'a [LoadedCheckpoint],
     scenarios: &'a Scenarios,
 ) -> Vec<Box<dyn Predictor + 'a>> {
-    let damping = data.spec.robot.damping_nm_s_rad;
+    let damping = nominal_damping(&data.spec);
     let baselines = spec.baselines.iter().map(|&name| baseline(name, damping));
     let learned = checkpoints.iter().map(|LoadedCheckpoint { info, model, .. }| {
         let name = info.name.clone();

@@ -4,6 +4,7 @@ use spec::EvaluateSpec;
 use store::NewArtifact;
 
 use super::checkpoints::LoadedCheckpoint;
+use super::nominal_damping;
 use crate::attempt::Attempt;
 use crate::dataset::DatasetReader;
 use crate::error::TaskError;
@@ -15,8 +16,9 @@ pub(crate) fn report(attempt: &Attempt) -> Result<(), TaskError> {
     let checkpoints = LoadedCheckpoint::load_all(attempt, &spec)?;
     let cells = cell_results(attempt)?;
 
+    let damping = nominal_damping(&data.spec);
     let baselines = spec.baselines.iter().map(|&baseline| PredictorInfo {
-        name: evaluation::baseline(baseline, data.spec.robot.damping_nm_s_rad).name().to_owned(),
+        name: evaluation::baseline(baseline, damping).name().to_owned(),
         kind: PredictorKind::Baseline,
         digest: None,
         normalization: None,
@@ -26,8 +28,8 @@ pub(crate) fn report(attempt: &Attempt) -> Result<(), TaskError> {
         checkpoints.iter().map(|checkpoint| checkpoint.trained_on.clone()).collect();
     let report = summarize(
         spec.context,
-        data.spec.samples,
-        data.spec.rate_hz,
+        data.spec.samples(),
+        data.spec.rate_hz(),
         spec.bootstrap,
         baselines.chain(learned).collect(),
         &trained_on,

@@ -47,7 +47,7 @@ fn send_epoch(
     let size = order.batch_size();
     let mut to_skip = usize::try_from(skipped).unwrap_or(usize::MAX).saturating_mul(size);
     let mut left = count;
-    let mut batch = BatchBuilder::new(size, data.spec.samples as usize);
+    let mut batch = BatchBuilder::new(size, data.spec.samples() as usize);
     for window in order.epoch(epoch).windows {
         if to_skip >= window.trajectories.len() {
             to_skip -= window.trajectories.len();

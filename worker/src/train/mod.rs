@@ -34,7 +34,7 @@ const KEPT_CHECKPOINTS: u32 = 2;
 pub(crate) fn train(attempt: &Attempt) -> Result<(), TaskError> {
     let spec: TrainSpec = attempt.spec()?;
     let data = DatasetReader::open(attempt, &spec.data)?;
-    let trained = spec.training_trajectories(&data.spec);
+    let trained = spec.training_trajectories(data.count());
     let trainer = trainer(attempt, &spec, &data, trained)?;
     let first = trainer.steps_done();
     attempt.wait(attempt.store.delete_metrics_after(attempt.fence(), first))?;
@@ -68,7 +68,7 @@ fn trainer(
 ) -> Result<Trainer, TaskError> {
     let digest = attempt.task.digest.to_string();
     let device = Device::cpu();
-    let (samples, rate_hz) = (data.spec.samples, data.spec.rate_hz);
+    let (samples, rate_hz) = (data.spec.samples(), data.spec.rate_hz());
     let data_of = |statistics| TrainingData { samples, rate_hz, statistics };
     let latest = attempt.wait(attempt.store.latest_checkpoint(attempt.task.job))?;
     if let Some(checkpoint) = latest {
@@ -124,7 +124,7 @@ fn validation(
     data: &DatasetReader,
     trained: u64,
 ) -> Result<Vec<Batch>, TaskError> {
-    let count = spec.validation_trajectories(&data.spec).min(VALIDATION_TRAJECTORIES);
+    let count = spec.validation_trajectories(data.count()).min(VALIDATION_TRAJECTORIES);
     let size = u64::from(spec.batch_size);
     let end = trained + count;
     (trained..end)

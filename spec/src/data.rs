@@ -1,0 +1,66 @@
+use crate::{Cell, ImportSpec, JobSpec, SimulateSpec};
+
+/// What makes trajectories: the spec behind a dataset or a stream.
+#[expect(clippy::large_enum_variant, reason = "a handful exist at a time")]
+#[derive(Clone, Debug, PartialEq)]
+pub enum DataSpec {
+    Simulation(SimulateSpec),
+    Import(ImportSpec),
+}
+
+impl DataSpec {
+    /// The data that `job` makes; `None` for jobs that make none.
+    pub fn of(job: &JobSpec) -> Option<Self> {
+        match job {
+            JobSpec::Simulate(spec) => Some(Self::Simulation(spec.clone())),
+            JobSpec::Import(spec) => Some(Self::Import(spec.clone())),
+            JobSpec::Train(_)
+            | JobSpec::Evaluate(_)
+            | JobSpec::Verify(_)
+            | JobSpec::Pipeline(_) => None,
+        }
+    }
+
+    /// Samples per trajectory.
+    pub fn samples(&self) -> u32 {
+        match self {
+            Self::Simulation(spec) => spec.samples,
+            Self::Import(spec) => spec.samples,
+        }
+    }
+
+    pub fn rate_hz(&self) -> f64 {
+        match self {
+            Self::Simulation(spec) => spec.rate_hz,
+            Self::Import(spec) => spec.rate_hz,
+        }
+    }
+
+    /// `None` for an import, of which only its result tells.
+    pub fn trajectories(&self) -> Option<u64> {
+        match self {
+            Self::Simulation(spec) => Some(spec.trajectories),
+            Self::Import(_) => None,
+        }
+    }
+
+    /// Shards, and so tasks, of the dataset.
+    pub fn shard_count(&self) -> u64 {
+        match self {
+            Self::Simulation(spec) => spec.shard_count(),
+            Self::Import(_) => 1,
+        }
+    }
+
+    /// The cells of a simulation's frequency grid, in order; none without one.
+    pub fn cells(&self) -> Vec<Cell> {
+        self.simulation().map(SimulateSpec::cells).unwrap_or_default()
+    }
+
+    pub fn simulation(&self) -> Option<&SimulateSpec> {
+        match self {
+            Self::Simulation(spec) => Some(spec),
+            Self::Import(_) => None,
+        }
+    }
+}

@@ -1,0 +1,47 @@
+//! `{"stream": SPEC}` in a job's `data`: a simulation that is never stored.
+
+use serde_json::{Map, Value};
+
+use crate::check::{Check, Report};
+use crate::job::shorten;
+use crate::{DataSource, MAX_TRAJECTORIES, SpecError, preset};
+
+/// Resolves the preset of a stream, and takes the `kind` that a copied job may have.
+pub(crate) fn resolve(mut fields: Map<String, Value>) -> Result<Map<String, Value>, SpecError> {
+    if let Some(stream) = stream_of(&mut fields) {
+        resolve_fields(stream).map_err(|error| error.within("data.stream"))?;
+    }
+    Ok(fields)
+}
+
+/// As [`resolve`], for a training, whose stream need not say how many robots it has.
+pub(crate) fn resolve_endless(fields: Map<String, Value>) -> Result<Map<String, Value>, SpecError> {
+    let mut fields = resolve(fields)?;
+    if let Some(stream) = stream_of(&mut fields) {
+        stream.entry("trajectories").or_insert_with(|| MAX_TRAJECTORIES.into());
+    }
+    Ok(fields)
+}
+
+fn stream_of(fields: &mut Map<String, Value>) -> Option<&mut Map<String, Value>> {
+    fields.get_mut("data")?.get_mut("stream")?.as_object_mut()
+}
+
+fn resolve_fields(stream: &mut Map<String, Value>) -> Result<(), SpecError> {
+    *stream = preset::resolve_job(std::mem::take(stream))?;
+    match stream.remove("kind") {
+        None => Ok(()),
+        Some(kind) if kind == "simulate" => Ok(()),
+        Some(other) => Err(SpecError::one("kind", shorten(&other), "simulate")),
+    }
+}
+
+impl Check for DataSource {
+    fn check(&self, report: &mut Report) {
+        let Self::Stream(stream) = self else { return };
+        report.part("stream", stream.as_ref());
+        if !stream.execution.is_default() {
+            report.violation("stream.execution", "given", "nothing: a stream is no job of its own");
+        }
+    }
+}

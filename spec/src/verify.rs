@@ -1,0 +1,24 @@
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use crate::check::{Check, Report};
+use crate::{DataSource, Execution};
+
+/// Make a dataset again, shard by shard, and compare it with what is stored.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct VerifySpec {
+    /// A dataset; a stream has nothing to compare with.
+    pub data: DataSource,
+    #[serde(default, skip_serializing_if = "Execution::is_default")]
+    pub execution: Execution,
+}
+
+impl Check for VerifySpec {
+    fn check(&self, report: &mut Report) {
+        if let DataSource::Stream(_) = self.data {
+            report.violation("data", "a stream", r#"{"dataset": ID} or {"digest": HEX}"#);
+        }
+        report.part("execution", &self.execution);
+    }
+}
