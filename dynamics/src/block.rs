@@ -6,9 +6,11 @@
 
 use std::ops::ControlFlow;
 
-use spec::{JOINTS, Rejection};
+use spec::{Gravity, JOINTS, Rejection};
 
+use crate::forward_dynamics::Dynamics;
 use crate::integrators::{Scheme, State, advance};
+use crate::kinematics::POSE;
 use crate::lanes::{Kernels, MAX_LANES};
 use crate::model::Model;
 use crate::rejection::Clearance;
@@ -23,6 +25,10 @@ pub(crate) struct Block<'a> {
     pub(crate) u: &'a mut [f32],
     /// Positions, [trajectory, sample, joint].
     pub(crate) q: &'a mut [f32],
+    /// Velocities, [trajectory, sample, joint].
+    pub(crate) qd: Option<&'a mut [f32]>,
+    /// Poses of the hand, [trajectory, sample, 7].
+    pub(crate) end_effector: Option<&'a mut [f32]>,
     /// Told how many more trajectories are finished; may ask to stop.
     pub(crate) finished: &'a (dyn Fn(u64) -> ControlFlow<()> + Sync),
 }
@@ -42,13 +48,14 @@ enum Lane {
     },
 }
 
-/// Fills the block's `u` and `q`. Returns early when `finished` says so.
+/// Fills the block's series. Returns early when `finished` says so.
 #[inline(always)]
 pub(crate) fn simulate<L: Kernels>(block: &mut Block<'_>) -> Result<(), DynamicsError> {
     let spec = block.source.spec();
     let scheme = Scheme::from(spec.integrator);
     let period = 1.0 / spec.rate_hz;
-    let row_len = spec.samples as usize * JOINTS;
+    let samples = spec.samples as usize;
+    let row_len = samples * JOINTS;
     let clearance = Clearance::<L>::new(&spec.rejection);
 
     let mut model = Model::splat(&Robot::nominal(&spec.robot));
@@ -78,23 +85,43 @@ pub(crate) fn simulate<L: Kernels>(block: &mut Block<'_>) -> Result<(), Dynamics
             return Ok(());
         }
 
+        let mut torques = [[0.0; MAX_LANES]; JOINTS];
+        for lane in 0..L::LANES {
+            let Lane::Running { row, sample } = lanes[lane] else { continue };
+            let u = &block.u[row * row_len + sample * JOINTS..][..JOINTS];
+            for joint in 0..JOINTS {
+                torques[joint][lane] = u[joint];
+            }
+        }
+        if spec.robot.gravity == Gravity::Compensated {
+            add_gravity_torques(&model, &state.q, &mut torques);
+        }
         let mut positions = [[0.0; MAX_LANES]; JOINTS];
+        let mut velocities = [[0.0; MAX_LANES]; JOINTS];
         for joint in 0..JOINTS {
             state.q[joint].store(&mut positions[joint]);
+            state.qd[joint].store(&mut velocities[joint]);
         }
         let mut excess = [0.0; MAX_LANES];
         clearance.excess(&state.q).store(&mut excess);
 
-        let mut torques = [[0.0; MAX_LANES]; JOINTS];
         let mut finished = 0;
         for lane in 0..L::LANES {
             let Lane::Running { row, sample } = lanes[lane] else { continue };
             let at = row * row_len + sample * JOINTS;
-            let q = &mut block.q[at..at + JOINTS];
+            let (u, q) = (&mut block.u[at..][..JOINTS], &mut block.q[at..][..JOINTS]);
             let mut finite = true;
             for joint in 0..JOINTS {
+                u[joint] = torques[joint][lane];
                 q[joint] = positions[joint][lane];
                 finite &= q[joint].is_finite();
+            }
+            if let Some(qd) = &mut block.qd {
+                let qd = &mut qd[at..][..JOINTS];
+                for joint in 0..JOINTS {
+                    qd[joint] = velocities[joint][lane];
+                    finite &= qd[joint].is_finite();
+                }
             }
             if !finite {
                 return Err(not_finite(&block.scenarios[row], spec.seed, sample));
@@ -102,14 +129,15 @@ pub(crate) fn simulate<L: Kernels>(block: &mut Block<'_>) -> Result<(), Dynamics
             if excess[lane] > 0.0 {
                 redraw(block.source, &spec.rejection, &mut block.scenarios[row])?;
                 lanes[lane] = Lane::Starting { row };
-            } else if (sample + 1) * JOINTS == row_len {
+            } else if sample + 1 == samples {
+                if let Some(poses) = &mut block.end_effector {
+                    let q = &block.q[row * row_len..][..row_len];
+                    let poses = &mut poses[row * samples * POSE..][..samples * POSE];
+                    block.scenarios[row].robot.kinematics.record_poses::<L::Double>(q, poses);
+                }
                 lanes[lane] = Lane::Idle;
                 finished += 1;
             } else {
-                let u = &block.u[at..at + JOINTS];
-                for joint in 0..JOINTS {
-                    torques[joint][lane] = u[joint];
-                }
                 lanes[lane] = Lane::Running { row, sample: sample + 1 };
             }
         }
@@ -122,6 +150,20 @@ pub(crate) fn simulate<L: Kernels>(block: &mut Block<'_>) -> Result<(), Dynamics
             torque[joint] = L::load(&torques[joint]);
         }
         advance(scheme, period, &model, &torque, &mut state);
+    }
+}
+
+/// Adds g(q) of each lane's robot, so that what is recorded and what acts are the same f32.
+#[inline(always)]
+fn add_gravity_torques<L: Kernels>(
+    model: &Model<L>,
+    q: &Joints<L>,
+    torques: &mut [[f32; MAX_LANES]; JOINTS],
+) {
+    let mut at_rest = Dynamics::zero();
+    L::mass_matrix_and_bias(model, q, &[L::splat(0.0); JOINTS], &mut at_rest);
+    for joint in 0..JOINTS {
+        (L::load(&torques[joint]) + at_rest.bias[joint]).store(&mut torques[joint]);
     }
 }
 

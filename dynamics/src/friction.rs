@@ -20,11 +20,7 @@ pub struct Friction {
 
 impl Friction {
     pub(crate) fn nominal(spec: &spec::Friction) -> Self {
-        Self {
-            phi1_nm: spec.phi1_nm,
-            phi2_s_rad: spec.phi2_s_rad,
-            phi3_rad_s: spec.phi3_rad_s,
-        }
+        Self { phi1_nm: spec.phi1_nm, phi2_s_rad: spec.phi2_s_rad, phi3_rad_s: spec.phi3_rad_s }
     }
 }
 

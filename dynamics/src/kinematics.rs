@@ -100,8 +100,7 @@ impl Kinematics {
             for part in 0..4 {
                 hand.quaternion[part].store(&mut components[3 + part]);
             }
-            let sign =
-                *sign.get_or_insert(if components[POSE - 1][0] < 0.0 { -1.0 } else { 1.0 });
+            let sign = *sign.get_or_insert(if components[POSE - 1][0] < 0.0 { -1.0 } else { 1.0 });
             for (lane, pose) in poses.chunks_exact_mut(POSE).enumerate() {
                 for part in 0..POSE {
                     pose[part] = components[part][lane];
@@ -131,8 +130,7 @@ impl<L: Lanes> HandPose<L> {
         let one = L::splat(1.0);
         let mut position = [zero, zero, *flange];
         // Of the hand in link 7: a turn by −45° about z, halved.
-        let mut quaternion =
-            [zero, zero, L::splat(-SIN_PI_8), L::splat(COS_PI_8)];
+        let mut quaternion = [zero, zero, L::splat(-SIN_PI_8), L::splat(COS_PI_8)];
         macro_rules! inwards {
             ($($joint:literal)*) => {$(
                 let half = Turn::by(q[$joint] * L::splat(0.5));
@@ -188,9 +186,7 @@ mod tests {
     /// The hand's pose from the modified DH table, with rotations and translations multiplied out.
     fn multiplied_out(kinematics: &Kinematics, q: Joints<f64>) -> Isometry3<f64> {
         let alpha = [0.0, -90.0, 90.0, 90.0, -90.0, 90.0, 90.0_f64];
-        let turn = |axis: Vector3<f64>, angle: f64| {
-            UnitQuaternion::from_scaled_axis(axis * angle)
-        };
+        let turn = |axis: Vector3<f64>, angle: f64| UnitQuaternion::from_scaled_axis(axis * angle);
         let shift = |x: f64, z: f64| Translation3::new(x, 0.0, z);
         let mut pose = Isometry3::identity();
         for joint in 0..JOINTS {

@@ -47,7 +47,7 @@ pub use kinematics::{Kinematics, Pose};
 pub use panda::JOINT_LIMITS_RAD;
 pub use robot::{Payload, Robot};
 pub use scenario::{Scenario, Scenarios};
-pub use simulate::{Trajectories, simulate, simulate_on};
+pub use simulate::{Trajectories, simulate, simulate_into, simulate_on};
 pub use single::{bias_forces, forward_dynamics, gravity, mass_matrix};
 
 /// One value per joint.

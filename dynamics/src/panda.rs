@@ -196,7 +196,8 @@ mod tests {
     #[test]
     fn welding_keeps_the_mass() {
         let bodies = Bodies::nominal();
-        let welded: f64 = bodies.welded(KINEMATICS.flange_m, None).iter().map(|link| link.mass).sum();
+        let welded: f64 =
+            bodies.welded(KINEMATICS.flange_m, None).iter().map(|link| link.mass).sum();
         let mut bodies = bodies;
         let apart: f64 = bodies.each_mut().map(|body| body.mass).sum();
         assert!((welded - apart).abs() < 1e-14);

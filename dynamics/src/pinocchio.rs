@@ -228,6 +228,8 @@ fn trajectory_error(
         scenarios: &mut scenarios,
         u: &mut u,
         q: &mut q,
+        qd: None,
+        end_effector: None,
         finished: &|_| ControlFlow::Continue(()),
     };
     instructions.simulate(precision, &mut block).unwrap();

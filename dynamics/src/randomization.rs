@@ -189,9 +189,9 @@ mod tests {
             geometry_fraction: 0.1,
             friction: Some(spec::Friction::default()),
             payload: Some(payload),
-            ..paper.clone()
+            ..RobotSpec::default()
         };
-        let only_payload = RobotSpec { payload: more.payload.clone(), ..paper.clone() };
+        let only_payload = RobotSpec { payload: more.payload.clone(), ..RobotSpec::default() };
         for seed in 0..50 {
             let (plain, all) = (draw(&paper, seed), draw(&more, seed));
             assert_eq!(plain.links[..6], all.links[..6]);
@@ -247,11 +247,8 @@ mod tests {
         let (bare, loaded) = (draw(&spec, 5), draw(&loaded, 5));
         // The hand is turned by −45° about the flange's axis.
         let (c, s) = (std::f64::consts::FRAC_1_SQRT_2, -std::f64::consts::FRAC_1_SQRT_2);
-        let center = [
-            c * 0.02 - s * -0.01,
-            s * 0.02 + c * -0.01,
-            loaded.kinematics.flange_m + 0.1034,
-        ];
+        let center =
+            [c * 0.02 - s * -0.01, s * 0.02 + c * -0.01, loaded.kinematics.flange_m + 0.1034];
         for axis in 0..3 {
             let moment = |robot: &Robot| robot.links[6].mass * robot.links[6].com[axis];
             let added = moment(&loaded) - moment(&bare);

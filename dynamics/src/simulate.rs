@@ -5,10 +5,11 @@ use rayon::prelude::*;
 use spec::{JOINTS, SimulateSpec};
 
 use crate::block::Block;
+use crate::kinematics::POSE;
 use crate::{DynamicsError, InstructionSet, Scenario, Scenarios};
 
 /// Simulated trajectories with consecutive indices.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Trajectories {
     /// Index of the first.
     pub first: u64,
@@ -16,11 +17,17 @@ pub struct Trajectories {
     /// Samples per trajectory.
     pub samples: usize,
     /// Torques in N·m, [trajectory, sample, joint]. `u[k]` is held from sample k to k + 1, and is to
-    /// the last bit what acted.
+    /// the last bit what acted: the excitation, plus g(q\[k\]) where gravity is compensated.
     pub u: Vec<f32>,
     /// Positions in rad, [trajectory, sample, joint]. `q[k]` is the state at k / rate, before `u[k]`
     /// acts.
     pub q: Vec<f32>,
+    /// Velocities in rad/s, [trajectory, sample, joint], when the spec asks for them.
+    pub qd: Option<Vec<f32>>,
+    /// Pose of the hand's frame in the base's at the recorded positions, [trajectory, sample, 7], when
+    /// the spec asks for it: x, y, z in m and a unit quaternion qx, qy, qz, qw that begins with qw ≥ 0
+    /// and never jumps to its negative.
+    pub end_effector: Option<Vec<f32>>,
     pub scenarios: Vec<Scenario>,
     /// Draws that came too close to a joint limit, all trajectories together.
     pub rejected: u64,
@@ -53,16 +60,56 @@ pub fn simulate_on(
     range: Range<u64>,
     progress: &(dyn Fn(u64) -> ControlFlow<()> + Sync),
 ) -> Result<Trajectories, DynamicsError> {
-    let trajectories = range.end.saturating_sub(range.start);
+    let mut trajectories = Trajectories::default();
+    simulate_into(instructions, spec, range, progress, &mut trajectories)?;
+    Ok(trajectories)
+}
+
+/// As [`simulate_on`], in the memory of trajectories that are no longer needed: a generator that is
+/// asked again and again spends no time on fresh pages.
+///
+/// # Errors
+///
+/// As [`simulate`]; `trajectories` are then none.
+pub fn simulate_into(
+    instructions: InstructionSet,
+    spec: &SimulateSpec,
+    range: Range<u64>,
+    progress: &(dyn Fn(u64) -> ControlFlow<()> + Sync),
+    trajectories: &mut Trajectories,
+) -> Result<(), DynamicsError> {
+    let result = fill(instructions, spec, range, progress, trajectories);
+    if result.is_err() {
+        trajectories.resize(0, 0)?;
+        trajectories.scenarios.clear();
+    }
+    result
+}
+
+fn fill(
+    instructions: InstructionSet,
+    spec: &SimulateSpec,
+    range: Range<u64>,
+    progress: &(dyn Fn(u64) -> ControlFlow<()> + Sync),
+    trajectories: &mut Trajectories,
+) -> Result<(), DynamicsError> {
     let samples = spec.samples as usize;
     let row_len = samples * JOINTS;
-    let too_large = || DynamicsError::TooLarge { trajectories, samples: spec.samples };
-    let count = usize::try_from(trajectories).map_err(|_| too_large())?;
-    let len = count.checked_mul(row_len).ok_or_else(too_large)?;
-    let mut u = vec![0.0; len];
-    let mut q = vec![0.0; len];
+    let pose_len = samples * POSE;
+    trajectories.first = range.start;
+    trajectories.qd =
+        spec.observations.joint_velocities.then(|| trajectories.qd.take().unwrap_or_default());
+    trajectories.end_effector = spec
+        .observations
+        .end_effector_pose
+        .then(|| trajectories.end_effector.take().unwrap_or_default());
+    trajectories.resize(range.end.saturating_sub(range.start), spec.samples)?;
+    let Trajectories { count, u, q, qd, end_effector, scenarios, rejected, .. } = trajectories;
 
     let source = Scenarios::new(spec);
+    let drawn = (0..*count).into_par_iter().map(|row| source.draw(range.start + row as u64, 1));
+    drawn.collect_into_vec(scenarios);
+
     let done = AtomicU64::new(0);
     let cancelled = AtomicBool::new(false);
     let finished = |count| {
@@ -74,31 +121,65 @@ pub fn simulate_on(
         ControlFlow::Continue(())
     };
 
-    let rows = block_rows(count, instructions.lanes(spec.precision));
-    let indices: Vec<u64> = range.clone().collect();
-    let blocks = indices
-        .par_chunks(rows)
-        .zip(u.par_chunks_mut(rows * row_len))
-        .zip(q.par_chunks_mut(rows * row_len))
-        .map(|((indices, u), q)| {
-            if cancelled.load(Ordering::Relaxed) {
-                return Ok(Vec::new());
-            }
-            let mut scenarios: Vec<_> =
-                indices.iter().map(|&index| source.draw(index, 1)).collect();
-            let mut block =
-                Block { source: &source, scenarios: &mut scenarios, u, q, finished: &finished };
-            instructions.simulate(spec.precision, &mut block)?;
-            Ok(scenarios)
-        })
-        .collect::<Result<Vec<_>, DynamicsError>>()?;
+    let rows = block_rows(*count, instructions.lanes(spec.precision));
+    let mut u = u.chunks_mut(rows * row_len);
+    let mut q = q.chunks_mut(rows * row_len);
+    let mut qd = qd.as_mut().map(|qd| qd.chunks_mut(rows * row_len));
+    let mut end_effector = end_effector.as_mut().map(|poses| poses.chunks_mut(rows * pose_len));
+    let mut blocks = Vec::with_capacity(count.div_ceil(rows));
+    for scenarios in scenarios.chunks_mut(rows) {
+        blocks.push(Block {
+            source: &source,
+            scenarios,
+            u: u.next().unwrap_or_default(),
+            q: q.next().unwrap_or_default(),
+            qd: qd.as_mut().and_then(Iterator::next),
+            end_effector: end_effector.as_mut().and_then(Iterator::next),
+            finished: &finished,
+        });
+    }
+    blocks.into_par_iter().try_for_each(|mut block| {
+        if cancelled.load(Ordering::Relaxed) {
+            return Ok(());
+        }
+        instructions.simulate(spec.precision, &mut block)
+    })?;
     if cancelled.into_inner() {
         return Err(DynamicsError::Cancelled { range });
     }
+    *rejected = scenarios.iter().map(|scenario| u64::from(scenario.draws - 1)).sum();
+    Ok(())
+}
 
-    let scenarios = blocks.concat();
-    let rejected = scenarios.iter().map(|scenario| u64::from(scenario.draws - 1)).sum();
-    Ok(Trajectories { first: range.start, count, samples, u, q, scenarios, rejected })
+impl Trajectories {
+    /// Makes room for so many trajectories and samples, whose values are to be overwritten.
+    fn resize(&mut self, trajectories: u64, samples: u32) -> Result<(), DynamicsError> {
+        let too_large = || DynamicsError::TooLarge { trajectories, samples };
+        self.samples = samples as usize;
+        self.count = usize::try_from(trajectories).map_err(|_| too_large())?;
+        let values = self.count.checked_mul(self.samples).ok_or_else(too_large)?;
+        let joints = values.checked_mul(JOINTS).ok_or_else(too_large)?;
+        let poses = values.checked_mul(POSE).ok_or_else(too_large)?;
+        self.rejected = 0;
+        resize(&mut self.u, joints);
+        resize(&mut self.q, joints);
+        if let Some(qd) = &mut self.qd {
+            resize(qd, joints);
+        }
+        if let Some(end_effector) = &mut self.end_effector {
+            resize(end_effector, poses);
+        }
+        Ok(())
+    }
+}
+
+fn resize(values: &mut Vec<f32>, len: usize) {
+    if values.capacity() < len {
+        // Zeros from the allocator, which costs nothing where pages come zeroed from the system.
+        *values = vec![0.0; len];
+    } else {
+        values.resize(len, 0.0);
+    }
 }
 
 /// Trajectories per block: a few blocks per thread, so that threads end together, and a multiple of

@@ -163,11 +163,4 @@ pub(crate) fn rounded(value: f64) -> f32 {
 }
 
 array_lanes!(F32Array, f32, u32, trigonometry::F32, exponential::F32, rounded);
-array_lanes!(
-    F64Array,
-    f64,
-    u64,
-    trigonometry::F64,
-    exponential::F64,
-    std::convert::identity
-);
+array_lanes!(F64Array, f64, u64, trigonometry::F64, exponential::F64, std::convert::identity);
