@@ -14,11 +14,22 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-OUTPUT = Path(__file__).parents[1] / "data" / "pinocchio.json"
+DATA = Path(__file__).parents[1] / "data"
+# Whole trajectories, and states of the nominal arm.
+OUTPUT = DATA / "pinocchio.json"
+# Random robots, each 134 inputs as little-endian f32 and then 42 results as f64, in the order of `random_robots`.
+ROBOTS = DATA / "pinocchio_robots.bin"
 
 # Modified Denavit-Hartenberg rows a, alpha, d (Gaz et al. 2019).
 DENAVIT_HARTENBERG = [
     (0, 0, 0.333), (0, -90, 0), (0, 90, 0.316), (0.0825, 90, 0), (-0.0825, -90, 0.384), (0, 90, 0), (0.088, 90, 0),
+]
+FLANGE = 0.107
+# Gaz et al. 2019, table IV.
+FRICTION = [
+    [0.54615, 0.87224, 0.64068, 1.2794, 0.83904, 0.30301, 0.56489],
+    [5.1181, 9.0657, 10.136, 5.5903, 8.3469, 17.133, 10.336],
+    [0.039533, 0.025882, -0.04607, 0.036194, 0.026226, -0.021047, 0.0035526],
 ]
 # Mass, centre of mass, inertia xx xy xz yy yz zz about it: links 1 to 7 (Gaz et al. 2019), then the
 # hand and a finger (simulator of the paper, GunesCaginAydin/dynamical-metalearning).
@@ -61,11 +72,21 @@ def physical(body):
     return mass, com, entries(np.trace(moments) * np.eye(3) - moments)
 
 
-def arm(links, armature, gravity):
+def scaled_lengths(spread):
+    """a4, a5, a7, d1, d3, d5 and the flange's, each about the Panda's."""
+    return np.array([0.0825, -0.0825, 0.088, 0.333, 0.316, 0.384, FLANGE]) * rng.uniform(1 - spread, 1 + spread, 7)
+
+
+NOMINAL = scaled_lengths(0)
+
+
+def arm(links, armature, gravity, lengths=NOMINAL):
     """A Panda-shaped arm; `links` are (mass, com, inertia) tuples."""
+    a4, a5, a7, d1, d3, d5, _ = lengths
+    rows = zip([0, 0, 0, a4, a5, 0, a7], [row[1] for row in DENAVIT_HARTENBERG], [d1, 0, d3, 0, d5, 0, 0])
     model = pin.Model()
     joint = 0
-    for index, (a, alpha, d) in enumerate(DENAVIT_HARTENBERG):
+    for index, (a, alpha, d) in enumerate(rows):
         turn = pin.SE3(pin.rpy.rpyToMatrix(math.radians(alpha), 0, 0), np.zeros(3))
         placement = turn * pin.SE3(np.eye(3), np.array([a, 0, d]))
         joint = model.addJoint(joint, pin.JointModelRZ(), placement, f"joint{index + 1}")
@@ -75,9 +96,15 @@ def arm(links, armature, gravity):
     return model
 
 
-def panda():
-    model = arm(LINKS, [0.01] * 7, 9.81)
-    hand = pin.SE3(pin.rpy.rpyToMatrix(0, 0, -math.pi / 4), np.array([0, 0, 0.107]))
+def panda(lengths=NOMINAL, payload=None):
+    """The arm with hand and fingers; `payload` is mass, centre in the hand's frame and radius of a sphere."""
+    model = arm(LINKS, [0.01] * 7, 9.81, lengths)
+    hand = pin.SE3(pin.rpy.rpyToMatrix(0, 0, -math.pi / 4), np.array([0, 0, lengths[6]]))
+    model.addFrame(pin.Frame("hand", 7, 0, hand, pin.FrameType.OP_FRAME))
+    if payload is not None:
+        mass, center, radius = payload
+        sphere = pin.Inertia.FromSphere(mass, radius)
+        model.appendBodyToJoint(7, sphere, hand * pin.SE3(np.eye(3), np.array(center)))
     model.appendBodyToJoint(7, inertia(physical(HAND)), hand)
     model.appendBodyToJoint(7, inertia(FINGER), hand * pin.SE3(np.eye(3), np.array([0, 0.04, 0.0584])))
     model.appendBodyToJoint(7, inertia(MIRRORED_FINGER), hand * pin.SE3(np.eye(3), np.array([0, -0.04, 0.0584])))
@@ -111,41 +138,57 @@ def mass_matrix(model, data, q):
     return upper + np.triu(upper, 1).T
 
 
-def panda_states():
-    model = panda()
-    data = model.createData()
+def panda_states(count, spread, loaded):
     states = []
-    for _ in range(10):
+    for _ in range(count):
+        lengths = np.array(rounded(scaled_lengths(spread)))
+        payload = (rounded(rng.uniform(0.1, 3))[0], rounded(rng.uniform(-0.1, 0.1, 3)), rounded(rng.uniform(0.01, 0.1))[0])
+        model = panda(lengths, payload if loaded else None)
+        data = model.createData()
         q = np.array(rounded(rng.uniform(-3, 3, 7)))
-        states.append({
+        state = {
+            "lengths": lengths.tolist(),
+            "payload": [payload[0], *payload[1], payload[2]] if loaded else None,
             "q": q.tolist(),
             "mass_matrix": lower(mass_matrix(model, data, q)),
             "gravity": pin.computeGeneralizedGravity(model, data, q).tolist(),
-        })
+        }
+        pin.framesForwardKinematics(model, data, q)
+        state["pose"] = pin.SE3ToXYZQUAT(data.oMf[model.getFrameId("hand")]).tolist()
+        states.append(state)
     return states
 
 
+def sigmoid_friction(phi, qd):
+    phi1, phi2, phi3 = np.array(phi)
+    return phi1 / (1 + np.exp(-phi2 * (qd + phi3))) - phi1 / (1 + np.exp(-phi2 * phi3))
+
+
 def random_robots(count):
-    robots = []
+    records = []
     for index in range(count):
-        links = random_links(0.5)
-        armature = rounded(rng.uniform(0, 0.02, 7))
-        damping = rounded(rng.uniform(0, 15, 7))
-        gravity = 0.0 if index % 4 == 0 else 9.81
-        q, qd, torque = (np.array(rounded(rng.uniform(-limit, limit, 7))) for limit in (3, 2.5, 20))
-        model = arm(links, armature, gravity)
+        single = lambda values: np.array(values, dtype=np.float32)
+        exact = lambda values: values.astype(np.float64)
+        links = [single([mass, *com, *tensor]) for mass, com, tensor in random_links(0.5)]
+        lengths = single(scaled_lengths(0.5))
+        armature, damping = single(rng.uniform(0, 0.02, 7)), single(rng.uniform(0, 15, 7))
+        gravity = single([0.0 if index % 4 == 0 else 9.81])
+        phi = single(FRICTION) * single(rng.uniform(0.5, 1.5, (3, 7))) * (0 if index % 2 == 0 else 1)
+        q, qd, torque = (single(rng.uniform(-limit, limit, 7)) for limit in (3, 2.5, 20))
+
+        bodies = [(body[0], body[1:4], body[4:]) for body in map(exact, links)]
+        model = arm(bodies, exact(armature), float(gravity[0]), exact(lengths))
         data = model.createData()
-        bias = pin.nonLinearEffects(model, data, q, qd)
-        qdd = pin.aba(model, data, q, qd, torque - np.array(damping) * qd)
-        m = mass_matrix(model, data, q)
-        assert np.allclose(m @ qdd + bias + np.array(damping) * qd, torque, atol=1e-9)
-        robots.append({
-            "links": [[mass, *com, *tensor] for mass, com, tensor in links],
-            "armature": armature, "damping": damping, "gravity": gravity,
-            "q": q.tolist(), "qd": qd.tolist(), "torque": torque.tolist(),
-            "mass_matrix": lower(m), "bias": bias.tolist(), "qdd": qdd.tolist(),
-        })
-    return robots
+        position, velocity = exact(q), exact(qd)
+        resistance = exact(damping) * velocity + sigmoid_friction(exact(phi), velocity)
+        bias = pin.nonLinearEffects(model, data, position, velocity)
+        qdd = pin.aba(model, data, position, velocity, exact(torque) - resistance)
+        m = mass_matrix(model, data, position)
+        assert np.allclose(m @ qdd + bias + resistance, torque, atol=1e-9)
+        inputs = [*links, lengths, armature, damping, gravity, phi.ravel(), q, qd, torque]
+        records.append(np.concatenate(inputs).astype("<f4").tobytes())
+        records.append(np.concatenate([lower(m), bias, qdd]).astype("<f8").tobytes())
+    return b"".join(records)
 
 
 def chirp(t, c):
@@ -161,15 +204,22 @@ def multisine(t, c):
     return (amplitude.T * np.array(waves)).sum(axis=0)
 
 
-def integrate(model, damping, q, qd, law, coefficients, substeps):
+def integrate(model, damping, phi, compensated, q, qd, law, coefficients, substeps):
     """Positions at 400 samples, 60 Hz, with the torque held and rounded to f32 as it is stored."""
     data = model.createData()
     h = 1 / 60 / substeps
     samples = []
     for k in range(400):
         samples.append(q.tolist())
-        torque = law(k / 60, coefficients).astype(np.float32).astype(np.float64)
-        slope = lambda q, qd: pin.aba(model, data, q, qd, torque - damping * qd).copy()
+        torque = law(k / 60, coefficients)
+        if compensated:
+            torque = torque + pin.computeGeneralizedGravity(model, data, q)
+        torque = torque.astype(np.float32).astype(np.float64)
+
+        def slope(q, qd):
+            friction = 0 if phi is None else sigmoid_friction(phi, qd)
+            return pin.aba(model, data, q, qd, torque - damping * qd - friction).copy()
+
         for _ in range(substeps):
             a1 = slope(q, qd)
             v2 = qd + h / 2 * a1
@@ -185,8 +235,13 @@ def integrate(model, damping, q, qd, law, coefficients, substeps):
 
 def trajectories():
     result = []
-    for family, gravity in [("chirp", 0.0), ("chirp", 9.81), ("multisine", 0.0), ("multisine", 9.81)]:
+    cases = [
+        ("chirp", "off", None), ("chirp", "on", None), ("multisine", "off", None), ("multisine", "on", None),
+        ("chirp", "compensated", None), ("multisine", "compensated", FRICTION), ("chirp", "on", FRICTION),
+    ]
+    for family, gravity, phi in cases:
         links = random_links(0.1)
+        lengths = rounded(scaled_lengths(0.1))
         armature, damping = [0.01] * 7, rounded(rng.uniform(9, 11, 7))
         q0 = np.array(rounded(np.array([0, 0, 0, -1.5708, 0, 1.8675, 0]) + rng.uniform(-0.25, 0.25, 7)))
         qd0 = np.array(rounded(rng.uniform(-1, 1, 7)))
@@ -197,14 +252,16 @@ def trajectories():
             law = multisine
             low, high = [-5] * 4 + [0.1] * 4, [5] * 4 + [0.6] * 4
         coefficients = [rounded(rng.uniform(low, high)) for _ in range(7)]
-        model = arm(links, armature, gravity)
-        q = integrate(model, np.array(damping), q0, qd0, law, coefficients, 60)
-        half = integrate(model, np.array(damping), q0, qd0, law, coefficients, 30)
-        print(f"{family}, gravity {gravity}: 30 and 60 substeps differ by {np.abs(q - half).max():.1e} rad")
+        model = arm(links, armature, 0.0 if gravity == "off" else 9.81, lengths)
+        run = lambda substeps: integrate(
+            model, np.array(damping), phi, gravity == "compensated", q0, qd0, law, coefficients, substeps
+        )
+        q = run(60)
+        print(f"{family}, gravity {gravity}: 30 and 60 substeps differ by {np.abs(q - run(30)).max():.1e} rad")
         result.append({
-            "family": family,
+            "family": family, "gravity": gravity,
             "links": [[mass, *com, *tensor] for mass, com, tensor in links],
-            "armature": armature, "damping": damping, "gravity": gravity,
+            "lengths": lengths, "armature": armature, "damping": damping, "friction": phi,
             "q0": q0.tolist(), "qd0": qd0.tolist(), "coefficients": coefficients,
             # Every 21st sample, the last one included.
             "q": [rounded(sample, 12) for sample in q[::21]],
@@ -214,8 +271,9 @@ def trajectories():
 
 OUTPUT.write_text(json.dumps({
     "pinocchio": pin.__version__,
-    "panda": panda_states(),
-    "robots": random_robots(200),
+    "panda": panda_states(10, 0, False) + panda_states(10, 0.3, True),
     "trajectories": trajectories(),
 }, separators=(",", ":")).replace("},{", "},\n{") + "\n")
-print(OUTPUT, OUTPUT.stat().st_size)
+ROBOTS.write_bytes(random_robots(1024))
+for path in (OUTPUT, ROBOTS):
+    print(path.name, path.stat().st_size)
