@@ -1,12 +1,14 @@
 //! A simulation: many randomized arms, each driven by its own excitation.
 
 mod check;
+mod columns;
 mod excitation;
 mod initial_state;
 mod integrator;
 mod observations;
 mod robot;
 
+pub use columns::{Column, ColumnType};
 pub use excitation::{Chirp, ChirpBand, Excitation, Family, Frequency, Multisine};
 pub use initial_state::InitialState;
 pub use integrator::{Integrator, Precision};

@@ -1,0 +1,321 @@
+//! The columns of a dataset's two tables: names, units and frames.
+//!
+//! Columns of a joint or link end in its number, 1 to 7. The tables are written from these lists,
+//! so what is said here is what the files have.
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::SimulateSpec;
+use crate::JOINTS;
+
+/// A column of a table.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct Column {
+    pub name: String,
+    pub data_type: ColumnType,
+    /// Whether a row may have none.
+    pub nullable: bool,
+    /// In which a number is written, e.g. `N·m`; none for counts and names.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub unit: Option<String>,
+    /// In whose axes a component is written.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub frame: Option<String>,
+    pub about: String,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum ColumnType {
+    Boolean,
+    Int32,
+    Int64,
+    Float32,
+    Float64,
+    /// UTF-8.
+    Text,
+}
+
+const BASE: &str = "base: origin at the foot of the arm, z up";
+const LINK: &str = "modified DH frame of the link, which moves with it";
+const HAND: &str = "hand: origin at the flange, z towards the fingers, turned by -π/4 about it";
+
+impl Column {
+    pub fn new(name: impl Into<String>, data_type: ColumnType, about: impl Into<String>) -> Self {
+        let (name, about) = (name.into(), about.into());
+        Self { name, data_type, nullable: false, unit: None, frame: None, about }
+    }
+
+    #[must_use]
+    pub fn unit(mut self, unit: &str) -> Self {
+        self.unit = Some(unit.to_owned());
+        self
+    }
+
+    #[must_use]
+    fn frame(mut self, frame: &str) -> Self {
+        self.frame = Some(frame.to_owned());
+        self
+    }
+
+    #[must_use]
+    fn nullable(mut self) -> Self {
+        self.nullable = true;
+        self
+    }
+
+    /// Index of the trajectory in its dataset: in both tables.
+    pub fn trajectory() -> Self {
+        Self::new("trajectory", ColumnType::Int32, "index of the trajectory in the dataset")
+    }
+
+    /// Index of the sample in its trajectory.
+    pub fn step() -> Self {
+        Self::new("step", ColumnType::Int32, "index of the sample, which is at step / rate_hz")
+    }
+
+    /// Torques `u1` to `u7`.
+    pub fn torques() -> impl Iterator<Item = Self> {
+        numbered("u", ColumnType::Float32, "N·m", |joint| {
+            format!("torque of joint {joint}, held from this sample to the next")
+        })
+    }
+
+    /// Positions `q1` to `q7`.
+    pub fn positions() -> impl Iterator<Item = Self> {
+        numbered("q", ColumnType::Float32, "rad", |joint| {
+            format!("position of joint {joint}, before the torque of this sample acts")
+        })
+    }
+
+    /// Velocities `qd1` to `qd7`.
+    pub fn velocities() -> impl Iterator<Item = Self> {
+        numbered("qd", ColumnType::Float32, "rad/s", |joint| {
+            format!("velocity of joint {joint}, before the torque of this sample acts")
+        })
+    }
+}
+
+fn numbered(
+    prefix: &str,
+    data_type: ColumnType,
+    unit: &str,
+    about: impl Fn(usize) -> String,
+) -> impl Iterator<Item = Column> {
+    (1..=JOINTS).map(move |joint| {
+        Column::new(format!("{prefix}{joint}"), data_type, about(joint)).unit(unit)
+    })
+}
+
+impl SimulateSpec {
+    /// Of the table with a row per time step.
+    pub fn trajectory_columns(&self) -> Vec<Column> {
+        let mut columns = vec![Column::trajectory(), Column::step()];
+        columns.extend(Column::torques().chain(Column::positions()));
+        if self.observations.joint_velocities {
+            columns.extend(Column::velocities());
+        }
+        if self.observations.end_effector_pose {
+            columns.extend(end_effector_pose());
+        }
+        columns
+    }
+
+    /// Of the table with a row per trajectory: all that another simulator needs to make it again.
+    pub fn robot_columns(&self) -> Vec<Column> {
+        let mut columns = design();
+        columns.extend(initial_state());
+        columns.extend(kinematics());
+        (1..=JOINTS).for_each(|link| columns.extend(body(link)));
+        columns.extend(friction());
+        columns.extend(payload());
+        columns.extend(chirps());
+        columns.extend(multisines());
+        columns
+    }
+}
+
+fn end_effector_pose() -> impl Iterator<Item = Column> {
+    let position = ["x", "y", "z"].map(|axis| {
+        let about = format!("{axis} of the hand's origin at the positions of this sample");
+        Column::new(format!("ee_{axis}"), ColumnType::Float32, about).unit("m").frame(BASE)
+    });
+    let rotation = ["qx", "qy", "qz", "qw"].map(|part| {
+        let about = "part of the unit quaternion that turns the hand's axes into the base's; its \
+                     sign is continuous in time and begins with qw >= 0";
+        Column::new(format!("ee_{part}"), ColumnType::Float32, about).frame(BASE)
+    });
+    position.into_iter().chain(rotation)
+}
+
+fn number(name: impl Into<String>, unit: &str, about: impl Into<String>) -> Column {
+    Column::new(name, ColumnType::Float64, about).unit(unit)
+}
+
+/// What was asked for, the same for many trajectories.
+fn design() -> Vec<Column> {
+    vec![
+        Column::trajectory(),
+        Column::new("draws", ColumnType::Int32, "draws until one stayed clear of the limits"),
+        Column::new("seed", ColumnType::Int64, "of the dataset; with the index, key of all draws"),
+        Column::new("family", ColumnType::Text, "of the excitation: chirp or multisine"),
+        number("frequency_hz", "Hz", "master frequency of the excitation"),
+        number("rate_hz", "Hz", "rate of the samples; torques are held in between"),
+        number("gravity_m_s2", "m/s²", "acceleration along -z of the base; 0 when off"),
+        Column::new(
+            "gravity_compensated",
+            ColumnType::Boolean,
+            "whether u is the excitation plus the gravity torque g(q) at each sample",
+        ),
+    ]
+}
+
+fn initial_state() -> impl Iterator<Item = Column> {
+    let joint = |prefix: &str, unit: &str, what: &str| {
+        let (prefix, unit, what) = (prefix.to_owned(), unit.to_owned(), what.to_owned());
+        (1..=JOINTS).map(move |joint| {
+            number(format!("{prefix}_{joint}"), &unit, format!("{what} of joint {joint} at t = 0"))
+        })
+    };
+    joint("q0", "rad", "position").chain(joint("qd0", "rad/s", "velocity"))
+}
+
+/// Twists α of the modified DH table are never drawn.
+const TWISTS: &str = "α = 0, -π/2, π/2, π/2, -π/2, π/2, π/2";
+
+fn kinematics() -> impl Iterator<Item = Column> {
+    let a = (1..=JOINTS).map(|joint| {
+        let about = format!("modified DH: length a before joint {joint}; {TWISTS}");
+        number(format!("a_{joint}"), "m", about)
+    });
+    let d = (1..=JOINTS).map(|joint| {
+        number(format!("d_{joint}"), "m", format!("modified DH: offset d of joint {joint}"))
+    });
+    let flange = number("flange", "m", "from the origin of link 7 along its z to the hand's");
+    a.chain(d).chain([flange])
+}
+
+fn body(link: usize) -> Vec<Column> {
+    let welded = if link == JOINTS { ", hand, fingers and payload included" } else { "" };
+    let mut columns = vec![number(format!("mass_{link}"), "kg", format!("of link {link}{welded}"))];
+    for axis in ["x", "y", "z"] {
+        let about = format!("{axis} of the centre of mass of link {link}{welded}");
+        columns.push(number(format!("com_{axis}_{link}"), "m", about).frame(LINK));
+    }
+    for entry in ["ixx", "ixy", "ixz", "iyy", "iyz", "izz"] {
+        let about = format!("entry of the inertia of link {link} about its centre of mass{welded}");
+        columns.push(number(format!("{entry}_{link}"), "kg·m²", about).frame(LINK));
+    }
+    let damping = format!("viscous friction of joint {link}");
+    columns.push(number(format!("damping_{link}"), "N·m·s/rad", damping));
+    let armature = format!("reflected rotor inertia of joint {link}");
+    columns.push(number(format!("armature_{link}"), "kg·m²", armature));
+    columns
+}
+
+fn friction() -> impl Iterator<Item = Column> {
+    [("phi1", "N·m"), ("phi2", "s/rad"), ("phi3", "rad/s")].into_iter().flat_map(|(name, unit)| {
+        (1..=JOINTS).map(move |joint| {
+            let about = format!(
+                "of joint {joint}: φ1 / (1 + exp(-φ2 (q̇ + φ3))) - φ1 / (1 + exp(-φ2 φ3)) opposes \
+                 the motion; null without friction"
+            );
+            number(format!("friction_{name}_{joint}"), unit, about).nullable()
+        })
+    })
+}
+
+fn payload() -> impl Iterator<Item = Column> {
+    let mass = number("payload_mass", "kg", "of the solid sphere in the hand; null without one");
+    let center = ["x", "y", "z"].map(|axis| {
+        let about = format!("{axis} of the sphere's centre; null without one");
+        number(format!("payload_{axis}"), "m", about).frame(HAND).nullable()
+    });
+    let radius = number("payload_radius", "m", "of the sphere; null without one").nullable();
+    [mass.nullable()].into_iter().chain(center).chain([radius])
+}
+
+fn chirps() -> impl Iterator<Item = Column> {
+    const COEFFICIENTS: [(&str, &str); 6] = [
+        ("chirp_offset_nm", "N·m"),
+        ("chirp_amplitude_nm", "N·m"),
+        ("chirp_f1_hz", "Hz"),
+        ("chirp_f2_hz", "Hz"),
+        ("chirp_depth", "1"),
+        ("chirp_phase_rad", "rad"),
+    ];
+    COEFFICIENTS.into_iter().flat_map(|(name, unit)| {
+        (1..=JOINTS).map(move |joint| {
+            let about = format!(
+                "of joint {joint}: offset + amplitude · cos(2π f1 (1 + depth · cos(2π f2 t)) t + \
+                 phase); null unless a chirp"
+            );
+            number(format!("{name}_{joint}"), unit, about).nullable()
+        })
+    })
+}
+
+fn multisines() -> impl Iterator<Item = Column> {
+    (0..4).flat_map(|part| {
+        (1..=JOINTS).flat_map(move |joint| {
+            let wave = if part % 2 == 0 { "sin" } else { "cos" };
+            let about = format!(
+                "of joint {joint}: its part {part} is amplitude · {wave}(2π f t); null unless a \
+                 multisine"
+            );
+            [("amplitude", "nm", "N·m"), ("f", "hz", "Hz")].map(|(what, suffix, unit)| {
+                let name = format!("multisine_{what}{part}_{suffix}_{joint}");
+                number(name, unit, about.clone()).nullable()
+            })
+        })
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::HashSet;
+
+    use serde_json::json;
+
+    use super::*;
+    use crate::{JobSpec, parse};
+
+    fn spec(fields: &serde_json::Value) -> SimulateSpec {
+        let mut spec = json!({"preset": "D1-chirp"});
+        spec.as_object_mut().unwrap().extend(fields.as_object().unwrap().clone());
+        match parse(spec.to_string().as_bytes()).unwrap() {
+            JobSpec::Simulate(spec) => spec,
+            other => panic!("{other:?}"),
+        }
+    }
+
+    fn names(columns: &[Column]) -> Vec<&str> {
+        columns.iter().map(|column| column.name.as_str()).collect()
+    }
+
+    #[test]
+    fn trajectories_have_torques_and_positions_and_what_else_was_asked_for() {
+        let plain = spec(&json!({})).trajectory_columns();
+        assert_eq!(names(&plain)[..4], ["trajectory", "step", "u1", "u2"]);
+        assert_eq!((plain.len(), names(&plain)[15]), (16, "q7"));
+        let observations = json!({"joint_velocities": true, "end_effector_pose": true});
+        let all = spec(&json!({"observations": observations})).trajectory_columns();
+        assert_eq!(names(&all)[16..18], ["qd1", "qd2"]);
+        let pose = ["ee_x", "ee_y", "ee_z", "ee_qx", "ee_qy", "ee_qz", "ee_qw"];
+        assert_eq!(names(&all)[23..], pose);
+    }
+
+    #[test]
+    fn no_column_comes_twice_and_every_number_has_a_unit() {
+        let spec = spec(&json!({"observations": {"end_effector_pose": true}}));
+        for columns in [spec.trajectory_columns(), spec.robot_columns()] {
+            let different: HashSet<_> = names(&columns).into_iter().collect();
+            assert_eq!(different.len(), columns.len());
+            for column in columns {
+                let measured = column.data_type == ColumnType::Float64;
+                assert!(!measured || column.unit.is_some(), "{column:?}");
+            }
+        }
+    }
+}
