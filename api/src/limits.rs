@@ -14,6 +14,10 @@ pub const PAGE_MAXIMUM: u32 = 500;
 /// Tasks of one job. Crossing it is a violation of the field that asks for so many.
 pub const TASKS_PER_JOB: u32 = 10_000;
 
+/// Trajectories of one simulation, unless the server is told otherwise: a few hundred gigabytes.
+/// Crossing it is a violation of `trajectories`.
+pub const MAX_TRAJECTORIES: u64 = 10_000_000;
+
 /// Points of one metric when the request does not say.
 pub const POINTS_DEFAULT: u32 = 500;
 

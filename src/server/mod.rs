@@ -47,6 +47,10 @@ pub struct Options {
     /// Token that every request must carry; needed when other machines can connect
     #[arg(long, env = "TORQUED_TOKEN", value_name = "TOKEN", hide_env_values = true)]
     pub token: Option<String>,
+
+    /// Largest simulation that may be submitted, in trajectories
+    #[arg(long, env = "TORQUED_MAX_TRAJECTORIES", value_name = "N", default_value_t = api::limits::MAX_TRAJECTORIES, value_parser = clap::value_parser!(u64).range(1..=spec::MAX_TRAJECTORIES))]
+    pub max_trajectories: u64,
 }
 
 /// How long requests that are under way may take when the server stops.
@@ -75,7 +79,13 @@ impl Server {
         let address = listener.local_addr().context("cannot tell the address listened on")?;
 
         let stop_http = CancellationToken::new();
-        let app = App::new(store.clone(), &api::Options { token: options.token.clone() });
+        let app = App::new(
+            store.clone(),
+            &api::Options {
+                token: options.token.clone(),
+                max_trajectories: options.max_trajectories,
+            },
+        );
         let http = tokio::spawn(api::serve(listener, app, stop_http.clone().cancelled_owned()));
 
         let workers = TaskTracker::new();

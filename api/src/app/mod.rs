@@ -20,6 +20,7 @@ use store::Store;
 
 use crate::auth::Token;
 use crate::error::ApiError;
+use crate::limits::MAX_TRAJECTORIES;
 
 pub use checkpoints::{Checkpoint, Checkpoints};
 pub use datasets::{Dataset, DatasetFile, Datasets, FileContent};
@@ -32,11 +33,19 @@ pub use runs::{LatestMetric, Metric, Run, Runs};
 pub use submission::Reuse;
 
 /// How the server is to behave.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct Options {
     /// What callers must send as `Authorization: Bearer TOKEN`; without it everyone on this
     /// machine may ask.
     pub token: Option<String>,
+    /// Trajectories of one simulation, at most.
+    pub max_trajectories: u64,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self { token: None, max_trajectories: MAX_TRAJECTORIES }
+    }
 }
 
 /// The service behind the routes. Clones share it.
@@ -44,11 +53,16 @@ pub struct Options {
 pub struct App {
     store: Store,
     token: Option<Token>,
+    max_trajectories: u64,
 }
 
 impl App {
     pub fn new(store: Store, options: &Options) -> Self {
-        Self { store, token: options.token.as_deref().map(Token::new) }
+        Self {
+            store,
+            token: options.token.as_deref().map(Token::new),
+            max_trajectories: options.max_trajectories,
+        }
     }
 
     pub(crate) fn token(&self) -> Option<&Token> {

@@ -33,6 +33,7 @@ impl App {
     ) -> Result<Submitted, ApiError> {
         serde_json::from_slice::<IgnoredAny>(text).map_err(ApiError::Json)?;
         let spec = spec::parse(text)?;
+        self.check_size(&spec)?;
         let references = References::new(&self.store);
         let (jobs, pipeline) = match &spec {
             JobSpec::Pipeline(pipeline) => {
@@ -52,6 +53,30 @@ impl App {
         let submission = Submission { jobs, pipeline, reuse, idempotency };
         let submitted = self.store.submit(submission).await?;
         Ok(Submitted { job: self.job(submitted.job.0).await?, created: !submitted.reused })
+    }
+
+    /// Refuses simulations that are larger than this server takes. A stream is not stored and may
+    /// have any size.
+    fn check_size(&self, spec: &JobSpec) -> Result<(), SpecError> {
+        match spec {
+            JobSpec::Simulate(spec) if spec.trajectories > self.max_trajectories => {
+                let allowed = format!(
+                    "at most {}, the limit that this server was started with (--max-trajectories)",
+                    self.max_trajectories
+                );
+                Err(SpecError::one("trajectories", spec.trajectories.to_string(), allowed))
+            }
+            JobSpec::Pipeline(pipeline) => {
+                let mut violations = Vec::new();
+                for (name, member) in &pipeline.jobs {
+                    if let Err(error) = self.check_size(&member.spec) {
+                        violations.extend(error.within(&format!("jobs.{name}")).violations);
+                    }
+                }
+                if violations.is_empty() { Ok(()) } else { Err(SpecError { violations }) }
+            }
+            _ => Ok(()),
+        }
     }
 }
 

@@ -8,7 +8,7 @@ use base64::engine::general_purpose::STANDARD as BASE64;
 use crate::fixture::{Server, small_simulation};
 
 async fn with_token() -> Server {
-    Server::start_with(&Options { token: Some("secret".to_owned()) }).await
+    Server::start_with(&Options { token: Some("secret".to_owned()), ..Options::default() }).await
 }
 
 #[tokio::test]

@@ -76,7 +76,7 @@ async fn every_documented_operation_answers_and_every_one_is_listed_here() {
 
 #[tokio::test]
 async fn no_documented_operation_answers_without_the_token() {
-    let options = api::Options { token: Some("secret".to_owned()) };
+    let options = api::Options { token: Some("secret".to_owned()), ..api::Options::default() };
     let server = Server::start_with(&options).await;
     for (method, path, request) in OPERATIONS {
         if path == "/healthz" {

@@ -1,5 +1,6 @@
 //! Requests that cannot be accepted, and what they are told.
 
+use api::Options;
 use axum::body::Body;
 use axum::http::header::{CONTENT_TYPE, HOST};
 use axum::http::{Method, Request};
@@ -33,6 +34,32 @@ async fn every_violation_of_a_spec_is_told_with_field_value_and_range() {
     assert_eq!(fields, ["samples", "rejection.max_draws"]);
     assert_eq!(problem["violations"][0]["value"], "0");
     assert!(problem["violations"][0]["allowed"].as_str().unwrap().contains(" to "));
+}
+
+#[tokio::test]
+async fn a_simulation_beyond_the_servers_limit_is_refused_also_in_a_pipeline() {
+    let options = Options { max_trajectories: 1000, ..Options::default() };
+    let server = Server::start_with(&options).await;
+    let simulation =
+        |trajectories: u64| json!({"preset": "D1-chirp", "trajectories": trajectories});
+    server.submitted(&simulation(1000)).await;
+    let problem = server.submit(&simulation(1001)).await.problem(422);
+    let violation = &problem["violations"][0];
+    assert_eq!(
+        (&violation["field"], &violation["value"]),
+        (&json!("trajectories"), &json!("1001"))
+    );
+    assert!(violation["allowed"].as_str().unwrap().starts_with("at most 1000, "), "{violation}");
+
+    let jobs = json!({"small": simulation(10), "large": simulation(5000)});
+    let pipeline = json!({"kind": "pipeline", "name": "sizes", "jobs": jobs});
+    let problem = server.submit(&pipeline).await.problem(422);
+    let violations = problem["violations"].as_array().unwrap();
+    assert_eq!((violations.len(), &violations[0]["field"]), (1, &json!("jobs.large.trajectories")));
+
+    let mut stream = simulation(1_000_000_000);
+    stream["kind"] = json!("simulate");
+    server.submitted(&crate::fixture::small_training(&json!({"stream": stream}))).await;
 }
 
 #[tokio::test]
@@ -137,7 +164,7 @@ async fn a_query_that_is_not_understood_is_refused() {
     for query in [
         "stat=running",
         "state=walking",
-        "kind=import",
+        "kind=export",
         "limit=0",
         "limit=501",
         "limit=x",

@@ -11,7 +11,7 @@ use tokio::sync::oneshot;
 async fn app(token: Option<&str>) -> (App, tempfile::TempDir) {
     let dir = tempfile::tempdir().unwrap();
     let store = Store::open(dir.path(), Access::Server).await.unwrap();
-    let options = Options { token: token.map(str::to_owned) };
+    let options = Options { token: token.map(str::to_owned), ..Options::default() };
     (App::new(store, &options), dir)
 }
 
