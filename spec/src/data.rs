@@ -1,4 +1,4 @@
-use crate::{Cell, ImportSpec, JobSpec, SimulateSpec};
+use crate::{Cell, Column, Execution, ImportSpec, JobSpec, SimulateSpec};
 
 /// What makes trajectories: the spec behind a dataset or a stream.
 #[expect(clippy::large_enum_variant, reason = "a handful exist at a time")]
@@ -18,6 +18,31 @@ impl DataSpec {
             | JobSpec::Evaluate(_)
             | JobSpec::Verify(_)
             | JobSpec::Pipeline(_) => None,
+        }
+    }
+
+    /// The job that makes this data, without how it is run: what a file says of itself.
+    pub fn job(&self) -> JobSpec {
+        let execution = Execution::default();
+        match self {
+            Self::Simulation(spec) => JobSpec::Simulate(SimulateSpec { execution, ..spec.clone() }),
+            Self::Import(spec) => JobSpec::Import(ImportSpec { execution, ..spec.clone() }),
+        }
+    }
+
+    /// Of the table with a row per time step.
+    pub fn trajectory_columns(&self) -> Vec<Column> {
+        match self {
+            Self::Simulation(spec) => spec.trajectory_columns(),
+            Self::Import(spec) => spec.trajectory_columns(),
+        }
+    }
+
+    /// Of the table with a row per trajectory.
+    pub fn table_columns(&self) -> Vec<Column> {
+        match self {
+            Self::Simulation(spec) => spec.robot_columns(),
+            Self::Import(spec) => spec.table_columns(),
         }
     }
 

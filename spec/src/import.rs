@@ -4,15 +4,16 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use crate::check::{Check, Report};
-use crate::{Digest, Execution, JOINTS, Range};
+use crate::{Column, ColumnType, Digest, Execution, JOINTS, Range};
 
 /// Turn an uploaded file into a dataset.
 ///
-/// Rows are samples in rising time. Each recording is cut into trajectories as `split` says.
+/// Rows are samples in rising time: positions as they were, and the torques applied from then on.
+/// Each recording is cut into trajectories as `split` says.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ImportSpec {
-    /// SHA-256 of the uploaded file; an upload fills it in.
+    /// SHA-256 of the uploaded file; `POST /v1/datasets` fills it in.
     pub file: Digest,
     pub format: FileFormat,
     pub columns: ImportColumns,
@@ -25,6 +26,10 @@ pub struct ImportSpec {
     pub rate_hz: f64,
     #[serde(default)]
     pub resampling: Resampling,
+    /// The longest time between two samples, in s, that resampling bridges; more is a pause, and the
+    /// file is refused.
+    #[serde(default = "defaults::max_gap_s")]
+    pub max_gap_s: f64,
     /// Samples per trajectory.
     #[serde(default = "defaults::samples")]
     pub samples: u32,
@@ -81,6 +86,17 @@ pub enum TimeUnit {
 }
 
 impl TimeUnit {
+    pub const ALL: [Self; 4] = [Self::S, Self::Ms, Self::Us, Self::Ns];
+
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Self::S => "s",
+            Self::Ms => "ms",
+            Self::Us => "us",
+            Self::Ns => "ns",
+        }
+    }
+
     pub const fn seconds(self) -> f64 {
         match self {
             Self::S => 1.0,
@@ -123,10 +139,12 @@ impl Default for ImportRanges {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Resampling {
-    /// The file is refused when a period is off by more than a tenth.
+    /// The file is refused when a period is off by more than a tenth, or all of them together by
+    /// more than a hundredth.
     #[default]
     None,
-    /// Positions and velocities between two samples lie on a line, torques are held.
+    /// Positions and velocities between two samples lie on a line, torques are held. Sampling begins
+    /// with each recording.
     Linear,
 }
 
@@ -142,9 +160,47 @@ pub enum Split {
     Windows { stride: u32 },
 }
 
+impl ImportSpec {
+    /// Of the table with a row per time step.
+    pub fn trajectory_columns(&self) -> Vec<Column> {
+        let mut columns = vec![Column::trajectory(), Column::step()];
+        columns.extend(Column::torques().chain(Column::positions()));
+        if self.columns.qd.is_some() {
+            columns.extend(Column::velocities());
+        }
+        columns
+    }
+
+    /// Of the table with a row per trajectory: where in the file it comes from.
+    pub fn table_columns(&self) -> Vec<Column> {
+        vec![
+            Column::trajectory(),
+            Column::new(
+                "recording",
+                ColumnType::Text,
+                "name of its recording in the file; empty when the file names none",
+            ),
+            Column::new(
+                "first_time_s",
+                ColumnType::Float64,
+                "time of its first sample in the file",
+            )
+            .unit("s"),
+            Column::new(
+                "first_row",
+                ColumnType::Int64,
+                "row of the file at or before its first sample",
+            ),
+        ]
+    }
+}
+
 mod defaults {
     pub const fn rate_hz() -> f64 {
         60.0
+    }
+    pub const fn max_gap_s() -> f64 {
+        0.1
     }
     pub const fn samples() -> u32 {
         400
@@ -158,6 +214,7 @@ impl Check for ImportSpec {
         report.interval("ranges.q_rad", self.ranges.q_rad, &(-1e6..=1e6));
         report.interval("ranges.qd_rad_s", self.ranges.qd_rad_s, &(-1e6..=1e6));
         report.within("rate_hz", self.rate_hz, 1.0..=1000.0);
+        report.within("max_gap_s", self.max_gap_s, 0.001..=1.0);
         report.within("samples", self.samples, 2..=10_000);
         if let Split::Windows { stride } = self.split {
             report.within("split.stride", stride, 1..=1_000_000);
