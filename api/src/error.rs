@@ -9,7 +9,9 @@ use spec::SpecError;
 use store::{JobState, StoreError};
 use thiserror::Error;
 
-use crate::limits::{BODY_BYTES, REQUEST_TIMEOUT};
+use crate::limits::{
+    BODY_BYTES, CONCURRENT_UPLOADS, REQUEST_TIMEOUT, UPLOAD_STALL, UPLOAD_TIMEOUT,
+};
 use crate::problem::Problem;
 
 const BEARER: &str = r#"Bearer realm="torqued""#;
@@ -35,8 +37,30 @@ pub enum ApiError {
     #[error("the body is {found}; send the spec as JSON with Content-Type: application/json")]
     ContentType { found: String },
 
+    #[error(
+        "the body is {}; send a file as multipart/form-data with the parts spec and file, or itself \
+         with Content-Type: text/csv or application/vnd.apache.parquet",
+        found.as_ref().map_or("of no declared type".to_owned(), |it| format!("declared as {it}"))
+    )]
+    UploadType { found: Option<String> },
+
     #[error("a body may have {BODY_BYTES} bytes at most")]
     BodyTooLarge,
+
+    #[error("a file may have {limit} bytes at most; `serve --max-upload-bytes` sets the limit")]
+    UploadTooLarge { limit: u64 },
+
+    #[error(
+        "the file did not come: its next bytes may take {} s, and all of it {} h",
+        UPLOAD_STALL.as_secs(), UPLOAD_TIMEOUT.as_secs() / 3600
+    )]
+    UploadStalled,
+
+    #[error("{CONCURRENT_UPLOADS} files are being received, as many as may be; try again later")]
+    UploadsCrowded,
+
+    #[error("the form cannot be read: {reason}")]
+    Form { reason: String },
 
     #[error("the body could not be read to its end: {reason}")]
     Body { reason: String },
@@ -49,6 +73,12 @@ pub enum ApiError {
 
     #[error("job {id} is {state}, which is final, so it cannot be cancelled")]
     AlreadyFinal { id: i64, state: JobState },
+
+    #[error(
+        "dataset {id} lacks shards, because job {job}, which fills it, is {state}; it can be \
+         verified when it is complete"
+    )]
+    DatasetIncomplete { id: i64, job: i64, state: JobState },
 
     #[error("{}", if *.offered { "the token is not the server's" } else {
         "this server wants a token; send Authorization: Bearer TOKEN"
@@ -118,12 +148,26 @@ impl ApiError {
             Self::ContentType { .. } => {
                 (S::UNSUPPORTED_MEDIA_TYPE, "content-type", "The body is not declared as JSON")
             }
+            Self::UploadType { .. } => {
+                (S::UNSUPPORTED_MEDIA_TYPE, "content-type", "The body is not declared as a file")
+            }
             Self::BodyTooLarge => (S::PAYLOAD_TOO_LARGE, "body-too-large", "The body is too large"),
+            Self::UploadTooLarge { .. } => {
+                (S::PAYLOAD_TOO_LARGE, "file-too-large", "The file is too large")
+            }
+            Self::UploadStalled => (S::REQUEST_TIMEOUT, "stalled", "The file did not come in time"),
+            Self::UploadsCrowded => {
+                (S::SERVICE_UNAVAILABLE, "crowded", "Too many files are being received")
+            }
+            Self::Form { .. } => (S::BAD_REQUEST, "form", "The form could not be read"),
             Self::Body { .. } => (S::BAD_REQUEST, "body", "The body could not be read"),
             Self::Json(_) => (S::BAD_REQUEST, "json", "The body is not JSON"),
             Self::Spec(_) => (S::UNPROCESSABLE_ENTITY, "spec", "The spec cannot be accepted"),
             Self::Store(error) => of_store(error),
             Self::AlreadyFinal { .. } => (S::CONFLICT, "already-final", "The job has ended"),
+            Self::DatasetIncomplete { .. } => {
+                (S::CONFLICT, "dataset-incomplete", "The dataset is not complete")
+            }
             Self::Unauthorized { .. } => (S::UNAUTHORIZED, "token", "A token is required"),
             Self::CrossSite => (S::FORBIDDEN, "cross-site", "The request came from another site"),
             Self::ForeignHost { .. } => {
@@ -169,7 +213,7 @@ impl ApiError {
                 headers.append(WWW_AUTHENTICATE, HeaderValue::from_static(BEARER));
                 headers.append(WWW_AUTHENTICATE, HeaderValue::from_static(BASIC));
             }
-            Self::Crowded | Self::Timeout => {
+            Self::Crowded | Self::UploadsCrowded | Self::Timeout => {
                 headers.insert(RETRY_AFTER, HeaderValue::from_static("1"));
             }
             _ => {}

@@ -17,6 +17,7 @@ mod problem;
 mod range;
 mod routes;
 mod server;
+mod upload;
 
 /// Of the server, as /healthz and the page show it.
 const VERSION: &str = env!("CARGO_PKG_VERSION");

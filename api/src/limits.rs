@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-/// Bytes of a request body; a spec is the only body there is. Crossing it is a 413.
+/// Bytes of a request body that is a spec. Crossing it is a 413.
 pub const BODY_BYTES: usize = 1 << 20;
 
 /// Items of one page of a list when the request does not say.
@@ -23,6 +23,22 @@ pub const POINTS_DEFAULT: u32 = 500;
 
 /// Points of one metric at most.
 pub const POINTS_MAXIMUM: u32 = 5000;
+
+/// Bytes of a file that is sent to be imported, unless the server is told otherwise. Crossing it is
+/// a 413.
+pub const MAX_UPLOAD_BYTES: u64 = 4 << 30;
+
+/// Files on their way in at once; the ones beyond are refused with 503.
+pub const CONCURRENT_UPLOADS: usize = 8;
+
+/// How long a sender may take for the next bytes of a file. Crossing it is a 408.
+pub const UPLOAD_STALL: Duration = Duration::from_secs(30);
+
+/// How long a file may take in all, however steadily it comes. Crossing it is a 408.
+pub const UPLOAD_TIMEOUT: Duration = Duration::from_secs(6 * 60 * 60);
+
+/// Bytes of the name of a file.
+pub const UPLOAD_NAME_BYTES: usize = 200;
 
 /// Bytes of an `Idempotency-Key`.
 pub const IDEMPOTENCY_KEY_BYTES: usize = 255;

@@ -177,6 +177,22 @@ impl Store {
         Ok(self.jobs_of(query).await?.into_iter().next())
     }
 
+    /// The newest verification of a dataset: of this very one, not of another with its digest.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn newest_verification(&self, dataset: DatasetId) -> Result<Option<Job>, StoreError> {
+        let mut query = QueryBuilder::new(SELECT_JOB);
+        query.push(
+            "WHERE job.id = (SELECT MAX(verification.id) FROM dataset AS verified \
+             JOIN job_need ON job_need.needs = verified.job \
+             JOIN job AS verification ON verification.id = job_need.job \
+             WHERE verification.kind = 'verify' AND verified.id = ",
+        );
+        query.push_bind(dataset).push(")");
+        Ok(self.jobs_of(query).await?.into_iter().next())
+    }
+
     /// The jobs that must succeed before `job` can start.
     ///
     /// # Errors

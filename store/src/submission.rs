@@ -234,7 +234,8 @@ async fn submit_pipeline(
     Ok(Submitted { job: pipeline, reused: false })
 }
 
-/// Inserts `new` or finds the job that stands in for it; true when found.
+/// Inserts `new` or finds the job that stands in for it; true when found. None stands in for a
+/// verification, which says what was the case when it ran.
 async fn submit_job(
     conn: &mut SqliteConnection,
     new: &NewJob,
@@ -242,6 +243,7 @@ async fn submit_job(
     submitted: &[(JobId, bool)],
 ) -> Result<(JobId, bool), StoreError> {
     if reuse == Reuse::SameDigest
+        && new.spec.kind() != JobKind::Verify
         && let Some(job) = reusable(conn, new.spec.digest()).await?
     {
         return Ok((job, true));

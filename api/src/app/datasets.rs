@@ -7,7 +7,7 @@ use store::{DatasetId, Shard};
 use utoipa::ToSchema;
 
 use crate::app::files::Download;
-use crate::app::{App, Paging};
+use crate::app::{App, Paging, Verification};
 use crate::error::ApiError;
 
 pub use store::{DatasetState, FileContent};
@@ -37,6 +37,8 @@ pub struct Dataset {
     pub bytes: u64,
     /// Those that exist so far; in a list of datasets, none.
     pub files: Vec<DatasetFile>,
+    /// The newest one; in a list of datasets, left out.
+    pub verification: Option<Verification>,
     pub created_at: String,
     pub completed_at: Option<String>,
 }
@@ -71,6 +73,7 @@ impl App {
         let samples = row.samples;
         let mut dataset = Dataset::from(row);
         dataset.files = shards.iter().flat_map(|shard| files(shard, samples)).collect();
+        dataset.verification = self.verification(id).await?;
         Ok(dataset)
     }
 
@@ -130,6 +133,7 @@ impl From<store::Dataset> for Dataset {
             rejected: row.rejected,
             bytes: row.bytes,
             files: Vec::new(),
+            verification: None,
             created_at: row.created_at.to_string(),
             completed_at: row.completed_at.map(|time| time.to_string()),
         }

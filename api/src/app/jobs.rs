@@ -30,8 +30,10 @@ pub struct Job {
     pub needs: Vec<i64>,
     /// The jobs of a pipeline, each after those it needs.
     pub members: Vec<Member>,
-    /// What a simulation fills.
+    /// What a simulation or import fills.
     pub dataset: Option<i64>,
+    /// The dataset that a verification makes again and compares.
+    pub verifies: Option<i64>,
     /// The record of a training or evaluation.
     pub run: Option<i64>,
     /// What a training has made so far, oldest first.
@@ -154,6 +156,10 @@ impl App {
             _ => Vec::new(),
         };
         let needs = self.store.needs(row.id).await?;
+        let verifies = match (row.kind, needs.first()) {
+            (JobKind::Verify, Some(need)) => self.store.job(*need).await?.dataset,
+            _ => None,
+        };
         Ok(Job {
             duration_seconds: duration_seconds(&row),
             id: row.id.0,
@@ -167,6 +173,7 @@ impl App {
             needs: needs.into_iter().map(|need| need.0).collect(),
             members,
             dataset: row.dataset.map(|id| id.0),
+            verifies: verifies.map(|id| id.0),
             run: row.run.map(|id| id.0),
             checkpoints: checkpoints.into_iter().map(|checkpoint| checkpoint.id.0).collect(),
             priority: row.priority,

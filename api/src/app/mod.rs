@@ -15,12 +15,17 @@ mod report;
 mod runs;
 mod submission;
 mod tasks;
+mod uploads;
+mod verifications;
+
+use std::sync::Arc;
 
 use store::Store;
+use tokio::sync::Semaphore;
 
 use crate::auth::Token;
 use crate::error::ApiError;
-use crate::limits::MAX_TRAJECTORIES;
+use crate::limits::{CONCURRENT_UPLOADS, MAX_TRAJECTORIES, MAX_UPLOAD_BYTES};
 
 pub use checkpoints::{Checkpoint, Checkpoints};
 pub use datasets::{Dataset, DatasetFile, Datasets, FileContent};
@@ -31,6 +36,7 @@ pub use paging::Paging;
 pub use report::{Interval, PairedDifference, PredictorKind, Report, ReportedPredictor, Rmse};
 pub use runs::{LatestMetric, Metric, Run, Runs};
 pub use submission::Reuse;
+pub use verifications::Verification;
 
 /// How the server is to behave.
 #[derive(Clone, Debug)]
@@ -40,11 +46,17 @@ pub struct Options {
     pub token: Option<String>,
     /// Trajectories of one simulation, at most.
     pub max_trajectories: u64,
+    /// Bytes of one file that is sent to be imported, at most.
+    pub max_upload_bytes: u64,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { token: None, max_trajectories: MAX_TRAJECTORIES }
+        Self {
+            token: None,
+            max_trajectories: MAX_TRAJECTORIES,
+            max_upload_bytes: MAX_UPLOAD_BYTES,
+        }
     }
 }
 
@@ -54,6 +66,9 @@ pub struct App {
     store: Store,
     token: Option<Token>,
     max_trajectories: u64,
+    max_upload_bytes: u64,
+    /// For the files on their way in.
+    upload_places: Arc<Semaphore>,
 }
 
 impl App {
@@ -62,11 +77,17 @@ impl App {
             store,
             token: options.token.as_deref().map(Token::new),
             max_trajectories: options.max_trajectories,
+            max_upload_bytes: options.max_upload_bytes,
+            upload_places: Arc::new(Semaphore::new(CONCURRENT_UPLOADS)),
         }
     }
 
     pub(crate) fn token(&self) -> Option<&Token> {
         self.token.as_ref()
+    }
+
+    pub(crate) fn max_upload_bytes(&self) -> u64 {
+        self.max_upload_bytes
     }
 
     /// The version of the database's schema, once the database has answered.

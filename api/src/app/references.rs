@@ -8,6 +8,7 @@ use spec::{
 };
 use store::{CheckpointId, DatasetId, Job, JobFilter, JobState, Need, Page, Store, StoreError};
 
+use crate::app::uploads;
 use crate::error::ApiError;
 
 /// How many ids an error names as what exists.
@@ -39,6 +40,8 @@ pub struct Resolved {
     pub needs: Vec<Need>,
     /// What it reads, if it reads trajectories.
     pub data: Option<DataSpec>,
+    /// The one dataset that a verification looks at, if it exists already.
+    pub dataset: Option<DatasetId>,
 }
 
 /// The trajectories that a job reads.
@@ -47,6 +50,8 @@ struct FoundData {
     /// The job that makes them, unless they are a stream.
     need: Option<Need>,
     spec: DataSpec,
+    /// What that job fills, if it exists already.
+    dataset: Option<DatasetId>,
 }
 
 /// Something that a job needs: the digest of its spec, and the job that makes it.
@@ -54,6 +59,7 @@ struct Found {
     digest: Digest,
     need: Need,
     spec: JobSpec,
+    dataset: Option<DatasetId>,
 }
 
 impl<'a> References<'a> {
@@ -80,8 +86,12 @@ impl<'a> References<'a> {
             JobSpec::Train(spec) => self.resolve_training(spec).await,
             JobSpec::Evaluate(spec) => self.resolve_evaluation(spec).await,
             JobSpec::Verify(spec) => self.resolve_verification(spec).await,
-            JobSpec::Simulate(_) | JobSpec::Import(_) | JobSpec::Pipeline(_) => {
-                Ok(Resolved { spec: spec.clone(), needs: Vec::new(), data: None })
+            JobSpec::Import(import) => {
+                uploads::check_known(self.store, import).await?;
+                Ok(Resolved { spec: spec.clone(), needs: Vec::new(), data: None, dataset: None })
+            }
+            JobSpec::Simulate(_) | JobSpec::Pipeline(_) => {
+                Ok(Resolved { spec: spec.clone(), needs: Vec::new(), data: None, dataset: None })
             }
         }
     }
@@ -91,14 +101,22 @@ impl<'a> References<'a> {
         spec.check_data(&data.spec)?;
         let spec = TrainSpec { data: data.source, ..spec.clone() };
         let needs = data.need.into_iter().collect();
-        Ok(Resolved { spec: JobSpec::Train(spec), needs, data: Some(data.spec) })
+        Ok(Resolved { spec: JobSpec::Train(spec), needs, data: Some(data.spec), dataset: None })
     }
 
+    /// A verification of a dataset looks at that one, and not at another with the same digest.
     async fn resolve_verification(&self, spec: &VerifySpec) -> Result<Resolved, ApiError> {
         let data = self.data(&spec.data).await?;
+        let (need, dataset) = match &spec.data {
+            DataSource::Dataset(id) => {
+                let dataset = self.store.dataset(DatasetId(*id)).await?;
+                (Some(Need::Existing(dataset.job)), Some(dataset.id))
+            }
+            _ => (data.need, data.dataset),
+        };
         let spec = VerifySpec { data: data.source, ..spec.clone() };
-        let needs = data.need.into_iter().collect();
-        Ok(Resolved { spec: JobSpec::Verify(spec), needs, data: Some(data.spec) })
+        let needs = need.into_iter().collect();
+        Ok(Resolved { spec: JobSpec::Verify(spec), needs, data: Some(data.spec), dataset })
     }
 
     async fn resolve_evaluation(&self, spec: &EvaluateSpec) -> Result<Resolved, ApiError> {
@@ -123,14 +141,14 @@ impl<'a> References<'a> {
             trainings.iter().map(|(spec, data)| Training { spec, data }).collect();
         spec.check_inputs(&data.spec, &inputs)?;
         let spec = EvaluateSpec { data: data.source, checkpoints, ..spec.clone() };
-        Ok(Resolved { spec: JobSpec::Evaluate(spec), needs, data: Some(data.spec) })
+        Ok(Resolved { spec: JobSpec::Evaluate(spec), needs, data: Some(data.spec), dataset: None })
     }
 
     async fn data(&self, source: &DataSource) -> Result<FoundData, ApiError> {
         let found = match source {
             DataSource::Stream(spec) => {
                 let spec = DataSpec::Simulation(spec.as_ref().clone());
-                return Ok(FoundData { source: source.clone(), need: None, spec });
+                return Ok(FoundData { source: source.clone(), need: None, spec, dataset: None });
             }
             DataSource::Job(name) => self.named(name, "data.job")?,
             DataSource::Dataset(id) => self.dataset(*id).await?,
@@ -139,7 +157,12 @@ impl<'a> References<'a> {
             }
         };
         let spec = data_spec(&found.spec, "data")?;
-        Ok(FoundData { source: DataSource::Digest(found.digest), need: Some(found.need), spec })
+        Ok(FoundData {
+            source: DataSource::Digest(found.digest),
+            need: Some(found.need),
+            spec,
+            dataset: found.dataset,
+        })
     }
 
     async fn dataset(&self, id: i64) -> Result<Found, ApiError> {
@@ -191,6 +214,7 @@ impl<'a> References<'a> {
             digest: sibling.digest,
             need: Need::New(sibling.index),
             spec: sibling.spec.clone(),
+            dataset: None,
         })
     }
 
@@ -211,7 +235,12 @@ impl<'a> References<'a> {
         let Some(job) = job else {
             return Err(self.not_made(digest, kinds, field, value).await?.into());
         };
-        Ok(Found { digest, need: Need::Existing(job.id), spec: stored(&job, field)? })
+        Ok(Found {
+            digest,
+            need: Need::Existing(job.id),
+            spec: stored(&job, field)?,
+            dataset: job.dataset,
+        })
     }
 
     async fn not_made(

@@ -33,23 +33,31 @@ impl App {
     ) -> Result<Submitted, ApiError> {
         serde_json::from_slice::<IgnoredAny>(text).map_err(ApiError::Json)?;
         let spec = spec::parse(text)?;
-        self.check_size(&spec)?;
+        let idempotency = idempotency_key.map(|key| Idempotency {
+            key,
+            request: Digest::of_json(&json!([Digest::of(text), reuse == Reuse::Never])),
+        });
+        self.submit_spec(&spec, reuse, idempotency).await
+    }
+
+    pub(super) async fn submit_spec(
+        &self,
+        spec: &JobSpec,
+        reuse: Reuse,
+        idempotency: Option<Idempotency>,
+    ) -> Result<Submitted, ApiError> {
+        self.check_size(spec)?;
         let references = References::new(&self.store);
-        let (jobs, pipeline) = match &spec {
+        let (jobs, pipeline) = match spec {
             JobSpec::Pipeline(pipeline) => {
                 let (jobs, pipeline) = plan_pipeline(references, pipeline).await?;
                 (jobs, Some(pipeline))
             }
             single => {
                 let resolved = references.resolve(single).await?;
-                let name = format!("{}-{}", single.kind(), resolved.spec.digest().short());
-                (vec![plan_job(name, resolved)?], None)
+                (vec![plan_job(name(&resolved), resolved)?], None)
             }
         };
-        let idempotency = idempotency_key.map(|key| Idempotency {
-            key,
-            request: Digest::of_json(&json!([Digest::of(text), reuse == Reuse::Never])),
-        });
         let submission = Submission { jobs, pipeline, reuse, idempotency };
         let submitted = self.store.submit(submission).await?;
         Ok(Submitted { job: self.job(submitted.job.0).await?, created: !submitted.reused })
@@ -80,9 +88,18 @@ impl App {
     }
 }
 
+/// What a job is called that has no name of its own.
+fn name(resolved: &Resolved) -> String {
+    match resolved.dataset {
+        Some(dataset) => format!("{}-dataset-{dataset}", resolved.spec.kind()),
+        None => format!("{}-{}", resolved.spec.kind(), resolved.spec.digest().short()),
+    }
+}
+
 fn plan_job(name: String, resolved: Resolved) -> Result<NewJob, ApiError> {
-    let Plan { unit, tasks } = Plan::new(&resolved.spec, resolved.data.as_ref())?;
-    Ok(NewJob { name, spec: resolved.spec, unit: unit.to_owned(), tasks, needs: resolved.needs })
+    let Resolved { spec, needs, data, dataset } = resolved;
+    let Plan { unit, tasks } = Plan::new(&spec, data.as_ref(), dataset)?;
+    Ok(NewJob { name, spec, unit: unit.to_owned(), tasks, needs })
 }
 
 async fn plan_pipeline(

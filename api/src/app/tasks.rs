@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 use spec::{DataSpec, JobSpec, SimulateSpec, SpecError};
-use store::NewTask;
+use store::{DatasetId, NewTask};
 
 use crate::limits::TASKS_PER_JOB;
 
@@ -14,11 +14,16 @@ pub struct Plan {
 }
 
 impl Plan {
-    /// The tasks of `spec`, which reads `data` if it reads trajectories.
+    /// The tasks of `spec`, which reads `data` if it reads trajectories, and verifies `dataset` if
+    /// that exists already.
     ///
     /// # Errors
     /// When there would be more than [`TASKS_PER_JOB`], or data that is needed is missing.
-    pub fn new(spec: &JobSpec, data: Option<&DataSpec>) -> Result<Self, SpecError> {
+    pub fn new(
+        spec: &JobSpec,
+        data: Option<&DataSpec>,
+        dataset: Option<DatasetId>,
+    ) -> Result<Self, SpecError> {
         match (spec, data) {
             (JobSpec::Simulate(spec), _) => Self::of_simulation(spec),
             (JobSpec::Train(spec), _) => {
@@ -30,7 +35,7 @@ impl Plan {
                 let task = task(0, 0, "import".to_owned(), json!({}), 0);
                 Ok(Self { unit: "trajectories", tasks: vec![task] })
             }
-            (JobSpec::Verify(_), Some(data)) => Ok(Self::of_verification(data)),
+            (JobSpec::Verify(_), Some(data)) => Ok(Self::of_verification(data, dataset)),
             (JobSpec::Evaluate(_) | JobSpec::Verify(_), None) => {
                 Err(SpecError::one("data", "", "a dataset"))
             }
@@ -58,15 +63,19 @@ impl Plan {
         Ok(Self { unit: "trajectories", tasks: (0..shards).map(shard).collect() })
     }
 
-    /// One task per shard of the dataset.
-    fn of_verification(data: &DataSpec) -> Self {
+    /// One task per shard, which names the dataset: others may have the same digest.
+    fn of_verification(data: &DataSpec, dataset: Option<DatasetId>) -> Self {
         let shards = u32::try_from(data.shard_count()).unwrap_or(u32::MAX);
         let task = |shard: u32| {
             let total = data.simulation().map_or(0, |spec| {
                 let trajectories = spec.shard(u64::from(shard));
                 trajectories.end - trajectories.start
             });
-            task(0, shard, format!("shard {shard:05}"), json!({"shard": shard}), total)
+            let mut payload = json!({"shard": shard});
+            if let Some(dataset) = dataset {
+                payload["dataset"] = dataset.0.into();
+            }
+            task(0, shard, format!("shard {shard:05}"), payload, total)
         };
         Self { unit: "trajectories", tasks: (0..shards).map(task).collect() }
     }
@@ -97,7 +106,7 @@ mod tests {
     #[test]
     fn a_simulation_has_a_task_per_shard_and_the_last_one_is_shorter() {
         let spec = json!({"preset": "D1-chirp", "trajectories": 25, "shard_trajectories": 10});
-        let plan = Plan::new(&parse(&spec), None).unwrap();
+        let plan = Plan::new(&parse(&spec), None, None).unwrap();
         let tasks: Vec<_> = plan.tasks.iter().map(|it| (it.label.as_str(), it.total)).collect();
         assert_eq!(tasks, [("shard 00000", 10), ("shard 00001", 10), ("shard 00002", 5)]);
         assert_eq!(plan.tasks[2].payload, json!({"shard": 2}));
@@ -106,8 +115,19 @@ mod tests {
     #[test]
     fn a_simulation_in_tiny_shards_is_refused() {
         let spec = json!({"preset": "D1-chirp", "shard_trajectories": 1});
-        let error = Plan::new(&parse(&spec), None).unwrap_err();
+        let error = Plan::new(&parse(&spec), None, None).unwrap_err();
         assert_eq!(error.violations[0].field, "shard_trajectories");
+    }
+
+    #[test]
+    fn a_verification_has_a_task_per_shard_that_names_the_dataset() {
+        let spec = json!({"preset": "D1-chirp", "trajectories": 25, "shard_trajectories": 10});
+        let JobSpec::Simulate(data) = parse(&spec) else { panic!("not a simulation") };
+        let spec = json!({"kind": "verify", "data": {"dataset": 3}});
+        let data = DataSpec::Simulation(data);
+        let plan = Plan::new(&parse(&spec), Some(&data), Some(DatasetId(3))).unwrap();
+        assert_eq!(plan.tasks.iter().map(|task| task.total).collect::<Vec<_>>(), [10, 10, 5]);
+        assert_eq!(plan.tasks[2].payload, json!({"shard": 2, "dataset": 3}));
     }
 
     #[test]
@@ -117,7 +137,7 @@ mod tests {
         };
         let digest = "0".repeat(64);
         let spec = json!({"kind": "evaluate", "data": {"digest": digest}});
-        let plan = Plan::new(&parse(&spec), Some(&DataSpec::Simulation(data))).unwrap();
+        let plan = Plan::new(&parse(&spec), Some(&DataSpec::Simulation(data)), None).unwrap();
         assert_eq!(plan.tasks.len(), 11);
         assert_eq!((plan.tasks[2].label.as_str(), plan.tasks[2].total), ("chirp 0.3 Hz", 100));
         assert_eq!((plan.tasks[10].stage, plan.tasks[10].label.as_str()), (1, "report"));

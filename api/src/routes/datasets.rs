@@ -2,10 +2,11 @@
 
 use axum::Json;
 use axum::extract::State;
-use axum::http::{HeaderMap, Method};
-use axum::response::Response;
+use axum::http::header::LOCATION;
+use axum::http::{HeaderMap, Method, StatusCode};
+use axum::response::{IntoResponse, Response};
 
-use crate::app::{App, Dataset, Datasets};
+use crate::app::{App, Dataset, Datasets, Job};
 use crate::error::ApiError;
 use crate::extract::{Path, Query};
 use crate::routes::{FileResponses, ListParameters, send};
@@ -53,4 +54,18 @@ pub async fn file(
 ) -> Result<Response, ApiError> {
     let file = app.dataset_file(id, &name).await?;
     send(&app, &method, &headers, file).await
+}
+
+/// Make every shard again and compare: a new job each time, of which the dataset tells the outcome.
+#[utoipa::path(
+    post,
+    path = "/v1/datasets/{id}/verify",
+    tag = "datasets",
+    params(("id" = i64, Path)),
+    responses((status = 202, body = Job, headers(("Location" = String)))),
+)]
+pub async fn verify(State(app): State<App>, Path(id): Path<i64>) -> Result<Response, ApiError> {
+    let job = app.verify(id).await?;
+    let location = format!("/v1/jobs/{}", job.id);
+    Ok((StatusCode::ACCEPTED, [(LOCATION, location)], Json(job)).into_response())
 }

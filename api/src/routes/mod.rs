@@ -8,6 +8,7 @@ mod jobs;
 mod openapi;
 mod presets;
 mod runs;
+mod uploads;
 
 use axum::body::Body;
 use axum::extract::{DefaultBodyLimit, Request};
@@ -78,9 +79,10 @@ fn operations() -> OpenApiRouter<App> {
         .routes(routes!(jobs::show))
         .routes(routes!(jobs::cancel))
         .routes(routes!(jobs::tasks))
-        .routes(routes!(datasets::list))
+        .routes(routes!(datasets::list, uploads::create))
         .routes(routes!(datasets::show))
         .routes(routes!(datasets::file))
+        .routes(routes!(datasets::verify))
         .routes(routes!(runs::list))
         .routes(routes!(runs::show))
         .routes(routes!(runs::metric))

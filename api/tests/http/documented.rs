@@ -24,7 +24,7 @@ fn the_committed_document_is_the_generated_one() {
 }
 
 /// Every operation, with a request that it answers with success.
-const OPERATIONS: [(&str, &str, &str); 21] = [
+const OPERATIONS: [(&str, &str, &str); 22] = [
     ("get", "/healthz", "/healthz"),
     ("get", "/v1/presets", "/v1/presets"),
     ("post", "/v1/jobs", "/v1/jobs"),
@@ -35,6 +35,7 @@ const OPERATIONS: [(&str, &str, &str); 21] = [
     ("get", "/v1/datasets", "/v1/datasets"),
     ("get", "/v1/datasets/{id}", "/v1/datasets/1"),
     ("get", "/v1/datasets/{id}/files/{name}", "/v1/datasets/1/files/robots-00000.parquet"),
+    ("post", "/v1/datasets/{id}/verify", "/v1/datasets/1/verify"),
     ("get", "/v1/runs", "/v1/runs"),
     ("get", "/v1/runs/{id}", "/v1/runs/1"),
     ("get", "/v1/runs/{id}/metrics/{key}", "/v1/runs/1/metrics/train%2Floss"),

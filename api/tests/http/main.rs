@@ -13,3 +13,4 @@ mod references;
 mod resources;
 mod serving;
 mod submission;
+mod verification;

@@ -1,0 +1,97 @@
+//! Files that are sent to become datasets.
+
+use serde_json::{Map, Value};
+use spec::{Digest, FileFormat, ImportSpec, JobSpec, SpecError};
+use store::{Idempotency, Reuse, Store};
+
+use crate::app::App;
+use crate::app::submission::Submitted;
+use crate::error::ApiError;
+use crate::upload::IncomingFile;
+
+/// How many uploads an error names as what exists.
+const EXISTING_SHOWN: u32 = 10;
+
+impl App {
+    /// Keeps the file and submits its import.
+    ///
+    /// # Errors
+    /// When the spec cannot be accepted, before the file is received; or when the file does not come
+    /// whole, and then nothing of it is kept.
+    pub async fn import(
+        &self,
+        mut file: IncomingFile,
+        reuse: Reuse,
+        idempotency_key: Option<String>,
+    ) -> Result<Submitted, ApiError> {
+        let _place = self.upload_places.try_acquire().map_err(|_| ApiError::UploadsCrowded)?;
+        let (mut spec, claimed) = import_spec(&file.spec, file.format)?;
+        let mut writer = self.store.begin_upload().await?;
+        while let Some(piece) = file.next().await? {
+            writer.write(&piece).await?;
+        }
+        if writer.size() == 0 {
+            return Err(SpecError::one("file", "empty", "a file with at least one row").into());
+        }
+        spec.file = writer.digest();
+        if let Some(claimed) = claimed.filter(|claimed| *claimed != spec.file) {
+            let allowed = format!("left out, or {}, which this file has", spec.file);
+            return Err(SpecError::one("file", claimed.to_string(), allowed).into());
+        }
+        writer.finish(&file.name).await?;
+        let spec = JobSpec::Import(spec);
+        let idempotency = idempotency_key.map(|key| Idempotency {
+            key,
+            request: Digest::of_json(&serde_json::json!([spec.to_json(), reuse == Reuse::Never])),
+        });
+        self.submit_spec(&spec, reuse, idempotency).await
+    }
+}
+
+/// Reads an import spec in which `kind`, `file` and, where the media type tells it, `format` may be
+/// left out. Returns the digest that it claims for the file, which the spec does not have yet.
+fn import_spec(
+    text: &[u8],
+    declared: Option<FileFormat>,
+) -> Result<(ImportSpec, Option<Digest>), ApiError> {
+    let fields: Value = serde_json::from_slice(text).map_err(ApiError::Json)?;
+    let Value::Object(mut fields) = fields else {
+        return Err(SpecError::one("", "no object", "an import spec, a JSON object").into());
+    };
+    fields.entry("kind").or_insert_with(|| "import".into());
+    if let Some(declared) = declared {
+        fields.entry("format").or_insert_with(|| declared.as_str().into());
+    }
+    let claims_file = fields.contains_key("file");
+    fields.entry("file").or_insert_with(|| Digest::of(b"").to_string().into());
+    let spec = parse(fields)?;
+    if let Some(declared) = declared.filter(|declared| *declared != spec.format) {
+        let allowed = format!("{}, as the file is declared", declared.as_str());
+        return Err(SpecError::one("format", spec.format.as_str(), allowed).into());
+    }
+    let claimed = claims_file.then_some(spec.file);
+    Ok((spec, claimed))
+}
+
+fn parse(fields: Map<String, Value>) -> Result<ImportSpec, ApiError> {
+    match spec::parse(Value::Object(fields).to_string().as_bytes())? {
+        JobSpec::Import(spec) => Ok(spec),
+        other => Err(SpecError::one("kind", other.kind().as_str(), "import, or left out").into()),
+    }
+}
+
+/// # Errors
+/// When nobody has sent the file that `spec` names.
+pub async fn check_known(store: &Store, spec: &ImportSpec) -> Result<(), ApiError> {
+    if store.upload(spec.file).await?.is_some() {
+        return Ok(());
+    }
+    let newest = store.newest_uploads(EXISTING_SHOWN).await?;
+    let known: Vec<String> =
+        newest.iter().map(|it| format!("{} ({})", it.object.sha256, it.name)).collect();
+    let allowed = match known.as_slice() {
+        [] => "the SHA-256 of a file that was sent to POST /v1/datasets; none was yet".to_owned(),
+        known => format!("the SHA-256 of a file that was sent: {}", known.join(", ")),
+    };
+    Err(SpecError::one("file", spec.file.to_string(), allowed).into())
+}

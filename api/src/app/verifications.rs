@@ -1,0 +1,87 @@
+//! Verifications: datasets made again and compared with what is stored.
+
+use serde::Serialize;
+use spec::{DataSource, Execution, JobSpec, VerifySpec};
+use store::{DatasetId, DatasetState, JobState, Reuse, TaskState};
+use utoipa::ToSchema;
+
+use crate::app::jobs::text;
+use crate::app::{App, Job};
+use crate::error::ApiError;
+
+/// Remarks shown of a verification; a dataset of another version has one per shard.
+const REMARKS: usize = 5;
+
+/// What came of comparing a dataset with the same trajectories made again.
+#[derive(Clone, Debug, Serialize, ToSchema)]
+pub struct Verification {
+    pub job: i64,
+    /// `succeeded` when nothing differs.
+    #[schema(value_type = String, example = "succeeded")]
+    pub state: JobState,
+    pub shards: u64,
+    /// Shards that have been compared, without a difference in any value.
+    pub shards_verified: u64,
+    /// Those of them whose bytes are the same, to the last one.
+    pub shards_identical: u64,
+    /// What else there is to say of shards that were compared, a few of all.
+    pub remarks: Vec<String>,
+    /// The first difference, or why the dataset could not be compared.
+    pub error: Option<String>,
+    pub finished_at: Option<String>,
+}
+
+impl App {
+    /// Queues a verification of this very dataset, whatever was verified before.
+    ///
+    /// # Errors
+    /// [`ApiError::DatasetIncomplete`] while shards are missing.
+    pub async fn verify(&self, dataset: i64) -> Result<Job, ApiError> {
+        let row = self.store.dataset(DatasetId(dataset)).await?;
+        if row.state != DatasetState::Complete {
+            let job = self.store.job(row.job).await?;
+            return Err(ApiError::DatasetIncomplete {
+                id: dataset,
+                job: job.id.0,
+                state: job.state,
+            });
+        }
+        let data = DataSource::Dataset(dataset);
+        let spec = JobSpec::Verify(VerifySpec { data, execution: Execution::default() });
+        Ok(self.submit_spec(&spec, Reuse::Never, None).await?.job)
+    }
+
+    /// The newest verification of a dataset.
+    pub async fn verification(&self, dataset: i64) -> Result<Option<Verification>, ApiError> {
+        let Some(job) = self.store.newest_verification(DatasetId(dataset)).await? else {
+            return Ok(None);
+        };
+        let tasks = self.store.tasks(job.id).await?;
+        let verified = tasks.iter().filter(|task| task.state == TaskState::Succeeded);
+        let mut verification = Verification {
+            job: job.id.0,
+            state: job.state,
+            shards: tasks.len() as u64,
+            shards_verified: 0,
+            shards_identical: 0,
+            remarks: Vec::new(),
+            error: job.error,
+            finished_at: text(job.finished_at),
+        };
+        for task in verified {
+            let word = |name: &str| task.result.as_ref().and_then(|it| it.get(name)?.as_str());
+            verification.shards_verified += 1;
+            match word("bytes") {
+                Some("equal") => verification.shards_identical += 1,
+                Some(bytes) if verification.remarks.len() < REMARKS => {
+                    let values = word("values").map(|it| format!(", values {it}"));
+                    let remark =
+                        format!("{}: bytes {bytes}{}", task.label, values.unwrap_or_default());
+                    verification.remarks.push(remark);
+                }
+                _ => {}
+            }
+        }
+        Ok(Some(verification))
+    }
+}

@@ -1,0 +1,78 @@
+//! Sending a file of one's own.
+
+use axum::Json;
+use axum::extract::State;
+use axum::http::StatusCode;
+use axum::http::header::LOCATION;
+use axum::response::{IntoResponse, Response};
+use serde::Deserialize;
+use spec::ImportSpec;
+use utoipa::{IntoParams, ToSchema};
+
+use crate::app::{App, Job, Reuse};
+use crate::error::ApiError;
+use crate::extract::{IdempotencyKey, Query};
+use crate::upload::IncomingFile;
+
+#[derive(Deserialize, IntoParams)]
+#[into_params(parameter_in = Query)]
+#[expect(dead_code, reason = "`IncomingFile` reads spec and name; here they are documented")]
+pub struct UploadParameters {
+    /// When the body is the file itself: the import spec as JSON, in which `kind`, `file` and
+    /// `format` may be left out.
+    spec: Option<String>,
+    /// When the body is the file itself: what it is called.
+    name: Option<String>,
+    /// Convert anew, even what was already imported in the same way.
+    #[serde(default)]
+    force: bool,
+}
+
+/// A form with a file: first the spec, then the file.
+#[derive(ToSchema)]
+#[expect(dead_code, reason = "a shape for the document; `IncomingFile` reads it")]
+pub struct UploadForm {
+    /// In which `kind`, `file` and, if the part `file` has a media type, `format` may be left out.
+    spec: ImportSpec,
+    #[schema(value_type = String, format = Binary)]
+    file: Vec<u8>,
+}
+
+/// Send recordings, as CSV or Parquet, and import them as a dataset.
+///
+/// The file is kept under its digest, so that `POST /v1/jobs` can import it again in another way.
+/// An import whose digest was already done, or is on its way, is answered with 200.
+#[utoipa::path(
+    post,
+    path = "/v1/datasets",
+    tag = "datasets",
+    params(
+        UploadParameters,
+        (
+            "Idempotency-Key" = Option<String>,
+            Header,
+            description = "Sent again with the same spec and file, it names the same job",
+        ),
+    ),
+    request_body(content(
+        (UploadForm = "multipart/form-data"),
+        (Vec<u8> = "text/csv"),
+        (Vec<u8> = "application/vnd.apache.parquet"),
+    )),
+    responses(
+        (status = 202, body = Job, headers(("Location" = String))),
+        (status = 200, body = Job, description = "The import exists already"),
+    ),
+)]
+pub async fn create(
+    State(app): State<App>,
+    Query(parameters): Query<UploadParameters>,
+    IdempotencyKey(key): IdempotencyKey,
+    file: IncomingFile,
+) -> Result<Response, ApiError> {
+    let reuse = if parameters.force { Reuse::Never } else { Reuse::SameDigest };
+    let submitted = app.import(file, reuse, key).await?;
+    let status = if submitted.created { StatusCode::ACCEPTED } else { StatusCode::OK };
+    let location = format!("/v1/jobs/{}", submitted.job.id);
+    Ok((status, [(LOCATION, location)], Json(submitted.job)).into_response())
+}

@@ -1,0 +1,224 @@
+//! A file on its way in: as the part of a form, or as the body itself, never whole in memory.
+
+use std::time::Duration;
+
+use axum::body::{Body, Bytes};
+use axum::extract::{FromRequest, Request};
+use axum::http::HeaderMap;
+use axum::http::header::{CONTENT_LENGTH, CONTENT_TYPE};
+use futures::StreamExt;
+use futures::stream::BoxStream;
+use multer::{Constraints, Field, Multipart, SizeLimit};
+use serde::Deserialize;
+use spec::FileFormat;
+use tokio::time::{Instant, timeout_at};
+
+use crate::app::App;
+use crate::error::ApiError;
+use crate::extract::Query;
+use crate::limits::{BODY_BYTES, UPLOAD_NAME_BYTES, UPLOAD_STALL, UPLOAD_TIMEOUT};
+
+/// Bytes of a form around its file: boundaries, headers of the parts, and the spec.
+const FORM_BYTES: u64 = 64 * 1024 + BODY_BYTES as u64;
+
+/// A file that somebody sends, with what is known before its first byte.
+pub struct IncomingFile {
+    /// The import spec as it was sent.
+    pub spec: Bytes,
+    /// What the sender says the file is, if the media type tells.
+    pub format: Option<FileFormat>,
+    /// As the sender calls it.
+    pub name: String,
+    source: Source,
+    received: u64,
+    limit: u64,
+    deadline: Instant,
+}
+
+enum Source {
+    Body(BoxStream<'static, Result<Bytes, axum::Error>>),
+    /// The part called `file`, and the form that it is the last part of.
+    Form { file: Field<'static>, form: Multipart<'static> },
+}
+
+#[derive(Deserialize)]
+struct Parameters {
+    spec: Option<String>,
+    name: Option<String>,
+}
+
+impl FromRequest<App> for IncomingFile {
+    type Rejection = ApiError;
+
+    async fn from_request(request: Request, app: &App) -> Result<Self, ApiError> {
+        let deadline = Instant::now() + UPLOAD_TIMEOUT;
+        let limit = app.max_upload_bytes();
+        let (mut parts, body) = request.into_parts();
+        let parameters = <Query<Parameters> as axum::extract::FromRequestParts<App>>::from_request_parts(
+            &mut parts, app,
+        );
+        let Query(parameters) = parameters.await?;
+        let declared = parts.headers.get(CONTENT_TYPE);
+        let declared =
+            declared.map(|value| String::from_utf8_lossy(value.as_bytes()).into_owned());
+        let essence = declared.as_deref().map(essence).unwrap_or_default();
+        if essence == "multipart/form-data" {
+            refuse_longer(&parts.headers, limit.saturating_add(FORM_BYTES), limit)?;
+            if parameters.spec.is_some() || parameters.name.is_some() {
+                let allowed = "left out: a form has them in its parts";
+                return Err(ApiError::parameter("spec, name", "in the query", allowed));
+            }
+            return from_form(&declared.unwrap_or_default(), body, limit, deadline).await;
+        }
+        let Some(format) = format_of(&essence) else {
+            return Err(ApiError::UploadType { found: declared });
+        };
+        refuse_longer(&parts.headers, limit, limit)?;
+        let Some(spec) = parameters.spec else {
+            let allowed = "the import spec as JSON, when the body is the file itself";
+            return Err(ApiError::parameter("spec", "missing", allowed));
+        };
+        Ok(Self {
+            spec: spec.into(),
+            format: Some(format),
+            name: usable(parameters.name.as_deref())?,
+            source: Source::Body(body.into_data_stream().boxed()),
+            received: 0,
+            limit,
+            deadline,
+        })
+    }
+}
+
+/// The media type without its parameters.
+fn essence(declared: &str) -> String {
+    declared.split(';').next().unwrap_or("").trim().to_ascii_lowercase()
+}
+
+fn format_of(essence: &str) -> Option<FileFormat> {
+    match essence {
+        "text/csv" => Some(FileFormat::Csv),
+        "application/vnd.apache.parquet" => Some(FileFormat::Parquet),
+        _ => None,
+    }
+}
+
+/// A sender who says how much will come is stopped before it comes.
+fn refuse_longer(headers: &HeaderMap, allowed: u64, limit: u64) -> Result<(), ApiError> {
+    let length = headers.get(CONTENT_LENGTH).and_then(|length| length.to_str().ok());
+    match length.and_then(|length| length.parse::<u64>().ok()) {
+        Some(length) if length > allowed => Err(ApiError::UploadTooLarge { limit }),
+        _ => Ok(()),
+    }
+}
+
+fn usable(name: Option<&str>) -> Result<String, ApiError> {
+    let name = name.unwrap_or("upload");
+    if name.is_empty() || name.len() > UPLOAD_NAME_BYTES || name.chars().any(char::is_control) {
+        let allowed = format!("1 to {UPLOAD_NAME_BYTES} bytes without control characters");
+        return Err(ApiError::parameter("name", format!("{} bytes", name.len()), allowed));
+    }
+    Ok(name.to_owned())
+}
+
+async fn from_form(
+    declared: &str,
+    body: Body,
+    limit: u64,
+    deadline: Instant,
+) -> Result<IncomingFile, ApiError> {
+    let boundary = multer::parse_boundary(declared).map_err(|error| form_error(&error, limit))?;
+    let sizes = SizeLimit::new()
+        .whole_stream(limit.saturating_add(FORM_BYTES))
+        .for_field("spec", BODY_BYTES as u64)
+        .for_field("file", limit);
+    let constraints = Constraints::new().size_limit(sizes).allowed_fields(vec!["spec", "file"]);
+    let stream = body.into_data_stream();
+    let mut form = Multipart::with_constraints(stream, boundary, constraints);
+    let spec = match next_part(&mut form, limit, deadline).await? {
+        Some(part) if part.name() == Some("spec") => {
+            let read = patiently(deadline, part.bytes()).await?;
+            read.map_err(|error| form_error(&error, limit))?
+        }
+        other => return Err(wrong_part("spec", other.as_ref())),
+    };
+    let file = match next_part(&mut form, limit, deadline).await? {
+        Some(part) if part.name() == Some("file") => part,
+        other => return Err(wrong_part("file", other.as_ref())),
+    };
+    let format = file.content_type().and_then(|declared| format_of(declared.essence_str()));
+    Ok(IncomingFile {
+        spec,
+        format,
+        name: usable(file.file_name().filter(|name| !name.is_empty()))?,
+        source: Source::Form { file, form },
+        received: 0,
+        limit,
+        deadline,
+    })
+}
+
+async fn next_part(
+    form: &mut Multipart<'static>,
+    limit: u64,
+    deadline: Instant,
+) -> Result<Option<Field<'static>>, ApiError> {
+    patiently(deadline, form.next_field()).await?.map_err(|error| form_error(&error, limit))
+}
+
+fn wrong_part(expected: &str, found: Option<&Field<'static>>) -> ApiError {
+    let found = match found {
+        None => "nothing".to_owned(),
+        Some(part) => format!("part {:?}", part.name().unwrap_or_default()),
+    };
+    let reason = format!("{found} came where part {expected:?} should; send spec, then file");
+    ApiError::Form { reason }
+}
+
+fn form_error(error: &multer::Error, limit: u64) -> ApiError {
+    match error {
+        multer::Error::StreamSizeExceeded { .. } => ApiError::UploadTooLarge { limit },
+        multer::Error::FieldSizeExceeded { field_name: Some(field), .. } if field == "file" => {
+            ApiError::UploadTooLarge { limit }
+        }
+        multer::Error::FieldSizeExceeded { .. } => ApiError::BodyTooLarge,
+        error => ApiError::Form { reason: error.to_string() },
+    }
+}
+
+impl IncomingFile {
+    /// The bytes that follow, or `None` at the end.
+    ///
+    /// # Errors
+    /// When they do not come in time, are cut off, or are too many.
+    pub async fn next(&mut self) -> Result<Option<Bytes>, ApiError> {
+        let (limit, deadline) = (self.limit, self.deadline);
+        let piece = match &mut self.source {
+            Source::Body(body) => patiently(deadline, body.next()).await?.transpose().map_err(
+                |error| ApiError::Body { reason: error.to_string() },
+            )?,
+            Source::Form { file, form } => {
+                let piece = patiently(deadline, file.chunk()).await?;
+                let piece = piece.map_err(|error| form_error(&error, limit))?;
+                if piece.is_none()
+                    && let Some(part) = next_part(form, limit, deadline).await?
+                {
+                    return Err(wrong_part("the end of the form", Some(&part)));
+                }
+                piece
+            }
+        };
+        self.received += piece.as_ref().map_or(0, |piece| piece.len() as u64);
+        if self.received > self.limit {
+            return Err(ApiError::UploadTooLarge { limit: self.limit });
+        }
+        Ok(piece)
+    }
+}
+
+/// Waits for what a sender sends next, for so long and no longer.
+async fn patiently<T>(deadline: Instant, next: impl Future<Output = T>) -> Result<T, ApiError> {
+    let stall: Duration = UPLOAD_STALL;
+    let until = deadline.min(Instant::now() + stall);
+    timeout_at(until, next).await.map_err(|_| ApiError::UploadStalled)
+}
