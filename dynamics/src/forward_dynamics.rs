@@ -226,10 +226,11 @@ pub(crate) fn mass_matrix_and_bias<L: Lanes>(
     joint!(0, composite);
 }
 
-/// Solves (M + A + h D + h τ_f'(q̇)) q̈ = u − C q̇ − g − D q̇ − τ_f(q̇).
+/// Solves (M + A + h D) q̈ = u − C q̇ − g − D q̇ − τ_f(q̇).
 ///
-/// With h the length of the step to come, damping acts at the step's end, and friction as its
-/// tangent does (linearly implicitly); with h = 0 this is the acceleration at the given state.
+/// With h the length of the step to come, damping acts at the step's end (implicitly); with h = 0
+/// this is the acceleration at the given state. Friction always acts as at the step's start: it is
+/// bounded, and where a step crosses its bend its tangent leads further astray than its value.
 #[inline(always)]
 pub(crate) fn accelerations<L: Lanes>(
     model: &Model<L>,
@@ -249,9 +250,7 @@ pub(crate) fn accelerations<L: Lanes>(
     // All robots of a simulation have friction or none has: the branch is always the same.
     if let Some(friction) = &model.friction {
         for joint in 0..JOINTS {
-            let (resistance, slope) = friction.at(joint, qd[joint]);
-            m[joint][joint] = step.mul_add(slope, m[joint][joint]);
-            b[joint] = b[joint] - resistance;
+            b[joint] = b[joint] - friction.torque(joint, qd[joint]);
         }
     }
 

@@ -54,32 +54,27 @@ impl<L: Lanes> Sigmoids<L> {
             self.phi1[joint].set_lane(lane, phi1);
             self.phi2[joint].set_lane(lane, phi2);
             self.phi3[joint].set_lane(lane, phi3);
-            let (_, sigmoid) = decay_and_sigmoid(self.phi2[joint] * self.phi3[joint]);
-            self.at_rest[joint] = self.phi1[joint] * sigmoid;
+            self.at_rest[joint] = self.phi1[joint] * sigmoid(self.phi2[joint] * self.phi3[joint]);
         }
     }
 
-    /// Torque against the motion of `joint` at `qd` (rad/s), N·m, and its slope, N·m·s/rad.
+    /// Torque against the motion of `joint` at `qd` (rad/s), N·m.
     #[inline(always)]
-    pub(crate) fn at(&self, joint: usize, qd: L) -> (L, L) {
-        let phi1 = self.phi1[joint];
-        let (decay, sigmoid) = decay_and_sigmoid(self.phi2[joint] * (qd + self.phi3[joint]));
-        // σ' = σ (1 − σ) = σ (exp(−x) σ).
-        let slope = (phi1 * self.phi2[joint]) * (sigmoid * (decay * sigmoid));
-        (phi1 * sigmoid - self.at_rest[joint], slope)
+    pub(crate) fn torque(&self, joint: usize, qd: L) -> L {
+        let sigmoid = sigmoid(self.phi2[joint] * (qd + self.phi3[joint]));
+        self.phi1[joint] * sigmoid - self.at_rest[joint]
     }
 }
 
-/// exp(−x) and 1 / (1 + exp(−x)).
+/// 1 / (1 + exp(−x)).
 #[inline(always)]
-fn decay_and_sigmoid<L: Lanes>(x: L) -> (L, L) {
-    /// Where exp(−x) is far below the last place of 1 (or 1 below its), and still in range of f32.
+fn sigmoid<L: Lanes>(x: L) -> L {
+    /// Where exp(−x) is far below the last place of 1, and its inverse still in range of f32.
     const SATURATED: f64 = 80.0;
 
     let saturated = L::splat(SATURATED);
     let bounded = (-(x.max(-saturated))).max(-saturated);
-    let decay = bounded.exp();
-    (decay, (L::splat(1.0) + decay).recip())
+    (L::splat(1.0) + bounded.exp()).recip()
 }
 
 #[cfg(test)]
@@ -99,25 +94,22 @@ mod tests {
         sigmoids.set_lane(0, Some(&friction));
         for joint in 0..JOINTS {
             let phi = [spec.phi1_nm[joint], spec.phi2_s_rad[joint], spec.phi3_rad_s[joint]];
-            assert_eq!(sigmoids.at(joint, L::splat(0.0)).0.lane(0), 0.0);
+            assert_eq!(sigmoids.torque(joint, L::splat(0.0)).lane(0), 0.0);
             for step in -3000..=3000 {
                 let qd = f64::from(step) * 0.001;
-                let (torque, slope) = sigmoids.at(joint, L::splat(qd));
+                let torque = sigmoids.torque(joint, L::splat(qd));
                 assert!((torque.lane(0) - published(phi, qd)).abs() < tolerance_nm, "{joint} {qd}");
-                let expected = (published(phi, qd + 1e-5) - published(phi, qd - 1e-5)) / 2e-5;
-                assert!((slope.lane(0) - expected).abs() < 1e-5, "slope {joint} {qd}");
             }
             for (qd, sigmoid) in [(1e6, 1.0), (-1e6, 0.0)] {
-                let (torque, slope) = sigmoids.at(joint, L::splat(qd));
+                let torque = sigmoids.torque(joint, L::splat(qd));
                 let expected = phi[0] * (sigmoid - 1.0 / (1.0 + (-phi[1] * phi[2]).exp()));
                 assert!((torque.lane(0) - expected).abs() < tolerance_nm, "{joint} {qd}");
-                assert!(slope.lane(0).abs() < 1e-12);
             }
         }
     }
 
     #[test]
-    fn friction_is_the_published_sigmoid_with_its_slope_and_saturates() {
+    fn friction_is_the_published_sigmoid_and_saturates() {
         check::<F64Array<1>>(1e-15);
         check::<F32Array<1>>(1e-6);
     }

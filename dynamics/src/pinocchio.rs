@@ -324,8 +324,12 @@ fn avx512_lanes_have_the_dynamics_of_the_reference() {
 
 #[test]
 fn whole_trajectories_follow_the_reference_on_every_instruction_set() {
-    let fine = Integrator::Extrapolated { order: 4, substeps: 4 };
     for (case, trajectory) in reference().trajectories.iter().enumerate() {
+        let fine = match trajectory.friction {
+            None => Integrator::Extrapolated { order: 4, substeps: 4 },
+            // Extrapolation needs a smooth solution, which the bend of the friction law is not.
+            Some(_) => Integrator::Rk4 { substeps: 24 },
+        };
         for instructions in InstructionSet::available() {
             // Stored positions are f32 and reach 4 rad: 2.4e-7 is half their last place.
             let error = trajectory.error(instructions, Precision::F64, fine);
@@ -337,12 +341,21 @@ fn whole_trajectories_follow_the_reference_on_every_instruction_set() {
 }
 
 #[test]
-fn the_default_integrator_stays_within_a_ten_thousandth_of_a_radian() {
+fn the_default_integrator_is_accurate_without_friction_and_runge_kutta_also_with() {
     for (case, trajectory) in reference().trajectories.iter().enumerate() {
+        // With friction this torque, of a dozen N·m at 1 Hz, is more than the default resolves.
+        let limit_rad = if trajectory.friction.is_none() { 1e-5 } else { 3e-4 };
         for precision in [Precision::F32, Precision::F64] {
             let error = trajectory.error(InstructionSet::best(), precision, Integrator::default());
             println!("{case}, {precision:?}: {error:.1e} rad");
-            assert!(error < 1e-4, "{case}, {precision:?}: {error:e} rad");
+            assert!(error < limit_rad, "{case}, {precision:?}: {error:e} rad");
+            let error = trajectory.error(
+                InstructionSet::best(),
+                precision,
+                Integrator::Rk4 { substeps: 6 },
+            );
+            println!("{case}, {precision:?}, RK4: {error:.1e} rad");
+            assert!(error < 1e-4, "{case}, {precision:?}, RK4: {error:e} rad");
         }
     }
 }

@@ -9,6 +9,7 @@
 mod accuracy;
 mod calibration;
 mod determinism;
+mod observations;
 mod scenarios;
 
 use std::ops::{ControlFlow, Range};
