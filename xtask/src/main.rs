@@ -1,7 +1,10 @@
-//! Developer commands: `cargo xtask test`, `cargo xtask bench NAME`.
+//! Developer commands: `cargo xtask test`, `cargo xtask bench NAME`, `cargo xtask peers`.
 
 mod bench;
+mod machine;
+mod peers;
 mod process;
+mod product;
 mod test;
 
 use std::path::PathBuf;
@@ -23,12 +26,15 @@ enum Command {
     Test(test::Arguments),
     /// Measure, show a table, and say which goals are met
     Bench(bench::Arguments),
+    /// Rebuild simulated robots in MuJoCo and Pinocchio and compare their motions with ours
+    Peers(peers::Arguments),
 }
 
 fn main() -> ExitCode {
     let result = match Cli::parse().command {
         Command::Test(arguments) => test::run(&arguments),
         Command::Bench(arguments) => bench::run(&arguments),
+        Command::Peers(arguments) => peers::run(&arguments),
     };
     match result {
         Ok(code) => code,
@@ -43,4 +49,10 @@ fn main() -> ExitCode {
 fn repository() -> PathBuf {
     let xtask = PathBuf::from(env!("CARGO_MANIFEST_DIR"));
     xtask.parent().map_or_else(|| xtask.clone(), PathBuf::from)
+}
+
+/// The folder that cargo builds into.
+fn target() -> PathBuf {
+    std::env::var_os("CARGO_TARGET_DIR")
+        .map_or_else(|| repository().join("target"), |folder| repository().join(folder))
 }

@@ -1,17 +1,20 @@
 //! `cargo xtask bench NAME`: the one door to every benchmark.
 
+mod dynamics;
 mod measurement;
+mod million;
+mod parquet;
 mod quickstart;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use anyhow::{Context, ensure};
+use anyhow::Context;
 use clap::Args;
 use clap::builder::PossibleValuesParser;
 
-use crate::process::{self, command};
-use measurement::Measurement;
+use crate::machine;
+use measurement::{Goal, Measurement, Peer, median};
 
 #[derive(Debug, Args)]
 pub struct Arguments {
@@ -31,7 +34,14 @@ pub struct Arguments {
 struct Benchmark {
     name: &'static str,
     about: &'static str,
-    run: fn(Peers) -> anyhow::Result<Vec<Measurement>>,
+    run: fn(Peers) -> anyhow::Result<Report>,
+}
+
+/// What a benchmark has to say.
+struct Report {
+    /// What was run, in which version, on what.
+    notes: Vec<String>,
+    measurements: Vec<Measurement>,
 }
 
 /// Whether other programs are measured beside ours.
@@ -41,11 +51,24 @@ enum Peers {
     Measured,
 }
 
-const ALL: [Benchmark; 1] = [Benchmark {
-    name: "quickstart",
-    about: "seconds per stage of `torqued quickstart`, then of a second run",
-    run: quickstart::run,
-}];
+const ALL: [Benchmark; 3] = [
+    Benchmark {
+        name: "dynamics",
+        about: "forward dynamics and trajectories per second, beside Pinocchio and MuJoCo; a million \
+                trajectories written",
+        run: dynamics::run,
+    },
+    Benchmark {
+        name: "parquet",
+        about: "writing and reading trajectories, beside pyarrow and polars",
+        run: parquet::run,
+    },
+    Benchmark {
+        name: "quickstart",
+        about: "seconds per stage of `torqued quickstart`, then of a second run",
+        run: quickstart::run,
+    },
+];
 
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let benchmark = ALL
@@ -54,7 +77,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         .with_context(|| format!("there is no benchmark {:?}", arguments.name))?;
     eprintln!("{}: {}", benchmark.name, benchmark.about);
     let peers = if arguments.peers { Peers::Measured } else { Peers::LeftOut };
-    let measurements = (benchmark.run)(peers)?;
+    let machine = machine::description();
+    let Report { notes, measurements } = (benchmark.run)(peers)?;
+    println!("{}\n{machine}", command_line(arguments));
+    for note in notes {
+        println!("{note}");
+    }
+    println!();
     print!("{}", measurement::table(&measurements));
     if let Some(file) = &arguments.json {
         let json = serde_json::to_string_pretty(&measurements)?;
@@ -65,9 +94,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     Ok(if missed { ExitCode::FAILURE } else { ExitCode::SUCCESS })
 }
 
-/// Builds the program in the profile it is shipped in.
-fn build_torqued() -> anyhow::Result<PathBuf> {
-    let built = process::run(&mut command("cargo", &["build", "--release", "--bin", "torqued"]))?;
-    ensure!(built.success, "torqued does not build");
-    Ok(crate::repository().join("target/release/torqued"))
+/// As one would type it.
+fn command_line(arguments: &Arguments) -> String {
+    let peers = if arguments.peers { " --peers" } else { "" };
+    format!("cargo xtask bench {}{peers}", arguments.name)
 }

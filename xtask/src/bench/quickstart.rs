@@ -8,19 +8,19 @@ use std::time::Instant;
 use anyhow::{Context, bail, ensure};
 use serde::Deserialize;
 
-use super::{Measurement, Peers, build_torqued};
-use crate::process;
+use super::{Goal, Measurement, Peers, Report};
+use crate::{process, product};
 
 /// The whole quickstart on two cores without a GPU, in seconds.
-const GOAL_FIRST: f64 = 300.0;
+const GOAL_FIRST: Goal = Goal::AtMost(300.0);
 /// A second run, which has nothing to compute.
-const GOAL_SECOND: f64 = 10.0;
+const GOAL_SECOND: Goal = Goal::AtMost(10.0);
 
-pub(super) fn run(peers: Peers) -> anyhow::Result<Vec<Measurement>> {
+pub(super) fn run(peers: Peers) -> anyhow::Result<Report> {
     if peers == Peers::Measured {
         eprintln!("no other program does what the quickstart does: nothing to compare with");
     }
-    let torqued = build_torqued()?;
+    let torqued = product::build()?;
     let data = tempfile::Builder::new().prefix("torqued-bench-").tempdir()?;
     let first = quickstart(&torqued, data.path())?;
     let second = quickstart(&torqued, data.path())?;
@@ -30,7 +30,7 @@ pub(super) fn run(peers: Peers) -> anyhow::Result<Vec<Measurement>> {
         .collect();
     measurements.push(Measurement::alone("first run", first, "s", Some(GOAL_FIRST)));
     measurements.push(Measurement::alone("second run", second, "s", Some(GOAL_SECOND)));
-    Ok(measurements)
+    Ok(Report { notes: Vec::new(), measurements })
 }
 
 /// Seconds that one quickstart takes, from start to exit.

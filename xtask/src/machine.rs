@@ -1,0 +1,70 @@
+//! The machine that numbers are from, in a line.
+
+use std::fs;
+use std::process::Command;
+use std::thread::available_parallelism;
+
+/// Processor, cores, memory, kernel, compiler, commit, and how busy the machine was before.
+pub fn description() -> String {
+    let read = |path| fs::read_to_string(path).unwrap_or_default();
+    let processors = read("/proc/cpuinfo");
+    let processor = field(&processors, "model name").unwrap_or("unknown processor");
+    let cores = available_parallelism().map_or(1, usize::from);
+    let memory = field(&read("/proc/meminfo"), "MemTotal").and_then(gibibytes);
+    let memory = memory.map_or_else(|| "unknown".to_owned(), |gib| format!("{gib:.1} GiB"));
+    let kernel = read("/proc/sys/kernel/osrelease");
+    let load = read("/proc/loadavg");
+    format!(
+        "{processor}, {cores} cores, {memory} memory, Linux {}; {}; commit {}; load {} before",
+        kernel.trim(),
+        said_by("rustc", &["--version"]),
+        said_by("git", &["describe", "--always", "--dirty"]),
+        load.split_whitespace().next().unwrap_or("unknown"),
+    )
+}
+
+/// The first line that a program prints.
+pub fn said_by(program: &str, arguments: &[&str]) -> String {
+    let output = Command::new(program).args(arguments).current_dir(crate::repository()).output();
+    let text = output.map(|output| String::from_utf8_lossy(&output.stdout).into_owned());
+    let text = text.unwrap_or_default();
+    text.lines().next().map_or_else(|| format!("{program} unknown"), str::to_owned)
+}
+
+/// The value of the first `name : value` in a file of the kernel's.
+pub fn field<'a>(text: &'a str, name: &str) -> Option<&'a str> {
+    text.lines().find_map(|line| {
+        let (key, value) = line.split_once(':')?;
+        (key.trim() == name).then(|| value.trim())
+    })
+}
+
+/// From `N kB`, which in these files means kibibytes.
+pub fn gibibytes(value: &str) -> Option<f64> {
+    let kibibytes: f64 = value.strip_suffix("kB")?.trim().parse().ok()?;
+    Some(kibibytes / (1024.0 * 1024.0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn fields_of_the_kernels_files_are_found_by_their_whole_name() {
+        let text = "processor\t: 0\nmodel\t\t: 2\nmodel name\t: AMD EPYC\nmodel name\t: other\n";
+        assert_eq!(field(text, "model name"), Some("AMD EPYC"));
+        assert_eq!(field(text, "name"), None);
+    }
+
+    #[test]
+    fn memory_is_read_in_kibibytes() {
+        assert_eq!(gibibytes("2097152 kB"), Some(2.0));
+        assert_eq!(gibibytes("2097152"), None);
+        assert_eq!(gibibytes("much kB"), None);
+    }
+
+    #[test]
+    fn a_program_that_is_not_there_says_nothing() {
+        assert_eq!(said_by("no-such-program-anywhere", &[]), "no-such-program-anywhere unknown");
+    }
+}

@@ -1,0 +1,173 @@
+//! Other simulators, installed beside the build: `cargo xtask peers` rebuilds our robots in them.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, ExitCode};
+
+use anyhow::{Context, ensure};
+use clap::Args;
+
+use crate::process::{self, command};
+use crate::product;
+use crate::{repository, target};
+
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// Robots to rebuild of each dataset
+    #[arg(long, default_value_t = 50)]
+    robots: u32,
+
+    /// Only the datasets of these specs of tests/peers/specs, by name
+    #[arg(value_name = "SPEC")]
+    only: Vec<String>,
+}
+
+/// Makes a dataset of each spec, rebuilds its robots in MuJoCo and Pinocchio, and compares.
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
+    let specs = specs(&repository().join("tests/peers/specs"), &arguments.only)?;
+    let torqued = product::build()?;
+    let python = python()?;
+    let mut rebuild = Command::new(python);
+    rebuild.arg("tests/peers/rebuild.py").arg("--robots").arg(arguments.robots.to_string());
+    for spec in specs {
+        let folder = folder()?.join("datasets").join(spec.file_stem().unwrap_or_default());
+        product::simulate_anew(&torqued, &spec, &folder)?;
+        rebuild.arg(folder);
+    }
+    let finished = process::run(rebuild.current_dir(repository()))?;
+    Ok(if finished.success { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}
+
+/// The specs of a folder in alphabetical order, or those of the given names.
+fn specs(folder: &Path, only: &[String]) -> anyhow::Result<Vec<PathBuf>> {
+    let entries =
+        fs::read_dir(folder).with_context(|| format!("cannot read {}", folder.display()))?;
+    let mut all = Vec::new();
+    for entry in entries {
+        let path = entry?.path();
+        if path.extension().is_some_and(|extension| extension == "json") {
+            all.push(path);
+        }
+    }
+    all.sort();
+    let name = |path: &Path| path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    let names: Vec<String> = all.iter().map(|path| name(path)).collect();
+    if let Some(unknown) = only.iter().find(|asked| !names.contains(asked)) {
+        anyhow::bail!("there is no spec {unknown:?}, only {}", names.join(", "));
+    }
+    all.retain(|path| only.is_empty() || only.contains(&name(path)));
+    Ok(all)
+}
+
+/// Where what belongs to peers lies.
+fn folder() -> anyhow::Result<PathBuf> {
+    let folder = target().join("peers");
+    fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
+    Ok(folder)
+}
+
+/// A Python that has MuJoCo, Pinocchio, pyarrow and polars, in an environment of its own.
+pub fn python() -> anyhow::Result<PathBuf> {
+    let environment = folder()?.join("venv");
+    let python = environment.join("bin/python");
+    let wanted = fs::read_to_string(repository().join("tests/peers/requirements.txt"))?;
+    let installed = environment.join("installed-requirements.txt");
+    if fs::read_to_string(&installed).is_ok_and(|installed| installed == wanted) {
+        return Ok(python);
+    }
+    if !python.is_file() {
+        succeed(Command::new("python3").args(["-m", "venv"]).arg(&environment))?;
+    }
+    let pip = ["-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--requirement"];
+    succeed(command(&python.to_string_lossy(), &pip).arg("tests/peers/requirements.txt"))?;
+    fs::write(&installed, wanted)?;
+    Ok(python)
+}
+
+/// Flags that Pinocchio's own CMake files set, without which its headers do not compile.
+const PINOCCHIO_DEFINITIONS: [&str; 4] = [
+    "-DBOOST_MPL_LIMIT_LIST_SIZE=30",
+    "-DBOOST_MPL_LIMIT_VECTOR_SIZE=30",
+    "-DBOOST_MPL_CFG_NO_PREPROCESSED_HEADERS",
+    "-DBOOST_FUSION_INVOKE_MAX_ARITY=12",
+];
+
+/// The optimisation that both sides may be measured with: Pinocchio's is the most there is.
+pub const CXX_FLAGS: [&str; 4] = ["-std=c++20", "-O3", "-march=native", "-DNDEBUG"];
+
+/// The program that measures Pinocchio from C++, compiled for this machine with the headers that
+/// the Python package brings. Takes a minute the first time.
+pub fn aba_rates() -> anyhow::Result<PathBuf> {
+    let python = python()?;
+    let headers = "import cmeel, pathlib; \
+                   print(pathlib.Path(cmeel.__file__).parents[1] / 'cmeel.prefix' / 'include')";
+    let output = Command::new(python).args(["-c", headers]).output()?;
+    ensure!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let headers = PathBuf::from(String::from_utf8(output.stdout)?.trim());
+
+    let source = repository().join("tests/peers/aba_rates.cpp");
+    let program = folder()?.join("aba_rates");
+    if is_newer(&program, &source) {
+        return Ok(program);
+    }
+    let mut compile = Command::new("g++");
+    // Warnings of other people's headers are not ours to mend.
+    compile.args(CXX_FLAGS).args(PINOCCHIO_DEFINITIONS).args(["-w", "-pthread"]);
+    compile.arg("-isystem").arg(&headers).arg("-isystem").arg(headers.join("eigen3"));
+    succeed(compile.arg(source).arg("-o").arg(&program))?;
+    Ok(program)
+}
+
+fn is_newer(made: &Path, from: &Path) -> bool {
+    let modified = |path: &Path| fs::metadata(path).and_then(|it| it.modified());
+    matches!((modified(made), modified(from)), (Ok(made), Ok(from)) if made > from)
+}
+
+fn succeed(command: &mut Command) -> anyhow::Result<()> {
+    let words = std::iter::once(command.get_program()).chain(command.get_args());
+    let line = words.map(|word| word.to_string_lossy()).collect::<Vec<_>>().join(" ");
+    let finished = process::run(command).with_context(|| line.clone())?;
+    ensure!(finished.success, "`{line}` failed");
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn names(only: &[&str]) -> anyhow::Result<Vec<String>> {
+        let folder = tempfile::tempdir()?;
+        for file in ["b.json", "a.json", "notes.txt"] {
+            fs::write(folder.path().join(file), "{}")?;
+        }
+        let only: Vec<String> = only.iter().map(|name| (*name).to_owned()).collect();
+        let found = specs(folder.path(), &only)?;
+        Ok(found.iter().map(|it| it.file_name().unwrap().to_string_lossy().into_owned()).collect())
+    }
+
+    #[test]
+    fn all_specs_are_taken_in_order_and_nothing_else() {
+        assert_eq!(names(&[]).unwrap(), ["a.json", "b.json"]);
+    }
+
+    #[test]
+    fn specs_can_be_chosen_by_name_and_a_wrong_name_is_answered_with_the_right_ones() {
+        assert_eq!(names(&["b"]).unwrap(), ["b.json"]);
+        let error = names(&["c"]).unwrap_err().to_string();
+        assert_eq!(error, r#"there is no spec "c", only a, b"#);
+    }
+
+    #[test]
+    fn a_program_older_than_its_source_is_made_anew() {
+        let folder = tempfile::tempdir().unwrap();
+        let (program, source) = (folder.path().join("program"), folder.path().join("source"));
+        fs::write(&source, "").unwrap();
+        assert!(!is_newer(&program, &source), "there is no program yet");
+        let file = fs::File::create(&program).unwrap();
+        let written = fs::metadata(&source).unwrap().modified().unwrap();
+        file.set_modified(written + std::time::Duration::from_secs(1)).unwrap();
+        assert!(is_newer(&program, &source));
+        file.set_modified(written - std::time::Duration::from_secs(1)).unwrap();
+        assert!(!is_newer(&program, &source));
+    }
+}
