@@ -8,7 +8,8 @@ robots holds: bodies, lengths, friction, initial state, and the coefficients of 
 is evaluated anew. Both integrate with Runge-Kutta steps far finer than needed. Errors are of whole
 trajectories: the largest of any joint at any sample. Exit status 1 when one is larger than allowed.
 
-Specs with friction integrate with two substeps: with one, its steep sigmoids cost up to 7e-4 rad.
+Specs with friction ask for Runge-Kutta steps, other ones than here: where a joint turns around, the
+bend of its sigmoid costs the default integrator up to 7e-4 rad.
 """
 
 import argparse
