@@ -9,6 +9,7 @@
 mod accuracy;
 mod calibration;
 mod determinism;
+mod equations;
 mod observations;
 mod scenarios;
 
