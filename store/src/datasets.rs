@@ -71,6 +71,19 @@ impl FileContent {
             Self::Robots => "robots",
         }
     }
+
+    /// The name under which the file of a shard is downloaded, e.g. `trajectories-00003.parquet`.
+    pub fn file_name(self, shard: u32) -> String {
+        format!("{self}-{shard:05}.parquet")
+    }
+
+    /// Rows of the file of a shard with so many trajectories of so many samples.
+    pub fn rows(self, trajectories: u64, samples: u32) -> u64 {
+        match self {
+            Self::Trajectories => trajectories * u64::from(samples),
+            Self::Robots => trajectories,
+        }
+    }
 }
 
 impl fmt::Display for FileContent {
@@ -102,7 +115,7 @@ impl Shard {
 
     /// The name under which a file is downloaded, e.g. `trajectories-00003.parquet`.
     pub fn file_name(&self, content: FileContent) -> String {
-        format!("{content}-{:05}.parquet", self.ordinal)
+        content.file_name(self.ordinal)
     }
 }
 

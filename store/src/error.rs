@@ -75,6 +75,11 @@ fn of_process(pid: Option<u32>) -> String {
 }
 
 impl StoreError {
+    /// Whether a file that was asked for is not there.
+    pub fn is_missing_file(&self) -> bool {
+        matches!(self, Self::ObjectFile { source, .. } if source.kind() == io::ErrorKind::NotFound)
+    }
+
     /// For `map_err` after a query; `operation` completes "while ...".
     pub(crate) fn database(operation: &'static str) -> impl Fn(sqlx::Error) -> Self {
         move |source| {
@@ -111,6 +116,18 @@ impl StoreError {
                 Self::DiskFull { operation: format!("{operation} object {path}") }
             } else {
                 Self::Parquet { operation, path, source }
+            }
+        }
+    }
+
+    /// For `map_err` after a file operation; `operation` completes "while ...".
+    pub(crate) fn file(operation: &'static str, path: &str) -> impl FnOnce(std::io::Error) -> Self {
+        let path = path.to_owned();
+        move |source| {
+            if is_disk_full(&source) {
+                Self::DiskFull { operation: format!("{operation} {path}") }
+            } else {
+                Self::ObjectFile { operation, path, source }
             }
         }
     }

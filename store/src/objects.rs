@@ -15,16 +15,13 @@ use futures::stream::BoxStream;
 use futures::{StreamExt, TryStreamExt};
 use object_store::local::LocalFileSystem;
 use object_store::path::Path;
-use object_store::{
-    GetOptions, GetRange, GetResultPayload, ObjectStore, ObjectStoreExt, WriteMultipart,
-};
+use object_store::{GetOptions, GetRange, GetResultPayload, ObjectStore, ObjectStoreExt};
 use sha2::{Digest as _, Sha256};
 use spec::Digest;
-use tokio::runtime::Handle;
 use tokio_util::io::ReaderStream;
 
 use crate::data_dir::DataDir;
-use crate::{Store, StoreError};
+use crate::{ObjectWriter, Store, StoreError};
 
 /// Where the objects of each kind lie.
 pub mod object_path {
@@ -49,6 +46,7 @@ pub mod object_path {
 /// An object that was published.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct StoredObject {
+    /// Within the store, or within the folder it was written to.
     pub path: String,
     /// In bytes.
     pub size: u64,
@@ -127,7 +125,7 @@ impl Objects {
         Ok(file)
     }
 
-    fn open_file(&self, path: &str) -> Result<File, StoreError> {
+    pub fn open_file(&self, path: &str) -> Result<File, StoreError> {
         let file = self
             .local
             .path_to_filesystem(&parse(path)?)
@@ -195,13 +193,7 @@ impl Store {
             .put_multipart(&parse(path)?)
             .await
             .map_err(StoreError::object("writing", path))?;
-        Ok(ObjectWriter {
-            upload: WriteMultipart::new_with_chunk_size(upload, PART_SIZE),
-            path: path.to_owned(),
-            size: 0,
-            digest: Sha256::new(),
-            runtime: Handle::current(),
-        })
+        Ok(ObjectWriter::upload(upload, path))
     }
 
     /// Reads an object whole and checks its digest.
@@ -265,58 +257,30 @@ fn stream_file(
     Ok(ReaderStream::with_capacity(part, DOWNLOAD_PIECE).map_err(generic).boxed())
 }
 
-/// Bytes that are written at once; S3 wants at least 5 MiB.
-const PART_SIZE: usize = 8 * 1024 * 1024;
-
-/// Parts on their way to the disk at a time, which bounds memory.
-const PARTS_IN_FLIGHT: usize = 2;
-
-/// Writes an object piece by piece; dropped before [`ObjectWriter::finish`], it leaves nothing.
-///
-/// Blocks, so use it where blocking is allowed: under `spawn_blocking` or on a thread of its own.
-#[derive(Debug)]
-pub struct ObjectWriter {
-    upload: WriteMultipart,
-    path: String,
-    size: u64,
-    digest: Sha256,
-    runtime: Handle,
-}
-
-impl ObjectWriter {
-    pub fn path(&self) -> &str {
-        &self.path
-    }
-
-    /// Syncs and publishes what was written.
+impl Store {
+    /// Reads all of an object's bytes to learn their size and digest, whatever they were. Blocks.
     ///
     /// # Errors
-    /// When the disk is full or fails; nothing lies under the path then.
-    pub fn finish(self) -> Result<StoredObject, StoreError> {
-        self.runtime
-            .block_on(self.upload.finish())
-            .map_err(StoreError::object("writing", &self.path))?;
-        let sha256 = Digest::from_bytes(self.digest.finalize().into());
-        Ok(StoredObject { path: self.path, size: self.size, sha256 })
+    /// When it is not there or cannot be read.
+    pub fn measure_object(&self, path: &str) -> Result<StoredObject, StoreError> {
+        measure(&self.objects().open_file(path)?, path)
     }
 }
 
-impl io::Write for ObjectWriter {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        self.runtime
-            .block_on(self.upload.wait_for_capacity(PARTS_IN_FLIGHT))
-            .map_err(io::Error::other)?;
-        let _runtime = self.runtime.enter();
-        self.upload.write(bytes);
-        self.digest.update(bytes);
-        self.size += bytes.len() as u64;
-        Ok(bytes.len())
-    }
+/// As [`Store::measure_object`], for a file of a folder.
+///
+/// # Errors
+/// When it is not there or cannot be read.
+pub fn measure_file(folder: &std::path::Path, name: &str) -> Result<StoredObject, StoreError> {
+    let file = File::open(folder.join(name)).map_err(StoreError::file("opening", name))?;
+    measure(&file, name)
+}
 
-    /// Nothing is durable before [`ObjectWriter::finish`].
-    fn flush(&mut self) -> io::Result<()> {
-        Ok(())
-    }
+fn measure(file: &File, path: &str) -> Result<StoredObject, StoreError> {
+    let failed = || StoreError::file("reading", path);
+    let sha256 = digest_of(file).map_err(failed())?;
+    let size = file.metadata().map_err(failed())?.len();
+    Ok(StoredObject { path: path.to_owned(), size, sha256 })
 }
 
 /// An object's file, read at positions so that threads can share it.

@@ -15,6 +15,7 @@ use parquet::basic::{Compression, Encoding, Type, ZstdLevel};
 use parquet::errors::ParquetError;
 use parquet::file::metadata::KeyValue;
 use parquet::file::properties::{EnabledStatistics, WriterProperties};
+use spec::{Column, ColumnType};
 
 /// Column with the index of the trajectory in its dataset.
 pub const TRAJECTORY: &str = "trajectory";
@@ -41,6 +42,22 @@ pub fn trajectory_schema<'a>(channels: impl IntoIterator<Item = &'a str>) -> Sch
     let ids = [TRAJECTORY, STEP].map(|name| Field::new(name, DataType::Int32, false));
     let channels = channels.into_iter().map(|name| Field::new(name, DataType::Float32, false));
     Arc::new(Schema::new(ids.into_iter().chain(channels).collect::<Vec<_>>()))
+}
+
+/// A table with these columns.
+pub fn table_schema(columns: &[Column]) -> SchemaRef {
+    let field = |column: &Column| {
+        let data_type = match column.data_type {
+            ColumnType::Boolean => DataType::Boolean,
+            ColumnType::Int32 => DataType::Int32,
+            ColumnType::Int64 => DataType::Int64,
+            ColumnType::Float32 => DataType::Float32,
+            ColumnType::Float64 => DataType::Float64,
+            ColumnType::Text => DataType::Utf8,
+        };
+        Field::new(&column.name, data_type, column.nullable)
+    };
+    Arc::new(Schema::new(columns.iter().map(field).collect::<Vec<_>>()))
 }
 
 /// Properties that make a file's bytes a function of its rows and `footer`.

@@ -1,13 +1,18 @@
-//! Writes a Parquet table straight into an object, one row group in memory at a time.
+//! Writes a Parquet table straight into an object, a few row groups in memory at a time.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use arrow::array::RecordBatch;
 use arrow::compute::concat_batches;
 use arrow::datatypes::SchemaRef;
-use parquet::arrow::ArrowWriter;
-use parquet::arrow::arrow_writer::ArrowWriterOptions;
+use parquet::arrow::ArrowSchemaConverter;
+use parquet::arrow::arrow_writer::{
+    ArrowColumnChunk, ArrowColumnWriter, ArrowRowGroupWriterFactory, compute_leaves,
+};
 use parquet::errors::ParquetError;
+use parquet::file::writer::SerializedFileWriter;
+use rayon::prelude::*;
 
 use crate::parquet_layout::writer_properties;
 use crate::{ObjectWriter, Store, StoreError, StoredObject, trajectories_per_row_group};
@@ -15,21 +20,39 @@ use crate::{ObjectWriter, Store, StoreError, StoredObject, trajectories_per_row_
 /// Rows of a table that is not made of trajectories.
 const ROWS_PER_ROW_GROUP: usize = 10_000;
 
-/// The bytes are a function of the rows and the footer: never of how rows came in batches.
+/// The bytes are a function of the rows and the footer: never of how rows came in batches, nor of
+/// how many threads encode them.
 ///
 /// Blocks, as [`ObjectWriter`] does.
 pub struct TableWriter {
-    writer: ArrowWriter<ObjectWriter>,
-    path: String,
+    encoder: TableEncoder,
+    file: TableFile,
+}
+
+/// The half of a [`TableWriter`] that computes: columns are encoded in parallel, on the threads of
+/// the current rayon pool.
+pub struct TableEncoder {
+    factory: ArrowRowGroupWriterFactory,
     schema: SchemaRef,
+    path: String,
     rows_per_row_group: usize,
     pending: Vec<RecordBatch>,
     pending_rows: usize,
 }
 
+/// The half of a [`TableWriter`] that waits for the disk.
+pub struct TableFile {
+    writer: SerializedFileWriter<ObjectWriter>,
+    path: String,
+}
+
+/// A row group, ready to be written.
+pub struct EncodedRows {
+    columns: Vec<ArrowColumnChunk>,
+}
+
 impl Store {
-    /// Begins the trajectories of a shard: `schema` as [`crate::trajectory_schema`] makes it, each
-    /// trajectory with `samples` rows. `footer` goes into the file's key-value metadata.
+    /// Begins the trajectories of a shard; see [`TableWriter::trajectories`].
     ///
     /// # Errors
     /// When the disk is full or fails.
@@ -40,9 +63,7 @@ impl Store {
         samples: u32,
         footer: &BTreeMap<String, String>,
     ) -> Result<TableWriter, StoreError> {
-        let rows = u64::from(trajectories_per_row_group(samples)) * u64::from(samples);
-        let rows = usize::try_from(rows).unwrap_or(usize::MAX);
-        TableWriter::new(self.write_object(path).await?, schema, rows, footer)
+        TableWriter::trajectories(self.write_object(path).await?, schema, samples, footer)
     }
 
     /// Begins a table with a row per trajectory, or any other.
@@ -55,11 +76,38 @@ impl Store {
         schema: SchemaRef,
         footer: &BTreeMap<String, String>,
     ) -> Result<TableWriter, StoreError> {
-        TableWriter::new(self.write_object(path).await?, schema, ROWS_PER_ROW_GROUP, footer)
+        TableWriter::table(self.write_object(path).await?, schema, footer)
     }
 }
 
 impl TableWriter {
+    /// Trajectories: `schema` as [`crate::trajectory_schema`] or [`crate::table_schema`] makes it,
+    /// each trajectory with `samples` rows. `footer` goes into the file's key-value metadata.
+    ///
+    /// # Errors
+    /// When the disk is full or fails.
+    pub fn trajectories(
+        object: ObjectWriter,
+        schema: SchemaRef,
+        samples: u32,
+        footer: &BTreeMap<String, String>,
+    ) -> Result<Self, StoreError> {
+        let rows = u64::from(trajectories_per_row_group(samples)) * u64::from(samples);
+        Self::new(object, schema, usize::try_from(rows).unwrap_or(usize::MAX), footer)
+    }
+
+    /// A table with a row per trajectory, or any other.
+    ///
+    /// # Errors
+    /// When the disk is full or fails.
+    pub fn table(
+        object: ObjectWriter,
+        schema: SchemaRef,
+        footer: &BTreeMap<String, String>,
+    ) -> Result<Self, StoreError> {
+        Self::new(object, schema, ROWS_PER_ROW_GROUP, footer)
+    }
+
     fn new(
         object: ObjectWriter,
         schema: SchemaRef,
@@ -69,14 +117,22 @@ impl TableWriter {
         let path = object.path().to_owned();
         let failed = || StoreError::parquet("starting", &path);
         let properties = writer_properties(&schema, rows_per_row_group, footer).map_err(failed())?;
-        // The schema that arrow would add to the footer holds maps, whose order is not fixed.
-        let options = ArrowWriterOptions::new()
-            .with_properties(properties)
-            .with_skip_arrow_metadata(true)
-            .with_schema_root("schema".to_owned());
+        // The footer does not get the schema that arrow would add: it holds maps, whose order is
+        // not fixed.
+        let columns =
+            ArrowSchemaConverter::new().schema_root("schema").convert(&schema).map_err(failed())?;
         let writer =
-            ArrowWriter::try_new_with_options(object, schema.clone(), options).map_err(failed())?;
-        Ok(Self { writer, path, schema, rows_per_row_group, pending: Vec::new(), pending_rows: 0 })
+            SerializedFileWriter::new(object, columns.root_schema_ptr(), Arc::new(properties))
+                .map_err(failed())?;
+        let encoder = TableEncoder {
+            factory: ArrowRowGroupWriterFactory::new(&writer, Arc::clone(&schema)),
+            schema,
+            path: path.clone(),
+            rows_per_row_group,
+            pending: Vec::new(),
+            pending_rows: 0,
+        };
+        Ok(Self { encoder, file: TableFile { writer, path } })
     }
 
     /// Takes rows in order; full row groups are encoded at once.
@@ -84,10 +140,8 @@ impl TableWriter {
     /// # Errors
     /// When the disk is full or fails, or the batch has another schema.
     pub fn write(&mut self, batch: RecordBatch) -> Result<(), StoreError> {
-        self.pending_rows += batch.num_rows();
-        self.pending.push(batch);
-        while self.pending_rows >= self.rows_per_row_group {
-            self.write_row_group(self.rows_per_row_group)?;
+        for rows in self.encoder.encode(batch)? {
+            self.file.append(rows)?;
         }
         Ok(())
     }
@@ -97,29 +151,104 @@ impl TableWriter {
     /// # Errors
     /// When the disk is full or fails; nothing lies under the path then.
     pub fn finish(mut self) -> Result<StoredObject, StoreError> {
-        if self.pending_rows > 0 {
-            self.write_row_group(self.pending_rows)?;
+        if let Some(rows) = self.encoder.encode_rest()? {
+            self.file.append(rows)?;
         }
-        let object =
-            self.writer.into_inner().map_err(StoreError::parquet("writing", &self.path))?;
-        object.finish()
+        self.file.finish()
+    }
+
+    /// Its halves, for encoding on one thread while another writes.
+    pub fn split(self) -> (TableEncoder, TableFile) {
+        (self.encoder, self.file)
+    }
+}
+
+impl TableEncoder {
+    /// Takes rows in order, and returns the row groups that are full.
+    ///
+    /// # Errors
+    /// When the batch has another schema.
+    pub fn encode(&mut self, batch: RecordBatch) -> Result<Vec<EncodedRows>, StoreError> {
+        self.pending_rows += batch.num_rows();
+        self.pending.push(batch);
+        let mut full = Vec::new();
+        while self.pending_rows >= self.rows_per_row_group {
+            full.push(self.encode_row_group(self.rows_per_row_group)?);
+        }
+        Ok(full)
+    }
+
+    /// The rows that fill no row group.
+    ///
+    /// # Errors
+    /// When a batch had another schema.
+    pub fn encode_rest(&mut self) -> Result<Option<EncodedRows>, StoreError> {
+        if self.pending_rows == 0 {
+            return Ok(None);
+        }
+        self.encode_row_group(self.pending_rows).map(Some)
     }
 
     /// Pages are cut per batch, so each row group goes to the encoder as one batch.
-    fn write_row_group(&mut self, rows: usize) -> Result<(), StoreError> {
-        let failed = || StoreError::parquet("writing", &self.path);
+    fn encode_row_group(&mut self, rows: usize) -> Result<EncodedRows, StoreError> {
+        let failed = || StoreError::parquet("encoding", &self.path);
         let pending = match self.pending.as_slice() {
             [one] => one.clone(),
             many => concat_batches(&self.schema, many)
                 .map_err(|error| failed()(ParquetError::from(error)))?,
         };
-        self.writer.write(&pending.slice(0, rows)).map_err(failed())?;
-        self.writer.flush().map_err(failed())?;
+        let columns = self.encode_columns(&pending.slice(0, rows)).map_err(failed())?;
         self.pending_rows -= rows;
         self.pending = match self.pending_rows {
             0 => Vec::new(),
             left => vec![pending.slice(rows, left)],
         };
+        Ok(EncodedRows { columns })
+    }
+
+    fn encode_columns(&self, rows: &RecordBatch) -> Result<Vec<ArrowColumnChunk>, ParquetError> {
+        if rows.schema_ref().fields() != self.schema.fields() {
+            return Err(ParquetError::General("the rows have other columns".to_owned()));
+        }
+        // Which row group it is matters to encrypted files alone.
+        let writers = self.factory.create_column_writers(0)?;
+        let columns = writers.into_par_iter().zip(&self.schema.fields()[..]).zip(rows.columns());
+        columns
+            .map(|((mut writer, field), values): ((ArrowColumnWriter, _), _)| {
+                for leaf in compute_leaves(field, values)? {
+                    writer.write(&leaf)?;
+                }
+                writer.close()
+            })
+            .collect()
+    }
+}
+
+impl TableFile {
+    /// Writes row groups in the order in which they were encoded.
+    ///
+    /// # Errors
+    /// When the disk is full or fails.
+    pub fn append(&mut self, rows: EncodedRows) -> Result<(), StoreError> {
+        self.append_columns(rows.columns).map_err(StoreError::parquet("writing", &self.path))
+    }
+
+    fn append_columns(&mut self, columns: Vec<ArrowColumnChunk>) -> Result<(), ParquetError> {
+        let mut row_group = self.writer.next_row_group()?;
+        for column in columns {
+            column.append_to_row_group(&mut row_group)?;
+        }
+        row_group.close()?;
         Ok(())
+    }
+
+    /// Publishes the file.
+    ///
+    /// # Errors
+    /// When the disk is full or fails; nothing lies under the path then.
+    pub fn finish(self) -> Result<StoredObject, StoreError> {
+        let object =
+            self.writer.into_inner().map_err(StoreError::parquet("writing", &self.path))?;
+        object.finish()
     }
 }

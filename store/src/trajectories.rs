@@ -4,21 +4,14 @@ use std::ops::Range;
 
 use arrow::array::RecordBatch;
 use arrow::compute::concat_batches;
-use parquet::arrow::ProjectionMask;
-use parquet::arrow::arrow_reader::{
-    ArrowReaderMetadata, ArrowReaderOptions, ParquetRecordBatchReaderBuilder,
-};
 use parquet::errors::ParquetError;
 
-use crate::objects::PositionedFile;
-use crate::{Shard, Store, StoreError};
+use crate::{Shard, Store, StoreError, TableReader};
 
 /// The trajectories of a shard, open. Threads may share it.
 #[derive(Clone, Debug)]
 pub struct ShardReader {
-    file: PositionedFile,
-    metadata: ArrowReaderMetadata,
-    path: String,
+    table: TableReader,
     /// Trajectories of each row group.
     row_groups: Vec<Range<u64>>,
     /// Rows of each trajectory.
@@ -34,31 +27,36 @@ impl Store {
     pub fn open_shard(&self, shard: &Shard) -> Result<ShardReader, StoreError> {
         let path = &shard.trajectories.path;
         let file = self.objects().open_verified(&shard.trajectories)?;
-        let file = PositionedFile::new(file).map_err(|source| StoreError::ObjectFile {
-            operation: "opening",
-            path: path.clone(),
-            source,
-        })?;
-        let metadata = ArrowReaderMetadata::load(&file, ArrowReaderOptions::new())
-            .map_err(StoreError::parquet("opening", path))?;
-        let rows = metadata.metadata().file_metadata().num_rows().unsigned_abs();
-        if shard.count == 0 || rows == 0 || !rows.is_multiple_of(shard.count) {
-            let detail = format!("{rows} rows are not {} whole trajectories", shard.count);
-            return Err(StoreError::parquet("opening", path)(ParquetError::General(detail)));
-        }
-        let samples = rows / shard.count;
-        let mut next = shard.first;
-        let mut row_groups = Vec::with_capacity(metadata.metadata().num_row_groups());
-        for group in metadata.metadata().row_groups() {
-            let first = next;
-            next += group.num_rows().unsigned_abs() / samples;
-            row_groups.push(first..next);
-        }
-        Ok(ShardReader { file, metadata, path: path.clone(), row_groups, samples })
+        let table = TableReader::new(file, path.clone())?;
+        ShardReader::new(table, shard.first..shard.first + shard.count)
     }
 }
 
 impl ShardReader {
+    /// A table that shall hold `trajectories`, in order.
+    ///
+    /// # Errors
+    /// When its rows are not so many whole trajectories.
+    pub fn new(table: TableReader, trajectories: Range<u64>) -> Result<Self, StoreError> {
+        let (rows, count) = (table.rows(), trajectories.end.saturating_sub(trajectories.start));
+        if count == 0 || rows == 0 || !rows.is_multiple_of(count) {
+            let detail = format!("{rows} rows are not {count} whole trajectories");
+            let failed = StoreError::parquet("opening", table.path());
+            return Err(failed(ParquetError::General(detail)));
+        }
+        let samples = rows / count;
+        let mut next = trajectories.start;
+        let row_groups = table
+            .row_groups()
+            .map(|rows| {
+                let first = next;
+                next += rows / samples;
+                first..next
+            })
+            .collect();
+        Ok(Self { table, row_groups, samples })
+    }
+
     /// The trajectories of each row group, by index in their dataset.
     pub fn row_groups(&self) -> &[Range<u64>] {
         &self.row_groups
@@ -78,35 +76,7 @@ impl ShardReader {
         row_group: usize,
         columns: &[&str],
     ) -> Result<RecordBatch, StoreError> {
-        self.read(row_group, columns).map_err(StoreError::parquet("reading", &self.path))
-    }
-
-    fn read(&self, row_group: usize, columns: &[&str]) -> Result<RecordBatch, ParquetError> {
-        let Some(trajectories) = self.row_groups.get(row_group) else {
-            return Err(ParquetError::General(format!("it has no row group {row_group}")));
-        };
-        let rows = (trajectories.end - trajectories.start) * self.samples;
-        let rows = usize::try_from(rows).map_err(|e| ParquetError::External(Box::new(e)))?;
-        let schema = self.metadata.metadata().file_metadata().schema_descr();
-        let mask = ProjectionMask::columns(schema, columns.iter().copied());
-        let batches = ParquetRecordBatchReaderBuilder::new_with_metadata(
-            self.file.clone(),
-            self.metadata.clone(),
-        )
-        .with_row_groups(vec![row_group])
-        .with_projection(mask)
-        .with_batch_size(rows)
-        .build()?
-        .collect::<Result<Vec<_>, _>>()?;
-        let batch = match batches.as_slice() {
-            [one] => one.clone(),
-            many => return Err(ParquetError::General(format!("it came in {} parts", many.len()))),
-        };
-        let asked = columns
-            .iter()
-            .map(|column| batch.schema().index_of(column))
-            .collect::<Result<Vec<_>, _>>()?;
-        Ok(batch.project(&asked)?)
+        self.table.read_row_group(row_group, columns)
     }
 
     /// The rows of `trajectories`, by index in their dataset.
@@ -130,7 +100,7 @@ impl ShardReader {
             let position = |rows: u64| usize::try_from(rows).unwrap_or(usize::MAX);
             parts.push(rows.slice(position(skipped), position(taken)));
         }
-        concatenate(parts, &self.path)
+        concatenate(parts, self.table.path())
     }
 }
 

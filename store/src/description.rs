@@ -1,0 +1,134 @@
+//! `dataset.json`: what a dataset is, for whoever has only its files.
+
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use spec::{Column, DataSpec, Digest};
+
+use crate::{FileContent, NewShard, Shard, StoredObject};
+
+/// A function of the spec and the shards alone: the same bytes wherever they were made.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct DatasetDescription {
+    pub name: String,
+    /// SHA-256 of the spec in canonical JSON, which names the dataset.
+    pub digest: Digest,
+    /// Of the torqued that describes it.
+    pub version: String,
+    /// Whether all shards are there.
+    pub complete: bool,
+    /// In the shards that are there.
+    pub trajectories: u64,
+    /// Of each trajectory.
+    pub samples: u32,
+    pub rate_hz: f64,
+    /// Draws refused on the way to those trajectories.
+    pub rejected: u64,
+    pub columns: TableColumns,
+    pub shards: Vec<ShardDescription>,
+    /// The job that makes it again.
+    pub spec: Value,
+}
+
+/// The columns of both tables.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct TableColumns {
+    /// A row per time step.
+    pub trajectories: Vec<Column>,
+    /// A row per trajectory.
+    pub robots: Vec<Column>,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ShardDescription {
+    pub shard: u32,
+    /// Index of the first trajectory.
+    pub first: u64,
+    /// Number of trajectories.
+    pub trajectories: u64,
+    pub rejected: u64,
+    pub files: Vec<FileDescription>,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct FileDescription {
+    pub name: String,
+    pub content: FileContent,
+    pub rows: u64,
+    /// In bytes.
+    pub size: u64,
+    pub sha256: Digest,
+}
+
+impl DatasetDescription {
+    /// What the file is called.
+    pub const FILE_NAME: &str = "dataset.json";
+
+    /// Of the dataset that `data` makes, under the digest it is known by, with the shards that are
+    /// there, in order.
+    pub fn new(data: &DataSpec, digest: Digest, shards: Vec<ShardDescription>) -> Self {
+        let job = data.job();
+        let trajectories = shards.iter().map(|shard| shard.trajectories).sum();
+        Self {
+            name: format!("{}-{}", job.kind(), digest.short()),
+            digest,
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            complete: shards.len() as u64 == data.shard_count(),
+            trajectories,
+            samples: data.samples(),
+            rate_hz: data.rate_hz(),
+            rejected: shards.iter().map(|shard| shard.rejected).sum(),
+            columns: TableColumns {
+                trajectories: data.trajectory_columns(),
+                robots: data.table_columns(),
+            },
+            shards,
+            spec: job.to_json(),
+        }
+    }
+
+    /// As `dataset.json` has it.
+    pub fn to_json(&self) -> Vec<u8> {
+        // Strings and finite numbers only, so this cannot fail.
+        let mut json = serde_json::to_vec_pretty(self).expect("a description serializes to JSON");
+        json.push(b'\n');
+        json
+    }
+}
+
+impl ShardDescription {
+    pub fn new(ordinal: u32, shard: &NewShard, samples: u32) -> Self {
+        let file = |content: FileContent, object: &StoredObject| FileDescription {
+            name: content.file_name(ordinal),
+            content,
+            rows: content.rows(shard.count, samples),
+            size: object.size,
+            sha256: object.sha256,
+        };
+        Self {
+            shard: ordinal,
+            first: shard.first,
+            trajectories: shard.count,
+            rejected: shard.rejected,
+            files: vec![
+                file(FileContent::Trajectories, &shard.trajectories),
+                file(FileContent::Robots, &shard.robots),
+            ],
+        }
+    }
+
+    /// Of a stored shard.
+    pub fn of(shard: &Shard, samples: u32) -> Self {
+        let content = NewShard {
+            first: shard.first,
+            count: shard.count,
+            rejected: shard.rejected,
+            trajectories: shard.trajectories.clone(),
+            robots: shard.robots.clone(),
+        };
+        Self::new(shard.ordinal, &content, samples)
+    }
+
+    pub fn file(&self, content: FileContent) -> Option<&FileDescription> {
+        self.files.iter().find(|file| file.content == content)
+    }
+}

@@ -1,0 +1,181 @@
+//! What a shard holds, in a few numbers that add up over shards.
+
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+
+use crate::{DatasetId, Store, StoreError};
+
+/// Counts, ranges and spectra of one shard, or of several.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct ShardSummary {
+    pub trajectories: u64,
+    /// Of all trajectories together.
+    pub samples: u64,
+    /// Draws refused.
+    pub rejected: u64,
+    /// Of the channels of the trajectories, in the order of their columns.
+    pub channels: Vec<ChannelSummary>,
+    pub spectra: Vec<Spectrum>,
+}
+
+/// Of all samples of a column.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ChannelSummary {
+    pub name: String,
+    pub min: f64,
+    pub max: f64,
+    pub mean: f64,
+    /// Standard deviation of the samples, not an estimate for more of them.
+    pub std: f64,
+}
+
+/// Mean one-sided power spectral density of a signal: over its seven joints and some trajectories,
+/// each with its mean removed and a Hann window. Its integral is the mean variance.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Spectrum {
+    /// `u` or `q`.
+    pub signal: String,
+    pub trajectories: u64,
+    /// Distance of the bands, of which the first is at 0 Hz.
+    pub step_hz: f64,
+    /// In the signal's unit, squared, per Hz.
+    pub density: Vec<f32>,
+}
+
+impl ShardSummary {
+    /// The result of a task that made a shard, which [`Store::dataset_summary`] reads; a task may
+    /// add entries of its own.
+    pub fn to_result(&self) -> Value {
+        json!({ SUMMARY: self })
+    }
+
+    /// Adds what another shard of the same dataset holds.
+    pub fn merge(&mut self, other: &Self) {
+        if self.samples == 0 {
+            let Self { rejected, .. } = *self;
+            *self = Self { rejected: rejected + other.rejected, ..other.clone() };
+            return;
+        }
+        for (mine, theirs) in self.channels.iter_mut().zip(&other.channels) {
+            mine.merge(self.samples, theirs, other.samples);
+        }
+        for (mine, theirs) in self.spectra.iter_mut().zip(&other.spectra) {
+            mine.merge(theirs);
+        }
+        self.trajectories += other.trajectories;
+        self.samples += other.samples;
+        self.rejected += other.rejected;
+    }
+}
+
+impl ChannelSummary {
+    /// Adds `added` samples to `count`.
+    #[expect(clippy::cast_precision_loss, reason = "weights")]
+    fn merge(&mut self, count: u64, other: &Self, added: u64) {
+        let share = added as f64 / (count + added) as f64;
+        let distance = other.mean - self.mean;
+        let (mine, theirs) = (self.std * self.std, other.std * other.std);
+        let variance = mine + share * (theirs - mine) + share * (1.0 - share) * distance * distance;
+        self.mean += share * distance;
+        self.std = variance.max(0.0).sqrt();
+        self.min = self.min.min(other.min);
+        self.max = self.max.max(other.max);
+    }
+}
+
+impl Spectrum {
+    #[expect(clippy::cast_precision_loss, reason = "weights")]
+    #[expect(clippy::cast_possible_truncation, reason = "f32 is enough to draw it")]
+    fn merge(&mut self, other: &Self) {
+        let all = self.trajectories + other.trajectories;
+        if all == 0 {
+            return;
+        }
+        let share = other.trajectories as f64 / all as f64;
+        for (mine, theirs) in self.density.iter_mut().zip(&other.density) {
+            *mine = (f64::from(*mine) + share * (f64::from(*theirs) - f64::from(*mine))) as f32;
+        }
+        self.trajectories = all;
+    }
+}
+
+/// Where the result of a task has the summary of its shard.
+const SUMMARY: &str = "summary";
+
+impl Store {
+    /// The shards of a dataset that say what they hold, taken together; `None` when there are none.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn dataset_summary(
+        &self,
+        dataset: DatasetId,
+    ) -> Result<Option<ShardSummary>, StoreError> {
+        let results: Vec<Option<String>> = sqlx::query_scalar(
+            "SELECT task.result FROM shard JOIN task ON task.id = shard.task \
+             WHERE shard.dataset = ? ORDER BY shard.ordinal",
+        )
+        .bind(dataset)
+        .fetch_all(self.database().reader())
+        .await
+        .map_err(StoreError::database("reading what a dataset holds"))?;
+        let mut all: Option<ShardSummary> = None;
+        for summary in results.iter().flatten().filter_map(|result| summary_of(result)) {
+            match &mut all {
+                Some(all) => all.merge(&summary),
+                None => all = Some(summary),
+            }
+        }
+        Ok(all)
+    }
+}
+
+/// `None` for results of other versions.
+fn summary_of(result: &str) -> Option<ShardSummary> {
+    let mut result: Value = serde_json::from_str(result).ok()?;
+    serde_json::from_value(result.get_mut(SUMMARY)?.take()).ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn summary(values: &[f64]) -> ShardSummary {
+        let count = values.len() as f64;
+        let mean = values.iter().sum::<f64>() / count;
+        let variance = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / count;
+        ShardSummary {
+            trajectories: 1,
+            samples: values.len() as u64,
+            rejected: 2,
+            channels: vec![ChannelSummary {
+                name: "q1".to_owned(),
+                min: values.iter().copied().fold(f64::INFINITY, f64::min),
+                max: values.iter().copied().fold(f64::NEG_INFINITY, f64::max),
+                mean,
+                std: variance.sqrt(),
+            }],
+            spectra: vec![Spectrum {
+                signal: "q".to_owned(),
+                trajectories: values.len() as u64,
+                step_hz: 1.0,
+                density: vec![1.0 + values.len() as f32],
+            }],
+        }
+    }
+
+    #[test]
+    fn the_summary_of_two_shards_is_that_of_all_their_samples() {
+        let values = [3.0, -1.0, 4.0, 1.0, 5.0, 9.0, 2.0];
+        let whole = summary(&values);
+        let mut parts = summary(&values[..2]);
+        parts.merge(&summary(&values[2..]));
+        let (whole, parts) = (&whole.channels[0], (&parts, &parts.channels[0]));
+        assert_eq!((parts.0.samples, parts.0.trajectories, parts.0.rejected), (7, 2, 4));
+        assert_eq!((parts.1.min, parts.1.max), (whole.min, whole.max));
+        assert!((parts.1.mean - whole.mean).abs() < 1e-12);
+        assert!((parts.1.std - whole.std).abs() < 1e-12);
+        let density = f64::from(parts.0.spectra[0].density[0]);
+        assert!((density - (2.0 * 3.0 + 5.0 * 6.0) / 7.0).abs() < 1e-6);
+    }
+}
