@@ -44,9 +44,9 @@ pub use preset::{Preset, PresetPlace, presets};
 pub use range::Range;
 pub use reference::{CheckpointRef, DataSource};
 pub use simulate::{
-    Cell, Chirp, ChirpBand, Column, ColumnType, Excitation, Family, Frequency, Friction, Gravity,
-    InertiaScheme, InitialState, Integrator, MAX_TRAJECTORIES, Multisine, Observations, Payload,
-    Precision, Rejection, RobotModel, RobotSpec, SimulateSpec,
+    Cell, Chirp, ChirpBand, Column, ColumnType, Doubt, Excitation, Family, Frequency, Friction,
+    Gravity, InertiaScheme, InitialState, Integrator, LEAST_INERTIA_KG_M2, MAX_TRAJECTORIES,
+    Multisine, Observations, Payload, Precision, Rejection, RobotModel, RobotSpec, SimulateSpec,
 };
 pub use train::{Normalization, OptimizerSpec, TrainSpec};
 pub use verify::VerifySpec;

@@ -280,7 +280,10 @@ fn energy_is_conserved_without_damping_and_torque_to_the_order_of_each_scheme() 
             println!(
                 "gravity {gravity}, {scheme}: {coarse_drift:.1e}, {fine_drift:.1e}, order {observed:.2}"
             );
-            assert!((observed - order).abs() < 0.4, "{scheme}, gravity {gravity}: order {observed}");
+            assert!(
+                (observed - order).abs() < 0.4,
+                "{scheme}, gravity {gravity}: order {observed}"
+            );
             assert!(fine_drift < 1e-3);
         }
     }

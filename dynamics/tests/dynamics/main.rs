@@ -12,6 +12,7 @@ mod determinism;
 mod equations;
 mod observations;
 mod scenarios;
+mod stability;
 
 use std::ops::{ControlFlow, Range};
 

@@ -23,6 +23,7 @@ impl Check for SimulateSpec {
         report.part("integrator", &self.integrator);
         report.part("execution", &self.execution);
         self.check_nyquist(report);
+        self.check_stability(report);
         if let Some((_, grid)) = self.excitation.grid()
             && !grid.is_empty()
             && !self.trajectories.is_multiple_of(grid.len() as u64)

@@ -1,3 +1,5 @@
+use std::fmt;
+
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -24,6 +26,18 @@ pub enum Integrator {
 impl Default for Integrator {
     fn default() -> Self {
         Self::Extrapolated { order: four(), substeps: one() }
+    }
+}
+
+impl fmt::Display for Integrator {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Extrapolated { order, substeps } => {
+                write!(f, "extrapolated, order {order}, substeps {substeps}")
+            }
+            Self::Rk4 { substeps } => write!(f, "rk4, substeps {substeps}"),
+            Self::Reference => write!(f, "reference"),
+        }
     }
 }
 

@@ -3,6 +3,7 @@
 mod check;
 mod columns;
 mod excitation;
+mod following;
 mod initial_state;
 mod integrator;
 mod observations;
@@ -10,6 +11,7 @@ mod robot;
 
 pub use columns::{Column, ColumnType};
 pub use excitation::{Chirp, ChirpBand, Excitation, Family, Frequency, Multisine};
+pub use following::{Doubt, LEAST_INERTIA_KG_M2};
 pub use initial_state::InitialState;
 pub use integrator::{Integrator, Precision};
 pub use observations::Observations;
