@@ -1,42 +1,84 @@
-//! The same weights and data give the same numbers here and in PyTorch, forward, backward and
-//! through AdamW. `tests/peers/robomorph.py` made the expectations with PyTorch.
+//! The same weights and data give the same numbers here and in PyTorch: forward, every gradient,
+//! through AdamW, and through whole chains of a sampler. `tests/peers/*.py` made the expectations
+//! with PyTorch, in double precision where gradients are concerned.
 
 use std::path::PathBuf;
 
+use burn::tensor::{Tensor, TensorData};
 use safetensors::SafeTensors;
-use spec::{DataSource, Execution, JOINTS, Normalization, OptimizerSpec, TrainSpec};
+use spec::{
+    DataSource, Execution, JOINTS, Normalization, OptimizerSpec, SamplerKind, SamplerSpec,
+    TrainSpec,
+};
 
 use crate::checkpoint::{CONFIG_FILE, CheckpointFiles, MODEL_FILE};
+use crate::diffusion::Start;
+use crate::frame::Framing;
 use crate::initialization::InitialWeights;
 use crate::normalization::{Normalizer, model_input, target};
 use crate::optimizer::{ModelOptimizer, NamedGradients};
 use crate::parameters::{NamedTensor, NamedTensors, host_values, parameters};
-use crate::sequence_model::SequenceModel;
-use crate::{
-    Batch, CheckpointConfig, Device, PredictionInput, TrainedModel, Trainer, TrainingData,
-    checkpoint,
-};
+use crate::randomness::Noise;
+use crate::sequence_model::{ModelInput, SequenceModel};
+use crate::{Batch, CheckpointConfig, Device, TrainedModel, Trainer, TrainingData, checkpoint};
 
-fn read(file: &str) -> Vec<u8> {
-    let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/data/robomorph");
-    std::fs::read(folder.join(file)).unwrap()
-}
+/// A folder of `tests/data`.
+struct Peer(&'static str);
 
-fn expected(name: &str) -> Vec<f32> {
-    let bytes = read("expected.safetensors");
-    let parsed = SafeTensors::deserialize(&bytes).unwrap();
-    let (numbers, _) = parsed.tensor(name).unwrap().data().as_chunks::<4>();
-    numbers.iter().map(|&bytes| f32::from_le_bytes(bytes)).collect()
-}
+impl Peer {
+    fn read(&self, file: &str) -> Vec<u8> {
+        let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/data").join(self.0);
+        std::fs::read(folder.join(file)).unwrap()
+    }
 
-fn config() -> CheckpointConfig {
-    CheckpointConfig::parse(&read(CONFIG_FILE)).unwrap()
-}
+    fn expected(&self, name: &str) -> Vec<f32> {
+        let bytes = self.read("expected.safetensors");
+        let parsed = SafeTensors::deserialize(&bytes).unwrap();
+        let (numbers, _) = parsed.tensor(name).unwrap().data().as_chunks::<4>();
+        numbers.iter().map(|&bytes| f32::from_le_bytes(bytes)).collect()
+    }
 
-fn batch() -> Batch {
-    let (u, y) = (expected("u"), expected("y"));
-    let samples = config().samples as usize;
-    Batch { size: u.len() / (samples * JOINTS), u, y, samples }
+    fn config(&self) -> CheckpointConfig {
+        CheckpointConfig::parse(&self.read(CONFIG_FILE)).unwrap()
+    }
+
+    fn batch(&self) -> Batch {
+        let (u, y) = (self.expected("u"), self.expected("y"));
+        let samples = self.config().samples as usize;
+        Batch { size: u.len() / (samples * JOINTS), u, y, samples }
+    }
+
+    fn loaded(&self, device: &burn::tensor::Device) -> SequenceModel {
+        let config = self.config();
+        let mut weights = InitialWeights::new(0, device);
+        let model = SequenceModel::new(&config.model, config.context, config.horizon, &mut weights)
+            .unwrap();
+        checkpoint::load_weights(model, &self.read(MODEL_FILE)).unwrap()
+    }
+
+    /// The peer's batch as the model sees it, and y of its horizon.
+    fn seen(&self, device: &burn::tensor::Device) -> (ModelInput, Tensor<3>) {
+        let config = self.config();
+        let context = config.context as usize;
+        let batch = self.batch();
+        let statistics = config.normalizer.statistics_of_batch(&batch, context);
+        let framing = Framing {
+            residual: config.model.residual(),
+            samples: batch.samples,
+            context,
+            rate_hz: config.rate_hz,
+        };
+        let known = batch.known(context);
+        let frames = framing.frames(&known, &statistics);
+        let input = model_input(&known, &statistics, &frames, device);
+        (input, target(&batch, &frames, context, device))
+    }
+
+    #[track_caller]
+    fn check_close(&self, what: &str, found: &[f32], tolerance: f64) {
+        let difference = relative_difference(found, &self.expected(what));
+        assert!(difference <= tolerance, "{} {what}: {difference:e}", self.0);
+    }
 }
 
 /// ‖a - b‖ / ‖b‖.
@@ -48,62 +90,51 @@ fn relative_difference(a: &[f32], b: &[f32]) -> f64 {
     norm(&mut a.iter().zip(b).map(|(a, b)| a - b)) / norm(&mut b.iter().copied())
 }
 
-#[track_caller]
-fn check_close(what: &str, found: &[f32], tolerance: f64) {
-    let difference = relative_difference(found, &expected(what));
-    assert!(difference <= tolerance, "{what}: {difference:e}");
-}
-
-fn loaded(config: &CheckpointConfig, device: &burn::tensor::Device) -> SequenceModel {
-    let mut weights = InitialWeights::new(0, device);
-    let model =
-        SequenceModel::new(&config.model, config.context, config.horizon, &mut weights).unwrap();
-    checkpoint::load_weights(model, &read(MODEL_FILE)).unwrap()
-}
-
 #[test]
-fn predictions_agree() {
-    for (name, normalizer) in [("context", Normalizer::Context), ("dataset", config().normalizer)] {
-        let config = CheckpointConfig { normalizer, ..config() };
+fn predictions_of_robomorph_agree() {
+    let peer = Peer("robomorph");
+    let fixed = peer.config().normalizer;
+    for (name, normalizer) in [("context", Normalizer::Context), ("dataset", fixed)] {
+        let config = CheckpointConfig { normalizer, ..peer.config() };
         let json = serde_json::to_vec(&config).unwrap();
-        let model = TrainedModel::load(&read(MODEL_FILE), &json, &Device::cpu()).unwrap();
-        let batch = batch();
-        let PredictionInput { u, y_context, size } = batch.known(model.context());
-        let predicted = model.predict(&PredictionInput { u, y_context, size }).unwrap();
-        check_close(&format!("prediction.{name}"), &predicted, 1e-5);
+        let model = TrainedModel::load(&peer.read(MODEL_FILE), &json, &Device::cpu()).unwrap();
+        let predicted = model.predict(&peer.batch().known(model.context())).unwrap();
+        peer.check_close(&format!("prediction.{name}"), &predicted, 1e-5);
     }
 }
 
-#[test]
-fn gradients_agree() {
-    let config = config();
-    let device = Device::cpu().training();
-    let model = loaded(&config, &device);
-    let (context, samples) = (config.context as usize, config.samples as usize);
-    let batch = batch();
-    let statistics = config.normalizer.statistics_of_batch(&batch, context);
-    let input = model_input(&batch.known(context), &statistics, samples, context, &device);
-    let error = model.forward(input) - target(&batch, &statistics, context, &device);
-    let gradients = NamedGradients::of(&model, error.square().mean().backward()).unwrap();
-
-    let names: Vec<String> = parameters(&model).unwrap().into_keys().collect();
+#[track_caller]
+fn check_gradients(peer: &Peer, model: &SequenceModel, gradients: &NamedGradients) {
+    let names: Vec<String> = parameters(model).unwrap().into_keys().collect();
     assert_eq!(gradients.by_name().len(), names.len());
     for name in names {
         let gradient = host_values(gradients.by_name()[&name].clone()).unwrap();
-        let expected = expected(&format!("gradient.{name}"));
+        let expected = peer.expected(&format!("gradient.{name}"));
         if name.ends_with("key.bias") {
             // Softmax is blind to a bias that all keys share: its gradient is zero but for rounding.
             let largest = gradient.iter().chain(&expected).fold(0.0, |a: f32, b| a.max(b.abs()));
             assert!(largest < 1e-6, "{name}: {largest:e}");
         } else {
-            check_close(&format!("gradient.{name}"), &gradient, 1e-5);
+            peer.check_close(&format!("gradient.{name}"), &gradient, 1e-5);
         }
     }
 }
 
 #[test]
+fn gradients_of_robomorph_agree() {
+    let peer = Peer("robomorph");
+    let device = Device::cpu().training();
+    let model = peer.loaded(&device);
+    let (input, target) = peer.seen(&device);
+    let loss = model.loss(input, target, &mut Noise::new([]));
+    let gradients = NamedGradients::of(&model, vec![loss.tensor().backward()]).unwrap();
+    check_gradients(&peer, &model, &gradients);
+}
+
+#[test]
 fn steps_of_the_optimizer_agree() {
-    let config = config();
+    let peer = Peer("robomorph");
+    let config = peer.config();
     let spec = TrainSpec {
         data: DataSource::Dataset(1),
         model: config.model.clone(),
@@ -120,6 +151,8 @@ fn steps_of_the_optimizer_agree() {
             gradient_clip_norm: Some(0.5),
         },
         batch_size: 3,
+        gradient_accumulation: 1,
+        ema: None,
         steps: 4,
         seed: 0,
         validation_fraction: 0.1,
@@ -129,11 +162,11 @@ fn steps_of_the_optimizer_agree() {
     };
     let data = TrainingData { samples: config.samples, rate_hz: 60.0, statistics: None };
     let mut trainer =
-        Trainer::resume(&spec, data, "pytorch", &untrained(&spec), &Device::cpu()).unwrap();
+        Trainer::resume(&spec, data, "pytorch", &untrained(&peer, &spec), &Device::cpu()).unwrap();
     for step in 0..4 {
-        let report = trainer.step(&batch()).unwrap();
-        let loss = f64::from(expected(&format!("loss.{step}"))[0]);
-        let norm = f64::from(expected(&format!("gradient_norm.{step}"))[0]);
+        let report = trainer.step(&peer.batch()).unwrap();
+        let loss = f64::from(peer.expected(&format!("loss.{step}"))[0]);
+        let norm = f64::from(peer.expected(&format!("gradient_norm.{step}"))[0]);
         assert!((report.loss - loss).abs() < 1e-5 * loss, "{report:?}, expected {loss}");
         assert!((report.gradient_norm - norm).abs() < 1e-5 * norm, "{report:?}, expected {norm}");
     }
@@ -142,15 +175,78 @@ fn steps_of_the_optimizer_agree() {
     for (name, view) in parsed.iter() {
         let (numbers, _) = view.data().as_chunks::<4>();
         let found: Vec<f32> = numbers.iter().map(|&bytes| f32::from_le_bytes(bytes)).collect();
-        check_close(&format!("after.{name}"), &found, 1e-5);
+        peer.check_close(&format!("after.{name}"), &found, 1e-5);
     }
 }
 
 /// PyTorch's weights with the moments of an optimizer that has not stepped.
-fn untrained(spec: &TrainSpec) -> CheckpointFiles {
-    let model = loaded(&config(), &Device::cpu().training());
+fn untrained(peer: &Peer, spec: &TrainSpec) -> CheckpointFiles {
+    let model = peer.loaded(&Device::cpu().training());
     let optimizer = ModelOptimizer::new(&spec.optimizer, &model);
     let state: NamedTensors = optimizer.state(&model).unwrap();
     assert!(state.values().all(|NamedTensor { values, .. }| values.iter().all(|&v| v == 0.0)));
-    checkpoint::write(&model, &optimizer, &config()).unwrap()
+    checkpoint::write(&model, None, &optimizer, &peer.config()).unwrap()
+}
+
+const DENOISERS: [Peer; 4] = [Peer("diffuser"), Peer("cdcnn"), Peer("cdcnn_global"), Peer("cdt")];
+
+fn series(peer: &Peer, name: &str, device: &burn::tensor::Device) -> Tensor<3> {
+    let values = peer.expected(name);
+    let (size, samples) = (peer.batch().size, peer.batch().samples);
+    let channels = values.len() / (size * samples);
+    Tensor::from_data(TensorData::new(values, [size, samples, channels]), device)
+}
+
+/// Of a noisy series at levels 3, 17 and 0; then gradients of the squared error of that answer,
+/// and a step of Adam along them.
+#[test]
+fn denoisers_answer_and_learn_alike() {
+    for peer in DENOISERS {
+        let device = Device::cpu().training();
+        let model = peer.loaded(&device);
+        let SequenceModel::Denoiser(denoiser) = &model else { panic!("{} is none", peer.0) };
+        let (input, _) = peer.seen(&device);
+        let answer = denoiser.forward(series(&peer, "noisy", &device), &[3, 17, 0], input.u);
+        peer.check_close("answer", &host_values(answer.clone().inner()).unwrap(), 1e-5);
+
+        let error = answer - series(&peer, "answer_wanted", &device);
+        let gradients = error.square().mean().backward();
+        let gradients = NamedGradients::of(&model, vec![gradients]).unwrap();
+        check_gradients(&peer, &model, &gradients);
+
+        // Epsilon large, so that gradients near zero do not make steps of random sign.
+        let spec = OptimizerSpec { epsilon: 1e-3, ..OptimizerSpec::default() };
+        let stepped = ModelOptimizer::new(&spec, &model).step(model, gradients, 1e-2);
+        for (name, tensor) in parameters(&stepped).unwrap() {
+            peer.check_close(&format!("after.{name}"), &tensor.values, 1e-5);
+        }
+    }
+}
+
+#[test]
+fn whole_chains_of_samplers_agree() {
+    for peer in DENOISERS {
+        let device = Device::cpu().inference();
+        let model = peer.loaded(&device);
+        let SequenceModel::Denoiser(denoiser) = &model else { panic!("{} is none", peer.0) };
+        for (name, kind, steps) in [
+            ("ddim", SamplerKind::Ddim, None),
+            ("ddim_7", SamplerKind::Ddim, Some(7)),
+            ("dpm_solver_7", SamplerKind::DpmSolver, Some(7)),
+        ] {
+            let sampler = SamplerSpec { kind, steps, ..SamplerSpec::default() };
+            let table = denoiser.process().steps(&sampler, None);
+            let (input, _) = peer.seen(&device);
+            let mut noise = Noise::given([peer.expected("noise")]);
+            let found = denoiser.sample(input, Start::Noise, &table, &mut noise);
+            peer.check_close(&format!("chain.{name}"), &host_values(found).unwrap(), 1e-4);
+        }
+        let table = denoiser.process().steps(&SamplerSpec::default(), None);
+        let (input, _) = peer.seen(&device);
+        let chunk = peer.expected("noise").len();
+        let all = peer.expected("ddpm_noise");
+        let mut noise = Noise::given(all.chunks(chunk).map(<[f32]>::to_vec));
+        let found = denoiser.sample(input, Start::Noise, &table, &mut noise);
+        peer.check_close("chain.ddpm", &host_values(found).unwrap(), 1e-4);
+    }
 }

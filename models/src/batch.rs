@@ -18,8 +18,24 @@ impl Batch {
         if self.samples != samples {
             return Err(ModelError::Samples { actual: self.samples, expected: samples });
         }
+        if self.size == 0 {
+            let expected = samples.saturating_mul(JOINTS);
+            return Err(ModelError::Length { what: "u", actual: 0, expected });
+        }
         check_series("u", &self.u, self.size, samples)?;
         check_series("y", &self.y, self.size, samples)
+    }
+
+    /// At most `size` trajectories from `first` on, of a batch that was checked.
+    pub(crate) fn part(&self, first: usize, size: usize) -> Self {
+        let row = self.samples * JOINTS;
+        let end = (first + size).min(self.size);
+        Self {
+            u: self.u[first * row..end * row].to_vec(),
+            y: self.y[first * row..end * row].to_vec(),
+            size: end - first,
+            samples: self.samples,
+        }
     }
 
     pub(crate) fn known(&self, context: usize) -> PredictionInput {

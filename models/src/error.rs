@@ -27,6 +27,18 @@ pub enum ModelError {
     )]
     LeakRequired,
 
+    #[error("the model cannot be sampled: {field} is {value}, allowed: {allowed}")]
+    Sampling { field: &'static str, value: String, allowed: String },
+
+    #[error(
+        "this model has one answer to a question and no samples of it; ask it through `predict`, \
+         or train one with a gaussian head or a denoiser"
+    )]
+    NotGenerative,
+
+    #[error(transparent)]
+    Spec(#[from] spec::SpecError),
+
     #[error("{file}: {reason}")]
     CheckpointFile { file: &'static str, reason: String },
 

@@ -1,7 +1,12 @@
 use burn::module::Param;
 use burn::tensor::{Device, Tensor, TensorData};
 use rand_chacha::ChaCha12Rng;
-use rand_core::{Rng, SeedableRng};
+use rand_core::SeedableRng;
+
+use crate::randomness::unit;
+
+/// Standard deviation of initial positions, GPT-2's.
+pub(crate) const POSITION_STANDARD_DEVIATION: f32 = 0.02;
 
 /// Draws initial weights, one after the other, from a seed.
 ///
@@ -19,8 +24,9 @@ impl<'a> InitialWeights<'a> {
 
     /// Uniform on `[-bound, bound)`.
     pub fn uniform<const D: usize>(&mut self, shape: [usize; D], bound: f32) -> Param<Tensor<D>> {
-        let values =
-            (0..shape.iter().product()).map(|_| (2.0 * self.unit() - 1.0) * bound).collect();
+        let values = (0..shape.iter().product())
+            .map(|_| (2.0 * unit(&mut self.generator) - 1.0) * bound)
+            .collect();
         self.parameter(values, shape)
     }
 
@@ -32,8 +38,10 @@ impl<'a> InitialWeights<'a> {
     ) -> Param<Tensor<D>> {
         let values = (0..shape.iter().product())
             .map(|_| {
-                let radius = (-2.0 * (1.0 - self.unit()).ln()).sqrt();
-                radius * (std::f32::consts::TAU * self.unit()).cos() * standard_deviation
+                let radius = (-2.0 * (1.0 - unit(&mut self.generator)).ln()).sqrt();
+                radius
+                    * (std::f32::consts::TAU * unit(&mut self.generator)).cos()
+                    * standard_deviation
             })
             .collect();
         self.parameter(values, shape)
@@ -45,11 +53,5 @@ impl<'a> InitialWeights<'a> {
 
     fn parameter<const D: usize>(&self, values: Vec<f32>, shape: [usize; D]) -> Param<Tensor<D>> {
         Param::from_data(TensorData::new(values, shape), self.device)
-    }
-
-    /// Uniform on `[0, 1)`, in steps of 2⁻²⁴, each of which an `f32` holds exactly.
-    fn unit(&mut self) -> f32 {
-        const STEP: f32 = 1.0 / 16_777_216.0;
-        (self.generator.next_u32() >> 8) as f32 * STEP
     }
 }

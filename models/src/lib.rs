@@ -2,9 +2,9 @@
 //!
 //! A [`Trainer`] turns a [`spec::TrainSpec`] and batches of trajectories into weights; a
 //! [`TrainedModel`] turns a checkpoint and a [`PredictionInput`] into predicted joint positions.
-//! Which batch comes at which step is the caller's matter. Nothing here draws random numbers but
-//! the initial weights, from the spec's seed, so that the same spec, batches and thread count give
-//! the same weights, bit for bit, however often training was interrupted.
+//! Which batch comes at which step is the caller's matter. Random numbers are keyed by the spec's
+//! seed and by what they are for, never drawn from a state, so that the same spec, batches and
+//! thread count give the same weights, bit for bit, however often training was interrupted.
 //!
 //! All series are row-major `[trajectory, sample, joint]`, u in N·m and y in rad.
 
@@ -12,21 +12,34 @@
 mod agreement_with_pytorch;
 mod attention;
 mod batch;
+mod cdcnn;
+mod cdt;
 mod checkpoint;
+mod denoiser;
 mod device;
+mod diffuser;
+mod diffusion;
+mod ema;
 mod error;
+mod frame;
+mod gaussian;
 mod initialization;
 mod kernels;
 mod layers;
 mod normalization;
 mod optimizer;
 mod parameters;
+mod prediction;
+mod randomness;
 mod robomorph;
+mod sampling;
 mod schedule;
 mod sequence_model;
+mod sizes;
 mod trained_model;
 mod trainer;
 mod transformer;
+mod unet;
 
 pub use batch::{Batch, PredictionInput};
 pub use checkpoint::{
@@ -36,5 +49,6 @@ pub use checkpoint::{
 pub use device::Device;
 pub use error::ModelError;
 pub use normalization::{Normalizer, Statistics, StatisticsAccumulator};
+pub use sampling::{Sampling, WarmStart};
 pub use trained_model::TrainedModel;
 pub use trainer::{StepReport, Trainer, TrainingData, ValidationReport};

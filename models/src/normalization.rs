@@ -2,12 +2,13 @@ use burn::tensor::{Device, Tensor, TensorData};
 use serde::{Deserialize, Serialize};
 use spec::{JOINTS, Normalization};
 
+use crate::frame::Frame;
 use crate::sequence_model::ModelInput;
 use crate::{Batch, ModelError, PredictionInput};
 
 /// Smaller standard deviations count as this one (N·m and rad): a joint that stands still is not
 /// to be magnified until rounding looks like motion. 1e-3 rad is 0.06°.
-const SMALLEST_STANDARD_DEVIATION: f32 = 1e-3;
+pub(crate) const SMALLEST_STANDARD_DEVIATION: f32 = 1e-3;
 
 /// Mean and standard deviation of each joint's torque (N·m) and position (rad).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -147,63 +148,53 @@ impl Normalizer {
     }
 }
 
-/// What the model sees of `input`, each trajectory by its own statistics.
+/// What the model sees of `input`, each trajectory by its own statistics and frame.
 pub(crate) fn model_input(
     input: &PredictionInput,
     statistics: &[Statistics],
-    samples: usize,
-    context: usize,
+    frames: &[Frame],
     device: &Device,
 ) -> ModelInput {
-    let horizon = samples - context;
-    let mut known = Vec::with_capacity(input.size * context * 2 * JOINTS);
-    let mut future_u = Vec::with_capacity(input.size * horizon * JOINTS);
+    let rows = |series: &[f32]| series.len() / input.size.max(1);
+    let samples = rows(&input.u) / JOINTS;
+    let context = rows(&input.y_context) / JOINTS;
+    let mut all_u = Vec::with_capacity(input.u.len());
+    let mut y_context = Vec::with_capacity(input.y_context.len());
+    let mut seen_context = Vec::with_capacity(input.y_context.len());
     let torques = input.u.chunks_exact(samples * JOINTS);
     let positions = input.y_context.chunks_exact(context * JOINTS);
-    for ((u, y), statistics) in torques.zip(positions).zip(statistics) {
-        let (past_u, horizon_u) = u.split_at(context * JOINTS);
-        for (u, y) in past_u.chunks_exact(JOINTS).zip(y.chunks_exact(JOINTS)) {
-            known.extend(normalized(u, &statistics.u_mean, &statistics.u_std));
-            known.extend(normalized(y, &statistics.y_mean, &statistics.y_std));
+    for (((u, y), statistics), frame) in torques.zip(positions).zip(statistics).zip(frames) {
+        for u in u.chunks_exact(JOINTS) {
+            all_u.extend(normalized(u, &statistics.u_mean, &statistics.u_std));
         }
-        for u in horizon_u.chunks_exact(JOINTS) {
-            future_u.extend(normalized(u, &statistics.u_mean, &statistics.u_std));
+        for y in y.chunks_exact(JOINTS) {
+            y_context.extend(normalized(y, &statistics.y_mean, &statistics.y_std));
         }
+        frame.extend_seen(y, 0, &mut seen_context);
     }
-    let known = TensorData::new(known, [input.size, context, 2 * JOINTS]);
-    let future_u = TensorData::new(future_u, [input.size, horizon, JOINTS]);
+    let tensor = |values, samples| {
+        Tensor::from_data(TensorData::new(values, [input.size, samples, JOINTS]), device)
+    };
     ModelInput {
-        context: Tensor::from_data(known, device),
-        future_u: Tensor::from_data(future_u, device),
+        u: tensor(all_u, samples),
+        y_context: tensor(y_context, context),
+        seen_context: tensor(seen_context, context),
     }
 }
 
-/// Normalized positions of the horizon, `[size, horizon, 7]`.
+/// Positions of the horizon as the frames see them, `[size, horizon, 7]`.
 pub(crate) fn target(
     batch: &Batch,
-    statistics: &[Statistics],
+    frames: &[Frame],
     context: usize,
     device: &Device,
 ) -> Tensor<3> {
     let horizon = batch.samples - context;
     let mut target = Vec::with_capacity(batch.size * horizon * JOINTS);
-    for (y, statistics) in batch.y.chunks_exact(batch.samples * JOINTS).zip(statistics) {
-        for y in y[context * JOINTS..].chunks_exact(JOINTS) {
-            target.extend(normalized(y, &statistics.y_mean, &statistics.y_std));
-        }
+    for (y, frame) in batch.y.chunks_exact(batch.samples * JOINTS).zip(frames) {
+        frame.extend_seen(&y[context * JOINTS..], context, &mut target);
     }
     Tensor::from_data(TensorData::new(target, [batch.size, horizon, JOINTS]), device)
-}
-
-/// Turns normalized positions of the horizon `[size, horizon, 7]` into rad.
-pub(crate) fn denormalize(y: &mut [f32], statistics: &[Statistics], horizon: usize) {
-    for (y, statistics) in y.chunks_exact_mut(horizon * JOINTS).zip(statistics) {
-        for sample in y.chunks_exact_mut(JOINTS) {
-            for (joint, value) in sample.iter_mut().enumerate() {
-                *value = *value * statistics.y_std[joint] + statistics.y_mean[joint];
-            }
-        }
-    }
 }
 
 fn normalized(

@@ -11,7 +11,7 @@ use crate::sequence_model::SequenceModel;
 
 /// Names of the moments in PyTorch's `Adam`.
 const FIRST_MOMENT: &str = "exp_avg.";
-const SECOND_MOMENT: &str = "exp_avg_sq.";
+pub(crate) const SECOND_MOMENT: &str = "exp_avg_sq.";
 
 /// As in `torch.nn.utils.clip_grad_norm_`, so that a norm of zero divides nothing.
 const CLIP_EPSILON: f64 = 1e-6;
@@ -125,16 +125,30 @@ impl NamedGradients {
         &self.gradients
     }
 
-    /// Takes the gradients of the model's parameters out of `gradients`.
-    pub fn of(model: &SequenceModel, gradients: Gradients) -> Result<Self, ModelError> {
-        let mut collector = Collector {
-            path: Path::default(),
-            from: gradients,
-            gradients: BTreeMap::new(),
-            square_sum: Ok(0.0),
-        };
-        model.visit(&mut collector);
-        Ok(Self { gradients: collector.gradients, norm: collector.square_sum?.sqrt() })
+    /// Takes the gradients of the model's parameters out of `gradients`, one set for each part of
+    /// a batch, and adds them up in order.
+    pub fn of(model: &SequenceModel, parts: Vec<Gradients>) -> Result<Self, ModelError> {
+        let mut sums: BTreeMap<String, Tensor<1>> = BTreeMap::new();
+        for from in parts {
+            let mut collector =
+                Collector { path: Path::default(), from, gradients: BTreeMap::new() };
+            model.visit(&mut collector);
+            for (name, gradient) in collector.gradients {
+                let sum = match sums.remove(&name) {
+                    Some(sum) => sum + gradient,
+                    None => gradient,
+                };
+                sums.insert(name, sum);
+            }
+        }
+        // Squared and summed here and in order: burn-flex adds large tensors in an order that
+        // depends on which thread was free, and the clipped step must not.
+        let mut squares = 0.0;
+        for gradient in sums.values() {
+            let values = host_values(gradient.clone())?;
+            squares += values.iter().map(|&value| f64::from(value).powi(2)).sum::<f64>();
+        }
+        Ok(Self { gradients: sums, norm: squares.sqrt() })
     }
 }
 
@@ -181,7 +195,6 @@ struct Collector {
     path: Path,
     from: Gradients,
     gradients: BTreeMap<String, Tensor<1>>,
-    square_sum: Result<f64, ModelError>,
 }
 
 impl ModuleVisitor for Collector {
@@ -197,14 +210,6 @@ impl ModuleVisitor for Collector {
         let Some(gradient) = param.val().grad_remove(&mut self.from) else { return };
         let length = gradient.shape().num_elements();
         let flat = gradient.reshape([length]);
-        // Summed here and in order: burn-flex adds large tensors in an order that depends on
-        // which thread was free, and the clipped step must not.
-        let squares = host_values(flat.clone())
-            .map(|values| values.iter().map(|&value| f64::from(value).powi(2)).sum::<f64>());
-        self.square_sum = match (std::mem::replace(&mut self.square_sum, Ok(0.0)), squares) {
-            (Ok(sum), Ok(more)) => Ok(sum + more),
-            (Err(error), _) | (_, Err(error)) => Err(error),
-        };
         self.gradients.insert(self.path.name(), flat);
     }
 }

@@ -1,20 +1,14 @@
 use burn::module::{Module, Param};
 use burn::tensor::Tensor;
-use spec::{JOINTS, RoboMorphSpec};
+use spec::{Head, JOINTS, RoboMorphSpec};
 
 use crate::ModelError;
-use crate::initialization::InitialWeights;
+use crate::gaussian;
+use crate::initialization::{InitialWeights, POSITION_STANDARD_DEVIATION};
+use crate::kernels::Mask;
 use crate::layers::{LayerNorm, Linear};
-use crate::sequence_model::ModelInput;
+use crate::sizes::{LARGEST_RATIO, LARGEST_WIDTH, MOST_LAYERS, divides, within};
 use crate::transformer::{DecoderBlock, EncoderBlock};
-
-/// Standard deviation of initial positions, GPT-2's.
-const POSITION_STANDARD_DEVIATION: f32 = 0.02;
-
-/// Sizes beyond these are no model but a mistake; below them no size computed here overflows.
-const LARGEST_WIDTH: u32 = 1 << 14;
-const MOST_LAYERS: u32 = 1 << 8;
-const LARGEST_RATIO: u32 = 1 << 6;
 
 /// The sizes of a RoboMorph, checked against each other.
 #[derive(Clone, Copy, Debug)]
@@ -27,6 +21,7 @@ pub(crate) struct RoboMorphConfig {
     hidden: usize,
     context_tokens: usize,
     horizon_tokens: usize,
+    head: Head,
 }
 
 impl RoboMorphConfig {
@@ -48,7 +43,16 @@ impl RoboMorphConfig {
             hidden: spec.d_model as usize * spec.mlp_ratio as usize,
             context_tokens: (context / spec.patch) as usize,
             horizon_tokens: (horizon / spec.patch) as usize,
+            head: spec.head,
         })
+    }
+
+    /// Numbers that the head gives for each position.
+    const fn head_numbers(&self) -> usize {
+        match self.head {
+            Head::Point => 1,
+            Head::Gaussian => gaussian::NUMBERS,
+        }
     }
 
     pub fn init(&self, weights: &mut InitialWeights<'_>) -> RoboMorph {
@@ -68,8 +72,9 @@ impl RoboMorphConfig {
                 .map(|_| DecoderBlock::new(d_model, heads, hidden, weights))
                 .collect(),
             decoder_norm: LayerNorm::new(d_model, weights),
-            head: Linear::new(d_model, JOINTS * patch, weights),
+            head: Linear::new(d_model, self.head_numbers() * JOINTS * patch, weights),
             patch,
+            kind: self.head,
         }
     }
 
@@ -86,7 +91,7 @@ impl RoboMorphConfig {
             + self.horizon_tokens as u64 * d_model
             + self.decoder_layers as u64 * DecoderBlock::parameter_count(d_model, hidden)
             + LayerNorm::parameter_count(d_model);
-        encoder + decoder + Linear::parameter_count(d_model, channels)
+        encoder + decoder + Linear::parameter_count(d_model, self.head_numbers() as u64 * channels)
     }
 }
 
@@ -110,14 +115,26 @@ pub(crate) struct RoboMorph {
     decoder_norm: LayerNorm,
     head: Linear,
     patch: usize,
+    #[module(skip)]
+    kind: Head,
 }
 
 impl RoboMorph {
-    /// Gives y `[batch, horizon, 7]`, normalized as the input is.
-    pub fn forward(&self, input: ModelInput) -> Tensor<3> {
-        let context = patches(input.context, self.patch);
-        let future_u = patches(input.future_u, self.patch);
-        let [batch, horizon_tokens, channels] = future_u.dims();
+    pub fn kind(&self) -> Head {
+        self.kind
+    }
+
+    /// u of whole trajectories `[batch, sample, 7]` and y of their context `[batch, context, 7]`
+    /// to y of the horizon `[batch, horizon, 7]`; a gaussian head gives `[batch, horizon, 14]`,
+    /// mean and logarithm of the variance as [`gaussian::split`] takes them apart.
+    pub fn forward(&self, u: Tensor<3>, y_context: Tensor<3>) -> Tensor<3> {
+        let [batch, samples, channels] = u.dims();
+        let [_, context, _] = y_context.dims();
+        let past_u = u.clone().slice([0..batch, 0..context, 0..channels]);
+        let future_u = u.slice([0..batch, context..samples, 0..channels]);
+        let context = patches(Tensor::cat(vec![past_u, y_context], 2), self.patch);
+        let future_u = patches(future_u, self.patch);
+        let [_, horizon_tokens, _] = future_u.dims();
 
         let mut memory =
             self.encoder_input.forward(context) + self.encoder_positions.val().unsqueeze();
@@ -128,10 +145,11 @@ impl RoboMorph {
 
         let mut x = self.decoder_input.forward(future_u) + self.decoder_positions.val().unsqueeze();
         for block in &self.decoder_blocks {
-            x = block.forward(x, memory.clone());
+            x = block.forward(x, memory.clone(), Mask::None);
         }
-        let y = self.head.forward(self.decoder_norm.forward(x));
-        y.reshape([batch, horizon_tokens * self.patch, channels / self.patch])
+        let numbers = self.head.forward(self.decoder_norm.forward(x));
+        let [_, _, width] = numbers.dims();
+        numbers.reshape([batch, horizon_tokens * self.patch, width / self.patch])
     }
 }
 
@@ -141,30 +159,9 @@ fn patches(series: Tensor<3>, patch: usize) -> Tensor<3> {
     series.reshape([batch, samples / patch, patch * channels])
 }
 
-fn within(field: &'static str, value: u32, least: u32, most: u32) -> Result<(), ModelError> {
-    if (least..=most).contains(&value) {
-        return Ok(());
-    }
-    let allowed = format!("{least} to {most}");
-    Err(ModelError::Size { field, value: value.into(), allowed })
-}
-
-fn divides(
-    field: &'static str,
-    divisor: u32,
-    of: &'static str,
-    value: u32,
-) -> Result<(), ModelError> {
-    if divisor > 0 && value > 0 && value.is_multiple_of(divisor) {
-        return Ok(());
-    }
-    let allowed = format!("divisors of the {of}, which is {value}");
-    Err(ModelError::Size { field, value: divisor.into(), allowed })
-}
-
 #[cfg(test)]
 mod tests {
-    use spec::RoboMorphSpec;
+    use spec::{Head, Residual, RoboMorphSpec};
 
     use super::RoboMorphConfig;
 
@@ -178,6 +175,8 @@ mod tests {
             decoder_layers: 12,
             patch: 1,
             mlp_ratio: 4,
+            head: Head::Point,
+            residual: Residual::None,
         };
         let count = RoboMorphConfig::new(&spec, 320, 80).unwrap().parameter_count();
         assert!((49_400_000..50_400_000).contains(&count), "{count}");

@@ -1,17 +1,72 @@
 use burn::module::{Module, ModuleMapper, ModuleVisitor};
 use burn::tensor::Tensor;
-use spec::ModelSpec;
+use spec::{Head, ModelSpec};
 
 use crate::ModelError;
+use crate::cdcnn::CdcnnConfig;
+use crate::cdt::CdtConfig;
+use crate::denoiser::{Denoiser, Network};
+use crate::diffuser::DiffuserConfig;
+use crate::diffusion::{Start, Step};
+use crate::gaussian;
 use crate::initialization::InitialWeights;
+use crate::parameters::host_values;
+use crate::randomness::Noise;
 use crate::robomorph::{RoboMorph, RoboMorphConfig};
 
-/// What every architecture is given, normalized.
+/// What every architecture is given.
+#[derive(Clone, Debug)]
 pub(crate) struct ModelInput {
-    /// u, then y, of the context: `[batch, context, 14]`.
-    pub context: Tensor<3>,
-    /// u of the horizon: `[batch, horizon, 7]`.
-    pub future_u: Tensor<3>,
+    /// Normalized torques `[batch, sample, 7]`.
+    pub u: Tensor<3>,
+    /// Normalized positions `[batch, context, 7]`.
+    pub y_context: Tensor<3>,
+    /// The same positions as answers are given: [`crate::frame`].
+    pub seen_context: Tensor<3>,
+}
+
+/// What a training step makes small.
+pub(crate) struct Loss {
+    /// Of each entry, `[batch, sample, channel]`, 0 where it does not count.
+    pub errors: Tensor<3>,
+    /// What their sum is divided by.
+    pub count: usize,
+    /// y of the horizon, where the loss is that of a prediction.
+    pub predicted: Option<Tensor<3>>,
+}
+
+impl Loss {
+    /// As a tensor of which gradients can be asked.
+    pub fn tensor(&self) -> Tensor<1> {
+        let entries = self.errors.shape().num_elements();
+        let mean = self.errors.clone().mean();
+        if entries == self.count { mean } else { mean * (entries as f64 / self.count as f64) }
+    }
+
+    /// Summed here and in order: the backend adds large tensors in an order that depends on which
+    /// thread was free.
+    pub fn value(&self) -> Result<f64, ModelError> {
+        let errors = host_values(self.errors.clone().inner())?;
+        Ok(errors.into_iter().map(f64::from).sum::<f64>() / self.count as f64)
+    }
+}
+
+/// How an answer is come by.
+pub(crate) struct Ask<'a> {
+    /// Passes of a denoiser.
+    pub steps: &'a [Step],
+    /// What a denoiser begins with.
+    pub start: Start,
+    pub noise: &'a mut Noise,
+    /// Whether a model that knows its uncertainty is to draw from it.
+    pub draw: Draw,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Draw {
+    /// The mean, of a model that has one in closed form.
+    Mean,
+    Sample,
 }
 
 /// One of the architectures. Not a burn module itself, so that parameter names do not begin with
@@ -19,6 +74,7 @@ pub(crate) struct ModelInput {
 #[derive(Clone, Debug)]
 pub(crate) enum SequenceModel {
     RoboMorph(RoboMorph),
+    Denoiser(Denoiser),
 }
 
 impl SequenceModel {
@@ -29,12 +85,21 @@ impl SequenceModel {
         horizon: u32,
         weights: &mut InitialWeights<'_>,
     ) -> Result<Self, ModelError> {
-        match spec {
+        let samples = context + horizon;
+        let network = match spec {
             ModelSpec::RoboMorph(spec) => {
                 let config = RoboMorphConfig::new(spec, context, horizon)?;
-                Ok(Self::RoboMorph(config.init(weights)))
+                return Ok(Self::RoboMorph(config.init(weights)));
             }
-        }
+            ModelSpec::Diffuser(spec) => {
+                Network::Diffuser(DiffuserConfig::new(spec, samples)?.init(weights))
+            }
+            ModelSpec::Cdcnn(spec) => {
+                Network::Cdcnn(CdcnnConfig::new(spec, samples)?.init(weights))
+            }
+            ModelSpec::Cdt(spec) => Network::Cdt(CdtConfig::new(spec, samples)?.init(weights)),
+        };
+        Ok(Self::Denoiser(Denoiser::new(network, spec)?))
     }
 
     /// How many parameters [`SequenceModel::new`] would make, without making them.
@@ -43,17 +108,63 @@ impl SequenceModel {
         context: u32,
         horizon: u32,
     ) -> Result<u64, ModelError> {
-        match spec {
+        let samples = context.saturating_add(horizon);
+        Ok(match spec {
             ModelSpec::RoboMorph(spec) => {
-                Ok(RoboMorphConfig::new(spec, context, horizon)?.parameter_count())
+                RoboMorphConfig::new(spec, context, horizon)?.parameter_count()
             }
+            ModelSpec::Diffuser(spec) => DiffuserConfig::new(spec, samples)?.parameter_count(),
+            ModelSpec::Cdcnn(spec) => CdcnnConfig::new(spec, samples)?.parameter_count(),
+            ModelSpec::Cdt(spec) => CdtConfig::new(spec, samples)?.parameter_count(),
+        })
+    }
+
+    /// Whether it can answer the same question in several ways.
+    pub fn is_generative(&self) -> bool {
+        match self {
+            Self::RoboMorph(model) => model.kind() == Head::Gaussian,
+            Self::Denoiser(_) => true,
         }
     }
 
-    /// Gives y of the horizon `[batch, horizon, 7]`, normalized as the input is.
-    pub fn forward(&self, input: ModelInput) -> Tensor<3> {
+    /// What is lost on `target`, y of the horizon `[batch, horizon, 7]`.
+    pub fn loss(&self, input: ModelInput, target: Tensor<3>, noise: &mut Noise) -> Loss {
         match self {
-            Self::RoboMorph(model) => model.forward(input),
+            Self::RoboMorph(model) => {
+                let answer = model.forward(input.u, input.y_context);
+                let (errors, predicted) = match model.kind() {
+                    Head::Point => ((answer.clone() - target).square(), answer),
+                    Head::Gaussian => {
+                        let (mean, _) = gaussian::split(answer.clone());
+                        (gaussian::negative_log_likelihood(answer, target), mean)
+                    }
+                };
+                let count = errors.shape().num_elements();
+                Loss { errors, count, predicted: Some(predicted) }
+            }
+            Self::Denoiser(model) => model.loss(input, target, noise),
+        }
+    }
+
+    /// Gives y of the horizon `[batch, horizon, 7]`, as the frame sees it.
+    pub fn answer(&self, input: ModelInput, ask: Ask<'_>) -> Tensor<3> {
+        match self {
+            Self::RoboMorph(model) => {
+                let answer = model.forward(input.u, input.y_context);
+                if model.kind() == Head::Point {
+                    return answer;
+                }
+                let (mean, log_variance) = gaussian::split(answer);
+                match ask.draw {
+                    Draw::Mean => mean,
+                    Draw::Sample => {
+                        let [_, horizon, channels] = mean.dims();
+                        let noise = ask.noise.normal([horizon, channels], &mean.device());
+                        mean + (log_variance * 0.5).exp() * noise
+                    }
+                }
+            }
+            Self::Denoiser(model) => model.sample(input, ask.start, ask.steps, ask.noise),
         }
     }
 
@@ -61,18 +172,21 @@ impl SequenceModel {
     pub fn for_inference(&self) -> Self {
         match self {
             Self::RoboMorph(model) => Self::RoboMorph(model.valid()),
+            Self::Denoiser(model) => Self::Denoiser(model.for_inference()),
         }
     }
 
     pub fn visit<V: ModuleVisitor>(&self, visitor: &mut V) {
         match self {
             Self::RoboMorph(model) => model.visit(visitor),
+            Self::Denoiser(model) => model.visit(visitor),
         }
     }
 
     pub fn map<M: ModuleMapper>(self, mapper: &mut M) -> Self {
         match self {
             Self::RoboMorph(model) => Self::RoboMorph(model.map(mapper)),
+            Self::Denoiser(model) => Self::Denoiser(model.map(mapper)),
         }
     }
 }

@@ -1,14 +1,12 @@
-use spec::{JOINTS, ModelSpec};
+use spec::ModelSpec;
 
 use crate::checkpoint::{self, CheckpointConfig, CheckpointFiles};
+use crate::frame::Framing;
 use crate::initialization::InitialWeights;
-use crate::normalization::{Normalizer, Statistics, denormalize, model_input};
-use crate::parameters::host_values;
-use crate::sequence_model::SequenceModel;
-use crate::{Batch, Device, ModelError, PredictionInput};
-
-/// Trajectories computed at once, so that memory does not grow with the question.
-const CHUNK: usize = 64;
+use crate::normalization::{Normalizer, Statistics};
+use crate::prediction::Predictor;
+use crate::sequence_model::{Draw, SequenceModel};
+use crate::{Batch, Device, ModelError, PredictionInput, Sampling};
 
 /// A model that only predicts. Can be shared between threads.
 #[derive(Debug)]
@@ -46,16 +44,31 @@ impl TrainedModel {
         Self::load(&files.model, &files.config, device)
     }
 
-    /// Positions of the horizon, `[size, horizon, 7]`, rad.
+    /// Positions of the horizon, `[size, horizon, 7]`, rad. Of a gaussian head the mean, of a
+    /// denoiser the sample of [`Sampling::default`].
     ///
     /// # Errors
     /// [`ModelError::LeakRequired`] for a model with normalization `paper-leaky`; an input of
     /// another shape or with values that are not finite.
     pub fn predict(&self, input: &PredictionInput) -> Result<Vec<f32>, ModelError> {
-        input.check(self.samples(), self.context())?;
-        let statistics =
-            self.normalizer.statistics_of_input(input, self.samples(), self.context())?;
-        rayon::scope(|_| self.answer(input, &statistics))
+        self.ask(input, &Sampling::default(), Draw::Mean)
+    }
+
+    /// Positions of the horizon in several ways, `[samples, size, horizon, 7]`, rad. Sample k of a
+    /// scenario depends on (seed, scenario, k) alone, not on what else is asked.
+    ///
+    /// # Errors
+    /// As [`TrainedModel::predict`]; [`ModelError::NotGenerative`] for a model that has one answer
+    /// only, [`ModelError::Sampling`] and [`ModelError::Spec`] for what this one cannot do.
+    pub fn sample(
+        &self,
+        input: &PredictionInput,
+        sampling: &Sampling,
+    ) -> Result<Vec<f32>, ModelError> {
+        if !self.is_generative() {
+            return Err(ModelError::NotGenerative);
+        }
+        self.ask(input, sampling, Draw::Sample)
     }
 
     /// As [`TrainedModel::predict`], except that normalization `paper-leaky` takes its statistics
@@ -64,7 +77,13 @@ impl TrainedModel {
     pub fn predict_with_leak(&self, batch: &Batch) -> Result<Vec<f32>, ModelError> {
         batch.check(self.samples())?;
         let statistics = self.normalizer.statistics_of_batch(batch, self.context());
-        rayon::scope(|_| self.answer(&batch.known(self.context()), &statistics))
+        let input = batch.known(self.context());
+        self.answer(&input, &statistics, &Sampling::default(), Draw::Mean)
+    }
+
+    /// Whether it can answer the same question in several ways.
+    pub fn is_generative(&self) -> bool {
+        self.model.is_generative()
     }
 
     /// Whether this model needs the future to predict it.
@@ -99,24 +118,37 @@ impl TrainedModel {
         &self.config
     }
 
+    fn ask(
+        &self,
+        input: &PredictionInput,
+        sampling: &Sampling,
+        draw: Draw,
+    ) -> Result<Vec<f32>, ModelError> {
+        input.check(self.samples(), self.context())?;
+        let statistics =
+            self.normalizer.statistics_of_input(input, self.samples(), self.context())?;
+        self.answer(input, &statistics, sampling, draw)
+    }
+
     fn answer(
         &self,
         input: &PredictionInput,
         statistics: &[Statistics],
+        sampling: &Sampling,
+        draw: Draw,
     ) -> Result<Vec<f32>, ModelError> {
-        let device = self.device.inference();
-        let (samples, context, horizon) = (self.samples(), self.context(), self.horizon());
-        let mut answer = Vec::with_capacity(input.size * horizon * JOINTS);
-        let torques = input.u.chunks(CHUNK * samples * JOINTS);
-        let positions = input.y_context.chunks(CHUNK * context * JOINTS);
-        for ((u, y), statistics) in torques.zip(positions).zip(statistics.chunks(CHUNK)) {
-            let chunk =
-                PredictionInput { u: u.to_vec(), y_context: y.to_vec(), size: statistics.len() };
-            let input = model_input(&chunk, statistics, samples, context, &device);
-            let mut predicted = host_values(self.model.forward(input))?;
-            denormalize(&mut predicted, statistics, horizon);
-            answer.extend(predicted);
-        }
-        Ok(answer)
+        let predictor = Predictor {
+            model: &self.model,
+            spec: &self.config.model,
+            framing: Framing {
+                residual: self.config.model.residual(),
+                samples: self.samples(),
+                context: self.context(),
+                rate_hz: self.rate_hz(),
+            },
+            device: self.device.inference(),
+        };
+        // On a thread of the pool, which then wakes no other for each parallel loop.
+        rayon::scope(|_| predictor.answer(input, statistics, sampling, draw))
     }
 }

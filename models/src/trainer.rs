@@ -1,14 +1,22 @@
-use burn::tensor::Tensor;
-use spec::{JOINTS, ModelSpec, TrainSpec};
+use std::collections::BTreeMap;
 
-use crate::checkpoint::{self, CheckpointConfig, CheckpointFiles};
+use spec::{DataSource, Digest, EmaSpec, JOINTS, ModelSpec, TrainSpec};
+
+use crate::checkpoint::{self, CheckpointConfig, CheckpointFiles, TrainingState, Versions};
+use crate::ema::WeightAverage;
+use crate::frame::Framing;
 use crate::initialization::InitialWeights;
-use crate::normalization::{Normalizer, Statistics, denormalize, model_input, target};
+use crate::normalization::{Normalizer, Statistics, model_input, target};
 use crate::optimizer::{ModelOptimizer, NamedGradients};
 use crate::parameters::host_values;
+use crate::prediction::Predictor;
+use crate::randomness::{Noise, Purpose, generator};
 use crate::schedule::Schedule;
-use crate::sequence_model::SequenceModel;
-use crate::{Batch, Device, ModelError};
+use crate::sequence_model::{Draw, Loss, SequenceModel};
+use crate::{Batch, Device, FORMAT_VERSION, ModelError, Sampling};
+
+/// The metric that every checkpoint after a step has.
+const TRAIN_LOSS: &str = "train/loss";
 
 /// What a trainer must know of its dataset.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -23,10 +31,16 @@ pub struct TrainingData {
 /// Trains one model. Does no validation, logging or saving unless asked.
 pub struct Trainer {
     model: SequenceModel,
+    /// Of the weights, which is then what is validated and kept.
+    average: Option<WeightAverage>,
     optimizer: ModelOptimizer,
     schedule: Schedule,
     normalizer: Normalizer,
+    framing: Framing,
     identity: Identity,
+    /// Parts that a batch is computed in.
+    parts: usize,
+    metrics: BTreeMap<String, f64>,
     device: Device,
     /// Steps taken.
     step: u64,
@@ -39,6 +53,8 @@ struct Identity {
     data: TrainingData,
     seed: u64,
     spec_digest: String,
+    dataset_digest: Option<String>,
+    ema: Option<EmaSpec>,
 }
 
 /// One optimizer step.
@@ -46,7 +62,9 @@ struct Identity {
 pub struct StepReport {
     /// Steps taken, this one included.
     pub step: u64,
-    /// Mean squared error of the normalized horizon before the step.
+    /// What the architecture makes small, before the step: of one that predicts positions their
+    /// mean squared error, normalized; of a gaussian head the negative logarithm of the likelihood;
+    /// of a denoiser the weighted mean squared error of what it predicts of the noise.
     pub loss: f64,
     /// Euclidean norm over all parameters, before clipping.
     pub gradient_norm: f64,
@@ -56,9 +74,9 @@ pub struct StepReport {
 /// How the model does on trajectories that it was not trained on.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ValidationReport {
-    /// Mean squared error of the normalized horizon.
+    /// As [`StepReport::loss`]; with the same noise at every validation.
     pub loss: f64,
-    /// √(mean over the horizon of the squared error) of each joint of each trajectory, averaged
+    /// Of [`crate::TrainedModel::predict`]: √(mean over the horizon of the squared error) of each joint of each trajectory, averaged
     /// over both; rad.
     pub rmse_rad: f64,
     /// Trajectories, the weight of this report in a mean over several.
@@ -83,17 +101,36 @@ impl Trainer {
         let mut weights = InitialWeights::new(spec.seed, &training);
         let horizon = horizon(spec.context, data.samples)?;
         let model = SequenceModel::new(&spec.model, spec.context, horizon, &mut weights)?;
+        let dataset_digest = match &spec.data {
+            DataSource::Digest(digest) => Some(digest.to_string()),
+            DataSource::Stream(_) => {
+                let value = serde_json::to_value(&spec.data).unwrap_or_default();
+                Some(Digest::of_json(&value).to_string())
+            }
+            DataSource::Job(_) | DataSource::Dataset(_) => None,
+        };
         Ok(Self {
             optimizer: ModelOptimizer::new(&spec.optimizer, &model),
+            average: spec.ema.map(|ema| WeightAverage::new(ema, &model)),
             model,
             schedule: Schedule::new(spec),
             normalizer,
+            framing: Framing {
+                residual: spec.model.residual(),
+                samples: data.samples as usize,
+                context: spec.context as usize,
+                rate_hz: data.rate_hz,
+            },
+            parts: spec.gradient_accumulation.max(1) as usize,
+            metrics: BTreeMap::new(),
             identity: Identity {
                 model: spec.model.clone(),
                 context: spec.context,
                 data,
                 seed: spec.seed,
                 spec_digest: spec_digest.to_owned(),
+                dataset_digest,
+                ema: spec.ema,
             },
             device: device.clone(),
             step: 0,
@@ -116,6 +153,10 @@ impl Trainer {
         agree("spec", config.spec_digest.as_str(), spec_digest)?;
         agree("samples", &config.samples, &data.samples)?;
         agree("context", &config.context, &spec.context)?;
+        if config.ema != spec.ema {
+            let (found, expected) = (format!("{:?}", config.ema), format!("{:?}", spec.ema));
+            return Err(ModelError::OtherTraining { field: "ema", found, expected });
+        }
         if config.model != spec.model {
             let (found, expected) = (format!("{:?}", config.model), format!("{:?}", spec.model));
             return Err(ModelError::OtherTraining { field: "model", found, expected });
@@ -126,13 +167,12 @@ impl Trainer {
         };
         let mut trainer =
             Self::new(spec, TrainingData { statistics, ..data }, spec_digest, device)?;
-        trainer.model = checkpoint::load_weights(trainer.model, &files.model)?;
-        trainer.optimizer = checkpoint::load_optimizer(
-            &spec.optimizer,
-            &trainer.model,
-            &files.optimizer,
-            config.step,
-        )?;
+        let kept = checkpoint::load_weights(trainer.model, &files.model)?;
+        let mut state = TrainingState::read(&files.optimizer)?;
+        trainer.average = spec.ema.map(|ema| WeightAverage::new(ema, &kept));
+        trainer.model = if spec.ema.is_some() { state.weights(kept)? } else { kept };
+        trainer.optimizer = state.optimizer(&spec.optimizer, &trainer.model, config.step)?;
+        trainer.metrics = config.metrics;
         trainer.step = config.step;
         Ok(trainer)
     }
@@ -156,68 +196,135 @@ impl Trainer {
     fn step_in_pool(&mut self, batch: &Batch) -> Result<StepReport, ModelError> {
         let step = self.step + 1;
         let device = self.device.training();
-        let (loss, _, _) = self.loss(&self.model, batch, &device)?;
-        let loss_value = scalar(loss.clone())?;
-        finite(step, "loss", loss_value)?;
+        batch.check(self.framing.samples)?;
+        let mut gradients = Vec::with_capacity(self.parts);
+        let mut loss_value = 0.0;
+        let part_size = batch.size.div_ceil(self.parts);
+        for first in (0..batch.size).step_by(part_size) {
+            let part = batch.part(first, part_size);
+            let share = part.size as f64 / batch.size as f64;
+            let mut noise = self.noise(Purpose::Training, step, first, part.size);
+            let loss = self.loss(&self.model, &part, &mut noise, &device)?;
+            loss_value += share * loss.value()?;
+            finite(step, "loss", loss_value)?;
+            let tensor = loss.tensor();
+            let tensor = if self.parts == 1 { tensor } else { tensor * share };
+            gradients.push(tensor.backward());
+        }
 
-        let gradients = NamedGradients::of(&self.model, loss.backward())?;
+        let gradients = NamedGradients::of(&self.model, gradients)?;
         let gradient_norm = gradients.norm;
         finite(step, "gradient norm", gradient_norm)?;
 
         let learning_rate = self.schedule.learning_rate(self.step);
         self.model = self.optimizer.step(self.model.clone(), gradients, learning_rate);
+        if let Some(average) = &mut self.average {
+            average.update(&self.model, step);
+        }
         self.step = step;
+        self.note(TRAIN_LOSS, loss_value);
         Ok(StepReport { step, loss: loss_value, gradient_norm, learning_rate })
     }
 
-    /// Loss and error on `batch`; changes nothing.
+    /// Writes `value` into the checkpoints from here on, in place of an older one.
+    pub fn note(&mut self, metric: &str, value: f64) {
+        // JSON has no others.
+        if value.is_finite() {
+            self.metrics.insert(metric.to_owned(), value);
+        }
+    }
+
+    /// Loss and error on `batch`, of the averaged weights where there are any; changes nothing.
     pub fn validate(&self, batch: &Batch) -> Result<ValidationReport, ModelError> {
         rayon::scope(|_| self.validate_in_pool(batch))
     }
 
     fn validate_in_pool(&self, batch: &Batch) -> Result<ValidationReport, ModelError> {
-        let model = self.model.for_inference();
-        let (loss, predicted, statistics) = self.loss(&model, batch, &self.device.inference())?;
-        let context = self.identity.context as usize;
-        let horizon = batch.samples - context;
-        let mut predicted = host_values(predicted)?;
-        denormalize(&mut predicted, &statistics, horizon);
+        let model = self.kept_model();
+        let device = self.device.inference();
+        let context = self.framing.context;
+        let mut noise = self.noise(Purpose::Validation, 0, 0, batch.size);
+        let loss = self.loss(&model, batch, &mut noise, &device)?;
+        let known = batch.known(context);
+        let statistics = self.normalizer.statistics_of_batch(batch, context);
+        let predicted = match &loss.predicted {
+            Some(predicted) => {
+                let mut predicted = host_values(predicted.clone())?;
+                let frames = self.framing.frames(&known, &statistics);
+                let rows = predicted.chunks_exact_mut((batch.samples - context) * JOINTS);
+                for (y, frame) in rows.zip(&frames) {
+                    frame.restore(y, context);
+                }
+                predicted
+            }
+            None => {
+                let (spec, framing) = (&self.identity.model, self.framing);
+                let predictor = Predictor { model: &model, spec, framing, device };
+                predictor.answer(&known, &statistics, &Sampling::default(), Draw::Mean)?
+            }
+        };
         Ok(ValidationReport {
-            loss: scalar(loss)?,
+            loss: loss.value()?,
             rmse_rad: mean_rmse(&predicted, batch, context),
             trajectories: batch.size,
         })
     }
 
+    /// What predicts.
+    fn kept_model(&self) -> SequenceModel {
+        match &self.average {
+            Some(average) => average.model(&self.model),
+            None => self.model.for_inference(),
+        }
+    }
+
     /// Everything that [`Trainer::resume`] and [`crate::TrainedModel::load`] need.
     pub fn checkpoint(&self) -> Result<CheckpointFiles, ModelError> {
-        let Identity { model, context, data, seed, spec_digest } = &self.identity;
-        let config = CheckpointConfig::new(
-            model.clone(),
-            *context,
-            data,
-            self.normalizer,
-            self.step,
-            *seed,
-            spec_digest,
-        )?;
-        checkpoint::write(&self.model, &self.optimizer, &config)
+        let Identity { model, context, data, seed, spec_digest, dataset_digest, ema } =
+            &self.identity;
+        let horizon = horizon(*context, data.samples)?;
+        let config = CheckpointConfig {
+            format_version: FORMAT_VERSION,
+            parameters: SequenceModel::parameter_count(model, *context, horizon)?,
+            model: model.clone(),
+            context: *context,
+            horizon,
+            samples: data.samples,
+            rate_hz: data.rate_hz,
+            normalizer: self.normalizer,
+            step: self.step,
+            seed: *seed,
+            spec_digest: spec_digest.clone(),
+            dataset_digest: dataset_digest.clone(),
+            ema: *ema,
+            metrics: self.metrics.clone(),
+            versions: Versions::current(),
+        };
+        let average = self.average.as_ref().map(|average| average.model(&self.model));
+        checkpoint::write(&self.model, average.as_ref(), &self.optimizer, &config)
+    }
+
+    /// For trajectories `first..first + size` of a batch.
+    fn noise(&self, purpose: Purpose, step: u64, first: usize, size: usize) -> Noise {
+        let seed = self.identity.seed;
+        let rows = first..first + size;
+        Noise::new(rows.map(|trajectory| generator(seed, purpose, step, trajectory as u64)))
     }
 
     fn loss(
         &self,
         model: &SequenceModel,
         batch: &Batch,
+        noise: &mut Noise,
         device: &burn::tensor::Device,
-    ) -> Result<(Tensor<1>, Tensor<3>, Vec<Statistics>), ModelError> {
-        let samples = self.identity.data.samples as usize;
-        let context = self.identity.context as usize;
-        batch.check(samples)?;
+    ) -> Result<Loss, ModelError> {
+        batch.check(self.framing.samples)?;
+        let context = self.framing.context;
         let statistics = self.normalizer.statistics_of_batch(batch, context);
-        let input = model_input(&batch.known(context), &statistics, samples, context, device);
-        let predicted = model.forward(input);
-        let error = predicted.clone() - target(batch, &statistics, context, device);
-        Ok((error.square().mean(), predicted, statistics))
+        let known = batch.known(context);
+        let frames = self.framing.frames(&known, &statistics);
+        let input = model_input(&known, &statistics, &frames, device);
+        Ok(model.loss(input, target(batch, &frames, context, device), noise))
     }
 }
 
@@ -231,11 +338,6 @@ pub(crate) fn horizon(context: u32, samples: u32) -> Result<u32, ModelError> {
             allowed: format!("1 to {}, one less than the samples", samples.saturating_sub(1)),
         }),
     }
-}
-
-fn scalar(tensor: Tensor<1>) -> Result<f64, ModelError> {
-    let value = tensor.inner().try_into_scalar::<f32>();
-    value.map(f64::from).map_err(|error| ModelError::Device(error.to_string()))
 }
 
 fn finite(step: u64, quantity: &'static str, value: f64) -> Result<(), ModelError> {

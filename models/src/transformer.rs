@@ -71,7 +71,7 @@ impl EncoderBlock {
     }
 }
 
-/// Causal self-attention, attention to all of the encoder's output, the feed-forward part.
+/// Causal self-attention, attention to the encoder's output, the feed-forward part.
 #[derive(Module, Debug)]
 pub(crate) struct DecoderBlock {
     self_attention_norm: LayerNorm,
@@ -99,12 +99,13 @@ impl DecoderBlock {
         }
     }
 
-    /// `x` `[batch, token, d_model]` with `memory` `[batch, source, d_model]` to the shape of `x`.
-    pub fn forward(&self, x: Tensor<3>, memory: Tensor<3>) -> Tensor<3> {
+    /// `x` `[batch, token, d_model]` with what `mask` lets it see of `memory`
+    /// `[batch, source, d_model]` to the shape of `x`.
+    pub fn forward(&self, x: Tensor<3>, memory: Tensor<3>, mask: Mask) -> Tensor<3> {
         let normed = self.self_attention_norm.forward(x.clone());
-        let x = x + self.self_attention.forward(normed.clone(), normed, Mask::Causal);
+        let x = x + self.self_attention.forward(normed.clone(), normed, Mask::Causal { ahead: 0 });
         let normed = self.cross_attention_norm.forward(x.clone());
-        let x = x + self.cross_attention.forward(normed, memory, Mask::None);
+        let x = x + self.cross_attention.forward(normed, memory, mask);
         let normed = self.feed_forward_norm.forward(x.clone());
         x + self.feed_forward.forward(normed)
     }

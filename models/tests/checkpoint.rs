@@ -69,10 +69,10 @@ fn names_and_layouts_are_those_of_torch_nn() {
 #[test]
 fn a_newer_format_is_named_as_such() {
     let newer = with_config(&files(), |config| {
-        config["format_version"] = json!(2);
+        config["format_version"] = json!(3);
         config["something_new"] = json!(true);
     });
-    check_refused(&newer, "format version 2, this program reads 1 and older");
+    check_refused(&newer, "format version 3, this program reads 2 and older");
 }
 
 #[test]

@@ -6,7 +6,10 @@
     model.network                                # a torch.nn.Module
 """
 
+from .cdcnn import Cdcnn
+from .cdt import Cdt
 from .checkpoint import FORMAT_VERSION, TrainedModel, load
+from .diffuser import Diffuser
 from .robomorph import RoboMorph
 
-__all__ = ["FORMAT_VERSION", "RoboMorph", "TrainedModel", "load"]
+__all__ = ["FORMAT_VERSION", "Cdcnn", "Cdt", "Diffuser", "RoboMorph", "TrainedModel", "load"]

@@ -1,17 +1,27 @@
 """A checkpoint's `config.json` and `model.safetensors` as a model that predicts."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import torch
 from safetensors.torch import load_file
+from torch import Tensor
 
+from .cdcnn import Cdcnn
+from .cdt import Cdt
+from .diffuser import Diffuser
+from .diffusion import Painted, sample
+from .frame import frames
 from .robomorph import RoboMorph
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 SMALLEST_STANDARD_DEVIATION = 1e-3
 """As in `models/src/normalization.rs`; N·m and rad."""
+
+NETWORKS = {"robomorph": RoboMorph, "diffuser": Diffuser, "cdcnn": Cdcnn, "cdt": Cdt}
+NOT_OF_THE_NETWORK = ("architecture", "diffusion", "sampler", "residual", "known", "weights")
 
 
 class TrainedModel:
@@ -21,25 +31,65 @@ class TrainedModel:
         self.network = network.eval()
         self.config = config
 
-    def predict(self, u: np.ndarray, y_context: np.ndarray) -> np.ndarray:
+    def predict(
+        self,
+        u: np.ndarray,
+        y_context: np.ndarray,
+        *,
+        sampler: dict | None = None,
+        seed: int = 0,
+        draw: Callable[[], Tensor] | None = None,
+    ) -> np.ndarray:
         """Joint positions of the horizon in rad, [batch, horizon, 7].
 
-        `u` [batch, samples, 7] in N·m, `y_context` [batch, context, 7] in rad.
+        `u` [batch, samples, 7] in N·m, `y_context` [batch, context, 7] in rad. A denoiser makes
+        them with `sampler`, the checkpoint's unless given, of noise [batch, samples, channels]
+        that `draw` gives or else PyTorch draws from `seed`; torqued draws other numbers.
         """
-        context = self.config["context"]
-        expected = (len(u), self.config["samples"], 7), (len(u), context, 7)
+        config = self.config
+        context = config["context"]
+        expected = (len(u), config["samples"], 7), (len(u), context, 7)
         if (u.shape, y_context.shape) != expected:
             raise ValueError(f"u and y_context have shapes {u.shape} and {y_context.shape}, expected {expected}")
         u = torch.as_tensor(u, dtype=torch.float32)
         y = torch.as_tensor(y_context, dtype=torch.float32)
         u_mean, u_std, y_mean, y_std = self._statistics(u[:, :context], y)
+        center, scale = frames(config, u, y, y_mean, y_std)
+        seen = (y - center[:, :context]) / scale
         u = (u - u_mean) / u_std
         y = (y - y_mean) / y_std
         with torch.inference_mode():
-            predicted = self.network(torch.cat([u[:, :context], y], -1), u[:, context:])
-        return (predicted * y_std + y_mean).numpy()
+            if isinstance(self.network, RoboMorph):
+                predicted = self.network(torch.cat([u[:, :context], y], -1), u[:, context:])
+                if self.network.gaussian:
+                    predicted, _ = self.network.mean_and_log_variance(predicted)
+            else:
+                if draw is None:
+                    generator = torch.Generator().manual_seed(seed)
+                    shape = (*u.shape[:2], self.network.channels)
+                    draw = lambda: torch.randn(shape, generator=generator)  # noqa: E731
+                predicted = self._sample(u, seen, sampler or config["model"]["sampler"], draw)
+        return (predicted * scale + center[:, context:]).numpy()
 
-    def _statistics(self, u: torch.Tensor, y: torch.Tensor) -> list[torch.Tensor]:
+    def _sample(self, u: Tensor, seen: Tensor, sampler: dict, draw: Callable[[], Tensor]) -> Tensor:
+        model, context = self.config["model"], self.config["context"]
+        samples = u.shape[1]
+        y_known = (torch.arange(samples) < context).float()[None, :, None].expand(1, samples, 7)
+        values = torch.cat([seen, torch.zeros(len(u), samples - context, 7)], 1)
+        clean, noised = y_known, torch.zeros_like(y_known)
+        if model["architecture"] == "diffuser":
+            joint = model["known"] == "joint-noise"
+            values = torch.cat([u, values], -1)
+            ones, zeros = torch.ones_like(y_known), torch.zeros_like(y_known)
+            clean = torch.cat([zeros if joint else ones, y_known], -1)
+            noised = torch.cat([ones if joint else zeros, zeros], -1)
+        painted = Painted(values, clean, noised)
+        series = sample(
+            lambda noisy, levels: self.network(noisy, levels, u), painted, model["diffusion"], sampler, draw
+        )
+        return series[:, context:, -7:]
+
+    def _statistics(self, u: Tensor, y: Tensor) -> list[Tensor]:
         match self.config["normalizer"]:
             case "context":
                 return [*_mean_and_deviation(u), *_mean_and_deviation(y)]
@@ -50,7 +100,7 @@ class TrainedModel:
 
 
 def load(directory: str | Path) -> TrainedModel:
-    """The checkpoint in `directory`."""
+    """The checkpoint in `directory`, of any architecture."""
     directory = Path(directory)
     config = json.loads((directory / "config.json").read_text())
     if config["format_version"] > FORMAT_VERSION:
@@ -58,16 +108,25 @@ def load(directory: str | Path) -> TrainedModel:
             f"config.json has format version {config['format_version']}, "
             f"this package reads {FORMAT_VERSION} and older"
         )
-    sizes = dict(config["model"])
-    architecture = sizes.pop("architecture")
-    if architecture != "robomorph":
-        raise ValueError(f"architecture {architecture!r} has no twin here")
-    network = RoboMorph(**sizes, context=config["context"], horizon=config["horizon"])
+    network = network_of(config)
     network.load_state_dict(load_file(directory / "model.safetensors"))
     return TrainedModel(network, config)
 
 
-def _mean_and_deviation(series: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+def network_of(config: dict) -> torch.nn.Module:
+    """The network that a checkpoint's config describes, with PyTorch's initial weights."""
+    architecture = config["model"]["architecture"]
+    sizes = {name: value for name, value in config["model"].items() if name not in NOT_OF_THE_NETWORK}
+    if architecture == "robomorph":
+        sizes |= {"context": config["context"], "horizon": config["horizon"]}
+    elif architecture != "diffuser":
+        sizes["samples"] = config["samples"]
+    if architecture not in NETWORKS:
+        raise ValueError(f"architecture {architecture!r} has no twin here, only {', '.join(NETWORKS)}")
+    return NETWORKS[architecture](**sizes)
+
+
+def _mean_and_deviation(series: Tensor) -> tuple[Tensor, Tensor]:
     """Of each trajectory and channel, [batch, 1, 7]; population deviation, not below the smallest."""
     series = series.double()
     deviation = series.std(dim=1, keepdim=True, correction=0).clamp(min=SMALLEST_STANDARD_DEVIATION)

@@ -4,69 +4,9 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
+from .transformer import DecoderBlock, EncoderBlock
+
 JOINTS = 7
-
-
-class Attention(nn.Module):
-    """Multi-head scaled dot-product attention, biases on, no dropout."""
-
-    def __init__(self, d_model: int, heads: int):
-        super().__init__()
-        self.query = nn.Linear(d_model, d_model)
-        self.key = nn.Linear(d_model, d_model)
-        self.value = nn.Linear(d_model, d_model)
-        self.output = nn.Linear(d_model, d_model)
-        self.heads = heads
-
-    def forward(self, x: Tensor, memory: Tensor, causal: bool) -> Tensor:
-        def split(z: Tensor) -> Tensor:
-            return z.unflatten(-1, (self.heads, -1)).transpose(1, 2)
-
-        mixed = F.scaled_dot_product_attention(
-            split(self.query(x)), split(self.key(memory)), split(self.value(memory)), is_causal=causal
-        )
-        return self.output(mixed.transpose(1, 2).flatten(-2))
-
-
-class FeedForward(nn.Module):
-    def __init__(self, d_model: int, hidden: int):
-        super().__init__()
-        self.expand = nn.Linear(d_model, hidden)
-        self.contract = nn.Linear(hidden, d_model)
-
-    def forward(self, x: Tensor) -> Tensor:
-        return self.contract(F.gelu(self.expand(x)))
-
-
-class EncoderBlock(nn.Module):
-    def __init__(self, d_model: int, heads: int, hidden: int):
-        super().__init__()
-        self.attention_norm = nn.LayerNorm(d_model)
-        self.attention = Attention(d_model, heads)
-        self.feed_forward_norm = nn.LayerNorm(d_model)
-        self.feed_forward = FeedForward(d_model, hidden)
-
-    def forward(self, x: Tensor) -> Tensor:
-        normed = self.attention_norm(x)
-        x = x + self.attention(normed, normed, causal=False)
-        return x + self.feed_forward(self.feed_forward_norm(x))
-
-
-class DecoderBlock(nn.Module):
-    def __init__(self, d_model: int, heads: int, hidden: int):
-        super().__init__()
-        self.self_attention_norm = nn.LayerNorm(d_model)
-        self.self_attention = Attention(d_model, heads)
-        self.cross_attention_norm = nn.LayerNorm(d_model)
-        self.cross_attention = Attention(d_model, heads)
-        self.feed_forward_norm = nn.LayerNorm(d_model)
-        self.feed_forward = FeedForward(d_model, hidden)
-
-    def forward(self, x: Tensor, memory: Tensor) -> Tensor:
-        normed = self.self_attention_norm(x)
-        x = x + self.self_attention(normed, normed, causal=True)
-        x = x + self.cross_attention(self.cross_attention_norm(x), memory, causal=False)
-        return x + self.feed_forward(self.feed_forward_norm(x))
 
 
 class RoboMorph(nn.Module):
@@ -81,12 +21,14 @@ class RoboMorph(nn.Module):
         decoder_layers: int,
         patch: int = 1,
         mlp_ratio: int = 4,
+        head: str = "point",
         context: int,
         horizon: int,
     ):
         super().__init__()
         hidden = mlp_ratio * d_model
         self.patch = patch
+        self.gaussian = head == "gaussian"
         self.encoder_input = nn.Linear(2 * JOINTS * patch, d_model)
         self.encoder_positions = nn.Parameter(0.02 * torch.randn(context // patch, d_model))
         self.encoder_blocks = nn.ModuleList(
@@ -99,11 +41,12 @@ class RoboMorph(nn.Module):
             DecoderBlock(d_model, heads, hidden) for _ in range(decoder_layers)
         )
         self.decoder_norm = nn.LayerNorm(d_model)
-        self.head = nn.Linear(d_model, JOINTS * patch)
+        self.head = nn.Linear(d_model, JOINTS * patch * (2 if self.gaussian else 1))
 
     def forward(self, context: Tensor, future_u: Tensor) -> Tensor:
         """Normalized u and y of the context [batch, context, 14] and u of the horizon
-        [batch, horizon, 7] to y of the horizon [batch, horizon, 7]."""
+        [batch, horizon, 7] to y of the horizon [batch, horizon, 7]; with a gaussian head
+        [batch, horizon, 14], see `mean_and_log_variance`."""
         memory = self.encoder_input(self._patches(context)) + self.encoder_positions
         for block in self.encoder_blocks:
             memory = block(memory)
@@ -111,7 +54,15 @@ class RoboMorph(nn.Module):
         x = self.decoder_input(self._patches(future_u)) + self.decoder_positions
         for block in self.decoder_blocks:
             x = block(x, memory)
-        return self.head(self.decoder_norm(x)).reshape(future_u.shape)
+        batch, horizon, _ = future_u.shape
+        return self.head(self.decoder_norm(x)).reshape(batch, horizon, -1)
+
+    @staticmethod
+    def mean_and_log_variance(numbers: Tensor) -> tuple[Tensor, Tensor]:
+        """Of a gaussian head; the bounds of the log variance, -14 and 4, are soft."""
+        mean, raw = numbers.chunk(2, dim=-1)
+        capped = 4.0 - F.softplus(4.0 - raw)
+        return mean, F.softplus(capped + 14.0) - 14.0
 
     def _patches(self, series: Tensor) -> Tensor:
         batch, samples, channels = series.shape

@@ -38,7 +38,11 @@ pub use import::{
     TimeUnit,
 };
 pub use job::{JobKind, JobSpec, parse};
-pub use model::{ModelSpec, RoboMorphSpec};
+pub use model::{
+    CdcnnSpec, CdtSpec, Conditioning, DampedIntegrator, DiffuserSpec, DiffusionSpec, GROUPS, Head,
+    Known, LossMean, ModelSpec, NoiseSchedule, Prediction, Residual, RoboMorphSpec, SamplerKind,
+    SamplerSpec, Spacing,
+};
 pub use pipeline::{PipelineMember, PipelineSpec};
 pub use preset::{Preset, PresetPlace, presets};
 pub use range::Range;
@@ -48,5 +52,5 @@ pub use simulate::{
     Gravity, InertiaScheme, InitialState, Integrator, LEAST_INERTIA_KG_M2, MAX_TRAJECTORIES,
     Multisine, Observations, Payload, Precision, Rejection, RobotModel, RobotSpec, SimulateSpec,
 };
-pub use train::{Normalization, OptimizerSpec, TrainSpec};
+pub use train::{EmaSpec, Normalization, OptimizerSpec, TrainSpec};
 pub use verify::VerifySpec;

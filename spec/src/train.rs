@@ -19,6 +19,13 @@ pub struct TrainSpec {
     pub optimizer: OptimizerSpec,
     #[serde(default = "defaults::batch_size")]
     pub batch_size: u32,
+    /// Parts that a batch is computed in, one after the other, their gradients added: less memory,
+    /// the same step up to rounding. Divides `batch_size`.
+    #[serde(default = "defaults::one", skip_serializing_if = "defaults::is_one")]
+    pub gradient_accumulation: u32,
+    /// Keeps an average of the weights, which is what is evaluated; `null` does not.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub ema: Option<EmaSpec>,
     /// Optimizer steps.
     pub steps: u64,
     /// Key of initial weights and batch order, 0 to 2^53 - 1.
@@ -57,6 +64,7 @@ pub struct OptimizerSpec {
     pub final_learning_rate_ratio: f64,
     pub warmup_steps: u64,
     pub betas: [f64; 2],
+    /// Added to the root of the second moment; 1e-8 as in PyTorch.
     pub epsilon: f64,
     /// 0 makes it Adam.
     pub weight_decay: f64,
@@ -78,7 +86,39 @@ impl Default for OptimizerSpec {
     }
 }
 
+/// Exponential moving average of the weights, with a decay that grows as a power of the steps:
+/// after n steps min(`decay`, 1 - n^-`power`) (the warm-up of diffusion policy's code).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct EmaSpec {
+    pub decay: f64,
+    pub power: f64,
+}
+
+impl Default for EmaSpec {
+    fn default() -> Self {
+        Self { decay: 0.9999, power: 0.75 }
+    }
+}
+
+impl Check for EmaSpec {
+    fn check(&self, report: &mut Report) {
+        report.within("decay", self.decay, 0.0..=0.999_999);
+        report.within("power", self.power, 0.1..=2.0);
+    }
+}
+
 mod defaults {
+    pub const fn one() -> u32 {
+        1
+    }
+    #[expect(
+        clippy::trivially_copy_pass_by_ref,
+        reason = "serde passes what it skips by reference"
+    )]
+    pub const fn is_one(value: &u32) -> bool {
+        *value == 1
+    }
     pub const fn context() -> u32 {
         320
     }
@@ -112,6 +152,19 @@ impl Check for TrainSpec {
         report.within("context", self.context, 1..=9_999);
         report.part("optimizer", &self.optimizer);
         report.within("batch_size", self.batch_size, 1..=4096);
+        report.within("gradient_accumulation", self.gradient_accumulation, 1..=4096);
+        if self.gradient_accumulation > 0
+            && !self.batch_size.is_multiple_of(self.gradient_accumulation)
+        {
+            report.violation(
+                "gradient_accumulation",
+                self.gradient_accumulation,
+                format!("a divisor of batch_size, which is {}", self.batch_size),
+            );
+        }
+        if let Some(ema) = &self.ema {
+            report.part("ema", ema);
+        }
         report.within("steps", self.steps, 1..=10_000_000);
         report.seed("seed", self.seed);
         report.within("validation_fraction", self.validation_fraction, 0.0..=0.5);

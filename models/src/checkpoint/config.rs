@@ -1,14 +1,17 @@
+use std::collections::BTreeMap;
+
 use serde::{Deserialize, Serialize};
-use spec::ModelSpec;
+use spec::{EmaSpec, ModelSpec};
 
 use super::CONFIG_FILE;
 use crate::ModelError;
 use crate::normalization::Normalizer;
 use crate::sequence_model::SequenceModel;
-use crate::trainer::{TrainingData, horizon};
+use crate::trainer::horizon;
 
-/// Raised with every change that an older torqued would misread.
-pub const FORMAT_VERSION: u32 = 1;
+/// Raised with every change that an older torqued would misread. 2 brought other architectures
+/// than RoboMorph, averaged weights, `dataset_digest` and `metrics`.
+pub const FORMAT_VERSION: u32 = 2;
 
 /// The burn release that computes the models, for readers of old checkpoints.
 const BURN_VERSION: &str = "0.22.1";
@@ -34,6 +37,16 @@ pub struct CheckpointConfig {
     pub seed: u64,
     /// Digest of the training's spec.
     pub spec_digest: String,
+    /// Digest of the spec that the training's data came from, where it is known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub dataset_digest: Option<String>,
+    /// Where the parameters are an average of the weights: how. The weights themselves are then in
+    /// the optimizer's file.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub ema: Option<EmaSpec>,
+    /// The newest value of each.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub metrics: BTreeMap<String, f64>,
     pub versions: Versions,
 }
 
@@ -44,36 +57,13 @@ pub struct Versions {
     pub burn: String,
 }
 
-impl CheckpointConfig {
-    pub(crate) fn new(
-        model: ModelSpec,
-        context: u32,
-        data: &TrainingData,
-        normalizer: Normalizer,
-        step: u64,
-        seed: u64,
-        spec_digest: &str,
-    ) -> Result<Self, ModelError> {
-        let horizon = horizon(context, data.samples)?;
-        Ok(Self {
-            format_version: FORMAT_VERSION,
-            parameters: SequenceModel::parameter_count(&model, context, horizon)?,
-            model,
-            context,
-            horizon,
-            samples: data.samples,
-            rate_hz: data.rate_hz,
-            normalizer,
-            step,
-            seed,
-            spec_digest: spec_digest.to_owned(),
-            versions: Versions {
-                torqued: env!("CARGO_PKG_VERSION").to_owned(),
-                burn: BURN_VERSION.to_owned(),
-            },
-        })
+impl Versions {
+    pub(crate) fn current() -> Self {
+        Self { torqued: env!("CARGO_PKG_VERSION").to_owned(), burn: BURN_VERSION.to_owned() }
     }
+}
 
+impl CheckpointConfig {
     /// # Errors
     /// Anything but the JSON of a consistent config of this format version or an older one.
     pub fn parse(bytes: &[u8]) -> Result<Self, ModelError> {
@@ -88,6 +78,7 @@ impl CheckpointConfig {
                 let supported = FORMAT_VERSION;
                 return Err(ModelError::NewerCheckpoint { file: CONFIG_FILE, found, supported });
             }
+            Some(0) => return Err(damaged("has format_version 0, the first is 1".to_owned())),
             Some(_) => {}
         }
         let config: Self =
@@ -110,6 +101,7 @@ impl CheckpointConfig {
             let found = self.horizon;
             return Err(format!("horizon is {found}, samples less context are {expected}"));
         }
+        self.model.check_options().map_err(|error| error.to_string())?;
         let parameters = SequenceModel::parameter_count(&self.model, self.context, self.horizon)
             .map_err(|error| error.to_string())?;
         if self.parameters != parameters {

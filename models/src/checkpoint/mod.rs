@@ -6,7 +6,10 @@
 //! | `optimizer.safetensors` | Adam's moments, `exp_avg.NAME` and `exp_avg_sq.NAME` |
 //! | `config.json` | [`CheckpointConfig`] |
 //!
-//! There is no generator state: training draws nothing at random but the initial weights.
+//! With averaged weights `model.safetensors` holds the average, which is what predicts, and
+//! `optimizer.safetensors` the weights in training too, as `weights.NAME`.
+//!
+//! There is no generator state: random numbers are keyed by seed and step.
 //! Whatever the bytes, reading them ends in a value or an error; sizes are compared with the
 //! bytes that are there before anything is allocated for them.
 
@@ -17,7 +20,7 @@ use spec::OptimizerSpec;
 
 use crate::ModelError;
 use crate::optimizer::ModelOptimizer;
-use crate::parameters::{parameters, with_parameters};
+use crate::parameters::{NamedTensor, NamedTensors, parameters, with_parameters};
 use crate::sequence_model::SequenceModel;
 
 pub use config::{CheckpointConfig, FORMAT_VERSION, Versions};
@@ -41,14 +44,27 @@ impl CheckpointFiles {
     }
 }
 
+/// Prefix of the weights in training in the optimizer's file.
+const WEIGHTS: &str = "weights.";
+
+/// `average` are the averaged weights of `model`, where there are any.
 pub(crate) fn write(
     model: &SequenceModel,
+    average: Option<&SequenceModel>,
     optimizer: &ModelOptimizer,
     config: &CheckpointConfig,
 ) -> Result<CheckpointFiles, ModelError> {
+    let mut state = optimizer.state(model)?;
+    if average.is_some() {
+        state.extend(
+            parameters(model)?
+                .into_iter()
+                .map(|(name, tensor)| (format!("{WEIGHTS}{name}"), tensor)),
+        );
+    }
     Ok(CheckpointFiles {
-        model: tensors::encode(MODEL_FILE, &parameters(model)?)?,
-        optimizer: tensors::encode(OPTIMIZER_FILE, &optimizer.state(model)?)?,
+        model: tensors::encode(MODEL_FILE, &parameters(average.unwrap_or(model))?)?,
+        optimizer: tensors::encode(OPTIMIZER_FILE, &state)?,
         config: config.to_json()?,
     })
 }
@@ -76,18 +92,57 @@ pub(crate) fn load_weights(
         .map_err(|reason| ModelError::CheckpointFile { file: MODEL_FILE, reason })
 }
 
-pub(crate) fn load_optimizer(
-    spec: &OptimizerSpec,
-    model: &SequenceModel,
-    bytes: &[u8],
-    steps: u64,
-) -> Result<ModelOptimizer, ModelError> {
-    let damaged = |reason| ModelError::CheckpointFile { file: OPTIMIZER_FILE, reason };
-    let state = tensors::decode(OPTIMIZER_FILE, bytes)?;
-    // Adam's bias correction raises its betas to this power, an `i32` in burn.
-    let steps =
-        i32::try_from(steps).ok().and_then(|steps| usize::try_from(steps).ok()).ok_or_else(
-            || damaged(format!("step {steps} is beyond the {} that Adam counts", i32::MAX)),
-        )?;
-    ModelOptimizer::from_state(spec, model, state, steps).map_err(damaged)
+/// What the optimizer's file holds.
+pub(crate) struct TrainingState {
+    moments: NamedTensors,
+    /// Empty without averaged weights.
+    weights: NamedTensors,
+}
+
+impl TrainingState {
+    pub fn read(bytes: &[u8]) -> Result<Self, ModelError> {
+        let (mut moments, mut weights) = (NamedTensors::new(), NamedTensors::new());
+        for (name, tensor) in tensors::decode(OPTIMIZER_FILE, bytes)? {
+            match name.strip_prefix(WEIGHTS) {
+                Some(name) => weights.insert(name.to_owned(), tensor),
+                None => moments.insert(name, tensor),
+            };
+        }
+        Ok(Self { moments, weights })
+    }
+
+    /// `model` with the weights in training, which differ from those that predict.
+    pub fn weights(&mut self, model: SequenceModel) -> Result<SequenceModel, ModelError> {
+        with_parameters(model, std::mem::take(&mut self.weights)).map_err(damaged_optimizer)
+    }
+
+    /// The optimizer of `model` after `steps` steps.
+    pub fn optimizer(
+        self,
+        spec: &OptimizerSpec,
+        model: &SequenceModel,
+        steps: u64,
+    ) -> Result<ModelOptimizer, ModelError> {
+        if let Some(name) = self.weights.keys().next() {
+            let reason = format!("tensor `{WEIGHTS}{name}` is of a training with averaged weights");
+            return Err(damaged_optimizer(reason));
+        }
+        let negative = |(name, tensor): (&String, &NamedTensor)| {
+            let is_square = name.starts_with(crate::optimizer::SECOND_MOMENT);
+            (is_square && tensor.values.iter().any(|&value| value < 0.0)).then(|| name.clone())
+        };
+        if let Some(name) = self.moments.iter().find_map(negative) {
+            return Err(damaged_optimizer(format!("tensor `{name}` of squares is below 0")));
+        }
+        // Adam's bias correction raises its betas to this power, an `i32` in burn.
+        let steps =
+            i32::try_from(steps).ok().and_then(|steps| usize::try_from(steps).ok()).ok_or_else(
+                || damaged_optimizer(format!("step {steps} is beyond the {} of Adam", i32::MAX)),
+            )?;
+        ModelOptimizer::from_state(spec, model, self.moments, steps).map_err(damaged_optimizer)
+    }
+}
+
+fn damaged_optimizer(reason: String) -> ModelError {
+    ModelError::CheckpointFile { file: OPTIMIZER_FILE, reason }
 }

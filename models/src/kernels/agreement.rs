@@ -94,7 +94,7 @@ fn linear_agrees() {
 
 #[test]
 fn attention_agrees() {
-    for mask in [Mask::None, Mask::Causal] {
+    for mask in [Mask::None, Mask::Causal { ahead: 0 }, Mask::Causal { ahead: 1 }] {
         for [batch, tokens, heads, width] in [[1, 2, 1, 1], [3, 5, 2, 3], [2, 40, 4, 24]] {
             check_agreement(
                 [[batch, tokens, heads * width]; 3],
@@ -103,9 +103,12 @@ fn attention_agrees() {
             );
         }
     }
-    check_agreement(
-        [[2, 3, 8], [2, 21, 8], [2, 21, 8]],
-        |[query, key, value]| attention(query, key, value, 2, Mask::None),
-        |[query, key, value]| attention::plain(query, key, value, 2, Mask::None),
-    );
+    // As many sources as the mask needs, and others.
+    for (sources, mask) in [(21, Mask::None), (4, Mask::Causal { ahead: 1 })] {
+        check_agreement(
+            [[2, 3, 8], [2, sources, 8], [2, sources, 8]],
+            |[query, key, value]| attention(query, key, value, 2, mask),
+            |[query, key, value]| attention::plain(query, key, value, 2, mask),
+        );
+    }
 }

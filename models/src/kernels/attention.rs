@@ -10,8 +10,8 @@ use super::vectorized;
 pub(crate) enum Mask {
     /// All.
     None,
-    /// Itself and those before.
-    Causal,
+    /// Token t those of index up to t + `ahead`; 0 is itself and those before.
+    Causal { ahead: usize },
 }
 
 /// softmax(Q Kᵀ / √width) V for each head, a head being `width = d_model / heads` neighbouring
@@ -45,8 +45,9 @@ pub(super) fn plain(
         split(query, tokens).matmul(split(key, sources).transpose()) / (width as f32).sqrt();
     let visible = match mask {
         Mask::None => scores,
-        Mask::Causal => {
-            let future = Tensor::<2, Bool>::tril_mask([tokens, sources], 0, &scores.device());
+        Mask::Causal { ahead } => {
+            let ahead = i64::try_from(ahead).unwrap_or(i64::MAX);
+            let future = Tensor::<2, Bool>::tril_mask([tokens, sources], ahead, &scores.device());
             scores.mask_fill(future.unsqueeze::<4>(), f32::NEG_INFINITY)
         }
     };
@@ -89,7 +90,7 @@ impl Attention {
         multiply(extents.scale(), query, key.transposed(), into, sources, Output::Overwrite);
         let visible = match self.mask {
             Mask::None => sources,
-            Mask::Causal => 1,
+            Mask::Causal { ahead } => ahead + 1,
         };
         vectorized::softmax(into, sources, visible);
     }

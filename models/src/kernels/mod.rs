@@ -1,6 +1,6 @@
-//! The operations that a Transformer spends its time in.
+//! The operations that Transformers and U-Nets spend their time in.
 //!
-//! Each has two forms with the same result: burn's own operations, which run on every device, and
+//! Those of Transformers have two forms with the same result: burn's own operations, which run on every device, and
 //! a fused one for burn's CPU backend with a derivative of its own. burn-flex 0.22 computes GELU in
 //! a serial scalar loop, fuses softmax, layer norm and attention only where no gradient is
 //! recorded, and writes every intermediate to memory; see [`fused`].
@@ -10,14 +10,22 @@
 #[cfg(test)]
 mod agreement;
 mod attention;
+mod conv1d;
+mod conv_transpose1d;
 mod fused;
 mod gelu;
+mod group_norm_mish;
 mod layer_norm;
 mod linear;
 mod matrix;
+mod mish;
 mod vectorized;
 
 pub(crate) use attention::{Mask, attention};
+pub(crate) use conv_transpose1d::conv_transpose1d;
+pub(crate) use conv1d::conv1d;
 pub(crate) use gelu::gelu;
+pub(crate) use group_norm_mish::group_norm_mish;
 pub(crate) use layer_norm::layer_norm;
 pub(crate) use linear::linear;
+pub(crate) use mish::mish;

@@ -6,8 +6,9 @@ use models::{Batch, TrainingData};
 use rand_chacha::ChaCha8Rng;
 use rand_core::{Rng, SeedableRng};
 use spec::{
-    DataSource, Execution, JOINTS, ModelSpec, Normalization, OptimizerSpec, RoboMorphSpec,
-    TrainSpec,
+    CdcnnSpec, CdtSpec, Conditioning, DampedIntegrator, DataSource, DiffuserSpec, DiffusionSpec,
+    Execution, Head, JOINTS, Known, ModelSpec, Normalization, OptimizerSpec, Prediction, Residual,
+    RoboMorphSpec, SamplerKind, SamplerSpec, TrainSpec,
 };
 
 pub const SAMPLES: u32 = 24;
@@ -25,6 +26,8 @@ pub fn train_spec() -> TrainSpec {
             decoder_layers: 1,
             patch: 4,
             mlp_ratio: 2,
+            head: Head::Point,
+            residual: Residual::None,
         }),
         context: CONTEXT,
         normalization: Normalization::Context,
@@ -36,6 +39,8 @@ pub fn train_spec() -> TrainSpec {
             ..OptimizerSpec::default()
         },
         batch_size: 8,
+        gradient_accumulation: 1,
+        ema: None,
         steps: 40,
         seed: 7,
         validation_fraction: 0.1,
@@ -66,4 +71,80 @@ pub fn batch(index: u64, size: usize) -> Batch {
         }
     }
     Batch { u, y, size, samples }
+}
+
+/// A model of every kind, the smallest that can learn.
+pub fn every_kind() -> Vec<(&'static str, ModelSpec)> {
+    let robomorph = RoboMorphSpec {
+        d_model: 16,
+        heads: 2,
+        encoder_layers: 1,
+        decoder_layers: 1,
+        patch: 4,
+        mlp_ratio: 2,
+        head: Head::Point,
+        residual: Residual::None,
+    };
+    let diffusion = DiffusionSpec {
+        steps: 20,
+        prediction: Prediction::Clean,
+        clip: Some(8.0),
+        ..DiffusionSpec::default()
+    };
+    let sampler = SamplerSpec { kind: SamplerKind::Ddim, steps: Some(5), ..SamplerSpec::default() };
+    let diffuser = DiffuserSpec {
+        width: 16,
+        multipliers: vec![1, 2],
+        known: Known::CleanAndMasked,
+        weights: [1.0, 3.0],
+        diffusion,
+        sampler,
+        residual: Residual::None,
+    };
+    let cdcnn = CdcnnSpec {
+        embedding: 16,
+        widths: vec![16, 32],
+        conditioning: Conditioning::Local,
+        diffusion,
+        sampler,
+        residual: Residual::None,
+    };
+    let cdt = CdtSpec {
+        d_model: 16,
+        heads: 2,
+        encoder_layers: 1,
+        decoder_layers: 2,
+        mlp_ratio: 2,
+        diffusion,
+        sampler,
+        residual: Residual::None,
+    };
+    let integrator = Residual::Integrator(DampedIntegrator { damping: 7.0 });
+    let velocity = DiffusionSpec { prediction: Prediction::Velocity, ..diffusion };
+    vec![
+        ("robomorph", ModelSpec::RoboMorph(robomorph.clone())),
+        ("robomorph, gaussian", {
+            ModelSpec::RoboMorph(RoboMorphSpec { head: Head::Gaussian, ..robomorph.clone() })
+        }),
+        ("robomorph, residual", {
+            ModelSpec::RoboMorph(RoboMorphSpec { residual: integrator, ..robomorph })
+        }),
+        ("diffuser", ModelSpec::Diffuser(diffuser.clone())),
+        ("diffuser, joint noise", {
+            ModelSpec::Diffuser(DiffuserSpec {
+                known: Known::JointNoise,
+                diffusion: velocity,
+                ..diffuser
+            })
+        }),
+        ("cdcnn", ModelSpec::Cdcnn(cdcnn.clone())),
+        ("cdcnn, global", {
+            ModelSpec::Cdcnn(CdcnnSpec {
+                conditioning: Conditioning::Global,
+                residual: integrator,
+                ..cdcnn
+            })
+        }),
+        ("cdt", ModelSpec::Cdt(cdt)),
+    ]
 }

@@ -1,0 +1,157 @@
+use burn::tensor::{Device, Tensor, TensorData};
+use spec::{DiffusionSpec, LossMean, Prediction, SamplerSpec};
+
+use super::prediction::{self, Mix};
+use super::{NoiseSchedule, Step, steps};
+use crate::randomness::Noise;
+use crate::sequence_model::Loss;
+
+/// Adds noise in training and takes it away in sampling.
+#[derive(Clone, Debug)]
+pub(crate) struct Process {
+    schedule: NoiseSchedule,
+    prediction: Prediction,
+    clip: Option<f64>,
+    loss_mean: LossMean,
+}
+
+/// Which entries of a series are known, and what they are.
+#[derive(Clone, Debug)]
+pub(crate) struct Painted {
+    /// `[batch, sample, channel]`, anything finite where nothing is known.
+    pub values: Tensor<3>,
+    /// `[1, sample, channel]`: 1 where the model is given the clean value, else 0.
+    pub clean: Tensor<3>,
+    /// `[1, sample, channel]`: 1 where the value is known but the model is given it with the noise
+    /// of the level, else 0.
+    pub noised: Option<Tensor<3>>,
+}
+
+impl Painted {
+    /// The series with everything known painted over it, at the level of `signal`.
+    fn over(&self, series: Tensor<3>, signal: f64, noise: &Tensor<3>) -> Tensor<3> {
+        let series = blend(series, self.values.clone(), &self.clean);
+        match &self.noised {
+            None => series,
+            Some(mask) => {
+                let known = mixed(prediction::noisy(signal), self.values.clone(), noise.clone());
+                blend(series, known, mask)
+            }
+        }
+    }
+}
+
+impl Process {
+    pub fn new(spec: &DiffusionSpec) -> Self {
+        Self {
+            schedule: NoiseSchedule::new(spec),
+            prediction: spec.prediction,
+            clip: spec.clip,
+            loss_mean: spec.loss_mean,
+        }
+    }
+
+    pub fn steps(&self, sampler: &SamplerSpec, warm: Option<usize>) -> Vec<Step> {
+        steps(&self.schedule, sampler, warm)
+    }
+
+    /// Weighted squared errors of what `network` answers at a random level of each row of `series`
+    /// `[batch, sample, channel]`. `clean` `[1, sample, channel]` is 1 where the model is given the
+    /// clean value; `weights`, of the same shape, are 0 where errors do not count.
+    pub fn loss(
+        &self,
+        series: Tensor<3>,
+        clean: &Tensor<3>,
+        weights: Tensor<3>,
+        counted: usize,
+        random: &mut Noise,
+        network: impl FnOnce(Tensor<3>, &[usize]) -> Tensor<3>,
+    ) -> Loss {
+        let [batch, samples, channels] = series.dims();
+        let device = series.device();
+        let levels = random.below(self.schedule.levels());
+        let noise = random.normal([samples, channels], &device);
+        let mix = |of: &dyn Fn(f64) -> Mix| {
+            let mixes: Vec<Mix> =
+                levels.iter().map(|&level| of(self.schedule.signal(Some(level)))).collect();
+            column(mixes.iter().map(|mix| mix.first), &device) * series.clone()
+                + column(mixes.iter().map(|mix| mix.second), &device) * noise.clone()
+        };
+        let noisy = blend(mix(&prediction::noisy), series.clone(), clean);
+        let target = mix(&|signal| prediction::target(self.prediction, signal));
+        let errors = (network(noisy, &levels) - target).square() * weights;
+        let of_each = match self.loss_mean {
+            LossMean::Unknown => counted,
+            LossMean::All => samples * channels,
+        };
+        Loss { errors, count: batch * of_each, predicted: None }
+    }
+
+    /// The clean series `[batch, sample, channel]` that `network` makes of `start`, of the same
+    /// shape, in `steps`. `start` is the noise of the first level or, of a warm start, a series to
+    /// which that noise is first added.
+    pub fn sample(
+        &self,
+        start: Start,
+        painted: &Painted,
+        steps: &[Step],
+        random: &mut Noise,
+        network: impl Fn(Tensor<3>, &[usize]) -> Tensor<3>,
+    ) -> Tensor<3> {
+        let [batch, samples, channels] = painted.values.dims();
+        let device = painted.values.device();
+        let first = random.normal([samples, channels], &device);
+        let signal = |step: &Step| self.schedule.signal(Some(step.level));
+        let mut x = match (start, steps.first()) {
+            (Start::Warm(series), Some(step)) => {
+                mixed(prediction::noisy(signal(step)), series, first.clone())
+            }
+            (Start::Warm(series), None) => series,
+            (Start::Noise, _) => first.clone(),
+        };
+        let mut clean_before: Option<Tensor<3>> = None;
+        for step in steps {
+            x = painted.over(x, signal(step), &first);
+            let answer = network(x.clone(), &vec![step.level; batch]);
+            let mut clean =
+                mixed(prediction::clean(self.prediction, signal(step)), x.clone(), answer);
+            if let Some(clip) = self.clip {
+                clean = clean.clamp(-clip, clip);
+            }
+            let mut next = mixed(Mix { first: step.noisy, second: step.clean }, x, clean.clone());
+            if let (Some(before), true) = (clean_before, step.previous_clean != 0.0) {
+                next = next + before.mul_scalar(step.previous_clean);
+            }
+            if step.noise != 0.0 {
+                next = next + random.normal([samples, channels], &device).mul_scalar(step.noise);
+            }
+            clean_before = Some(clean);
+            x = next;
+        }
+        painted.over(x, 1.0, &first)
+    }
+}
+
+/// What sampling begins with.
+pub(crate) enum Start {
+    Noise,
+    /// A guess of the clean series.
+    Warm(Tensor<3>),
+}
+
+/// `values` where `mask` is 1, `series` where it is 0.
+fn blend(series: Tensor<3>, values: Tensor<3>, mask: &Tensor<3>) -> Tensor<3> {
+    series * (mask.clone().neg() + 1.0) + values * mask.clone()
+}
+
+fn mixed(mix: Mix, first: Tensor<3>, second: Tensor<3>) -> Tensor<3> {
+    first.mul_scalar(mix.first) + second.mul_scalar(mix.second)
+}
+
+/// One number per row, `[batch, 1, 1]`.
+#[expect(clippy::cast_possible_truncation, reason = "series are computed in f32")]
+fn column(values: impl Iterator<Item = f64>, device: &Device) -> Tensor<3> {
+    let values: Vec<f32> = values.map(|value| value as f32).collect();
+    let rows = values.len();
+    Tensor::from_data(TensorData::new(values, [rows, 1, 1]), device)
+}

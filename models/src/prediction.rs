@@ -1,0 +1,126 @@
+//! From a question to positions, in parts that fit in memory.
+
+use burn::tensor::{Device, Tensor, TensorData};
+use spec::{JOINTS, ModelSpec};
+
+use crate::diffusion::{Start, Step};
+use crate::frame::Framing;
+use crate::normalization::{Statistics, model_input};
+use crate::parameters::host_values;
+use crate::randomness::{Noise, Purpose, generator};
+use crate::sampling::Sampling;
+use crate::sequence_model::{Ask, Draw, SequenceModel};
+use crate::{ModelError, PredictionInput};
+
+/// Trajectories computed at once, so that memory does not grow with the question.
+const CHUNK: usize = 64;
+
+/// A model with all that its answers depend on.
+pub(crate) struct Predictor<'a> {
+    pub model: &'a SequenceModel,
+    pub spec: &'a ModelSpec,
+    pub framing: Framing,
+    pub device: Device,
+}
+
+impl Predictor<'_> {
+    /// Positions `[samples, size, horizon, 7]`, rad.
+    pub fn answer(
+        &self,
+        input: &PredictionInput,
+        statistics: &[Statistics],
+        sampling: &Sampling,
+        draw: Draw,
+    ) -> Result<Vec<f32>, ModelError> {
+        let Framing { samples, context, .. } = self.framing;
+        let horizon = samples - context;
+        let steps = self.steps(sampling, input.size, horizon)?;
+        let questions = sampling.samples.saturating_mul(input.size);
+        let mut answers = Vec::with_capacity(questions.saturating_mul(horizon * JOINTS));
+        for first in (0..questions).step_by(CHUNK) {
+            let chunk = first..(first + CHUNK).min(questions);
+            // The trajectory and the number of the sample that each row is.
+            let rows: Vec<(usize, usize)> =
+                chunk.map(|question| (question % input.size, question / input.size)).collect();
+            answers.extend(self.rows(input, statistics, sampling, draw, &steps, &rows)?);
+        }
+        Ok(answers)
+    }
+
+    fn steps(
+        &self,
+        sampling: &Sampling,
+        size: usize,
+        horizon: usize,
+    ) -> Result<Vec<Step>, ModelError> {
+        let SequenceModel::Denoiser(denoiser) = self.model else {
+            return match &sampling.warm_start {
+                Some(_) => Err(not_a_denoiser("warm_start")),
+                None if sampling.sampler.is_some() => Err(not_a_denoiser("sampler")),
+                None => Ok(Vec::new()),
+            };
+        };
+        let (diffusion, own) = self.spec.diffusion().ok_or(ModelError::NotGenerative)?;
+        let sampler = sampling.sampler.as_ref().unwrap_or(own);
+        sampler.check_for(diffusion.steps)?;
+        let warm = match &sampling.warm_start {
+            None => None,
+            Some(warm) => {
+                warm.check(size, horizon, diffusion.steps)?;
+                Some(warm.steps as usize)
+            }
+        };
+        Ok(denoiser.process().steps(sampler, warm))
+    }
+
+    fn rows(
+        &self,
+        input: &PredictionInput,
+        statistics: &[Statistics],
+        sampling: &Sampling,
+        draw: Draw,
+        steps: &[Step],
+        rows: &[(usize, usize)],
+    ) -> Result<Vec<f32>, ModelError> {
+        let Framing { samples, context, .. } = self.framing;
+        let horizon = samples - context;
+        let gathered = |series: &[f32], width: usize| -> Vec<f32> {
+            rows.iter().flat_map(|&(index, _)| &series[index * width..][..width]).copied().collect()
+        };
+        let question = PredictionInput {
+            u: gathered(&input.u, samples * JOINTS),
+            y_context: gathered(&input.y_context, context * JOINTS),
+            size: rows.len(),
+        };
+        let statistics: Vec<Statistics> =
+            rows.iter().map(|&(index, _)| statistics[index]).collect();
+        let frames = self.framing.frames(&question, &statistics);
+        let start = match &sampling.warm_start {
+            None => Start::Noise,
+            Some(warm) => {
+                let mut seen = Vec::with_capacity(rows.len() * horizon * JOINTS);
+                for (&(index, _), frame) in rows.iter().zip(&frames) {
+                    frame.extend_seen(&warm.shifted(index, horizon), context, &mut seen);
+                }
+                let seen = TensorData::new(seen, [rows.len(), horizon, JOINTS]);
+                Start::Warm(Tensor::from_data(seen, &self.device))
+            }
+        };
+        let mut noise = Noise::new(rows.iter().map(|&(index, sample)| {
+            let scenario = sampling.first_scenario.wrapping_add(index as u64);
+            generator(sampling.seed, Purpose::Sample, scenario, sample as u64)
+        }));
+        let seen = model_input(&question, &statistics, &frames, &self.device);
+        let ask = Ask { steps, start, noise: &mut noise, draw };
+        let mut answer = host_values(self.model.answer(seen, ask))?;
+        for (y, frame) in answer.chunks_exact_mut(horizon * JOINTS).zip(&frames) {
+            frame.restore(y, context);
+        }
+        Ok(answer)
+    }
+}
+
+fn not_a_denoiser(field: &'static str) -> ModelError {
+    let allowed = "none, for a model that removes no noise".to_owned();
+    ModelError::Sampling { field, value: "given".to_owned(), allowed }
+}

@@ -1,0 +1,94 @@
+use spec::{JOINTS, SamplerSpec};
+
+use crate::ModelError;
+
+/// What [`crate::TrainedModel::sample`] is asked for.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Sampling {
+    /// `None` is the one of the checkpoint.
+    pub sampler: Option<SamplerSpec>,
+    /// With the scenario and the number of the sample, the key of all randomness.
+    pub seed: u64,
+    /// How many of each trajectory.
+    pub samples: usize,
+    /// Scenario of the first trajectory asked about; the others follow. A scenario has the same
+    /// samples whatever it is asked together with.
+    pub first_scenario: u64,
+    pub warm_start: Option<WarmStart>,
+}
+
+/// Begins with an earlier prediction instead of noise (Janner et al. 2022, as its author
+/// described it): moved on in time, noised to level `steps` - 1 of the training, and cleaned by the
+/// last `steps` levels one by one.
+#[derive(Clone, Debug, PartialEq)]
+pub struct WarmStart {
+    /// Positions of the horizon, predicted `shift` samples ago, `[size, horizon, 7]`, rad.
+    pub previous: Vec<f32>,
+    /// Samples between the two predictions, 1 in the paper. What lies beyond the previous
+    /// prediction is its last sample.
+    pub shift: usize,
+    pub steps: u32,
+}
+
+impl Default for Sampling {
+    /// One sample of seed 0 with the checkpoint's sampler: what [`crate::TrainedModel::predict`]
+    /// asks a denoiser for.
+    fn default() -> Self {
+        Self { sampler: None, seed: 0, samples: 1, first_scenario: 0, warm_start: None }
+    }
+}
+
+impl WarmStart {
+    pub(crate) fn check(&self, size: usize, horizon: usize, levels: u32) -> Result<(), ModelError> {
+        let expected = size.saturating_mul(horizon).saturating_mul(JOINTS);
+        let actual = self.previous.len();
+        if actual != expected {
+            return Err(ModelError::Length { what: "warm_start.previous", actual, expected });
+        }
+        if let Some(index) = self.previous.iter().position(|value| !value.is_finite()) {
+            let trajectory = index / (horizon * JOINTS);
+            let what = "warm_start.previous";
+            return Err(ModelError::NotFiniteInput { what, trajectory });
+        }
+        if !(1..=levels).contains(&self.steps) {
+            return Err(ModelError::Sampling {
+                field: "warm_start.steps",
+                value: self.steps.to_string(),
+                allowed: format!("1 to diffusion.steps, which is {levels}"),
+            });
+        }
+        Ok(())
+    }
+
+    /// The previous prediction of trajectory `index`, moved on.
+    pub(crate) fn shifted(&self, index: usize, horizon: usize) -> Vec<f32> {
+        let previous = &self.previous[index * horizon * JOINTS..][..horizon * JOINTS];
+        (0..horizon)
+            .flat_map(|sample| {
+                let from = sample.saturating_add(self.shift).min(horizon - 1);
+                &previous[from * JOINTS..][..JOINTS]
+            })
+            .copied()
+            .collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use spec::JOINTS;
+
+    use super::WarmStart;
+
+    #[test]
+    fn a_warm_start_moves_on_in_time_and_holds_the_last_sample() {
+        let previous: Vec<f32> =
+            (0..8).flat_map(|row| std::iter::repeat_n(row as f32, JOINTS)).collect();
+        let warm = |shift| WarmStart { previous: previous.clone(), shift, steps: 1 };
+        let firsts = |shift, index| -> Vec<f32> {
+            warm(shift).shifted(index, 4).iter().step_by(JOINTS).copied().collect()
+        };
+        assert_eq!(firsts(1, 0), [1.0, 2.0, 3.0, 3.0]);
+        assert_eq!(firsts(0, 1), [4.0, 5.0, 6.0, 7.0]);
+        assert_eq!(firsts(9, 1), [7.0; 4]);
+    }
+}

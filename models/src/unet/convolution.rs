@@ -1,0 +1,86 @@
+use burn::module::{Module, Param};
+use burn::tensor::Tensor;
+
+use crate::initialization::InitialWeights;
+use crate::kernels;
+
+/// With the parameter names, layout and initial weights of `torch.nn.Conv1d`.
+#[derive(Module, Debug)]
+pub(crate) struct Conv1d {
+    /// `[output, input, kernel]`
+    weight: Param<Tensor<3>>,
+    /// `[output]`
+    bias: Param<Tensor<1>>,
+    stride: usize,
+    padding: usize,
+}
+
+impl Conv1d {
+    /// Weights and biases uniform on ±1/√(input · kernel).
+    pub fn new(
+        input: usize,
+        output: usize,
+        kernel: usize,
+        stride: usize,
+        padding: usize,
+        weights: &mut InitialWeights<'_>,
+    ) -> Self {
+        let bound = 1.0 / ((input * kernel) as f32).sqrt();
+        Self {
+            weight: weights.uniform([output, input, kernel], bound),
+            bias: weights.uniform([output], bound),
+            stride,
+            padding,
+        }
+    }
+
+    /// `[batch, input, sample]` to `[batch, output, sample / stride]`.
+    pub fn forward(&self, x: Tensor<3>) -> Tensor<3> {
+        kernels::conv1d(x, self.weight.val(), self.bias.val(), self.stride, self.padding)
+    }
+
+    pub const fn parameter_count(input: usize, output: usize, kernel: usize) -> u64 {
+        (input * output * kernel + output) as u64
+    }
+}
+
+/// With the parameter names, layout and initial weights of `torch.nn.ConvTranspose1d`.
+#[derive(Module, Debug)]
+pub(crate) struct ConvTranspose1d {
+    /// `[input, output, kernel]`
+    weight: Param<Tensor<3>>,
+    /// `[output]`
+    bias: Param<Tensor<1>>,
+    stride: usize,
+    padding: usize,
+}
+
+impl ConvTranspose1d {
+    /// Weights and biases uniform on ±1/√(output · kernel): PyTorch counts from this side.
+    pub fn new(
+        input: usize,
+        output: usize,
+        kernel: usize,
+        stride: usize,
+        padding: usize,
+        weights: &mut InitialWeights<'_>,
+    ) -> Self {
+        let bound = 1.0 / ((output * kernel) as f32).sqrt();
+        Self {
+            weight: weights.uniform([input, output, kernel], bound),
+            bias: weights.uniform([output], bound),
+            stride,
+            padding,
+        }
+    }
+
+    /// `[batch, input, sample]` to `[batch, output, sample · stride]`.
+    pub fn forward(&self, x: Tensor<3>) -> Tensor<3> {
+        let (weight, bias) = (self.weight.val(), self.bias.val());
+        kernels::conv_transpose1d(x, weight, bias, self.stride, self.padding)
+    }
+
+    pub const fn parameter_count(input: usize, output: usize, kernel: usize) -> u64 {
+        (input * output * kernel + output) as u64
+    }
+}

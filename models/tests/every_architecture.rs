@@ -1,0 +1,375 @@
+//! What every architecture promises, whatever it is made of.
+
+#![expect(clippy::unwrap_used, reason = "a test ends at what it did not expect")]
+
+mod synthetic;
+
+use models::{
+    Batch, Device, ModelError, PredictionInput, Sampling, TrainedModel, Trainer, WarmStart,
+};
+use spec::{
+    EmaSpec, JOINTS, Known, ModelSpec, Normalization, Residual, SamplerKind, SamplerSpec, TrainSpec,
+};
+use synthetic::{CONTEXT, DATA, SAMPLES, batch, every_kind, train_spec};
+
+const CONTEXT_VALUES: usize = CONTEXT as usize * JOINTS;
+const HORIZON_VALUES: usize = (SAMPLES - CONTEXT) as usize * JOINTS;
+const ROW: usize = SAMPLES as usize * JOINTS;
+
+fn trainer(spec: &TrainSpec) -> Trainer {
+    Trainer::new(spec, DATA, "digest", &Device::cpu()).unwrap()
+}
+
+fn train(trainer: &mut Trainer, steps: std::ops::Range<u64>) {
+    for step in steps {
+        trainer.step(&batch(step, 8)).unwrap();
+    }
+}
+
+fn known(batch: &Batch) -> PredictionInput {
+    let y_context = batch.y.chunks_exact(ROW).flat_map(|y| &y[..CONTEXT_VALUES]).copied().collect();
+    PredictionInput { u: batch.u.clone(), y_context, size: batch.size }
+}
+
+fn briefly_trained(model: ModelSpec) -> TrainedModel {
+    let mut trainer = trainer(&TrainSpec { model, ..train_spec() });
+    train(&mut trainer, 0..3);
+    TrainedModel::from_files(&trainer.checkpoint().unwrap(), &Device::cpu()).unwrap()
+}
+
+fn generative_kinds() -> impl Iterator<Item = (&'static str, TrainedModel)> {
+    every_kind()
+        .into_iter()
+        .map(|(name, model)| (name, briefly_trained(model)))
+        .filter(|(_, model)| model.is_generative())
+}
+
+/// As `ValidationReport::rmse_rad`, of the last known position held.
+fn hold_last_rmse(batch: &Batch) -> f64 {
+    let mut total = 0.0;
+    for y in batch.y.chunks_exact(ROW) {
+        let (context, horizon) = y.split_at(CONTEXT_VALUES);
+        let last = &context[CONTEXT_VALUES - JOINTS..];
+        for joint in 0..JOINTS {
+            let errors = horizon.iter().skip(joint).step_by(JOINTS);
+            let squares: f32 = errors.map(|value| (value - last[joint]).powi(2)).sum();
+            total += f64::from(squares / (HORIZON_VALUES / JOINTS) as f32).sqrt();
+        }
+    }
+    total / (batch.size * JOINTS) as f64
+}
+
+/// The validation error falls well below that of holding the last position, from one above it.
+#[track_caller]
+fn check_learning(kind: &str) {
+    let held_out = batch(1_000_000, 32);
+    let hold_last = hold_last_rmse(&held_out);
+    let (_, model) = every_kind().into_iter().find(|(name, _)| *name == kind).unwrap();
+    let mut spec = TrainSpec { model, steps: 600, ..train_spec() };
+    spec.optimizer.learning_rate = 5e-3;
+    let mut trainer = trainer(&spec);
+    train(&mut trainer, 0..600);
+    let report = trainer.validate(&held_out).unwrap();
+    println!("{kind}: {:.4} rad, held {hold_last:.4} rad", report.rmse_rad);
+    assert!(report.rmse_rad < 0.8 * hold_last, "{kind}: {report:?}, hold-last {hold_last}");
+}
+
+#[test]
+fn robomorph_learns() {
+    check_learning("robomorph");
+}
+
+#[test]
+fn robomorph_with_a_gaussian_head_learns() {
+    check_learning("robomorph, gaussian");
+}
+
+#[test]
+fn robomorph_learns_what_the_integrator_leaves_over() {
+    check_learning("robomorph, residual");
+}
+
+#[test]
+fn diffuser_learns() {
+    check_learning("diffuser");
+}
+
+#[test]
+fn diffuser_with_joint_noise_learns() {
+    check_learning("diffuser, joint noise");
+}
+
+#[test]
+fn cdcnn_learns() {
+    check_learning("cdcnn");
+}
+
+#[test]
+fn cdcnn_with_global_conditioning_learns() {
+    check_learning("cdcnn, global");
+}
+
+#[test]
+fn cdt_learns() {
+    check_learning("cdt");
+}
+
+#[test]
+fn a_resumed_training_equals_an_uninterrupted_one_bit_for_bit() {
+    for (name, model) in every_kind() {
+        for (ema, gradient_accumulation) in [(None, 1), (Some(EmaSpec::default()), 4)] {
+            let spec =
+                TrainSpec { model: model.clone(), ema, gradient_accumulation, ..train_spec() };
+            let mut uninterrupted = trainer(&spec);
+            train(&mut uninterrupted, 0..7);
+
+            let mut interrupted = trainer(&spec);
+            train(&mut interrupted, 0..3);
+            let files = interrupted.checkpoint().unwrap();
+            let mut resumed =
+                Trainer::resume(&spec, DATA, "digest", &files, &Device::cpu()).unwrap();
+            assert!(resumed.checkpoint().unwrap() == files, "{name} is not what was saved");
+            train(&mut resumed, 3..7);
+
+            let equal = resumed.checkpoint().unwrap() == uninterrupted.checkpoint().unwrap();
+            assert!(equal, "{name}, {ema:?}");
+        }
+    }
+}
+
+#[test]
+fn a_model_predicts_what_its_trainer_validated() {
+    for (name, model) in every_kind() {
+        for ema in [None, Some(EmaSpec { decay: 0.5, power: 1.0 })] {
+            let mut trainer = trainer(&TrainSpec { model: model.clone(), ema, ..train_spec() });
+            train(&mut trainer, 0..3);
+            let files = trainer.checkpoint().unwrap();
+            let model = TrainedModel::from_files(&files, &Device::cpu()).unwrap();
+            let batch = batch(50, 5);
+            let predicted = model.predict(&known(&batch)).unwrap();
+            let mut total = 0.0;
+            for (predicted, truth) in predicted.chunks(HORIZON_VALUES).zip(batch.y.chunks(ROW)) {
+                for joint in 0..JOINTS {
+                    let pairs = predicted.iter().zip(&truth[CONTEXT_VALUES..]);
+                    let squares: f64 = pairs
+                        .skip(joint)
+                        .step_by(JOINTS)
+                        .map(|(a, b)| f64::from(a - b).powi(2))
+                        .sum();
+                    total += (squares / (HORIZON_VALUES / JOINTS) as f64).sqrt();
+                }
+            }
+            let rmse = total / (5 * JOINTS) as f64;
+            let reported = trainer.validate(&batch).unwrap().rmse_rad;
+            assert!((rmse - reported).abs() < 1e-6 * reported, "{name}: {rmse} {reported}");
+        }
+    }
+}
+
+#[test]
+fn gradients_of_parts_of_a_batch_add_up_to_those_of_the_whole() {
+    for (name, model) in every_kind() {
+        let report = |parts| {
+            let spec =
+                TrainSpec { model: model.clone(), gradient_accumulation: parts, ..train_spec() };
+            trainer(&spec).step(&batch(0, 8)).unwrap()
+        };
+        let (whole, parts) = (report(1), report(4));
+        let close = |a: f64, b: f64| (a - b).abs() < 1e-4 * b.abs();
+        assert!(close(parts.loss, whole.loss), "{name}: {parts:?} {whole:?}");
+        assert!(close(parts.gradient_norm, whole.gradient_norm), "{name}: {parts:?} {whole:?}");
+    }
+}
+
+#[test]
+fn no_answer_depends_on_the_positions_of_the_horizon() {
+    let batch = batch(53, 3);
+    let mut other = batch.clone();
+    for y in other.y.chunks_exact_mut(ROW) {
+        for value in &mut y[CONTEXT_VALUES..] {
+            *value = 100.0 - *value;
+        }
+    }
+    for (name, model) in every_kind() {
+        let model = briefly_trained(model);
+        let answer = model.predict_with_leak(&batch).unwrap();
+        assert_eq!(answer, model.predict_with_leak(&other).unwrap(), "{name}");
+        assert_eq!(answer, model.predict(&known(&batch)).unwrap(), "{name}");
+        assert!(answer.iter().all(|value| value.is_finite()), "{name}");
+    }
+}
+
+#[test]
+fn a_sample_is_the_same_whatever_it_is_asked_together_with() {
+    let question = known(&batch(60, 5));
+    for (name, model) in generative_kinds() {
+        let all = Sampling { samples: 30, seed: 4, ..Sampling::default() };
+        let many = model.sample(&question, &all).unwrap();
+        assert_eq!(many.len(), 30 * 5 * HORIZON_VALUES);
+        let alone = PredictionInput {
+            u: question.u[3 * ROW..4 * ROW].to_vec(),
+            y_context: question.y_context[3 * CONTEXT_VALUES..4 * CONTEXT_VALUES].to_vec(),
+            size: 1,
+        };
+        let one = Sampling { samples: 2, first_scenario: 3, ..all };
+        let few = model.sample(&alone, &one).unwrap();
+        for sample in 0..2 {
+            let among = &many[(sample * 5 + 3) * HORIZON_VALUES..][..HORIZON_VALUES];
+            let alone = &few[sample * HORIZON_VALUES..][..HORIZON_VALUES];
+            let largest = among.iter().zip(alone).fold(0.0, |a: f32, (b, c)| a.max((b - c).abs()));
+            assert!(largest < 1e-4, "{name}: {largest}");
+        }
+        assert_ne!(few[..HORIZON_VALUES], few[HORIZON_VALUES..], "{name} has one answer only");
+    }
+}
+
+#[test]
+fn every_sampler_gives_finite_positions() {
+    let question = known(&batch(61, 2));
+    for (name, model) in
+        generative_kinds().filter(|(_, model)| model.architecture().diffusion().is_some())
+    {
+        for kind in [SamplerKind::Ddpm, SamplerKind::Ddim, SamplerKind::DpmSolver] {
+            for steps in [Some(1), Some(7), None] {
+                let sampler = Some(SamplerSpec { kind, steps, ..SamplerSpec::default() });
+                let sampling = Sampling { sampler, ..Sampling::default() };
+                let answer = model.sample(&question, &sampling).unwrap();
+                let finite = answer.iter().all(|value| value.is_finite());
+                assert!(finite, "{name}, {kind:?}, {steps:?} steps");
+            }
+        }
+    }
+}
+
+/// One step from level 0, at which there is next to no noise, cannot move far from where it began;
+/// from pure noise it lands elsewhere.
+#[test]
+fn a_warm_start_stays_near_the_previous_prediction() {
+    let batch = batch(62, 2);
+    let question = known(&batch);
+    let previous: Vec<f32> =
+        batch.y.chunks_exact(ROW).flat_map(|y| &y[CONTEXT_VALUES..]).copied().collect();
+    let warm_start = |steps| WarmStart { previous: previous.clone(), shift: 0, steps };
+    for (name, model) in
+        generative_kinds().filter(|(_, model)| model.architecture().diffusion().is_some())
+    {
+        let from = |warm_start| {
+            let sampling = Sampling { warm_start, ..Sampling::default() };
+            model.sample(&question, &sampling).unwrap()
+        };
+        let distance = |answer: &[f32]| {
+            let squares = answer.iter().zip(&previous).map(|(a, b)| (a - b).powi(2));
+            (squares.sum::<f32>() / previous.len() as f32).sqrt()
+        };
+        let (warm, cold) = (from(Some(warm_start(1))), from(None));
+        assert!(warm != cold, "{name}");
+        assert!(distance(&warm).is_finite() && distance(&cold).is_finite(), "{name}");
+
+        let error = model
+            .sample(
+                &question,
+                &Sampling { warm_start: Some(warm_start(21)), ..Sampling::default() },
+            )
+            .unwrap_err();
+        assert!(error.to_string().contains("warm_start.steps is 21"), "{error}");
+        let short = WarmStart { previous: vec![0.0; 3], shift: 1, steps: 1 };
+        let error = model
+            .sample(&question, &Sampling { warm_start: Some(short), ..Sampling::default() })
+            .unwrap_err();
+        assert!(matches!(error, ModelError::Length { .. }), "{error}");
+    }
+}
+
+#[test]
+fn what_a_model_cannot_do_is_refused_by_name() {
+    let question = known(&batch(63, 1));
+    let kinds = every_kind();
+    let point = briefly_trained(kinds[0].1.clone());
+    let error = point.sample(&question, &Sampling::default()).unwrap_err();
+    assert!(matches!(error, ModelError::NotGenerative), "{error}");
+
+    let gaussian = briefly_trained(kinds[1].1.clone());
+    let sampler = Some(SamplerSpec::default());
+    let error =
+        gaussian.sample(&question, &Sampling { sampler, ..Sampling::default() }).unwrap_err();
+    assert!(error.to_string().contains("sampler is given"), "{error}");
+
+    let diffuser = briefly_trained(kinds[3].1.clone());
+    let sampler = Some(SamplerSpec { steps: Some(21), ..SamplerSpec::default() });
+    let error =
+        diffuser.sample(&question, &Sampling { sampler, ..Sampling::default() }).unwrap_err();
+    assert!(error.to_string().contains("sampler.steps is 21"), "{error}");
+    assert!(error.to_string().contains("diffusion.steps, which is 20"), "{error}");
+}
+
+#[test]
+fn averaged_weights_are_kept_apart_from_those_in_training() {
+    let ema = Some(EmaSpec { decay: 0.9, power: 0.75 });
+    let plain = train_spec();
+    let averaged = TrainSpec { ema, ..train_spec() };
+    let (mut without, mut with) = (trainer(&plain), trainer(&averaged));
+    train(&mut without, 0..5);
+    train(&mut with, 0..5);
+    let (without, with) = (without.checkpoint().unwrap(), with.checkpoint().unwrap());
+    assert_ne!(without.model, with.model, "the average is what is kept");
+    let training = safetensors::SafeTensors::deserialize(&with.optimizer).unwrap();
+    let kept = safetensors::SafeTensors::deserialize(&without.model).unwrap();
+    for (name, view) in kept.iter() {
+        let same = training.tensor(&format!("weights.{name}")).unwrap();
+        assert_eq!(same.data(), view.data(), "{name}: an average must not change the training");
+    }
+}
+
+#[test]
+fn a_residual_of_the_exact_integrator_starts_at_its_prediction() {
+    // Untrained weights predict small multiples of the residual's scale, which is near zero here.
+    let mut exact = batch(64, 4);
+    for (u, y) in exact.u.chunks_exact(ROW).zip(exact.y.chunks_exact_mut(ROW)) {
+        for i in JOINTS..ROW {
+            y[i] = y[i - JOINTS] + u[i - JOINTS] / 10.0 / 60.0;
+        }
+    }
+    for (name, mut model) in every_kind() {
+        let residual = Residual::Integrator(spec::DampedIntegrator::default());
+        match &mut model {
+            ModelSpec::RoboMorph(model) => model.residual = residual,
+            ModelSpec::Diffuser(model) => model.residual = residual,
+            ModelSpec::Cdcnn(model) => model.residual = residual,
+            ModelSpec::Cdt(model) => model.residual = residual,
+        }
+        let model = briefly_trained(model);
+        let answer = model.predict(&known(&exact)).unwrap();
+        for (answer, truth) in answer.chunks(HORIZON_VALUES).zip(exact.y.chunks(ROW)) {
+            for (a, b) in answer.iter().zip(&truth[CONTEXT_VALUES..]) {
+                assert!((a - b).abs() < 0.02, "{name}: {a} {b}");
+            }
+        }
+    }
+}
+
+#[test]
+fn all_normalizations_train_every_architecture() {
+    for (name, model) in every_kind() {
+        let spec = TrainSpec { model, normalization: Normalization::PaperLeaky, ..train_spec() };
+        let report = trainer(&spec).step(&batch(0, 8)).unwrap();
+        assert!(report.loss.is_finite(), "{name}");
+    }
+}
+
+#[test]
+fn readings_of_the_papers_weights_differ_as_they_should() {
+    let (_, model) = every_kind().swap_remove(3);
+    let ModelSpec::Diffuser(diffuser) = model else { panic!("not a diffuser") };
+    let loss = |known, weights| {
+        let model = ModelSpec::Diffuser(spec::DiffuserSpec { known, weights, ..diffuser.clone() });
+        trainer(&TrainSpec { model, ..train_spec() }).step(&batch(0, 8)).unwrap().loss
+    };
+    // Known u has no errors, whatever their weight; y's weight is a scale.
+    let masked = loss(Known::CleanAndMasked, [1.0, 3.0]);
+    assert_eq!(masked, loss(Known::CleanAndMasked, [100.0, 3.0]));
+    assert!((loss(Known::CleanAndMasked, [1.0, 1.0]) * 3.0 - masked).abs() < 1e-5 * masked);
+    // With noise on both, both weights count.
+    let joint = loss(Known::JointNoise, [1.0, 3.0]);
+    assert_ne!(joint, loss(Known::JointNoise, [2.0, 3.0]));
+    assert_ne!(joint, loss(Known::JointNoise, [1.0, 4.0]));
+}

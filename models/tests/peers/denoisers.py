@@ -1,0 +1,118 @@
+"""Makes ../data/{diffuser,cdcnn,cdcnn_global,cdt}/: small denoisers of PyTorch's, what they
+answer, gradients, weights after a step of Adam, and what whole chains of samplers make of given
+noise. `src/agreement_with_pytorch.rs` must get the same.
+
+    pip install ../../../python && python denoisers.py
+"""
+
+import json
+from pathlib import Path
+
+import torch
+from safetensors.torch import save_file
+from torqued import FORMAT_VERSION, TrainedModel
+from torqued.checkpoint import network_of
+
+DATA = Path(__file__).parent.parent / "data"
+CONTEXT, HORIZON, BATCH = 8, 4, 3
+SAMPLES = CONTEXT + HORIZON
+DIFFUSION = {"steps": 20, "schedule": "cosine", "prediction": "noise", "clip": 6.0, "loss_mean": "unknown"}
+SAMPLER = {"kind": "ddpm", "steps": None, "eta": 0.0, "spacing": "trailing"}
+NOISE = {"diffusion": DIFFUSION, "sampler": SAMPLER}
+LEVELS = torch.tensor([3, 17, 0])
+MODELS = {
+    "diffuser": {
+        "architecture": "diffuser", "width": 8, "multipliers": [1, 1, 2],
+        "known": "clean-and-masked", "weights": [1.0, 3.0], **NOISE,
+    },
+    "cdcnn": {
+        "architecture": "cdcnn", "embedding": 6, "widths": [8, 16], "conditioning": "local",
+        "diffusion": {**DIFFUSION, "prediction": "x0"}, "sampler": SAMPLER,
+    },
+    "cdcnn_global": {
+        "architecture": "cdcnn", "embedding": 6, "widths": [8, 16], "conditioning": "global",
+        "residual": {"integrator": {"damping": 8.0}},
+        "diffusion": {**DIFFUSION, "prediction": "v"}, "sampler": SAMPLER,
+    },
+    "cdt": {
+        "architecture": "cdt", "d_model": 8, "heads": 2, "encoder_layers": 2, "decoder_layers": 2,
+        "mlp_ratio": 2, **NOISE,
+    },
+}
+
+
+def main(name: str, model: dict) -> None:
+    torch.manual_seed(2)
+    y_mean, y_std = torch.linspace(-0.3, 0.4, 7), torch.linspace(0.2, 0.9, 7)
+    u_mean, u_std = torch.full((7,), 0.1), torch.linspace(0.5, 2.0, 7)
+    statistics = {"u_mean": u_mean, "u_std": u_std, "y_mean": y_mean, "y_std": y_std}
+    config = {
+        "format_version": FORMAT_VERSION,
+        "model": model,
+        "context": CONTEXT,
+        "horizon": HORIZON,
+        "samples": SAMPLES,
+        "rate_hz": 60.0,
+        "normalizer": {"dataset": {key: value.tolist() for key, value in statistics.items()}},
+        "parameters": 0,
+        "step": 0,
+        "seed": 0,
+        "spec_digest": "pytorch",
+        "versions": {"torqued": "0.1.0", "burn": f"none, torch {torch.__version__}"},
+    }
+    network = network_of(config)
+    config["parameters"] = sum(parameter.numel() for parameter in network.parameters())
+    for parameter in network.parameters():
+        # Norm weights of 1, biases of 0 and near-uniform attention would hide mistakes.
+        parameter.data += 0.1 * torch.randn_like(parameter)
+
+    time = torch.arange(SAMPLES) / 60.0
+    u = 3.0 * torch.randn(BATCH, 1, 7) * torch.sin(9.0 * torch.rand(BATCH, 1, 7) * time[None, :, None])
+    u += 0.3 * torch.randn(BATCH, SAMPLES, 7)
+    y = 0.3 * torch.randn(BATCH, 1, 7) + torch.cumsum(u, 1) / 100.0
+    shape = (BATCH, SAMPLES, network.channels)
+    noise = torch.randn(shape)
+    ddpm_noise = torch.stack([noise, *(torch.randn(shape) for _ in range(DIFFUSION["steps"] - 1))])
+    expected = {"u": u, "y": y, "noise": noise, "ddpm_noise": ddpm_noise}
+
+    folder = DATA / name
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "config.json").write_text(json.dumps(config, indent=1) + "\n")
+    weights = {key: tensor.clone() for key, tensor in network.state_dict().items()}
+    save_file(weights, folder / "model.safetensors", {"format": "pt"})
+
+    trained = TrainedModel(network, config)
+    seen = {}
+
+    def keep(u_seen, seen_context, sampler, draw):
+        seen["u"] = u_seen
+        seen["answer"] = TrainedModel._sample(trained, u_seen, seen_context, sampler, draw)
+        return seen["answer"]
+
+    trained._sample = keep
+    chains = {
+        "ddpm": {},
+        "ddim": {"kind": "ddim"},
+        "ddim_7": {"kind": "ddim", "steps": 7},
+        "dpm_solver_7": {"kind": "dpm-solver++", "steps": 7},
+    }
+    for chain, change in chains.items():
+        given = iter(ddpm_noise)
+        trained.predict(u.numpy(), y[:, :CONTEXT].numpy(), sampler=SAMPLER | change, draw=lambda: next(given))
+        expected[f"chain.{chain}"] = seen["answer"].clone()
+
+    # From here on in double precision, so that the differences found are torqued's alone.
+    network.double()
+    noisy, wanted = torch.randn(shape), torch.randn(shape)
+    answer = network(noisy.double(), LEVELS, seen["u"].double().clone())
+    optimizer = torch.optim.Adam(network.parameters(), lr=1e-2, betas=(0.9, 0.95), eps=1e-3)
+    torch.nn.functional.mse_loss(answer, wanted.double()).backward()
+    expected |= {"noisy": noisy, "answer_wanted": wanted, "answer": answer.detach()}
+    expected |= {f"gradient.{key}": p.grad.clone() for key, p in network.named_parameters()}
+    optimizer.step()
+    expected |= {f"after.{key}": tensor.clone() for key, tensor in network.state_dict().items()}
+    save_file({key: t.float().contiguous() for key, t in expected.items()}, folder / "expected.safetensors")
+
+
+for name, model in MODELS.items():
+    main(name, model)

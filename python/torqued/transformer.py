@@ -1,0 +1,67 @@
+"""The PyTorch twin of `models/src/transformer.rs`: the blocks of RoboMorph and CDT."""
+
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+
+class Attention(nn.Module):
+    """Multi-head scaled dot-product attention, biases on, no dropout."""
+
+    def __init__(self, d_model: int, heads: int):
+        super().__init__()
+        self.query = nn.Linear(d_model, d_model)
+        self.key = nn.Linear(d_model, d_model)
+        self.value = nn.Linear(d_model, d_model)
+        self.output = nn.Linear(d_model, d_model)
+        self.heads = heads
+
+    def forward(self, x: Tensor, memory: Tensor, causal: bool, mask: Tensor | None = None) -> Tensor:
+        def split(z: Tensor) -> Tensor:
+            return z.unflatten(-1, (self.heads, -1)).transpose(1, 2)
+
+        mixed = F.scaled_dot_product_attention(
+            split(self.query(x)), split(self.key(memory)), split(self.value(memory)), mask, is_causal=causal
+        )
+        return self.output(mixed.transpose(1, 2).flatten(-2))
+
+
+class FeedForward(nn.Module):
+    def __init__(self, d_model: int, hidden: int):
+        super().__init__()
+        self.expand = nn.Linear(d_model, hidden)
+        self.contract = nn.Linear(hidden, d_model)
+
+    def forward(self, x: Tensor) -> Tensor:
+        return self.contract(F.gelu(self.expand(x)))
+
+
+class EncoderBlock(nn.Module):
+    def __init__(self, d_model: int, heads: int, hidden: int):
+        super().__init__()
+        self.attention_norm = nn.LayerNorm(d_model)
+        self.attention = Attention(d_model, heads)
+        self.feed_forward_norm = nn.LayerNorm(d_model)
+        self.feed_forward = FeedForward(d_model, hidden)
+
+    def forward(self, x: Tensor) -> Tensor:
+        normed = self.attention_norm(x)
+        x = x + self.attention(normed, normed, causal=False)
+        return x + self.feed_forward(self.feed_forward_norm(x))
+
+
+class DecoderBlock(nn.Module):
+    def __init__(self, d_model: int, heads: int, hidden: int):
+        super().__init__()
+        self.self_attention_norm = nn.LayerNorm(d_model)
+        self.self_attention = Attention(d_model, heads)
+        self.cross_attention_norm = nn.LayerNorm(d_model)
+        self.cross_attention = Attention(d_model, heads)
+        self.feed_forward_norm = nn.LayerNorm(d_model)
+        self.feed_forward = FeedForward(d_model, hidden)
+
+    def forward(self, x: Tensor, memory: Tensor, mask: Tensor | None = None) -> Tensor:
+        """`mask` [token, source] is true where a token of x may look at one of memory."""
+        normed = self.self_attention_norm(x)
+        x = x + self.self_attention(normed, normed, causal=True)
+        x = x + self.cross_attention(self.cross_attention_norm(x), memory, False, mask)
+        return x + self.feed_forward(self.feed_forward_norm(x))

@@ -1,0 +1,47 @@
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::{DiffusionSpec, Residual, SamplerSpec, check_width};
+use crate::check::{Check, Report};
+
+/// U-Net that removes noise from y, given u (Chi et al. 2023, the paper's CDCNN).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct CdcnnSpec {
+    /// Width of the embedding of the noise level, even. 128 in the paper.
+    pub embedding: u32,
+    /// Channels of each stage, multiples of 8. Every stage but the last halves the samples.
+    pub widths: Vec<u32>,
+    #[serde(default)]
+    pub conditioning: Conditioning,
+    #[serde(default)]
+    pub diffusion: DiffusionSpec,
+    #[serde(default)]
+    pub sampler: SamplerSpec,
+    #[serde(default, skip_serializing_if = "Residual::is_none")]
+    pub residual: Residual,
+}
+
+/// How u enters.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Conditioning {
+    /// Sample by sample, through a block of its own that is added to the first.
+    #[default]
+    Local,
+    /// Flattened, beside the noise level: scales and shifts the channels of every block (FiLM).
+    Global,
+}
+
+impl Check for CdcnnSpec {
+    fn check(&self, report: &mut Report) {
+        report.within("embedding", self.embedding, 4..=4096);
+        if !self.embedding.is_multiple_of(2) {
+            report.violation("embedding", self.embedding, "a multiple of 2, for sine and cosine");
+        }
+        report.within("widths.length", self.widths.len(), 1..=8);
+        for (i, &width) in self.widths.iter().enumerate() {
+            check_width(report, &format!("widths[{i}]"), width);
+        }
+    }
+}

@@ -1,0 +1,38 @@
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::{DiffusionSpec, Residual, SamplerSpec, check_transformer, four};
+use crate::check::{Check, Report};
+
+/// Transformer that removes noise from y, given u through an encoder (Chi et al. 2023, the
+/// paper's CDT).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct CdtSpec {
+    /// Width of every token; even and a multiple of `heads`.
+    pub d_model: u32,
+    pub heads: u32,
+    /// Layers over the noise level and u. 4 in the paper's code.
+    pub encoder_layers: u32,
+    /// Layers over the noisy y.
+    pub decoder_layers: u32,
+    /// Hidden width of the feed-forward blocks as a multiple of `d_model`.
+    #[serde(default = "four")]
+    pub mlp_ratio: u32,
+    #[serde(default)]
+    pub diffusion: DiffusionSpec,
+    #[serde(default)]
+    pub sampler: SamplerSpec,
+    #[serde(default, skip_serializing_if = "Residual::is_none")]
+    pub residual: Residual,
+}
+
+impl Check for CdtSpec {
+    fn check(&self, report: &mut Report) {
+        let layers = [self.encoder_layers, self.decoder_layers];
+        check_transformer(report, self.d_model, self.heads, layers, self.mlp_ratio);
+        if !self.d_model.is_multiple_of(2) {
+            report.violation("d_model", self.d_model, "a multiple of 2, for sine and cosine");
+        }
+    }
+}

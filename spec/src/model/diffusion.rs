@@ -1,0 +1,156 @@
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use crate::SpecError;
+use crate::check::{Check, Report};
+
+/// How noise is added, and what a model is trained to make of it. The defaults are the paper's.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct DiffusionSpec {
+    /// Noise levels of the training, the paper's T.
+    pub steps: u32,
+    pub schedule: NoiseSchedule,
+    pub prediction: Prediction,
+    /// Bounds what a sampler takes for the clean series, in standard deviations of the
+    /// normalization; `null` does not. Below about 5 it cuts off positions that arms do reach.
+    pub clip: Option<f64>,
+    pub loss_mean: LossMean,
+}
+
+/// How much noise each level has.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum NoiseSchedule {
+    /// ᾱ follows a squared cosine with offset 0.008, β not above 0.999 (Nichol and Dhariwal 2021).
+    #[default]
+    Cosine,
+    /// β from 1e-4 to 0.02 at 1000 steps, and in proportion at others (Ho et al. 2020).
+    Linear,
+}
+
+/// What a model is trained to predict.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub enum Prediction {
+    /// The noise ε.
+    #[default]
+    #[serde(rename = "noise")]
+    Noise,
+    /// The clean series.
+    #[serde(rename = "x0")]
+    Clean,
+    /// √ᾱ ε - √(1 - ᾱ) x0 (Salimans and Ho 2022).
+    #[serde(rename = "v")]
+    Velocity,
+}
+
+/// What the sum of squared errors is divided by. Entries that are known have no errors.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum LossMean {
+    /// The number of entries that count.
+    #[default]
+    Unknown,
+    /// The number of all entries, as in the paper's code.
+    All,
+}
+
+/// How a series is made of noise.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct SamplerSpec {
+    pub kind: SamplerKind,
+    /// Passes through the model, at most `diffusion.steps`; `null` is all of them.
+    pub steps: Option<u32>,
+    /// Share of DDPM's noise that DDIM adds again at each step; 0 for the other kinds.
+    pub eta: f64,
+    pub spacing: Spacing,
+}
+
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum SamplerKind {
+    /// Ancestral sampling (Ho et al. 2020).
+    #[default]
+    Ddpm,
+    /// Without noise of its own unless `eta` is above 0 (Song et al. 2021).
+    Ddim,
+    /// DPM-Solver++ of second order, multistep (Lu et al. 2022).
+    #[serde(rename = "dpm-solver++")]
+    DpmSolver,
+}
+
+/// Which of T training levels, counted from 0, K steps visit; index i counts steps from 0.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Spacing {
+    /// round(T (K - i) / K) - 1: begins at the noisiest (Lin et al. 2024).
+    #[default]
+    Trailing,
+    /// ⌊T / K⌋ (K - 1 - i): ends at the cleanest, as DDIM's authors did.
+    Leading,
+    /// round((T - 1) (K - 1 - i) / (K - 1)): both; the noisiest when K is 1.
+    Linspace,
+}
+
+impl Default for DiffusionSpec {
+    fn default() -> Self {
+        Self {
+            steps: 100,
+            schedule: NoiseSchedule::default(),
+            prediction: Prediction::default(),
+            clip: None,
+            loss_mean: LossMean::default(),
+        }
+    }
+}
+
+impl Default for SamplerSpec {
+    fn default() -> Self {
+        Self { kind: SamplerKind::default(), steps: None, eta: 0.0, spacing: Spacing::default() }
+    }
+}
+
+impl Check for DiffusionSpec {
+    fn check(&self, report: &mut Report) {
+        report.within("steps", self.steps, 1..=10_000);
+        if let Some(clip) = self.clip {
+            report.within("clip", clip, 1.0..=1e6);
+        }
+    }
+}
+
+impl Check for SamplerSpec {
+    fn check(&self, report: &mut Report) {
+        if let Some(steps) = self.steps {
+            report.within("steps", steps, 1..=10_000);
+        }
+        report.within("eta", self.eta, 0.0..=1.0);
+        if self.kind != SamplerKind::Ddim && self.eta != 0.0 {
+            report.violation("eta", self.eta, "0 unless kind is ddim");
+        }
+    }
+}
+
+impl SamplerSpec {
+    /// Whether a sampler asked for at prediction is one, and no longer than the training's
+    /// `diffusion_steps`.
+    ///
+    /// # Errors
+    /// Every violation, fields as `sampler.…`.
+    pub fn check_for(&self, diffusion_steps: u32) -> Result<(), SpecError> {
+        let mut report = Report::default();
+        self.report_for(diffusion_steps, &mut report);
+        report.finish()
+    }
+
+    pub(super) fn report_for(&self, diffusion_steps: u32, report: &mut Report) {
+        report.part("sampler", self);
+        if let Some(steps) = self.steps
+            && steps > diffusion_steps
+        {
+            let allowed = format!("at most diffusion.steps, which is {diffusion_steps}");
+            report.violation("sampler.steps", steps, allowed);
+        }
+    }
+}

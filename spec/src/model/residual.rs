@@ -1,0 +1,43 @@
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use crate::check::{Check, Report};
+
+/// What a model's prediction is added to.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Residual {
+    /// Nothing: the model predicts positions, as in the paper.
+    #[default]
+    None,
+    /// The damped integrator q̇ = u / D from the last sample of the context on.
+    Integrator(DampedIntegrator),
+}
+
+/// q̇ = u / D.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct DampedIntegrator {
+    /// D of every joint, N·m·s/rad. 10 is the damping of the simulated arms.
+    pub damping: f64,
+}
+
+impl Default for DampedIntegrator {
+    fn default() -> Self {
+        Self { damping: 10.0 }
+    }
+}
+
+impl Residual {
+    pub const fn is_none(&self) -> bool {
+        matches!(self, Self::None)
+    }
+}
+
+impl Check for Residual {
+    fn check(&self, report: &mut Report) {
+        if let Self::Integrator(integrator) = self {
+            report.within("integrator.damping", integrator.damping, 1e-3..=1e6);
+        }
+    }
+}

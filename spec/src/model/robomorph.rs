@@ -1,0 +1,52 @@
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::{Residual, check_transformer, four, one};
+use crate::check::{Check, Report};
+
+/// Encoder-decoder Transformer that predicts the horizon in one pass (Bazzi et al. 2024).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct RoboMorphSpec {
+    /// Width of every token; a multiple of `heads`.
+    pub d_model: u32,
+    pub heads: u32,
+    pub encoder_layers: u32,
+    pub decoder_layers: u32,
+    /// Samples per token; divides context and horizon. 1 in the paper.
+    #[serde(default = "one")]
+    pub patch: u32,
+    /// Hidden width of the feed-forward blocks as a multiple of `d_model`.
+    #[serde(default = "four")]
+    pub mlp_ratio: u32,
+    #[serde(default, skip_serializing_if = "Head::is_default")]
+    pub head: Head,
+    #[serde(default, skip_serializing_if = "Residual::is_none")]
+    pub residual: Residual,
+}
+
+/// What a model says of each position.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Head {
+    /// A number, trained by its squared error.
+    #[default]
+    Point,
+    /// Mean and variance, trained by the likelihood of a normal distribution
+    /// (Rufolo et al. 2024).
+    Gaussian,
+}
+
+impl Head {
+    fn is_default(&self) -> bool {
+        *self == Self::Point
+    }
+}
+
+impl Check for RoboMorphSpec {
+    fn check(&self, report: &mut Report) {
+        let layers = [self.encoder_layers, self.decoder_layers];
+        check_transformer(report, self.d_model, self.heads, layers, self.mlp_ratio);
+        report.within("patch", self.patch, 1..=1000);
+    }
+}
