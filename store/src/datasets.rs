@@ -1,4 +1,5 @@
-//! Datasets and their shards. Each simulation fills one, which exists from its submission on.
+//! Datasets and their shards. Each simulation or import fills one, which exists from its submission
+//! on.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -119,6 +120,15 @@ impl Shard {
     }
 }
 
+/// Where it stands how many trajectories a dataset has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Count {
+    /// In its row since the submission.
+    Submitted,
+    /// In its one shard.
+    OfShard,
+}
+
 #[derive(Clone, Debug)]
 pub struct NewShard {
     pub first: u64,
@@ -155,7 +165,31 @@ impl Store {
         shard: &NewShard,
         result: Option<&Value>,
     ) -> Result<(), StoreError> {
+        self.commit(fence, shard, result, Count::Submitted).await
+    }
+
+    /// The same for the one shard of an import, which tells how many trajectories the dataset has.
+    ///
+    /// # Errors
+    /// [`StoreError::LeaseLost`] when the lease is lost; nothing is changed then.
+    pub async fn commit_import(
+        &self,
+        fence: Fence,
+        shard: &NewShard,
+        result: &Value,
+    ) -> Result<(), StoreError> {
+        self.commit(fence, shard, Some(result), Count::OfShard).await
+    }
+
+    async fn commit(
+        &self,
+        fence: Fence,
+        shard: &NewShard,
+        result: Option<&Value>,
+        trajectories: Count,
+    ) -> Result<(), StoreError> {
         const OPERATION: &str = "committing a shard";
+        let failed = StoreError::database(OPERATION);
         self.objects().verify_published(&shard.trajectories).await?;
         self.objects().verify_published(&shard.robots).await?;
         let mut tx = self.database().write(OPERATION).await?;
@@ -165,9 +199,12 @@ impl Store {
             }
             other => other?,
         };
-        insert_shard(&mut tx, fence, job, shard).await.map_err(StoreError::database(OPERATION))?;
+        insert_shard(&mut tx, fence, job, shard).await.map_err(&failed)?;
+        if trajectories == Count::OfShard {
+            set_count(&mut tx, fence, job, shard.count).await.map_err(&failed)?;
+        }
         task_end::complete(&mut tx, fence, result).await?;
-        tx.commit().await.map_err(StoreError::database(OPERATION))
+        tx.commit().await.map_err(&failed)
     }
 
     /// # Errors
@@ -294,7 +331,27 @@ async fn insert_shard(
     Ok(())
 }
 
-/// Completes the dataset of a simulation that succeeded, if all its trajectories are there; other
+/// Tells dataset and progress of an import what came of it.
+async fn set_count(
+    conn: &mut SqliteConnection,
+    fence: Fence,
+    job: JobId,
+    trajectories: u64,
+) -> Result<(), sqlx::Error> {
+    sqlx::query("UPDATE dataset SET trajectories = ? WHERE job = ?")
+        .bind(integer(trajectories))
+        .bind(job)
+        .execute(&mut *conn)
+        .await?;
+    sqlx::query("UPDATE task SET total = ? WHERE id = ?")
+        .bind(integer(trajectories))
+        .bind(fence.task)
+        .execute(&mut *conn)
+        .await?;
+    Ok(())
+}
+
+/// Completes the dataset of a simulation or import that succeeded, if all its trajectories are there; other
 /// jobs have none.
 pub(crate) async fn complete(conn: &mut SqliteConnection, job: JobId) -> Result<(), sqlx::Error> {
     sqlx::query(concat!(

@@ -39,6 +39,7 @@ mod table_writer;
 mod task_end;
 mod tasks;
 mod trajectories;
+mod uploads;
 
 pub use artifacts::{Artifact, NewArtifact};
 pub use checkpoints::{Checkpoint, CheckpointFile, NewCheckpoint};
@@ -68,3 +69,4 @@ pub use table_writer::{EncodedRows, TableEncoder, TableFile, TableWriter};
 pub use task_end::Retry;
 pub use tasks::{Task, TaskState};
 pub use trajectories::ShardReader;
+pub use uploads::{Upload, UploadFile, UploadWriter};

@@ -37,7 +37,7 @@ impl Store {
         // Rows are read after the listing, so that what was committed in between is seen.
         let named: Vec<String> = sqlx::query_scalar(
             "SELECT path FROM shard_file UNION ALL SELECT path FROM checkpoint_file \
-             UNION ALL SELECT path FROM artifact",
+             UNION ALL SELECT path FROM artifact UNION ALL SELECT path FROM upload",
         )
         .fetch_all(self.database().reader())
         .await

@@ -92,4 +92,12 @@ conforms! {
         an_object_written_in_pieces_appears_when_finished,
         damaged_bytes_are_refused,
         what_was_published_but_not_committed_is_swept;
+    uploads:
+        a_file_is_found_by_its_digest,
+        a_file_that_is_sent_again_is_kept_once,
+        a_file_that_was_lost_can_be_sent_again,
+        a_file_that_breaks_off_leaves_nothing,
+        a_file_is_no_orphan_and_what_was_not_committed_is,
+        a_changed_file_is_not_opened,
+        an_import_tells_how_many_trajectories_there_are;
 }

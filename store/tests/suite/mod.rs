@@ -9,6 +9,7 @@ pub mod metrics;
 pub mod objects;
 pub mod propagation;
 pub mod submission;
+pub mod uploads;
 
 use std::time::Duration;
 

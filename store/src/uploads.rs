@@ -1,0 +1,220 @@
+//! Uploads: files that somebody sent to be imported, each kept once under its digest.
+
+use std::io;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use bytes::Bytes;
+use object_store::path::Path;
+use object_store::{ObjectStoreExt, WriteMultipart};
+use parquet::file::reader::{ChunkReader, Length};
+use sha2::{Digest as _, Sha256};
+use spec::Digest;
+use sqlx::sqlite::SqliteRow;
+use sqlx::{FromRow, Row, SqliteConnection};
+
+use crate::artifacts::stored_object;
+use crate::clock::now;
+use crate::database::integer;
+use crate::objects::PositionedFile;
+use crate::{Store, StoreError, StoredObject, Timestamp};
+
+#[derive(Clone, Debug)]
+pub struct Upload {
+    /// As the sender called it; of a file that was sent twice, the first time.
+    pub name: String,
+    pub object: StoredObject,
+    pub created_at: Timestamp,
+}
+
+/// Bytes that are written at once.
+const PART_SIZE: usize = 8 * 1024 * 1024;
+
+/// Parts on their way to the disk at a time, which bounds memory.
+const PARTS_IN_FLIGHT: usize = 2;
+
+/// Receives a file piece by piece; dropped before [`UploadWriter::finish`], it leaves nothing.
+#[derive(Debug)]
+pub struct UploadWriter {
+    store: Store,
+    parts: WriteMultipart,
+    path: String,
+    size: u64,
+    digest: Sha256,
+}
+
+/// An uploaded file, open for blocking reads at any position.
+#[derive(Clone, Debug)]
+pub struct UploadFile(PositionedFile);
+
+impl Store {
+    /// Begins to receive a file.
+    ///
+    /// # Errors
+    /// When the disk is full or fails.
+    pub async fn begin_upload(&self) -> Result<UploadWriter, StoreError> {
+        let path = staging_path();
+        let parts = self
+            .objects()
+            .local()
+            .put_multipart(&Path::from(path.as_str()))
+            .await
+            .map_err(StoreError::object("writing", &path))?;
+        let parts = WriteMultipart::new_with_chunk_size(parts, PART_SIZE);
+        Ok(UploadWriter { store: self.clone(), parts, path, size: 0, digest: Sha256::new() })
+    }
+
+    /// The upload with these bytes.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn upload(&self, sha256: Digest) -> Result<Option<Upload>, StoreError> {
+        sqlx::query_as("SELECT * FROM upload WHERE sha256 = ?")
+            .bind(sha256.to_string())
+            .fetch_optional(self.database().reader())
+            .await
+            .map_err(StoreError::database("looking up an upload"))
+    }
+
+    /// The newest uploads.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn newest_uploads(&self, limit: u32) -> Result<Vec<Upload>, StoreError> {
+        sqlx::query_as("SELECT * FROM upload ORDER BY created_at DESC, sha256 LIMIT ?")
+            .bind(limit)
+            .fetch_all(self.database().reader())
+            .await
+            .map_err(StoreError::database("reading uploads"))
+    }
+
+    /// Opens an upload, once all its bytes have been checked against its digest. Blocks.
+    ///
+    /// # Errors
+    /// When it cannot be read, or has not the bytes that were received.
+    pub fn open_upload(&self, upload: &Upload) -> Result<UploadFile, StoreError> {
+        let file = self.objects().open_verified(&upload.object)?;
+        let file = PositionedFile::new(file).map_err(|source| StoreError::ObjectFile {
+            operation: "opening",
+            path: upload.object.path.clone(),
+            source,
+        })?;
+        Ok(UploadFile(file))
+    }
+
+    /// Makes a published object the upload of its digest, unless there is one already.
+    async fn commit_upload(&self, name: &str, object: &StoredObject) -> Result<Upload, StoreError> {
+        const OPERATION: &str = "committing an upload";
+        let failed = StoreError::database(OPERATION);
+        self.objects().verify_published(object).await?;
+        let mut tx = self.database().write(OPERATION).await?;
+        let known: Option<Upload> = sqlx::query_as("SELECT * FROM upload WHERE sha256 = ?")
+            .bind(object.sha256.to_string())
+            .fetch_optional(&mut *tx)
+            .await
+            .map_err(&failed)?;
+        if let Some(known) = known
+            && self.objects().verify_published(&known.object).await.is_ok()
+        {
+            drop(tx);
+            self.objects().delete(vec![object.path.clone()]).await;
+            return Ok(known);
+        }
+        let upload = insert(&mut tx, name, object).await.map_err(&failed)?;
+        tx.commit().await.map_err(&failed)?;
+        Ok(upload)
+    }
+}
+
+impl UploadWriter {
+    /// Bytes so far.
+    pub const fn size(&self) -> u64 {
+        self.size
+    }
+
+    /// SHA-256 of the bytes so far.
+    pub fn digest(&self) -> Digest {
+        Digest::from_bytes(self.digest.clone().finalize().into())
+    }
+
+    /// # Errors
+    /// When the disk is full or fails.
+    pub async fn write(&mut self, bytes: &[u8]) -> Result<(), StoreError> {
+        self.parts
+            .wait_for_capacity(PARTS_IN_FLIGHT)
+            .await
+            .map_err(StoreError::object("writing", &self.path))?;
+        self.digest.update(bytes);
+        self.size += bytes.len() as u64;
+        // Copied: a sender who cuts a body into single bytes must not make each of them an object.
+        self.parts.write(bytes);
+        Ok(())
+    }
+
+    /// Syncs, publishes and commits what was received. Bytes that are there already under another
+    /// name keep it.
+    ///
+    /// # Errors
+    /// When the disk is full or fails; there is no upload then.
+    pub async fn finish(self, name: &str) -> Result<Upload, StoreError> {
+        let sha256 = self.digest();
+        self.parts.finish().await.map_err(StoreError::object("writing", &self.path))?;
+        let object = StoredObject { path: self.path, size: self.size, sha256 };
+        self.store.commit_upload(name, &object).await
+    }
+}
+
+/// A path that no other upload has: its digest is known only at its end.
+fn staging_path() -> String {
+    static COUNT: AtomicU64 = AtomicU64::new(0);
+    let count = COUNT.fetch_add(1, Ordering::Relaxed);
+    let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+    format!("uploads/{:x}-{:x}-{count:x}", since_1970.as_nanos(), std::process::id())
+}
+
+/// A row that is there already lost its object, so it gets this one.
+async fn insert(
+    conn: &mut SqliteConnection,
+    name: &str,
+    object: &StoredObject,
+) -> Result<Upload, sqlx::Error> {
+    sqlx::query_as(concat!(
+        "INSERT INTO upload (sha256, name, path, size, created_at) VALUES (?, ?, ?, ?, ",
+        now!(),
+        ") ON CONFLICT (sha256) DO UPDATE SET path = excluded.path RETURNING *"
+    ))
+    .bind(object.sha256.to_string())
+    .bind(name)
+    .bind(&object.path)
+    .bind(integer(object.size))
+    .fetch_one(conn)
+    .await
+}
+
+impl FromRow<'_, SqliteRow> for Upload {
+    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
+        Ok(Self {
+            name: row.try_get("name")?,
+            object: stored_object(row)?,
+            created_at: row.try_get("created_at")?,
+        })
+    }
+}
+
+impl Length for UploadFile {
+    fn len(&self) -> u64 {
+        self.0.len()
+    }
+}
+
+impl ChunkReader for UploadFile {
+    type T = Box<dyn io::Read>;
+
+    fn get_read(&self, start: u64) -> parquet::errors::Result<Self::T> {
+        Ok(Box::new(self.0.get_read(start)?))
+    }
+
+    fn get_bytes(&self, start: u64, length: usize) -> parquet::errors::Result<Bytes> {
+        self.0.get_bytes(start, length)
+    }
+}
