@@ -26,7 +26,19 @@ const FONT: &str = "system-ui, sans-serif";
 /// Room around the plot for markers and lines of points that lie on its edge, in CSS pixels.
 const OVERHANG: f64 = 6.0;
 
+/// The figure as a document that stretches to the width of its container.
 pub(crate) fn svg(figure: &Figure, size: Size) -> Result<String, FigureError> {
+    draw(figure, size, "width=\"100%\"")
+}
+
+/// The figure as a part of a larger drawing, `top` pixels from its upper edge.
+pub(crate) fn panel(figure: &Figure, size: Size, top: u32) -> Result<String, FigureError> {
+    let Size { width, height } = size;
+    draw(figure, size, &format!("y=\"{top}\" width=\"{width}\" height=\"{height}\""))
+}
+
+/// `place` is what the root element says of its position and size.
+fn draw(figure: &Figure, size: Size, place: &str) -> Result<String, FigureError> {
     size.check()?;
     for (what, count) in [("series", figure.series.len()), ("bands", figure.bands.len())] {
         if count > SERIES_ALLOWED {
@@ -53,17 +65,17 @@ pub(crate) fn svg(figure: &Figure, size: Size) -> Result<String, FigureError> {
     body.push_str(&data(figure, &layout, &looks, &traces)?);
     body.push_str(&legend(&layout, &looks)?);
     body.push_str(&titles(&layout, empty)?);
-    Ok(document(figure, &traces, size, &body))
+    Ok(document(figure, &traces, size, place, &body))
 }
 
 /// The root element around the drawn groups.
-fn document(figure: &Figure, traces: &[Trace], size: Size, body: &str) -> String {
+fn document(figure: &Figure, traces: &[Trace], size: Size, place: &str, body: &str) -> String {
     let Size { width, height } = size;
     let title = text::xml(&figure.title);
     let description = text::xml(&description::describe(figure, traces));
     let shrink = 1.0 / f64::from(SUBPIXELS);
     format!(
-        r##"<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="100%" role="img">
+        r##"<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" {place} role="img">
 <title>{title}</title>
 <desc>{description}</desc>
 <rect width="{width}" height="{height}" rx="8" fill="#FFFFFF"/>

@@ -22,10 +22,13 @@ mod description;
 mod drawing;
 mod layout;
 mod marks;
+mod stack;
 mod table;
 mod text;
 mod ticks;
 mod trace;
+
+pub use stack::stacked;
 
 /// Points drawn per series, at most; see the crate documentation for how the rest is left out.
 pub const POINTS_DRAWN: usize = 2000;

@@ -86,6 +86,30 @@ fn the_same_figure_gives_the_same_bytes() {
 }
 
 #[test]
+fn a_stack_holds_its_figures_one_below_the_other_as_they_are_alone() {
+    let figures = [1.0, 2.0].map(|y| figure(vec![Series::line("training", points(&[y, 3.0]))]));
+    let drawn = figures::stacked("Two & more", &figures, Size::PAGE).unwrap();
+    let document = Document::parse(&drawn).unwrap();
+    let root = document.root_element();
+    assert_eq!(root.attribute("viewBox"), Some("0 0 760 840"));
+    let title = root.children().find(|node| node.has_tag_name("title")).unwrap();
+    assert_eq!(title.text(), Some("Two & more"));
+    let panels: Vec<Node> = root.children().filter(|node| node.has_tag_name("svg")).collect();
+    assert_eq!(panels.iter().map(|it| attribute(*it, "y")).collect::<Vec<_>>(), [0.0, 420.0]);
+    for (panel, figure) in panels.iter().zip(&figures) {
+        let alone = svg(figure);
+        let (_, within) = alone.split_once(">\n").unwrap();
+        let (_, drawn) = drawn[panel.range()].split_once(">\n").unwrap();
+        assert_eq!(drawn.trim_end(), within.trim_end());
+    }
+    let nowhere = Size { width: 1, height: 1 };
+    assert!(matches!(
+        figures::stacked("", &figures, nowhere),
+        Err(FigureError::Size { width: 1, height: 1 })
+    ));
+}
+
+#[test]
 fn axes_legend_and_title_are_written() {
     let drawn = svg(&figure(vec![
         Series::line("training", points(&[3.0, 2.0, 1.0])),

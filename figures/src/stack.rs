@@ -1,0 +1,25 @@
+//! Several figures on one sheet.
+
+use crate::{Figure, FigureError, Size, drawing, text};
+
+/// Draws figures one below the other as one self-contained `<svg>` element, each in `size`.
+///
+/// For series over the same x whose y have different units.
+///
+/// # Errors
+///
+/// As [`Figure::to_svg`], for the first figure that cannot be drawn.
+pub fn stacked(title: &str, figures: &[Figure], size: Size) -> Result<String, FigureError> {
+    let mut panels = String::new();
+    let mut top = 0;
+    for figure in figures {
+        panels.push_str(&drawing::panel(figure, size, top)?);
+        top += u32::from(size.height);
+    }
+    let title = text::xml(title);
+    let (width, height) = (size.width, top.max(1));
+    Ok(format!(
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width} {height}\" \
+         width=\"100%\" role=\"group\">\n<title>{title}</title>\n{panels}</svg>\n"
+    ))
+}
