@@ -102,6 +102,15 @@ pub enum ApiError {
     #[error("{}", store_message(.0))]
     Store(#[from] StoreError),
 
+    #[error(
+        "shard {shard} of dataset {dataset} cannot be read: its files are missing or not those that \
+         were written; POST /v1/datasets/{dataset}/verify says which"
+    )]
+    ShardUnreadable { dataset: i64, shard: u32, reason: String },
+
+    #[error("writing an Arrow stream failed")]
+    Arrow(#[from] arrow::error::ArrowError),
+
     #[error("drawing a figure failed")]
     Figure(#[from] figures::FigureError),
 
@@ -175,7 +184,10 @@ impl ApiError {
             }
             Self::Crowded => (S::SERVICE_UNAVAILABLE, "crowded", "Too many requests at once"),
             Self::Timeout => (S::SERVICE_UNAVAILABLE, "timeout", "The answer took too long"),
-            Self::Figure(_) | Self::Page(_) | Self::Internal => {
+            Self::ShardUnreadable { .. } => {
+                (S::INTERNAL_SERVER_ERROR, "shard-unreadable", "A shard cannot be read")
+            }
+            Self::Arrow(_) | Self::Figure(_) | Self::Page(_) | Self::Internal => {
                 (S::INTERNAL_SERVER_ERROR, "internal", "The server failed")
             }
         }
@@ -199,7 +211,9 @@ impl ApiError {
 
     /// Writes to the log what the answer leaves out.
     pub fn log(&self) {
-        if self.status().is_server_error() {
+        if let Self::ShardUnreadable { reason, .. } = self {
+            tracing::error!(error = %self, reason, "a request failed");
+        } else if self.status().is_server_error() {
             tracing::error!(error = causes(self), "a request failed");
         }
     }
@@ -250,7 +264,7 @@ fn store_message(error: &StoreError) -> String {
 }
 
 /// The causes of an error, outermost first.
-fn causes(error: &dyn std::error::Error) -> String {
+pub fn causes(error: &dyn std::error::Error) -> String {
     let mut text = error.to_string();
     let mut cause = error.source();
     while let Some(error) = cause {

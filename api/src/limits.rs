@@ -18,6 +18,13 @@ pub const TASKS_PER_JOB: u32 = 10_000;
 /// Crossing it is a violation of `trajectories`.
 pub const MAX_TRAJECTORIES: u64 = 10_000_000;
 
+/// Requests that read samples of a dataset at once, each with a row group in memory, up to some
+/// 50 MB; others wait for their turn.
+pub const TRAJECTORY_READS: usize = 4;
+
+/// Shards that are kept open for reading single trajectories.
+pub const OPEN_SHARDS: usize = 16;
+
 /// Points of one metric when the request does not say.
 pub const POINTS_DEFAULT: u32 = 500;
 

@@ -21,6 +21,9 @@ pub struct Job {
     pub state: JobState,
     #[serde(default)]
     pub error: Option<String>,
+    /// What of the spec is doubtful, though it is allowed.
+    #[serde(default)]
+    pub warnings: Vec<String>,
     pub progress: Progress,
     #[serde(default)]
     pub members: Vec<Member>,

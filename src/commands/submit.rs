@@ -37,10 +37,14 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     let Submitted { job, existed } = client.submit(spec, reuse).await?;
     let note = if existed { ", submitted before" } else { "" };
     println!("job {} {}{note}: {}", job.id, job.state, client.url(&format!("/jobs/{}", job.id)));
+    for warning in &job.warnings {
+        eprintln!("warning: {warning}");
+    }
     if arguments.watch { watch::to_the_end(&client, job.id).await } else { Ok(ExitCode::SUCCESS) }
 }
 
-fn read_spec(path: &PathBuf) -> anyhow::Result<Vec<u8>> {
+/// Reads a spec's JSON; `-` is standard input.
+pub fn read_spec(path: &PathBuf) -> anyhow::Result<Vec<u8>> {
     let mut spec = Vec::new();
     if path.as_os_str() == "-" {
         std::io::stdin()

@@ -101,6 +101,30 @@ test("the checkpoint downloads with the digest that the API states", async () =>
   assert.deepEqual(strangers, []);
 });
 
+test("a dataset shows its channels, its spectra and one trajectory after the other", async () => {
+  const { dataset } = await product.get(`/v1/jobs/${member("train-set")}`);
+  await page.goto(`${product.url}/datasets/${dataset}`);
+  assert.match(await page.locator("body").innerText(), /position of joint 7/);
+  await assertLoaded("img[src$='/spectrum.svg']");
+  await assertLoaded("img[src$='/trajectories/0/figure.svg']");
+  await page.getByRole("link", { name: "Next" }).click();
+  await assertLoaded("img[src$='/trajectories/1/figure.svg']");
+  await page.getByLabel("Index").fill("2047");
+  await page.getByRole("button", { name: "Show" }).click();
+  await assertLoaded("img[src$='/trajectories/2047/figure.svg']");
+  assert.equal(await page.getByRole("link", { name: "Next" }).count(), 0);
+  assertClean();
+});
+
+test("a dataset is verified by a button, and the page tells when it was", async () => {
+  const { dataset } = await product.get(`/v1/jobs/${member("train-set")}`);
+  await page.goto(`${product.url}/datasets/${dataset}`);
+  await page.getByRole("button", { name: "Verify" }).click();
+  const outcome = page.getByText(/Verified at .* UTC: all 2 shards agree in every byte/);
+  await outcome.waitFor({ timeout: 30_000 });
+  assertClean();
+});
+
 test("the page works without scripts", async () => {
   const context = await browser.newContext({ javaScriptEnabled: false });
   const plain = await context.newPage();
@@ -109,6 +133,15 @@ test("the page works without scripts", async () => {
   assert.match(await plain.locator("body").innerText(), /train-set/);
   await context.close();
 });
+
+/** The image that `selector` names has come and is not tiny. */
+async function assertLoaded(selector) {
+  const image = page.locator(selector);
+  await image.waitFor();
+  await image.evaluate((it) => it.decode());
+  const box = await image.boundingBox();
+  assert.ok(box.width > 200 && box.height > 100, JSON.stringify(box));
+}
 
 /** A figure is an image or inline SVG with a size on the screen. */
 async function assertFigureIsDrawn() {

@@ -2,32 +2,32 @@
 
 use serde::Serialize;
 use serde_json::Value;
-use spec::{Digest, SimulateSpec};
-use store::{DatasetId, Shard};
+use spec::{DataSpec, Digest, JobSpec};
+use store::{DatasetDescription, DatasetId, FileContent, Shard, ShardDescription};
 use utoipa::ToSchema;
 
 use crate::app::files::Download;
 use crate::app::{App, Paging, Verification};
 use crate::error::ApiError;
 
-pub use store::{DatasetState, FileContent};
+pub use store::DatasetState;
 
 const PARQUET: &str = "application/vnd.apache.parquet";
 
-/// Trajectories of simulated robots, as Parquet files.
+/// Trajectories of robots, simulated or recorded, as Parquet files.
 #[derive(Clone, Debug, Serialize, ToSchema)]
 pub struct Dataset {
     pub id: i64,
-    /// The simulation that fills it.
+    /// The simulation or import that fills it.
     pub job: i64,
     pub name: String,
-    /// Of the simulation's spec.
+    /// Of that job's spec.
     pub digest: Digest,
     #[schema(value_type = String, example = "complete")]
     pub state: DatasetState,
-    #[schema(value_type = SimulateSpec)]
+    #[schema(value_type = JobSpec)]
     pub spec: Value,
-    /// When complete.
+    /// When complete; of an import that has not ended, 0.
     pub trajectories: u64,
     /// Of each trajectory.
     pub samples: u32,
@@ -43,20 +43,31 @@ pub struct Dataset {
     pub completed_at: Option<String>,
 }
 
-/// One of the two files of a shard.
+/// A file of a dataset.
 #[derive(Clone, Debug, Serialize, ToSchema)]
 pub struct DatasetFile {
     pub name: String,
-    /// `trajectories` has a row per time step, `robots` one per trajectory.
-    #[schema(value_type = String, example = "trajectories")]
-    pub content: FileContent,
-    pub shard: u32,
-    pub rows: u64,
+    pub content: FileKind,
+    /// The shard that it belongs to; `dataset.json` describes all of them.
+    pub shard: Option<u32>,
+    /// Of a table.
+    pub rows: Option<u64>,
     /// In bytes.
     pub size: u64,
     pub sha256: Digest,
     /// Path of the download.
     pub url: String,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum FileKind {
+    /// JSON: columns with units and frames, counts, files with digests, the spec.
+    Description,
+    /// A row per time step.
+    Trajectories,
+    /// A row per trajectory.
+    Robots,
 }
 
 #[derive(Clone, Debug, Serialize, ToSchema)]
@@ -71,8 +82,10 @@ impl App {
         let row = self.store.dataset(DatasetId(id)).await?;
         let shards = self.store.shards(row.id).await?;
         let samples = row.samples;
+        let description = description(&row, &shards);
         let mut dataset = Dataset::from(row);
-        dataset.files = shards.iter().flat_map(|shard| files(shard, samples)).collect();
+        dataset.files.extend(description.map(|json| described(id, &json)));
+        dataset.files.extend(shards.iter().flat_map(|shard| files(shard, samples)));
         dataset.verification = self.verification(id).await?;
         Ok(dataset)
     }
@@ -90,13 +103,39 @@ impl App {
     pub async fn dataset_file(&self, id: i64, name: &str) -> Result<Download, ApiError> {
         let dataset = self.store.dataset(DatasetId(id)).await?;
         let shards = self.store.shards(dataset.id).await?;
+        let saved_as = format!("dataset-{id}-{name}");
+        if name == DatasetDescription::FILE_NAME
+            && let Some(json) = description(&dataset, &shards)
+        {
+            return Ok(Download::made(saved_as, "application/json", json));
+        }
         let file = shards.iter().find_map(|shard| {
             let content = FileContent::ALL.into_iter().find(|it| shard.file_name(*it) == name)?;
             Some(shard.file(content))
         });
         let file =
             file.ok_or_else(|| ApiError::not_found("file", format!("{name:?} in dataset {id}")))?;
-        Ok(Download::new(format!("dataset-{id}-{name}"), PARQUET, file))
+        Ok(Download::new(saved_as, PARQUET, file))
+    }
+}
+
+/// `dataset.json` as it is now; `None` when the spec is of another version.
+fn description(dataset: &store::Dataset, shards: &[Shard]) -> Option<Vec<u8>> {
+    let spec: JobSpec = serde_json::from_value(dataset.spec.clone()).ok()?;
+    let shards = shards.iter().map(|shard| ShardDescription::of(shard, dataset.samples)).collect();
+    Some(DatasetDescription::new(&DataSpec::of(&spec)?, dataset.digest, shards).to_json())
+}
+
+fn described(dataset: i64, json: &[u8]) -> DatasetFile {
+    let name = DatasetDescription::FILE_NAME.to_owned();
+    DatasetFile {
+        url: format!("/v1/datasets/{dataset}/files/{name}"),
+        name,
+        content: FileKind::Description,
+        shard: None,
+        rows: None,
+        size: json.len() as u64,
+        sha256: Digest::of(json),
     }
 }
 
@@ -107,16 +146,22 @@ fn files(shard: &Shard, samples: u32) -> [DatasetFile; 2] {
         DatasetFile {
             url: format!("/v1/datasets/{}/files/{name}", shard.dataset),
             name,
-            content,
-            shard: shard.ordinal,
-            rows: match content {
-                FileContent::Trajectories => shard.count * u64::from(samples),
-                FileContent::Robots => shard.count,
-            },
+            content: content.into(),
+            shard: Some(shard.ordinal),
+            rows: Some(content.rows(shard.count, samples)),
             size: object.size,
             sha256: object.sha256,
         }
     })
+}
+
+impl From<FileContent> for FileKind {
+    fn from(content: FileContent) -> Self {
+        match content {
+            FileContent::Trajectories => Self::Trajectories,
+            FileContent::Robots => Self::Robots,
+        }
+    }
 }
 
 impl From<store::Dataset> for Dataset {

@@ -1,6 +1,6 @@
 //! Files that the store holds, and how they are sent.
 
-use axum::body::Body;
+use axum::body::{Body, Bytes};
 use serde::Serialize;
 use spec::Digest;
 use store::StoredObject;
@@ -25,7 +25,16 @@ pub struct StoredFile {
 #[derive(Clone, Debug)]
 pub struct Download {
     pub info: FileInfo,
-    path: String,
+    content: Content,
+}
+
+/// Where the bytes of a file are.
+#[derive(Clone, Debug)]
+enum Content {
+    /// An object of the store, by its path.
+    Stored(String),
+    /// Here.
+    Made(Bytes),
 }
 
 impl Download {
@@ -36,7 +45,18 @@ impl Download {
             size: object.size,
             sha256: object.sha256,
         };
-        Self { info, path: object.path.clone() }
+        Self { info, content: Content::Stored(object.path.clone()) }
+    }
+
+    /// A file that is made when it is asked for.
+    pub fn made(name: String, media_type: &str, bytes: Vec<u8>) -> Self {
+        let info = FileInfo {
+            name,
+            media_type: media_type.to_owned(),
+            size: bytes.len() as u64,
+            sha256: Digest::of(&bytes),
+        };
+        Self { info, content: Content::Made(bytes.into()) }
     }
 }
 
@@ -50,7 +70,15 @@ impl App {
         if part.is_empty() {
             return Ok(Body::empty());
         }
-        let bytes = self.store.open_object(&file.path, Some(part)).await?;
-        Ok(Body::from_stream(bytes.stream))
+        match &file.content {
+            Content::Stored(path) => {
+                let bytes = self.store.open_object(path, Some(part)).await?;
+                Ok(Body::from_stream(bytes.stream))
+            }
+            Content::Made(bytes) => {
+                let position = |at: u64| usize::try_from(at).unwrap_or(usize::MAX).min(bytes.len());
+                Ok(Body::from(bytes.slice(position(part.start)..position(part.end))))
+            }
+        }
     }
 }

@@ -6,6 +6,7 @@ use spec::{Digest, JobKind, JobSpec};
 use store::{JobId, Timestamp};
 use utoipa::ToSchema;
 
+use crate::app::warnings::warnings;
 use crate::app::{App, Paging};
 use crate::error::ApiError;
 
@@ -25,6 +26,8 @@ pub struct Job {
     /// With every default filled in and every reference resolved to a digest.
     #[schema(value_type = JobSpec)]
     pub spec: Value,
+    /// What of the spec is doubtful, though it is allowed: field, value and reason.
+    pub warnings: Vec<String>,
     pub progress: Progress,
     /// Jobs that must succeed first.
     pub needs: Vec<i64>,
@@ -168,6 +171,7 @@ impl App {
             state: row.state,
             error: row.error,
             digest: row.digest,
+            warnings: warnings(&row.spec),
             spec: row.spec,
             progress: row.progress.into(),
             needs: needs.into_iter().map(|need| need.0).collect(),

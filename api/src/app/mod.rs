@@ -13,22 +13,27 @@ mod paging;
 mod references;
 mod report;
 mod runs;
+mod shards;
 mod submission;
+mod summaries;
 mod tasks;
+mod trajectories;
 mod uploads;
 mod verifications;
+mod warnings;
 
 use std::sync::Arc;
 
 use store::Store;
 use tokio::sync::Semaphore;
 
+use crate::app::shards::OpenShards;
 use crate::auth::Token;
 use crate::error::ApiError;
 use crate::limits::{CONCURRENT_UPLOADS, MAX_TRAJECTORIES, MAX_UPLOAD_BYTES};
 
 pub use checkpoints::{Checkpoint, Checkpoints};
-pub use datasets::{Dataset, DatasetFile, Datasets, FileContent};
+pub use datasets::{Dataset, DatasetFile, Datasets, FileKind};
 pub use evaluations::{CellTask, Evaluation, Evaluations};
 pub use files::{Download, StoredFile};
 pub use jobs::{Job, JobFilter, JobState, Jobs, Member, Progress, Task, TaskState, Tasks};
@@ -36,6 +41,8 @@ pub use paging::Paging;
 pub use report::{Interval, PairedDifference, PredictorKind, Report, ReportedPredictor, Rmse};
 pub use runs::{LatestMetric, Metric, Run, Runs};
 pub use submission::Reuse;
+pub use summaries::{ChannelSummary, Summary};
+pub use trajectories::{StoredTrajectory, Trajectory};
 pub use verifications::Verification;
 
 /// How the server is to behave.
@@ -52,11 +59,7 @@ pub struct Options {
 
 impl Default for Options {
     fn default() -> Self {
-        Self {
-            token: None,
-            max_trajectories: MAX_TRAJECTORIES,
-            max_upload_bytes: MAX_UPLOAD_BYTES,
-        }
+        Self { token: None, max_trajectories: MAX_TRAJECTORIES, max_upload_bytes: MAX_UPLOAD_BYTES }
     }
 }
 
@@ -64,6 +67,7 @@ impl Default for Options {
 #[derive(Clone)]
 pub struct App {
     store: Store,
+    open_shards: OpenShards,
     token: Option<Token>,
     max_trajectories: u64,
     max_upload_bytes: u64,
@@ -75,6 +79,7 @@ impl App {
     pub fn new(store: Store, options: &Options) -> Self {
         Self {
             store,
+            open_shards: OpenShards::new(),
             token: options.token.as_deref().map(Token::new),
             max_trajectories: options.max_trajectories,
             max_upload_bytes: options.max_upload_bytes,

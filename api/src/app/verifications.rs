@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 use spec::{DataSource, Execution, JobSpec, VerifySpec};
-use store::{DatasetId, DatasetState, JobState, Reuse, TaskState};
+use store::{DatasetId, DatasetState, JobId, JobState, Reuse, TaskState};
 use utoipa::ToSchema;
 
 use crate::app::jobs::text;
@@ -53,9 +53,19 @@ impl App {
 
     /// The newest verification of a dataset.
     pub async fn verification(&self, dataset: i64) -> Result<Option<Verification>, ApiError> {
-        let Some(job) = self.store.newest_verification(DatasetId(dataset)).await? else {
-            return Ok(None);
-        };
+        match self.store.newest_verification(DatasetId(dataset)).await? {
+            Some(job) => Ok(Some(self.outcome(job).await?)),
+            None => Ok(None),
+        }
+    }
+
+    /// What the verification that `job` is has found so far.
+    pub async fn verification_by(&self, job: i64) -> Result<Verification, ApiError> {
+        let job = self.store.job(JobId(job)).await?;
+        self.outcome(job).await
+    }
+
+    async fn outcome(&self, job: store::Job) -> Result<Verification, ApiError> {
         let tasks = self.store.tasks(job.id).await?;
         let verified = tasks.iter().filter(|task| task.state == TaskState::Succeeded);
         let mut verification = Verification {
@@ -71,17 +81,16 @@ impl App {
         for task in verified {
             let word = |name: &str| task.result.as_ref().and_then(|it| it.get(name)?.as_str());
             verification.shards_verified += 1;
-            match word("bytes") {
-                Some("equal") => verification.shards_identical += 1,
-                Some(bytes) if verification.remarks.len() < REMARKS => {
-                    let values = word("values").map(|it| format!(", values {it}"));
-                    let remark =
-                        format!("{}: bytes {bytes}{}", task.label, values.unwrap_or_default());
-                    verification.remarks.push(remark);
-                }
-                _ => {}
+            let bytes = word("bytes").unwrap_or("not compared");
+            if bytes.starts_with("equal") {
+                verification.shards_identical += 1;
+            }
+            if bytes != "equal" && verification.remarks.len() < REMARKS {
+                let values = word("values").map(|it| format!(", values {it}"));
+                let remark = format!("{}: bytes {bytes}{}", task.label, values.unwrap_or_default());
+                verification.remarks.push(remark);
             }
         }
-        Ok(Some(verification))
+        Ok(verification)
     }
 }

@@ -1,15 +1,26 @@
-//! A dataset: its files, and how to read them.
+//! A dataset: what it holds, single trajectories, its files, and how to read them.
 
 use askama::Template;
 use axum::extract::State;
 use axum::http::HeaderMap;
-use axum::response::Response;
+use axum::response::{IntoResponse, Redirect, Response};
+use serde::Deserialize;
+use spec::JobKind;
 
-use crate::app::{App, Dataset, DatasetFile, FileContent, JobState};
-use crate::extract::Path;
+use crate::app::{App, Dataset, DatasetFile, FileKind, Job, JobState};
+use crate::extract::{Path, Query};
+use crate::page::channels::ChannelRow;
 use crate::page::parts::{Commands, Fact, FileRow, when};
 use crate::page::spec_text::spec_text;
+use crate::page::verification::Checked;
+use crate::page::viewer::Viewer;
 use crate::page::{InPage, PageError, html, text};
+
+#[derive(Deserialize)]
+pub struct View {
+    /// Shown in the viewer; the first one when left out.
+    trajectory: Option<u64>,
+}
 
 #[derive(Template)]
 #[template(path = "dataset.html")]
@@ -22,57 +33,109 @@ struct DatasetPage {
     settled: bool,
     digest: String,
     short_digest: String,
+    warnings: Vec<String>,
     facts: Vec<Fact>,
+    /// Whether it can be verified.
+    complete: bool,
+    checked: Checked,
+    channels: Vec<ChannelRow>,
+    has_spectra: bool,
+    /// What the channels do not tell of, in words.
+    left_out: String,
+    viewer: Option<Viewer>,
     files: Vec<FileRow>,
+    files_left_out: usize,
     snippet: Option<String>,
     spec: String,
 }
 
+/// Files shown; the rest is one link away.
+const FILES: usize = 101;
+
 pub async fn show(
     State(app): State<App>,
     InPage(Path(id)): InPage<Path<i64>>,
+    InPage(Query(view)): InPage<Query<View>>,
     headers: HeaderMap,
 ) -> Result<Response, PageError> {
     let dataset = app.dataset(id).await?;
     let job = app.job(dataset.job).await?;
+    let summary = app.summary(id).await?;
+    let checked = Checked::new(dataset.verification.as_ref());
     let page = DatasetPage {
         id,
         job: job.id,
         job_name: job.name.clone(),
         state: job.state,
         when: when(&job),
-        settled: job.state.is_final(),
+        settled: job.state.is_final() && checked.settled,
         digest: dataset.digest.to_string(),
         short_digest: dataset.digest.short(),
-        facts: facts(&dataset),
-        files: dataset.files.iter().map(FileRow::of_dataset).collect(),
+        warnings: job.warnings.clone(),
+        facts: facts(&dataset, &job, summary.trajectories),
+        complete: dataset.completed_at.is_some(),
+        checked,
+        channels: summary.channels.iter().map(ChannelRow::from).collect(),
+        has_spectra: summary.spectra.iter().any(|spectrum| spectrum.density.len() > 1),
+        left_out: match summary.trajectories - summary.summarized.min(summary.trajectories) {
+            0 => String::new(),
+            left_out => format!("{} trajectories are not among them", text::count(left_out)),
+        },
+        viewer: Viewer::new(&app, &dataset, &summary, view.trajectory).await?,
+        files: dataset.files.iter().take(FILES).map(FileRow::of_dataset).collect(),
+        files_left_out: dataset.files.len().saturating_sub(FILES),
         snippet: snippet(&Commands::new(&app, &headers), &dataset),
         spec: spec_text(&job.spec),
     };
     Ok(html(&page)?)
 }
 
-fn facts(dataset: &Dataset) -> Vec<Fact> {
-    let shards = dataset.files.iter().filter(|file| file.content == FileContent::Trajectories);
-    vec![
-        Fact::new("Trajectories", text::count(dataset.trajectories), "one robot each"),
-        Fact::new("Samples", text::count(dataset.samples.into()), "per trajectory"),
+/// Queues a verification and leads back to where its outcome will be.
+pub async fn verify(
+    State(app): State<App>,
+    InPage(Path(id)): InPage<Path<i64>>,
+) -> Result<Response, PageError> {
+    app.verify(id).await?;
+    Ok(Redirect::to(&format!("/datasets/{id}#verification")).into_response())
+}
+
+fn facts(dataset: &Dataset, job: &Job, trajectories: u64) -> Vec<Fact> {
+    let shards = dataset.files.iter().filter(|file| file.content == FileKind::Trajectories);
+    let recorded = job.kind == JobKind::Import;
+    let rate = dataset.spec["rate_hz"].as_f64().unwrap_or(f64::NAN);
+    let seconds = f64::from(dataset.samples) / rate;
+    let of_all = match dataset.trajectories {
+        0 => String::new(),
+        all if all == trajectories => {
+            (if recorded { "cut from recordings" } else { "one robot each" }).to_owned()
+        }
+        all => format!("of {}", text::count(all)),
+    };
+    let length = format!("at {} Hz: {} s each", text::value(rate), text::value(seconds));
+    let mut facts = vec![
+        Fact::new("Trajectories", text::count(trajectories), of_all),
+        Fact::new("Samples", text::count(dataset.samples.into()), length),
         Fact::new("Shards", text::count(shards.count() as u64), "finished"),
         Fact::new("Size", text::size(dataset.bytes), "Parquet, zstd"),
-        Fact::new("Drawn again", text::count(dataset.rejected), "trajectories at joint limits"),
-    ]
+    ];
+    if !recorded {
+        let rejected = text::count(dataset.rejected);
+        facts.push(Fact::new("Drawn again", rejected, "trajectories at joint limits"));
+    }
+    facts
 }
 
 impl FileRow {
     fn of_dataset(file: &DatasetFile) -> Self {
-        let what = match file.content {
-            FileContent::Trajectories => "samples",
-            FileContent::Robots => "robots",
-        };
+        let rows = text::count(file.rows.unwrap_or(0));
         Self {
             url: file.url.clone(),
             name: file.name.clone(),
-            contents: format!("{} {what}", text::count(file.rows)),
+            contents: match file.content {
+                FileKind::Description => "columns, units, counts, digests, spec".to_owned(),
+                FileKind::Trajectories => format!("{rows} samples"),
+                FileKind::Robots => format!("{rows} trajectories: what made each"),
+            },
             size: text::size(file.size),
             sha256: file.sha256.to_string(),
         }
@@ -81,8 +144,8 @@ impl FileRow {
 
 /// Lines that work as printed once the first shard exists, in a shell and then in Python.
 fn snippet(commands: &Commands, dataset: &Dataset) -> Option<String> {
-    let of = |content: FileContent| dataset.files.iter().find(|file| file.content == content);
-    let (samples, robots) = (of(FileContent::Trajectories)?, of(FileContent::Robots)?);
+    let of = |content: FileKind| dataset.files.iter().find(|file| file.content == content);
+    let (samples, robots) = (of(FileKind::Trajectories)?, of(FileKind::Robots)?);
     Some(format!(
         "{}\n{}\n\n\
          import polars as pl\n\n\

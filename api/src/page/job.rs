@@ -28,6 +28,9 @@ struct JobPage {
     settled: bool,
     can_cancel: bool,
     error: String,
+    warnings: Vec<String>,
+    /// What came of it, in words.
+    outcome: String,
     digest: String,
     short_digest: String,
     progress: Option<Bar>,
@@ -56,6 +59,10 @@ pub async fn show(
     let job = app.job(id).await?;
     let rows = Row::of_members(&app, &job).await?;
     let tasks = app.tasks(id).await?;
+    let outcome = match job.kind {
+        JobKind::Pipeline => String::new(),
+        _ => Row::of_job(&app, &job).await?.metric,
+    };
     let page = JobPage {
         id,
         name: job.name.clone(),
@@ -65,6 +72,8 @@ pub async fn show(
         settled: job.state.is_final(),
         can_cancel: !job.state.is_final(),
         error: job.error.clone().unwrap_or_default(),
+        warnings: job.warnings.clone(),
+        outcome,
         digest: job.digest.to_string(),
         short_digest: job.digest.short(),
         progress: Bar::of(job.state, &job.progress),

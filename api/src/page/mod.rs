@@ -1,6 +1,7 @@
 //! The page: HTML that works without scripts, from the same data that the API answers with.
 
 mod assets;
+mod channels;
 mod checkpoint;
 mod dataset;
 mod evaluation;
@@ -12,6 +13,8 @@ mod rows;
 mod run;
 mod spec_text;
 mod text;
+mod verification;
+mod viewer;
 
 use askama::Template;
 use axum::Router;
@@ -34,6 +37,7 @@ pub fn routes() -> Router<App> {
         .route("/runs/{id}", get(run::show))
         .route("/evaluations/{id}", get(evaluation::show))
         .route("/datasets/{id}", get(dataset::show))
+        .route("/datasets/{id}/verify", post(dataset::verify))
         .route("/checkpoints/{id}", get(checkpoint::show))
         .route("/static/{name}", get(assets::show))
 }

@@ -76,10 +76,10 @@ pub struct FileRow {
 
 /// When a job was submitted and how long it took.
 pub fn when(job: &Job) -> String {
-    let submitted = job.created_at.split('.').next().unwrap_or("").replace('T', " ");
+    let submitted = text::instant(&job.created_at);
     match job.duration_seconds {
-        Some(seconds) => format!("{submitted} UTC · took {}", text::duration(seconds)),
-        None => format!("{submitted} UTC"),
+        Some(seconds) => format!("{submitted} · took {}", text::duration(seconds)),
+        None => submitted,
     }
 }
 

@@ -7,6 +7,7 @@ use crate::error::ApiError;
 use crate::page::parts::{Bar, Link};
 use crate::page::report::headline;
 use crate::page::text;
+use crate::page::verification::outcome;
 
 /// One job among others.
 pub struct Row {
@@ -62,7 +63,10 @@ impl Row {
 pub fn results(job: &Job) -> Vec<Link> {
     let has_begun = job.started_at.is_some();
     let dataset = job.dataset.filter(|_| has_begun);
-    let dataset = dataset.map(|id| Link::new(format!("/datasets/{id}"), "files"));
+    let dataset = dataset.map(|id| Link::new(format!("/datasets/{id}"), "dataset"));
+    let verified = job
+        .verifies
+        .map(|id| Link::new(format!("/datasets/{id}#verification"), format!("dataset {id}")));
     let figure = match (job.kind, job.run.filter(|_| has_begun)) {
         (JobKind::Train, Some(run)) => Some(Link::new(format!("/runs/{run}"), "loss curve")),
         (JobKind::Evaluate, Some(_)) => {
@@ -72,16 +76,21 @@ pub fn results(job: &Job) -> Vec<Link> {
     };
     let last = job.checkpoints.last();
     let checkpoint = last.map(|id| Link::new(format!("/checkpoints/{id}"), "checkpoint"));
-    dataset.into_iter().chain(figure).chain(checkpoint).collect()
+    dataset.into_iter().chain(verified).chain(figure).chain(checkpoint).collect()
 }
 
 /// The numbers that say how a job went.
 async fn key_metric(app: &App, job: &Job) -> Result<String, ApiError> {
     match (job.kind, job.dataset) {
-        (JobKind::Simulate, Some(dataset)) if job.state == JobState::Succeeded => {
+        (JobKind::Simulate | JobKind::Import, Some(dataset))
+            if job.state == JobState::Succeeded =>
+        {
             let dataset = app.dataset_without_files(dataset).await?;
             let trajectories = text::count(dataset.trajectories);
             Ok(format!("{trajectories} trajectories, {}", text::size(dataset.bytes)))
+        }
+        (JobKind::Verify, _) if job.state == JobState::Succeeded => {
+            Ok(outcome(&app.verification_by(job.id).await?))
         }
         (JobKind::Train, _) => {
             let latest = app.latest_metric_of_job(job.id, "validation/rmse_deg").await?;

@@ -80,6 +80,17 @@ pub fn value(x: f64) -> String {
     digits.trim_end_matches('0').trim_end_matches('.').to_owned()
 }
 
+/// As [`value`], with a minus that is as wide as a digit.
+pub fn signed(x: f64) -> String {
+    value(x).replace('-', "\u{2212}")
+}
+
+/// An RFC 3339 time to the second.
+pub fn instant(time: &str) -> String {
+    let seconds = time.split('.').next().unwrap_or("").trim_end_matches('Z');
+    format!("{} UTC", seconds.replace('T', " "))
+}
+
 /// An angle in degrees; a hundredth of a degree is less than any interval reported here.
 pub fn degrees(x: f64) -> String {
     format!("{x:.2}")
@@ -131,6 +142,12 @@ mod tests {
         for (seconds, text) in cases {
             assert_eq!(duration(seconds), text);
         }
+    }
+
+    #[test]
+    fn an_instant_is_told_to_the_second() {
+        assert_eq!(instant("2026-11-21T11:10:34.123Z"), "2026-11-21 11:10:34 UTC");
+        assert_eq!(instant("2026-11-21T11:10:34Z"), "2026-11-21 11:10:34 UTC");
     }
 
     #[test]

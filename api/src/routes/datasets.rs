@@ -38,7 +38,7 @@ pub async fn show(State(app): State<App>, Path(id): Path<i64>) -> Result<Json<Da
     Ok(Json(app.dataset(id).await?))
 }
 
-/// A Parquet file: the samples or the robots of a shard.
+/// A Parquet file, the samples or the robots of a shard; or `dataset.json`, which explains them.
 #[utoipa::path(
     get,
     path = "/v1/datasets/{id}/files/{name}",

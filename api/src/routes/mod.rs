@@ -8,6 +8,7 @@ mod jobs;
 mod openapi;
 mod presets;
 mod runs;
+mod trajectories;
 mod uploads;
 
 use axum::body::Body;
@@ -83,6 +84,12 @@ fn operations() -> OpenApiRouter<App> {
         .routes(routes!(datasets::show))
         .routes(routes!(datasets::file))
         .routes(routes!(datasets::verify))
+        .routes(routes!(trajectories::show))
+        .routes(routes!(trajectories::figure))
+        .routes(routes!(trajectories::figure_data))
+        .routes(routes!(trajectories::summary))
+        .routes(routes!(trajectories::spectrum))
+        .routes(routes!(trajectories::spectrum_data))
         .routes(routes!(runs::list))
         .routes(routes!(runs::show))
         .routes(routes!(runs::metric))

@@ -24,7 +24,7 @@ fn the_committed_document_is_the_generated_one() {
 }
 
 /// Every operation, with a request that it answers with success.
-const OPERATIONS: [(&str, &str, &str); 22] = [
+const OPERATIONS: [(&str, &str, &str); 28] = [
     ("get", "/healthz", "/healthz"),
     ("get", "/v1/presets", "/v1/presets"),
     ("post", "/v1/jobs", "/v1/jobs"),
@@ -36,6 +36,20 @@ const OPERATIONS: [(&str, &str, &str); 22] = [
     ("get", "/v1/datasets/{id}", "/v1/datasets/1"),
     ("get", "/v1/datasets/{id}/files/{name}", "/v1/datasets/1/files/robots-00000.parquet"),
     ("post", "/v1/datasets/{id}/verify", "/v1/datasets/1/verify"),
+    ("get", "/v1/datasets/{id}/summary", "/v1/datasets/1/summary"),
+    ("get", "/v1/datasets/{id}/spectrum.svg", "/v1/datasets/1/spectrum.svg"),
+    ("get", "/v1/datasets/{id}/spectrum.csv", "/v1/datasets/1/spectrum.csv"),
+    ("get", "/v1/datasets/{id}/trajectories/{index}", "/v1/datasets/1/trajectories/19"),
+    (
+        "get",
+        "/v1/datasets/{id}/trajectories/{index}/figure.svg",
+        "/v1/datasets/1/trajectories/0/figure.svg",
+    ),
+    (
+        "get",
+        "/v1/datasets/{id}/trajectories/{index}/figure.csv",
+        "/v1/datasets/1/trajectories/0/figure.csv",
+    ),
     ("get", "/v1/runs", "/v1/runs"),
     ("get", "/v1/runs/{id}", "/v1/runs/1"),
     ("get", "/v1/runs/{id}/metrics/{key}", "/v1/runs/1/metrics/train%2Floss"),

@@ -3,6 +3,7 @@
 use axum::http::Method;
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD as BASE64;
+use serde_json::json;
 use spec::Digest;
 
 use crate::fixture::{Server, bytes_of, small_pipeline};
@@ -30,7 +31,7 @@ async fn every_file_that_is_listed_downloads_with_the_digest_that_is_stated() {
             server.json(&format!("/v1/runs/{id}")).await["artifacts"].as_array().unwrap().clone(),
         );
     }
-    assert_eq!(files.len(), 6 + 2 + 3);
+    assert_eq!(files.len(), 6 + 2 + 2 + 3);
     for file in files {
         let answer = server.get(file["url"].as_str().unwrap()).await;
         assert_eq!(answer.status, 200, "{file}");
@@ -43,6 +44,35 @@ async fn every_file_that_is_listed_downloads_with_the_digest_that_is_stated() {
         assert_eq!(answer.header("repr-digest"), repr);
         assert!(answer.header("content-disposition").contains(file["name"].as_str().unwrap()));
     }
+}
+
+#[tokio::test]
+async fn the_description_of_a_dataset_names_its_columns_and_the_digests_of_its_files() {
+    let server = finished().await;
+    let answer = server.get("/v1/datasets/1/files/dataset.json").await;
+    assert_eq!(answer.header("content-type"), "application/json");
+    let description = answer.json();
+    let dataset = server.json("/v1/datasets/1").await;
+    assert_eq!(description["digest"], dataset["digest"]);
+    assert_eq!((&description["complete"], &description["samples"]), (&json!(true), &json!(400)));
+    let column = &description["columns"]["trajectories"][2];
+    assert_eq!((&column["name"], &column["unit"]), (&json!("u1"), &json!("N·m")));
+    let described: Vec<_> = description["shards"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .flat_map(|shard| shard["files"].as_array().unwrap())
+        .map(|file| (&file["name"], &file["sha256"]))
+        .collect();
+    let listed: Vec<_> = dataset["files"].as_array().unwrap()[1..]
+        .iter()
+        .map(|file| (&file["name"], &file["sha256"]))
+        .collect();
+    assert_eq!(described, listed);
+
+    let path = "/v1/datasets/1/files/dataset.json";
+    let part = server.request(Method::GET, path, &[("range", "bytes=10-19")]).await;
+    assert_eq!((part.status.as_u16(), &part.body[..]), (206, &answer.body[10..20]));
 }
 
 #[tokio::test]

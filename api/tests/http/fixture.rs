@@ -10,7 +10,7 @@ use axum::http::{HeaderMap, Method, Request, StatusCode};
 use bytes::Bytes;
 use http_body_util::BodyExt;
 use serde_json::{Value, json};
-use spec::JobKind;
+use spec::{DataSpec, JobKind, JobSpec};
 use store::{
     Access, CheckpointFile, ClaimedTask, FileContent, Metric, NewArtifact, NewCheckpoint, NewShard,
     Retry, Store, object_path,
@@ -18,10 +18,12 @@ use store::{
 use tempfile::TempDir;
 use tower::ServiceExt;
 
+use crate::tables;
+
 pub struct Server {
     pub store: Store,
     router: Router,
-    _dir: TempDir,
+    dir: TempDir,
 }
 
 /// An answer, read to its end.
@@ -68,7 +70,12 @@ impl Server {
         let dir = tempfile::tempdir().unwrap();
         let store = Store::open(dir.path(), Access::Server).await.unwrap();
         let router = api::router(App::new(store.clone(), options));
-        Self { store, router, _dir: dir }
+        Self { store, router, dir }
+    }
+
+    /// The file that a stored object is.
+    pub fn object(&self, path: &str) -> std::path::PathBuf {
+        self.dir.path().join("objects").join(path)
     }
 
     pub async fn send(&self, request: Request<Body>) -> Answer {
@@ -160,18 +167,19 @@ impl Server {
     }
 
     async fn commit_shard(&self, task: &ClaimedTask) {
-        let file = async |content: FileContent| {
-            let path = object_path::shard(task.job, task.ordinal, task.fence.epoch, content);
-            self.store.put_object(&path, bytes_of(1000, content as u8)).await.unwrap()
-        };
+        let spec: JobSpec = serde_json::from_value(task.spec.clone()).unwrap();
+        let data = DataSpec::of(&spec).unwrap();
+        let first = data.simulation().unwrap().shard(task.ordinal.into()).start;
+        let file = |content| tables::write(&self.store, task, &data, first, content);
         let shard = NewShard {
-            first: u64::from(task.ordinal) * task.total,
+            first,
             count: task.total,
             rejected: 3,
             trajectories: file(FileContent::Trajectories).await,
             robots: file(FileContent::Robots).await,
         };
-        self.store.commit_shard(task.fence, &shard, None).await.unwrap();
+        let summary = tables::summary(&data, shard.count, shard.rejected).to_result();
+        self.store.commit_shard(task.fence, &shard, Some(&summary)).await.unwrap();
     }
 
     async fn finish_training(&self, task: &ClaimedTask) {

@@ -154,13 +154,19 @@ fn no_path_query_or_header_is_a_fault_of_the_server() {
         Just("figures".to_owned()),
         Just("1".to_owned()),
         Just("tasks".to_owned()),
+        Just("trajectories".to_owned()),
+        Just("figure.svg".to_owned()),
+        Just("figure.csv".to_owned()),
+        Just("summary".to_owned()),
+        Just("spectrum.svg".to_owned()),
+        Just("dataset.json".to_owned()),
         any::<i64>().prop_map(|id| id.to_string()),
         "[ -~]{0,6}",
         "(%[0-9a-fA-F]{2}){1,3}",
     ];
     let query = prop_oneof![
         Just(String::new()),
-        "\\?(limit|before|points|state|kind|force)=[-0-9a-z%]{0,8}",
+        "\\?(limit|before|points|state|kind|force|format|trajectory)=[-0-9a-z%]{0,8}",
         "\\?[ -~]{0,12}",
     ];
     let path = (proptest::collection::vec(segment, 1..6), query)
@@ -177,4 +183,38 @@ fn no_path_query_or_header_is_a_fault_of_the_server() {
             .filter(|request| request.uri().path() != "*")
     });
     check(requests, 1500);
+}
+
+/// As above, close to paths that exist.
+#[test]
+fn no_look_into_a_dataset_is_a_fault_of_the_server() {
+    let number = prop_oneof![
+        (0u64..25).prop_map(|it| it.to_string()),
+        any::<u64>().prop_map(|it| it.to_string()),
+        any::<i64>().prop_map(|it| it.to_string()),
+        "[-+0-9a-fx.%]{0,5}",
+    ];
+    let tail = prop_oneof![
+        Just("/figure.svg"),
+        Just("/figure.csv"),
+        Just("?format=arrow"),
+        Just("?format=json"),
+        Just("?format="),
+        Just("/"),
+        Just(""),
+    ];
+    let path = (0u32..4, number, tail, any::<bool>()).prop_map(|(id, number, tail, page)| {
+        if page {
+            format!("/datasets/{id}?trajectory={number}")
+        } else {
+            format!("/v1/datasets/{id}/trajectories/{number}{tail}")
+        }
+    });
+    let accept =
+        prop_oneof![Just("application/vnd.apache.arrow.stream".to_owned()), "[ -~]{0,16}",];
+    let requests = (path, accept).prop_map(|(path, accept)| {
+        let request = Request::get(path).header(HOST, "localhost").header("accept", accept);
+        request.body(Body::empty()).ok()
+    });
+    check(requests, 400);
 }

@@ -13,4 +13,6 @@ mod references;
 mod resources;
 mod serving;
 mod submission;
+mod tables;
+mod trajectories;
 mod verification;

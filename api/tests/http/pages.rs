@@ -70,6 +70,9 @@ async fn every_page_of_a_finished_experiment_is_there() {
     }
     let dataset = page(&server, "/datasets/1").await;
     assert!(dataset.contains("pl.read_parquet") && dataset.contains("robots-00000.parquet"));
+    for text in ["dataset.json", "position of joint 7", "spectrum.svg", "Not verified yet"] {
+        assert!(dataset.contains(text), "{text} is not in {dataset}");
+    }
     let checkpoint = page(&server, "/checkpoints/1").await;
     assert!(checkpoint.contains("load_file") && checkpoint.contains("model.safetensors"));
 }
@@ -97,6 +100,62 @@ async fn every_link_of_every_page_leads_somewhere() {
         }
     }
     assert!(seen.len() > 30, "{seen:?}");
+}
+
+#[tokio::test]
+async fn trajectories_are_turned_over_by_links_that_end_at_the_ends() {
+    let server = Server::start().await;
+    server.submitted(&small_simulation(1)).await;
+    assert!(!page(&server, "/datasets/1").await.contains("trajectories/0/figure.svg"));
+    server.work().await;
+    let links = async |path: &str| {
+        let page = page(&server, path).await;
+        let link = |rel: &str| {
+            let (_, rest) = page.split_once(&format!("rel=\"{rel}\" href=\""))?;
+            Some(rest.split('"').next().unwrap().to_owned())
+        };
+        (link("prev"), link("next"))
+    };
+    let to = |index: u64| Some(format!("/datasets/1?trajectory={index}#trajectory"));
+    assert_eq!(links("/datasets/1").await, (None, to(1)));
+    assert_eq!(links("/datasets/1?trajectory=5").await, (to(4), to(6)));
+    assert_eq!(links("/datasets/1?trajectory=9").await, (to(8), None));
+    let beyond = page(&server, "/datasets/1?trajectory=10").await;
+    assert!(beyond.contains("There is no trajectory 10 in dataset 1: there are 0 to 9"));
+    assert_eq!(server.get("/datasets/1?trajectory=x").await.status, 400);
+}
+
+#[tokio::test]
+async fn the_button_verifies_and_the_page_tells_the_outcome() {
+    let server = Server::start().await;
+    server.submitted(&small_simulation(1)).await;
+    assert!(!page(&server, "/datasets/1").await.contains("/datasets/1/verify"));
+    assert_eq!(server.post("/datasets/1/verify").await.status, 409);
+    server.work().await;
+    let answer = server.post("/datasets/1/verify").await;
+    let outcome = "/datasets/1#verification";
+    assert_eq!((answer.status.as_u16(), answer.header("location")), (303, outcome));
+    let task = server.claim().await.unwrap();
+    let result = json!({"shard": 0, "bytes": "equal"});
+    server.store.complete(task.fence, Some(&result)).await.unwrap();
+    for path in ["/datasets/1", "/", &format!("/jobs/{}", task.job)] {
+        let page = page(&server, path).await;
+        assert!(page.contains("the one shard agrees in every byte"), "{path}: {page}");
+    }
+    assert!(page(&server, "/").await.contains(outcome));
+}
+
+#[tokio::test]
+async fn what_is_doubtful_in_a_spec_is_told_with_the_job() {
+    let server = Server::start().await;
+    let mut spec = small_simulation(1);
+    spec["robot"] = json!({"damping_nm_s_rad": vec![0.5; 7]});
+    let job = server.submitted(&spec).await;
+    let warning = job["warnings"][0].as_str().unwrap();
+    assert!(warning.starts_with("robot.damping_nm_s_rad is "), "{warning}");
+    let page = page(&server, &format!("/jobs/{}", job["id"])).await;
+    assert!(page.contains("class=\"warning aside\">robot.damping_nm_s_rad is "), "{page}");
+    assert_eq!(server.submitted(&small_simulation(2)).await["warnings"], json!([]));
 }
 
 #[tokio::test]

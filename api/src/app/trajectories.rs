@@ -1,0 +1,261 @@
+//! Single trajectories of a dataset.
+
+use std::collections::{BTreeMap, HashMap};
+use std::sync::Arc;
+
+use arrow::array::{Array, AsArray, RecordBatch};
+use arrow::datatypes::{
+    DataType, Field, Float32Type, Float64Type, Int32Type, Int64Type, Schema, UInt64Type,
+};
+use arrow::error::ArrowError;
+use arrow::ipc::writer::StreamWriter;
+use serde::Serialize;
+use serde_json::{Map, Value};
+use spec::{Column, DataSpec, JobSpec};
+use store::{DatasetId, DatasetState, STEP, Shard, StoreError, TRAJECTORY, TableReader};
+use utoipa::ToSchema;
+
+use crate::app::App;
+use crate::error::ApiError;
+
+/// One trajectory: its robot, and its channels over time.
+#[derive(Clone, Debug, Serialize, ToSchema)]
+pub struct Trajectory {
+    pub dataset: i64,
+    /// Its index in the dataset.
+    pub trajectory: u64,
+    /// The shard that holds it.
+    pub shard: u32,
+    pub rate_hz: f64,
+    pub samples: u64,
+    /// Of each sample, from the first one on.
+    pub time_s: Vec<f64>,
+    /// A value per sample: `u1` to `u7`, `q1` to `q7` and what else was recorded. A value that is
+    /// not a number is `null`.
+    #[schema(value_type = BTreeMap<String, Vec<f64>>)]
+    pub columns: BTreeMap<String, Vec<f32>>,
+    /// Of the columns; those that are not listed have none.
+    pub units: BTreeMap<String, String>,
+    /// Its row of the other table. Of a simulation: all that made it, by the columns that
+    /// `dataset.json` explains. Of an import: where in the file it comes from.
+    pub robot: Map<String, Value>,
+}
+
+/// A trajectory as it lies in its dataset.
+#[derive(Clone, Debug)]
+pub struct StoredTrajectory {
+    pub dataset: i64,
+    pub index: u64,
+    pub shard: u32,
+    pub rate_hz: f64,
+    /// A row per sample, with the columns that the spec asks for.
+    samples: RecordBatch,
+    /// What those columns are.
+    columns: Vec<Column>,
+    pub robot: Map<String, Value>,
+}
+
+/// A series of a trajectory.
+pub struct Channel<'a> {
+    pub column: &'a Column,
+    pub values: &'a [f32],
+}
+
+/// Where a trajectory lies.
+struct Place {
+    shard: Shard,
+    spec: DataSpec,
+}
+
+impl App {
+    /// # Errors
+    /// When there is no such trajectory, or its shard cannot be read.
+    pub async fn trajectory(&self, dataset: i64, index: u64) -> Result<StoredTrajectory, ApiError> {
+        let Place { shard, spec } = self.place(dataset, index).await?;
+        let columns = spec.trajectory_columns();
+        let names: Vec<String> = columns.iter().map(|column| column.name.clone()).collect();
+        let first = shard.first;
+        let read = self.open_shards.read(&self.store, &shard, move |open| {
+            let names: Vec<&str> = names.iter().map(String::as_str).collect();
+            let samples = open.trajectories.read_trajectories(index..index + 1, &names)?;
+            Ok((samples, robot(&open.robots, index - first)?))
+        });
+        let (samples, robot) = read.await?;
+        Ok(StoredTrajectory {
+            dataset,
+            index,
+            shard: shard.ordinal,
+            rate_hz: spec.rate_hz(),
+            samples,
+            columns,
+            robot,
+        })
+    }
+
+    /// The row of a trajectory in the table beside the samples.
+    ///
+    /// # Errors
+    /// When there is no such trajectory, or its shard cannot be read.
+    pub async fn robot(&self, dataset: i64, index: u64) -> Result<Map<String, Value>, ApiError> {
+        let Place { shard, .. } = self.place(dataset, index).await?;
+        let row = index - shard.first;
+        self.open_shards.read(&self.store, &shard, move |open| robot(&open.robots, row)).await
+    }
+
+    async fn place(&self, dataset: i64, index: u64) -> Result<Place, ApiError> {
+        let row = self.store.dataset(DatasetId(dataset)).await?;
+        let shards = self.store.shards(row.id).await?;
+        let holds = |shard: &&Shard| (shard.first..shard.first + shard.count).contains(&index);
+        let Some(shard) = shards.iter().find(holds).cloned() else {
+            let there = there_are(row.state, row.trajectories, &shards);
+            let id = format!("{index} in dataset {dataset}: {there}");
+            return Err(ApiError::not_found("trajectory", id));
+        };
+        let spec = serde_json::from_value::<JobSpec>(row.spec).ok();
+        let spec = spec.as_ref().and_then(DataSpec::of).ok_or_else(|| {
+            let reason = "its spec is of another version of torqued".to_owned();
+            ApiError::ShardUnreadable { dataset, shard: shard.ordinal, reason }
+        })?;
+        Ok(Place { shard, spec })
+    }
+}
+
+/// Which trajectories there are, in words.
+fn there_are(state: DatasetState, trajectories: u64, shards: &[Shard]) -> String {
+    match (state, shards) {
+        (DatasetState::Complete, _) => format!("there are 0 to {}", trajectories.saturating_sub(1)),
+        (DatasetState::Building, []) => "no shard is finished yet".to_owned(),
+        (DatasetState::Building, shards) => {
+            let ranges: Vec<String> = shards
+                .chunk_by(|a, b| a.first + a.count == b.first)
+                .map(|run| {
+                    let last = &run[run.len() - 1];
+                    format!("{} to {}", run[0].first, last.first + last.count - 1)
+                })
+                .collect();
+            format!("the shards that are finished hold {}", ranges.join(", "))
+        }
+    }
+}
+
+/// A row of the table of robots.
+fn robot(table: &TableReader, row: u64) -> Result<Map<String, Value>, StoreError> {
+    let mut before = 0;
+    for (group, rows) in table.row_groups().enumerate() {
+        if row < before + rows {
+            let batch = table.read_row_group(group, &table.columns())?;
+            let row = usize::try_from(row - before).unwrap_or(usize::MAX);
+            return Ok(row_of(&batch, row));
+        }
+        before += rows;
+    }
+    Ok(Map::new())
+}
+
+fn row_of(batch: &RecordBatch, row: usize) -> Map<String, Value> {
+    let schema = batch.schema();
+    let cells = schema.fields().iter().zip(batch.columns());
+    cells.map(|(field, values)| (field.name().clone(), cell(values, row))).collect()
+}
+
+/// Null where there is no value, and where it is no number.
+fn cell(values: &dyn Array, row: usize) -> Value {
+    if row >= values.len() || values.is_null(row) {
+        return Value::Null;
+    }
+    match values.data_type() {
+        DataType::Boolean => values.as_boolean().value(row).into(),
+        DataType::Int32 => values.as_primitive::<Int32Type>().value(row).into(),
+        DataType::Int64 => values.as_primitive::<Int64Type>().value(row).into(),
+        DataType::UInt64 => values.as_primitive::<UInt64Type>().value(row).into(),
+        DataType::Float32 => values.as_primitive::<Float32Type>().value(row).into(),
+        DataType::Float64 => values.as_primitive::<Float64Type>().value(row).into(),
+        DataType::Utf8 => values.as_string::<i32>().value(row).into(),
+        _ => Value::Null,
+    }
+}
+
+impl StoredTrajectory {
+    /// The series, without the two columns that number rows.
+    pub fn channels(&self) -> impl Iterator<Item = Channel<'_>> {
+        let columns = self.columns.iter().zip(self.samples.columns());
+        columns.filter_map(|(column, values)| {
+            let values = values.as_primitive_opt::<Float32Type>()?;
+            let is_number = [TRAJECTORY, STEP].contains(&column.name.as_str());
+            (!is_number).then(|| Channel { column, values: values.values() })
+        })
+    }
+
+    /// Of each sample, in s.
+    pub fn times(&self) -> impl Iterator<Item = f64> {
+        (0u32..).map(|step| f64::from(step) / self.rate_hz).take(self.samples.num_rows())
+    }
+
+    pub fn to_resource(&self) -> Trajectory {
+        let units = self.channels().filter_map(|channel| {
+            Some((channel.column.name.clone(), channel.column.unit.clone()?))
+        });
+        let columns =
+            self.channels().map(|it| (it.column.name.clone(), it.values.to_vec())).collect();
+        Trajectory {
+            dataset: self.dataset,
+            trajectory: self.index,
+            shard: self.shard,
+            rate_hz: self.rate_hz,
+            samples: self.samples.num_rows() as u64,
+            time_s: self.times().collect(),
+            columns,
+            units: units.collect(),
+            robot: self.robot.clone(),
+        }
+    }
+
+    /// An Arrow IPC stream of the samples. Fields tell their unit; the schema tells dataset,
+    /// trajectory, rate and robot.
+    ///
+    /// # Errors
+    /// When arrow cannot write what it has read.
+    pub fn to_arrow(&self) -> Result<Vec<u8>, ArrowError> {
+        let fields: Vec<Field> = self
+            .samples
+            .schema_ref()
+            .fields()
+            .iter()
+            .zip(&self.columns)
+            .map(|(field, column)| {
+                let unit = column.unit.clone().map(|unit| ("unit".to_owned(), unit));
+                field.as_ref().clone().with_metadata(unit.into_iter().collect::<HashMap<_, _>>())
+            })
+            .collect();
+        let metadata = [
+            ("torqued.dataset", self.dataset.to_string()),
+            ("torqued.trajectory", self.index.to_string()),
+            ("torqued.rate_hz", self.rate_hz.to_string()),
+            ("torqued.robot", Value::from(self.robot.clone()).to_string()),
+        ];
+        let metadata = HashMap::from(metadata.map(|(key, value)| (key.to_owned(), value)));
+        let schema = Arc::new(Schema::new_with_metadata(fields, metadata));
+        let samples = self.samples.clone().with_schema(Arc::clone(&schema))?;
+        let mut writer = StreamWriter::try_new(Vec::new(), &schema)?;
+        writer.write(&samples)?;
+        writer.into_inner()
+    }
+
+    /// A line per sample: its time, then every channel, headed by names and units.
+    pub fn to_csv(&self) -> String {
+        let channels: Vec<Channel<'_>> = self.channels().collect();
+        let mut text = "time_s".to_owned();
+        for Channel { column, .. } in &channels {
+            let unit = column.unit.as_ref().map(|unit| format!(" ({unit})"));
+            text.push_str(&format!(",{}{}", column.name, unit.unwrap_or_default()));
+        }
+        for (step, time) in self.times().enumerate() {
+            text.push_str(&format!("\n{time}"));
+            for Channel { values, .. } in &channels {
+                text.push_str(&format!(",{}", values[step]));
+            }
+        }
+        text.push('\n');
+        text
+    }
+}

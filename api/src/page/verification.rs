@@ -1,0 +1,93 @@
+//! The outcome of a verification in words.
+
+use crate::app::{JobState, Verification};
+use crate::page::text;
+
+/// What there is to say about the newest verification of a dataset.
+pub struct Checked {
+    /// Of the job that verifies or verified; none when nobody asked for it yet.
+    pub job: Option<i64>,
+    pub state: JobState,
+    pub outcome: String,
+    pub remarks: Vec<String>,
+    /// The first difference.
+    pub error: String,
+    /// Nothing will change by itself.
+    pub settled: bool,
+}
+
+impl Checked {
+    pub fn new(verification: Option<&Verification>) -> Self {
+        let Some(found) = verification else {
+            return Self {
+                job: None,
+                state: JobState::Waiting,
+                outcome: "Not verified yet: every shard would be made again and compared with \
+                          what is stored."
+                    .to_owned(),
+                remarks: Vec::new(),
+                error: String::new(),
+                settled: true,
+            };
+        };
+        let at = found.finished_at.as_deref().map(text::instant).unwrap_or_default();
+        Self {
+            job: Some(found.job),
+            state: found.state,
+            outcome: match found.state {
+                JobState::Succeeded => format!("Verified at {at}: {}.", outcome(found)),
+                JobState::Failed => format!("Failed at {at}."),
+                JobState::Cancelled => format!("Cancelled at {at}, {}.", outcome(found)),
+                JobState::Waiting | JobState::Queued | JobState::Running => outcome(found),
+            },
+            remarks: found.remarks.clone(),
+            error: found.error.clone().unwrap_or_default(),
+            settled: found.state.is_final(),
+        }
+    }
+}
+
+/// How many shards agree, and how well.
+pub fn outcome(found: &Verification) -> String {
+    let Verification { shards, shards_verified, shards_identical, .. } = found;
+    let all = shards_verified == shards;
+    let compared = match (all, shards) {
+        (true, 1) => "the one shard".to_owned(),
+        (true, _) => format!("all {} shards", text::count(*shards)),
+        (false, _) => {
+            format!("{} of {} shards", text::count(*shards_verified), text::count(*shards))
+        }
+    };
+    let agree = if *shards == 1 && all { "agrees" } else { "agree" };
+    if shards_verified == shards_identical {
+        return format!("{compared} {agree} in every byte");
+    }
+    let identical = text::count(*shards_identical);
+    format!("{compared} {agree} in every value, {identical} of them in every byte")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn found(shards: u64, verified: u64, identical: u64) -> String {
+        outcome(&Verification {
+            job: 1,
+            state: JobState::Running,
+            shards,
+            shards_verified: verified,
+            shards_identical: identical,
+            remarks: Vec::new(),
+            error: None,
+            finished_at: None,
+        })
+    }
+
+    #[test]
+    fn an_outcome_says_how_many_agree_and_how_well() {
+        assert_eq!(found(1, 1, 1), "the one shard agrees in every byte");
+        assert_eq!(found(3, 3, 3), "all 3 shards agree in every byte");
+        assert_eq!(found(3, 0, 0), "0 of 3 shards agree in every byte");
+        assert_eq!(found(3, 3, 1), "all 3 shards agree in every value, 1 of them in every byte");
+    }
+}

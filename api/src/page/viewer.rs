@@ -1,0 +1,83 @@
+//! One trajectory of a dataset, and the way to the others.
+
+use serde_json::{Map, Value};
+
+use crate::app::{App, Dataset, Summary};
+use crate::error::ApiError;
+use crate::page::parts::Fact;
+use crate::page::text;
+
+/// The trajectory that is looked at.
+pub struct Viewer {
+    pub trajectory: u64,
+    /// The largest index.
+    pub last: u64,
+    pub previous: Option<u64>,
+    pub next: Option<u64>,
+    /// What made it; when it cannot be shown, nothing.
+    pub facts: Vec<Fact>,
+    /// Why it cannot be shown.
+    pub problem: String,
+}
+
+impl Viewer {
+    /// `None` while there is nothing to look at.
+    pub async fn new(
+        app: &App,
+        dataset: &Dataset,
+        summary: &Summary,
+        asked: Option<u64>,
+    ) -> Result<Option<Self>, ApiError> {
+        if summary.trajectories == 0 {
+            return Ok(None);
+        }
+        let last = dataset.trajectories.max(summary.trajectories) - 1;
+        let trajectory = asked.unwrap_or(summary.first);
+        let (facts, problem) = match app.robot(dataset.id, trajectory).await {
+            Ok(robot) => (facts(&robot), String::new()),
+            Err(error @ (ApiError::NotFound { .. } | ApiError::ShardUnreadable { .. })) => {
+                error.log();
+                (Vec::new(), capitalized(&error.to_string()))
+            }
+            Err(error) => return Err(error),
+        };
+        Ok(Some(Self {
+            trajectory,
+            last,
+            previous: trajectory.checked_sub(1).map(|previous| previous.min(last)),
+            next: trajectory.checked_add(1).filter(|next| *next <= last),
+            facts,
+            problem,
+        }))
+    }
+}
+
+/// The parts of a row that say most, of simulations and of imports.
+const SHOWN: [(&str, &str, &str); 7] = [
+    ("family", "Excitation", ""),
+    ("frequency_hz", "Frequency", "Hz"),
+    ("draws", "Draws", "until one was kept"),
+    ("gravity_m_s2", "Gravity", "m/s²"),
+    ("payload_mass", "Payload", "kg"),
+    ("recording", "Recording", ""),
+    ("first_time_s", "Begins at", "s"),
+];
+
+fn facts(robot: &Map<String, Value>) -> Vec<Fact> {
+    let fact = |(column, name, unit): &(&str, &str, &str)| {
+        let value = match robot.get(*column)? {
+            Value::Number(number) if number.is_f64() => text::value(number.as_f64()?),
+            Value::Number(number) => text::count(number.as_u64()?),
+            Value::String(word) if !word.is_empty() => word.clone(),
+            _ => return None,
+        };
+        Some(Fact::new(*name, value, *unit))
+    };
+    SHOWN.iter().filter_map(fact).collect()
+}
+
+fn capitalized(sentence: &str) -> String {
+    let mut letters = sentence.chars();
+    let first = letters.next().into_iter().flat_map(char::to_uppercase);
+    first.chain(letters).collect()
+}
