@@ -1,0 +1,228 @@
+//! From the rows of a file to the tables of a dataset.
+//!
+//! Memory does not grow with the file: a batch of rows, the pages they come from, the samples of
+//! one trajectory, and the trajectories that were not handed on yet.
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+use parquet::file::reader::ChunkReader;
+use serde::Serialize;
+use spec::{FileFormat, ImportSpec, Split};
+
+use super::csv_rows::CsvRows;
+use super::error::{ImportError, RowError};
+use super::parquet_rows::ParquetRows;
+use super::recording::Recording;
+use super::rows::Rows;
+use super::samples::{Sample, Sampling};
+use super::tables::{ImportedTrajectories, Origin, Tables};
+use super::windows::Window;
+
+/// Trajectories of a dataset.
+const MAX_TRAJECTORIES: u64 = 10_000_000;
+
+/// What became of a file.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub(crate) struct ImportCounts {
+    pub rows: u64,
+    pub recordings: u64,
+    /// Recordings that were too short for a trajectory.
+    pub dropped_recordings: u64,
+    pub trajectories: u64,
+    /// Samples, at the rate of the dataset, that are in no trajectory.
+    pub dropped_samples: u64,
+}
+
+/// A file being converted. What comes out is a function of its bytes and the spec.
+pub(crate) struct Conversion<R: ChunkReader> {
+    spec: ImportSpec,
+    source: Source<R>,
+    sampling: Sampling,
+    rows: Rows,
+    /// Of `rows`, the next to look at.
+    next: usize,
+    recording: Option<Recording>,
+    window: Window,
+    tables: Tables,
+    counts: ImportCounts,
+}
+
+enum Source<R: ChunkReader> {
+    Parquet(Box<ParquetRows<R>>),
+    Csv(Box<CsvRows>),
+}
+
+impl<R: ChunkReader<T: 'static> + 'static> Conversion<R> {
+    /// # Errors
+    /// When the file is not of the spec's format, or lacks a column.
+    pub fn open(file: R, spec: &ImportSpec) -> Result<Self, ImportError> {
+        let source = guarded(|| {
+            Ok(match spec.format {
+                FileFormat::Parquet => Source::Parquet(Box::new(ParquetRows::open(file, spec)?)),
+                FileFormat::Csv => {
+                    let bytes = Box::new(file.get_read(0)?);
+                    Source::Csv(Box::new(CsvRows::open(bytes, spec)?))
+                }
+            })
+        })?;
+        let sampling = Sampling::new(spec);
+        let tables = Tables::new(spec, sampling.channel_count());
+        Ok(Self {
+            spec: spec.clone(),
+            source,
+            sampling,
+            rows: Rows::default(),
+            next: 0,
+            recording: None,
+            window: Window::new(spec),
+            tables,
+            counts: ImportCounts::default(),
+        })
+    }
+
+    /// The trajectories that follow, perhaps none yet; `None` at the end.
+    ///
+    /// # Errors
+    /// When the file is damaged, or holds what the spec does not allow.
+    pub fn next(&mut self) -> Result<Option<ImportedTrajectories>, ImportError> {
+        while !self.tables.is_full() && (self.cut()? || self.accept_row()?) {}
+        if !self.tables.is_full() && !self.read_rows()? {
+            self.end_recording()?;
+            let rest = self.tables.take().map_err(unarranged)?;
+            return Ok((rest.table.num_rows() > 0).then_some(rest));
+        }
+        self.tables.take().map(Some).map_err(unarranged)
+    }
+
+    /// What became of the file, once [`Self::next`] has come to its end.
+    ///
+    /// # Errors
+    /// When no trajectory came out of it.
+    pub fn finish(self) -> Result<ImportCounts, ImportError> {
+        let counts = ImportCounts { trajectories: self.tables.count(), ..self.counts };
+        if counts.trajectories > 0 {
+            return Ok(counts);
+        }
+        let ImportCounts { rows, recordings, dropped_samples, .. } = counts;
+        Err(ImportError::file(format!(
+            "no trajectory comes out of it: its {rows} rows are {recordings} recordings with \
+             {dropped_samples} samples together, and a trajectory needs {}",
+            self.spec.samples
+        )))
+    }
+
+    /// Rows of the file so far.
+    pub const fn rows(&self) -> u64 {
+        self.counts.rows
+    }
+
+    /// Trajectories so far.
+    pub const fn trajectories(&self) -> u64 {
+        self.tables.count()
+    }
+
+    fn read_rows(&mut self) -> Result<bool, ImportError> {
+        let source = &mut self.source;
+        let rows = guarded(|| match source {
+            Source::Parquet(rows) => rows.next(),
+            Source::Csv(rows) => rows.next(),
+        })?;
+        let Some(rows) = rows else { return Ok(false) };
+        self.rows = rows;
+        self.next = 0;
+        Ok(true)
+    }
+
+    /// Puts a sample of the recording into its window; false when there is none left.
+    fn cut(&mut self) -> Result<bool, ImportError> {
+        let Some(recording) = &mut self.recording else { return Ok(false) };
+        let Some(sample) = recording.advance(&self.spec) else { return Ok(false) };
+        // A recording that is to be one trajectory must also end with it.
+        if self.window.push(sample) && self.spec.split != Split::Whole {
+            let name = recording.name.clone();
+            self.keep_trajectory(name.as_deref())?;
+        }
+        Ok(true)
+    }
+
+    fn keep_trajectory(&mut self, recording: Option<&str>) -> Result<(), ImportError> {
+        if self.tables.count() == MAX_TRAJECTORIES {
+            let reason = format!("more than {MAX_TRAJECTORIES} trajectories would come out of it");
+            return Err(ImportError::file(reason));
+        }
+        let samples = self.window.trajectory();
+        if let Some(first) = samples.front() {
+            let origin = Origin {
+                recording: recording.unwrap_or_default(),
+                first_time_s: self.sampling.file_time_s(first),
+                first_row: first.row,
+            };
+            self.tables.push(samples, &origin).map_err(unarranged)?;
+        }
+        Ok(())
+    }
+
+    /// Hands the next row to its recording; false when all that were read are through.
+    fn accept_row(&mut self) -> Result<bool, ImportError> {
+        if self.next == self.rows.count {
+            return Ok(false);
+        }
+        let index = self.next;
+        let name = self.rows.recording.as_ref().map(|names| &names[index]);
+        let goes_on = self.recording.as_ref().is_some_and(|it| it.name.as_ref() == name);
+        if !goes_on {
+            let (name, row) = (name.cloned(), self.rows.first + index as u64);
+            self.end_recording()?;
+            self.recording = Some(Recording::new(name, row));
+        }
+        if let Some(recording) = &mut self.recording {
+            let sample = self
+                .sampling
+                .sample(&self.rows, index, recording.rows)
+                .map_err(|error| RowError { recording: recording.name.clone(), ..error })?;
+            recording.accept(sample, &self.spec)?;
+        }
+        self.next += 1;
+        self.counts.rows += 1;
+        Ok(true)
+    }
+
+    fn end_recording(&mut self) -> Result<(), ImportError> {
+        let Some(recording) = self.recording.take() else { return Ok(()) };
+        recording.check_rate(&self.spec)?;
+        if self.spec.split == Split::Whole {
+            self.check_length(&recording)?;
+            self.keep_trajectory(recording.name.as_deref())?;
+        }
+        self.counts.recordings += 1;
+        self.counts.dropped_samples += self.window.dropped();
+        self.counts.dropped_recordings += u64::from(self.window.trajectories() == 0);
+        self.window.clear();
+        Ok(())
+    }
+
+    fn check_length(&self, recording: &Recording) -> Result<(), RowError> {
+        let expected = u64::from(self.spec.samples);
+        if recording.samples == expected {
+            return Ok(());
+        }
+        Err(RowError {
+            recording: recording.name.clone(),
+            row: recording.first_row,
+            column: None,
+            found: format!("the recording that begins here has {} samples", recording.samples),
+            allowed: format!("samples = {expected}; or a split into windows"),
+        })
+    }
+}
+
+/// Decoders may panic over damaged bytes; that is the file's fault and ends the task alone.
+fn guarded<T>(decode: impl FnOnce() -> Result<T, ImportError>) -> Result<T, ImportError> {
+    catch_unwind(AssertUnwindSafe(decode))
+        .unwrap_or_else(|panic| Err(ImportError::decoder(panic.as_ref())))
+}
+
+#[expect(clippy::needless_pass_by_value, reason = "for map_err")]
+fn unarranged(error: arrow::error::ArrowError) -> ImportError {
+    ImportError::file(error.to_string())
+}

@@ -1,0 +1,117 @@
+//! Somebody's own recordings: read, checked, cut into trajectories and written like a simulation.
+
+mod checked_pages;
+mod conversion;
+mod csv_rows;
+mod error;
+mod footer;
+mod page_headers;
+mod parquet_rows;
+mod recording;
+mod rows;
+mod samples;
+mod tables;
+mod thrift;
+mod windows;
+
+#[cfg(test)]
+mod tests;
+
+use std::collections::BTreeMap;
+
+use parquet::file::reader::ChunkReader;
+use serde_json::json;
+use spec::{Column, DataSpec, ImportSpec};
+use store::{FileContent, NewShard, ObjectWriter, ShardSummary, TableWriter, object_path};
+
+use crate::attempt::Attempt;
+use crate::error::TaskError;
+use crate::simulate::{ProgressOf, VERSION, VERSION_KEY};
+use crate::summary::SummaryBuilder;
+use conversion::Conversion;
+
+pub(crate) use conversion::ImportCounts;
+pub use error::ImportError;
+
+/// Imports the uploaded file that the spec of a task names.
+pub(crate) fn import(attempt: &Attempt) -> Result<(), TaskError> {
+    let spec: ImportSpec = attempt.spec()?;
+    let (store, task) = (&attempt.store, &attempt.task);
+    let upload = attempt.wait(store.upload(spec.file))?;
+    let missing = || TaskError::Missing { what: "the upload", name: spec.file.to_string() };
+    let file = store.open_upload(&upload.ok_or_else(missing)?)?;
+    let object = |content| {
+        let path = object_path::shard(task.job, task.ordinal, task.fence.epoch, content);
+        attempt.wait(store.write_object(&path))
+    };
+    let (trajectories, table) = (object(FileContent::Trajectories)?, object(FileContent::Robots)?);
+    let written = convert(file, &spec, trajectories, table, &|done| attempt.show(done))?;
+    let result = json!({"import": written.counts, "summary": written.summary});
+    attempt.wait(store.commit_import(attempt.fence(), &written.shard, &result))?;
+    Ok(())
+}
+
+/// A file that became the one shard of a dataset.
+pub(crate) struct WrittenImport {
+    pub shard: NewShard,
+    pub counts: ImportCounts,
+    pub summary: ShardSummary,
+}
+
+/// Converts `file` into the two tables of a dataset, whose bytes are a function of the file's and
+/// of `spec`.
+///
+/// # Errors
+/// [`TaskError::Import`] when the file cannot be imported as `spec` says, [`TaskError::Stopped`]
+/// when `progress` breaks; nothing is published then.
+pub(crate) fn convert<R: ChunkReader<T: 'static> + 'static>(
+    file: R,
+    spec: &ImportSpec,
+    trajectories: ObjectWriter,
+    table: ObjectWriter,
+    progress: ProgressOf<'_>,
+) -> Result<WrittenImport, TaskError> {
+    let columns = spec.trajectory_columns();
+    let (schema, footer) = (store::table_schema(&columns), footer_entries(spec, &columns)?);
+    let mut trajectories = TableWriter::trajectories(trajectories, schema, spec.samples, &footer)?;
+    let columns = spec.table_columns();
+    let (schema, footer) = (store::table_schema(&columns), footer_entries(spec, &columns)?);
+    let mut table = TableWriter::table(table, schema, &footer)?;
+
+    let mut summary = SummaryBuilder::new(spec.samples, spec.rate_hz);
+    let mut conversion = Conversion::open(file, spec)?;
+    while let Some(imported) = conversion.next()? {
+        if progress(conversion.trajectories()).is_break() {
+            return Err(TaskError::Stopped);
+        }
+        if imported.table.num_rows() > 0 {
+            summary.add(&imported.samples);
+            trajectories.write(imported.samples)?;
+            table.write(imported.table)?;
+        }
+    }
+    let counts = conversion.finish()?;
+    let shard = NewShard {
+        first: 0,
+        count: counts.trajectories,
+        rejected: 0,
+        trajectories: trajectories.finish()?,
+        robots: table.finish()?,
+    };
+    Ok(WrittenImport { shard, counts, summary: summary.finish() })
+}
+
+/// What a file says of itself: enough to make it again, byte for byte, from the same upload.
+fn footer_entries(
+    spec: &ImportSpec,
+    columns: &[Column],
+) -> Result<BTreeMap<String, String>, TaskError> {
+    let job = DataSpec::Import(spec.clone()).job();
+    let entries = [
+        ("torqued.spec", job.to_json().to_string()),
+        ("torqued.digest", job.digest().to_string()),
+        ("torqued.columns", serde_json::to_string(columns)?),
+        (VERSION_KEY, VERSION.to_owned()),
+    ];
+    Ok(entries.into_iter().map(|(key, value)| (key.to_owned(), value)).collect())
+}

@@ -1,0 +1,148 @@
+//! Rows as samples: in SI units, each value checked.
+
+use spec::{AngleUnit, ImportSpec, Range};
+
+use super::error::RowError;
+use super::rows::{MAX_CHANNELS, Rows, TimeColumn};
+
+/// Torques, positions and perhaps velocities at a moment.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Sample {
+    /// Seconds, counted from anywhere; see [`Sampling::file_time_s`].
+    pub time_s: f64,
+    /// Row of the file at or before it.
+    pub row: u64,
+    /// In N·m, rad and rad/s; those beyond the file's channels are 0.
+    pub values: [f64; MAX_CHANNELS],
+}
+
+/// How rows of a file become samples.
+pub(super) struct Sampling {
+    channels: Vec<Channel>,
+    time: Option<Time>,
+    rate_hz: f64,
+}
+
+/// How a column becomes a channel.
+struct Channel {
+    column: String,
+    /// From the file's unit to `unit`.
+    factor: f64,
+    unit: &'static str,
+    range: Range,
+    /// The field of the spec with that range.
+    range_field: &'static str,
+    /// Whether the file may in truth be in degrees.
+    maybe_degrees: bool,
+}
+
+struct Time {
+    column: String,
+    /// Seconds of the file's unit.
+    unit_s: f64,
+    /// Where whole numbers are counted from, so that those since 1970 keep all their digits.
+    origin: Option<i64>,
+}
+
+impl Sampling {
+    pub fn new(spec: &ImportSpec) -> Self {
+        let radians = spec.units.angle == AngleUnit::Rad;
+        let angle = if radians { 1.0 } else { 1f64.to_radians() };
+        let ImportSpec { columns, ranges, .. } = spec;
+        let groups = [
+            (Some(&columns.u), 1.0, "N·m", ranges.u_nm, "ranges.u_nm", false),
+            (Some(&columns.q), angle, "rad", ranges.q_rad, "ranges.q_rad", radians),
+            (columns.qd.as_ref(), angle, "rad/s", ranges.qd_rad_s, "ranges.qd_rad_s", radians),
+        ];
+        let mut channels = Vec::new();
+        for (names, factor, unit, range, range_field, maybe_degrees) in groups {
+            for column in names.into_iter().flatten() {
+                let column = column.clone();
+                channels.push(Channel { column, factor, unit, range, range_field, maybe_degrees });
+            }
+        }
+        let unit_s = spec.units.time.seconds();
+        let time = columns.time.clone().map(|column| Time { column, unit_s, origin: None });
+        Self { channels, time, rate_hz: spec.rate_hz }
+    }
+
+    pub fn channel_count(&self) -> usize {
+        self.channels.len()
+    }
+
+    /// Row `index` of `rows`; `since_start` rows of its recording came before it.
+    ///
+    /// # Errors
+    /// When a value is not finite or not in its range.
+    pub fn sample(
+        &mut self,
+        rows: &Rows,
+        index: usize,
+        since_start: u64,
+    ) -> Result<Sample, RowError> {
+        let row = rows.first + index as u64;
+        let mut values = [0.0; MAX_CHANNELS];
+        for ((value, channel), column) in values.iter_mut().zip(&self.channels).zip(&rows.channels)
+        {
+            *value = channel.convert(column[index], row)?;
+        }
+        let time_s = match (&mut self.time, &rows.time) {
+            (Some(time), Some(times)) => time.seconds(times, index, row)?,
+            #[expect(clippy::cast_precision_loss, reason = "far fewer than 2^53 rows")]
+            _ => since_start as f64 / self.rate_hz,
+        };
+        Ok(Sample { time_s, row, values })
+    }
+
+    /// The time of a sample as the file counts it, in s.
+    pub fn file_time_s(&self, sample: &Sample) -> f64 {
+        sample.time_s + self.time.as_ref().map_or(0.0, Time::origin_s)
+    }
+}
+
+impl Channel {
+    fn convert(&self, written: f64, row: u64) -> Result<f64, RowError> {
+        let value = written * self.factor;
+        if self.range.contains(value) {
+            return Ok(value);
+        }
+        let Range { min, max } = self.range;
+        let unit = self.unit;
+        let mut allowed = format!("{min} to {max} {unit} ({})", self.range_field);
+        if !value.is_finite() {
+            allowed = format!("a finite number, {allowed}");
+        } else if self.maybe_degrees && self.range.contains(value.to_radians()) {
+            allowed.push_str("; if the file is in degrees, say so in units.angle");
+        }
+        let found = format!("{value} {unit}");
+        Err(RowError { recording: None, row, column: Some(self.column.clone()), found, allowed })
+    }
+}
+
+impl Time {
+    #[expect(clippy::cast_precision_loss, reason = "a difference, not the count since 1970")]
+    fn seconds(&mut self, times: &TimeColumn, index: usize, row: u64) -> Result<f64, RowError> {
+        let (whole, part) = match times {
+            TimeColumn::Integer(times) => (times[index], 0.0),
+            TimeColumn::Decimal(times) => (0, times[index]),
+        };
+        if !part.is_finite() {
+            return Err(RowError {
+                recording: None,
+                row,
+                column: Some(self.column.clone()),
+                found: format!("{part}"),
+                allowed: "a finite number".to_owned(),
+            });
+        }
+        let origin = *self.origin.get_or_insert(whole);
+        let since_origin = (i128::from(whole) - i128::from(origin)) as f64;
+        Ok((since_origin + part) * self.unit_s)
+    }
+
+    /// What to add to get the file's own count back, in s.
+    #[expect(clippy::cast_precision_loss, reason = "a date for people to look at")]
+    fn origin_s(&self) -> f64 {
+        self.origin.unwrap_or_default() as f64 * self.unit_s
+    }
+}

@@ -1,0 +1,96 @@
+//! CSV files that are not as they should be.
+
+use arrow::array::AsArray;
+use arrow::datatypes::Float64Type;
+use serde_json::json;
+
+use super::{Recordings, check_refused, import, spec};
+
+fn good() -> String {
+    Recordings::of(&[40]).csv()
+}
+
+/// The file with the value of a column replaced in a row.
+fn with(row: usize, column: usize, value: &str) -> String {
+    let mut lines: Vec<String> = good().lines().map(str::to_owned).collect();
+    let mut fields: Vec<&str> = lines[row + 1].split(',').collect();
+    fields[column] = value;
+    lines[row + 1] = fields.join(",");
+    lines.join("\n")
+}
+
+#[test]
+fn files_of_other_programs_are_read() {
+    let spec = spec("csv", &json!({}));
+    let expected = import(good(), &spec).unwrap().counts;
+    let windows = good().replace('\n', "\r\n");
+    let excel = format!("\u{feff}{}", good());
+    let quoted = good().replace("arm 0", "\"arm 0\"");
+    let unfinished = good().trim_end().to_owned();
+    let spaced = good().replace(',', " , ");
+    for file in [windows, excel, quoted, unfinished, spaced] {
+        assert_eq!(import(file, &spec).unwrap().counts, expected);
+    }
+}
+
+#[test]
+fn a_missing_column_is_named_beside_those_there_are() {
+    let file = good().replacen("tau_2", "torque2", 1);
+    let spec = spec("csv", &json!({}));
+    check_refused(file, &spec, &["\"tau_2\" (columns.u[1])", "\"torque2\"", "\"pos_7\""]);
+    let twice = good().replacen("tau_2", "tau_1", 1);
+    check_refused(twice, &spec, &["more than one column \"tau_1\""]);
+    check_refused(good().replace(',', ";"), &spec, &["separated by commas"]);
+}
+
+#[test]
+fn a_value_that_is_no_number_is_named_with_its_place() {
+    let spec = spec("csv", &json!({}));
+    let place = ["row 7, column \"tau_3\"", "recording"];
+    check_refused(with(7, 4, "1,5"), &spec, &["line: 9"]);
+    check_refused(with(7, 4, "1.5 Nm"), &spec, &[place[0], "1.5 Nm", "a number"]);
+    check_refused(with(7, 4, ""), &spec, &[place[0], "nothing"]);
+    check_refused(with(7, 4, "NaN"), &spec, &[place[0], place[1], "finite"]);
+    check_refused(with(7, 4, "inf"), &spec, &[place[0], "finite"]);
+    check_refused(with(7, 4, "1e9"), &spec, &[place[0], "1000000000 N·m", "-200 to 200"]);
+    check_refused(with(7, 1, "soon"), &spec, &["row 7, column \"t\"", "soon"]);
+    check_refused(with(7, 1, "NaN"), &spec, &["row 7, column \"t\"", "finite"]);
+    check_refused(with(7, 0, ""), &spec, &["row 7, column \"arm\"", "nothing"]);
+    check_refused(with(7, 0, &"x".repeat(201)), &spec, &["row 7, column \"arm\"", "201 bytes"]);
+}
+
+#[test]
+fn what_is_no_csv_is_refused() {
+    let spec = spec("csv", &json!({}));
+    check_refused("", &spec, &["empty"]);
+    check_refused("\n\n", &spec, &["empty"]);
+    check_refused(good().lines().next().unwrap(), &spec, &["0 rows"]);
+    check_refused(vec![0xff; 1000], &spec, &["UTF-8"]);
+    let mut bytes = good().into_bytes();
+    let place = bytes.len() - 3;
+    bytes[place] = 0xff;
+    check_refused(bytes, &spec, &["row 39, column \"pos_7\"", "UTF-8"]);
+}
+
+/// Otherwise the rest of the file, which may be gigabytes, would be one value in memory.
+#[test]
+fn a_quote_that_is_never_closed_ends_at_the_longest_line() {
+    let spec = spec("csv", &json!({}));
+    let open = with(7, 0, "\"arm 0") + &"1.5,2.5\n".repeat(40_000);
+    check_refused(open, &spec, &["row 7", "65536 bytes", "quote"]);
+    check_refused("x".repeat(300_000), &spec, &["65536 bytes"]);
+}
+
+#[test]
+fn whole_times_keep_all_their_digits() {
+    let mut lines = vec![good().lines().next().unwrap().to_owned()];
+    let values = ["0.5"; 14].join(",");
+    for k in 0..40_i64 {
+        let nanoseconds = 1_700_000_000_000_000_001 + k * 16_666_667;
+        lines.push(format!("arm 0,{nanoseconds},{values}"));
+    }
+    let units = json!({"units": {"time": "ns"}});
+    let imported = import(lines.join("\n"), &spec("csv", &units)).unwrap();
+    let first = imported.table.column(2).as_primitive::<Float64Type>().value(0);
+    assert!((first - 1.7e9).abs() < 1e-3, "{first}");
+}

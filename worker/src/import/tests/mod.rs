@@ -1,0 +1,169 @@
+//! Files as others write them, good and bad, and what becomes of them.
+
+mod csv;
+mod fuzz;
+mod parquet;
+mod tables;
+
+use std::ops::ControlFlow;
+use std::sync::Arc;
+
+use ::parquet::arrow::ArrowWriter;
+use ::parquet::file::properties::WriterProperties;
+use arrow::array::{ArrayRef, Float32Array, Float64Array, Int32Array, RecordBatch, StringArray};
+use arrow::compute::concat_batches;
+use serde_json::{Value, json};
+use spec::{ImportSpec, JobSpec};
+use store::ObjectWriter;
+
+use super::conversion::{Conversion, ImportCounts};
+use super::{WrittenImport, convert};
+
+/// Recordings of an arm that sways, as one table.
+#[derive(Clone)]
+struct Recordings {
+    names: Vec<String>,
+    times: Vec<f64>,
+    /// Torques, then positions: `[14][row]`.
+    channels: Vec<Vec<f64>>,
+}
+
+impl Recordings {
+    /// One recording of each length, at 60 Hz.
+    fn of(lengths: &[usize]) -> Self {
+        let mut recordings =
+            Self { names: Vec::new(), times: Vec::new(), channels: vec![Vec::new(); 14] };
+        for (number, length) in lengths.iter().enumerate() {
+            for k in 0..*length {
+                let time = k as f64 / 60.0;
+                recordings.names.push(format!("arm {number}"));
+                recordings.times.push(time);
+                for (channel, values) in recordings.channels.iter_mut().enumerate() {
+                    let phase = (channel + number) as f64;
+                    values.push(f64::from((time * 3.0 + phase).sin() as f32));
+                }
+            }
+        }
+        recordings
+    }
+
+    fn columns(&self) -> Vec<(String, ArrayRef)> {
+        let mut columns: Vec<(String, ArrayRef)> = vec![
+            ("arm".to_owned(), Arc::new(StringArray::from(self.names.clone()))),
+            ("t".to_owned(), Arc::new(Float64Array::from(self.times.clone()))),
+        ];
+        for (name, values) in channel_names().into_iter().zip(&self.channels) {
+            let values: Float32Array = values.iter().map(|value| Some(*value as f32)).collect();
+            columns.push((name, Arc::new(values)));
+        }
+        columns
+    }
+
+    fn parquet(&self, properties: WriterProperties) -> Vec<u8> {
+        parquet_of(self.columns(), properties)
+    }
+
+    fn csv(&self) -> String {
+        let mut text = format!("arm,t,{}\n", channel_names().join(","));
+        for (row, (name, time)) in self.names.iter().zip(&self.times).enumerate() {
+            let values = self.channels.iter().map(|values| values[row].to_string());
+            let values: Vec<String> = values.collect();
+            text.push_str(&format!("{name},{time},{}\n", values.join(",")));
+        }
+        text
+    }
+}
+
+fn channel_names() -> Vec<String> {
+    let of = |prefix: &'static str| (1..=7).map(move |joint| format!("{prefix}{joint}"));
+    of("tau_").chain(of("pos_")).collect()
+}
+
+fn parquet_of(columns: Vec<(String, ArrayRef)>, properties: WriterProperties) -> Vec<u8> {
+    let batch = RecordBatch::try_from_iter(columns).unwrap();
+    let mut bytes = Vec::new();
+    let mut writer = ArrowWriter::try_new(&mut bytes, batch.schema(), Some(properties)).unwrap();
+    writer.write(&batch).unwrap();
+    writer.close().unwrap();
+    bytes
+}
+
+fn small_pages() -> WriterProperties {
+    WriterProperties::builder()
+        .set_max_row_group_row_count(Some(50))
+        .set_data_page_row_count_limit(16)
+        .set_write_batch_size(16)
+        .build()
+}
+
+/// A spec for [`Recordings`]: trajectories of 40 samples, unless `fields` say otherwise.
+fn spec(format: &str, fields: &Value) -> ImportSpec {
+    let names = channel_names();
+    let mut spec = json!({
+        "kind": "import", "file": "0".repeat(64), "format": format, "samples": 40,
+        "columns": {"time": "t", "recording": "arm", "u": names[..7], "q": names[7..]},
+    });
+    for (field, value) in fields.as_object().unwrap() {
+        spec[field] = value.clone();
+    }
+    match ::spec::parse(spec.to_string().as_bytes()).unwrap() {
+        JobSpec::Import(spec) => spec,
+        other => panic!("{other:?}"),
+    }
+}
+
+/// Written nowhere, so that only digests and counts remain.
+fn converted(file: impl Into<Vec<u8>>, spec: &ImportSpec) -> WrittenImport {
+    let (trajectories, table) = (ObjectWriter::digest_only("a"), ObjectWriter::digest_only("b"));
+    convert(bytes(file.into()), spec, trajectories, table, &|_| ControlFlow::Continue(())).unwrap()
+}
+
+/// What comes out of a file.
+struct Imported {
+    samples: RecordBatch,
+    table: RecordBatch,
+    counts: ImportCounts,
+    /// Rows of samples as they were handed on.
+    parts: Vec<usize>,
+}
+
+/// What comes out of a file, or the error with all its causes.
+fn import(file: impl Into<Vec<u8>>, spec: &ImportSpec) -> Result<Imported, String> {
+    let run = || {
+        let mut conversion = Conversion::open(bytes(file.into()), spec)?;
+        let (mut samples, mut table) = (Vec::new(), Vec::new());
+        while let Some(imported) = conversion.next()? {
+            samples.push(imported.samples);
+            table.push(imported.table);
+        }
+        let counts = conversion.finish()?;
+        let whole = |parts: &[RecordBatch]| concat_batches(&parts[0].schema(), parts).unwrap();
+        let parts = samples.iter().map(RecordBatch::num_rows).collect();
+        Ok(Imported { samples: whole(&samples), table: whole(&table), counts, parts })
+    };
+    run().map_err(|error: super::ImportError| crate::error::reason(&error))
+}
+
+fn error(file: impl Into<Vec<u8>>, spec: &ImportSpec) -> String {
+    match import(file, spec) {
+        Ok(imported) => panic!("imported: {:?}", imported.counts),
+        Err(error) => error,
+    }
+}
+
+#[track_caller]
+fn check_refused(file: impl Into<Vec<u8>>, spec: &ImportSpec, expected: &[&str]) {
+    let error = error(file, spec);
+    for part in expected {
+        assert!(error.contains(part), "{error:?} lacks {part:?}");
+    }
+}
+
+/// Bytes as a file that can be read at any position.
+fn bytes(file: Vec<u8>) -> ::bytes::Bytes {
+    file.into()
+}
+
+fn ints(values: impl IntoIterator<Item = i32>) -> ArrayRef {
+    Arc::new(Int32Array::from_iter_values(values))
+}

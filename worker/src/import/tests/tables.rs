@@ -1,0 +1,136 @@
+//! What the tables of a dataset get from a file.
+
+use arrow::array::AsArray;
+use arrow::datatypes::{Float32Type, Float64Type, Int32Type, Int64Type};
+use serde_json::json;
+
+use super::super::conversion::ImportCounts;
+use super::{
+    Imported, Recordings, channel_names, check_refused, converted, import, small_pages, spec,
+};
+
+#[test]
+fn the_bytes_are_a_function_of_file_and_spec() {
+    let recordings = Recordings::of(&[100, 70]);
+    let windows = |fields| spec("parquet", &fields);
+    let split = json!({"split": {"kind": "windows", "stride": 20}});
+    let first = converted(recordings.parquet(small_pages()), &windows(split.clone()));
+    let again = converted(recordings.parquet(small_pages()), &windows(split.clone()));
+    assert_eq!(first.shard.trajectories, again.shard.trajectories);
+    assert_eq!(first.shard.robots, again.shard.robots);
+    let later = json!({"split": {"kind": "windows", "stride": 20},
+                       "execution": {"priority": 9}});
+    let hurried = converted(recordings.parquet(small_pages()), &windows(later));
+    assert_eq!(first.shard.trajectories.sha256, hurried.shard.trajectories.sha256);
+    let other = json!({"split": {"kind": "windows", "stride": 21}});
+    let other = converted(recordings.parquet(small_pages()), &windows(other));
+    assert_ne!(first.shard.trajectories.sha256, other.shard.trajectories.sha256);
+}
+
+#[test]
+fn trajectories_say_where_they_come_from() {
+    let recordings = Recordings::of(&[50, 30, 90]);
+    let spec = spec("csv", &json!({"split": {"kind": "windows", "stride": 40}}));
+    let Imported { samples, table, counts, .. } = import(recordings.csv(), &spec).unwrap();
+    let expected = ImportCounts {
+        rows: 170,
+        recordings: 3,
+        dropped_recordings: 1,
+        trajectories: 3,
+        dropped_samples: 10 + 30 + 10,
+    };
+    assert_eq!(counts, expected);
+
+    assert_eq!(table.column(0).as_primitive::<Int32Type>().values(), &[0, 1, 2]);
+    let names: Vec<_> = table.column(1).as_string::<i32>().iter().flatten().collect();
+    assert_eq!(names, ["arm 0", "arm 2", "arm 2"]);
+    let times = table.column(2).as_primitive::<Float64Type>().values().to_vec();
+    assert_eq!(times, [0.0, 0.0, 40.0 / 60.0]);
+    assert_eq!(table.column(3).as_primitive::<Int64Type>().values(), &[0, 80, 120]);
+
+    assert_eq!(samples.num_rows(), 120);
+    let trajectory = samples.column(0).as_primitive::<Int32Type>();
+    let step = samples.column(1).as_primitive::<Int32Type>();
+    assert_eq!((trajectory.value(79), step.value(79)), (1, 39));
+    let q3 = samples.column_by_name("q3").unwrap().as_primitive::<Float32Type>();
+    assert_eq!(f64::from(q3.value(85)), recordings.channels[9][125]);
+}
+
+#[test]
+fn degrees_and_milliseconds_become_radians_and_seconds() {
+    let mut recordings = Recordings::of(&[40]);
+    let radians = recordings.channels[7].clone();
+    recordings.channels[7..].iter_mut().flatten().for_each(|q| *q = q.to_degrees());
+    recordings.times.iter_mut().for_each(|time| *time = 5.0 + *time * 1000.0);
+    let units = json!({"units": {"angle": "deg", "time": "ms"}});
+    let Imported { samples, table, .. } = import(recordings.csv(), &spec("csv", &units)).unwrap();
+    let q1 = samples.column_by_name("q1").unwrap().as_primitive::<Float32Type>().clone();
+    for (value, expected) in q1.values().iter().zip(radians) {
+        assert!((f64::from(*value) - expected).abs() < 1e-6);
+    }
+    assert_eq!(table.column(2).as_primitive::<Float64Type>().value(0), 0.005);
+
+    check_refused(
+        recordings.csv(),
+        &spec("csv", &json!({"units": {"time": "ms"}})),
+        &["recording \"arm 0\", row 0, column \"pos_1\"", "ranges.q_rad", "degrees"],
+    );
+    let degrees = spec("csv", &json!({"units": {"angle": "deg"}}));
+    check_refused(recordings.csv(), &degrees, &["row 1", "\"t\"", "units.time ms"]);
+}
+
+#[test]
+fn velocities_become_columns_when_they_are_mapped() {
+    let recordings = Recordings::of(&[40]);
+    let names = channel_names();
+    let mut columns = json!({"time": "t", "u": names[..7], "q": names[7..]});
+    columns["qd"] = json!(["v1", "v2", "v3", "v4", "v5", "v6", "v7"]);
+    let header = recordings.csv().replacen('\n', ",v1,v2,v3,v4,v5,v6,v7\n", 1);
+    let (header, rows) = header.split_once('\n').unwrap();
+    let rows: Vec<String> = rows.lines().map(|row| format!("{row},1,2,3,4,5,6,7\n")).collect();
+    let file = format!("{header}\n{}", rows.concat());
+    let samples = import(file, &spec("csv", &json!({"columns": columns}))).unwrap().samples;
+    assert_eq!(samples.num_columns(), 2 + 21);
+    let qd7 = samples.column_by_name("qd7").unwrap().as_primitive::<Float32Type>();
+    assert_eq!(qd7.value(39), 7.0);
+}
+
+#[test]
+fn without_time_rows_are_a_period_apart_and_without_names_one_recording() {
+    let recordings = Recordings::of(&[30, 30]);
+    let names = channel_names();
+    let columns = json!({"u": names[..7], "q": names[7..]});
+    let split = json!({"kind": "windows", "stride": 20});
+    let spec = spec("csv", &json!({"columns": columns, "split": split}));
+    let Imported { table, counts, .. } = import(recordings.csv(), &spec).unwrap();
+    assert_eq!((counts.recordings, counts.trajectories, counts.dropped_samples), (1, 2, 0));
+    assert_eq!(table.column(1).as_string::<i32>().value(1), "");
+    assert_eq!(table.column(2).as_primitive::<Float64Type>().value(1), 20.0 / 60.0);
+}
+
+#[test]
+fn a_recording_that_is_not_as_long_as_the_others_is_refused_whole() {
+    let recordings = Recordings::of(&[40, 41]);
+    check_refused(
+        recordings.csv(),
+        &spec("csv", &json!({})),
+        &["recording \"arm 1\", row 40", "has 41 samples", "samples = 40", "windows"],
+    );
+}
+
+#[test]
+fn a_file_without_a_trajectory_is_refused_with_what_it_has() {
+    let recordings = Recordings::of(&[30, 20]);
+    let spec = spec("csv", &json!({"split": {"kind": "windows", "stride": 1}}));
+    check_refused(recordings.csv(), &spec, &["50 rows", "2 recordings", "needs 40"]);
+}
+
+/// A hundred overlapping windows of a short file, handed on in parts.
+#[test]
+fn memory_does_not_grow_with_what_comes_out() {
+    let recordings = Recordings::of(&[1100]);
+    let fields = json!({"split": {"kind": "windows", "stride": 1}, "samples": 1000});
+    let imported = import(recordings.csv(), &spec("csv", &fields)).unwrap();
+    assert_eq!((imported.counts.trajectories, imported.samples.num_rows()), (101, 101_000));
+    assert!(imported.parts.iter().all(|rows| *rows < 52_000), "{:?}", imported.parts);
+}
