@@ -95,7 +95,7 @@ impl Cdcnn {
         let [batch, samples, channels] = u.dims();
         let (condition, local) = match &self.local {
             Some(block) => {
-                let local = block.forward(u.swap_dims(1, 2), level.clone());
+                let local = block.forward(u.swap_dims(1, 2), &level);
                 (level, Some(local))
             }
             None => {
@@ -103,6 +103,6 @@ impl Cdcnn {
                 (Tensor::cat(vec![level, u], 2), None)
             }
         };
-        self.unet.forward(noisy.swap_dims(1, 2), condition, local).swap_dims(1, 2)
+        self.unet.forward(noisy.swap_dims(1, 2), &condition, local).swap_dims(1, 2)
     }
 }

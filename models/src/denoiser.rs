@@ -6,7 +6,7 @@ use crate::ModelError;
 use crate::cdcnn::Cdcnn;
 use crate::cdt::Cdt;
 use crate::diffuser::Diffuser;
-use crate::diffusion::{Painted, Process, Start, Step};
+use crate::diffusion::{Painted, Process, Step};
 use crate::randomness::Noise;
 use crate::sequence_model::{Loss, ModelInput};
 
@@ -14,7 +14,7 @@ use crate::sequence_model::{Loss, ModelInput};
 #[derive(Clone, Debug)]
 pub(crate) enum Network {
     Diffuser(Diffuser),
-    Cdcnn(Cdcnn),
+    Cdcnn(Box<Cdcnn>),
     Cdt(Cdt),
 }
 
@@ -83,16 +83,16 @@ impl Denoiser {
                 (shape.mask(&[(0.0, 0.0), (1.0, 0.0)]), weights, counted)
             }
         };
-        self.process.loss(series, &clean, weights, counted, noise, |noisy, levels| {
+        self.process.loss(&series, &clean, weights, counted, noise, |noisy, levels| {
             self.forward(noisy, levels, input.u)
         })
     }
 
-    /// y of the horizon `[batch, horizon, 7]`.
+    /// y of the horizon `[batch, horizon, 7]`, from noise or from the guess `warm` of it.
     pub fn sample(
         &self,
-        input: ModelInput,
-        start: Start,
+        input: &ModelInput,
+        warm: Option<Tensor<3>>,
         steps: &[Step],
         noise: &mut Noise,
     ) -> Tensor<3> {
@@ -113,13 +113,10 @@ impl Denoiser {
             }
         };
         let painted = Painted { values: whole(unknown(&device)), clean, noised };
-        let start = match start {
-            Start::Noise => Start::Noise,
-            Start::Warm(guess) => Start::Warm(whole(guess)),
-        };
-        let series = self.process.sample(start, &painted, steps, noise, |noisy, levels| {
-            self.forward(noisy, levels, input.u.clone())
-        });
+        let series =
+            self.process.sample(warm.map(whole), &painted, steps, noise, |noisy, levels| {
+                self.forward(noisy, levels, input.u.clone())
+            });
         let [_, _, channels] = series.dims();
         series.slice([0..batch, context..samples, channels - JOINTS..channels])
     }
@@ -144,7 +141,7 @@ impl Denoiser {
     pub fn for_inference(&self) -> Self {
         let network = match &self.network {
             Network::Diffuser(network) => Network::Diffuser(network.valid()),
-            Network::Cdcnn(network) => Network::Cdcnn(network.valid()),
+            Network::Cdcnn(network) => Network::Cdcnn(Box::new(network.valid())),
             Network::Cdt(network) => Network::Cdt(network.valid()),
         };
         Self { network, ..self.clone() }
@@ -161,7 +158,7 @@ impl Denoiser {
     pub fn map<M: ModuleMapper>(self, mapper: &mut M) -> Self {
         let network = match self.network {
             Network::Diffuser(network) => Network::Diffuser(network.map(mapper)),
-            Network::Cdcnn(network) => Network::Cdcnn(network.map(mapper)),
+            Network::Cdcnn(network) => Network::Cdcnn(Box::new(network.map(mapper))),
             Network::Cdt(network) => Network::Cdt(network.map(mapper)),
         };
         Self { network, ..self }

@@ -76,6 +76,6 @@ impl Diffuser {
     /// same shape.
     pub fn forward(&self, noisy: Tensor<3>, levels: &[usize]) -> Tensor<3> {
         let condition = self.embedding.forward(levels, &noisy.device());
-        self.unet.forward(noisy.swap_dims(1, 2), condition, None).swap_dims(1, 2)
+        self.unet.forward(noisy.swap_dims(1, 2), &condition, None).swap_dims(1, 2)
     }
 }

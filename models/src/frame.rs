@@ -50,7 +50,7 @@ impl Framing {
         let gain = 1.0 / (damping * self.rate_hz);
         let mut center = vec![0.0; u.len()];
         let mut scale = [0.0; JOINTS];
-        for joint in 0..JOINTS {
+        for (joint, scale) in scale.iter_mut().enumerate() {
             let at = |sample: usize| sample * JOINTS + joint;
             let start = f64::from(y[at(last)]);
             center[at(last)] = start as f32;
@@ -69,7 +69,7 @@ impl Framing {
             let count = seen.len().max(1) as f64;
             let squares: f64 =
                 seen.map(|sample| f64::from(y[at(sample)] - center[at(sample)]).powi(2)).sum();
-            scale[joint] = ((squares / count).sqrt() as f32).max(SMALLEST_STANDARD_DEVIATION);
+            *scale = ((squares / count).sqrt() as f32).max(SMALLEST_STANDARD_DEVIATION);
         }
         Frame { center, scale }
     }

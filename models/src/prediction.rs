@@ -3,7 +3,7 @@
 use burn::tensor::{Device, Tensor, TensorData};
 use spec::{JOINTS, ModelSpec};
 
-use crate::diffusion::{Start, Step};
+use crate::diffusion::Step;
 use crate::frame::Framing;
 use crate::normalization::{Statistics, model_input};
 use crate::parameters::host_values;
@@ -95,15 +95,15 @@ impl Predictor<'_> {
         let statistics: Vec<Statistics> =
             rows.iter().map(|&(index, _)| statistics[index]).collect();
         let frames = self.framing.frames(&question, &statistics);
-        let start = match &sampling.warm_start {
-            None => Start::Noise,
+        let warm = match &sampling.warm_start {
+            None => None,
             Some(warm) => {
                 let mut seen = Vec::with_capacity(rows.len() * horizon * JOINTS);
                 for (&(index, _), frame) in rows.iter().zip(&frames) {
                     frame.extend_seen(&warm.shifted(index, horizon), context, &mut seen);
                 }
                 let seen = TensorData::new(seen, [rows.len(), horizon, JOINTS]);
-                Start::Warm(Tensor::from_data(seen, &self.device))
+                Some(Tensor::from_data(seen, &self.device))
             }
         };
         let mut noise = Noise::new(rows.iter().map(|&(index, sample)| {
@@ -111,7 +111,7 @@ impl Predictor<'_> {
             generator(sampling.seed, Purpose::Sample, scenario, sample as u64)
         }));
         let seen = model_input(&question, &statistics, &frames, &self.device);
-        let ask = Ask { steps, start, noise: &mut noise, draw };
+        let ask = Ask { steps, warm, noise: &mut noise, draw };
         let mut answer = host_values(self.model.answer(seen, ask))?;
         for (y, frame) in answer.chunks_exact_mut(horizon * JOINTS).zip(&frames) {
             frame.restore(y, context);

@@ -111,10 +111,138 @@ fn impossible_sizes_are_refused() {
     check_refused(&with_config(&files, |config| config["horizon"] = json!(9)), "horizon");
     check_refused(&with_config(&files, |config| config["rate_hz"] = json!(0.0)), "rate_hz");
     check_refused(
-        &with_config(&files, |config| config["model"]["architecture"] = json!("diffuser")),
+        &with_config(&files, |config| config["model"]["architecture"] = json!("lstm")),
         "config.json",
     );
     check_refused(&with_config(&files, |config| config["surplus"] = json!(1)), "surplus");
+}
+
+/// A Diffuser's files, untrained.
+fn diffuser_files() -> CheckpointFiles {
+    let (_, model) = synthetic::every_kind().swap_remove(3);
+    let spec = spec::TrainSpec { model, ..train_spec() };
+    Trainer::new(&spec, DATA, "digest", &Device::cpu()).unwrap().checkpoint().unwrap()
+}
+
+#[test]
+fn sizes_of_a_u_net_that_do_not_divide_are_refused_with_both_numbers() {
+    let files = diffuser_files();
+    for (field, value, messages) in [
+        ("width", json!(12), ["width is 12", "multiples of 8"]),
+        ("width", json!(0), ["width is 0", "8 to"]),
+        ("multipliers", json!([]), ["multipliers is 0", "1 to 8 stages"]),
+        ("multipliers", json!([1, 2, 2, 2, 2]), ["stages is 16", "which is 24"]),
+        ("multipliers", json!([1, 4_000_000_000_u32]), ["multipliers is 4000000000", "1 to 64"]),
+    ] {
+        let wrong = with_config(&files, |config| config["model"][field] = value);
+        for message in messages {
+            check_refused(&wrong, message);
+        }
+    }
+}
+
+#[test]
+fn noise_that_cannot_be_is_refused() {
+    let files = diffuser_files();
+    for (part, field, value, message) in [
+        ("diffusion", "steps", json!(0), "diffusion.steps is 0"),
+        ("diffusion", "steps", json!(4_000_000_000_u32), "diffusion.steps is 4000000000"),
+        ("diffusion", "clip", json!(-1.0), "diffusion.clip is -1"),
+        ("sampler", "steps", json!(21), "sampler.steps is 21, allowed: at most diffusion.steps"),
+        ("sampler", "eta", json!(2.0), "sampler.eta is 2"),
+        ("sampler", "kind", json!("euler"), "unknown variant `euler`"),
+    ] {
+        check_refused(&with_config(&files, |config| config["model"][part][field] = value), message);
+    }
+    let residual = json!({"integrator": {"damping": 0.0}});
+    check_refused(
+        &with_config(&files, |config| config["model"]["residual"] = residual),
+        "residual.integrator.damping is 0",
+    );
+}
+
+#[test]
+fn a_training_with_averaged_weights_needs_both_kinds_of_weights() {
+    let spec = spec::TrainSpec { ema: Some(spec::EmaSpec::default()), ..train_spec() };
+    let device = Device::cpu();
+    let mut trainer = Trainer::new(&spec, DATA, "digest", &device).unwrap();
+    trainer.step(&batch(0, 8)).unwrap();
+    let averaged = trainer.checkpoint().unwrap();
+    let plain = files();
+    let resume = |optimizer: &[u8]| {
+        let files = CheckpointFiles { optimizer: optimizer.to_vec(), ..averaged.clone() };
+        Trainer::resume(&spec, DATA, "digest", &files, &device).err().unwrap().to_string()
+    };
+    let error = resume(&plain.optimizer);
+    assert!(error.contains("optimizer.safetensors") && error.contains("is missing"), "{error}");
+
+    let error = resume_error(&CheckpointFiles { optimizer: averaged.optimizer.clone(), ..plain });
+    assert!(error.contains("averaged weights"), "{error}");
+}
+
+fn resume_error(files: &CheckpointFiles) -> String {
+    resume(files).err().unwrap().to_string()
+}
+
+#[test]
+fn moments_that_no_optimizer_has_are_refused() {
+    let files = files();
+    let negative = rewrite(&files.optimizer, |name, shape, mut bytes| {
+        if name == "exp_avg_sq.head.bias" {
+            bytes[..4].copy_from_slice(&(-1.0_f32).to_le_bytes());
+        }
+        (name, shape, bytes)
+    });
+    let error = resume_error(&CheckpointFiles { optimizer: negative, ..files });
+    assert!(error.contains("`exp_avg_sq.head.bias` of squares is below 0"), "{error}");
+}
+
+#[test]
+fn weights_of_another_type_are_refused_by_name() {
+    let files = files();
+    let parsed = safetensors::SafeTensors::deserialize(&files.model).unwrap();
+    let halves: Vec<_> = parsed
+        .iter()
+        .map(|(name, view)| {
+            (name, view.shape().to_vec(), view.data()[..view.data().len() / 2].to_vec())
+        })
+        .collect();
+    let views = halves.iter().map(|(name, shape, bytes)| {
+        let dtype = safetensors::Dtype::F16;
+        (*name, safetensors::tensor::TensorView::new(dtype, shape.clone(), bytes).unwrap())
+    });
+    let mut model = safetensors::serialize(views, None).unwrap();
+    // As long as float32 would be, so that it is the type that is wrong.
+    let message = load(&CheckpointFiles { model: model.clone(), ..files.clone() });
+    assert!(message.is_err());
+    model.resize(files.model.len(), 0);
+    assert!(load(&CheckpointFiles { model, ..files }).is_err());
+}
+
+#[test]
+fn a_format_before_the_first_is_refused() {
+    let files = files();
+    check_refused(
+        &with_config(&files, |config| config["format_version"] = json!(0)),
+        "format_version 0, the first was 1",
+    );
+    check_refused(
+        &with_config(&files, |config| config["format_version"] = json!("2")),
+        "no format_version",
+    );
+}
+
+#[test]
+fn the_config_says_how_the_training_stands() {
+    let mut trainer = Trainer::new(&train_spec(), DATA, "digest", &Device::cpu()).unwrap();
+    let report = trainer.step(&batch(0, 8)).unwrap();
+    trainer.note("validation/rmse_deg", 1.25);
+    trainer.note("validation/loss", f64::NAN);
+    let model = load(&trainer.checkpoint().unwrap()).unwrap();
+    let metrics = &model.config().metrics;
+    assert_eq!(metrics["train/loss"], report.loss);
+    assert_eq!(metrics["validation/rmse_deg"], 1.25);
+    assert_eq!(metrics.len(), 2, "{metrics:?}");
 }
 
 #[test]

@@ -50,11 +50,10 @@ impl TrainSpec {
         }
         let stride = self.model.stride();
         if !samples.is_multiple_of(stride) {
-            let stages = stride.trailing_zeros() + 1;
             report.violation(
                 "model",
-                format!("a U-Net of {stages} stages, which divides samples by {stride}"),
-                format!("one whose divisor divides the data's samples, which are {samples}"),
+                format!("a U-Net of stride {stride}"),
+                format!("one whose stride divides the data's samples, which are {samples}"),
             );
         }
         if let (Some(all), false) =

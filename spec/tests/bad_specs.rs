@@ -53,6 +53,52 @@ fn a_number_out_of_range_is_named_with_its_range() {
     check_refused(train(), "/model/heads", json!(7), &["model.d_model", "a multiple of heads"]);
 }
 
+fn train_a(preset: &str) -> Value {
+    let mut base = train();
+    base["model"] = json!({"preset": preset});
+    base
+}
+
+#[test]
+fn sizes_that_do_not_divide_are_named_with_both_numbers() {
+    let diffuser = || train_a("diffuser-tiny");
+    check_refused(diffuser(), "/model/width", json!(20), &["model.width is 20", "multiple", "8"]);
+    check_refused(diffuser(), "/model/multipliers", json!([1, 0]), &["model.multipliers[1] is 0"]);
+    let cdcnn = || train_a("cdcnn-tiny");
+    check_refused(cdcnn(), "/model/widths", json!([16, 20]), &["model.widths[1] is 20", "8"]);
+    check_refused(cdcnn(), "/model/embedding", json!(5), &["model.embedding is 5", "2"]);
+    check_refused(train_a("cdt-tiny"), "/model/heads", json!(5), &["d_model is 48", "heads", "5"]);
+    check_refused(
+        train(),
+        "/gradient_accumulation",
+        json!(7),
+        &["is 7", "batch_size, which is 64"],
+    );
+}
+
+#[test]
+fn a_sampler_longer_than_the_noise_is_named_with_both_numbers() {
+    check_refused(
+        train_a("cdt-tiny"),
+        "/model/sampler",
+        json!({"kind": "ddim", "steps": 101}),
+        &["model.sampler.steps is 101", "at most diffusion.steps, which is 100"],
+    );
+    check_refused(
+        train_a("cdt-tiny"),
+        "/model/sampler",
+        json!({"kind": "ddpm", "eta": 0.5}),
+        &["model.sampler.eta is 0.5", "0 unless kind is ddim"],
+    );
+    check_refused(
+        train_a("cdt-tiny"),
+        "/model/residual",
+        json!("integrator"),
+        &["model", "integrator"],
+    );
+    check_refused(train(), "/ema", json!({"decay": 1.0}), &["ema.decay is 1"]);
+}
+
 #[test]
 fn a_frequency_above_nyquist_is_refused() {
     let grid = json!({"multisine": {"frequency_hz": {"grid": [1.0, 20.0]}}});

@@ -78,7 +78,7 @@ impl CheckpointConfig {
                 let supported = FORMAT_VERSION;
                 return Err(ModelError::NewerCheckpoint { file: CONFIG_FILE, found, supported });
             }
-            Some(0) => return Err(damaged("has format_version 0, the first is 1".to_owned())),
+            Some(0) => return Err(damaged("has format_version 0, the first was 1".to_owned())),
             Some(_) => {}
         }
         let config: Self =

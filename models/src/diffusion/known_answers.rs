@@ -78,19 +78,17 @@ fn a_linear_schedule_leads_there_too() {
 fn at_few_steps_dpm_solver_is_closer_than_ddim() {
     let spec = DiffusionSpec { steps: 1000, ..DiffusionSpec::default() };
     let error = |kind, steps| {
-        let sampler = SamplerSpec { spacing: Spacing::Linspace, ..sampler(kind, Some(steps)) };
-        let (_, variance) = sampled(&spec, &sampler);
+        let (_, variance) = sampled(&spec, &sampler(kind, Some(steps)));
         ((variance / VARIANCE).sqrt() - 1.0).abs()
     };
     for steps in [15, 30, 60] {
         let (first, second) =
             (error(SamplerKind::Ddim, steps), error(SamplerKind::DpmSolver, steps));
-        assert!(second < 0.7 * first, "{steps} steps: {second} against {first}");
+        assert!(second < 0.5 * first, "{steps} steps: {second} against {first}");
     }
 }
 
-/// The error of a solver of order p falls by 2^p when the steps double. On levels even in λ, where
-/// the theory has them; those of training are not.
+/// The error of a solver of order p falls by 2^p when the steps double.
 #[test]
 fn the_solvers_converge_with_their_orders() {
     let spec = DiffusionSpec { steps: 10_000, ..DiffusionSpec::default() };

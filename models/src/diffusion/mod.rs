@@ -12,5 +12,5 @@ mod process;
 mod sampler;
 
 pub(crate) use noise_schedule::NoiseSchedule;
-pub(crate) use process::{Painted, Process, Start};
+pub(crate) use process::{Painted, Process};
 pub(crate) use sampler::{Step, steps};

@@ -60,7 +60,7 @@ impl Process {
     /// clean value; `weights`, of the same shape, are 0 where errors do not count.
     pub fn loss(
         &self,
-        series: Tensor<3>,
+        series: &Tensor<3>,
         clean: &Tensor<3>,
         weights: Tensor<3>,
         counted: usize,
@@ -87,12 +87,11 @@ impl Process {
         Loss { errors, count: batch * of_each, predicted: None }
     }
 
-    /// The clean series `[batch, sample, channel]` that `network` makes of `start`, of the same
-    /// shape, in `steps`. `start` is the noise of the first level or, of a warm start, a series to
-    /// which that noise is first added.
+    /// The clean series `[batch, sample, channel]` that `network` makes in `steps` of noise or, of a
+    /// warm start, of the guess `warm` in the same shape with the noise of the first level added.
     pub fn sample(
         &self,
-        start: Start,
+        warm: Option<Tensor<3>>,
         painted: &Painted,
         steps: &[Step],
         random: &mut Noise,
@@ -102,12 +101,12 @@ impl Process {
         let device = painted.values.device();
         let first = random.normal([samples, channels], &device);
         let signal = |step: &Step| self.schedule.signal(Some(step.level));
-        let mut x = match (start, steps.first()) {
-            (Start::Warm(series), Some(step)) => {
-                mixed(prediction::noisy(signal(step)), series, first.clone())
+        let mut x = match (warm, steps.first()) {
+            (Some(guess), Some(step)) => {
+                mixed(prediction::noisy(signal(step)), guess, first.clone())
             }
-            (Start::Warm(series), None) => series,
-            (Start::Noise, _) => first.clone(),
+            (Some(guess), None) => guess,
+            (None, _) => first.clone(),
         };
         let mut clean_before: Option<Tensor<3>> = None;
         for step in steps {
@@ -130,13 +129,6 @@ impl Process {
         }
         painted.over(x, 1.0, &first)
     }
-}
-
-/// What sampling begins with.
-pub(crate) enum Start {
-    Noise,
-    /// A guess of the clean series.
-    Warm(Tensor<3>),
 }
 
 /// `values` where `mask` is 1, `series` where it is 0.

@@ -99,9 +99,9 @@ impl ResidualBlock {
 
     /// x `[batch, input, sample]` with `condition` `[batch, 1, width]` to
     /// `[batch, output, sample]`.
-    pub fn forward(&self, x: Tensor<3>, condition: Tensor<3>) -> Tensor<3> {
+    pub fn forward(&self, x: Tensor<3>, condition: &Tensor<3>) -> Tensor<3> {
         let hidden = self.first.forward(x.clone());
-        let numbers = self.condition.forward(kernels::mish(condition)).swap_dims(1, 2);
+        let numbers = self.condition.forward(kernels::mish(condition.clone())).swap_dims(1, 2);
         let hidden = match self.modulation {
             Modulation::Shift => hidden + numbers,
             Modulation::ScaleAndShift => {

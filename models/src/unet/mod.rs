@@ -140,28 +140,28 @@ impl UNet {
     pub fn forward(
         &self,
         mut x: Tensor<3>,
-        condition: Tensor<3>,
+        condition: &Tensor<3>,
         mut local: Option<Tensor<3>>,
     ) -> Tensor<3> {
         let mut skips = Vec::with_capacity(self.down.len());
         for stage in &self.down {
-            x = stage.first.forward(x, condition.clone());
+            x = stage.first.forward(x, condition);
             if let Some(local) = local.take() {
                 x = x + local;
             }
-            x = stage.second.forward(x, condition.clone());
+            x = stage.second.forward(x, condition);
             skips.push(x.clone());
             if let Some(downsample) = &stage.downsample {
                 x = downsample.forward(x);
             }
         }
         for block in &self.middle {
-            x = block.forward(x, condition.clone());
+            x = block.forward(x, condition);
         }
         // The first stage's series is left over: what it had to say went down with the others.
         for (stage, skip) in self.up.iter().zip(skips.into_iter().rev()) {
-            x = stage.first.forward(Tensor::cat(vec![x, skip], 1), condition.clone());
-            x = stage.upsample.forward(stage.second.forward(x, condition.clone()));
+            x = stage.first.forward(Tensor::cat(vec![x, skip], 1), condition);
+            x = stage.upsample.forward(stage.second.forward(x, condition));
         }
         self.output.forward(self.last.forward(x))
     }

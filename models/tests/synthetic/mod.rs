@@ -124,7 +124,7 @@ pub fn every_kind() -> Vec<(&'static str, ModelSpec)> {
     vec![
         ("robomorph", ModelSpec::RoboMorph(robomorph.clone())),
         ("robomorph, gaussian", {
-            ModelSpec::RoboMorph(RoboMorphSpec { head: Head::Gaussian, ..robomorph.clone() })
+            ModelSpec::RoboMorph(RoboMorphSpec { head: Head::Gaussian, ..robomorph })
         }),
         ("robomorph, residual", {
             ModelSpec::RoboMorph(RoboMorphSpec { residual: integrator, ..robomorph })

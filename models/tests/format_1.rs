@@ -1,0 +1,68 @@
+//! What torqued wrote before denoisers, averaged weights and metrics were in the format. The
+//! files are of version 1's own making: a training of `synthetic::train_spec` after three steps,
+//! what it predicted, and its weights one step later.
+
+#![expect(clippy::unwrap_used, reason = "a test ends at what it did not expect")]
+
+mod synthetic;
+
+use std::path::PathBuf;
+
+use models::{CheckpointFiles, Device, PredictionInput, TrainedModel, Trainer};
+use safetensors::SafeTensors;
+use spec::JOINTS;
+use synthetic::{CONTEXT, DATA, SAMPLES, batch, train_spec};
+
+fn read(file: &str) -> Vec<u8> {
+    let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/data/format_1");
+    std::fs::read(folder.join(file)).unwrap()
+}
+
+fn files() -> CheckpointFiles {
+    CheckpointFiles {
+        model: read("model.safetensors"),
+        optimizer: read("optimizer.safetensors"),
+        config: read("config.json"),
+    }
+}
+
+fn numbers(bytes: &[u8]) -> Vec<f32> {
+    let (numbers, rest) = bytes.as_chunks::<4>();
+    assert!(rest.is_empty());
+    numbers.iter().map(|&bytes| f32::from_le_bytes(bytes)).collect()
+}
+
+/// Other processors round otherwise, so not to the bit.
+#[track_caller]
+fn check_close(what: &str, found: &[f32], expected: &[f32]) {
+    assert_eq!(found.len(), expected.len(), "{what}");
+    for (found, expected) in found.iter().zip(expected) {
+        assert!((found - expected).abs() < 1e-5, "{what}: {found}, expected {expected}");
+    }
+}
+
+#[test]
+fn an_old_checkpoint_predicts_what_it_did() {
+    let model = TrainedModel::from_files(&files(), &Device::cpu()).unwrap();
+    assert_eq!(model.config().format_version, 1);
+    let batch = batch(50, 2);
+    let row = SAMPLES as usize * JOINTS;
+    let y_context =
+        batch.y.chunks_exact(row).flat_map(|y| &y[..CONTEXT as usize * JOINTS]).copied().collect();
+    let input = PredictionInput { u: batch.u, y_context, size: 2 };
+    let predicted = model.predict(&input).unwrap();
+    check_close("prediction", &predicted, &numbers(&read("prediction.f32")));
+}
+
+#[test]
+fn an_old_training_goes_on_as_it_would_have() {
+    let mut trainer =
+        Trainer::resume(&train_spec(), DATA, "digest", &files(), &Device::cpu()).unwrap();
+    trainer.step(&batch(3, 8)).unwrap();
+    let resumed = trainer.checkpoint().unwrap();
+    let found = SafeTensors::deserialize(&resumed.model).unwrap();
+    let bytes = read("next_model.safetensors");
+    for (name, view) in SafeTensors::deserialize(&bytes).unwrap().iter() {
+        check_close(name, &numbers(found.tensor(name).unwrap().data()), &numbers(view.data()));
+    }
+}
