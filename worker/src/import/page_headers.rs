@@ -160,11 +160,14 @@ fn values_and_encoding(thrift: &mut Thrift<'_>, encoding_field: i16) -> Option<(
 /// The bytes that decoding a page takes.
 fn check_page(header: &PageHeader, left: u64) -> Result<u64, String> {
     let PageHeader { page_type, uncompressed, compressed, values, encoding } = *header;
-    let size =
-        |what: &str, bytes: i64| u64::try_from(bytes).map_err(|_| format!("claims {bytes} {what}"));
-    let (uncompressed, compressed) =
-        (size("uncompressed bytes", uncompressed)?, size("compressed bytes", compressed)?);
-    let values = size("values", values)?;
+    // The format has 32 bits with a sign for each of them.
+    let number = |what: &str, value: i64| match i32::try_from(value).map(u64::try_from) {
+        Ok(Ok(value)) => Ok(value),
+        _ => Err(format!("claims {value} {what}")),
+    };
+    let uncompressed = number("uncompressed bytes", uncompressed)?;
+    let compressed = number("compressed bytes", compressed)?;
+    let values = number("values", values)?;
     if compressed > left {
         return Err(format!("claims {compressed} bytes where {left} are left"));
     }
