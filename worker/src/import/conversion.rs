@@ -14,7 +14,7 @@ use super::error::{ImportError, RowError};
 use super::parquet_rows::ParquetRows;
 use super::recording::Recording;
 use super::rows::Rows;
-use super::samples::{Sample, Sampling};
+use super::samples::Sampling;
 use super::tables::{ImportedTrajectories, Origin, Tables};
 use super::windows::Window;
 
@@ -109,11 +109,6 @@ impl<R: ChunkReader<T: 'static> + 'static> Conversion<R> {
              {dropped_samples} samples together, and a trajectory needs {}",
             self.spec.samples
         )))
-    }
-
-    /// Rows of the file so far.
-    pub const fn rows(&self) -> u64 {
-        self.counts.rows
     }
 
     /// Trajectories so far.
