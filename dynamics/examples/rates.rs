@@ -1,15 +1,20 @@
 //! Prints how fast this machine simulates, per instruction set and precision.
 //!
-//! `cargo run --release -p dynamics --example rates [-- [--json] [SPEC]]`
+//! `cargo run --release -p dynamics --example rates -- [--json] [SPEC] [THREADS ..]`
 //!
-//! SPEC is a simulate job to take instead of the default one. `--json` measures the best
-//! instruction set alone, each rate once, and prints an array: whoever compares with other
-//! programs runs all of them in turn, again and again, and takes medians.
+//! Trajectories are counted with everything they take: draws, excitation, rejection, output; into fresh
+//! memory and into memory used before. Evaluations are those of Runge-Kutta, where each is a complete
+//! one: mass matrix, bias forces, factorization, solution, and the update of the state.
+//!
+//! SPEC is a file with a simulate job to take instead of the default one. `--json` measures the best
+//! instruction set alone and each rate only twice, for `cargo xtask bench dynamics`, which lets us and
+//! other simulators take turns.
 
 use std::ops::ControlFlow;
 use std::time::Instant;
 
-use dynamics::{DynamicsError, InstructionSet, simulate_on};
+use dynamics::{DynamicsError, InstructionSet, Trajectories, simulate_into};
+use serde_json::{Value, json};
 use spec::{Integrator, JobSpec, Precision, SimulateSpec};
 
 const DEFAULT_SPEC: &str = r#"{
@@ -17,37 +22,45 @@ const DEFAULT_SPEC: &str = r#"{
     "excitation": {"multisine": {"frequency_hz": {"uniform": [0.05, 0.15]}}}
 }"#;
 
-/// Evaluations of the dynamics per step with the default integrator.
-const EVALUATIONS: f64 = 10.0;
-/// Steps per sample when it is the dynamics that are measured, and not drawing and sampling.
-const DENSE: u32 = 20;
+const SUBSTEPS: u32 = 50;
+/// Per step of Runge-Kutta.
+const EVALUATIONS: u32 = 4;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut json = false;
     let mut text = DEFAULT_SPEC.to_owned();
+    let mut threads: Vec<usize> = Vec::new();
     for argument in std::env::args().skip(1) {
-        match argument.as_str() {
-            "--json" => json = true,
-            file => text = std::fs::read_to_string(file)?,
+        match argument.parse() {
+            Ok(count) => threads.push(count),
+            Err(_) if argument == "--json" => json = true,
+            Err(_) => text = std::fs::read_to_string(argument)?,
         }
+    }
+    if threads.is_empty() {
+        threads = vec![1, 2];
     }
     let JobSpec::Simulate(spec) = spec::parse(text.as_bytes())? else {
         return Err("not a simulation".into());
     };
     if json {
-        let rates = measure(&spec, InstructionSet::best(), 1)?;
-        println!("{}", serde_json::Value::from_iter(rates.iter().map(Rates::json)));
+        let rates = measure(&spec, InstructionSet::best(), &threads, 2)?;
+        println!("{}", Value::from_iter(rates.iter().map(Rates::json)));
         return Ok(());
     }
-    println!("{:<10} {:<4} {:>7} {:>15} {:>12}", "", "", "threads", "trajectories/s", "M evals/s");
+    println!(
+        "{:<10} {:<4} {:>7} {:>16} {:>16} {:>12}",
+        "", "", "threads", "trajectories/s", "in used memory", "M evals/s"
+    );
     for instructions in InstructionSet::available() {
-        for rates in measure(&spec, instructions, 3)? {
+        for rates in measure(&spec, instructions, &threads, 4)? {
             println!(
-                "{:<10} {:<4} {:>7} {:>15.0} {:>12.1}",
+                "{:<10} {:<4} {:>7} {:>16.0} {:>16.0} {:>12.1}",
                 rates.instructions.to_string(),
                 format!("{:?}", rates.precision),
                 rates.threads,
-                rates.trajectories,
+                rates.trajectories.fresh,
+                rates.trajectories.used,
                 rates.evaluations / 1e6
             );
         }
@@ -60,17 +73,24 @@ struct Rates {
     instructions: InstructionSet,
     precision: Precision,
     threads: usize,
-    trajectories: f64,
+    trajectories: Trajectory,
     evaluations: f64,
 }
 
+/// Trajectories per second, by the memory they are written to.
+struct Trajectory {
+    fresh: f64,
+    used: f64,
+}
+
 impl Rates {
-    fn json(&self) -> serde_json::Value {
-        serde_json::json!({
+    fn json(&self) -> Value {
+        json!({
             "instructions": self.instructions.to_string(),
             "precision": self.precision,
             "threads": self.threads,
-            "trajectories_per_s": self.trajectories,
+            "trajectories_per_s": self.trajectories.fresh,
+            "trajectories_in_used_memory_per_s": self.trajectories.used,
             "evaluations_per_s": self.evaluations,
         })
     }
@@ -79,42 +99,47 @@ impl Rates {
 fn measure(
     spec: &SimulateSpec,
     instructions: InstructionSet,
+    threads: &[usize],
     repetitions: u32,
 ) -> Result<Vec<Rates>, Box<dyn std::error::Error>> {
-    let integrator = Integrator::Extrapolated { order: 4, substeps: DENSE };
-    let dense = SimulateSpec { integrator, ..spec.clone() };
     // Portable lanes are an order of magnitude slower where `mul_add` is a library call.
     let portable = Some(&instructions) == InstructionSet::available().last();
     let count = if portable { 160 } else { 6400 };
+    let per_trajectory = f64::from((spec.samples - 1) * SUBSTEPS * EVALUATIONS);
     let mut all = Vec::new();
     for precision in [Precision::F32, Precision::F64] {
-        for threads in [1, 2] {
+        let spec = SimulateSpec { precision, ..spec.clone() };
+        let integrator = Integrator::Rk4 { substeps: SUBSTEPS };
+        let dense = SimulateSpec { integrator, ..spec.clone() };
+        for &threads in threads {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
-            let best = |spec: &SimulateSpec, count| {
-                let spec = SimulateSpec { precision, ..spec.clone() };
-                pool.install(|| best_rate(instructions, &spec, count, repetitions))
-            };
-            let trajectories = best(spec, count)?;
-            let steps = f64::from(spec.samples) * f64::from(DENSE);
-            let evaluations = best(&dense, count / 10)? * steps * EVALUATIONS;
+            let best = |spec, count| pool.install(|| best(instructions, spec, count, repetitions));
+            let trajectories = best(&spec, count)?;
+            let evaluations = best(&dense, count / 20)?.used * per_trajectory;
             all.push(Rates { instructions, precision, threads, trajectories, evaluations });
         }
     }
     Ok(all)
 }
 
-/// Trajectories per second, the best of several.
-fn best_rate(
+/// The best of several runs in fresh and in used memory.
+fn best(
     instructions: InstructionSet,
     spec: &SimulateSpec,
     count: u64,
     repetitions: u32,
-) -> Result<f64, DynamicsError> {
-    let mut best: f64 = 0.0;
-    for _ in 0..repetitions {
+) -> Result<Trajectory, DynamicsError> {
+    let rate = |trajectories: &mut Trajectories| {
         let start = Instant::now();
-        simulate_on(instructions, spec, 0..count, &|_| ControlFlow::Continue(()))?;
-        best = best.max(count as f64 / start.elapsed().as_secs_f64());
+        let go_on = |_| ControlFlow::Continue(());
+        simulate_into(instructions, spec, 0..count, &go_on, trajectories)?;
+        Ok(count as f64 / start.elapsed().as_secs_f64())
+    };
+    let mut reused = Trajectories::default();
+    let mut best = Trajectory { fresh: 0.0, used: 0.0 };
+    for _ in 0..repetitions {
+        best.fresh = best.fresh.max(rate(&mut Trajectories::default())?);
+        best.used = best.used.max(rate(&mut reused)?);
     }
     Ok(best)
 }
