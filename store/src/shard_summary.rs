@@ -43,10 +43,13 @@ pub struct Spectrum {
 }
 
 impl ShardSummary {
+    /// Where the result of a task has the summary of its shard.
+    pub const KEY: &str = "summary";
+
     /// The result of a task that made a shard, which [`Store::dataset_summary`] reads; a task may
     /// add entries of its own.
     pub fn to_result(&self) -> Value {
-        json!({ SUMMARY: self })
+        json!({ Self::KEY: self })
     }
 
     /// Adds what another shard of the same dataset holds.
@@ -99,9 +102,6 @@ impl Spectrum {
     }
 }
 
-/// Where the result of a task has the summary of its shard.
-const SUMMARY: &str = "summary";
-
 impl Store {
     /// The shards of a dataset that say what they hold, taken together; `None` when there are none.
     ///
@@ -133,7 +133,7 @@ impl Store {
 /// `None` for results of other versions.
 fn summary_of(result: &str) -> Option<ShardSummary> {
     let mut result: Value = serde_json::from_str(result).ok()?;
-    serde_json::from_value(result.get_mut(SUMMARY)?.take()).ok()
+    serde_json::from_value(result.get_mut(ShardSummary::KEY)?.take()).ok()
 }
 
 #[cfg(test)]

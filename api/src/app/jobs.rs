@@ -3,7 +3,7 @@
 use serde::Serialize;
 use serde_json::Value;
 use spec::{Digest, JobKind, JobSpec};
-use store::{JobId, Timestamp};
+use store::{JobId, ShardSummary, Timestamp};
 use utoipa::ToSchema;
 
 use crate::app::warnings::warnings;
@@ -100,6 +100,10 @@ pub struct Task {
     /// Of the last attempt that failed.
     pub error: Option<String>,
     pub progress: Progress,
+    /// What it has to say of what it did: a verification how a shard agrees, an import what became
+    /// of the file. What it made is told where that is.
+    #[schema(value_type = Option<Object>)]
+    pub result: Option<Value>,
     pub started_at: Option<String>,
     pub finished_at: Option<String>,
 }
@@ -235,8 +239,20 @@ fn task(row: store::Task, unit: &str) -> Task {
             rate_per_second: row.progress.rate_per_second,
             message: row.progress.message,
         },
+        result: row.result.and_then(without_summary),
         started_at: text(row.started_at),
         finished_at: text(row.finished_at),
+    }
+}
+
+/// The ranges and spectra of a shard belong to its dataset, whose summary has those of all shards.
+fn without_summary(result: Value) -> Option<Value> {
+    match result {
+        Value::Object(mut entries) => {
+            entries.remove(ShardSummary::KEY);
+            (!entries.is_empty()).then_some(Value::Object(entries))
+        }
+        other => Some(other),
     }
 }
 

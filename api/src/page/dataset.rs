@@ -7,14 +7,14 @@ use axum::response::{IntoResponse, Redirect, Response};
 use serde::Deserialize;
 use spec::JobKind;
 
-use crate::app::{App, Dataset, DatasetFile, FileKind, Job, JobState};
+use crate::app::{App, Dataset, DatasetFile, FileKind, JobState};
 use crate::extract::{Path, Query};
 use crate::page::channels::ChannelRow;
 use crate::page::parts::{Commands, Fact, FileRow, when};
 use crate::page::spec_text::spec_text;
 use crate::page::verification::Checked;
 use crate::page::viewer::Viewer;
-use crate::page::{InPage, PageError, html, text};
+use crate::page::{InPage, PageError, html, recordings, text};
 
 #[derive(Deserialize)]
 pub struct View {
@@ -62,6 +62,10 @@ pub async fn show(
     let job = app.job(dataset.job).await?;
     let summary = app.summary(id).await?;
     let checked = Checked::new(dataset.verification.as_ref());
+    let mut facts = facts(&dataset, job.kind, summary.trajectories);
+    if job.kind == JobKind::Import {
+        facts.extend(recordings::facts(&app, &job).await?);
+    }
     let page = DatasetPage {
         id,
         job: job.id,
@@ -72,7 +76,7 @@ pub async fn show(
         digest: dataset.digest.to_string(),
         short_digest: dataset.digest.short(),
         warnings: job.warnings.clone(),
-        facts: facts(&dataset, &job, summary.trajectories),
+        facts,
         complete: dataset.completed_at.is_some(),
         checked,
         channels: summary.channels.iter().map(ChannelRow::from).collect(),
@@ -99,9 +103,9 @@ pub async fn verify(
     Ok(Redirect::to(&format!("/datasets/{id}#verification")).into_response())
 }
 
-fn facts(dataset: &Dataset, job: &Job, trajectories: u64) -> Vec<Fact> {
+fn facts(dataset: &Dataset, kind: JobKind, trajectories: u64) -> Vec<Fact> {
     let shards = dataset.files.iter().filter(|file| file.content == FileKind::Trajectories);
-    let recorded = job.kind == JobKind::Import;
+    let recorded = kind == JobKind::Import;
     let rate = dataset.spec["rate_hz"].as_f64().unwrap_or(f64::NAN);
     let seconds = f64::from(dataset.samples) / rate;
     let of_all = match dataset.trajectories {

@@ -8,6 +8,7 @@ mod evaluation;
 mod experiments;
 mod job;
 mod parts;
+mod recordings;
 mod report;
 mod rows;
 mod run;

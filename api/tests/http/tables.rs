@@ -1,6 +1,7 @@
 //! Tables of shards whose every value follows from its place.
 
 use std::collections::BTreeMap;
+use std::ops::Range;
 use std::sync::Arc;
 
 use arrow::array::{
@@ -17,19 +18,19 @@ pub fn value(position: usize, trajectory: u64, step: u64) -> f64 {
     position as f64 + 10.0 * trajectory as f64 + step as f64 / 64.0
 }
 
-/// Writes a table of the shard that `task` makes, from trajectory `first` on.
+/// Writes a table of the shard that `task` makes, which holds `trajectories`.
 pub async fn write(
     store: &Store,
     task: &ClaimedTask,
     data: &DataSpec,
-    first: u64,
+    trajectories: Range<u64>,
     content: FileContent,
 ) -> StoredObject {
     let (columns, samples) = match content {
         FileContent::Trajectories => (data.trajectory_columns(), u64::from(data.samples())),
         FileContent::Robots => (data.table_columns(), 1),
     };
-    let rows: Vec<(u64, u64)> = (first..first + task.total)
+    let rows: Vec<(u64, u64)> = trajectories
         .flat_map(|trajectory| (0..samples).map(move |step| (trajectory, step)))
         .collect();
     let arrays = columns.iter().enumerate().map(|(i, column)| array(i, column, &rows)).collect();

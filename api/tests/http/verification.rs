@@ -67,6 +67,10 @@ async fn a_dataset_tells_what_its_newest_verification_found() {
     ];
     let task = server.claim().await.unwrap();
     server.store.complete(task.fence, Some(&results[0])).await.unwrap();
+    let tasks = server.json(&format!("/v1/jobs/{}/tasks", job["id"])).await;
+    assert_eq!(tasks["tasks"][0]["result"], results[0]);
+    let simulated = server.json("/v1/jobs/1/tasks").await;
+    assert_eq!(simulated["tasks"][0]["result"], json!(null));
     let halfway = verification(&server).await;
     assert_eq!((&halfway["state"], &halfway["shards_verified"]), (&json!("running"), &json!(1)));
     let task = server.claim().await.unwrap();

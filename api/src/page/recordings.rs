@@ -1,0 +1,35 @@
+//! What became of a file that was imported.
+
+use serde::Deserialize;
+
+use crate::app::{App, Job};
+use crate::error::ApiError;
+use crate::page::parts::Fact;
+use crate::page::text;
+
+/// As an import's task tells it.
+#[derive(Deserialize)]
+struct Counts {
+    rows: u64,
+    recordings: u64,
+    dropped_recordings: u64,
+    dropped_samples: u64,
+}
+
+/// Nothing until the import has ended.
+pub async fn facts(app: &App, import: &Job) -> Result<Vec<Fact>, ApiError> {
+    let tasks = app.tasks(import.id).await?;
+    let result = tasks.first().and_then(|task| task.result.as_ref()?.get("import"));
+    let counts = result.and_then(|counts| Counts::deserialize(counts).ok());
+    Ok(counts.map_or(Vec::new(), |counts| {
+        let too_short = match counts.dropped_recordings {
+            0 => format!("in {} rows", text::count(counts.rows)),
+            dropped => format!("{} of them too short", text::count(dropped)),
+        };
+        let left_over = text::count(counts.dropped_samples);
+        vec![
+            Fact::new("Recordings", text::count(counts.recordings), too_short),
+            Fact::new("Left over", left_over, "samples in no trajectory"),
+        ]
+    }))
+}
