@@ -8,12 +8,13 @@ use std::ops::ControlFlow;
 
 use spec::{Gravity, JOINTS, Rejection};
 
-use crate::forward_dynamics::Dynamics;
+use crate::forward_dynamics::{Dynamics, turns};
 use crate::integrators::{Scheme, State, advance};
 use crate::kinematics::POSE;
 use crate::lanes::{Kernels, MAX_LANES};
 use crate::model::Model;
 use crate::rejection::Clearance;
+use crate::spatial::Turn;
 use crate::{DynamicsError, Joints, Robot, Scenario, Scenarios};
 
 /// Trajectories `first`, `first + 1`, .., one per element of `scenarios`.
@@ -57,6 +58,8 @@ pub(crate) fn simulate<L: Kernels>(block: &mut Block<'_>) -> Result<(), Dynamics
     let samples = spec.samples as usize;
     let row_len = samples * JOINTS;
     let clearance = Clearance::<L>::new(&spec.rejection);
+    let compensated = spec.robot.gravity == Gravity::Compensated;
+    let records_velocities = block.qd.is_some();
 
     let mut model = Model::splat(&Robot::nominal(&spec.robot));
     let mut state = State::<L>::zero();
@@ -93,15 +96,24 @@ pub(crate) fn simulate<L: Kernels>(block: &mut Block<'_>) -> Result<(), Dynamics
                 torques[joint][lane] = u[joint];
             }
         }
-        if spec.robot.gravity == Gravity::Compensated {
+        if compensated {
             add_gravity_torques(&model, &state.q, &mut torques);
         }
         let mut positions = [[0.0; MAX_LANES]; JOINTS];
         let mut velocities = [[0.0; MAX_LANES]; JOINTS];
+        let mut zeros = L::splat(0.0);
         for joint in 0..JOINTS {
             state.q[joint].store(&mut positions[joint]);
-            state.qd[joint].store(&mut velocities[joint]);
+            zeros = zeros + times_zero::<L>(&positions[joint]);
         }
+        if records_velocities {
+            for joint in 0..JOINTS {
+                state.qd[joint].store(&mut velocities[joint]);
+                zeros = zeros + times_zero::<L>(&velocities[joint]);
+            }
+        }
+        let mut zero_if_finite = [0.0; MAX_LANES];
+        zeros.store(&mut zero_if_finite);
         let mut excess = [0.0; MAX_LANES];
         clearance.excess(&state.q).store(&mut excess);
 
@@ -109,21 +121,23 @@ pub(crate) fn simulate<L: Kernels>(block: &mut Block<'_>) -> Result<(), Dynamics
         for lane in 0..L::LANES {
             let Lane::Running { row, sample } = lanes[lane] else { continue };
             let at = row * row_len + sample * JOINTS;
-            let (u, q) = (&mut block.u[at..][..JOINTS], &mut block.q[at..][..JOINTS]);
-            let mut finite = true;
+            let q = &mut block.q[at..][..JOINTS];
             for joint in 0..JOINTS {
-                u[joint] = torques[joint][lane];
                 q[joint] = positions[joint][lane];
-                finite &= q[joint].is_finite();
+            }
+            if compensated {
+                let u = &mut block.u[at..][..JOINTS];
+                for joint in 0..JOINTS {
+                    u[joint] = torques[joint][lane];
+                }
             }
             if let Some(qd) = &mut block.qd {
                 let qd = &mut qd[at..][..JOINTS];
                 for joint in 0..JOINTS {
                     qd[joint] = velocities[joint][lane];
-                    finite &= qd[joint].is_finite();
                 }
             }
-            if !finite {
+            if zero_if_finite[lane] != 0.0 {
                 return Err(not_finite(&block.scenarios[row], spec.seed, sample));
             }
             if excess[lane] > 0.0 {
@@ -153,6 +167,12 @@ pub(crate) fn simulate<L: Kernels>(block: &mut Block<'_>) -> Result<(), Dynamics
     }
 }
 
+/// 0 where a value as it is recorded is finite, not a number where it is not.
+#[inline(always)]
+fn times_zero<L: Kernels>(recorded: &[f32; MAX_LANES]) -> L {
+    L::load(recorded) * L::splat(0.0)
+}
+
 /// Adds g(q) of each lane's robot, so that what is recorded and what acts are the same f32.
 #[inline(always)]
 fn add_gravity_torques<L: Kernels>(
@@ -161,7 +181,9 @@ fn add_gravity_torques<L: Kernels>(
     torques: &mut [[f32; MAX_LANES]; JOINTS],
 ) {
     let mut at_rest = Dynamics::zero();
-    L::mass_matrix_and_bias(model, q, &[L::splat(0.0); JOINTS], &mut at_rest);
+    let mut at_q = [Turn::none(); JOINTS];
+    turns(q, &mut at_q);
+    L::mass_matrix_and_bias(model, &at_q, &[L::splat(0.0); JOINTS], &mut at_rest);
     for joint in 0..JOINTS {
         (L::load(&torques[joint]) + at_rest.bias[joint]).store(&mut torques[joint]);
     }

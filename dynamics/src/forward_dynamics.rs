@@ -3,7 +3,8 @@
 //! Mass matrix by the composite-rigid-body algorithm, bias forces by recursive Newton-Euler, both in
 //! link frames and in one pass outwards and one inwards, then a factorization L D Lᵀ from the tip
 //! (Featherstone 2008, "Rigid Body Dynamics Algorithms", chapters 5 and 6). With seven joints this
-//! takes fewer operations than the articulated-body algorithm, and most of them are independent.
+//! takes fewer operations than the articulated-body algorithm, and most of them are independent. Links
+//! come with their inertias regrouped, see [`crate::regrouping`], which leaves many of them zero.
 
 use spec::JOINTS;
 
@@ -11,8 +12,8 @@ use crate::Joints;
 use crate::lanes::Lanes;
 use crate::model::{Link, Model};
 use crate::spatial::{
-    Symmetric, Turn, Vector, add_cross, add_matrix_origin, add_origin_cross, add_scaled_origin,
-    add_symmetric_product, cross, shifted_inertia, sum, symmetric_product,
+    Symmetric, Turn, Vector, add_cross, add_matrix_origin, add_origin_cross, shifted,
+    shifted_inertia, sum,
 };
 
 /// The equation of motion at one state.
@@ -39,28 +40,31 @@ struct Motion<L> {
     angular_acceleration: Vector<L>,
     /// Of the frame's origin, less that of free fall.
     acceleration: Vector<L>,
-    /// [ω̇] + [ω]²: the acceleration of a point of the link per distance from the origin.
-    gradient: [Vector<L>; 3],
+    /// The columns x and y of [ω̇] + [ω]²: the acceleration of a point of the link per distance from
+    /// the origin. Neither first moments nor origins of joints have a z.
+    gradient: [[L; 2]; 3],
 }
 
 impl<L: Lanes> Motion<L> {
     #[inline(always)]
     fn new(w: Vector<L>, w_dot: Vector<L>, acceleration: Vector<L>) -> Self {
-        let [xx, yy, zz] = [w[0] * w[0], w[1] * w[1], w[2] * w[2]];
-        let [xy, xz, yz] = [w[0] * w[1], w[0] * w[2], w[1] * w[2]];
+        let minus_zz = w[2].neg_mul_add(w[2], L::splat(0.0));
         let gradient = [
-            [-(yy + zz), xy - w_dot[2], xz + w_dot[1]],
-            [xy + w_dot[2], -(xx + zz), yz - w_dot[0]],
-            [xz - w_dot[1], yz + w_dot[0], -(xx + yy)],
+            [w[1].neg_mul_add(w[1], minus_zz), w[0].mul_add(w[1], -w_dot[2])],
+            [w[0].mul_add(w[1], w_dot[2]), w[0].neg_mul_add(w[0], minus_zz)],
+            [w[0].mul_add(w[2], -w_dot[1]), w[1].mul_add(w[2], w_dot[0])],
         ];
         Self { angular_velocity: w, angular_acceleration: w_dot, acceleration, gradient }
     }
 
-    /// The first link turns about the vertical, which is also its own z.
+    /// The second link, carried by a first one that turns about the vertical, which is its own z, and
+    /// on whose axis it sits.
     #[inline(always)]
-    fn of_first_link(base_acceleration: L, qd: L) -> Self {
-        let zero = L::splat(0.0);
-        Self::new([zero, zero, qd], [zero; 3], [zero, zero, base_acceleration])
+    fn of_second_link(base_acceleration: L, turn: Turn<L>, qd: &Joints<L>) -> Self {
+        const { assert!(!shifted::<1>(0) && !shifted::<1>(1) && !shifted::<1>(2)) };
+        let [x, y, _] = turn.axis_to_child::<1>(qd[0]);
+        let w_dot = [y * qd[1], -(x * qd[1]), L::splat(0.0)];
+        Self::new([x, y, qd[1]], w_dot, turn.axis_to_child::<1>(base_acceleration))
     }
 
     /// The motion of the link that joint `J` carries, given that of the link before it.
@@ -78,20 +82,26 @@ impl<L: Lanes> Motion<L> {
     /// The wrench about the frame's origin that moves `link` this way (Newton and Euler).
     #[inline(always)]
     fn wrench(&self, link: &Link<L>) -> Wrench<L> {
-        let moment = &link.first_moment;
+        let [mx, my] = link.first_moment;
+        let [xx, xy, xz, yz, zz] = link.inertia;
+        let ([wx, wy, wz], [ax, ay, az]) = (self.angular_velocity, self.acceleration);
+        let [turn_x, turn_y, turn_z] = self.angular_acceleration;
+
         let mut force = self.acceleration;
         for row in 0..3 {
-            force[row] = self.gradient[row][0].mul_add(
-                moment[0],
-                self.gradient[row][1].mul_add(
-                    moment[1],
-                    self.gradient[row][2].mul_add(moment[2], link.mass * self.acceleration[row]),
-                ),
-            );
+            force[row] = self.gradient[row][1].mul_add(my, self.gradient[row][0] * mx);
         }
-        let angular_momentum = symmetric_product(&link.inertia, self.angular_velocity);
-        let lever = cross(*moment, self.acceleration);
-        let euler = add_symmetric_product(&link.inertia, self.angular_acceleration, lever);
+        let angular_momentum = [
+            xz.mul_add(wz, xy.mul_add(wy, xx * wx)),
+            yz.mul_add(wz, xy * wx),
+            zz.mul_add(wz, yz.mul_add(wy, xz * wx)),
+        ];
+        // Inertia times angular acceleration, and first moment × acceleration.
+        let euler = [
+            xz.mul_add(turn_z, xy.mul_add(turn_y, xx.mul_add(turn_x, my * az))),
+            yz.mul_add(turn_z, mx.neg_mul_add(az, xy * turn_x)),
+            zz.mul_add(turn_z, yz.mul_add(turn_y, xz.mul_add(turn_x, my.neg_mul_add(ax, mx * ay)))),
+        ];
         Wrench { force, moment: add_cross(self.angular_velocity, angular_momentum, euler) }
     }
 }
@@ -116,7 +126,6 @@ impl<L: Lanes> Wrench<L> {
 /// A link and everything beyond it, as one rigid body, with the wrench that moves it.
 #[derive(Clone, Copy)]
 struct Composite<L> {
-    mass: L,
     first_moment: Vector<L>,
     inertia: Symmetric<L>,
     wrench: Wrench<L>,
@@ -125,7 +134,9 @@ struct Composite<L> {
 impl<L: Lanes> Composite<L> {
     #[inline(always)]
     fn of_last_link(link: &Link<L>, wrench: Wrench<L>) -> Self {
-        Self { mass: link.mass, first_moment: link.first_moment, inertia: link.inertia, wrench }
+        let zero = L::splat(0.0);
+        let ([mx, my], [xx, xy, xz, yz, zz]) = (link.first_moment, link.inertia);
+        Self { first_moment: [mx, my, zero], inertia: [xx, xy, xz, zero, yz, zz], wrench }
     }
 
     /// This composite, carried by joint `J`, together with the link before the joint.
@@ -139,13 +150,22 @@ impl<L: Lanes> Composite<L> {
     ) -> Self {
         let first_moment = turn.to_parent::<J>(self.first_moment);
         let inertia = turn.symmetric_to_parent::<J>(self.inertia);
-        let inertia = shifted_inertia::<L, J>(self.mass, origin, first_moment, inertia);
-        let first_moment = add_scaled_origin::<L, J>(self.mass, origin, first_moment);
+        let inertia = shifted_inertia::<L, J>(origin, first_moment, inertia);
         let carried = self.wrench.to_parent::<J>(origin, turn);
         Self {
-            mass: self.mass + link.mass,
-            first_moment: sum(first_moment, link.first_moment),
-            inertia: sum(inertia, link.inertia),
+            first_moment: [
+                first_moment[0] + link.first_moment[0],
+                first_moment[1] + link.first_moment[1],
+                first_moment[2],
+            ],
+            inertia: [
+                inertia[0] + link.inertia[0],
+                inertia[1] + link.inertia[1],
+                inertia[2] + link.inertia[2],
+                inertia[3],
+                inertia[4] + link.inertia[3],
+                inertia[5] + link.inertia[4],
+            ],
             wrench: Wrench {
                 force: sum(carried.force, wrench.force),
                 moment: sum(carried.moment, wrench.moment),
@@ -162,23 +182,38 @@ impl<L: Lanes> Composite<L> {
     }
 }
 
-/// M + A and C q̇ + g at positions `q` (rad) and velocities `qd` (rad/s).
+/// Sine and cosine of every joint's angle `q` (rad), except the first's, which changes nothing:
+/// gravity is along its axis.
+#[inline(always)]
+pub(crate) fn turns<L: Lanes>(q: &Joints<L>, turns: &mut Joints<Turn<L>>) {
+    for joint in 1..JOINTS {
+        turns[joint] = Turn::by(q[joint]);
+    }
+}
+
+/// As [`turns`], of angles that lie little beyond others whose turns are known.
+#[inline(always)]
+pub(crate) fn later_turns<L: Lanes>(
+    start: &Joints<Turn<L>>,
+    change: &Joints<L>,
+    turns: &mut Joints<Turn<L>>,
+) {
+    for joint in 1..JOINTS {
+        turns[joint] = start[joint].and_by(change[joint]);
+    }
+}
+
+/// M + A and C q̇ + g at the positions of `turns` and velocities `qd` (rad/s).
 #[inline(always)]
 pub(crate) fn mass_matrix_and_bias<L: Lanes>(
     model: &Model<L>,
-    q: &Joints<L>,
+    turns: &Joints<Turn<L>>,
     qd: &Joints<L>,
     dynamics: &mut Dynamics<L>,
 ) {
     let (links, origins) = (&model.links, &model.origins);
-    let mut turns = [Turn { sin: L::splat(0.0), cos: L::splat(1.0) }; JOINTS];
-    // The first joint's own angle changes nothing: gravity is along its axis.
-    for joint in 1..JOINTS {
-        turns[joint] = Turn::by(q[joint]);
-    }
 
-    let motion1 = Motion::of_first_link(model.base_acceleration, qd[0]);
-    let motion2 = motion1.child::<1>(&origins[1], turns[1], qd[1]);
+    let motion2 = Motion::of_second_link(model.base_acceleration, turns[1], qd);
     let motion3 = motion2.child::<2>(&origins[2], turns[2], qd[2]);
     let motion4 = motion3.child::<3>(&origins[3], turns[3], qd[3]);
     let motion5 = motion4.child::<4>(&origins[4], turns[4], qd[4]);

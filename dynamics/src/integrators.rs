@@ -7,9 +7,10 @@
 use spec::{Integrator, JOINTS};
 
 use crate::Joints;
-use crate::forward_dynamics::Dynamics;
+use crate::forward_dynamics::{Dynamics, later_turns, turns};
 use crate::lanes::Kernels;
 use crate::model::Model;
+use crate::spatial::Turn;
 
 /// A way through one sampling period.
 #[derive(Clone, Copy, Debug)]
@@ -57,13 +58,12 @@ impl<L: Kernels> State<L> {
     }
 
     #[inline(always)]
-    fn plus(&self, increment: &Increment<L>) -> (Joints<L>, Joints<L>) {
-        let (mut q, mut qd) = (self.q, self.qd);
+    fn velocity_after(&self, increment: &Increment<L>) -> Joints<L> {
+        let mut qd = self.qd;
         for joint in 0..JOINTS {
-            q[joint] = self.q[joint] + increment.q[joint];
             qd[joint] = self.qd[joint] + increment.qd[joint];
         }
-        (q, qd)
+        qd
     }
 
     #[inline(always)]
@@ -133,18 +133,22 @@ fn extrapolated_step<L: Kernels>(
     let mut table = [Increment::zero(); MAX_ORDER];
     let mut start = Dynamics::zero();
     let mut later = Dynamics::zero();
+    let mut start_turns = [Turn::none(); JOINTS];
+    let mut later_turn = [Turn::none(); JOINTS];
     let mut qdd = state.qd;
 
     // Every sequence starts from the same state and needs its dynamics only once.
-    L::mass_matrix_and_bias(model, &state.q, &state.qd, &mut start);
+    turns(&state.q, &mut start_turns);
+    L::mass_matrix_and_bias(model, &start_turns, &state.qd, &mut start);
     for steps in 1..=order {
         let h = L::splat(step / steps as f64);
         let increment = &mut table[steps - 1];
         L::accelerations(model, &start, &state.qd, torque, h, &mut qdd);
         euler_update(increment, state, h, &qdd);
         for _ in 1..steps {
-            let (q, qd) = state.plus(increment);
-            L::mass_matrix_and_bias(model, &q, &qd, &mut later);
+            let qd = state.velocity_after(increment);
+            later_turns(&start_turns, &increment.q, &mut later_turn);
+            L::mass_matrix_and_bias(model, &later_turn, &qd, &mut later);
             L::accelerations(model, &later, &qd, torque, h, &mut qdd);
             euler_update(increment, state, h, &qdd);
         }
@@ -191,10 +195,14 @@ fn runge_kutta_step<L: Kernels>(
     let mut total = Increment::zero();
     let mut stage = Increment::zero();
     let mut dynamics = Dynamics::zero();
+    let mut start_turns = [Turn::none(); JOINTS];
+    let mut stage_turns = [Turn::none(); JOINTS];
     let mut qdd = state.qd;
+    turns(&state.q, &mut start_turns);
     for (weight, reach) in STAGES {
-        let (q, qd) = state.plus(&stage);
-        L::mass_matrix_and_bias(model, &q, &qd, &mut dynamics);
+        let qd = state.velocity_after(&stage);
+        later_turns(&start_turns, &stage.q, &mut stage_turns);
+        L::mass_matrix_and_bias(model, &stage_turns, &qd, &mut dynamics);
         L::accelerations(model, &dynamics, &qd, torque, L::splat(0.0), &mut qdd);
         total.add_scaled(L::splat(step * weight), &qd, &qdd);
         stage = Increment::zero();

@@ -31,6 +31,7 @@ mod panda;
 mod pinocchio;
 mod random;
 mod randomization;
+mod regrouping;
 mod rejection;
 mod robot;
 mod scenario;

@@ -1,5 +1,6 @@
 use crate::friction::Sigmoids;
 use crate::lanes::Lanes;
+use crate::regrouping::regrouped;
 use crate::{Joints, Robot};
 
 /// What does not change while robots move: their parameters, one robot per lane.
@@ -15,15 +16,14 @@ pub(crate) struct Model<L> {
     pub(crate) base_acceleration: L,
 }
 
-/// Inertial parameters of a link with respect to the origin of its frame, in which spatial
-/// inertias add and the parallel-axis theorem is used up.
+/// Inertial parameters of a link with respect to the origin of its frame, in which spatial inertias add
+/// and the parallel-axis theorem is used up, and regrouped, so that the others are zero.
 #[derive(Clone, Copy)]
 pub(crate) struct Link<L> {
-    pub(crate) mass: L,
-    /// Mass times centre of mass.
-    pub(crate) first_moment: [L; 3],
-    /// Entries xx, xy, xz, yy, yz, zz.
-    pub(crate) inertia: [L; 6],
+    /// Mass times x and y of the centre of mass.
+    pub(crate) first_moment: [L; 2],
+    /// Entries xx, xy, xz, yz, zz.
+    pub(crate) inertia: [L; 5],
 }
 
 impl<L: Lanes> Model<L> {
@@ -31,7 +31,7 @@ impl<L: Lanes> Model<L> {
     #[inline(always)]
     pub(crate) fn splat(robot: &Robot) -> Self {
         let zero = L::splat(0.0);
-        let link = Link { mass: zero, first_moment: [zero; 3], inertia: [zero; 6] };
+        let link = Link { first_moment: [zero; 2], inertia: [zero; 5] };
         let mut model = Self {
             links: [link; spec::JOINTS],
             origins: [[zero; 3]; spec::JOINTS],
@@ -50,19 +50,19 @@ impl<L: Lanes> Model<L> {
     pub(crate) fn set_lane(&mut self, lane: usize, robot: &Robot) {
         self.base_acceleration.set_lane(lane, robot.gravity);
         let origins = robot.kinematics.joint_origins();
+        let regrouped = regrouped(robot);
         for joint in 0..spec::JOINTS {
             self.damping[joint].set_lane(lane, robot.damping[joint]);
             self.armature[joint].set_lane(lane, robot.armature[joint]);
             for (coordinate, value) in self.origins[joint].iter_mut().zip(origins[joint]) {
                 coordinate.set_lane(lane, value);
             }
-            let (body, link) = (&robot.links[joint], &mut self.links[joint]);
-            link.mass.set_lane(lane, body.mass);
-            for (moment, com) in link.first_moment.iter_mut().zip(body.com) {
-                moment.set_lane(lane, body.mass * com);
+            let (regrouped, link) = (&regrouped[joint], &mut self.links[joint]);
+            for (moment, value) in link.first_moment.iter_mut().zip(regrouped.first_moment) {
+                moment.set_lane(lane, value);
             }
-            for (entry, inertia) in link.inertia.iter_mut().zip(body.inertia_about_origin()) {
-                entry.set_lane(lane, inertia);
+            for (entry, value) in link.inertia.iter_mut().zip(regrouped.inertia) {
+                entry.set_lane(lane, value);
             }
         }
         if robot.friction.is_some() || self.friction.is_some() {

@@ -6,11 +6,12 @@ use serde::Deserialize;
 use spec::{Family, Gravity, Integrator, JOINTS, JobSpec, Precision, Rejection, SimulateSpec};
 
 use crate::block::Block;
-use crate::forward_dynamics::Dynamics;
+use crate::forward_dynamics::{Dynamics, turns};
 use crate::lanes::{F32Array, F64Array, Kernels};
 use crate::model::Model;
 use crate::panda::{Bodies, KINEMATICS};
 use crate::robot::Parts;
+use crate::spatial::Turn;
 use crate::{
     Chirp, Friction, InstructionSet, Joints, Kinematics, Multisine, Payload, RigidBody, Robot,
     Scenario, Scenarios, Torques,
@@ -280,7 +281,9 @@ fn check_lanes<L: Kernels>(tolerance: f64) {
             }
         }
         let mut dynamics = Dynamics::zero();
-        L::mass_matrix_and_bias(&model, &q, &qd, &mut dynamics);
+        let mut at_q = [Turn::none(); JOINTS];
+        turns(&q, &mut at_q);
+        L::mass_matrix_and_bias(&model, &at_q, &qd, &mut dynamics);
         L::accelerations(&model, &dynamics, &qd, &torque, L::splat(0.0), &mut qdd);
         for (lane, case) in cases.iter().enumerate() {
             let mass_matrix =

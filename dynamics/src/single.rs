@@ -4,9 +4,10 @@
 
 use spec::JOINTS;
 
-use crate::forward_dynamics::Dynamics;
+use crate::forward_dynamics::{Dynamics, turns};
 use crate::lanes::{F64Array, Kernels, Lanes};
 use crate::model::Model;
+use crate::spatial::Turn;
 use crate::{Joints, Robot};
 
 type Lane = F64Array<1>;
@@ -52,7 +53,9 @@ pub fn forward_dynamics(
 
 fn dynamics(robot: &Robot, q: Joints<f64>, qd: Joints<f64>) -> Dynamics<Lane> {
     let mut dynamics = Dynamics::zero();
-    Lane::mass_matrix_and_bias(&Model::splat(robot), &lanes(q), &lanes(qd), &mut dynamics);
+    let mut at_q = [Turn::none(); JOINTS];
+    turns(&lanes(q), &mut at_q);
+    Lane::mass_matrix_and_bias(&Model::splat(robot), &at_q, &lanes(qd), &mut dynamics);
     dynamics
 }
 

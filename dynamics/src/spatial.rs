@@ -21,9 +21,35 @@ pub(crate) struct Turn<L> {
 
 impl<L: Lanes> Turn<L> {
     #[inline(always)]
+    pub(crate) fn none() -> Self {
+        Self { sin: L::splat(0.0), cos: L::splat(1.0) }
+    }
+
+    #[inline(always)]
     pub(crate) fn by(angle: L) -> Self {
         let (sin, cos) = angle.sin_cos();
         Self { sin, cos }
+    }
+
+    /// This turn and then one by `angle`, which should be small: see [`Lanes::small_sin_cos`].
+    #[inline(always)]
+    pub(crate) fn and_by(self, angle: L) -> Self {
+        let (sin, cos_less_1) = angle.small_sin_cos();
+        Self {
+            sin: self.cos.mul_add(sin, self.sin.mul_add(cos_less_1, self.sin)),
+            cos: self.sin.neg_mul_add(sin, self.cos.mul_add(cos_less_1, self.cos)),
+        }
+    }
+
+    /// A vector of the given length along the parent's z, in the axes of joint `J`'s link.
+    #[inline(always)]
+    pub(crate) fn axis_to_child<const J: usize>(self, length: L) -> Vector<L> {
+        let zero = L::splat(0.0);
+        match const { TWISTS[J] } {
+            Twist::None => [zero, zero, length],
+            Twist::Quarter => [self.sin * length, self.cos * length, zero],
+            Twist::MinusQuarter => [-(self.sin * length), -(self.cos * length), zero],
+        }
     }
 
     /// A vector of joint `J`'s link, in the parent's axes.
@@ -72,7 +98,7 @@ impl<L: Lanes> Turn<L> {
 
 /// Whether the origin of joint `J` is shifted along `axis` of the frame before it.
 #[inline(always)]
-const fn shifted<const J: usize>(axis: usize) -> bool {
+pub(crate) const fn shifted<const J: usize>(axis: usize) -> bool {
     KINEMATICS.joint_origin(J)[axis] != 0.0
 }
 
@@ -115,16 +141,17 @@ pub(crate) fn add_scaled_origin<L: Lanes, const J: usize>(
     sum
 }
 
-/// `sum + A · origin` with the origin of joint `J`.
+/// `sum + A · origin` with the origin of joint `J`, given the first two columns of A.
 #[inline(always)]
 pub(crate) fn add_matrix_origin<L: Lanes, const J: usize>(
-    a: &[Vector<L>; 3],
+    a: &[[L; 2]; 3],
     origin: &Vector<L>,
     sum: Vector<L>,
 ) -> Vector<L> {
+    const { assert!(!shifted::<J>(2), "the third column is not known") };
     let mut sum = sum;
     for row in 0..3 {
-        for axis in 0..3 {
+        for axis in 0..2 {
             if shifted::<J>(axis) {
                 sum[row] = a[row][axis].mul_add(origin[axis], sum[row]);
             }
@@ -133,12 +160,11 @@ pub(crate) fn add_matrix_origin<L: Lanes, const J: usize>(
     sum
 }
 
-/// Inertia about the parent's origin of a body whose inertia about joint `J`'s is given, all in the
-/// parent's axes: I − [t][h] − [h][t] − m [t][t] with t the joint's origin and h the first moment,
-/// where [t] is the matrix of t × ·.
+/// Inertia about the parent's origin of a massless body whose inertia about joint `J`'s is given, all
+/// in the parent's axes: I − [t][h] − [h][t] with t the joint's origin and h the first moment, where
+/// [t] is the matrix of t × ·.
 #[inline(always)]
 pub(crate) fn shifted_inertia<L: Lanes, const J: usize>(
-    mass: L,
     origin: &Vector<L>,
     first_moment: Vector<L>,
     inertia: Symmetric<L>,
@@ -146,32 +172,21 @@ pub(crate) fn shifted_inertia<L: Lanes, const J: usize>(
     /// Where entry (row, column) sits in a [`Symmetric`].
     const ENTRY: [[usize; 3]; 3] = [[0, 1, 2], [1, 3, 4], [2, 4, 5]];
 
-    let mean_moment = add_scaled_origin::<L, J>(mass * L::splat(0.5), origin, first_moment);
     let mut moved = inertia;
     for axis in 0..3 {
         if shifted::<J>(axis) {
             let t = origin[axis];
-            let twice_moment = mean_moment[axis] + mean_moment[axis];
+            let twice_moment = first_moment[axis] + first_moment[axis];
             for other in 0..3 {
                 if other != axis {
                     let (diagonal, mixed) = (ENTRY[other][other], ENTRY[axis][other]);
                     moved[diagonal] = t.mul_add(twice_moment, moved[diagonal]);
-                    moved[mixed] = t.neg_mul_add(mean_moment[other], moved[mixed]);
+                    moved[mixed] = t.neg_mul_add(first_moment[other], moved[mixed]);
                 }
             }
         }
     }
     moved
-}
-
-/// a × b.
-#[inline(always)]
-pub(crate) fn cross<L: Lanes>(a: Vector<L>, b: Vector<L>) -> Vector<L> {
-    [
-        a[2].neg_mul_add(b[1], a[1] * b[2]),
-        a[0].neg_mul_add(b[2], a[2] * b[0]),
-        a[1].neg_mul_add(b[0], a[0] * b[1]),
-    ]
 }
 
 /// sum + a × b.
@@ -181,30 +196,6 @@ pub(crate) fn add_cross<L: Lanes>(a: Vector<L>, b: Vector<L>, sum: Vector<L>) ->
         a[2].neg_mul_add(b[1], a[1].mul_add(b[2], sum[0])),
         a[0].neg_mul_add(b[2], a[2].mul_add(b[0], sum[1])),
         a[1].neg_mul_add(b[0], a[0].mul_add(b[1], sum[2])),
-    ]
-}
-
-/// A v.
-#[inline(always)]
-pub(crate) fn symmetric_product<L: Lanes>(a: &Symmetric<L>, v: Vector<L>) -> Vector<L> {
-    [
-        a[2].mul_add(v[2], a[1].mul_add(v[1], a[0] * v[0])),
-        a[4].mul_add(v[2], a[3].mul_add(v[1], a[1] * v[0])),
-        a[5].mul_add(v[2], a[4].mul_add(v[1], a[2] * v[0])),
-    ]
-}
-
-/// sum + A v.
-#[inline(always)]
-pub(crate) fn add_symmetric_product<L: Lanes>(
-    a: &Symmetric<L>,
-    v: Vector<L>,
-    sum: Vector<L>,
-) -> Vector<L> {
-    [
-        a[2].mul_add(v[2], a[1].mul_add(v[1], a[0].mul_add(v[0], sum[0]))),
-        a[4].mul_add(v[2], a[3].mul_add(v[1], a[1].mul_add(v[0], sum[1]))),
-        a[5].mul_add(v[2], a[4].mul_add(v[1], a[2].mul_add(v[0], sum[2]))),
     ]
 }
 

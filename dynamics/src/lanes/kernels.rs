@@ -8,13 +8,14 @@ use super::{F32Array, F64Array, Lanes};
 use crate::block::{self, Block};
 use crate::forward_dynamics::{self, Dynamics};
 use crate::model::Model;
+use crate::spatial::Turn;
 use crate::{DynamicsError, Joints};
 
 pub(crate) trait Kernels: Lanes {
     /// See [`forward_dynamics::mass_matrix_and_bias`].
     fn mass_matrix_and_bias(
         model: &Model<Self>,
-        q: &Joints<Self>,
+        turns: &Joints<Turn<Self>>,
         qd: &Joints<Self>,
         dynamics: &mut Dynamics<Self>,
     );
@@ -39,7 +40,7 @@ macro_rules! kernels {
             #[inline(always)]
             fn mass_matrix_and_bias(
                 model: &Model<Self>,
-                q: &Joints<Self>,
+                turns: &Joints<Turn<Self>>,
                 qd: &Joints<Self>,
                 dynamics: &mut Dynamics<Self>,
             ) {
@@ -47,16 +48,16 @@ macro_rules! kernels {
                 #[inline(never)]
                 fn compiled(
                     model: &Model<$lanes>,
-                    q: &Joints<$lanes>,
+                    turns: &Joints<Turn<$lanes>>,
                     qd: &Joints<$lanes>,
                     dynamics: &mut Dynamics<$lanes>,
                 ) {
-                    forward_dynamics::mass_matrix_and_bias(model, q, qd, dynamics);
+                    forward_dynamics::mass_matrix_and_bias(model, turns, qd, dynamics);
                 }
                 #[allow(unused_unsafe, reason = "array lanes need no instructions of their own")]
                 // SAFETY: `InstructionSet` lets only processors with the features come here.
                 unsafe {
-                    compiled(model, q, qd, dynamics)
+                    compiled(model, turns, qd, dynamics)
                 }
             }
 

@@ -77,6 +77,13 @@ pub(crate) trait Lanes:
         trigonometry::sin_cos(self)
     }
 
+    /// Sine and cosine − 1 of angles between two instants of a step, in rad: to the last place of sine
+    /// and cosine while |angle| ≤ 0.5, and to 3 · 10⁻⁵ at 1 in single precision.
+    #[inline(always)]
+    fn small_sin_cos(self) -> (Self, Self) {
+        trigonometry::small_sin_cos(self)
+    }
+
     /// e to the power of `self`, to about the last place while |self| ≤ 87.
     #[inline(always)]
     fn exp(self) -> Self {

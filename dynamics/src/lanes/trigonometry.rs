@@ -14,6 +14,10 @@ pub(crate) struct Trigonometry {
     pub(crate) sin: &'static [f64],
     /// cos r = 1 − r²/2 + r⁴ P(r²), highest power first.
     pub(crate) cos: &'static [f64],
+    /// As `sin` and `cos`, by Taylor: without reduction, for angles near 0.
+    pub(crate) small_sin: &'static [f64],
+    /// cos r = 1 + r² P(r²), highest power first.
+    pub(crate) small_cos: &'static [f64],
 }
 
 pub(crate) const F32: Trigonometry = Trigonometry {
@@ -21,6 +25,8 @@ pub(crate) const F32: Trigonometry = Trigonometry {
     half_pi: [1.570_796_370_506_286_6, -4.371_139_000_186_243e-8],
     sin: &[-1.951_529_589_1e-4, 8.332_160_873_6e-3, -1.666_665_461_1e-1],
     cos: &[2.443_315_711_809_948e-5, -1.388_731_625_493_765e-3, 4.166_664_568_298_827e-2],
+    small_sin: &[-1.0 / 5040.0, 1.0 / 120.0, -1.0 / 6.0],
+    small_cos: &[-1.0 / 720.0, 1.0 / 24.0, -0.5],
 };
 
 pub(crate) const F64: Trigonometry = Trigonometry {
@@ -42,6 +48,23 @@ pub(crate) const F64: Trigonometry = Trigonometry {
         -1.388_888_888_887_305_6e-3,
         4.166_666_666_666_659e-2,
     ],
+    small_sin: &[
+        1.0 / 6_227_020_800.0,
+        -1.0 / 39_916_800.0,
+        1.0 / 362_880.0,
+        -1.0 / 5040.0,
+        1.0 / 120.0,
+        -1.0 / 6.0,
+    ],
+    small_cos: &[
+        -1.0 / 87_178_291_200.0,
+        1.0 / 479_001_600.0,
+        -1.0 / 3_628_800.0,
+        1.0 / 40_320.0,
+        -1.0 / 720.0,
+        1.0 / 24.0,
+        -0.5,
+    ],
 };
 
 #[inline(always)]
@@ -57,6 +80,15 @@ pub(super) fn sin_cos<L: Lanes>(angle: L) -> (L, L) {
     let one_minus_half_z = z.mul_add(L::splat(-0.5), L::splat(1.0));
     let cos = (z * z).mul_add(polynomial(format.cos, z), one_minus_half_z);
     L::turn_by_quadrant(quadrant, sin, cos)
+}
+
+/// Sine and cosine − 1.
+#[inline(always)]
+pub(super) fn small_sin_cos<L: Lanes>(angle: L) -> (L, L) {
+    let format = const { L::TRIGONOMETRY };
+    let z = angle * angle;
+    let sin = (angle * z).mul_add(polynomial(format.small_sin, z), angle);
+    (sin, z * polynomial(format.small_cos, z))
 }
 
 /// Σ coefficients · powers of `x`, highest power first.
@@ -86,6 +118,22 @@ mod tests {
             let (sin, cos) = single.sin_cos();
             assert!((sin.lane(0) - angle.sin()).abs() < 1.2e-7, "f32 sin {angle}");
             assert!((cos.lane(0) - angle.cos()).abs() < 1.2e-7, "f32 cos {angle}");
+        }
+    }
+
+    #[test]
+    fn small_sines_and_cosines_are_accurate_to_the_format_up_to_half_a_radian() {
+        for step in -1000..=1000 {
+            let angle = f64::from(step) * 0.0005;
+            let (sin, cos_less_1) = F64Array::<1>::splat(angle).small_sin_cos();
+            assert!((sin.lane(0) - angle.sin()).abs() < 1.2e-16, "sin {angle}");
+            assert!((1.0 + cos_less_1.lane(0) - angle.cos()).abs() < 2.3e-16, "cos {angle}");
+
+            let single = F32Array::<1>::splat(angle);
+            let angle = single.lane(0);
+            let (sin, cos_less_1) = single.small_sin_cos();
+            assert!((sin.lane(0) - angle.sin()).abs() < 6e-8, "f32 sin {angle}");
+            assert!((1.0 + cos_less_1.lane(0) - angle.cos()).abs() < 1.1e-7, "f32 cos {angle}");
         }
     }
 }
