@@ -93,10 +93,31 @@ fn a_sampler_longer_than_the_noise_is_named_with_both_numbers() {
     check_refused(
         train_a("cdt-tiny"),
         "/model/residual",
-        json!("integrator"),
-        &["model", "integrator"],
+        json!("integrated"),
+        &["model", r#""none", "integrator" or"#],
+    );
+    check_refused(
+        train_a("cdt-tiny"),
+        "/model/residual",
+        json!({"integrator": {"damping": 0}}),
+        &["model.residual.integrator.damping is 0"],
     );
     check_refused(train(), "/ema", json!({"decay": 1.0}), &["ema.decay is 1"]);
+}
+
+#[test]
+fn a_residual_is_named_alone_or_with_its_damping() {
+    let parsed = |residual: Value| {
+        let mut base = train_a("cdt-tiny");
+        base["model"]["residual"] = residual;
+        spec::parse(base.to_string().as_bytes()).unwrap().to_json()["model"]["residual"].clone()
+    };
+    assert_eq!(parsed(json!("integrator")), json!({"integrator": {"damping": 10.0}}));
+    assert_eq!(
+        parsed(json!({"integrator": {"damping": 7}})),
+        json!({"integrator": {"damping": 7.0}})
+    );
+    assert_eq!(parsed(json!("none")), Value::Null, "the default is not written");
 }
 
 #[test]

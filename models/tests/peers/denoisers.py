@@ -14,7 +14,7 @@ from torqued import FORMAT_VERSION, TrainedModel
 from torqued.checkpoint import network_of
 
 DATA = Path(__file__).parent.parent / "data"
-CONTEXT, HORIZON, BATCH = 8, 4, 3
+CONTEXT, HORIZON, BATCH = 16, 8, 3
 SAMPLES = CONTEXT + HORIZON
 DIFFUSION = {"steps": 20, "schedule": "cosine", "prediction": "noise", "clip": 6.0, "loss_mean": "unknown"}
 SAMPLER = {"kind": "ddpm", "steps": None, "eta": 0.0, "spacing": "trailing"}
@@ -30,7 +30,7 @@ MODELS = {
         "diffusion": {**DIFFUSION, "prediction": "x0"}, "sampler": SAMPLER,
     },
     "cdcnn_global": {
-        "architecture": "cdcnn", "embedding": 6, "widths": [8, 16], "conditioning": "global",
+        "architecture": "cdcnn", "embedding": 6, "widths": [8, 8], "conditioning": "global",
         "residual": {"integrator": {"damping": 8.0}},
         "diffusion": {**DIFFUSION, "prediction": "v"}, "sampler": SAMPLER,
     },

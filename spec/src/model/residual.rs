@@ -5,13 +5,47 @@ use crate::check::{Check, Report};
 
 /// What a model's prediction is added to.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "kebab-case")]
+#[serde(rename_all = "kebab-case", from = "Written")]
 pub enum Residual {
     /// Nothing: the model predicts positions, as in the paper.
     #[default]
     None,
     /// The damped integrator q̇ = u / D from the last sample of the context on.
     Integrator(DampedIntegrator),
+}
+
+/// How a residual may be written: `"integrator"` alone is the one with the default damping.
+#[derive(Deserialize)]
+#[serde(
+    untagged,
+    expecting = "expected \"none\", \"integrator\" or {\"integrator\": {\"damping\": D}}"
+)]
+enum Written {
+    Name(Name),
+    WithDamping(WithDamping),
+}
+
+#[derive(Deserialize)]
+#[serde(rename_all = "kebab-case")]
+enum Name {
+    None,
+    Integrator,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct WithDamping {
+    integrator: DampedIntegrator,
+}
+
+impl From<Written> for Residual {
+    fn from(written: Written) -> Self {
+        match written {
+            Written::Name(Name::None) => Self::None,
+            Written::Name(Name::Integrator) => Self::Integrator(DampedIntegrator::default()),
+            Written::WithDamping(WithDamping { integrator }) => Self::Integrator(integrator),
+        }
+    }
 }
 
 /// q̇ = u / D.
