@@ -1,4 +1,5 @@
 use std::future::Future;
+use std::ops::ControlFlow;
 use std::sync::Arc;
 
 use serde::de::DeserializeOwned;
@@ -35,6 +36,15 @@ impl Attempt {
         match self.stop.get() {
             Some(_) => Err(TaskError::Stopped),
             None => Ok(()),
+        }
+    }
+
+    /// Shows how much is done; breaks when the attempt is to end.
+    pub fn show(&self, done: u64) -> ControlFlow<()> {
+        self.progress.set_done(done);
+        match self.stop.get() {
+            Some(_) => ControlFlow::Break(()),
+            None => ControlFlow::Continue(()),
         }
     }
 

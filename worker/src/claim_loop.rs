@@ -12,7 +12,7 @@ use crate::attempt::Attempt;
 use crate::error::{TaskError, reason};
 use crate::heartbeat::{ProgressCell, keep_alive};
 use crate::stop::{StopReason, StopSignal};
-use crate::{WorkerError, evaluate, simulate, train};
+use crate::{WorkerError, evaluate, import, simulate, train, verify};
 
 /// How one worker works.
 #[derive(Clone, Debug)]
@@ -115,9 +115,8 @@ fn work(attempt: &Attempt) -> Result<(), TaskError> {
         JobKind::Train => train::train(attempt),
         JobKind::Evaluate if attempt.task.stage == 0 => evaluate::cell(attempt),
         JobKind::Evaluate => evaluate::report(attempt),
-        JobKind::Import | JobKind::Verify => {
-            Err(TaskError::Panicked("this version has no such jobs".to_owned()))
-        }
+        JobKind::Import => import::import(attempt),
+        JobKind::Verify => verify::shard(attempt),
         JobKind::Pipeline => Err(TaskError::Panicked("a pipeline has no tasks".to_owned())),
     }
 }

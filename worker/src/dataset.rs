@@ -1,4 +1,4 @@
-//! A dataset as the sciences see it: series of torques and positions.
+//! A stored dataset, read as series of torques and positions.
 
 use std::ops::Range;
 
@@ -10,32 +10,7 @@ use store::ShardReader;
 use crate::attempt::Attempt;
 use crate::error::TaskError;
 use crate::simulate::{POSITIONS, TORQUES};
-
-/// Consecutive trajectories.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Series {
-    /// Index of the first.
-    pub first: u64,
-    pub samples: usize,
-    /// Torques `[trajectory, sample, 7]`, N·m.
-    pub u: Vec<f32>,
-    /// Positions `[trajectory, sample, 7]`, rad.
-    pub y: Vec<f32>,
-}
-
-impl Series {
-    pub fn count(&self) -> usize {
-        self.u.len() / (self.samples * JOINTS)
-    }
-
-    /// Torques and positions of one trajectory, by its index in the dataset.
-    pub fn trajectory(&self, index: u64) -> (&[f32], &[f32]) {
-        let row = self.samples * JOINTS;
-        #[expect(clippy::cast_possible_truncation, reason = "below the count of this series")]
-        let start = (index - self.first) as usize * row;
-        (&self.u[start..start + row], &self.y[start..start + row])
-    }
-}
+use crate::trajectories::Series;
 
 /// A complete dataset, open for reading from any thread.
 #[derive(Clone, Debug)]

@@ -14,7 +14,7 @@ pub enum WorkerError {
 
 /// Why an attempt at a task did not end well.
 #[derive(Debug, Error)]
-pub(crate) enum TaskError {
+pub enum TaskError {
     #[error("stopped on request")]
     Stopped,
     #[error(transparent)]
@@ -24,6 +24,8 @@ pub(crate) enum TaskError {
     #[error(transparent)]
     Model(#[from] models::ModelError),
     #[error(transparent)]
+    Import(#[from] crate::import::ImportError),
+    #[error(transparent)]
     Evaluation(#[from] evaluation::EvaluationError),
     #[error("a figure could not be drawn")]
     Figure(#[from] figures::FigureError),
@@ -31,8 +33,15 @@ pub(crate) enum TaskError {
     Columns(#[from] arrow::error::ArrowError),
     #[error("the stored spec or a result cannot be read")]
     Spec(#[from] serde_json::Error),
+    /// What was stored is not what its spec gives, or not what was stored.
+    #[error("{0}")]
+    Differs(String),
+    #[error("the data does not suit the job")]
+    Unsuitable(#[from] spec::SpecError),
     #[error("{what} {name} does not exist any more")]
     Missing { what: &'static str, name: String },
+    #[error("cannot start a thread")]
+    Threads(#[from] rayon::ThreadPoolBuildError),
     #[error("{0}")]
     Panicked(String),
 }
@@ -41,14 +50,17 @@ impl TaskError {
     /// Whether another attempt could end otherwise: what depends on disk and database alone may.
     pub fn retry(&self) -> Retry {
         match self {
-            Self::Store(_) | Self::Stopped => Retry::Allowed,
+            Self::Store(_) | Self::Threads(_) | Self::Stopped => Retry::Allowed,
             Self::Dynamics(_)
             | Self::Model(_)
             | Self::Evaluation(_)
+            | Self::Import(_)
             | Self::Figure(_)
             | Self::Columns(_)
             | Self::Spec(_)
             | Self::Missing { .. }
+            | Self::Differs(_)
+            | Self::Unsuitable(_)
             | Self::Panicked(_) => Retry::Never,
         }
     }

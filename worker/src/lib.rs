@@ -9,10 +9,17 @@ mod claim_loop;
 mod dataset;
 mod error;
 mod evaluate;
+mod folder;
 mod heartbeat;
+mod import;
 mod simulate;
 mod stop;
+mod stream;
+mod summary;
 mod train;
+mod trajectories;
+mod verify;
 
 pub use claim_loop::{WorkerOptions, run};
 pub use error::WorkerError;
+pub use folder::{DatasetFolder, FolderError, Verified};

@@ -7,8 +7,8 @@ use evaluation::{CellResult, LeakyLearned, Learned, Predictor, Scenarios, baseli
 use spec::{DataSpec, EvaluateSpec, JOINTS, RobotSpec};
 
 use crate::attempt::Attempt;
-use crate::dataset::DatasetReader;
 use crate::error::TaskError;
+use crate::trajectories::TrajectorySource;
 use checkpoints::LoadedCheckpoint;
 
 pub(crate) use report::report;
@@ -16,22 +16,22 @@ pub(crate) use report::report;
 /// Asks every predictor for the same scenarios and keeps their errors.
 pub(crate) fn cell(attempt: &Attempt) -> Result<(), TaskError> {
     let spec: EvaluateSpec = attempt.spec()?;
-    let data = DatasetReader::open(attempt, &spec.data)?;
+    let data = TrajectorySource::open(attempt, &spec.data)?;
     let index = attempt.task.ordinal as usize;
-    let cells = data.spec.cells();
+    let cells = data.spec().cells();
     let missing = || TaskError::Missing { what: "cell", name: index.to_string() };
     let cell = cells.get(index).ok_or_else(missing)?;
-    let series = data.read(cell.first..cell.first + cell.count)?;
+    let series = data.read(attempt, cell.first..cell.first + cell.count)?;
     let scenarios = Scenarios {
         size: series.count(),
         samples: series.samples,
-        rate_hz: data.spec.rate_hz(),
+        rate_hz: data.spec().rate_hz(),
         u: series.u,
         y: series.y,
     };
     let checkpoints = LoadedCheckpoint::load_all(attempt, &spec)?;
     attempt.check_stop()?;
-    let predictors = predictors(&spec, &data, &checkpoints, &scenarios);
+    let predictors = predictors(&spec, data.spec(), &checkpoints, &scenarios);
     let errors = evaluation::evaluate_cell(&scenarios, spec.context as usize, &predictors)?;
     let result = CellResult {
         cell: index,
@@ -54,11 +54,11 @@ fn nominal_damping(data: &DataSpec) -> [f64; JOINTS] {
 /// Baselines first, then checkpoints: the order of every table.
 fn predictors<'a>(
     spec: &EvaluateSpec,
-    data: &DatasetReader,
+    data: &DataSpec,
     checkpoints: &'a [LoadedCheckpoint],
     scenarios: &'a Scenarios,
 ) -> Vec<Box<dyn Predictor + 'a>> {
-    let damping = nominal_damping(&data.spec);
+    let damping = nominal_damping(data);
     let baselines = spec.baselines.iter().map(|&name| baseline(name, damping));
     let learned = checkpoints.iter().map(|LoadedCheckpoint { info, model, .. }| {
         let name = info.name.clone();

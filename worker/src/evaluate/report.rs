@@ -6,17 +6,17 @@ use store::NewArtifact;
 use super::checkpoints::LoadedCheckpoint;
 use super::nominal_damping;
 use crate::attempt::Attempt;
-use crate::dataset::DatasetReader;
 use crate::error::TaskError;
+use crate::trajectories::TrajectorySource;
 
 /// Puts the cells together: `report.json`, `rmse.svg`, `rmse.csv`.
 pub(crate) fn report(attempt: &Attempt) -> Result<(), TaskError> {
     let spec: EvaluateSpec = attempt.spec()?;
-    let data = DatasetReader::open(attempt, &spec.data)?;
+    let data = TrajectorySource::open(attempt, &spec.data)?;
     let checkpoints = LoadedCheckpoint::load_all(attempt, &spec)?;
     let cells = cell_results(attempt)?;
 
-    let damping = nominal_damping(&data.spec);
+    let damping = nominal_damping(data.spec());
     let baselines = spec.baselines.iter().map(|&baseline| PredictorInfo {
         name: evaluation::baseline(baseline, damping).name().to_owned(),
         kind: PredictorKind::Baseline,
@@ -28,8 +28,8 @@ pub(crate) fn report(attempt: &Attempt) -> Result<(), TaskError> {
         checkpoints.iter().map(|checkpoint| checkpoint.trained_on.clone()).collect();
     let report = summarize(
         spec.context,
-        data.spec.samples(),
-        data.spec.rate_hz(),
+        data.spec().samples(),
+        data.spec().rate_hz(),
         spec.bootstrap,
         baselines.chain(learned).collect(),
         &trained_on,

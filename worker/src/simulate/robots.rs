@@ -2,70 +2,120 @@
 
 use std::sync::Arc;
 
-use arrow::array::{ArrayRef, Float64Array, Int32Array, RecordBatch, StringArray};
-use arrow::datatypes::{DataType, Field, Schema};
+use arrow::array::{ArrayRef, BooleanArray, Float64Array, Int32Array, Int64Array};
+use arrow::array::{RecordBatch, StringArray};
+use arrow::datatypes::SchemaRef;
 use arrow::error::ArrowError;
 use dynamics::{Scenario, Torques};
-use spec::JOINTS;
+use spec::{Gravity, JOINTS, SimulateSpec};
 
-/// Columns of a table, all of the same length.
-struct Columns {
-    fields: Vec<Field>,
+/// Arrays of the same length, each with the name of its column.
+#[derive(Default)]
+struct Arrays {
+    names: Vec<String>,
     arrays: Vec<ArrayRef>,
 }
 
-/// Parameters, initial state and excitation of each scenario.
-///
-/// Columns of a joint or link end in its number, 1 to 7. Lengths in m, masses in kg, inertias in
-/// kg·m² about the centre of mass in the axes of the link's frame (modified DH), damping in
-/// N·m·s/rad, armature in kg·m², angles in rad, torques in N·m, frequencies in Hz. Coefficients
-/// of the other excitation family are null.
-pub(super) fn record_batch(scenarios: &[Scenario]) -> Result<RecordBatch, ArrowError> {
-    let mut columns = Columns { fields: Vec::new(), arrays: Vec::new() };
-    let int = |value: u64| i32::try_from(value).unwrap_or(i32::MAX);
-    let indices = Int32Array::from_iter_values(scenarios.iter().map(|s| int(s.index)));
-    let draws = Int32Array::from_iter_values(scenarios.iter().map(|s| int(s.draws.into())));
-    let families = StringArray::from_iter_values(scenarios.iter().map(|s| s.family.to_string()));
-    columns.push("trajectory", DataType::Int32, Arc::new(indices));
-    columns.push("draws", DataType::Int32, Arc::new(draws));
-    columns.push("family", DataType::Utf8, Arc::new(families));
-    columns.number("frequency_hz", scenarios, |s| Some(s.frequency_hz));
-    columns.number("gravity_m_s2", scenarios, |s| Some(s.robot.gravity));
-    columns.initial_state(scenarios);
-    columns.links(scenarios);
-    columns.chirps(scenarios);
-    columns.multisines(scenarios);
-    RecordBatch::try_new(Arc::new(Schema::new(columns.fields)), columns.arrays)
+/// Parameters, initial state and excitation of each scenario, with the columns of `schema`: those of
+/// [`SimulateSpec::robot_columns`].
+pub(super) fn record_batch(
+    schema: &SchemaRef,
+    spec: &SimulateSpec,
+    scenarios: &[Scenario],
+) -> Result<RecordBatch, ArrowError> {
+    let mut arrays = Arrays::default();
+    arrays.design(spec, scenarios)?;
+    arrays.initial_state(scenarios);
+    arrays.kinematics(scenarios);
+    (0..JOINTS).for_each(|link| arrays.body(link, scenarios));
+    arrays.friction(scenarios);
+    arrays.payload(scenarios);
+    arrays.chirps(scenarios);
+    arrays.multisines(scenarios);
+    let named = schema.fields().iter().map(|field| field.name());
+    if !named.eq(&arrays.names) {
+        let detail = "robots have not the columns that their spec names".to_owned();
+        return Err(ArrowError::SchemaError(detail));
+    }
+    RecordBatch::try_new(Arc::clone(schema), arrays.arrays)
 }
 
-impl Columns {
-    fn push(&mut self, name: impl Into<String>, data_type: DataType, array: ArrayRef) {
-        self.fields.push(Field::new(name, data_type, false));
+impl Arrays {
+    fn push(&mut self, name: impl Into<String>, array: ArrayRef) {
+        self.names.push(name.into());
         self.arrays.push(array);
     }
 
-    /// A column of numbers; null where a scenario has none.
     fn number(
+        &mut self,
+        name: impl Into<String>,
+        scenarios: &[Scenario],
+        value: impl Fn(&Scenario) -> f64,
+    ) {
+        let values: Vec<f64> = scenarios.iter().map(value).collect();
+        self.push(name, Arc::new(Float64Array::from(values)));
+    }
+
+    /// Null where a scenario has none.
+    fn number_or_null(
         &mut self,
         name: impl Into<String>,
         scenarios: &[Scenario],
         value: impl Fn(&Scenario) -> Option<f64>,
     ) {
         let array: Float64Array = scenarios.iter().map(value).collect();
-        self.fields.push(Field::new(name, DataType::Float64, true));
-        self.arrays.push(Arc::new(array));
+        self.push(name, Arc::new(array));
+    }
+
+    fn design(&mut self, spec: &SimulateSpec, scenarios: &[Scenario]) -> Result<(), ArrowError> {
+        let overflow = |what: &str, value: u64| {
+            ArrowError::ArithmeticOverflow(format!("{what} {value} is too large"))
+        };
+        let mut indices = Vec::with_capacity(scenarios.len());
+        let mut draws = Vec::with_capacity(scenarios.len());
+        for scenario in scenarios {
+            let index = scenario.index;
+            indices.push(i32::try_from(index).map_err(|_| overflow("trajectory", index))?);
+            let drawn = scenario.draws;
+            draws.push(i32::try_from(drawn).map_err(|_| overflow("draws", drawn.into()))?);
+        }
+        let seed = i64::try_from(spec.seed).map_err(|_| overflow("seed", spec.seed))?;
+        let families = scenarios.iter().map(|scenario| scenario.family.to_string());
+        let compensated = spec.robot.gravity == Gravity::Compensated;
+        self.push("trajectory", Arc::new(Int32Array::from(indices)));
+        self.push("draws", Arc::new(Int32Array::from(draws)));
+        self.push("seed", Arc::new(Int64Array::from(vec![seed; scenarios.len()])));
+        self.push("family", Arc::new(StringArray::from_iter_values(families)));
+        self.number("frequency_hz", scenarios, |s| s.frequency_hz);
+        self.number("rate_hz", scenarios, |_| spec.rate_hz);
+        self.number("gravity_m_s2", scenarios, |s| s.robot.gravity);
+        let compensated = BooleanArray::from(vec![compensated; scenarios.len()]);
+        self.push("gravity_compensated", Arc::new(compensated));
+        Ok(())
     }
 
     fn initial_state(&mut self, scenarios: &[Scenario]) {
         for joint in 0..JOINTS {
-            self.number(format!("q0_{}", joint + 1), scenarios, |s| Some(s.q0[joint]));
+            self.number(format!("q0_{}", joint + 1), scenarios, |s| s.q0[joint]);
         }
         for joint in 0..JOINTS {
-            self.number(format!("qd0_{}", joint + 1), scenarios, |s| Some(s.qd0[joint]));
+            self.number(format!("qd0_{}", joint + 1), scenarios, |s| s.qd0[joint]);
         }
     }
 
-    fn links(&mut self, scenarios: &[Scenario]) {
+    fn kinematics(&mut self, scenarios: &[Scenario]) {
+        for joint in 0..JOINTS {
+            let name = format!("a_{}", joint + 1);
+            self.number(name, scenarios, |s| s.robot.kinematics.a_m[joint]);
+        }
+        for joint in 0..JOINTS {
+            let name = format!("d_{}", joint + 1);
+            self.number(name, scenarios, |s| s.robot.kinematics.d_m[joint]);
+        }
+        self.number("flange", scenarios, |s| s.robot.kinematics.flange_m);
+    }
+
+    fn body(&mut self, link: usize, scenarios: &[Scenario]) {
         const INERTIA: [(&str, usize, usize); 6] = [
             ("ixx", 0, 0),
             ("ixy", 0, 1),
@@ -74,20 +124,45 @@ impl Columns {
             ("iyz", 1, 2),
             ("izz", 2, 2),
         ];
-        for link in 0..JOINTS {
-            let number = link + 1;
-            self.number(format!("mass_{number}"), scenarios, |s| Some(s.robot.links[link].mass));
-            for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
-                let name = format!("com_{name}_{number}");
-                self.number(name, scenarios, |s| Some(s.robot.links[link].com[axis]));
-            }
-            for (name, row, column) in INERTIA {
-                let name = format!("{name}_{number}");
-                self.number(name, scenarios, |s| Some(s.robot.links[link].inertia[row][column]));
-            }
-            self.number(format!("damping_{number}"), scenarios, |s| Some(s.robot.damping[link]));
-            self.number(format!("armature_{number}"), scenarios, |s| Some(s.robot.armature[link]));
+        let number = link + 1;
+        self.number(format!("mass_{number}"), scenarios, |s| s.robot.links[link].mass);
+        for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
+            let name = format!("com_{name}_{number}");
+            self.number(name, scenarios, |s| s.robot.links[link].com[axis]);
         }
+        for (name, row, column) in INERTIA {
+            let name = format!("{name}_{number}");
+            self.number(name, scenarios, |s| s.robot.links[link].inertia[row][column]);
+        }
+        self.number(format!("damping_{number}"), scenarios, |s| s.robot.damping[link]);
+        self.number(format!("armature_{number}"), scenarios, |s| s.robot.armature[link]);
+    }
+
+    fn friction(&mut self, scenarios: &[Scenario]) {
+        type Coefficient = (&'static str, fn(&dynamics::Friction) -> [f64; JOINTS]);
+        const COEFFICIENTS: [Coefficient; 3] = [
+            ("phi1", |friction| friction.phi1_nm),
+            ("phi2", |friction| friction.phi2_s_rad),
+            ("phi3", |friction| friction.phi3_rad_s),
+        ];
+        for (name, coefficient) in COEFFICIENTS {
+            for joint in 0..JOINTS {
+                let name = format!("friction_{name}_{}", joint + 1);
+                self.number_or_null(name, scenarios, |s| {
+                    s.robot.friction.as_ref().map(|friction| coefficient(friction)[joint])
+                });
+            }
+        }
+    }
+
+    fn payload(&mut self, scenarios: &[Scenario]) {
+        let of = |s: &Scenario| s.robot.payload;
+        self.number_or_null("payload_mass", scenarios, |s| of(s).map(|it| it.mass_kg));
+        for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
+            let name = format!("payload_{name}");
+            self.number_or_null(name, scenarios, |s| of(s).map(|it| it.center_m[axis]));
+        }
+        self.number_or_null("payload_radius", scenarios, |s| of(s).map(|it| it.radius_m));
     }
 
     fn chirps(&mut self, scenarios: &[Scenario]) {
@@ -102,7 +177,8 @@ impl Columns {
         ];
         for (name, coefficient) in COEFFICIENTS {
             for joint in 0..JOINTS {
-                self.number(format!("{name}_{}", joint + 1), scenarios, |s| match &s.torques {
+                let name = format!("{name}_{}", joint + 1);
+                self.number_or_null(name, scenarios, |s| match &s.torques {
                     Torques::Chirp(joints) => Some(coefficient(&joints[joint])),
                     Torques::Multisine(_) => None,
                 });
@@ -119,9 +195,9 @@ impl Columns {
                 };
                 let number = joint + 1;
                 let name = format!("multisine_amplitude{component}_nm_{number}");
-                self.number(name, scenarios, |s| of(s).map(|m| m.amplitude_nm[component]));
+                self.number_or_null(name, scenarios, |s| of(s).map(|m| m.amplitude_nm[component]));
                 let name = format!("multisine_f{component}_hz_{number}");
-                self.number(name, scenarios, |s| of(s).map(|m| m.frequency_hz[component]));
+                self.number_or_null(name, scenarios, |s| of(s).map(|m| m.frequency_hz[component]));
             }
         }
     }

@@ -1,15 +1,66 @@
-//! Batches, read ahead of the training that uses them.
+//! Batches, read or simulated ahead of the training that uses them.
 
 use std::collections::HashMap;
 use std::ops::ControlFlow;
 use std::sync::mpsc::SyncSender;
 
+use dynamics::Trajectories;
 use models::Batch;
 use spec::JOINTS;
 
 use super::order::{Order, Window};
-use crate::dataset::{DatasetReader, Series};
+use crate::dataset::DatasetReader;
 use crate::error::TaskError;
+use crate::stream::Stream;
+use crate::trajectories::Series;
+
+/// Trajectories of a stream that are simulated at once, at least: enough to keep all lanes busy while
+/// the last of them are drawn again.
+const SIMULATED_AT_ONCE: usize = 256;
+
+/// Sends the batches of optimizer steps `first` to `end` (excluded) of a stream until nobody
+/// listens: step `s` has trajectories `s · size` to `(s + 1) · size`.
+///
+/// Simulates on one thread, which leaves the others to the training.
+pub(super) fn simulate_ahead(
+    stream: &Stream,
+    size: usize,
+    first: u64,
+    end: u64,
+    send: &SyncSender<Result<Batch, TaskError>>,
+) {
+    if let Err(error) = send_stream(stream, size, first, end, send) {
+        // A receiver that is gone has its own reason.
+        let _ = send.send(Err(error));
+    }
+}
+
+fn send_stream(
+    stream: &Stream,
+    size: usize,
+    first: u64,
+    end: u64,
+    send: &SyncSender<Result<Batch, TaskError>>,
+) -> Result<(), TaskError> {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
+    let at_once = SIMULATED_AT_ONCE.div_ceil(size) as u64;
+    let mut simulated = Trajectories::default();
+    let mut step = first;
+    while step < end {
+        let last = (step + at_once).min(end);
+        let range = step * size as u64..last * size as u64;
+        pool.install(|| stream.simulate(range, &|| false, &mut simulated))?;
+        let values = size * simulated.samples * JOINTS;
+        for (u, q) in simulated.u.chunks(values).zip(simulated.q.chunks(values)) {
+            let (u, y) = (u.to_vec(), q.to_vec());
+            if send.send(Ok(Batch { size, samples: simulated.samples, u, y })).is_err() {
+                return Ok(());
+            }
+        }
+        step = last;
+    }
+    Ok(())
+}
 
 /// Sends the batches of optimizer steps `first` to `end` (excluded) until nobody listens.
 pub(super) fn read_ahead(

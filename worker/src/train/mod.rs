@@ -1,6 +1,7 @@
 //! A training: from its newest checkpoint, or from the beginning, to its last step.
 
 mod batches;
+mod course;
 mod order;
 
 use std::collections::VecDeque;
@@ -8,21 +9,18 @@ use std::sync::mpsc::sync_channel;
 use std::thread;
 use std::time::Instant;
 
-use models::{Batch, CheckpointFiles, Device, Statistics, StatisticsAccumulator};
+use models::{Batch, CheckpointFiles, Device};
 use models::{CONFIG_FILE, MODEL_FILE, OPTIMIZER_FILE, Trainer, TrainingData};
 use spec::{Normalization, TrainSpec};
 use store::{Checkpoint, CheckpointFile, Metric, NewCheckpoint, object_path};
 
 use crate::attempt::Attempt;
-use crate::dataset::{DatasetReader, Series};
 use crate::error::TaskError;
 use crate::stop::StopReason;
-use order::Order;
+use course::Course;
 
 /// Batches kept ready.
 const READ_AHEAD: usize = 4;
-/// Trajectories that validation uses at most: enough for its error to be known to a few per cent.
-const VALIDATION_TRAJECTORIES: u64 = 512;
 /// Values recorded per metric over a whole training, at most.
 const RECORDED_STEPS: u64 = 2000;
 /// Seconds between two writes of metrics.
@@ -33,18 +31,15 @@ const KEPT_CHECKPOINTS: u32 = 2;
 /// Trains, keeps checkpoints, and ends with the final one.
 pub(crate) fn train(attempt: &Attempt) -> Result<(), TaskError> {
     let spec: TrainSpec = attempt.spec()?;
-    let data = DatasetReader::open(attempt, &spec.data)?;
-    let trained = spec.training_trajectories(data.count());
-    let trainer = trainer(attempt, &spec, &data, trained)?;
+    let course = Course::open(attempt, &spec)?;
+    let trainer = trainer(attempt, &spec, &course)?;
     let first = trainer.steps_done();
     attempt.wait(attempt.store.delete_metrics_after(attempt.fence(), first))?;
     attempt.progress.begin_at(first);
 
-    let batch_size = spec.batch_size as usize;
-    let order = Order::new(&data.shards(), trained, data.block(), batch_size, spec.seed);
     let mut training = Training {
         attempt,
-        validation: validation(&spec, &data, trained)?,
+        validation: course.validation(attempt)?,
         recorder: Recorder::new(attempt, spec.steps),
         trainer,
         spec,
@@ -52,7 +47,7 @@ pub(crate) fn train(attempt: &Attempt) -> Result<(), TaskError> {
     let end = training.spec.steps;
     thread::scope(|scope| {
         let (send, receive) = sync_channel(READ_AHEAD);
-        scope.spawn(|| batches::read_ahead(&data, &order, first, end, &{ send }));
+        scope.spawn(|| course.send_batches(first, end, &{ send }));
         for batch in receive {
             training.step(&batch?)?;
         }
@@ -60,15 +55,10 @@ pub(crate) fn train(attempt: &Attempt) -> Result<(), TaskError> {
     })
 }
 
-fn trainer(
-    attempt: &Attempt,
-    spec: &TrainSpec,
-    data: &DatasetReader,
-    trained: u64,
-) -> Result<Trainer, TaskError> {
+fn trainer(attempt: &Attempt, spec: &TrainSpec, course: &Course) -> Result<Trainer, TaskError> {
     let digest = attempt.task.digest.to_string();
     let device = Device::cpu();
-    let (samples, rate_hz) = (data.spec.samples(), data.spec.rate_hz());
+    let (samples, rate_hz) = (course.data().samples(), course.data().rate_hz());
     let data_of = |statistics| TrainingData { samples, rate_hz, statistics };
     let latest = attempt.wait(attempt.store.latest_checkpoint(attempt.task.job))?;
     if let Some(checkpoint) = latest {
@@ -76,7 +66,7 @@ fn trainer(
         return Ok(Trainer::resume(spec, data_of(None), &digest, &files, &device)?);
     }
     let statistics = match spec.normalization {
-        Normalization::Dataset => Some(statistics(attempt, data, trained)?),
+        Normalization::Dataset => Some(course.statistics(attempt)?),
         Normalization::Context | Normalization::PaperLeaky => None,
     };
     Ok(Trainer::new(spec, data_of(statistics), &digest, &device)?)
@@ -97,44 +87,6 @@ fn read_checkpoint(
         optimizer: read(OPTIMIZER_FILE)?,
         config: read(CONFIG_FILE)?,
     })
-}
-
-/// Over the training trajectories, in order, so that they come out the same every time.
-fn statistics(
-    attempt: &Attempt,
-    data: &DatasetReader,
-    trained: u64,
-) -> Result<Statistics, TaskError> {
-    attempt.progress.say("statistics of the dataset".to_owned());
-    let mut accumulator = StatisticsAccumulator::default();
-    let mut first = 0;
-    while first < trained {
-        attempt.check_stop()?;
-        let end = (first + data.block()).min(trained);
-        let series = data.read(first..end)?;
-        accumulator.add(&series.u, &series.y);
-        first = end;
-    }
-    Ok(accumulator.finish())
-}
-
-/// The first of the trajectories kept for validation, in batches.
-fn validation(
-    spec: &TrainSpec,
-    data: &DatasetReader,
-    trained: u64,
-) -> Result<Vec<Batch>, TaskError> {
-    let count = spec.validation_trajectories(data.count()).min(VALIDATION_TRAJECTORIES);
-    let size = u64::from(spec.batch_size);
-    let end = trained + count;
-    (trained..end)
-        .step_by(spec.batch_size as usize)
-        .map(|first| Ok(batch(data.read(first..(first + size).min(end))?)))
-        .collect()
-}
-
-fn batch(series: Series) -> Batch {
-    Batch { size: series.count(), samples: series.samples, u: series.u, y: series.y }
 }
 
 struct Training<'a> {

@@ -1,0 +1,314 @@
+//! A dataset in a folder, made and verified without a server.
+//!
+//! The folder has `dataset.json` and the two files of each shard, with the bytes that a server's
+//! dataset of the same spec has. `dataset.json` is replaced after each shard: it names what is
+//! there, and a shard that it does not name is none.
+
+use std::fs::{File, TryLockError};
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+use spec::{DataSpec, Digest, JobSpec, SimulateSpec};
+use store::{
+    DatasetDescription, FileContent, FileDescription, NewShard, ObjectWriter, ShardDescription,
+    StoreError, StoredObject,
+};
+use thiserror::Error;
+
+use crate::error::TaskError;
+use crate::simulate::{ProgressOf, SimulatedShard};
+use crate::verify::{Agreement, Place, verify};
+
+/// Why a folder cannot be made or verified.
+#[derive(Debug, Error)]
+pub enum FolderError {
+    #[error("{} cannot be used while {operation}", dir.display())]
+    Folder { dir: PathBuf, operation: &'static str, source: io::Error },
+    #[error("{} is in use by another torqued", dir.display())]
+    InUse { dir: PathBuf },
+    #[error("{} has files but no dataset.json: choose an empty folder", dir.display())]
+    NotEmpty { dir: PathBuf },
+    #[error("{} is no dataset: it has no dataset.json", dir.display())]
+    NoDataset { dir: PathBuf },
+    #[error("{} has a dataset.json that this version cannot read: {detail}", dir.display())]
+    Unreadable { dir: PathBuf, detail: String },
+    #[error(
+        "{} holds another dataset, of digest {}, not the one asked for, of digest {}: choose \
+         another folder",
+        dir.display(), found.short(), asked.short()
+    )]
+    AnotherDataset { dir: PathBuf, found: Digest, asked: Digest },
+    #[error(
+        "{} is not complete: it has {found} of {all} shards; simulate into it again to go on",
+        dir.display()
+    )]
+    Incomplete { dir: PathBuf, found: usize, all: u64 },
+    #[error("stopped; the shards that were done are kept, and the same command goes on")]
+    Stopped,
+    #[error("shard {shard:05}: {reason}")]
+    Shard { shard: u32, reason: String },
+    #[error(transparent)]
+    Store(#[from] StoreError),
+}
+
+/// A folder with a dataset, or part of one. No other process has it at the same time.
+#[derive(Debug)]
+pub struct DatasetFolder {
+    dir: PathBuf,
+    spec: SimulateSpec,
+    description: DatasetDescription,
+    /// Held for as long as this lives.
+    _lock: File,
+}
+
+/// What has become of a dataset in a folder.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Verified {
+    pub shards: usize,
+    pub trajectories: u64,
+    /// Files whose bytes differ as another version wrote them, though not their values: what is
+    /// said of each.
+    pub by_other_versions: Vec<String>,
+}
+
+impl DatasetFolder {
+    /// The folder for the dataset of `spec`: a new or empty one, or one with a part of it.
+    ///
+    /// # Errors
+    /// When it holds something else, cannot be written, or is in use.
+    pub fn begin(dir: &Path, spec: &SimulateSpec) -> Result<Self, FolderError> {
+        std::fs::create_dir_all(dir).map_err(failed(dir, "creating it"))?;
+        let lock = lock(dir)?;
+        let data = DataSpec::Simulation(spec.clone());
+        let digest = data.job().digest();
+        let description = match read_description(dir)? {
+            Some(found) if found.digest != digest => {
+                let (dir, found) = (dir.to_owned(), found.digest);
+                return Err(FolderError::AnotherDataset { dir, found, asked: digest });
+            }
+            Some(found) => found,
+            None => {
+                refuse_other_files(dir)?;
+                DatasetDescription::new(&data, digest, Vec::new())
+            }
+        };
+        let spec = spec.clone();
+        let mut folder = Self { dir: dir.to_owned(), spec, description, _lock: lock };
+        folder.write_description()?;
+        Ok(folder)
+    }
+
+    /// A folder with a complete dataset.
+    ///
+    /// # Errors
+    /// When it holds none, only a part of one, or is in use.
+    pub fn open(dir: &Path) -> Result<Self, FolderError> {
+        let missing = || FolderError::NoDataset { dir: dir.to_owned() };
+        if !dir.join(DatasetDescription::FILE_NAME).is_file() {
+            return Err(missing());
+        }
+        let lock = lock(dir)?;
+        let description = read_description(dir)?.ok_or_else(missing)?;
+        let unreadable = |detail: String| FolderError::Unreadable { dir: dir.to_owned(), detail };
+        // Read like any spec, since anybody may have written it.
+        let text = description.spec.to_string();
+        let spec =
+            match spec::parse(text.as_bytes()).map_err(|error| unreadable(error.to_string()))? {
+                JobSpec::Simulate(spec) => spec,
+                other => {
+                    let detail = format!(
+                        "it is made by a job of kind {}, which cannot be repeated",
+                        other.kind()
+                    );
+                    return Err(unreadable(detail));
+                }
+            };
+        let digest = DataSpec::Simulation(spec.clone()).job().digest();
+        if digest != description.digest {
+            let (dir, found) = (dir.to_owned(), description.digest);
+            return Err(FolderError::AnotherDataset { dir, found, asked: digest });
+        }
+        let (found, all) = (description.shards.len(), spec.shard_count());
+        if found as u64 != all {
+            return Err(FolderError::Incomplete { dir: dir.to_owned(), found, all });
+        }
+        Ok(Self { dir: dir.to_owned(), spec, description, _lock: lock })
+    }
+
+    pub fn spec(&self) -> &SimulateSpec {
+        &self.spec
+    }
+
+    pub fn description(&self) -> &DatasetDescription {
+        &self.description
+    }
+
+    /// Makes the shards that are not there, or not with the bytes that `dataset.json` says. On the
+    /// threads of the current rayon pool; `progress` is told how many trajectories are done.
+    ///
+    /// # Errors
+    /// [`FolderError::Stopped`] when `progress` breaks; shards that are done stay.
+    pub fn complete(&mut self, progress: ProgressOf<'_>) -> Result<(), FolderError> {
+        let mut kept: u64 = 0;
+        let found = std::mem::take(&mut self.description.shards);
+        for shard in found {
+            if progress(kept).is_break() {
+                return Err(FolderError::Stopped);
+            }
+            if self.is_intact(&shard) {
+                kept += shard.trajectories;
+                self.description.shards.push(shard);
+            }
+        }
+        let shards = u32::try_from(self.spec.shard_count()).unwrap_or(u32::MAX);
+        for ordinal in 0..shards {
+            if self.description.shards.iter().any(|shard| shard.shard == ordinal) {
+                continue;
+            }
+            let made = self.make(ordinal, &|done| progress(kept + done))?;
+            kept += made.count;
+            let description = ShardDescription::new(ordinal, &made, self.spec.samples);
+            self.description.shards.push(description);
+            self.write_description()?;
+        }
+        self.write_description()
+    }
+
+    fn make(&self, ordinal: u32, progress: ProgressOf<'_>) -> Result<NewShard, FolderError> {
+        let begin =
+            |content: FileContent| ObjectWriter::in_folder(&self.dir, &content.file_name(ordinal));
+        let (trajectories, robots) =
+            (begin(FileContent::Trajectories)?, begin(FileContent::Robots)?);
+        let shard = SimulatedShard::new(&self.spec, self.description.digest, ordinal);
+        let written = shard.write(trajectories, robots, progress).map_err(of_shard(ordinal))?;
+        Ok(written.shard)
+    }
+
+    /// Whether a shard is one of this dataset and its files are as they were written.
+    fn is_intact(&self, shard: &ShardDescription) -> bool {
+        let expected = self.spec.shard(u64::from(shard.shard));
+        let same = expected == (shard.first..shard.first + shard.trajectories);
+        same && FileContent::ALL.into_iter().all(|content| {
+            shard.file(content).is_some_and(|file| {
+                file.name == content.file_name(shard.shard)
+                    && store::measure_file(&self.dir, &file.name)
+                        .is_ok_and(|found| found == object(file))
+            })
+        })
+    }
+
+    /// Makes every shard again and compares it with its files.
+    ///
+    /// # Errors
+    /// The first difference; [`FolderError::Stopped`] when `progress` breaks.
+    pub fn verify(&self, progress: ProgressOf<'_>) -> Result<Verified, FolderError> {
+        let mut verified = Verified {
+            shards: self.description.shards.len(),
+            trajectories: self.description.trajectories,
+            by_other_versions: Vec::new(),
+        };
+        let mut done_before = 0;
+        for (ordinal, shard) in (0u32..).zip(&self.description.shards) {
+            let recorded = self.recorded(ordinal, shard)?;
+            let simulated = SimulatedShard::new(&self.spec, self.description.digest, ordinal);
+            let progress = |done: u64| progress(done_before + done);
+            let agreement = verify(&simulated, &recorded, Place::Folder(&self.dir), &progress)
+                .map_err(of_shard(ordinal))?;
+            if let Agreement::Values { version, tolerance } = agreement {
+                verified.by_other_versions.push(format!(
+                    "shard {ordinal:05} was written by version {version}: other bytes, the same \
+                     values within {tolerance}"
+                ));
+            }
+            done_before += shard.trajectories;
+        }
+        Ok(verified)
+    }
+
+    /// What `dataset.json` says of a shard, as far as it can be true.
+    fn recorded(&self, ordinal: u32, shard: &ShardDescription) -> Result<NewShard, FolderError> {
+        let unreadable = |detail: String| FolderError::Unreadable { dir: self.dir.clone(), detail };
+        let expected = self.spec.shard(u64::from(ordinal));
+        let count = expected.end - expected.start;
+        if (shard.shard, shard.first, shard.trajectories) != (ordinal, expected.start, count) {
+            let detail = format!("its shard {ordinal} does not hold the trajectories of the spec");
+            return Err(unreadable(detail));
+        }
+        let file = |content: FileContent| {
+            let named = shard.file(content).filter(|it| it.name == content.file_name(ordinal));
+            named.map(object).ok_or_else(|| {
+                unreadable(format!("its shard {ordinal} has no {}", content.file_name(ordinal)))
+            })
+        };
+        Ok(NewShard {
+            first: shard.first,
+            count,
+            rejected: shard.rejected,
+            trajectories: file(FileContent::Trajectories)?,
+            robots: file(FileContent::Robots)?,
+        })
+    }
+
+    /// Says what is there now.
+    fn write_description(&mut self) -> Result<(), FolderError> {
+        let data = DataSpec::Simulation(self.spec.clone());
+        let mut shards = std::mem::take(&mut self.description.shards);
+        shards.sort_by_key(|shard| shard.shard);
+        self.description = DatasetDescription::new(&data, self.description.digest, shards);
+        let mut file = ObjectWriter::in_folder(&self.dir, DatasetDescription::FILE_NAME)?;
+        file.write_all(&self.description.to_json())
+            .map_err(failed(&self.dir, "writing dataset.json"))?;
+        file.finish()?;
+        Ok(())
+    }
+}
+
+fn object(file: &FileDescription) -> StoredObject {
+    StoredObject { path: file.name.clone(), size: file.size, sha256: file.sha256 }
+}
+
+fn of_shard(shard: u32) -> impl FnOnce(TaskError) -> FolderError {
+    move |error| match error {
+        TaskError::Stopped => FolderError::Stopped,
+        other => FolderError::Shard { shard, reason: crate::error::reason(&other) },
+    }
+}
+
+fn failed(dir: &Path, operation: &'static str) -> impl FnOnce(io::Error) -> FolderError {
+    let dir = dir.to_owned();
+    move |source| FolderError::Folder { dir, operation, source }
+}
+
+/// On the folder itself, so that no file is left behind.
+fn lock(dir: &Path) -> Result<File, FolderError> {
+    let handle = File::open(dir).map_err(failed(dir, "opening it"))?;
+    match handle.try_lock() {
+        Ok(()) => Ok(handle),
+        Err(TryLockError::WouldBlock) => Err(FolderError::InUse { dir: dir.to_owned() }),
+        Err(TryLockError::Error(source)) => Err(failed(dir, "locking it")(source)),
+    }
+}
+
+fn read_description(dir: &Path) -> Result<Option<DatasetDescription>, FolderError> {
+    let text = match std::fs::read(dir.join(DatasetDescription::FILE_NAME)) {
+        Ok(text) => text,
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
+        Err(error) => return Err(failed(dir, "reading dataset.json")(error)),
+    };
+    let unreadable = |error: serde_json::Error| {
+        let detail = error.to_string();
+        FolderError::Unreadable { dir: dir.to_owned(), detail }
+    };
+    serde_json::from_slice(&text).map(Some).map_err(unreadable)
+}
+
+/// Hidden files are what a killed attempt left, or none of our business.
+fn refuse_other_files(dir: &Path) -> Result<(), FolderError> {
+    for entry in std::fs::read_dir(dir).map_err(failed(dir, "listing it"))? {
+        let entry = entry.map_err(failed(dir, "listing it"))?;
+        if !entry.file_name().to_string_lossy().starts_with('.') {
+            return Err(FolderError::NotEmpty { dir: dir.to_owned() });
+        }
+    }
+    Ok(())
+}

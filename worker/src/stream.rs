@@ -1,0 +1,51 @@
+//! Robots simulated when they are needed and never stored.
+
+use std::ops::{ControlFlow, Range};
+
+use dynamics::{DynamicsError, InstructionSet, Trajectories};
+use spec::{DataSpec, SimulateSpec};
+
+use crate::attempt::Attempt;
+use crate::error::TaskError;
+use crate::trajectories::Series;
+
+/// What the simulation of a spec would hold, and what would come after it: trajectory `i` for every
+/// `i`, the same each time it is asked for.
+#[derive(Clone, Debug)]
+pub(crate) struct Stream {
+    /// A simulation.
+    pub data: DataSpec,
+    spec: SimulateSpec,
+}
+
+impl Stream {
+    pub fn new(spec: &SimulateSpec) -> Self {
+        Self { data: DataSpec::Simulation(spec.clone()), spec: spec.clone() }
+    }
+
+    /// Any trajectories, on the threads of the current rayon pool.
+    pub fn read(&self, attempt: &Attempt, range: Range<u64>) -> Result<Series, TaskError> {
+        let mut simulated = Trajectories::default();
+        self.simulate(range, &|| attempt.stop.get().is_some(), &mut simulated)?;
+        let Trajectories { first, samples, u, q, .. } = simulated;
+        Ok(Series { first, samples, u, y: q })
+    }
+
+    /// Simulates in the memory of trajectories that are no longer needed, unless told to stop.
+    pub fn simulate(
+        &self,
+        range: Range<u64>,
+        stopped: &(dyn Fn() -> bool + Sync),
+        into: &mut Trajectories,
+    ) -> Result<(), TaskError> {
+        let progress = |_| {
+            if stopped() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        };
+        dynamics::simulate_into(InstructionSet::best(), &self.spec, range, &progress, into).map_err(
+            |error| match error {
+                DynamicsError::Cancelled { .. } => TaskError::Stopped,
+                other => other.into(),
+            },
+        )
+    }
+}

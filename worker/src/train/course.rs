@@ -1,0 +1,132 @@
+//! Which trajectories a training sees, and when.
+
+use std::ops::Range;
+use std::sync::mpsc::SyncSender;
+
+use models::{Batch, Statistics, StatisticsAccumulator};
+use spec::{DataSpec, TrainSpec};
+
+use super::batches;
+use super::order::Order;
+use crate::attempt::Attempt;
+use crate::dataset::DatasetReader;
+use crate::error::TaskError;
+use crate::stream::Stream;
+use crate::trajectories::{Series, TrajectorySource};
+
+/// Trajectories that validation uses at most: enough for its error to be known to a few per cent.
+const VALIDATION_TRAJECTORIES: u64 = 512;
+
+/// First trajectory that a training on a stream is validated with: no training gets that far, as
+/// 10^7 steps of 4096 trajectories, the most there can be, end before 2^36.
+const STREAM_VALIDATION: u64 = 1 << 40;
+
+/// First trajectories of a stream that fixed statistics are taken over: their error is below a
+/// hundredth of a standard deviation.
+const STREAM_STATISTICS: u64 = 4096;
+
+/// What a training is fed with.
+pub(super) struct Course {
+    source: Source,
+    batch_size: u32,
+    /// Trajectories that fixed statistics are taken over: all that are trained on, if there is an
+    /// end of them.
+    statistics: Range<u64>,
+    validation: Range<u64>,
+}
+
+enum Source {
+    /// Epochs over a dataset.
+    Dataset { data: DatasetReader, order: Order },
+    /// Each robot once.
+    Stream(Stream),
+}
+
+impl Course {
+    pub fn open(attempt: &Attempt, spec: &TrainSpec) -> Result<Self, TaskError> {
+        let batch_size = spec.batch_size;
+        match TrajectorySource::open(attempt, &spec.data)? {
+            TrajectorySource::Dataset(data) => {
+                // Of imported data nobody knew how much there is when the training was submitted.
+                spec.check_trajectories(data.count())?;
+                let trained = spec.training_trajectories(data.count());
+                let kept = spec.validation_trajectories(data.count()).min(VALIDATION_TRAJECTORIES);
+                let (shards, block) = (data.shards(), data.block());
+                let order = Order::new(&shards, trained, block, batch_size as usize, spec.seed);
+                Ok(Self {
+                    source: Source::Dataset { data, order },
+                    batch_size,
+                    statistics: 0..trained,
+                    validation: trained..trained + kept,
+                })
+            }
+            TrajectorySource::Stream(stream) => {
+                let kept = if spec.validation_fraction > 0.0 { VALIDATION_TRAJECTORIES } else { 0 };
+                Ok(Self {
+                    source: Source::Stream(stream),
+                    batch_size,
+                    statistics: 0..STREAM_STATISTICS,
+                    validation: STREAM_VALIDATION..STREAM_VALIDATION + kept,
+                })
+            }
+        }
+    }
+
+    pub fn data(&self) -> &DataSpec {
+        match &self.source {
+            Source::Dataset { data, .. } => &data.spec,
+            Source::Stream(stream) => &stream.data,
+        }
+    }
+
+    /// Sends the batches of optimizer steps `first` to `end` (excluded) until nobody listens. The
+    /// batch of a step is a function of the step alone.
+    pub fn send_batches(&self, first: u64, end: u64, send: &SyncSender<Result<Batch, TaskError>>) {
+        match &self.source {
+            Source::Dataset { data, order } => batches::read_ahead(data, order, first, end, send),
+            Source::Stream(stream) => {
+                batches::simulate_ahead(stream, self.batch_size as usize, first, end, send);
+            }
+        }
+    }
+
+    /// In the order of the trajectories, so that they come out the same every time.
+    pub fn statistics(&self, attempt: &Attempt) -> Result<Statistics, TaskError> {
+        attempt.progress.say("statistics of the dataset".to_owned());
+        let mut accumulator = StatisticsAccumulator::default();
+        let block = u64::from(store::trajectories_per_row_group(self.data().samples()));
+        for part in parts(&self.statistics, block) {
+            attempt.check_stop()?;
+            let series = self.read(attempt, part)?;
+            accumulator.add(&series.u, &series.y);
+        }
+        Ok(accumulator.finish())
+    }
+
+    /// What a training is validated with, in batches.
+    pub fn validation(&self, attempt: &Attempt) -> Result<Vec<Batch>, TaskError> {
+        parts(&self.validation, u64::from(self.batch_size))
+            .map(|part| {
+                let Series { samples, u, y, .. } = self.read(attempt, part.clone())?;
+                let size = usize::try_from(part.end - part.start).unwrap_or(usize::MAX);
+                Ok(Batch { size, samples, u, y })
+            })
+            .collect()
+    }
+
+    fn read(&self, attempt: &Attempt, range: Range<u64>) -> Result<Series, TaskError> {
+        match &self.source {
+            Source::Dataset { data, .. } => data.read(range),
+            Source::Stream(stream) => stream.read(attempt, range),
+        }
+    }
+}
+
+/// `range` in pieces of `size`, the last one perhaps shorter.
+fn parts(range: &Range<u64>, size: u64) -> impl Iterator<Item = Range<u64>> + use<> {
+    let Range { start, end } = *range;
+    (0..)
+        .map(move |k| start + k * size)
+        .take_while(move |first| *first < end)
+        .map(move |first| first..(first + size).min(end))
+}

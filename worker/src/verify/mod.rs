@@ -1,0 +1,112 @@
+//! A verification: one task per shard, which is made again and compared with what is stored.
+
+mod difference;
+mod place;
+mod shard;
+
+use serde_json::{Value, json};
+use spec::{DataSource, DataSpec, ImportSpec, JobSpec, VerifySpec};
+use store::{Dataset, DatasetId, NewShard, ObjectWriter, Shard};
+
+use crate::attempt::Attempt;
+use crate::error::TaskError;
+use crate::import;
+use crate::simulate::{SimulatedShard, VERSION};
+
+pub(crate) use place::Place;
+pub(crate) use shard::{Agreement, verify};
+
+/// Verifies the shard of a task.
+pub(crate) fn shard(attempt: &Attempt) -> Result<(), TaskError> {
+    let spec: VerifySpec = attempt.spec()?;
+    let dataset = dataset(attempt, &spec)?;
+    let ordinal = attempt.task.ordinal;
+    let missing = || TaskError::Missing { what: "shard", name: ordinal.to_string() };
+    let shards = attempt.wait(attempt.store.shards(dataset.id))?;
+    let shard = shards.iter().find(|shard| shard.ordinal == ordinal).ok_or_else(missing)?;
+    let job: JobSpec = serde_json::from_value(dataset.spec.clone())?;
+    let mut result = match DataSpec::of(&job) {
+        Some(DataSpec::Simulation(spec)) => {
+            let simulated = SimulatedShard::new(&spec, dataset.digest, ordinal);
+            let place = Place::Store(&attempt.store);
+            let progress = |done: u64| attempt.show(done);
+            verify(&simulated, &recorded(shard), place, &progress)?.to_json()
+        }
+        Some(DataSpec::Import(spec)) => verify_import(attempt, &spec, shard)?,
+        None => return Err(missing()),
+    };
+    result["shard"] = ordinal.into();
+    result["dataset"] = dataset.id.0.into();
+    attempt.wait(attempt.store.complete(attempt.fence(), Some(&result)))?;
+    Ok(())
+}
+
+/// The dataset that the task names, or else the newest of the digest.
+fn dataset(attempt: &Attempt, spec: &VerifySpec) -> Result<Dataset, TaskError> {
+    let missing = |name: String| TaskError::Missing { what: "dataset", name };
+    if let Some(id) = attempt.task.payload.get("dataset").and_then(Value::as_i64) {
+        return Ok(attempt.wait(attempt.store.dataset(DatasetId(id)))?);
+    }
+    // Submission turned every other form of reference into a digest.
+    let DataSource::Digest(digest) = &spec.data else {
+        return Err(missing(format!("{:?}", spec.data)));
+    };
+    let found = attempt.wait(attempt.store.dataset_by_digest(*digest))?;
+    found.ok_or_else(|| missing(digest.to_string()))
+}
+
+/// What the database says of a shard.
+fn recorded(shard: &Shard) -> NewShard {
+    NewShard {
+        first: shard.first,
+        count: shard.count,
+        rejected: shard.rejected,
+        trajectories: shard.trajectories.clone(),
+        robots: shard.robots.clone(),
+    }
+}
+
+/// Converts the upload again; without it, only the recorded digests are left to compare with.
+fn verify_import(attempt: &Attempt, spec: &ImportSpec, shard: &Shard) -> Result<Value, TaskError> {
+    let place = Place::Store(&attempt.store);
+    let recorded = [&shard.trajectories, &shard.robots];
+    for recorded in recorded {
+        attempt.check_stop()?;
+        let stored = shard::measure(place, recorded)?;
+        if stored.sha256 != recorded.sha256 {
+            return Err(TaskError::Differs(format!(
+                "{} has SHA-256 {}, not {} as recorded",
+                recorded.path, stored.sha256, recorded.sha256
+            )));
+        }
+    }
+    let Some(upload) = attempt.wait(attempt.store.upload(spec.file))? else {
+        return Ok(json!({
+            "bytes": "equal to what was recorded; not converted again, as the upload is gone",
+        }));
+    };
+    let file = attempt.store.open_upload(&upload)?;
+    let [trajectories, table] = recorded.map(|it| ObjectWriter::digest_only(&it.path));
+    let made = import::convert(file, spec, trajectories, table, &|done| attempt.show(done))?.shard;
+    for (recorded, made) in recorded.into_iter().zip([&made.trajectories, &made.robots]) {
+        if recorded.sha256 != made.sha256 {
+            return Err(TaskError::Differs(format!(
+                "{} has SHA-256 {}, but {} when it is converted again by version {VERSION}",
+                recorded.path, recorded.sha256, made.sha256
+            )));
+        }
+    }
+    Ok(Agreement::Bytes.to_json())
+}
+
+impl Agreement {
+    fn to_json(&self) -> Value {
+        match self {
+            Self::Bytes => json!({"bytes": "equal"}),
+            Self::Values { version, tolerance } => json!({
+                "bytes": format!("differ, written by version {version}"),
+                "values": format!("equal within {tolerance}"),
+            }),
+        }
+    }
+}
