@@ -47,6 +47,23 @@ pub enum FileFormat {
     Csv,
 }
 
+impl FileFormat {
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Self::Parquet => "parquet",
+            Self::Csv => "csv",
+        }
+    }
+
+    /// The media type under which a file of this format is sent.
+    pub const fn media_type(self) -> &'static str {
+        match self {
+            Self::Parquet => "application/vnd.apache.parquet",
+            Self::Csv => "text/csv",
+        }
+    }
+}
+
 /// Which column of the file is what.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
