@@ -129,7 +129,7 @@ fn robomorph_sizes() -> [Preset; 3] {
 /// Below the paper's sizes: the clean series predicted, in few steps. Trained for long enough the
 /// paper's choice does as well; trained for minutes it does not.
 fn few_steps() -> (Value, Value) {
-    (json!({"prediction": "x0"}), json!({"kind": "ddim", "steps": 10}))
+    (json!({"prediction": "x0"}), json!({"kind": "ddim", "steps": 5}))
 }
 
 /// The paper's T = 100, noise predicted, DDPM through every level.
