@@ -114,22 +114,45 @@ impl SimulateSpec {
                 ))
             }
             Integrator::Extrapolated { .. } => None,
-            Integrator::Rk4 { substeps } => {
-                let (joint, rate) = self.robot.fastest_decay(Draw::Extreme);
-                let step = 1.0 / (self.rate_hz * f64::from(substeps));
-                (rate * step > 0.95 * RUNGE_KUTTA_LIMIT).then(|| {
-                    format!(
-                        "the damping of joint {} decays at up to {rate:.0} /s in the lightest arms that can be drawn; \
-                         steps of {step:.1e} s make those unstable, or nearly so (the limit is \
-                         {RUNGE_KUTTA_LIMIT} / {step:.1e} s = {:.0} /s), and one unstable arm fails its shard; \
-                         use {} substeps",
-                        joint + 1,
-                        RUNGE_KUTTA_LIMIT / step,
-                        self.stable_substeps(rate / 0.95),
-                    )
-                })
-            }
+            Integrator::Rk4 { substeps } => self
+                .near_instability(substeps)
+                .or_else(|| self.runge_kutta_too_coarse(per_sixtieth(substeps))),
         }
+    }
+
+    /// Why some of the arms that can be drawn may diverge although the nominal one does not.
+    fn near_instability(&self, substeps: u32) -> Option<String> {
+        /// Of the limit; the least inertias are those of joints, and arms have slightly less.
+        const SAFE: f64 = 0.95;
+
+        let (joint, rate) = self.robot.fastest_decay(Draw::Extreme);
+        let step = 1.0 / (self.rate_hz * f64::from(substeps));
+        (rate * step > SAFE * RUNGE_KUTTA_LIMIT).then(|| {
+            format!(
+                "the damping of joint {} decays at up to {rate:.0} /s in the lightest arms that can be drawn; \
+                 steps of {step:.1e} s make those unstable, or nearly so (the limit is \
+                 {RUNGE_KUTTA_LIMIT} / {step:.1e} s = {:.0} /s), and one unstable arm fails its shard; use {} \
+                 substeps",
+                joint + 1,
+                RUNGE_KUTTA_LIMIT / step,
+                self.stable_substeps(rate / SAFE),
+            )
+        })
+    }
+
+    fn runge_kutta_too_coarse(&self, steps_per_sixtieth: f64) -> Option<String> {
+        let (needed, errors) = match self.robot.friction {
+            None => (4.0, "reach 1e-4 rad with two or three and 0.005 with one"),
+            Some(_) => {
+                (6.0, "reach 1e-4 rad with four or five, 4e-4 with two or three and 0.2 with one")
+            }
+        };
+        (steps_per_sixtieth < needed).then(|| {
+            format!(
+                "errors {errors} per 1/60 s at damping 1 to 10, and stay within 1e-4 from {needed} on; here \
+                 there are {steps_per_sixtieth}"
+            )
+        })
     }
 
     /// Refuses explicit damping with steps on which even the nominal arm diverges.
@@ -280,5 +303,16 @@ mod tests {
         let doubts = spec(5, 0.3).map(|spec| spec.doubts()).unwrap_or_default();
         assert_eq!(doubts.len(), 1);
         assert!(doubts[0].reason.contains("use 6 substeps"), "{}", doubts[0].reason);
+        check_doubts(
+            &json!({
+                "robot": {"damping_nm_s_rad": vec![3.0; JOINTS]},
+                "integrator": {"scheme": "rk4", "substeps": 3},
+            }),
+            &["integrator"],
+        );
+        check_doubts(
+            &json!({"robot": {"friction": {}}, "integrator": {"scheme": "rk4", "substeps": 5}}),
+            &["integrator"],
+        );
     }
 }
