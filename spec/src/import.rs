@@ -48,6 +48,8 @@ pub enum FileFormat {
 }
 
 impl FileFormat {
+    pub const ALL: [Self; 2] = [Self::Parquet, Self::Csv];
+
     pub const fn as_str(self) -> &'static str {
         match self {
             Self::Parquet => "parquet",
