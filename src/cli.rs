@@ -3,7 +3,7 @@
 use clap::{Args, Parser, Subcommand};
 use tracing_subscriber::EnvFilter;
 
-use crate::commands::{cancel, jobs, presets, quickstart, serve, submit, watch, worker};
+use crate::commands::{cancel, import, jobs, presets, quickstart, serve, submit, watch, worker};
 
 /// In-context identification of robot dynamics as a service: simulate, train, evaluate.
 #[derive(Debug, Parser)]
@@ -27,6 +27,8 @@ pub enum Command {
     Quickstart(quickstart::Arguments),
     /// Submit a job
     Submit(submit::Arguments),
+    /// Send recordings of one's own and make them a dataset
+    Import(import::Arguments),
     /// List jobs, newest first
     Jobs(jobs::Arguments),
     /// Follow a job until it ends

@@ -13,9 +13,17 @@ pub enum ClientError {
     #[error("no answer from {server}: {}; is `torqued serve` running there?", innermost(reason))]
     Unreachable { server: String, reason: reqwest::Error },
 
+    #[error("cannot read {}: {reason}", path.display())]
+    File { path: std::path::PathBuf, reason: std::io::Error },
+
     /// An RFC 9457 problem, one violation per line.
     #[error("{message}")]
-    Refused { status: StatusCode, message: String },
+    Refused {
+        status: StatusCode,
+        message: String,
+        /// The fields of the spec that were not accepted.
+        fields: Vec<String>,
+    },
 
     #[error("{server} answered something else than torqued does: {source}")]
     Answer { server: String, source: serde_json::Error },
@@ -51,15 +59,19 @@ struct Violation {
 
 impl ClientError {
     pub(super) fn refused(status: StatusCode, body: &str) -> Self {
-        let message = match serde_json::from_str::<Problem>(body) {
-            Ok(problem) => problem.to_message(),
-            Err(_) => format!("the server answered {status}"),
+        let (message, fields) = match serde_json::from_str::<Problem>(body) {
+            Ok(problem) => (problem.to_message(), problem.fields()),
+            Err(_) => (format!("the server answered {status}"), Vec::new()),
         };
-        Self::Refused { status, message }
+        Self::Refused { status, message, fields }
     }
 }
 
 impl Problem {
+    fn fields(&self) -> Vec<String> {
+        self.violations.iter().map(|violation| violation.field.clone()).collect()
+    }
+
     fn to_message(&self) -> String {
         let mut message = self.title.clone();
         if self.violations.is_empty() {

@@ -2,6 +2,7 @@
 
 mod answer;
 mod error;
+mod upload;
 
 use std::time::Duration;
 

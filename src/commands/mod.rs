@@ -1,6 +1,7 @@
 //! One file per command.
 
 pub mod cancel;
+pub mod import;
 pub mod jobs;
 pub mod presets;
 pub mod quickstart;
@@ -20,6 +21,7 @@ pub async fn run(command: Command, log: &str) -> anyhow::Result<ExitCode> {
         Command::Worker(arguments) => worker::run(arguments).await,
         Command::Quickstart(arguments) => quickstart::run(arguments, log).await,
         Command::Submit(arguments) => submit::run(arguments).await,
+        Command::Import(arguments) => import::run(arguments).await,
         Command::Jobs(arguments) => jobs::run(arguments).await,
         Command::Watch(arguments) => watch::run(arguments).await,
         Command::Cancel(arguments) => cancel::run(arguments).await,

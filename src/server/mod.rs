@@ -51,6 +51,10 @@ pub struct Options {
     /// Largest simulation that may be submitted, in trajectories
     #[arg(long, env = "TORQUED_MAX_TRAJECTORIES", value_name = "N", default_value_t = api::limits::MAX_TRAJECTORIES, value_parser = clap::value_parser!(u64).range(1..=spec::MAX_TRAJECTORIES))]
     pub max_trajectories: u64,
+
+    /// Largest file that may be sent to be imported, in bytes
+    #[arg(long, env = "TORQUED_MAX_UPLOAD_BYTES", value_name = "N", default_value_t = api::limits::MAX_UPLOAD_BYTES, value_parser = clap::value_parser!(u64).range(1..))]
+    pub max_upload_bytes: u64,
 }
 
 /// How long requests that are under way may take when the server stops.
@@ -84,6 +88,8 @@ impl Server {
             &api::Options {
                 token: options.token.clone(),
                 max_trajectories: options.max_trajectories,
+                max_upload_bytes: options.max_upload_bytes,
+                ..api::Options::default()
             },
         );
         let http = tokio::spawn(api::serve(listener, app, stop_http.clone().cancelled_owned()));

@@ -1,0 +1,89 @@
+//! Sending a file.
+
+use std::io;
+use std::path::Path;
+use std::time::Duration;
+
+use reqwest::{Body, Method, StatusCode, Url};
+use serde::Deserialize;
+use serde_json::{Value, json};
+use sha2::{Digest as _, Sha256};
+use spec::{Digest, FileFormat};
+use tokio::io::AsyncReadExt;
+use tokio_util::io::ReaderStream;
+
+use super::{Client, ClientError, Reuse, Submitted};
+
+/// The server gives a file no longer than this.
+const TIMEOUT: Duration = Duration::from_secs(6 * 60 * 60);
+
+/// Bytes that are read from the disk at once.
+const PIECE: usize = 256 * 1024;
+
+impl Client {
+    /// Imports `file` as `spec` says, which names its format. A file that the server has already is
+    /// not sent again: its digest is enough.
+    pub async fn import(
+        &self,
+        file: &Path,
+        spec: &Value,
+        reuse: Reuse,
+    ) -> Result<Submitted, ClientError> {
+        let unreadable = |reason| ClientError::File { path: file.to_owned(), reason };
+        let mut known = spec.clone();
+        known["kind"] = json!("import");
+        known["file"] = json!(sha256(file).await.map_err(unreadable)?);
+        match self.submit(known.to_string().into_bytes(), reuse).await {
+            Err(ClientError::Refused { fields, .. }) if fields == ["file"] => {}
+            other => return other,
+        }
+        self.send_file(file, spec, reuse).await
+    }
+
+    async fn send_file(
+        &self,
+        path: &Path,
+        spec: &Value,
+        reuse: Reuse,
+    ) -> Result<Submitted, ClientError> {
+        let unreadable = |reason| ClientError::File { path: path.to_owned(), reason };
+        let file = tokio::fs::File::open(path).await.map_err(unreadable)?;
+        let size = file.metadata().await.map_err(unreadable)?.len();
+        // The server has accepted the spec by now, but for the file.
+        let format = FileFormat::deserialize(&spec["format"]);
+        let media_type = format.map_or("application/octet-stream", FileFormat::media_type);
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        let mut parameters = vec![("spec", spec.to_string()), ("name", name.into_owned())];
+        if reuse == Reuse::ComputeAnew {
+            parameters.push(("force", "true".to_owned()));
+        }
+        let query = form_urlencoded(&parameters);
+        let request = self
+            .request(Method::POST, &format!("/v1/datasets?{query}"))
+            .timeout(TIMEOUT)
+            .header("content-type", media_type)
+            .header("content-length", size)
+            .body(Body::wrap_stream(ReaderStream::with_capacity(file, PIECE)));
+        let (status, job) = self.send(request).await?;
+        Ok(Submitted { job: self.read(&job)?, existed: status == StatusCode::OK })
+    }
+}
+
+/// A query string.
+fn form_urlencoded(parameters: &[(&str, String)]) -> String {
+    // Any address will do to have a query appended.
+    let url = Url::parse_with_params("http://localhost", parameters);
+    url.ok().and_then(|url| url.query().map(str::to_owned)).unwrap_or_default()
+}
+
+async fn sha256(path: &Path) -> io::Result<Digest> {
+    let mut file = tokio::fs::File::open(path).await?;
+    let mut digest = Sha256::new();
+    let mut piece = vec![0; PIECE];
+    loop {
+        match file.read(&mut piece).await? {
+            0 => return Ok(Digest::from_bytes(digest.finalize().into())),
+            read => digest.update(&piece[..read]),
+        }
+    }
+}
