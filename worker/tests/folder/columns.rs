@@ -1,0 +1,127 @@
+use arrow::array::{Array, AsArray};
+use arrow::datatypes::{Float32Type, Float64Type, Int32Type, Int64Type};
+use serde_json::json;
+use spec::{Column, ColumnType};
+use store::TableReader;
+
+use super::fixture::{description, make, rows, spec_with};
+
+/// Everything that can be recorded, of robots with everything that can be drawn.
+fn rich() -> spec::SimulateSpec {
+    spec_with(&json!({
+        "seed": 12,
+        "observations": {"joint_velocities": true, "end_effector_pose": true},
+        "robot": {
+            "gravity": "compensated",
+            "geometry_fraction": 0.05,
+            "friction": {},
+            "payload": {"mass_kg": [0.5, 2.0]},
+        },
+    }))
+}
+
+#[test]
+fn files_have_the_columns_that_the_spec_and_dataset_json_name() {
+    let dir = tempfile::tempdir().unwrap();
+    for spec in [rich(), spec_with(&json!({}))] {
+        let dir = dir.path().join(spec.seed.to_string());
+        make(&dir, &spec);
+        let description = description(&dir);
+        assert_eq!(description.columns.trajectories, spec.trajectory_columns());
+        assert_eq!(description.columns.robots, spec.robot_columns());
+        for shard in &description.shards {
+            for (file, columns) in shard
+                .files
+                .iter()
+                .zip([&description.columns.trajectories, &description.columns.robots])
+            {
+                let rows = rows(&dir, &file.name);
+                assert_eq!(rows.num_rows() as u64, file.rows);
+                let found: Vec<Column> = rows
+                    .schema()
+                    .fields()
+                    .iter()
+                    .zip(columns)
+                    .map(|(field, column)| Column {
+                        name: field.name().clone(),
+                        nullable: field.is_nullable(),
+                        data_type: match field.data_type() {
+                            arrow::datatypes::DataType::Boolean => ColumnType::Boolean,
+                            arrow::datatypes::DataType::Int32 => ColumnType::Int32,
+                            arrow::datatypes::DataType::Int64 => ColumnType::Int64,
+                            arrow::datatypes::DataType::Float32 => ColumnType::Float32,
+                            arrow::datatypes::DataType::Float64 => ColumnType::Float64,
+                            _ => ColumnType::Text,
+                        },
+                        ..column.clone()
+                    })
+                    .collect();
+                assert_eq!(&found, columns, "{}", file.name);
+                assert_eq!(rows.num_columns(), columns.len());
+            }
+        }
+    }
+}
+
+#[test]
+fn what_is_off_is_null_and_what_is_on_is_told() {
+    let [plain, rich] = [spec_with(&json!({})), rich()].map(|spec| {
+        let dir = tempfile::tempdir().unwrap();
+        make(dir.path(), &spec);
+        rows(dir.path(), "robots-00000.parquet")
+    });
+    let column = |rows: &arrow::array::RecordBatch, name: &str| {
+        rows.column_by_name(name).unwrap().as_primitive::<Float64Type>().clone()
+    };
+    for name in ["friction_phi1_1", "friction_phi3_7", "payload_mass", "payload_radius"] {
+        assert_eq!(column(&plain, name).null_count(), 40, "{name}");
+        assert_eq!(column(&rich, name).null_count(), 0, "{name}");
+    }
+    let masses = column(&rich, "payload_mass");
+    assert!(masses.iter().flatten().all(|mass| (0.5..2.0).contains(&mass)));
+    assert!(column(&plain, "d_1").iter().flatten().all(|length| length == 0.333));
+    assert!(column(&rich, "d_1").iter().flatten().any(|length| length != 0.333));
+    assert!(column(&plain, "flange").iter().flatten().all(|length| length == 0.107));
+    let compensated = |rows: &arrow::array::RecordBatch| {
+        rows.column_by_name("gravity_compensated").unwrap().as_boolean().true_count()
+    };
+    assert_eq!((compensated(&plain), compensated(&rich)), (0, 40));
+    let seed = rich.column_by_name("seed").unwrap().as_primitive::<Int64Type>();
+    assert!(seed.values().iter().all(|&seed| seed == 12));
+}
+
+#[test]
+fn a_trajectory_begins_where_its_robot_does() {
+    let dir = tempfile::tempdir().unwrap();
+    make(dir.path(), &rich());
+    let steps = rows(dir.path(), "trajectories-00001.parquet");
+    let robots = rows(dir.path(), "robots-00001.parquet");
+    let ids = robots.column_by_name("trajectory").unwrap().as_primitive::<Int32Type>();
+    assert_eq!(ids.values()[..], (40..80).collect::<Vec<i32>>());
+    for joint in 1..=7 {
+        for (series, initial) in [("q", "q0"), ("qd", "qd0")] {
+            let series = steps.column_by_name(&format!("{series}{joint}")).unwrap();
+            let initial = robots.column_by_name(&format!("{initial}_{joint}")).unwrap();
+            for robot in 0..40 {
+                let recorded = f64::from(series.as_primitive::<Float32Type>().value(robot * 50));
+                let drawn = initial.as_primitive::<Float64Type>().value(robot);
+                assert!((recorded - drawn).abs() < 1e-6, "{joint}: {recorded} {drawn}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_footer_says_how_to_make_the_file_again() {
+    let dir = tempfile::tempdir().unwrap();
+    make(dir.path(), &rich());
+    let table = TableReader::open(&dir.path().join("trajectories-00002.parquet")).unwrap();
+    let text = table.footer("torqued.spec").unwrap();
+    assert_eq!(spec::parse(text.as_bytes()).unwrap().to_json(), description(dir.path()).spec);
+    let digest = description(dir.path()).digest.to_string();
+    assert_eq!(table.footer("torqued.digest"), Some(digest.as_str()));
+    assert_eq!(table.footer("torqued.trajectories"), Some("80..100"));
+    let columns: Vec<Column> =
+        serde_json::from_str(table.footer("torqued.columns").unwrap()).unwrap();
+    assert_eq!(columns, rich().trajectory_columns());
+}
