@@ -3,7 +3,9 @@
 use clap::{Args, Parser, Subcommand};
 use tracing_subscriber::EnvFilter;
 
-use crate::commands::{cancel, import, jobs, presets, quickstart, serve, submit, watch, worker};
+use crate::commands::{
+    cancel, import, jobs, presets, quickstart, serve, simulate, submit, verify, watch, worker,
+};
 
 /// In-context identification of robot dynamics as a service: simulate, train, evaluate.
 #[derive(Debug, Parser)]
@@ -25,6 +27,10 @@ pub enum Command {
     Worker(worker::Arguments),
     /// Simulate, train and evaluate a small model, and show the result
     Quickstart(quickstart::Arguments),
+    /// Simulate a dataset into a folder, without a server
+    Simulate(simulate::Arguments),
+    /// Make a dataset again, and compare every byte
+    Verify(verify::Arguments),
     /// Submit a job
     Submit(submit::Arguments),
     /// Send recordings of one's own and make them a dataset

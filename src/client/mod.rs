@@ -87,6 +87,13 @@ impl Client {
         self.read(&job)
     }
 
+    /// Asks for a dataset to be verified; returns the job.
+    pub async fn verify(&self, dataset: i64) -> Result<Job, ClientError> {
+        let request = self.request(Method::POST, &format!("/v1/datasets/{dataset}/verify"));
+        let (_, job) = self.send(request).await?;
+        self.read(&job)
+    }
+
     pub async fn presets(&self) -> Result<PresetList, ClientError> {
         self.get("/v1/presets").await
     }

@@ -15,7 +15,7 @@ pub struct Arguments {
     state: Option<String>,
 
     /// Only jobs of this kind
-    #[arg(long, value_name = "KIND", value_parser = ["simulate", "train", "evaluate", "pipeline"])]
+    #[arg(long, value_name = "KIND", value_parser = ["simulate", "train", "evaluate", "import", "verify", "pipeline"])]
     kind: Option<String>,
 
     /// At most so many

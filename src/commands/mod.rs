@@ -6,7 +6,9 @@ pub mod jobs;
 pub mod presets;
 pub mod quickstart;
 pub mod serve;
+pub mod simulate;
 pub mod submit;
+pub mod verify;
 pub mod watch;
 pub mod worker;
 
@@ -20,6 +22,8 @@ pub async fn run(command: Command, log: &str) -> anyhow::Result<ExitCode> {
         Command::Serve(arguments) => serve::run(arguments, log).await,
         Command::Worker(arguments) => worker::run(arguments).await,
         Command::Quickstart(arguments) => quickstart::run(arguments, log).await,
+        Command::Simulate(arguments) => simulate::run(arguments).await,
+        Command::Verify(arguments) => verify::run(arguments).await,
         Command::Submit(arguments) => submit::run(arguments).await,
         Command::Import(arguments) => import::run(arguments).await,
         Command::Jobs(arguments) => jobs::run(arguments).await,

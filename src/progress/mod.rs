@@ -3,6 +3,7 @@
 mod bars;
 mod lines;
 pub mod measure;
+mod own_work;
 mod rate;
 
 use std::io::IsTerminal;
@@ -11,6 +12,7 @@ use std::time::{Duration, Instant};
 use crate::client::{Client, ClientError, Job, JobState, Progress};
 use bars::Bars;
 use lines::Lines;
+pub use own_work::{Report, follow_own};
 use rate::Rate;
 
 /// How often the server is asked.

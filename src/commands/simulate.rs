@@ -1,0 +1,74 @@
+use std::num::NonZero;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use anyhow::{Context, bail};
+use clap::Args;
+use spec::{JobSpec, SimulateSpec};
+use worker::DatasetFolder;
+
+use crate::commands::submit::read_spec;
+use crate::progress::{self, measure};
+
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// The job's JSON, of kind simulate; `-` reads standard input
+    #[arg(long, value_name = "FILE")]
+    spec: PathBuf,
+
+    /// Folder for the dataset; one with a part of it is completed
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+
+    /// Threads to compute with [default: the machine's]
+    #[arg(long, value_name = "N")]
+    threads: Option<NonZero<usize>>,
+}
+
+pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
+    let spec = simulation(&read_spec(&arguments.spec)?)?;
+    compute_with(arguments.threads)?;
+    let mut folder = DatasetFolder::begin(&arguments.out, &spec)?;
+    let work = move |report: progress::Report<'_>| folder.complete(report).map(|()| folder);
+    let folder = progress::follow_own("simulate", spec.trajectories, work).await??;
+    let description = folder.description();
+    let bytes: u64 =
+        description.shards.iter().flat_map(|shard| &shard.files).map(|file| file.size).sum();
+    #[expect(clippy::cast_precision_loss, reason = "for people to look at")]
+    let (trajectories, megabytes) = (description.trajectories as f64, bytes as f64 / 1e6);
+    println!(
+        "{} trajectories in {}, {megabytes:.1} MB; dataset {}",
+        measure::count(trajectories),
+        arguments.out.display(),
+        description.digest,
+    );
+    Ok(ExitCode::SUCCESS)
+}
+
+fn simulation(text: &[u8]) -> anyhow::Result<SimulateSpec> {
+    match spec::parse(text)? {
+        JobSpec::Simulate(spec) => Ok(spec),
+        other => bail!("kind is {}, allowed: simulate", other.kind()),
+    }
+}
+
+/// Sets how many threads this process computes with.
+pub fn compute_with(threads: Option<NonZero<usize>>) -> anyhow::Result<()> {
+    let Some(threads) = threads else { return Ok(()) };
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(threads.get())
+        .build_global()
+        .with_context(|| format!("cannot start {threads} threads"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_a_simulation_can_be_simulated() {
+        assert_eq!(simulation(br#"{"preset": "D1-chirp"}"#).unwrap().trajectories, 350_000);
+        let error = simulation(br#"{"preset": "quickstart"}"#).unwrap_err().to_string();
+        assert_eq!(error, "kind is pipeline, allowed: simulate");
+    }
+}

@@ -1,0 +1,85 @@
+//! Work that this process does itself, shown as a job of a server is.
+
+use std::ops::ControlFlow;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::Instant;
+
+use anyhow::Context;
+
+use super::rate::Rate;
+use super::{Display, POLL_EVERY, Row};
+use crate::client::{JobState, Progress};
+use crate::server::Interrupts;
+
+/// Called with how much is done; breaks when the work is to stop.
+pub type Report<'a> = &'a (dyn Fn(u64) -> ControlFlow<()> + Sync);
+
+/// Does `work` on a thread of its own and shows how far it is, of `total` trajectories. The first
+/// interrupt asks it to stop, the second ends the process.
+///
+/// # Errors
+/// When the work panics, or signals cannot be listened for.
+pub async fn follow_own<T, E>(
+    name: &str,
+    total: u64,
+    work: impl FnOnce(Report<'_>) -> Result<T, E> + Send + 'static,
+) -> anyhow::Result<Result<T, E>>
+where
+    T: Send + 'static,
+    E: Send + 'static,
+{
+    let mut interrupts = Interrupts::new()?;
+    let state = Arc::new(State::default());
+    let shared = Arc::clone(&state);
+    let mut working = tokio::task::spawn_blocking(move || work(&|done| shared.report(done)));
+    let mut display = Display::new();
+    let mut rate = Rate::default();
+    let mut show = |state: JobState, done: u64| {
+        #[expect(clippy::cast_precision_loss, reason = "for people to look at")]
+        let (done, total) = (done as f64, total as f64);
+        let unit = Some("trajectories".to_owned());
+        display.show(&[Row {
+            name: name.to_owned(),
+            state,
+            reused: false,
+            // The command says it, after the last line.
+            error: None,
+            rate_per_second: rate.observe(done, Instant::now()),
+            progress: Progress { done, total, unit, ..Progress::default() },
+        }]);
+    };
+    let done = loop {
+        show(JobState::Running, state.done.load(Ordering::Relaxed));
+        tokio::select! {
+            done = &mut working => break done.context("a fault of torqued, please report it")?,
+            () = interrupts.next() => {
+                if state.stop.swap(true, Ordering::Relaxed) {
+                    std::process::exit(1);
+                }
+            }
+            () = tokio::time::sleep(POLL_EVERY) => {}
+        }
+    };
+    let final_state = if done.is_ok() { JobState::Succeeded } else { JobState::Failed };
+    show(final_state, state.done.load(Ordering::Relaxed));
+    display.finish();
+    Ok(done)
+}
+
+#[derive(Debug, Default)]
+struct State {
+    done: AtomicU64,
+    stop: AtomicBool,
+}
+
+impl State {
+    fn report(&self, done: u64) -> ControlFlow<()> {
+        self.done.fetch_max(done, Ordering::Relaxed);
+        if self.stop.load(Ordering::Relaxed) {
+            ControlFlow::Break(())
+        } else {
+            ControlFlow::Continue(())
+        }
+    }
+}
