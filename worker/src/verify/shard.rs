@@ -106,9 +106,12 @@ impl File<'_> {
                 Err(unreadable) => unreadable,
             };
             return Err(TaskError::Differs(format!(
-                "{path} has {} bytes of SHA-256 {}, not the {} bytes of SHA-256 {} that were \
-                 recorded: {what}",
-                self.stored.size, self.stored.sha256, self.recorded.size, self.recorded.sha256,
+                "{path} is not what was written ({} bytes of SHA-256 {} instead of {} bytes of {}): \
+                 {what}",
+                self.stored.size,
+                self.stored.sha256.short(),
+                self.recorded.size,
+                self.recorded.sha256.short(),
             )));
         }
         let version = self.version();
