@@ -10,8 +10,9 @@ const REAP_EVERY: Duration = Duration::from_secs(1);
 
 const SWEEP_EVERY: Duration = Duration::from_secs(60 * 60);
 
-/// No file takes this long from its first byte to the row that names it.
-const ORPHANED_AFTER: Duration = Duration::from_secs(60 * 60);
+/// No file takes this long from its first byte to the row that names it; one that is sent to be
+/// imported may take 6 h.
+const ORPHANED_AFTER: Duration = Duration::from_secs(8 * 60 * 60);
 
 /// Gives the tasks of workers that died to others.
 pub async fn reap(store: Store, stop: CancellationToken) {
