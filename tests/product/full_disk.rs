@@ -3,7 +3,9 @@
 use std::path::Path;
 use std::process::Command;
 
-use crate::product::{Product, small_pipeline};
+use serde_json::json;
+
+use crate::product::{Product, run_to_end, small_pipeline, torqued};
 
 /// A small file system in memory, as long as this lives.
 struct SmallDisk(tempfile::TempDir);
@@ -54,4 +56,34 @@ async fn a_full_disk_fails_the_job_and_the_server_goes_on_when_there_is_room_aga
     spec["trajectories"] = 100.into();
     let small = product.submit(&spec).await;
     product.succeeded(small).await;
+}
+
+#[test]
+fn a_full_disk_stops_a_simulation_into_a_folder_and_room_lets_it_go_on() {
+    let Some(disk) = SmallDisk::mount("24m") else {
+        eprintln!("not run: mounting a file system is not permitted here");
+        return;
+    };
+    let (out, filler) = (disk.path().join("folder"), disk.path().join("filler"));
+    std::fs::write(&filler, vec![7; 16 << 20]).unwrap();
+    let spec = disk.path().join("spec.json");
+    let simulation = json!({
+        "preset": "D1-chirp", "trajectories": 6000, "samples": 60, "shard_trajectories": 1000,
+    });
+    std::fs::write(&spec, simulation.to_string()).unwrap();
+    let simulate =
+        || run_to_end(torqued(&["simulate", "--spec"]).arg(&spec).arg("--out").arg(&out));
+    let (code, _, errors) = simulate();
+    assert_eq!(code, Some(1), "{errors}");
+    assert!(errors.contains("disk full"), "{errors}");
+    let names: Vec<_> =
+        std::fs::read_dir(&out).unwrap().map(|it| it.unwrap().file_name()).collect();
+    assert!(names.len() > 2, "{names:?}");
+    assert!(names.iter().all(|name| !name.to_string_lossy().starts_with('.')), "{names:?}");
+
+    std::fs::remove_file(&filler).unwrap();
+    let (code, output, errors) = simulate();
+    assert_eq!(code, Some(0), "{output}{errors}");
+    let (code, output, errors) = run_to_end(torqued(&["verify"]).arg(&out));
+    assert_eq!(code, Some(0), "{output}{errors}");
 }

@@ -9,4 +9,6 @@ mod killed_worker;
 mod pipeline;
 mod product;
 mod quickstart;
+mod shards;
 mod stopping;
+mod streams;

@@ -1,0 +1,101 @@
+//! Trainings and evaluations on robots that are simulated when they are needed.
+
+use serde_json::{Value, json};
+
+use crate::product::Product;
+
+/// A small training on a stream.
+fn training() -> Value {
+    json!({
+        "kind": "train",
+        "data": {"stream": {"preset": "D1-multisine", "samples": 60}},
+        "context": 40,
+        "model": {
+            "architecture": "robomorph", "d_model": 16, "heads": 2,
+            "encoder_layers": 1, "decoder_layers": 1, "patch": 5,
+        },
+        "normalization": "dataset",
+        "batch_size": 16,
+        "steps": 150,
+        "validate_every_steps": 50,
+        "checkpoint_every_steps": 20,
+    })
+}
+
+fn grid() -> Value {
+    json!({
+        "preset": "grid-multisine",
+        "trajectories": 60,
+        "samples": 60,
+        "excitation": {"multisine": {"frequency_hz": {"grid": [0.05, 0.15, 0.3]}}},
+    })
+}
+
+/// SHA-256 of the weights after the last step.
+async fn weights(product: &Product, training: i64) -> Value {
+    let job = product.get(&format!("/v1/jobs/{training}")).await;
+    let last = job["checkpoints"].as_array().unwrap().iter().filter_map(Value::as_i64).max();
+    let checkpoint = product.get(&format!("/v1/checkpoints/{}", last.unwrap())).await;
+    let files = checkpoint["files"].as_array().unwrap().clone();
+    let model = files.iter().find(|file| file["name"] == "model.safetensors").unwrap();
+    model["sha256"].clone()
+}
+
+#[tokio::test]
+async fn a_killed_training_on_a_stream_ends_with_the_same_weights() {
+    let undisturbed = tempfile::tempdir().unwrap();
+    let product = Product::start(undisturbed.path());
+    let job = product.submit(&training()).await;
+    product.succeeded(job).await;
+    let expected = weights(&product, job).await;
+    drop(product);
+
+    let data = tempfile::tempdir().unwrap();
+    let product = Product::start(data.path());
+    let job = product.submit(&training()).await;
+    product.job_when(job, |job| !job["checkpoints"].as_array().unwrap().is_empty()).await;
+    product.kill_worker().await;
+    product.succeeded(job).await;
+    assert_eq!(weights(&product, job).await, expected);
+}
+
+#[tokio::test]
+async fn an_evaluation_on_a_stream_equals_the_one_on_its_dataset() {
+    let data = tempfile::tempdir().unwrap();
+    let product = Product::start(data.path());
+    let trained = product.submit(&training()).await;
+    let pipeline = json!({
+        "kind": "pipeline",
+        "name": "stored",
+        "jobs": {
+            "grid": grid(),
+            "evaluate": {"kind": "evaluate", "data": {"job": "grid"}, "context": 40},
+        },
+    });
+    let stored = product.submit(&pipeline).await;
+    product.succeeded(trained).await;
+    let stored = product.succeeded(stored).await;
+    let stored = crate::product::member(&stored, "evaluate");
+    let streamed = json!({"kind": "evaluate", "data": {"stream": grid()}, "context": 40});
+    let streamed = product.submit(&streamed).await;
+    product.succeeded(streamed).await;
+    let mut reports = Vec::new();
+    for job in [stored, streamed] {
+        let evaluation = product.get(&format!("/v1/evaluations/{job}")).await;
+        reports.push(evaluation["report"]["cells"].clone());
+    }
+    assert_eq!(reports[0], reports[1]);
+
+    // A model that was trained on a stream knows what it was trained on.
+    let digest = product.get(&format!("/v1/jobs/{trained}")).await["digest"].clone();
+    let learned = json!({
+        "kind": "evaluate", "data": {"stream": grid()}, "context": 40,
+        "checkpoints": [{"digest": digest}],
+    });
+    let learned = product.submit(&learned).await;
+    product.succeeded(learned).await;
+    let report = product.get(&format!("/v1/evaluations/{learned}")).await["report"].clone();
+    for cell in report["cells"].as_array().unwrap() {
+        assert_eq!(cell["in_distribution"], cell["frequency_hz"] == 0.15);
+    }
+}
