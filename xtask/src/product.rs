@@ -31,6 +31,8 @@ pub fn build_example(package: &str, example: &str) -> anyhow::Result<PathBuf> {
 #[derive(Clone, Copy, Debug)]
 pub struct Cost {
     pub seconds: f64,
+    /// Of all threads on all cores, s: what it would take one core that nobody else uses.
+    pub processor_seconds: f64,
     /// The most memory that was resident at once, GiB.
     pub peak_gib: f64,
 }
@@ -59,22 +61,40 @@ pub fn simulate_anew(torqued: &Path, spec: &Path, folder: &Path) -> anyhow::Resu
         .spawn()
         .context("cannot run torqued")?;
     let mut peak_gib: f64 = 0.0;
+    let mut processor_seconds: f64 = 0.0;
     let status = loop {
         if let Some(status) = child.try_wait()? {
             break status;
         }
         peak_gib = peak_gib.max(peak_memory_gib(child.id()).unwrap_or_default());
+        processor_seconds = processor_seconds.max(processor_time_s(child.id()).unwrap_or_default());
         thread::sleep(Duration::from_millis(10));
     };
     let seconds = started.elapsed().as_secs_f64();
     ensure!(status.success(), "torqued simulate --spec {} failed", spec.display());
-    Ok(Cost { seconds, peak_gib })
+    Ok(Cost { seconds, processor_seconds, peak_gib })
 }
 
 /// The high-water mark of a process's resident memory, while it lives.
 fn peak_memory_gib(process: u32) -> Option<f64> {
     let status = fs::read_to_string(format!("/proc/{process}/status")).ok()?;
     crate::machine::gibibytes(crate::machine::field(&status, "VmHWM")?)
+}
+
+/// Time that a process has spent on processors, in user and kernel mode, while it lives.
+fn processor_time_s(process: u32) -> Option<f64> {
+    /// Of the kernel's clock for this file, on every architecture that Linux is common on.
+    const TICKS_PER_S: f64 = 100.0;
+    let stat = fs::read_to_string(format!("/proc/{process}/stat")).ok()?;
+    Some(ticks(&stat)? / TICKS_PER_S)
+}
+
+/// Fields 14 and 15 of `/proc/PID/stat`; the second is a name that may hold anything.
+fn ticks(stat: &str) -> Option<f64> {
+    let (_, after_name) = stat.rsplit_once(')')?;
+    let mut fields = after_name.split_whitespace().skip(11);
+    let mut next = || fields.next()?.parse::<f64>().ok();
+    Some(next()? + next()?)
 }
 
 /// Bytes of all files of a folder that lie directly in it.
@@ -95,6 +115,14 @@ mod tests {
         let ours = peak_memory_gib(std::process::id()).unwrap();
         assert!((0.0001..100.0).contains(&ours), "{ours} GiB");
         assert_eq!(peak_memory_gib(u32::MAX), None);
+    }
+
+    #[test]
+    fn processor_time_is_that_of_user_and_kernel_whatever_the_name() {
+        let stat = "71 (a) b (c) S 1 71 71 0 -1 4194560 9 9 0 0 150 25 7 7 20 0 3 0 100 1000 9";
+        assert_eq!(ticks(stat), Some(175.0));
+        assert_eq!(ticks("71 (cut off) S 1 71"), None);
+        assert!(processor_time_s(std::process::id()).is_some());
     }
 
     #[test]

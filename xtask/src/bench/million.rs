@@ -23,6 +23,7 @@ pub(super) fn run(torqued: &Path) -> anyhow::Result<Vec<Measurement>> {
     let (all, bytes) = simulate(torqued, folder.path(), TRAJECTORIES)?;
     Ok(vec![
         Measurement::alone("10^6 trajectories written", all.seconds, "s", Some(SECONDS)),
+        Measurement::alone("their processor time", all.processor_seconds, "s", None),
         Measurement::alone("their files", gigabytes(bytes), "GB", None),
         Measurement::alone("rate of writing", gigabytes(bytes) * 1e3 / all.seconds, "MB/s", None),
         Measurement::alone("peak memory", all.peak_gib, "GiB", Some(PEAK_GIB)),
