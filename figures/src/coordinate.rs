@@ -65,6 +65,15 @@ impl Coordinate {
         let fitting = sets.iter().position(|set| self.fits(set, direction, length, font_size));
         // The last set is the sparsest, and some ticks are better than none.
         self.ticks = sets.swap_remove(fitting.unwrap_or(sets.len() - 1));
+        if self.ticks.len() < 2 {
+            // One label alone tells no scale: rather crowd the axis a little.
+            let denser = ticks::candidates(self.scale, self.low, self.high, 2 * most);
+            let several = |set: &Vec<Tick>| set.len() > 1;
+            let fits = |set: &Vec<Tick>| self.fits(set, direction, length, font_size);
+            if let Some(set) = denser.into_iter().rev().filter(several).find(fits) {
+                self.ticks = set;
+            }
+        }
     }
 
     fn fits(&self, set: &[Tick], direction: Direction, length: f64, font_size: f64) -> bool {

@@ -28,17 +28,31 @@ const OVERHANG: f64 = 6.0;
 
 /// The figure as a document that stretches to the width of its container.
 pub(crate) fn svg(figure: &Figure, size: Size) -> Result<String, FigureError> {
-    draw(figure, size, "width=\"100%\"")
+    let (traces, layout) = arrange(figure, size, 0.0)?;
+    draw(figure, &traces, &layout, "width=\"100%\"")
 }
 
-/// The figure as a part of a larger drawing, `top` pixels from its upper edge.
-pub(crate) fn panel(figure: &Figure, size: Size, top: u32) -> Result<String, FigureError> {
+/// The figure as a part of a larger drawing, `top` pixels from its upper edge; its plot begins
+/// `left` pixels or more from the left one.
+pub(crate) fn panel(
+    figure: &Figure,
+    size: Size,
+    top: u32,
+    left: f64,
+) -> Result<String, FigureError> {
     let Size { width, height } = size;
-    draw(figure, size, &format!("y=\"{top}\" width=\"{width}\" height=\"{height}\""))
+    let (traces, layout) = arrange(figure, size, left)?;
+    let place = format!("y=\"{top}\" width=\"{width}\" height=\"{height}\"");
+    draw(figure, &traces, &layout, &place)
 }
 
-/// `place` is what the root element says of its position and size.
-fn draw(figure: &Figure, size: Size, place: &str) -> Result<String, FigureError> {
+/// Where the figure's plot would begin by itself, in pixels from the left edge.
+pub(crate) fn left_of_plot(figure: &Figure, size: Size) -> Result<f64, FigureError> {
+    let (_, layout) = arrange(figure, size, 0.0)?;
+    Ok(layout.plot.left)
+}
+
+fn arrange(figure: &Figure, size: Size, left: f64) -> Result<(Vec<Trace>, Layout), FigureError> {
     size.check()?;
     for (what, count) in [("series", figure.series.len()), ("bands", figure.bands.len())] {
         if count > SERIES_ALLOWED {
@@ -50,22 +64,32 @@ fn draw(figure: &Figure, size: Size, place: &str) -> Result<String, FigureError>
         .iter()
         .map(|series| Trace::new(&series.points, &figure.x, &figure.y))
         .collect();
-    let layout = Layout::new(figure, &traces, size)?;
+    let layout = Layout::new(figure, &traces, size, left)?;
+    Ok((traces, layout))
+}
+
+/// `place` is what the root element says of its position and size.
+fn draw(
+    figure: &Figure,
+    traces: &[Trace],
+    layout: &Layout,
+    place: &str,
+) -> Result<String, FigureError> {
     let looks: Vec<Look> = figure
         .series
         .iter()
-        .zip(&traces)
+        .zip(traces)
         .enumerate()
         .map(|(index, (series, trace))| Look::new(index, series, trace))
         .collect();
 
     let empty = traces.iter().all(|trace| trace.drawable == 0);
-    let mut body = bands(&layout)?;
-    body.push_str(&frame(&layout)?);
-    body.push_str(&data(figure, &layout, &looks, &traces)?);
-    body.push_str(&legend(&layout, &looks)?);
-    body.push_str(&titles(&layout, empty)?);
-    Ok(document(figure, &traces, size, place, &body))
+    let mut body = bands(layout)?;
+    body.push_str(&frame(layout)?);
+    body.push_str(&data(figure, layout, &looks, traces)?);
+    body.push_str(&legend(layout, &looks)?);
+    body.push_str(&titles(layout, empty)?);
+    Ok(document(figure, traces, layout.size, place, &body))
 }
 
 /// The root element around the drawn groups.

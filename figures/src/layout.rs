@@ -79,7 +79,13 @@ enum LegendRoom {
 }
 
 impl Layout {
-    pub(crate) fn new(figure: &Figure, traces: &[Trace], size: Size) -> Result<Self, FigureError> {
+    /// The plot begins `least_left` pixels from the left edge, or further right if its labels need it.
+    pub(crate) fn new(
+        figure: &Figure,
+        traces: &[Trace],
+        size: Size,
+        least_left: f64,
+    ) -> Result<Self, FigureError> {
         let (width, height) = (f64::from(size.width), f64::from(size.height));
         let (mut x, mut y) = coordinates(figure, traces)?;
 
@@ -99,7 +105,7 @@ impl Layout {
         let bottom = height - MARGIN - X_AXIS_HEIGHT - legend_height;
 
         y.choose_ticks(Direction::Vertical, bottom - top, FONT_SIZE);
-        let left = MARGIN + 20.0 + y.label_width(FONT_SIZE) + 10.0;
+        let left = (MARGIN + 20.0 + y.label_width(FONT_SIZE) + 10.0).max(least_left);
         let right = match legend_room {
             LegendRoom::Right { width: legend } => width - MARGIN - legend,
             // Half of the last tick's label hangs over the end of the axis.

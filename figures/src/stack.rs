@@ -4,16 +4,20 @@ use crate::{Figure, FigureError, Size, drawing, text};
 
 /// Draws figures one below the other as one self-contained `<svg>` element, each in `size`.
 ///
-/// For series over the same x whose y have different units.
+/// For series over the same x whose y have different units. The plots begin at the same x.
 ///
 /// # Errors
 ///
 /// As [`Figure::to_svg`], for the first figure that cannot be drawn.
 pub fn stacked(title: &str, figures: &[Figure], size: Size) -> Result<String, FigureError> {
+    let mut left: f64 = 0.0;
+    for figure in figures {
+        left = left.max(drawing::left_of_plot(figure, size)?);
+    }
     let mut panels = String::new();
     let mut top = 0;
     for figure in figures {
-        panels.push_str(&drawing::panel(figure, size, top)?);
+        panels.push_str(&drawing::panel(figure, size, top, left)?);
         top += u32::from(size.height);
     }
     let title = text::xml(title);

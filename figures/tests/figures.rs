@@ -102,6 +102,17 @@ fn a_stack_holds_its_figures_one_below_the_other_as_they_are_alone() {
         let (_, drawn) = drawn[panel.range()].split_once(">\n").unwrap();
         assert_eq!(drawn.trim_end(), within.trim_end());
     }
+    // Labels of the one need more room than those of the other.
+    let figures =
+        [1.0, 1e-7].map(|y| figure(vec![Series::line("training", points(&[y, 3.0 * y]))]));
+    let drawn = figures::stacked("", &figures, Size::PAGE).unwrap();
+    let document = Document::parse(&drawn).unwrap();
+    let panels = document.root_element().children().filter(|node| node.has_tag_name("svg"));
+    let lefts: Vec<f64> = panels
+        .map(|panel| panel.descendants().filter(|node| node.has_tag_name("svg")).nth(1).unwrap())
+        .map(|data| attribute(data, "x"))
+        .collect();
+    assert!((lefts[0] - lefts[1]).abs() < f64::EPSILON, "{lefts:?}");
     let nowhere = Size { width: 1, height: 1 };
     assert!(matches!(
         figures::stacked("", &figures, nowhere),
@@ -118,6 +129,20 @@ fn axes_legend_and_title_are_written() {
     let texts = texts(&Document::parse(&drawn).unwrap());
     for expected in ["Loss", "step", "mean squared error (rad²)", "training", "validation", "0"] {
         assert!(texts.iter().any(|text| text == expected), "{expected:?} is missing in {texts:?}");
+    }
+}
+
+/// Caught: an axis from -47 to 35 in a low panel had one label, 0.
+#[test]
+fn a_low_axis_still_has_two_labels() {
+    for (low, high) in [(-47.0, 35.0), (-35.0, 25.0), (0.9, 2.1), (-1e-4, 9e-4), (-99.0, 99.0)] {
+        let figure = figure(vec![Series::line("u", points(&[low, high]))]);
+        let drawn = figure.to_svg(Size { width: 760, height: 200 }).unwrap();
+        let document = Document::parse(&drawn).unwrap();
+        // Labels of the vertical axis end at it.
+        let labels =
+            named(&document, "text").filter(|it| it.attribute("text-anchor") == Some("end"));
+        assert!(labels.count() >= 2, "{low} to {high}: {:?}", texts(&document));
     }
 }
 
