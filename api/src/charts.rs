@@ -6,7 +6,7 @@ use store::SeriesPoint;
 use crate::app::{StoredTrajectory, Summary};
 
 /// One of several panels on a sheet.
-const PANEL: Size = Size { width: 760, height: 260 };
+const PANEL: Size = Size { width: 760, height: 300 };
 
 /// Training and validation loss over optimizer steps.
 pub fn loss_figure(training: &[SeriesPoint], validation: &[SeriesPoint]) -> Figure {
@@ -30,14 +30,23 @@ fn step(step: u64) -> f64 {
     step as f64
 }
 
-/// What a trajectory may have recorded: the beginning of its columns' names, what they measure,
-/// and how one is called in a legend.
-const PANELS: [(&str, &str, &str); 5] = [
-    ("u", "torque", "joint "),
-    ("q", "position", "joint "),
-    ("qd", "velocity", "joint "),
-    ("ee_", "position of the hand", ""),
-    ("ee_q", "orientation of the hand", "q"),
+/// A quantity that a trajectory may have recorded.
+struct Panel {
+    title: &'static str,
+    /// What the vertical axis measures.
+    quantity: &'static str,
+    /// With what the names of its columns begin; a joint's number or an axis follows.
+    prefix: &'static str,
+    /// With what the names in the legend begin.
+    called: &'static str,
+}
+
+const PANELS: [Panel; 5] = [
+    Panel { title: "Torques", quantity: "u", prefix: "u", called: "joint " },
+    Panel { title: "Positions", quantity: "q", prefix: "q", called: "joint " },
+    Panel { title: "Velocities", quantity: "q\u{307}", prefix: "qd", called: "joint " },
+    Panel { title: "Position of the hand", quantity: "position", prefix: "ee_", called: "" },
+    Panel { title: "Orientation of the hand", quantity: "quaternion", prefix: "ee_q", called: "q" },
 ];
 
 /// A panel per quantity, over time.
@@ -47,38 +56,39 @@ const PANELS: [(&str, &str, &str); 5] = [
 pub fn trajectory_svg(trajectory: &StoredTrajectory) -> Result<String, FigureError> {
     let StoredTrajectory { dataset, index, .. } = trajectory;
     let title = format!("Trajectory {index} of dataset {dataset}");
-    let panels: Vec<Figure> = PANELS
+    let figures: Vec<Figure> = PANELS
         .iter()
-        .map(|(prefix, quantity, called)| panel(trajectory, prefix, quantity, called))
-        .filter(|panel| !panel.series.is_empty())
+        .map(|panel| panel.figure(trajectory))
+        .filter(|figure| !figure.series.is_empty())
         .collect();
-    figures::stacked(&title, &panels, PANEL)
+    figures::stacked(&title, &figures, PANEL)
 }
 
-fn panel(trajectory: &StoredTrajectory, prefix: &str, quantity: &str, called: &str) -> Figure {
-    let mut y = Axis::linear(quantity);
-    let mut series = Vec::new();
-    for channel in trajectory.channels() {
-        let Some(which) = channel.column.name.strip_prefix(prefix) else { continue };
-        // `qd1` is no `q`, and `ee_qx` is no position.
-        let is_axis = prefix.starts_with("ee") && which.len() == 1;
-        if !is_axis && which.parse::<u32>().is_err() {
-            continue;
+impl Panel {
+    fn figure(&self, trajectory: &StoredTrajectory) -> Figure {
+        let mut y = Axis::linear(self.quantity);
+        let mut series = Vec::new();
+        for channel in trajectory.channels() {
+            let Some(which) = self.which(&channel.column.name) else { continue };
+            if let Some(unit) = &channel.column.unit {
+                y = y.in_unit(unit.as_str());
+            }
+            let points = trajectory.times().zip(channel.values);
+            let points = points.map(|(time, value)| Point::new(time, f64::from(*value))).collect();
+            series.push(Series::line(format!("{}{which}", self.called), points));
         }
-        if let Some(unit) = &channel.column.unit {
-            y = y.in_unit(unit.as_str());
-        }
-        let points = trajectory.times().zip(channel.values);
-        let points = points.map(|(time, value)| Point::new(time, f64::from(*value))).collect();
-        series.push(Series::line(format!("{called}{which}"), points));
+        let x = Axis::linear("time").in_unit("s");
+        Figure { title: self.title.to_owned(), x, y, series, bands: Vec::new() }
     }
-    let x = Axis::linear("time").in_unit("s");
-    Figure { title: capitalized(quantity), x, y, series, bands: Vec::new() }
-}
 
-fn capitalized(word: &str) -> String {
-    let mut letters = word.chars();
-    letters.next().map_or(String::new(), |first| first.to_uppercase().chain(letters).collect())
+    /// The joint or axis of a column, if it is one of this quantity: `qd1` is no `q`, and `ee_qx`
+    /// no position.
+    fn which<'a>(&self, column: &'a str) -> Option<&'a str> {
+        let which = column.strip_prefix(self.prefix)?;
+        let is_joint = which.parse::<u32>().is_ok();
+        let is_axis = self.prefix.starts_with("ee_") && ["x", "y", "z", "w"].contains(&which);
+        (is_joint || is_axis).then_some(which)
+    }
 }
 
 /// A panel per signal.
@@ -103,10 +113,12 @@ pub fn spectra_csv(summary: &Summary) -> String {
 }
 
 fn spectra(summary: &Summary) -> Vec<Figure> {
-    let signals = [("u", "Torque"), ("q", "Position")];
+    let signals = [("u", "Torques"), ("q", "Positions")];
     let figure = |(signal, title): (&str, &str)| {
         let spectrum = summary.spectra.iter().find(|spectrum| spectrum.signal == signal);
         let unit = spectrum.map_or("", |spectrum| spectrum.unit.as_str());
+        let trajectories = spectrum.map_or(0, |spectrum| spectrum.trajectories);
+        let mean_of = format!("mean over the joints of {trajectories} trajectories");
         let points = spectrum.into_iter().flat_map(|spectrum| {
             // The mean was removed: what is left in the first band says nothing.
             let bands = (0u32..).zip(&spectrum.density).skip(1);
@@ -118,7 +130,7 @@ fn spectra(summary: &Summary) -> Vec<Figure> {
             title: title.to_owned(),
             x: Axis::log("frequency").in_unit("Hz"),
             y: Axis::log("density").in_unit(unit),
-            series: vec![Series::line(signal, points.collect())],
+            series: vec![Series::line(mean_of, points.collect())],
             bands: Vec::new(),
         }
     };
