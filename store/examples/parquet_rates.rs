@@ -10,8 +10,13 @@ use std::time::Instant;
 
 use arrow::array::{Array, AsArray, RecordBatch};
 use arrow::datatypes::Int32Type;
+use mimalloc::MiMalloc;
 use serde_json::json;
 use store::{ObjectWriter, STEP, StoreError, TableReader, TableWriter};
+
+/// As in the product.
+#[global_allocator]
+static ALLOCATOR: MiMalloc = MiMalloc;
 
 const REPETITIONS: u32 = 3;
 
