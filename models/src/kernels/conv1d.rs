@@ -1,6 +1,9 @@
 use burn::tensor::ops::ConvOptions;
 use burn::tensor::{Tensor, module};
 
+use super::correlation::{Correlation, channel_sums};
+use super::fused::{Array, FusedOp, apply, operand};
+
 /// Cross-correlation along the last dimension, zeros beyond the ends, as `torch.nn.Conv1d`:
 /// x `[batch, input, sample]` with weight `[output, input, kernel]` and bias `[output]` to
 /// `[batch, output, (sample + 2 padding - kernel) / stride + 1]`.
@@ -11,7 +14,9 @@ pub(crate) fn conv1d(
     stride: usize,
     padding: usize,
 ) -> Tensor<3> {
-    plain(x, weight, bias, stride, padding)
+    let operands = [operand(&x), operand(&weight), operand(&bias)];
+    apply(Conv1d { stride, padding }, operands)
+        .unwrap_or_else(|| plain(x, weight, bias, stride, padding))
 }
 
 pub(super) fn plain(
@@ -22,4 +27,49 @@ pub(super) fn plain(
     padding: usize,
 ) -> Tensor<3> {
     module::conv1d(x, weight, Some(bias), ConvOptions::new([stride], [padding], [1], 1))
+}
+
+/// dx is the adjoint correlation of dy, db = Σ dy over trajectories and samples.
+#[derive(Clone, Debug)]
+struct Conv1d {
+    stride: usize,
+    padding: usize,
+}
+
+impl Conv1d {
+    fn correlation(&self, x: &Array, weight: &Array) -> Correlation {
+        let [_, fine_channels, fine_samples] = *x.shape() else { unreachable!("of rank 3") };
+        let [coarse_channels, _, kernel] = *weight.shape() else { unreachable!("of rank 3") };
+        Correlation {
+            fine_channels,
+            fine_samples,
+            coarse_channels,
+            coarse_samples: (fine_samples + 2 * self.padding - kernel) / self.stride + 1,
+            kernel,
+            stride: self.stride,
+            padding: self.padding,
+        }
+    }
+}
+
+impl FusedOp<3> for Conv1d {
+    fn forward(&self, [x, weight, bias]: &[Array; 3]) -> Array {
+        let correlation = self.correlation(x, weight);
+        let Correlation { coarse_channels, coarse_samples, .. } = correlation;
+        let y = correlation.forward(x.values(), weight.values(), Some(bias.values()));
+        let batch = y.len() / (coarse_channels * coarse_samples);
+        Array::new(y, &[batch, coarse_channels, coarse_samples])
+    }
+
+    fn backward(&self, [x, weight, bias]: &[Array; 3], dy: &Array) -> [Array; 3] {
+        let correlation = self.correlation(x, weight);
+        let dx = correlation.adjoint(dy.values(), weight.values(), None);
+        let d_weight = correlation.kernel_gradient(x.values(), dy.values());
+        let d_bias = channel_sums(dy.values(), bias.width(), dy.width());
+        [
+            Array::new(dx, x.shape()),
+            Array::new(d_weight, weight.shape()),
+            Array::new(d_bias, bias.shape()),
+        ]
+    }
 }

@@ -1,6 +1,8 @@
 use burn::tensor::Tensor;
+use rayon::prelude::*;
 
-use super::mish;
+use super::fused::{Array, FusedOp, apply, operand};
+use super::{mish, vectorized};
 
 /// PyTorch's default, added to the variance.
 const EPSILON: f32 = 1e-5;
@@ -14,7 +16,8 @@ pub(crate) fn group_norm_mish(
     bias: Tensor<1>,
     groups: usize,
 ) -> Tensor<3> {
-    plain(x, weight, bias, groups)
+    apply(GroupNormMish { groups }, [operand(&x), operand(&weight), operand(&bias)])
+        .unwrap_or_else(|| plain(x, weight, bias, groups))
 }
 
 pub(super) fn plain(x: Tensor<3>, weight: Tensor<1>, bias: Tensor<1>, groups: usize) -> Tensor<3> {
@@ -25,4 +28,57 @@ pub(super) fn plain(x: Tensor<3>, weight: Tensor<1>, bias: Tensor<1>, groups: us
     let normed = (centred / (variance + EPSILON).sqrt()).reshape([batch, channels, samples]);
     let scaled = normed * weight.reshape([1, channels, 1]) + bias.reshape([1, channels, 1]);
     mish::plain(scaled)
+}
+
+/// A task is one group of one trajectory, which stays in the cache. The derivative takes its mean
+/// and deviation anew from x, and Mish's slope from them: only x is kept.
+#[derive(Clone, Debug)]
+struct GroupNormMish {
+    groups: usize,
+}
+
+impl FusedOp<3> for GroupNormMish {
+    fn forward(&self, [x, weight, bias]: &[Array; 3]) -> Array {
+        let channels = weight.width() / self.groups;
+        let task = channels * x.width();
+        let mut y = vec![0.0; x.values().len()];
+        y.par_chunks_mut(task).zip(x.values().par_chunks(task)).enumerate().for_each(
+            |(index, (y, x))| {
+                let group = index % self.groups * channels;
+                let weight = &weight.values()[group..group + channels];
+                let bias = &bias.values()[group..group + channels];
+                vectorized::group_norm_mish(x, weight, bias, EPSILON, y);
+            },
+        );
+        Array::new(y, x.shape())
+    }
+
+    fn backward(&self, [x, weight, bias]: &[Array; 3], dy: &Array) -> [Array; 3] {
+        let all_channels = weight.width();
+        let channels = all_channels / self.groups;
+        let task = channels * x.width();
+        let mut dx = vec![0.0; x.values().len()];
+        // Of each trajectory, added up after.
+        let mut weight_parts = vec![0.0; x.values().len() / x.width()];
+        let mut bias_parts = weight_parts.clone();
+        let inputs = x.values().par_chunks(task).zip(dy.values().par_chunks(task));
+        let outputs = dx
+            .par_chunks_mut(task)
+            .zip(weight_parts.par_chunks_mut(channels).zip(bias_parts.par_chunks_mut(channels)));
+        inputs.zip(outputs).enumerate().for_each(|(index, ((x, dy), (dx, (d_weight, d_bias))))| {
+            let group = index % self.groups * channels;
+            let weight = &weight.values()[group..group + channels];
+            let bias = &bias.values()[group..group + channels];
+            let sums = [d_weight, d_bias];
+            vectorized::group_norm_mish_gradient(x, [weight, bias], EPSILON, dy, dx, sums);
+        });
+        let (mut d_weight, mut d_bias) = (vec![0.0; all_channels], vec![0.0; all_channels]);
+        vectorized::add_rows(&weight_parts, all_channels, &mut d_weight);
+        vectorized::add_rows(&bias_parts, all_channels, &mut d_bias);
+        [
+            Array::new(dx, x.shape()),
+            Array::new(d_weight, weight.shape()),
+            Array::new(d_bias, bias.shape()),
+        ]
+    }
 }

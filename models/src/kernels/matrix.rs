@@ -17,6 +17,12 @@ impl<'a> Matrix<'a> {
         Self { values, rows, columns, row_stride, column_stride: 1 }
     }
 
+    /// `count` rows from number `from` on.
+    pub fn rows(self, from: usize, count: usize) -> Self {
+        assert!(from + count <= self.rows);
+        Self { values: &self.values[from * self.row_stride..], rows: count, ..self }
+    }
+
     pub fn transposed(self) -> Self {
         Self {
             rows: self.columns,

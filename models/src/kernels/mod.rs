@@ -1,8 +1,8 @@
 //! The operations that Transformers and U-Nets spend their time in.
 //!
-//! Those of Transformers have two forms with the same result: burn's own operations, which run on every device, and
-//! a fused one for burn's CPU backend with a derivative of its own. burn-flex 0.22 computes GELU in
-//! a serial scalar loop, fuses softmax, layer norm and attention only where no gradient is
+//! Each has two forms with the same result: burn's own operations, which run on every device, and a
+//! fused one for burn's CPU backend with a derivative of its own. burn-flex 0.22 computes GELU and
+//! Mish in serial scalar loops, fuses softmax, norms and attention only where no gradient is
 //! recorded, and writes every intermediate to memory; see [`fused`].
 //!
 //! The fused forms give the same bits whatever thread runs which part: no sum crosses a task.
@@ -12,6 +12,9 @@ mod agreement;
 mod attention;
 mod conv1d;
 mod conv_transpose1d;
+mod correlation;
+#[cfg(test)]
+mod finite_differences;
 mod fused;
 mod gelu;
 mod group_norm_mish;
@@ -20,6 +23,7 @@ mod linear;
 mod matrix;
 mod mish;
 mod vectorized;
+mod windows;
 
 pub(crate) use attention::{Mask, attention};
 pub(crate) use conv_transpose1d::conv_transpose1d;

@@ -58,6 +58,78 @@ vectorized! {
 }
 
 vectorized! {
+    /// y = x tanh(ln(1 + eˣ)).
+    fn mish(x: &[f32], y: &mut [f32]) {
+        for (y, &x) in y.iter_mut().zip(x) {
+            *y = mish_of(x);
+        }
+    }
+}
+
+vectorized! {
+    /// dx = mish'(x) dy.
+    fn mish_gradient(x: &[f32], dy: &[f32], dx: &mut [f32]) {
+        for ((dx, &x), &dy) in dx.iter_mut().zip(x).zip(dy) {
+            *dx = mish_slope(x) * dy;
+        }
+    }
+}
+
+vectorized! {
+    /// y = mish(x̂ weight + bias) with x̂ = (x - mean) / deviation over all of x, which has as many
+    /// equally long channels as `weight`.
+    fn group_norm_mish(x: &[f32], weight: &[f32], bias: &[f32], epsilon: f32, y: &mut [f32]) {
+        let samples = x.len() / weight.len();
+        let (mean, inverse_deviation) = moments(x, epsilon);
+        let channels = x.chunks_exact(samples).zip(y.chunks_exact_mut(samples));
+        for ((x, y), (&weight, &bias)) in channels.zip(weight.iter().zip(bias)) {
+            for (y, &x) in y.iter_mut().zip(x) {
+                *y = mish_of((x - mean) * inverse_deviation * weight + bias);
+            }
+        }
+    }
+}
+
+vectorized! {
+    /// With z = x̂ weight + bias, dz = mish'(z) dy and h = dz weight:
+    /// dx = (h - mean(h) - x̂ mean(h x̂)) / deviation, and of each channel Σ dz x̂ and Σ dz.
+    fn group_norm_mish_gradient(
+        x: &[f32],
+        weight_and_bias: [&[f32]; 2],
+        epsilon: f32,
+        dy: &[f32],
+        dx: &mut [f32],
+        sums: [&mut [f32]; 2],
+    ) {
+        let ([weight, bias], [d_weight, d_bias]) = (weight_and_bias, sums);
+        let samples = x.len() / weight.len();
+        let (mean, inverse_deviation) = moments(x, epsilon);
+        let (mut sum_h, mut sum_hx) = (0.0, 0.0);
+        for channel in 0..weight.len() {
+            let range = channel * samples..(channel + 1) * samples;
+            let (x, dy, dx) = (&x[range.clone()], &dy[range.clone()], &mut dx[range]);
+            let (weight, bias) = (weight[channel], bias[channel]);
+            for ((dz, &x), &dy) in dx.iter_mut().zip(x).zip(dy) {
+                *dz = mish_slope((x - mean) * inverse_deviation * weight + bias) * dy;
+            }
+            d_weight[channel] = sum_of_products(dx, x, mean) * inverse_deviation;
+            d_bias[channel] = sum(dx);
+            sum_h += d_bias[channel] * weight;
+            sum_hx += d_weight[channel] * weight;
+        }
+        let (mean_h, mean_hx) = (sum_h / x.len() as f32, sum_hx / x.len() as f32);
+        for ((x, dx), &weight) in
+            x.chunks_exact(samples).zip(dx.chunks_exact_mut(samples)).zip(weight)
+        {
+            for (dx, &x) in dx.iter_mut().zip(x) {
+                let normal = (x - mean) * inverse_deviation;
+                *dx = (*dx * weight - mean_h - normal * mean_hx) * inverse_deviation;
+            }
+        }
+    }
+}
+
+vectorized! {
     /// Each row of `weight.len()` elements: y = x̂ weight + bias with x̂ = (x - mean) / deviation.
     fn layer_norm(x: &[f32], weight: &[f32], bias: &[f32], epsilon: f32, y: &mut [f32]) {
         let width = weight.len();
@@ -134,6 +206,15 @@ vectorized! {
             for (gradient, &probability) in gradient.iter_mut().zip(probabilities) {
                 *gradient = scale * probability * (*gradient - mean);
             }
+        }
+    }
+}
+
+vectorized! {
+    /// Sum of each row of `width` elements.
+    fn row_sums(rows: &[f32], width: usize, sums: &mut [f32]) {
+        for (total, row) in sums.iter_mut().zip(rows.chunks_exact(width)) {
+            *total = sum(row);
         }
     }
 }
@@ -240,6 +321,30 @@ fn normal_distribution(x: f32) -> (f32, f32) {
     let tail = 0.5 * polynomial * t * bell;
     let cumulative = if x < 0.0 { tail } else { 1.0 - tail };
     (cumulative, INVERSE_ROOT_TAU * bell)
+}
+
+/// Where e^x is larger, tanh(ln(1 + eˣ)) is 1; its square stays finite.
+const MISH_IS_LINEAR: f32 = 20.0;
+
+/// Where x eˣ, and with it Mish, is 0 to a float.
+const MISH_IS_ZERO: f32 = -87.0;
+
+/// With n = eˣ (eˣ + 2), tanh(ln(1 + eˣ)) is n / (n + 2): nothing cancels in either tail.
+#[inline(always)]
+fn mish_of(x: f32) -> f32 {
+    let power = exponential(x.clamp(MISH_IS_ZERO, MISH_IS_LINEAR));
+    let n = power * (power + 2.0);
+    x.clamp(MISH_IS_ZERO, f32::INFINITY) * (n / (n + 2.0))
+}
+
+/// d/dx mish = n / (n + 2) + 4 x eˣ (1 + eˣ) / (n + 2)².
+#[inline(always)]
+fn mish_slope(x: f32) -> f32 {
+    let x = x.clamp(MISH_IS_ZERO, MISH_IS_LINEAR);
+    let power = exponential(x);
+    let n = power * (power + 2.0);
+    let inverse = 1.0 / (n + 2.0);
+    inverse * (n + 4.0 * x * power * (1.0 + power) * inverse)
 }
 
 /// eˣ within 2 units in the last place for -87 ≤ x ≤ 88, and e⁻⁸⁷ below (Cephes' `expf`).
