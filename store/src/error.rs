@@ -121,7 +121,10 @@ impl StoreError {
     }
 
     /// For `map_err` after a file operation; `operation` completes "while ...".
-    pub(crate) fn file(operation: &'static str, path: &str) -> impl FnOnce(std::io::Error) -> Self {
+    pub(crate) fn file(
+        operation: &'static str,
+        path: &str,
+    ) -> impl FnOnce(io::Error) -> Self + use<> {
         let path = path.to_owned();
         move |source| {
             if is_disk_full(&source) {

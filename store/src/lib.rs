@@ -39,6 +39,7 @@ mod table_writer;
 mod task_end;
 mod tasks;
 mod trajectories;
+mod unfinished_file;
 mod uploads;
 
 pub use artifacts::{Artifact, NewArtifact};

@@ -4,45 +4,36 @@ use std::fs::File;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use object_store::{MultipartUpload, WriteMultipart};
 use sha2::{Digest as _, Sha256};
 use spec::Digest;
-use tokio::runtime::Handle;
 
+use crate::unfinished_file::UnfinishedFile;
 use crate::{StoreError, StoredObject};
 
-/// Bytes that are written at once; S3 wants at least 5 MiB.
-const PART_SIZE: usize = 8 * 1024 * 1024;
-
-/// Parts on their way to the disk at a time, which bounds memory.
-const PARTS_IN_FLIGHT: usize = 2;
-
-/// What an unfinished file of a folder is called: hidden, and not taken for a table.
-const UNFINISHED: &str = ".unfinished";
+/// What the file of an object is called until it is whole. `object_store` takes a number after a
+/// hash for its own unfinished files and does not list them; the sweep finds both.
+const UNFINISHED_OBJECT: &str = "#0";
 
 /// Writes an object piece by piece; dropped before [`ObjectWriter::finish`], it leaves nothing.
 ///
 /// Blocks, so use it where blocking is allowed: under `spawn_blocking` or on a thread of its own.
 #[derive(Debug)]
 pub struct ObjectWriter {
-    target: Target,
+    /// None when only the digest is wanted.
+    file: Option<UnfinishedFile>,
     path: String,
     size: u64,
     digest: Sha256,
 }
 
-#[derive(Debug)]
-enum Target {
-    Upload { upload: WriteMultipart, runtime: Handle },
-    Folder(UnfinishedFile),
-    Nowhere,
-}
-
 impl ObjectWriter {
-    /// Into the store. Needs the runtime it is called on to go on.
-    pub(crate) fn upload(upload: Box<dyn MultipartUpload>, path: &str) -> Self {
-        let upload = WriteMultipart::new_with_chunk_size(upload, PART_SIZE);
-        Self::new(Target::Upload { upload, runtime: Handle::current() }, path)
+    /// Into the store, whose objects lie as files below `root`.
+    pub(crate) fn in_store(root: &Path, path: &str) -> Result<Self, StoreError> {
+        let to = root.join(path);
+        let at = PathBuf::from(format!("{}{UNFINISHED_OBJECT}", to.display()));
+        let created =
+            to.parent().map_or(Ok(()), create_folder).and_then(|()| UnfinishedFile::create(at, to));
+        Ok(Self::new(Some(created.map_err(failed(path))?), path))
     }
 
     /// Into a file of a folder, which appears under `name` whole and synced to disk, or not at all.
@@ -50,17 +41,19 @@ impl ObjectWriter {
     /// # Errors
     /// When the disk is full or fails.
     pub fn in_folder(folder: &Path, name: &str) -> Result<Self, StoreError> {
-        let file = UnfinishedFile::create(folder, name).map_err(failed(name))?;
-        Ok(Self::new(Target::Folder(file), name))
+        // Hidden, so that nobody takes it for a table.
+        let at = folder.join(format!(".{name}.unfinished"));
+        let file = UnfinishedFile::create(at, folder.join(name)).map_err(failed(name))?;
+        Ok(Self::new(Some(file), name))
     }
 
     /// Keeps nothing but size and digest.
     pub fn digest_only(name: &str) -> Self {
-        Self::new(Target::Nowhere, name)
+        Self::new(None, name)
     }
 
-    fn new(target: Target, path: &str) -> Self {
-        Self { target, path: path.to_owned(), size: 0, digest: Sha256::new() }
+    fn new(file: Option<UnfinishedFile>, path: &str) -> Self {
+        Self { file, path: path.to_owned(), size: 0, digest: Sha256::new() }
     }
 
     pub fn path(&self) -> &str {
@@ -72,14 +65,8 @@ impl ObjectWriter {
     /// # Errors
     /// When the disk is full or fails; nothing lies under the path then.
     pub fn finish(self) -> Result<StoredObject, StoreError> {
-        match self.target {
-            Target::Upload { upload, runtime } => {
-                runtime
-                    .block_on(upload.finish())
-                    .map_err(StoreError::object("writing", &self.path))?;
-            }
-            Target::Folder(file) => file.publish().map_err(failed(&self.path))?,
-            Target::Nowhere => {}
+        if let Some(file) = self.file {
+            file.publish().map_err(failed(&self.path))?;
         }
         let sha256 = Digest::from_bytes(self.digest.finalize().into());
         Ok(StoredObject { path: self.path, size: self.size, sha256 })
@@ -88,16 +75,8 @@ impl ObjectWriter {
 
 impl io::Write for ObjectWriter {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        match &mut self.target {
-            Target::Upload { upload, runtime } => {
-                runtime
-                    .block_on(upload.wait_for_capacity(PARTS_IN_FLIGHT))
-                    .map_err(io::Error::other)?;
-                let _runtime = runtime.enter();
-                upload.write(bytes);
-            }
-            Target::Folder(file) => file.write_all(bytes)?,
-            Target::Nowhere => {}
+        if let Some(file) = &mut self.file {
+            file.write_all(bytes)?;
         }
         self.digest.update(bytes);
         self.size += bytes.len() as u64;
@@ -110,61 +89,23 @@ impl io::Write for ObjectWriter {
     }
 }
 
+/// Creates a folder and those it is in; their names are durable when this returns.
+fn create_folder(folder: &Path) -> io::Result<()> {
+    if folder.is_dir() {
+        return Ok(());
+    }
+    let Some(parent) = folder.parent() else { return Ok(()) };
+    create_folder(parent)?;
+    match std::fs::create_dir(folder) {
+        // Another worker was faster; both make sure that the name lasts.
+        Err(error) if error.kind() != io::ErrorKind::AlreadyExists => return Err(error),
+        Ok(()) | Err(_) => {}
+    }
+    File::open(parent)?.sync_all()
+}
+
 fn failed(name: &str) -> impl FnOnce(io::Error) -> StoreError {
     StoreError::file("writing", name)
-}
-
-/// A file beside the one it is to become; deleted when it does not.
-#[derive(Debug)]
-struct UnfinishedFile {
-    file: File,
-    at: PathBuf,
-    to: PathBuf,
-    folder: PathBuf,
-    unsynced: usize,
-    published: bool,
-}
-
-impl UnfinishedFile {
-    fn create(folder: &Path, name: &str) -> io::Result<Self> {
-        let at = folder.join(format!(".{name}{UNFINISHED}"));
-        Ok(Self {
-            file: File::create(&at)?,
-            at,
-            to: folder.join(name),
-            folder: folder.to_owned(),
-            unsynced: 0,
-            published: false,
-        })
-    }
-
-    /// Syncs as it goes, so that the disk works all the time instead of at the end.
-    fn write_all(&mut self, bytes: &[u8]) -> io::Result<()> {
-        io::Write::write_all(&mut self.file, bytes)?;
-        self.unsynced += bytes.len();
-        if self.unsynced >= PART_SIZE {
-            self.file.sync_data()?;
-            self.unsynced = 0;
-        }
-        Ok(())
-    }
-
-    fn publish(mut self) -> io::Result<()> {
-        self.file.sync_all()?;
-        std::fs::rename(&self.at, &self.to)?;
-        self.published = true;
-        // The name is durable when the folder is.
-        File::open(&self.folder)?.sync_all()
-    }
-}
-
-impl Drop for UnfinishedFile {
-    fn drop(&mut self) {
-        if !self.published {
-            // Whoever cannot delete it now finds it hidden, and overwrites it next time.
-            let _ = std::fs::remove_file(&self.at);
-        }
-    }
 }
 
 #[cfg(test)]

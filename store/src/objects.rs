@@ -187,13 +187,12 @@ impl Store {
     /// # Errors
     /// When the disk is full or fails.
     pub async fn write_object(&self, path: &str) -> Result<ObjectWriter, StoreError> {
-        let upload = self
-            .objects()
-            .local
-            .put_multipart(&parse(path)?)
+        let root = self.objects().root.clone();
+        let path = parse(path)?.to_string();
+        let failed = StoreError::file("writing", &path);
+        tokio::task::spawn_blocking(move || ObjectWriter::in_store(&root, &path))
             .await
-            .map_err(StoreError::object("writing", path))?;
-        Ok(ObjectWriter::upload(upload, path))
+            .map_err(|error| failed(io::Error::other(error)))?
     }
 
     /// Reads an object whole and checks its digest.

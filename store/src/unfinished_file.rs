@@ -1,0 +1,93 @@
+use std::fs::File;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::mpsc::{SyncSender, sync_channel};
+use std::thread::{self, JoinHandle};
+
+/// Bytes after which the disk is asked to write them.
+const SYNC_EVERY: usize = 8 * 1024 * 1024;
+
+/// A file on its way to another name, under which it appears whole and synced to disk, or not at
+/// all.
+#[derive(Debug)]
+pub(crate) struct UnfinishedFile {
+    file: Arc<File>,
+    at: PathBuf,
+    to: PathBuf,
+    unsynced: usize,
+    sync: Option<Syncing>,
+    published: bool,
+}
+
+impl UnfinishedFile {
+    /// Begins the file `to` under the name `at`, in the same folder.
+    pub fn create(at: PathBuf, to: PathBuf) -> io::Result<Self> {
+        let file = Arc::new(File::create(&at)?);
+        Ok(Self { file, at, to, unsynced: 0, sync: None, published: false })
+    }
+
+    pub fn write_all(&mut self, bytes: &[u8]) -> io::Result<()> {
+        io::Write::write_all(&mut &*self.file, bytes)?;
+        self.unsynced += bytes.len();
+        if self.unsynced >= SYNC_EVERY {
+            self.unsynced = 0;
+            let file = &self.file;
+            self.sync.get_or_insert_with(|| Syncing::of(file)).ask();
+        }
+        Ok(())
+    }
+
+    /// Syncs the file and gives it its name.
+    pub fn publish(mut self) -> io::Result<()> {
+        if let Some(sync) = self.sync.take() {
+            sync.end()?;
+        }
+        self.file.sync_all()?;
+        std::fs::rename(&self.at, &self.to)?;
+        self.published = true;
+        // The name is durable when the folder is.
+        File::open(self.to.parent().unwrap_or(Path::new(".")))?.sync_all()
+    }
+}
+
+impl Drop for UnfinishedFile {
+    fn drop(&mut self) {
+        if self.published {
+            return;
+        }
+        if let Some(sync) = self.sync.take() {
+            let _ = sync.end();
+        }
+        // What cannot be deleted now is no object, and is swept or overwritten later.
+        let _ = std::fs::remove_file(&self.at);
+    }
+}
+
+/// Has the disk work all the time instead of at the end, without anybody waiting for it: a thread
+/// that syncs again and again while there is more.
+#[derive(Debug)]
+struct Syncing {
+    ask: SyncSender<()>,
+    thread: JoinHandle<io::Result<()>>,
+}
+
+impl Syncing {
+    fn of(file: &Arc<File>) -> Self {
+        let file = Arc::clone(file);
+        let (ask, asked) = sync_channel(1);
+        // An error that the disk tells this thread may be told to nobody else.
+        let thread = thread::spawn(move || asked.iter().try_for_each(|()| file.sync_data()));
+        Self { ask, thread }
+    }
+
+    fn ask(&self) {
+        // One sync that is waiting covers this request too.
+        let _ = self.ask.try_send(());
+    }
+
+    fn end(self) -> io::Result<()> {
+        drop(self.ask);
+        self.thread.join().map_err(|_| io::Error::other("the thread that syncs has panicked"))?
+    }
+}
