@@ -1,6 +1,7 @@
 //! Why a request was not answered as asked.
 
 use std::fmt::Display;
+use std::time::Duration;
 
 use axum::http::header::{RETRY_AFTER, WWW_AUTHENTICATE};
 use axum::http::{HeaderValue, Method, StatusCode};
@@ -9,9 +10,7 @@ use spec::SpecError;
 use store::{JobState, StoreError};
 use thiserror::Error;
 
-use crate::limits::{
-    BODY_BYTES, CONCURRENT_UPLOADS, REQUEST_TIMEOUT, UPLOAD_STALL, UPLOAD_TIMEOUT,
-};
+use crate::limits::{BODY_BYTES, CONCURRENT_UPLOADS, REQUEST_TIMEOUT, UPLOAD_TIMEOUT};
 use crate::problem::Problem;
 
 const BEARER: &str = r#"Bearer realm="torqued""#;
@@ -52,9 +51,9 @@ pub enum ApiError {
 
     #[error(
         "the file did not come: its next bytes may take {} s, and all of it {} h",
-        UPLOAD_STALL.as_secs(), UPLOAD_TIMEOUT.as_secs() / 3600
+        stall.as_secs_f64(), UPLOAD_TIMEOUT.as_secs() / 3600
     )]
-    UploadStalled,
+    UploadStalled { stall: Duration },
 
     #[error("{CONCURRENT_UPLOADS} files are being received, as many as may be; try again later")]
     UploadsCrowded,
@@ -164,7 +163,9 @@ impl ApiError {
             Self::UploadTooLarge { .. } => {
                 (S::PAYLOAD_TOO_LARGE, "file-too-large", "The file is too large")
             }
-            Self::UploadStalled => (S::REQUEST_TIMEOUT, "stalled", "The file did not come in time"),
+            Self::UploadStalled { .. } => {
+                (S::REQUEST_TIMEOUT, "stalled", "The file did not come in time")
+            }
             Self::UploadsCrowded => {
                 (S::SERVICE_UNAVAILABLE, "crowded", "Too many files are being received")
             }

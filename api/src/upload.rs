@@ -16,7 +16,7 @@ use tokio::time::{Instant, timeout_at};
 use crate::app::App;
 use crate::error::ApiError;
 use crate::extract::Query;
-use crate::limits::{BODY_BYTES, UPLOAD_NAME_BYTES, UPLOAD_STALL, UPLOAD_TIMEOUT};
+use crate::limits::{BODY_BYTES, UPLOAD_NAME_BYTES, UPLOAD_TIMEOUT};
 
 /// Bytes of a form around its file: boundaries, headers of the parts, and the spec.
 const FORM_BYTES: u64 = 64 * 1024 + BODY_BYTES as u64;
@@ -32,13 +32,25 @@ pub struct IncomingFile {
     source: Source,
     received: u64,
     limit: u64,
+    patience: Patience,
+}
+
+/// How long a sender is waited for.
+#[derive(Clone, Copy)]
+struct Patience {
+    /// For the next bytes.
+    stall: Duration,
+    /// For all of them.
     deadline: Instant,
 }
 
 enum Source {
     Body(BoxStream<'static, Result<Bytes, axum::Error>>),
-    /// The part called `file`, and the form that it is the last part of.
-    Form { file: Field<'static>, form: Multipart<'static> },
+    /// The part called `file`, until its end, and the form that it is the last part of.
+    Form {
+        file: Option<Field<'static>>,
+        form: Multipart<'static>,
+    },
 }
 
 #[derive(Deserialize)]
@@ -52,15 +64,16 @@ impl FromRequest<App> for IncomingFile {
 
     async fn from_request(request: Request, app: &App) -> Result<Self, ApiError> {
         let deadline = Instant::now() + UPLOAD_TIMEOUT;
+        let patience = Patience { stall: app.upload_stall(), deadline };
         let limit = app.max_upload_bytes();
         let (mut parts, body) = request.into_parts();
-        let parameters = <Query<Parameters> as axum::extract::FromRequestParts<App>>::from_request_parts(
-            &mut parts, app,
-        );
+        let parameters =
+            <Query<Parameters> as axum::extract::FromRequestParts<App>>::from_request_parts(
+                &mut parts, app,
+            );
         let Query(parameters) = parameters.await?;
         let declared = parts.headers.get(CONTENT_TYPE);
-        let declared =
-            declared.map(|value| String::from_utf8_lossy(value.as_bytes()).into_owned());
+        let declared = declared.map(|value| String::from_utf8_lossy(value.as_bytes()).into_owned());
         let essence = declared.as_deref().map(essence).unwrap_or_default();
         if essence == "multipart/form-data" {
             refuse_longer(&parts.headers, limit.saturating_add(FORM_BYTES), limit)?;
@@ -68,7 +81,7 @@ impl FromRequest<App> for IncomingFile {
                 let allowed = "left out: a form has them in its parts";
                 return Err(ApiError::parameter("spec, name", "in the query", allowed));
             }
-            return from_form(&declared.unwrap_or_default(), body, limit, deadline).await;
+            return from_form(&declared.unwrap_or_default(), body, limit, patience).await;
         }
         let Some(format) = format_of(&essence) else {
             return Err(ApiError::UploadType { found: declared });
@@ -85,7 +98,7 @@ impl FromRequest<App> for IncomingFile {
             source: Source::Body(body.into_data_stream().boxed()),
             received: 0,
             limit,
-            deadline,
+            patience,
         })
     }
 }
@@ -96,11 +109,7 @@ fn essence(declared: &str) -> String {
 }
 
 fn format_of(essence: &str) -> Option<FileFormat> {
-    match essence {
-        "text/csv" => Some(FileFormat::Csv),
-        "application/vnd.apache.parquet" => Some(FileFormat::Parquet),
-        _ => None,
-    }
+    FileFormat::ALL.into_iter().find(|format| format.media_type() == essence)
 }
 
 /// A sender who says how much will come is stopped before it comes.
@@ -125,7 +134,7 @@ async fn from_form(
     declared: &str,
     body: Body,
     limit: u64,
-    deadline: Instant,
+    patience: Patience,
 ) -> Result<IncomingFile, ApiError> {
     let boundary = multer::parse_boundary(declared).map_err(|error| form_error(&error, limit))?;
     let sizes = SizeLimit::new()
@@ -135,14 +144,14 @@ async fn from_form(
     let constraints = Constraints::new().size_limit(sizes).allowed_fields(vec!["spec", "file"]);
     let stream = body.into_data_stream();
     let mut form = Multipart::with_constraints(stream, boundary, constraints);
-    let spec = match next_part(&mut form, limit, deadline).await? {
+    let spec = match next_part(&mut form, limit, patience).await? {
         Some(part) if part.name() == Some("spec") => {
-            let read = patiently(deadline, part.bytes()).await?;
+            let read = patience.wait(part.bytes()).await?;
             read.map_err(|error| form_error(&error, limit))?
         }
         other => return Err(wrong_part("spec", other.as_ref())),
     };
-    let file = match next_part(&mut form, limit, deadline).await? {
+    let file = match next_part(&mut form, limit, patience).await? {
         Some(part) if part.name() == Some("file") => part,
         other => return Err(wrong_part("file", other.as_ref())),
     };
@@ -151,19 +160,30 @@ async fn from_form(
         spec,
         format,
         name: usable(file.file_name().filter(|name| !name.is_empty()))?,
-        source: Source::Form { file, form },
+        source: Source::Form { file: Some(file), form },
         received: 0,
         limit,
-        deadline,
+        patience,
     })
 }
 
 async fn next_part(
     form: &mut Multipart<'static>,
     limit: u64,
-    deadline: Instant,
+    patience: Patience,
 ) -> Result<Option<Field<'static>>, ApiError> {
-    patiently(deadline, form.next_field()).await?.map_err(|error| form_error(&error, limit))
+    patience.wait(form.next_field()).await?.map_err(|error| form_error(&error, limit))
+}
+
+async fn refuse_more(
+    form: &mut Multipart<'static>,
+    limit: u64,
+    patience: Patience,
+) -> Result<(), ApiError> {
+    match next_part(form, limit, patience).await? {
+        None => Ok(()),
+        part => Err(wrong_part("the end of the form", part.as_ref())),
+    }
 }
 
 fn wrong_part(expected: &str, found: Option<&Field<'static>>) -> ApiError {
@@ -192,21 +212,26 @@ impl IncomingFile {
     /// # Errors
     /// When they do not come in time, are cut off, or are too many.
     pub async fn next(&mut self) -> Result<Option<Bytes>, ApiError> {
-        let (limit, deadline) = (self.limit, self.deadline);
+        let (limit, patience) = (self.limit, self.patience);
         let piece = match &mut self.source {
-            Source::Body(body) => patiently(deadline, body.next()).await?.transpose().map_err(
-                |error| ApiError::Body { reason: error.to_string() },
-            )?,
-            Source::Form { file, form } => {
-                let piece = patiently(deadline, file.chunk()).await?;
-                let piece = piece.map_err(|error| form_error(&error, limit))?;
-                if piece.is_none()
-                    && let Some(part) = next_part(form, limit, deadline).await?
-                {
-                    return Err(wrong_part("the end of the form", Some(&part)));
+            Source::Body(body) => patience
+                .wait(body.next())
+                .await?
+                .transpose()
+                .map_err(|error| ApiError::Body { reason: error.to_string() })?,
+            Source::Form { file, form } => match file {
+                None => None,
+                Some(part) => {
+                    let piece = patience.wait(part.chunk()).await?;
+                    let piece = piece.map_err(|error| form_error(&error, limit))?;
+                    if piece.is_none() {
+                        // A form gives no other part away while one is held.
+                        *file = None;
+                        refuse_more(form, limit, patience).await?;
+                    }
+                    piece
                 }
-                piece
-            }
+            },
         };
         self.received += piece.as_ref().map_or(0, |piece| piece.len() as u64);
         if self.received > self.limit {
@@ -216,9 +241,9 @@ impl IncomingFile {
     }
 }
 
-/// Waits for what a sender sends next, for so long and no longer.
-async fn patiently<T>(deadline: Instant, next: impl Future<Output = T>) -> Result<T, ApiError> {
-    let stall: Duration = UPLOAD_STALL;
-    let until = deadline.min(Instant::now() + stall);
-    timeout_at(until, next).await.map_err(|_| ApiError::UploadStalled)
+impl Patience {
+    async fn wait<T>(self, next: impl Future<Output = T>) -> Result<T, ApiError> {
+        let until = self.deadline.min(Instant::now() + self.stall);
+        timeout_at(until, next).await.map_err(|_| ApiError::UploadStalled { stall: self.stall })
+    }
 }

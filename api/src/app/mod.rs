@@ -23,6 +23,7 @@ mod verifications;
 mod warnings;
 
 use std::sync::Arc;
+use std::time::Duration;
 
 use store::Store;
 use tokio::sync::Semaphore;
@@ -30,7 +31,7 @@ use tokio::sync::Semaphore;
 use crate::app::shards::OpenShards;
 use crate::auth::Token;
 use crate::error::ApiError;
-use crate::limits::{CONCURRENT_UPLOADS, MAX_TRAJECTORIES, MAX_UPLOAD_BYTES};
+use crate::limits::{CONCURRENT_UPLOADS, MAX_TRAJECTORIES, MAX_UPLOAD_BYTES, UPLOAD_STALL};
 
 pub use checkpoints::{Checkpoint, Checkpoints};
 pub use datasets::{Dataset, DatasetFile, Datasets, FileKind};
@@ -55,11 +56,18 @@ pub struct Options {
     pub max_trajectories: u64,
     /// Bytes of one file that is sent to be imported, at most.
     pub max_upload_bytes: u64,
+    /// How long a sender may take for the next bytes of a file.
+    pub upload_stall: Duration,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { token: None, max_trajectories: MAX_TRAJECTORIES, max_upload_bytes: MAX_UPLOAD_BYTES }
+        Self {
+            token: None,
+            max_trajectories: MAX_TRAJECTORIES,
+            max_upload_bytes: MAX_UPLOAD_BYTES,
+            upload_stall: UPLOAD_STALL,
+        }
     }
 }
 
@@ -71,6 +79,7 @@ pub struct App {
     token: Option<Token>,
     max_trajectories: u64,
     max_upload_bytes: u64,
+    upload_stall: Duration,
     /// For the files on their way in.
     upload_places: Arc<Semaphore>,
 }
@@ -83,6 +92,7 @@ impl App {
             token: options.token.as_deref().map(Token::new),
             max_trajectories: options.max_trajectories,
             max_upload_bytes: options.max_upload_bytes,
+            upload_stall: options.upload_stall,
             upload_places: Arc::new(Semaphore::new(CONCURRENT_UPLOADS)),
         }
     }
@@ -93,6 +103,10 @@ impl App {
 
     pub(crate) fn max_upload_bytes(&self) -> u64 {
         self.max_upload_bytes
+    }
+
+    pub(crate) fn upload_stall(&self) -> Duration {
+        self.upload_stall
     }
 
     /// The version of the database's schema, once the database has answered.

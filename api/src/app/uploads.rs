@@ -58,7 +58,11 @@ fn import_spec(
     let Value::Object(mut fields) = fields else {
         return Err(SpecError::one("", "no object", "an import spec, a JSON object").into());
     };
-    fields.entry("kind").or_insert_with(|| "import".into());
+    match fields.get("kind") {
+        None => drop(fields.insert("kind".to_owned(), "import".into())),
+        Some(kind) if kind == "import" => {}
+        Some(kind) => return Err(other_kind(kind)),
+    }
     if let Some(declared) = declared {
         fields.entry("format").or_insert_with(|| declared.as_str().into());
     }
@@ -76,8 +80,12 @@ fn import_spec(
 fn parse(fields: Map<String, Value>) -> Result<ImportSpec, ApiError> {
     match spec::parse(Value::Object(fields).to_string().as_bytes())? {
         JobSpec::Import(spec) => Ok(spec),
-        other => Err(SpecError::one("kind", other.kind().as_str(), "import, or left out").into()),
+        other => Err(other_kind(&other.kind().as_str().into())),
     }
+}
+
+fn other_kind(kind: &Value) -> ApiError {
+    SpecError::one("kind", kind.to_string(), "import, or left out").into()
 }
 
 /// # Errors

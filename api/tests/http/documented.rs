@@ -7,6 +7,7 @@ use axum::http::Method;
 use serde_json::Value;
 
 use crate::fixture::{Server, small_pipeline, small_simulation};
+use crate::uploads;
 
 /// Rewrites the committed document when `UPDATE` is set.
 #[test]
@@ -24,7 +25,7 @@ fn the_committed_document_is_the_generated_one() {
 }
 
 /// Every operation, with a request that it answers with success.
-const OPERATIONS: [(&str, &str, &str); 28] = [
+const OPERATIONS: [(&str, &str, &str); 29] = [
     ("get", "/healthz", "/healthz"),
     ("get", "/v1/presets", "/v1/presets"),
     ("post", "/v1/jobs", "/v1/jobs"),
@@ -33,6 +34,7 @@ const OPERATIONS: [(&str, &str, &str); 28] = [
     ("post", "/v1/jobs/{id}/cancel", "/v1/jobs/6/cancel"),
     ("get", "/v1/jobs/{id}/tasks", "/v1/jobs/1/tasks"),
     ("get", "/v1/datasets", "/v1/datasets"),
+    ("post", "/v1/datasets", "/v1/datasets"),
     ("get", "/v1/datasets/{id}", "/v1/datasets/1"),
     ("get", "/v1/datasets/{id}/files/{name}", "/v1/datasets/1/files/robots-00000.parquet"),
     ("post", "/v1/datasets/{id}/verify", "/v1/datasets/1/verify"),
@@ -81,6 +83,7 @@ async fn every_documented_operation_answers_and_every_one_is_listed_here() {
         assert!(documented.remove(&(method.to_owned(), path.to_owned())), "{method} {path}");
         let answer = match method {
             "post" if path == "/v1/jobs" => server.submit(&small_simulation(8)).await,
+            "post" if path == "/v1/datasets" => uploads::send_recordings(&server).await,
             "post" => server.request(Method::POST, request, &[]).await,
             _ => server.get(request).await,
         };

@@ -15,4 +15,5 @@ mod serving;
 mod submission;
 mod tables;
 mod trajectories;
+mod uploads;
 mod verification;

@@ -4,6 +4,7 @@ use axum::http::Method;
 use serde_json::json;
 
 use crate::fixture::{Server, small_pipeline, small_simulation};
+use crate::uploads;
 
 async fn page(server: &Server, path: &str) -> String {
     let answer = server.get(path).await;
@@ -143,6 +144,26 @@ async fn the_button_verifies_and_the_page_tells_the_outcome() {
         assert!(page.contains("the one shard agrees in every byte"), "{path}: {page}");
     }
     assert!(page(&server, "/").await.contains(outcome));
+}
+
+#[tokio::test]
+async fn an_import_tells_what_became_of_the_file() {
+    let server = Server::start().await;
+    let job = uploads::send_recordings(&server).await.json();
+    server.work().await;
+    let row = page(&server, "/").await;
+    assert!(row.contains("3 trajectories") && row.contains("/datasets/1"), "{row}");
+    let dataset = page(&server, "/datasets/1?trajectory=2").await;
+    for text in ["cut from recordings", "2 of them too short", "samples in no trajectory", "Begins"]
+    {
+        assert!(dataset.contains(text), "{text} is not in {dataset}");
+    }
+    assert!(!dataset.contains("Drawn again"), "{dataset}");
+    let tasks = server.json(&format!("/v1/jobs/{}/tasks", job["id"])).await;
+    let counts = &tasks["tasks"][0]["result"]["import"];
+    assert_eq!((&counts["recordings"], &counts["rows"]), (&json!(5), &json!(1700)));
+    let robot = server.json("/v1/datasets/1/trajectories/2").await["robot"].clone();
+    assert_eq!((&robot["trajectory"], &robot["first_row"]), (&json!(2), &json!(23)));
 }
 
 #[tokio::test]

@@ -1,0 +1,290 @@
+//! Sending files: whole, in part, too large, too slow, and once more.
+
+use std::convert::Infallible;
+use std::time::Duration;
+
+use api::Options;
+use axum::body::{Body, Bytes};
+use axum::http::header::{CONTENT_LENGTH, CONTENT_TYPE, HOST};
+use axum::http::{Request, StatusCode};
+use futures::stream;
+use serde_json::{Value, json};
+use spec::{Digest, JobKind};
+use store::{FileContent, NewShard, object_path};
+
+use crate::fixture::{Answer, Server, bytes_of, small_training};
+
+const CSV: &[u8] = b"u1,u2\n1,2\n";
+
+/// An import spec as an upload has it.
+fn mapping() -> Value {
+    let names = |prefix: &str| (1..=7).map(|i| format!("{prefix}{i}")).collect::<Vec<_>>();
+    json!({"columns": {"u": names("u"), "q": names("q")}})
+}
+
+/// Percent-encoded, for a query.
+fn encoded(text: &str) -> String {
+    text.bytes().map(|byte| format!("%{byte:02X}")).collect()
+}
+
+fn path(spec: &Value) -> String {
+    format!("/v1/datasets?spec={}&name=arm.csv", encoded(&spec.to_string()))
+}
+
+async fn send(server: &Server, path: &str, media_type: &str, body: Body) -> Answer {
+    let request = Request::post(path).header(HOST, "127.0.0.1:7070");
+    server.send(request.header(CONTENT_TYPE, media_type).body(body).unwrap()).await
+}
+
+pub async fn send_recordings(server: &Server) -> Answer {
+    send(server, &path(&mapping()), "text/csv", Body::from(CSV)).await
+}
+
+fn form(parts: &[(&str, &str, &[u8])]) -> Body {
+    let mut body = Vec::new();
+    for (name, more, content) in parts {
+        let head = format!("--B\r\nContent-Disposition: form-data; name=\"{name}\"{more}\r\n\r\n");
+        body.extend([head.as_bytes(), content, b"\r\n"].concat());
+    }
+    body.extend(b"--B--\r\n");
+    Body::from(body)
+}
+
+const FORM: &str = "multipart/form-data; boundary=B";
+const FILE: &str = "; filename=\"arm.csv\"\r\nContent-Type: text/csv";
+
+/// What is kept of files in the server's folder, committed or not.
+async fn kept(server: &Server) -> usize {
+    server.store.newest_uploads(100).await.unwrap().len()
+}
+
+#[tokio::test]
+async fn a_file_becomes_an_upload_and_an_import() {
+    let server = Server::start().await;
+    let answer = send(&server, &path(&mapping()), "text/csv", Body::from(CSV)).await;
+    assert_eq!(answer.status, StatusCode::ACCEPTED, "{answer:?}");
+    let job = answer.json();
+    assert_eq!(answer.header("location"), format!("/v1/jobs/{}", job["id"]));
+    assert_eq!((&job["kind"], &job["state"]), (&json!("import"), &json!("queued")));
+    assert_eq!(job["spec"]["file"], Digest::of(CSV).to_string());
+    assert_eq!(job["spec"]["format"], "csv");
+    assert_eq!(job["dataset"], 1);
+    let upload = server.store.upload(Digest::of(CSV)).await.unwrap().unwrap();
+    assert_eq!((upload.name.as_str(), upload.object.size), ("arm.csv", 10));
+    assert_eq!(&server.store.read_object(&upload.object).await.unwrap()[..], CSV);
+}
+
+#[tokio::test]
+async fn a_form_does_the_same_as_a_body() {
+    let server = Server::start().await;
+    let spec = mapping().to_string();
+    let body = form(&[("spec", "", spec.as_bytes()), ("file", FILE, CSV)]);
+    let answer = send(&server, "/v1/datasets", FORM, body).await;
+    assert_eq!(answer.status, StatusCode::ACCEPTED, "{answer:?}");
+    let again = send(&server, &path(&mapping()), "text/csv", Body::from(CSV)).await;
+    assert_eq!(again.status, StatusCode::OK, "{again:?}");
+    assert_eq!(again.json()["id"], answer.json()["id"]);
+    let upload = server.store.upload(Digest::of(CSV)).await.unwrap().unwrap();
+    assert_eq!(upload.name, "arm.csv");
+    let forced = format!("{}&force=true", path(&mapping()));
+    let forced = send(&server, &forced, "text/csv", Body::from(CSV)).await;
+    assert_eq!(forced.status, StatusCode::ACCEPTED);
+    assert_ne!(forced.json()["id"], answer.json()["id"]);
+    assert_eq!(kept(&server).await, 1);
+}
+
+#[tokio::test]
+async fn a_file_that_is_known_is_imported_by_its_digest() {
+    let server = Server::start().await;
+    let mut spec = mapping();
+    spec["kind"] = json!("import");
+    spec["format"] = json!("csv");
+    spec["file"] = json!(Digest::of(CSV));
+    let unknown = server.submit(&spec).await.problem(422);
+    assert_eq!(unknown["violations"][0]["field"], "file");
+    assert!(unknown["detail"].as_str().unwrap().contains("POST /v1/datasets"), "{unknown}");
+
+    send(&server, &path(&mapping()), "text/csv", Body::from(CSV)).await;
+    assert_eq!(server.submit(&spec).await.status, StatusCode::OK);
+    spec["samples"] = json!(100);
+    assert_eq!(server.submit(&spec).await.status, StatusCode::CREATED);
+    spec["file"] = json!("0".repeat(64));
+    let unknown = server.submit(&spec).await.problem(422);
+    assert!(unknown["detail"].as_str().unwrap().contains("(arm.csv)"), "{unknown}");
+    let pipeline = json!({"kind": "pipeline", "name": "p", "jobs": {"own": spec}});
+    let unknown = server.submit(&pipeline).await.problem(422);
+    assert_eq!(unknown["violations"][0]["field"], "jobs.own.file");
+}
+
+#[tokio::test]
+async fn a_spec_that_cannot_be_accepted_is_refused_before_the_file() {
+    let server = Server::start().await;
+    let never = || Body::from_stream(stream::pending::<Result<Bytes, Infallible>>());
+    let refused = async |spec: Value, field: &str| {
+        let problem = send(&server, &path(&spec), "text/csv", never()).await.problem(422);
+        assert_eq!(problem["violations"][0]["field"], field, "{problem}");
+    };
+    let with = |field: &str, value: Value| {
+        let mut spec = mapping();
+        spec[field] = value;
+        spec
+    };
+    refused(with("samples", json!(1)), "samples").await;
+    refused(with("colums", json!({})), "colums").await;
+    refused(with("kind", json!("simulate")), "kind").await;
+    refused(with("format", json!("parquet")), "format").await;
+    refused(json!([]), "").await;
+    refused(json!({}), "").await;
+    let no_spec = send(&server, "/v1/datasets", "text/csv", never()).await.problem(400);
+    assert!(no_spec["detail"].as_str().unwrap().contains("spec"), "{no_spec}");
+    send(&server, "/v1/datasets?spec=%7B", "text/csv", never()).await.problem(400);
+    let other = send(&server, &path(&mapping()), "image/png", never()).await.problem(415);
+    assert!(other["detail"].as_str().unwrap().contains("text/csv"), "{other}");
+    assert_eq!(kept(&server).await, 0);
+}
+
+#[tokio::test]
+async fn a_file_of_another_digest_than_its_spec_says_is_refused() {
+    let server = Server::start().await;
+    let mut spec = mapping();
+    spec["file"] = json!("0".repeat(64));
+    let problem = send(&server, &path(&spec), "text/csv", Body::from(CSV)).await.problem(422);
+    assert_eq!(problem["violations"][0]["field"], "file");
+    assert!(problem["detail"].as_str().unwrap().contains(&Digest::of(CSV).to_string()));
+    let problem = send(&server, &path(&mapping()), "text/csv", Body::empty()).await.problem(422);
+    assert!(problem["detail"].as_str().unwrap().contains("empty"));
+    assert_eq!(kept(&server).await, 0);
+}
+
+#[tokio::test]
+async fn a_file_beyond_the_limit_is_refused_with_it() {
+    let options = Options { max_upload_bytes: 1000, ..Options::default() };
+    let server = Server::start_with(&options).await;
+    let large = bytes_of(1001, 0);
+    // Unannounced, as a stream.
+    let pieces = [large.slice(..600), large.slice(600..)].map(Ok::<_, Infallible>);
+    let body = Body::from_stream(stream::iter(pieces));
+    let problem = send(&server, &path(&mapping()), "text/csv", body).await.problem(413);
+    let detail = problem["detail"].as_str().unwrap();
+    assert!(detail.contains("1000") && detail.contains("--max-upload-bytes"), "{detail}");
+    // Announced, and nothing of it needs to come.
+    let request = Request::post(path(&mapping()))
+        .header(HOST, "127.0.0.1:7070")
+        .header(CONTENT_TYPE, "text/csv")
+        .header(CONTENT_LENGTH, "5000000000")
+        .body(Body::from_stream(stream::pending::<Result<Bytes, Infallible>>()));
+    server.send(request.unwrap()).await.problem(413);
+    let spec = mapping().to_string();
+    let body = form(&[("spec", "", spec.as_bytes()), ("file", FILE, &large)]);
+    send(&server, "/v1/datasets", FORM, body).await.problem(413);
+    assert_eq!(kept(&server).await, 0);
+    let exact = Body::from(large.slice(1..));
+    let answer = send(&server, &path(&mapping()), "text/csv", exact).await;
+    assert_eq!(answer.status, StatusCode::ACCEPTED);
+}
+
+#[tokio::test]
+async fn a_body_that_breaks_off_leaves_nothing() {
+    let server = Server::start().await;
+    let pieces = || {
+        let broken = std::io::Error::other("connection reset");
+        stream::iter([Ok(Bytes::from(vec![b'1'; 100_000])), Err(broken)])
+    };
+    let answer = send(&server, &path(&mapping()), "text/csv", Body::from_stream(pieces())).await;
+    answer.problem(400);
+    let spec = mapping().to_string();
+    let whole = form(&[("spec", "", spec.as_bytes()), ("file", FILE, CSV)]);
+    let whole = http_body_util::BodyExt::collect(whole).await.unwrap().to_bytes();
+    for cut in [10, 60, whole.len() - 30, whole.len() - 8] {
+        let answer = send(&server, "/v1/datasets", FORM, Body::from(whole.slice(..cut))).await;
+        assert!([400, 422].contains(&answer.status.as_u16()), "{cut}: {answer:?}");
+        answer.problem(answer.status.as_u16());
+    }
+    assert_eq!(kept(&server).await, 0);
+    assert!(server.json("/v1/jobs").await["jobs"].as_array().unwrap().is_empty());
+}
+
+#[tokio::test]
+async fn a_file_that_stops_coming_is_given_up() {
+    let upload_stall = Duration::from_millis(50);
+    let server = Server::start_with(&Options { upload_stall, ..Options::default() }).await;
+    let first = stream::iter([Ok::<_, Infallible>(Bytes::from_static(CSV))]);
+    let body = Body::from_stream(futures::StreamExt::chain(first, stream::pending()));
+    let problem = send(&server, &path(&mapping()), "text/csv", body).await.problem(408);
+    assert!(problem["detail"].as_str().unwrap().contains("0.05 s"), "{problem}");
+    assert_eq!(kept(&server).await, 0);
+}
+
+#[tokio::test]
+async fn a_form_has_the_spec_and_then_the_file() {
+    let server = Server::start().await;
+    let spec = mapping().to_string();
+    let spec = ("spec", "", spec.as_bytes());
+    let file = ("file", FILE, CSV);
+    let other = ("other", "", CSV);
+    for (parts, expected) in [
+        (&[file, spec][..], "part \"spec\" should"),
+        (&[spec][..], "part \"file\" should"),
+        (&[spec, other][..], "other"),
+        (&[spec, file, file][..], "the end of the form"),
+        (&[][..], "part \"spec\" should"),
+    ] {
+        let problem = send(&server, "/v1/datasets", FORM, form(parts)).await.problem(400);
+        let detail = problem["detail"].as_str().unwrap();
+        assert!(detail.contains(expected), "{detail}");
+    }
+    send(&server, "/v1/datasets", "multipart/form-data", form(&[])).await.problem(400);
+    let both = send(&server, &path(&mapping()), FORM, form(&[spec, file])).await;
+    both.problem(400);
+    assert_eq!(kept(&server).await, 0);
+}
+
+#[tokio::test]
+async fn an_idempotency_key_names_one_upload() {
+    let server = Server::start().await;
+    let send = async |body: &'static [u8]| {
+        let request = Request::post(format!("{}&force=true", path(&mapping())))
+            .header(HOST, "127.0.0.1:7070")
+            .header(CONTENT_TYPE, "text/csv")
+            .header("idempotency-key", "7b6a");
+        server.send(request.body(Body::from(body)).unwrap()).await
+    };
+    let first = send(CSV).await.json();
+    assert_eq!(send(CSV).await.json()["id"], first["id"]);
+    send(b"u1,u2\n3,4\n").await.problem(422);
+}
+
+#[tokio::test]
+async fn an_imported_dataset_can_be_trained_on_and_not_evaluated_on() {
+    let server = Server::start().await;
+    send(&server, &path(&mapping()), "text/csv", Body::from(CSV)).await;
+    let task = server.claim().await.unwrap();
+    assert_eq!((task.kind, task.total), (JobKind::Import, 0));
+    let file = async |content: FileContent| {
+        let path = object_path::shard(task.job, task.ordinal, task.fence.epoch, content);
+        server.store.put_object(&path, bytes_of(1000, content as u8)).await.unwrap()
+    };
+    let shard = NewShard {
+        first: 0,
+        count: 12,
+        rejected: 0,
+        trajectories: file(FileContent::Trajectories).await,
+        robots: file(FileContent::Robots).await,
+    };
+    server.store.commit_import(task.fence, &shard, &json!({})).await.unwrap();
+
+    let dataset = server.json("/v1/datasets/1").await;
+    assert_eq!((&dataset["trajectories"], &dataset["state"]), (&json!(12), &json!("complete")));
+    assert_eq!(dataset["files"][1]["rows"], 12 * 400);
+    assert_eq!(server.get("/datasets/1").await.status, StatusCode::OK);
+    assert_eq!(server.get("/jobs/1").await.status, StatusCode::OK);
+    let job = server.json("/v1/jobs/1").await;
+    assert_eq!((&job["progress"]["done"], &job["progress"]["total"]), (&json!(12), &json!(12)));
+
+    let training = server.submit(&small_training(&json!({"dataset": 1}))).await;
+    assert_eq!(training.status, StatusCode::CREATED, "{training:?}");
+    let evaluation = json!({"kind": "evaluate", "data": {"dataset": 1}});
+    let problem = server.submit(&evaluation).await.problem(422);
+    let detail = problem["detail"].as_str().unwrap();
+    assert!(detail.contains("frequency grid"), "{detail}");
+}
