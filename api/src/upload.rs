@@ -44,6 +44,7 @@ struct Patience {
     deadline: Instant,
 }
 
+#[expect(clippy::large_enum_variant, reason = "one exists per file on its way in")]
 enum Source {
     Body(BoxStream<'static, Result<Bytes, axum::Error>>),
     /// The part called `file`, until its end, and the form that it is the last part of.
