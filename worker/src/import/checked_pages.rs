@@ -36,7 +36,7 @@ impl<R: ChunkReader> CheckedPages<R> {
             Page::DictionaryPage { .. } => Ok(()),
             Page::DataPage { buf, num_values, encoding, def_level_encoding, .. } => {
                 if self.nullable && *def_level_encoding != Encoding::RLE {
-                    return Err(refused("its levels are not RLE".to_owned()));
+                    return Err(refused("its levels are not RLE"));
                 }
                 let levels = if self.nullable { level_bytes(buf)? } else { 0 };
                 check_values(buf, levels, *num_values, *encoding)
@@ -57,7 +57,7 @@ impl<R: ChunkReader> CheckedPages<R> {
     }
 }
 
-fn refused(reason: String) -> ParquetError {
+fn refused(reason: &str) -> ParquetError {
     ParquetError::General(format!("a page is damaged: {reason}"))
 }
 
@@ -69,7 +69,7 @@ fn check_names(mut dictionary: &[u8]) -> Result<()> {
             let reason = format!("a name of {length} bytes, at most {MAX_NAME_BYTES} are allowed");
             return Err(ParquetError::General(reason));
         }
-        dictionary = rest.get(length..).ok_or_else(|| refused("a name is cut off".to_owned()))?;
+        dictionary = rest.get(length..).ok_or_else(|| refused("a name is cut off"))?;
     }
     Ok(())
 }
@@ -77,7 +77,7 @@ fn check_names(mut dictionary: &[u8]) -> Result<()> {
 /// Definition levels of a first-version page begin with their length.
 fn level_bytes(page: &[u8]) -> Result<usize> {
     let length = page.first_chunk().map(|length| u32::from_le_bytes(*length));
-    let length = length.ok_or_else(|| refused("its levels are cut off".to_owned()))?;
+    let length = length.ok_or_else(|| refused("its levels are cut off"))?;
     Ok(4 + usize::try_from(length).unwrap_or(usize::MAX - 4))
 }
 
@@ -86,10 +86,10 @@ fn check_values(page: &[u8], levels: usize, values: u32, encoding: Encoding) -> 
     if encoding != Encoding::DELTA_LENGTH_BYTE_ARRAY {
         return Ok(());
     }
-    let encoded = page.get(levels..).ok_or_else(|| refused("its levels are cut off".to_owned()))?;
-    let count = third_number(encoded).ok_or_else(|| refused("no delta header".to_owned()))?;
+    let encoded = page.get(levels..).ok_or_else(|| refused("its levels are cut off"))?;
+    let count = third_number(encoded).ok_or_else(|| refused("no delta header"))?;
     if count > u64::from(values) {
-        return Err(refused(format!("{count} lengths of {values} values")));
+        return Err(refused(&format!("{count} lengths of {values} values")));
     }
     Ok(())
 }

@@ -47,7 +47,7 @@ impl CsvRows {
         budget.refill();
         let names = header_names(&header)?;
         let places = find_columns(&spec.columns, &names)
-            .map_err(|error| if names.len() == 1 { without_commas(error) } else { error })?;
+            .map_err(|error| if names.len() == 1 { without_commas(&error) } else { error })?;
         let mut places = places.into_iter();
         let mut column = |name: &str| {
             let place = places.next().unwrap_or_default();
@@ -124,7 +124,7 @@ fn header_names(header: &ByteRecord) -> Result<Vec<&str>, ImportError> {
     Ok(names)
 }
 
-fn without_commas(error: ImportError) -> ImportError {
+fn without_commas(error: &ImportError) -> ImportError {
     ImportError::file(format!("{error}; columns are separated by commas"))
 }
 

@@ -20,7 +20,6 @@ mod tests;
 use std::collections::BTreeMap;
 
 use parquet::file::reader::ChunkReader;
-use serde_json::json;
 use spec::{Column, DataSpec, ImportSpec};
 use store::{FileContent, NewShard, ObjectWriter, ShardSummary, TableWriter, object_path};
 
@@ -46,7 +45,8 @@ pub(crate) fn import(attempt: &Attempt) -> Result<(), TaskError> {
     };
     let (trajectories, table) = (object(FileContent::Trajectories)?, object(FileContent::Robots)?);
     let written = convert(file, &spec, trajectories, table, &|done| attempt.show(done))?;
-    let result = json!({"import": written.counts, "summary": written.summary});
+    let mut result = written.summary.to_result();
+    result["import"] = serde_json::to_value(written.counts)?;
     attempt.wait(store.commit_import(attempt.fence(), &written.shard, &result))?;
     Ok(())
 }

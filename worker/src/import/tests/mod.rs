@@ -40,7 +40,7 @@ impl Recordings {
                 recordings.times.push(time);
                 for (channel, values) in recordings.channels.iter_mut().enumerate() {
                     let phase = (channel + number) as f64;
-                    values.push(f64::from((time * 3.0 + phase).sin() as f32));
+                    values.push(f64::from(narrow((time * 3.0 + phase).sin())));
                 }
             }
         }
@@ -53,7 +53,7 @@ impl Recordings {
             ("t".to_owned(), Arc::new(Float64Array::from(self.times.clone()))),
         ];
         for (name, values) in channel_names().into_iter().zip(&self.channels) {
-            let values: Float32Array = values.iter().map(|value| Some(*value as f32)).collect();
+            let values: Float32Array = values.iter().map(|value| Some(narrow(*value))).collect();
             columns.push((name, Arc::new(values)));
         }
         columns
@@ -72,6 +72,11 @@ impl Recordings {
         }
         text
     }
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "the columns are f32")]
+fn narrow(value: f64) -> f32 {
+    value as f32
 }
 
 fn channel_names() -> Vec<String> {

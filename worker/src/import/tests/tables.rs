@@ -2,7 +2,7 @@
 
 use arrow::array::AsArray;
 use arrow::datatypes::{Float32Type, Float64Type, Int32Type, Int64Type};
-use serde_json::json;
+use serde_json::{Value, json};
 
 use super::super::conversion::ImportCounts;
 use super::{
@@ -12,18 +12,18 @@ use super::{
 #[test]
 fn the_bytes_are_a_function_of_file_and_spec() {
     let recordings = Recordings::of(&[100, 70]);
-    let windows = |fields| spec("parquet", &fields);
+    let windows = |fields: &Value| spec("parquet", fields);
     let split = json!({"split": {"kind": "windows", "stride": 20}});
-    let first = converted(recordings.parquet(small_pages()), &windows(split.clone()));
-    let again = converted(recordings.parquet(small_pages()), &windows(split.clone()));
+    let first = converted(recordings.parquet(small_pages()), &windows(&split));
+    let again = converted(recordings.parquet(small_pages()), &windows(&split));
     assert_eq!(first.shard.trajectories, again.shard.trajectories);
     assert_eq!(first.shard.robots, again.shard.robots);
     let later = json!({"split": {"kind": "windows", "stride": 20},
                        "execution": {"priority": 9}});
-    let hurried = converted(recordings.parquet(small_pages()), &windows(later));
+    let hurried = converted(recordings.parquet(small_pages()), &windows(&later));
     assert_eq!(first.shard.trajectories.sha256, hurried.shard.trajectories.sha256);
     let other = json!({"split": {"kind": "windows", "stride": 21}});
-    let other = converted(recordings.parquet(small_pages()), &windows(other));
+    let other = converted(recordings.parquet(small_pages()), &windows(&other));
     assert_ne!(first.shard.trajectories.sha256, other.shard.trajectories.sha256);
 }
 
