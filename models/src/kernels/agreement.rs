@@ -276,7 +276,7 @@ fn the_number_of_threads_does_not_change_a_bit() {
                 let [_, _, channels] = bias.dims();
                 let y = conv1d(x, weight, flat(bias.clone()), 2, 2);
                 let y = group_norm_mish(y, flat(bias.clone()), flat(bias.clone()), channels / 6);
-                let y = conv_transpose1d(y, up, flat(bias.clone()).slice([0..24]), 2, 1);
+                let y = conv_transpose1d(y, up, flat(bias.clone()).slice(0..24), 2, 1);
                 let gradients = (y.clone() * y.clone()).sum().backward();
                 all.push(host_values(y.inner()).unwrap());
                 all.extend(
