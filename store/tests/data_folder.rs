@@ -102,7 +102,7 @@ async fn a_database_from_a_newer_version_is_refused_and_not_changed() {
     .await;
     for access in [Access::Server, Access::Worker] {
         let error = refused(dir.path(), access).await;
-        assert!(error.contains("newer torqued (schema 9001, this one knows 1)"), "{error}");
+        assert!(error.contains("newer torqued (schema 9001, this one knows 2)"), "{error}");
     }
     assert_eq!(std::fs::read(dir.path().join("torqued.sqlite")).unwrap(), before);
 }
@@ -112,7 +112,46 @@ async fn a_database_from_an_older_version_is_refused_to_a_worker() {
     let dir = tempfile::tempdir().unwrap();
     with_changed_database(dir.path(), "DELETE FROM _sqlx_migrations").await;
     let error = refused(dir.path(), Access::Worker).await;
-    assert!(error.contains("has schema 0, this worker needs 1"), "{error}");
+    assert!(error.contains("has schema 0, this worker needs 2"), "{error}");
+}
+
+/// The first schema named the kinds of jobs there are, and imports are of another one.
+#[tokio::test]
+async fn a_folder_of_the_first_schema_keeps_its_jobs_and_takes_imports() {
+    let (fresh, dir) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    serve(fresh.path()).await.unwrap().close().await;
+    let database = SqliteConnectOptions::new().filename(dir.path().join("torqued.sqlite"));
+    let mut connection = database.create_if_missing(true).connect().await.unwrap();
+    let first = include_str!("../../migrations/sqlite/0001_initial.sql");
+    sqlx::raw_sql(first).execute(&mut connection).await.unwrap();
+    sqlx::query("ATTACH ? AS fresh")
+        .bind(fresh.path().join("torqued.sqlite").to_str().unwrap())
+        .execute(&mut connection)
+        .await
+        .unwrap();
+    let rest = "CREATE TABLE _sqlx_migrations AS \
+         SELECT * FROM fresh._sqlx_migrations WHERE version = 1; \
+         INSERT INTO job (kind, name, spec, digest, state, unit, priority, max_attempts, \
+         asked_alone, created_at) VALUES ('simulate', 'old', '{}', printf('%064d', 0), \
+         'succeeded', 'trajectories', 0, 3, 1, 0); \
+         INSERT INTO dataset (job, digest, state, trajectories, samples, created_at) \
+         VALUES (1, printf('%064d', 0), 'complete', 1, 2, 0);";
+    sqlx::raw_sql(rest).execute(&mut connection).await.unwrap();
+    connection.close().await.unwrap();
+
+    let store = serve(dir.path()).await.unwrap();
+    assert_eq!(store.schema_version(), 2);
+    let old = store.job(JobId(1)).await.unwrap();
+    assert_eq!((old.name.as_str(), old.dataset.is_some()), ("old", true));
+    let mut import = simulation(0, 1, Reuse::Never);
+    let columns = ["1", "2", "3", "4", "5", "6", "7"];
+    let text = json!({
+        "kind": "import", "file": "0".repeat(64), "format": "csv",
+        "columns": {"u": columns.map(|j| format!("u{j}")), "q": columns.map(|j| format!("q{j}"))},
+    });
+    import.jobs[0].spec = spec::parse(text.to_string().as_bytes()).unwrap();
+    let job = store.submit(import).await.unwrap().job;
+    assert_eq!(store.job(job).await.unwrap().kind, spec::JobKind::Import);
 }
 
 #[tokio::test]
@@ -156,7 +195,7 @@ async fn everything_is_there_after_a_restart() {
     store.complete(task.fence, None).await.unwrap();
     assert_eq!(store.job(job).await.unwrap().state, JobState::Succeeded);
     store.ping().await.unwrap();
-    assert_eq!(store.schema_version(), 1);
+    assert_eq!(store.schema_version(), 2);
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
