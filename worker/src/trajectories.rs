@@ -36,6 +36,7 @@ impl Series {
 }
 
 /// Where the trajectories of a training or an evaluation come from.
+#[expect(clippy::large_enum_variant, reason = "one or two exist at a time")]
 #[derive(Clone, Debug)]
 pub(crate) enum TrajectorySource {
     Dataset(DatasetReader),

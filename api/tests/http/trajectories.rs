@@ -111,7 +111,8 @@ async fn a_figure_of_a_trajectory_has_a_panel_for_each_quantity_and_a_table() {
     let server = with_dataset().await;
     let svg = server.get("/v1/datasets/1/trajectories/3/figure.svg").await;
     assert_eq!(svg.header("content-type"), "image/svg+xml");
-    for text in ["Torques", "Positions", "Velocities", "Orientation of the hand", "joint 7", "N·m"] {
+    for text in ["Torques", "Positions", "Velocities", "Orientation of the hand", "joint 7", "N·m"]
+    {
         assert!(svg.text().contains(text), "{text} is not drawn");
     }
     let csv = server.get("/v1/datasets/1/trajectories/3/figure.csv").await;

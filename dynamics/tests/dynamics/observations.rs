@@ -53,8 +53,14 @@ fn every_instruction_set_gives_the_same_bits_with_everything_asked_for() {
 
 #[test]
 fn the_bytes_of_everything_that_can_be_asked_for_are_pinned() {
-    assert_eq!(digest(&run(&complete("f32"), 5..45)), "3ef935a87925f06764a294b3fc31a2e53923082855b2b69a2c30b7af9b82e1ea");
-    assert_eq!(digest(&run(&complete("f64"), 5..45)), "ce91ba0b697ebb22bd20422bb6e28ab7a3ca6fbd153131d6a1de4a11b87f9ccd");
+    assert_eq!(
+        digest(&run(&complete("f32"), 5..45)),
+        "3ef935a87925f06764a294b3fc31a2e53923082855b2b69a2c30b7af9b82e1ea"
+    );
+    assert_eq!(
+        digest(&run(&complete("f64"), 5..45)),
+        "ce91ba0b697ebb22bd20422bb6e28ab7a3ca6fbd153131d6a1de4a11b87f9ccd"
+    );
 }
 
 /// Position and velocity one period later, by Runge-Kutta steps of a 64th of it.

@@ -1,5 +1,5 @@
 """Times networks of torqued and their PyTorch twins in turns, so that what else the machine does
-falls on both, and prints the ratios of medians. `rates` is `models/examples/rates.rs`, built.
+falls on both, and prints the ratios of medians. `rates` is `models/examples/model_rates.rs`, built.
 
     pip install ../../../python && python pytorch_rates.py RATES [--rounds N] [--json FILE] PRESET ..
 

@@ -35,6 +35,7 @@ pub(super) struct Course {
     validation: Range<u64>,
 }
 
+#[expect(clippy::large_enum_variant, reason = "one or two exist at a time")]
 enum Source {
     /// Epochs over a dataset.
     Dataset { data: DatasetReader, order: Order },

@@ -1,6 +1,6 @@
 //! Prints how long a training step of 64 trajectories and one pass over a single one take.
 //!
-//! `cargo run --release -p models --example rates -- [--json] [--steps COUNT] [PRESET ..]`
+//! `cargo run --release -p models --example model_rates -- [--json] [--steps COUNT] [PRESET ..]`
 //!
 //! A step is the whole of it: noise, loss, gradients, optimizer. A pass is a prediction, of a
 //! denoiser one in a single step of DDIM. Both are medians, after a first one that does not count.
