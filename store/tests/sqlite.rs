@@ -78,7 +78,8 @@ conforms! {
         a_shard_committed_twice_is_there_once,
         a_dataset_without_all_its_trajectories_is_not_complete,
         a_zombie_neither_commits_nor_overwrites_a_shard,
-        a_row_never_comes_before_its_bytes;
+        a_row_never_comes_before_its_bytes,
+        what_shards_hold_adds_up_over_their_dataset;
     checkpoints:
         a_training_resumes_from_its_latest_checkpoint,
         the_final_checkpoint_is_found_by_digest,

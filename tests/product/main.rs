@@ -4,6 +4,7 @@
 mod bad_specs;
 mod data_folder;
 mod full_disk;
+mod imports;
 mod killed_server;
 mod killed_worker;
 mod pipeline;

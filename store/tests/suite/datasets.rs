@@ -1,6 +1,9 @@
 use serde_json::json;
 use spec::Digest;
-use store::{DatasetState, FileContent, JobState, NewShard, Page, StoreError, StoredObject};
+use store::{
+    ChannelSummary, DatasetState, FileContent, JobState, NewShard, Page, ShardSummary, StoreError,
+    StoredObject,
+};
 
 use super::{Fixture, assert_lost, digest_of, simulate};
 
@@ -78,4 +81,32 @@ pub async fn a_row_never_comes_before_its_bytes(f: Fixture) {
         assert!(named, "{error}");
     }
     assert_eq!(f.state(task.job).await, JobState::Running);
+}
+
+pub async fn what_shards_hold_adds_up_over_their_dataset(f: Fixture) {
+    let job = f.submit_one(simulate(1)).await;
+    let id = f.store.job(job).await.unwrap().dataset.unwrap();
+    assert_eq!(f.store.dataset_summary(id).await.unwrap(), None);
+    for (min, max, mean) in [(-1.0, 1.0, 0.25), (-3.0, 0.5, -0.25)] {
+        let task = f.must_claim().await;
+        let shard = f.publish_shard(&task).await;
+        let q1 = ChannelSummary { name: "q1".to_owned(), min, max, mean, std: 0.5 };
+        let summary = ShardSummary {
+            trajectories: 2,
+            samples: 8,
+            rejected: 1,
+            channels: vec![q1],
+            spectra: Vec::new(),
+        };
+        f.store.commit_shard(task.fence, &shard, Some(&summary.to_result())).await.unwrap();
+    }
+    // What another version left says nothing, and spoils nothing.
+    let task = f.must_claim().await;
+    let shard = f.publish_shard(&task).await;
+    f.store.commit_shard(task.fence, &shard, Some(&json!({"rows": 3}))).await.unwrap();
+    let summary = f.store.dataset_summary(id).await.unwrap().unwrap();
+    assert_eq!((summary.trajectories, summary.samples, summary.rejected), (4, 16, 2));
+    let q1 = &summary.channels[0];
+    assert_eq!((q1.min, q1.max, q1.mean), (-3.0, 1.0, 0.0));
+    assert!((q1.std - (0.5f64.powi(2) + 0.25f64.powi(2)).sqrt()).abs() < 1e-12, "{q1:?}");
 }

@@ -170,3 +170,56 @@ impl BatchBuilder {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::sync::mpsc::sync_channel;
+    use std::thread;
+
+    use serde_json::json;
+    use spec::{JobSpec, SimulateSpec};
+
+    use super::*;
+
+    fn spec() -> SimulateSpec {
+        let spec = json!({"preset": "D2-mixed", "trajectories": 1, "samples": 30});
+        match spec::parse(spec.to_string().as_bytes()).unwrap() {
+            JobSpec::Simulate(spec) => spec,
+            other => panic!("{other:?}"),
+        }
+    }
+
+    fn batches(size: usize, first: u64, end: u64) -> Vec<Batch> {
+        let stream = Stream::new(&spec());
+        let (send, receive) = sync_channel(1);
+        thread::scope(|scope| {
+            scope.spawn(|| simulate_ahead(&stream, size, first, end, &{ send }));
+            receive.into_iter().map(Result::unwrap).collect()
+        })
+    }
+
+    #[test]
+    fn each_step_on_a_stream_has_its_own_trajectories_wherever_it_resumes() {
+        let whole = batches(100, 0, 7);
+        assert_eq!(whole.len(), 7);
+        let simulated =
+            dynamics::simulate(&spec(), 0..700, &|_| ControlFlow::Continue(())).unwrap();
+        for (step, batch) in whole.iter().enumerate() {
+            let values = 100 * 30 * JOINTS;
+            assert_eq!((batch.size, batch.samples), (100, 30));
+            assert_eq!(batch.u, simulated.u[step * values..][..values], "step {step}");
+            assert_eq!(batch.y, simulated.q[step * values..][..values], "step {step}");
+        }
+        for (resumed, batch) in batches(100, 4, 7).iter().zip(&whole[4..]) {
+            assert_eq!((&resumed.u, &resumed.y), (&batch.u, &batch.y));
+        }
+    }
+
+    #[test]
+    fn a_stream_ends_when_nobody_listens() {
+        let stream = Stream::new(&spec());
+        let (send, receive) = sync_channel(1);
+        drop(receive);
+        simulate_ahead(&stream, 64, 0, u64::MAX / 64, &send);
+    }
+}

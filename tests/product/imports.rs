@@ -1,0 +1,143 @@
+//! Recordings of somebody's own: sent from the command line and over HTTP, trained on, and refused
+//! where they are not as they should be.
+
+use std::io::Write;
+use std::path::Path;
+
+use reqwest::StatusCode;
+use serde_json::{Value, json};
+
+use crate::product::{Product, run_to_end, torqued};
+
+/// Recordings in the columns of the worked example in docs/import.md; the script beside it made it.
+const RECORDINGS: &str = "tests/data/like_isaac_ms1.parquet";
+
+fn mapping() -> Value {
+    serde_json::from_str(&std::fs::read_to_string("docs/examples/isaac_ms1.json").unwrap()).unwrap()
+}
+
+fn import(product: &Product, file: &str, spec: &str) -> (Option<i32>, String, String) {
+    let arguments = ["import", file, "--spec", spec, "--wait", "--server", &product.url];
+    run_to_end(&mut torqued(&arguments))
+}
+
+fn small_training(data: &Value) -> Value {
+    json!({
+        "kind": "train", "data": data, "context": 40, "batch_size": 4, "steps": 20,
+        "validate_every_steps": 10,
+        "model": {
+            "architecture": "robomorph", "d_model": 16, "heads": 2, "encoder_layers": 1,
+            "decoder_layers": 1, "patch": 5,
+        },
+    })
+}
+
+#[tokio::test]
+async fn the_worked_example_becomes_a_dataset_that_trains() {
+    let data = tempfile::tempdir().unwrap();
+    let product = Product::start(data.path());
+    let command = || import(&product, RECORDINGS, "docs/examples/isaac_ms1.json");
+    let (code, output, errors) = command();
+    assert_eq!(code, Some(0), "{output}{errors}");
+    assert!(output.contains("dataset 1: ") && output.contains("job 1 succeeded"), "{output}");
+    let dataset = product.get("/v1/datasets/1").await;
+    assert_eq!((&dataset["state"], &dataset["trajectories"]), (&json!("complete"), &json!(2)));
+    assert_eq!(dataset["files"][1]["rows"], 2);
+
+    let (code, output, _) = command();
+    assert_eq!(code, Some(0));
+    assert!(output.contains("imported before"), "{output}");
+
+    // In another way, without sending the file again.
+    let mut shorter = product.get("/v1/jobs/1").await["spec"].clone();
+    shorter["samples"] = json!(60);
+    shorter["split"]["stride"] = json!(50);
+    let job = product.submit(&shorter).await;
+    let id = product.succeeded(job).await["dataset"].clone();
+    let dataset = product.get(&format!("/v1/datasets/{id}")).await;
+    assert_eq!(dataset["trajectories"], 2 * 8);
+
+    let training = product.submit(&small_training(&json!({"dataset": id}))).await;
+    let training = product.succeeded(training).await;
+    assert_eq!(training["progress"]["done"], 20);
+
+    let evaluation = json!({"kind": "evaluate", "data": {"dataset": id}, "context": 40});
+    let (status, problem) = product.post("/v1/jobs", evaluation.to_string()).await;
+    assert_eq!(status, StatusCode::UNPROCESSABLE_ENTITY);
+    assert_eq!(problem["violations"][0]["field"], "data", "{problem}");
+    assert!(problem["detail"].as_str().unwrap().contains("frequency grid"), "{problem}");
+
+    let verified = product.post(&format!("/v1/datasets/{id}/verify"), "").await.1;
+    product.succeeded(verified["id"].as_i64().unwrap()).await;
+}
+
+#[tokio::test]
+async fn a_file_that_is_not_as_its_mapping_says_fails_alone() {
+    let data = tempfile::tempdir().unwrap();
+    let product = Product::start(data.path());
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, bytes: &[u8]| -> String {
+        let path = folder.path().join(name);
+        std::fs::File::create(&path).unwrap().write_all(bytes).unwrap();
+        path.to_str().unwrap().to_owned()
+    };
+    let good = std::fs::read(RECORDINGS).unwrap();
+    let spec = "docs/examples/isaac_ms1.json";
+
+    let cut = write("cut.parquet", &good[..good.len() / 2]);
+    let (code, output, _) = import(&product, &cut, spec);
+    assert_eq!(code, Some(1));
+    assert!(output.contains("does not end with PAR1"), "{output}");
+
+    let mut damaged = good.clone();
+    for byte in &mut damaged[20_000..20_400] {
+        *byte = !*byte;
+    }
+    let damaged = write("damaged.parquet", &damaged);
+    let (code, output, _) = import(&product, &damaged, spec);
+    assert_eq!(code, Some(1), "{output}");
+
+    let mut whole = mapping();
+    whole["split"] = json!({"kind": "whole"});
+    let whole = write("whole.json", whole.to_string().as_bytes());
+    let (code, output, _) = import(&product, RECORDINGS, &whole);
+    assert_eq!(code, Some(1));
+    assert!(
+        output.contains("recording \"0\", row 0: ") && output.contains("450 samples"),
+        "{output}"
+    );
+
+    let mut lost = mapping();
+    lost["columns"]["time"] = json!("time");
+    let lost = write("lost.json", lost.to_string().as_bytes());
+    let (code, output, _) = import(&product, RECORDINGS, &lost);
+    assert_eq!(code, Some(1));
+    assert!(output.contains("\"time\" (columns.time)") && output.contains("\"t\""), "{output}");
+
+    let mut impossible = mapping();
+    impossible["samples"] = json!(1);
+    let impossible = write("impossible.json", impossible.to_string().as_bytes());
+    let (code, _, errors) = import(&product, RECORDINGS, &impossible);
+    assert_eq!(code, Some(1));
+    assert!(errors.contains("samples is 1, allowed: 2 to 10000"), "{errors}");
+
+    assert_eq!(import(&product, RECORDINGS, spec).0, Some(0), "the worker went on");
+}
+
+#[tokio::test]
+async fn a_file_beyond_the_limit_is_refused_and_leaves_nothing() {
+    let data = tempfile::tempdir().unwrap();
+    let product = Product::start_with(data.path(), &["--max-upload-bytes", "10000"]);
+    let (code, _, errors) = import(&product, RECORDINGS, "docs/examples/isaac_ms1.json");
+    assert_eq!(code, Some(1));
+    assert!(errors.contains("10000 bytes at most"), "{errors}");
+    assert!(uploads(data.path()).is_empty());
+}
+
+/// Names of what lies among the uploads of a data folder.
+fn uploads(data: &Path) -> Vec<std::ffi::OsString> {
+    match std::fs::read_dir(data.join("objects/uploads")) {
+        Ok(entries) => entries.map(|entry| entry.unwrap().file_name()).collect(),
+        Err(_) => Vec::new(),
+    }
+}
