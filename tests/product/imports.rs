@@ -89,7 +89,7 @@ async fn a_file_that_is_not_as_its_mapping_says_fails_alone() {
     assert_eq!(code, Some(1));
     assert!(output.contains("does not end with PAR1"), "{output}");
 
-    let mut damaged = good.clone();
+    let mut damaged = good;
     for byte in &mut damaged[20_000..20_400] {
         *byte = !*byte;
     }
