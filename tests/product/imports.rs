@@ -42,7 +42,9 @@ async fn the_worked_example_becomes_a_dataset_that_trains() {
     assert!(output.contains("dataset 1: ") && output.contains("job 1 succeeded"), "{output}");
     let dataset = product.get("/v1/datasets/1").await;
     assert_eq!((&dataset["state"], &dataset["trajectories"]), (&json!("complete"), &json!(2)));
-    assert_eq!(dataset["files"][1]["rows"], 2);
+    let files = dataset["files"].as_array().unwrap();
+    let table = files.iter().find(|file| file["name"] == "robots-00000.parquet").unwrap();
+    assert_eq!(table["rows"], 2);
 
     let (code, output, _) = command();
     assert_eq!(code, Some(0));
