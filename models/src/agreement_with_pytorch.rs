@@ -89,16 +89,20 @@ fn relative_difference(a: &[f32], b: &[f32]) -> f64 {
     norm(&mut a.iter().zip(b).map(|(a, b)| a - b)) / norm(&mut b.iter().copied())
 }
 
+/// With either head.
+const ROBOMORPHS: [Peer; 2] = [Peer("robomorph"), Peer("robomorph_gaussian")];
+
 #[test]
 fn predictions_of_robomorph_agree() {
-    let peer = Peer("robomorph");
-    let fixed = peer.config().normalizer;
-    for (name, normalizer) in [("context", Normalizer::Context), ("dataset", fixed)] {
-        let config = CheckpointConfig { normalizer, ..peer.config() };
-        let json = serde_json::to_vec(&config).unwrap();
-        let model = TrainedModel::load(&peer.read(MODEL_FILE), &json, &Device::cpu()).unwrap();
-        let predicted = model.predict(&peer.batch().known(model.context())).unwrap();
-        peer.check_close(&format!("prediction.{name}"), &predicted, 1e-5);
+    for peer in ROBOMORPHS {
+        let fixed = peer.config().normalizer;
+        for (name, normalizer) in [("context", Normalizer::Context), ("dataset", fixed)] {
+            let config = CheckpointConfig { normalizer, ..peer.config() };
+            let json = serde_json::to_vec(&config).unwrap();
+            let model = TrainedModel::load(&peer.read(MODEL_FILE), &json, &Device::cpu()).unwrap();
+            let predicted = model.predict(&peer.batch().known(model.context())).unwrap();
+            peer.check_close(&format!("prediction.{name}"), &predicted, 1e-5);
+        }
     }
 }
 
@@ -123,18 +127,24 @@ fn check_gradients(peer: &Peer, model: &SequenceModel, gradients: &NamedGradient
 
 #[test]
 fn gradients_of_robomorph_agree() {
-    let peer = Peer("robomorph");
-    let device = Device::cpu().training();
-    let model = peer.loaded(&device);
-    let (input, target) = peer.seen(&device);
-    let loss = model.loss(input, target, &mut Noise::new([]));
-    let gradients = NamedGradients::of(&model, vec![loss.tensor().backward()]).unwrap();
-    check_gradients(&peer, &model, &gradients);
+    for peer in ROBOMORPHS {
+        let device = Device::cpu().training();
+        let model = peer.loaded(&device);
+        let (input, target) = peer.seen(&device);
+        let loss = model.loss(input, target, &mut Noise::new([]));
+        let gradients = NamedGradients::of(&model, vec![loss.tensor().backward()]).unwrap();
+        check_gradients(&peer, &model, &gradients);
+    }
 }
 
 #[test]
 fn steps_of_the_optimizer_agree() {
-    let peer = Peer("robomorph");
+    for peer in ROBOMORPHS {
+        check_optimizer_steps(&peer);
+    }
+}
+
+fn check_optimizer_steps(peer: &Peer) {
     let config = peer.config();
     let spec = TrainSpec {
         data: DataSource::Dataset(1),
@@ -163,7 +173,7 @@ fn steps_of_the_optimizer_agree() {
     };
     let data = TrainingData { samples: config.samples, rate_hz: 60.0, statistics: None };
     let mut trainer =
-        Trainer::resume(&spec, data, "pytorch", &untrained(&peer, &spec), &Device::cpu()).unwrap();
+        Trainer::resume(&spec, data, "pytorch", &untrained(peer, &spec), &Device::cpu()).unwrap();
     for step in 0..4 {
         let report = trainer.step(&peer.batch()).unwrap();
         let loss = f64::from(peer.expected(&format!("loss.{step}"))[0]);

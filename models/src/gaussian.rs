@@ -19,9 +19,11 @@ pub(crate) fn split(numbers: Tensor<3>) -> (Tensor<3>, Tensor<3>) {
     let channels = width / NUMBERS;
     let mean = numbers.clone().slice([0..batch, 0..samples, 0..channels]);
     let raw = numbers.slice([0..batch, 0..samples, channels..width]);
-    let below = (raw - LARGEST_LOG_VARIANCE).neg();
-    let capped = activation::softplus(below, 1.0).neg() + LARGEST_LOG_VARIANCE;
-    let log_variance = activation::softplus(capped - LEAST_LOG_VARIANCE, 1.0) + LEAST_LOG_VARIANCE;
+    // softplus(x) = x + softplus(-x): written so that what is added within the bounds is small.
+    let above = activation::softplus(raw.clone() - LARGEST_LOG_VARIANCE, 1.0);
+    let capped = raw - above;
+    let below = activation::softplus(capped.clone().neg() + LEAST_LOG_VARIANCE, 1.0);
+    let log_variance = capped + below;
     (mean, log_variance)
 }
 

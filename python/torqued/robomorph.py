@@ -61,8 +61,8 @@ class RoboMorph(nn.Module):
     def mean_and_log_variance(numbers: Tensor) -> tuple[Tensor, Tensor]:
         """Of a gaussian head; the bounds of the log variance, -14 and 4, are soft."""
         mean, raw = numbers.chunk(2, dim=-1)
-        capped = 4.0 - F.softplus(4.0 - raw)
-        return mean, F.softplus(capped + 14.0) - 14.0
+        capped = raw - F.softplus(raw - 4.0)
+        return mean, capped + F.softplus(-14.0 - capped)
 
     def _patches(self, series: Tensor) -> Tensor:
         batch, samples, channels = series.shape
