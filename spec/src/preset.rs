@@ -29,7 +29,7 @@ pub enum PresetPlace {
 
 /// Every preset, in the order to show them.
 pub fn presets() -> Vec<Preset> {
-    let mut all = vec![quickstart()];
+    let mut all = vec![quickstart(), four_models()];
     all.extend(datasets());
     all.extend([grid_chirp(), grid_multisine()]);
     all.extend(robomorph_sizes());
@@ -214,41 +214,66 @@ fn cdt_sizes() -> [Preset; 3] {
 }
 
 fn quickstart() -> Preset {
+    let mut jobs = quickstart_data();
+    jobs.insert("train".to_owned(), minutes_of_training("robomorph", 3e-3, 3000));
+    jobs.insert("evaluate".to_owned(), comparison(&["train"]));
     Preset {
         name: "quickstart".to_owned(),
         about: "Simulate, train a tiny RoboMorph and evaluate it, in minutes".to_owned(),
         place: PresetPlace::Job,
-        spec: json!({
-            "kind": "pipeline",
-            "name": "quickstart",
-            "jobs": {
-                "train-set": {"preset": "D1-multisine", "trajectories": 16_384, "shard_trajectories": 4096},
-                "test-grid": {
-                    "preset": "grid-multisine",
-                    "trajectories": 700,
-                    "excitation": {"multisine": {"frequency_hz": {
-                        "grid": [0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.45]
-                    }}},
-                },
-                "train": {
-                    "kind": "train",
-                    "data": {"job": "train-set"},
-                    "model": {"preset": "robomorph-tiny"},
-                    "normalization": "dataset",
-                    "optimizer": {
-                        "learning_rate": 3e-3, "warmup_steps": 200, "gradient_clip_norm": 1.0
-                    },
-                    "batch_size": 32,
-                    "steps": 3000,
-                },
-                "evaluate": {
-                    "kind": "evaluate",
-                    "data": {"job": "test-grid"},
-                    "checkpoints": [{"job": "train"}],
-                },
-            },
-        }),
+        spec: json!({"kind": "pipeline", "name": "quickstart", "jobs": jobs}),
     }
+}
+
+/// On the quickstart's data, and with the quickstart's RoboMorph: what it did is not done again.
+fn four_models() -> Preset {
+    let mut jobs = quickstart_data();
+    jobs.insert("robomorph".to_owned(), minutes_of_training("robomorph", 3e-3, 3000));
+    jobs.insert("diffuser".to_owned(), minutes_of_training("diffuser", 2e-3, 3000));
+    jobs.insert("cdcnn".to_owned(), minutes_of_training("cdcnn", 2e-3, 3000));
+    jobs.insert("cdt".to_owned(), minutes_of_training("cdt", 2e-3, 1500));
+    jobs.insert("evaluate".to_owned(), comparison(&["robomorph", "diffuser", "cdcnn", "cdt"]));
+    Preset {
+        name: "four-models".to_owned(),
+        about: "Train all four architectures, tiny, on one training set and compare them, in a \
+                quarter of an hour"
+            .to_owned(),
+        place: PresetPlace::Job,
+        spec: json!({"kind": "pipeline", "name": "four-models", "jobs": jobs}),
+    }
+}
+
+/// Robots under multisines of one frequency, and a grid of frequencies around it.
+fn quickstart_data() -> Map<String, Value> {
+    let grid = [0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.45];
+    let train_set = json!({
+        "preset": "D1-multisine", "trajectories": 16_384, "shard_trajectories": 4096,
+    });
+    let test_grid = json!({
+        "preset": "grid-multisine",
+        "trajectories": 700,
+        "excitation": {"multisine": {"frequency_hz": {"grid": grid}}},
+    });
+    Map::from_iter([("train-set".to_owned(), train_set), ("test-grid".to_owned(), test_grid)])
+}
+
+fn minutes_of_training(architecture: &str, learning_rate: f64, steps: u64) -> Value {
+    json!({
+        "kind": "train",
+        "data": {"job": "train-set"},
+        "model": {"preset": format!("{architecture}-tiny")},
+        "normalization": "dataset",
+        "optimizer": {
+            "learning_rate": learning_rate, "warmup_steps": 200, "gradient_clip_norm": 1.0
+        },
+        "batch_size": 32,
+        "steps": steps,
+    })
+}
+
+fn comparison(trainings: &[&str]) -> Value {
+    let checkpoints: Vec<Value> = trainings.iter().map(|job| json!({"job": job})).collect();
+    json!({"kind": "evaluate", "data": {"job": "test-grid"}, "checkpoints": checkpoints})
 }
 
 /// Replaces `"preset"` at the top of a job by that preset with the other fields merged over it.
@@ -332,6 +357,22 @@ mod tests {
             parse(text.to_string().as_bytes())
                 .unwrap_or_else(|error| panic!("{}: {error}", preset.name));
         }
+    }
+
+    #[test]
+    fn the_four_models_find_what_the_quickstart_did() {
+        let job = |preset: &str, name: &str| {
+            let JobSpec::Pipeline(pipeline) =
+                parse(json!({"preset": preset}).to_string().as_bytes()).unwrap()
+            else {
+                panic!("not a pipeline");
+            };
+            pipeline.jobs[name].spec.to_json()
+        };
+        for name in ["train-set", "test-grid"] {
+            assert_eq!(job("four-models", name), job("quickstart", name));
+        }
+        assert_eq!(job("four-models", "robomorph"), job("quickstart", "train"));
     }
 
     #[test]
