@@ -2,7 +2,6 @@ use std::process::ExitCode;
 
 use anyhow::{Context, bail};
 use clap::Args;
-use evaluation::Report;
 
 use crate::client::{Client, Job, JobState, Reuse, Submitted};
 use crate::progress;
@@ -71,7 +70,7 @@ async fn compute_and_show(arguments: &Arguments, server: &Server) -> anyhow::Res
         .await?
         .report
         .with_context(|| format!("evaluation {evaluation} has no report"))?;
-    print_report(&report);
+    report::print(&report);
     print_places(&client, server, &job, &page).await
 }
 
@@ -91,20 +90,6 @@ fn reason(job: &Job) -> String {
 fn member(job: &Job, name: &str) -> anyhow::Result<i64> {
     let member = job.members.iter().find(|member| member.name == name);
     member.map(|member| member.job).with_context(|| format!("job {} has no {name:?}", job.id))
-}
-
-fn print_report(report: &Report) {
-    let (context, horizon) = (report.context, report.horizon);
-    println!(
-        "\nRMSE in degrees over {horizon} samples at {} Hz, given the {context} before: mean \
-         [95 % confidence interval]\n",
-        report.rate_hz
-    );
-    println!("{}", report::by_group(report));
-    println!("{}* the model was trained at this frequency\n", report::by_frequency(report));
-    if let Some(verdict) = report::verdict(report) {
-        println!("{verdict}\n");
-    }
 }
 
 async fn print_places(

@@ -1,42 +1,60 @@
-use evaluation::{Interval, PredictorSummary, Report};
+use evaluation::{CellSummary, Interval, PredictorInfo, PredictorSummary, Report};
+use spec::Family;
 
 use super::label;
 use crate::table::{Align, Table};
 
 /// RMSE of every predictor in and out of distribution.
 pub fn by_group(report: &Report) -> String {
-    let mut table = predictor_columns(report, [("", Align::Left), ("scenarios", Align::Right)]);
-    for group in &report.groups {
-        let mut row = vec![group.name.clone(), group.scenarios.to_string()];
-        row.extend(cells(report, &group.rmse_deg));
-        table.push(row);
+    let groups = report.groups.iter().map(|group| {
+        let count = group.scenarios;
+        (format!("{} ({count} scenarios)", group.name), Align::Right)
+    });
+    let mut table = Table::new([(String::new(), Align::Left)].into_iter().chain(groups));
+    for predictor in &report.predictors {
+        let errors = report.groups.iter().map(|group| error(predictor, &group.rmse_deg));
+        let errors = errors.map(|error| error.map_or_else(none, interval));
+        table.push(std::iter::once(label(predictor)).chain(errors).collect());
     }
     table.render()
 }
 
-/// RMSE of every predictor at every frequency; in distribution is marked by an asterisk.
+/// Mean RMSE of every predictor at every frequency, family by family; in distribution is marked by
+/// an asterisk.
 pub fn by_frequency(report: &Report) -> String {
-    let mut table = predictor_columns(report, [("excitation", Align::Left), ("Hz", Align::Right)]);
-    for cell in &report.cells {
-        let mark = if cell.in_distribution { "*" } else { " " };
-        let mut row = vec![cell.family.to_string(), format!("{:.2}{mark}", cell.frequency_hz)];
-        row.extend(cells(report, &cell.rmse_deg));
-        table.push(row);
+    let families = [Family::Chirp, Family::Multisine];
+    let tables = families.into_iter().filter_map(|family| family_by_frequency(report, family));
+    tables.collect::<Vec<_>>().join("\n")
+}
+
+fn family_by_frequency(report: &Report, family: Family) -> Option<String> {
+    let cells: Vec<&CellSummary> =
+        report.cells.iter().filter(|cell| cell.family == family).collect();
+    if cells.is_empty() {
+        return None;
     }
-    table.render()
+    let frequencies = cells.iter().map(|cell| {
+        let mark = if cell.in_distribution { "*" } else { " " };
+        (format!("{:.2}{mark}", cell.frequency_hz), Align::Right)
+    });
+    let mut table =
+        Table::new([(format!("{family}, Hz"), Align::Left)].into_iter().chain(frequencies));
+    for predictor in &report.predictors {
+        // In line with the frequencies, whose last place is the mark's.
+        let errors = cells.iter().map(|cell| error(predictor, &cell.rmse_deg));
+        let errors =
+            errors.map(|error| error.map_or_else(none, |error| format!("{:.2} ", error.mean)));
+        table.push(std::iter::once(label(predictor)).chain(errors).collect());
+    }
+    Some(table.render())
 }
 
-fn predictor_columns(report: &Report, first: [(&str, Align); 2]) -> Table {
-    let labels = report.predictors.iter().map(|predictor| (label(predictor), Align::Right));
-    Table::new(first.map(|(name, align)| (name.to_owned(), align)).into_iter().chain(labels))
+fn error(predictor: &PredictorInfo, errors: &[PredictorSummary]) -> Option<Interval> {
+    errors.iter().find(|error| error.predictor == predictor.name).map(|error| error.interval)
 }
 
-/// One cell per predictor, in the order of the columns.
-fn cells(report: &Report, errors: &[PredictorSummary]) -> impl Iterator<Item = String> {
-    report.predictors.iter().map(|predictor| {
-        let error = errors.iter().find(|error| error.predictor == predictor.name);
-        error.map_or_else(|| "-".to_owned(), |error| interval(error.interval))
-    })
+fn none() -> String {
+    "-".to_owned()
 }
 
 fn interval(Interval { mean, low, high }: Interval) -> String {
@@ -49,15 +67,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn in_and_out_of_distribution_are_apart_and_every_predictor_has_a_column() {
+    fn in_and_out_of_distribution_are_apart_and_every_predictor_has_a_row() {
         let text = by_group(&example());
         let lines: Vec<&str> = text.lines().collect();
         assert_eq!(
             lines,
             [
-                "                     scenarios          hold-last  damped-integrator          robomorph",
-                "in distribution            100  8.00 [7.50, 8.50]  2.00 [1.50, 2.50]  2.50 [2.00, 3.00]",
-                "out of distribution        100  8.00 [7.50, 8.50]  2.00 [1.50, 2.50]  2.50 [2.00, 3.00]",
+                "                   in distribution (100 scenarios)  out of distribution (100 scenarios)",
+                "hold-last                        8.00 [7.50, 8.50]                    8.00 [7.50, 8.50]",
+                "damped-integrator                2.00 [1.50, 2.50]                    2.00 [1.50, 2.50]",
+                "robomorph                        2.50 [2.00, 3.00]                    2.50 [2.00, 3.00]",
             ]
         );
     }
@@ -65,8 +84,9 @@ mod tests {
     #[test]
     fn a_frequency_in_distribution_is_marked() {
         let text = by_frequency(&example());
-        assert!(text.contains("multisine   0.05 "), "{text}");
-        assert!(text.contains("multisine   0.15*"), "{text}");
+        let lines: Vec<&str> = text.lines().collect();
+        assert_eq!(lines[0], "multisine, Hz      0.05   0.15*");
+        assert_eq!(lines[1], "hold-last          8.00   8.00");
     }
 
     #[test]

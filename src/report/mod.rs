@@ -3,15 +3,30 @@
 mod error_table;
 mod verdict;
 
-pub use error_table::{by_frequency, by_group};
-pub use verdict::verdict;
+use error_table::{by_frequency, by_group};
+use verdict::verdicts;
 
 use evaluation::{PredictorInfo, PredictorKind, Report};
 use spec::Normalization;
 
-/// The first trained predictor.
-fn model(report: &Report) -> Option<&PredictorInfo> {
-    report.predictors.iter().find(|predictor| predictor.kind == PredictorKind::Checkpoint)
+/// Tables of the errors, and in a sentence what to make of each model.
+pub fn print(report: &Report) {
+    let (context, horizon) = (report.context, report.horizon);
+    println!(
+        "\nRMSE in degrees over {horizon} samples at {} Hz, given the {context} before: mean \
+         [95 % confidence interval]\n",
+        report.rate_hz
+    );
+    println!("{}", by_group(report));
+    println!("{}* trained at this frequency\n", by_frequency(report));
+    for verdict in verdicts(report) {
+        println!("{verdict}\n");
+    }
+}
+
+/// The trained predictors.
+fn models(report: &Report) -> impl Iterator<Item = &PredictorInfo> {
+    report.predictors.iter().filter(|predictor| predictor.kind == PredictorKind::Checkpoint)
 }
 
 /// The name to print; says so when the predictor has seen the future it predicts.

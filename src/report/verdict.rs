@@ -1,13 +1,16 @@
 use evaluation::{Interval, PairedDifference, Report};
 
-use super::model;
+use super::models;
 
-/// How the trained model stands against the damped integrator and against holding the last
-/// position, from differences on the same scenarios; `None` without a trained model.
+/// How each trained model stands against the damped integrator and against holding the last
+/// position, from differences on the same scenarios: a sentence each.
 ///
 /// A difference counts when its 95 % interval leaves zero out.
-pub fn verdict(report: &Report) -> Option<String> {
-    let model = &model(report)?.name;
+pub fn verdicts(report: &Report) -> Vec<String> {
+    models(report).filter_map(|model| verdict(report, &model.name)).collect()
+}
+
+fn verdict(report: &Report, model: &str) -> Option<String> {
     let clauses: Vec<String> = ["damped-integrator", "hold-last"]
         .into_iter()
         .filter_map(|against| clause(report, model, against))
@@ -93,12 +96,12 @@ mod tests {
     #[test]
     fn the_sentence_admits_a_baseline_that_wins_and_a_difference_that_is_not_clear() {
         assert_eq!(
-            verdict(&example()).unwrap(),
-            "robomorph is not clearly different from damped-integrator in distribution \
+            verdicts(&example()),
+            ["robomorph is not clearly different from damped-integrator in distribution \
              (difference +0.20°, 95 % CI -0.30° to +0.70°), but worse than damped-integrator out of \
              distribution (by 1.20°, 95 % CI 0.70° to 1.70°); it is better than hold-last in \
              distribution (by 5.50°, 95 % CI 5.00° to 6.00°) and out of distribution (by 5.50°, \
-             95 % CI 5.00° to 6.00°)."
+             95 % CI 5.00° to 6.00°)."]
         );
     }
 
@@ -106,6 +109,6 @@ mod tests {
     fn without_a_trained_model_there_is_nothing_to_say() {
         let mut report = example();
         report.predictors.truncate(2);
-        assert_eq!(verdict(&report), None);
+        assert!(verdicts(&report).is_empty());
     }
 }
