@@ -2,8 +2,9 @@ use burn::tensor::{Bool, Tensor, activation};
 use rayon::prelude::*;
 
 use super::fused::{Array, FusedOp, apply, operand};
-use super::matrix::{Matrix, Output, multiply};
-use super::vectorized;
+use super::panels::Panels;
+use super::product::{Left, Onto, Right, multiply};
+use super::softmax::{softmax, softmax_gradient};
 
 /// Which source tokens a token may look at.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -58,41 +59,51 @@ pub(super) fn plain(
 /// With P = softmax(S), S = Q Kᵀ / √width and O = P V:
 /// dV = Pᵀ dO, dP = dO Vᵀ, dS = P (dP - Σ P dP), dQ = dS K / √width, dK = dSᵀ Q / √width.
 ///
-/// A task is one trajectory. The probabilities are computed anew in the derivative, as in
-/// FlashAttention (Dao et al. 2022): they are the largest array by far and soon made.
+/// Rows of P are made a few at a time, which stay in a core's cache, and anew in the derivative, as
+/// in FlashAttention (Dao et al. 2022): P is the largest array by far and soon made. What no token
+/// of the few may look at is not computed. The derivative's tasks are the trajectories, since dK and
+/// dV are sums over tokens.
 #[derive(Clone, Debug)]
 struct Attention {
     heads: usize,
     mask: Mask,
 }
 
+/// Tokens whose rows of P are made at once: a multiple of a tile's rows.
+const TOKENS: usize = 48;
+
 /// Extents of one trajectory's part.
+#[derive(Clone, Copy)]
 struct Extents {
     tokens: usize,
     sources: usize,
     d_model: usize,
     /// Of a head.
     width: usize,
+    mask: Mask,
+}
+
+/// What one task writes to before it writes its results.
+#[derive(Default)]
+struct Scratch {
+    /// Rows of P.
+    probabilities: Vec<f32>,
+    /// Rows of dP, then dS.
+    scores: Vec<f32>,
+    /// Rows of K.
+    keys: Panels,
+    /// Columns of K and V.
+    key_columns: Panels,
+    value_columns: Panels,
+    d_key: Vec<f32>,
+    d_value: Vec<f32>,
 }
 
 impl Attention {
     fn extents(&self, query: &Array, key: &Array) -> Extents {
         let [.., tokens, d_model] = *query.shape() else { unreachable!("of rank 3") };
         let [.., sources, _] = *key.shape() else { unreachable!("of rank 3") };
-        Extents { tokens, sources, d_model, width: d_model / self.heads }
-    }
-
-    /// P of one head, `[token, source]`. `query` and `key` begin at the head's first channel.
-    fn probabilities(&self, query: &[f32], key: &[f32], extents: &Extents, into: &mut [f32]) {
-        let Extents { tokens, sources, d_model, width } = *extents;
-        let query = Matrix::new(query, tokens, width, d_model);
-        let key = Matrix::new(key, sources, width, d_model);
-        multiply(extents.scale(), query, key.transposed(), into, sources, Output::Overwrite);
-        let visible = match self.mask {
-            Mask::None => sources,
-            Mask::Causal { ahead } => ahead + 1,
-        };
-        vectorized::softmax(into, sources, visible);
+        Extents { tokens, sources, d_model, width: d_model / self.heads, mask: self.mask }
     }
 }
 
@@ -100,36 +111,135 @@ impl Extents {
     fn scale(&self) -> f32 {
         1.0 / (self.width as f32).sqrt()
     }
+
+    /// How many sources a token may look at, those beyond the last included.
+    fn visible(&self, token: usize) -> usize {
+        match self.mask {
+            Mask::None => self.sources,
+            Mask::Causal { ahead } => token.saturating_add(ahead).saturating_add(1),
+        }
+    }
+
+    /// How many sources the tokens up to `end` may look at.
+    fn seen(&self, end: usize) -> usize {
+        self.visible(end - 1).min(self.sources)
+    }
+
+    /// Rows of P of the tokens from `first` on; each as long as the last one sees. `query` begins
+    /// with the first token, at the head's first channel.
+    fn probabilities(&self, query: Left<'_>, keys: &Panels, first: usize, into: &mut Vec<f32>) {
+        let count = query.rows.len();
+        let seen = self.seen(first + count);
+        into.resize(count * seen, 0.0);
+        keys.multiply_part(query, [self.width, seen], Onto::Nothing, into, seen);
+        softmax(into, seen, self.scale(), self.visible(first));
+    }
+
+    /// O of the tokens from `first` on.
+    fn forward(
+        &self,
+        query: &[f32],
+        value: &[f32],
+        keys: &[Panels],
+        first: usize,
+        output: &mut [f32],
+        probabilities: &mut Vec<f32>,
+    ) {
+        let Self { d_model, width, .. } = *self;
+        let count = output.len() / d_model;
+        let rows = multiples(count, d_model);
+        let seen = self.seen(first + count);
+        let (of_p, of_value) = (multiples(count, seen), multiples(seen, d_model));
+        for (head, keys) in (0..d_model).step_by(width).zip(keys) {
+            let query = Left { values: &query[head..], rows: &rows, step: 1 };
+            self.probabilities(query, keys, first, probabilities);
+            let p = Left { values: probabilities, rows: &of_p, step: 1 };
+            let value = Right { values: &value[head..], terms: &of_value };
+            multiply(p, value, Onto::Nothing, &mut output[head..], width, d_model);
+        }
+    }
+
+    /// dQ, dK and dV of one head, at whose first channel everything begins.
+    fn backward(
+        &self,
+        [query, key, value, d_output]: [&[f32]; 4],
+        [d_query, d_key, d_value]: [&mut [f32]; 3],
+        scratch: &mut Scratch,
+    ) {
+        let Self { tokens, sources, d_model, width, .. } = *self;
+        scratch.keys.write_rows(key, sources, width, d_model);
+        scratch.key_columns.write_columns(key, width, sources, d_model);
+        scratch.value_columns.write_columns(value, width, sources, d_model);
+        for sums in [&mut scratch.d_key, &mut scratch.d_value] {
+            sums.clear();
+            sums.resize(sources * width, 0.0);
+        }
+        for first in (0..tokens).step_by(TOKENS) {
+            let count = TOKENS.min(tokens - first);
+            let seen = self.seen(first + count);
+            let (rows, of_p) = (multiples(count, d_model), multiples(count, seen));
+            let each: Vec<usize> = (0..seen).collect();
+            let query = &query[first * d_model..];
+            let d_output = &d_output[first * d_model..];
+
+            let of_query = Left { values: query, rows: &rows, step: 1 };
+            self.probabilities(of_query, &scratch.key_columns, first, &mut scratch.probabilities);
+            let p = Left { values: &scratch.probabilities, rows: &each, step: seen };
+            let of_output = Right { values: d_output, terms: &rows };
+            multiply(p, of_output, Onto::Output, &mut scratch.d_value, width, width);
+
+            scratch.scores.resize(count * seen, 0.0);
+            let of_output = Left { values: d_output, rows: &rows, step: 1 };
+            let extent = [width, seen];
+            let scores = &mut scratch.scores;
+            scratch.value_columns.multiply_part(of_output, extent, Onto::Nothing, scores, seen);
+            softmax_gradient(&scratch.probabilities, seen, self.scale(), scores);
+
+            let ds = Left { values: scores, rows: &of_p, step: 1 };
+            let d_query = &mut d_query[first * d_model..];
+            scratch.keys.multiply_part(ds, [seen, width], Onto::Nothing, d_query, d_model);
+            let ds = Left { values: scores, rows: &each, step: seen };
+            let of_query = Right { values: query, terms: &rows };
+            multiply(ds, of_query, Onto::Output, &mut scratch.d_key, width, width);
+        }
+        for (sums, gradient) in [(&scratch.d_key, d_key), (&scratch.d_value, d_value)] {
+            for (row, sums) in gradient.chunks_mut(d_model).zip(sums.chunks_exact(width)) {
+                row[..width].copy_from_slice(sums);
+            }
+        }
+    }
 }
 
 impl FusedOp<3> for Attention {
     fn forward(&self, [query, key, value]: &[Array; 3]) -> Array {
         let extents = self.extents(query, key);
-        let Extents { tokens, sources, d_model, width } = extents;
+        let Extents { tokens, sources, d_model, width, .. } = extents;
         let (of_query, of_key) = (tokens * d_model, sources * d_model);
         let mut output = vec![0.0; query.values().len()];
-        output
-            .par_chunks_mut(of_query)
-            .zip(query.values().par_chunks(of_query))
-            .zip(key.values().par_chunks(of_key))
+        let inputs = query.values().par_chunks(of_query).zip(key.values().par_chunks(of_key));
+        inputs
             .zip(value.values().par_chunks(of_key))
-            .for_each_init(
-                || vec![0.0; tokens * sources],
-                |probabilities, (((output, query), key), value)| {
-                    for head in (0..d_model).step_by(width) {
-                        self.probabilities(&query[head..], &key[head..], &extents, probabilities);
-                        let p = Matrix::new(probabilities, tokens, sources, sources);
-                        let value = Matrix::new(&value[head..], sources, width, d_model);
-                        multiply(1.0, p, value, &mut output[head..], d_model, Output::Overwrite);
-                    }
-                },
-            );
+            .zip(output.par_chunks_mut(of_query))
+            .for_each(|(((query, key), value), output)| {
+                let heads = (0..d_model).into_par_iter().step_by(width);
+                let keys: Vec<Panels> = heads
+                    .map(|head| Panels::of_columns(&key[head..], width, sources, d_model))
+                    .collect();
+                output
+                    .par_chunks_mut(TOKENS * d_model)
+                    .zip(query.par_chunks(TOKENS * d_model))
+                    .enumerate()
+                    .for_each_init(Vec::new, |probabilities, (index, (output, query))| {
+                        let first = index * TOKENS;
+                        extents.forward(query, value, &keys, first, output, probabilities);
+                    });
+            });
         Array::new(output, query.shape())
     }
 
     fn backward(&self, [query, key, value]: &[Array; 3], gradient: &Array) -> [Array; 3] {
         let extents = self.extents(query, key);
-        let Extents { tokens, sources, d_model, width } = extents;
+        let Extents { tokens, sources, d_model, width, .. } = extents;
         let (of_query, of_key) = (tokens * d_model, sources * d_model);
         let mut d_query = vec![0.0; query.values().len()];
         let mut d_key = vec![0.0; key.values().len()];
@@ -144,35 +254,24 @@ impl FusedOp<3> for Attention {
             .par_chunks_mut(of_query)
             .zip(d_key.par_chunks_mut(of_key))
             .zip(d_value.par_chunks_mut(of_key));
-        inputs.zip(outputs).for_each_init(
-            || (vec![0.0; tokens * sources], vec![0.0; tokens * sources]),
-            |(probabilities, scores), (inputs, outputs)| {
-                let (((query, key), value), gradient) = inputs;
-                let ((d_query, d_key), d_value) = outputs;
-                for head in (0..d_model).step_by(width) {
-                    let (query, key, value) = (&query[head..], &key[head..], &value[head..]);
-                    self.probabilities(query, key, &extents, probabilities);
-                    let gradient = Matrix::new(&gradient[head..], tokens, width, d_model);
-                    let value = Matrix::new(value, sources, width, d_model);
-                    multiply(1.0, gradient, value.transposed(), scores, sources, Output::Overwrite);
-                    let p = Matrix::new(probabilities, tokens, sources, sources).transposed();
-                    let d_value = &mut d_value[head..];
-                    multiply(1.0, p, gradient, d_value, d_model, Output::Overwrite);
-
-                    vectorized::softmax_gradient(probabilities, sources, extents.scale(), scores);
-                    let ds = Matrix::new(scores, tokens, sources, sources);
-                    let key = Matrix::new(key, sources, width, d_model);
-                    multiply(1.0, ds, key, &mut d_query[head..], d_model, Output::Overwrite);
-                    let query = Matrix::new(query, tokens, width, d_model);
-                    let d_key = &mut d_key[head..];
-                    multiply(1.0, ds.transposed(), query, d_key, d_model, Output::Overwrite);
-                }
-            },
-        );
+        inputs.zip(outputs).for_each_init(Scratch::default, |scratch, (inputs, outputs)| {
+            let (((query, key), value), gradient) = inputs;
+            let ((d_query, d_key), d_value) = outputs;
+            for head in (0..d_model).step_by(width) {
+                let inputs = [query, key, value, gradient].map(|series| &series[head..]);
+                let outputs = [&mut d_query[head..], &mut d_key[head..], &mut d_value[head..]];
+                extents.backward(inputs, outputs, scratch);
+            }
+        });
         [
             Array::new(d_query, query.shape()),
             Array::new(d_key, key.shape()),
             Array::new(d_value, value.shape()),
         ]
     }
+}
+
+/// Where rows begin that are `stride` apart.
+fn multiples(count: usize, stride: usize) -> Vec<usize> {
+    (0..count).map(|row| row * stride).collect()
 }

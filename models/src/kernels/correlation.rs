@@ -1,28 +1,25 @@
 //! Cross-correlation along the last dimension, its adjoint and the gradient of its kernel: one's
 //! derivative is made of the others, and so is that of the transposed convolution.
 //!
-//! Each is a product of matrices with the windows that a kernel sees, which are written out for one
-//! trajectory at a time, a cacheful at most.
+//! Each is a product of matrices, one of which is made of the windows that a kernel sees. They
+//! overlap and are never written out.
 
 use rayon::prelude::*;
 
-use super::matrix::{Matrix, Output, multiply};
+use super::panels::Panels;
+use super::product::{Left, Onto, Right, multiply};
 use super::vectorized;
 use super::windows::Windows;
 
-/// Elements of a task's windows: 1 MiB, of the order of a core's second-level cache.
-const CACHEFUL: usize = 262_144;
+/// Samples that are computed at once, if trajectories are shorter: fewer do not fill vectors, and
+/// the kernels of deep stages, which are larger than the caches, would be read too often.
+const TOGETHER: usize = 432;
 
-/// Windows that are multiplied at once; fewer keep a core from its full speed.
-const FEWEST_WINDOWS: usize = 64;
+/// Rows of a task are a multiple of these, as of the tiles'.
+const TILE_ROWS: usize = 6;
 
-/// Samples that the kernel's gradient sums over in one product. Series that are shorter are put one
-/// behind the other, or else reading and writing the sums would take longer than the products.
-const DEPTH: usize = 512;
-
-/// Terms that are added up before they are added to the rest. Group norms of few samples magnify the
-/// rounding of what they are given, and a sum of sums is rounded less than a long sum.
-const TERMS: usize = 64;
+/// Columns of a task are a multiple of these, as of the widest vectors'.
+const LANES: usize = 16;
 
 /// A correlation of fine series `[batch, fine channel, fine sample]` with a kernel
 /// `[coarse channel, fine channel, kernel]`, zeros beyond the ends, to coarse series
@@ -42,16 +39,9 @@ impl Correlation {
     /// coarse`[o, j]` = bias`[o]` + Σ kernel`[o, i, k]` fine`[i, stride j + k - padding]`.
     pub fn forward(&self, fine: &[f32], kernel: &[f32], bias: Option<&[f32]>) -> Vec<f32> {
         let of_fine = self.fine_channels * self.fine_samples;
-        let of_coarse = self.coarse_channels * self.coarse_samples;
-        let windows = self.windows();
-        let parts = parts(fine.len() / of_fine);
-        let mut coarse = vec![0.0; fine.len() / of_fine * of_coarse];
-        coarse.par_chunks_mut(of_coarse).zip(fine.par_chunks(of_fine)).for_each_init(
-            Vec::new,
-            |scratch, (coarse, fine)| {
-                correlate(&windows, fine, kernel, bias, coarse, parts, scratch);
-            },
-        );
+        let mut coarse =
+            vec![0.0; fine.len() / of_fine * self.coarse_channels * self.coarse_samples];
+        correlate(&self.windows(), fine, kernel, bias, &mut coarse);
         coarse
     }
 
@@ -61,78 +51,77 @@ impl Correlation {
     /// The samples n of equal remainder r by the stride see the same taps, and are a correlation
     /// with these, in reverse order.
     pub fn adjoint(&self, coarse: &[f32], kernel: &[f32], bias: Option<&[f32]>) -> Vec<f32> {
-        let of_fine = self.fine_channels * self.fine_samples;
         let of_coarse = self.coarse_channels * self.coarse_samples;
-        let phases: Vec<_> = (0..self.stride.min(self.fine_samples))
-            .map(|remainder| self.phase(remainder, kernel))
-            .collect();
-        let parts = parts(coarse.len() / of_coarse);
-        let mut fine = vec![0.0; coarse.len() / of_coarse * of_fine];
-        fine.par_chunks_mut(of_fine).zip(coarse.par_chunks(of_coarse)).for_each_init(
-            || (Vec::new(), Vec::new()),
-            |(scratch, of_phase), (fine, coarse)| {
-                if let [(windows, kernel)] = phases.as_slice() {
-                    return correlate(windows, coarse, kernel, bias, fine, parts, scratch);
+        let batch = coarse.len() / of_coarse;
+        let mut fine = vec![0.0; batch * self.fine_channels * self.fine_samples];
+        let phases = self.stride.min(self.fine_samples);
+        for remainder in 0..phases {
+            let (windows, kernel) = self.phase(remainder, kernel);
+            if phases == 1 {
+                correlate(&windows, coarse, &kernel, bias, &mut fine);
+                break;
+            }
+            let mut of_phase = vec![0.0; batch * self.fine_channels * windows.count];
+            correlate(&windows, coarse, &kernel, bias, &mut of_phase);
+            let rows = fine.par_chunks_exact_mut(self.fine_samples);
+            rows.zip(of_phase.par_chunks_exact(windows.count)).for_each(|(fine, values)| {
+                let fine = fine[remainder..].iter_mut().step_by(self.stride);
+                for (fine, &value) in fine.zip(values) {
+                    *fine = value;
                 }
-                for (remainder, (windows, kernel)) in phases.iter().enumerate() {
-                    of_phase.resize(self.fine_channels * windows.count, 0.0);
-                    correlate(windows, coarse, kernel, bias, of_phase, parts, scratch);
-                    let rows = fine.chunks_exact_mut(self.fine_samples);
-                    for (fine, values) in rows.zip(of_phase.chunks_exact(windows.count)) {
-                        let fine = fine[remainder..].iter_mut().step_by(self.stride);
-                        for (fine, &value) in fine.zip(values) {
-                            *fine = value;
-                        }
-                    }
-                }
-            },
-        );
+            });
+        }
         fine
     }
 
     /// Gradient of the kernel: `[o, i, k]` = Σ coarse`[o, j]` fine`[i, stride j + k - padding]`,
     /// over trajectories too.
     ///
-    /// Tasks share out the fine channels, so that every sum is one task's.
+    /// Tasks share out the coarse channels, so that every sum is one task's.
     pub fn kernel_gradient(&self, fine: &[f32], coarse: &[f32]) -> Vec<f32> {
-        let (outputs, kernel) = (self.coarse_channels, self.kernel);
-        let together = (DEPTH / self.coarse_samples).max(1);
-        let depth = together * self.coarse_samples;
-        let task = (CACHEFUL / (kernel * depth))
-            .min(self.fine_channels.div_ceil(rayon::current_num_threads()))
-            .max(1);
-        // A row for each fine channel and tap.
-        let mut gradient = vec![0.0; self.fine_channels * kernel * outputs];
-        gradient.par_chunks_mut(task * kernel * outputs).enumerate().for_each(
-            |(index, gradient)| {
-                let channels = gradient.len() / (kernel * outputs);
-                let windows = Windows { channels, ..self.windows() };
-                let mut seen = vec![0.0; windows.rows() * depth];
-                let mut values = vec![0.0; outputs * depth];
-                let mut mode = Output::Overwrite;
-                let fine = fine.chunks(together * self.fine_channels * self.fine_samples);
-                let coarse = coarse.chunks(together * outputs * self.coarse_samples);
-                for (fine, coarse) in fine.zip(coarse) {
-                    let mut width = 0;
-                    let fine = fine.chunks_exact(self.fine_channels * self.fine_samples);
-                    let coarse = coarse.chunks_exact(outputs * self.coarse_samples);
-                    for (fine, coarse) in fine.zip(coarse) {
-                        let fine = &fine[index * task * self.fine_samples..];
-                        windows.write_all(fine, &mut seen[width..], depth);
-                        let rows = values.chunks_exact_mut(depth);
-                        for (row, coarse) in rows.zip(coarse.chunks_exact(self.coarse_samples)) {
-                            row[width..width + self.coarse_samples].copy_from_slice(coarse);
-                        }
-                        width += self.coarse_samples;
+        let (outputs, samples) = (self.coarse_channels, self.coarse_samples);
+        let windows = self.windows();
+        let length = windows.length();
+        let together = group(length);
+        let task = outputs.div_ceil(rayon::current_num_threads()).next_multiple_of(LANES);
+        let mut gradient = vec![0.0; outputs * windows.rows()];
+        gradient.par_chunks_mut(task * windows.rows()).enumerate().for_each(|(index, gradient)| {
+            let outputs_here = gradient.len() / windows.rows();
+            // A row for each fine channel and tap.
+            let mut sums = vec![0.0; gradient.len()];
+            let mut onto = Onto::Nothing;
+            let (mut scratch, mut values) = (Vec::new(), Vec::new());
+            let mut panels = Panels::default();
+            let fine = fine.chunks(together * self.fine_channels * self.fine_samples);
+            let coarse = coarse.chunks(together * outputs * samples);
+            for (fine, coarse) in fine.zip(coarse) {
+                let seen = windows.see(fine, &mut scratch);
+                // The same samples of both; zeros where a kernel would see two trajectories.
+                values.clear();
+                values.resize(outputs_here * seen.row, 0.0);
+                for (trajectory, coarse) in coarse.chunks_exact(outputs * samples).enumerate() {
+                    let rows = values.chunks_exact_mut(seen.row);
+                    let coarse = coarse[index * task * samples..].chunks_exact(samples);
+                    for (row, coarse) in rows.zip(coarse) {
+                        row[trajectory * length..][..samples].copy_from_slice(coarse);
                     }
-                    let seen = Matrix::new(&seen, windows.rows(), width, depth);
-                    let values = Matrix::new(&values, outputs, width, depth).transposed();
-                    multiply(1.0, seen, values, gradient, outputs, mode);
-                    mode = Output::Add;
                 }
-            },
-        );
-        transposed(&gradient, outputs)
+                // Beyond the last window a tap would leave the row.
+                let depth = seen.row - (length - samples);
+                panels.write_columns(&values, depth, outputs_here, seen.row);
+                let offsets = windows.offsets(seen.row);
+                let left = Left { values: seen.values, rows: &offsets, step: 1 };
+                panels.multiply(left, onto, &mut sums, outputs_here);
+                onto = Onto::Output;
+            }
+            for (output, row) in gradient.chunks_exact_mut(windows.rows()).enumerate() {
+                let column = sums[output..].iter().step_by(outputs_here);
+                for (value, &sum) in row.iter_mut().zip(column) {
+                    *value = sum;
+                }
+            }
+        });
+        gradient
     }
 
     /// What the kernel sees of the fine series.
@@ -190,64 +179,68 @@ pub(super) fn channel_sums(series: &[f32], channels: usize, samples: usize) -> V
     sums
 }
 
-/// How many tasks a trajectory is shared out to: one, unless there are too few trajectories to
-/// give every thread its own.
-fn parts(batch: usize) -> usize {
-    let threads = rayon::current_num_threads();
-    if batch < threads { threads } else { 1 }
+/// How many trajectories of this length are computed at once.
+fn group(length: usize) -> usize {
+    (TOGETHER / length.max(1)).max(1)
 }
 
-/// `kernel · windows + bias` of one trajectory, its output channels in `parts` tasks.
+/// `kernel · windows + bias` of all trajectories, in tasks of a few trajectories each and, where
+/// these are fewer than threads, of some output channels.
 fn correlate(
     windows: &Windows,
     series: &[f32],
     kernel: &[f32],
     bias: Option<&[f32]>,
     output: &mut [f32],
-    parts: usize,
-    scratch: &mut Vec<f32>,
 ) {
-    let (rows, count) = (windows.rows(), windows.count);
-    let channels = output.len() / count;
-    if let Some(bias) = bias {
-        for (row, &bias) in output.chunks_exact_mut(count).zip(bias) {
-            row.fill(bias);
-        }
-    }
-    if rows == 0 {
-        if bias.is_none() {
-            output.fill(0.0);
-        }
-        return;
-    }
-    let mode = if bias.is_some() { Output::Add } else { Output::Overwrite };
-    let task = channels.div_ceil(parts);
-    let block = (CACHEFUL / rows).max(FEWEST_WINDOWS);
-    for from in (0..count).step_by(block) {
-        let seen = windows.matrix(series, from, block.min(count - from), scratch);
-        output.par_chunks_mut(task * count).zip(kernel.par_chunks(task * rows)).for_each(
-            |(output, kernel)| {
-                let mut mode = mode;
-                for first in (0..rows).step_by(TERMS) {
-                    let terms = TERMS.min(rows - first);
-                    let kernel = Matrix::new(&kernel[first..], kernel.len() / rows, terms, rows);
-                    let seen = seen.rows(first, terms);
-                    multiply(1.0, kernel, seen, &mut output[from..], count, mode);
-                    mode = Output::Add;
+    let (of_series, count, length) =
+        (windows.channels * windows.samples, windows.count, windows.length());
+    let batch = series.len() / of_series;
+    let channels = output.len() / (batch * count);
+    let threads = rayon::current_num_threads();
+    let together = group(length).min(batch.div_ceil(threads));
+    let task = match batch.div_ceil(together) {
+        groups if groups < threads => channels.div_ceil(2 * threads).next_multiple_of(TILE_ROWS),
+        _ => channels,
+    };
+    let kernel_rows: Vec<usize> = (0..channels).map(|row| row * windows.rows()).collect();
+    output
+        .par_chunks_mut(together * channels * count)
+        .zip(series.par_chunks(together * of_series))
+        .for_each_init(
+            || (Vec::new(), Vec::new()),
+            |(scratch, results), (output, series)| {
+                let alone = series.len() == of_series;
+                let seen = windows.see(series, scratch);
+                let offsets = windows.offsets(seen.row);
+                let right = Right { values: seen.values, terms: &offsets };
+                // Windows between trajectories are computed, too, but for those after the last.
+                let columns = seen.row - (length - count);
+                let stride = if alone { count } else { columns };
+                let to: &mut [f32] = if alone {
+                    &mut *output
+                } else {
+                    results.resize(channels * columns, 0.0);
+                    results
+                };
+                to.par_chunks_mut(task * stride).enumerate().for_each(|(index, to)| {
+                    let rows = index * task..index * task + to.len() / stride;
+                    let onto = match bias {
+                        Some(bias) => Onto::Rows(&bias[rows.clone()]),
+                        None => Onto::Nothing,
+                    };
+                    let left = Left { values: kernel, rows: &kernel_rows[rows], step: 1 };
+                    multiply(left, right, onto, to, columns, stride);
+                });
+                if alone {
+                    return;
+                }
+                for (trajectory, output) in output.chunks_exact_mut(channels * count).enumerate() {
+                    let rows = results.chunks_exact(columns);
+                    for (row, from) in output.chunks_exact_mut(count).zip(rows) {
+                        row.copy_from_slice(&from[trajectory * length..][..count]);
+                    }
                 }
             },
         );
-    }
-}
-
-/// The rows of `width` elements as columns.
-fn transposed(rows: &[f32], width: usize) -> Vec<f32> {
-    let height = rows.len() / width;
-    let mut columns = vec![0.0; rows.len()];
-    columns.par_chunks_mut(height).enumerate().for_each(|(index, column)| {
-        for (value, &element) in column.iter_mut().zip(rows[index..].iter().step_by(width)) {
-            *value = element;
-        }
-    });
-    columns
 }

@@ -5,8 +5,13 @@
 //! Mish in serial scalar loops, fuses softmax, norms and attention only where no gradient is
 //! recorded, and writes every intermediate to memory; see [`fused`].
 //!
+//! What takes the time are products of matrices. All are made of the tiles of [`product`], whose
+//! instructions are chosen at run time and which need no copy of what they multiply; general
+//! libraries copy both factors first and are half as fast at these sizes.
+//!
 //! The fused forms give the same bits whatever thread runs which part: no sum crosses a task.
 
+mod affine;
 #[cfg(test)]
 mod agreement;
 mod attention;
@@ -18,10 +23,14 @@ mod finite_differences;
 mod fused;
 mod gelu;
 mod group_norm_mish;
+mod instruction_set;
 mod layer_norm;
 mod linear;
-mod matrix;
 mod mish;
+mod panels;
+mod product;
+mod softmax;
+mod vector;
 mod vectorized;
 mod windows;
 

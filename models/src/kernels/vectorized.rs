@@ -3,6 +3,8 @@
 //! Sums run over [`LANES`] partial sums whatever the vectors' width, and nothing is contracted to
 //! fused multiply-adds, so that every processor gets the same bits.
 
+use super::instruction_set::InstructionSet;
+
 const LANES: usize = 16;
 
 /// Defines a function whose body is compiled for several instruction sets, the best one chosen
@@ -23,13 +25,12 @@ macro_rules! vectorized {
                 #[target_feature(enable = "avx2")]
                 fn avx2($($argument: $type),*) { portable($($argument),*) }
 
-                if is_x86_feature_detected!("avx512f") {
+                match InstructionSet::detected() {
                     // SAFETY: the processor has these instructions.
-                    return unsafe { avx512($($argument),*) };
-                }
-                if is_x86_feature_detected!("avx2") {
+                    InstructionSet::Avx512 => return unsafe { avx512($($argument),*) },
                     // SAFETY: the processor has these instructions.
-                    return unsafe { avx2($($argument),*) };
+                    InstructionSet::Avx2 => return unsafe { avx2($($argument),*) },
+                    InstructionSet::Plain => {}
                 }
             }
             portable($($argument),*)
@@ -178,39 +179,6 @@ vectorized! {
 }
 
 vectorized! {
-    /// Softmax of each row of `width` scores. Row r looks at its first `visible + r` scores, or
-    /// all if there are fewer; the rest become 0.
-    fn softmax(scores: &mut [f32], width: usize, visible: usize) {
-        for (index, row) in scores.chunks_exact_mut(width).enumerate() {
-            let (seen, hidden) = row.split_at_mut(visible.saturating_add(index).min(width));
-            hidden.fill(0.0);
-            let largest = largest(seen);
-            for score in seen.iter_mut() {
-                *score = exponential(*score - largest);
-            }
-            let scale = 1.0 / sum(seen);
-            for score in seen.iter_mut() {
-                *score *= scale;
-            }
-        }
-    }
-}
-
-vectorized! {
-    /// Gradient of the scores, into the place of the probabilities' gradient:
-    /// ds = scale · p (dp - Σ p dp) for each row of `width`.
-    fn softmax_gradient(probabilities: &[f32], width: usize, scale: f32, gradient: &mut [f32]) {
-        let rows = probabilities.chunks_exact(width).zip(gradient.chunks_exact_mut(width));
-        for (probabilities, gradient) in rows {
-            let mean = sum_of_products(probabilities, gradient, 0.0);
-            for (gradient, &probability) in gradient.iter_mut().zip(probabilities) {
-                *gradient = scale * probability * (*gradient - mean);
-            }
-        }
-    }
-}
-
-vectorized! {
     /// Sum of each row of `width` elements.
     fn row_sums(rows: &[f32], width: usize, sums: &mut [f32]) {
         for (total, row) in sums.iter_mut().zip(rows.chunks_exact(width)) {
@@ -280,22 +248,6 @@ fn sum_of_products(a: &[f32], b: &[f32], offset: f32) -> f32 {
         total += a * (b - offset);
     }
     total
-}
-
-#[inline(always)]
-fn largest(x: &[f32]) -> f32 {
-    let mut lanes = [f32::NEG_INFINITY; LANES];
-    let (blocks, rest) = x.as_chunks::<LANES>();
-    for block in blocks {
-        for lane in 0..LANES {
-            lanes[lane] = lanes[lane].max(block[lane]);
-        }
-    }
-    let mut largest = f32::NEG_INFINITY;
-    for &x in lanes.iter().chain(rest) {
-        largest = largest.max(x);
-    }
-    largest
 }
 
 #[inline(always)]

@@ -1,9 +1,5 @@
-use rayon::prelude::*;
-
-use super::matrix::Matrix;
-
-/// The windows that a kernel sees of a series `[channel, sample]`, as a matrix with a row for each
-/// channel and tap t, whose element j is sample `first + step j + t`, or 0 beyond the ends.
+/// What a kernel sees of series `[channel, sample]`: window j at tap t is sample
+/// `first + step j + t`, or 0 beyond the ends.
 #[derive(Clone, Copy)]
 pub(super) struct Windows {
     pub channels: usize,
@@ -16,56 +12,71 @@ pub(super) struct Windows {
     pub count: usize,
 }
 
+/// The samples of a few trajectories, put so that the windows of a channel and tap lie side by
+/// side, those of the next trajectory [`Windows::length`] further on.
+///
+/// A row for each channel and remainder of the tap by the step; a tap begins a sample later than
+/// the tap a step before it. So no sample is there more than once.
+pub(super) struct Seen<'a> {
+    pub values: &'a [f32],
+    /// Elements of a row.
+    pub row: usize,
+}
+
 impl Windows {
+    /// Channels and taps.
     pub fn rows(&self) -> usize {
         self.channels * self.taps
     }
 
-    /// `count` windows from number `from` on. Where these are no other numbers than the series'
-    /// own, they are not copied to `scratch`.
-    pub fn matrix<'a>(
-        &self,
-        series: &'a [f32],
-        from: usize,
-        count: usize,
-        scratch: &'a mut Vec<f32>,
-    ) -> Matrix<'a> {
-        let inside = from + count <= self.samples;
-        if self.taps == 1 && self.first == 0 && self.step == 1 && inside {
-            return Matrix::new(&series[from..], self.channels, count, self.samples);
-        }
-        scratch.resize(self.rows() * count, 0.0);
-        self.write(series, from, scratch, count);
-        Matrix::new(scratch, self.rows(), count, count)
+    /// From one trajectory's windows to the next one's.
+    pub fn length(&self) -> usize {
+        self.count + self.taps.saturating_sub(1) / self.step
     }
 
-    /// All windows, into rows that begin `row_stride` apart.
-    pub fn write_all(&self, series: &[f32], into: &mut [f32], row_stride: usize) {
-        for (rows, series) in
-            into.chunks_mut(self.taps * row_stride).zip(series.chunks_exact(self.samples))
-        {
-            for (tap, row) in rows.chunks_mut(row_stride).enumerate() {
-                self.write_row(series, tap, 0, &mut row[..self.count]);
+    /// Rows of [`Seen`] for each channel; one, which nothing looks at, where there are no taps.
+    fn phases(&self) -> usize {
+        self.step.min(self.taps).max(1)
+    }
+
+    /// Where in [`Seen`] the windows of each channel and tap begin.
+    pub fn offsets(&self, row: usize) -> Vec<usize> {
+        (0..self.rows())
+            .map(|index| {
+                let (channel, tap) = (index / self.taps, index % self.taps);
+                (channel * self.phases() + tap % self.step) * row + tap / self.step
+            })
+            .collect()
+    }
+
+    /// Of trajectories that follow each other in `series`. What is no copy is not copied to
+    /// `scratch`.
+    pub fn see<'a>(&self, series: &'a [f32], scratch: &'a mut Vec<f32>) -> Seen<'a> {
+        let of_one = self.channels * self.samples;
+        let same = self.taps == 1 && self.first == 0 && self.step == 1;
+        if same && self.count == self.samples && series.len() == of_one {
+            return Seen { values: series, row: self.samples };
+        }
+        let length = self.length();
+        let row = series.len() / of_one * length;
+        scratch.resize(self.channels * self.phases() * row, 0.0);
+        for (trajectory, series) in series.chunks_exact(of_one).enumerate() {
+            let rows = scratch.chunks_exact_mut(self.phases() * row);
+            for (rows, series) in rows.zip(series.chunks_exact(self.samples)) {
+                for (phase, row) in rows.chunks_exact_mut(row).enumerate() {
+                    self.write_row(series, phase, &mut row[trajectory * length..][..length]);
+                }
             }
         }
+        Seen { values: scratch, row }
     }
 
-    fn write(&self, series: &[f32], from: usize, into: &mut [f32], count: usize) {
-        into.par_chunks_exact_mut(self.taps * count)
-            .zip(series.par_chunks_exact(self.samples))
-            .with_min_len(TASK.div_ceil(self.taps * count))
-            .for_each(|(rows, series)| {
-                for (tap, row) in rows.chunks_exact_mut(count).enumerate() {
-                    self.write_row(series, tap, from, row);
-                }
-            });
-    }
-
-    fn write_row(&self, series: &[f32], tap: usize, from: usize, row: &mut [f32]) {
-        let offset = self.first + (from * self.step + tap).cast_signed();
+    /// Every step-th sample from `first + phase` on.
+    fn write_row(&self, series: &[f32], phase: usize, row: &mut [f32]) {
+        let offset = self.first + phase.cast_signed();
         let before = if offset < 0 { offset.unsigned_abs().div_ceil(self.step) } else { 0 };
         let before = before.min(row.len());
-        // Of the first window that begins inside the series.
+        // The first one inside the series.
         let start = (offset + (before * self.step).cast_signed()).unsigned_abs();
         let inside = self.samples.saturating_sub(start).div_ceil(self.step);
         let (zeros, rest) = row.split_at_mut(before);
@@ -82,6 +93,3 @@ impl Windows {
         }
     }
 }
-
-/// Elements below which another thread is not worth waking.
-const TASK: usize = 65_536;

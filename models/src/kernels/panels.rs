@@ -1,0 +1,116 @@
+use rayon::prelude::*;
+
+use super::product::{Left, Onto, Right, multiply};
+
+/// Columns of a panel, if the matrix has as many: a tile of the widest vectors reads four.
+const WIDTH: usize = 64;
+
+/// Widths of narrow panels are a multiple of these, of the widest vectors'.
+const LANES: usize = 16;
+
+/// Elements below which another thread is not worth waking.
+const TASK: usize = 65_536;
+
+/// The right factor of a product, copied so that what a tile reads lies together: panels of
+/// neighbouring columns, each row by row.
+#[derive(Default)]
+pub(super) struct Panels {
+    values: Vec<f32>,
+    columns: usize,
+    /// Of a panel.
+    width: usize,
+    /// Where the rows of a panel begin.
+    terms: Vec<usize>,
+}
+
+impl Panels {
+    /// Element (k, n) is `values[k row_stride + n]`.
+    pub fn of_rows(values: &[f32], depth: usize, columns: usize, row_stride: usize) -> Self {
+        let mut panels = Self::default();
+        panels.write_rows(values, depth, columns, row_stride);
+        panels
+    }
+
+    /// Element (k, n) is `values[n row_stride + k]`.
+    pub fn of_columns(values: &[f32], depth: usize, columns: usize, row_stride: usize) -> Self {
+        let mut panels = Self::default();
+        panels.write_columns(values, depth, columns, row_stride);
+        panels
+    }
+
+    /// Becomes what [`Panels::of_rows`] makes, in the same memory.
+    pub fn write_rows(&mut self, values: &[f32], depth: usize, columns: usize, row_stride: usize) {
+        let width = self.resize(depth, columns);
+        for (index, panel) in self.values.chunks_exact_mut(depth * width).enumerate() {
+            let first = index * width;
+            let seen = width.min(columns - first);
+            for (row, from) in panel.chunks_exact_mut(width).zip(values[first..].chunks(row_stride))
+            {
+                row[..seen].copy_from_slice(&from[..seen]);
+            }
+        }
+    }
+
+    /// Becomes what [`Panels::of_columns`] makes, in the same memory.
+    pub fn write_columns(
+        &mut self,
+        values: &[f32],
+        depth: usize,
+        columns: usize,
+        row_stride: usize,
+    ) {
+        let width = self.resize(depth, columns);
+        self.values
+            .par_chunks_exact_mut(depth * width)
+            .with_min_len(TASK.div_ceil(depth * width))
+            .zip(values.par_chunks(width * row_stride))
+            .for_each(|(panel, rows)| {
+                for (column, row) in rows.chunks(row_stride).enumerate() {
+                    let elements = panel[column..].iter_mut().step_by(width);
+                    for (element, &value) in elements.zip(&row[..depth]) {
+                        *element = value;
+                    }
+                }
+            });
+    }
+
+    /// Gives the width of a panel.
+    fn resize(&mut self, depth: usize, columns: usize) -> usize {
+        let width = WIDTH.min(columns.next_multiple_of(LANES));
+        if (self.terms.len(), self.width) != (depth, width) {
+            self.terms.clear();
+            self.terms.extend((0..depth).map(|term| term * width));
+        }
+        (self.columns, self.width) = (columns, width);
+        self.values.resize(columns.div_ceil(width) * depth * width, 0.0);
+        width
+    }
+
+    /// `left` times the first `depth` rows and `columns` columns of this, into rows of `output`
+    /// that begin `stride` apart.
+    pub fn multiply_part(
+        &self,
+        left: Left<'_>,
+        [depth, columns]: [usize; 2],
+        onto: Onto<'_>,
+        output: &mut [f32],
+        stride: usize,
+    ) {
+        let length = self.terms.len() * self.width;
+        for first in (0..columns.min(self.columns)).step_by(self.width) {
+            let columns = self.width.min(columns - first);
+            let values = &self.values[first / self.width * length..][..length];
+            let right = Right { values, terms: &self.terms[..depth] };
+            let onto = match onto {
+                Onto::Columns(numbers) => Onto::Columns(&numbers[first..first + columns]),
+                other => other,
+            };
+            multiply(left, right, onto, &mut output[first..], columns, stride);
+        }
+    }
+
+    /// `left` times this, into rows of `output` that begin `stride` apart.
+    pub fn multiply(&self, left: Left<'_>, onto: Onto<'_>, output: &mut [f32], stride: usize) {
+        self.multiply_part(left, [self.terms.len(), self.columns], onto, output, stride);
+    }
+}

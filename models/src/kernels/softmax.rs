@@ -1,0 +1,247 @@
+//! Softmax of rows and its derivative, in the calling thread.
+
+use std::f32::consts::{LN_2, LOG2_E};
+
+use super::instruction_set::InstructionSet;
+use super::vector::{Plain, Vector};
+
+/// Softmax of `scale` times each row of `width` scores. Row r looks at its first `visible + r`
+/// scores, at least one, or all if there are fewer; the rest become 0.
+pub(super) fn softmax(scores: &mut [f32], width: usize, scale: f32, visible: usize) {
+    assert!(visible > 0);
+    // SAFETY: the processor has the instructions.
+    unsafe {
+        match InstructionSet::detected() {
+            #[cfg(target_arch = "x86_64")]
+            InstructionSet::Avx512 => x86::avx512(scores, width, scale, visible),
+            #[cfg(target_arch = "x86_64")]
+            InstructionSet::Avx2 => x86::avx2(scores, width, scale, visible),
+            _ => all_rows::<Plain>(scores, width, scale, visible),
+        }
+    }
+}
+
+/// Gradient of the scores, into the place of the probabilities' gradient:
+/// ds = scale · p (dp - Σ p dp) for each row of `width`.
+pub(super) fn softmax_gradient(p: &[f32], width: usize, scale: f32, gradient: &mut [f32]) {
+    assert_eq!(p.len(), gradient.len());
+    // SAFETY: the processor has the instructions.
+    unsafe {
+        match InstructionSet::detected() {
+            #[cfg(target_arch = "x86_64")]
+            InstructionSet::Avx512 => x86::avx512_gradient(p, width, scale, gradient),
+            #[cfg(target_arch = "x86_64")]
+            InstructionSet::Avx2 => x86::avx2_gradient(p, width, scale, gradient),
+            _ => all_gradients::<Plain>(p, width, scale, gradient),
+        }
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+mod x86 {
+    use super::super::vector::x86::{Avx2, Avx512};
+    use super::{all_gradients, all_rows};
+
+    #[target_feature(enable = "avx512f")]
+    pub unsafe fn avx512(scores: &mut [f32], width: usize, scale: f32, visible: usize) {
+        // SAFETY: the processor has the instructions.
+        unsafe { all_rows::<Avx512>(scores, width, scale, visible) };
+    }
+
+    #[target_feature(enable = "avx2,fma")]
+    pub unsafe fn avx2(scores: &mut [f32], width: usize, scale: f32, visible: usize) {
+        // SAFETY: the processor has the instructions.
+        unsafe { all_rows::<Avx2>(scores, width, scale, visible) };
+    }
+
+    #[target_feature(enable = "avx512f")]
+    pub unsafe fn avx512_gradient(p: &[f32], width: usize, scale: f32, gradient: &mut [f32]) {
+        // SAFETY: the processor has the instructions.
+        unsafe { all_gradients::<Avx512>(p, width, scale, gradient) };
+    }
+
+    #[target_feature(enable = "avx2,fma")]
+    pub unsafe fn avx2_gradient(p: &[f32], width: usize, scale: f32, gradient: &mut [f32]) {
+        // SAFETY: the processor has the instructions.
+        unsafe { all_gradients::<Avx2>(p, width, scale, gradient) };
+    }
+}
+
+// What follows is unsafe because it uses the vectors' instructions; what it reads and writes are
+// whole vectors inside a slice, and of the last one the lanes inside.
+
+#[inline(always)]
+unsafe fn all_rows<V: Vector>(scores: &mut [f32], width: usize, scale: f32, visible: usize) {
+    for (index, row) in scores.chunks_exact_mut(width).enumerate() {
+        let (seen, hidden) = row.split_at_mut(visible.saturating_add(index).min(width));
+        hidden.fill(0.0);
+        // SAFETY: see above.
+        unsafe { softmax_row::<V>(seen, scale) };
+    }
+}
+
+#[inline(always)]
+unsafe fn softmax_row<V: Vector>(row: &mut [f32], scale: f32) {
+    let whole = row.len() / V::LANES * V::LANES;
+    let to = row.as_mut_ptr();
+    // SAFETY: see above.
+    unsafe {
+        let tail = V::mask(row.len() - whole);
+        let none = V::splat(f32::NEG_INFINITY);
+        let mut greatest = V::load_masked(to.add(whole), tail, none);
+        for first in (0..whole).step_by(V::LANES) {
+            greatest = greatest.max(V::load(to.add(first)));
+        }
+        let greatest = of_lanes(greatest, f32::max);
+
+        // e^(scale (x - greatest)) as a power of two.
+        let factor = V::splat(scale * LOG2_E);
+        let greatest = V::splat(greatest);
+        let mut sums = V::splat(0.0);
+        for first in (0..whole).step_by(V::LANES) {
+            let power = exp2(V::load(to.add(first)).sub(greatest).mul(factor));
+            sums = sums.add(power);
+            power.store(to.add(first));
+        }
+        let mut sum = of_lanes(sums, |a, b| a + b);
+        if whole < row.len() {
+            let scores = V::load_masked(to.add(whole), tail, none);
+            exp2(scores.sub(greatest).mul(factor)).store_masked(to.add(whole), tail);
+            for &power in row.get_unchecked(whole..) {
+                sum += power;
+            }
+        }
+
+        let to = row.as_mut_ptr();
+        let inverse = V::splat(1.0 / sum);
+        for first in (0..whole).step_by(V::LANES) {
+            V::load(to.add(first)).mul(inverse).store(to.add(first));
+        }
+        let rest = V::load_masked(to.add(whole), tail, none);
+        rest.mul(inverse).store_masked(to.add(whole), tail);
+    }
+}
+
+#[inline(always)]
+unsafe fn all_gradients<V: Vector>(p: &[f32], width: usize, scale: f32, gradient: &mut [f32]) {
+    let whole = width / V::LANES * V::LANES;
+    for (p, gradient) in p.chunks_exact(width).zip(gradient.chunks_exact_mut(width)) {
+        let (p, dp) = (p.as_ptr(), gradient.as_mut_ptr());
+        // SAFETY: see above.
+        unsafe {
+            let (tail, zero) = (V::mask(width - whole), V::splat(0.0));
+            let last = V::load_masked(p.add(whole), tail, zero);
+            let mut sums = last.mul(V::load_masked(dp.add(whole), tail, zero));
+            for first in (0..whole).step_by(V::LANES) {
+                sums = V::load(p.add(first)).mul_add(V::load(dp.add(first)), sums);
+            }
+            let mean = V::splat(of_lanes(sums, |a, b| a + b));
+            let scale = V::splat(scale);
+            for first in (0..whole).step_by(V::LANES) {
+                let difference = V::load(dp.add(first)).sub(mean);
+                V::load(p.add(first)).mul(scale).mul(difference).store(dp.add(first));
+            }
+            let difference = V::load_masked(dp.add(whole), tail, zero).sub(mean);
+            last.mul(scale).mul(difference).store_masked(dp.add(whole), tail);
+        }
+    }
+}
+
+/// All lanes put together, in order.
+#[inline(always)]
+unsafe fn of_lanes<V: Vector>(vector: V, operation: fn(f32, f32) -> f32) -> f32 {
+    let mut lanes = [0.0; 16];
+    // SAFETY: no vector has more lanes.
+    unsafe { vector.store(lanes.as_mut_ptr()) };
+    let mut result = lanes[0];
+    for &lane in &lanes[1..V::LANES] {
+        result = operation(result, lane);
+    }
+    result
+}
+
+/// 2^x to about a unit in the last place for x from -126 to 127, and 2^-126 below.
+///
+/// The fraction's power by its Taylor series: to degree 6 its error is below that of rounding for
+/// |fraction| ≤ ½.
+#[inline(always)]
+unsafe fn exp2<V: Vector>(x: V) -> V {
+    /// Adding it leaves the nearest integer in the lowest bits.
+    const ROUNDER: f32 = 12_582_912.0;
+    /// (ln 2)^n / n! from n = 6 to 0.
+    const SERIES: [f32; 7] =
+        [1.540_353e-4, 1.333_355_8e-3, 9.618_129e-3, 5.550_411e-2, 0.240_226_5, LN_2, 1.0];
+    // SAFETY: see above.
+    unsafe {
+        let x = V::splat(-126.0).max(x);
+        let rounded = x.add(V::splat(ROUNDER));
+        let fraction = x.sub(rounded.sub(V::splat(ROUNDER)));
+        let mut power = V::splat(SERIES[0]);
+        for &coefficient in &SERIES[1..] {
+            power = power.mul_add(fraction, V::splat(coefficient));
+        }
+        power.mul(rounded.power_of_two())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::instruction_set;
+    use super::{softmax, softmax_gradient};
+
+    #[test]
+    fn softmax_is_exact_at_every_width_and_hides_the_future() {
+        for width in 1..70 {
+            instruction_set::tests::with_each(|set| {
+                let scores: Vec<f32> =
+                    (0..3 * width).map(|index| 20.0 * (index as f32 * 0.7).sin()).collect();
+                let mut p = scores.clone();
+                softmax(&mut p, width, 0.5, 2);
+                for (row, (p, scores)) in p.chunks(width).zip(scores.chunks(width)).enumerate() {
+                    let (seen, hidden) = p.split_at((2 + row).min(width));
+                    assert!(hidden.iter().all(|&p| p == 0.0));
+                    let powers = scores[..seen.len()].iter().map(|&x| (0.5 * f64::from(x)).exp());
+                    let sum: f64 = powers.clone().sum();
+                    for (&p, power) in seen.iter().zip(powers) {
+                        let error = f64::from(p) * sum / power - 1.0;
+                        assert!(error.abs() < 2e-6, "{set:?} {width}: {error:e}");
+                    }
+                }
+            });
+        }
+    }
+
+    /// Scores of which all but the first are too small to be told from nothing.
+    #[test]
+    fn softmax_stands_extreme_scores() {
+        instruction_set::tests::with_each(|set| {
+            let mut p: Vec<f32> = [3e38, -3e38].into_iter().chain([-1e30; 30]).collect();
+            softmax(&mut p, 32, 1.0, 32);
+            assert_eq!(p[0], 1.0, "{set:?}");
+            assert!(p[1..].iter().all(|&p| (0.0..1e-30).contains(&p)));
+            let mut constant = vec![-7e4; 32];
+            softmax(&mut constant, 32, 1.0, 32);
+            assert!(constant.iter().all(|&p| (p - 1.0 / 32.0).abs() < 1e-8));
+        });
+    }
+
+    #[test]
+    fn gradients_of_rows_are_those_of_the_formula() {
+        for width in 1..40 {
+            instruction_set::tests::with_each(|set| {
+                let p: Vec<f32> = (0..2 * width).map(|index| (index as f32).sin().abs()).collect();
+                let dp: Vec<f32> = (0..2 * width).map(|index| (index as f32 * 1.3).cos()).collect();
+                let mut ds = dp.clone();
+                softmax_gradient(&p, width, 0.25, &mut ds);
+                let rows = p.chunks(width).zip(dp.chunks(width));
+                for ((p, dp), ds) in rows.zip(ds.chunks(width)) {
+                    let mean: f64 = p.iter().zip(dp).map(|(&p, &dp)| f64::from(p * dp)).sum();
+                    for ((&p, &dp), &ds) in p.iter().zip(dp).zip(ds) {
+                        let exact = 0.25 * f64::from(p) * (f64::from(dp) - mean);
+                        assert!((f64::from(ds) - exact).abs() < 1e-5, "{set:?} {width}");
+                    }
+                }
+            });
+        }
+    }
+}
