@@ -1,10 +1,12 @@
-//! Prints how long a training step of 64 trajectories and one pass over a single one take.
+//! Prints how long a training step of 64 trajectories takes, or predictions of a single one.
 //!
-//! `cargo run --release -p models --example model_rates -- [--json] [--steps COUNT] [PRESET ..]`
+//! `cargo run --release -p models --example model_rates -- training|inference [--json]
+//! [--steps COUNT] [PRESET ..]`
 //!
-//! A step is the whole of it: noise, loss, gradients, optimizer. A pass is a prediction, of a
-//! denoiser one in a single step of DDIM. Both are medians, after a first one that does not count.
-//! `tests/peers/pytorch_rates.py` measures the same networks in PyTorch, in turns with this.
+//! A step is the whole of it: noise, loss, gradients, optimizer. A prediction is a pass of the
+//! network, that of a denoiser also a chain of 5 steps of DDIM or 100 of DDPM, and each includes
+//! normalization and noise. Numbers are after a first one that does not count.
+//! `tests/peers/pytorch_rates.py` measures the same networks in PyTorch.
 
 use std::error::Error;
 use std::time::Instant;
@@ -23,9 +25,24 @@ static ALLOCATOR: MiMalloc = MiMalloc;
 const BATCH: usize = 64;
 const DATA: TrainingData = TrainingData { samples: 400, rate_hz: 60.0, statistics: None };
 
+/// Predictions whose times are collected for each step asked for.
+const PASSES: usize = 20;
+const CHAINS: usize = 4;
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum What {
+    Training,
+    Inference,
+}
+
 fn main() -> Result<(), Box<dyn Error>> {
-    let (mut json, mut steps, mut wanted) = (false, 5, Vec::new());
     let mut arguments = std::env::args().skip(1);
+    let what = match arguments.next().as_deref() {
+        Some("training") => What::Training,
+        Some("inference") => What::Inference,
+        _ => return Err("say what to measure: training or inference".into()),
+    };
+    let (mut json, mut steps, mut wanted) = (false, 5, Vec::new());
     while let Some(argument) = arguments.next() {
         match argument.as_str() {
             "--json" => json = true,
@@ -38,26 +55,14 @@ fn main() -> Result<(), Box<dyn Error>> {
             spec::presets().into_iter().filter(|preset| preset.place == PresetPlace::Model);
         wanted = models.map(|preset| preset.name).collect();
     }
-    if !json {
-        println!("{:<18} {:>10} {:>10} {:>12}", "", "step, ms", "pass, ms", "parameters");
-    }
     let mut all = Vec::new();
     for preset in wanted {
-        let rates = measure(&preset, steps)?;
+        let (config, times) = measure(&preset, what, steps)?;
         if !json {
-            println!(
-                "{preset:<18} {:>10.1} {:>10.2} {:>12}",
-                rates.step_ms, rates.pass_ms, rates.config["parameters"],
-            );
+            println!("{preset:<18} {:>9} parameters  {times}", config["parameters"]);
         }
-        all.push(json!({
-            "preset": preset,
-            "threads": rayon::current_num_threads(),
-            "step_ms": rates.step_ms,
-            "pass_ms": rates.pass_ms,
-            "peak_memory_mib": rates.peak_memory_mib,
-            "config": rates.config,
-        }));
+        let threads = rayon::current_num_threads();
+        all.push(json!({"preset": preset, "threads": threads, "times": times, "config": config}));
     }
     if json {
         println!("{}", Value::Array(all));
@@ -65,16 +70,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-struct Rates {
-    step_ms: f64,
-    pass_ms: f64,
-    /// Of the process so far.
-    peak_memory_mib: Option<f64>,
-    /// A checkpoint's `config.json`.
-    config: Value,
-}
-
-fn measure(preset: &str, steps: usize) -> Result<Rates, Box<dyn Error>> {
+/// A checkpoint's `config.json`, and what was measured.
+fn measure(preset: &str, what: What, steps: usize) -> Result<(Value, Value), Box<dyn Error>> {
     let job = json!({
         "kind": "train", "data": {"dataset": 1}, "model": {"preset": preset}, "steps": 1000,
     });
@@ -82,9 +79,13 @@ fn measure(preset: &str, steps: usize) -> Result<Rates, Box<dyn Error>> {
         return Err("not a training".into());
     };
     let device = Device::cpu();
-    let batch = waves(BATCH);
     let mut trainer = Trainer::new(&spec, DATA, "none", &device)?;
-    let step_ms = median_ms(steps, || trainer.step(&batch))?;
+    if what == What::Training {
+        let batch = waves(BATCH);
+        let times = times_ms(steps, || trainer.step(&batch))?;
+        let times = json!({"step_ms": quantile(&times, 0.5), "peak_memory_mib": peak_memory_mib()});
+        return Ok((serde_json::from_slice(&trainer.checkpoint()?.config)?, times));
+    }
 
     let files = trainer.checkpoint()?;
     drop(trainer);
@@ -92,13 +93,29 @@ fn measure(preset: &str, steps: usize) -> Result<Rates, Box<dyn Error>> {
     let known = waves(1);
     let y_context = known.y[..model.context() * JOINTS].to_vec();
     let input = PredictionInput { u: known.u, y_context, size: 1 };
-    let once = SamplerSpec { kind: SamplerKind::Ddim, steps: Some(1), ..SamplerSpec::default() };
-    let sampling = Sampling { sampler: Some(once), ..Sampling::default() };
-    let pass_ms = median_ms(10 * steps, || {
-        if model.is_generative() { model.sample(&input, &sampling) } else { model.predict(&input) }
-    })?;
-    let config = serde_json::from_slice(&files.config)?;
-    Ok(Rates { step_ms, pass_ms, peak_memory_mib: peak_memory_mib(), config })
+    let mut times = json!({});
+    let mut note = |name: &str, measured: &[f64]| {
+        times[name] = json!({"p50": quantile(measured, 0.5), "p99": quantile(measured, 0.99)});
+    };
+    if model.is_generative() {
+        let ways = [
+            ("pass_ms", SamplerKind::Ddim, 1, PASSES),
+            ("ddim_5_ms", SamplerKind::Ddim, 5, CHAINS),
+            ("ddpm_100_ms", SamplerKind::Ddpm, 100, 1),
+        ];
+        let levels = model.architecture().diffusion().map_or(0, |(diffusion, _)| diffusion.steps);
+        for (name, kind, passes, count) in ways {
+            if passes > levels {
+                continue;
+            }
+            let sampler = SamplerSpec { kind, steps: Some(passes), ..SamplerSpec::default() };
+            let sampling = Sampling { sampler: Some(sampler), ..Sampling::default() };
+            note(name, &times_ms(count * steps, || model.sample(&input, &sampling))?);
+        }
+    } else {
+        note("pass_ms", &times_ms(PASSES * steps, || model.predict(&input))?);
+    }
+    Ok((serde_json::from_slice(&files.config)?, times))
 }
 
 /// Torques and positions that are no one's, but finite and not constant.
@@ -110,10 +127,11 @@ fn waves(size: usize) -> Batch {
     Batch { u: wave(5.0), y: wave(0.5), size, samples }
 }
 
-fn median_ms<T>(
+/// In ascending order.
+fn times_ms<T>(
     count: usize,
     mut action: impl FnMut() -> Result<T, ModelError>,
-) -> Result<f64, ModelError> {
+) -> Result<Vec<f64>, ModelError> {
     action()?;
     let mut times = Vec::with_capacity(count);
     for _ in 0..count.max(1) {
@@ -122,7 +140,18 @@ fn median_ms<T>(
         times.push(start.elapsed().as_secs_f64() * 1e3);
     }
     times.sort_by(f64::total_cmp);
-    Ok(times[times.len() / 2])
+    Ok(times)
+}
+
+/// The value that this share of values is not above.
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "a share of a length is a length"
+)]
+fn quantile(ascending: &[f64], share: f64) -> f64 {
+    let index = (share * ascending.len() as f64).ceil() as usize;
+    ascending[index.clamp(1, ascending.len()) - 1]
 }
 
 /// Where Linux tells it.

@@ -66,11 +66,21 @@ fn folder() -> anyhow::Result<PathBuf> {
     Ok(folder)
 }
 
-/// A Python that has MuJoCo, Pinocchio, pyarrow and polars, in an environment of its own.
+/// A Python that has MuJoCo, Pinocchio, pyarrow and polars.
 pub fn python() -> anyhow::Result<PathBuf> {
-    let environment = folder()?.join("venv");
+    environment("venv", "tests/peers/requirements.txt")
+}
+
+/// A Python that has PyTorch; our networks are imported from the repository.
+pub fn pytorch() -> anyhow::Result<PathBuf> {
+    environment("pytorch", "models/tests/peers/requirements.txt")
+}
+
+/// A Python with these requirements, in an environment of its own.
+fn environment(name: &str, requirements: &str) -> anyhow::Result<PathBuf> {
+    let environment = folder()?.join(name);
     let python = environment.join("bin/python");
-    let wanted = fs::read_to_string(repository().join("tests/peers/requirements.txt"))?;
+    let wanted = fs::read_to_string(repository().join(requirements))?;
     let installed = environment.join("installed-requirements.txt");
     if fs::read_to_string(&installed).is_ok_and(|installed| installed == wanted) {
         return Ok(python);
@@ -79,7 +89,7 @@ pub fn python() -> anyhow::Result<PathBuf> {
         succeed(Command::new("python3").args(["-m", "venv"]).arg(&environment))?;
     }
     let pip = ["-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--requirement"];
-    succeed(command(&python.to_string_lossy(), &pip).arg("tests/peers/requirements.txt"))?;
+    succeed(command(&python.to_string_lossy(), &pip).arg(requirements))?;
     fs::write(&installed, wanted)?;
     Ok(python)
 }

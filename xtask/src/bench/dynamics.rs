@@ -15,7 +15,7 @@ use serde::de::DeserializeOwned;
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
-use super::{Goal, Measurement, Peer, Peers, Report, median, million};
+use super::{Goal, Measurement, Peer, Peers, Report, Wanted, median, million};
 use crate::{machine, peers, product};
 
 const ROUNDS: usize = 5;
@@ -41,13 +41,13 @@ pub(super) fn spec(trajectories: u64) -> Value {
     })
 }
 
-pub(super) fn run(wanted: Peers) -> anyhow::Result<Report> {
+pub(super) fn run(wanted: Wanted) -> anyhow::Result<Report> {
     let rates = product::build_example("dynamics", "rates")?;
     let torqued = product::build()?;
     let folder = tempfile::tempdir()?;
     let spec_file = folder.path().join("spec.json");
     std::fs::write(&spec_file, spec(COMPARED).to_string())?;
-    let peers = match wanted {
+    let peers = match wanted.peers {
         Peers::LeftOut => None,
         Peers::Measured => Some(Simulators::prepare(&torqued, &spec_file, &folder)?),
     };

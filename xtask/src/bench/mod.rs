@@ -1,17 +1,20 @@
 //! `cargo xtask bench NAME`: the one door to every benchmark.
 
 mod dynamics;
+mod inference;
 mod measurement;
 mod million;
+mod networks;
 mod parquet;
 mod quickstart;
+mod training;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
 
 use anyhow::Context;
-use clap::Args;
 use clap::builder::PossibleValuesParser;
+use clap::{Args, ValueEnum};
 
 use crate::machine;
 use measurement::{Goal, Measurement, Peer, median};
@@ -26,6 +29,10 @@ pub struct Arguments {
     #[arg(long)]
     peers: bool,
 
+    /// Networks of this size only
+    #[arg(long, value_name = "SIZE")]
+    size: Option<Size>,
+
     /// Write the measurements here
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
@@ -34,7 +41,7 @@ pub struct Arguments {
 struct Benchmark {
     name: &'static str,
     about: &'static str,
-    run: fn(Peers) -> anyhow::Result<Report>,
+    run: fn(Wanted) -> anyhow::Result<Report>,
 }
 
 /// What a benchmark has to say.
@@ -44,6 +51,21 @@ struct Report {
     measurements: Vec<Measurement>,
 }
 
+/// What of a benchmark is asked for.
+#[derive(Clone, Copy, Debug)]
+struct Wanted {
+    peers: Peers,
+    /// All unless given.
+    size: Option<Size>,
+}
+
+/// Of the presets of networks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Size {
+    Small,
+    Paper,
+}
+
 /// Whether other programs are measured beside ours.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Peers {
@@ -51,12 +73,17 @@ enum Peers {
     Measured,
 }
 
-const ALL: [Benchmark; 3] = [
+const ALL: [Benchmark; 5] = [
     Benchmark {
         name: "dynamics",
         about: "forward dynamics and trajectories per second, beside Pinocchio and MuJoCo; a million \
                 trajectories written",
         run: dynamics::run,
+    },
+    Benchmark {
+        name: "inference",
+        about: "milliseconds of a prediction of every network, beside PyTorch",
+        run: inference::run,
     },
     Benchmark {
         name: "parquet",
@@ -68,6 +95,11 @@ const ALL: [Benchmark; 3] = [
         about: "seconds per stage of `torqued quickstart`, then of a second run",
         run: quickstart::run,
     },
+    Benchmark {
+        name: "training",
+        about: "milliseconds and memory of a training step of every network, beside PyTorch",
+        run: training::run,
+    },
 ];
 
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
@@ -78,7 +110,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     eprintln!("{}: {}", benchmark.name, benchmark.about);
     let peers = if arguments.peers { Peers::Measured } else { Peers::LeftOut };
     let machine = machine::description();
-    let Report { notes, measurements } = (benchmark.run)(peers)?;
+    let Report { notes, measurements } = (benchmark.run)(Wanted { peers, size: arguments.size })?;
     println!("{}\n{machine}", command_line(arguments));
     for note in notes {
         println!("{note}");
@@ -97,5 +129,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
 /// As one would type it.
 fn command_line(arguments: &Arguments) -> String {
     let peers = if arguments.peers { " --peers" } else { "" };
-    format!("cargo xtask bench {}{peers}", arguments.name)
+    let size = match arguments.size {
+        None => "",
+        Some(Size::Small) => " --size small",
+        Some(Size::Paper) => " --size paper",
+    };
+    format!("cargo xtask bench {}{peers}{size}", arguments.name)
 }

@@ -10,15 +10,15 @@ use serde::Deserialize;
 use serde_json::json;
 
 use super::dynamics::answer;
-use super::{Measurement, Peer, Peers, Report, median};
+use super::{Measurement, Peer, Peers, Report, Wanted, median};
 use crate::{peers, product, target};
 
 const ROUNDS: usize = 5;
 
-pub(super) fn run(wanted: Peers) -> anyhow::Result<Report> {
+pub(super) fn run(wanted: Wanted) -> anyhow::Result<Report> {
     let example = product::build_example("store", "parquet_rates")?;
     let torqued = product::build()?;
-    let python = match wanted {
+    let python = match wanted.peers {
         Peers::LeftOut => None,
         Peers::Measured => Some(peers::python()?),
     };

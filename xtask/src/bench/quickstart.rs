@@ -8,7 +8,7 @@ use std::time::Instant;
 use anyhow::{Context, bail, ensure};
 use serde::Deserialize;
 
-use super::{Goal, Measurement, Peers, Report};
+use super::{Goal, Measurement, Peers, Report, Wanted};
 use crate::{process, product};
 
 /// The whole quickstart on two cores without a GPU, in seconds.
@@ -16,8 +16,8 @@ const GOAL_FIRST: Goal = Goal::AtMost(300.0);
 /// A second run, which has nothing to compute.
 const GOAL_SECOND: Goal = Goal::AtMost(10.0);
 
-pub(super) fn run(peers: Peers) -> anyhow::Result<Report> {
-    if peers == Peers::Measured {
+pub(super) fn run(wanted: Wanted) -> anyhow::Result<Report> {
+    if wanted.peers == Peers::Measured {
         eprintln!("no other program does what the quickstart does: nothing to compare with");
     }
     let torqued = product::build()?;

@@ -1,0 +1,242 @@
+//! The networks of ours and their PyTorch twins, measured in turns in processes of their own.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+use anyhow::{Context, ensure};
+use serde::Deserialize;
+use serde::de::DeserializeOwned;
+use serde_json::{Value, json};
+
+use super::{Peer, Peers, Report, Size, Wanted, median};
+use crate::{peers, product, repository};
+
+const ARCHITECTURES: [&str; 4] = ["robomorph", "cdt", "diffuser", "cdcnn"];
+
+/// What is measured of a network.
+pub(super) struct Subject {
+    /// As the example of `models` and the script of its peers call it.
+    pub name: &'static str,
+    pub rounds_of_small: usize,
+    pub steps_of_small: usize,
+    /// Of networks of the paper's size, in one round.
+    pub steps_of_paper: usize,
+}
+
+/// A network's rounds.
+pub(super) struct Network {
+    pub architecture: &'static str,
+    pub preset: String,
+    rounds: Vec<Round>,
+}
+
+/// All measured once, one after the other.
+struct Round {
+    ours: Ours,
+    eager: Option<Theirs>,
+    compiled: Option<Theirs>,
+}
+
+/// What `models/examples/model_rates.rs` prints.
+#[derive(Clone, Debug, Deserialize)]
+struct Ours {
+    threads: usize,
+    times: Value,
+    config: Value,
+}
+
+/// What `models/tests/peers/pytorch_rates.py` prints.
+#[derive(Clone, Debug, Deserialize)]
+struct Theirs {
+    version: String,
+    times: Value,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Twin {
+    Eager,
+    /// By `torch.compile`.
+    Compiled,
+}
+
+impl Network {
+    /// Median over the rounds of what a JSON pointer finds in the times.
+    pub fn ours(&self, pointer: &str) -> Option<f64> {
+        median_of(self.rounds.iter().map(|round| number(&round.ours.times, pointer)))
+    }
+
+    pub fn twin(&self, twin: Twin, pointer: &str) -> Option<Peer> {
+        let theirs = self.rounds.iter().map(|round| match twin {
+            Twin::Eager => round.eager.as_ref(),
+            Twin::Compiled => round.compiled.as_ref(),
+        });
+        let theirs: Vec<&Theirs> = theirs.collect::<Option<_>>()?;
+        let value = median_of(theirs.iter().map(|theirs| number(&theirs.times, pointer)))?;
+        let kind = if twin == Twin::Eager { "eager" } else { "compiled" };
+        Some(Peer { value, version: format!("PyTorch {} {kind}", theirs.first()?.version) })
+    }
+}
+
+/// Measures every network that is wanted; `table` makes rows of each.
+pub(super) fn run(
+    subject: &Subject,
+    wanted: Wanted,
+    table: fn(&Network) -> Vec<super::Measurement>,
+) -> anyhow::Result<Report> {
+    let example = product::build_example("models", "model_rates")?;
+    let python = match wanted.peers {
+        Peers::LeftOut => None,
+        Peers::Measured => Some(peers::pytorch()?),
+    };
+    let bench = Bench { subject, example, python };
+    let mut notes = Vec::new();
+    let mut measurements = Vec::new();
+    for size in [Size::Small, Size::Paper] {
+        if wanted.size.is_some_and(|wanted| wanted != size) {
+            continue;
+        }
+        let (name, rounds, steps) = match size {
+            Size::Small => ("small", subject.rounds_of_small, subject.steps_of_small),
+            Size::Paper => ("paper", 1, subject.steps_of_paper),
+        };
+        for architecture in ARCHITECTURES {
+            let preset = format!("{architecture}-{name}");
+            let mut measured = Vec::new();
+            for round in 1..=rounds {
+                eprintln!("{preset}, round {round} of {rounds}");
+                measured.push(bench.round(&preset, size, steps, &mut notes)?);
+            }
+            let network = Network { architecture, preset, rounds: measured };
+            measurements.extend(table(&network));
+        }
+        notes.push(format!("{name}: medians of {rounds} x {steps} steps, after a first one each"));
+    }
+    Ok(Report { notes, measurements })
+}
+
+struct Bench<'a> {
+    subject: &'a Subject,
+    example: PathBuf,
+    /// With PyTorch.
+    python: Option<PathBuf>,
+}
+
+impl Bench<'_> {
+    fn round(
+        &self,
+        preset: &str,
+        size: Size,
+        steps: usize,
+        notes: &mut Vec<String>,
+    ) -> anyhow::Result<Round> {
+        let mut rates = Command::new(&self.example);
+        rates.arg(self.subject.name).args(["--json", "--steps", &steps.to_string(), preset]);
+        let ours: Vec<Ours> = super::dynamics::answer(&mut rates)?;
+        let ours = ours.into_iter().next().context("model_rates measured nothing")?;
+        let mut twins = [None, None];
+        if let Some(python) = &self.python {
+            for (twin, answer) in [Twin::Eager, Twin::Compiled].into_iter().zip(&mut twins) {
+                // Compiling takes minutes, and a step of the paper's networks another.
+                if twin == Twin::Compiled && size == Size::Paper {
+                    continue;
+                }
+                match self.ask(python, &ours, twin, steps) {
+                    Ok(theirs) => *answer = Some(theirs),
+                    Err(error) => {
+                        let reason = error.to_string();
+                        let reason = reason.lines().last().unwrap_or_default();
+                        let note = format!("{preset}, {twin:?} twin: not measured: {reason}");
+                        if !notes.contains(&note) {
+                            notes.push(note);
+                        }
+                    }
+                }
+            }
+        }
+        let [eager, compiled] = twins;
+        Ok(Round { ours, eager, compiled })
+    }
+
+    fn ask(&self, python: &Path, ours: &Ours, twin: Twin, steps: usize) -> anyhow::Result<Theirs> {
+        let mut command = Command::new(python);
+        command
+            .arg("models/tests/peers/pytorch_rates.py")
+            .env("PYTHONPATH", repository().join("python"))
+            .current_dir(repository());
+        let question = json!({
+            "config": ours.config, "what": self.subject.name, "compiled": twin == Twin::Compiled,
+            "threads": ours.threads, "steps": steps,
+        });
+        asked(&mut command, &question)
+    }
+}
+
+/// What a program answers to a question on its standard input, both JSON.
+fn asked<T: DeserializeOwned>(command: &mut Command, question: &Value) -> anyhow::Result<T> {
+    let mut child = command
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .with_context(|| format!("cannot run {}", command.get_program().display()))?;
+    if let Some(mut input) = child.stdin.take() {
+        input.write_all(question.to_string().as_bytes())?;
+    }
+    let output = child.wait_with_output()?;
+    let error = String::from_utf8_lossy(&output.stderr);
+    ensure!(output.status.success(), "{}: {}", output.status, error.trim_end());
+    Ok(serde_json::from_slice(&output.stdout)?)
+}
+
+fn number(times: &Value, pointer: &str) -> Option<f64> {
+    times.pointer(pointer)?.as_f64()
+}
+
+/// None if one is missing.
+fn median_of(values: impl Iterator<Item = Option<f64>>) -> Option<f64> {
+    values.collect::<Option<Vec<f64>>>().filter(|values| !values.is_empty()).map(median)
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+
+    /// Of rounds with these times of ours and of eager PyTorch.
+    pub fn network(rounds: &[(Value, Option<Value>)]) -> Network {
+        let rounds = rounds.iter().map(|(ours, theirs)| Round {
+            ours: Ours { threads: 2, times: ours.clone(), config: json!({}) },
+            eager: theirs.clone().map(|times| Theirs { version: "2".to_owned(), times }),
+            compiled: None,
+        });
+        let preset = "cdt-small".to_owned();
+        Network { architecture: "cdt", preset, rounds: rounds.collect() }
+    }
+
+    #[test]
+    fn numbers_are_medians_of_rounds() {
+        let round = |ours: f64| (json!({"a": {"p50": ours}}), Some(json!({"a": {"p50": 4.0}})));
+        let network = network(&[round(1.0), round(9.0), round(2.0)]);
+        assert_eq!(network.ours("/a/p50"), Some(2.0));
+        assert_eq!(network.twin(Twin::Eager, "/a/p50").unwrap().value, 4.0);
+        assert_eq!(network.ours("/a/p99"), None);
+        assert!(network.twin(Twin::Compiled, "/a/p50").is_none());
+    }
+
+    #[test]
+    fn a_twin_that_failed_once_is_left_out() {
+        let network = network(&[(json!({"a": 1.0}), Some(json!({"a": 4.0}))), (json!({}), None)]);
+        assert!(network.twin(Twin::Eager, "/a").is_none());
+    }
+
+    #[test]
+    fn programs_are_asked_and_their_failures_kept() {
+        let question = json!({"steps": 3});
+        let echoed: Value = asked(&mut Command::new("cat"), &question).unwrap();
+        assert_eq!(echoed, question);
+        let mut failing = Command::new("sh");
+        failing.args(["-c", "cat > /dev/null; echo no compiler >&2; exit 3"]);
+        let error = asked::<Value>(&mut failing, &question).unwrap_err().to_string();
+        assert!(error.contains("exit status: 3") && error.ends_with("no compiler"), "{error}");
+    }
+}

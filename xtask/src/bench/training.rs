@@ -1,0 +1,56 @@
+//! Training steps, 64 trajectories each, and the memory that they take.
+
+use super::networks::{self, Network, Subject, Twin};
+use super::{Goal, Measurement, Report, Wanted};
+
+const SUBJECT: Subject =
+    Subject { name: "training", rounds_of_small: 3, steps_of_small: 3, steps_of_paper: 1 };
+
+/// Of eager PyTorch's memory.
+const MEMORY: Goal = Goal::AtMost(0.6);
+
+pub(super) fn run(wanted: Wanted) -> anyhow::Result<Report> {
+    networks::run(&SUBJECT, wanted, rows)
+}
+
+fn rows(network: &Network) -> Vec<Measurement> {
+    let preset = &network.preset;
+    let step = match network.architecture {
+        "robomorph" | "cdt" => Goal::AtMost(0.45),
+        _ => Goal::AtMost(0.75),
+    };
+    let mut rows = Vec::new();
+    for (what, pointer, unit, goal) in
+        [("step", "/step_ms", "ms", step), ("memory", "/peak_memory_mib", "MiB", MEMORY)]
+    {
+        let Some(ours) = network.ours(pointer) else { continue };
+        let name = format!("{preset} {what}");
+        let eager = network.twin(Twin::Eager, pointer);
+        rows.push(Measurement::compared(&name, ours, eager, unit, Some(goal)));
+        if let Some(compiled) = network.twin(Twin::Compiled, pointer) {
+            rows.push(Measurement::compared(&name, ours, Some(compiled), unit, None));
+        }
+    }
+    rows
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::super::networks::tests::network;
+    use super::rows;
+
+    #[test]
+    fn steps_and_memory_are_held_to_their_goals() {
+        let times = |ms: f64| json!({"step_ms": ms, "peak_memory_mib": 100.0});
+        let rows = rows(&network(&[(times(4.0), Some(times(10.0)))]));
+        let found: Vec<_> =
+            rows.iter().map(|row| (row.name.as_str(), row.ratio, row.met)).collect();
+        let expected = [
+            ("cdt-small step", Some(0.4), Some(true)),
+            ("cdt-small memory", Some(1.0), Some(false)),
+        ];
+        assert_eq!(found, expected);
+    }
+}
