@@ -1,5 +1,6 @@
 //! `torqued`: the command line, and the composition of server and workers into one program.
 
+mod allocator;
 mod cli;
 mod client;
 mod commands;
@@ -12,12 +13,6 @@ use std::io::Write;
 use std::process::ExitCode;
 
 use clap::Parser;
-use mimalloc::MiMalloc;
-
-/// Training allocates and frees the same large tensors at every step; glibc gives such pages back
-/// to the system each time and doubles the time of a step.
-#[global_allocator]
-static ALLOCATOR: MiMalloc = MiMalloc;
 
 fn main() -> ExitCode {
     let cli = cli::Cli::parse();

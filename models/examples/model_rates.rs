@@ -8,19 +8,18 @@
 //! normalization and noise. Numbers are after a first one that does not count.
 //! `tests/peers/pytorch_rates.py` measures the same networks in PyTorch.
 
+/// As the product has it.
+#[path = "../../src/allocator.rs"]
+mod allocator;
+
 use std::error::Error;
 use std::time::Instant;
 
-use mimalloc::MiMalloc;
 use models::{
     Batch, Device, ModelError, PredictionInput, Sampling, TrainedModel, Trainer, TrainingData,
 };
 use serde_json::{Value, json};
 use spec::{JOINTS, JobSpec, PresetPlace, SamplerKind, SamplerSpec};
-
-/// As the product has it: glibc's allocator gives memory back that the next operation wants again.
-#[global_allocator]
-static ALLOCATOR: MiMalloc = MiMalloc;
 
 const BATCH: usize = 64;
 const DATA: TrainingData = TrainingData { samples: 400, rate_hz: 60.0, statistics: None };
@@ -36,6 +35,7 @@ enum What {
 }
 
 fn main() -> Result<(), Box<dyn Error>> {
+    allocator::keep_freed_memory();
     let mut arguments = std::env::args().skip(1);
     let what = match arguments.next().as_deref() {
         Some("training") => What::Training,

@@ -31,6 +31,17 @@ impl Linear {
         kernels::linear(x, self.weight.val(), self.bias.val())
     }
 
+    /// Of the normed x.
+    pub fn forward_normed(&self, x: Tensor<3>, norm: &LayerNorm) -> Tensor<3> {
+        let LayerNorm { weight, bias } = norm;
+        kernels::norm_linear(x, [weight.val(), bias.val()], self.weight.val(), self.bias.val())
+    }
+
+    /// `residual` plus this of GELU of x.
+    pub fn forward_gelu_onto(&self, residual: Tensor<3>, x: Tensor<3>) -> Tensor<3> {
+        kernels::gelu_linear_onto(residual, x, self.weight.val(), self.bias.val())
+    }
+
     pub const fn parameter_count(input: u64, output: u64) -> u64 {
         input * output + output
     }

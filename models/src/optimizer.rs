@@ -6,6 +6,7 @@ use burn::tensor::{Gradients, Tensor, TensorData};
 use spec::OptimizerSpec;
 
 use crate::ModelError;
+use crate::kernels::{self, AdamWStep};
 use crate::parameters::{NamedTensor, NamedTensors, Path, check_shapes, host_values, parameters};
 use crate::sequence_model::SequenceModel;
 
@@ -22,7 +23,7 @@ const CLIP_EPSILON: f64 = 1e-6;
 /// moments have the names of their parameters, so that they can be saved and resumed exactly.
 pub(crate) struct ModelOptimizer {
     rule: AdamW,
-    clip_norm: Option<f64>,
+    spec: OptimizerSpec,
     /// Moments of every parameter, flattened.
     moments: BTreeMap<String, AdamWState<1>>,
 }
@@ -38,7 +39,7 @@ impl ModelOptimizer {
     pub fn new(spec: &OptimizerSpec, model: &SequenceModel) -> Self {
         let mut zeros = ZeroMoments { path: Path::default(), moments: BTreeMap::new() };
         model.visit(&mut zeros);
-        Self { rule: rule(spec), clip_norm: spec.gradient_clip_norm, moments: zeros.moments }
+        Self { rule: rule(spec), spec: *spec, moments: zeros.moments }
     }
 
     /// The optimizer that [`ModelOptimizer::state`] was read from after `steps` steps.
@@ -101,7 +102,7 @@ impl ModelOptimizer {
         gradients: NamedGradients,
         learning_rate: f64,
     ) -> SequenceModel {
-        let scale = match self.clip_norm {
+        let scale = match self.spec.gradient_clip_norm {
             Some(largest) if gradients.norm > largest => {
                 Some(largest / (gradients.norm + CLIP_EPSILON))
             }
@@ -110,6 +111,7 @@ impl ModelOptimizer {
         let mut update = Update {
             path: Path::default(),
             rule: &self.rule,
+            spec: &self.spec,
             moments: &mut self.moments,
             gradients: gradients.gradients,
             scale,
@@ -145,8 +147,13 @@ impl NamedGradients {
         // depends on which thread was free, and the clipped step must not.
         let mut squares = 0.0;
         for gradient in sums.values() {
-            let values = host_values(gradient.clone())?;
-            squares += values.iter().map(|&value| f64::from(value).powi(2)).sum::<f64>();
+            squares += match kernels::sum_of_squares(gradient) {
+                Some(squares) => squares,
+                None => {
+                    let values = host_values(gradient.clone())?;
+                    values.iter().map(|&value| f64::from(value).powi(2)).sum::<f64>()
+                }
+            };
         }
         Ok(Self { gradients: sums, norm: squares.sqrt() })
     }
@@ -216,7 +223,9 @@ impl ModuleVisitor for Collector {
 
 struct Update<'a> {
     path: Path,
+    /// On devices without a kernel of ours.
     rule: &'a AdamW,
+    spec: &'a OptimizerSpec,
     moments: &'a mut BTreeMap<String, AdamWState<1>>,
     gradients: BTreeMap<String, Tensor<1>>,
     scale: Option<f64>,
@@ -235,24 +244,54 @@ impl ModuleMapper for Update<'_> {
     fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
         let name = self.path.name();
         let Some(gradient) = self.gradients.remove(&name) else { return param };
+        let Some(AdamWState { momentum }) = self.moments.remove(&name) else { return param };
+        param.map(|value| {
+            let shape = value.dims();
+            let weight = value.inner().reshape([gradient.shape().num_elements()]);
+            let (updated, momentum) = self.step(weight, gradient, momentum);
+            self.moments.insert(name, AdamWState::new(momentum));
+            Tensor::from_inner(updated.reshape(shape)).require_grad()
+        })
+    }
+}
+
+impl Update<'_> {
+    /// The weight after a step, and its moments.
+    fn step(
+        &self,
+        weight: Tensor<1>,
+        gradient: Tensor<1>,
+        momentum: AdaptiveMomentumState<1>,
+    ) -> (Tensor<1>, AdaptiveMomentumState<1>) {
+        if kernels::is_fused(&gradient) {
+            let AdaptiveMomentumState { time, moment_1, moment_2, .. } = momentum;
+            let step = self.fused_step(time + 1);
+            let [updated, moment_1, moment_2] =
+                kernels::adam_w(weight, gradient, [moment_1, moment_2], &step);
+            return (updated, AdaptiveMomentumState::new(time + 1, moment_1, moment_2));
+        }
         let gradient = match self.scale {
             Some(scale) => gradient.mul_scalar(scale),
             None => gradient,
         };
-        let moments = self.moments.remove(&name);
-        param.map(|value| {
-            let shape = value.dims();
-            let length = gradient.shape().num_elements();
-            let (updated, moments) = self.rule.step(
-                self.learning_rate,
-                value.inner().reshape([length]),
-                gradient,
-                moments,
-            );
-            if let Some(moments) = moments {
-                self.moments.insert(name, moments);
-            }
-            Tensor::from_inner(updated.reshape(shape)).require_grad()
-        })
+        let state = Some(AdamWState::new(momentum));
+        let (updated, state) = self.rule.step(self.learning_rate, weight, gradient, state);
+        let AdamWState { momentum } = state.expect("AdamW always has a state");
+        (updated, momentum)
+    }
+
+    /// At the `time`-th step, from 1 on.
+    #[expect(clippy::cast_possible_truncation, reason = "weights are updated in f32")]
+    fn fused_step(&self, time: usize) -> AdamWStep {
+        let [beta_1, beta_2] = self.spec.betas;
+        let time = i32::try_from(time).unwrap_or(i32::MAX);
+        AdamWStep {
+            scale: self.scale.unwrap_or(1.0) as f32,
+            betas: self.spec.betas.map(|beta| beta as f32),
+            epsilon: self.spec.epsilon as f32,
+            second_correction: (1.0 / (1.0 - beta_2.powi(time))) as f32,
+            rate: (self.learning_rate / (1.0 - beta_1.powi(time))) as f32,
+            keep: (1.0 - self.learning_rate * self.spec.weight_decay) as f32,
+        }
     }
 }

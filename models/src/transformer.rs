@@ -5,7 +5,7 @@ use burn::tensor::Tensor;
 
 use crate::attention::Attention;
 use crate::initialization::InitialWeights;
-use crate::kernels::{self, Mask};
+use crate::kernels::Mask;
 use crate::layers::{LayerNorm, Linear};
 
 /// Two linear maps with a GELU between.
@@ -23,8 +23,10 @@ impl FeedForward {
         }
     }
 
-    fn forward(&self, x: Tensor<3>) -> Tensor<3> {
-        self.contract.forward(kernels::gelu(self.expand.forward(x)))
+    /// x plus what becomes of the normed x.
+    fn forward_onto(&self, x: Tensor<3>, norm: &LayerNorm) -> Tensor<3> {
+        let hidden = self.expand.forward_normed(x.clone(), norm);
+        self.contract.forward_gelu_onto(x, hidden)
     }
 
     const fn parameter_count(d_model: u64, hidden: u64) -> u64 {
@@ -60,8 +62,7 @@ impl EncoderBlock {
     pub fn forward(&self, x: Tensor<3>) -> Tensor<3> {
         let normed = self.attention_norm.forward(x.clone());
         let x = x + self.attention.forward(normed.clone(), normed, Mask::None);
-        let normed = self.feed_forward_norm.forward(x.clone());
-        x + self.feed_forward.forward(normed)
+        self.feed_forward.forward_onto(x, &self.feed_forward_norm)
     }
 
     pub const fn parameter_count(d_model: u64, hidden: u64) -> u64 {
@@ -106,8 +107,7 @@ impl DecoderBlock {
         let x = x + self.self_attention.forward(normed.clone(), normed, Mask::Causal { ahead: 0 });
         let normed = self.cross_attention_norm.forward(x.clone());
         let x = x + self.cross_attention.forward(normed, memory, mask);
-        let normed = self.feed_forward_norm.forward(x.clone());
-        x + self.feed_forward.forward(normed)
+        self.feed_forward.forward_onto(x, &self.feed_forward_norm)
     }
 
     pub const fn parameter_count(d_model: u64, hidden: u64) -> u64 {

@@ -8,6 +8,7 @@ use clap::Args;
 use tokio_util::sync::CancellationToken;
 use worker::WorkerOptions;
 
+use crate::allocator;
 use crate::server::Interrupts;
 
 #[derive(Debug, Args)]
@@ -37,6 +38,7 @@ pub struct Arguments {
 const STOP_WITHIN: Duration = Duration::from_secs(30);
 
 pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
+    allocator::keep_freed_memory();
     let shutdown = CancellationToken::new();
     if arguments.stop_with_stdin {
         watch_stdin(shutdown.clone());

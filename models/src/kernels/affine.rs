@@ -16,6 +16,9 @@ const TILE_ROWS: usize = 6;
 /// Rows that are multiplied at once when rows are what is summed over.
 const DEPTH: usize = 128;
 
+/// Floats between rows that are copied.
+const APART: usize = 16;
+
 /// y = x Wᵀ + b; y has `bias.len()` columns.
 pub(super) fn forward(x: &[f32], weight: &[f32], bias: &[f32], y: &mut [f32]) {
     let output = bias.len();
@@ -28,33 +31,97 @@ pub(super) fn forward(x: &[f32], weight: &[f32], bias: &[f32], y: &mut [f32]) {
         return multiply(left, Right { values: x, terms: &terms }, Onto::Rows(bias), y, 1, 1);
     }
     let weight = Panels::of_columns(weight, input, output, input);
-    times_panels(x, input, &weight, Onto::Columns(bias), y, output);
+    let task = Task::of(x.len() / input, input);
+    let outputs = y.par_chunks_mut(task.rows * output);
+    outputs.zip(x.par_chunks(task.rows * input)).for_each(|(y, x)| {
+        weight.multiply(task.left(x), Onto::Columns(bias), y, output);
+    });
 }
 
-/// dx = dy W; dy has `output` columns.
-pub(super) fn input_gradient(dy: &[f32], weight: &[f32], output: usize, dx: &mut [f32]) {
+/// y = f(x) Wᵀ + b, where `f` makes some rows of some rows.
+pub(super) fn forward_of(
+    f: impl Fn(&[f32], &mut [f32]) + Sync,
+    x: &[f32],
+    weight: &[f32],
+    bias: &[f32],
+    y: &mut [f32],
+) {
+    let output = bias.len();
+    let input = weight.len() / output;
+    let weight = Panels::of_columns(weight, input, output, input);
+    let task = Task::of(x.len() / input, input);
+    let outputs = y.par_chunks_mut(task.rows * output);
+    outputs.zip(x.par_chunks(task.rows * input)).for_each_init(Vec::new, |scratch, (y, x)| {
+        scratch.resize(x.len(), 0.0);
+        f(x, scratch);
+        weight.multiply(task.left(scratch), Onto::Columns(bias), y, output);
+    });
+}
+
+/// y = z + f(x) Wᵀ + b.
+pub(super) fn forward_of_onto(
+    f: impl Fn(&[f32], &mut [f32]) + Sync,
+    x: &[f32],
+    weight: &[f32],
+    bias: &[f32],
+    z: &[f32],
+    y: &mut [f32],
+) {
+    let output = bias.len();
+    let input = weight.len() / output;
+    let weight = Panels::of_columns(weight, input, output, input);
+    let task = Task::of(x.len() / input, input);
+    let outputs = y.par_chunks_mut(task.rows * output).zip(z.par_chunks(task.rows * output));
+    outputs.zip(x.par_chunks(task.rows * input)).for_each_init(Vec::new, |scratch, ((y, z), x)| {
+        scratch.resize(x.len(), 0.0);
+        f(x, scratch);
+        for (y, z) in y.chunks_exact_mut(output).zip(z.chunks_exact(output)) {
+            for ((y, z), bias) in y.iter_mut().zip(z).zip(bias) {
+                *y = z + bias;
+            }
+        }
+        weight.multiply(task.left(scratch), Onto::Output, y, output);
+    });
+}
+
+/// dx = dy W; dy has `output` columns. `then` is called with some rows of dx and the number of
+/// their first element.
+pub(super) fn input_gradient(
+    dy: &[f32],
+    weight: &[f32],
+    output: usize,
+    dx: &mut [f32],
+    then: impl Fn(&mut [f32], usize) + Sync,
+) {
     let input = weight.len() / output;
     let weight = Panels::of_rows(weight, output, input, input);
-    times_panels(dy, output, &weight, Onto::Nothing, dx, input);
+    let task = Task::of(dy.len() / output, output);
+    let gradients = dx.par_chunks_mut(task.rows * input);
+    gradients.zip(dy.par_chunks(task.rows * output)).enumerate().for_each(|(index, (dx, dy))| {
+        weight.multiply(task.left(dy), Onto::Nothing, dx, input);
+        then(dx, index * task.rows * input);
+    });
 }
 
-/// The rows of x, `depth` long, times the panels, in tasks of some rows.
-fn times_panels(
-    x: &[f32],
+/// Rows that are multiplied together.
+struct Task {
+    rows: usize,
     depth: usize,
-    panels: &Panels,
-    onto: Onto<'_>,
-    y: &mut [f32],
-    columns: usize,
-) {
-    let rows = x.len() / depth;
-    let fair = rows.div_ceil(2 * rayon::current_num_threads());
-    let task = (TASK / depth).min(fair).max(1).next_multiple_of(TILE_ROWS);
-    let offsets: Vec<usize> = (0..task).map(|row| row * depth).collect();
-    y.par_chunks_mut(task * columns).zip(x.par_chunks(task * depth)).for_each(|(y, x)| {
-        let left = Left { values: x, rows: &offsets[..x.len() / depth], step: 1 };
-        panels.multiply(left, onto, y, columns);
-    });
+    /// Where they begin.
+    offsets: Vec<usize>,
+}
+
+impl Task {
+    /// Of so many rows of `depth` elements.
+    fn of(rows: usize, depth: usize) -> Self {
+        let fair = rows.div_ceil(2 * rayon::current_num_threads());
+        let rows = (TASK / depth).min(fair).max(1).next_multiple_of(TILE_ROWS);
+        Self { rows, depth, offsets: (0..rows).map(|row| row * depth).collect() }
+    }
+
+    fn left<'a>(&'a self, values: &'a [f32]) -> Left<'a> {
+        Left { values, rows: &self.offsets[..values.len() / self.depth], step: 1 }
+    }
 }
 
 /// dW = dyᵀ x and db = Σ dy, in tasks of some rows of dW.
@@ -64,12 +131,19 @@ pub(super) fn parameter_gradients(x: &[f32], dy: &[f32], d_weight: &mut [f32], d
     let task = output.div_ceil(rayon::current_num_threads()).next_multiple_of(TILE_ROWS);
     let parts = d_weight.par_chunks_mut(task * input).zip(d_bias.par_chunks_mut(task));
     parts.enumerate().for_each(|(index, (d_weight, d_bias))| {
-        let columns: Vec<usize> = (0..d_bias.len()).map(|row| index * task + row).collect();
+        // Copied with another distance of rows: of a power of two, they would share few places in
+        // the first-level cache.
+        let (count, stride) = (d_bias.len(), d_bias.len() + APART);
+        let columns: Vec<usize> = (0..count).collect();
+        let mut values = vec![0.0; DEPTH * stride];
         let mut panels = Panels::default();
         let mut onto = Onto::Nothing;
         for (x, dy) in x.chunks(DEPTH * input).zip(dy.chunks(DEPTH * output)) {
             panels.write_rows(x, x.len() / input, input, input);
-            let left = Left { values: dy, rows: &columns, step: output };
+            for (row, dy) in values.chunks_exact_mut(stride).zip(dy.chunks_exact(output)) {
+                row[..count].copy_from_slice(&dy[index * task..][..count]);
+            }
+            let left = Left { values: &values, rows: &columns, step: stride };
             panels.multiply(left, onto, d_weight, input);
             onto = Onto::Output;
             vectorized::add_rows(&dy[index * task..], output, d_bias);

@@ -7,7 +7,8 @@ use burn::tensor::{Device, Tensor};
 use proptest::prelude::{Just, ProptestConfig, Strategy, proptest};
 
 use super::{
-    Mask, attention, conv_transpose1d, conv1d, gelu, group_norm_mish, layer_norm, linear, mish,
+    Mask, attention, conv_transpose1d, conv1d, gelu_linear, gelu_linear_onto, group_norm_mish,
+    layer_norm, linear, mish, norm_linear,
 };
 use crate::initialization::InitialWeights;
 use crate::parameters::host_values;
@@ -72,13 +73,6 @@ fn matrix(tensor: Tensor<3>) -> Tensor<2> {
 }
 
 #[test]
-fn gelu_agrees() {
-    for shape in [[1, 1, 1], [3, 5, 7], [2, 100, 96]] {
-        check_agreement([shape], |[x]| gelu(x), |[x]| gelu::plain(x));
-    }
-}
-
-#[test]
 fn layer_norm_agrees() {
     for [batch, tokens, width] in [[1, 1, 8], [3, 5, 7], [2, 200, 96]] {
         check_agreement(
@@ -96,6 +90,43 @@ fn linear_agrees() {
             [[batch, tokens, input], [1, output, input], [1, 1, output]],
             |[x, weight, bias]| linear(x, matrix(weight), flat(bias)),
             |[x, weight, bias]| linear::plain(x, matrix(weight), flat(bias)),
+        );
+    }
+}
+
+#[test]
+fn norm_linear_agrees() {
+    for [batch, tokens, input, output] in [[1, 1, 8, 1], [3, 5, 7, 9], [4, 40, 140, 96]] {
+        let shapes = [
+            [batch, tokens, input],
+            [1, 1, input],
+            [1, 1, input],
+            [1, output, input],
+            [1, 1, output],
+        ];
+        check_agreement(
+            shapes,
+            |[x, scale, shift, weight, bias]| {
+                norm_linear(x, [flat(scale), flat(shift)], matrix(weight), flat(bias))
+            },
+            |[x, scale, shift, weight, bias]| {
+                norm_linear::plain(x, [flat(scale), flat(shift)], matrix(weight), flat(bias))
+            },
+        );
+    }
+}
+
+#[test]
+fn gelu_linear_agrees() {
+    for [batch, tokens, input, output] in [[1, 1, 1, 1], [3, 5, 7, 9], [4, 40, 140, 96]] {
+        let shapes =
+            [[batch, tokens, output], [batch, tokens, input], [1, output, input], [1, 1, output]];
+        check_agreement(
+            shapes,
+            |[residual, x, weight, bias]| gelu_linear_onto(residual, x, matrix(weight), flat(bias)),
+            |[residual, x, weight, bias]| {
+                gelu_linear::plain(residual, x, matrix(weight), flat(bias))
+            },
         );
     }
 }

@@ -29,6 +29,11 @@ impl Array {
         Self(FlexTensor::from_data(TensorData::new(values, shape.to_vec())))
     }
 
+    /// Copied if it is not contiguous.
+    pub fn of(tensor: &FlexTensor) -> Self {
+        Self(tensor.to_contiguous())
+    }
+
     pub fn values(&self) -> &[f32] {
         self.0.as_slice().expect("operands are contiguous and of type f32")
     }

@@ -5,7 +5,7 @@ use super::fused::{Array, FusedOp, apply, operand};
 use super::vectorized;
 
 /// PyTorch's default, added to the variance.
-const EPSILON: f32 = 1e-5;
+pub(super) const EPSILON: f32 = 1e-5;
 
 /// Rows of a task. Fixed, since the sums over each task's rows are added in turn.
 const TASK_ROWS: usize = 128;
@@ -22,7 +22,7 @@ pub(super) fn plain(x: Tensor<3>, weight: Tensor<1>, bias: Tensor<1>) -> Tensor<
 
 /// The derivative takes the row's mean and deviation anew from x: cheaper than to keep them.
 #[derive(Clone, Debug)]
-struct LayerNorm;
+pub(super) struct LayerNorm;
 
 impl FusedOp<3> for LayerNorm {
     fn forward(&self, [x, weight, bias]: &[Array; 3]) -> Array {

@@ -37,7 +37,7 @@ impl FusedOp<3> for Linear {
     fn backward(&self, [x, weight, bias]: &[Array; 3], dy: &Array) -> [Array; 3] {
         let (input, output) = (x.width(), bias.width());
         let mut dx = vec![0.0; x.values().len()];
-        affine::input_gradient(dy.values(), weight.values(), output, &mut dx);
+        affine::input_gradient(dy.values(), weight.values(), output, &mut dx, |_, _| ());
         let mut d_weight = vec![0.0; output * input];
         let mut d_bias = vec![0.0; output];
         affine::parameter_gradients(x.values(), dy.values(), &mut d_weight, &mut d_bias);

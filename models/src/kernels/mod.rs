@@ -11,6 +11,7 @@
 //!
 //! The fused forms give the same bits whatever thread runs which part: no sum crosses a task.
 
+mod adam_w;
 mod affine;
 #[cfg(test)]
 mod agreement;
@@ -21,24 +22,28 @@ mod correlation;
 #[cfg(test)]
 mod finite_differences;
 mod fused;
-mod gelu;
+mod gelu_linear;
 mod group_norm_mish;
 mod instruction_set;
 mod layer_norm;
 mod linear;
 mod mish;
+mod norm_linear;
 mod panels;
 mod product;
 mod softmax;
+mod transposition;
 mod vector;
 mod vectorized;
 mod windows;
 
+pub(crate) use adam_w::{AdamWStep, adam_w, is_fused, sum_of_squares};
 pub(crate) use attention::{Mask, attention};
 pub(crate) use conv_transpose1d::conv_transpose1d;
 pub(crate) use conv1d::conv1d;
-pub(crate) use gelu::gelu;
+pub(crate) use gelu_linear::gelu_linear_onto;
 pub(crate) use group_norm_mish::group_norm_mish;
 pub(crate) use layer_norm::layer_norm;
 pub(crate) use linear::linear;
 pub(crate) use mish::mish;
+pub(crate) use norm_linear::norm_linear;

@@ -1,6 +1,7 @@
 use rayon::prelude::*;
 
 use super::product::{Left, Onto, Right, multiply};
+use super::transposition::transpose;
 
 /// Columns of a panel, if the matrix has as many: a tile of the widest vectors reads four.
 const WIDTH: usize = 64;
@@ -65,12 +66,8 @@ impl Panels {
             .with_min_len(TASK.div_ceil(depth * width))
             .zip(values.par_chunks(width * row_stride))
             .for_each(|(panel, rows)| {
-                for (column, row) in rows.chunks(row_stride).enumerate() {
-                    let elements = panel[column..].iter_mut().step_by(width);
-                    for (element, &value) in elements.zip(&row[..depth]) {
-                        *element = value;
-                    }
-                }
+                let count = width.min(rows.len().div_ceil(row_stride));
+                transpose(rows, [count, depth], row_stride, panel, width);
             });
     }
 

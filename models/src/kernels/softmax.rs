@@ -1,6 +1,6 @@
 //! Softmax of rows and its derivative, in the calling thread.
 
-use std::f32::consts::{LN_2, LOG2_E};
+use std::f32::consts::LOG2_E;
 
 use super::instruction_set::InstructionSet;
 use super::vector::{Plain, Vector};
@@ -94,19 +94,17 @@ unsafe fn softmax_row<V: Vector>(row: &mut [f32], scale: f32) {
         }
         let greatest = of_lanes(greatest, f32::max);
 
-        // e^(scale (x - greatest)) as a power of two.
-        let factor = V::splat(scale * LOG2_E);
-        let greatest = V::splat(greatest);
+        let (scale, greatest) = (V::splat(scale), V::splat(greatest));
         let mut sums = V::splat(0.0);
         for first in (0..whole).step_by(V::LANES) {
-            let power = exp2(V::load(to.add(first)).sub(greatest).mul(factor));
+            let power = exp(V::load(to.add(first)).sub(greatest).mul(scale));
             sums = sums.add(power);
             power.store(to.add(first));
         }
         let mut sum = of_lanes(sums, |a, b| a + b);
         if whole < row.len() {
             let scores = V::load_masked(to.add(whole), tail, none);
-            exp2(scores.sub(greatest).mul(factor)).store_masked(to.add(whole), tail);
+            exp(scores.sub(greatest).mul(scale)).store_masked(to.add(whole), tail);
             for &power in row.get_unchecked(whole..) {
                 sum += power;
             }
@@ -160,27 +158,30 @@ unsafe fn of_lanes<V: Vector>(vector: V, operation: fn(f32, f32) -> f32) -> f32 
     result
 }
 
-/// 2^x to about a unit in the last place for x from -126 to 127, and 2^-126 below.
+/// e^x to about a unit in the last place for x from -87 to 88, and e^-87 below.
 ///
-/// The fraction's power by its Taylor series: to degree 6 its error is below that of rounding for
-/// |fraction| ≤ ½.
+/// What a power of two leaves over by its Taylor series: to degree 6 its error is below that of
+/// rounding for |rest| ≤ ½ ln 2.
 #[inline(always)]
-unsafe fn exp2<V: Vector>(x: V) -> V {
+unsafe fn exp<V: Vector>(x: V) -> V {
     /// Adding it leaves the nearest integer in the lowest bits.
     const ROUNDER: f32 = 12_582_912.0;
-    /// (ln 2)^n / n! from n = 6 to 0.
-    const SERIES: [f32; 7] =
-        [1.540_353e-4, 1.333_355_8e-3, 9.618_129e-3, 5.550_411e-2, 0.240_226_5, LN_2, 1.0];
+    /// ln 2 in two parts, the first of which times any such power is exact.
+    const LN_2: [f32; 2] = [0.693_359_4, -2.121_944_4e-4];
+    /// 1 / n! from n = 6 to 0.
+    const SERIES: [f32; 7] = [1.0 / 720.0, 1.0 / 120.0, 1.0 / 24.0, 1.0 / 6.0, 0.5, 1.0, 1.0];
     // SAFETY: see above.
     unsafe {
-        let x = V::splat(-126.0).max(x);
-        let rounded = x.add(V::splat(ROUNDER));
-        let fraction = x.sub(rounded.sub(V::splat(ROUNDER)));
-        let mut power = V::splat(SERIES[0]);
+        let x = V::splat(-87.0).max(x);
+        let rounded = x.mul_add(V::splat(LOG2_E), V::splat(ROUNDER));
+        let power = rounded.sub(V::splat(ROUNDER));
+        let rest = power.mul_add(V::splat(-LN_2[0]), x);
+        let rest = power.mul_add(V::splat(-LN_2[1]), rest);
+        let mut series = V::splat(SERIES[0]);
         for &coefficient in &SERIES[1..] {
-            power = power.mul_add(fraction, V::splat(coefficient));
+            series = series.mul_add(rest, V::splat(coefficient));
         }
-        power.mul(rounded.power_of_two())
+        series.mul(rounded.power_of_two())
     }
 }
 

@@ -1,8 +1,9 @@
 //! Loops over rows of floats, compiled for the widest vectors that the processor has.
 //!
-//! Sums run over [`LANES`] partial sums whatever the vectors' width, and nothing is contracted to
-//! fused multiply-adds, so that every processor gets the same bits.
+//! Sums run over [`LANES`] partial sums whatever the vectors' width. With either set of vector
+//! instructions, products are added without rounding in between.
 
+use super::adam_w::AdamWStep;
 use super::instruction_set::InstructionSet;
 
 const LANES: usize = 16;
@@ -15,15 +16,15 @@ macro_rules! vectorized {
         $(#[$attribute])*
         pub(super) fn $name($($argument: $type),*) {
             #[inline(always)]
-            fn portable($($argument: $type),*) $body
+            fn portable<const FUSED: bool>($($argument: $type),*) $body
 
             #[cfg(target_arch = "x86_64")]
             {
                 #[target_feature(enable = "avx512f")]
-                fn avx512($($argument: $type),*) { portable($($argument),*) }
+                fn avx512($($argument: $type),*) { portable::<true>($($argument),*) }
 
-                #[target_feature(enable = "avx2")]
-                fn avx2($($argument: $type),*) { portable($($argument),*) }
+                #[target_feature(enable = "avx2,fma")]
+                fn avx2($($argument: $type),*) { portable::<true>($($argument),*) }
 
                 match InstructionSet::detected() {
                     // SAFETY: the processor has these instructions.
@@ -33,7 +34,7 @@ macro_rules! vectorized {
                     InstructionSet::Plain => {}
                 }
             }
-            portable($($argument),*)
+            portable::<false>($($argument),*)
         }
     };
 }
@@ -42,18 +43,18 @@ vectorized! {
     /// y = x Φ(x).
     fn gelu(x: &[f32], y: &mut [f32]) {
         for (y, &x) in y.iter_mut().zip(x) {
-            let (cumulative, _) = normal_distribution(x);
+            let (cumulative, _) = normal_distribution::<FUSED>(x);
             *y = x * cumulative;
         }
     }
 }
 
 vectorized! {
-    /// dx = (Φ(x) + x φ(x)) dy.
-    fn gelu_gradient(x: &[f32], dy: &[f32], dx: &mut [f32]) {
-        for ((dx, &x), &dy) in dx.iter_mut().zip(x).zip(dy) {
-            let (cumulative, density) = normal_distribution(x);
-            *dx = (cumulative + x * density) * dy;
+    /// dy = (Φ(x) + x φ(x)) dy.
+    fn times_gelu_slope(x: &[f32], dy: &mut [f32]) {
+        for (dy, &x) in dy.iter_mut().zip(x) {
+            let (cumulative, density) = normal_distribution::<FUSED>(x);
+            *dy *= cumulative + x * density;
         }
     }
 }
@@ -62,7 +63,7 @@ vectorized! {
     /// y = x tanh(ln(1 + eˣ)).
     fn mish(x: &[f32], y: &mut [f32]) {
         for (y, &x) in y.iter_mut().zip(x) {
-            *y = mish_of(x);
+            *y = mish_of::<FUSED>(x);
         }
     }
 }
@@ -71,7 +72,7 @@ vectorized! {
     /// dx = mish'(x) dy.
     fn mish_gradient(x: &[f32], dy: &[f32], dx: &mut [f32]) {
         for ((dx, &x), &dy) in dx.iter_mut().zip(x).zip(dy) {
-            *dx = mish_slope(x) * dy;
+            *dx = mish_slope::<FUSED>(x) * dy;
         }
     }
 }
@@ -81,11 +82,11 @@ vectorized! {
     /// equally long channels as `weight`.
     fn group_norm_mish(x: &[f32], weight: &[f32], bias: &[f32], epsilon: f32, y: &mut [f32]) {
         let samples = x.len() / weight.len();
-        let (mean, inverse_deviation) = moments(x, epsilon);
+        let (mean, inverse_deviation) = moments::<FUSED>(x, epsilon);
         let channels = x.chunks_exact(samples).zip(y.chunks_exact_mut(samples));
         for ((x, y), (&weight, &bias)) in channels.zip(weight.iter().zip(bias)) {
             for (y, &x) in y.iter_mut().zip(x) {
-                *y = mish_of((x - mean) * inverse_deviation * weight + bias);
+                *y = mish_of::<FUSED>((x - mean) * inverse_deviation * weight + bias);
             }
         }
     }
@@ -104,16 +105,16 @@ vectorized! {
     ) {
         let ([weight, bias], [d_weight, d_bias]) = (weight_and_bias, sums);
         let samples = x.len() / weight.len();
-        let (mean, inverse_deviation) = moments(x, epsilon);
+        let (mean, inverse_deviation) = moments::<FUSED>(x, epsilon);
         let (mut sum_h, mut sum_hx) = (0.0, 0.0);
         for channel in 0..weight.len() {
             let range = channel * samples..(channel + 1) * samples;
             let (x, dy, dx) = (&x[range.clone()], &dy[range.clone()], &mut dx[range]);
             let (weight, bias) = (weight[channel], bias[channel]);
             for ((dz, &x), &dy) in dx.iter_mut().zip(x).zip(dy) {
-                *dz = mish_slope((x - mean) * inverse_deviation * weight + bias) * dy;
+                *dz = mish_slope::<FUSED>((x - mean) * inverse_deviation * weight + bias) * dy;
             }
-            d_weight[channel] = sum_of_products(dx, x, mean) * inverse_deviation;
+            d_weight[channel] = sum_of_products::<FUSED>(dx, x, mean) * inverse_deviation;
             d_bias[channel] = sum(dx);
             sum_h += d_bias[channel] * weight;
             sum_hx += d_weight[channel] * weight;
@@ -135,7 +136,7 @@ vectorized! {
     fn layer_norm(x: &[f32], weight: &[f32], bias: &[f32], epsilon: f32, y: &mut [f32]) {
         let width = weight.len();
         for (x, y) in x.chunks_exact(width).zip(y.chunks_exact_mut(width)) {
-            let (mean, inverse_deviation) = moments(x, epsilon);
+            let (mean, inverse_deviation) = moments::<FUSED>(x, epsilon);
             for (((y, &x), &weight), &bias) in y.iter_mut().zip(x).zip(weight).zip(bias) {
                 *y = (x - mean) * inverse_deviation * weight + bias;
             }
@@ -158,7 +159,7 @@ vectorized! {
         let width = weight.len();
         let rows = x.chunks_exact(width).zip(dy.chunks_exact(width));
         for ((x, dy), dx) in rows.zip(dx.chunks_exact_mut(width)) {
-            let (mean, inverse_deviation) = moments(x, epsilon);
+            let (mean, inverse_deviation) = moments::<FUSED>(x, epsilon);
             for ((dx, &dy), &weight) in dx.iter_mut().zip(dy).zip(weight) {
                 *dx = dy * weight;
             }
@@ -169,11 +170,32 @@ vectorized! {
                 *d_weight += dy * ((x - mean) * inverse_deviation);
                 *d_bias += dy;
             }
-            let mean_hx = sum_of_products(dx, x, mean) * inverse_deviation / width as f32;
+            let mean_hx = sum_of_products::<FUSED>(dx, x, mean) * inverse_deviation / width as f32;
             for (dx, &x) in dx.iter_mut().zip(x) {
                 let normal = (x - mean) * inverse_deviation;
                 *dx = (*dx - mean_h - normal * mean_hx) * inverse_deviation;
             }
+        }
+    }
+}
+
+vectorized! {
+    /// m = β₁ m + (1 - β₁) g, v = β₂ v + (1 - β₂) g², w = keep w - rate m / (√(corrected v) + ε).
+    fn adam_w(
+        weight: &mut [f32],
+        gradient: &[f32],
+        first: &mut [f32],
+        second: &mut [f32],
+        step: &AdamWStep,
+    ) {
+        let [beta_1, beta_2] = step.betas;
+        let moments = first.iter_mut().zip(second.iter_mut());
+        for ((weight, &gradient), (first, second)) in weight.iter_mut().zip(gradient).zip(moments) {
+            let gradient = step.scale * gradient;
+            *first = *first * beta_1 + gradient * (1.0 - beta_1);
+            *second = *second * beta_2 + gradient * gradient * (1.0 - beta_2);
+            let deviation = (*second * step.second_correction).sqrt() + step.epsilon;
+            *weight = *weight * step.keep - step.rate * *first / deviation;
         }
     }
 }
@@ -200,13 +222,14 @@ vectorized! {
 
 /// Mean, and 1 / √(variance + ε), of a row.
 #[inline(always)]
-fn moments(x: &[f32], epsilon: f32) -> (f32, f32) {
+fn moments<const FUSED: bool>(x: &[f32], epsilon: f32) -> (f32, f32) {
     let mean = sum(x) / x.len() as f32;
     let mut lanes = [0.0; LANES];
     let (blocks, rest) = x.as_chunks::<LANES>();
     for block in blocks {
         for lane in 0..LANES {
-            lanes[lane] += (block[lane] - mean) * (block[lane] - mean);
+            let distance = block[lane] - mean;
+            lanes[lane] = multiply_add::<FUSED>(distance, distance, lanes[lane]);
         }
     }
     let mut squares = add_lanes(lanes);
@@ -234,13 +257,13 @@ fn sum(x: &[f32]) -> f32 {
 
 /// Σ a (b - offset).
 #[inline(always)]
-fn sum_of_products(a: &[f32], b: &[f32], offset: f32) -> f32 {
+fn sum_of_products<const FUSED: bool>(a: &[f32], b: &[f32], offset: f32) -> f32 {
     let mut lanes = [0.0; LANES];
     let (a_blocks, a_rest) = a.as_chunks::<LANES>();
     let (b_blocks, b_rest) = b.as_chunks::<LANES>();
     for (a, b) in a_blocks.iter().zip(b_blocks) {
         for lane in 0..LANES {
-            lanes[lane] += a[lane] * (b[lane] - offset);
+            lanes[lane] = multiply_add::<FUSED>(a[lane], b[lane] - offset, lanes[lane]);
         }
     }
     let mut total = add_lanes(lanes);
@@ -262,13 +285,13 @@ fn add_lanes(lanes: [f32; LANES]) -> f32 {
 /// (Φ(x), φ(x)) of the standard normal distribution; Φ by Abramowitz and Stegun 7.1.26, whose
 /// absolute error is below 7.5e-8. In the left tail it has no cancellation.
 #[inline(always)]
-fn normal_distribution(x: f32) -> (f32, f32) {
+fn normal_distribution<const FUSED: bool>(x: f32) -> (f32, f32) {
     const INVERSE_ROOT_TAU: f32 = 0.398_942_3;
-    let bell = exponential(-0.5 * x * x);
+    let bell = exponential::<FUSED>(-0.5 * x * x);
     let t = 1.0 / (1.0 + 0.327_591_1 * std::f32::consts::FRAC_1_SQRT_2 * x.abs());
     let mut polynomial = 1.061_405_4;
     for coefficient in [-1.453_152, 1.421_413_7, -0.284_496_74, 0.254_829_6] {
-        polynomial = polynomial * t + coefficient;
+        polynomial = multiply_add::<FUSED>(polynomial, t, coefficient);
     }
     let tail = 0.5 * polynomial * t * bell;
     let cumulative = if x < 0.0 { tail } else { 1.0 - tail };
@@ -283,37 +306,44 @@ const MISH_IS_ZERO: f32 = -87.0;
 
 /// With n = eˣ (eˣ + 2), tanh(ln(1 + eˣ)) is n / (n + 2): nothing cancels in either tail.
 #[inline(always)]
-fn mish_of(x: f32) -> f32 {
-    let power = exponential(x.clamp(MISH_IS_ZERO, MISH_IS_LINEAR));
+fn mish_of<const FUSED: bool>(x: f32) -> f32 {
+    let power = exponential::<FUSED>(x.clamp(MISH_IS_ZERO, MISH_IS_LINEAR));
     let n = power * (power + 2.0);
     x.clamp(MISH_IS_ZERO, f32::INFINITY) * (n / (n + 2.0))
 }
 
 /// d/dx mish = n / (n + 2) + 4 x eˣ (1 + eˣ) / (n + 2)².
 #[inline(always)]
-fn mish_slope(x: f32) -> f32 {
+fn mish_slope<const FUSED: bool>(x: f32) -> f32 {
     let x = x.clamp(MISH_IS_ZERO, MISH_IS_LINEAR);
-    let power = exponential(x);
+    let power = exponential::<FUSED>(x);
     let n = power * (power + 2.0);
     let inverse = 1.0 / (n + 2.0);
     inverse * (n + 4.0 * x * power * (1.0 + power) * inverse)
 }
 
+/// a b + c, rounded once if `FUSED`: without the instruction that would be slow.
+#[inline(always)]
+fn multiply_add<const FUSED: bool>(a: f32, b: f32, c: f32) -> f32 {
+    if FUSED { a.mul_add(b, c) } else { a * b + c }
+}
+
 /// eˣ within 2 units in the last place for -87 ≤ x ≤ 88, and e⁻⁸⁷ below (Cephes' `expf`).
 #[inline(always)]
-fn exponential(x: f32) -> f32 {
+fn exponential<const FUSED: bool>(x: f32) -> f32 {
     /// Adding it leaves the nearest integer in the lowest bits.
     const ROUNDER: f32 = 12_582_912.0;
     let x = x.clamp(-87.0, 88.0);
-    let rounded = x * std::f32::consts::LOG2_E + ROUNDER;
+    let rounded = multiply_add::<FUSED>(x, std::f32::consts::LOG2_E, ROUNDER);
     let power = rounded - ROUNDER;
     // ln 2 in two parts, the first of which times any such power is exact.
-    let rest = x - power * 0.693_359_4 + power * 2.121_944_4e-4;
+    let rest = multiply_add::<FUSED>(power, -0.693_359_4, x);
+    let rest = multiply_add::<FUSED>(power, 2.121_944_4e-4, rest);
     let mut polynomial = 1.987_569_1e-4;
     for coefficient in [1.398_199_9e-3, 8.333_452e-3, 4.166_579_6e-2, 0.166_666_65, 0.5] {
-        polynomial = polynomial * rest + coefficient;
+        polynomial = multiply_add::<FUSED>(polynomial, rest, coefficient);
     }
-    let fraction = polynomial * rest * rest + rest + 1.0;
+    let fraction = multiply_add::<FUSED>(polynomial * rest, rest, rest) + 1.0;
     let exponent = rounded.to_bits().wrapping_sub(ROUNDER.to_bits()).wrapping_add(127);
     fraction * f32::from_bits(exponent << 23)
 }
@@ -327,11 +357,11 @@ mod tests {
         for step in 0..200_000 {
             let x = -87.0 + step as f32 * (175.0 / 200_000.0);
             let exact = f64::from(x).exp();
-            let error = (f64::from(exponential(x)) - exact).abs() / exact;
+            let error = (f64::from(exponential::<true>(x)) - exact).abs() / exact;
             assert!(error < 2.4e-7, "{x}: {error:e}");
         }
-        assert!(exponential(-1e30) < 2e-38);
-        assert_eq!(exponential(0.0), 1.0);
+        assert!(exponential::<true>(-1e30) < 2e-38);
+        assert_eq!(exponential::<true>(0.0), 1.0);
     }
 
     /// Φ at points of a published table (Abramowitz and Stegun, table 26.1).
@@ -345,10 +375,10 @@ mod tests {
             (-1.0, 0.158_655_253_931),
             (-3.0, 0.001_349_898_032),
         ] {
-            let (found, _) = normal_distribution(x);
+            let (found, _) = normal_distribution::<true>(x);
             assert!((f64::from(found) - cumulative).abs() < 1.5e-7, "{x}: {found}");
         }
-        let (_, density) = normal_distribution(1.0);
+        let (_, density) = normal_distribution::<true>(1.0);
         assert!((density - 0.241_970_72).abs() < 1e-7);
     }
 }

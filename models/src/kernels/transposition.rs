@@ -1,0 +1,117 @@
+use super::instruction_set::InstructionSet;
+
+/// Rows and columns of a block that registers hold.
+const BLOCK: usize = 16;
+
+/// Element (c, r) of `to`, whose rows begin `to_stride` apart, becomes element (r, c) of `from`,
+/// of so many rows and columns, whose rows begin `from_stride` apart.
+pub(super) fn transpose(
+    from: &[f32],
+    [rows, columns]: [usize; 2],
+    from_stride: usize,
+    to: &mut [f32],
+    to_stride: usize,
+) {
+    if rows == 0 || columns == 0 {
+        return;
+    }
+    assert!(columns <= from_stride && (rows - 1) * from_stride + columns <= from.len());
+    assert!(rows <= to_stride && (columns - 1) * to_stride + rows <= to.len());
+    let in_blocks = |extent: usize| match InstructionSet::detected() {
+        InstructionSet::Avx512 => extent / BLOCK * BLOCK,
+        InstructionSet::Avx2 | InstructionSet::Plain => 0,
+    };
+    let (whole_rows, whole_columns) = (in_blocks(rows), in_blocks(columns));
+    #[cfg(target_arch = "x86_64")]
+    for row in (0..whole_rows).step_by(BLOCK) {
+        for column in (0..whole_columns).step_by(BLOCK) {
+            // SAFETY: the processor has the instructions, and by the assertions above the block
+            // lies inside both.
+            unsafe {
+                avx512::block(
+                    from.as_ptr().add(row * from_stride + column),
+                    from_stride,
+                    to.as_mut_ptr().add(column * to_stride + row),
+                    to_stride,
+                );
+            }
+        }
+    }
+    for row in 0..rows {
+        let first = if row < whole_rows { whole_columns } else { 0 };
+        for column in first..columns {
+            to[column * to_stride + row] = from[row * from_stride + column];
+        }
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+mod avx512 {
+    use std::arch::x86_64::*;
+
+    /// Pairs of rows, then of pairs, then of fours, are interleaved.
+    #[target_feature(enable = "avx512f")]
+    pub unsafe fn block(from: *const f32, from_stride: usize, to: *mut f32, to_stride: usize) {
+        let mut rows = [_mm512_setzero_ps(); 16];
+        for (index, row) in rows.iter_mut().enumerate() {
+            // SAFETY: the caller says that the block can be read.
+            *row = unsafe { _mm512_loadu_ps(from.add(index * from_stride)) };
+        }
+        // Of rows 4 g to 4 g + 3, column 4 q + c lies in quarter q of number 4 g + c.
+        let mut fours = [_mm512_setzero_ps(); 16];
+        for group in (0..16).step_by(4) {
+            let [a, b, c, d] = [rows[group], rows[group + 1], rows[group + 2], rows[group + 3]];
+            let pairs = [
+                _mm512_unpacklo_ps(a, b),
+                _mm512_unpackhi_ps(a, b),
+                _mm512_unpacklo_ps(c, d),
+                _mm512_unpackhi_ps(c, d),
+            ]
+            .map(|pair| _mm512_castps_pd(pair));
+            fours[group] = _mm512_castpd_ps(_mm512_unpacklo_pd(pairs[0], pairs[2]));
+            fours[group + 1] = _mm512_castpd_ps(_mm512_unpackhi_pd(pairs[0], pairs[2]));
+            fours[group + 2] = _mm512_castpd_ps(_mm512_unpacklo_pd(pairs[1], pairs[3]));
+            fours[group + 3] = _mm512_castpd_ps(_mm512_unpackhi_pd(pairs[1], pairs[3]));
+        }
+        for column in 0..4 {
+            let [a, b] = [fours[column], fours[4 + column]];
+            let [c, d] = [fours[8 + column], fours[12 + column]];
+            let even = [_mm512_shuffle_f32x4::<0x88>(a, b), _mm512_shuffle_f32x4::<0x88>(c, d)];
+            let odd = [_mm512_shuffle_f32x4::<0xdd>(a, b), _mm512_shuffle_f32x4::<0xdd>(c, d)];
+            let results = [
+                _mm512_shuffle_f32x4::<0x88>(even[0], even[1]),
+                _mm512_shuffle_f32x4::<0x88>(odd[0], odd[1]),
+                _mm512_shuffle_f32x4::<0xdd>(even[0], even[1]),
+                _mm512_shuffle_f32x4::<0xdd>(odd[0], odd[1]),
+            ];
+            for (quarter, result) in results.into_iter().enumerate() {
+                // SAFETY: the caller says that the block can be written.
+                unsafe { _mm512_storeu_ps(to.add((4 * quarter + column) * to_stride), result) };
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::instruction_set;
+    use super::transpose;
+
+    #[test]
+    fn every_element_changes_row_and_column_and_none_else_is_touched() {
+        for [rows, columns] in [[1, 1], [3, 40], [16, 16], [17, 33], [64, 20], [48, 50]] {
+            instruction_set::tests::with_each(|set| {
+                let (from_stride, to_stride) = (columns + 5, rows + 2);
+                let from: Vec<f32> = (0..rows * from_stride).map(|index| index as f32).collect();
+                let mut to = vec![-1.0; columns * to_stride];
+                transpose(&from, [rows, columns], from_stride, &mut to, to_stride);
+                for (c, row) in to.chunks(to_stride).enumerate() {
+                    for (r, &value) in row.iter().enumerate() {
+                        let expected = if r < rows { from[r * from_stride + c] } else { -1.0 };
+                        assert_eq!(value, expected, "{set:?} {rows}x{columns}");
+                    }
+                }
+            });
+        }
+    }
+}
