@@ -2,7 +2,7 @@ use burn::module::{Module, Param};
 use burn::tensor::Tensor;
 
 use crate::initialization::InitialWeights;
-use crate::kernels;
+use crate::kernels::{self, PackedWeight};
 
 /// `y = x Wᵀ + b`, with parameter names, layout and initial weights of `torch.nn.Linear`.
 ///
@@ -14,6 +14,8 @@ pub(crate) struct Linear {
     weight: Param<Tensor<2>>,
     /// `[output]`
     bias: Param<Tensor<1>>,
+    #[module(skip)]
+    packed: PackedWeight,
 }
 
 impl Linear {
@@ -23,23 +25,25 @@ impl Linear {
         Self {
             weight: weights.uniform([output, input], bound),
             bias: weights.uniform([output], bound),
+            packed: PackedWeight::default(),
         }
     }
 
     /// `[batch, token, input]` to `[batch, token, output]`.
     pub fn forward(&self, x: Tensor<3>) -> Tensor<3> {
-        kernels::linear(x, self.weight.val(), self.bias.val())
+        kernels::linear(x, self.weight.val(), self.bias.val(), &self.packed)
     }
 
     /// Of the normed x.
     pub fn forward_normed(&self, x: Tensor<3>, norm: &LayerNorm) -> Tensor<3> {
         let LayerNorm { weight, bias } = norm;
-        kernels::norm_linear(x, [weight.val(), bias.val()], self.weight.val(), self.bias.val())
+        let norm = [weight.val(), bias.val()];
+        kernels::norm_linear(x, norm, self.weight.val(), self.bias.val(), &self.packed)
     }
 
     /// `residual` plus this of GELU of x.
     pub fn forward_gelu_onto(&self, residual: Tensor<3>, x: Tensor<3>) -> Tensor<3> {
-        kernels::gelu_linear_onto(residual, x, self.weight.val(), self.bias.val())
+        kernels::gelu_linear_onto(residual, x, self.weight.val(), self.bias.val(), &self.packed)
     }
 
     pub const fn parameter_count(input: u64, output: u64) -> u64 {

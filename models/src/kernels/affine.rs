@@ -10,6 +10,9 @@ use super::vectorized;
 /// beside what they are multiplied with.
 const TASK: usize = 32_768;
 
+/// Products below which another thread is not worth waking.
+const ALONE: usize = 1 << 21;
+
 /// Rows of a task are a multiple of these, as of a tile's.
 const TILE_ROWS: usize = 6;
 
@@ -19,19 +22,19 @@ const DEPTH: usize = 128;
 /// Floats between rows that are copied.
 const APART: usize = 16;
 
-/// y = x Wᵀ + b; y has `bias.len()` columns.
-pub(super) fn forward(x: &[f32], weight: &[f32], bias: &[f32], y: &mut [f32]) {
+/// y = x Wᵀ + b of a single row.
+pub(super) fn row(x: &[f32], weight: &[f32], bias: &[f32], y: &mut [f32]) {
+    // To rearrange the weights would take longer than to multiply them.
+    let rows: Vec<usize> = (0..bias.len()).map(|row| row * x.len()).collect();
+    let terms: Vec<usize> = (0..x.len()).collect();
+    let left = Left { values: weight, rows: &rows, step: 1 };
+    multiply(left, Right { values: x, terms: &terms }, Onto::Rows(bias), y, 1, 1);
+}
+
+/// y = x Wᵀ + b, with the panels of Wᵀ; y has `bias.len()` columns.
+pub(super) fn forward(x: &[f32], input: usize, weight: &Panels, bias: &[f32], y: &mut [f32]) {
     let output = bias.len();
-    let input = weight.len() / output;
-    if x.len() == input {
-        // To rearrange the weights would take longer than to multiply them with one row.
-        let rows: Vec<usize> = (0..output).map(|row| row * input).collect();
-        let terms: Vec<usize> = (0..input).collect();
-        let left = Left { values: weight, rows: &rows, step: 1 };
-        return multiply(left, Right { values: x, terms: &terms }, Onto::Rows(bias), y, 1, 1);
-    }
-    let weight = Panels::of_columns(weight, input, output, input);
-    let task = Task::of(x.len() / input, input);
+    let task = Task::of(x.len(), input, output);
     let outputs = y.par_chunks_mut(task.rows * output);
     outputs.zip(x.par_chunks(task.rows * input)).for_each(|(y, x)| {
         weight.multiply(task.left(x), Onto::Columns(bias), y, output);
@@ -42,14 +45,13 @@ pub(super) fn forward(x: &[f32], weight: &[f32], bias: &[f32], y: &mut [f32]) {
 pub(super) fn forward_of(
     f: impl Fn(&[f32], &mut [f32]) + Sync,
     x: &[f32],
-    weight: &[f32],
+    input: usize,
+    weight: &Panels,
     bias: &[f32],
     y: &mut [f32],
 ) {
     let output = bias.len();
-    let input = weight.len() / output;
-    let weight = Panels::of_columns(weight, input, output, input);
-    let task = Task::of(x.len() / input, input);
+    let task = Task::of(x.len(), input, output);
     let outputs = y.par_chunks_mut(task.rows * output);
     outputs.zip(x.par_chunks(task.rows * input)).for_each_init(Vec::new, |scratch, (y, x)| {
         scratch.resize(x.len(), 0.0);
@@ -62,15 +64,14 @@ pub(super) fn forward_of(
 pub(super) fn forward_of_onto(
     f: impl Fn(&[f32], &mut [f32]) + Sync,
     x: &[f32],
-    weight: &[f32],
+    input: usize,
+    weight: &Panels,
     bias: &[f32],
     z: &[f32],
     y: &mut [f32],
 ) {
     let output = bias.len();
-    let input = weight.len() / output;
-    let weight = Panels::of_columns(weight, input, output, input);
-    let task = Task::of(x.len() / input, input);
+    let task = Task::of(x.len(), input, output);
     let outputs = y.par_chunks_mut(task.rows * output).zip(z.par_chunks(task.rows * output));
     outputs.zip(x.par_chunks(task.rows * input)).for_each_init(Vec::new, |scratch, ((y, z), x)| {
         scratch.resize(x.len(), 0.0);
@@ -95,7 +96,7 @@ pub(super) fn input_gradient(
 ) {
     let input = weight.len() / output;
     let weight = Panels::of_rows(weight, output, input, input);
-    let task = Task::of(dy.len() / output, output);
+    let task = Task::of(dy.len(), output, input);
     let gradients = dx.par_chunks_mut(task.rows * input);
     gradients.zip(dy.par_chunks(task.rows * output)).enumerate().for_each(|(index, (dx, dy))| {
         weight.multiply(task.left(dy), Onto::Nothing, dx, input);
@@ -112,9 +113,11 @@ struct Task {
 }
 
 impl Task {
-    /// Of so many rows of `depth` elements.
-    fn of(rows: usize, depth: usize) -> Self {
-        let fair = rows.div_ceil(2 * rayon::current_num_threads());
+    /// Of rows of `depth` elements, `length` in all, which become rows of `output`.
+    fn of(length: usize, depth: usize, output: usize) -> Self {
+        let rows = length / depth;
+        let tasks = if length * output < ALONE { 1 } else { 2 * rayon::current_num_threads() };
+        let fair = rows.div_ceil(tasks);
         let rows = (TASK / depth).min(fair).max(1).next_multiple_of(TILE_ROWS);
         Self { rows, depth, offsets: (0..rows).map(|row| row * depth).collect() }
     }

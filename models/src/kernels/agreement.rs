@@ -7,8 +7,8 @@ use burn::tensor::{Device, Tensor};
 use proptest::prelude::{Just, ProptestConfig, Strategy, proptest};
 
 use super::{
-    Mask, attention, conv_transpose1d, conv1d, gelu_linear, gelu_linear_onto, group_norm_mish,
-    layer_norm, linear, mish, norm_linear,
+    Mask, PackedWeight, attention, conv_transpose1d, conv1d, gelu_linear, gelu_linear_onto,
+    group_norm_mish, layer_norm, linear, mish, norm_linear,
 };
 use crate::initialization::InitialWeights;
 use crate::parameters::host_values;
@@ -88,9 +88,25 @@ fn linear_agrees() {
     for [batch, tokens, input, output] in [[1, 1, 1, 1], [3, 5, 7, 9], [4, 40, 140, 96]] {
         check_agreement(
             [[batch, tokens, input], [1, output, input], [1, 1, output]],
-            |[x, weight, bias]| linear(x, matrix(weight), flat(bias)),
+            |[x, weight, bias]| linear(x, matrix(weight), flat(bias), &PackedWeight::default()),
             |[x, weight, bias]| linear::plain(x, matrix(weight), flat(bias)),
         );
+    }
+}
+
+#[test]
+fn what_is_kept_of_a_weight_is_not_used_for_another() {
+    let packed = PackedWeight::default();
+    let product = |weight: f64, packed: &PackedWeight| {
+        let device = Device::flex();
+        let x = Tensor::<3>::ones([1, 9, 20], &device);
+        let weight = Tensor::<2>::ones([8, 20], &device) * weight;
+        host_values(linear(x, weight, Tensor::zeros([8], &device), packed)).unwrap()[0]
+    };
+    // Each weight is freed before the next, which could be given its memory.
+    for weight in [1.0, 2.0, 3.0, 4.0] {
+        assert_eq!(f64::from(product(weight, &packed)), 20.0 * weight);
+        assert_eq!(f64::from(product(weight, &packed.clone())), 20.0 * weight);
     }
 }
 
@@ -107,7 +123,8 @@ fn norm_linear_agrees() {
         check_agreement(
             shapes,
             |[x, scale, shift, weight, bias]| {
-                norm_linear(x, [flat(scale), flat(shift)], matrix(weight), flat(bias))
+                let norm = [flat(scale), flat(shift)];
+                norm_linear(x, norm, matrix(weight), flat(bias), &PackedWeight::default())
             },
             |[x, scale, shift, weight, bias]| {
                 norm_linear::plain(x, [flat(scale), flat(shift)], matrix(weight), flat(bias))
@@ -123,7 +140,10 @@ fn gelu_linear_agrees() {
             [[batch, tokens, output], [batch, tokens, input], [1, output, input], [1, 1, output]];
         check_agreement(
             shapes,
-            |[residual, x, weight, bias]| gelu_linear_onto(residual, x, matrix(weight), flat(bias)),
+            |[residual, x, weight, bias]| {
+                let packed = PackedWeight::default();
+                gelu_linear_onto(residual, x, matrix(weight), flat(bias), &packed)
+            },
             |[residual, x, weight, bias]| {
                 gelu_linear::plain(residual, x, matrix(weight), flat(bias))
             },

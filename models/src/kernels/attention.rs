@@ -221,8 +221,8 @@ impl FusedOp<3> for Attention {
             .zip(value.values().par_chunks(of_key))
             .zip(output.par_chunks_mut(of_query))
             .for_each(|(((query, key), value), output)| {
-                let heads = (0..d_model).into_par_iter().step_by(width);
-                let keys: Vec<Panels> = heads
+                let keys: Vec<Panels> = (0..d_model)
+                    .step_by(width)
                     .map(|head| Panels::of_columns(&key[head..], width, sources, d_model))
                     .collect();
                 output

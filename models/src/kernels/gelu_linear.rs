@@ -2,6 +2,7 @@ use burn::tensor::{Tensor, activation};
 use rayon::prelude::*;
 
 use super::fused::{Array, FusedOp, apply, operand};
+use super::packed::{PackedWeight, Packing};
 use super::{affine, linear, vectorized};
 
 /// Elements of a task: 64 KiB, which stay in the cache between read and write.
@@ -17,9 +18,11 @@ pub(crate) fn gelu_linear_onto(
     x: Tensor<3>,
     weight: Tensor<2>,
     bias: Tensor<1>,
+    packed: &PackedWeight,
 ) -> Tensor<3> {
+    let packing = packed.packing(weight.is_autodiff());
     let operands = [operand(&residual), operand(&x), operand(&weight), operand(&bias)];
-    apply(GeluLinear, operands).unwrap_or_else(|| plain(residual, x, weight, bias))
+    apply(GeluLinear { packing }, operands).unwrap_or_else(|| plain(residual, x, weight, bias))
 }
 
 pub(super) fn plain(
@@ -33,15 +36,18 @@ pub(super) fn plain(
 
 /// dW = dyᵀ gelu(x), db = Σ dy, dx = gelu'(x) (dy W); the residual's gradient is dy.
 #[derive(Clone, Debug)]
-struct GeluLinear;
+struct GeluLinear {
+    packing: Packing,
+}
 
 impl FusedOp<4> for GeluLinear {
     fn forward(&self, [residual, x, weight, bias]: &[Array; 4]) -> Array {
         let mut y = vec![0.0; residual.values().len()];
         affine::forward_of_onto(
-            |x, g| vectorized::gelu(x, g),
+            vectorized::gelu,
             x.values(),
-            weight.values(),
+            x.width(),
+            &self.packing.transposed(weight),
             bias.values(),
             residual.values(),
             &mut y,

@@ -2,10 +2,17 @@ use burn::tensor::Tensor;
 
 use super::affine;
 use super::fused::{Array, FusedOp, apply, operand};
+use super::packed::{PackedWeight, Packing};
 
 /// `x Wᵀ + b` for x `[batch, token, input]`, W `[output, input]`, b `[output]`.
-pub(crate) fn linear(x: Tensor<3>, weight: Tensor<2>, bias: Tensor<1>) -> Tensor<3> {
-    apply(Linear, [operand(&x), operand(&weight), operand(&bias)])
+pub(crate) fn linear(
+    x: Tensor<3>,
+    weight: Tensor<2>,
+    bias: Tensor<1>,
+    packed: &PackedWeight,
+) -> Tensor<3> {
+    let packing = packed.packing(weight.is_autodiff());
+    apply(Linear { packing }, [operand(&x), operand(&weight), operand(&bias)])
         .unwrap_or_else(|| plain(x, weight, bias))
 }
 
@@ -20,13 +27,21 @@ pub(super) fn plain(x: Tensor<3>, weight: Tensor<2>, bias: Tensor<1>) -> Tensor<
 ///
 /// Tasks share out the rows of x, dx and dW, so that every sum is one task's.
 #[derive(Clone, Debug)]
-struct Linear;
+struct Linear {
+    packing: Packing,
+}
 
 impl FusedOp<3> for Linear {
     fn forward(&self, [x, weight, bias]: &[Array; 3]) -> Array {
         let output = bias.width();
         let mut y = vec![0.0; x.values().len() / x.width() * output];
-        affine::forward(x.values(), weight.values(), bias.values(), &mut y);
+        let input = x.width();
+        if x.values().len() == input {
+            affine::row(x.values(), weight.values(), bias.values(), &mut y);
+        } else {
+            let weight = self.packing.transposed(weight);
+            affine::forward(x.values(), input, &weight, bias.values(), &mut y);
+        }
         let mut shape = x.shape().to_vec();
         if let Some(width) = shape.last_mut() {
             *width = output;

@@ -1,6 +1,7 @@
 use burn::tensor::Tensor;
 
 use super::fused::{Array, FusedOp, apply, operand};
+use super::packed::{PackedWeight, Packing};
 use super::{affine, layer_norm, linear, vectorized};
 
 /// [`super::linear`] of [`super::layer_norm`] of x `[batch, token, input]`, without keeping what is
@@ -10,10 +11,12 @@ pub(crate) fn norm_linear(
     norm: [Tensor<1>; 2],
     weight: Tensor<2>,
     bias: Tensor<1>,
+    packed: &PackedWeight,
 ) -> Tensor<3> {
+    let packing = packed.packing(weight.is_autodiff());
     let [scale, shift] = &norm;
     let operands = [operand(&x), operand(scale), operand(shift), operand(&weight), operand(&bias)];
-    apply(NormLinear, operands).unwrap_or_else(|| plain(x, norm, weight, bias))
+    apply(NormLinear { packing }, operands).unwrap_or_else(|| plain(x, norm, weight, bias))
 }
 
 pub(super) fn plain(
@@ -27,7 +30,9 @@ pub(super) fn plain(
 
 /// With n = norm(x): dn = dy W, dW = dyᵀ n, db = Σ dy, and of dn what a norm's derivative makes.
 #[derive(Clone, Debug)]
-struct NormLinear;
+struct NormLinear {
+    packing: Packing,
+}
 
 impl FusedOp<5> for NormLinear {
     fn forward(&self, [x, scale, shift, weight, bias]: &[Array; 5]) -> Array {
@@ -36,7 +41,8 @@ impl FusedOp<5> for NormLinear {
         let norm = |x: &[f32], n: &mut [f32]| {
             vectorized::layer_norm(x, scale.values(), shift.values(), layer_norm::EPSILON, n);
         };
-        affine::forward_of(norm, x.values(), weight.values(), bias.values(), &mut y);
+        let weight = self.packing.transposed(weight);
+        affine::forward_of(norm, x.values(), x.width(), &weight, bias.values(), &mut y);
         let mut shape = x.shape().to_vec();
         if let Some(width) = shape.last_mut() {
             *width = output;

@@ -14,7 +14,7 @@ const TASK: usize = 65_536;
 
 /// The right factor of a product, copied so that what a tile reads lies together: panels of
 /// neighbouring columns, each row by row.
-#[derive(Default)]
+#[derive(Debug, Default)]
 pub(super) struct Panels {
     values: Vec<f32>,
     columns: usize,
