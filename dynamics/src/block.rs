@@ -191,11 +191,18 @@ fn add_gravity_torques<L: Kernels>(
 
 impl<L: Kernels> State<L> {
     #[inline(always)]
-    fn set_lane(&mut self, lane: usize, q: &Joints<f64>, qd: &Joints<f64>) {
+    pub(crate) fn set_lane(&mut self, lane: usize, q: &Joints<f64>, qd: &Joints<f64>) {
+        self.set_position(lane, q);
+        for joint in 0..JOINTS {
+            self.qd[joint].set_lane(lane, qd[joint]);
+        }
+    }
+
+    #[inline(always)]
+    pub(crate) fn set_position(&mut self, lane: usize, q: &Joints<f64>) {
         for joint in 0..JOINTS {
             self.q[joint].set_lane(lane, q[joint]);
             self.q_remainder[joint].set_lane(lane, 0.0);
-            self.qd[joint].set_lane(lane, qd[joint]);
         }
     }
 }

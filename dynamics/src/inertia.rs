@@ -61,6 +61,15 @@ impl RigidBody {
         Self { inertia: symmetric_rows(&inertia), ..*self }
     }
 
+    /// The body stretched along the axes of its frame until its second moments about the planes across
+    /// them are `factors` times what they were: Σ → A Σ Aᵀ with A = diag(√factors). Mass and centre
+    /// stay, and what was physical stays so (Sylvester's law of inertia).
+    #[must_use]
+    pub fn stretched(&self, factors: [f64; 3]) -> Self {
+        let stretches = Matrix3::from_diagonal(&factors.map(f64::sqrt).into());
+        self.with_second_moments(&(stretches * self.second_moments() * stretches))
+    }
+
     /// The nearest physical body: negative principal second moments are raised to (almost) zero.
     ///
     /// A body that is physical already is returned bit for bit.

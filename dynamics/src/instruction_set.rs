@@ -7,6 +7,7 @@ use crate::block::Block;
 use crate::lanes::{F32Array, F64Array, Kernels};
 #[cfg(target_arch = "x86_64")]
 use crate::lanes::{F32x8, F32x16, F64x4, F64x8};
+use crate::replay::Together;
 
 /// The vector instructions a simulation uses. A value exists only where the processor has them.
 ///
@@ -81,6 +82,21 @@ impl InstructionSet {
             (Kind::Avx2, Precision::F64) => F64x4::simulate(block),
             (Kind::Portable, Precision::F32) => F32Array::<8>::simulate(block),
             (Kind::Portable, Precision::F64) => F64Array::<4>::simulate(block),
+        }
+    }
+
+    pub(crate) fn replay(self, precision: Precision, together: &mut Together<'_>) {
+        match (self.0, precision) {
+            #[cfg(target_arch = "x86_64")]
+            (Kind::Avx512, Precision::F32) => F32x16::replay(together),
+            #[cfg(target_arch = "x86_64")]
+            (Kind::Avx512, Precision::F64) => F64x8::replay(together),
+            #[cfg(target_arch = "x86_64")]
+            (Kind::Avx2, Precision::F32) => F32x8::replay(together),
+            #[cfg(target_arch = "x86_64")]
+            (Kind::Avx2, Precision::F64) => F64x4::replay(together),
+            (Kind::Portable, Precision::F32) => F32Array::<8>::replay(together),
+            (Kind::Portable, Precision::F64) => F64Array::<4>::replay(together),
         }
     }
 }

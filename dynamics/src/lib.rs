@@ -4,6 +4,7 @@
 //! joint positions. Trajectory `i` is a function of (spec, `i`): every random number is keyed by
 //! (seed, index, purpose, draw), and every lane type does the same fused arithmetic in the same
 //! order, so that ranges, threads, neighbours and processors do not show in the result.
+//! [`Replay`] moves robots that are given by torques that are given, on the same lanes.
 //!
 //! Symbols are those of the manipulator equation
 //! `(M(q) + A) q̈ + C(q, q̇) q̇ + g(q) + D q̇ + τ_f(q̇) = u`, in SI units, with armature `A`, damping `D`
@@ -33,6 +34,7 @@ mod random;
 mod randomization;
 mod regrouping;
 mod rejection;
+mod replay;
 mod robot;
 mod scenario;
 mod simulate;
@@ -46,6 +48,7 @@ pub use inertia::RigidBody;
 pub use instruction_set::InstructionSet;
 pub use kinematics::{Kinematics, Pose};
 pub use panda::JOINT_LIMITS_RAD;
+pub use replay::{Anchor, Motion, Replay};
 pub use robot::{Payload, Robot};
 pub use scenario::{Scenario, Scenarios};
 pub use simulate::{Trajectories, simulate, simulate_into, simulate_on};

@@ -1,6 +1,5 @@
 //! Robots around the nominal one.
 
-use nalgebra::Matrix3;
 use spec::{InertiaScheme, RobotSpec};
 
 use crate::panda::{Bodies, KINEMATICS};
@@ -77,17 +76,11 @@ fn draw_body(spec: &RobotSpec, nominal: &RigidBody, draws: &mut Draws) -> RigidB
         inertia: nominal.inertia,
     };
     match spec.inertia_scheme {
-        InertiaScheme::PseudoInertia => stretched(&body, spec.inertia_fraction, draws),
+        InertiaScheme::PseudoInertia => {
+            body.stretched(std::array::from_fn(|_| draws.factor(spec.inertia_fraction)))
+        }
         InertiaScheme::PerEntry => per_entry(&body, spec.inertia_fraction, draws),
     }
-}
-
-/// Σ → A Σ Aᵀ with A = diag(√U(1 ± p)): stretches the body along its axes, so that diagonal
-/// second moments vary by ±p and the result is always physical (Sylvester's law of inertia).
-fn stretched(body: &RigidBody, fraction: f64, draws: &mut Draws) -> RigidBody {
-    let mut stretch = || draws.factor(fraction).sqrt();
-    let stretches = Matrix3::from_diagonal(&[stretch(), stretch(), stretch()].into());
-    body.with_second_moments(&(stretches * body.second_moments() * stretches))
 }
 
 /// Every one of the nine entries on its own, symmetrized and projected: the paper's scheme, made

@@ -8,6 +8,7 @@ use super::{F32Array, F64Array, Lanes};
 use crate::block::{self, Block};
 use crate::forward_dynamics::{self, Dynamics};
 use crate::model::Model;
+use crate::replay::{self, Together};
 use crate::spatial::Turn;
 use crate::{DynamicsError, Joints};
 
@@ -32,6 +33,9 @@ pub(crate) trait Kernels: Lanes {
 
     /// See [`block::simulate`].
     fn simulate(block: &mut Block<'_>) -> Result<(), DynamicsError>;
+
+    /// See [`replay::replay`].
+    fn replay(together: &mut Together<'_>);
 }
 
 macro_rules! kernels {
@@ -100,6 +104,20 @@ macro_rules! kernels {
                 // SAFETY: `InstructionSet` lets only processors with the features come here.
                 unsafe {
                     compiled(block)
+                }
+            }
+
+            #[inline(always)]
+            fn replay(together: &mut Together<'_>) {
+                $(#[target_feature(enable = $features)])?
+                #[inline(never)]
+                fn compiled(together: &mut Together<'_>) {
+                    replay::replay::<$lanes>(together);
+                }
+                #[allow(unused_unsafe, reason = "array lanes need no instructions of their own")]
+                // SAFETY: `InstructionSet` lets only processors with the features come here.
+                unsafe {
+                    compiled(together)
                 }
             }
         }

@@ -1,0 +1,138 @@
+//! Robots that are given, moved from states that are given by torques that are given.
+//!
+//! What identification needs: every robot of a batch has a lane, and nothing is drawn, rejected or
+//! compensated.
+
+use rayon::prelude::*;
+use spec::{Integrator, JOINTS, Precision, SimulateSpec};
+
+use crate::integrators::{Scheme, State, advance};
+use crate::lanes::{Kernels, MAX_LANES};
+use crate::model::Model;
+use crate::{InstructionSet, Joints, Robot};
+
+/// One robot and what moves it.
+#[derive(Clone, Copy, Debug)]
+pub struct Motion<'a> {
+    pub robot: &'a Robot,
+    /// Positions at the first sample, rad.
+    pub q0: Joints<f64>,
+    /// Velocities at the first sample, rad/s.
+    pub qd0: Joints<f64>,
+    /// All that acts, N·m: where an arm's controller compensates gravity, its torques too. Each is
+    /// held until the next sample.
+    pub u: &'a [Joints<f32>],
+    /// Where the arm is put on its way, in the order of samples.
+    pub anchors: &'a [Anchor],
+}
+
+/// A position the arm is put to at a sample, with the velocity it has there: what keeps a simulation
+/// beside a measured motion, where gravity would lead two arms that differ in little ever further apart.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Anchor {
+    pub sample: usize,
+    /// rad.
+    pub q: Joints<f64>,
+}
+
+/// How motions are simulated. With the fields of a [`SimulateSpec`] a robot that was drawn moves as
+/// it did there, to the last bit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Replay {
+    pub rate_hz: f64,
+    pub integrator: Integrator,
+    pub precision: Precision,
+    /// Shows only in the time it takes.
+    pub instructions: InstructionSet,
+}
+
+/// Motions that fit into the lanes of one vector.
+pub(crate) struct Together<'a> {
+    replay: &'a Replay,
+    motions: &'a [Motion<'a>],
+    /// `[motion, sample]`.
+    q: &'a mut [Joints<f32>],
+}
+
+impl Replay {
+    pub fn of(spec: &SimulateSpec) -> Self {
+        Self {
+            rate_hz: spec.rate_hz,
+            integrator: spec.integrator,
+            precision: spec.precision,
+            instructions: InstructionSet::best(),
+        }
+    }
+
+    /// Positions `[motion, sample]` at every torque's sample, before it acts and before an anchor holds,
+    /// in rad; on all threads of the current rayon pool.
+    ///
+    /// A motion that diverges has values that are not finite from some sample on and leaves the
+    /// others alone.
+    ///
+    /// # Panics
+    /// When motions differ in their number of torques.
+    pub fn run(&self, motions: &[Motion<'_>]) -> Vec<Joints<f32>> {
+        let samples = motions.first().map_or(0, |motion| motion.u.len());
+        assert!(motions.iter().all(|motion| motion.u.len() == samples), "motions of equal length");
+        let mut q = vec![[0.0; JOINTS]; motions.len() * samples];
+        if samples == 0 {
+            return q;
+        }
+        let lanes = self.instructions.lanes(self.precision);
+        motions.par_chunks(lanes).zip(q.par_chunks_mut(lanes * samples)).for_each(
+            |(motions, q)| {
+                let mut together = Together { replay: self, motions, q };
+                self.instructions.replay(self.precision, &mut together);
+            },
+        );
+        q
+    }
+}
+
+/// Fills the positions of at most as many motions as there are lanes.
+#[inline(always)]
+pub(crate) fn replay<L: Kernels>(together: &mut Together<'_>) {
+    let Together { replay, motions, q } = together;
+    let scheme = Scheme::from(replay.integrator);
+    let period = 1.0 / replay.rate_hz;
+    let samples = motions[0].u.len();
+    // Lanes without a motion of their own repeat the first robot, at rest.
+    let mut model = Model::splat(motions[0].robot);
+    let mut state = State::<L>::zero();
+    for lane in 0..motions.len() {
+        let motion = &motions[lane];
+        model.set_lane(lane, motion.robot);
+        state.set_lane(lane, &motion.q0, &motion.qd0);
+    }
+    let mut anchored = [0; MAX_LANES];
+    for sample in 0..samples {
+        let mut positions = [[0.0; MAX_LANES]; JOINTS];
+        for joint in 0..JOINTS {
+            state.q[joint].store(&mut positions[joint]);
+        }
+        let mut torques = [[0.0; MAX_LANES]; JOINTS];
+        for lane in 0..motions.len() {
+            let u = &motions[lane].u[sample];
+            let q = &mut q[lane * samples + sample];
+            for joint in 0..JOINTS {
+                q[joint] = positions[joint][lane];
+                torques[joint][lane] = u[joint];
+            }
+            if let Some(anchor) = motions[lane].anchors.get(anchored[lane])
+                && anchor.sample == sample
+            {
+                state.set_position(lane, &anchor.q);
+                anchored[lane] += 1;
+            }
+        }
+        if sample + 1 == samples {
+            return;
+        }
+        let mut torque = state.qd;
+        for joint in 0..JOINTS {
+            torque[joint] = L::load(&torques[joint]);
+        }
+        advance(scheme, period, &model, &torque, &mut state);
+    }
+}

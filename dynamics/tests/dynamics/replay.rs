@@ -1,0 +1,108 @@
+//! Robots that were drawn, moved again outside their simulation.
+
+use dynamics::{Anchor, InstructionSet, Joints, Motion, Replay, Robot, Trajectories};
+use serde_json::json;
+use spec::{JOINTS, SimulateSpec};
+
+use super::{mixed, run, spec};
+
+fn with_everything(precision: &str) -> SimulateSpec {
+    spec(
+        &mixed(),
+        &json!({
+            "samples": 90,
+            "precision": precision,
+            "robot": {
+                "armature_fraction": 0.2,
+                "geometry_fraction": 0.1,
+                "friction": {},
+                "payload": {"mass_kg": [0.1, 2.0]},
+                "gravity": "compensated",
+            },
+            "integrator": {"scheme": "rk4", "substeps": 16},
+        }),
+    )
+}
+
+fn motions(trajectories: &Trajectories) -> Vec<Motion<'_>> {
+    let torques = trajectories.u.as_chunks::<JOINTS>().0.chunks_exact(trajectories.samples);
+    trajectories
+        .scenarios
+        .iter()
+        .zip(torques)
+        .map(|(scenario, u)| Motion {
+            robot: &scenario.robot,
+            q0: scenario.q0,
+            qd0: scenario.qd0,
+            u,
+            anchors: &[],
+        })
+        .collect()
+}
+
+#[test]
+fn a_drawn_robot_moves_again_to_the_same_bits_on_every_instruction_set() {
+    for precision in ["f32", "f64"] {
+        for spec in [spec(&mixed(), &json!({"precision": precision})), with_everything(precision)] {
+            let trajectories = run(&spec, 5..42);
+            for instructions in InstructionSet::available() {
+                let replay = Replay { instructions, ..Replay::of(&spec) };
+                let q = replay.run(&motions(&trajectories));
+                assert!(q.as_flattened() == trajectories.q, "{instructions}, {precision}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_motion_that_diverges_leaves_its_neighbours_alone() {
+    let spec = spec(&mixed(), &json!({}));
+    let trajectories = run(&spec, 0..5);
+    let absurd: Joints<f64> = [f64::NAN; JOINTS];
+    let mut motions = motions(&trajectories);
+    motions[2].qd0 = absurd;
+    let q = Replay::of(&spec).run(&motions);
+    let samples = trajectories.samples;
+    for (row, q) in q.chunks_exact(samples).enumerate() {
+        let expected = &trajectories.q[row * samples * JOINTS..][..samples * JOINTS];
+        if row == 2 {
+            assert!(q[samples - 1].iter().all(|q| q.is_nan()));
+        } else {
+            assert!(q.as_flattened() == expected, "motion {row}");
+        }
+    }
+}
+
+#[test]
+fn no_motions_and_no_torques_have_no_positions() {
+    let replay = Replay::of(&spec(&mixed(), &json!({})));
+    assert!(replay.run(&[]).is_empty());
+    let robot = Robot::panda();
+    let still =
+        Motion { robot: &robot, q0: [0.0; JOINTS], qd0: [0.0; JOINTS], u: &[], anchors: &[] };
+    assert!(replay.run(&[still]).is_empty());
+}
+
+#[test]
+fn an_arm_that_is_put_elsewhere_goes_on_from_there_with_its_velocity() {
+    let fields = json!({"precision": "f64", "observations": {"joint_velocities": true}});
+    let spec = spec(&mixed(), &fields);
+    let trajectories = run(&spec, 0..3);
+    let velocities = trajectories.qd.as_ref().unwrap().as_chunks::<JOINTS>().0;
+    let (sample, elsewhere) = (70, [0.1, -0.2, 0.3, -1.4, 0.2, 1.7, 0.4]);
+    let anchors = [Anchor { sample, q: elsewhere }];
+    let samples = trajectories.samples;
+    for (row, motion) in motions(&trajectories).into_iter().enumerate() {
+        let anchored = Replay::of(&spec).run(&[Motion { anchors: &anchors, ..motion }]);
+        let before = &trajectories.q[row * samples * JOINTS..][..(sample + 1) * JOINTS];
+        assert!(anchored[..=sample].as_flattened() == before);
+
+        let qd0 = velocities[row * samples + sample].map(f64::from);
+        let from_there = Motion { q0: elsewhere, qd0, u: &motion.u[sample..], ..motion };
+        let expected = Replay::of(&spec).run(&[from_there]);
+        let later = anchored[sample + 1..].as_flattened().iter();
+        for (anchored, expected) in later.zip(expected[1..].as_flattened()) {
+            assert!((anchored - expected).abs() < 1e-5, "{anchored} {expected}");
+        }
+    }
+}
