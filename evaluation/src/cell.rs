@@ -1,7 +1,10 @@
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use spec::{Family, JOINTS};
 
-use crate::{EvaluationError, Predictor, Scenarios, rmse_deg};
+use crate::metrics::{JitterMeter, step_squares_deg2};
+use crate::scores::{PerJoint, ScenarioErrors, degrees};
+use crate::{EvaluationError, Observed, Predictor, Samples, Scenarios};
 
 /// The errors of every predictor on the same scenarios of one cell.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -12,52 +15,304 @@ pub struct CellResult {
     /// Index of the first scenario in the dataset; the others follow.
     pub first: u64,
     pub predictors: Vec<PredictorErrors>,
+    /// What the measured motions themselves have above the band, see [`measured_jitter_deg`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub measured_jitter_deg: Option<f64>,
 }
 
-/// One predictor's error on each scenario of a cell, in order.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+/// One predictor's errors on the scenarios of a cell, in order.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct PredictorErrors {
     pub predictor: String,
-    pub rmse_deg: Vec<f64>,
+    /// Mean over joints. `None` where there is no answer.
+    pub rmse_deg: Vec<Option<f64>>,
+    /// `None` where there is no answer. Empty in results that hold means only, as the first did.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub scenarios: Vec<Option<ScenarioErrors>>,
+    /// Squared error of each step of the horizon, summed over the scenarios with an answer.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub step_squares_deg2: Vec<[f64; JOINTS]>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub failure: Option<Failure>,
+}
+
+/// Scenarios of a cell that a predictor has no answer to.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Failure {
+    /// How many.
+    pub scenarios: usize,
+    /// The first of them, counted from 0 in the cell.
+    pub first: usize,
+    pub reason: String,
+}
+
+/// How predictors are asked and scored.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Scoring {
+    pub context: usize,
+    /// Samples asked of every predictor that has several; below 2 none are.
+    pub samples: usize,
+    /// Above which a prediction's power is jitter, see [`crate::metrics::band_edge_hz`]; `None`
+    /// measures none.
+    pub band_edge_hz: Option<f64>,
+}
+
+/// A row of the result table: one scenario, joint and predictor. Errors are `None` where there is
+/// no answer, and what was not measured or needs more samples is too.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Row<'a> {
+    pub cell: usize,
+    pub family: Family,
+    pub frequency_hz: f64,
+    /// Index in the dataset.
+    pub trajectory: u64,
+    /// 1 to 7.
+    pub joint: usize,
+    pub predictor: &'a str,
+    pub rmse_deg: Option<f32>,
+    pub jitter_deg: Option<f32>,
+    pub smoothed_jitter_deg: Option<f32>,
+    pub smoothed_rmse_deg: Option<f32>,
+    pub mean_rmse_deg: Option<f32>,
+    pub crps_deg: Option<f32>,
+    /// Of the scenario, the same for all its joints.
+    pub energy_score_deg: Option<f32>,
+    pub coverage_50: Option<f32>,
+    pub width_50_deg: Option<f32>,
+    pub coverage_90: Option<f32>,
+    pub width_90_deg: Option<f32>,
 }
 
 /// Asks each predictor the same question and scores the answers.
 ///
-/// # Errors
-/// A predictor that fails, or answers with another length or a value that is not finite.
+/// A predictor that fails, or has no finite answer to some scenarios, says so in its
+/// [`PredictorErrors::failure`]; the others are scored all the same.
+///
+/// # Panics
+/// As [`Scenarios::observed`].
 pub fn evaluate_cell(
     scenarios: &Scenarios,
-    context: usize,
+    scoring: &Scoring,
     predictors: &[Box<dyn Predictor + '_>],
-) -> Result<Vec<PredictorErrors>, EvaluationError> {
-    let observed = scenarios.observed(context);
-    let values_per_scenario = observed.horizon() * JOINTS;
-    predictors
-        .iter()
-        .map(|predictor| {
-            let name = predictor.name().to_owned();
-            let predicted = predictor.predict(&observed)?;
-            let expected = scenarios.size * values_per_scenario;
-            if predicted.len() != expected {
-                let got = predicted.len();
-                return Err(EvaluationError::WrongLength { predictor: name, got, expected });
+) -> Vec<PredictorErrors> {
+    let observed = scenarios.observed(scoring.context);
+    let scorer = Scorer {
+        truth: &scenarios.horizon_positions(scoring.context),
+        row: observed.horizon() * JOINTS,
+        meter: meter(&observed, scoring),
+    };
+    predictors.iter().map(|predictor| scorer.errors(&**predictor, &observed, scoring)).collect()
+}
+
+/// Root mean square above the band's edge of the measured horizon, mean over joints and scenarios:
+/// below this no predictor's jitter is its own doing.
+///
+/// # Panics
+/// As [`Scenarios::observed`].
+pub fn measured_jitter_deg(scenarios: &Scenarios, scoring: &Scoring) -> Option<f64> {
+    let observed = scenarios.observed(scoring.context);
+    let meter = meter(&observed, scoring)?;
+    let truth = scenarios.horizon_positions(scoring.context);
+    let rows = truth.chunks_exact(observed.horizon() * JOINTS);
+    let total: f64 = rows
+        .flat_map(|row| (0..JOINTS).map(move |joint| degrees(row, joint)))
+        .map(|series| meter.jitter(&series))
+        .sum();
+    (scenarios.size > 0).then(|| total / (scenarios.size * JOINTS) as f64)
+}
+
+fn meter(observed: &Observed, scoring: &Scoring) -> Option<JitterMeter> {
+    JitterMeter::new(observed.horizon(), scoring.band_edge_hz?, observed.rate_hz)
+}
+
+struct Scorer<'a> {
+    /// `[size, horizon, 7]`.
+    truth: &'a [f32],
+    /// Values per scenario.
+    row: usize,
+    meter: Option<JitterMeter>,
+}
+
+/// A predictor's answers.
+struct Answer {
+    /// `[size, horizon, 7]`.
+    positions: Vec<f32>,
+    samples: Option<Samples>,
+}
+
+impl Scorer<'_> {
+    fn errors(
+        &self,
+        predictor: &dyn Predictor,
+        observed: &Observed,
+        scoring: &Scoring,
+    ) -> PredictorErrors {
+        let size = observed.size;
+        let answer = match self.ask(predictor, observed, scoring) {
+            Ok(answer) => answer,
+            Err(error) => {
+                let reason = with_sources(&error);
+                return PredictorErrors {
+                    predictor: predictor.name().to_owned(),
+                    rmse_deg: vec![None; size],
+                    scenarios: vec![None; size],
+                    failure: Some(Failure { scenarios: size, first: 0, reason }),
+                    ..PredictorErrors::default()
+                };
             }
-            if let Some(at) = predicted.iter().position(|value| !value.is_finite()) {
-                let scenario = at / values_per_scenario;
-                return Err(EvaluationError::NotFinite { predictor: name, scenario });
+        };
+        let scenarios: Vec<Option<ScenarioErrors>> =
+            (0..size).into_par_iter().map(|scenario| self.score(&answer, scenario)).collect();
+        let mut step_squares = vec![[0.0; JOINTS]; observed.horizon()];
+        for scenario in (0..size).filter(|&scenario| scenarios[scenario].is_some()) {
+            let of_scenario = scenario * self.row..(scenario + 1) * self.row;
+            let (truth, predicted) =
+                (&self.truth[of_scenario.clone()], &answer.positions[of_scenario]);
+            for (sums, squares) in step_squares.iter_mut().zip(step_squares_deg2(truth, predicted))
+            {
+                for joint in 0..JOINTS {
+                    sums[joint] += squares[joint];
+                }
             }
-            let rmse_deg = rmse_deg(scenarios, context, &predicted);
-            Ok(PredictorErrors { predictor: name, rmse_deg })
+        }
+        let failed = scenarios.iter().filter(|errors| errors.is_none()).count();
+        let first = scenarios.iter().position(Option::is_none);
+        PredictorErrors {
+            predictor: predictor.name().to_owned(),
+            rmse_deg: scenarios.iter().map(|it| it.as_ref().map(mean_rmse_deg)).collect(),
+            failure: first.map(|first| Failure {
+                scenarios: failed,
+                first,
+                reason: "a value that is not finite".to_owned(),
+            }),
+            scenarios,
+            step_squares_deg2: step_squares,
+        }
+    }
+
+    fn ask(
+        &self,
+        predictor: &dyn Predictor,
+        observed: &Observed,
+        scoring: &Scoring,
+    ) -> Result<Answer, EvaluationError> {
+        let check = |got: usize, expected: usize| {
+            let predictor = predictor.name().to_owned();
+            if got == expected {
+                return Ok(());
+            }
+            Err(EvaluationError::WrongLength { predictor, got, expected })
+        };
+        let positions = predictor.predict(observed)?;
+        check(positions.len(), self.truth.len())?;
+        let samples = match scoring.samples {
+            0 | 1 => None,
+            count => predictor.sample(observed, count)?,
+        };
+        if let Some(samples) = &samples {
+            check(samples.positions.len(), samples.count * self.truth.len())?;
+        }
+        Ok(Answer { positions, samples })
+    }
+
+    /// `None` where something that was answered is not finite.
+    fn score(&self, answer: &Answer, scenario: usize) -> Option<ScenarioErrors> {
+        let of_scenario = scenario * self.row..(scenario + 1) * self.row;
+        let truth = &self.truth[of_scenario.clone()];
+        let predicted = &answer.positions[of_scenario.clone()];
+        let samples: Vec<&[f32]> = match &answer.samples {
+            Some(samples) => samples
+                .positions
+                .chunks_exact(self.truth.len())
+                .map(|sample| &sample[of_scenario.clone()])
+                .collect(),
+            None => Vec::new(),
+        };
+        let mut answered = samples.iter().copied().chain([predicted]).flatten();
+        answered
+            .all(|value| value.is_finite())
+            .then(|| ScenarioErrors::new(truth, predicted, &samples, self.meter.as_ref()))
+    }
+}
+
+fn mean_rmse_deg(errors: &ScenarioErrors) -> f64 {
+    errors.rmse_deg.iter().map(|rmse| f64::from(*rmse)).sum::<f64>() / JOINTS as f64
+}
+
+fn with_sources(error: &EvaluationError) -> String {
+    let mut text = error.to_string();
+    let mut source = std::error::Error::source(error);
+    while let Some(cause) = source {
+        text.push_str(": ");
+        text.push_str(&cause.to_string());
+        source = cause.source();
+    }
+    text
+}
+
+impl CellResult {
+    /// Of all scenarios, joints and predictors, in the order predictor, scenario, joint. Predictors
+    /// of results that hold no more than means have none.
+    pub fn rows(&self) -> impl Iterator<Item = Row<'_>> {
+        self.predictors.iter().flat_map(move |errors| {
+            errors.scenarios.iter().enumerate().flat_map(move |(scenario, scores)| {
+                (0..JOINTS).map(move |joint| self.row(errors, scenario, scores.as_ref(), joint))
+            })
         })
-        .collect()
+    }
+
+    fn row<'a>(
+        &self,
+        errors: &'a PredictorErrors,
+        scenario: usize,
+        scores: Option<&ScenarioErrors>,
+        joint: usize,
+    ) -> Row<'a> {
+        let jitter = scores.and_then(|scores| scores.jitter.as_ref());
+        let samples = scores.and_then(|scores| scores.samples.as_ref());
+        let interval = |nominal: f64| {
+            samples.and_then(|it| it.intervals.iter().find(|it| it.nominal == nominal))
+        };
+        let of_joint = |values: &PerJoint| values[joint];
+        Row {
+            cell: self.cell,
+            family: self.family,
+            frequency_hz: self.frequency_hz,
+            trajectory: self.first + scenario as u64,
+            joint: joint + 1,
+            predictor: &errors.predictor,
+            rmse_deg: scores.map(|it| of_joint(&it.rmse_deg)),
+            jitter_deg: jitter.map(|it| of_joint(&it.deg)),
+            smoothed_jitter_deg: jitter.map(|it| of_joint(&it.smoothed_deg)),
+            smoothed_rmse_deg: jitter.map(|it| of_joint(&it.smoothed_rmse_deg)),
+            mean_rmse_deg: samples.map(|it| of_joint(&it.mean_rmse_deg)),
+            crps_deg: samples.map(|it| of_joint(&it.crps_deg)),
+            energy_score_deg: samples.map(|it| it.energy_score_deg),
+            coverage_50: interval(0.5).map(|it| of_joint(&it.coverage)),
+            width_50_deg: interval(0.5).map(|it| of_joint(&it.width_deg)),
+            coverage_90: interval(0.9).map(|it| of_joint(&it.coverage)),
+            width_90_deg: interval(0.9).map(|it| of_joint(&it.width_deg)),
+        }
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{HoldLast, Observed};
+    use crate::{DampedIntegrator, HoldLast};
 
-    struct Broken(f32);
+    const SCORING: Scoring = Scoring { context: 20, samples: 4, band_edge_hz: Some(8.0) };
+
+    fn scenarios() -> Scenarios {
+        let y: Vec<f32> = (0..3 * 60 * JOINTS).map(|k| (0.01 * k as f32).sin()).collect();
+        Scenarios { size: 3, samples: 60, pre_roll: 0, rate_hz: 60.0, u: y.clone(), y }
+    }
+
+    /// Holds the last position, but for one value.
+    struct Broken {
+        value: f32,
+        at: usize,
+    }
 
     impl Predictor for Broken {
         fn name(&self) -> &'static str {
@@ -66,29 +321,125 @@ mod tests {
 
         fn predict(&self, observed: &Observed) -> Result<Vec<f32>, EvaluationError> {
             let mut predicted = HoldLast.predict(observed)?;
-            *predicted.last_mut().unwrap() = self.0;
+            predicted[self.at] = self.value;
             Ok(predicted)
+        }
+    }
+
+    struct TooShort;
+
+    impl Predictor for TooShort {
+        fn name(&self) -> &'static str {
+            "too-short"
+        }
+
+        fn predict(&self, _: &Observed) -> Result<Vec<f32>, EvaluationError> {
+            Ok(vec![0.0; 3])
+        }
+    }
+
+    /// The last position and its neighbours.
+    struct Several;
+
+    impl Predictor for Several {
+        fn name(&self) -> &'static str {
+            "several"
+        }
+
+        fn predict(&self, observed: &Observed) -> Result<Vec<f32>, EvaluationError> {
+            HoldLast.predict(observed)
+        }
+
+        fn sample(
+            &self,
+            observed: &Observed,
+            count: usize,
+        ) -> Result<Option<Samples>, EvaluationError> {
+            let held = HoldLast.predict(observed)?;
+            let positions = (0..count).flat_map(|k| held.iter().map(move |q| q + 0.1 * k as f32));
+            Ok(Some(Samples { count, positions: positions.collect() }))
+        }
+    }
+
+    fn result(predictors: &[Box<dyn Predictor>]) -> CellResult {
+        CellResult {
+            cell: 1,
+            family: Family::Chirp,
+            frequency_hz: 0.3,
+            first: 200,
+            predictors: evaluate_cell(&scenarios(), &SCORING, predictors),
+            measured_jitter_deg: measured_jitter_deg(&scenarios(), &SCORING),
         }
     }
 
     #[test]
     fn a_value_that_is_not_finite_is_reported_with_its_scenario_and_not_averaged_away() {
-        let y = vec![0.1; 3 * 4 * JOINTS];
-        let scenarios = Scenarios { size: 3, samples: 4, rate_hz: 60.0, u: y.clone(), y };
-        let predictors: Vec<Box<dyn Predictor>> = vec![Box::new(Broken(f32::NAN))];
-        let error = evaluate_cell(&scenarios, 2, &predictors).unwrap_err();
-        assert!(matches!(error, EvaluationError::NotFinite { scenario: 2, .. }), "{error}");
+        let row = 40 * JOINTS;
+        for value in [f32::NAN, f32::INFINITY] {
+            let broken = result(&[Box::new(Broken { value, at: 2 * row + 5 }), Box::new(HoldLast)]);
+            let [broken, held] = &broken.predictors[..] else { panic!("two predictors") };
+            let failure = broken.failure.as_ref().unwrap();
+            assert_eq!((failure.scenarios, failure.first), (1, 2));
+            assert_eq!(broken.rmse_deg[2], None);
+            assert_eq!(broken.rmse_deg[..2], held.rmse_deg[..2]);
+            assert!(held.failure.is_none() && held.rmse_deg.iter().all(Option::is_some));
+        }
     }
 
-    /// No leak: positions of the horizon never reach a predictor.
     #[test]
-    fn noise_in_the_horizon_changes_no_prediction() {
-        let y: Vec<f32> = (0..2 * 6 * JOINTS).map(|k| (k as f32).sin()).collect();
-        let scenarios = Scenarios { size: 2, samples: 6, rate_hz: 60.0, u: y.clone(), y };
-        let mut noisy = scenarios.clone();
-        for trajectory in noisy.y.chunks_exact_mut(6 * JOINTS) {
-            trajectory[4 * JOINTS..].fill(f32::NAN);
+    fn a_predictor_that_fails_leaves_the_others_of_the_cell_alone() {
+        let found = result(&[Box::new(TooShort), Box::new(HoldLast)]);
+        let failure = found.predictors[0].failure.as_ref().unwrap();
+        assert_eq!((failure.scenarios, failure.first), (3, 0));
+        assert!(failure.reason.contains("3 values, 840 were asked for"), "{}", failure.reason);
+        assert!(found.predictors[1].rmse_deg.iter().all(Option::is_some));
+    }
+
+    #[test]
+    fn the_table_has_a_row_per_scenario_joint_and_predictor() {
+        let integrator = DampedIntegrator { damping_nm_s_rad: [10.0; JOINTS] };
+        let found = result(&[Box::new(Several), Box::new(integrator)]);
+        let rows: Vec<Row<'_>> = found.rows().collect();
+        assert_eq!(rows.len(), 2 * 3 * JOINTS);
+        let last = rows[2 * JOINTS + 6];
+        assert_eq!((last.predictor, last.trajectory, last.joint), ("several", 202, 7));
+        let of_scenario = &rows[2 * JOINTS..3 * JOINTS];
+        let mean = of_scenario.iter().map(|row| f64::from(row.rmse_deg.unwrap())).sum::<f64>();
+        assert!((mean / 7.0 - found.predictors[0].rmse_deg[2].unwrap()).abs() < 1e-6);
+        assert!(last.crps_deg.is_some() && last.coverage_50.is_some() && last.jitter_deg.is_some());
+        // Four samples reach no further.
+        assert_eq!(last.coverage_90, None);
+        assert_eq!(rows[3 * JOINTS].crps_deg, None);
+    }
+
+    #[test]
+    fn errors_of_steps_and_of_joints_are_the_same_errors() {
+        let found = result(&[Box::new(HoldLast)]);
+        let errors = &found.predictors[0];
+        for joint in 0..JOINTS {
+            let by_step: f64 = errors.step_squares_deg2.iter().map(|step| step[joint]).sum();
+            let by_scenario: f64 = errors
+                .scenarios
+                .iter()
+                .map(|it| f64::from(it.as_ref().unwrap().rmse_deg[joint]).powi(2) * 40.0)
+                .sum();
+            assert!((by_step / by_scenario - 1.0).abs() < 1e-5, "{by_step} {by_scenario}");
         }
-        assert_eq!(scenarios.observed(4), noisy.observed(4));
+    }
+
+    #[test]
+    fn results_of_the_first_version_are_still_read() {
+        let text = r#"{"cell": 0, "family": "multisine", "frequency_hz": 0.15, "first": 0,
+                       "predictors": [{"predictor": "hold-last", "rmse_deg": [1.5, 2.0]}]}"#;
+        let found: CellResult = serde_json::from_str(text).unwrap();
+        assert_eq!(found.predictors[0].rmse_deg, [Some(1.5), Some(2.0)]);
+        assert_eq!(found.rows().count(), 0);
+    }
+
+    #[test]
+    fn a_result_reads_back_from_its_json() {
+        let found = result(&[Box::new(Several), Box::new(TooShort)]);
+        let text = serde_json::to_string(&found).unwrap();
+        assert_eq!(serde_json::from_str::<CellResult>(&text).unwrap(), found);
     }
 }

@@ -1,11 +1,26 @@
-use models::{Batch, PredictionInput, TrainedModel};
+use models::{Batch, ModelError, PredictionInput, Sampling, TrainedModel, WarmStart};
 
-use crate::{EvaluationError, Observed, Predictor, Scenarios};
+use crate::{EvaluationError, Observed, Predictor, Samples, Scenarios};
 
 /// A checkpoint as a predictor.
 pub struct Learned<'a> {
     pub name: String,
     pub model: &'a TrainedModel,
+    /// How a denoiser answers, and the key of all samples. `samples` and `warm_start` are set for
+    /// each question.
+    pub sampling: Sampling,
+    pub start: Start,
+}
+
+/// What a denoiser begins with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Start {
+    /// Noise.
+    Cold,
+    /// Its own prediction of `shift` samples ago, moved on, and cleaned by `steps` levels: receding
+    /// horizon. That prediction began with the one before, and so on back to the beginning of the
+    /// recording, where the first began with noise.
+    Shifted { shift: usize, steps: u32 },
 }
 
 /// A checkpoint whose normalization takes its statistics from the horizon too, as in the paper's
@@ -17,18 +32,69 @@ pub struct LeakyLearned<'a> {
     pub scenarios: &'a Scenarios,
 }
 
+/// A denoiser that begins with the true horizon, noised to level `steps` - 1: how good a warm start
+/// could be at best. It holds what it is to predict, as [`LeakyLearned`] does.
+pub struct OracleStarted<'a> {
+    pub name: String,
+    pub model: &'a TrainedModel,
+    pub sampling: Sampling,
+    pub steps: u32,
+    pub scenarios: &'a Scenarios,
+}
+
 impl Predictor for Learned<'_> {
     fn name(&self) -> &str {
         &self.name
     }
 
+    /// Of a gaussian head the mean, of a denoiser its first sample.
     fn predict(&self, observed: &Observed) -> Result<Vec<f32>, EvaluationError> {
-        let input = PredictionInput {
-            u: observed.u.clone(),
-            y_context: observed.y.clone(),
-            size: observed.size,
-        };
-        self.model.predict(&input).map_err(|source| failed(&self.name, source))
+        self.warm_start(observed)
+            .and_then(|warm_start| self.ask(observed, warm_start))
+            .map_err(|failure| failure.of(&self.name))
+    }
+
+    fn sample(
+        &self,
+        observed: &Observed,
+        count: usize,
+    ) -> Result<Option<Samples>, EvaluationError> {
+        if !self.model.is_generative() {
+            return Ok(None);
+        }
+        self.warm_start(observed)
+            .and_then(|warm_start| {
+                let sampling = Sampling { samples: count, warm_start, ..self.sampling.clone() };
+                Ok(self.model.sample(&input(observed), &sampling)?)
+            })
+            .map(|positions| Some(Samples { count, positions }))
+            .map_err(|failure| failure.of(&self.name))
+    }
+}
+
+impl Learned<'_> {
+    fn ask(&self, observed: &Observed, warm_start: Option<WarmStart>) -> Result<Vec<f32>, Failure> {
+        let input = input(observed);
+        if self.model.architecture().diffusion().is_none() {
+            return Ok(self.model.predict(&input)?);
+        }
+        let sampling = Sampling { samples: 1, warm_start, ..self.sampling.clone() };
+        Ok(self.model.sample(&input, &sampling)?)
+    }
+
+    /// The prediction before this one, by way of all before it.
+    fn warm_start(&self, observed: &Observed) -> Result<Option<WarmStart>, Failure> {
+        let Start::Shifted { shift, steps } = self.start else { return Ok(None) };
+        let too_short = Failure::PreRoll { shift, pre_roll: observed.pre_roll() };
+        let earlier = observed.pre_roll().checked_div(shift).filter(|&earlier| earlier > 0);
+        let earlier = earlier.ok_or(too_short)?;
+        let mut warm_start = None;
+        for back in (1..=earlier).rev() {
+            let Some(window) = observed.earlier(back * shift) else { break };
+            let previous = self.ask(&window, warm_start)?;
+            warm_start = Some(WarmStart { previous, shift, steps });
+        }
+        Ok(warm_start)
     }
 }
 
@@ -40,14 +106,67 @@ impl Predictor for LeakyLearned<'_> {
     fn predict(&self, observed: &Observed) -> Result<Vec<f32>, EvaluationError> {
         let batch = Batch {
             u: observed.u.clone(),
-            y: self.scenarios.y.clone(),
+            y: self.scenarios.horizon_positions(0),
             size: observed.size,
             samples: observed.samples,
         };
-        self.model.predict_with_leak(&batch).map_err(|source| failed(&self.name, source))
+        let predicted = self.model.predict_with_leak(&batch);
+        predicted.map_err(|source| Failure::from(source).of(&self.name))
     }
 }
 
-fn failed(predictor: &str, source: models::ModelError) -> EvaluationError {
-    EvaluationError::Model { predictor: predictor.to_owned(), source }
+impl Predictor for OracleStarted<'_> {
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    fn predict(&self, observed: &Observed) -> Result<Vec<f32>, EvaluationError> {
+        self.ask(observed, 1)
+    }
+
+    fn sample(
+        &self,
+        observed: &Observed,
+        count: usize,
+    ) -> Result<Option<Samples>, EvaluationError> {
+        Ok(Some(Samples { count, positions: self.ask(observed, count)? }))
+    }
+}
+
+impl OracleStarted<'_> {
+    fn ask(&self, observed: &Observed, samples: usize) -> Result<Vec<f32>, EvaluationError> {
+        let previous = self.scenarios.horizon_positions(observed.context);
+        let warm_start = Some(WarmStart { previous, shift: 0, steps: self.steps });
+        let sampling = Sampling { samples, warm_start, ..self.sampling.clone() };
+        let answer = self.model.sample(&input(observed), &sampling);
+        answer.map_err(|source| Failure::from(source).of(&self.name))
+    }
+}
+
+fn input(observed: &Observed) -> PredictionInput {
+    PredictionInput { u: observed.u.clone(), y_context: observed.y.clone(), size: observed.size }
+}
+
+/// Why a checkpoint has no answer.
+enum Failure {
+    Model(ModelError),
+    PreRoll { shift: usize, pre_roll: usize },
+}
+
+impl From<ModelError> for Failure {
+    fn from(source: ModelError) -> Self {
+        Self::Model(source)
+    }
+}
+
+impl Failure {
+    fn of(self, predictor: &str) -> EvaluationError {
+        let predictor = predictor.to_owned();
+        match self {
+            Self::Model(source) => EvaluationError::Model { predictor, source },
+            Self::PreRoll { shift, pre_roll } => {
+                EvaluationError::PreRoll { predictor, shift, pre_roll }
+            }
+        }
+    }
 }

@@ -10,19 +10,32 @@ mod cell;
 mod error;
 mod figure;
 mod learned;
-mod metrics;
+pub mod metrics;
 mod predictor;
 mod report;
+mod scores;
 
-pub use baselines::{DampedIntegrator, HoldLast, LeastSquares, baseline};
+pub use baselines::{
+    Arx, DampedIntegrator, FittedDamping, HoldLast, Identification, LeastSquares, NominalArm,
+    baseline,
+};
 pub use bootstrap::{Interval, stratified_mean};
-pub use cell::{CellResult, PredictorErrors, evaluate_cell};
+pub use cell::{
+    CellResult, Failure, PredictorErrors, Row, Scoring, evaluate_cell, measured_jitter_deg,
+};
 pub use error::EvaluationError;
-pub use figure::rmse_figure;
-pub use learned::{LeakyLearned, Learned};
+pub use figure::{
+    calibration_figure, crps_figure, horizon_figure, latency_figure, rmse_figure,
+    sampler_steps_figure,
+};
+pub use learned::{LeakyLearned, Learned, OracleStarted, Start};
 pub use metrics::rmse_deg;
-pub use predictor::{Observed, Predictor, Scenarios};
+pub use predictor::{Observed, Predictor, Samples, Scenarios};
 pub use report::{
-    CellSummary, GroupSummary, PairedDifference, PredictorInfo, PredictorKind, PredictorSummary,
-    Report, TrainedOn, summarize,
+    Calibration, CellSummary, FailureSummary, GroupSummary, IntervalSummary, Latency,
+    PairedDifference, PredictorInfo, PredictorKind, PredictorScores, PredictorSummary, Report,
+    SamplingInfo, Setting, TrainedOn, WorstCase, paired_difference, summarize,
+};
+pub use scores::{
+    CALIBRATION, INTERVALS, IntervalErrors, Jitter, PerJoint, SampleErrors, ScenarioErrors,
 };

@@ -31,13 +31,29 @@ pub enum Baseline {
     HoldLast,
     /// q̇ = u / D with the nominal damping D, from the last context position.
     DampedIntegrator,
+    /// q̇ = u / D with D of each joint of each robot fitted to its context.
+    FittedDamping,
     /// v' = a·v + g·u + b per joint, with a, g and b of each robot fitted to its context.
     LeastSquares,
+    /// As `least-squares`, of a higher order and coupled to the torques of all joints where that
+    /// predicts the end of the context better.
+    Arx,
+    /// The dynamic parameters of each robot fitted to its context through the simulator, from those of
+    /// the nominal arm: what an expert with a model at hand would do.
+    Identification,
 }
 
 impl Baseline {
+    /// From the plainest to the one that knows most.
     pub fn all() -> Vec<Self> {
-        vec![Self::HoldLast, Self::DampedIntegrator, Self::LeastSquares]
+        vec![
+            Self::HoldLast,
+            Self::DampedIntegrator,
+            Self::FittedDamping,
+            Self::LeastSquares,
+            Self::Arx,
+            Self::Identification,
+        ]
     }
 }
 

@@ -239,21 +239,24 @@ fn task(row: store::Task, unit: &str) -> Task {
             rate_per_second: row.progress.rate_per_second,
             message: row.progress.message,
         },
-        result: row.result.and_then(without_summary),
+        result: row.result.and_then(without_details),
         started_at: text(row.started_at),
         finished_at: text(row.finished_at),
     }
 }
 
-/// The ranges and spectra of a shard belong to its dataset, whose summary has those of all shards.
-fn without_summary(result: Value) -> Option<Value> {
-    match result {
-        Value::Object(mut entries) => {
-            entries.remove(ShardSummary::KEY);
-            (!entries.is_empty()).then_some(Value::Object(entries))
+/// The ranges and spectra of a shard belong to its dataset, whose summary has those of all shards;
+/// the errors of a cell joint by joint belong to its evaluation's report.
+fn without_details(result: Value) -> Option<Value> {
+    let Value::Object(mut entries) = result else { return Some(result) };
+    entries.remove(ShardSummary::KEY);
+    if let Some(Value::Array(predictors)) = entries.get_mut("predictors") {
+        for errors in predictors.iter_mut().filter_map(Value::as_object_mut) {
+            errors.remove("scenarios");
+            errors.remove("step_squares_deg2");
         }
-        other => Some(other),
     }
+    (!entries.is_empty()).then_some(Value::Object(entries))
 }
 
 pub(super) fn text(time: Option<Timestamp>) -> Option<String> {

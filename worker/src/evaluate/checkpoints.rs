@@ -65,6 +65,8 @@ impl LoadedCheckpoint {
             kind: PredictorKind::Checkpoint,
             digest: Some(*digest),
             normalization: Some(training.normalization),
+            sampling: None,
+            latency: None,
         };
         Ok(Self { info, model, trained_on })
     }

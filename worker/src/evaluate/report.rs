@@ -1,10 +1,11 @@
-use evaluation::{CellResult, PredictorInfo, PredictorKind, rmse_figure, summarize};
+use evaluation::{
+    CellResult, NominalArm, PredictorInfo, PredictorKind, Setting, rmse_figure, summarize,
+};
 use figures::Size;
 use spec::EvaluateSpec;
 use store::NewArtifact;
 
 use super::checkpoints::LoadedCheckpoint;
-use super::nominal_damping;
 use crate::attempt::Attempt;
 use crate::error::TaskError;
 use crate::trajectories::TrajectorySource;
@@ -16,25 +17,26 @@ pub(crate) fn report(attempt: &Attempt) -> Result<(), TaskError> {
     let checkpoints = LoadedCheckpoint::load_all(attempt, &spec)?;
     let cells = cell_results(attempt)?;
 
-    let damping = nominal_damping(data.spec());
+    let arm = NominalArm::of(data.spec());
     let baselines = spec.baselines.iter().map(|&baseline| PredictorInfo {
-        name: evaluation::baseline(baseline, damping).name().to_owned(),
+        name: evaluation::baseline(baseline, &arm).name().to_owned(),
         kind: PredictorKind::Baseline,
         digest: None,
         normalization: None,
+        sampling: None,
+        latency: None,
     });
     let learned = checkpoints.iter().map(|checkpoint| checkpoint.info.clone());
-    let trained_on: Vec<_> =
-        checkpoints.iter().map(|checkpoint| checkpoint.trained_on.clone()).collect();
-    let report = summarize(
-        spec.context,
-        data.spec().samples(),
-        data.spec().rate_hz(),
-        spec.bootstrap,
-        baselines.chain(learned).collect(),
-        &trained_on,
-        &cells,
-    )?;
+    let setting = Setting {
+        context: spec.context,
+        samples: data.spec().samples(),
+        rate_hz: data.spec().rate_hz(),
+        seed: data.spec().simulation().map(|spec| spec.seed),
+        bootstrap: spec.bootstrap,
+        predictors: baselines.chain(learned).collect(),
+        trained_on: checkpoints.iter().map(|checkpoint| checkpoint.trained_on.clone()).collect(),
+    };
+    let report = summarize(setting, &cells)?;
 
     let report_json = serde_json::to_value(&report)?;
     put(attempt, "report.json", "application/json", serde_json::to_vec_pretty(&report)?)?;

@@ -1,0 +1,312 @@
+//! Autoregression with exogenous inputs, one model per joint and robot.
+
+use nalgebra::{DMatrix, DVector};
+use spec::JOINTS;
+
+use super::rollout::{mean_velocities, to_f32};
+use crate::{EvaluationError, Observed, Predictor};
+
+/// v[k] = Σ a_i v[k-i] + Σ b_ij u_j[k+1-i] + c, i = 1 .. order, in mean velocities v over sampling
+/// periods, fitted to each robot's context by ridge regression (Ljung 1999, "System Identification",
+/// section 4.2).
+///
+/// Order, ridge, and whether a joint listens to the torques of all joints or its own are chosen for
+/// each joint by what predicts the last quarter of the context best, rolled out freely from the first
+/// three; then all of the context is fitted with them.
+///
+/// A fit with poles outside the circle of radius [`LARGEST_POLE`] has them all moved in, in proportion
+/// (a_i times the i-th power of one factor): a damped arm does not run away.
+#[derive(Clone, Copy, Debug)]
+pub struct Arx;
+
+const ORDERS: [usize; 5] = [1, 2, 3, 4, 6];
+/// Of the mean square of a regressor.
+const RIDGES: [f64; 6] = [1e-8, 1e-6, 1e-4, 1e-2, 1e-1, 1.0];
+/// Time constant of 1000 samples.
+const LARGEST_POLE: f64 = 0.999;
+/// What is held out of the context to choose by.
+const HELD_OUT: f64 = 0.25;
+
+impl Predictor for Arx {
+    fn name(&self) -> &'static str {
+        "arx"
+    }
+
+    fn predict(&self, observed: &Observed) -> Result<Vec<f32>, EvaluationError> {
+        let horizon = observed.horizon();
+        let period = 1.0 / observed.rate_hz;
+        let mut predicted = vec![0.0; observed.size * horizon * JOINTS];
+        for scenario in 0..observed.size {
+            let positions = observed.positions(scenario);
+            let torques = observed.torques(scenario);
+            let last = observed.context - 1;
+            for joint in 0..JOINTS {
+                let velocities: Vec<f64> = mean_velocities(positions, joint, period).collect();
+                let series = Series { velocities: &velocities, torques, joint };
+                let mut position = f64::from(positions[last][joint]);
+                let law = series.choose();
+                let future = series.rollout(law.as_ref(), last, horizon);
+                for (step, velocity) in future.into_iter().enumerate() {
+                    position += velocity * period;
+                    predicted[(scenario * horizon + step) * JOINTS + joint] = to_f32(position);
+                }
+            }
+        }
+        Ok(predicted)
+    }
+}
+
+/// What is known of one joint.
+struct Series<'a> {
+    /// Over each period of the context.
+    velocities: &'a [f64],
+    /// Of all samples.
+    torques: &'a [[f32; JOINTS]],
+    joint: usize,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Inputs {
+    Own,
+    All,
+}
+
+/// A law of motion. Coefficients are in the order of [`Series::regressors`].
+#[derive(Clone, Debug)]
+struct Law {
+    order: usize,
+    inputs: Inputs,
+    coefficients: DVector<f64>,
+}
+
+impl Series<'_> {
+    /// The law that predicts the end of the context best, fitted to all of it. `None`, which holds
+    /// the joint, when the context is too short or too still to tell.
+    fn choose(&self) -> Option<Law> {
+        let known = self.velocities.len();
+        let held_out = share(known);
+        let first = known - held_out;
+        let mut best = (self.squared_error(None, first, held_out), None);
+        for inputs in [Inputs::Own, Inputs::All] {
+            for order in ORDERS {
+                let Some(normal) = Normal::of(self, order, inputs, first) else { continue };
+                for ridge in RIDGES {
+                    let law = normal.solve(ridge);
+                    let error = self.squared_error(law.as_ref(), first, held_out);
+                    if law.is_some() && error < best.0 {
+                        best = (error, Some((order, inputs, ridge)));
+                    }
+                }
+            }
+        }
+        let (order, inputs, ridge) = best.1?;
+        Normal::of(self, order, inputs, known)?.solve(ridge)
+    }
+
+    /// Of positions, with velocities known up to `first`, in periods of 1 s.
+    fn squared_error(&self, law: Option<&Law>, first: usize, count: usize) -> f64 {
+        let mut distance = 0.0;
+        let mut sum = 0.0;
+        for (step, predicted) in self.rollout(law, first, count).into_iter().enumerate() {
+            distance += predicted - self.velocities[first + step];
+            sum += distance * distance;
+        }
+        sum
+    }
+
+    /// Velocities over `count` periods from period `first` on, those before it being known.
+    fn rollout(&self, law: Option<&Law>, first: usize, count: usize) -> Vec<f64> {
+        let Some(law) = law else { return vec![0.0; count] };
+        let mut velocities = self.velocities[first - law.order..first].to_vec();
+        let mut row = Vec::new();
+        for step in 0..count {
+            let past = &velocities[step..];
+            self.regressors(law.order, law.inputs, past, first + step, &mut row);
+            velocities.push(row.iter().zip(&law.coefficients).map(|(x, c)| x * c).sum());
+        }
+        velocities.split_off(law.order)
+    }
+
+    /// v[k-1], .. v[k-order] of `past`, which ends at k - 1; then for each input u[k], .. u[k+1-order];
+    /// then 1.
+    fn regressors(&self, order: usize, inputs: Inputs, past: &[f64], k: usize, row: &mut Vec<f64>) {
+        row.clear();
+        row.extend(past.iter().rev().take(order));
+        let joints = match inputs {
+            Inputs::Own => self.joint..self.joint + 1,
+            Inputs::All => 0..JOINTS,
+        };
+        for joint in joints {
+            row.extend((0..order).map(|lag| f64::from(self.torques[k - lag][joint])));
+        }
+        row.push(1.0);
+    }
+}
+
+fn share(known: usize) -> usize {
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "a share of a length"
+    )]
+    let held_out = (known as f64 * HELD_OUT) as usize;
+    held_out
+}
+
+/// Normal equations of a fit, to be solved with several ridges.
+struct Normal {
+    order: usize,
+    inputs: Inputs,
+    matrix: DMatrix<f64>,
+    right: DVector<f64>,
+}
+
+impl Normal {
+    /// Of periods 0 to `end`. `None` with fewer equations than twice the unknowns.
+    fn of(series: &Series<'_>, order: usize, inputs: Inputs, end: usize) -> Option<Self> {
+        let torques = match inputs {
+            Inputs::Own => 1,
+            Inputs::All => JOINTS,
+        };
+        let unknowns = order * (1 + torques) + 1;
+        if end < order + 2 * unknowns {
+            return None;
+        }
+        let mut matrix = DMatrix::zeros(unknowns, unknowns);
+        let mut right = DVector::zeros(unknowns);
+        let mut row = Vec::with_capacity(unknowns);
+        for k in order..end {
+            series.regressors(order, inputs, &series.velocities[k - order..k], k, &mut row);
+            let row = DVector::from_column_slice(&row);
+            matrix.syger(1.0, &row, &row, 1.0);
+            right.axpy(series.velocities[k], &row, 1.0);
+        }
+        matrix.fill_upper_triangle_with_lower_triangle();
+        Some(Self { order, inputs, matrix, right })
+    }
+
+    /// With `ridge` times the mean square of each regressor, the constant's left alone.
+    fn solve(&self, ridge: f64) -> Option<Law> {
+        let mut matrix = self.matrix.clone();
+        let constant = self.right.len() - 1;
+        for k in 0..constant {
+            matrix[(k, k)] *= 1.0 + ridge;
+        }
+        let mut coefficients = matrix.cholesky()?.solve(&self.right);
+        damp(&mut coefficients.as_mut_slice()[..self.order]);
+        Some(Law { order: self.order, inputs: self.inputs, coefficients })
+    }
+}
+
+/// Moves the poles of v[k] = Σ a_i v[k-i] into the circle of radius [`LARGEST_POLE`].
+fn damp(a: &mut [f64]) {
+    let order = a.len();
+    // The companion matrix, whose eigenvalues are the poles.
+    let companion = DMatrix::from_fn(order, order, |row, column| match row {
+        0 => a[column],
+        _ => f64::from(u8::from(row == column + 1)),
+    });
+    let largest =
+        companion.complex_eigenvalues().iter().map(|pole| pole.norm()).fold(0.0, f64::max);
+    if largest > LARGEST_POLE {
+        let mut factor = 1.0;
+        for a in a {
+            factor *= LARGEST_POLE / largest;
+            *a *= factor;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::baselines::LeastSquares;
+    use crate::baselines::fixture::{error_of, first_order_robot};
+
+    fn largest_pole(a: &[f64]) -> f64 {
+        // Power iteration in the plain: how much the free response grows over many steps.
+        let mut past = vec![0.0; a.len()];
+        past[0] = 1.0;
+        let (steps, mut log) = (20_000, 0.0);
+        for _ in 0..steps {
+            let next = a.iter().zip(&past).map(|(a, v)| a * v).sum();
+            past.rotate_right(1);
+            past[0] = next;
+            let norm = past.iter().map(|v: &f64| v * v).sum::<f64>().sqrt();
+            if norm == 0.0 {
+                return 0.0;
+            }
+            past.iter_mut().for_each(|v| *v /= norm);
+            log += norm.ln();
+        }
+        (log / f64::from(steps)).exp()
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
+        #[test]
+        fn no_law_has_a_pole_outside_the_circle(
+            a in proptest::collection::vec(-2.0..2.0f64, 1..6),
+        ) {
+            let before = largest_pole(&a);
+            let mut damped = a.clone();
+            damp(&mut damped);
+            prop_assert!(largest_pole(&damped) < LARGEST_POLE + 1e-3);
+            if before < LARGEST_POLE - 1e-3 {
+                prop_assert_eq!(damped, a);
+            }
+        }
+    }
+
+    /// One joint moved by its own torque and that of its neighbour, with two poles each.
+    fn coupled_robot() -> crate::Scenarios {
+        let mut scenarios = first_order_robot(0.0, 0.0);
+        let mut velocity = [[0.0; JOINTS]; 2];
+        let mut position = [0.2; JOINTS];
+        for k in 0..scenarios.samples {
+            let u: [f32; JOINTS] = std::array::from_fn(|joint| {
+                let t = k as f32;
+                (0.05 * t * (1.0 + 0.21 * joint as f32)).sin() + (0.11 * t).cos()
+            });
+            let row = k * JOINTS..(k + 1) * JOINTS;
+            scenarios.u[row.clone()].copy_from_slice(&u);
+            scenarios.y[row].copy_from_slice(&position.map(to_f32));
+            let before = velocity;
+            for joint in 0..JOINTS {
+                let neighbour = u[(joint + 1) % JOINTS];
+                velocity[0][joint] = 1.2 * before[0][joint] - 0.5 * before[1][joint]
+                    + 0.03 * f64::from(u[joint])
+                    - 0.01 * f64::from(neighbour);
+                position[joint] += velocity[0][joint] / scenarios.rate_hz;
+            }
+            velocity[1] = before[0];
+        }
+        scenarios
+    }
+
+    #[test]
+    fn coupled_joints_of_second_order_are_identified_where_order_1_cannot() {
+        let robot = coupled_robot();
+        let (arx, first_order) = (error_of(&Arx, &robot), error_of(&LeastSquares, &robot));
+        assert!(arx < 0.01, "{arx}");
+        assert!(first_order > 10.0 * arx, "{first_order}");
+    }
+
+    #[test]
+    fn an_arm_that_does_not_move_is_held() {
+        let mut still = first_order_robot(0.0, 0.0);
+        still.u.fill(0.0);
+        assert!(error_of(&Arx, &still) < 1e-9);
+    }
+
+    #[test]
+    fn a_context_too_short_to_tell_is_held() {
+        let robot = first_order_robot(0.8, 0.03);
+        for context in 1..8 {
+            let predicted = Arx.predict(&robot.observed(context)).unwrap();
+            assert!(predicted.iter().all(|q| q.is_finite()));
+        }
+    }
+}

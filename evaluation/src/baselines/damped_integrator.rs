@@ -1,0 +1,38 @@
+use spec::JOINTS;
+
+use super::rollout::rollout;
+use crate::{EvaluationError, Observed, Predictor};
+
+/// q̇ = u / D: the arm as seven dampers, from the last context position.
+#[derive(Clone, Copy, Debug)]
+pub struct DampedIntegrator {
+    /// Nominal, not each robot's own. A joint without damping is held.
+    pub damping_nm_s_rad: [f64; JOINTS],
+}
+
+impl Predictor for DampedIntegrator {
+    fn name(&self) -> &'static str {
+        "damped-integrator"
+    }
+
+    fn predict(&self, observed: &Observed) -> Result<Vec<f32>, EvaluationError> {
+        Ok(rollout(observed, |_, joint| {
+            let damping = self.damping_nm_s_rad[joint];
+            let gain = if damping > 0.0 { 1.0 / damping } else { 0.0 };
+            move |_, torque| gain * torque
+        }))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::baselines::fixture::{error_of, first_order_robot};
+
+    #[test]
+    fn the_damped_integrator_is_exact_for_a_massless_arm_of_that_damping() {
+        let predictor = DampedIntegrator { damping_nm_s_rad: [10.0; JOINTS] };
+        assert!(error_of(&predictor, &first_order_robot(0.0, 0.1)) < 1e-4);
+        assert!(error_of(&predictor, &first_order_robot(0.0, 0.2)) > 0.1);
+    }
+}

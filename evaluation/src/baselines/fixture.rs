@@ -1,0 +1,28 @@
+use spec::JOINTS;
+
+use super::rollout::to_f32;
+use crate::{Predictor, Scenarios, rmse_deg};
+
+/// One robot whose joints obey v' = a·v + g·u exactly.
+pub(crate) fn first_order_robot(a: f64, g: f64) -> Scenarios {
+    let (samples, rate_hz) = (400, 60.0);
+    let mut scenarios = Scenarios { size: 1, samples, pre_roll: 0, rate_hz, u: vec![], y: vec![] };
+    let mut position = [0.5; JOINTS];
+    let mut velocity = [0.0; JOINTS];
+    for k in 0..samples {
+        for joint in 0..JOINTS {
+            let torque = (0.07 * (k as f64) * (1.0 + 0.3 * joint as f64)).sin();
+            scenarios.u.push(to_f32(torque));
+            scenarios.y.push(to_f32(position[joint]));
+            velocity[joint] = a * velocity[joint] + g * f64::from(to_f32(torque));
+            position[joint] += velocity[joint] / rate_hz;
+        }
+    }
+    scenarios
+}
+
+/// After 320 samples of context.
+pub(crate) fn error_of(predictor: &dyn Predictor, scenarios: &Scenarios) -> f64 {
+    let predicted = predictor.predict(&scenarios.observed(320)).unwrap();
+    rmse_deg(scenarios, 320, &predicted)[0]
+}

@@ -1,0 +1,32 @@
+use super::rollout::rollout;
+use crate::{EvaluationError, Observed, Predictor};
+
+/// The last context position, held.
+#[derive(Clone, Copy, Debug)]
+pub struct HoldLast;
+
+impl Predictor for HoldLast {
+    fn name(&self) -> &'static str {
+        "hold-last"
+    }
+
+    fn predict(&self, observed: &Observed) -> Result<Vec<f32>, EvaluationError> {
+        Ok(rollout(observed, |_, _| |_, _| 0.0))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use spec::JOINTS;
+
+    use super::*;
+    use crate::baselines::fixture::first_order_robot;
+
+    #[test]
+    fn hold_last_repeats_the_last_context_position() {
+        let observed = first_order_robot(0.0, 0.1).observed(320);
+        let predicted = HoldLast.predict(&observed).unwrap();
+        assert_eq!(predicted.len(), 80 * JOINTS);
+        assert!(predicted.as_chunks().0.iter().all(|y| *y == observed.positions(0)[319]));
+    }
+}

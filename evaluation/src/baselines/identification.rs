@@ -1,0 +1,325 @@
+//! Classical identification: what an expert would do with a model of the arm at hand.
+
+use dynamics::{Anchor, InstructionSet, Joints, Motion, Replay, RigidBody, Robot};
+use nalgebra::{Cholesky, DMatrix, DVector};
+use rayon::prelude::*;
+use spec::{JOINTS, RobotSpec};
+
+use super::NominalArm;
+use crate::{EvaluationError, Observed, Predictor};
+
+/// Gauss-Newton on each robot's dynamic parameters through our own simulator, fitted to the
+/// positions of the context; the horizon is then simulated.
+///
+/// The estimate is the maximum a posteriori of [`PARAMETERS`] numbers: of every link the mass, the three
+/// coordinates of its centre and the stretch along its three axes (so that every robot that is tried
+/// is physical), of every joint the damping and the velocity at the first sample. The position there
+/// is the measured one. A priori each parameter lies around the nominal arm's as far as
+/// [`RobotSpec`] draws it, in logarithms (of centres in proportion); hand, fingers and payload count as
+/// part of the last link. Gravity, friction, armature and lengths are the nominal arm's.
+///
+/// Residuals are measured minus simulated positions, [`COMPARED_HZ`] times a second. The simulation is put
+/// back to the measured position at the end of the context and every [`STRETCH_S`] before it, and keeps its
+/// velocity (multiple shooting, with velocities that damping makes forget): over longer stretches an arm
+/// that gravity makes unstable depends on its parameters too sharply to be fitted. Residuals are taken to be
+/// as noisy as they are at the moment, at least [`NOISE`]: far from the robot the prior keeps steps short.
+///
+/// Derivatives are forward differences: the arm and its [`PARAMETERS`] neighbours are lanes of one
+/// simulation, and so are the steps of all [`DAMPINGS`] that are tried (Levenberg and Marquardt), of
+/// which the best is taken. It ends when none lowers the cost by the share [`LEAST_DECREASE`], and
+/// after [`ITERATIONS`].
+///
+/// Where the fitted arm's simulation leaves the finite numbers, the nominal arm's is the answer, and
+/// if that does so too, the last position.
+#[derive(Clone, Debug)]
+pub struct Identification {
+    nominal: Robot,
+    spread: Spread,
+    replay: Replay,
+}
+
+/// Standard deviation of each parameter a priori: that of a uniform law is its half-width / √3.
+#[derive(Clone, Copy, Debug)]
+struct Spread {
+    mass: f64,
+    com: f64,
+    stretch: f64,
+    damping: f64,
+}
+
+/// One number per standard deviation of the prior.
+type Parameters = DVector<f64>;
+
+const PER_LINK: usize = 7;
+const DAMPING: usize = PER_LINK * JOINTS;
+const VELOCITY: usize = DAMPING + JOINTS;
+/// With the arm itself, 64 robots: a whole number of vectors.
+const PARAMETERS: usize = VELOCITY + JOINTS;
+
+/// About the estimate from the first three samples, rad/s. A light joint forgets its velocity within
+/// a sample or two, so that these cannot tell.
+const VELOCITY_SPREAD: f64 = 1.0;
+/// Least deviation of measured from simulated positions, rad: about what encoders resolve. Less would fit rounding, with twice the
+/// steps and no better predictions.
+const NOISE: f64 = 1e-4;
+/// Between two measured positions that the simulation is put back to, s.
+const STRETCH_S: f64 = 1.0 / 3.0;
+/// Rate at which positions are compared, Hz: more often, slow arms say the same again.
+const COMPARED_HZ: f64 = 15.0;
+/// Root mean square of the change of positions that a forward difference is to make, rad: far above
+/// rounding, and little enough to be linear.
+const CHANGE: f64 = 1e-3;
+/// Forward differences, in standard deviations of the prior.
+const LEAST_DIFFERENCE: f64 = 1e-3;
+const LARGEST_DIFFERENCE: f64 = 0.3;
+const ITERATIONS: usize = 20;
+const LEAST_DECREASE: f64 = 0.03;
+/// Multiples of the curvature's diagonal that are added to it.
+const DAMPINGS: [f64; 16] = [
+    0.0, 1e-6, 1e-5, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1, 3e-1, 1.0, 3.0, 10.0, 100.0, 1000.0,
+];
+
+impl Identification {
+    pub fn new(arm: &NominalArm) -> Self {
+        let NominalArm { robot, rate_hz, integrator, precision } = arm;
+        Self {
+            nominal: Robot::nominal(robot),
+            spread: Spread::of(robot),
+            replay: Replay {
+                rate_hz: *rate_hz,
+                integrator: *integrator,
+                precision: *precision,
+                instructions: InstructionSet::best(),
+            },
+        }
+    }
+
+    fn predict_one(&self, observed: &Observed, scenario: usize) -> Vec<[f32; JOINTS]> {
+        let context = observed.context;
+        let torques = observed.torques(scenario);
+        let positions = observed.positions(scenario);
+        let fit = Fit {
+            arm: self,
+            torques: &torques[..context],
+            positions,
+            start: Start::of(positions, observed.rate_hz),
+            anchors: anchors(positions, whole(observed.rate_hz * STRETCH_S)),
+            stride: whole(observed.rate_hz / COMPARED_HZ),
+        };
+        let fitted = fit.solve();
+        let candidates = [fitted, Parameters::zeros(PARAMETERS)].map(|p| fit.arm_at(&p));
+        let q = self.replay.run(&candidates.each_ref().map(|arm| fit.motion(arm, torques)));
+        let is_finite = |q: &&[Joints<f32>]| q.as_flattened().iter().all(|q| q.is_finite());
+        match q.chunks_exact(observed.samples).find(is_finite) {
+            Some(q) => q[context..].to_vec(),
+            None => vec![positions[context - 1]; observed.horizon()],
+        }
+    }
+}
+
+/// The last measured position and every `stride`th before it.
+fn anchors(positions: &[Joints<f32>], stride: usize) -> Vec<Anchor> {
+    let samples = (0..positions.len()).rev().step_by(stride);
+    let anchor = |sample: usize| Anchor { sample, q: positions[sample].map(f64::from) };
+    let mut anchors: Vec<Anchor> = samples.map(anchor).collect();
+    anchors.reverse();
+    anchors
+}
+
+impl Predictor for Identification {
+    fn name(&self) -> &'static str {
+        "identification"
+    }
+
+    fn predict(&self, observed: &Observed) -> Result<Vec<f32>, EvaluationError> {
+        let predicted: Vec<_> = (0..observed.size)
+            .into_par_iter()
+            .flat_map_iter(|scenario| self.predict_one(observed, scenario))
+            .collect();
+        Ok(predicted.into_flattened())
+    }
+}
+
+/// Samples, at least one.
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "rates are at most 1000 Hz"
+)]
+fn whole(samples: f64) -> usize {
+    samples.round().max(1.0) as usize
+}
+
+impl Spread {
+    fn of(spec: &RobotSpec) -> Self {
+        let deviation = |half_width: f64| half_width / 3.0_f64.sqrt();
+        Self {
+            mass: deviation(spec.mass_fraction),
+            com: deviation(spec.com_fraction),
+            stretch: deviation(spec.inertia_fraction),
+            damping: deviation(spec.damping_fraction),
+        }
+    }
+}
+
+/// State at the first sample, velocities as far as positions tell.
+struct Start {
+    q: Joints<f64>,
+    qd: Joints<f64>,
+}
+
+impl Start {
+    fn of(positions: &[[f32; JOINTS]], rate_hz: f64) -> Self {
+        let at = |k: usize, joint: usize| f64::from(positions[k.min(positions.len() - 1)][joint]);
+        Self {
+            q: std::array::from_fn(|joint| at(0, joint)),
+            // The parabola through three samples.
+            qd: std::array::from_fn(|joint| {
+                0.5 * rate_hz * (4.0 * at(1, joint) - 3.0 * at(0, joint) - at(2, joint))
+            }),
+        }
+    }
+}
+
+/// A robot that is tried.
+struct Arm {
+    robot: Robot,
+    /// Beyond what positions tell.
+    extra_velocity: Joints<f64>,
+}
+
+/// The estimation for one scenario.
+struct Fit<'a> {
+    arm: &'a Identification,
+    /// Of the context, as are positions.
+    torques: &'a [[f32; JOINTS]],
+    positions: &'a [[f32; JOINTS]],
+    start: Start,
+    anchors: Vec<Anchor>,
+    /// Samples between two that are compared.
+    stride: usize,
+}
+
+impl Fit<'_> {
+    /// As far as it gets; zeros, the nominal arm, when that cannot be simulated.
+    fn solve(&self) -> Parameters {
+        let mut estimate = Parameters::zeros(PARAMETERS);
+        let mut differences = [LARGEST_DIFFERENCE / 10.0; PARAMETERS];
+        for _ in 0..ITERATIONS {
+            let linearized = self.linearized(&estimate, &differences);
+            let Some((residuals, jacobian)) = linearized else { break };
+            for (difference, row) in differences.iter_mut().zip(jacobian.row_iter()) {
+                let change = row.norm() / (residuals.len() as f64).sqrt();
+                *difference = (CHANGE / change).clamp(LEAST_DIFFERENCE, LARGEST_DIFFERENCE);
+            }
+            let squares = residuals.norm_squared();
+            let noise = NOISE.max((squares / residuals.len() as f64).sqrt());
+            let weight = 1.0 / (noise * noise);
+            let curvature = &jacobian * jacobian.transpose() * weight
+                + DMatrix::<f64>::identity(PARAMETERS, PARAMETERS);
+            let downhill = &jacobian * &residuals * weight - &estimate;
+            let cost = squares * weight + estimate.norm_squared();
+            let steps = DAMPINGS.iter().filter_map(|damping| {
+                let mut damped = curvature.clone();
+                for k in 0..PARAMETERS {
+                    damped[(k, k)] *= 1.0 + damping;
+                }
+                Some(&estimate + Cholesky::new(damped)?.solve(&downhill))
+            });
+            let Some((best, found)) = self.cheapest(steps.collect(), weight) else { break };
+            if found < cost {
+                estimate = best;
+            }
+            if found > cost * (1.0 - LEAST_DECREASE) {
+                break;
+            }
+        }
+        estimate
+    }
+
+    /// Residuals, measured less simulated, and `[parameter, residual]` how the simulated positions
+    /// change. `None` when a simulation diverges.
+    fn linearized(
+        &self,
+        at: &Parameters,
+        differences: &[f64; PARAMETERS],
+    ) -> Option<(DVector<f64>, DMatrix<f64>)> {
+        let neighbours = (0..PARAMETERS).map(|k| {
+            let mut neighbour = at.clone();
+            neighbour[k] += differences[k];
+            neighbour
+        });
+        let robots: Vec<Parameters> = std::iter::once(at.clone()).chain(neighbours).collect();
+        let simulated = self.simulate(&robots);
+        if simulated.as_flattened().iter().any(|q| !q.is_finite()) {
+            return None;
+        }
+        let (center, neighbours) = simulated.split_at(self.positions.len());
+        let residuals: Vec<f64> = self.residuals(center).collect();
+        let mut jacobian = DMatrix::zeros(PARAMETERS, residuals.len());
+        for (parameter, neighbour) in neighbours.chunks_exact(self.positions.len()).enumerate() {
+            for (k, (ahead, behind)) in self.kept(neighbour).zip(self.kept(center)).enumerate() {
+                jacobian[(parameter, k)] = (ahead - behind) / differences[parameter];
+            }
+        }
+        Some((DVector::from_vec(residuals), jacobian))
+    }
+
+    /// Of `candidates` the one of least cost, and its cost. `None` when none has a finite one.
+    fn cheapest(&self, candidates: Vec<Parameters>, weight: f64) -> Option<(Parameters, f64)> {
+        let simulated = self.simulate(&candidates);
+        candidates
+            .into_iter()
+            .zip(simulated.chunks_exact(self.positions.len()))
+            .map(|(candidate, q)| {
+                let squares: f64 = self.residuals(q).map(|residual| residual * residual).sum();
+                let cost = squares * weight + candidate.norm_squared();
+                (candidate, cost)
+            })
+            .filter(|(_, cost)| cost.is_finite())
+            .min_by(|(_, a), (_, b)| a.total_cmp(b))
+    }
+
+    fn residuals(&self, simulated: &[Joints<f32>]) -> impl Iterator<Item = f64> {
+        self.kept(self.positions).zip(self.kept(simulated)).map(|(y, q)| y - q)
+    }
+
+    /// The positions that are compared: the last sample and every [`Fit::stride`]th before it.
+    fn kept<'q>(&self, positions: &'q [Joints<f32>]) -> impl Iterator<Item = f64> + use<'q> {
+        positions.iter().rev().step_by(self.stride).flatten().map(|q| f64::from(*q))
+    }
+
+    /// Positions `[robot, sample]` over the context.
+    fn simulate(&self, robots: &[Parameters]) -> Vec<Joints<f32>> {
+        let arms: Vec<Arm> = robots.iter().map(|parameters| self.arm_at(parameters)).collect();
+        let motions: Vec<Motion<'_>> =
+            arms.iter().map(|arm| self.motion(arm, self.torques)).collect();
+        self.arm.replay.run(&motions)
+    }
+
+    fn motion<'m>(&'m self, arm: &'m Arm, u: &'m [Joints<f32>]) -> Motion<'m> {
+        let Start { q, qd } = &self.start;
+        let qd0 = std::array::from_fn(|joint| qd[joint] + arm.extra_velocity[joint]);
+        Motion { robot: &arm.robot, q0: *q, qd0, u, anchors: &self.anchors }
+    }
+
+    fn arm_at(&self, parameters: &Parameters) -> Arm {
+        let Identification { nominal, spread, .. } = self.arm;
+        let parameters = parameters.as_slice();
+        let mut robot = nominal.clone();
+        for (link, of_link) in robot.links.iter_mut().zip(parameters.chunks_exact(PER_LINK)) {
+            let stretch = [4, 5, 6].map(|k| (spread.stretch * of_link[k]).exp());
+            *link = RigidBody {
+                mass: link.mass * (spread.mass * of_link[0]).exp(),
+                com: std::array::from_fn(|k| link.com[k] * (1.0 + spread.com * of_link[1 + k])),
+                ..link.stretched(stretch)
+            };
+        }
+        for (damping, of_joint) in robot.damping.iter_mut().zip(&parameters[DAMPING..VELOCITY]) {
+            *damping *= (spread.damping * of_joint).exp();
+        }
+        let extra_velocity =
+            std::array::from_fn(|joint| VELOCITY_SPREAD * parameters[VELOCITY + joint]);
+        Arm { robot, extra_velocity }
+    }
+}

@@ -1,0 +1,69 @@
+use nalgebra::{Matrix3, Vector3};
+
+use super::rollout::{mean_velocities, rollout};
+use crate::{EvaluationError, Observed, Predictor};
+
+/// v' = a·v + g·u + b per joint, with a, g and b of each robot fitted to its context: ARX of order 1.
+///
+/// v is the mean velocity over a sampling period, so a first-order lag (the joint's own inertia
+/// and damping) is represented exactly and coupling between joints is not.
+#[derive(Clone, Copy, Debug)]
+pub struct LeastSquares;
+
+impl Predictor for LeastSquares {
+    fn name(&self) -> &'static str {
+        "least-squares"
+    }
+
+    fn predict(&self, observed: &Observed) -> Result<Vec<f32>, EvaluationError> {
+        Ok(rollout(observed, |scenario, joint| {
+            let [a, g, b] = fit_first_order(observed, scenario, joint);
+            move |velocity, torque| a * velocity + g * torque + b
+        }))
+    }
+}
+
+/// Least squares of v[k] on (v[k-1], u[k], 1) over the context, with a ridge far below the data.
+///
+/// A context too short or too still to tell gives the law of a held joint.
+fn fit_first_order(observed: &Observed, scenario: usize, joint: usize) -> [f64; 3] {
+    let torques = observed.torques(scenario);
+    let period = 1.0 / observed.rate_hz;
+    let velocities: Vec<f64> =
+        mean_velocities(observed.positions(scenario), joint, period).collect();
+    let mut normal = Matrix3::zeros();
+    let mut right = Vector3::zeros();
+    for (velocity, torque) in velocities.windows(2).zip(&torques[1..]) {
+        let row = Vector3::new(velocity[0], f64::from(torque[joint]), 1.0);
+        normal += row * row.transpose();
+        right += row * velocity[1];
+    }
+    let ridge = 1e-9 * normal.trace();
+    normal += Matrix3::identity() * ridge;
+    match normal.cholesky() {
+        Some(factor) => {
+            let [a, g, b] = factor.solve(&right).into();
+            // Beyond 1 the rollout would grow without bound, which no damped joint does.
+            [a.clamp(-1.0, 1.0), g, b]
+        }
+        None => [0.0; 3],
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::baselines::fixture::{error_of, first_order_robot};
+
+    #[test]
+    fn least_squares_identifies_a_first_order_arm() {
+        assert!(error_of(&LeastSquares, &first_order_robot(0.8, 0.03)) < 1e-2);
+    }
+
+    #[test]
+    fn least_squares_holds_an_arm_that_does_not_move() {
+        let mut still = first_order_robot(0.0, 0.0);
+        still.u.fill(0.0);
+        assert!(error_of(&LeastSquares, &still) < 1e-9);
+    }
+}

@@ -1,0 +1,67 @@
+//! Predictors that learn nothing from other robots: what a learned model has to beat.
+
+mod arx;
+mod damped_integrator;
+mod fitted_damping;
+#[cfg(test)]
+pub(crate) mod fixture;
+mod hold_last;
+mod identification;
+mod least_squares;
+mod rollout;
+
+use spec::{Baseline, DataSpec, Integrator, Precision, RobotSpec};
+
+use crate::Predictor;
+
+pub use arx::Arx;
+pub use damped_integrator::DampedIntegrator;
+pub use fitted_damping::FittedDamping;
+pub use hold_last::HoldLast;
+pub use identification::Identification;
+pub use least_squares::LeastSquares;
+
+/// What baselines may know of the arms they are asked about: the one that robots are drawn around,
+/// how far, and how it is simulated.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NominalArm {
+    pub robot: RobotSpec,
+    pub rate_hz: f64,
+    pub integrator: Integrator,
+    pub precision: Precision,
+}
+
+impl NominalArm {
+    /// Of recordings from elsewhere nothing is known but that they are of a Panda: it is the one of
+    /// the default spec, ±10 %.
+    pub fn of(data: &DataSpec) -> Self {
+        match data.simulation() {
+            Some(spec) => Self {
+                robot: spec.robot.clone(),
+                rate_hz: spec.rate_hz,
+                integrator: spec.integrator,
+                precision: spec.precision,
+            },
+            None => Self {
+                robot: RobotSpec::default(),
+                rate_hz: data.rate_hz(),
+                integrator: Integrator::default(),
+                precision: Precision::default(),
+            },
+        }
+    }
+}
+
+/// The predictor that `baseline` names.
+pub fn baseline(baseline: Baseline, arm: &NominalArm) -> Box<dyn Predictor> {
+    match baseline {
+        Baseline::HoldLast => Box::new(HoldLast),
+        Baseline::DampedIntegrator => {
+            Box::new(DampedIntegrator { damping_nm_s_rad: arm.robot.damping_nm_s_rad })
+        }
+        Baseline::FittedDamping => Box::new(FittedDamping),
+        Baseline::LeastSquares => Box::new(LeastSquares),
+        Baseline::Arx => Box::new(Arx),
+        Baseline::Identification => Box::new(Identification::new(arm)),
+    }
+}

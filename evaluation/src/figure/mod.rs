@@ -1,0 +1,158 @@
+//! What a report says, drawn.
+
+mod over_frequency;
+mod over_steps;
+
+use figures::{Axis, Figure, Mark, Point, Scale, Series, Stroke};
+
+use crate::{GroupSummary, Interval, PredictorInfo, PredictorKind, PredictorScores, Report};
+
+pub use over_frequency::{crps_figure, rmse_figure};
+pub use over_steps::{latency_figure, sampler_steps_figure};
+
+/// RMSE of every predictor at each step of the horizon, over the scenarios of one group.
+pub fn horizon_figure(report: &Report, group: &GroupSummary) -> Figure {
+    let series = of_predictors(report, &group.scores, |scores| {
+        let steps = scores.step_rmse_deg.iter().enumerate();
+        steps.map(|(k, rmse)| Point::new((k + 1) as f64 / report.rate_hz, *rmse)).collect()
+    });
+    Figure {
+        title: format!("Prediction error along the horizon, {}", group.name),
+        x: axis("Time since the last known position", "s", Scale::Linear),
+        y: axis("RMSE", "deg", Scale::Log),
+        series,
+        bands: Vec::new(),
+    }
+}
+
+/// Share of measured positions inside central intervals over their probability; the diagonal is
+/// what a predictor that knows how much it knows has. Only predictors with samples are in it.
+pub fn calibration_figure(report: &Report, group: &GroupSummary) -> Figure {
+    let mut series = of_predictors(report, &group.scores, |scores| {
+        scores.calibration.iter().map(|at| Point::new(at.nominal, at.coverage)).collect()
+    });
+    let ideal = vec![Point::new(0.0, 0.0), Point::new(1.0, 1.0)];
+    series.push(Series::line("calibrated", ideal).dashed());
+    let share = |label: &str| Axis {
+        label: label.to_owned(),
+        unit: None,
+        scale: Scale::Linear,
+        range: Some((0.0, 1.0)),
+    };
+    Figure {
+        title: format!("Calibration, {}", group.name),
+        x: share("Probability of the central interval"),
+        y: share("Share of positions inside"),
+        series,
+        bands: Vec::new(),
+    }
+}
+
+fn axis(label: &str, unit: &str, scale: Scale) -> Axis {
+    Axis { label: label.to_owned(), unit: Some(unit.to_owned()), scale, range: None }
+}
+
+/// A series for each predictor that has points.
+fn of_predictors(
+    report: &Report,
+    scores: &[PredictorScores],
+    points: impl Fn(&PredictorScores) -> Vec<Point>,
+) -> Vec<Series> {
+    let found = report.predictors.iter().filter_map(|info| {
+        let scores = scores.iter().find(|scores| scores.predictor == info.name)?;
+        Some(line(info, points(scores)))
+    });
+    found.filter(|series| !series.points.is_empty()).collect()
+}
+
+/// Checkpoints are solid, baselines dashed.
+fn line(info: &PredictorInfo, points: Vec<Point>) -> Series {
+    Series {
+        name: info.name.clone(),
+        points,
+        mark: Mark::LineAndMarkers,
+        stroke: match info.kind {
+            PredictorKind::Checkpoint => Stroke::Solid,
+            PredictorKind::Baseline => Stroke::Dashed,
+        },
+    }
+}
+
+fn point(x: f64, Interval { mean, low, high }: Interval) -> Point {
+    Point::with_interval(x, mean, low, high)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Calibration, PredictorSummary};
+
+    pub(super) fn info(name: &str, kind: PredictorKind) -> PredictorInfo {
+        let name = name.to_owned();
+        PredictorInfo {
+            name,
+            kind,
+            digest: None,
+            normalization: None,
+            sampling: None,
+            latency: None,
+        }
+    }
+
+    pub(super) fn report(predictors: Vec<PredictorInfo>, scores: Vec<PredictorScores>) -> Report {
+        let rmse = |info: &PredictorInfo| PredictorSummary {
+            predictor: info.name.clone(),
+            interval: Interval { mean: 2.0, low: 1.5, high: 2.5 },
+        };
+        let group = GroupSummary {
+            name: "in distribution".to_owned(),
+            scenarios: 100,
+            rmse_deg: predictors.iter().map(rmse).collect(),
+            scores,
+        };
+        Report {
+            context: 320,
+            horizon: 3,
+            rate_hz: 60.0,
+            bootstrap: spec::Bootstrap::default(),
+            predictors,
+            in_distribution: Vec::new(),
+            cells: Vec::new(),
+            groups: vec![group],
+            paired: Vec::new(),
+            failures: Vec::new(),
+            worst: Vec::new(),
+        }
+    }
+
+    fn scores(predictor: &str, calibration: Vec<Calibration>) -> PredictorScores {
+        PredictorScores {
+            predictor: predictor.to_owned(),
+            step_rmse_deg: vec![0.1, 0.4, 0.9],
+            calibration,
+            ..PredictorScores::default()
+        }
+    }
+
+    #[test]
+    fn errors_along_the_horizon_begin_one_period_after_the_last_known_position() {
+        let report =
+            report(vec![info("held", PredictorKind::Baseline)], vec![scores("held", Vec::new())]);
+        let figure = horizon_figure(&report, &report.groups[0]);
+        assert_eq!(figure.series[0].points[0], Point::new(1.0 / 60.0, 0.1));
+        assert!(figure.to_svg(figures::Size::PAGE).is_ok());
+    }
+
+    #[test]
+    fn only_predictors_with_samples_are_in_the_calibration() {
+        let calibrated = vec![Calibration { nominal: 0.5, coverage: 0.4 }];
+        let report = report(
+            vec![info("held", PredictorKind::Baseline), info("cdt", PredictorKind::Checkpoint)],
+            vec![scores("held", Vec::new()), scores("cdt", calibrated)],
+        );
+        let figure = calibration_figure(&report, &report.groups[0]);
+        let names: Vec<&str> = figure.series.iter().map(|series| series.name.as_str()).collect();
+        assert_eq!(names, ["cdt", "calibrated"]);
+        assert!(figure.to_svg(figures::Size::PAGE).is_ok());
+    }
+}

@@ -1,0 +1,51 @@
+use figures::{Band, Figure, Point, Scale, Series};
+use spec::Family;
+
+use super::{axis, line, point};
+use crate::{CellSummary, Interval, PredictorInfo, Report};
+
+/// RMSE over frequency of one excitation family, the training's frequencies shaded.
+pub fn rmse_figure(report: &Report, family: Family) -> Figure {
+    let found = |cell: &CellSummary, info: &PredictorInfo| {
+        let summary = cell.rmse_deg.iter().find(|it| it.predictor == info.name);
+        summary.map(|it| it.interval)
+    };
+    over_frequency(report, family, "Prediction error", "RMSE", found)
+}
+
+/// CRPS over frequency of one excitation family, of the predictors with samples.
+pub fn crps_figure(report: &Report, family: Family) -> Figure {
+    let found = |cell: &CellSummary, info: &PredictorInfo| {
+        let scores = cell.scores.iter().find(|it| it.predictor == info.name);
+        scores.and_then(|it| it.crps_deg)
+    };
+    over_frequency(report, family, "Continuous ranked probability score", "CRPS", found)
+}
+
+fn over_frequency(
+    report: &Report,
+    family: Family,
+    title: &str,
+    label: &str,
+    found: impl Fn(&CellSummary, &PredictorInfo) -> Option<Interval>,
+) -> Figure {
+    let cells = || report.cells.iter().filter(move |cell| cell.family == family);
+    let series = report.predictors.iter().map(|info| {
+        let points: Vec<Point> =
+            cells().filter_map(|cell| Some(point(cell.frequency_hz, found(cell, info)?))).collect();
+        line(info, points)
+    });
+    let bands =
+        report.in_distribution.iter().filter(|seen| seen.family == family).map(|seen| Band {
+            from: seen.frequency_hz.min,
+            to: seen.frequency_hz.max,
+            label: "in distribution".to_owned(),
+        });
+    Figure {
+        title: format!("{title} over {family} frequency"),
+        x: axis("Master frequency", "Hz", Scale::Linear),
+        y: axis(label, "deg", Scale::Log),
+        series: series.filter(|series: &Series| !series.points.is_empty()).collect(),
+        bands: bands.collect(),
+    }
+}

@@ -1,0 +1,93 @@
+use spec::JOINTS;
+
+use crate::Scenarios;
+
+/// RMSE of each scenario in degrees: sqrt(mean over the horizon of e²) per joint, then the mean
+/// over joints (the paper's code).
+///
+/// `predicted` is `[size, horizon, 7]` in rad.
+///
+/// # Panics
+/// When `predicted` has another length.
+pub fn rmse_deg(scenarios: &Scenarios, context: usize, predicted: &[f32]) -> Vec<f64> {
+    let truth = scenarios.horizon_positions(context);
+    assert_eq!(predicted.len(), truth.len(), "[size, horizon, 7] values");
+    let row = truth.len() / scenarios.size.max(1);
+    truth
+        .chunks_exact(row.max(1))
+        .zip(predicted.chunks_exact(row.max(1)))
+        .map(|(truth, predicted)| mean_over_joints(&joint_rmse_deg(truth, predicted)))
+        .collect()
+}
+
+pub(crate) fn mean_over_joints(values: &[f64; JOINTS]) -> f64 {
+    values.iter().sum::<f64>() / JOINTS as f64
+}
+
+/// Of each joint of one scenario, degrees; both are `[horizon, 7]` in rad.
+pub fn joint_rmse_deg(truth: &[f32], predicted: &[f32]) -> [f64; JOINTS] {
+    let mut squares = [0.0; JOINTS];
+    let steps = truth.len() / JOINTS;
+    for step in step_squares_deg2(truth, predicted) {
+        for joint in 0..JOINTS {
+            squares[joint] += step[joint];
+        }
+    }
+    squares.map(|sum| (sum / steps as f64).sqrt())
+}
+
+/// Squared error of each step and joint of one scenario, degrees²; both are `[horizon, 7]` in rad.
+pub fn step_squares_deg2<'a>(
+    truth: &'a [f32],
+    predicted: &'a [f32],
+) -> impl Iterator<Item = [f64; JOINTS]> + 'a {
+    let truth = truth.as_chunks::<JOINTS>().0;
+    let predicted = predicted.as_chunks::<JOINTS>().0;
+    truth.iter().zip(predicted).map(|(truth, predicted)| {
+        std::array::from_fn(|joint| {
+            let error = f64::from(predicted[joint]) - f64::from(truth[joint]);
+            error.to_degrees().powi(2)
+        })
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn zeros(size: usize, samples: usize) -> Scenarios {
+        let y = vec![0.0; size * samples * JOINTS];
+        Scenarios { size, samples, pre_roll: 0, rate_hz: 60.0, u: y.clone(), y }
+    }
+
+    #[test]
+    fn a_constant_error_of_one_degree_on_one_joint_is_a_seventh_of_a_degree() {
+        let mut predicted = vec![0.0; 2 * 2 * JOINTS];
+        for step in 0..2 {
+            predicted[step * JOINTS + 3] = 1.0_f32.to_radians();
+        }
+        let rmse = rmse_deg(&zeros(2, 5), 3, &predicted);
+        assert!((rmse[0] - 1.0 / 7.0).abs() < 1e-6, "{rmse:?}");
+        assert!(rmse[1].abs() < 1e-12, "{rmse:?}");
+    }
+
+    #[test]
+    fn errors_of_one_joint_are_averaged_as_squares_over_time() {
+        let mut predicted = vec![0.0; 2 * JOINTS];
+        predicted[0] = 3.0_f32.to_radians();
+        predicted[JOINTS] = 4.0_f32.to_radians();
+        let expected = 12.5_f64.sqrt() / 7.0;
+        assert!((rmse_deg(&zeros(1, 4), 2, &predicted)[0] - expected).abs() < 1e-6);
+    }
+
+    #[test]
+    fn each_step_and_each_joint_has_its_own_error() {
+        let mut predicted = vec![0.0; 3 * JOINTS];
+        predicted[JOINTS + 2] = -2.0_f32.to_radians();
+        let truth = vec![0.0; 3 * JOINTS];
+        let steps: Vec<_> = step_squares_deg2(&truth, &predicted).collect();
+        assert!((steps[1][2] - 4.0).abs() < 1e-6);
+        assert!(steps.as_flattened().iter().sum::<f64>() - 4.0 < 1e-6);
+        assert!((joint_rmse_deg(&truth, &predicted)[2] - (4.0_f64 / 3.0).sqrt()).abs() < 1e-6);
+    }
+}

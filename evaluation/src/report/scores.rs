@@ -1,0 +1,123 @@
+//! All that is measured besides the RMSE, put together over cells.
+
+use rayon::prelude::*;
+use spec::{Bootstrap, JOINTS};
+
+use super::summary::errors;
+use super::{Calibration, IntervalSummary, PredictorInfo, PredictorScores};
+use crate::scores::{PerJoint, SampleErrors, ScenarioErrors};
+use crate::{CALIBRATION, CellResult, INTERVALS, Interval, PredictorErrors, stratified_mean};
+
+/// Of the predictors that answered everything, where it was measured at all.
+pub(super) fn scores(
+    predictors: &[PredictorInfo],
+    cells: &[&CellResult],
+    bootstrap: Bootstrap,
+) -> Vec<PredictorScores> {
+    predictors
+        .par_iter()
+        .filter_map(|info| Measured::of(&info.name, cells, bootstrap)?.scores(&info.name))
+        .collect()
+}
+
+/// One predictor's errors on every scenario, a stratum per cell.
+struct Measured<'a> {
+    cells: Vec<&'a PredictorErrors>,
+    strata: Vec<Vec<&'a ScenarioErrors>>,
+    bootstrap: Bootstrap,
+}
+
+impl<'a> Measured<'a> {
+    fn of(predictor: &str, cells: &[&'a CellResult], bootstrap: Bootstrap) -> Option<Self> {
+        let cells: Vec<&PredictorErrors> =
+            cells.iter().map(|cell| errors(cell, predictor)).collect::<Option<_>>()?;
+        let strata: Vec<Vec<&ScenarioErrors>> = cells
+            .iter()
+            .map(|errors| errors.scenarios.iter().map(Option::as_ref).collect())
+            .collect::<Option<_>>()?;
+        (strata.iter().map(Vec::len).sum::<usize>() > 0).then_some(Self {
+            cells,
+            strata,
+            bootstrap,
+        })
+    }
+
+    fn scores(&self, predictor: &str) -> Option<PredictorScores> {
+        let mut joint_rmse_deg = [0.0; JOINTS];
+        for (joint, rmse) in joint_rmse_deg.iter_mut().enumerate() {
+            *rmse = self.mean(|errors| Some(f64::from(errors.rmse_deg[joint])))?;
+        }
+        let jitter = |of: fn(&crate::Jitter) -> &PerJoint| {
+            self.interval(|errors| errors.jitter.as_ref().map(|jitter| mean(of(jitter))))
+        };
+        let samples =
+            |of: fn(&SampleErrors) -> f64| self.interval(|errors| errors.samples.as_ref().map(of));
+        Some(PredictorScores {
+            predictor: predictor.to_owned(),
+            joint_rmse_deg,
+            step_rmse_deg: self.step_rmse_deg(),
+            jitter_deg: jitter(|it| &it.deg),
+            smoothed_jitter_deg: jitter(|it| &it.smoothed_deg),
+            smoothed_rmse_deg: jitter(|it| &it.smoothed_rmse_deg),
+            mean_rmse_deg: samples(|it| mean(&it.mean_rmse_deg)),
+            crps_deg: samples(|it| mean(&it.crps_deg)),
+            energy_score_deg: samples(|it| f64::from(it.energy_score_deg)),
+            intervals: INTERVALS.iter().filter_map(|&nominal| self.central(nominal)).collect(),
+            calibration: self.calibration(),
+        })
+    }
+
+    fn step_rmse_deg(&self) -> Vec<f64> {
+        let steps = self.cells.iter().map(|cell| cell.step_squares_deg2.len()).min().unwrap_or(0);
+        let entries = (self.strata.iter().map(Vec::len).sum::<usize>() * JOINTS) as f64;
+        let squares = |step: usize| {
+            self.cells.iter().flat_map(move |cell| cell.step_squares_deg2[step]).sum::<f64>()
+        };
+        (0..steps).map(|step| (squares(step) / entries).sqrt()).collect()
+    }
+
+    fn central(&self, nominal: f64) -> Option<IntervalSummary> {
+        let of = |pick: fn(&crate::IntervalErrors) -> &PerJoint| {
+            self.interval(|errors| {
+                let samples = errors.samples.as_ref()?;
+                let found = samples.intervals.iter().find(|it| it.nominal == nominal)?;
+                Some(mean(pick(found)))
+            })
+        };
+        let (coverage, width_deg) = (of(|it| &it.coverage)?, of(|it| &it.width_deg)?);
+        Some(IntervalSummary { nominal, coverage, width_deg })
+    }
+
+    fn calibration(&self) -> Vec<Calibration> {
+        let levels = CALIBRATION.iter().enumerate();
+        let of = |level: usize| {
+            self.mean(|errors| {
+                let calibration = &errors.samples.as_ref()?.calibration;
+                calibration.get(level).map(|coverage| f64::from(*coverage))
+            })
+        };
+        levels
+            .filter_map(|(level, &nominal)| Some(Calibration { nominal, coverage: of(level)? }))
+            .collect()
+    }
+
+    /// `None` unless every scenario has one.
+    fn values(&self, of: impl Fn(&ScenarioErrors) -> Option<f64>) -> Option<Vec<Vec<f64>>> {
+        let of = &of;
+        self.strata.iter().map(|stratum| stratum.iter().map(|it| of(it)).collect()).collect()
+    }
+
+    fn interval(&self, of: impl Fn(&ScenarioErrors) -> Option<f64>) -> Option<Interval> {
+        Some(stratified_mean(&self.values(of)?, self.bootstrap))
+    }
+
+    fn mean(&self, of: impl Fn(&ScenarioErrors) -> Option<f64>) -> Option<f64> {
+        let values = self.values(of)?;
+        let count = values.iter().map(Vec::len).sum::<usize>() as f64;
+        Some(values.iter().flatten().sum::<f64>() / count)
+    }
+}
+
+fn mean(values: &PerJoint) -> f64 {
+    values.iter().map(|value| f64::from(*value)).sum::<f64>() / JOINTS as f64
+}

@@ -1,0 +1,228 @@
+use rayon::prelude::*;
+use spec::{Bootstrap, Excitation, Family, Range};
+
+use super::scores::scores;
+use super::{
+    CellSummary, FailureSummary, GroupSummary, PairedDifference, PredictorInfo, PredictorKind,
+    PredictorSummary, Report, TrainedOn, WorstCase,
+};
+use crate::{CellResult, EvaluationError, Interval, PredictorErrors, stratified_mean};
+
+/// Scenarios of each predictor that are listed as its worst.
+const WORST: usize = 10;
+
+/// What an evaluation was asked.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Setting {
+    pub context: u32,
+    /// Context and horizon.
+    pub samples: u32,
+    pub rate_hz: f64,
+    /// Of the dataset's simulation; none for recordings.
+    pub seed: Option<u64>,
+    pub bootstrap: Bootstrap,
+    /// In the order of every table, baselines first.
+    pub predictors: Vec<PredictorInfo>,
+    /// One list per checkpoint.
+    pub trained_on: Vec<Vec<TrainedOn>>,
+}
+
+impl TrainedOn {
+    /// What a training on `excitation` has seen.
+    pub fn of(excitation: &Excitation) -> impl Iterator<Item = Self> {
+        [Family::Chirp, Family::Multisine].into_iter().filter_map(|family| {
+            excitation.support(family).map(|frequency_hz| Self { family, frequency_hz })
+        })
+    }
+
+    fn includes(&self, cell: &CellResult) -> bool {
+        // Grids are written in decimals, so 0.1 + 0.05 must count as 0.15.
+        const TOLERANCE_HZ: f64 = 1e-9;
+        self.family == cell.family
+            && cell.frequency_hz >= self.frequency_hz.min - TOLERANCE_HZ
+            && cell.frequency_hz <= self.frequency_hz.max + TOLERANCE_HZ
+    }
+}
+
+/// Puts the cells of an evaluation together.
+///
+/// A cell is in distribution when every checkpoint's training drew its family and frequency;
+/// without checkpoints all cells are out of it.
+///
+/// # Errors
+/// [`EvaluationError::MissingCell`] when a cell has no result.
+pub fn summarize(setting: Setting, results: &[CellResult]) -> Result<Report, EvaluationError> {
+    if let Some(missing) = (0..results.len()).find(|&k| results[k].cell != k) {
+        return Err(EvaluationError::MissingCell(missing));
+    }
+    let Setting { predictors, trained_on, bootstrap, .. } = setting;
+    let is_seen = |cell: &CellResult| {
+        !trained_on.is_empty()
+            && trained_on.iter().all(|seen| seen.iter().any(|seen| seen.includes(cell)))
+    };
+    let (inside, outside): (Vec<&CellResult>, Vec<&CellResult>) =
+        results.iter().partition(|cell| is_seen(cell));
+    let groups = [("in distribution", inside), ("out of distribution", outside)];
+    let groups: Vec<_> = groups.into_iter().filter(|(_, cells)| !cells.is_empty()).collect();
+
+    let cells = results
+        .par_iter()
+        .map(|cell| CellSummary {
+            family: cell.family,
+            frequency_hz: cell.frequency_hz,
+            in_distribution: is_seen(cell),
+            scenarios: scenarios(cell),
+            rmse_deg: means(&predictors, &[cell], bootstrap),
+            scores: scores(&predictors, &[cell], bootstrap),
+            measured_jitter_deg: cell.measured_jitter_deg,
+        })
+        .collect();
+    let paired =
+        groups.iter().flat_map(|(name, cells)| paired(name, &predictors, cells, bootstrap));
+    let worst = predictors.iter().flat_map(|info| worst(&info.name, results, setting.seed));
+    Ok(Report {
+        context: setting.context,
+        horizon: setting.samples - setting.context,
+        rate_hz: setting.rate_hz,
+        bootstrap,
+        in_distribution: common(&trained_on),
+        cells,
+        paired: paired.collect(),
+        groups: groups
+            .par_iter()
+            .map(|(name, cells)| GroupSummary {
+                name: (*name).to_owned(),
+                scenarios: cells.iter().map(|cell| scenarios(cell)).sum(),
+                rmse_deg: means(&predictors, cells, bootstrap),
+                scores: scores(&predictors, cells, bootstrap),
+            })
+            .collect(),
+        failures: results.iter().flat_map(failures).collect(),
+        worst: worst.collect(),
+        predictors,
+    })
+}
+
+/// Mean RMSE of `predictor` less that of `against` over the scenarios of `cells`; below 0 is better.
+/// `None` when either has no answer to some of them.
+pub fn paired_difference(
+    cells: &[&CellResult],
+    predictor: &str,
+    against: &str,
+    bootstrap: Bootstrap,
+) -> Option<Interval> {
+    let (ours, theirs) = (rmse_deg(cells, predictor)?, rmse_deg(cells, against)?);
+    let differences: Vec<Vec<f64>> = ours
+        .iter()
+        .zip(theirs)
+        .map(|(ours, theirs)| ours.iter().zip(theirs).map(|(a, b)| a - b).collect())
+        .collect();
+    Some(stratified_mean(&differences, bootstrap))
+}
+
+fn scenarios(cell: &CellResult) -> usize {
+    cell.predictors.first().map_or(0, |errors| errors.rmse_deg.len())
+}
+
+/// Of the predictors that answered everything.
+fn means(
+    predictors: &[PredictorInfo],
+    cells: &[&CellResult],
+    bootstrap: Bootstrap,
+) -> Vec<PredictorSummary> {
+    let summary = |info: &PredictorInfo| {
+        let interval = stratified_mean(&rmse_deg(cells, &info.name)?, bootstrap);
+        Some(PredictorSummary { predictor: info.name.clone(), interval })
+    };
+    predictors.iter().filter_map(summary).collect()
+}
+
+/// Each checkpoint against all that come before it, baselines and other checkpoints; without
+/// checkpoints each baseline against those before it.
+fn paired(
+    group: &str,
+    predictors: &[PredictorInfo],
+    cells: &[&CellResult],
+    bootstrap: Bootstrap,
+) -> Vec<PairedDifference> {
+    let is_checkpoint = |info: &PredictorInfo| info.kind == PredictorKind::Checkpoint;
+    let only_baselines = !predictors.iter().any(is_checkpoint);
+    let pairs: Vec<_> = predictors
+        .iter()
+        .enumerate()
+        .filter(|(_, ours)| only_baselines || is_checkpoint(ours))
+        .flat_map(|(k, ours)| predictors[..k].iter().map(move |theirs| (ours, theirs)))
+        .collect();
+    pairs
+        .into_par_iter()
+        .filter_map(|(ours, theirs)| {
+            Some(PairedDifference {
+                group: group.to_owned(),
+                predictor: ours.name.clone(),
+                against: theirs.name.clone(),
+                difference_deg: paired_difference(cells, &ours.name, &theirs.name, bootstrap)?,
+            })
+        })
+        .collect()
+}
+
+/// One predictor's errors, a stratum per cell; `None` unless it answered everything.
+fn rmse_deg(cells: &[&CellResult], predictor: &str) -> Option<Vec<Vec<f64>>> {
+    cells.iter().map(|cell| errors(cell, predictor)?.rmse_deg.iter().copied().collect()).collect()
+}
+
+pub(super) fn errors<'a>(cell: &'a CellResult, predictor: &str) -> Option<&'a PredictorErrors> {
+    cell.predictors.iter().find(|errors| errors.predictor == predictor)
+}
+
+fn failures(cell: &CellResult) -> impl Iterator<Item = FailureSummary> {
+    cell.predictors.iter().filter_map(|errors| {
+        let failure = errors.failure.as_ref()?;
+        Some(FailureSummary {
+            predictor: errors.predictor.clone(),
+            family: cell.family,
+            frequency_hz: cell.frequency_hz,
+            scenarios: failure.scenarios,
+            first: cell.first + failure.first as u64,
+            reason: failure.reason.clone(),
+        })
+    })
+}
+
+fn worst(predictor: &str, results: &[CellResult], seed: Option<u64>) -> Vec<WorstCase> {
+    let mut cases: Vec<WorstCase> = results
+        .iter()
+        .filter_map(|cell| Some((cell, errors(cell, predictor)?)))
+        .flat_map(|(cell, errors)| {
+            errors.rmse_deg.iter().enumerate().filter_map(move |(scenario, rmse)| {
+                Some(WorstCase {
+                    predictor: predictor.to_owned(),
+                    family: cell.family,
+                    frequency_hz: cell.frequency_hz,
+                    trajectory: cell.first + scenario as u64,
+                    seed,
+                    rmse_deg: (*rmse)?,
+                })
+            })
+        })
+        .collect();
+    cases.sort_by(|a, b| b.rmse_deg.total_cmp(&a.rmse_deg));
+    cases.truncate(WORST);
+    cases
+}
+
+/// What all trainings have seen: the intersection of their intervals, per family.
+fn common(trained_on: &[Vec<TrainedOn>]) -> Vec<TrainedOn> {
+    let Some((first, others)) = trained_on.split_first() else { return Vec::new() };
+    first
+        .iter()
+        .filter_map(|seen| {
+            others.iter().try_fold(*seen, |common, other| {
+                let other = other.iter().find(|other| other.family == common.family)?;
+                let min = common.frequency_hz.min.max(other.frequency_hz.min);
+                let max = common.frequency_hz.max.min(other.frequency_hz.max);
+                (min <= max).then_some(TrainedOn { frequency_hz: Range { min, max }, ..common })
+            })
+        })
+        .collect()
+}

@@ -1,0 +1,229 @@
+//! What one predictor's answer to one scenario is worth.
+
+use serde::{Deserialize, Serialize};
+use spec::JOINTS;
+
+use crate::metrics::{
+    JitterMeter, central_interval, crps, energy_score, joint_rmse_deg, least_samples,
+};
+
+/// A number per joint; f32, as in the table that holds it.
+pub type PerJoint = [f32; JOINTS];
+
+/// Probabilities of the central intervals whose coverage and width are kept for each joint.
+pub const INTERVALS: [f64; 2] = [0.5, 0.9];
+
+/// Probabilities at which coverage is kept for all joints together.
+pub const CALIBRATION: [f64; 9] = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9];
+
+/// One predictor's errors on one scenario. All errors are in degrees.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ScenarioErrors {
+    pub rmse_deg: PerJoint,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub jitter: Option<Jitter>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub samples: Option<SampleErrors>,
+}
+
+/// What a prediction has above the signal's band.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Jitter {
+    /// Root mean square above the band.
+    pub deg: PerJoint,
+    /// The same after a zero-phase low-pass at the band's edge.
+    pub smoothed_deg: PerJoint,
+    /// RMSE after that low-pass.
+    pub smoothed_rmse_deg: PerJoint,
+}
+
+/// How good several samples are as a distribution.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SampleErrors {
+    /// RMSE of the mean of the samples.
+    pub mean_rmse_deg: PerJoint,
+    /// Fair CRPS, mean over the horizon.
+    pub crps_deg: PerJoint,
+    /// Fair energy score of the whole horizon, all joints together.
+    pub energy_score_deg: f32,
+    /// As many of [`INTERVALS`] as there are samples enough for.
+    pub intervals: Vec<IntervalErrors>,
+    /// Share of the horizon, all joints together, inside the central intervals of [`CALIBRATION`];
+    /// as many of them as there are samples enough for.
+    pub calibration: Vec<f32>,
+}
+
+/// The central interval of one probability.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct IntervalErrors {
+    pub nominal: f64,
+    /// Share of the horizon inside.
+    pub coverage: PerJoint,
+    /// Mean over the horizon.
+    pub width_deg: PerJoint,
+}
+
+impl ScenarioErrors {
+    /// `truth`, `predicted` and each of `samples` are `[horizon, 7]` in rad.
+    pub fn new(
+        truth: &[f32],
+        predicted: &[f32],
+        samples: &[&[f32]],
+        meter: Option<&JitterMeter>,
+    ) -> Self {
+        Self {
+            rmse_deg: joint_rmse_deg(truth, predicted).map(to_f32),
+            jitter: meter.map(|meter| Jitter::new(truth, predicted, meter)),
+            samples: SampleErrors::new(truth, samples),
+        }
+    }
+}
+
+impl Jitter {
+    fn new(truth: &[f32], predicted: &[f32], meter: &JitterMeter) -> Self {
+        let mut jitter =
+            Self { deg: [0.0; _], smoothed_deg: [0.0; _], smoothed_rmse_deg: [0.0; _] };
+        for joint in 0..JOINTS {
+            let (truth, predicted) = (degrees(truth, joint), degrees(predicted, joint));
+            let smoothed = meter.smoothed(&predicted);
+            let squares: f64 = smoothed.iter().zip(&truth).map(|(a, b)| (a - b).powi(2)).sum();
+            jitter.deg[joint] = to_f32(meter.jitter(&predicted));
+            jitter.smoothed_deg[joint] = to_f32(meter.jitter(&smoothed));
+            jitter.smoothed_rmse_deg[joint] = to_f32((squares / truth.len() as f64).sqrt());
+        }
+        jitter
+    }
+}
+
+/// One joint's positions over the horizon.
+pub(crate) fn degrees(positions: &[f32], joint: usize) -> Vec<f64> {
+    let rows = positions.as_chunks::<JOINTS>().0;
+    rows.iter().map(|row| f64::from(row[joint]).to_degrees()).collect()
+}
+
+impl SampleErrors {
+    /// `None` below two samples.
+    fn new(truth: &[f32], samples: &[&[f32]]) -> Option<Self> {
+        let energy_score_deg = to_f32(energy_score(samples, truth)?.to_degrees());
+        let enough = |probability: &&f64| least_samples(**probability) <= samples.len();
+        let intervals: Vec<f64> = INTERVALS.iter().filter(enough).copied().collect();
+        let calibration: Vec<f64> = CALIBRATION.iter().filter(enough).copied().collect();
+
+        let steps = truth.len() / JOINTS;
+        let mut crps_sum = [0.0; JOINTS];
+        let mut mean_squares = [0.0; JOINTS];
+        let mut covered = vec![[0.0; JOINTS]; intervals.len()];
+        let mut widths = vec![[0.0; JOINTS]; intervals.len()];
+        let mut calibrated = vec![0.0; calibration.len()];
+        let mut drawn = Vec::with_capacity(samples.len());
+        for (entry, truth) in truth.iter().enumerate() {
+            let joint = entry % JOINTS;
+            let truth = f64::from(*truth).to_degrees();
+            drawn.clear();
+            drawn.extend(samples.iter().map(|sample| f64::from(sample[entry]).to_degrees()));
+            let mean = drawn.iter().sum::<f64>() / drawn.len() as f64;
+            mean_squares[joint] += (mean - truth).powi(2);
+            // Sorts them, which the intervals rely on.
+            crps_sum[joint] += crps(&mut drawn, truth)?;
+            for (k, &probability) in intervals.iter().enumerate() {
+                let (low, high) = central_interval(&drawn, probability)?;
+                covered[k][joint] += one_if((low..=high).contains(&truth));
+                widths[k][joint] += high - low;
+            }
+            for (sum, &probability) in calibrated.iter_mut().zip(&calibration) {
+                let (low, high) = central_interval(&drawn, probability)?;
+                *sum += one_if((low..=high).contains(&truth));
+            }
+        }
+        let over_steps = |sums: [f64; JOINTS]| sums.map(|sum| to_f32(sum / steps as f64));
+        Some(Self {
+            mean_rmse_deg: mean_squares.map(|sum| to_f32((sum / steps as f64).sqrt())),
+            crps_deg: over_steps(crps_sum),
+            energy_score_deg,
+            intervals: intervals
+                .iter()
+                .zip(covered.into_iter().zip(widths))
+                .map(|(&nominal, (covered, widths))| IntervalErrors {
+                    nominal,
+                    coverage: over_steps(covered),
+                    width_deg: over_steps(widths),
+                })
+                .collect(),
+            calibration: calibrated.iter().map(|sum| to_f32(sum / truth.len() as f64)).collect(),
+        })
+    }
+}
+
+fn one_if(condition: bool) -> f64 {
+    f64::from(u8::from(condition))
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "the table holds f32")]
+fn to_f32(value: f64) -> f32 {
+    value as f32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::metrics::normal::samples as normal;
+
+    const STEPS: usize = 40;
+
+    /// A truth and `count` samples, all of the same normal law with deviation 1°.
+    fn calibrated(count: usize) -> (Vec<f32>, Vec<Vec<f32>>) {
+        let series = |key: usize| -> Vec<f32> {
+            normal(key as u64, STEPS * JOINTS).iter().map(|x| to_f32(x.to_radians())).collect()
+        };
+        (series(1000), (0..count).map(series).collect())
+    }
+
+    fn errors(count: usize) -> ScenarioErrors {
+        let (truth, samples) = calibrated(count);
+        let views: Vec<&[f32]> = samples.iter().map(Vec::as_slice).collect();
+        ScenarioErrors::new(&truth, &vec![0.0; STEPS * JOINTS], &views, None)
+    }
+
+    #[test]
+    fn calibrated_samples_cover_what_they_say_and_no_more() {
+        let found = errors(60).samples.unwrap();
+        assert_eq!(found.calibration.len(), CALIBRATION.len());
+        for (coverage, nominal) in found.calibration.iter().zip(CALIBRATION) {
+            assert!((f64::from(*coverage) - nominal).abs() < 0.09, "{coverage} {nominal}");
+        }
+        let mean = |values: PerJoint| f64::from(values.iter().sum::<f32>()) / JOINTS as f64;
+        for (interval, width) in found.intervals.iter().zip([1.349, 3.290]) {
+            assert!((mean(interval.width_deg) - width).abs() < 0.1 * width, "{interval:?}");
+            assert!((mean(interval.coverage) - interval.nominal).abs() < 0.09, "{interval:?}");
+        }
+        // E |X - X'| / 2 of two standard normal numbers is 1 / √π.
+        assert!((mean(found.crps_deg) - 0.5642).abs() < 0.06, "{}", mean(found.crps_deg));
+        assert!((mean(found.mean_rmse_deg) - 1.0).abs() < 0.1);
+    }
+
+    #[test]
+    fn few_samples_have_no_wide_interval_and_one_has_none() {
+        let found = errors(10).samples.unwrap();
+        assert_eq!(found.intervals.iter().map(|it| it.nominal).collect::<Vec<_>>(), [0.5]);
+        assert_eq!(found.calibration.len(), 8);
+        assert_eq!(errors(1).samples, None);
+    }
+
+    #[test]
+    fn a_tone_above_the_band_is_jitter_and_the_low_pass_takes_it_and_its_error_away() {
+        let truth = vec![0.0; 80 * JOINTS];
+        let mut predicted = truth.clone();
+        for step in 0..80 {
+            let turns = 12.0 * f64::from(step) / 60.0;
+            let at = (std::f64::consts::TAU * turns).sin().to_radians();
+            predicted[usize::try_from(step).unwrap() * JOINTS + 4] = to_f32(at);
+        }
+        let meter = JitterMeter::new(80, 5.0, 60.0).unwrap();
+        let errors = ScenarioErrors::new(&truth, &predicted, &[], Some(&meter));
+        let jitter = errors.jitter.unwrap();
+        let expected = std::f32::consts::FRAC_1_SQRT_2;
+        assert!((jitter.deg[4] - expected).abs() < 0.02, "{jitter:?}");
+        assert!(jitter.smoothed_deg[4] < 0.02 && jitter.smoothed_rmse_deg[4] < 0.2, "{jitter:?}");
+        assert!(jitter.deg[3] < 1e-6 && (errors.rmse_deg[4] - expected).abs() < 0.02);
+    }
+}

@@ -1,0 +1,83 @@
+use evaluation::{Identification, LeastSquares, NominalArm, Predictor, Scenarios, rmse_deg};
+use serde_json::json;
+use spec::{DataSpec, ImportSpec, JobSpec, RobotSpec};
+
+use super::{arm, scenarios, simulation};
+
+/// Mean RMSE in degrees after `context` samples.
+fn error(predictor: &dyn Predictor, scenarios: &Scenarios, context: usize) -> f64 {
+    let predicted = predictor.predict(&scenarios.observed(context)).unwrap();
+    let errors = rmse_deg(scenarios, context, &predicted);
+    errors.iter().sum::<f64>() / errors.len() as f64
+}
+
+#[test]
+fn identification_finds_an_arm_as_it_was_drawn() {
+    let heavy = json!({"robot": {"gravity": "compensated", "payload": {"mass_kg": [1.0, 1.0]}}});
+    for fields in [json!({}), json!({"precision": "f64"}), heavy] {
+        let spec = simulation(400, &fields);
+        let scenarios = scenarios(&spec, 6, 0);
+        let identified = error(&Identification::new(&arm(&spec)), &scenarios, 320);
+        let fitted = error(&LeastSquares, &scenarios, 320);
+        assert!(identified < 0.02, "{fields}: {identified}°");
+        assert!(identified < 0.02 * fitted, "{fields}: {identified}°, least squares {fitted}°");
+    }
+}
+
+/// Lengths, armature and friction are not estimated: the arm that comes closest is.
+#[test]
+fn identification_of_an_arm_it_has_no_model_of_is_still_better_than_none() {
+    let unknown = json!({"robot": {
+        "geometry_fraction": 0.1, "armature_fraction": 0.3, "damping_fraction": 0.3,
+    }});
+    let spec = simulation(400, &unknown);
+    let assumed = simulation(400, &json!({}));
+    let scenarios = scenarios(&spec, 6, 0);
+    let identified = error(&Identification::new(&arm(&assumed)), &scenarios, 320);
+    let fitted = error(&LeastSquares, &scenarios, 320);
+    assert!(identified < 0.5 * fitted, "{identified}°, least squares {fitted}°");
+}
+
+#[test]
+fn where_the_simulation_diverges_the_last_position_is_held() {
+    // One explicit step per period is far from stable with this damping.
+    let spec = simulation(140, &json!({}));
+    let NominalArm { robot, rate_hz, precision, .. } = arm(&spec);
+    let unstable =
+        NominalArm { robot, rate_hz, precision, integrator: spec::Integrator::Rk4 { substeps: 1 } };
+    let observed = scenarios(&spec, 2, 0).observed(110);
+    let predicted = Identification::new(&unstable).predict(&observed).unwrap();
+    let last = observed.positions(0)[109];
+    assert!(predicted[..30 * spec::JOINTS].as_chunks().0.iter().all(|q| *q == last));
+}
+
+#[test]
+fn a_short_context_still_has_an_answer() {
+    let spec = simulation(60, &json!({}));
+    let scenarios = scenarios(&spec, 2, 0);
+    for context in [1, 2, 3, 10] {
+        let observed = scenarios.observed(context);
+        let predicted = Identification::new(&arm(&spec)).predict(&observed).unwrap();
+        assert_eq!(predicted.len(), 2 * (60 - context) * spec::JOINTS);
+        assert!(predicted.iter().all(|q| q.is_finite()));
+    }
+}
+
+#[test]
+fn of_recordings_the_nominal_arm_is_the_reference_at_their_rate() {
+    let arm = NominalArm::of(&DataSpec::Import(import()));
+    assert_eq!((arm.robot, arm.rate_hz), (RobotSpec::default(), 100.0));
+}
+
+fn import() -> ImportSpec {
+    let columns =
+        |prefix: &str| -> Vec<String> { (1..=7).map(|k| format!("{prefix}{k}")).collect() };
+    let text = json!({
+        "kind": "import", "file": "0".repeat(64), "format": "csv", "rate_hz": 100.0, "samples": 50,
+        "columns": {"u": columns("u"), "q": columns("q")},
+    });
+    match spec::parse(text.to_string().as_bytes()).unwrap() {
+        JobSpec::Import(spec) => spec,
+        _ => panic!("not an import"),
+    }
+}

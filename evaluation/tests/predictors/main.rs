@@ -1,0 +1,123 @@
+//! What predictors promise, on simulated arms.
+
+#![expect(clippy::unwrap_used, reason = "a test ends at what it did not expect")]
+
+mod baselines;
+mod learned;
+mod no_leak;
+
+use std::ops::ControlFlow;
+
+use evaluation::{NominalArm, Scenarios};
+use models::{Batch, Device, TrainedModel, Trainer, TrainingData};
+use serde_json::{Value, json};
+use spec::{DataSpec, JOINTS, JobSpec, SimulateSpec, TrainSpec};
+
+/// A checked simulation of `samples` samples with `fields` merged over it.
+fn simulation(samples: usize, fields: &Value) -> SimulateSpec {
+    let mut text = json!({
+        "kind": "simulate", "trajectories": 100, "seed": 11, "samples": samples,
+        "excitation": {"multisine": {"frequency_hz": {"fixed": 0.3}}},
+    });
+    text.as_object_mut().unwrap().extend(fields.as_object().unwrap().clone());
+    match spec::parse(text.to_string().as_bytes()).unwrap() {
+        JobSpec::Simulate(spec) => spec,
+        _ => panic!("not a simulation"),
+    }
+}
+
+fn arm(spec: &SimulateSpec) -> NominalArm {
+    NominalArm::of(&DataSpec::Simulation(spec.clone()))
+}
+
+/// The first `count` trajectories, the first `pre_roll` samples of which are before the window.
+fn scenarios(spec: &SimulateSpec, count: u64, pre_roll: usize) -> Scenarios {
+    let simulated = dynamics::simulate(spec, 0..count, &|_| ControlFlow::Continue(())).unwrap();
+    Scenarios {
+        size: simulated.count,
+        samples: simulated.samples - pre_roll,
+        pre_roll,
+        rate_hz: spec.rate_hz,
+        u: simulated.u,
+        y: simulated.q,
+    }
+}
+
+const CONTEXT: usize = 16;
+const SAMPLES: usize = 24;
+/// A number of steps that the smallest models below can be sampled in.
+const STEPS: u32 = 3;
+
+/// The smallest of every kind of model.
+fn every_kind() -> Vec<(&'static str, Value)> {
+    let diffusion = json!({"steps": 10, "prediction": "x0"});
+    let sampler = json!({"kind": "ddim", "steps": STEPS});
+    let robomorph = |head: &str| {
+        json!({"architecture": "robomorph", "d_model": 16, "heads": 2, "encoder_layers": 1,
+               "decoder_layers": 1, "patch": 4, "head": head})
+    };
+    let denoiser = |mut model: Value| {
+        model["diffusion"] = diffusion.clone();
+        model["sampler"] = sampler.clone();
+        model
+    };
+    let diffuser = json!({"architecture": "diffuser", "width": 16, "multipliers": [1, 2]});
+    let cdcnn = json!({"architecture": "cdcnn", "embedding": 16, "widths": [16, 32]});
+    let cdt = json!({"architecture": "cdt", "d_model": 16, "heads": 2, "encoder_layers": 1,
+                     "decoder_layers": 1});
+    let residual = |mut model: Value| {
+        model["residual"] = json!({"integrator": {"damping": 10.0}});
+        model
+    };
+    vec![
+        ("robomorph", robomorph("point")),
+        ("robomorph, residual", residual(robomorph("point"))),
+        ("robomorph, gaussian", robomorph("gaussian")),
+        ("diffuser", denoiser(diffuser)),
+        ("cdcnn", denoiser(cdcnn)),
+        ("cdt", denoiser(cdt)),
+    ]
+}
+
+/// Trained for a few steps, which is enough for every weight to have moved.
+fn trained(model: &Value, normalization: &str) -> TrainedModel {
+    let spec = train_spec(model, normalization);
+    let data =
+        TrainingData { samples: u32::try_from(SAMPLES).unwrap(), rate_hz: 60.0, statistics: None };
+    let mut trainer = Trainer::new(&spec, data, "digest", &Device::cpu()).unwrap();
+    let scenarios = scenarios(&simulation(SAMPLES, &json!({"seed": 12})), 8, 0);
+    let batch = Batch { u: scenarios.u, y: scenarios.y, size: 8, samples: SAMPLES };
+    for _ in 0..3 {
+        trainer.step(&batch).unwrap();
+    }
+    TrainedModel::from_files(&trainer.checkpoint().unwrap(), &Device::cpu()).unwrap()
+}
+
+fn train_spec(model: &Value, normalization: &str) -> TrainSpec {
+    let text = json!({
+        "kind": "train", "data": {"dataset": 1}, "model": model, "context": CONTEXT,
+        "normalization": normalization, "steps": 3, "batch_size": 8, "seed": 1,
+        "optimizer": {"learning_rate": 1e-3, "warmup_steps": 0},
+    });
+    match spec::parse(text.to_string().as_bytes()).unwrap() {
+        JobSpec::Train(spec) => spec,
+        _ => panic!("not a training"),
+    }
+}
+
+fn bits(values: &[f32]) -> Vec<u32> {
+    values.iter().map(|value| value.to_bits()).collect()
+}
+
+/// As `scenarios`, with every position after the context replaced.
+fn with_horizon(scenarios: &Scenarios, context: usize, value: impl Fn(usize) -> f32) -> Scenarios {
+    let mut replaced = scenarios.clone();
+    let row = (scenarios.pre_roll + scenarios.samples) * JOINTS;
+    for trajectory in replaced.y.chunks_exact_mut(row) {
+        let known = (scenarios.pre_roll + context) * JOINTS;
+        for (k, y) in trajectory[known..].iter_mut().enumerate() {
+            *y = value(k);
+        }
+    }
+    replaced
+}

@@ -1,0 +1,115 @@
+//! Nothing of the horizon's positions reaches a prediction.
+
+use evaluation::{LeakyLearned, Learned, OracleStarted, Predictor, Scenarios, Start, baseline};
+use models::{Sampling, TrainedModel};
+use serde_json::json;
+use spec::{Baseline, SamplerKind, SamplerSpec};
+
+use super::{CONTEXT, SAMPLES, STEPS, arm, bits, every_kind, scenarios, simulation};
+use super::{trained, with_horizon};
+
+/// The recording with another horizon: of noise, and of no number at all.
+fn others(scenarios: &Scenarios, context: usize) -> [Scenarios; 2] {
+    [
+        with_horizon(scenarios, context, |k| (12.9898 * k as f32).sin()),
+        with_horizon(scenarios, context, |_| f32::NAN),
+    ]
+}
+
+/// Whether prediction and samples are the same bits whatever the horizon is.
+fn is_blind(predictor: &dyn Predictor, scenarios: &Scenarios, context: usize) -> bool {
+    let answers = |scenarios: &Scenarios| {
+        let observed = scenarios.observed(context);
+        let predicted = predictor.predict(&observed).unwrap();
+        assert!(predicted.iter().all(|value| value.is_finite()), "{}", predictor.name());
+        let samples = predictor.sample(&observed, 3).unwrap();
+        (bits(&predicted), samples.map(|samples| bits(&samples.positions)))
+    };
+    let plain = answers(scenarios);
+    others(scenarios, context).iter().all(|other| answers(other) == plain)
+}
+
+#[test]
+fn noise_in_the_horizon_changes_no_bit_of_any_baseline() {
+    let spec = simulation(140, &json!({}));
+    for pre_roll in [0, 10] {
+        let scenarios = scenarios(&spec, 3, pre_roll);
+        for name in [
+            Baseline::HoldLast,
+            Baseline::DampedIntegrator,
+            Baseline::FittedDamping,
+            Baseline::LeastSquares,
+            Baseline::Arx,
+            Baseline::Identification,
+        ] {
+            let predictor = baseline(name, &arm(&spec));
+            assert!(is_blind(&*predictor, &scenarios, 110), "{}", predictor.name());
+        }
+    }
+}
+
+fn learned<'a>(
+    name: &str,
+    model: &'a TrainedModel,
+    kind: SamplerKind,
+    start: Start,
+) -> Learned<'a> {
+    let sampler = model.architecture().diffusion().map(|_| SamplerSpec {
+        kind,
+        steps: Some(STEPS),
+        ..SamplerSpec::default()
+    });
+    let sampling = Sampling { sampler, seed: 5, ..Sampling::default() };
+    Learned { name: format!("{name}, {kind:?}, {start:?}"), model, sampling, start }
+}
+
+#[test]
+fn noise_in_the_horizon_changes_no_bit_of_any_model_however_it_is_sampled() {
+    let pre_roll = 4;
+    let scenarios = scenarios(&simulation(SAMPLES + pre_roll, &json!({})), 3, pre_roll);
+    for (name, model) in every_kind() {
+        let model = trained(&model, "context");
+        let is_denoiser = model.architecture().diffusion().is_some();
+        let kinds: &[SamplerKind] = if is_denoiser {
+            &[SamplerKind::Ddpm, SamplerKind::Ddim, SamplerKind::DpmSolver]
+        } else {
+            &[SamplerKind::Ddpm]
+        };
+        for &kind in kinds {
+            let cold = learned(name, &model, kind, Start::Cold);
+            assert!(is_blind(&cold, &scenarios, CONTEXT), "{}", cold.name);
+        }
+        if is_denoiser {
+            for shift in [1, 2] {
+                let start = Start::Shifted { shift, steps: 2 };
+                let shifted = learned(name, &model, SamplerKind::Ddim, start);
+                assert!(is_blind(&shifted, &scenarios, CONTEXT), "{}", shifted.name);
+            }
+        }
+    }
+}
+
+/// What shows that the test above can fail.
+#[test]
+fn predictors_that_are_handed_the_horizon_are_found_out() {
+    let scenarios = scenarios(&simulation(SAMPLES, &json!({})), 3, 0);
+    let noisy = with_horizon(&scenarios, CONTEXT, |k| (12.9898 * k as f32).sin());
+    let observed = scenarios.observed(CONTEXT);
+    let kinds = every_kind();
+    let (_, robomorph) = &kinds[0];
+    let leaky = trained(robomorph, "paper-leaky");
+    let predict_leaky = |scenarios| {
+        let predictor = LeakyLearned { name: "leaky".to_owned(), model: &leaky, scenarios };
+        bits(&predictor.predict(&observed).unwrap())
+    };
+    assert_ne!(predict_leaky(&scenarios), predict_leaky(&noisy));
+
+    let (_, diffuser) = &kinds[3];
+    let diffuser = trained(diffuser, "context");
+    let predict_oracle = |scenarios| {
+        let (name, sampling) = ("oracle".to_owned(), Sampling::default());
+        let predictor = OracleStarted { name, model: &diffuser, sampling, steps: 2, scenarios };
+        bits(&predictor.predict(&observed).unwrap())
+    };
+    assert_ne!(predict_oracle(&scenarios), predict_oracle(&noisy));
+}
