@@ -8,7 +8,7 @@ use burn::tensor::{Tensor, TensorData};
 use safetensors::SafeTensors;
 use spec::{
     DataSource, Execution, JOINTS, Normalization, OptimizerSpec, SamplerKind, SamplerSpec,
-    TrainSpec,
+    TrainSpec, ValidationMetric,
 };
 
 use crate::checkpoint::{CONFIG_FILE, CheckpointFiles, MODEL_FILE};
@@ -164,11 +164,18 @@ fn check_optimizer_steps(peer: &Peer) {
         batch_size: 3,
         gradient_accumulation: 1,
         ema: None,
+        loss_weights: None,
         steps: 4,
         seed: 0,
         validation_fraction: 0.1,
         validate_every_steps: 1,
-        checkpoint_every_steps: 1,
+        validation_trajectories: 512,
+        sampled_trajectories: 64,
+        monitor: ValidationMetric::RmseDeg,
+        early_stop: None,
+        checkpoint_every_steps: Some(1),
+        checkpoint_every_seconds: None,
+        keep_checkpoints: 1,
         execution: Execution::default(),
     };
     let data = TrainingData { samples: config.samples, rate_hz: 60.0, statistics: None };

@@ -15,8 +15,20 @@ pub enum ModelError {
     #[error("{what} of trajectory {trajectory} has a value that is not finite")]
     NotFiniteInput { what: &'static str, trajectory: usize },
 
-    #[error("step {step}: the {quantity} is {value}; a smaller learning rate may help")]
-    NotFinite { step: u64, quantity: &'static str, value: f64 },
+    #[error("step {step}: the loss is {loss}, at a learning rate of {learning_rate}")]
+    LossNotFinite { step: u64, loss: f64, learning_rate: f64 },
+
+    #[error(
+        "step {step}: the norm of the gradient is {gradient_norm}, at a loss of {loss} and a \
+         learning rate of {learning_rate}"
+    )]
+    GradientNotFinite { step: u64, gradient_norm: f64, loss: f64, learning_rate: f64 },
+
+    #[error("`{tensor}` of {file} holds {value}, which no checkpoint may")]
+    NotFiniteTensor { file: &'static str, tensor: String, value: f32 },
+
+    #[error("interrupted")]
+    Interrupted,
 
     #[error("normalization `dataset` needs the statistics of the training trajectories")]
     MissingStatistics,

@@ -24,6 +24,7 @@ mod error;
 mod frame;
 mod gaussian;
 mod initialization;
+mod interruption;
 mod kernels;
 mod layers;
 mod normalization;
@@ -40,6 +41,7 @@ mod trained_model;
 mod trainer;
 mod transformer;
 mod unet;
+mod validation;
 
 pub use batch::{Batch, PredictionInput};
 pub use checkpoint::{
@@ -48,7 +50,9 @@ pub use checkpoint::{
 };
 pub use device::Device;
 pub use error::ModelError;
+pub use interruption::Interrupt;
 pub use normalization::{Normalizer, Statistics, StatisticsAccumulator};
 pub use sampling::{Sampling, WarmStart};
 pub use trained_model::TrainedModel;
-pub use trainer::{StepReport, Trainer, TrainingData, ValidationReport};
+pub use trainer::{StepReport, Trainer, TrainingData};
+pub use validation::{ValidationPart, ValidationReport};

@@ -1,6 +1,6 @@
 use burn::module::{Module, ModuleMapper, ModuleVisitor};
-use burn::tensor::Tensor;
-use spec::{Head, ModelSpec};
+use burn::tensor::{Tensor, TensorData};
+use spec::{Head, JOINTS, ModelSpec};
 
 use crate::ModelError;
 use crate::cdcnn::CdcnnConfig;
@@ -36,6 +36,17 @@ pub(crate) struct Loss {
 }
 
 impl Loss {
+    /// The errors of y, the last channels, times the weight of their joint.
+    #[expect(clippy::cast_possible_truncation, reason = "losses are computed in f32")]
+    pub fn weighted(self, weights: &[f64; JOINTS]) -> Self {
+        let [.., channels] = self.errors.dims();
+        let others = std::iter::repeat_n(1.0, channels - JOINTS);
+        let values: Vec<f32> = others.chain(weights.iter().map(|&weight| weight as f32)).collect();
+        let data = TensorData::new(values, [1, 1, channels]);
+        let weights = Tensor::from_data(data, &self.errors.device());
+        Self { errors: self.errors * weights, ..self }
+    }
+
     /// As a tensor of which gradients can be asked.
     pub fn tensor(&self) -> Tensor<1> {
         let entries = self.errors.shape().num_elements();
@@ -224,6 +235,7 @@ mod tests {
             ("cdt-paper", "", 35.8),
         ] {
             let found = count(name, more) / 1e6;
+            assert_eq!(preset(name, more).parameters(320, 80) as f64, count(name, more), "{name}");
             assert!((found / millions - 1.0).abs() < 0.01, "{name}: {found} M");
         }
     }
@@ -238,6 +250,7 @@ mod tests {
             let found: usize =
                 parameters(&model).unwrap().values().map(|tensor| tensor.values.len()).sum();
             assert_eq!(found as f64, count(name, ""), "{name}");
+            assert_eq!(found as u64, spec.parameters(320, 80), "{name}");
         }
     }
 }

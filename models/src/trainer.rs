@@ -6,6 +6,7 @@ use crate::checkpoint::{self, CheckpointConfig, CheckpointFiles, TrainingState, 
 use crate::ema::WeightAverage;
 use crate::frame::Framing;
 use crate::initialization::InitialWeights;
+use crate::interruption::Interrupt;
 use crate::normalization::{Normalizer, Statistics, model_input, target};
 use crate::optimizer::{ModelOptimizer, NamedGradients};
 use crate::parameters::host_values;
@@ -13,6 +14,7 @@ use crate::prediction::Predictor;
 use crate::randomness::{Noise, Purpose, generator};
 use crate::schedule::Schedule;
 use crate::sequence_model::{Draw, Loss, SequenceModel};
+use crate::validation::{ValidationPart, ValidationReport};
 use crate::{Batch, Device, FORMAT_VERSION, ModelError, Sampling};
 
 /// The metric that every checkpoint after a step has.
@@ -40,6 +42,9 @@ pub struct Trainer {
     identity: Identity,
     /// Parts that a batch is computed in.
     parts: usize,
+    /// Of each joint's errors in the loss.
+    loss_weights: Option<[f64; JOINTS]>,
+    interrupt: Interrupt,
     metrics: BTreeMap<String, f64>,
     device: Device,
     /// Steps taken.
@@ -69,18 +74,6 @@ pub struct StepReport {
     /// Euclidean norm over all parameters, before clipping.
     pub gradient_norm: f64,
     pub learning_rate: f64,
-}
-
-/// How the model does on trajectories that it was not trained on.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ValidationReport {
-    /// As [`StepReport::loss`]; with the same noise at every validation.
-    pub loss: f64,
-    /// Of [`crate::TrainedModel::predict`]: √(mean over the horizon of the squared error) of each joint of each trajectory, averaged
-    /// over both; rad.
-    pub rmse_rad: f64,
-    /// Trajectories, the weight of this report in a mean over several.
-    pub trajectories: usize,
 }
 
 impl Trainer {
@@ -122,6 +115,8 @@ impl Trainer {
                 rate_hz: data.rate_hz,
             },
             parts: spec.gradient_accumulation.max(1) as usize,
+            loss_weights: spec.loss_weights,
+            interrupt: Interrupt::default(),
             metrics: BTreeMap::new(),
             identity: Identity {
                 model: spec.model.clone(),
@@ -177,6 +172,12 @@ impl Trainer {
         Ok(trainer)
     }
 
+    /// Lets `interrupt` end steps and validations with [`ModelError::Interrupted`].
+    #[must_use]
+    pub fn interrupted_by(self, interrupt: Interrupt) -> Self {
+        Self { interrupt, ..self }
+    }
+
     /// Steps taken.
     pub fn steps_done(&self) -> u64 {
         self.step
@@ -185,18 +186,42 @@ impl Trainer {
     /// One optimizer step on `batch`.
     ///
     /// # Errors
-    /// A batch of the wrong shape or with values that are not finite; [`ModelError::NotFinite`]
-    /// when loss or gradient are not, after which the trainer is as it was before.
+    /// A batch of the wrong shape or with values that are not finite;
+    /// [`ModelError::LossNotFinite`], [`ModelError::GradientNotFinite`] and
+    /// [`ModelError::Interrupted`], after which the trainer is as it was before.
     pub fn step(&mut self, batch: &Batch) -> Result<StepReport, ModelError> {
-        // On a thread of the pool: from any other, each of the hundreds of parallel loops of a step
-        // would wake a worker and wait for it.
-        rayon::scope(|_| self.step_in_pool(batch))
+        let step = self.step + 1;
+        let (gradients, loss) = self.compute(|| self.gradients(batch))?;
+        let gradient_norm = gradients.norm;
+        let learning_rate = self.schedule.learning_rate(self.step);
+        if !gradient_norm.is_finite() {
+            return Err(ModelError::GradientNotFinite { step, gradient_norm, loss, learning_rate });
+        }
+        rayon::scope(|_| {
+            self.model = self.optimizer.step(self.model.clone(), gradients, learning_rate);
+            if let Some(average) = &mut self.average {
+                average.update(&self.model, step);
+            }
+        });
+        self.step = step;
+        self.note(TRAIN_LOSS, loss);
+        Ok(StepReport { step, loss, gradient_norm, learning_rate })
     }
 
-    fn step_in_pool(&mut self, batch: &Batch) -> Result<StepReport, ModelError> {
+    /// On a thread of the pool: from any other, each of the hundreds of parallel loops of a step
+    /// would wake a worker and wait for it.
+    fn compute<T: Send>(
+        &self,
+        work: impl FnOnce() -> Result<T, ModelError> + Send,
+    ) -> Result<T, ModelError> {
+        rayon::scope(|_| self.interrupt.guard(work))
+    }
+
+    /// Of the step that comes next, and its loss.
+    fn gradients(&self, batch: &Batch) -> Result<(NamedGradients, f64), ModelError> {
+        batch.check(self.framing.samples)?;
         let step = self.step + 1;
         let device = self.device.training();
-        batch.check(self.framing.samples)?;
         let mut gradients = Vec::with_capacity(self.parts);
         let mut loss_value = 0.0;
         let part_size = batch.size.div_ceil(self.parts);
@@ -206,24 +231,18 @@ impl Trainer {
             let mut noise = self.noise(Purpose::Training, step, first, part.size);
             let loss = self.loss(&self.model, &part, &mut noise, &device)?;
             loss_value += share * loss.value()?;
-            finite(step, "loss", loss_value)?;
+            if !loss_value.is_finite() {
+                return Err(ModelError::LossNotFinite {
+                    step,
+                    loss: loss_value,
+                    learning_rate: self.schedule.learning_rate(self.step),
+                });
+            }
             let tensor = loss.tensor();
             let tensor = if self.parts == 1 { tensor } else { tensor * share };
             gradients.push(tensor.backward());
         }
-
-        let gradients = NamedGradients::of(&self.model, gradients)?;
-        let gradient_norm = gradients.norm;
-        finite(step, "gradient norm", gradient_norm)?;
-
-        let learning_rate = self.schedule.learning_rate(self.step);
-        self.model = self.optimizer.step(self.model.clone(), gradients, learning_rate);
-        if let Some(average) = &mut self.average {
-            average.update(&self.model, step);
-        }
-        self.step = step;
-        self.note(TRAIN_LOSS, loss_value);
-        Ok(StepReport { step, loss: loss_value, gradient_norm, learning_rate })
+        Ok((NamedGradients::of(&self.model, gradients)?, loss_value))
     }
 
     /// Writes `value` into the checkpoints from here on, in place of an older one.
@@ -234,40 +253,47 @@ impl Trainer {
         }
     }
 
-    /// Loss and error on `batch`, of the averaged weights where there are any; changes nothing.
-    pub fn validate(&self, batch: &Batch) -> Result<ValidationReport, ModelError> {
-        rayon::scope(|_| self.validate_in_pool(batch))
+    /// What was noted, and the loss of the last step.
+    pub fn metrics(&self) -> &BTreeMap<String, f64> {
+        &self.metrics
     }
 
-    fn validate_in_pool(&self, batch: &Batch) -> Result<ValidationReport, ModelError> {
+    /// Loss and error on `part`, of the averaged weights where there are any; changes nothing.
+    ///
+    /// # Errors
+    /// As of [`Trainer::step`], but that a loss which is not finite is a result.
+    pub fn validate(&self, part: &ValidationPart<'_>) -> Result<ValidationReport, ModelError> {
+        self.compute(|| self.validated(part))
+    }
+
+    fn validated(&self, part: &ValidationPart<'_>) -> Result<ValidationReport, ModelError> {
+        let ValidationPart { batch, first, predicted } = *part;
         let model = self.kept_model();
         let device = self.device.inference();
         let context = self.framing.context;
-        let mut noise = self.noise(Purpose::Validation, 0, 0, batch.size);
+        let mut noise = self.noise(Purpose::Validation, 0, first, batch.size);
         let loss = self.loss(&model, batch, &mut noise, &device)?;
-        let known = batch.known(context);
-        let statistics = self.normalizer.statistics_of_batch(batch, context);
-        let predicted = match &loss.predicted {
-            Some(predicted) => {
-                let mut predicted = host_values(predicted.clone())?;
-                let frames = self.framing.frames(&known, &statistics);
-                let rows = predicted.chunks_exact_mut((batch.samples - context) * JOINTS);
-                for (y, frame) in rows.zip(&frames) {
-                    frame.restore(y, context);
-                }
-                predicted
+        let mut report = ValidationReport::new(loss.value()?, batch.size);
+        if let Some(answer) = loss.predicted {
+            let statistics = self.normalizer.statistics_of_batch(batch, context);
+            let frames = self.framing.frames(&batch.known(context), &statistics);
+            let mut answer = host_values(answer)?;
+            let rows = answer.chunks_exact_mut((batch.samples - context) * JOINTS);
+            for (y, frame) in rows.zip(&frames) {
+                frame.restore(y, context);
             }
-            None => {
-                let (spec, framing) = (&self.identity.model, self.framing);
-                let predictor = Predictor { model: &model, spec, framing, device };
-                predictor.answer(&known, &statistics, &Sampling::default(), Draw::Mean)?
-            }
-        };
-        Ok(ValidationReport {
-            loss: loss.value()?,
-            rmse_rad: mean_rmse(&predicted, batch, context),
-            trajectories: batch.size,
-        })
+            report.add_predictions(&answer, batch, context);
+        } else if predicted > 0 {
+            let asked = batch.part(0, predicted);
+            let statistics = self.normalizer.statistics_of_batch(&asked, context);
+            let (spec, framing) = (&self.identity.model, self.framing);
+            let predictor = Predictor { model: &model, spec, framing, device };
+            let sampling = Sampling { first_scenario: first as u64, ..Sampling::default() };
+            let known = asked.known(context);
+            let answer = predictor.answer(&known, &statistics, &sampling, Draw::Mean)?;
+            report.add_predictions(&answer, &asked, context);
+        }
+        Ok(report)
     }
 
     /// What predicts.
@@ -279,6 +305,9 @@ impl Trainer {
     }
 
     /// Everything that [`Trainer::resume`] and [`crate::TrainedModel::load`] need.
+    ///
+    /// # Errors
+    /// [`ModelError::NotFiniteTensor`], which no checkpoint holds.
     pub fn checkpoint(&self) -> Result<CheckpointFiles, ModelError> {
         let Identity { model, context, data, seed, spec_digest, dataset_digest, ema } =
             &self.identity;
@@ -324,7 +353,11 @@ impl Trainer {
         let known = batch.known(context);
         let frames = self.framing.frames(&known, &statistics);
         let input = model_input(&known, &statistics, &frames, device);
-        Ok(model.loss(input, target(batch, &frames, context, device), noise))
+        let loss = model.loss(input, target(batch, &frames, context, device), noise);
+        Ok(match &self.loss_weights {
+            Some(weights) => loss.weighted(weights),
+            None => loss,
+        })
     }
 }
 
@@ -340,10 +373,6 @@ pub(crate) fn horizon(context: u32, samples: u32) -> Result<u32, ModelError> {
     }
 }
 
-fn finite(step: u64, quantity: &'static str, value: f64) -> Result<(), ModelError> {
-    if value.is_finite() { Ok(()) } else { Err(ModelError::NotFinite { step, quantity, value }) }
-}
-
 fn agree<T: PartialEq + ToString + ?Sized>(
     field: &'static str,
     found: &T,
@@ -354,22 +383,4 @@ fn agree<T: PartialEq + ToString + ?Sized>(
     }
     let (found, expected) = (found.to_string(), expected.to_string());
     Err(ModelError::OtherTraining { field, found, expected })
-}
-
-/// `predicted` is `[size, horizon, 7]` in rad.
-fn mean_rmse(predicted: &[f32], batch: &Batch, context: usize) -> f64 {
-    let horizon = batch.samples - context;
-    let mut total = 0.0;
-    let truths = batch.y.chunks_exact(batch.samples * JOINTS);
-    for (predicted, truth) in predicted.chunks_exact(horizon * JOINTS).zip(truths) {
-        let mut squares = [0.0; JOINTS];
-        let truth = truth[context * JOINTS..].chunks_exact(JOINTS);
-        for (predicted, truth) in predicted.chunks_exact(JOINTS).zip(truth) {
-            for joint in 0..JOINTS {
-                squares[joint] += f64::from(predicted[joint] - truth[joint]).powi(2);
-            }
-        }
-        total += squares.map(|sum: f64| (sum / horizon as f64).sqrt()).iter().sum::<f64>();
-    }
-    total / (batch.size.max(1) * JOINTS) as f64
 }

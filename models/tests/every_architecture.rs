@@ -5,7 +5,8 @@
 mod synthetic;
 
 use models::{
-    Batch, Device, ModelError, PredictionInput, Sampling, TrainedModel, Trainer, WarmStart,
+    Batch, Device, ModelError, PredictionInput, Sampling, TrainedModel, Trainer, ValidationPart,
+    ValidationReport, WarmStart,
 };
 use spec::{
     EmaSpec, JOINTS, Known, ModelSpec, Normalization, Residual, SamplerKind, SamplerSpec, TrainSpec,
@@ -69,9 +70,9 @@ fn check_learning(kind: &str, share: f64) {
     spec.optimizer.learning_rate = 5e-3;
     let mut trainer = trainer(&spec);
     train(&mut trainer, 0..600);
-    let report = trainer.validate(&held_out).unwrap();
-    println!("{kind}: {:.4} rad, held {hold_last:.4} rad", report.rmse_rad);
-    assert!(report.rmse_rad < share * hold_last, "{kind}: {report:?}, hold-last {hold_last}");
+    let report = trainer.validate(&ValidationPart::whole(&held_out)).unwrap();
+    println!("{kind}: {:.4} rad, held {hold_last:.4} rad", report.rmse_rad());
+    assert!(report.rmse_rad() < share * hold_last, "{kind}: {report:?}, hold-last {hold_last}");
 }
 
 #[test]
@@ -138,6 +139,79 @@ fn a_resumed_training_equals_an_uninterrupted_one_bit_for_bit() {
     }
 }
 
+/// Work is cut by the number of threads, and blocks of another size may be added up in another order.
+#[test]
+fn a_training_is_the_same_bit_for_bit_on_the_same_number_of_threads_and_close_on_others() {
+    for (name, model) in every_kind() {
+        let trained_on = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| {
+                let spec = TrainSpec { model: model.clone(), ..train_spec() };
+                let mut trainer = trainer(&spec);
+                for step in 0..3 {
+                    trainer.step(&batch(step, 40)).unwrap();
+                }
+                let held_out = batch(99, 40);
+                let report = trainer.validate(&ValidationPart::whole(&held_out)).unwrap();
+                (trainer.checkpoint().unwrap(), report.loss(), report.rmse_rad())
+            })
+        };
+        let (_, loss, rmse_rad) = trained_on(1);
+        for threads in [2, 5] {
+            let found = trained_on(threads);
+            assert!(found == trained_on(threads), "{name}, {threads} threads, twice");
+            let close = |a: f64, b: f64| (a - b).abs() < 1e-4 * b.abs();
+            assert!(close(found.1, loss) && close(found.2, rmse_rad), "{name}, {threads} threads");
+        }
+    }
+}
+
+#[test]
+fn a_validation_is_the_same_in_any_parts() {
+    for (name, model) in every_kind() {
+        let trainer = trainer(&TrainSpec { model, ..train_spec() });
+        let all = batch(7, 12);
+        let whole = trainer.validate(&ValidationPart::whole(&all)).unwrap();
+        let mut parts = ValidationReport::default();
+        for first in (0..12).step_by(5) {
+            let end = (first + 5).min(12);
+            let batch = Batch {
+                u: all.u[first * ROW..end * ROW].to_vec(),
+                y: all.y[first * ROW..end * ROW].to_vec(),
+                size: end - first,
+                samples: all.samples,
+            };
+            let predicted = batch.size;
+            parts += trainer.validate(&ValidationPart { batch: &batch, first, predicted }).unwrap();
+        }
+        let close = |a: f64, b: f64| (a - b).abs() < 1e-5 * b.abs();
+        assert!(close(parts.loss(), whole.loss()), "{name}: {parts:?} {whole:?}");
+        assert!(close(parts.rmse_rad(), whole.rmse_rad()), "{name}: {parts:?} {whole:?}");
+    }
+}
+
+#[test]
+fn a_denoiser_predicts_as_many_trajectories_as_it_is_asked_to() {
+    for (name, model) in every_kind() {
+        let in_one_pass = model.diffusion().is_none();
+        let trainer = trainer(&TrainSpec { model, ..train_spec() });
+        let all = batch(7, 6);
+        let first_two = Batch {
+            u: all.u[..2 * ROW].to_vec(),
+            y: all.y[..2 * ROW].to_vec(),
+            size: 2,
+            samples: all.samples,
+        };
+        let part = ValidationPart { batch: &all, first: 0, predicted: 2 };
+        let report = trainer.validate(&part).unwrap();
+        let expected = if in_one_pass { &all } else { &first_two };
+        let expected = trainer.validate(&ValidationPart::whole(expected)).unwrap().rmse_rad();
+        assert!((report.rmse_rad() - expected).abs() < 1e-6 * expected, "{name}: {report:?}");
+        let none = ValidationPart { predicted: 0, ..part };
+        assert_eq!(trainer.validate(&none).unwrap().rmse_rad().is_nan(), !in_one_pass, "{name}");
+    }
+}
+
 #[test]
 fn a_model_predicts_what_its_trainer_validated() {
     for (name, model) in every_kind() {
@@ -161,7 +235,7 @@ fn a_model_predicts_what_its_trainer_validated() {
                 }
             }
             let rmse = total / (5 * JOINTS) as f64;
-            let reported = trainer.validate(&batch).unwrap().rmse_rad;
+            let reported = trainer.validate(&ValidationPart::whole(&batch)).unwrap().rmse_rad();
             assert!((rmse - reported).abs() < 1e-6 * reported, "{name}: {rmse} {reported}");
         }
     }

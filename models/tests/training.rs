@@ -4,8 +4,14 @@
 
 mod synthetic;
 
-use models::{CheckpointFiles, Device, ModelError, StatisticsAccumulator, Trainer, TrainingData};
-use spec::{Normalization, TrainSpec};
+use std::thread;
+use std::time::Duration;
+
+use models::{
+    CheckpointFiles, Device, Interrupt, ModelError, StatisticsAccumulator, Trainer, TrainingData,
+    ValidationPart,
+};
+use spec::{Normalization, OptimizerSpec, TrainSpec};
 use synthetic::{CONTEXT, DATA, batch, train_spec};
 
 fn trainer(spec: &TrainSpec) -> Trainer {
@@ -30,11 +36,11 @@ fn training_lowers_the_validation_error() {
     let spec = TrainSpec { steps: 400, ..train_spec() };
     let mut trainer = trainer(&spec);
     let held_out = batch(1_000_000, 32);
-    let before = trainer.validate(&held_out).unwrap();
+    let before = trainer.validate(&ValidationPart::whole(&held_out)).unwrap();
     train(&mut trainer, 0, 400);
-    let after = trainer.validate(&held_out).unwrap();
-    assert!(after.loss < 0.5 * before.loss, "{before:?} {after:?}");
-    assert!(after.rmse_rad < 0.6 * before.rmse_rad, "{before:?} {after:?}");
+    let after = trainer.validate(&ValidationPart::whole(&held_out)).unwrap();
+    assert!(after.loss() < 0.5 * before.loss(), "{before:?} {after:?}");
+    assert!(after.rmse_rad() < 0.6 * before.rmse_rad(), "{before:?} {after:?}");
 }
 
 #[test]
@@ -74,7 +80,7 @@ fn a_resumed_training_equals_an_uninterrupted_one_bit_for_bit() {
 fn validation_changes_nothing() {
     let mut validated = trainer(&train_spec());
     for step in 0..4 {
-        validated.validate(&batch(99, 3)).unwrap();
+        validated.validate(&ValidationPart::whole(&batch(99, 3))).unwrap();
         validated.step(&batch(step, 8)).unwrap();
     }
     assert_eq!(validated.checkpoint().unwrap(), checkpoint_after(&train_spec(), 4));
@@ -108,6 +114,43 @@ fn a_loss_that_is_not_finite_names_its_step_and_leaves_the_trainer_as_it_was() {
 }
 
 #[test]
+fn an_interrupted_step_or_validation_leaves_the_trainer_as_it_was() {
+    let interrupt = Interrupt::default();
+    let mut interrupted = trainer(&train_spec()).interrupted_by(interrupt.clone());
+    let ended = thread::scope(|scope| {
+        scope.spawn(|| {
+            thread::sleep(Duration::from_millis(30));
+            interrupt.raise();
+        });
+        (0..).find_map(|step| interrupted.step(&batch(step, 8)).err()).unwrap()
+    });
+    assert!(matches!(ended, ModelError::Interrupted), "{ended}");
+    let validated = interrupted.validate(&ValidationPart::whole(&batch(99, 8)));
+    assert!(matches!(validated, Err(ModelError::Interrupted)));
+    let expected = checkpoint_after(&train_spec(), interrupted.steps_done());
+    assert_eq!(interrupted.checkpoint().unwrap(), expected);
+}
+
+#[test]
+fn a_joint_without_weight_does_not_count_and_one_of_weight_two_counts_twice() {
+    let loss = |weights: Option<[f64; 7]>, batch: &models::Batch| {
+        let spec = TrainSpec { loss_weights: weights, ..train_spec() };
+        trainer(&spec).step(batch).unwrap().loss
+    };
+    let usual = batch(0, 8);
+    let (plain, twice) = (loss(None, &usual), loss(Some([2.0; 7]), &usual));
+    assert!((twice - 2.0 * plain).abs() < 1e-6 * plain, "{plain} {twice}");
+
+    let mut other_joint_3 = usual.clone();
+    for y in other_joint_3.y.chunks_exact_mut(usual.samples * 7) {
+        y[CONTEXT as usize * 7..].iter_mut().skip(2).step_by(7).for_each(|value| *value += 1.0);
+    }
+    let without = Some([1.0, 1.0, 0.0, 1.0, 1.0, 1.0, 1.0]);
+    assert_eq!(loss(without, &usual), loss(without, &other_joint_3));
+    assert_ne!(loss(None, &usual), loss(None, &other_joint_3));
+}
+
+#[test]
 fn batches_of_the_wrong_shape_or_with_nan_are_refused() {
     let mut trainer = trainer(&train_spec());
     let mut short = batch(0, 2);
@@ -134,6 +177,42 @@ fn dataset_normalization_without_statistics_is_refused() {
     let spec = TrainSpec { normalization: Normalization::Dataset, ..train_spec() };
     let result = Trainer::new(&spec, DATA, "digest", &Device::cpu());
     assert!(matches!(result, Err(ModelError::MissingStatistics)));
+}
+
+/// Adam without memory of the gradients' size: an entry whose gradient vanishes for once takes a
+/// step of any length.
+fn explosive() -> TrainSpec {
+    let mut spec = train_spec();
+    spec.optimizer = OptimizerSpec {
+        learning_rate: 1.0,
+        betas: [0.99, 0.0],
+        epsilon: 1e-12,
+        ..OptimizerSpec::default()
+    };
+    spec
+}
+
+#[test]
+fn a_training_that_explodes_says_so_and_leaves_no_number_that_is_not_finite() {
+    let mut trainer = trainer(&explosive());
+    let mut kept = trainer.checkpoint().unwrap();
+    let error = (0..2000).find_map(|step| {
+        trainer.step(&batch(step, 8)).and_then(|_| trainer.checkpoint()).map(|it| kept = it).err()
+    });
+    let error = error.unwrap();
+    let is_named = match &error {
+        ModelError::LossNotFinite { step, loss, learning_rate } => {
+            *step == trainer.steps_done() + 1 && !loss.is_finite() && *learning_rate > 0.1
+        }
+        ModelError::GradientNotFinite { step, gradient_norm, .. } => {
+            *step == trainer.steps_done() + 1 && !gradient_norm.is_finite()
+        }
+        ModelError::NotFiniteTensor { value, .. } => !value.is_finite(),
+        _ => false,
+    };
+    assert!(is_named, "{error}");
+    models::TrainedModel::from_files(&kept, &Device::cpu()).unwrap();
+    Trainer::resume(&explosive(), DATA, "digest", &kept, &Device::cpu()).unwrap();
 }
 
 fn statistics() -> models::Statistics {

@@ -13,7 +13,7 @@ pub struct Training<'a> {
 impl TrainSpec {
     /// Trajectories to train on, of a dataset with `all`: all but the validation share at the end.
     pub fn training_trajectories(&self, all: u64) -> u64 {
-        all - self.validation_trajectories(all)
+        all - self.validation_part(all)
     }
 
     /// Trajectories kept for validation, of a dataset with `all`, rounded to the nearest whole number.
@@ -23,7 +23,7 @@ impl TrainSpec {
         clippy::cast_precision_loss,
         reason = "a share of at most 2^31 trajectories is exact in f64 and not negative"
     )]
-    pub fn validation_trajectories(&self, all: u64) -> u64 {
+    pub fn validation_part(&self, all: u64) -> u64 {
         (self.validation_fraction * all as f64).round() as u64
     }
 
@@ -59,7 +59,7 @@ impl TrainSpec {
         if let (Some(all), false) =
             (data.trajectories(), matches!(self.data, DataSource::Stream(_)))
         {
-            self.check_batch(self.training_trajectories(all), &mut report);
+            self.check_count(all, &mut report);
         }
         report.finish()
     }
@@ -67,14 +67,25 @@ impl TrainSpec {
     /// For data of which [`DataSpec::trajectories`] did not tell how many there are.
     ///
     /// # Errors
-    /// When a batch needs more trajectories than there are to train on.
+    /// When a batch needs more trajectories than there are to train on, or an early stop has none
+    /// to look at.
     pub fn check_trajectories(&self, all: u64) -> Result<(), SpecError> {
         let mut report = Report::default();
-        self.check_batch(self.training_trajectories(all), &mut report);
+        self.check_count(all, &mut report);
         report.finish()
     }
 
-    fn check_batch(&self, trained: u64, report: &mut Report) {
+    fn check_count(&self, all: u64, report: &mut Report) {
+        if self.early_stop.is_some() && self.validation_part(all) == 0 {
+            report.violation(
+                "validation_fraction",
+                self.validation_fraction,
+                format!(
+                    "so large that early_stop has trajectories to validate with: here it keeps 0 of {all}"
+                ),
+            );
+        }
+        let trained = self.training_trajectories(all);
         if u64::from(self.batch_size) > trained {
             report.violation(
                 "batch_size",

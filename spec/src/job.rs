@@ -88,9 +88,8 @@ fn check_outside_pipeline(spec: &JobSpec, report: &mut Report) {
         report.violation("data", format!("{{\"job\": {name:?}}}"), allowed);
     }
     for (i, checkpoint) in checkpoints.iter().enumerate() {
-        if let CheckpointRef::Job(name) = checkpoint {
-            let allowed =
-                r#"{"checkpoint": ID} or {"digest": HEX}; {"job": NAME} only in a pipeline"#;
+        if let Some(name) = checkpoint.job() {
+            let allowed = r#"{"checkpoint": ID}, {"digest": HEX} or {"best": {"digest": HEX}}; {"job": NAME} only in a pipeline"#;
             report.violation(
                 &format!("checkpoints[{i}]"),
                 format!("{{\"job\": {name:?}}}"),

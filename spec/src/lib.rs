@@ -9,11 +9,13 @@ mod canonical;
 mod check;
 mod compatibility;
 mod data;
+mod early_stop;
 mod error;
 mod evaluate;
 mod execution;
 mod import;
 mod job;
+mod memory;
 mod model;
 mod pipeline;
 mod preset;
@@ -30,6 +32,7 @@ pub const JOINTS: usize = 7;
 pub use canonical::{Digest, ParseDigestError};
 pub use compatibility::Training;
 pub use data::DataSpec;
+pub use early_stop::{EarlyStopSpec, ValidationMetric};
 pub use error::{SpecError, Violation};
 pub use evaluate::{Baseline, Bootstrap, EvaluateSpec};
 pub use execution::Execution;
@@ -38,6 +41,7 @@ pub use import::{
     TimeUnit,
 };
 pub use job::{JobKind, JobSpec, parse};
+pub use memory::TrainingMemory;
 pub use model::{
     CdcnnSpec, CdtSpec, Conditioning, DampedIntegrator, DiffuserSpec, DiffusionSpec, GROUPS, Head,
     Known, LossMean, ModelSpec, NoiseSchedule, Prediction, Residual, RoboMorphSpec, SamplerKind,
@@ -46,7 +50,7 @@ pub use model::{
 pub use pipeline::{PipelineMember, PipelineSpec};
 pub use preset::{Preset, PresetPlace, presets};
 pub use range::Range;
-pub use reference::{CheckpointRef, DataSource};
+pub use reference::{CheckpointRef, DataSource, TrainingRef, TrainingStep};
 pub use simulate::{
     Cell, Chirp, ChirpBand, Column, ColumnType, Doubt, Excitation, Family, Frequency, Friction,
     Gravity, InertiaScheme, InitialState, Integrator, LEAST_INERTIA_KG_M2, MAX_TRAJECTORIES,

@@ -38,7 +38,9 @@ impl PipelineMember {
             JobSpec::Train(spec) => needs.extend(dataset_job(&spec.data)),
             JobSpec::Evaluate(spec) => {
                 needs.extend(dataset_job(&spec.data));
-                needs.extend(spec.checkpoints.iter().filter_map(checkpoint_job));
+                needs.extend(
+                    spec.checkpoints.iter().filter_map(CheckpointRef::job).map(str::to_owned),
+                );
             }
             JobSpec::Verify(spec) => needs.extend(dataset_job(&spec.data)),
             JobSpec::Simulate(_) | JobSpec::Import(_) | JobSpec::Pipeline(_) => {}
@@ -51,13 +53,6 @@ fn dataset_job(reference: &DataSource) -> Option<String> {
     match reference {
         DataSource::Job(name) => Some(name.clone()),
         DataSource::Dataset(_) | DataSource::Digest(_) | DataSource::Stream(_) => None,
-    }
-}
-
-fn checkpoint_job(reference: &CheckpointRef) -> Option<String> {
-    match reference {
-        CheckpointRef::Job(name) => Some(name.clone()),
-        CheckpointRef::Checkpoint(_) | CheckpointRef::Digest(_) => None,
     }
 }
 
@@ -144,8 +139,8 @@ impl PipelineSpec {
         if let Some(name) = data.and_then(dataset_job) {
             check("data.job", &name, Some(JobKind::Simulate));
         }
-        for name in checkpoints.iter().filter_map(checkpoint_job) {
-            check("checkpoints.job", &name, Some(JobKind::Train));
+        for name in checkpoints.iter().filter_map(CheckpointRef::job) {
+            check("checkpoints.job", name, Some(JobKind::Train));
         }
     }
 }

@@ -20,14 +20,51 @@ pub enum DataSource {
     Stream(Box<SimulateSpec>),
 }
 
-/// A checkpoint, by one of three names; a stored spec always has the digest.
+/// A checkpoint. A stored spec names it by its training's digest, which with `best` or a step is
+/// exact too: the same training makes the same checkpoints.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum CheckpointRef {
-    /// A train job of the same pipeline: its last checkpoint.
+    /// A train job of the same pipeline: its final checkpoint.
     Job(String),
-    /// A checkpoint's id; stands for the last checkpoint of the same training.
+    /// A checkpoint's id.
     Checkpoint(i64),
-    /// The digest of the training's spec: its last checkpoint.
+    /// The digest of the training's spec: its final checkpoint.
     Digest(Digest),
+    /// The checkpoint of the best validation of a training.
+    Best(TrainingRef),
+    /// The checkpoint of a training after so many steps.
+    Step(TrainingStep),
+}
+
+/// A training.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum TrainingRef {
+    /// A train job of the same pipeline.
+    Job(String),
+    /// The digest of its spec.
+    Digest(Digest),
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct TrainingStep {
+    /// Of the training's spec.
+    pub digest: Digest,
+    /// Optimizer steps taken.
+    pub step: u64,
+}
+
+impl CheckpointRef {
+    /// The job of the same pipeline that makes it.
+    pub fn job(&self) -> Option<&str> {
+        match self {
+            Self::Job(name) | Self::Best(TrainingRef::Job(name)) => Some(name),
+            Self::Checkpoint(_)
+            | Self::Digest(_)
+            | Self::Best(TrainingRef::Digest(_))
+            | Self::Step(_) => None,
+        }
+    }
 }

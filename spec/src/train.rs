@@ -2,7 +2,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use crate::check::{Check, Report};
-use crate::{DataSource, Execution, ModelSpec};
+use crate::{DataSource, EarlyStopSpec, Execution, JOINTS, ModelSpec, ValidationMetric};
 
 /// Train one model on one dataset.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -26,7 +26,10 @@ pub struct TrainSpec {
     /// Keeps an average of the weights, which is what is evaluated; `null` does not.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ema: Option<EmaSpec>,
-    /// Optimizer steps.
+    /// Weights of the errors of each joint's position in the loss; `null` is 1 for all.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub loss_weights: Option<[f64; JOINTS]>,
+    /// Optimizer steps, unless `early_stop` ends the training before.
     pub steps: u64,
     /// Key of initial weights and batch order, 0 to 2^53 - 1.
     #[serde(default)]
@@ -35,10 +38,32 @@ pub struct TrainSpec {
     /// last ones: unless this is 0, it is validated with robots that training never reaches.
     #[serde(default = "defaults::validation_fraction")]
     pub validation_fraction: f64,
+    /// The training is validated at its end, too.
     #[serde(default = "defaults::validate_every_steps")]
     pub validate_every_steps: u64,
+    /// Trajectories that it is validated with, at most: the first of those kept for it.
+    #[serde(default = "defaults::validation_trajectories")]
+    pub validation_trajectories: u32,
+    /// How many of these, at most, a denoiser's `validation/rmse_deg` is taken over: the first ones.
+    /// Each costs as many passes of the network as `model.sampler` has steps.
+    #[serde(default = "defaults::sampled_trajectories")]
+    pub sampled_trajectories: u32,
+    /// What makes one validation better than another: the lowest is of the best checkpoint.
+    #[serde(default)]
+    pub monitor: ValidationMetric,
+    /// Ends the training when its validations do not get better any more; `null` does not.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub early_stop: Option<EarlyStopSpec>,
+    /// Steps between two checkpoints; `null` leaves it to `checkpoint_every_seconds`.
     #[serde(default = "defaults::checkpoint_every_steps")]
-    pub checkpoint_every_steps: u64,
+    pub checkpoint_every_steps: Option<u64>,
+    /// Longest time without a checkpoint; `null` leaves it to `checkpoint_every_steps`. It decides
+    /// when a checkpoint is written and never what is in it.
+    #[serde(default = "defaults::checkpoint_every_seconds")]
+    pub checkpoint_every_seconds: Option<u32>,
+    /// The newest checkpoints that are kept, besides the best and the final one.
+    #[serde(default = "defaults::keep_checkpoints")]
+    pub keep_checkpoints: u32,
     #[serde(default, skip_serializing_if = "Execution::is_default")]
     pub execution: Execution,
 }
@@ -131,8 +156,22 @@ mod defaults {
     pub const fn validate_every_steps() -> u64 {
         200
     }
-    pub const fn checkpoint_every_steps() -> u64 {
-        200
+    pub const fn validation_trajectories() -> u32 {
+        512
+    }
+    pub const fn sampled_trajectories() -> u32 {
+        64
+    }
+    #[expect(clippy::unnecessary_wraps, reason = "the default of a field that may be null")]
+    pub const fn checkpoint_every_steps() -> Option<u64> {
+        Some(200)
+    }
+    #[expect(clippy::unnecessary_wraps, reason = "the default of a field that may be null")]
+    pub const fn checkpoint_every_seconds() -> Option<u32> {
+        Some(600)
+    }
+    pub const fn keep_checkpoints() -> u32 {
+        2
     }
 }
 
@@ -165,11 +204,17 @@ impl Check for TrainSpec {
         if let Some(ema) = &self.ema {
             report.part("ema", ema);
         }
+        if let Some(weights) = &self.loss_weights {
+            report.all_within("loss_weights", weights, &(0.0..=1e6));
+            if weights.iter().all(|&weight| weight == 0.0) {
+                report.violation("loss_weights", "0 for every joint", "one above 0 at least");
+            }
+        }
         report.within("steps", self.steps, 1..=10_000_000);
         report.seed("seed", self.seed);
         report.within("validation_fraction", self.validation_fraction, 0.0..=0.5);
-        report.within("validate_every_steps", self.validate_every_steps, 1..=10_000_000);
-        report.within("checkpoint_every_steps", self.checkpoint_every_steps, 1..=10_000_000);
+        self.check_validation(report);
+        self.check_checkpoints(report);
         report.part("execution", &self.execution);
         let patch = self.model.patch();
         if patch > 0 && !self.context.is_multiple_of(patch) {
@@ -186,6 +231,35 @@ impl Check for TrainSpec {
                 format!("at most steps, which is {}", self.steps),
             );
         }
+    }
+}
+
+impl TrainSpec {
+    fn check_validation(&self, report: &mut Report) {
+        report.within("validate_every_steps", self.validate_every_steps, 1..=10_000_000);
+        report.within("validation_trajectories", self.validation_trajectories, 1..=100_000);
+        report.within("sampled_trajectories", self.sampled_trajectories, 1..=100_000);
+        if let Some(early_stop) = &self.early_stop {
+            report.part("early_stop", early_stop);
+            if self.validation_fraction == 0.0 {
+                let allowed = "above 0 with early_stop, which needs validations";
+                report.violation("validation_fraction", self.validation_fraction, allowed);
+            }
+        }
+    }
+
+    fn check_checkpoints(&self, report: &mut Report) {
+        if let Some(steps) = self.checkpoint_every_steps {
+            report.within("checkpoint_every_steps", steps, 1..=10_000_000);
+        }
+        if let Some(seconds) = self.checkpoint_every_seconds {
+            report.within("checkpoint_every_seconds", seconds, 1..=1_000_000);
+        }
+        if self.checkpoint_every_steps.is_none() && self.checkpoint_every_seconds.is_none() {
+            let allowed = "a number, here or in checkpoint_every_seconds";
+            report.violation("checkpoint_every_steps", "null", allowed);
+        }
+        report.within("keep_checkpoints", self.keep_checkpoints, 1..=1000);
     }
 }
 

@@ -208,6 +208,33 @@ fn a_stream_for_training_need_not_end_and_one_for_evaluation_must() {
 }
 
 #[test]
+fn a_training_without_checkpoints_or_with_an_early_stop_but_no_validation_is_refused() {
+    let mut never = train();
+    never["checkpoint_every_seconds"] = json!(null);
+    let expected = ["checkpoint_every_steps is null", "checkpoint_every_seconds"];
+    check_refused(never, "/checkpoint_every_steps", json!(null), &expected);
+    check_refused(train(), "/checkpoint_every_seconds", json!(0), &["1 to 1000000"]);
+    check_refused(train(), "/keep_checkpoints", json!(0), &["keep_checkpoints is 0", "1 to 1000"]);
+
+    let mut blind = train();
+    blind["validation_fraction"] = json!(0);
+    check_refused(blind, "/early_stop", json!({}), &["validation_fraction is 0", "early_stop"]);
+    let impatient = json!({"patience": 0});
+    check_refused(train(), "/early_stop", impatient, &["early_stop.patience is 0"]);
+    let negative = json!({"min_delta": -0.1});
+    check_refused(train(), "/early_stop", negative, &["early_stop.min_delta is -0.1"]);
+    check_refused(train(), "/monitor", json!("train/loss"), &["monitor", "validation/rmse_deg"]);
+}
+
+#[test]
+fn loss_weights_are_seven_of_which_one_counts() {
+    check_refused(train(), "/loss_weights", json!([1, 1]), &["loss_weights", "7"]);
+    let negative = json!([1, 1, 1, -1, 1, 1, 1]);
+    check_refused(train(), "/loss_weights", negative, &["loss_weights[3] is -1", "0 to 1000000"]);
+    check_refused(train(), "/loss_weights", json!([0, 0, 0, 0, 0, 0, 0]), &["one above 0"]);
+}
+
+#[test]
 fn an_import_that_uses_a_column_twice_or_in_wrong_units_is_refused() {
     let import = || {
         json!({

@@ -3,6 +3,7 @@
 mod housekeeping;
 mod interrupt;
 mod listen;
+mod memory;
 mod places;
 mod worker_processes;
 
@@ -89,6 +90,7 @@ impl Server {
                 token: options.token.clone(),
                 max_trajectories: options.max_trajectories,
                 max_upload_bytes: options.max_upload_bytes,
+                memory_bytes: memory::bytes(),
                 ..api::Options::default()
             },
         );

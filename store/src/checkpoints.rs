@@ -1,5 +1,7 @@
 //! Checkpoints of trainings: enough to resume from, or to predict with.
 
+use std::collections::BTreeMap;
+
 use spec::Digest;
 use sqlx::sqlite::SqliteRow;
 use sqlx::{FromRow, Row, SqliteConnection};
@@ -21,6 +23,12 @@ pub struct Checkpoint {
     pub step: u64,
     /// Whether training ended with it.
     pub is_final: bool,
+    /// Whether its validation is the best so far.
+    pub is_best: bool,
+    /// Whether there is none after it.
+    pub is_last: bool,
+    /// Of the newest validation when it was written.
+    pub metrics: BTreeMap<String, f64>,
     /// The job's.
     pub digest: Digest,
     /// By name.
@@ -45,15 +53,29 @@ impl Checkpoint {
 pub struct NewCheckpoint {
     pub step: u64,
     pub is_final: bool,
+    /// Takes this from the one that was best before; never taken back by a later commit of the step.
+    pub is_best: bool,
+    pub metrics: BTreeMap<String, f64>,
     /// Published before.
     pub files: Vec<CheckpointFile>,
+}
+
+/// One of the checkpoints of the trainings of a digest.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum WhichCheckpoint {
+    Final,
+    /// Of a training that succeeded.
+    Best,
+    /// After so many steps.
+    Step(u64),
 }
 
 macro_rules! select_checkpoint {
     ($rest:literal) => {
         concat!(
-            "SELECT checkpoint.*, job.digest FROM checkpoint \
-             JOIN job ON job.id = checkpoint.job ",
+            "SELECT checkpoint.*, job.digest, checkpoint.step = (SELECT MAX(other.step) \
+             FROM checkpoint AS other WHERE other.job = checkpoint.job) AS is_last \
+             FROM checkpoint JOIN job ON job.id = checkpoint.job ",
             $rest
         )
     };
@@ -77,16 +99,27 @@ impl Store {
         let mut tx = self.database().write(OPERATION).await?;
         let job = leases::check(&mut tx, fence).await?;
         let run = leases::check_run(&mut tx, fence).await?;
+        if new.is_best {
+            sqlx::query("UPDATE checkpoint SET is_best = 0 WHERE job = ? AND is_best = 1")
+                .bind(job)
+                .execute(&mut *tx)
+                .await
+                .map_err(&failed)?;
+        }
         let id: CheckpointId = sqlx::query_scalar(concat!(
-            "INSERT INTO checkpoint (job, run, step, is_final, created_at) VALUES (?, ?, ?, ?, ",
+            "INSERT INTO checkpoint (job, run, step, is_final, is_best, metrics, created_at) ",
+            "VALUES (?, ?, ?, ?, ?, ?, ",
             now!(),
             ") ON CONFLICT (job, step) DO UPDATE SET created_at = excluded.created_at, ",
-            "is_final = MAX(checkpoint.is_final, excluded.is_final) RETURNING id"
+            "metrics = excluded.metrics, is_final = MAX(checkpoint.is_final, excluded.is_final), ",
+            "is_best = MAX(checkpoint.is_best, excluded.is_best) RETURNING id"
         ))
         .bind(job)
         .bind(run)
         .bind(integer(new.step))
         .bind(new.is_final)
+        .bind(new.is_best)
+        .bind(sqlx::types::Json(&new.metrics))
         .fetch_one(&mut *tx)
         .await
         .map_err(&failed)?;
@@ -100,8 +133,8 @@ impl Store {
         Ok(id)
     }
 
-    /// Deletes all but the final and the `keep` latest checkpoints of the fence's job: first the
-    /// rows, then the objects.
+    /// Deletes all but the final, the best and, of the others, the `keep` latest checkpoints of the
+    /// fence's job: first the rows, then the objects. What a crash leaves of these is an orphan.
     ///
     /// # Errors
     /// [`StoreError::LeaseLost`] when the lease is lost; nothing is changed then.
@@ -111,8 +144,8 @@ impl Store {
         let mut tx = self.database().write(OPERATION).await?;
         let job = leases::check(&mut tx, fence).await?;
         let pruned: Vec<CheckpointId> = sqlx::query_scalar(
-            "SELECT id FROM checkpoint WHERE job = ?1 AND is_final = 0 AND id NOT IN \
-             (SELECT id FROM checkpoint WHERE job = ?1 ORDER BY step DESC LIMIT ?2)",
+            "SELECT id FROM checkpoint WHERE job = ? AND is_final = 0 AND is_best = 0 \
+             ORDER BY step DESC LIMIT -1 OFFSET ?",
         )
         .bind(job)
         .bind(keep)
@@ -186,20 +219,33 @@ impl Store {
         Ok(self.with_files(found).await?.into_iter().next())
     }
 
-    /// The newest final checkpoint of the trainings of a digest.
+    /// The newest such checkpoint of the trainings of a digest.
     ///
     /// # Errors
     /// When the database fails.
-    pub async fn final_checkpoint_by_digest(
+    pub async fn checkpoint_by_digest(
         &self,
         digest: Digest,
+        which: WhichCheckpoint,
     ) -> Result<Option<Checkpoint>, StoreError> {
-        let found = sqlx::query_as(select_checkpoint!(
-            "WHERE job.digest = ? AND checkpoint.is_final = 1 ORDER BY checkpoint.id DESC LIMIT 1"
-        ))
-        .bind(digest.to_string())
-        .fetch_all(self.database().reader())
-        .await;
+        let query = match which {
+            WhichCheckpoint::Final => sqlx::query_as(select_checkpoint!(
+                "WHERE job.digest = ? AND checkpoint.is_final = 1 ORDER BY checkpoint.id DESC LIMIT 1"
+            )),
+            WhichCheckpoint::Best => sqlx::query_as(select_checkpoint!(
+                "WHERE job.digest = ? AND checkpoint.is_best = 1 AND job.state = 'succeeded' \
+                 ORDER BY checkpoint.id DESC LIMIT 1"
+            )),
+            WhichCheckpoint::Step(_) => sqlx::query_as(select_checkpoint!(
+                "WHERE job.digest = ? AND checkpoint.step = ? ORDER BY checkpoint.id DESC LIMIT 1"
+            )),
+        };
+        let query = query.bind(digest.to_string());
+        let query = match which {
+            WhichCheckpoint::Step(step) => query.bind(integer(step)),
+            WhichCheckpoint::Final | WhichCheckpoint::Best => query,
+        };
+        let found = query.fetch_all(self.database().reader()).await;
         Ok(self.with_files(found).await?.into_iter().next())
     }
 
@@ -260,6 +306,9 @@ impl FromRow<'_, SqliteRow> for Checkpoint {
             run: row.try_get("run")?,
             step: row.try_get("step")?,
             is_final: row.try_get("is_final")?,
+            is_best: row.try_get("is_best")?,
+            is_last: row.try_get("is_last")?,
+            metrics: row.try_get::<sqlx::types::Json<_>, _>("metrics")?.0,
             digest: jobs::digest(row, "digest")?,
             files: Vec::new(),
             created_at: row.try_get("created_at")?,

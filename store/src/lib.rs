@@ -43,7 +43,7 @@ mod unfinished_file;
 mod uploads;
 
 pub use artifacts::{Artifact, NewArtifact};
-pub use checkpoints::{Checkpoint, CheckpointFile, NewCheckpoint};
+pub use checkpoints::{Checkpoint, CheckpointFile, NewCheckpoint, WhichCheckpoint};
 pub use clock::Timestamp;
 pub use data_dir::Access;
 pub use datasets::{Dataset, DatasetState, FileContent, NewShard, Shard};

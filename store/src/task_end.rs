@@ -7,6 +7,7 @@ use serde_json::Value;
 use sqlx::SqliteConnection;
 
 use crate::clock::now;
+use crate::database::integer;
 use crate::leases::lost;
 use crate::propagation::after_task;
 use crate::{Fence, JobId, Store, StoreError, leases};
@@ -38,6 +39,30 @@ impl Store {
         let mut tx = self.database().write(OPERATION).await?;
         complete(&mut tx, fence, result).await?;
         tx.commit().await.map_err(StoreError::database(OPERATION))
+    }
+
+    /// The task succeeded before all that was planned was done: `done` was enough.
+    ///
+    /// # Errors
+    /// [`StoreError::LeaseLost`] when the lease is lost; nothing is changed then.
+    pub async fn complete_early(
+        &self,
+        fence: Fence,
+        done: u64,
+        result: &Value,
+    ) -> Result<(), StoreError> {
+        const OPERATION: &str = "completing a task early";
+        let failed = StoreError::database(OPERATION);
+        let mut tx = self.database().write(OPERATION).await?;
+        leases::check(&mut tx, fence).await?;
+        sqlx::query("UPDATE task SET total = ? WHERE id = ?")
+            .bind(integer(done))
+            .bind(fence.task)
+            .execute(&mut *tx)
+            .await
+            .map_err(&failed)?;
+        complete(&mut tx, fence, Some(result)).await?;
+        tx.commit().await.map_err(&failed)
     }
 
     /// The task failed with `error`.

@@ -84,7 +84,9 @@ conforms! {
         a_training_resumes_from_its_latest_checkpoint,
         the_final_checkpoint_is_found_by_digest,
         a_step_that_is_taken_again_keeps_its_checkpoints_id,
-        old_checkpoints_are_pruned_with_their_bytes;
+        old_checkpoints_are_pruned_with_their_bytes,
+        one_checkpoint_of_a_training_is_the_best_and_one_the_last,
+        the_best_checkpoint_is_never_pruned;
     artifacts:
         an_artifact_is_replaced_under_its_name,
         every_training_and_evaluation_has_a_run;

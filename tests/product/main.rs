@@ -14,3 +14,4 @@ mod quickstart;
 mod shards;
 mod stopping;
 mod streams;
+mod trainings;

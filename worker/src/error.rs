@@ -23,6 +23,12 @@ pub enum TaskError {
     Dynamics(#[from] dynamics::DynamicsError),
     #[error(transparent)]
     Model(#[from] models::ModelError),
+    /// Numbers of a training that are not finite: the same spec would come to them again.
+    #[error(
+        "the training diverged at {cause}; the batch was {batch}; {checkpoint}; a smaller \
+         learning rate, a longer warmup or optimizer.gradient_clip_norm may help"
+    )]
+    Diverged { cause: models::ModelError, batch: String, checkpoint: String },
     #[error(transparent)]
     Import(#[from] crate::import::ImportError),
     #[error(transparent)]
@@ -53,6 +59,7 @@ impl TaskError {
             Self::Store(_) | Self::Threads(_) | Self::Stopped => Retry::Allowed,
             Self::Dynamics(_)
             | Self::Model(_)
+            | Self::Diverged { .. }
             | Self::Evaluation(_)
             | Self::Import(_)
             | Self::Figure(_)

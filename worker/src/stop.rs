@@ -1,5 +1,7 @@
 use std::sync::atomic::{AtomicU8, Ordering};
 
+use models::Interrupt;
+
 /// Why an attempt is to end before it is done.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StopReason {
@@ -13,7 +15,10 @@ pub enum StopReason {
 
 /// A reason to stop, set by the heartbeat and looked at by the work. The gravest reason stays.
 #[derive(Debug, Default)]
-pub struct StopSignal(AtomicU8);
+pub struct StopSignal {
+    reason: AtomicU8,
+    interrupt: Interrupt,
+}
 
 impl StopSignal {
     pub fn set(&self, reason: StopReason) {
@@ -22,11 +27,17 @@ impl StopSignal {
             StopReason::Cancelled => 2,
             StopReason::LeaseLost => 3,
         };
-        self.0.fetch_max(code, Ordering::Relaxed);
+        self.reason.fetch_max(code, Ordering::Relaxed);
+        self.interrupt.raise();
+    }
+
+    /// Raised with any reason: ends what a model computes.
+    pub fn interrupt(&self) -> &Interrupt {
+        &self.interrupt
     }
 
     pub fn get(&self) -> Option<StopReason> {
-        match self.0.load(Ordering::Relaxed) {
+        match self.reason.load(Ordering::Relaxed) {
             0 => None,
             1 => Some(StopReason::Shutdown),
             2 => Some(StopReason::Cancelled),
@@ -42,10 +53,11 @@ mod tests {
     #[test]
     fn a_lost_lease_outweighs_every_other_reason() {
         let stop = StopSignal::default();
-        assert_eq!(stop.get(), None);
+        assert_eq!((stop.get(), stop.interrupt().is_raised()), (None, false));
         for reason in [StopReason::LeaseLost, StopReason::Shutdown, StopReason::Cancelled] {
             stop.set(reason);
         }
         assert_eq!(stop.get(), Some(StopReason::LeaseLost));
+        assert!(stop.interrupt().is_raised());
     }
 }

@@ -1,5 +1,7 @@
 //! Checkpoints and their files.
 
+use std::collections::BTreeMap;
+
 use serde::Serialize;
 use serde_json::Value;
 use spec::Digest;
@@ -22,6 +24,14 @@ pub struct Checkpoint {
     /// Whether training ended with it.
     #[serde(rename = "final")]
     pub is_final: bool,
+    /// Whether its validation is the best so far, by the training's `monitor`.
+    #[serde(rename = "best")]
+    pub is_best: bool,
+    /// Whether there is none after it.
+    #[serde(rename = "last")]
+    pub is_last: bool,
+    /// Newest values when it was written, `validation/rmse_deg` among them once there was one.
+    pub metrics: BTreeMap<String, f64>,
     /// Of the training's spec.
     pub digest: Digest,
     #[schema(example = "robomorph")]
@@ -84,6 +94,9 @@ fn checkpoint(row: store::Checkpoint, spec: &Value) -> Checkpoint {
         run: row.run.0,
         step: row.step,
         is_final: row.is_final,
+        is_best: row.is_best,
+        is_last: row.is_last,
+        metrics: row.metrics,
         digest: row.digest,
         architecture: architecture.unwrap_or_default().to_owned(),
         files: row

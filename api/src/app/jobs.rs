@@ -6,7 +6,6 @@ use spec::{Digest, JobKind, JobSpec};
 use store::{JobId, ShardSummary, Timestamp};
 use utoipa::ToSchema;
 
-use crate::app::warnings::warnings;
 use crate::app::{App, Paging};
 use crate::error::ApiError;
 
@@ -175,7 +174,7 @@ impl App {
             state: row.state,
             error: row.error,
             digest: row.digest,
-            warnings: warnings(&row.spec),
+            warnings: self.warnings(&row.spec).await?,
             spec: row.spec,
             progress: row.progress.into(),
             needs: needs.into_iter().map(|need| need.0).collect(),

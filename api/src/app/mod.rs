@@ -58,6 +58,8 @@ pub struct Options {
     pub max_upload_bytes: u64,
     /// How long a sender may take for the next bytes of a file.
     pub upload_stall: Duration,
+    /// Memory of the machine, above which a training is warned about; `None` warns of none.
+    pub memory_bytes: Option<u64>,
 }
 
 impl Default for Options {
@@ -67,6 +69,7 @@ impl Default for Options {
             max_trajectories: MAX_TRAJECTORIES,
             max_upload_bytes: MAX_UPLOAD_BYTES,
             upload_stall: UPLOAD_STALL,
+            memory_bytes: None,
         }
     }
 }
@@ -80,6 +83,7 @@ pub struct App {
     max_trajectories: u64,
     max_upload_bytes: u64,
     upload_stall: Duration,
+    memory_bytes: Option<u64>,
     /// For the files on their way in.
     upload_places: Arc<Semaphore>,
 }
@@ -93,6 +97,7 @@ impl App {
             max_trajectories: options.max_trajectories,
             max_upload_bytes: options.max_upload_bytes,
             upload_stall: options.upload_stall,
+            memory_bytes: options.memory_bytes,
             upload_places: Arc::new(Semaphore::new(CONCURRENT_UPLOADS)),
         }
     }

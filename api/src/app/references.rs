@@ -4,9 +4,12 @@ use std::collections::BTreeMap;
 
 use spec::{
     CheckpointRef, DataSource, DataSpec, Digest, EvaluateSpec, JobKind, JobSpec, SpecError,
-    TrainSpec, Training, VerifySpec,
+    TrainSpec, Training, TrainingRef, TrainingStep, VerifySpec,
 };
-use store::{CheckpointId, DatasetId, Job, JobFilter, JobState, Need, Page, Store, StoreError};
+use store::{
+    Checkpoint, CheckpointId, DatasetId, DatasetState, Job, JobFilter, JobState, Need, Page, Store,
+    StoreError, WhichCheckpoint,
+};
 
 use crate::app::uploads;
 use crate::error::ApiError;
@@ -62,6 +65,15 @@ struct Found {
     dataset: Option<DatasetId>,
 }
 
+/// A checkpoint that an evaluation asks for, and its training.
+struct FoundCheckpoint {
+    /// By digest.
+    reference: CheckpointRef,
+    /// The training, unless the checkpoint is there already.
+    need: Option<Need>,
+    training: JobSpec,
+}
+
 impl<'a> References<'a> {
     pub fn new(store: &'a Store) -> Self {
         Self { store, siblings: BTreeMap::new() }
@@ -99,6 +111,13 @@ impl<'a> References<'a> {
     async fn resolve_training(&self, spec: &TrainSpec) -> Result<Resolved, ApiError> {
         let data = self.data(&spec.data).await?;
         spec.check_data(&data.spec)?;
+        // Of an import only the dataset tells how much there is, once there is one.
+        if let (None, Some(id)) = (data.spec.trajectories(), data.dataset) {
+            let dataset = self.store.dataset(id).await?;
+            if dataset.state == DatasetState::Complete {
+                spec.check_trajectories(dataset.trajectories)?;
+            }
+        }
         let spec = TrainSpec { data: data.source, ..spec.clone() };
         let needs = data.need.into_iter().collect();
         Ok(Resolved { spec: JobSpec::Train(spec), needs, data: Some(data.spec), dataset: None })
@@ -127,14 +146,14 @@ impl<'a> References<'a> {
         for (i, reference) in spec.checkpoints.iter().enumerate() {
             let field = format!("checkpoints[{i}]");
             let checkpoint = self.checkpoint(reference, &field).await?;
-            let training = training(&checkpoint.spec, &field)?;
-            if checkpoints.contains(&CheckpointRef::Digest(checkpoint.digest)) {
-                let value = checkpoint.digest.to_string();
-                return Err(SpecError::one(field, value, "each training once").into());
+            let training = training(&checkpoint.training, &field)?;
+            if checkpoints.contains(&checkpoint.reference) {
+                let value = serde_json::to_string(&checkpoint.reference).unwrap_or_default();
+                return Err(SpecError::one(field, value, "each checkpoint once").into());
             }
             let data = self.data_of(&training, &field).await?;
-            needs.push(checkpoint.need);
-            checkpoints.push(CheckpointRef::Digest(checkpoint.digest));
+            needs.extend(checkpoint.need);
+            checkpoints.push(checkpoint.reference);
             trainings.push((training, data));
         }
         let inputs: Vec<Training<'_>> =
@@ -179,16 +198,40 @@ impl<'a> References<'a> {
         }
     }
 
-    async fn checkpoint(&self, reference: &CheckpointRef, field: &str) -> Result<Found, ApiError> {
+    async fn checkpoint(
+        &self,
+        reference: &CheckpointRef,
+        field: &str,
+    ) -> Result<FoundCheckpoint, ApiError> {
         match reference {
-            CheckpointRef::Job(name) => self.named(name, &format!("{field}.job")),
+            CheckpointRef::Job(name) => {
+                let found = self.named(name, &format!("{field}.job"))?;
+                Ok(FoundCheckpoint::of(found, CheckpointRef::Digest))
+            }
+            CheckpointRef::Digest(digest) => {
+                let found = self.trained(*digest, &format!("{field}.digest")).await?;
+                Ok(FoundCheckpoint::of(found, CheckpointRef::Digest))
+            }
+            CheckpointRef::Best(of) => {
+                let found = match of {
+                    TrainingRef::Job(name) => self.named(name, &format!("{field}.best.job"))?,
+                    TrainingRef::Digest(digest) => {
+                        self.trained(*digest, &format!("{field}.best.digest")).await?
+                    }
+                };
+                let field = format!("{field}.best");
+                if training(&found.spec, &field)?.validation_fraction == 0.0 {
+                    let value = "of a training without validation";
+                    let allowed = "of one with a validation_fraction above 0";
+                    return Err(SpecError::one(field, value, allowed).into());
+                }
+                let best = |digest| CheckpointRef::Best(TrainingRef::Digest(digest));
+                Ok(FoundCheckpoint::of(found, best))
+            }
             CheckpointRef::Checkpoint(id) => {
                 let field = format!("{field}.checkpoint");
                 match self.store.checkpoint(CheckpointId(*id)).await {
-                    Ok(checkpoint) => {
-                        self.made(checkpoint.digest, &[JobKind::Train], &field, &id.to_string())
-                            .await
-                    }
+                    Ok(checkpoint) => self.existing(checkpoint, &field).await,
                     Err(StoreError::NotFound { .. }) => {
                         let newest = self.store.checkpoints(newest()).await?;
                         let ids = newest.iter().map(|checkpoint| checkpoint.id.0);
@@ -197,11 +240,40 @@ impl<'a> References<'a> {
                     Err(error) => Err(error.into()),
                 }
             }
-            CheckpointRef::Digest(digest) => {
-                let field = format!("{field}.digest");
-                self.made(*digest, &[JobKind::Train], &field, &digest.to_string()).await
+            CheckpointRef::Step(TrainingStep { digest, step }) => {
+                let field = format!("{field}.step");
+                let which = WhichCheckpoint::Step(*step);
+                match self.store.checkpoint_by_digest(*digest, which).await? {
+                    Some(checkpoint) => self.existing(checkpoint, &field).await,
+                    None => {
+                        let value = format!("{digest} after step {step}");
+                        let allowed = "a checkpoint that is kept, see the list of a training's";
+                        Err(SpecError::one(field, value, allowed).into())
+                    }
+                }
             }
         }
+    }
+
+    /// A checkpoint that is there: nothing has to succeed first, and its training may even have
+    /// failed. The final one is that of every training with the digest.
+    async fn existing(
+        &self,
+        checkpoint: Checkpoint,
+        field: &str,
+    ) -> Result<FoundCheckpoint, ApiError> {
+        let training = stored(&self.store.job(checkpoint.job).await?, field)?;
+        let reference = if checkpoint.is_final {
+            CheckpointRef::Digest(checkpoint.digest)
+        } else {
+            let Checkpoint { digest, step, .. } = checkpoint;
+            CheckpointRef::Step(TrainingStep { digest, step })
+        };
+        Ok(FoundCheckpoint { reference, need: None, training })
+    }
+
+    async fn trained(&self, digest: Digest, field: &str) -> Result<Found, ApiError> {
+        self.made(digest, &[JobKind::Train], field, &digest.to_string()).await
     }
 
     fn named(&self, name: &str, field: &str) -> Result<Found, ApiError> {
@@ -294,6 +366,12 @@ impl<'a> References<'a> {
                 Err(SpecError::one(field, value, "a training with known data").into())
             }
         }
+    }
+}
+
+impl FoundCheckpoint {
+    fn of(found: Found, reference: impl Fn(Digest) -> CheckpointRef) -> Self {
+        Self { reference: reference(found.digest), need: Some(found.need), training: found.spec }
     }
 }
 

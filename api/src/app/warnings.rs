@@ -1,13 +1,59 @@
 //! What a spec that was accepted makes doubtful.
 
 use serde_json::Value;
-use spec::{DataSource, Doubt, JobSpec, SimulateSpec};
+use spec::{DataSource, DataSpec, Digest, Doubt, JobSpec, SimulateSpec, TrainSpec};
+use store::JobState;
 
-/// Sentences about the values of a stored spec, those of a pipeline's jobs and of streams included;
-/// none about a spec of another version.
-pub fn warnings(spec: &Value) -> Vec<String> {
-    let spec: Result<JobSpec, _> = serde_json::from_value(spec.clone());
-    spec.map_or(Vec::new(), |spec| of_job(&spec, ""))
+use crate::app::App;
+use crate::error::ApiError;
+
+impl App {
+    /// Sentences about the values of a stored spec, those of a pipeline's jobs and of streams
+    /// included; none about a spec of another version.
+    pub(super) async fn warnings(&self, spec: &Value) -> Result<Vec<String>, ApiError> {
+        let Ok(spec) = serde_json::from_value::<JobSpec>(spec.clone()) else {
+            return Ok(Vec::new());
+        };
+        let mut warnings = of_job(&spec, "");
+        let Some(memory) = self.memory_bytes else { return Ok(warnings) };
+        for (path, training) in trainings(&spec) {
+            let Some(samples) = self.samples(&training.data).await? else { continue };
+            let doubt = training.memory_doubt(samples, memory);
+            warnings.extend(doubt.map(|doubt| sentence(&path, doubt)));
+        }
+        Ok(warnings)
+    }
+
+    /// Of each trajectory; `None` when nothing is known of the data.
+    async fn samples(&self, data: &DataSource) -> Result<Option<u32>, ApiError> {
+        match data {
+            DataSource::Stream(spec) => Ok(Some(spec.samples)),
+            DataSource::Digest(digest) => self.samples_of(*digest).await,
+            DataSource::Job(_) | DataSource::Dataset(_) => Ok(None),
+        }
+    }
+
+    async fn samples_of(&self, digest: Digest) -> Result<Option<u32>, ApiError> {
+        let job = self.store.job_by_digest(digest, &JobState::ALL).await?;
+        let spec = job.and_then(|job| serde_json::from_value::<JobSpec>(job.spec).ok());
+        Ok(spec.and_then(|spec| DataSpec::of(&spec)).map(|data| data.samples()))
+    }
+}
+
+/// The trainings of a spec, with the path to the fields of each.
+fn trainings(spec: &JobSpec) -> Vec<(String, &TrainSpec)> {
+    match spec {
+        JobSpec::Train(spec) => vec![(String::new(), spec)],
+        JobSpec::Pipeline(pipeline) => pipeline
+            .jobs
+            .iter()
+            .filter_map(|(name, member)| match &member.spec {
+                JobSpec::Train(spec) => Some((format!("jobs.{name}."), spec)),
+                _ => None,
+            })
+            .collect(),
+        _ => Vec::new(),
+    }
 }
 
 /// `path` leads to the fields of `spec` and ends in a dot, unless it is empty.
@@ -33,11 +79,12 @@ fn of_source(source: &DataSource, path: &str) -> Vec<String> {
 }
 
 fn of_simulation(spec: &SimulateSpec, path: &str) -> Vec<String> {
-    let sentence = |doubt: Doubt| {
-        let Doubt { field, value, reason } = doubt;
-        format!("{path}{field} is {value}: {reason}")
-    };
-    spec.doubts().into_iter().map(sentence).collect()
+    spec.doubts().into_iter().map(|doubt| sentence(path, doubt)).collect()
+}
+
+fn sentence(path: &str, doubt: Doubt) -> String {
+    let Doubt { field, value, reason } = doubt;
+    format!("{path}{field} is {value}: {reason}")
 }
 
 #[cfg(test)]
@@ -48,7 +95,7 @@ mod tests {
 
     fn of(spec: &Value) -> Vec<String> {
         let spec = spec::parse(spec.to_string().as_bytes()).unwrap();
-        warnings(&spec.to_json())
+        of_job(&spec, "")
     }
 
     #[test]
@@ -71,7 +118,9 @@ mod tests {
     #[test]
     fn no_preset_is_doubted() {
         for preset in spec::presets() {
-            assert_eq!(warnings(&preset.spec), Vec::<String>::new(), "{}", preset.name);
+            if let Ok(spec) = serde_json::from_value(preset.spec) {
+                assert_eq!(of_job(&spec, ""), Vec::<String>::new(), "{}", preset.name);
+            }
         }
     }
 }

@@ -5,9 +5,9 @@ use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::Response;
 
-use crate::app::{App, StoredFile};
+use crate::app::{App, Checkpoint, StoredFile};
 use crate::extract::Path;
-use crate::page::parts::{Commands, FileRow};
+use crate::page::parts::{Commands, Fact, FileRow};
 use crate::page::spec_text::spec_text;
 use crate::page::{InPage, PageError, html, text};
 
@@ -19,7 +19,8 @@ struct CheckpointPage {
     job_name: String,
     run: i64,
     step: String,
-    is_final: bool,
+    marks: String,
+    metrics: Vec<Fact>,
     architecture: String,
     digest: String,
     short_digest: String,
@@ -41,7 +42,8 @@ pub async fn show(
         job_name: job.name.clone(),
         run: checkpoint.run,
         step: text::count(checkpoint.step),
-        is_final: checkpoint.is_final,
+        marks: marks(&checkpoint),
+        metrics: facts(&checkpoint),
         snippet: snippet(&Commands::new(&app, &headers), &checkpoint.files),
         architecture: checkpoint.architecture,
         digest: checkpoint.digest.to_string(),
@@ -50,6 +52,20 @@ pub async fn show(
         spec: spec_text(&job.spec),
     };
     Ok(html(&page)?)
+}
+
+/// What it is besides: `final`, `best`, `last`.
+pub fn marks(checkpoint: &Checkpoint) -> String {
+    let Checkpoint { is_final, is_best, is_last, .. } = checkpoint;
+    let marks = [(*is_final, "final"), (*is_best, "best"), (*is_last && !is_final, "last")];
+    let marks: Vec<&str> =
+        marks.into_iter().filter(|(holds, _)| *holds).map(|(_, mark)| mark).collect();
+    marks.join(", ")
+}
+
+fn facts(checkpoint: &Checkpoint) -> Vec<Fact> {
+    let fact = |(key, value): (&String, &f64)| Fact::new(key, text::value(*value), String::new());
+    checkpoint.metrics.iter().map(fact).collect()
 }
 
 impl FileRow {

@@ -4,10 +4,11 @@ use askama::Template;
 use axum::extract::State;
 use axum::response::{IntoResponse, Redirect, Response};
 use figures::Size;
-use spec::JobKind;
+use spec::{JobKind, ValidationMetric};
 
 use crate::app::{App, Checkpoint, JobState, LatestMetric};
 use crate::extract::Path;
+use crate::page::checkpoint::marks;
 use crate::page::parts::{Bar, Fact, when};
 use crate::page::spec_text::spec_text;
 use crate::page::{InPage, PageError, html, text};
@@ -33,7 +34,8 @@ struct RunPage {
 struct CheckpointRow {
     id: i64,
     step: String,
-    is_final: bool,
+    marks: String,
+    rmse_deg: String,
     size: String,
     digest: String,
 }
@@ -76,7 +78,11 @@ impl From<&Checkpoint> for CheckpointRow {
         Self {
             id: checkpoint.id,
             step: text::count(checkpoint.step),
-            is_final: checkpoint.is_final,
+            marks: marks(checkpoint),
+            rmse_deg: checkpoint
+                .metrics
+                .get(ValidationMetric::RmseDeg.key())
+                .map_or(String::new(), |value| text::value(*value)),
             size: text::size(checkpoint.files.iter().map(|file| file.size).sum()),
             digest: checkpoint.digest.short(),
         }

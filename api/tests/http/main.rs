@@ -14,6 +14,7 @@ mod resources;
 mod serving;
 mod submission;
 mod tables;
+mod trainings;
 mod trajectories;
 mod uploads;
 mod verification;

@@ -283,6 +283,12 @@ async fn an_imported_dataset_can_be_trained_on_and_not_evaluated_on() {
 
     let training = server.submit(&small_training(&json!({"dataset": 1}))).await;
     assert_eq!(training.status, StatusCode::CREATED, "{training:?}");
+    let mut larger = small_training(&json!({"dataset": 1}));
+    larger["batch_size"] = json!(12);
+    let problem = server.submit(&larger).await.problem(422);
+    assert_eq!(problem["violations"][0]["value"], "12", "{problem}");
+    let allowed = "at most the number of training trajectories, which is 11";
+    assert_eq!(problem["violations"][0]["allowed"], allowed);
     let evaluation = json!({"kind": "evaluate", "data": {"dataset": 1}});
     let problem = server.submit(&evaluation).await.problem(422);
     let detail = problem["detail"].as_str().unwrap();

@@ -42,6 +42,11 @@ impl CheckpointFiles {
     pub fn named(&self) -> [(&'static str, &[u8]); 3] {
         [(MODEL_FILE, &self.model), (OPTIMIZER_FILE, &self.optimizer), (CONFIG_FILE, &self.config)]
     }
+
+    /// The same, to keep.
+    pub fn into_named(self) -> [(&'static str, Vec<u8>); 3] {
+        [(MODEL_FILE, self.model), (OPTIMIZER_FILE, self.optimizer), (CONFIG_FILE, self.config)]
+    }
 }
 
 /// Prefix of the weights in training in the optimizer's file.

@@ -33,6 +33,11 @@ impl View for FloatView<'_> {
 
 /// The same tensors give the same bytes.
 pub(crate) fn encode(file: &'static str, tensors: &NamedTensors) -> Result<Vec<u8>, ModelError> {
+    for (name, tensor) in tensors {
+        if let Some(&value) = tensor.values.iter().find(|value| !value.is_finite()) {
+            return Err(ModelError::NotFiniteTensor { file, tensor: name.clone(), value });
+        }
+    }
     let views = tensors.iter().map(|(name, tensor)| {
         let bytes = tensor.values.iter().flat_map(|value| value.to_le_bytes()).collect();
         (name, FloatView { shape: &tensor.shape, bytes })

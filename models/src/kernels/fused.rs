@@ -11,6 +11,8 @@ use burn_autodiff::grads::Gradients;
 use burn_autodiff::ops::{Backward, Ops, OpsKind};
 use burn_flex::{Flex, FlexTensor};
 
+use crate::interruption::leave_if_interrupted;
+
 /// An operation on `N` tensors and its derivative.
 pub(super) trait FusedOp<const N: usize>: Clone + Debug + Send + 'static {
     fn forward(&self, inputs: &[Array; N]) -> Array;
@@ -73,6 +75,7 @@ pub(super) fn apply<const N: usize, O: FusedOp<N>>(
     op: O,
     operands: [Option<Operand>; N],
 ) -> Option<Tensor<3>> {
+    leave_if_interrupted();
     let operands = all(operands)?;
     if operands.iter().all(|operand| matches!(operand, Operand::Plain(_))) {
         let inputs = all(operands.map(|operand| match operand {
@@ -112,6 +115,7 @@ impl<const N: usize, O: FusedOp<N>> Backward<Flex, N> for Derivative<O> {
         gradients: &mut Gradients,
         _checkpointer: &mut Checkpointer,
     ) {
+        leave_if_interrupted();
         let gradient = Array(gradients.consume::<Flex>(&ops.node).to_contiguous());
         let of_inputs = self.0.backward(&ops.state, &gradient);
         for (parent, gradient) in ops.parents.into_iter().zip(of_inputs) {

@@ -8,7 +8,7 @@ use rand_core::{Rng, SeedableRng};
 use spec::{
     CdcnnSpec, CdtSpec, Conditioning, DampedIntegrator, DataSource, DiffuserSpec, DiffusionSpec,
     Execution, Head, JOINTS, Known, ModelSpec, Normalization, OptimizerSpec, Prediction, Residual,
-    RoboMorphSpec, SamplerKind, SamplerSpec, TrainSpec,
+    RoboMorphSpec, SamplerKind, SamplerSpec, TrainSpec, ValidationMetric,
 };
 
 pub const SAMPLES: u32 = 24;
@@ -41,11 +41,18 @@ pub fn train_spec() -> TrainSpec {
         batch_size: 8,
         gradient_accumulation: 1,
         ema: None,
+        loss_weights: None,
         steps: 40,
         seed: 7,
         validation_fraction: 0.1,
         validate_every_steps: 10,
-        checkpoint_every_steps: 10,
+        validation_trajectories: 512,
+        sampled_trajectories: 64,
+        monitor: ValidationMetric::RmseDeg,
+        early_stop: None,
+        checkpoint_every_steps: Some(10),
+        checkpoint_every_seconds: None,
+        keep_checkpoints: 2,
         execution: Execution::default(),
     }
 }

@@ -1,3 +1,4 @@
+use std::collections::BTreeMap;
 use std::collections::HashSet;
 use std::time::Duration;
 
@@ -36,7 +37,13 @@ pub async fn a_killed_worker_loses_its_lease_and_its_late_writes(f: Fixture) {
     let metric = Metric { key: "train/loss".into(), step: 1, value: 1.0 };
     assert_lost(f.store.record_metrics(dead, &[metric]).await, dead);
     assert_lost(f.store.delete_metrics_after(dead, 0).await, dead);
-    let checkpoint = NewCheckpoint { step: 1, is_final: true, files: vec![] };
+    let checkpoint = NewCheckpoint {
+        step: 1,
+        is_final: true,
+        is_best: true,
+        metrics: BTreeMap::new(),
+        files: vec![],
+    };
     assert_lost(f.store.commit_checkpoint(dead, &checkpoint).await, dead);
     assert_lost(f.store.prune_checkpoints(dead, 1).await, dead);
     let artifact =

@@ -1,7 +1,10 @@
 use evaluation::{PredictorInfo, PredictorKind, TrainedOn};
 use models::{CONFIG_FILE, Device, MODEL_FILE, TrainedModel};
-use spec::{CheckpointRef, DataSource, Digest, EvaluateSpec, JobSpec, Normalization};
-use store::JobState;
+use spec::{
+    CheckpointRef, DataSource, Digest, EvaluateSpec, JobSpec, Normalization, TrainingRef,
+    TrainingStep,
+};
+use store::{JobState, WhichCheckpoint};
 
 use crate::attempt::Attempt;
 use crate::error::TaskError;
@@ -28,21 +31,34 @@ impl LoadedCheckpoint {
     fn load(attempt: &Attempt, reference: &CheckpointRef) -> Result<Self, TaskError> {
         let missing =
             |name: String| TaskError::Missing { what: "the checkpoint of training", name };
-        // Submission turned every other form of reference into a digest.
-        let CheckpointRef::Digest(digest) = reference else {
-            return Err(missing(format!("{reference:?}")));
+        // Submission turned every other form of reference into one of these.
+        let (digest, which, mark) = match reference {
+            CheckpointRef::Digest(digest) => (digest, WhichCheckpoint::Final, String::new()),
+            CheckpointRef::Best(TrainingRef::Digest(digest)) => {
+                (digest, WhichCheckpoint::Best, " (best)".to_owned())
+            }
+            CheckpointRef::Step(TrainingStep { digest, step }) => {
+                (digest, WhichCheckpoint::Step(*step), format!(" (step {step})"))
+            }
+            CheckpointRef::Job(_)
+            | CheckpointRef::Checkpoint(_)
+            | CheckpointRef::Best(TrainingRef::Job(_)) => {
+                return Err(missing(format!("{reference:?}")));
+            }
         };
         let store = &attempt.store;
         let checkpoint = attempt
-            .wait(store.final_checkpoint_by_digest(*digest))?
-            .ok_or_else(|| missing(digest.to_string()))?;
+            .wait(store.checkpoint_by_digest(*digest, which))?
+            .ok_or_else(|| missing(format!("{digest}{mark}")))?;
         let read = |name| {
             let object = checkpoint.file(name).ok_or_else(|| missing(digest.to_string()))?;
             Ok::<_, TaskError>(attempt.wait(store.read_object(object))?)
         };
         let model = TrainedModel::load(&read(MODEL_FILE)?, &read(CONFIG_FILE)?, &Device::cpu())?;
 
-        let JobSpec::Train(training) = stored_spec(attempt, *digest)? else {
+        // A checkpoint of a training that failed or was cancelled can be evaluated, too.
+        let job = attempt.wait(store.job(checkpoint.job))?;
+        let JobSpec::Train(training) = serde_json::from_value(job.spec)? else {
             return Err(missing(digest.to_string()));
         };
         let trained_on = match &training.data {
@@ -61,7 +77,7 @@ impl LoadedCheckpoint {
             Normalization::Context | Normalization::Dataset => "",
         };
         let info = PredictorInfo {
-            name: format!("{}{leaky}", training.model.architecture()),
+            name: format!("{}{mark}{leaky}", training.model.architecture()),
             kind: PredictorKind::Checkpoint,
             digest: Some(*digest),
             normalization: Some(training.normalization),

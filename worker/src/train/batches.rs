@@ -18,8 +18,18 @@ use crate::trajectories::Series;
 /// the last of them are drawn again.
 const SIMULATED_AT_ONCE: usize = 256;
 
+/// A batch, and which trajectories it has, in its order.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct TrainingBatch {
+    pub batch: Batch,
+    pub trajectories: Vec<u64>,
+}
+
+/// Where batches go.
+pub(super) type Send = SyncSender<Result<TrainingBatch, TaskError>>;
+
 /// Sends the batches of optimizer steps `first` to `end` (excluded) of a stream until nobody
-/// listens: step `s` has trajectories `s · size` to `(s + 1) · size`.
+/// listens or `stopped`: step `s` has trajectories `s · size` to `(s + 1) · size`.
 ///
 /// Simulates on one thread, which leaves the others to the training.
 pub(super) fn simulate_ahead(
@@ -27,9 +37,10 @@ pub(super) fn simulate_ahead(
     size: usize,
     first: u64,
     end: u64,
-    send: &SyncSender<Result<Batch, TaskError>>,
+    stopped: &(dyn Fn() -> bool + Sync),
+    send: &Send,
 ) {
-    if let Err(error) = send_stream(stream, size, first, end, send) {
+    if let Err(error) = send_stream(stream, size, first, end, stopped, send) {
         // A receiver that is gone has its own reason.
         let _ = send.send(Err(error));
     }
@@ -40,7 +51,8 @@ fn send_stream(
     size: usize,
     first: u64,
     end: u64,
-    send: &SyncSender<Result<Batch, TaskError>>,
+    stopped: &(dyn Fn() -> bool + Sync),
+    send: &Send,
 ) -> Result<(), TaskError> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
     let at_once = SIMULATED_AT_ONCE.div_ceil(size) as u64;
@@ -49,11 +61,14 @@ fn send_stream(
     while step < end {
         let last = (step + at_once).min(end);
         let range = step * size as u64..last * size as u64;
-        pool.install(|| stream.simulate(range, &|| false, &mut simulated))?;
+        pool.install(|| stream.simulate(range, stopped, &mut simulated))?;
         let values = size * simulated.samples * JOINTS;
-        for (u, q) in simulated.u.chunks(values).zip(simulated.q.chunks(values)) {
+        let series = simulated.u.chunks(values).zip(simulated.q.chunks(values));
+        for (step, (u, q)) in (step..last).zip(series) {
             let (u, y) = (u.to_vec(), q.to_vec());
-            if send.send(Ok(Batch { size, samples: simulated.samples, u, y })).is_err() {
+            let batch = Batch { size, samples: simulated.samples, u, y };
+            let trajectories = (step * size as u64..(step + 1) * size as u64).collect();
+            if send.send(Ok(TrainingBatch { batch, trajectories })).is_err() {
                 return Ok(());
             }
         }
@@ -63,13 +78,7 @@ fn send_stream(
 }
 
 /// Sends the batches of optimizer steps `first` to `end` (excluded) until nobody listens.
-pub(super) fn read_ahead(
-    data: &DatasetReader,
-    order: &Order,
-    first: u64,
-    end: u64,
-    send: &SyncSender<Result<Batch, TaskError>>,
-) {
+pub(super) fn read_ahead(data: &DatasetReader, order: &Order, first: u64, end: u64, send: &Send) {
     let mut step = first;
     while step < end {
         let (epoch, skipped) = order.place(step);
@@ -93,7 +102,7 @@ fn send_epoch(
     epoch: u64,
     skipped: u64,
     count: u64,
-    send: &SyncSender<Result<Batch, TaskError>>,
+    send: &Send,
 ) -> Result<ControlFlow<()>, TaskError> {
     let size = order.batch_size();
     let mut to_skip = usize::try_from(skipped).unwrap_or(usize::MAX).saturating_mul(size);
@@ -107,7 +116,7 @@ fn send_epoch(
         let series = read_window(data, &window)?;
         for index in &window.trajectories[std::mem::take(&mut to_skip)..] {
             let (u, y) = series.trajectory(*index);
-            if let Some(full) = batch.push(u, y) {
+            if let Some(full) = batch.push(*index, u, y) {
                 if send.send(Ok(full)).is_err() {
                     return Ok(ControlFlow::Break(()));
                 }
@@ -149,24 +158,29 @@ struct BatchBuilder {
     samples: usize,
     u: Vec<f32>,
     y: Vec<f32>,
+    trajectories: Vec<u64>,
 }
 
 impl BatchBuilder {
     fn new(size: usize, samples: usize) -> Self {
-        Self { size, samples, u: Vec::new(), y: Vec::new() }
+        Self { size, samples, u: Vec::new(), y: Vec::new(), trajectories: Vec::new() }
     }
 
-    fn push(&mut self, u: &[f32], y: &[f32]) -> Option<Batch> {
+    fn push(&mut self, index: u64, u: &[f32], y: &[f32]) -> Option<TrainingBatch> {
         let values = self.size * self.samples * JOINTS;
         self.u.reserve(values - self.u.len());
         self.y.reserve(values - self.y.len());
         self.u.extend_from_slice(u);
         self.y.extend_from_slice(y);
-        (self.u.len() == values).then(|| Batch {
-            u: std::mem::take(&mut self.u),
-            y: std::mem::take(&mut self.y),
-            size: self.size,
-            samples: self.samples,
+        self.trajectories.push(index);
+        (self.u.len() == values).then(|| TrainingBatch {
+            batch: Batch {
+                u: std::mem::take(&mut self.u),
+                y: std::mem::take(&mut self.y),
+                size: self.size,
+                samples: self.samples,
+            },
+            trajectories: std::mem::take(&mut self.trajectories),
         })
     }
 }
@@ -189,11 +203,11 @@ mod tests {
         }
     }
 
-    fn batches(size: usize, first: u64, end: u64) -> Vec<Batch> {
+    fn batches(size: usize, first: u64, end: u64) -> Vec<TrainingBatch> {
         let stream = Stream::new(&spec());
         let (send, receive) = sync_channel(1);
         thread::scope(|scope| {
-            scope.spawn(|| simulate_ahead(&stream, size, first, end, &{ send }));
+            scope.spawn(|| simulate_ahead(&stream, size, first, end, &|| false, &{ send }));
             receive.into_iter().map(Result::unwrap).collect()
         })
     }
@@ -204,15 +218,25 @@ mod tests {
         assert_eq!(whole.len(), 7);
         let simulated =
             dynamics::simulate(&spec(), 0..700, &|_| ControlFlow::Continue(())).unwrap();
-        for (step, batch) in whole.iter().enumerate() {
+        for (step, TrainingBatch { batch, trajectories }) in whole.iter().enumerate() {
             let values = 100 * 30 * JOINTS;
             assert_eq!((batch.size, batch.samples), (100, 30));
             assert_eq!(batch.u, simulated.u[step * values..][..values], "step {step}");
             assert_eq!(batch.y, simulated.q[step * values..][..values], "step {step}");
+            let first = 100 * step as u64;
+            assert_eq!(*trajectories, (first..first + 100).collect::<Vec<_>>());
         }
         for (resumed, batch) in batches(100, 4, 7).iter().zip(&whole[4..]) {
-            assert_eq!((&resumed.u, &resumed.y), (&batch.u, &batch.y));
+            assert_eq!(resumed, batch);
         }
+    }
+
+    #[test]
+    fn a_stream_ends_when_it_is_told_to() {
+        let stream = Stream::new(&spec());
+        let (send, receive) = sync_channel(4);
+        simulate_ahead(&stream, 64, 0, u64::MAX / 64, &|| true, &send);
+        assert!(matches!(receive.recv().unwrap(), Err(TaskError::Stopped)));
     }
 
     #[test]
@@ -220,6 +244,6 @@ mod tests {
         let stream = Stream::new(&spec());
         let (send, receive) = sync_channel(1);
         drop(receive);
-        simulate_ahead(&stream, 64, 0, u64::MAX / 64, &send);
+        simulate_ahead(&stream, 64, 0, u64::MAX / 64, &|| false, &send);
     }
 }

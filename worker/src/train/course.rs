@@ -1,21 +1,17 @@
 //! Which trajectories a training sees, and when.
 
 use std::ops::Range;
-use std::sync::mpsc::SyncSender;
 
 use models::{Batch, Statistics, StatisticsAccumulator};
 use spec::{DataSpec, TrainSpec};
 
-use super::batches;
+use super::batches::{self, Send};
 use super::order::Order;
 use crate::attempt::Attempt;
 use crate::dataset::DatasetReader;
 use crate::error::TaskError;
 use crate::stream::Stream;
 use crate::trajectories::{Series, TrajectorySource};
-
-/// Trajectories that validation uses at most: enough for its error to be known to a few per cent.
-const VALIDATION_TRAJECTORIES: u64 = 512;
 
 /// First trajectory that a training on a stream is validated with: no training gets that far, as
 /// 10^7 steps of 4096 trajectories, the most there can be, end before 2^36.
@@ -46,12 +42,13 @@ enum Source {
 impl Course {
     pub fn open(attempt: &Attempt, spec: &TrainSpec) -> Result<Self, TaskError> {
         let batch_size = spec.batch_size;
+        let used = u64::from(spec.validation_trajectories);
         match TrajectorySource::open(attempt, &spec.data)? {
             TrajectorySource::Dataset(data) => {
                 // Of imported data nobody knew how much there is when the training was submitted.
                 spec.check_trajectories(data.count())?;
                 let trained = spec.training_trajectories(data.count());
-                let kept = spec.validation_trajectories(data.count()).min(VALIDATION_TRAJECTORIES);
+                let kept = spec.validation_part(data.count()).min(used);
                 let (shards, block) = (data.shards(), data.block());
                 let order = Order::new(&shards, trained, block, batch_size as usize, spec.seed);
                 Ok(Self {
@@ -62,7 +59,7 @@ impl Course {
                 })
             }
             TrajectorySource::Stream(stream) => {
-                let kept = if spec.validation_fraction > 0.0 { VALIDATION_TRAJECTORIES } else { 0 };
+                let kept = if spec.validation_fraction > 0.0 { used } else { 0 };
                 Ok(Self {
                     source: Source::Stream(stream),
                     batch_size,
@@ -82,11 +79,13 @@ impl Course {
 
     /// Sends the batches of optimizer steps `first` to `end` (excluded) until nobody listens. The
     /// batch of a step is a function of the step alone.
-    pub fn send_batches(&self, first: u64, end: u64, send: &SyncSender<Result<Batch, TaskError>>) {
+    pub fn send_batches(&self, attempt: &Attempt, first: u64, end: u64, send: &Send) {
         match &self.source {
             Source::Dataset { data, order } => batches::read_ahead(data, order, first, end, send),
             Source::Stream(stream) => {
-                batches::simulate_ahead(stream, self.batch_size as usize, first, end, send);
+                let size = self.batch_size as usize;
+                let stopped = || attempt.stop.get().is_some();
+                batches::simulate_ahead(stream, size, first, end, &stopped, send);
             }
         }
     }
@@ -108,6 +107,7 @@ impl Course {
     pub fn validation(&self, attempt: &Attempt) -> Result<Vec<Batch>, TaskError> {
         parts(&self.validation, u64::from(self.batch_size))
             .map(|part| {
+                attempt.check_stop()?;
                 let Series { samples, u, y, .. } = self.read(attempt, part.clone())?;
                 let size = usize::try_from(part.end - part.start).unwrap_or(usize::MAX);
                 Ok(Batch { size, samples, u, y })

@@ -1,0 +1,280 @@
+//! The course of one training: steps, validations, checkpoints, and the ways in which it ends.
+
+use std::collections::BTreeMap;
+use std::ops::ControlFlow;
+use std::time::{Duration, Instant};
+
+use models::{Batch, ModelError, Trainer, ValidationPart, ValidationReport};
+use serde_json::{Value, json};
+use spec::{TrainSpec, ValidationMetric};
+use store::{CheckpointFile, CheckpointId, NewCheckpoint, object_path};
+
+use super::batches::TrainingBatch;
+use super::improvement::Improvement;
+use super::ranges::Ranges;
+use super::recorder::Recorder;
+use crate::attempt::Attempt;
+use crate::error::TaskError;
+use crate::stop::StopReason;
+
+const LOSS: &str = ValidationMetric::Loss.key();
+const RMSE_DEG: &str = ValidationMetric::RmseDeg.key();
+
+pub(super) struct Training<'a> {
+    attempt: &'a Attempt,
+    spec: TrainSpec,
+    trainer: Trainer,
+    validation: Vec<Batch>,
+    recorder: Recorder<'a>,
+    improvement: Improvement,
+    /// The step that was validated last.
+    validated: Option<u64>,
+    /// The newest checkpoint and its step.
+    kept: Option<(CheckpointId, u64)>,
+    kept_at: Instant,
+    /// Trajectories of the newest batch.
+    batch: Vec<u64>,
+}
+
+impl<'a> Training<'a> {
+    /// Goes on after `kept`, the newest checkpoint, of which `trainer` is.
+    pub fn new(
+        attempt: &'a Attempt,
+        spec: TrainSpec,
+        trainer: Trainer,
+        validation: Vec<Batch>,
+        kept: Option<(CheckpointId, u64)>,
+    ) -> Result<Self, TaskError> {
+        let mut improvement = Improvement::new(spec.early_stop);
+        let mut validated = None;
+        // What was recorded after the checkpoint was deleted before.
+        for (step, value) in recorded(attempt, spec.monitor)? {
+            let noted = trainer.metrics().get(spec.monitor.key());
+            if step == trainer.steps_done() && noted != Some(&value) {
+                // Validated after the checkpoint was written: once more, for it to know.
+                break;
+            }
+            improvement.observe(step, value);
+            validated = Some(step);
+        }
+        Ok(Self {
+            attempt,
+            recorder: Recorder::new(attempt, spec.steps),
+            trainer,
+            validation,
+            improvement,
+            validated,
+            kept,
+            kept_at: Instant::now(),
+            batch: Vec::new(),
+            spec,
+        })
+    }
+
+    /// Validates where an earlier attempt was stopped before it did; breaks when there is nothing
+    /// left to do but to finish.
+    pub fn resume(&mut self) -> Result<ControlFlow<()>, TaskError> {
+        let step = self.trainer.steps_done();
+        let is_due = step > 0 && step.is_multiple_of(self.spec.validate_every_steps);
+        if is_due && self.validate()? {
+            self.keep_checkpoint(Kind::Best)?;
+        }
+        Ok(self.whether_to_go_on())
+    }
+
+    /// One step, and what is due after it; breaks after the last one.
+    pub fn step(&mut self, batch: TrainingBatch) -> Result<ControlFlow<()>, TaskError> {
+        self.stop_if_asked()?;
+        let began = Instant::now();
+        self.batch = batch.trajectories;
+        let report = match self.trainer.step(&batch.batch) {
+            Ok(report) => report,
+            Err(ModelError::Interrupted) => return Err(self.stopped()?),
+            Err(error) => return Err(self.failed(error)),
+        };
+        let step = report.step;
+        self.recorder.step(&report, batch.batch.size, began);
+        self.attempt.progress.set_done(step);
+        if step == self.spec.steps {
+            return Ok(ControlFlow::Break(()));
+        }
+        if step.is_multiple_of(self.spec.validate_every_steps) && self.validate()? {
+            self.keep_checkpoint(Kind::Best)?;
+        } else if self.is_checkpoint_due(step) {
+            self.keep_checkpoint(Kind::Passing)?;
+        }
+        self.recorder.write_if_due()?;
+        Ok(self.whether_to_go_on())
+    }
+
+    fn whether_to_go_on(&self) -> ControlFlow<()> {
+        if self.trainer.steps_done() >= self.spec.steps || self.improvement.has_ended().is_some() {
+            ControlFlow::Break(())
+        } else {
+            ControlFlow::Continue(())
+        }
+    }
+
+    /// Whatever the clock says changes which checkpoints there are, and nothing that is in one.
+    fn is_checkpoint_due(&self, step: u64) -> bool {
+        let by_steps =
+            self.spec.checkpoint_every_steps.is_some_and(|every| step.is_multiple_of(every));
+        let seconds = self.spec.checkpoint_every_seconds.map(u64::from).map(Duration::from_secs);
+        by_steps || seconds.is_some_and(|longest| self.kept_at.elapsed() >= longest)
+    }
+
+    pub fn finish(mut self) -> Result<(), TaskError> {
+        let is_best = self.validate()?;
+        self.keep_checkpoint(if is_best { Kind::FinalAndBest } else { Kind::Final })?;
+        let (store, fence) = (&self.attempt.store, self.attempt.fence());
+        let step = self.trainer.steps_done();
+        let result = self.result();
+        if step < self.spec.steps {
+            self.attempt.wait(store.complete_early(fence, step, &result))?;
+        } else {
+            self.attempt.wait(store.complete(fence, Some(&result)))?;
+        }
+        Ok(())
+    }
+
+    /// What the task has to say of itself.
+    fn result(&self) -> Value {
+        let mut result = json!({"steps": self.trainer.steps_done()});
+        if let Some((step, value)) = self.improvement.best() {
+            result["best"] = json!({"step": step, self.spec.monitor.key(): value});
+        }
+        if self.trainer.steps_done() < self.spec.steps
+            && let Some(validations) = self.improvement.has_ended()
+        {
+            result["stopped_early"] = json!({"validations_without_improvement": validations});
+        }
+        result
+    }
+
+    /// # Errors
+    /// [`TaskError::Stopped`] when the attempt is to end, after a checkpoint where it stands, so that
+    /// whoever goes on loses nothing.
+    pub fn stop_if_asked(&mut self) -> Result<(), TaskError> {
+        match self.attempt.stop.get() {
+            None => Ok(()),
+            Some(_) => Err(self.stopped()?),
+        }
+    }
+
+    fn stopped(&mut self) -> Result<TaskError, TaskError> {
+        let step = self.trainer.steps_done();
+        let is_kept = self.kept.is_some_and(|(_, kept)| kept == step);
+        let may_write = self.attempt.stop.get() != Some(StopReason::LeaseLost);
+        if step > 0 && !is_kept && may_write {
+            self.keep_checkpoint(Kind::Passing)?;
+        }
+        Ok(TaskError::Stopped)
+    }
+
+    /// Whether it is the best so far; no without trajectories to validate with, or when this step was
+    /// validated before.
+    fn validate(&mut self) -> Result<bool, TaskError> {
+        let step = self.trainer.steps_done();
+        if self.validation.is_empty() || self.validated == Some(step) {
+            return Ok(false);
+        }
+        let mut report = ValidationReport::default();
+        let mut first = 0;
+        let sampled = self.spec.sampled_trajectories as usize;
+        for batch in &self.validation {
+            let predicted = sampled.saturating_sub(first).min(batch.size);
+            match self.trainer.validate(&ValidationPart { batch, first, predicted }) {
+                Ok(part) => report += part,
+                Err(ModelError::Interrupted) => return Err(self.stopped()?),
+                Err(error) => return Err(error.into()),
+            }
+            first += batch.size;
+        }
+        let rmse_deg = report.rmse_rad().to_degrees();
+        for (key, value) in [(LOSS, report.loss()), (RMSE_DEG, rmse_deg)] {
+            self.recorder.add(key, step, value);
+            self.trainer.note(key, value);
+        }
+        self.validated = Some(step);
+        let monitored = match self.spec.monitor {
+            ValidationMetric::Loss => report.loss(),
+            ValidationMetric::RmseDeg => rmse_deg,
+        };
+        let is_best = self.improvement.observe(step, monitored);
+        let best = self.improvement.best().filter(|_| !is_best);
+        let note = best.map_or(String::new(), |(step, _)| format!(", best at step {step}"));
+        self.attempt.progress.say(format!("validation RMSE {rmse_deg:.2}°{note}"));
+        Ok(is_best)
+    }
+
+    fn keep_checkpoint(&mut self, kind: Kind) -> Result<(), TaskError> {
+        let files = match self.trainer.checkpoint() {
+            Ok(files) => files,
+            Err(error) => return Err(self.failed(error)),
+        };
+        // Metrics first: a checkpoint never stands for steps whose metrics are lost.
+        self.recorder.write()?;
+        let (store, task) = (&self.attempt.store, &self.attempt.task);
+        let step = self.trainer.steps_done();
+        let mut published = Vec::new();
+        for (name, bytes) in files.into_named() {
+            let path = object_path::checkpoint(task.job, step, task.fence.epoch, name);
+            let object = self.attempt.wait(store.put_object(&path, bytes.into()))?;
+            published.push(CheckpointFile { name: name.to_owned(), object });
+        }
+        let checkpoint = NewCheckpoint {
+            step,
+            is_final: matches!(kind, Kind::Final | Kind::FinalAndBest),
+            is_best: matches!(kind, Kind::Best | Kind::FinalAndBest),
+            metrics: self.trainer.metrics().clone(),
+            files: published,
+        };
+        let id = self.attempt.wait(store.commit_checkpoint(task.fence, &checkpoint))?;
+        self.kept = Some((id, step));
+        self.kept_at = Instant::now();
+        self.attempt.wait(store.prune_checkpoints(task.fence, self.spec.keep_checkpoints))?;
+        Ok(())
+    }
+
+    /// Says of numbers that are not finite where they came from, and what is left.
+    fn failed(&mut self, error: ModelError) -> TaskError {
+        let (loss, gradient_norm, step) = match error {
+            ModelError::LossNotFinite { step, loss, .. } => (Some(loss), None, step),
+            ModelError::GradientNotFinite { step, loss, gradient_norm, .. } => {
+                (Some(loss), Some(gradient_norm), step)
+            }
+            ModelError::NotFiniteTensor { .. } => (None, None, self.trainer.steps_done()),
+            other => return other.into(),
+        };
+        for (key, value) in [("train/loss", loss), ("train/gradient_norm", gradient_norm)] {
+            if let Some(value) = value {
+                self.recorder.add(key, step, value);
+            }
+        }
+        if let Err(error) = self.recorder.write() {
+            return error;
+        }
+        let checkpoint = match self.kept {
+            Some((id, step)) => format!("the last good checkpoint is {id}, after step {step}"),
+            None => "there was no checkpoint before".to_owned(),
+        };
+        let batch = format!("trajectories {} of the data", Ranges(&self.batch));
+        TaskError::Diverged { cause: error, batch, checkpoint }
+    }
+}
+
+/// What a checkpoint is besides.
+#[derive(Clone, Copy)]
+enum Kind {
+    Passing,
+    Best,
+    Final,
+    FinalAndBest,
+}
+
+/// The values of `metric` so far, by step.
+fn recorded(attempt: &Attempt, metric: ValidationMetric) -> Result<BTreeMap<u64, f64>, TaskError> {
+    let Some(run) = attempt.task.run else { return Ok(BTreeMap::new()) };
+    let series = attempt.wait(attempt.store.series(run, metric.key(), u32::MAX))?;
+    Ok(series.points.into_iter().map(|point| (point.step, point.value)).collect())
+}
