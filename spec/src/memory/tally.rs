@@ -198,12 +198,12 @@ impl Tally {
         self.kept += 2 * (tokens + sources) * width;
     }
 
-    /// After a norm; keeps what is before and behind the GELU.
+    /// Keeps what the GELU is given; the norm before and what comes of the GELU are made again.
     fn feed_forward(&mut self, tokens: u64, width: u64, hidden: u64) {
-        self.norm(tokens, width);
+        self.parameters += 2 * width;
         self.linear(width, hidden);
         self.linear(hidden, width);
-        self.kept += 2 * tokens * hidden;
+        self.kept += tokens * hidden;
     }
 
     /// A map to the width of the tokens, and their positions.
