@@ -8,7 +8,7 @@ use proptest::prelude::{Just, ProptestConfig, Strategy, proptest};
 
 use super::{
     Mask, PackedWeight, attention, conv_transpose1d, conv1d, gelu_linear, gelu_linear_onto,
-    group_norm_mish, layer_norm, linear, mish, norm_linear,
+    group_norm_mish, instruction_set, layer_norm, linear, mish, norm_linear,
 };
 use crate::initialization::InitialWeights;
 use crate::parameters::host_values;
@@ -28,6 +28,16 @@ pub(super) fn tensors<const N: usize>(shapes: [[usize; 3]; N]) -> [Tensor<3>; N]
 /// Both functions have the same value, and of a random sum of it the same gradients.
 #[track_caller]
 fn check_agreement<const N: usize>(
+    shapes: [[usize; 3]; N],
+    fused: impl Fn([Tensor<3>; N]) -> Tensor<3>,
+    plain: impl Fn([Tensor<3>; N]) -> Tensor<3>,
+) {
+    let _guard = instruction_set::tests::unchanged();
+    compare(shapes, fused, plain);
+}
+
+#[track_caller]
+fn compare<const N: usize>(
     shapes: [[usize; 3]; N],
     fused: impl Fn([Tensor<3>; N]) -> Tensor<3>,
     plain: impl Fn([Tensor<3>; N]) -> Tensor<3>,
@@ -170,6 +180,48 @@ fn attention_agrees() {
             |[query, key, value]| attention::plain(query, key, value, 2, mask),
         );
     }
+}
+
+/// The others above run on the best that this processor has.
+#[test]
+fn operations_agree_on_every_instruction_set() {
+    instruction_set::tests::with_each(|_| {
+        compare(
+            [[2, 61, 48]; 3],
+            |[q, k, v]| attention(q, k, v, 2, Mask::Causal { ahead: 1 }),
+            |[q, k, v]| attention::plain(q, k, v, 2, Mask::Causal { ahead: 1 }),
+        );
+        compare(
+            [[2, 90, 40], [1, 1, 40], [1, 1, 40], [1, 70, 40], [1, 1, 70]],
+            |[x, scale, shift, weight, bias]| {
+                let norm = [flat(scale), flat(shift)];
+                norm_linear(x, norm, matrix(weight), flat(bias), &PackedWeight::default())
+            },
+            |[x, scale, shift, weight, bias]| {
+                norm_linear::plain(x, [flat(scale), flat(shift)], matrix(weight), flat(bias))
+            },
+        );
+        compare(
+            [[2, 90, 30], [2, 90, 50], [1, 30, 50], [1, 1, 30]],
+            |[residual, x, weight, bias]| {
+                let packed = PackedWeight::default();
+                gelu_linear_onto(residual, x, matrix(weight), flat(bias), &packed)
+            },
+            |[residual, x, weight, bias]| {
+                gelu_linear::plain(residual, x, matrix(weight), flat(bias))
+            },
+        );
+        compare(
+            [[3, 20, 70], [24, 20, 3], [1, 1, 24]],
+            |[x, weight, bias]| conv1d(x, weight, flat(bias), 2, 1),
+            |[x, weight, bias]| conv1d::plain(x, weight, flat(bias), 2, 1),
+        );
+        compare(
+            [[2, 16, 50], [1, 1, 16], [1, 1, 16]],
+            |[x, weight, bias]| group_norm_mish(x, flat(weight), flat(bias), 4),
+            |[x, weight, bias]| group_norm_mish::plain(x, flat(weight), flat(bias), 4),
+        );
+    });
 }
 
 #[test]
@@ -317,6 +369,7 @@ proptest! {
 /// One thread, two, and more than there are trajectories or channels.
 #[test]
 fn the_number_of_threads_does_not_change_a_bit() {
+    let _guard = instruction_set::tests::unchanged();
     let results = [1, 2, 7].map(|threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {

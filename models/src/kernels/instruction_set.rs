@@ -32,13 +32,13 @@ impl InstructionSet {
 
 #[cfg(test)]
 pub(super) mod tests {
-    use std::sync::Mutex;
     use std::sync::atomic::{AtomicU8, Ordering};
+    use std::sync::{PoisonError, RwLock, RwLockReadGuard};
 
     use super::InstructionSet;
 
     static CHOSEN: AtomicU8 = AtomicU8::new(0);
-    static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
+    static CHOOSING: RwLock<()> = RwLock::new(());
 
     pub(super) fn chosen() -> Option<InstructionSet> {
         match CHOSEN.load(Ordering::Relaxed) {
@@ -49,9 +49,14 @@ pub(super) mod tests {
         }
     }
 
+    /// While it is held, every thread of the process uses the best instructions.
+    pub(in super::super) fn unchanged() -> RwLockReadGuard<'static, ()> {
+        CHOOSING.read().unwrap_or_else(PoisonError::into_inner)
+    }
+
     /// `action` on every instruction set that this processor has, the others' kernels left aside.
     pub(in super::super) fn with_each(mut action: impl FnMut(InstructionSet)) {
-        let _guard = ONE_AT_A_TIME.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        let _guard = CHOOSING.write().unwrap_or_else(PoisonError::into_inner);
         let best = InstructionSet::detected();
         let all = [InstructionSet::Avx512, InstructionSet::Avx2, InstructionSet::Plain];
         for (number, set) in (1..).zip(all).skip_while(|(_, set)| *set != best) {

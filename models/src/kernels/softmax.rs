@@ -145,17 +145,20 @@ unsafe fn all_gradients<V: Vector>(p: &[f32], width: usize, scale: f32, gradient
     }
 }
 
-/// All lanes put together, in order.
+/// All lanes put together, the halves first.
 #[inline(always)]
 unsafe fn of_lanes<V: Vector>(vector: V, operation: fn(f32, f32) -> f32) -> f32 {
     let mut lanes = [0.0; 16];
     // SAFETY: no vector has more lanes.
     unsafe { vector.store(lanes.as_mut_ptr()) };
-    let mut result = lanes[0];
-    for &lane in &lanes[1..V::LANES] {
-        result = operation(result, lane);
+    let mut count = V::LANES;
+    while count > 1 {
+        count /= 2;
+        for lane in 0..count {
+            lanes[lane] = operation(lanes[lane], lanes[lane + count]);
+        }
     }
-    result
+    lanes[0]
 }
 
 /// e^x to about a unit in the last place for x from -87 to 88, and e^-87 below.

@@ -273,13 +273,17 @@ fn sum_of_products<const FUSED: bool>(a: &[f32], b: &[f32], offset: f32) -> f32 
     total
 }
 
+/// The halves are added first: one lane after the other would wait for each sum.
 #[inline(always)]
-fn add_lanes(lanes: [f32; LANES]) -> f32 {
-    let mut total = 0.0;
-    for lane in lanes {
-        total += lane;
+fn add_lanes(mut lanes: [f32; LANES]) -> f32 {
+    let mut count = LANES;
+    while count > 1 {
+        count /= 2;
+        for lane in 0..count {
+            lanes[lane] += lanes[lane + count];
+        }
     }
-    total
+    lanes[0]
 }
 
 /// (Φ(x), φ(x)) of the standard normal distribution; Φ by Abramowitz and Stegun 7.1.26, whose
