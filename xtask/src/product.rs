@@ -19,11 +19,11 @@ pub fn build() -> anyhow::Result<PathBuf> {
     Ok(target().join("release/torqued"))
 }
 
-/// Builds an example of a crate of ours.
-pub fn build_example(package: &str, example: &str) -> anyhow::Result<PathBuf> {
-    let arguments = ["build", "--release", "--package", package, "--example", example];
+/// Builds an example of a crate of ours, with the dependencies that tests are built with.
+pub fn build_example(example: &str) -> anyhow::Result<PathBuf> {
+    let arguments = ["build", "--release", "--workspace", "--example", example];
     let built = process::run(&mut command("cargo", &arguments))?;
-    ensure!(built.success, "example {example} of {package} does not build");
+    ensure!(built.success, "example {example} does not build");
     Ok(target().join("release/examples").join(example))
 }
 

@@ -42,7 +42,7 @@ pub(super) fn spec(trajectories: u64) -> Value {
 }
 
 pub(super) fn run(wanted: Wanted) -> anyhow::Result<Report> {
-    let rates = product::build_example("dynamics", "rates")?;
+    let rates = product::build_example("rates")?;
     let torqued = product::build()?;
     let folder = tempfile::tempdir()?;
     let spec_file = folder.path().join("spec.json");

@@ -85,7 +85,7 @@ pub(super) fn run(
     wanted: Wanted,
     table: fn(&Network) -> Vec<super::Measurement>,
 ) -> anyhow::Result<Report> {
-    let example = product::build_example("models", "model_rates")?;
+    let example = product::build_example("model_rates")?;
     let python = match wanted.peers {
         Peers::LeftOut => None,
         Peers::Measured => Some(peers::pytorch()?),

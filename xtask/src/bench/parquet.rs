@@ -16,7 +16,7 @@ use crate::{peers, product, target};
 const ROUNDS: usize = 5;
 
 pub(super) fn run(wanted: Wanted) -> anyhow::Result<Report> {
-    let example = product::build_example("store", "parquet_rates")?;
+    let example = product::build_example("parquet_rates")?;
     let torqued = product::build()?;
     let python = match wanted.peers {
         Peers::LeftOut => None,
