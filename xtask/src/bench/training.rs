@@ -4,7 +4,7 @@ use super::networks::{self, Network, Subject, Twin};
 use super::{Goal, Measurement, Report, Wanted};
 
 const SUBJECT: Subject =
-    Subject { name: "training", rounds_of_small: 3, steps_of_small: 3, steps_of_paper: 1 };
+    Subject { name: "training", rounds_of_small: 3, steps_of_small: 8, steps_of_paper: 1 };
 
 /// Of eager PyTorch's memory.
 const MEMORY: Goal = Goal::AtMost(0.6);
