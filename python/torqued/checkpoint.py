@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from safetensors.torch import load_file
+from safetensors.torch import load_file, save_file
 from torch import Tensor
 
 from .cdcnn import Cdcnn
@@ -111,6 +111,18 @@ def load(directory: str | Path) -> TrainedModel:
     network = network_of(config)
     network.load_state_dict(load_file(directory / "model.safetensors"))
     return TrainedModel(network, config)
+
+
+def save(model: TrainedModel, directory: str | Path) -> None:
+    """Writes the files that `load` reads and torqued predicts with, weights in single precision."""
+    directory = Path(directory)
+    directory.mkdir(parents=True, exist_ok=True)
+    weights = {
+        name: tensor.detach().to("cpu", torch.float32).contiguous()
+        for name, tensor in model.network.state_dict().items()
+    }
+    save_file(weights, directory / "model.safetensors", {"format": "pt"})
+    (directory / "config.json").write_text(json.dumps(model.config, indent=2) + "\n")
 
 
 def network_of(config: dict) -> torch.nn.Module:
