@@ -13,6 +13,9 @@ use store::{
     Submission, TaskState,
 };
 
+/// Of the newest of `migrations/sqlite`.
+const SCHEMA: i64 = 3;
+
 async fn serve(dir: &Path) -> Result<Store, StoreError> {
     Store::open(dir, Access::Server).await
 }
@@ -102,7 +105,8 @@ async fn a_database_from_a_newer_version_is_refused_and_not_changed() {
     .await;
     for access in [Access::Server, Access::Worker] {
         let error = refused(dir.path(), access).await;
-        assert!(error.contains("newer torqued (schema 9001, this one knows 2)"), "{error}");
+        let expected = format!("newer torqued (schema 9001, this one knows {SCHEMA})");
+        assert!(error.contains(&expected), "{error}");
     }
     assert_eq!(std::fs::read(dir.path().join("torqued.sqlite")).unwrap(), before);
 }
@@ -112,7 +116,7 @@ async fn a_database_from_an_older_version_is_refused_to_a_worker() {
     let dir = tempfile::tempdir().unwrap();
     with_changed_database(dir.path(), "DELETE FROM _sqlx_migrations").await;
     let error = refused(dir.path(), Access::Worker).await;
-    assert!(error.contains("has schema 0, this worker needs 2"), "{error}");
+    assert!(error.contains(&format!("has schema 0, this worker needs {SCHEMA}")), "{error}");
 }
 
 /// The first schema named the kinds of jobs there are, and imports are of another one.
@@ -140,7 +144,7 @@ async fn a_folder_of_the_first_schema_keeps_its_jobs_and_takes_imports() {
     connection.close().await.unwrap();
 
     let store = serve(dir.path()).await.unwrap();
-    assert_eq!(store.schema_version(), 2);
+    assert_eq!(store.schema_version(), SCHEMA);
     let old = store.job(JobId(1)).await.unwrap();
     assert_eq!((old.name.as_str(), old.dataset.is_some()), ("old", true));
     let mut import = simulation(0, 1, Reuse::Never);
@@ -195,7 +199,7 @@ async fn everything_is_there_after_a_restart() {
     store.complete(task.fence, None).await.unwrap();
     assert_eq!(store.job(job).await.unwrap().state, JobState::Succeeded);
     store.ping().await.unwrap();
-    assert_eq!(store.schema_version(), 2);
+    assert_eq!(store.schema_version(), SCHEMA);
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
