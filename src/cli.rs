@@ -1,10 +1,12 @@
 //! What can be typed: commands, the flags they share, logging.
 
+use ::worker::DeviceKind;
 use clap::{Args, Parser, Subcommand};
 use tracing_subscriber::EnvFilter;
 
 use crate::commands::{
-    cancel, import, jobs, presets, quickstart, serve, simulate, submit, verify, watch, worker,
+    cancel, devices, import, jobs, presets, quickstart, serve, simulate, submit, verify, watch,
+    worker,
 };
 
 /// In-context identification of robot dynamics as a service: simulate, train, evaluate.
@@ -25,6 +27,8 @@ pub enum Command {
     Serve(serve::Arguments),
     /// Run one worker; `serve` starts its own
     Worker(worker::Arguments),
+    /// List what models can be computed on, and try each
+    Devices(devices::Arguments),
     /// Simulate, train and evaluate a small model, and show the result
     Quickstart(quickstart::Arguments),
     /// Simulate a dataset into a folder, without a server
@@ -55,6 +59,14 @@ pub struct ServerArguments {
     /// The server's token, if it asks for one
     #[arg(long, env = "TORQUED_TOKEN", value_name = "TOKEN", hide_env_values = true)]
     pub token: Option<String>,
+}
+
+/// What the commands that compute models are told about it.
+#[derive(Debug, Args)]
+pub struct DeviceArguments {
+    /// Device to compute models on; `torqued devices` lists them
+    #[arg(long, env = "TORQUED_DEVICE", value_name = "NAME", default_value_t)]
+    pub device: DeviceKind,
 }
 
 const DEFAULT_SERVER: &str = "http://127.0.0.1:7070";

@@ -4,6 +4,7 @@ mod allocator;
 mod cli;
 mod client;
 mod commands;
+mod device;
 mod progress;
 mod report;
 mod server;

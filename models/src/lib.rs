@@ -48,7 +48,7 @@ pub use checkpoint::{
     CONFIG_FILE, CheckpointConfig, CheckpointFiles, FORMAT_VERSION, MODEL_FILE, OPTIMIZER_FILE,
     Versions,
 };
-pub use device::Device;
+pub use device::{Device, DeviceDescription, DeviceError, DeviceKind};
 pub use error::ModelError;
 pub use interruption::Interrupt;
 pub use normalization::{Normalizer, Statistics, StatisticsAccumulator};

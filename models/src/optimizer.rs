@@ -127,8 +127,8 @@ impl NamedGradients {
         &self.gradients
     }
 
-    /// Takes the gradients of the model's parameters out of `gradients`, one set for each part of
-    /// a batch, and adds them up in order.
+    /// Takes the gradients of the model's parameters out of `parts`, one set for each part of a
+    /// batch, and adds them up in order.
     pub fn of(model: &SequenceModel, parts: Vec<Gradients>) -> Result<Self, ModelError> {
         let mut sums: BTreeMap<String, Tensor<1>> = BTreeMap::new();
         for from in parts {
@@ -143,20 +143,27 @@ impl NamedGradients {
                 sums.insert(name, sum);
             }
         }
-        // Squared and summed here and in order: burn-flex adds large tensors in an order that
-        // depends on which thread was free, and the clipped step must not.
-        let mut squares = 0.0;
-        for gradient in sums.values() {
-            squares += match kernels::sum_of_squares(gradient) {
-                Some(squares) => squares,
-                None => {
-                    let values = host_values(gradient.clone())?;
-                    values.iter().map(|&value| f64::from(value).powi(2)).sum::<f64>()
-                }
-            };
-        }
-        Ok(Self { gradients: sums, norm: squares.sqrt() })
+        Ok(Self { norm: sum_of_squares(&sums)?.sqrt(), gradients: sums })
     }
+}
+
+/// Summed here and in order where tensors are here: burn-flex adds large ones in an order that
+/// depends on which thread was free, and the clipped step must not. Other devices sum themselves, and
+/// one number of each gradient is read back: all of them would be as much as the model.
+fn sum_of_squares(gradients: &BTreeMap<String, Tensor<1>>) -> Result<f64, ModelError> {
+    let mut squares = 0.0;
+    let mut elsewhere: Vec<Tensor<1>> = Vec::new();
+    for gradient in gradients.values() {
+        match kernels::sum_of_squares(gradient) {
+            Some(sum) => squares += sum,
+            None => elsewhere.push(gradient.clone().square().sum()),
+        }
+    }
+    if !elsewhere.is_empty() {
+        let sums = host_values(Tensor::cat(elsewhere, 0))?;
+        squares += sums.into_iter().map(f64::from).sum::<f64>();
+    }
+    Ok(squares)
 }
 
 #[expect(clippy::cast_possible_truncation, reason = "burn keeps these constants in f32")]

@@ -327,6 +327,7 @@ impl Trainer {
             dataset_digest: dataset_digest.clone(),
             ema: *ema,
             metrics: self.metrics.clone(),
+            device: Some(self.device.description().clone()),
             versions: Versions::current(),
         };
         let average = self.average.as_ref().map(|average| average.model(&self.model));

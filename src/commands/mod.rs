@@ -1,6 +1,7 @@
 //! One file per command.
 
 pub mod cancel;
+pub mod devices;
 pub mod import;
 pub mod jobs;
 pub mod presets;
@@ -21,6 +22,7 @@ pub async fn run(command: Command, log: &str) -> anyhow::Result<ExitCode> {
     match command {
         Command::Serve(arguments) => serve::run(arguments, log).await,
         Command::Worker(arguments) => worker::run(arguments).await,
+        Command::Devices(arguments) => devices::run(&arguments).await,
         Command::Quickstart(arguments) => quickstart::run(arguments, log).await,
         Command::Simulate(arguments) => simulate::run(arguments).await,
         Command::Verify(arguments) => verify::run(arguments).await,

@@ -9,6 +9,8 @@ use tokio_util::sync::CancellationToken;
 use worker::WorkerOptions;
 
 use crate::allocator;
+use crate::cli::DeviceArguments;
+use crate::device;
 use crate::server::Interrupts;
 
 #[derive(Debug, Args)]
@@ -29,6 +31,9 @@ pub struct Arguments {
     #[arg(long, env = "TORQUED_LEASE_SECONDS", value_name = "SECONDS", default_value_t = 15, value_parser = clap::value_parser!(u64).range(1..=3600))]
     lease_seconds: u64,
 
+    #[command(flatten)]
+    device: DeviceArguments,
+
     /// Stop when standard input closes, as it does when the server that started this worker dies
     #[arg(long)]
     stop_with_stdin: bool,
@@ -44,11 +49,13 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
         watch_stdin(shutdown.clone());
     }
     tokio::spawn(watch_signals(Interrupts::new()?, shutdown.clone()));
+    device::require(arguments.device.device).await?;
     let options = WorkerOptions {
         data_dir: arguments.data,
         name: arguments.name.unwrap_or_else(machine_and_process),
         threads: arguments.threads.map(NonZero::get),
         lease: Duration::from_secs(arguments.lease_seconds),
+        device: arguments.device.device,
     };
     worker::run(&options, shutdown).await?;
     Ok(ExitCode::SUCCESS)

@@ -19,6 +19,8 @@ use store::{Access, Store};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
+use crate::cli::DeviceArguments;
+use crate::device;
 pub use interrupt::Interrupts;
 use worker_processes::WorkerProcesses;
 
@@ -40,6 +42,9 @@ pub struct Options {
     /// Threads of each worker [default: the machine's, divided among the workers]
     #[arg(long, env = "TORQUED_WORKER_THREADS", value_name = "N")]
     pub worker_threads: Option<NonZero<usize>>,
+
+    #[command(flatten)]
+    pub device: DeviceArguments,
 
     /// Seconds without a sign of life after which a worker's task is given to another
     #[arg(long, env = "TORQUED_LEASE_SECONDS", value_name = "SECONDS", default_value_t = 15, value_parser = clap::value_parser!(u64).range(1..=3600))]
@@ -76,9 +81,10 @@ pub struct Server {
 
 impl Server {
     /// # Errors
-    /// When the folder cannot be used, or the address cannot be listened on.
+    /// When the device or the folder cannot be used, or the address cannot be listened on.
     pub async fn start(options: &Options, log: &str) -> anyhow::Result<Self> {
         listen::refuse_unguarded(options.listen, options.token.as_deref())?;
+        device::require(options.device.device).await?;
         let store = Store::open(&options.data, Access::Server).await?;
         let listener = listen::bind(options.listen).await?;
         let address = listener.local_addr().context("cannot tell the address listened on")?;
@@ -105,6 +111,7 @@ impl Server {
             data: options.data.clone(),
             count: usize::from(options.workers),
             threads: worker_threads(options),
+            device: options.device.device,
             lease_seconds: options.lease_seconds,
             log: log.to_owned(),
         }

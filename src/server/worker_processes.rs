@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 use tokio::process::{Child, Command};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
+use worker::DeviceKind;
 
 /// How a server runs its workers.
 #[derive(Clone, Debug)]
@@ -15,6 +16,7 @@ pub struct WorkerProcesses {
     pub data: PathBuf,
     pub count: usize,
     pub threads: usize,
+    pub device: DeviceKind,
     pub lease_seconds: u64,
     pub log: String,
 }
@@ -76,6 +78,7 @@ impl WorkerProcesses {
             .arg(&self.data)
             .args(["--name", &format!("worker-{index}")])
             .args(["--threads", &self.threads.to_string()])
+            .args(["--device", self.device.name()])
             .args(["--lease-seconds", &self.lease_seconds.to_string()])
             .args(["--log", &self.log])
             .arg("--stop-with-stdin")

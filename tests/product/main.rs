@@ -3,6 +3,7 @@
 
 mod bad_specs;
 mod data_folder;
+mod devices;
 mod four_models;
 mod full_disk;
 mod imports;

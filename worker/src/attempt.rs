@@ -2,6 +2,7 @@ use std::future::Future;
 use std::ops::ControlFlow;
 use std::sync::Arc;
 
+use models::Device;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 use store::{ClaimedTask, Fence, Store};
@@ -14,6 +15,8 @@ use crate::stop::StopSignal;
 /// One attempt at a task: what the work needs, on the thread it runs on.
 pub(crate) struct Attempt {
     pub store: Store,
+    /// What models are computed on.
+    pub device: Device,
     pub task: ClaimedTask,
     pub progress: Arc<ProgressCell>,
     pub stop: Arc<StopSignal>,

@@ -3,6 +3,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
+use models::{Device, DeviceKind};
 use spec::JobKind;
 use store::{Access, ClaimedTask, Store, StoreError};
 use tokio::runtime::Handle;
@@ -24,6 +25,8 @@ pub struct WorkerOptions {
     pub threads: Option<usize>,
     /// How long a lease lasts without a heartbeat: how late a death is noticed.
     pub lease: Duration,
+    /// What models are computed on.
+    pub device: DeviceKind,
 }
 
 /// Between two looks for a task when there was none.
@@ -35,7 +38,8 @@ const RETRY: Duration = Duration::from_secs(2);
 /// Executes tasks until `shutdown`, then gives back the one it has.
 ///
 /// # Errors
-/// A data folder that cannot be opened. Failures of tasks are theirs, not the worker's.
+/// A data folder or a device that cannot be opened; a device that failed. Failures of tasks are
+/// theirs, not the worker's.
 pub async fn run(options: &WorkerOptions, shutdown: CancellationToken) -> Result<(), WorkerError> {
     if let Some(threads) = options.threads {
         rayon::ThreadPoolBuilder::new()
@@ -43,11 +47,12 @@ pub async fn run(options: &WorkerOptions, shutdown: CancellationToken) -> Result
             .build_global()
             .map_err(|source| WorkerError::Threads { threads, source })?;
     }
+    let device = Device::open(options.device)?;
     let store = Store::open(&options.data_dir, Access::Worker).await?;
     while !shutdown.is_cancelled() {
         let pause = match store.claim(&options.name, options.lease).await {
             Ok(Some(task)) => {
-                execute(&store, task, options.lease, &shutdown).await;
+                execute(&store, &device, task, options.lease, &shutdown).await?;
                 Duration::ZERO
             }
             Ok(None) => POLL,
@@ -65,14 +70,24 @@ pub async fn run(options: &WorkerOptions, shutdown: CancellationToken) -> Result
 }
 
 /// One attempt at a task, to its end.
-async fn execute(store: &Store, task: ClaimedTask, lease: Duration, shutdown: &CancellationToken) {
-    let fence = task.fence;
+///
+/// # Errors
+/// A device that failed: whatever became of the task, it is not to be used again.
+async fn execute(
+    store: &Store,
+    device: &Device,
+    task: ClaimedTask,
+    lease: Duration,
+    shutdown: &CancellationToken,
+) -> Result<(), WorkerError> {
+    let (fence, kind) = (task.fence, task.kind);
     let (label, job, attempt_number) = (task.label.clone(), task.job, task.attempt);
     tracing::info!(%job, task = %label, attempt = attempt_number, "begins");
     let progress = Arc::new(ProgressCell::default());
     let stop = Arc::new(StopSignal::default());
     let attempt = Attempt {
         store: store.clone(),
+        device: device.clone(),
         task,
         progress: Arc::clone(&progress),
         stop: Arc::clone(&stop),
@@ -82,17 +97,25 @@ async fn execute(store: &Store, task: ClaimedTask, lease: Duration, shutdown: &C
     let work = async {
         let done = tokio::task::spawn_blocking(move || work(&attempt)).await;
         over.cancel();
-        done.unwrap_or_else(|error| Err(panicked(error.try_into_panic().ok().as_deref())))
+        done.unwrap_or_else(|error| {
+            Err(panicked(kind, device.kind(), error.try_into_panic().ok().as_deref()))
+        })
     };
     let heartbeat = keep_alive(store, fence, lease, &progress, &stop, shutdown, &over);
     let (done, ()) = tokio::join!(work, heartbeat);
+    let ended = match &done {
+        Err(error) if error.is_of_device() => {
+            Err(WorkerError::DeviceFailed { device: device.kind() })
+        }
+        _ => Ok(()),
+    };
 
     let committed = match (&done, stop.get()) {
         (Ok(()), _) => Ok(()),
         (Err(TaskError::Store(StoreError::LeaseLost { .. })), _)
         | (Err(_), Some(StopReason::LeaseLost)) => {
             tracing::warn!(%job, task = %label, "lost its lease; what it did does not count");
-            return;
+            return ended;
         }
         (Err(TaskError::Stopped), Some(StopReason::Cancelled)) => store.stopped(fence).await,
         (Err(TaskError::Stopped), _) => store.release(fence).await,
@@ -107,6 +130,7 @@ async fn execute(store: &Store, task: ClaimedTask, lease: Duration, shutdown: &C
             tracing::warn!(%job, task = %label, error = reason(&error), "not done");
         }
     }
+    ended
 }
 
 fn work(attempt: &Attempt) -> Result<(), TaskError> {
@@ -121,11 +145,15 @@ fn work(attempt: &Attempt) -> Result<(), TaskError> {
     }
 }
 
-fn panicked(panic: Option<&(dyn Any + Send)>) -> TaskError {
+fn panicked(kind: JobKind, device: DeviceKind, panic: Option<&(dyn Any + Send)>) -> TaskError {
     let message = panic.and_then(|panic| {
         let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
         text.or_else(|| panic.downcast_ref::<String>().cloned())
     });
     let message = message.unwrap_or_else(|| "without a message".to_owned());
+    let computes_models = matches!(kind, JobKind::Train | JobKind::Evaluate);
+    if computes_models && device.is_apart() {
+        return TaskError::Device { device, message };
+    }
     TaskError::Panicked(format!("a fault of torqued, please report it: {message}"))
 }

@@ -1,5 +1,6 @@
 use std::error::Error;
 
+use models::{DeviceKind, ModelError};
 use store::{Retry, StoreError};
 use thiserror::Error;
 
@@ -10,6 +11,11 @@ pub enum WorkerError {
     Store(#[from] StoreError),
     #[error("cannot start {threads} threads")]
     Threads { threads: usize, source: rayon::ThreadPoolBuildError },
+    #[error(transparent)]
+    Device(#[from] models::DeviceError),
+    /// A driver that failed once is not to be trusted with the next task.
+    #[error("device `{device}` failed, and a new process has to open it again")]
+    DeviceFailed { device: DeviceKind },
 }
 
 /// Why an attempt at a task did not end well.
@@ -50,13 +56,21 @@ pub enum TaskError {
     Threads(#[from] rayon::ThreadPoolBuildError),
     #[error("{0}")]
     Panicked(String),
+    /// Out of its memory, or its driver failed: burn panics then.
+    #[error("device `{device}` failed, for want of memory perhaps: {message}")]
+    Device { device: DeviceKind, message: String },
 }
 
 impl TaskError {
-    /// Whether another attempt could end otherwise: what depends on disk and database alone may.
+    /// Whether another attempt could end otherwise: what depends on disk, database and
+    /// device alone may.
     pub fn retry(&self) -> Retry {
         match self {
-            Self::Store(_) | Self::Threads(_) | Self::Stopped => Retry::Allowed,
+            Self::Store(_)
+            | Self::Threads(_)
+            | Self::Stopped
+            | Self::Device { .. }
+            | Self::Model(ModelError::Device(_)) => Retry::Allowed,
             Self::Dynamics(_)
             | Self::Model(_)
             | Self::Diverged { .. }
@@ -70,6 +84,11 @@ impl TaskError {
             | Self::Unsuitable(_)
             | Self::Panicked(_) => Retry::Never,
         }
+    }
+
+    /// Whether it may be the device's fault.
+    pub fn is_of_device(&self) -> bool {
+        matches!(self, Self::Device { .. } | Self::Model(ModelError::Device(_)))
     }
 }
 

@@ -4,13 +4,13 @@ use serde::{Deserialize, Serialize};
 use spec::{EmaSpec, ModelSpec};
 
 use super::CONFIG_FILE;
-use crate::ModelError;
 use crate::normalization::Normalizer;
 use crate::sequence_model::SequenceModel;
 use crate::trainer::horizon;
+use crate::{DeviceDescription, ModelError};
 
 /// Raised with every change that an older torqued would misread. 2 brought other architectures
-/// than RoboMorph, averaged weights, `dataset_digest` and `metrics`.
+/// than RoboMorph, averaged weights, `dataset_digest`, `metrics` and `device`.
 pub const FORMAT_VERSION: u32 = 2;
 
 /// The burn release that computes the models, for readers of old checkpoints.
@@ -47,6 +47,9 @@ pub struct CheckpointConfig {
     /// The newest value of each.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub metrics: BTreeMap<String, f64>,
+    /// What computed it; checkpoints of before there was a choice do not say.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub device: Option<DeviceDescription>,
     pub versions: Versions,
 }
 

@@ -1,5 +1,5 @@
 use evaluation::{PredictorInfo, PredictorKind, TrainedOn};
-use models::{CONFIG_FILE, Device, MODEL_FILE, TrainedModel};
+use models::{CONFIG_FILE, MODEL_FILE, TrainedModel};
 use spec::{
     CheckpointRef, DataSource, Digest, EvaluateSpec, JobSpec, Normalization, TrainingRef,
     TrainingStep,
@@ -54,7 +54,7 @@ impl LoadedCheckpoint {
             let object = checkpoint.file(name).ok_or_else(|| missing(digest.to_string()))?;
             Ok::<_, TaskError>(attempt.wait(store.read_object(object))?)
         };
-        let model = TrainedModel::load(&read(MODEL_FILE)?, &read(CONFIG_FILE)?, &Device::cpu())?;
+        let model = TrainedModel::load(&read(MODEL_FILE)?, &read(CONFIG_FILE)?, &attempt.device)?;
 
         // A checkpoint of a training that failed or was cancelled can be evaluated, too.
         let job = attempt.wait(store.job(checkpoint.job))?;

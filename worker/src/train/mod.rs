@@ -12,8 +12,7 @@ use std::sync::mpsc::{RecvTimeoutError, sync_channel};
 use std::thread;
 use std::time::Duration;
 
-use models::{CONFIG_FILE, MODEL_FILE, OPTIMIZER_FILE, Trainer, TrainingData};
-use models::{CheckpointFiles, Device};
+use models::{CONFIG_FILE, CheckpointFiles, MODEL_FILE, OPTIMIZER_FILE, Trainer, TrainingData};
 use spec::{Normalization, TrainSpec};
 use store::Checkpoint;
 
@@ -75,18 +74,18 @@ fn trainer(
     latest: Option<&Checkpoint>,
 ) -> Result<Trainer, TaskError> {
     let digest = attempt.task.digest.to_string();
-    let device = Device::cpu();
+    let device = &attempt.device;
     let (samples, rate_hz) = (course.data().samples(), course.data().rate_hz());
     let data_of = |statistics| TrainingData { samples, rate_hz, statistics };
     if let Some(checkpoint) = latest {
         let files = read_checkpoint(attempt, checkpoint)?;
-        return Ok(Trainer::resume(spec, data_of(None), &digest, &files, &device)?);
+        return Ok(Trainer::resume(spec, data_of(None), &digest, &files, device)?);
     }
     let statistics = match spec.normalization {
         Normalization::Dataset => Some(course.statistics(attempt)?),
         Normalization::Context | Normalization::PaperLeaky => None,
     };
-    Ok(Trainer::new(spec, data_of(statistics), &digest, &device)?)
+    Ok(Trainer::new(spec, data_of(statistics), &digest, device)?)
 }
 
 fn read_checkpoint(

@@ -1,5 +1,6 @@
 //! What the tests need and a fresh machine lacks.
 
+use std::fs;
 use std::process::Command;
 
 use anyhow::{Context, ensure};
@@ -22,6 +23,10 @@ pub const ALL: [Installation; 4] = [
     Installation { name: "install Node packages", run: node_packages },
 ];
 
+/// For the device tests.
+pub const SOFTWARE_VULKAN: Installation =
+    Installation { name: "install a Vulkan driver", run: software_vulkan };
+
 /// Program that shows a package is there, and the package's name in Debian.
 const SYSTEM: [(&str, &str); 5] = [
     ("chromium", "chromium"),
@@ -41,14 +46,32 @@ fn system_packages() -> anyhow::Result<()> {
     if !venv.is_ok_and(|output| output.status.success()) {
         missing.push("python3-venv");
     }
+    debian_packages(&missing)
+}
+
+/// A Vulkan driver that computes on the processor.
+fn software_vulkan() -> anyhow::Result<()> {
+    let missing = if has_software_vulkan() { &[][..] } else { &["mesa-vulkan-drivers"] };
+    debian_packages(missing)
+}
+
+fn debian_packages(missing: &[&str]) -> anyhow::Result<()> {
     if missing.is_empty() {
         eprintln!("all there");
         return Ok(());
     }
     apt_get(&["update", "--quiet"])?;
     let mut arguments = vec!["install", "--yes", "--quiet", "--no-install-recommends"];
-    arguments.extend(&missing);
+    arguments.extend(missing);
     apt_get(&arguments)
+}
+
+/// Whether Mesa's Vulkan on the processor is there, which the device tests run on where there is no
+/// GPU. It is a library; drivers say where they are in these folders.
+fn has_software_vulkan() -> bool {
+    let folders = ["/usr/share/vulkan/icd.d", "/etc/vulkan/icd.d"];
+    let drivers = folders.iter().filter_map(|folder| fs::read_dir(folder).ok()).flatten().flatten();
+    drivers.into_iter().any(|driver| driver.file_name().to_string_lossy().starts_with("lvp_icd"))
 }
 
 fn apt_get(arguments: &[&str]) -> anyhow::Result<()> {

@@ -17,6 +17,11 @@ pub struct Arguments {
     /// Leave out what needs packages to be installed: the Python readers and the browser
     #[arg(long)]
     quick: bool,
+
+    /// Test models on devices other than the processor, too: builds torqued with `gpu` and `ndarray`,
+    /// which takes as long as everything else together
+    #[arg(long)]
+    devices: bool,
 }
 
 /// One part of the test run. A failing one does not hide those after it.
@@ -36,15 +41,15 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
             failed.push(name);
         }
     };
-    if !arguments.quick {
-        for installation in install::ALL {
-            eprintln!("\n== {}", installation.name);
-            let result = (installation.run)();
-            if let Err(error) = &result {
-                eprintln!("error: {error:#}");
-            }
-            record(installation.name, Counts::one(result.is_ok()));
+    let all = install::ALL.iter().filter(|_| !arguments.quick);
+    let further = arguments.devices.then_some(&install::SOFTWARE_VULKAN);
+    for installation in all.chain(further) {
+        eprintln!("\n== {}", installation.name);
+        let result = (installation.run)();
+        if let Err(error) = &result {
+            eprintln!("error: {error:#}");
         }
+        record(installation.name, Counts::one(result.is_ok()));
     }
     for step in steps(arguments) {
         record(step.name, take(step));
@@ -77,7 +82,7 @@ fn take(mut step: Step) -> Counts {
     counts
 }
 
-fn steps(Arguments { quick }: &Arguments) -> Vec<Step> {
+fn steps(Arguments { quick, devices }: &Arguments) -> Vec<Step> {
     let mut steps = vec![
         Step {
             name: "formatting",
@@ -103,7 +108,15 @@ fn steps(Arguments { quick }: &Arguments) -> Vec<Step> {
             count: Some(counts::cargo_test),
         },
     ];
+    if *devices {
+        steps.push(Step {
+            name: "device tests",
+            command: device_tests(),
+            count: Some(counts::nextest),
+        });
+    }
     if !quick {
+        // After the device tests, whose program has the same name.
         steps.push(Step {
             name: "build",
             command: command("cargo", &["build", "--release", "--bin", "torqued"]),
@@ -142,6 +155,17 @@ fn nextest_or_cargo_test() -> Command {
             &["test", "--release", "--workspace", "--lib", "--bins", "--tests", "--no-fail-fast"],
         )
     }
+}
+
+/// Models and program built with further devices: what tests them, and nothing else.
+fn device_tests() -> Command {
+    let mut command = command("cargo", &["nextest", "run", "--cargo-profile", "release"]);
+    // With the workspace's features, so that what both builds share is built once.
+    command.arg("--workspace");
+    command.args(["--features", "torqued/gpu,torqued/ndarray"]);
+    command.args(["--test", "devices", "--test", "product", "--no-fail-fast"]);
+    command.args(["--filterset", "binary(devices) | test(/^devices::/)"]);
+    command
 }
 
 /// Tells tests in other languages where the program is.

@@ -1,0 +1,120 @@
+use std::fmt::{self, Display};
+use std::str::FromStr;
+
+use super::DeviceError;
+
+/// What torqued can be built to compute models on.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum DeviceKind {
+    /// The processor, with burn-flex and the fused operations of [`crate`].
+    #[default]
+    Cpu,
+    /// A GPU through Vulkan, with burn-wgpu.
+    Gpu,
+    /// A GPU of NVIDIA's through CUDA, with burn-cuda.
+    Cuda,
+    /// The processor, with burn-ndarray: slow and plain.
+    NdArray,
+}
+
+impl DeviceKind {
+    pub const ALL: [Self; 4] = [Self::Cpu, Self::Gpu, Self::Cuda, Self::NdArray];
+
+    /// Those that this program was built with.
+    pub fn built() -> impl Iterator<Item = Self> {
+        Self::ALL.into_iter().filter(|kind| kind.is_built())
+    }
+
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Cpu => "cpu",
+            Self::Gpu => "gpu",
+            Self::Cuda => "cuda",
+            Self::NdArray => "ndarray",
+        }
+    }
+
+    /// The cargo feature of its name, or `None` for the one that every build has.
+    pub fn feature(self) -> Option<&'static str> {
+        match self {
+            Self::Cpu => None,
+            Self::Gpu | Self::Cuda | Self::NdArray => Some(self.name()),
+        }
+    }
+
+    pub fn is_built(self) -> bool {
+        match self {
+            Self::Cpu => true,
+            Self::Gpu => cfg!(feature = "gpu"),
+            Self::Cuda => cfg!(feature = "cuda"),
+            Self::NdArray => cfg!(feature = "ndarray"),
+        }
+    }
+
+    /// Whether tensors lie in a memory of its own, behind a driver: reading one back waits for all
+    /// that was asked before it.
+    pub fn is_apart(self) -> bool {
+        match self {
+            Self::Cpu | Self::NdArray => false,
+            Self::Gpu | Self::Cuda => true,
+        }
+    }
+
+    /// The crate that computes.
+    pub fn backend(self) -> &'static str {
+        match self {
+            Self::Cpu => "burn-flex",
+            Self::Gpu => "burn-wgpu",
+            Self::Cuda => "burn-cuda",
+            Self::NdArray => "burn-ndarray",
+        }
+    }
+}
+
+impl Display for DeviceKind {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str(self.name())
+    }
+}
+
+impl FromStr for DeviceKind {
+    type Err = DeviceError;
+
+    /// # Errors
+    /// A name that is no device's, or a device that this program was built without.
+    fn from_str(name: &str) -> Result<Self, DeviceError> {
+        match Self::ALL.into_iter().find(|kind| kind.name() == name) {
+            None => Err(DeviceError::Unknown { name: name.to_owned() }),
+            Some(kind) if kind.is_built() => Ok(kind),
+            Some(kind) => Err(DeviceError::NotBuilt { kind }),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_device_is_taken_by_its_name_or_answered_with_the_feature_that_has_it() {
+        for kind in DeviceKind::ALL {
+            match (kind.name().parse::<DeviceKind>(), kind.is_built()) {
+                (Ok(parsed), true) => assert_eq!(parsed, kind),
+                (Err(error), false) => {
+                    let named = format!("--features {}", kind.feature().unwrap());
+                    assert!(error.to_string().contains(&named), "{error}");
+                }
+                (parsed, is_built) => panic!("{parsed:?}, {is_built}"),
+            }
+        }
+    }
+
+    #[test]
+    fn a_name_that_is_no_devices_is_answered_with_those_that_are() {
+        for name in ["", "GPU", "tpu", "cpu "] {
+            let message = name.parse::<DeviceKind>().unwrap_err().to_string();
+            assert!(message.contains(&format!("device `{name}`")), "{message}");
+            assert!(message.contains("cpu"), "{message}");
+        }
+    }
+}

@@ -1,0 +1,244 @@
+//! The same models on every device of the build: what they predict, what they lose and the
+//! gradient of every parameter are the processor's but for rounding.
+
+#![expect(clippy::unwrap_used, reason = "a test ends at what it did not expect")]
+
+mod synthetic;
+
+use std::collections::BTreeMap;
+
+use models::{
+    Batch, CheckpointConfig, CheckpointFiles, Device, DeviceKind, PredictionInput, Sampling,
+    TrainedModel, Trainer, ValidationPart,
+};
+use safetensors::SafeTensors;
+use spec::{EmaSpec, JOINTS, ModelSpec, RoboMorphSpec, SamplerKind, SamplerSpec, TrainSpec};
+use synthetic::{CONTEXT, DATA, SAMPLES, batch, every_kind, train_spec};
+
+/// Of the largest gradient of the same parameter.
+const GRADIENT_TOLERANCE: f32 = 5e-5;
+/// Of a loss or a norm.
+const SCALAR_TOLERANCE: f64 = 2e-6;
+/// Of the largest motion that is predicted; whole chains of a sampler included.
+const POSITION_TOLERANCE: f32 = 5e-5;
+
+/// Every architecture with its options, and the Transformer that takes samples one by one.
+fn every_model() -> Vec<(&'static str, ModelSpec)> {
+    let mut kinds = every_kind();
+    let ModelSpec::RoboMorph(robomorph) = kinds[0].1.clone() else { panic!("not a RoboMorph") };
+    kinds.push(("robomorph, patch 1", {
+        ModelSpec::RoboMorph(RoboMorphSpec { patch: 1, ..robomorph })
+    }));
+    kinds
+}
+
+fn unclipped(model: ModelSpec) -> TrainSpec {
+    let mut spec = TrainSpec { model, ..train_spec() };
+    spec.optimizer.gradient_clip_norm = None;
+    spec
+}
+
+fn trainer(spec: &TrainSpec, device: &Device) -> Trainer {
+    Trainer::new(spec, DATA, "digest", device).unwrap()
+}
+
+fn known(batch: &Batch) -> PredictionInput {
+    let row = SAMPLES as usize * JOINTS;
+    let context = CONTEXT as usize * JOINTS;
+    let y_context = batch.y.chunks_exact(row).flat_map(|y| &y[..context]).copied().collect();
+    PredictionInput { u: batch.u.clone(), y_context, size: batch.size }
+}
+
+/// Values of the tensors whose names begin with `prefix`.
+fn tensors(file: &[u8], prefix: &str) -> BTreeMap<String, Vec<f32>> {
+    let file = SafeTensors::deserialize(file).unwrap();
+    let matching = file.iter().filter_map(|(name, view)| {
+        let name = name.strip_prefix(prefix)?.to_owned();
+        let (numbers, _) = view.data().as_chunks::<4>();
+        Some((name, numbers.iter().map(|&bytes| f32::from_le_bytes(bytes)).collect()))
+    });
+    matching.collect()
+}
+
+fn largest(values: impl Iterator<Item = f32>) -> f32 {
+    // Unlike `f32::max`, does not pass over what is not a number.
+    values.map(f32::abs).fold(0.0, |a, b| if b <= a { a } else { b })
+}
+
+fn largest_difference(a: &[f32], b: &[f32]) -> f32 {
+    assert_eq!(a.len(), b.len());
+    largest(a.iter().zip(b).map(|(a, b)| a - b))
+}
+
+#[track_caller]
+fn assert_close(name: &str, found: f64, expected: f64) {
+    let difference = (found - expected).abs() / expected.abs();
+    println!("{name}: {difference:.1e}");
+    assert!(difference <= SCALAR_TOLERANCE, "{name}: {found}, on the processor {expected}");
+}
+
+/// Loss, gradient norm and all gradients of the first step. Gradients are what Adam's first moment
+/// holds then, times a constant; weights are no measure: Adam moves one by the learning rate
+/// whatever the size of its gradient, and by its sign where that is rounding.
+fn check_gradients(kind: DeviceKind) {
+    let device = Device::open(kind).unwrap();
+    for (name, model) in every_model() {
+        let spec = unclipped(model);
+        let (mut expected, mut found) = (trainer(&spec, &Device::cpu()), trainer(&spec, &device));
+        let initial = (expected.checkpoint().unwrap(), found.checkpoint().unwrap());
+        assert!(initial.0.model == initial.1.model, "{name}: initial weights differ");
+
+        let batch = batch(0, 8);
+        let reports = (expected.step(&batch).unwrap(), found.step(&batch).unwrap());
+        assert_close(&format!("{name}, loss"), reports.1.loss, reports.0.loss);
+        let norms = (reports.1.gradient_norm, reports.0.gradient_norm);
+        assert_close(&format!("{name}, gradient norm"), norms.0, norms.1);
+
+        let gradients =
+            |trainer: &Trainer| tensors(&trainer.checkpoint().unwrap().optimizer, "exp_avg.");
+        let (expected, found) = (gradients(&expected), gradients(&found));
+        assert!(expected.len() > 10 && expected.keys().eq(found.keys()), "{name}");
+        // What is zero but for rounding, such as a bias that a norm takes out, is measured by the
+        // others.
+        let overall = largest(expected.values().flatten().copied());
+        let mut worst = (0.0, "");
+        for (parameter, expected) in &expected {
+            let scale = largest(expected.iter().copied()).max(1e-3 * overall);
+            let difference = largest_difference(expected, &found[parameter]) / scale;
+            let is_close = difference <= GRADIENT_TOLERANCE;
+            assert!(is_close, "{name}: gradient of {parameter} is off by {difference}");
+            if difference > worst.0 {
+                worst = (difference, parameter);
+            }
+        }
+        println!("{name}, gradients: {:.1e} in {}", worst.0, worst.1);
+    }
+}
+
+/// Answers of weights that were trained for a moment, and whole chains of every sampler.
+fn check_answers(kind: DeviceKind) {
+    let device = Device::open(kind).unwrap();
+    let question = known(&batch(50, 3));
+    for (name, model) in every_model() {
+        let mut trainer = trainer(&unclipped(model), &Device::cpu());
+        for step in 0..5 {
+            trainer.step(&batch(step, 8)).unwrap();
+        }
+        let files = trainer.checkpoint().unwrap();
+        let expected = TrainedModel::from_files(&files, &Device::cpu()).unwrap();
+        let found = TrainedModel::from_files(&files, &device).unwrap();
+        let compare = |what: &str, expected: Vec<f32>, found: Vec<f32>| {
+            let difference = largest_difference(&expected, &found) / largest_motion(&expected);
+            println!("{name}, {what}: {difference:.1e}");
+            assert!(difference <= POSITION_TOLERANCE, "{name}, {what}: {difference}");
+        };
+        let answers = |model: &TrainedModel| model.predict(&question).unwrap();
+        compare("prediction", answers(&expected), answers(&found));
+        if expected.architecture().diffusion().is_none() {
+            continue;
+        }
+        for kind in [SamplerKind::Ddpm, SamplerKind::Ddim, SamplerKind::DpmSolver] {
+            let sampler = Some(SamplerSpec { kind, steps: Some(6), ..SamplerSpec::default() });
+            let sampling = Sampling { sampler, samples: 2, seed: 5, ..Sampling::default() };
+            let samples = |model: &TrainedModel| model.sample(&question, &sampling).unwrap();
+            compare(&format!("{kind:?}"), samples(&expected), samples(&found));
+        }
+    }
+}
+
+/// The farthest that any joint goes within a predicted horizon.
+fn largest_motion(positions: &[f32]) -> f32 {
+    let horizon = (SAMPLES - CONTEXT) as usize * JOINTS;
+    let from_first = |y: &[f32]| largest((JOINTS..horizon).map(|i| y[i] - y[i % JOINTS]));
+    let motion = largest(positions.chunks_exact(horizon).map(from_first));
+    assert!(motion > 0.0, "nothing moves");
+    motion
+}
+
+/// Training goes on where another device left it: the same weights, then the same losses.
+fn check_exchange(kind: DeviceKind) {
+    let there = Device::open(kind).unwrap();
+    // Options change what is computed, not how it is kept.
+    for (name, model) in every_kind().into_iter().filter(|(name, _)| !name.contains(',')) {
+        let ema = Some(EmaSpec { decay: 0.5, power: 1.0 });
+        let spec = TrainSpec { model, ema, gradient_accumulation: 2, ..train_spec() };
+        for (from, to) in [(&Device::cpu(), &there), (&there, &Device::cpu())] {
+            let mut begun = trainer(&spec, from);
+            for step in 0..3 {
+                begun.step(&batch(step, 8)).unwrap();
+            }
+            let files = begun.checkpoint().unwrap();
+            assert_eq!(device_in(&files), from.description().name);
+            let mut resumed = Trainer::resume(&spec, DATA, "digest", &files, to).unwrap();
+            let moved = resumed.checkpoint().unwrap();
+            assert_eq!(device_in(&moved), to.description().name);
+            assert!(moved.model == files.model, "{name}: weights changed on their way");
+            assert!(moved.optimizer == files.optimizer, "{name}: moments changed on their way");
+
+            let held_out = batch(51, 4);
+            let validated =
+                |trainer: &Trainer| trainer.validate(&ValidationPart::whole(&held_out)).unwrap();
+            let (a, b) = (validated(&begun), validated(&resumed));
+            assert_close(&format!("{name}, validation loss"), b.loss(), a.loss());
+            let batch = batch(3, 8);
+            let (a, b) = (begun.step(&batch).unwrap(), resumed.step(&batch).unwrap());
+            assert_close(&format!("{name}, loss after the move"), b.loss, a.loss);
+        }
+    }
+}
+
+fn device_in(files: &CheckpointFiles) -> String {
+    CheckpointConfig::parse(&files.config).unwrap().device.unwrap().name
+}
+
+/// Opened again it is the same device; what it computed first was right.
+fn check_first_computation(kind: DeviceKind) {
+    for _ in 0..2 {
+        let device = Device::open(kind).unwrap();
+        println!("{:?}", device.description());
+        assert_eq!(device.kind(), kind);
+        device.check().unwrap();
+    }
+}
+
+#[test]
+fn on_a_gpu_a_first_computation_is_right() {
+    check_first_computation(DeviceKind::Gpu);
+    let description = Device::open(DeviceKind::Gpu).unwrap().description().clone();
+    assert!(description.adapter.is_some_and(|adapter| !adapter.is_empty()));
+}
+
+#[test]
+fn on_a_gpu_losses_and_gradients_are_the_processors() {
+    check_gradients(DeviceKind::Gpu);
+}
+
+#[test]
+fn on_a_gpu_answers_and_samples_are_the_processors() {
+    check_answers(DeviceKind::Gpu);
+}
+
+#[test]
+fn trainings_move_between_gpu_and_processor() {
+    check_exchange(DeviceKind::Gpu);
+}
+
+#[test]
+fn on_ndarray_a_first_computation_is_right() {
+    check_first_computation(DeviceKind::NdArray);
+}
+
+#[test]
+fn on_ndarray_losses_and_gradients_are_the_processors() {
+    check_gradients(DeviceKind::NdArray);
+}
+
+#[test]
+fn on_ndarray_answers_and_samples_are_the_processors() {
+    check_answers(DeviceKind::NdArray);
+}
+
+#[test]
+fn trainings_move_between_ndarray_and_processor() {
+    check_exchange(DeviceKind::NdArray);
+}
