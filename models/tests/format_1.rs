@@ -32,12 +32,14 @@ fn numbers(bytes: &[u8]) -> Vec<f32> {
     numbers.iter().map(|&bytes| f32::from_le_bytes(bytes)).collect()
 }
 
-/// Other processors round otherwise, so not to the bit.
+/// Other processors, and other kernels than version 1's, round otherwise, so not to the bit.
+const ROUNDING: f32 = 1e-5;
+
 #[track_caller]
-fn check_close(what: &str, found: &[f32], expected: &[f32]) {
+fn check_close(what: &str, found: &[f32], expected: &[f32], tolerance: f32) {
     assert_eq!(found.len(), expected.len(), "{what}");
     for (found, expected) in found.iter().zip(expected) {
-        assert!((found - expected).abs() < 1e-5, "{what}: {found}, expected {expected}");
+        assert!((found - expected).abs() < tolerance, "{what}: {found}, expected {expected}");
     }
 }
 
@@ -51,8 +53,11 @@ fn an_old_checkpoint_predicts_what_it_did() {
         batch.y.chunks_exact(row).flat_map(|y| &y[..CONTEXT as usize * JOINTS]).copied().collect();
     let input = PredictionInput { u: batch.u, y_context, size: 2 };
     let predicted = model.predict(&input).unwrap();
-    check_close("prediction", &predicted, &numbers(&read("prediction.f32")));
+    check_close("prediction", &predicted, &numbers(&read("prediction.f32")), ROUNDING);
 }
+
+/// The learning rate of `synthetic::train_spec`, about the size of a step.
+const STEP: f32 = 3e-3;
 
 #[test]
 fn an_old_training_goes_on_as_it_would_have() {
@@ -63,6 +68,10 @@ fn an_old_training_goes_on_as_it_would_have() {
     let found = SafeTensors::deserialize(&resumed.model).unwrap();
     let bytes = read("next_model.safetensors");
     for (name, view) in SafeTensors::deserialize(&bytes).unwrap().iter() {
-        check_close(name, &numbers(found.tensor(name).unwrap().data()), &numbers(view.data()));
+        let found = numbers(found.tensor(name).unwrap().data());
+        // Softmax does not see what is added to every key: the gradient of their bias is nothing
+        // but rounding, of which Adam makes steps of some size all the same.
+        let tolerance = if name.ends_with("key.bias") { STEP } else { ROUNDING };
+        check_close(name, &found, &numbers(view.data()), tolerance);
     }
 }
