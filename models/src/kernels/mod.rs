@@ -6,8 +6,8 @@
 //! recorded, and writes every intermediate to memory; see [`fused`].
 //!
 //! What takes the time are products of matrices. All are made of the tiles of [`product`], whose
-//! instructions are chosen at run time and which need no copy of what they multiply; general
-//! libraries copy both factors first and are half as fast at these sizes.
+//! instructions are chosen at run time and which need no copy of what they multiply; the crate `gemm`
+//! copies both factors first and was half as fast at these sizes.
 //!
 //! The fused forms give the same bits whatever thread runs which part: no sum crosses a task.
 
