@@ -224,7 +224,7 @@ fn denoisers_answer_and_learn_alike() {
         let model = peer.loaded(&device);
         let SequenceModel::Denoiser(denoiser) = &model else { panic!("{} is none", peer.0) };
         let (input, _) = peer.seen(&device);
-        let answer = denoiser.forward(series(&peer, "noisy", &device), &[3, 17, 0], input.u);
+        let answer = denoiser.forward(series(&peer, "noisy", &device), &[3, 17, 0], input.u, None);
         peer.check_close("answer", &host_values(answer.clone().inner()).unwrap(), 1e-5);
 
         let error = answer - series(&peer, "answer_wanted", &device);

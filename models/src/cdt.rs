@@ -3,8 +3,9 @@ use burn::tensor::Tensor;
 use spec::CdtSpec;
 
 use crate::ModelError;
+use crate::dropout::Dropout;
 use crate::initialization::{InitialWeights, POSITION_STANDARD_DEVIATION};
-use crate::kernels::Mask;
+use crate::kernels::{self, DropoutKeys, Mask};
 use crate::layers::{LayerNorm, Linear};
 use crate::sizes::{
     CHANNELS, LARGEST_RATIO, LARGEST_WIDTH, MOST_LAYERS, MOST_SAMPLES, divides, multiple, within,
@@ -21,6 +22,8 @@ pub(crate) struct CdtConfig {
     decoder_layers: usize,
     hidden: usize,
     samples: usize,
+    dropout: f64,
+    embedding_dropout: f64,
 }
 
 impl CdtConfig {
@@ -40,6 +43,8 @@ impl CdtConfig {
             decoder_layers: spec.decoder_layers as usize,
             hidden: spec.d_model as usize * spec.mlp_ratio as usize,
             samples: samples as usize,
+            dropout: spec.dropout,
+            embedding_dropout: spec.embedding_dropout,
         })
     }
 
@@ -60,6 +65,8 @@ impl CdtConfig {
             norm: LayerNorm::new(d_model, weights),
             head: Linear::new(d_model, CHANNELS, weights),
             d_model,
+            dropout: self.dropout,
+            embedding_dropout: self.embedding_dropout,
         }
     }
 
@@ -80,7 +87,7 @@ impl CdtConfig {
 ///
 /// The encoder sees the noise level and u of the whole trajectory in both directions and has no
 /// norm at its end. The decoder sees the noisy y causally, and of the encoder's output at sample t
-/// the noise level and u up to t. There is no dropout.
+/// the noise level and u up to t.
 #[derive(Module, Debug)]
 pub(crate) struct Cdt {
     condition_input: Linear,
@@ -94,23 +101,36 @@ pub(crate) struct Cdt {
     norm: LayerNorm,
     head: Linear,
     d_model: usize,
+    dropout: f64,
+    embedding_dropout: f64,
 }
 
 impl Cdt {
     /// Noisy y `[batch, sample, 7]` at each row's noise level, given u `[batch, sample, 7]`, to
-    /// the prediction in the same shape.
-    pub fn forward(&self, noisy: Tensor<3>, levels: &[usize], u: Tensor<3>) -> Tensor<3> {
+    /// the prediction in the same shape. A step of training has `keys` for what it leaves out.
+    pub fn forward(
+        &self,
+        noisy: Tensor<3>,
+        levels: &[usize],
+        u: Tensor<3>,
+        keys: Option<DropoutKeys>,
+    ) -> Tensor<3> {
+        let mut dropout = Dropout::new(keys, self.dropout);
+        let mut embedded = |tokens: Tensor<3>, positions: &Param<Tensor<2>>| {
+            let mask = dropout.mask_at(self.embedding_dropout);
+            kernels::dropout(tokens + positions.val().unsqueeze(), mask)
+        };
         let level = sinusoid(levels, self.d_model, &noisy.device());
         let condition = Tensor::cat(vec![level, self.condition_input.forward(u)], 1);
-        let mut memory = condition + self.condition_positions.val().unsqueeze();
+        let mut memory = embedded(condition, &self.condition_positions);
+        let mut x = embedded(self.input.forward(noisy), &self.positions);
         for block in &self.encoder_blocks {
-            memory = block.forward(memory);
+            memory = block.forward(memory, &mut dropout);
         }
         // Source 0 is the noise level, source s the torque of sample s - 1.
         let mask = Mask::Causal { ahead: 1 };
-        let mut x = self.input.forward(noisy) + self.positions.val().unsqueeze();
         for block in &self.decoder_blocks {
-            x = block.forward(x, memory.clone(), mask);
+            x = block.forward(x, memory.clone(), mask, &mut dropout);
         }
         self.head.forward(self.norm.forward(x))
     }

@@ -7,6 +7,7 @@ use crate::cdcnn::Cdcnn;
 use crate::cdt::Cdt;
 use crate::diffuser::Diffuser;
 use crate::diffusion::{Painted, Process, Step};
+use crate::kernels::DropoutKeys;
 use crate::randomness::Noise;
 use crate::sequence_model::{Loss, ModelInput};
 
@@ -83,8 +84,9 @@ impl Denoiser {
                 (shape.mask(&[(0.0, 0.0), (1.0, 0.0)]), weights, counted)
             }
         };
+        let keys = noise.dropout_keys();
         self.process.loss(&series, &clean, weights, counted, noise, |noisy, levels| {
-            self.forward(noisy, levels, input.u)
+            self.forward(noisy, levels, input.u, keys)
         })
     }
 
@@ -115,18 +117,25 @@ impl Denoiser {
         let painted = Painted { values: whole(unknown(&device)), clean, noised };
         let series =
             self.process.sample(warm.map(whole), &painted, steps, noise, |noisy, levels| {
-                self.forward(noisy, levels, input.u.clone())
+                self.forward(noisy, levels, input.u.clone(), None)
             });
         let [_, _, channels] = series.dims();
         series.slice([0..batch, context..samples, channels - JOINTS..channels])
     }
 
-    /// The network's answer at each row's noise level, in the shape of the noisy series.
-    pub fn forward(&self, noisy: Tensor<3>, levels: &[usize], u: Tensor<3>) -> Tensor<3> {
+    /// The network's answer at each row's noise level, in the shape of the noisy series. A step of
+    /// training has keys for what it leaves out.
+    pub fn forward(
+        &self,
+        noisy: Tensor<3>,
+        levels: &[usize],
+        u: Tensor<3>,
+        keys: Option<DropoutKeys>,
+    ) -> Tensor<3> {
         match &self.network {
             Network::Diffuser(network) => network.forward(noisy, levels),
             Network::Cdcnn(network) => network.forward(noisy, levels, u),
-            Network::Cdt(network) => network.forward(noisy, levels, u),
+            Network::Cdt(network) => network.forward(noisy, levels, u, keys),
         }
     }
 

@@ -2,7 +2,7 @@ use burn::module::{Module, Param};
 use burn::tensor::Tensor;
 
 use crate::initialization::InitialWeights;
-use crate::kernels::{self, PackedWeight};
+use crate::kernels::{self, DropoutMask, PackedWeight};
 
 /// `y = x Wᵀ + b`, with parameter names, layout and initial weights of `torch.nn.Linear`.
 ///
@@ -41,9 +41,15 @@ impl Linear {
         kernels::norm_linear(x, norm, self.weight.val(), self.bias.val(), &self.packed)
     }
 
-    /// `residual` plus this of GELU of x.
-    pub fn forward_gelu_onto(&self, residual: Tensor<3>, x: Tensor<3>) -> Tensor<3> {
-        kernels::gelu_linear_onto(residual, x, self.weight.val(), self.bias.val(), &self.packed)
+    /// `residual` plus this of GELU of x; `masks` leave out numbers of GELU's and of this one's.
+    pub fn forward_gelu_onto(
+        &self,
+        residual: Tensor<3>,
+        x: Tensor<3>,
+        masks: [Option<DropoutMask>; 2],
+    ) -> Tensor<3> {
+        let (weight, bias) = (self.weight.val(), self.bias.val());
+        kernels::gelu_linear_onto(residual, x, weight, bias, &self.packed, masks)
     }
 
     pub const fn parameter_count(input: u64, output: u64) -> u64 {

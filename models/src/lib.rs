@@ -19,6 +19,7 @@ mod denoiser;
 mod device;
 mod diffuser;
 mod diffusion;
+mod dropout;
 mod ema;
 mod error;
 mod frame;

@@ -5,6 +5,8 @@ use rand_chacha::ChaCha12Rng;
 use rand_core::{Rng, SeedableRng};
 use rayon::prelude::*;
 
+use crate::kernels::DropoutKeys;
+
 /// What random numbers are drawn for. Part of the key: a number is never used twice.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Purpose {
@@ -14,6 +16,8 @@ pub(crate) enum Purpose {
     Validation = 2,
     /// A sample of a prediction, by (scenario, sample).
     Sample = 3,
+    /// The key of what is left out in a training step, by (step, trajectory of the batch).
+    Dropout = 4,
 }
 
 /// A generator of its own for every key (ChaCha, Bernstein 2008).
@@ -35,6 +39,8 @@ pub(crate) fn unit(generator: &mut ChaCha12Rng) -> f32 {
 #[derive(Debug)]
 pub(crate) struct Noise {
     rows: Vec<ChaCha12Rng>,
+    /// For what is left out of each row, where anything is.
+    dropout: Option<DropoutKeys>,
     /// Numbers that others drew, taken instead of drawn ones; backwards.
     #[cfg(test)]
     given: Vec<Vec<f32>>,
@@ -44,9 +50,20 @@ impl Noise {
     pub fn new(rows: impl IntoIterator<Item = ChaCha12Rng>) -> Self {
         Self {
             rows: rows.into_iter().collect(),
+            dropout: None,
             #[cfg(test)]
             given: Vec::new(),
         }
+    }
+
+    /// With a generator for what is left out of each row.
+    pub fn with_dropout(self, rows: impl IntoIterator<Item = ChaCha12Rng>) -> Self {
+        let key = |mut generator: ChaCha12Rng| [(); 4].map(|()| generator.next_u32());
+        Self { dropout: Some(rows.into_iter().map(key).collect()), ..self }
+    }
+
+    pub fn dropout_keys(&self) -> Option<DropoutKeys> {
+        self.dropout.clone()
     }
 
     /// Noise drawn elsewhere, `[row, sample, channel]` for each time that it is asked for.
@@ -54,7 +71,7 @@ impl Noise {
     pub fn given(series: impl IntoIterator<Item = Vec<f32>>) -> Self {
         let mut given: Vec<Vec<f32>> = series.into_iter().collect();
         given.reverse();
-        Self { rows: Vec::new(), given }
+        Self { rows: Vec::new(), dropout: None, given }
     }
 
     /// A whole number below `end` for each row, each as likely but for one in 2³².

@@ -3,6 +3,7 @@ use burn::tensor::Tensor;
 use spec::{Head, JOINTS, RoboMorphSpec};
 
 use crate::ModelError;
+use crate::dropout::Dropout;
 use crate::gaussian;
 use crate::initialization::{InitialWeights, POSITION_STANDARD_DEVIATION};
 use crate::kernels::Mask;
@@ -139,13 +140,13 @@ impl RoboMorph {
         let mut memory =
             self.encoder_input.forward(context) + self.encoder_positions.val().unsqueeze();
         for block in &self.encoder_blocks {
-            memory = block.forward(memory);
+            memory = block.forward(memory, &mut Dropout::off());
         }
         let memory = self.encoder_norm.forward(memory);
 
         let mut x = self.decoder_input.forward(future_u) + self.decoder_positions.val().unsqueeze();
         for block in &self.decoder_blocks {
-            x = block.forward(x, memory.clone(), Mask::None);
+            x = block.forward(x, memory.clone(), Mask::None, &mut Dropout::off());
         }
         let numbers = self.head.forward(self.decoder_norm.forward(x));
         let [_, _, width] = numbers.dims();

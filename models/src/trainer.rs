@@ -1,5 +1,6 @@
 use std::collections::BTreeMap;
 
+use rand_chacha::ChaCha12Rng;
 use spec::{DataSource, Digest, EmaSpec, JOINTS, ModelSpec, TrainSpec};
 
 use crate::checkpoint::{self, CheckpointConfig, CheckpointFiles, TrainingState, Versions};
@@ -228,7 +229,9 @@ impl Trainer {
         for first in (0..batch.size).step_by(part_size) {
             let part = batch.part(first, part_size);
             let share = part.size as f64 / batch.size as f64;
-            let mut noise = self.noise(Purpose::Training, step, first, part.size);
+            let dropout = self.generators(Purpose::Dropout, step, first, part.size);
+            let mut noise = Noise::new(self.generators(Purpose::Training, step, first, part.size))
+                .with_dropout(dropout);
             let loss = self.loss(&self.model, &part, &mut noise, &device)?;
             loss_value += share * loss.value()?;
             if !loss_value.is_finite() {
@@ -271,7 +274,7 @@ impl Trainer {
         let model = self.kept_model();
         let device = self.device.inference();
         let context = self.framing.context;
-        let mut noise = self.noise(Purpose::Validation, 0, first, batch.size);
+        let mut noise = Noise::new(self.generators(Purpose::Validation, 0, first, batch.size));
         let loss = self.loss(&model, batch, &mut noise, &device)?;
         let mut report = ValidationReport::new(loss.value()?, batch.size);
         if let Some(answer) = loss.predicted {
@@ -335,10 +338,16 @@ impl Trainer {
     }
 
     /// For trajectories `first..first + size` of a batch.
-    fn noise(&self, purpose: Purpose, step: u64, first: usize, size: usize) -> Noise {
+    fn generators(
+        &self,
+        purpose: Purpose,
+        step: u64,
+        first: usize,
+        size: usize,
+    ) -> impl Iterator<Item = ChaCha12Rng> {
         let seed = self.identity.seed;
         let rows = first..first + size;
-        Noise::new(rows.map(|trajectory| generator(seed, purpose, step, trajectory as u64)))
+        rows.map(move |trajectory| generator(seed, purpose, step, trajectory as u64))
     }
 
     fn loss(

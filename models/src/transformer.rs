@@ -1,9 +1,12 @@
-//! Transformer blocks with the norm before each part (Xiong et al. 2020), as in GPT-2.
+//! Transformer blocks with the norm before each part (Xiong et al. 2020), as in GPT-2. Dropout is where
+//! `torch.nn.TransformerEncoderLayer` and `TransformerDecoderLayer` have it: on the weights of
+//! attention, after GELU, and on what each part adds.
 
 use burn::module::Module;
 use burn::tensor::Tensor;
 
 use crate::attention::Attention;
+use crate::dropout::Dropout;
 use crate::initialization::InitialWeights;
 use crate::kernels::Mask;
 use crate::layers::{LayerNorm, Linear};
@@ -24,9 +27,9 @@ impl FeedForward {
     }
 
     /// x plus what becomes of the normed x.
-    fn forward_onto(&self, x: Tensor<3>, norm: &LayerNorm) -> Tensor<3> {
+    fn forward_onto(&self, x: Tensor<3>, norm: &LayerNorm, dropout: &mut Dropout) -> Tensor<3> {
         let hidden = self.expand.forward_normed(x.clone(), norm);
-        self.contract.forward_gelu_onto(x, hidden)
+        self.contract.forward_gelu_onto(x, hidden, [dropout.mask(), dropout.mask()])
     }
 
     const fn parameter_count(d_model: u64, hidden: u64) -> u64 {
@@ -59,10 +62,10 @@ impl EncoderBlock {
     }
 
     /// `[batch, token, d_model]` to the same shape.
-    pub fn forward(&self, x: Tensor<3>) -> Tensor<3> {
+    pub fn forward(&self, x: Tensor<3>, dropout: &mut Dropout) -> Tensor<3> {
         let normed = self.attention_norm.forward(x.clone());
-        let x = x + self.attention.forward(normed.clone(), normed, Mask::None);
-        self.feed_forward.forward_onto(x, &self.feed_forward_norm)
+        let x = x + self.attention.forward(normed.clone(), normed, Mask::None, dropout);
+        self.feed_forward.forward_onto(x, &self.feed_forward_norm, dropout)
     }
 
     pub const fn parameter_count(d_model: u64, hidden: u64) -> u64 {
@@ -102,12 +105,19 @@ impl DecoderBlock {
 
     /// `x` `[batch, token, d_model]` with what `mask` lets it see of `memory`
     /// `[batch, source, d_model]` to the shape of `x`.
-    pub fn forward(&self, x: Tensor<3>, memory: Tensor<3>, mask: Mask) -> Tensor<3> {
+    pub fn forward(
+        &self,
+        x: Tensor<3>,
+        memory: Tensor<3>,
+        mask: Mask,
+        dropout: &mut Dropout,
+    ) -> Tensor<3> {
         let normed = self.self_attention_norm.forward(x.clone());
-        let x = x + self.self_attention.forward(normed.clone(), normed, Mask::Causal { ahead: 0 });
+        let causal = Mask::Causal { ahead: 0 };
+        let x = x + self.self_attention.forward(normed.clone(), normed, causal, dropout);
         let normed = self.cross_attention_norm.forward(x.clone());
-        let x = x + self.cross_attention.forward(normed, memory, mask);
-        self.feed_forward.forward_onto(x, &self.feed_forward_norm)
+        let x = x + self.cross_attention.forward(normed, memory, mask, dropout);
+        self.feed_forward.forward_onto(x, &self.feed_forward_norm, dropout)
     }
 
     pub const fn parameter_count(d_model: u64, hidden: u64) -> u64 {

@@ -9,7 +9,8 @@ use models::{
     ValidationReport, WarmStart,
 };
 use spec::{
-    EmaSpec, JOINTS, Known, ModelSpec, Normalization, Residual, SamplerKind, SamplerSpec, TrainSpec,
+    CdtSpec, EmaSpec, JOINTS, Known, ModelSpec, Normalization, Residual, SamplerKind, SamplerSpec,
+    TrainSpec,
 };
 use synthetic::{CONTEXT, DATA, SAMPLES, batch, every_kind, train_spec};
 
@@ -163,6 +164,25 @@ fn a_training_is_the_same_bit_for_bit_on_the_same_number_of_threads_and_close_on
             let close = |a: f64, b: f64| (a - b).abs() < 1e-4 * b.abs();
             assert!(close(found.1, loss) && close(found.2, rmse_rad), "{name}, {threads} threads");
         }
+    }
+}
+
+#[test]
+fn what_is_left_out_is_left_out_in_training_alone_and_of_each_trajectory_apart() {
+    let (_, model) = every_kind().into_iter().find(|(name, _)| *name == "cdt").unwrap();
+    let ModelSpec::Cdt(without) = model else { panic!("cdt is a CDT") };
+    let report = |dropout: f64, embedding_dropout: f64| {
+        let model = ModelSpec::Cdt(CdtSpec { dropout, embedding_dropout, ..without.clone() });
+        let mut trainer = trainer(&TrainSpec { model, ..train_spec() });
+        let validated = trainer.validate(&ValidationPart::whole(&batch(9, 8))).unwrap();
+        (trainer.step(&batch(0, 8)).unwrap().loss, validated.loss(), validated.rmse_rad())
+    };
+    let (loss, validation, rmse_rad) = report(0.0, 0.0);
+    for (dropout, embedding_dropout) in [(0.2, 0.0), (0.0, 0.2)] {
+        let with = report(dropout, embedding_dropout);
+        assert_eq!((with.1, with.2), (validation, rmse_rad), "{dropout} {embedding_dropout}");
+        assert!((with.0 - loss).abs() > 1e-4 * loss, "{dropout} {embedding_dropout}: {with:?}");
+        assert_eq!(report(dropout, embedding_dropout), with);
     }
 }
 

@@ -22,6 +22,8 @@ class Cdt(nn.Module):
         encoder_layers: int,
         decoder_layers: int,
         mlp_ratio: int = 4,
+        dropout: float = 0.0,
+        embedding_dropout: float = 0.0,
         samples: int,
     ):
         super().__init__()
@@ -30,14 +32,15 @@ class Cdt(nn.Module):
         self.condition_input = nn.Linear(JOINTS, d_model)
         self.condition_positions = nn.Parameter(0.02 * torch.randn(samples + 1, d_model))
         self.encoder_blocks = nn.ModuleList(
-            EncoderBlock(d_model, heads, hidden) for _ in range(encoder_layers)
+            EncoderBlock(d_model, heads, hidden, dropout) for _ in range(encoder_layers)
         )
         self.input = nn.Linear(JOINTS, d_model)
         self.positions = nn.Parameter(0.02 * torch.randn(samples, d_model))
         self.decoder_blocks = nn.ModuleList(
-            DecoderBlock(d_model, heads, hidden) for _ in range(decoder_layers)
+            DecoderBlock(d_model, heads, hidden, dropout) for _ in range(decoder_layers)
         )
         self.norm = nn.LayerNorm(d_model)
+        self.embedding_dropout = nn.Dropout(embedding_dropout)
         self.head = nn.Linear(d_model, JOINTS)
         # Sample t sees the noise level, which is source 0, and u up to its own.
         sees = torch.ones(samples, samples + 1, dtype=torch.bool).tril(1)
@@ -46,10 +49,11 @@ class Cdt(nn.Module):
     def forward(self, noisy: Tensor, levels: Tensor, u: Tensor) -> Tensor:
         """Noisy y [batch, sample, 7] at levels [batch] with u [batch, sample, 7]."""
         level = sinusoid(levels, self.d_model).to(noisy.dtype)[:, None]
-        memory = torch.cat([level, self.condition_input(u)], 1) + self.condition_positions
+        condition = torch.cat([level, self.condition_input(u)], 1)
+        memory = self.embedding_dropout(condition + self.condition_positions)
         for block in self.encoder_blocks:
             memory = block(memory)
-        x = self.input(noisy) + self.positions
+        x = self.embedding_dropout(self.input(noisy) + self.positions)
         for block in self.decoder_blocks:
             x = block(x, memory, self.sees)
         return self.head(self.norm(x))

@@ -1,47 +1,57 @@
-"""The PyTorch twin of `models/src/transformer.rs`: the blocks of RoboMorph and CDT."""
+"""The PyTorch twin of `models/src/transformer.rs`: the blocks of RoboMorph and CDT.
+
+Dropout leaves out other numbers than torqued's, at the same places and rate.
+"""
 
 import torch.nn.functional as F
 from torch import Tensor, nn
 
 
 class Attention(nn.Module):
-    """Multi-head scaled dot-product attention, biases on, no dropout."""
+    """Multi-head scaled dot-product attention, biases on."""
 
-    def __init__(self, d_model: int, heads: int):
+    def __init__(self, d_model: int, heads: int, dropout: float):
         super().__init__()
         self.query = nn.Linear(d_model, d_model)
         self.key = nn.Linear(d_model, d_model)
         self.value = nn.Linear(d_model, d_model)
         self.output = nn.Linear(d_model, d_model)
         self.heads = heads
+        self.dropout = nn.Dropout(dropout)
 
     def forward(self, x: Tensor, memory: Tensor, causal: bool, mask: Tensor | None = None) -> Tensor:
         def split(z: Tensor) -> Tensor:
             return z.unflatten(-1, (self.heads, -1)).transpose(1, 2)
 
         mixed = F.scaled_dot_product_attention(
-            split(self.query(x)), split(self.key(memory)), split(self.value(memory)), mask, is_causal=causal
+            split(self.query(x)),
+            split(self.key(memory)),
+            split(self.value(memory)),
+            mask,
+            dropout_p=self.dropout.p if self.training else 0.0,
+            is_causal=causal,
         )
-        return self.output(mixed.transpose(1, 2).flatten(-2))
+        return self.dropout(self.output(mixed.transpose(1, 2).flatten(-2)))
 
 
 class FeedForward(nn.Module):
-    def __init__(self, d_model: int, hidden: int):
+    def __init__(self, d_model: int, hidden: int, dropout: float):
         super().__init__()
         self.expand = nn.Linear(d_model, hidden)
         self.contract = nn.Linear(hidden, d_model)
+        self.dropout = nn.Dropout(dropout)
 
     def forward(self, x: Tensor) -> Tensor:
-        return self.contract(F.gelu(self.expand(x)))
+        return self.dropout(self.contract(self.dropout(F.gelu(self.expand(x)))))
 
 
 class EncoderBlock(nn.Module):
-    def __init__(self, d_model: int, heads: int, hidden: int):
+    def __init__(self, d_model: int, heads: int, hidden: int, dropout: float = 0.0):
         super().__init__()
         self.attention_norm = nn.LayerNorm(d_model)
-        self.attention = Attention(d_model, heads)
+        self.attention = Attention(d_model, heads, dropout)
         self.feed_forward_norm = nn.LayerNorm(d_model)
-        self.feed_forward = FeedForward(d_model, hidden)
+        self.feed_forward = FeedForward(d_model, hidden, dropout)
 
     def forward(self, x: Tensor) -> Tensor:
         normed = self.attention_norm(x)
@@ -50,14 +60,14 @@ class EncoderBlock(nn.Module):
 
 
 class DecoderBlock(nn.Module):
-    def __init__(self, d_model: int, heads: int, hidden: int):
+    def __init__(self, d_model: int, heads: int, hidden: int, dropout: float = 0.0):
         super().__init__()
         self.self_attention_norm = nn.LayerNorm(d_model)
-        self.self_attention = Attention(d_model, heads)
+        self.self_attention = Attention(d_model, heads, dropout)
         self.cross_attention_norm = nn.LayerNorm(d_model)
-        self.cross_attention = Attention(d_model, heads)
+        self.cross_attention = Attention(d_model, heads, dropout)
         self.feed_forward_norm = nn.LayerNorm(d_model)
-        self.feed_forward = FeedForward(d_model, hidden)
+        self.feed_forward = FeedForward(d_model, hidden, dropout)
 
     def forward(self, x: Tensor, memory: Tensor, mask: Tensor | None = None) -> Tensor:
         """`mask` [token, source] is true where a token of x may look at one of memory."""

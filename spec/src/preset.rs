@@ -201,15 +201,13 @@ fn cdt_sizes() -> [Preset; 3] {
             "decoder_layers": decoder_layers,
         })
     };
+    let mut paper = size(384, 8, 4, 12);
+    paper["dropout"] = json!(0.1);
+    paper["embedding_dropout"] = json!(0.1);
     [
         model("cdt-tiny", "CDT, minutes on two cores", size(48, 4, 1, 2), few_steps()),
         model("cdt-small", "CDT, an hour on two cores", size(128, 8, 2, 3), few_steps()),
-        model(
-            "cdt-paper",
-            "CDT, 35.8 M parameters, the paper's size",
-            size(384, 8, 4, 12),
-            as_published(),
-        ),
+        model("cdt-paper", "CDT, 35.8 M parameters, the paper's size", paper, as_published()),
     ]
 }
 

@@ -68,6 +68,13 @@ fn sizes_that_do_not_divide_are_named_with_both_numbers() {
     check_refused(cdcnn(), "/model/widths", json!([16, 20]), &["model.widths[1] is 20", "8"]);
     check_refused(cdcnn(), "/model/embedding", json!(5), &["model.embedding is 5", "2"]);
     check_refused(train_a("cdt-tiny"), "/model/heads", json!(5), &["d_model is 48", "heads", "5"]);
+    for field in ["dropout", "embedding_dropout"] {
+        for share in [json!(1.0), json!(-0.1)] {
+            let path = format!("/model/{field}");
+            let named = format!("model.{field} is");
+            check_refused(train_a("cdt-tiny"), &path, share, &[&named, "0 to below 1"]);
+        }
+    }
     check_refused(
         train(),
         "/gradient_accumulation",

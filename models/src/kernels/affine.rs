@@ -41,9 +41,9 @@ pub(super) fn forward(x: &[f32], input: usize, weight: &Panels, bias: &[f32], y:
     });
 }
 
-/// y = f(x) Wᵀ + b, where `f` makes some rows of some rows.
+/// y = f(x) Wᵀ + b, where `f` makes some rows of some rows; it is told the first one's number.
 pub(super) fn forward_of(
-    f: impl Fn(&[f32], &mut [f32]) + Sync,
+    f: impl Fn(&[f32], &mut [f32], usize) + Sync,
     x: &[f32],
     input: usize,
     weight: &Panels,
@@ -53,16 +53,17 @@ pub(super) fn forward_of(
     let output = bias.len();
     let task = Task::of(x.len(), input, output);
     let outputs = y.par_chunks_mut(task.rows * output);
-    outputs.zip(x.par_chunks(task.rows * input)).for_each_init(Vec::new, |scratch, (y, x)| {
+    let parts = outputs.zip(x.par_chunks(task.rows * input)).enumerate();
+    parts.for_each_init(Vec::new, |scratch, (index, (y, x))| {
         scratch.resize(x.len(), 0.0);
-        f(x, scratch);
+        f(x, scratch, index * task.rows);
         weight.multiply(task.left(scratch), Onto::Columns(bias), y, output);
     });
 }
 
 /// y = z + f(x) Wᵀ + b.
 pub(super) fn forward_of_onto(
-    f: impl Fn(&[f32], &mut [f32]) + Sync,
+    f: impl Fn(&[f32], &mut [f32], usize) + Sync,
     x: &[f32],
     input: usize,
     weight: &Panels,
@@ -73,9 +74,10 @@ pub(super) fn forward_of_onto(
     let output = bias.len();
     let task = Task::of(x.len(), input, output);
     let outputs = y.par_chunks_mut(task.rows * output).zip(z.par_chunks(task.rows * output));
-    outputs.zip(x.par_chunks(task.rows * input)).for_each_init(Vec::new, |scratch, ((y, z), x)| {
+    let parts = outputs.zip(x.par_chunks(task.rows * input)).enumerate();
+    parts.for_each_init(Vec::new, |scratch, (index, ((y, z), x))| {
         scratch.resize(x.len(), 0.0);
-        f(x, scratch);
+        f(x, scratch, index * task.rows);
         for (y, z) in y.chunks_exact_mut(output).zip(z.chunks_exact(output)) {
             for ((y, z), bias) in y.iter_mut().zip(z).zip(bias) {
                 *y = z + bias;

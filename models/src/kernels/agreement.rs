@@ -7,8 +7,8 @@ use burn::tensor::{Device, Tensor};
 use proptest::prelude::{Just, ProptestConfig, Strategy, proptest};
 
 use super::{
-    Mask, PackedWeight, attention, conv_transpose1d, conv1d, gelu_linear, gelu_linear_onto,
-    group_norm_mish, instruction_set, layer_norm, linear, mish, norm_linear,
+    DropoutMask, Mask, PackedWeight, attention, conv_transpose1d, conv1d, dropout, gelu_linear,
+    gelu_linear_onto, group_norm_mish, instruction_set, layer_norm, linear, mish, norm_linear,
 };
 use crate::initialization::InitialWeights;
 use crate::parameters::host_values;
@@ -75,6 +75,11 @@ fn compare<const N: usize>(
 pub(super) fn flat(tensor: Tensor<3>) -> Tensor<1> {
     let [_, _, width] = tensor.dims();
     tensor.reshape([width])
+}
+
+/// Of a batch, at this place.
+fn dropout_mask(batch: u32, place: u32) -> Option<DropoutMask> {
+    Some(DropoutMask::new((0..batch).map(|key| [key; 4]).collect(), place, 0.3))
 }
 
 fn matrix(tensor: Tensor<3>) -> Tensor<2> {
@@ -145,6 +150,7 @@ fn norm_linear_agrees() {
 
 #[test]
 fn gelu_linear_agrees() {
+    let no_masks = || [None, None];
     for [batch, tokens, input, output] in [[1, 1, 1, 1], [3, 5, 7, 9], [4, 40, 140, 96]] {
         let shapes =
             [[batch, tokens, output], [batch, tokens, input], [1, output, input], [1, 1, output]];
@@ -152,10 +158,10 @@ fn gelu_linear_agrees() {
             shapes,
             |[residual, x, weight, bias]| {
                 let packed = PackedWeight::default();
-                gelu_linear_onto(residual, x, matrix(weight), flat(bias), &packed)
+                gelu_linear_onto(residual, x, matrix(weight), flat(bias), &packed, no_masks())
             },
             |[residual, x, weight, bias]| {
-                gelu_linear::plain(residual, x, matrix(weight), flat(bias))
+                gelu_linear::plain(residual, x, matrix(weight), flat(bias), &no_masks())
             },
         );
     }
@@ -167,8 +173,8 @@ fn attention_agrees() {
         for [batch, tokens, heads, width] in [[1, 2, 1, 1], [3, 5, 2, 3], [2, 40, 4, 24]] {
             check_agreement(
                 [[batch, tokens, heads * width]; 3],
-                |[query, key, value]| attention(query, key, value, heads, mask),
-                |[query, key, value]| attention::plain(query, key, value, heads, mask),
+                |[query, key, value]| attention(query, key, value, heads, mask, None),
+                |[query, key, value]| attention::plain(query, key, value, heads, mask, None),
             );
         }
     }
@@ -176,8 +182,55 @@ fn attention_agrees() {
     for (sources, mask) in [(21, Mask::None), (4, Mask::Causal { ahead: 1 })] {
         check_agreement(
             [[2, 3, 8], [2, sources, 8], [2, sources, 8]],
-            |[query, key, value]| attention(query, key, value, 2, mask),
-            |[query, key, value]| attention::plain(query, key, value, 2, mask),
+            |[query, key, value]| attention(query, key, value, 2, mask, None),
+            |[query, key, value]| attention::plain(query, key, value, 2, mask, None),
+        );
+    }
+}
+
+#[test]
+fn attention_with_dropout_agrees() {
+    for mask in [Mask::None, Mask::Causal { ahead: 1 }] {
+        for [batch, tokens, sources, heads, width] in [[1, 2, 2, 1, 1], [3, 110, 90, 2, 8]] {
+            check_agreement(
+                [
+                    [batch, tokens, heads * width],
+                    [batch, sources, heads * width],
+                    [batch, sources, heads * width],
+                ],
+                |[q, k, v]| attention(q, k, v, heads, mask, dropout_mask(3, 1)),
+                |[q, k, v]| attention::plain(q, k, v, heads, mask, dropout_mask(3, 1).as_ref()),
+            );
+        }
+    }
+}
+
+#[test]
+fn gelu_linear_with_dropout_agrees() {
+    for [batch, tokens, input, output] in [[1, 1, 1, 1], [3, 5, 7, 9], [4, 700, 70, 96]] {
+        let masks = || [dropout_mask(4, 0), dropout_mask(4, 1)];
+        let shapes =
+            [[batch, tokens, output], [batch, tokens, input], [1, output, input], [1, 1, output]];
+        check_agreement(
+            shapes,
+            |[residual, x, weight, bias]| {
+                let packed = PackedWeight::default();
+                gelu_linear_onto(residual, x, matrix(weight), flat(bias), &packed, masks())
+            },
+            |[residual, x, weight, bias]| {
+                gelu_linear::plain(residual, x, matrix(weight), flat(bias), &masks())
+            },
+        );
+    }
+}
+
+#[test]
+fn dropout_agrees() {
+    for shape in [[1, 1, 1], [3, 5, 7], [2, 300, 96]] {
+        check_agreement(
+            [shape],
+            |[x]| dropout(x, dropout_mask(3, 0)),
+            |[x]| dropout::plain(x, dropout_mask(3, 0).as_ref()),
         );
     }
 }
@@ -185,11 +238,13 @@ fn attention_agrees() {
 /// The others above run on the best that this processor has.
 #[test]
 fn operations_agree_on_every_instruction_set() {
+    let causal = Mask::Causal { ahead: 1 };
+    let no_masks = || [None, None];
     instruction_set::tests::with_each(|_| {
         compare(
             [[2, 61, 48]; 3],
-            |[q, k, v]| attention(q, k, v, 2, Mask::Causal { ahead: 1 }),
-            |[q, k, v]| attention::plain(q, k, v, 2, Mask::Causal { ahead: 1 }),
+            |[q, k, v]| attention(q, k, v, 2, causal, dropout_mask(2, 0)),
+            |[q, k, v]| attention::plain(q, k, v, 2, causal, dropout_mask(2, 0).as_ref()),
         );
         compare(
             [[2, 90, 40], [1, 1, 40], [1, 1, 40], [1, 70, 40], [1, 1, 70]],
@@ -205,10 +260,10 @@ fn operations_agree_on_every_instruction_set() {
             [[2, 90, 30], [2, 90, 50], [1, 30, 50], [1, 1, 30]],
             |[residual, x, weight, bias]| {
                 let packed = PackedWeight::default();
-                gelu_linear_onto(residual, x, matrix(weight), flat(bias), &packed)
+                gelu_linear_onto(residual, x, matrix(weight), flat(bias), &packed, no_masks())
             },
             |[residual, x, weight, bias]| {
-                gelu_linear::plain(residual, x, matrix(weight), flat(bias))
+                gelu_linear::plain(residual, x, matrix(weight), flat(bias), &no_masks())
             },
         );
         compare(

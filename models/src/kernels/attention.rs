@@ -1,10 +1,12 @@
 use burn::tensor::{Bool, Tensor, activation};
 use rayon::prelude::*;
 
+use super::dropout::{self, DropoutMask};
 use super::fused::{Array, FusedOp, apply, operand};
 use super::panels::Panels;
 use super::product::{Left, Onto, Right, multiply};
 use super::softmax::{softmax, softmax_gradient};
+use super::vectorized;
 
 /// Which source tokens a token may look at.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -17,17 +19,19 @@ pub(crate) enum Mask {
 
 /// softmax(Q Kᵀ / √width) V for each head, a head being `width = d_model / heads` neighbouring
 /// channels. query `[batch, token, d_model]`, key and value `[batch, source, d_model]`; gives the
-/// shape of query.
+/// shape of query. `dropout` leaves out numbers of the softmax.
 pub(crate) fn attention(
     query: Tensor<3>,
     key: Tensor<3>,
     value: Tensor<3>,
     heads: usize,
     mask: Mask,
+    dropout: Option<DropoutMask>,
 ) -> Tensor<3> {
     let operands = [operand(&query), operand(&key), operand(&value)];
-    apply(Attention { heads, mask }, operands)
-        .unwrap_or_else(|| plain(query, key, value, heads, mask))
+    let op = Attention { heads, mask, dropout };
+    apply(op.clone(), operands)
+        .unwrap_or_else(|| plain(query, key, value, heads, mask, op.dropout.as_ref()))
 }
 
 pub(super) fn plain(
@@ -36,6 +40,7 @@ pub(super) fn plain(
     value: Tensor<3>,
     heads: usize,
     mask: Mask,
+    dropout: Option<&DropoutMask>,
 ) -> Tensor<3> {
     let [batch, tokens, d_model] = query.dims();
     let [_, sources, _] = key.dims();
@@ -52,12 +57,14 @@ pub(super) fn plain(
             scores.mask_fill(future.unsqueeze::<4>(), f32::NEG_INFINITY)
         }
     };
-    let mixed = activation::softmax(visible, 3).matmul(split(value, sources));
+    let p = dropout::plain(activation::softmax(visible, 3), dropout);
+    let mixed = p.matmul(split(value, sources));
     mixed.swap_dims(1, 2).reshape([batch, tokens, d_model])
 }
 
 /// With P = softmax(S), S = Q Kᵀ / √width and O = P V:
-/// dV = Pᵀ dO, dP = dO Vᵀ, dS = P (dP - Σ P dP), dQ = dS K / √width, dK = dSᵀ Q / √width.
+/// dV = Pᵀ dO, dP = dO Vᵀ, dS = P (dP - Σ P dP), dQ = dS K / √width, dK = dSᵀ Q / √width. With M of a
+/// dropout, O = (M P) V, dV = (M P)ᵀ dO and dP = M (dO Vᵀ).
 ///
 /// Rows of P are made a few at a time, which stay in a core's cache, and anew in the derivative, as
 /// in FlashAttention (Dao et al. 2022): P is the largest array by far and soon made. What no token
@@ -67,6 +74,7 @@ pub(super) fn plain(
 struct Attention {
     heads: usize,
     mask: Mask,
+    dropout: Option<DropoutMask>,
 }
 
 /// Tokens whose rows of P are made at once: a multiple of a tile's rows.
@@ -74,13 +82,14 @@ const TOKENS: usize = 48;
 
 /// Extents of one trajectory's part.
 #[derive(Clone, Copy)]
-struct Extents {
+struct Extents<'a> {
     tokens: usize,
     sources: usize,
     d_model: usize,
     /// Of a head.
     width: usize,
     mask: Mask,
+    dropout: Option<&'a DropoutMask>,
 }
 
 /// What one task writes to before it writes its results.
@@ -88,6 +97,9 @@ struct Extents {
 struct Scratch {
     /// Rows of P.
     probabilities: Vec<f32>,
+    /// Rows of M and of M P, with a dropout.
+    factors: Vec<f32>,
+    masked: Vec<f32>,
     /// Rows of dP, then dS.
     scores: Vec<f32>,
     /// Rows of K.
@@ -100,14 +112,15 @@ struct Scratch {
 }
 
 impl Attention {
-    fn extents(&self, query: &Array, key: &Array) -> Extents {
+    fn extents(&self, query: &Array, key: &Array) -> Extents<'_> {
         let [.., tokens, d_model] = *query.shape() else { unreachable!("of rank 3") };
         let [.., sources, _] = *key.shape() else { unreachable!("of rank 3") };
-        Extents { tokens, sources, d_model, width: d_model / self.heads, mask: self.mask }
+        let (width, dropout) = (d_model / self.heads, self.dropout.as_ref());
+        Extents { tokens, sources, d_model, width, mask: self.mask, dropout }
     }
 }
 
-impl Extents {
+impl Extents<'_> {
     fn scale(&self) -> f32 {
         1.0 / (self.width as f32).sqrt()
     }
@@ -125,6 +138,20 @@ impl Extents {
         self.visible(end - 1).min(self.sources)
     }
 
+    /// Leaves out numbers of rows of P, each `seen` long, from that of token `first` on, of the head that
+    /// begins with `channel`.
+    fn drop_out(
+        &self,
+        mask: &DropoutMask,
+        [trajectory, channel, first]: [usize; 3],
+        rows: &mut [f32],
+        seen: usize,
+    ) {
+        let heads = self.d_model / self.width;
+        let head = trajectory * heads + channel / self.width;
+        mask.apply(rows, seen, head * self.tokens + first, heads * self.tokens);
+    }
+
     /// Rows of P of the tokens from `first` on; each as long as the last one sees. `query` begins
     /// with the first token, at the head's first channel.
     fn probabilities(&self, query: Left<'_>, keys: &Panels, first: usize, into: &mut Vec<f32>) {
@@ -135,13 +162,13 @@ impl Extents {
         softmax(into, seen, self.scale(), self.visible(first));
     }
 
-    /// O of the tokens from `first` on.
+    /// O of the trajectory's tokens from `first` on.
     fn forward(
         &self,
         query: &[f32],
         value: &[f32],
         keys: &[Panels],
-        first: usize,
+        [trajectory, first]: [usize; 2],
         output: &mut [f32],
         probabilities: &mut Vec<f32>,
     ) {
@@ -153,15 +180,19 @@ impl Extents {
         for (head, keys) in (0..d_model).step_by(width).zip(keys) {
             let query = Left { values: &query[head..], rows: &rows, step: 1 };
             self.probabilities(query, keys, first, probabilities);
+            if let Some(mask) = self.dropout {
+                self.drop_out(mask, [trajectory, head, first], probabilities, seen);
+            }
             let p = Left { values: probabilities, rows: &of_p, step: 1 };
             let value = Right { values: &value[head..], terms: &of_value };
             multiply(p, value, Onto::Nothing, &mut output[head..], width, d_model);
         }
     }
 
-    /// dQ, dK and dV of one head, at whose first channel everything begins.
+    /// dQ, dK and dV of a trajectory's head, at whose first channel everything begins.
     fn backward(
         &self,
+        [trajectory, head]: [usize; 2],
         [query, key, value, d_output]: [&[f32]; 4],
         [d_query, d_key, d_value]: [&mut [f32]; 3],
         scratch: &mut Scratch,
@@ -184,7 +215,18 @@ impl Extents {
 
             let of_query = Left { values: query, rows: &rows, step: 1 };
             self.probabilities(of_query, &scratch.key_columns, first, &mut scratch.probabilities);
-            let p = Left { values: &scratch.probabilities, rows: &each, step: seen };
+            let probabilities = match self.dropout {
+                None => &scratch.probabilities,
+                Some(mask) => {
+                    scratch.factors.clear();
+                    scratch.factors.resize(count * seen, 1.0);
+                    self.drop_out(mask, [trajectory, head, first], &mut scratch.factors, seen);
+                    scratch.masked.clone_from(&scratch.probabilities);
+                    vectorized::multiply(&mut scratch.masked, &scratch.factors);
+                    &scratch.masked
+                }
+            };
+            let p = Left { values: probabilities, rows: &each, step: seen };
             let of_output = Right { values: d_output, terms: &rows };
             multiply(p, of_output, Onto::Output, &mut scratch.d_value, width, width);
 
@@ -193,6 +235,9 @@ impl Extents {
             let extent = [width, seen];
             let scores = &mut scratch.scores;
             scratch.value_columns.multiply_part(of_output, extent, Onto::Nothing, scores, seen);
+            if self.dropout.is_some() {
+                vectorized::multiply(scores, &scratch.factors);
+            }
             softmax_gradient(&scratch.probabilities, seen, self.scale(), scores);
 
             let ds = Left { values: scores, rows: &of_p, step: 1 };
@@ -220,7 +265,8 @@ impl FusedOp<3> for Attention {
         inputs
             .zip(value.values().par_chunks(of_key))
             .zip(output.par_chunks_mut(of_query))
-            .for_each(|(((query, key), value), output)| {
+            .enumerate()
+            .for_each(|(trajectory, (((query, key), value), output))| {
                 let keys: Vec<Panels> = (0..d_model)
                     .step_by(width)
                     .map(|head| Panels::of_columns(&key[head..], width, sources, d_model))
@@ -230,7 +276,7 @@ impl FusedOp<3> for Attention {
                     .zip(query.par_chunks(TOKENS * d_model))
                     .enumerate()
                     .for_each_init(Vec::new, |probabilities, (index, (output, query))| {
-                        let first = index * TOKENS;
+                        let first = [trajectory, index * TOKENS];
                         extents.forward(query, value, &keys, first, output, probabilities);
                     });
             });
@@ -254,13 +300,14 @@ impl FusedOp<3> for Attention {
             .par_chunks_mut(of_query)
             .zip(d_key.par_chunks_mut(of_key))
             .zip(d_value.par_chunks_mut(of_key));
-        inputs.zip(outputs).for_each_init(Scratch::default, |scratch, (inputs, outputs)| {
+        let tasks = inputs.zip(outputs).enumerate();
+        tasks.for_each_init(Scratch::default, |scratch, (trajectory, (inputs, outputs))| {
             let (((query, key), value), gradient) = inputs;
             let ((d_query, d_key), d_value) = outputs;
             for head in (0..d_model).step_by(width) {
                 let inputs = [query, key, value, gradient].map(|series| &series[head..]);
                 let outputs = [&mut d_query[head..], &mut d_key[head..], &mut d_value[head..]];
-                extents.backward(inputs, outputs, scratch);
+                extents.backward([trajectory, head], inputs, outputs, scratch);
             }
         });
         [

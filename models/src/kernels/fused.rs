@@ -17,6 +17,11 @@ use crate::interruption::leave_if_interrupted;
 pub(super) trait FusedOp<const N: usize>: Clone + Debug + Send + 'static {
     fn forward(&self, inputs: &[Array; N]) -> Array;
 
+    /// What of the inputs is kept for the derivative; others may be left empty.
+    fn keep(&self, inputs: [Array; N]) -> [Array; N] {
+        inputs
+    }
+
     /// Gradient of each input, given that of the output.
     fn backward(&self, inputs: &[Array; N], gradient: &Array) -> [Array; N];
 }
@@ -91,6 +96,7 @@ pub(super) fn apply<const N: usize, O: FusedOp<N>>(
     let nodes = tracked.each_ref().map(|tensor| tensor.node());
     let inputs = tracked.map(|tensor| Array(tensor.into_primitive().to_contiguous()));
     let output = op.forward(&inputs).0;
+    let inputs = op.keep(inputs);
     let prepared = Derivative(op).prepare::<NoCheckpointing>(nodes).compute_bound().stateful();
     Some(Tensor::from_primitive::<Autodiff<Flex>>(match prepared {
         OpsKind::Tracked(prepared) => prepared.finish(inputs, output),

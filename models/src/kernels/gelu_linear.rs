@@ -3,6 +3,7 @@ use std::f32::consts::FRAC_1_SQRT_2;
 use burn::tensor::Tensor;
 use rayon::prelude::*;
 
+use super::dropout::{self, DropoutMask};
 use super::fused::{Array, FusedOp, apply, operand};
 use super::packed::{PackedWeight, Packing};
 use super::{affine, linear, vectorized};
@@ -14,17 +15,20 @@ const TASK: usize = 16_384;
 /// between them. `residual` has the shape of the result.
 ///
 /// GELU is x Φ(x) with the normal distribution's Φ, exact rather than its tanh approximation
-/// (Hendrycks and Gimpel 2016); its derivative is Φ(x) + x φ(x).
+/// (Hendrycks and Gimpel 2016); its derivative is Φ(x) + x φ(x). `masks` leave out numbers of GELU's
+/// and of the map's.
 pub(crate) fn gelu_linear_onto(
     residual: Tensor<3>,
     x: Tensor<3>,
     weight: Tensor<2>,
     bias: Tensor<1>,
     packed: &PackedWeight,
+    masks: [Option<DropoutMask>; 2],
 ) -> Tensor<3> {
     let packing = packed.packing(weight.is_autodiff());
     let operands = [operand(&residual), operand(&x), operand(&weight), operand(&bias)];
-    apply(GeluLinear { packing }, operands).unwrap_or_else(|| plain(residual, x, weight, bias))
+    let op = GeluLinear { packing, masks };
+    apply(op.clone(), operands).unwrap_or_else(|| plain(residual, x, weight, bias, &op.masks))
 }
 
 pub(super) fn plain(
@@ -32,8 +36,10 @@ pub(super) fn plain(
     x: Tensor<3>,
     weight: Tensor<2>,
     bias: Tensor<1>,
+    [between, after]: &[Option<DropoutMask>; 2],
 ) -> Tensor<3> {
-    residual + linear::plain(gelu(x), weight, bias)
+    let between = dropout::plain(gelu(x), between.as_ref());
+    residual + dropout::plain(linear::plain(between, weight, bias), after.as_ref())
 }
 
 /// burn's GELU is the exact one, but where a backend brings none of its own, its derivative is the
@@ -43,28 +49,61 @@ fn gelu(x: Tensor<3>) -> Tensor<3> {
     x * twice_below * 0.5
 }
 
-/// dW = dyᵀ gelu(x), db = Σ dy, dx = gelu'(x) (dy W); the residual's gradient is dy.
+/// dW = dyᵀ gelu(x), db = Σ dy, dx = gelu'(x) (dy W); the residual's gradient is dy. What a mask leaves
+/// out on the way there it leaves out on the way back.
 #[derive(Clone, Debug)]
 struct GeluLinear {
     packing: Packing,
+    masks: [Option<DropoutMask>; 2],
 }
 
 impl FusedOp<4> for GeluLinear {
     fn forward(&self, [residual, x, weight, bias]: &[Array; 4]) -> Array {
         let mut y = vec![0.0; residual.values().len()];
-        affine::forward_of_onto(
-            vectorized::gelu,
-            x.values(),
-            x.width(),
-            &self.packing.transposed(weight),
-            bias.values(),
-            residual.values(),
-            &mut y,
-        );
+        let [_, rows, width] = *x.shape() else { unreachable!("of rank 3") };
+        let (weight, bias) = (self.packing.transposed(weight), bias.values());
+        let [between, after] = &self.masks;
+        let gelu = |x: &[f32], g: &mut [f32], first| {
+            vectorized::gelu(x, g);
+            if let Some(mask) = between {
+                mask.apply(g, width, first, rows);
+            }
+        };
+        if let Some(mask) = after {
+            affine::forward_of(gelu, x.values(), width, &weight, bias, &mut y);
+            mask.apply_to_all(&mut y, residual.width(), rows);
+            y.par_chunks_mut(TASK).zip(residual.values().par_chunks(TASK)).for_each(|(y, z)| {
+                for (y, z) in y.iter_mut().zip(z) {
+                    *y += z;
+                }
+            });
+        } else {
+            affine::forward_of_onto(
+                gelu,
+                x.values(),
+                width,
+                &weight,
+                bias,
+                residual.values(),
+                &mut y,
+            );
+        }
         Array::new(y, residual.shape())
     }
 
     fn backward(&self, [_, x, weight, bias]: &[Array; 4], dy: &Array) -> [Array; 4] {
+        let [_, rows, width] = *x.shape() else { unreachable!("of rank 3") };
+        let output = bias.width();
+        let [of_gelu, of_output] = &self.masks;
+        let d_residual = dy.clone();
+        let dy = match of_output {
+            None => dy.clone(),
+            Some(mask) => {
+                let mut masked = dy.values().to_vec();
+                mask.apply_to_all(&mut masked, output, rows);
+                Array::new(masked, dy.shape())
+            }
+        };
         let mut d_weight = vec![0.0; weight.values().len()];
         let mut d_bias = vec![0.0; bias.width()];
         let mut between = vec![0.0; x.values().len()];
@@ -72,16 +111,21 @@ impl FusedOp<4> for GeluLinear {
             .par_chunks_mut(TASK)
             .zip(x.values().par_chunks(TASK))
             .for_each(|(g, x)| vectorized::gelu(x, g));
+        if let Some(mask) = of_gelu {
+            mask.apply_to_all(&mut between, width, rows);
+        }
         affine::parameter_gradients(&between, dy.values(), &mut d_weight, &mut d_bias);
 
         // In the memory of gelu(x), which is done with.
         let mut dx = between;
-        let output = bias.width();
         affine::input_gradient(dy.values(), weight.values(), output, &mut dx, |dg, first| {
+            if let Some(mask) = of_gelu {
+                mask.apply(dg, width, first / width, rows);
+            }
             vectorized::times_gelu_slope(&x.values()[first..first + dg.len()], dg);
         });
         [
-            dy.clone(),
+            d_residual,
             Array::new(dx, x.shape()),
             Array::new(d_weight, weight.shape()),
             Array::new(d_bias, bias.shape()),

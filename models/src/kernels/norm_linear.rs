@@ -38,7 +38,7 @@ impl FusedOp<5> for NormLinear {
     fn forward(&self, [x, scale, shift, weight, bias]: &[Array; 5]) -> Array {
         let output = bias.width();
         let mut y = vec![0.0; x.values().len() / x.width() * output];
-        let norm = |x: &[f32], n: &mut [f32]| {
+        let norm = |x: &[f32], n: &mut [f32], _| {
             vectorized::layer_norm(x, scale.values(), shift.values(), layer_norm::EPSILON, n);
         };
         let weight = self.packing.transposed(weight);

@@ -39,6 +39,8 @@ macro_rules! vectorized {
     };
 }
 
+pub(super) use vectorized;
+
 vectorized! {
     /// y = x Φ(x).
     fn gelu(x: &[f32], y: &mut [f32]) {
@@ -55,6 +57,15 @@ vectorized! {
         for (dy, &x) in dy.iter_mut().zip(x) {
             let (cumulative, density) = normal_distribution::<FUSED>(x);
             *dy *= cumulative + x * density;
+        }
+    }
+}
+
+vectorized! {
+    /// x = x factors.
+    fn multiply(x: &mut [f32], factors: &[f32]) {
+        for (x, &factor) in x.iter_mut().zip(factors) {
+            *x *= factor;
         }
     }
 }

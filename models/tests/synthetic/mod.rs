@@ -122,6 +122,8 @@ pub fn every_kind() -> Vec<(&'static str, ModelSpec)> {
         encoder_layers: 1,
         decoder_layers: 2,
         mlp_ratio: 2,
+        dropout: 0.0,
+        embedding_dropout: 0.0,
         diffusion,
         sampler,
         residual: Residual::None,
@@ -152,6 +154,9 @@ pub fn every_kind() -> Vec<(&'static str, ModelSpec)> {
                 ..cdcnn
             })
         }),
-        ("cdt", ModelSpec::Cdt(cdt)),
+        ("cdt", ModelSpec::Cdt(cdt.clone())),
+        ("cdt, dropout", {
+            ModelSpec::Cdt(CdtSpec { dropout: 0.1, embedding_dropout: 0.1, ..cdt })
+        }),
     ]
 }

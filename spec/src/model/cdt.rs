@@ -19,6 +19,13 @@ pub struct CdtSpec {
     /// Hidden width of the feed-forward blocks as a multiple of `d_model`.
     #[serde(default = "four")]
     pub mlp_ratio: u32,
+    /// Share of numbers that a step of training leaves out of attention's weights, after GELU, and of
+    /// what each part of a layer adds. 0.1 in the paper's code, `p_drop_attn`.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub dropout: f64,
+    /// The same of the tokens that layers begin with. 0.1 in the paper's code, `p_drop_emb`.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub embedding_dropout: f64,
     #[serde(default)]
     pub diffusion: DiffusionSpec,
     #[serde(default)]
@@ -35,4 +42,19 @@ impl Check for CdtSpec {
             report.violation("d_model", self.d_model, "a multiple of 2, for sine and cosine");
         }
     }
+}
+
+impl CdtSpec {
+    pub(super) fn report_dropout(&self, report: &mut Report) {
+        let shares = [("dropout", self.dropout), ("embedding_dropout", self.embedding_dropout)];
+        for (field, share) in shares {
+            if !(0.0..1.0).contains(&share) {
+                report.violation(field, share, "0 to below 1");
+            }
+        }
+    }
+}
+
+fn is_zero(share: &f64) -> bool {
+    *share == 0.0
 }

@@ -101,6 +101,9 @@ impl ModelSpec {
             sampler.report_for(diffusion.steps, report);
         }
         report.part("residual", &self.residual());
+        if let Self::Cdt(model) = self {
+            model.report_dropout(report);
+        }
     }
 }
 
