@@ -75,7 +75,7 @@ impl Predictor for Learned<'_> {
 impl Learned<'_> {
     fn ask(&self, observed: &Observed, warm_start: Option<WarmStart>) -> Result<Vec<f32>, Failure> {
         let input = input(observed);
-        if self.model.architecture().diffusion().is_none() {
+        if self.model.architecture().sampler().is_none() {
             return Ok(self.model.predict(&input)?);
         }
         let sampling = Sampling { samples: 1, warm_start, ..self.sampling.clone() };

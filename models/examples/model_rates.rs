@@ -102,13 +102,14 @@ fn measure(preset: &str, what: What, steps: usize) -> Result<(Value, Value), Box
             ("pass_ms", SamplerKind::Ddim, 1, PASSES),
             ("ddim_5_ms", SamplerKind::Ddim, 5, CHAINS),
             ("ddpm_100_ms", SamplerKind::Ddpm, 100, 1),
+            ("pass_ms", SamplerKind::Euler, 1, PASSES),
+            ("euler_2_ms", SamplerKind::Euler, 2, CHAINS),
         ];
-        let levels = model.architecture().diffusion().map_or(0, |(diffusion, _)| diffusion.steps);
         for (name, kind, passes, count) in ways {
-            if passes > levels {
+            let sampler = SamplerSpec { kind, steps: Some(passes), ..SamplerSpec::default() };
+            if model.architecture().check_sampler(&sampler).is_err() {
                 continue;
             }
-            let sampler = SamplerSpec { kind, steps: Some(passes), ..SamplerSpec::default() };
             let sampling = Sampling { sampler: Some(sampler), ..Sampling::default() };
             note(name, &times_ms(count * steps, || model.sample(&input, &sampling))?);
         }

@@ -12,6 +12,7 @@ use spec::{
 };
 
 use crate::checkpoint::{CONFIG_FILE, CheckpointFiles, MODEL_FILE};
+use crate::denoiser::Denoiser;
 use crate::frame::Framing;
 use crate::initialization::InitialWeights;
 use crate::normalization::{Normalizer, model_input, target};
@@ -206,7 +207,8 @@ fn untrained(peer: &Peer, spec: &TrainSpec) -> CheckpointFiles {
     checkpoint::write(&model, None, &optimizer, &peer.config()).unwrap()
 }
 
-const DENOISERS: [Peer; 4] = [Peer("diffuser"), Peer("cdcnn"), Peer("cdcnn_global"), Peer("cdt")];
+const DIFFUSIONS: [Peer; 4] = [Peer("diffuser"), Peer("cdcnn"), Peer("cdcnn_global"), Peer("cdt")];
+const FLOWS: [Peer; 2] = [Peer("flow"), Peer("flow_velocity")];
 
 fn series(peer: &Peer, name: &str, device: &burn::tensor::Device) -> Tensor<3> {
     let values = peer.expected(name);
@@ -219,12 +221,13 @@ fn series(peer: &Peer, name: &str, device: &burn::tensor::Device) -> Tensor<3> {
 /// and a step of Adam along them.
 #[test]
 fn denoisers_answer_and_learn_alike() {
-    for peer in DENOISERS {
+    for peer in DIFFUSIONS.into_iter().chain(FLOWS) {
         let device = Device::cpu().training();
         let model = peer.loaded(&device);
         let SequenceModel::Denoiser(denoiser) = &model else { panic!("{} is none", peer.0) };
         let (input, _) = peer.seen(&device);
-        let answer = denoiser.forward(series(&peer, "noisy", &device), &[3, 17, 0], input.u, None);
+        let known = denoiser.known(&input.u, &input.path);
+        let answer = denoiser.forward(series(&peer, "noisy", &device), &[3, 17, 0], known, None);
         peer.check_close("answer", &host_values(answer.clone().inner()).unwrap(), 1e-5);
 
         let error = answer - series(&peer, "answer_wanted", &device);
@@ -243,7 +246,7 @@ fn denoisers_answer_and_learn_alike() {
 
 #[test]
 fn whole_chains_of_samplers_agree() {
-    for peer in DENOISERS {
+    for peer in DIFFUSIONS {
         let device = Device::cpu().inference();
         let model = peer.loaded(&device);
         let SequenceModel::Denoiser(denoiser) = &model else { panic!("{} is none", peer.0) };
@@ -252,12 +255,7 @@ fn whole_chains_of_samplers_agree() {
             ("ddim_7", SamplerKind::Ddim, Some(7)),
             ("dpm_solver_7", SamplerKind::DpmSolver, Some(7)),
         ] {
-            let sampler = SamplerSpec { kind, steps, ..SamplerSpec::default() };
-            let table = denoiser.process().steps(&sampler, None);
-            let (input, _) = peer.seen(&device);
-            let mut noise = Noise::given([peer.expected("noise")]);
-            let found = denoiser.sample(&input, None, &table, &mut noise);
-            peer.check_close(&format!("chain.{name}"), &host_values(found).unwrap(), 1e-4);
+            check_chain(&peer, denoiser, name, kind, steps);
         }
         let table = denoiser.process().steps(&SamplerSpec::default(), None);
         let (input, _) = peer.seen(&device);
@@ -267,4 +265,36 @@ fn whole_chains_of_samplers_agree() {
         let found = denoiser.sample(&input, None, &table, &mut noise);
         peer.check_close("chain.ddpm", &host_values(found).unwrap(), 1e-4);
     }
+}
+
+#[test]
+fn whole_chains_of_flows_agree() {
+    for peer in FLOWS {
+        let model = peer.loaded(&Device::cpu().inference());
+        let SequenceModel::Denoiser(denoiser) = &model else { panic!("{} is none", peer.0) };
+        for (name, kind, steps) in [
+            ("euler_1", SamplerKind::Euler, 1),
+            ("euler_4", SamplerKind::Euler, 4),
+            ("heun_3", SamplerKind::Heun, 3),
+        ] {
+            check_chain(&peer, denoiser, name, kind, Some(steps));
+        }
+    }
+}
+
+/// A chain that draws no noise but its first.
+#[track_caller]
+fn check_chain(
+    peer: &Peer,
+    denoiser: &Denoiser,
+    name: &str,
+    kind: SamplerKind,
+    steps: Option<u32>,
+) {
+    let sampler = SamplerSpec { kind, steps, ..SamplerSpec::default() };
+    let table = denoiser.process().steps(&sampler, None);
+    let (input, _) = peer.seen(&Device::cpu().inference());
+    let mut noise = Noise::given([peer.expected("noise")]);
+    let found = denoiser.sample(&input, None, &table, &mut noise);
+    peer.check_close(&format!("chain.{name}"), &host_values(found).unwrap(), 1e-4);
 }

@@ -1,6 +1,6 @@
 use burn::module::Module;
 use burn::tensor::Tensor;
-use spec::{CdcnnSpec, Conditioning, GROUPS};
+use spec::{CdcnnSpec, Conditioning, FlowSpec, GROUPS};
 
 use crate::ModelError;
 use crate::diffuser::check_stages;
@@ -14,32 +14,51 @@ pub(crate) struct CdcnnConfig {
     unet: UNetConfig,
     embedding: usize,
     conditioning: Conditioning,
+    /// Channels of what is known sample by sample.
+    known: usize,
 }
 
 impl CdcnnConfig {
     /// `samples` of a whole trajectory.
     pub fn new(spec: &CdcnnSpec, samples: u32) -> Result<Self, ModelError> {
-        within("embedding", spec.embedding, 4, LARGEST_WIDTH)?;
-        multiple("embedding", spec.embedding, 2, "for sine and cosine")?;
-        check_stages("widths", spec.widths.len(), samples)?;
-        for &width in &spec.widths {
+        Self::of_sizes(spec.embedding, &spec.widths, spec.conditioning, CHANNELS, samples)
+    }
+
+    /// Given u and the integrator's path, sample by sample.
+    pub fn of_flow(spec: &FlowSpec, samples: u32) -> Result<Self, ModelError> {
+        let conditioning = Conditioning::Local;
+        Self::of_sizes(spec.embedding, &spec.widths, conditioning, 2 * CHANNELS, samples)
+    }
+
+    fn of_sizes(
+        embedding: u32,
+        widths: &[u32],
+        conditioning: Conditioning,
+        known: usize,
+        samples: u32,
+    ) -> Result<Self, ModelError> {
+        within("embedding", embedding, 4, LARGEST_WIDTH)?;
+        multiple("embedding", embedding, 2, "for sine and cosine")?;
+        check_stages("widths", widths.len(), samples)?;
+        for &width in widths {
             within("widths", width, GROUPS, LARGEST_WIDTH)?;
             multiple("widths", width, GROUPS, "the groups of the normalization")?;
         }
-        let embedding = spec.embedding as usize;
-        let condition = match spec.conditioning {
+        let embedding = embedding as usize;
+        let condition = match conditioning {
             Conditioning::Local => embedding,
-            Conditioning::Global => embedding + samples as usize * CHANNELS,
+            Conditioning::Global => embedding + samples as usize * known,
         };
         Ok(Self {
             unet: UNetConfig {
                 channels: CHANNELS,
-                widths: spec.widths.iter().map(|&width| width as usize).collect(),
+                widths: widths.iter().map(|&width| width as usize).collect(),
                 condition,
                 modulation: Modulation::ScaleAndShift,
             },
             embedding,
-            conditioning: spec.conditioning,
+            conditioning,
+            known,
         })
     }
 
@@ -47,7 +66,7 @@ impl CdcnnConfig {
     fn local(&self) -> Option<(usize, usize, usize)> {
         let first = self.unet.widths.first().copied()?;
         match self.conditioning {
-            Conditioning::Local => Some((CHANNELS, first, self.unet.condition)),
+            Conditioning::Local => Some((self.known, first, self.unet.condition)),
             Conditioning::Global => None,
         }
     }
@@ -73,9 +92,10 @@ impl CdcnnConfig {
     }
 }
 
-/// Conditional U-Net on y (Chi et al. 2023, *Diffusion Policy*; the network of its code).
+/// Conditional U-Net on y (Chi et al. 2023, *Diffusion Policy*; the network of its code), which a flow
+/// has too.
 ///
-/// With local conditioning u passes a block of its own and is added after the first block of the
+/// What is known of each sample is u, for a flow the integrator's path beside it. With local conditioning u passes a block of its own and is added after the first block of the
 /// first stage, so that it enters additively and FiLM carries the noise level alone. That code has
 /// a second block of u whose output a condition that is never true would add at the end; it has
 /// no effect there and is not here.
@@ -88,19 +108,19 @@ pub(crate) struct Cdcnn {
 }
 
 impl Cdcnn {
-    /// Noisy y `[batch, sample, 7]` at each row's noise level, given u `[batch, sample, 7]`, to
-    /// the prediction in the same shape.
-    pub fn forward(&self, noisy: Tensor<3>, levels: &[usize], u: Tensor<3>) -> Tensor<3> {
+    /// Noisy y `[batch, sample, 7]` at each row's noise level, given what is `known`
+    /// `[batch, sample, channel]`, to the prediction in the shape of y.
+    pub fn forward(&self, noisy: Tensor<3>, levels: &[usize], known: Tensor<3>) -> Tensor<3> {
         let level = self.embedding.forward(levels, &noisy.device());
-        let [batch, samples, channels] = u.dims();
+        let [batch, samples, channels] = known.dims();
         let (condition, local) = match &self.local {
             Some(block) => {
-                let local = block.forward(u.swap_dims(1, 2), &level);
+                let local = block.forward(known.swap_dims(1, 2), &level);
                 (level, Some(local))
             }
             None => {
-                let u = u.reshape([batch, 1, samples * channels]);
-                (Tensor::cat(vec![level, u], 2), None)
+                let known = known.reshape([batch, 1, samples * channels]);
+                (Tensor::cat(vec![level, known], 2), None)
             }
         };
         self.unet.forward(noisy.swap_dims(1, 2), &condition, local).swap_dims(1, 2)

@@ -1,6 +1,6 @@
 use burn::module::{Module, ModuleMapper, ModuleVisitor};
 use burn::tensor::{Device, Tensor, TensorData};
-use spec::{JOINTS, Known, ModelSpec};
+use spec::{Generation, JOINTS, Known, ModelSpec};
 
 use crate::ModelError;
 use crate::cdcnn::Cdcnn;
@@ -11,7 +11,7 @@ use crate::kernels::DropoutKeys;
 use crate::randomness::Noise;
 use crate::sequence_model::{Loss, ModelInput};
 
-/// A network that removes noise.
+/// A network that removes noise. A flow's is CDCNN's.
 #[derive(Clone, Debug)]
 pub(crate) enum Network {
     Diffuser(Diffuser),
@@ -29,6 +29,8 @@ pub(crate) struct Denoiser {
     process: Process,
     /// Of Diffuser; the others are given u apart from the series.
     torques: Torques,
+    /// Whether the path that answers are relative to is given beside u.
+    path: bool,
 }
 
 /// What becomes of u.
@@ -47,7 +49,10 @@ impl Denoiser {
     /// [`ModelError::Spec`] for noise that cannot be.
     pub fn new(network: Network, spec: &ModelSpec) -> Result<Self, ModelError> {
         spec.check_options()?;
-        let (diffusion, _) = spec.diffusion().ok_or(ModelError::NotGenerative)?;
+        let process = match spec.generation().ok_or(ModelError::NotGenerative)? {
+            Generation::Diffusion(diffusion) => Process::diffusion(diffusion),
+            Generation::Flow(flow) => Process::flow(flow),
+        };
         let torques = match spec {
             ModelSpec::Diffuser(spec) => match (spec.known, spec.weights) {
                 (Known::CleanAndMasked, [_, y_weight]) => Torques::Clean { y_weight },
@@ -55,7 +60,7 @@ impl Denoiser {
             },
             _ => Torques::Apart,
         };
-        Ok(Self { network, process: Process::new(diffusion), torques })
+        Ok(Self { network, process, torques, path: matches!(spec, ModelSpec::Flow(_)) })
     }
 
     pub fn process(&self) -> &Process {
@@ -68,6 +73,7 @@ impl Denoiser {
         let device = target.device();
         let y = Tensor::cat(vec![input.seen_context, target], 1);
         let series = self.series(&input.u, y);
+        let known = self.known(&input.u, &input.path);
         let shape = Shape { context, horizon, device: &device };
         let (clean, weights, counted) = match self.torques {
             Torques::Apart => {
@@ -86,7 +92,7 @@ impl Denoiser {
         };
         let keys = noise.dropout_keys();
         self.process.loss(&series, &clean, weights, counted, noise, |noisy, levels| {
-            self.forward(noisy, levels, input.u, keys)
+            self.forward(noisy, levels, known, keys)
         })
     }
 
@@ -115,12 +121,18 @@ impl Denoiser {
             }
         };
         let painted = Painted { values: whole(unknown(&device)), clean, noised };
+        let known = self.known(&input.u, &input.path);
         let series =
             self.process.sample(warm.map(whole), &painted, steps, noise, |noisy, levels| {
-                self.forward(noisy, levels, input.u.clone(), None)
+                self.forward(noisy, levels, known.clone(), None)
             });
         let [_, _, channels] = series.dims();
         series.slice([0..batch, context..samples, channels - JOINTS..channels])
+    }
+
+    /// What the network is given beside the series, `[batch, sample, channel]`.
+    pub fn known(&self, u: &Tensor<3>, path: &Tensor<3>) -> Tensor<3> {
+        if self.path { Tensor::cat(vec![u.clone(), path.clone()], 2) } else { u.clone() }
     }
 
     /// The network's answer at each row's noise level, in the shape of the noisy series. A step of
@@ -129,13 +141,13 @@ impl Denoiser {
         &self,
         noisy: Tensor<3>,
         levels: &[usize],
-        u: Tensor<3>,
+        known: Tensor<3>,
         keys: Option<DropoutKeys>,
     ) -> Tensor<3> {
         match &self.network {
             Network::Diffuser(network) => network.forward(noisy, levels),
-            Network::Cdcnn(network) => network.forward(noisy, levels, u),
-            Network::Cdt(network) => network.forward(noisy, levels, u, keys),
+            Network::Cdcnn(network) => network.forward(noisy, levels, known),
+            Network::Cdt(network) => network.forward(noisy, levels, known, keys),
         }
     }
 

@@ -76,6 +76,11 @@ impl Framing {
 }
 
 impl Frame {
+    /// Where answers are 0, `[sample, 7]`, context and horizon, rad.
+    pub fn center(&self) -> &[f32] {
+        &self.center
+    }
+
     /// Appends `y` `[sample, 7]`, the first of which is sample `first`, as the model sees it.
     pub fn extend_seen(&self, y: &[f32], first: usize, seen: &mut Vec<f32>) {
         let center = &self.center[first * JOINTS..];

@@ -161,6 +161,7 @@ pub(crate) fn model_input(
     let mut all_u = Vec::with_capacity(input.u.len());
     let mut y_context = Vec::with_capacity(input.y_context.len());
     let mut seen_context = Vec::with_capacity(input.y_context.len());
+    let mut path = Vec::with_capacity(input.u.len());
     let torques = input.u.chunks_exact(samples * JOINTS);
     let positions = input.y_context.chunks_exact(context * JOINTS);
     for (((u, y), statistics), frame) in torques.zip(positions).zip(statistics).zip(frames) {
@@ -171,6 +172,9 @@ pub(crate) fn model_input(
             y_context.extend(normalized(y, &statistics.y_mean, &statistics.y_std));
         }
         frame.extend_seen(y, 0, &mut seen_context);
+        for center in frame.center().chunks_exact(JOINTS) {
+            path.extend(normalized(center, &statistics.y_mean, &statistics.y_std));
+        }
     }
     let tensor = |values, samples| {
         Tensor::from_data(TensorData::new(values, [input.size, samples, JOINTS]), device)
@@ -179,6 +183,7 @@ pub(crate) fn model_input(
         u: tensor(all_u, samples),
         y_context: tensor(y_context, context),
         seen_context: tensor(seen_context, context),
+        path: tensor(path, samples),
     }
 }
 

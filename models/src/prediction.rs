@@ -60,13 +60,14 @@ impl Predictor<'_> {
                 None => Ok(Vec::new()),
             };
         };
-        let (diffusion, own) = self.spec.diffusion().ok_or(ModelError::NotGenerative)?;
+        let generation = self.spec.generation().ok_or(ModelError::NotGenerative)?;
+        let own = self.spec.sampler().ok_or(ModelError::NotGenerative)?;
         let sampler = sampling.sampler.as_ref().unwrap_or(own);
-        sampler.check_for(diffusion.steps)?;
+        self.spec.check_sampler(sampler)?;
         let warm = match &sampling.warm_start {
             None => None,
             Some(warm) => {
-                warm.check(size, horizon, diffusion.steps)?;
+                warm.check(size, horizon, &generation)?;
                 Some(warm.steps as usize)
             }
         };

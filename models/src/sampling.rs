@@ -1,4 +1,4 @@
-use spec::{JOINTS, SamplerSpec};
+use spec::{Generation, JOINTS, SamplerSpec};
 
 use crate::ModelError;
 
@@ -19,7 +19,8 @@ pub struct Sampling {
 
 /// Begins with an earlier prediction instead of noise (Janner et al. 2022, as its author
 /// described it): moved on in time, noised to level `steps` - 1 of the training, and cleaned by the
-/// last `steps` levels one by one.
+/// last `steps` levels one by one. Of a flow it is noised to its `warm_start_time` and goes on in
+/// `steps` even steps.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WarmStart {
     /// Positions of the horizon, predicted `shift` samples ago, `[size, horizon, 7]`, rad.
@@ -39,7 +40,12 @@ impl Default for Sampling {
 }
 
 impl WarmStart {
-    pub(crate) fn check(&self, size: usize, horizon: usize, levels: u32) -> Result<(), ModelError> {
+    pub(crate) fn check(
+        &self,
+        size: usize,
+        horizon: usize,
+        generation: &Generation<'_>,
+    ) -> Result<(), ModelError> {
         let expected = size.saturating_mul(horizon).saturating_mul(JOINTS);
         let actual = self.previous.len();
         if actual != expected {
@@ -50,11 +56,12 @@ impl WarmStart {
             let what = "warm_start.previous";
             return Err(ModelError::NotFiniteInput { what, trajectory });
         }
-        if !(1..=levels).contains(&self.steps) {
+        let most = generation.most_warm_steps();
+        if !(1..=most).contains(&self.steps) {
             return Err(ModelError::Sampling {
                 field: "warm_start.steps",
                 value: self.steps.to_string(),
-                allowed: format!("1 to diffusion.steps, which is {levels}"),
+                allowed: format!("1 to {}, which is {most}", generation.limit_of_warm_steps()),
             });
         }
         Ok(())

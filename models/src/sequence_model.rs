@@ -23,6 +23,8 @@ pub(crate) struct ModelInput {
     pub y_context: Tensor<3>,
     /// The same positions as answers are given: [`crate::frame`].
     pub seen_context: Tensor<3>,
+    /// What answers are relative to, as normalized positions `[batch, sample, 7]`.
+    pub path: Tensor<3>,
 }
 
 /// What a training step makes small.
@@ -109,6 +111,9 @@ impl SequenceModel {
                 Network::Cdcnn(Box::new(CdcnnConfig::new(spec, samples)?.init(weights)))
             }
             ModelSpec::Cdt(spec) => Network::Cdt(CdtConfig::new(spec, samples)?.init(weights)),
+            ModelSpec::Flow(spec) => {
+                Network::Cdcnn(Box::new(CdcnnConfig::of_flow(spec, samples)?.init(weights)))
+            }
         };
         Ok(Self::Denoiser(Denoiser::new(network, spec)?))
     }
@@ -127,6 +132,7 @@ impl SequenceModel {
             ModelSpec::Diffuser(spec) => DiffuserConfig::new(spec, samples)?.parameter_count(),
             ModelSpec::Cdcnn(spec) => CdcnnConfig::new(spec, samples)?.parameter_count(),
             ModelSpec::Cdt(spec) => CdtConfig::new(spec, samples)?.parameter_count(),
+            ModelSpec::Flow(spec) => CdcnnConfig::of_flow(spec, samples)?.parameter_count(),
         })
     }
 
@@ -233,6 +239,7 @@ mod tests {
             ("cdcnn-paper", "", 16.6),
             ("cdcnn-paper", r#", "conditioning": "global""#, 36.4),
             ("cdt-paper", "", 35.8),
+            ("flow-paper", "", 16.4),
         ] {
             let found = count(name, more) / 1e6;
             assert_eq!(preset(name, more).parameters(320, 80) as f64, count(name, more), "{name}");
@@ -243,7 +250,7 @@ mod tests {
     #[test]
     fn models_have_the_parameters_that_they_were_said_to_have() {
         let device = burn::tensor::Device::flex();
-        for name in ["robomorph-tiny", "diffuser-tiny", "cdcnn-tiny", "cdt-tiny"] {
+        for name in ["robomorph-tiny", "diffuser-tiny", "cdcnn-tiny", "cdt-tiny", "flow-tiny"] {
             let spec = preset(name, "");
             let mut weights = InitialWeights::new(0, &device);
             let model = SequenceModel::new(&spec, 320, 80, &mut weights).unwrap();

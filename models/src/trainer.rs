@@ -70,7 +70,8 @@ pub struct StepReport {
     pub step: u64,
     /// What the architecture makes small, before the step: of one that predicts positions their
     /// mean squared error, normalized; of a gaussian head the negative logarithm of the likelihood;
-    /// of a denoiser the weighted mean squared error of what it predicts of the noise.
+    /// of a denoiser the weighted mean squared error of what it predicts of the noise; of a flow the
+    /// mean squared error of what it predicts.
     pub loss: f64,
     /// Euclidean norm over all parameters, before clipping.
     pub gradient_norm: f64,

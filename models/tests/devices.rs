@@ -134,10 +134,8 @@ fn check_answers(kind: DeviceKind) {
         };
         let answers = |model: &TrainedModel| model.predict(&question).unwrap();
         compare("prediction", answers(&expected), answers(&found));
-        if expected.architecture().diffusion().is_none() {
-            continue;
-        }
-        for kind in [SamplerKind::Ddpm, SamplerKind::Ddim, SamplerKind::DpmSolver] {
+        let Some(generation) = expected.architecture().generation() else { continue };
+        for &kind in generation.samplers() {
             let sampler = Some(SamplerSpec { kind, steps: Some(6), ..SamplerSpec::default() });
             let sampling = Sampling { sampler, samples: 2, seed: 5, ..Sampling::default() };
             let samples = |model: &TrainedModel| model.sample(&question, &sampling).unwrap();

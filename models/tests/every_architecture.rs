@@ -118,6 +118,16 @@ fn cdt_learns() {
 }
 
 #[test]
+fn flow_learns() {
+    check_learning("flow", 0.6);
+}
+
+#[test]
+fn flow_that_answers_velocities_learns() {
+    check_learning("flow, velocity", 0.6);
+}
+
+#[test]
 fn a_resumed_training_equals_an_uninterrupted_one_bit_for_bit() {
     for (name, model) in every_kind() {
         for (ema, gradient_accumulation) in [(None, 1), (Some(EmaSpec::default()), 4)] {
@@ -213,7 +223,7 @@ fn a_validation_is_the_same_in_any_parts() {
 #[test]
 fn a_denoiser_predicts_as_many_trajectories_as_it_is_asked_to() {
     for (name, model) in every_kind() {
-        let in_one_pass = model.diffusion().is_none();
+        let in_one_pass = model.sampler().is_none();
         let trainer = trainer(&TrainSpec { model, ..train_spec() });
         let all = batch(7, 6);
         let first_two = Batch {
@@ -322,9 +332,9 @@ fn a_sample_is_the_same_whatever_it_is_asked_together_with() {
 fn every_sampler_gives_finite_positions() {
     let question = known(&batch(61, 2));
     for (name, model) in
-        generative_kinds().filter(|(_, model)| model.architecture().diffusion().is_some())
+        generative_kinds().filter(|(_, model)| model.architecture().sampler().is_some())
     {
-        for kind in [SamplerKind::Ddpm, SamplerKind::Ddim, SamplerKind::DpmSolver] {
+        for &kind in model.architecture().generation().unwrap().samplers() {
             for steps in [Some(1), Some(7), None] {
                 let sampler = Some(SamplerSpec { kind, steps, ..SamplerSpec::default() });
                 let sampling = Sampling { sampler, ..Sampling::default() };
@@ -346,7 +356,7 @@ fn a_warm_start_stays_near_the_previous_prediction() {
         batch.y.chunks_exact(ROW).flat_map(|y| &y[CONTEXT_VALUES..]).copied().collect();
     let warm_start = |steps| WarmStart { previous: previous.clone(), shift: 0, steps };
     for (name, model) in
-        generative_kinds().filter(|(_, model)| model.architecture().diffusion().is_some())
+        generative_kinds().filter(|(_, model)| model.architecture().sampler().is_some())
     {
         let from = |warm_start| {
             let sampling = Sampling { warm_start, ..Sampling::default() };
@@ -395,6 +405,17 @@ fn what_a_model_cannot_do_is_refused_by_name() {
         diffuser.sample(&question, &Sampling { sampler, ..Sampling::default() }).unwrap_err();
     assert!(error.to_string().contains("sampler.steps is 21"), "{error}");
     assert!(error.to_string().contains("diffusion.steps, which is 20"), "{error}");
+
+    let refused = |model: &TrainedModel, kind| {
+        let sampler = Some(SamplerSpec { kind, ..SamplerSpec::default() });
+        let sampling = Sampling { sampler, ..Sampling::default() };
+        model.sample(&question, &sampling).unwrap_err().to_string()
+    };
+    let error = refused(&diffuser, SamplerKind::Euler);
+    assert!(error.contains("sampler.kind is euler") && error.contains("dpm-solver++"), "{error}");
+    let (_, flow) = kinds.iter().find(|(name, _)| *name == "flow").unwrap();
+    let error = refused(&briefly_trained(flow.clone()), SamplerKind::Ddpm);
+    assert!(error.contains("sampler.kind is ddpm") && error.contains("euler, heun"), "{error}");
 }
 
 #[test]
@@ -431,6 +452,7 @@ fn a_residual_of_the_exact_integrator_starts_at_its_prediction() {
             ModelSpec::Diffuser(model) => model.residual = residual,
             ModelSpec::Cdcnn(model) => model.residual = residual,
             ModelSpec::Cdt(model) => model.residual = residual,
+            ModelSpec::Flow(model) => model.residual = residual,
         }
         let model = briefly_trained(model);
         let answer = model.predict(&known(&exact)).unwrap();

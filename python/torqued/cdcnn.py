@@ -9,24 +9,26 @@ JOINTS = 7
 
 
 class Cdcnn(nn.Module):
-    """Conditional U-Net on y (Chi et al. 2023); u enters locally, or flattened through FiLM."""
+    """Conditional U-Net on y (Chi et al. 2023); what is known of each sample, u, enters locally, or
+    flattened through FiLM."""
 
     channels = JOINTS
+    known = JOINTS
 
     def __init__(self, *, embedding: int, widths: list[int], conditioning: str = "local", samples: int):
         super().__init__()
         self.embedding = LevelEmbedding(embedding)
         is_global = conditioning == "global"
-        condition = embedding + (samples * JOINTS if is_global else 0)
+        condition = embedding + (samples * self.known if is_global else 0)
         self.unet = UNet(self.channels, widths, condition, film=True)
-        self.local = None if is_global else ResidualBlock(JOINTS, widths[0], condition, film=True)
+        self.local = None if is_global else ResidualBlock(self.known, widths[0], condition, film=True)
 
-    def forward(self, noisy: Tensor, levels: Tensor, u: Tensor) -> Tensor:
-        """Noisy y [batch, sample, 7] at levels [batch] with u [batch, sample, 7]."""
+    def forward(self, noisy: Tensor, levels: Tensor, known: Tensor) -> Tensor:
+        """Noisy y [batch, sample, 7] at levels [batch] with what is known [batch, sample, channel]."""
         condition = self.embedding(levels)
         local = None
         if self.local is None:
-            condition = torch.cat([condition, u.flatten(1)], -1)
+            condition = torch.cat([condition, known.flatten(1)], -1)
         else:
-            local = self.local(u.transpose(1, 2), condition)
+            local = self.local(known.transpose(1, 2), condition)
         return self.unet(noisy.transpose(1, 2), condition, local).transpose(1, 2)

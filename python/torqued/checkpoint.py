@@ -12,7 +12,8 @@ from torch import Tensor
 from .cdcnn import Cdcnn
 from .cdt import Cdt
 from .diffuser import Diffuser
-from .diffusion import Painted, sample
+from .diffusion import NoiseLevels, Painted, sample
+from .flow import Flow, StraightLines
 from .frame import frames
 from .robomorph import RoboMorph
 
@@ -20,8 +21,10 @@ FORMAT_VERSION = 2
 SMALLEST_STANDARD_DEVIATION = 1e-3
 """As in `models/src/normalization.rs`; N·m and rad."""
 
-NETWORKS = {"robomorph": RoboMorph, "diffuser": Diffuser, "cdcnn": Cdcnn, "cdt": Cdt}
-NOT_OF_THE_NETWORK = ("architecture", "diffusion", "sampler", "residual", "known", "weights")
+NETWORKS = {"robomorph": RoboMorph, "diffuser": Diffuser, "cdcnn": Cdcnn, "cdt": Cdt, "flow": Flow}
+NOT_OF_THE_NETWORK = (
+    "architecture", "diffusion", "sampler", "residual", "known", "weights", "prediction", "warm_start_time"
+)
 
 
 class TrainedModel:
@@ -56,6 +59,7 @@ class TrainedModel:
         u_mean, u_std, y_mean, y_std = self._statistics(u[:, :context], y)
         center, scale = frames(config, u, y, y_mean, y_std)
         seen = (y - center[:, :context]) / scale
+        path = (center - y_mean) / y_std
         u = (u - u_mean) / u_std
         y = (y - y_mean) / y_std
         with torch.inference_mode():
@@ -68,25 +72,26 @@ class TrainedModel:
                     generator = torch.Generator().manual_seed(seed)
                     shape = (*u.shape[:2], self.network.channels)
                     draw = lambda: torch.randn(shape, generator=generator)  # noqa: E731
-                predicted = self._sample(u, seen, sampler or config["model"]["sampler"], draw)
+                known = torch.cat([u, path], -1) if isinstance(self.network, Flow) else u
+                predicted = self._sample(known, seen, sampler or config["model"]["sampler"], draw)
         return (predicted * scale + center[:, context:]).numpy()
 
-    def _sample(self, u: Tensor, seen: Tensor, sampler: dict, draw: Callable[[], Tensor]) -> Tensor:
+    def _sample(self, known: Tensor, seen: Tensor, sampler: dict, draw: Callable[[], Tensor]) -> Tensor:
         model, context = self.config["model"], self.config["context"]
-        samples = u.shape[1]
+        samples = known.shape[1]
         y_known = (torch.arange(samples) < context).float()[None, :, None].expand(1, samples, 7)
-        values = torch.cat([seen, torch.zeros(len(u), samples - context, 7)], 1)
+        values = torch.cat([seen, torch.zeros(len(known), samples - context, 7)], 1)
         clean, noised = y_known, torch.zeros_like(y_known)
         if model["architecture"] == "diffuser":
             joint = model["known"] == "joint-noise"
-            values = torch.cat([u, values], -1)
+            values = torch.cat([known, values], -1)
             ones, zeros = torch.ones_like(y_known), torch.zeros_like(y_known)
             clean = torch.cat([zeros if joint else ones, y_known], -1)
             noised = torch.cat([ones if joint else zeros, zeros], -1)
         painted = Painted(values, clean, noised)
-        series = sample(
-            lambda noisy, levels: self.network(noisy, levels, u), painted, model["diffusion"], sampler, draw
-        )
+        is_flow = model["architecture"] == "flow"
+        mixing = StraightLines(model) if is_flow else NoiseLevels(model["diffusion"])
+        series = sample(lambda noisy, levels: self.network(noisy, levels, known), painted, mixing, sampler, draw)
         return series[:, context:, -7:]
 
     def _statistics(self, u: Tensor, y: Tensor) -> list[Tensor]:

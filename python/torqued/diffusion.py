@@ -91,16 +91,30 @@ def sampler_steps(shares: list[float], sampler: dict, warm: int | None = None) -
     return [*steps, Step(levels[-1])]
 
 
-def clean_series(prediction: str, share: float, noisy: Tensor, answer: Tensor) -> Tensor:
-    """x0 from the noisy series and the network's answer."""
-    match prediction:
-        case "noise":
-            return noisy / math.sqrt(share) - math.sqrt((1 - share) / share) * answer
-        case "x0":
-            return answer
-        case "v":
-            return math.sqrt(share) * noisy - math.sqrt(1 - share) * answer
-    raise ValueError(f"prediction {prediction!r} is none of noise, x0, v")
+class NoiseLevels:
+    """Level n is the series sqrt(share) x0 + sqrt(1 - share) epsilon."""
+
+    def __init__(self, diffusion: dict):
+        self.shares = signal_shares(diffusion["steps"], diffusion["schedule"])
+        self.prediction, self.clip = diffusion["prediction"], diffusion["clip"]
+
+    def noisy(self, level: int) -> tuple[float, float]:
+        return math.sqrt(self.shares[level]), math.sqrt(1 - self.shares[level])
+
+    def clean_series(self, level: int, noisy: Tensor, answer: Tensor) -> Tensor:
+        """x0 from the noisy series and the network's answer."""
+        share = self.shares[level]
+        match self.prediction:
+            case "noise":
+                return noisy / math.sqrt(share) - math.sqrt((1 - share) / share) * answer
+            case "x0":
+                return answer
+            case "v":
+                return math.sqrt(share) * noisy - math.sqrt(1 - share) * answer
+        raise ValueError(f"prediction {self.prediction!r} is none of noise, x0, v")
+
+    def steps(self, sampler: dict, warm: int | None) -> list[Step]:
+        return sampler_steps(self.shares, sampler, warm)
 
 
 @dataclass
@@ -112,41 +126,40 @@ class Painted:
     clean: Tensor
     noised: Tensor
 
-    def over(self, series: Tensor, share: float, noise: Tensor) -> Tensor:
+    def over(self, series: Tensor, noisy: tuple[float, float], noise: Tensor) -> Tensor:
         series = series * (1 - self.clean) + self.values * self.clean
-        known = math.sqrt(share) * self.values + math.sqrt(1 - share) * noise
+        known = noisy[0] * self.values + noisy[1] * noise
         return series * (1 - self.noised) + known * self.noised
 
 
 def sample(
     network: Callable[[Tensor, Tensor], Tensor],
     painted: Painted,
-    diffusion: dict,
+    mixing,
     sampler: dict,
     draw: Callable[[], Tensor],
     warm: tuple[Tensor, int] | None = None,
 ) -> Tensor:
     """The clean series that `network` makes of noise from `draw`, or of a warm start: a guess of
-    the whole series and the number of last levels to run."""
-    shares = signal_shares(diffusion["steps"], diffusion["schedule"])
-    steps = sampler_steps(shares, sampler, warm and warm[1])
+    the whole series and the number of steps from there. `mixing` is `NoiseLevels` or a flow's
+    `StraightLines`."""
+    steps = mixing.steps(sampler, warm and warm[1])
     first = draw()
     x = first
     if warm is not None:
-        share = shares[steps[0].level]
-        x = math.sqrt(share) * warm[0] + math.sqrt(1 - share) * first
+        of_guess, of_noise = mixing.noisy(steps[0].level)
+        x = of_guess * warm[0] + of_noise * first
     before = None
     for step in steps:
-        share = shares[step.level]
-        x = painted.over(x, share, first)
+        x = painted.over(x, mixing.noisy(step.level), first)
         levels = torch.full((len(x),), step.level, device=x.device)
-        clean = clean_series(diffusion["prediction"], share, x, network(x, levels))
-        if diffusion["clip"] is not None:
-            clean = clean.clamp(-diffusion["clip"], diffusion["clip"])
+        clean = mixing.clean_series(step.level, x, network(x, levels))
+        if mixing.clip is not None:
+            clean = clean.clamp(-mixing.clip, mixing.clip)
         x = step.noisy * x + step.clean * clean
         if before is not None:
             x = x + step.previous_clean * before
         if step.noise:
             x = x + step.noise * draw()
         before = clean
-    return painted.over(x, 1.0, first)
+    return painted.over(x, (1.0, 0.0), first)

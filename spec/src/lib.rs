@@ -43,9 +43,9 @@ pub use import::{
 pub use job::{JobKind, JobSpec, parse};
 pub use memory::TrainingMemory;
 pub use model::{
-    CdcnnSpec, CdtSpec, Conditioning, DampedIntegrator, DiffuserSpec, DiffusionSpec, GROUPS, Head,
-    Known, LossMean, ModelSpec, NoiseSchedule, Prediction, Residual, RoboMorphSpec, SamplerKind,
-    SamplerSpec, Spacing,
+    CdcnnSpec, CdtSpec, Conditioning, DampedIntegrator, DiffuserSpec, DiffusionSpec, FLOW_LEVELS,
+    FLOW_STEPS, FlowPrediction, FlowSpec, GROUPS, Generation, Head, Known, LossMean, ModelSpec,
+    NoiseSchedule, Prediction, Residual, RoboMorphSpec, SamplerKind, SamplerSpec, Spacing,
 };
 pub use pipeline::{PipelineMember, PipelineSpec};
 pub use preset::{Preset, PresetPlace, presets};

@@ -36,6 +36,7 @@ pub fn presets() -> Vec<Preset> {
     all.extend(diffuser_sizes());
     all.extend(cdcnn_sizes());
     all.extend(cdt_sizes());
+    all.extend(flow_sizes());
     all
 }
 
@@ -208,6 +209,27 @@ fn cdt_sizes() -> [Preset; 3] {
         model("cdt-tiny", "CDT, minutes on two cores", size(48, 4, 1, 2), few_steps()),
         model("cdt-small", "CDT, an hour on two cores", size(128, 8, 2, 3), few_steps()),
         model("cdt-paper", "CDT, 35.8 M parameters, the paper's size", paper, as_published()),
+    ]
+}
+
+/// CDCNN's U-Nets at each size.
+fn flow_sizes() -> [Preset; 3] {
+    let size = |name: &str, about: &str, embedding: u32, widths: &[u32]| Preset {
+        name: format!("flow-{name}"),
+        about: format!("Rectified flow over the damped integrator, {about}"),
+        place: PresetPlace::Model,
+        spec: json!({
+            "architecture": "flow",
+            "embedding": embedding,
+            "widths": widths,
+            "sampler": {"kind": "euler", "steps": 2},
+            "residual": {"integrator": {"damping": 10.0}},
+        }),
+    };
+    [
+        size("tiny", "minutes on two cores", 32, &[16, 32, 32, 64]),
+        size("small", "an hour on two cores", 64, &[48, 96, 192, 192]),
+        size("paper", "16.4 M parameters, of the paper's CDCNN's size", 128, &[128, 256, 512]),
     ]
 }
 

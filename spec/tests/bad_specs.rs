@@ -84,6 +84,37 @@ fn sizes_that_do_not_divide_are_named_with_both_numbers() {
 }
 
 #[test]
+fn a_flow_and_a_diffusion_are_each_sampled_in_their_own_way() {
+    let flow = || train_a("flow-tiny");
+    check_refused(
+        flow(),
+        "/model/sampler",
+        json!({"kind": "ddim", "steps": 5}),
+        &["model.sampler.kind is ddim", "euler, heun of a model that is a flow"],
+    );
+    check_refused(
+        flow(),
+        "/model/sampler",
+        json!({"kind": "heun", "steps": 1001}),
+        &["model.sampler.steps is 1001", "at most a flow's times, which are 1000"],
+    );
+    check_refused(
+        flow(),
+        "/model/sampler",
+        json!({"kind": "euler", "spacing": "leading"}),
+        &["model.sampler.spacing is leading", "trailing"],
+    );
+    check_refused(flow(), "/model/warm_start_time", json!(0), &["model.warm_start_time is 0"]);
+    check_refused(flow(), "/model/widths", json!([12]), &["model.widths[0] is 12", "8"]);
+    check_refused(
+        train_a("cdcnn-tiny"),
+        "/model/sampler",
+        json!({"kind": "euler", "steps": 2}),
+        &["model.sampler.kind is euler", "ddpm, ddim, dpm-solver++"],
+    );
+}
+
+#[test]
 fn a_sampler_longer_than_the_noise_is_named_with_both_numbers() {
     check_refused(
         train_a("cdt-tiny"),

@@ -26,7 +26,7 @@ fn train(preset: &str) -> TrainSpec {
 
 #[test]
 fn a_u_net_needs_samples_that_it_can_halve() {
-    for preset in ["diffuser-tiny", "cdcnn-tiny"] {
+    for preset in ["diffuser-tiny", "cdcnn-tiny", "flow-tiny"] {
         train(preset).check_data(&data(408)).unwrap();
         let error = train(preset).check_data(&data(404)).unwrap_err().to_string();
         assert!(error.contains("stride 8") && error.contains("which are 404"), "{error}");

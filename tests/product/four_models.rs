@@ -1,4 +1,4 @@
-//! The preset of all architectures, with less of everything.
+//! The preset of the paper's architectures, with less of everything and a flow beside them.
 
 use serde_json::json;
 
@@ -11,22 +11,29 @@ fn all_architectures_are_trained_and_compared_by_one_preset() {
     let short = json!({
         "batch_size": 16, "steps": 3, "optimizer": {"warmup_steps": 0},
     });
+    let flow = json!({
+        "kind": "train", "data": {"job": "train-set"}, "model": {"preset": "flow-tiny"},
+        "batch_size": 16, "steps": 3,
+    });
+    let checkpoints =
+        ["robomorph", "diffuser", "cdcnn", "cdt", "flow"].map(|job| json!({"job": job}));
     let spec = json!({"preset": "four-models", "jobs": {
         "train-set": {"trajectories": 64},
         "test-grid": {"trajectories": 14},
-        "robomorph": short, "diffuser": short, "cdcnn": short, "cdt": short,
+        "robomorph": short, "diffuser": short, "cdcnn": short, "cdt": short, "flow": flow,
+        "evaluate": {"checkpoints": checkpoints},
     }});
     let file = data.path().join("spec.json");
     std::fs::write(&file, spec.to_string()).unwrap();
     let mut submit = torqued(&["submit", "--watch", "--server", &product.url]);
     let (code, table, progress) = run_to_end(submit.arg(&file));
     assert_eq!(code, Some(0), "{table}\n{progress}");
-    for predictor in ["hold-last", "robomorph", "diffuser", "cdcnn", "cdt"] {
+    for predictor in ["hold-last", "robomorph", "diffuser", "cdcnn", "cdt", "flow"] {
         let rows = table.lines().filter(|line| line.starts_with(&format!("{predictor} ")));
         // Two tables, and of a model a sentence.
         assert!(rows.count() >= 2, "{predictor} is not in\n{table}");
     }
-    for model in ["robomorph", "diffuser", "cdcnn", "cdt"] {
+    for model in ["robomorph", "diffuser", "cdcnn", "cdt", "flow"] {
         assert!(table.lines().any(|line| line.starts_with(&format!("{model} is "))), "{table}");
     }
 }

@@ -76,6 +76,7 @@ fn every_kind() -> Vec<(&'static str, Value)> {
         ("diffuser", denoiser(diffuser)),
         ("cdcnn", denoiser(cdcnn)),
         ("cdt", denoiser(cdt)),
+        ("flow", json!({"architecture": "flow", "embedding": 16, "widths": [16, 32]})),
     ]
 }
 

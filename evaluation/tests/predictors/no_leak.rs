@@ -54,7 +54,7 @@ fn learned<'a>(
     kind: SamplerKind,
     start: Start,
 ) -> Learned<'a> {
-    let sampler = model.architecture().diffusion().map(|_| SamplerSpec {
+    let sampler = model.architecture().sampler().map(|_| SamplerSpec {
         kind,
         steps: Some(STEPS),
         ..SamplerSpec::default()
@@ -69,20 +69,16 @@ fn noise_in_the_horizon_changes_no_bit_of_any_model_however_it_is_sampled() {
     let scenarios = scenarios(&simulation(SAMPLES + pre_roll, &json!({})), 3, pre_roll);
     for (name, model) in every_kind() {
         let model = trained(&model, "context");
-        let is_denoiser = model.architecture().diffusion().is_some();
-        let kinds: &[SamplerKind] = if is_denoiser {
-            &[SamplerKind::Ddpm, SamplerKind::Ddim, SamplerKind::DpmSolver]
-        } else {
-            &[SamplerKind::Ddpm]
-        };
+        let generation = model.architecture().generation();
+        let kinds = generation.map_or(&[SamplerKind::Ddpm][..], |it| it.samplers());
         for &kind in kinds {
             let cold = learned(name, &model, kind, Start::Cold);
             assert!(is_blind(&cold, &scenarios, CONTEXT), "{}", cold.name);
         }
-        if is_denoiser {
+        if generation.is_some() {
             for shift in [1, 2] {
                 let start = Start::Shifted { shift, steps: 2 };
-                let shifted = learned(name, &model, SamplerKind::Ddim, start);
+                let shifted = learned(name, &model, kinds[1], start);
                 assert!(is_blind(&shifted, &scenarios, CONTEXT), "{}", shifted.name);
             }
         }

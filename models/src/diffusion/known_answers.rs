@@ -4,7 +4,8 @@
 
 use spec::{DiffusionSpec, NoiseSchedule as Schedule, SamplerKind, SamplerSpec, Spacing};
 
-use super::{NoiseSchedule, Step, steps};
+use super::sampler::steps;
+use super::{NoiseSchedule, Step};
 
 const MEAN: f64 = 0.7;
 const VARIANCE: f64 = 0.09;

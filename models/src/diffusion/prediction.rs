@@ -11,6 +11,9 @@ pub(crate) struct Mix {
     pub second: f64,
 }
 
+/// All of the clean series and no noise.
+pub(crate) const CLEAN: Mix = Mix { first: 1.0, second: 0.0 };
+
 /// The noisy series from the clean one (first) and the noise (second).
 pub(crate) fn noisy(signal: f64) -> Mix {
     Mix { first: signal.sqrt(), second: (1.0 - signal).sqrt() }

@@ -1,16 +1,16 @@
 use burn::tensor::{Device, Tensor, TensorData};
-use spec::{DiffusionSpec, LossMean, Prediction, SamplerSpec};
+use spec::{DiffusionSpec, FlowSpec, LossMean, SamplerSpec};
 
-use super::prediction::{self, Mix};
-use super::{NoiseSchedule, Step, steps};
+use super::Step;
+use super::mixing::Mixing;
+use super::prediction::{CLEAN, Mix};
 use crate::randomness::Noise;
 use crate::sequence_model::Loss;
 
 /// Adds noise in training and takes it away in sampling.
 #[derive(Clone, Debug)]
 pub(crate) struct Process {
-    schedule: NoiseSchedule,
-    prediction: Prediction,
+    mixing: Mixing,
     clip: Option<f64>,
     loss_mean: LossMean,
 }
@@ -28,13 +28,13 @@ pub(crate) struct Painted {
 }
 
 impl Painted {
-    /// The series with everything known painted over it, at the level of `signal`.
-    fn over(&self, series: Tensor<3>, signal: f64, noise: &Tensor<3>) -> Tensor<3> {
+    /// The series with everything known painted over it, noised as `noisy` says.
+    fn over(&self, series: Tensor<3>, noisy: Mix, noise: &Tensor<3>) -> Tensor<3> {
         let series = blend(series, self.values.clone(), &self.clean);
         match &self.noised {
             None => series,
             Some(mask) => {
-                let known = mixed(prediction::noisy(signal), self.values.clone(), noise.clone());
+                let known = mixed(noisy, self.values.clone(), noise.clone());
                 blend(series, known, mask)
             }
         }
@@ -42,17 +42,17 @@ impl Painted {
 }
 
 impl Process {
-    pub fn new(spec: &DiffusionSpec) -> Self {
-        Self {
-            schedule: NoiseSchedule::new(spec),
-            prediction: spec.prediction,
-            clip: spec.clip,
-            loss_mean: spec.loss_mean,
-        }
+    pub fn diffusion(spec: &DiffusionSpec) -> Self {
+        let DiffusionSpec { clip, loss_mean, .. } = *spec;
+        Self { mixing: Mixing::diffusion(spec), clip, loss_mean }
+    }
+
+    pub fn flow(spec: &FlowSpec) -> Self {
+        Self { mixing: Mixing::flow(spec), clip: None, loss_mean: LossMean::Unknown }
     }
 
     pub fn steps(&self, sampler: &SamplerSpec, warm: Option<usize>) -> Vec<Step> {
-        steps(&self.schedule, sampler, warm)
+        self.mixing.steps(sampler, warm)
     }
 
     /// Weighted squared errors of what `network` answers at a random level of each row of `series`
@@ -69,16 +69,15 @@ impl Process {
     ) -> Loss {
         let [batch, samples, channels] = series.dims();
         let device = series.device();
-        let levels = random.below(self.schedule.levels());
+        let levels = random.below(self.mixing.levels());
         let noise = random.normal([samples, channels], &device);
-        let mix = |of: &dyn Fn(f64) -> Mix| {
-            let mixes: Vec<Mix> =
-                levels.iter().map(|&level| of(self.schedule.signal(Some(level)))).collect();
+        let mix = |of: &dyn Fn(usize) -> Mix| {
+            let mixes: Vec<Mix> = levels.iter().map(|&level| of(level)).collect();
             column(mixes.iter().map(|mix| mix.first), &device) * series.clone()
                 + column(mixes.iter().map(|mix| mix.second), &device) * noise.clone()
         };
-        let noisy = blend(mix(&prediction::noisy), series.clone(), clean);
-        let target = mix(&|signal| prediction::target(self.prediction, signal));
+        let noisy = blend(mix(&|level| self.mixing.noisy(level)), series.clone(), clean);
+        let target = mix(&|level| self.mixing.target(level));
         let errors = (network(noisy, &levels) - target).square() * weights;
         let of_each = match self.loss_mean {
             LossMean::Unknown => counted,
@@ -100,20 +99,17 @@ impl Process {
         let [batch, samples, channels] = painted.values.dims();
         let device = painted.values.device();
         let first = random.normal([samples, channels], &device);
-        let signal = |step: &Step| self.schedule.signal(Some(step.level));
+        let noisy = |step: &Step| self.mixing.noisy(step.level);
         let mut x = match (warm, steps.first()) {
-            (Some(guess), Some(step)) => {
-                mixed(prediction::noisy(signal(step)), guess, first.clone())
-            }
+            (Some(guess), Some(step)) => mixed(noisy(step), guess, first.clone()),
             (Some(guess), None) => guess,
             (None, _) => first.clone(),
         };
         let mut clean_before: Option<Tensor<3>> = None;
         for step in steps {
-            x = painted.over(x, signal(step), &first);
+            x = painted.over(x, noisy(step), &first);
             let answer = network(x.clone(), &vec![step.level; batch]);
-            let mut clean =
-                mixed(prediction::clean(self.prediction, signal(step)), x.clone(), answer);
+            let mut clean = mixed(self.mixing.clean(step.level), x.clone(), answer);
             if let Some(clip) = self.clip {
                 clean = clean.clamp(-clip, clip);
             }
@@ -127,7 +123,7 @@ impl Process {
             clean_before = Some(clean);
             x = next;
         }
-        painted.over(x, 1.0, &first)
+        painted.over(x, CLEAN, &first)
     }
 }
 

@@ -29,7 +29,10 @@ pub(crate) fn steps(
 ) -> Vec<Step> {
     let levels = match warm {
         Some(count) => (0..count.min(schedule.levels())).rev().collect(),
-        None => visited(schedule.levels(), sampler),
+        None => {
+            let levels = schedule.levels();
+            visited(levels, sampler.steps.map_or(levels, |steps| steps as usize), sampler.spacing)
+        }
     };
     let mut steps = Vec::with_capacity(levels.len());
     for (index, &level) in levels.iter().enumerate() {
@@ -40,15 +43,15 @@ pub(crate) fn steps(
     steps
 }
 
-/// Levels that a sampler visits, noisiest first.
-fn visited(levels: usize, sampler: &SamplerSpec) -> Vec<usize> {
-    let count = sampler.steps.map_or(levels, |steps| steps as usize).clamp(1, levels);
+/// `count` of the levels, noisiest first.
+pub(super) fn visited(levels: usize, count: usize, spacing: Spacing) -> Vec<usize> {
+    let count = count.clamp(1, levels.max(1));
     // To the nearest, halves upwards, in whole numbers.
     let rounded =
         |numerator: usize, denominator: usize| (2 * numerator + denominator) / (2 * denominator);
     let level = |index: usize| {
         let left = count - 1 - index;
-        match sampler.spacing {
+        match spacing {
             Spacing::Trailing => rounded(levels * (left + 1), count) - 1,
             Spacing::Leading => levels / count * left,
             Spacing::Linspace if count == 1 => levels - 1,
@@ -104,6 +107,8 @@ fn step(
                 ..step
             }
         }
+        // Refused of a diffusion when the spec is checked.
+        SamplerKind::Euler | SamplerKind::Heun => step,
     }
 }
 
@@ -114,25 +119,21 @@ mod tests {
     use super::{steps, visited};
     use crate::diffusion::NoiseSchedule;
 
-    fn levels(levels: usize, steps: u32, spacing: Spacing) -> Vec<usize> {
-        visited(levels, &SamplerSpec { steps: Some(steps), spacing, ..SamplerSpec::default() })
-    }
-
     #[test]
     fn spacings_visit_the_levels_they_state() {
-        assert_eq!(levels(100, 5, Spacing::Trailing), [99, 79, 59, 39, 19]);
-        assert_eq!(levels(100, 5, Spacing::Leading), [80, 60, 40, 20, 0]);
-        assert_eq!(levels(100, 5, Spacing::Linspace), [99, 74, 50, 25, 0]);
-        assert_eq!(levels(10, 4, Spacing::Trailing), [9, 7, 4, 2]);
-        assert_eq!(levels(10, 1, Spacing::Linspace), [9]);
+        assert_eq!(visited(100, 5, Spacing::Trailing), [99, 79, 59, 39, 19]);
+        assert_eq!(visited(100, 5, Spacing::Leading), [80, 60, 40, 20, 0]);
+        assert_eq!(visited(100, 5, Spacing::Linspace), [99, 74, 50, 25, 0]);
+        assert_eq!(visited(10, 4, Spacing::Trailing), [9, 7, 4, 2]);
+        assert_eq!(visited(10, 1, Spacing::Linspace), [9]);
     }
 
     #[test]
     fn as_many_steps_as_levels_visit_every_level_once() {
         for spacing in [Spacing::Trailing, Spacing::Leading, Spacing::Linspace] {
             for count in [1, 2, 7, 100] {
-                let all: Vec<usize> = (0..count as usize).rev().collect();
-                assert_eq!(levels(count as usize, count, spacing), all);
+                let all: Vec<usize> = (0..count).rev().collect();
+                assert_eq!(visited(count, count, spacing), all);
             }
         }
     }
@@ -141,9 +142,9 @@ mod tests {
     fn no_level_is_visited_twice() {
         for spacing in [Spacing::Trailing, Spacing::Leading, Spacing::Linspace] {
             for count in 1..=37 {
-                let levels = levels(37, count, spacing);
+                let levels = visited(37, count, spacing);
                 assert!(levels.windows(2).all(|pair| pair[0] > pair[1]), "{spacing:?} {levels:?}");
-                assert_eq!(levels.len(), count as usize);
+                assert_eq!(levels.len(), count);
             }
         }
     }

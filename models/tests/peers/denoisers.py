@@ -1,4 +1,4 @@
-"""Makes ../data/{diffuser,cdcnn,cdcnn_global,cdt}/: small denoisers of PyTorch's, what they
+"""Makes ../data/{diffuser,cdcnn,cdcnn_global,cdt,flow,flow_velocity}/: small denoisers of PyTorch's, what they
 answer, gradients, weights after a step of Adam, and what whole chains of samplers make of given
 noise. `src/agreement_with_pytorch.rs` must get the same.
 
@@ -38,6 +38,25 @@ MODELS = {
         "architecture": "cdt", "d_model": 8, "heads": 2, "encoder_layers": 2, "decoder_layers": 2,
         "mlp_ratio": 2, **NOISE,
     },
+    "flow": {
+        "architecture": "flow", "embedding": 6, "widths": [8, 16], "prediction": "x0", "warm_start_time": 0.3,
+        "sampler": {**SAMPLER, "kind": "euler", "steps": 2}, "residual": {"integrator": {"damping": 8.0}},
+    },
+    "flow_velocity": {
+        "architecture": "flow", "embedding": 6, "widths": [8, 8], "prediction": "v", "warm_start_time": 0.5,
+        "sampler": {**SAMPLER, "kind": "heun", "steps": 2}, "residual": "none",
+    },
+}
+CHAINS = {
+    "ddpm": {},
+    "ddim": {"kind": "ddim"},
+    "ddim_7": {"kind": "ddim", "steps": 7},
+    "dpm_solver_7": {"kind": "dpm-solver++", "steps": 7},
+}
+FLOW_CHAINS = {
+    "euler_1": {"kind": "euler", "steps": 1},
+    "euler_4": {"kind": "euler", "steps": 4},
+    "heun_3": {"kind": "heun", "steps": 3},
 }
 
 
@@ -73,7 +92,10 @@ def main(name: str, model: dict) -> None:
     shape = (BATCH, SAMPLES, network.channels)
     noise = torch.randn(shape)
     ddpm_noise = torch.stack([noise, *(torch.randn(shape) for _ in range(DIFFUSION["steps"] - 1))])
-    expected = {"u": u, "y": y, "noise": noise, "ddpm_noise": ddpm_noise}
+    expected = {"u": u, "y": y, "noise": noise}
+    is_flow = model["architecture"] == "flow"
+    if not is_flow:
+        expected["ddpm_noise"] = ddpm_noise
 
     folder = DATA / name
     folder.mkdir(parents=True, exist_ok=True)
@@ -84,19 +106,13 @@ def main(name: str, model: dict) -> None:
     trained = TrainedModel(network, config)
     seen = {}
 
-    def keep(u_seen, seen_context, sampler, draw):
-        seen["u"] = u_seen
-        seen["answer"] = TrainedModel._sample(trained, u_seen, seen_context, sampler, draw)
+    def keep(known, seen_context, sampler, draw):
+        seen["known"] = known
+        seen["answer"] = TrainedModel._sample(trained, known, seen_context, sampler, draw)
         return seen["answer"]
 
     trained._sample = keep
-    chains = {
-        "ddpm": {},
-        "ddim": {"kind": "ddim"},
-        "ddim_7": {"kind": "ddim", "steps": 7},
-        "dpm_solver_7": {"kind": "dpm-solver++", "steps": 7},
-    }
-    for chain, change in chains.items():
+    for chain, change in (FLOW_CHAINS if is_flow else CHAINS).items():
         given = iter(ddpm_noise)
         trained.predict(u.numpy(), y[:, :CONTEXT].numpy(), sampler=SAMPLER | change, draw=lambda: next(given))
         expected[f"chain.{chain}"] = seen["answer"].clone()
@@ -104,7 +120,7 @@ def main(name: str, model: dict) -> None:
     # From here on in double precision, so that the differences found are torqued's alone.
     network.double()
     noisy, wanted = torch.randn(shape), torch.randn(shape)
-    answer = network(noisy.double(), LEVELS, seen["u"].double().clone())
+    answer = network(noisy.double(), LEVELS, seen["known"].double().clone())
     optimizer = torch.optim.Adam(network.parameters(), lr=1e-2, betas=(0.9, 0.95), eps=1e-3)
     torch.nn.functional.mse_loss(answer, wanted.double()).backward()
     expected |= {"noisy": noisy, "answer_wanted": wanted, "answer": answer.detach()}

@@ -7,8 +7,9 @@ use rand_chacha::ChaCha8Rng;
 use rand_core::{Rng, SeedableRng};
 use spec::{
     CdcnnSpec, CdtSpec, Conditioning, DampedIntegrator, DataSource, DiffuserSpec, DiffusionSpec,
-    Execution, Head, JOINTS, Known, ModelSpec, Normalization, OptimizerSpec, Prediction, Residual,
-    RoboMorphSpec, SamplerKind, SamplerSpec, TrainSpec, ValidationMetric,
+    Execution, FlowPrediction, FlowSpec, Head, JOINTS, Known, ModelSpec, Normalization,
+    OptimizerSpec, Prediction, Residual, RoboMorphSpec, SamplerKind, SamplerSpec, TrainSpec,
+    ValidationMetric,
 };
 
 pub const SAMPLES: u32 = 24;
@@ -128,6 +129,15 @@ pub fn every_kind() -> Vec<(&'static str, ModelSpec)> {
         sampler,
         residual: Residual::None,
     };
+    let flow = FlowSpec {
+        embedding: 16,
+        widths: vec![16, 32],
+        prediction: FlowPrediction::Clean,
+        // As many levels for warm starts as the others have.
+        warm_start_time: 0.02,
+        sampler: SamplerSpec { kind: SamplerKind::Euler, ..SamplerSpec::default() },
+        residual: Residual::None,
+    };
     let integrator = Residual::Integrator(DampedIntegrator { damping: 7.0 });
     let velocity = DiffusionSpec { prediction: Prediction::Velocity, ..diffusion };
     vec![
@@ -157,6 +167,14 @@ pub fn every_kind() -> Vec<(&'static str, ModelSpec)> {
         ("cdt", ModelSpec::Cdt(cdt.clone())),
         ("cdt, dropout", {
             ModelSpec::Cdt(CdtSpec { dropout: 0.1, embedding_dropout: 0.1, ..cdt })
+        }),
+        ("flow", ModelSpec::Flow(flow.clone())),
+        ("flow, velocity", {
+            ModelSpec::Flow(FlowSpec {
+                prediction: FlowPrediction::Velocity,
+                residual: integrator,
+                ..flow
+            })
         }),
     ]
 }

@@ -1,5 +1,6 @@
 use crate::{
-    CdcnnSpec, CdtSpec, Conditioning, DiffuserSpec, Head, JOINTS, ModelSpec, RoboMorphSpec,
+    CdcnnSpec, CdtSpec, Conditioning, DiffuserSpec, FlowSpec, Head, JOINTS, ModelSpec,
+    RoboMorphSpec,
 };
 
 const CHANNELS: u64 = JOINTS as u64;
@@ -32,6 +33,7 @@ impl Tally {
             ModelSpec::Diffuser(spec) => tally.diffuser(spec, context + horizon),
             ModelSpec::Cdcnn(spec) => tally.cdcnn(spec, context + horizon),
             ModelSpec::Cdt(spec) => tally.cdt(spec, context + horizon),
+            ModelSpec::Flow(spec) => tally.flow(spec, context + horizon),
         }
         tally
     }
@@ -91,10 +93,25 @@ impl Tally {
             Conditioning::Local => embedding,
             Conditioning::Global => embedding + samples * CHANNELS,
         };
-        if let (Conditioning::Local, Some(&first)) = (spec.conditioning, widths.first()) {
-            self.residual_block(CHANNELS, first, condition, Modulation::ScaleAndShift, samples);
+        if spec.conditioning == Conditioning::Local {
+            self.local_condition(CHANNELS, &widths, condition, samples);
         }
         self.unet(CHANNELS, &widths, condition, Modulation::ScaleAndShift, samples);
+    }
+
+    fn flow(&mut self, spec: &FlowSpec, samples: u64) {
+        let widths: Vec<u64> = spec.widths.iter().map(|&width| u64::from(width)).collect();
+        let embedding = u64::from(spec.embedding);
+        self.level_embedding(embedding);
+        self.local_condition(2 * CHANNELS, &widths, embedding, samples);
+        self.unet(CHANNELS, &widths, embedding, Modulation::ScaleAndShift, samples);
+    }
+
+    /// The block of what is known sample by sample.
+    fn local_condition(&mut self, channels: u64, widths: &[u64], condition: u64, samples: u64) {
+        if let Some(&first) = widths.first() {
+            self.residual_block(channels, first, condition, Modulation::ScaleAndShift, samples);
+        }
     }
 
     fn unet(

@@ -1,7 +1,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::{DiffusionSpec, Residual, SamplerSpec, check_width};
+use super::{DiffusionSpec, Residual, SamplerSpec, check_unet};
 use crate::check::{Check, Report};
 
 /// U-Net that removes noise from y, given u (Chi et al. 2023, the paper's CDCNN).
@@ -35,13 +35,6 @@ pub enum Conditioning {
 
 impl Check for CdcnnSpec {
     fn check(&self, report: &mut Report) {
-        report.within("embedding", self.embedding, 4..=4096);
-        if !self.embedding.is_multiple_of(2) {
-            report.violation("embedding", self.embedding, "a multiple of 2, for sine and cosine");
-        }
-        report.within("widths.length", self.widths.len(), 1..=8);
-        for (i, &width) in self.widths.iter().enumerate() {
-            check_width(report, &format!("widths[{i}]"), width);
-        }
+        check_unet(report, self.embedding, &self.widths);
     }
 }

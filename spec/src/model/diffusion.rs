@@ -1,3 +1,5 @@
+use std::fmt;
+
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -60,7 +62,8 @@ pub enum LossMean {
 #[serde(deny_unknown_fields, default)]
 pub struct SamplerSpec {
     pub kind: SamplerKind,
-    /// Passes through the model, at most `diffusion.steps`; `null` is all of them.
+    /// Passes through the model, at most `diffusion.steps`; `null` is all of them. Of a flow steps of
+    /// its equation, at most 1000, `null` is 2; `heun` takes two passes for each but the last.
     pub steps: Option<u32>,
     /// Share of DDPM's noise that DDIM adds again at each step; 0 for the other kinds.
     pub eta: f64,
@@ -78,6 +81,17 @@ pub enum SamplerKind {
     /// DPM-Solver++ of second order, multistep (Lu et al. 2022).
     #[serde(rename = "dpm-solver++")]
     DpmSolver,
+    /// Of a flow only: straight along the velocity of each step's beginning.
+    Euler,
+    /// Of a flow only: along the mean of the velocities of both ends (Heun 1900).
+    Heun,
+}
+
+impl SamplerKind {
+    /// Whether it solves the equation of a flow; all others remove noise level by level.
+    pub const fn is_of_flow(self) -> bool {
+        matches!(self, Self::Euler | Self::Heun)
+    }
 }
 
 /// Which of T training levels, counted from 0, K steps visit; index i counts steps from 0.
@@ -91,6 +105,18 @@ pub enum Spacing {
     Leading,
     /// round((T - 1) (K - 1 - i) / (K - 1)): both; the noisiest when K is 1.
     Linspace,
+}
+
+impl fmt::Display for SamplerKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Ddpm => "ddpm",
+            Self::Ddim => "ddim",
+            Self::DpmSolver => "dpm-solver++",
+            Self::Euler => "euler",
+            Self::Heun => "heun",
+        })
+    }
 }
 
 impl Default for DiffusionSpec {
@@ -129,6 +155,10 @@ impl Check for SamplerSpec {
         if self.kind != SamplerKind::Ddim && self.eta != 0.0 {
             report.violation("eta", self.eta, "0 unless kind is ddim");
         }
+        if self.kind.is_of_flow() && self.spacing != Spacing::Trailing {
+            let value = format!("{:?}", self.spacing).to_lowercase();
+            report.violation("spacing", value, "trailing for the samplers of a flow");
+        }
     }
 }
 
@@ -140,11 +170,6 @@ impl SamplerSpec {
     /// Every violation, fields as `sampler.…`.
     pub fn check_for(&self, diffusion_steps: u32) -> Result<(), SpecError> {
         let mut report = Report::default();
-        self.report_for(diffusion_steps, &mut report);
-        report.finish()
-    }
-
-    pub(super) fn report_for(&self, diffusion_steps: u32, report: &mut Report) {
         report.part("sampler", self);
         if let Some(steps) = self.steps
             && steps > diffusion_steps
@@ -152,5 +177,6 @@ impl SamplerSpec {
             let allowed = format!("at most diffusion.steps, which is {diffusion_steps}");
             report.violation("sampler.steps", steps, allowed);
         }
+        report.finish()
     }
 }

@@ -4,8 +4,10 @@ mod cdcnn;
 mod cdt;
 mod diffuser;
 mod diffusion;
+mod flow;
 mod residual;
 mod robomorph;
+mod sampling;
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -19,8 +21,10 @@ pub use diffuser::{DiffuserSpec, Known};
 pub use diffusion::{
     DiffusionSpec, LossMean, NoiseSchedule, Prediction, SamplerKind, SamplerSpec, Spacing,
 };
+pub use flow::{FLOW_LEVELS, FLOW_STEPS, FlowPrediction, FlowSpec};
 pub use residual::{DampedIntegrator, Residual};
 pub use robomorph::{Head, RoboMorphSpec};
+pub use sampling::Generation;
 
 /// Channels that group normalization takes together are a width's share of this many.
 pub const GROUPS: u32 = 8;
@@ -34,6 +38,7 @@ pub enum ModelSpec {
     Diffuser(DiffuserSpec),
     Cdcnn(CdcnnSpec),
     Cdt(CdtSpec),
+    Flow(FlowSpec),
 }
 
 impl ModelSpec {
@@ -41,7 +46,7 @@ impl ModelSpec {
     pub fn patch(&self) -> u32 {
         match self {
             Self::RoboMorph(model) => model.patch,
-            Self::Diffuser(_) | Self::Cdcnn(_) | Self::Cdt(_) => 1,
+            Self::Diffuser(_) | Self::Cdcnn(_) | Self::Cdt(_) | Self::Flow(_) => 1,
         }
     }
 
@@ -52,6 +57,7 @@ impl ModelSpec {
             Self::RoboMorph(_) | Self::Cdt(_) => 1,
             Self::Diffuser(model) => model.multipliers.len(),
             Self::Cdcnn(model) => model.widths.len(),
+            Self::Flow(model) => model.widths.len(),
         };
         let halvings = u32::try_from(stages.saturating_sub(1)).unwrap_or(u32::MAX);
         1_u32.checked_shl(halvings).unwrap_or(u32::MAX)
@@ -63,6 +69,7 @@ impl ModelSpec {
             Self::Diffuser(_) => "diffuser",
             Self::Cdcnn(_) => "cdcnn",
             Self::Cdt(_) => "cdt",
+            Self::Flow(_) => "flow",
         }
     }
 
@@ -72,13 +79,14 @@ impl ModelSpec {
             Self::Diffuser(model) => model.residual,
             Self::Cdcnn(model) => model.residual,
             Self::Cdt(model) => model.residual,
+            Self::Flow(model) => model.residual,
         }
     }
 
-    /// Of a model that predicts by removing noise: how, and by what sampler unless asked otherwise.
+    /// Of a model that removes noise level by level: how, and by what sampler unless asked otherwise.
     pub const fn diffusion(&self) -> Option<(&DiffusionSpec, &SamplerSpec)> {
         match self {
-            Self::RoboMorph(_) => None,
+            Self::RoboMorph(_) | Self::Flow(_) => None,
             Self::Diffuser(model) => Some((&model.diffusion, &model.sampler)),
             Self::Cdcnn(model) => Some((&model.diffusion, &model.sampler)),
             Self::Cdt(model) => Some((&model.diffusion, &model.sampler)),
@@ -96,9 +104,13 @@ impl ModelSpec {
     }
 
     fn report_options(&self, report: &mut Report) {
-        if let Some((diffusion, sampler)) = self.diffusion() {
-            report.part("diffusion", diffusion);
-            sampler.report_for(diffusion.steps, report);
+        match self.generation() {
+            Some(Generation::Diffusion(diffusion)) => report.part("diffusion", diffusion),
+            Some(Generation::Flow(flow)) => flow.report_options(report),
+            None => {}
+        }
+        if let (Some(generation), Some(sampler)) = (self.generation(), self.sampler()) {
+            generation.report_sampler(sampler, report);
         }
         report.part("residual", &self.residual());
         if let Self::Cdt(model) = self {
@@ -114,6 +126,7 @@ impl Check for ModelSpec {
             Self::Diffuser(model) => model.check(report),
             Self::Cdcnn(model) => model.check(report),
             Self::Cdt(model) => model.check(report),
+            Self::Flow(model) => model.check(report),
         }
         self.report_options(report);
     }
@@ -128,6 +141,18 @@ fn check_transformer(report: &mut Report, d_model: u32, heads: u32, layers: [u32
     report.within("mlp_ratio", ratio, 1..=16);
     if heads > 0 && !d_model.is_multiple_of(heads) {
         report.violation("d_model", d_model, format!("a multiple of heads, which is {heads}"));
+    }
+}
+
+/// Sizes of a U-Net that are the same in CDCNN and flow.
+fn check_unet(report: &mut Report, embedding: u32, widths: &[u32]) {
+    report.within("embedding", embedding, 4..=4096);
+    if !embedding.is_multiple_of(2) {
+        report.violation("embedding", embedding, "a multiple of 2, for sine and cosine");
+    }
+    report.within("widths.length", widths.len(), 1..=8);
+    for (i, &width) in widths.iter().enumerate() {
+        check_width(report, &format!("widths[{i}]"), width);
     }
 }
 

@@ -1,0 +1,65 @@
+use spec::{DiffusionSpec, FlowSpec, Prediction, SamplerSpec};
+
+use super::flow::Flow;
+use super::prediction::{self, Mix};
+use super::{NoiseSchedule, Step, sampler};
+
+/// How much noise each level has, what a network is to answer there, and how samplers go from level to
+/// level.
+#[derive(Clone, Debug)]
+pub(super) enum Mixing {
+    Diffusion { schedule: NoiseSchedule, prediction: Prediction },
+    Flow(Flow),
+}
+
+impl Mixing {
+    pub fn diffusion(spec: &DiffusionSpec) -> Self {
+        Self::Diffusion { schedule: NoiseSchedule::new(spec), prediction: spec.prediction }
+    }
+
+    pub fn flow(spec: &FlowSpec) -> Self {
+        Self::Flow(Flow::new(spec))
+    }
+
+    pub fn levels(&self) -> usize {
+        match self {
+            Self::Diffusion { schedule, .. } => schedule.levels(),
+            Self::Flow(_) => Flow::levels(),
+        }
+    }
+
+    /// The noisy series from the clean one (first) and the noise (second).
+    pub fn noisy(&self, level: usize) -> Mix {
+        match self {
+            Self::Diffusion { schedule, .. } => prediction::noisy(schedule.signal(Some(level))),
+            Self::Flow(_) => Flow::noisy(level),
+        }
+    }
+
+    /// What the network is to answer, from the clean series (first) and the noise (second).
+    pub fn target(&self, level: usize) -> Mix {
+        match self {
+            Self::Diffusion { schedule, prediction } => {
+                prediction::target(*prediction, schedule.signal(Some(level)))
+            }
+            Self::Flow(flow) => flow.target(),
+        }
+    }
+
+    /// The clean series from the noisy one (first) and the network's answer (second).
+    pub fn clean(&self, level: usize) -> Mix {
+        match self {
+            Self::Diffusion { schedule, prediction } => {
+                prediction::clean(*prediction, schedule.signal(Some(level)))
+            }
+            Self::Flow(flow) => flow.clean(level),
+        }
+    }
+
+    pub fn steps(&self, sampler: &SamplerSpec, warm: Option<usize>) -> Vec<Step> {
+        match self {
+            Self::Diffusion { schedule, .. } => sampler::steps(schedule, sampler, warm),
+            Self::Flow(flow) => flow.steps(sampler, warm),
+        }
+    }
+}

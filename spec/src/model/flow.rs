@@ -1,0 +1,82 @@
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::{DampedIntegrator, Residual, SamplerKind, SamplerSpec, check_unet};
+use crate::check::{Check, Report};
+
+/// Times that a flow is trained at, evenly from 1 / this to 1.
+pub const FLOW_LEVELS: u32 = 1000;
+
+/// Steps of a flow's sampler that does not say how many.
+pub const FLOW_STEPS: u32 = 2;
+
+/// U-Net of CDCNN's form that moves noise to y along straight lines (rectified flow, Liu et al. 2022),
+/// given u and the damped integrator's path.
+///
+/// At time t, from 1 to 0, the series is (1 - t) y + t ε with ε standard normal; its velocity is
+/// ε - y.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct FlowSpec {
+    /// Width of the embedding of the time, even.
+    pub embedding: u32,
+    /// Channels of each stage, multiples of 8. Every stage but the last halves the samples.
+    pub widths: Vec<u32>,
+    #[serde(default)]
+    pub prediction: FlowPrediction,
+    /// Time at which a warm start begins, between the clean series at 0 and noise at 1. Its steps are
+    /// even from there.
+    #[serde(default = "half")]
+    pub warm_start_time: f64,
+    #[serde(default = "few_steps")]
+    pub sampler: SamplerSpec,
+    #[serde(default = "integrator")]
+    pub residual: Residual,
+}
+
+/// What a flow's network answers; its velocity follows.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub enum FlowPrediction {
+    /// The clean series.
+    #[default]
+    #[serde(rename = "x0")]
+    Clean,
+    /// The velocity.
+    #[serde(rename = "v")]
+    Velocity,
+}
+
+const fn half() -> f64 {
+    0.5
+}
+
+fn few_steps() -> SamplerSpec {
+    SamplerSpec { kind: SamplerKind::Euler, steps: Some(FLOW_STEPS), ..SamplerSpec::default() }
+}
+
+fn integrator() -> Residual {
+    Residual::Integrator(DampedIntegrator::default())
+}
+
+impl FlowSpec {
+    /// The level at which a warm start begins, counted from 1, is also the most steps that it can
+    /// take.
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "times are checked to be within 0.001 and 1"
+    )]
+    pub fn warm_levels(&self) -> u32 {
+        (self.warm_start_time * f64::from(FLOW_LEVELS)).round() as u32
+    }
+
+    pub(super) fn report_options(&self, report: &mut Report) {
+        report.within("warm_start_time", self.warm_start_time, 0.001..=1.0);
+    }
+}
+
+impl Check for FlowSpec {
+    fn check(&self, report: &mut Report) {
+        check_unet(report, self.embedding, &self.widths);
+    }
+}

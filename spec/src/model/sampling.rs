@@ -1,0 +1,113 @@
+//! What can be asked of a model that makes its answers of noise.
+
+use super::{
+    DiffusionSpec, FLOW_LEVELS, FLOW_STEPS, FlowSpec, ModelSpec, SamplerKind, SamplerSpec,
+};
+use crate::SpecError;
+use crate::check::Report;
+
+/// How such a model was trained to make them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Generation<'a> {
+    /// Noise is removed level by level.
+    Diffusion(&'a DiffusionSpec),
+    /// Noise moves along a velocity.
+    Flow(&'a FlowSpec),
+}
+
+impl ModelSpec {
+    /// None of a model that answers in one pass.
+    pub const fn generation(&self) -> Option<Generation<'_>> {
+        match self {
+            Self::RoboMorph(_) => None,
+            Self::Diffuser(model) => Some(Generation::Diffusion(&model.diffusion)),
+            Self::Cdcnn(model) => Some(Generation::Diffusion(&model.diffusion)),
+            Self::Cdt(model) => Some(Generation::Diffusion(&model.diffusion)),
+            Self::Flow(model) => Some(Generation::Flow(model)),
+        }
+    }
+
+    /// Of a model that makes its answers of noise: how, unless asked otherwise.
+    pub const fn sampler(&self) -> Option<&SamplerSpec> {
+        match self {
+            Self::RoboMorph(_) => None,
+            Self::Diffuser(model) => Some(&model.sampler),
+            Self::Cdcnn(model) => Some(&model.sampler),
+            Self::Cdt(model) => Some(&model.sampler),
+            Self::Flow(model) => Some(&model.sampler),
+        }
+    }
+
+    /// Whether this model can be sampled with `sampler`.
+    ///
+    /// # Errors
+    /// Every violation, fields as `sampler.…`.
+    pub fn check_sampler(&self, sampler: &SamplerSpec) -> Result<(), SpecError> {
+        let mut report = Report::default();
+        match self.generation() {
+            Some(generation) => generation.report_sampler(sampler, &mut report),
+            None => {
+                let allowed = "none, for a model that answers in one pass";
+                report.violation("sampler", sampler.kind, allowed);
+            }
+        }
+        report.finish()
+    }
+}
+
+impl Generation<'_> {
+    /// The samplers that it can be asked with.
+    pub const fn samplers(&self) -> &'static [SamplerKind] {
+        match self {
+            Self::Diffusion(_) => &[SamplerKind::Ddpm, SamplerKind::Ddim, SamplerKind::DpmSolver],
+            Self::Flow(_) => &[SamplerKind::Euler, SamplerKind::Heun],
+        }
+    }
+
+    /// Steps of a sampler that does not say how many.
+    pub const fn all_steps(&self) -> u32 {
+        match self {
+            Self::Diffusion(diffusion) => diffusion.steps,
+            Self::Flow(_) => FLOW_STEPS,
+        }
+    }
+
+    /// The most steps that a warm start can take.
+    pub fn most_warm_steps(&self) -> u32 {
+        match self {
+            Self::Diffusion(diffusion) => diffusion.steps,
+            Self::Flow(flow) => flow.warm_levels(),
+        }
+    }
+
+    /// Where [`Generation::most_warm_steps`] comes from, as errors name it.
+    pub const fn limit_of_warm_steps(&self) -> &'static str {
+        match self {
+            Self::Diffusion(_) => "diffusion.steps",
+            Self::Flow(_) => "1000 times warm_start_time",
+        }
+    }
+
+    pub(super) fn report_sampler(&self, sampler: &SamplerSpec, report: &mut Report) {
+        report.part("sampler", sampler);
+        let kinds = self.samplers();
+        if !kinds.contains(&sampler.kind) {
+            let kinds: Vec<String> = kinds.iter().map(ToString::to_string).collect();
+            let model = match self {
+                Self::Diffusion(_) => "removes noise level by level",
+                Self::Flow(_) => "is a flow",
+            };
+            let allowed = format!("{} of a model that {model}", kinds.join(", "));
+            report.violation("sampler.kind", sampler.kind, allowed);
+        }
+        let (most, limit) = match self {
+            Self::Diffusion(diffusion) => (diffusion.steps, "diffusion.steps, which is "),
+            Self::Flow(_) => (FLOW_LEVELS, "a flow's times, which are "),
+        };
+        if let Some(steps) = sampler.steps
+            && steps > most
+        {
+            report.violation("sampler.steps", steps, format!("at most {limit}{most}"));
+        }
+    }
+}
