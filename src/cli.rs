@@ -5,8 +5,8 @@ use clap::{Args, Parser, Subcommand};
 use tracing_subscriber::EnvFilter;
 
 use crate::commands::{
-    cancel, devices, import, jobs, presets, quickstart, serve, simulate, submit, verify, watch,
-    worker,
+    cancel, devices, import, jobs, presets, quickstart, retry, serve, simulate, submit, verify,
+    watch, worker,
 };
 
 /// In-context identification of robot dynamics as a service: simulate, train, evaluate.
@@ -45,6 +45,8 @@ pub enum Command {
     Watch(watch::Arguments),
     /// Cancel a job
     Cancel(cancel::Arguments),
+    /// Try a job again that failed; what succeeded is kept
+    Retry(retry::Arguments),
     /// List the presets, or show one
     Presets(presets::Arguments),
 }

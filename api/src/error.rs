@@ -73,6 +73,9 @@ pub enum ApiError {
     #[error("job {id} is {state}, which is final, so it cannot be cancelled")]
     AlreadyFinal { id: i64, state: JobState },
 
+    #[error("job {id} is {state}; only what failed or was cancelled can be tried again")]
+    NotFailed { id: i64, state: JobState },
+
     #[error(
         "dataset {id} lacks shards, because job {job}, which fills it, is {state}; it can be \
          verified when it is complete"
@@ -175,6 +178,7 @@ impl ApiError {
             Self::Spec(_) => (S::UNPROCESSABLE_ENTITY, "spec", "The spec cannot be accepted"),
             Self::Store(error) => of_store(error),
             Self::AlreadyFinal { .. } => (S::CONFLICT, "already-final", "The job has ended"),
+            Self::NotFailed { .. } => (S::CONFLICT, "not-failed", "The job has not failed"),
             Self::DatasetIncomplete { .. } => {
                 (S::CONFLICT, "dataset-incomplete", "The dataset is not complete")
             }

@@ -64,7 +64,9 @@ impl<'a> Scenarios<'a> {
     /// The law and the master frequency of a trajectory.
     fn design(&self, index: u64, draws: &mut Draws) -> (Law<'a>, f64) {
         let excitation = &self.spec.excitation;
-        let prefers_chirp = draws.unit() < excitation.chirp_fraction;
+        let drawn = draws.unit() < excitation.chirp_fraction;
+        let cell = self.cells.iter().rfind(|cell| cell.first <= index);
+        let prefers_chirp = cell.map_or(drawn, |cell| cell.family == Family::Chirp);
         let (law, frequency) = match (&excitation.chirp, &excitation.multisine) {
             (Some(chirp), None) => (Law::Chirp(chirp), &chirp.frequency_hz),
             (Some(chirp), Some(_)) if prefers_chirp => (Law::Chirp(chirp), &chirp.frequency_hz),
@@ -74,10 +76,7 @@ impl<'a> Scenarios<'a> {
         let frequency_hz = match frequency {
             Frequency::Fixed(frequency_hz) => *frequency_hz,
             Frequency::Uniform(range) => draws.uniform(*range),
-            Frequency::Grid(grid) => {
-                let own = self.cells.iter().rfind(|cell| cell.first <= index);
-                own.map_or(grid[0], |cell| cell.frequency_hz)
-            }
+            Frequency::Grid(grid) => cell.map_or(grid[0], |cell| cell.frequency_hz),
         };
         (law, frequency_hz)
     }

@@ -3,15 +3,19 @@ use serde::{Deserialize, Serialize};
 use spec::{Family, JOINTS};
 
 use crate::metrics::{JitterMeter, step_squares_deg2};
-use crate::scores::{PerJoint, ScenarioErrors, degrees};
-use crate::{EvaluationError, Observed, Predictor, Samples, Scenarios};
+use crate::predictor::Answer;
+use crate::scores::{ScenarioErrors, degrees};
+use crate::{EvaluationError, Observed, Predictor, Scenarios};
 
 /// The errors of every predictor on the same scenarios of one cell.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CellResult {
     pub cell: usize,
-    pub family: Family,
-    pub frequency_hz: f64,
+    /// `None` of data without a frequency grid, as the frequency.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub family: Option<Family>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub frequency_hz: Option<f64>,
     /// Index of the first scenario in the dataset; the others follow.
     pub first: u64,
     pub predictors: Vec<PredictorErrors>,
@@ -26,12 +30,16 @@ pub struct PredictorErrors {
     pub predictor: String,
     /// Mean over joints. `None` where there is no answer.
     pub rmse_deg: Vec<Option<f64>>,
-    /// `None` where there is no answer. Empty in results that hold means only, as the first did.
+    /// `None` where there is no answer. Empty in results that hold means only, because the table of
+    /// [`Row`]s has the rest.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub scenarios: Vec<Option<ScenarioErrors>>,
     /// Squared error of each step of the horizon, summed over the scenarios with an answer.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub step_squares_deg2: Vec<[f64; JOINTS]>,
+    /// Mean of [`crate::SampleErrors::calibration`] over the scenarios with an answer.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub calibration: Vec<f64>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub failure: Option<Failure>,
 }
@@ -55,32 +63,6 @@ pub struct Scoring {
     /// Above which a prediction's power is jitter, see [`crate::metrics::band_edge_hz`]; `None`
     /// measures none.
     pub band_edge_hz: Option<f64>,
-}
-
-/// A row of the result table: one scenario, joint and predictor. Errors are `None` where there is
-/// no answer, and what was not measured or needs more samples is too.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Row<'a> {
-    pub cell: usize,
-    pub family: Family,
-    pub frequency_hz: f64,
-    /// Index in the dataset.
-    pub trajectory: u64,
-    /// 1 to 7.
-    pub joint: usize,
-    pub predictor: &'a str,
-    pub rmse_deg: Option<f32>,
-    pub jitter_deg: Option<f32>,
-    pub smoothed_jitter_deg: Option<f32>,
-    pub smoothed_rmse_deg: Option<f32>,
-    pub mean_rmse_deg: Option<f32>,
-    pub crps_deg: Option<f32>,
-    /// Of the scenario, the same for all its joints.
-    pub energy_score_deg: Option<f32>,
-    pub coverage_50: Option<f32>,
-    pub width_50_deg: Option<f32>,
-    pub coverage_90: Option<f32>,
-    pub width_90_deg: Option<f32>,
 }
 
 /// Asks each predictor the same question and scores the answers.
@@ -133,13 +115,6 @@ struct Scorer<'a> {
     meter: Option<JitterMeter>,
 }
 
-/// A predictor's answers.
-struct Answer {
-    /// `[size, horizon, 7]`.
-    positions: Vec<f32>,
-    samples: Option<Samples>,
-}
-
 impl Scorer<'_> {
     fn errors(
         &self,
@@ -185,6 +160,7 @@ impl Scorer<'_> {
                 first,
                 reason: "a value that is not finite".to_owned(),
             }),
+            calibration: calibration(&scenarios),
             scenarios,
             step_squares_deg2: step_squares,
         }
@@ -203,16 +179,12 @@ impl Scorer<'_> {
             }
             Err(EvaluationError::WrongLength { predictor, got, expected })
         };
-        let positions = predictor.predict(observed)?;
-        check(positions.len(), self.truth.len())?;
-        let samples = match scoring.samples {
-            0 | 1 => None,
-            count => predictor.sample(observed, count)?,
-        };
-        if let Some(samples) = &samples {
+        let answer = predictor.answer(observed, scoring.samples)?;
+        check(answer.positions.len(), self.truth.len())?;
+        if let Some(samples) = &answer.samples {
             check(samples.positions.len(), samples.count * self.truth.len())?;
         }
-        Ok(Answer { positions, samples })
+        Ok(answer)
     }
 
     /// `None` where something that was answered is not finite.
@@ -235,6 +207,19 @@ impl Scorer<'_> {
     }
 }
 
+/// Mean over the scenarios with an answer; empty without samples.
+fn calibration(scenarios: &[Option<ScenarioErrors>]) -> Vec<f64> {
+    let of_each: Vec<&[f32]> = scenarios
+        .iter()
+        .filter_map(|errors| Some(errors.as_ref()?.samples.as_ref()?.calibration.as_slice()))
+        .collect();
+    let levels = of_each.first().map_or(0, |levels| levels.len());
+    let mean = |level: usize| {
+        of_each.iter().map(|levels| f64::from(levels[level])).sum::<f64>() / of_each.len() as f64
+    };
+    (0..levels).map(mean).collect()
+}
+
 fn mean_rmse_deg(errors: &ScenarioErrors) -> f64 {
     errors.rmse_deg.iter().map(|rmse| f64::from(*rmse)).sum::<f64>() / JOINTS as f64
 }
@@ -250,56 +235,10 @@ fn with_sources(error: &EvaluationError) -> String {
     text
 }
 
-impl CellResult {
-    /// Of all scenarios, joints and predictors, in the order predictor, scenario, joint. Predictors
-    /// of results that hold no more than means have none.
-    pub fn rows(&self) -> impl Iterator<Item = Row<'_>> {
-        self.predictors.iter().flat_map(move |errors| {
-            errors.scenarios.iter().enumerate().flat_map(move |(scenario, scores)| {
-                (0..JOINTS).map(move |joint| self.row(errors, scenario, scores.as_ref(), joint))
-            })
-        })
-    }
-
-    fn row<'a>(
-        &self,
-        errors: &'a PredictorErrors,
-        scenario: usize,
-        scores: Option<&ScenarioErrors>,
-        joint: usize,
-    ) -> Row<'a> {
-        let jitter = scores.and_then(|scores| scores.jitter.as_ref());
-        let samples = scores.and_then(|scores| scores.samples.as_ref());
-        let interval = |nominal: f64| {
-            samples.and_then(|it| it.intervals.iter().find(|it| it.nominal == nominal))
-        };
-        let of_joint = |values: &PerJoint| values[joint];
-        Row {
-            cell: self.cell,
-            family: self.family,
-            frequency_hz: self.frequency_hz,
-            trajectory: self.first + scenario as u64,
-            joint: joint + 1,
-            predictor: &errors.predictor,
-            rmse_deg: scores.map(|it| of_joint(&it.rmse_deg)),
-            jitter_deg: jitter.map(|it| of_joint(&it.deg)),
-            smoothed_jitter_deg: jitter.map(|it| of_joint(&it.smoothed_deg)),
-            smoothed_rmse_deg: jitter.map(|it| of_joint(&it.smoothed_rmse_deg)),
-            mean_rmse_deg: samples.map(|it| of_joint(&it.mean_rmse_deg)),
-            crps_deg: samples.map(|it| of_joint(&it.crps_deg)),
-            energy_score_deg: samples.map(|it| it.energy_score_deg),
-            coverage_50: interval(0.5).map(|it| of_joint(&it.coverage)),
-            width_50_deg: interval(0.5).map(|it| of_joint(&it.width_deg)),
-            coverage_90: interval(0.9).map(|it| of_joint(&it.coverage)),
-            width_90_deg: interval(0.9).map(|it| of_joint(&it.width_deg)),
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{DampedIntegrator, HoldLast};
+    use crate::{DampedIntegrator, HoldLast, Row, Samples};
 
     const SCORING: Scoring = Scoring { context: 20, samples: 4, band_edge_hz: Some(8.0) };
 
@@ -364,8 +303,8 @@ mod tests {
     fn result(predictors: &[Box<dyn Predictor>]) -> CellResult {
         CellResult {
             cell: 1,
-            family: Family::Chirp,
-            frequency_hz: 0.3,
+            family: Some(Family::Chirp),
+            frequency_hz: Some(0.3),
             first: 200,
             predictors: evaluate_cell(&scenarios(), &SCORING, predictors),
             measured_jitter_deg: measured_jitter_deg(&scenarios(), &SCORING),
@@ -401,7 +340,7 @@ mod tests {
         let found = result(&[Box::new(Several), Box::new(integrator)]);
         let rows: Vec<Row<'_>> = found.rows().collect();
         assert_eq!(rows.len(), 2 * 3 * JOINTS);
-        let last = rows[2 * JOINTS + 6];
+        let last = &rows[2 * JOINTS + 6];
         assert_eq!((last.predictor, last.trajectory, last.joint), ("several", 202, 7));
         let of_scenario = &rows[2 * JOINTS..3 * JOINTS];
         let mean = of_scenario.iter().map(|row| f64::from(row.rmse_deg.unwrap())).sum::<f64>();
@@ -410,6 +349,26 @@ mod tests {
         // Four samples reach no further.
         assert_eq!(last.coverage_90, None);
         assert_eq!(rows[3 * JOINTS].crps_deg, None);
+    }
+
+    #[test]
+    fn the_rows_of_a_scenario_hold_its_errors() {
+        let found = result(&[Box::new(Several), Box::new(HoldLast), Box::new(TooShort)]);
+        let rows: Vec<Row<'_>> = found.rows().collect();
+        let mut read = found.clone();
+        for errors in &mut read.predictors {
+            errors.scenarios.clear();
+        }
+        assert!(read.take_rows(&rows), "rows of this cell");
+        for (read, made) in read.predictors.iter().zip(&found.predictors) {
+            let mut made = made.scenarios.clone();
+            for samples in made.iter_mut().flatten().filter_map(|it| it.samples.as_mut()) {
+                // Kept for the cell as a whole.
+                samples.calibration.clear();
+            }
+            assert_eq!(read.scenarios, made);
+        }
+        assert!(!read.take_rows(&rows[7..]), "a scenario is missing");
     }
 
     #[test]

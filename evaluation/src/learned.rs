@@ -1,16 +1,25 @@
+use std::sync::OnceLock;
+
 use models::{Batch, ModelError, PredictionInput, Sampling, TrainedModel, WarmStart};
 
+use crate::predictor::Answer;
 use crate::{EvaluationError, Observed, Predictor, Samples, Scenarios};
 
 /// A checkpoint as a predictor.
 pub struct Learned<'a> {
     pub name: String,
     pub model: &'a TrainedModel,
-    /// How a denoiser answers, and the key of all samples. `samples` and `warm_start` are set for
-    /// each question.
+    /// How a denoiser answers, and the key of all samples, whose seed is one of a spec. `samples` and
+    /// `warm_start` are set for each question.
     pub sampling: Sampling,
     pub start: Start,
+    /// Where predictors of the same model and sampling that start shifted keep the first prediction of
+    /// all, the cold one, so that one of them makes it. For one [`Observed`] only.
+    pub first: Option<&'a FirstPrediction>,
 }
+
+/// A prediction that is made once, see [`Learned::first`].
+pub type FirstPrediction = OnceLock<Vec<f32>>;
 
 /// What a denoiser begins with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -50,7 +59,7 @@ impl Predictor for Learned<'_> {
     /// Of a gaussian head the mean, of a denoiser its first sample.
     fn predict(&self, observed: &Observed) -> Result<Vec<f32>, EvaluationError> {
         self.warm_start(observed)
-            .and_then(|warm_start| self.ask(observed, warm_start))
+            .and_then(|warm_start| self.ask(observed, warm_start, 1, 0))
             .map_err(|failure| failure.of(&self.name))
     }
 
@@ -70,15 +79,42 @@ impl Predictor for Learned<'_> {
             .map(|positions| Some(Samples { count, positions }))
             .map_err(|failure| failure.of(&self.name))
     }
+
+    fn answer(&self, observed: &Observed, count: usize) -> Result<Answer, EvaluationError> {
+        if !self.is_denoiser() {
+            let positions = self.predict(observed)?;
+            let samples = if count < 2 { None } else { self.sample(observed, count)? };
+            return Ok(Answer { positions, samples });
+        }
+        let count = count.max(1);
+        self.warm_start(observed)
+            .and_then(|warm_start| self.ask(observed, warm_start, count, 0))
+            .map(|positions| Answer::of_samples(count, positions))
+            .map_err(|failure| failure.of(&self.name))
+    }
 }
 
 impl Learned<'_> {
-    fn ask(&self, observed: &Observed, warm_start: Option<WarmStart>) -> Result<Vec<f32>, Failure> {
+    fn is_denoiser(&self) -> bool {
+        self.model.architecture().sampler().is_some()
+    }
+
+    /// What is asked `back` windows before the last has noise of its own: predictions that go on from
+    /// one another would else repeat one and the same noise.
+    fn ask(
+        &self,
+        observed: &Observed,
+        warm_start: Option<WarmStart>,
+        samples: usize,
+        back: usize,
+    ) -> Result<Vec<f32>, Failure> {
         let input = input(observed);
-        if self.model.architecture().sampler().is_none() {
+        if !self.is_denoiser() {
             return Ok(self.model.predict(&input)?);
         }
-        let sampling = Sampling { samples: 1, warm_start, ..self.sampling.clone() };
+        // Seeds of specs have 53 bits.
+        let seed = self.sampling.seed ^ ((back as u64) << 53);
+        let sampling = Sampling { samples, warm_start, seed, ..self.sampling.clone() };
         Ok(self.model.sample(&input, &sampling)?)
     }
 
@@ -91,7 +127,16 @@ impl Learned<'_> {
         let mut warm_start = None;
         for back in (1..=earlier).rev() {
             let Some(window) = observed.earlier(back * shift) else { break };
-            let previous = self.ask(&window, warm_start)?;
+            let previous = match (self.first, warm_start) {
+                (Some(first), None) => match first.get() {
+                    Some(kept) => kept.clone(),
+                    None => {
+                        let made = self.ask(&window, None, 1, back)?;
+                        first.get_or_init(|| made).clone()
+                    }
+                },
+                (_, warm_start) => self.ask(&window, warm_start, 1, back)?,
+            };
             warm_start = Some(WarmStart { previous, shift, steps });
         }
         Ok(warm_start)
@@ -130,6 +175,11 @@ impl Predictor for OracleStarted<'_> {
         count: usize,
     ) -> Result<Option<Samples>, EvaluationError> {
         Ok(Some(Samples { count, positions: self.ask(observed, count)? }))
+    }
+
+    fn answer(&self, observed: &Observed, count: usize) -> Result<Answer, EvaluationError> {
+        let count = count.max(1);
+        Ok(Answer::of_samples(count, self.ask(observed, count)?))
     }
 }
 

@@ -13,6 +13,7 @@ mod learned;
 pub mod metrics;
 mod predictor;
 mod report;
+mod rows;
 mod scores;
 
 pub use baselines::{
@@ -20,22 +21,21 @@ pub use baselines::{
     baseline,
 };
 pub use bootstrap::{Interval, stratified_mean};
-pub use cell::{
-    CellResult, Failure, PredictorErrors, Row, Scoring, evaluate_cell, measured_jitter_deg,
-};
+pub use cell::{CellResult, Failure, PredictorErrors, Scoring, evaluate_cell, measured_jitter_deg};
 pub use error::EvaluationError;
 pub use figure::{
     calibration_figure, crps_figure, horizon_figure, latency_figure, rmse_figure,
     sampler_steps_figure,
 };
-pub use learned::{LeakyLearned, Learned, OracleStarted, Start};
+pub use learned::{FirstPrediction, LeakyLearned, Learned, OracleStarted, Start};
 pub use metrics::rmse_deg;
-pub use predictor::{Observed, Predictor, Samples, Scenarios};
+pub use predictor::{Answer, Observed, Predictor, Samples, Scenarios};
 pub use report::{
     Calibration, CellSummary, FailureSummary, GroupSummary, IntervalSummary, Latency,
     PairedDifference, PredictorInfo, PredictorKind, PredictorScores, PredictorSummary, Report,
     SamplingInfo, Setting, TrainedOn, WorstCase, paired_difference, summarize,
 };
+pub use rows::{MEASURES, Measure, Row};
 pub use scores::{
     CALIBRATION, INTERVALS, IntervalErrors, Jitter, PerJoint, SampleErrors, ScenarioErrors,
 };

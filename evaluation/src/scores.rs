@@ -50,6 +50,7 @@ pub struct SampleErrors {
     pub intervals: Vec<IntervalErrors>,
     /// Share of the horizon, all joints together, inside the central intervals of [`CALIBRATION`];
     /// as many of them as there are samples enough for.
+    #[serde(default)]
     pub calibration: Vec<f32>,
 }
 

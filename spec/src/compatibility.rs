@@ -1,7 +1,8 @@
 //! Whether a job fits the data and the checkpoints it refers to.
 
 use crate::check::Report;
-use crate::{DataSource, DataSpec, EvaluateSpec, SpecError, TrainSpec};
+use crate::evaluate::first_repeated;
+use crate::{DataSource, DataSpec, EvaluateSpec, SamplingRun, SpecError, Start, TrainSpec};
 
 /// A training that an evaluation refers to, and the data it was trained on.
 #[derive(Clone, Copy, Debug)]
@@ -105,17 +106,7 @@ impl EvaluateSpec {
         trainings: &[Training<'_>],
     ) -> Result<(), SpecError> {
         let mut report = Report::default();
-        if data.cells().is_empty() {
-            report.violation("data", "without cells", "a simulation over a frequency grid");
-        }
-        let samples = data.samples();
-        if self.context >= samples {
-            report.violation(
-                "context",
-                self.context,
-                format!("less than the data's samples, which are {samples}"),
-            );
-        }
+        let horizon = self.check_length(data.samples(), &mut report);
         for (i, training) in trainings.iter().enumerate() {
             let field = format!("checkpoints[{i}]");
             let mut same = |what: &str, trained: f64, asked: f64| {
@@ -128,9 +119,81 @@ impl EvaluateSpec {
                 }
             };
             same("context", f64::from(training.spec.context), f64::from(self.context));
-            same("samples", f64::from(training.data.samples()), f64::from(samples));
+            if let Some(horizon) = horizon {
+                let samples = self.context + horizon;
+                same("samples", f64::from(training.data.samples()), f64::from(samples));
+            }
             same("rate_hz", training.data.rate_hz(), data.rate_hz());
+            self.check_runs(&field, training.spec, &mut report);
+        }
+        for (i, sampler) in self.samplers.iter().enumerate() {
+            if !trainings.iter().any(|training| sampler.suits(&training.spec.model)) {
+                let value = sampler.kind.map_or("given".to_owned(), |kind| kind.to_string());
+                let allowed = "one that some checkpoint can be sampled with";
+                report.violation(&format!("samplers[{i}]"), value, allowed);
+            }
         }
         report.finish()
+    }
+
+    /// The horizon, of trajectories that are long enough.
+    fn check_length(&self, samples: u32, report: &mut Report) -> Option<u32> {
+        let rounds = self.rounds();
+        let horizon = self.horizon(samples).max(1);
+        let needed = [self.context, rounds, horizon].into_iter().fold(0, u32::saturating_add);
+        if needed <= samples {
+            return Some(horizon);
+        }
+        let field = match (self.horizon, rounds) {
+            _ if self.context >= samples => "context",
+            (None, 0) => "context",
+            (Some(_), 0) => "horizon",
+            _ => "rounds",
+        };
+        let value = match field {
+            "context" => self.context,
+            "horizon" => horizon,
+            _ => rounds,
+        };
+        let allowed = format!(
+            "less than the data's samples, which are {samples}: {rounds} rounds, {} of context and \
+             {horizon} of horizon need {needed}",
+            self.context
+        );
+        report.violation(field, value, allowed);
+        None
+    }
+
+    /// Whether a training's denoiser can be sampled as this evaluation asks.
+    fn check_runs(&self, checkpoint: &str, training: &TrainSpec, report: &mut Report) {
+        let Some(generation) = training.model.generation() else { return };
+        let runs = self.sampling_runs(&training.model);
+        for run in &runs {
+            let most = generation.most_warm_steps();
+            if run.start != Start::Cold && run.steps > most {
+                let limit = generation.limit_of_warm_steps();
+                let value = format!("{}, for {checkpoint}", run.steps);
+                report.violation(
+                    "samplers.steps",
+                    value,
+                    format!("at most {limit}, which is {most}"),
+                );
+            }
+            if let Err(error) = training.model.check_sampler(&run.sampler) {
+                for violation in error.violations {
+                    let field = violation.field.replace("sampler.", "samplers.");
+                    let value = format!("{}, for {checkpoint}", violation.value);
+                    report.violation(&field, value, violation.allowed);
+                }
+            }
+        }
+        let names: Vec<String> = runs.iter().map(SamplingRun::name).collect();
+        if let Some(twice) = first_repeated(&names) {
+            report.violation(
+                "samplers",
+                format!("{twice} twice"),
+                format!("each once for {checkpoint}"),
+            );
+        }
     }
 }

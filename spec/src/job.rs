@@ -7,7 +7,7 @@ use utoipa::ToSchema;
 use crate::check::{Check, Report};
 use crate::{
     CheckpointRef, DataSource, Digest, EvaluateSpec, Execution, ImportSpec, PipelineSpec,
-    SimulateSpec, SpecError, TrainSpec, VerifySpec, preset, stream,
+    SimulateSpec, SpecError, TrainSpec, VerifySpec, evaluate, preset, stream,
 };
 
 /// Anything a user can ask for.
@@ -117,7 +117,7 @@ fn read(value: Value) -> Result<JobSpec, SpecError> {
             let fields = preset::resolve_model(stream::resolve_endless(fields)?)?;
             Ok(JobSpec::Train(from_fields(fields)?))
         }
-        "evaluate" => Ok(JobSpec::Evaluate(from_fields(stream::resolve(fields)?)?)),
+        "evaluate" => Ok(JobSpec::Evaluate(evaluate::read(fields)?)),
         "import" => Ok(JobSpec::Import(from_fields(fields)?)),
         "verify" => Ok(JobSpec::Verify(from_fields(stream::resolve(fields)?)?)),
         "pipeline" => read_pipeline(fields),

@@ -34,7 +34,10 @@ pub use compatibility::Training;
 pub use data::DataSpec;
 pub use early_stop::{EarlyStopSpec, ValidationMetric};
 pub use error::{SpecError, Violation};
-pub use evaluate::{Baseline, Bootstrap, EvaluateSpec};
+pub use evaluate::{
+    Baseline, Bootstrap, EvaluateSpec, EvaluationSampler, LatencySpec, SamplerSteps, SamplingRun,
+    ScenarioCell, Start, UNGRIDDED_SCENARIOS,
+};
 pub use execution::Execution;
 pub use import::{
     AngleUnit, FileFormat, ImportColumns, ImportRanges, ImportSpec, ImportUnits, Resampling, Split,

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use crate::check::{Check, Report};
-use crate::{CheckpointRef, DataSource, JobKind, JobSpec};
+use crate::{CheckpointRef, DataSource, Digest, JobKind, JobSpec, TrainingRef};
 
 /// The most jobs one pipeline may have.
 pub const MAX_MEMBERS: usize = 200;
@@ -76,6 +76,42 @@ impl PipelineSpec {
             order.extend(ready);
         }
         Some(order)
+    }
+}
+
+impl PipelineSpec {
+    /// Turns digests of the pipeline's own jobs back into their names, from which their order follows:
+    /// what resolving them did, undone.
+    pub fn name_siblings(&mut self) {
+        let names: BTreeMap<Digest, String> =
+            self.jobs.iter().map(|(name, job)| (job.spec.digest(), name.clone())).collect();
+        for member in self.jobs.values_mut() {
+            if let Some(data) = member.spec.dataset_ref()
+                && let DataSource::Digest(digest) = data
+                && let Some(name) = names.get(digest)
+            {
+                *data = DataSource::Job(name.clone());
+            }
+            for checkpoint in member.spec.checkpoint_refs() {
+                match checkpoint {
+                    CheckpointRef::Digest(digest) => {
+                        if let Some(name) = names.get(digest) {
+                            *checkpoint = CheckpointRef::Job(name.clone());
+                        }
+                    }
+                    CheckpointRef::Best(of) => {
+                        if let TrainingRef::Digest(digest) = of
+                            && let Some(name) = names.get(digest)
+                        {
+                            *of = TrainingRef::Job(name.clone());
+                        }
+                    }
+                    CheckpointRef::Job(_)
+                    | CheckpointRef::Checkpoint(_)
+                    | CheckpointRef::Step(_) => {}
+                }
+            }
+        }
     }
 }
 

@@ -75,8 +75,14 @@ fn frequency([min, max]: [f64; 2]) -> Value {
     if min < max { json!({"uniform": [min, max]}) } else { json!({"fixed": min}) }
 }
 
+/// The frequencies of the test grids, Hz: of chirps, and of multisines.
+pub(crate) fn test_grids() -> [Vec<f64>; 2] {
+    let chirp = (1..=10).map(|k| f64::from(k) / 10.0).collect();
+    [chirp, vec![0.01, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5]]
+}
+
 fn grid_chirp() -> Preset {
-    let grid: Vec<f64> = (1..=10).map(|k| f64::from(k) / 10.0).collect();
+    let [grid, _] = test_grids();
     Preset {
         name: "grid-chirp".to_owned(),
         about: "Simulate a test grid: chirp 0.1 to 1.0 Hz, 100 robots each".to_owned(),
@@ -91,7 +97,7 @@ fn grid_chirp() -> Preset {
 }
 
 fn grid_multisine() -> Preset {
-    let grid = [0.01, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5];
+    let [_, grid] = test_grids();
     Preset {
         name: "grid-multisine".to_owned(),
         about: "Simulate a test grid: multisine 0.01 to 0.50 Hz, 100 robots each".to_owned(),

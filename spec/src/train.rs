@@ -179,7 +179,7 @@ impl Check for TrainSpec {
     fn check(&self, report: &mut Report) {
         report.part("data", &self.data);
         if let DataSource::Stream(stream) = &self.data
-            && stream.excitation.grid().is_some()
+            && !stream.excitation.grid().is_empty()
         {
             report.violation(
                 "data.stream.excitation",

@@ -309,3 +309,36 @@ fn an_impossible_payload_or_friction_is_refused() {
     let negative = json!({"friction": {"phi1_nm": [-1, 0, 0, 0, 0, 0, 0]}});
     check_refused(simulate(), "/robot", negative, &["robot.friction.phi1_nm[0] is -1"]);
 }
+
+fn evaluate() -> Value {
+    json!({"kind": "evaluate", "data": {"dataset": 1}})
+}
+
+#[test]
+fn an_evaluation_out_of_range_is_refused() {
+    check_refused(evaluate(), "/samples", json!(0), &["samples is 0", "1 to 256"]);
+    check_refused(evaluate(), "/samples", json!(257), &["samples is 257", "1 to 256"]);
+    check_refused(evaluate(), "/scenarios", json!(0), &["scenarios is 0", "1 to 10000"]);
+    check_refused(evaluate(), "/latency", json!({"repeats": 1}), &["latency.repeats is 1", "20"]);
+    let falling = json!([{"steps": [5, 1]}]);
+    check_refused(evaluate(), "/samplers", falling, &["samplers[0].steps", "rising order"]);
+    let unknown = json!([{"steps": 5, "start": "warm"}]);
+    check_refused(evaluate(), "/samplers", unknown, &["samplers[0].start", "oracle"]);
+    let mut shifted = evaluate();
+    shifted["samplers"] = json!([{"start": "shifted"}]);
+    check_refused(shifted, "/rounds", json!(0), &["rounds is 0", "starts cold"]);
+    let mut beyond = evaluate();
+    beyond["data"] = json!({"stream": {"preset": "grid-multisine", "trajectories": 1}});
+    let grid = json!({"multisine": {"frequency_hz": {"grid": [7.0]}}});
+    let expected = ["data.stream.excitation.multisine", "31.5 Hz", "30 Hz, half of rate_hz"];
+    check_refused(beyond, "/data/stream/excitation", grid, &expected);
+}
+
+#[test]
+fn of_two_families_both_have_a_grid_or_none() {
+    let excitation = json!({
+        "chirp": {"frequency_hz": {"grid": [0.1, 0.2]}},
+        "multisine": {"frequency_hz": {"fixed": 0.15}},
+    });
+    check_refused(simulate(), "/excitation", excitation, &["excitation.chirp", "both have one"]);
+}

@@ -41,6 +41,30 @@ fn the_digest_of_a_known_spec_is_pinned() {
     );
 }
 
+/// What an evaluation can be asked since has not changed those that do not ask for it.
+#[test]
+fn the_digest_of_an_evaluation_is_pinned() {
+    let spec = json!({"kind": "evaluate", "data": {"digest": "0".repeat(64)}});
+    assert_eq!(parse(spec.to_string().as_bytes()).unwrap().digest().to_string(), "PIN");
+}
+
+#[test]
+fn an_evaluation_without_data_is_one_over_both_families() {
+    let spec = |extra: &str| parse(format!(r#"{{"kind": "evaluate"{extra}}}"#).as_bytes()).unwrap();
+    let JobSpec::Evaluate(evaluate) = spec("") else { panic!("not an evaluation") };
+    let spec::DataSource::Stream(stream) = &evaluate.data else { panic!("not a stream") };
+    assert_eq!((stream.trajectories, stream.samples), (2100, 400));
+    let cells = stream.cells();
+    assert_eq!((cells[9].family, cells[9].frequency_hz), (spec::Family::Chirp, 1.0));
+    assert_eq!((cells[10].family, cells[10].first), (spec::Family::Multisine, 1000));
+
+    let shifted = spec(r#", "scenarios": 5, "samplers": [{"steps": [1, 5], "start": "shifted"}]"#);
+    let JobSpec::Evaluate(shifted) = shifted else { panic!("not an evaluation") };
+    let spec::DataSource::Stream(stream) = &shifted.data else { panic!("not a stream") };
+    assert_eq!((stream.trajectories, stream.samples), (105, 408));
+    assert_eq!((shifted.rounds(), shifted.horizon(408)), (8, 80));
+}
+
 proptest! {
     #[test]
     fn another_seed_or_size_is_another_digest(seed in 1_u64..1 << 53, trajectories in 1_u64..100) {

@@ -1,9 +1,9 @@
-//! Trainings that do not fit their data are refused with both numbers.
+//! Trainings and evaluations that do not fit their data are refused with both numbers.
 
 #![expect(clippy::unwrap_used, reason = "a test may panic")]
 
-use serde_json::json;
-use spec::{DataSpec, JobSpec, TrainSpec};
+use serde_json::{Value, json};
+use spec::{DataSpec, EvaluateSpec, JobSpec, TrainSpec, Training};
 
 fn data(samples: u32) -> DataSpec {
     let job = json!({"preset": "D1-chirp", "trajectories": 1000, "samples": samples});
@@ -38,4 +38,67 @@ fn a_u_net_needs_samples_that_it_can_halve() {
 fn a_patch_has_to_divide_the_horizon() {
     let error = train("robomorph-tiny").check_data(&data(401)).unwrap_err().to_string();
     assert!(error.contains("model.patch is 10") && error.contains("which is 81"), "{error}");
+}
+
+fn evaluate(extra: &Value) -> EvaluateSpec {
+    let mut job = json!({"kind": "evaluate", "data": {"dataset": 1}});
+    for (key, value) in extra.as_object().unwrap() {
+        job[key] = value.clone();
+    }
+    match spec::parse(job.to_string().as_bytes()).unwrap() {
+        JobSpec::Evaluate(evaluate) => evaluate,
+        other => panic!("{other:?}"),
+    }
+}
+
+/// What is said of an evaluation of `samples` samples with checkpoints trained on 400.
+fn refusal(extra: &Value, samples: u32, models: &[&str]) -> String {
+    let trained_on = data(400);
+    let trainings: Vec<TrainSpec> = models.iter().map(|model| train(model)).collect();
+    let inputs: Vec<Training<'_>> =
+        trainings.iter().map(|spec| Training { spec, data: &trained_on }).collect();
+    match evaluate(extra).check_inputs(&data(samples), &inputs) {
+        Ok(()) => String::new(),
+        Err(error) => error.to_string(),
+    }
+}
+
+#[test]
+fn an_evaluation_needs_samples_for_its_rounds_context_and_horizon() {
+    let shifted = json!({"samplers": [{"steps": [1, 5], "start": "shifted"}]});
+    assert_eq!(refusal(&shifted, 408, &["cdt-tiny"]), "");
+    let error = refusal(&shifted, 400, &["cdt-tiny"]);
+    assert!(error.contains("horizon") || error.contains("samples"), "{error}");
+    let long = json!({"horizon": 80, "rounds": 9});
+    let error = refusal(&long, 408, &[]);
+    assert!(error.contains("rounds is 9") && error.contains("need 409"), "{error}");
+    let error = refusal(&json!({}), 320, &[]);
+    assert!(error.contains("context is 320") && error.contains("which are 320"), "{error}");
+}
+
+#[test]
+fn checkpoints_of_another_length_are_refused_with_both_numbers() {
+    let error = refusal(&json!({"context": 300}), 400, &["cdt-tiny"]);
+    assert!(error.contains("trained with context 320") && error.contains("context 300"), "{error}");
+    let error = refusal(&json!({}), 380, &["cdt-tiny"]);
+    assert!(error.contains("trained with samples 400") && error.contains("samples 380"), "{error}");
+    assert_eq!(refusal(&json!({"horizon": 80}), 500, &["cdt-tiny"]), "");
+}
+
+#[test]
+fn samplers_need_a_denoiser_with_as_many_steps() {
+    let steps = json!({"samplers": [{"kind": "ddim", "steps": [5, 101]}]});
+    let error = refusal(&steps, 400, &["cdt-tiny", "robomorph-tiny"]);
+    assert!(
+        error.contains("101 steps") && error.contains("checkpoints[0], which is 100"),
+        "{error}"
+    );
+    let error = refusal(&steps, 400, &["robomorph-tiny"]);
+    assert!(error.contains("samplers is 1 given"), "{error}");
+    let eta = json!({"samplers": [{"kind": "ddpm", "eta": 0.5}]});
+    let error = refusal(&eta, 400, &["cdt-tiny"]);
+    assert!(error.contains("0.5, for checkpoints[0]") && error.contains("ddim"), "{error}");
+    let twice = json!({"samplers": [{"steps": 5}, {"steps": [1, 5]}]});
+    let error = refusal(&twice, 400, &["cdt-tiny"]);
+    assert!(error.contains("5 cold twice"), "{error}");
 }

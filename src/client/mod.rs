@@ -87,6 +87,13 @@ impl Client {
         self.read(&job)
     }
 
+    /// Submits the spec of a job that failed again.
+    pub async fn retry(&self, id: i64) -> Result<Submitted, ClientError> {
+        let request = self.request(Method::POST, &format!("/v1/jobs/{id}/retry"));
+        let (status, job) = self.send(request).await?;
+        Ok(Submitted { job: self.read(&job)?, existed: status == StatusCode::OK })
+    }
+
     /// Asks for a dataset to be verified; returns the job.
     pub async fn verify(&self, dataset: i64) -> Result<Job, ClientError> {
         let request = self.request(Method::POST, &format!("/v1/datasets/{dataset}/verify"));

@@ -6,6 +6,7 @@ pub mod import;
 pub mod jobs;
 pub mod presets;
 pub mod quickstart;
+pub mod retry;
 pub mod serve;
 pub mod simulate;
 pub mod submit;
@@ -31,6 +32,7 @@ pub async fn run(command: Command, log: &str) -> anyhow::Result<ExitCode> {
         Command::Jobs(arguments) => jobs::run(arguments).await,
         Command::Watch(arguments) => watch::run(arguments).await,
         Command::Cancel(arguments) => cancel::run(arguments).await,
+        Command::Retry(arguments) => retry::run(arguments).await,
         Command::Presets(arguments) => presets::run(arguments).await,
     }
 }

@@ -1,7 +1,7 @@
 use evaluation::{CellSummary, Interval, PredictorInfo, PredictorSummary, Report};
 use spec::Family;
 
-use super::label;
+use super::{degrees, label};
 use crate::table::{Align, Table};
 
 /// RMSE of every predictor in and out of distribution.
@@ -29,21 +29,21 @@ pub fn by_frequency(report: &Report) -> String {
 
 fn family_by_frequency(report: &Report, family: Family) -> Option<String> {
     let cells: Vec<&CellSummary> =
-        report.cells.iter().filter(|cell| cell.family == family).collect();
+        report.cells.iter().filter(|cell| cell.family == Some(family)).collect();
     if cells.is_empty() {
         return None;
     }
     let frequencies = cells.iter().map(|cell| {
         let mark = if cell.in_distribution { "*" } else { " " };
-        (format!("{:.2}{mark}", cell.frequency_hz), Align::Right)
+        (format!("{:.2}{mark}", cell.frequency_hz.unwrap_or_default()), Align::Right)
     });
     let mut table =
         Table::new([(format!("{family}, Hz"), Align::Left)].into_iter().chain(frequencies));
     for predictor in &report.predictors {
         // In line with the frequencies, whose last place is the mark's.
         let errors = cells.iter().map(|cell| error(predictor, &cell.rmse_deg));
-        let errors =
-            errors.map(|error| error.map_or_else(none, |error| format!("{:.2} ", error.mean)));
+        let errors = errors
+            .map(|error| error.map_or_else(none, |error| format!("{} ", degrees(error.mean))));
         table.push(std::iter::once(label(predictor)).chain(errors).collect());
     }
     Some(table.render())
@@ -58,7 +58,7 @@ fn none() -> String {
 }
 
 fn interval(Interval { mean, low, high }: Interval) -> String {
-    format!("{mean:.2} [{low:.2}, {high:.2}]")
+    format!("{} [{}, {}]", degrees(mean), degrees(low), degrees(high))
 }
 
 #[cfg(test)]

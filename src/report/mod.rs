@@ -31,10 +31,33 @@ fn models(report: &Report) -> impl Iterator<Item = &PredictorInfo> {
 
 /// The name to print; says so when the predictor has seen the future it predicts.
 fn label(predictor: &PredictorInfo) -> String {
-    match predictor.normalization {
-        Some(Normalization::PaperLeaky) => format!("{} (paper-leaky)", predictor.name),
-        _ => predictor.name.clone(),
+    let name = &predictor.name;
+    // Checkpoints carry their normalization in their name; reports of the first version did not.
+    if predictor.normalization == Some(Normalization::PaperLeaky) && !name.contains("paper-leaky") {
+        format!("{name} (paper-leaky)")
+    } else if predictor.sees_the_future() && !name.contains("paper-leaky") {
+        format!("{name} (leak: starts with the truth)")
+    } else {
+        name.clone()
     }
+}
+
+/// Hundredths of a degree, or of what is smaller two significant digits, up to six.
+fn degrees(x: f64) -> String {
+    let decimals = match x.abs() {
+        0.0 | 0.1.. => 2,
+        0.01.. => 3,
+        0.001.. => 4,
+        1e-4.. => 5,
+        _ => 6,
+    };
+    format!("{x:.decimals$}")
+}
+
+/// A difference with its sign.
+fn signed_degrees(x: f64) -> String {
+    let sign = if x < 0.0 { "-" } else { "+" };
+    format!("{sign}{}", degrees(x.abs()))
 }
 
 #[cfg(test)]

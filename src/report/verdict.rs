@@ -1,18 +1,32 @@
-use evaluation::{Interval, PairedDifference, Report};
+use evaluation::{Interval, PairedDifference, PredictorKind, PredictorSummary, Report};
 
-use super::models;
+use super::{degrees, models, signed_degrees};
 
-/// How each trained model stands against the damped integrator and against holding the last
-/// position, from differences on the same scenarios: a sentence each.
+/// How each trained model stands against the strongest baseline, against the damped integrator and
+/// against holding the last position, from differences on the same scenarios: a sentence each.
 ///
 /// A difference counts when its 95 % interval leaves zero out.
 pub fn verdicts(report: &Report) -> Vec<String> {
     models(report).filter_map(|model| verdict(report, &model.name)).collect()
 }
 
+/// The baseline with the lowest error in the first group, which is in distribution if there is one.
+fn strongest(report: &Report) -> Option<&str> {
+    let is_baseline = |rmse: &&PredictorSummary| {
+        let mut infos = report.predictors.iter();
+        infos.any(|it| it.kind == PredictorKind::Baseline && it.name == rmse.predictor)
+    };
+    let errors = report.groups.first()?.rmse_deg.iter().filter(is_baseline);
+    let best = errors.min_by(|a, b| a.interval.mean.total_cmp(&b.interval.mean))?;
+    Some(&best.predictor)
+}
+
 fn verdict(report: &Report, model: &str) -> Option<String> {
-    let clauses: Vec<String> = ["damped-integrator", "hold-last"]
+    let plain = ["damped-integrator", "hold-last"];
+    let strongest = strongest(report).filter(|name| !plain.contains(name));
+    let clauses: Vec<String> = strongest
         .into_iter()
+        .chain(plain)
         .filter_map(|against| clause(report, model, against))
         .collect();
     if clauses.is_empty() {
@@ -49,16 +63,16 @@ fn clause(report: &Report, model: &str, against: &str) -> Option<String> {
 fn in_group(paired: &PairedDifference, standing: Standing) -> String {
     let Interval { mean, low, high } = paired.difference_deg;
     let group = &paired.group;
-    match standing {
-        Standing::Better => {
-            let (mean, low, high) = (-mean, -high, -low);
-            format!("{group} (by {mean:.2}°, 95 % CI {low:.2}° to {high:.2}°)")
-        }
-        Standing::Worse => format!("{group} (by {mean:.2}°, 95 % CI {low:.2}° to {high:.2}°)"),
-        Standing::NotClear => {
-            format!("{group} (difference {mean:+.2}°, 95 % CI {low:+.2}° to {high:+.2}°)")
-        }
+    let (mean, low, high) = match standing {
+        Standing::Better => (-mean, -high, -low),
+        Standing::Worse | Standing::NotClear => (mean, low, high),
+    };
+    if standing == Standing::NotClear {
+        let [mean, low, high] = [mean, low, high].map(signed_degrees);
+        return format!("{group} (difference {mean}°, 95 % CI {low}° to {high}°)");
     }
+    let [mean, low, high] = [mean, low, high].map(degrees);
+    format!("{group} (by {mean}°, 95 % CI {low}° to {high}°)")
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -103,6 +117,32 @@ mod tests {
              distribution (by 5.50°, 95 % CI 5.00° to 6.00°) and out of distribution (by 5.50°, \
              95 % CI 5.00° to 6.00°)."]
         );
+    }
+
+    #[test]
+    fn the_strongest_baseline_comes_first_with_the_digits_that_matter() {
+        let mut report = example();
+        let identification = PredictorSummary {
+            predictor: "identification".to_owned(),
+            interval: Interval { mean: 0.0009, low: 0.0008, high: 0.001 },
+        };
+        let info = evaluation::PredictorInfo {
+            name: "identification".to_owned(),
+            ..report.predictors[0].clone()
+        };
+        report.predictors.insert(2, info);
+        report.groups[0].rmse_deg.push(identification);
+        let difference_deg = Interval { mean: 0.0042, low: 0.003, high: 0.005 };
+        report.paired.push(PairedDifference {
+            against: "identification".to_owned(),
+            difference_deg,
+            ..report.paired[0].clone()
+        });
+        let text = verdicts(&report).concat();
+        let expected = "robomorph is worse than identification in distribution (by 0.0042°, \
+                        95 % CI 0.0030° to 0.0050°); it is ";
+        assert!(text.starts_with(expected), "{text}");
+        assert!(super::super::error_table::by_group(&report).contains("0.00090 [0.00080, 0.0010]"));
     }
 
     #[test]

@@ -1,5 +1,8 @@
 //! Artifacts: files that a run leaves, such as figures and reports.
 
+use std::collections::BTreeMap;
+
+use arrow::array::RecordBatch;
 use bytes::Bytes;
 use spec::Digest;
 use sqlx::sqlite::SqliteRow;
@@ -8,6 +11,8 @@ use sqlx::{FromRow, Row};
 use crate::clock::now;
 use crate::database::integer;
 use crate::{Fence, RunId, Store, StoreError, StoredObject, Timestamp, jobs, leases, object_path};
+
+const COMMIT: &str = "committing an artifact";
 
 #[derive(Clone, Debug)]
 pub struct Artifact {
@@ -21,7 +26,7 @@ pub struct Artifact {
 
 #[derive(Clone, Debug)]
 pub struct NewArtifact<'a> {
-    /// E.g. `rmse.svg`; replaces what the run has under this name.
+    /// E.g. `rmse-multisine.svg`; replaces what the run has under this name.
     pub name: &'a str,
     pub media_type: &'a str,
     pub bytes: Bytes,
@@ -37,21 +42,62 @@ impl Store {
         fence: Fence,
         artifact: NewArtifact<'_>,
     ) -> Result<(), StoreError> {
-        const OPERATION: &str = "committing an artifact";
-        let failed = StoreError::database(OPERATION);
-        let mut conn = self.database().reader().acquire().await.map_err(&failed)?;
-        let run = leases::check_run(&mut conn, fence).await?;
-        drop(conn);
+        let run = self.run_of(fence).await?;
         let digest = Digest::of(&artifact.bytes);
         let path = object_path::artifact(run, fence.epoch, &digest, artifact.name);
         let object = self.put_object(&path, artifact.bytes).await?;
+        self.commit_artifact(fence, run, artifact.name, artifact.media_type, &object).await
+    }
 
-        let mut tx = self.database().write(OPERATION).await?;
+    /// Writes, publishes and commits a Parquet table as a file of the run of the fence's job, which
+    /// it returns. `footer` goes into the file's key-value metadata.
+    ///
+    /// # Errors
+    /// [`StoreError::LeaseLost`] when the lease is lost; nothing is visible then. A full disk.
+    pub async fn put_table(
+        &self,
+        fence: Fence,
+        name: &str,
+        batches: Vec<RecordBatch>,
+        footer: &BTreeMap<String, String>,
+    ) -> Result<RunId, StoreError> {
+        let run = self.run_of(fence).await?;
+        let Some(schema) = batches.first().map(RecordBatch::schema) else { return Ok(run) };
+        let path = object_path::table(run, fence.epoch, name);
+        let mut writer = self.write_table(&path, schema, footer).await?;
+        let written = tokio::task::spawn_blocking(move || {
+            batches.into_iter().try_for_each(|batch| writer.write(batch))?;
+            writer.finish()
+        });
+        let object = written
+            .await
+            .map_err(|error| StoreError::file("writing", &path)(std::io::Error::other(error)))??;
+        self.commit_artifact(fence, run, name, "application/vnd.apache.parquet", &object).await?;
+        Ok(run)
+    }
+
+    async fn run_of(&self, fence: Fence) -> Result<RunId, StoreError> {
+        let failed = StoreError::database(COMMIT);
+        let mut conn = self.database().reader().acquire().await.map_err(&failed)?;
+        leases::check_run(&mut conn, fence).await
+    }
+
+    /// The row that makes a published object an artifact.
+    async fn commit_artifact(
+        &self,
+        fence: Fence,
+        run: RunId,
+        name: &str,
+        media_type: &str,
+        object: &StoredObject,
+    ) -> Result<(), StoreError> {
+        let failed = StoreError::database(COMMIT);
+        let mut tx = self.database().write(COMMIT).await?;
         leases::check(&mut tx, fence).await?;
         let replaced: Option<String> =
             sqlx::query_scalar("SELECT path FROM artifact WHERE run = ? AND name = ?")
                 .bind(run)
-                .bind(artifact.name)
+                .bind(name)
                 .fetch_optional(&mut *tx)
                 .await
                 .map_err(&failed)?;
@@ -64,8 +110,8 @@ impl Store {
             "created_at = excluded.created_at"
         ))
         .bind(run)
-        .bind(artifact.name)
-        .bind(artifact.media_type)
+        .bind(name)
+        .bind(media_type)
         .bind(&object.path)
         .bind(integer(object.size))
         .bind(object.sha256.to_string())
@@ -73,7 +119,8 @@ impl Store {
         .await
         .map_err(&failed)?;
         tx.commit().await.map_err(&failed)?;
-        self.objects().delete(replaced.into_iter().filter(|old| *old != path).collect()).await;
+        let outdated = replaced.into_iter().filter(|old| *old != object.path).collect();
+        self.objects().delete(outdated).await;
         Ok(())
     }
 

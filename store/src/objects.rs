@@ -41,6 +41,11 @@ pub mod object_path {
     pub fn artifact(run: RunId, epoch: Epoch, digest: &Digest, name: &str) -> String {
         format!("runs/{run}/{}-e{epoch}-{name}", digest.short())
     }
+
+    /// A table of a run is written once under a lease, and its digest is known at its end only.
+    pub fn table(run: RunId, epoch: Epoch, name: &str) -> String {
+        format!("runs/{run}/table-e{epoch}-{name}")
+    }
 }
 
 /// An object that was published.

@@ -46,15 +46,17 @@ pub(crate) async fn after_task(conn: &mut SqliteConnection, job: JobId) -> Resul
     finish(conn, job, state, None).await
 }
 
-/// Makes the first tasks of a queued job claimable.
+/// Makes the first tasks of a queued job claimable; some may be done, taken over from another job.
 pub(crate) async fn queue_first_stage(
     conn: &mut SqliteConnection,
     job: JobId,
 ) -> Result<(), sqlx::Error> {
-    let stage: i64 = sqlx::query_scalar("SELECT COALESCE(MIN(stage), 0) FROM task WHERE job = ?")
-        .bind(job)
-        .fetch_one(&mut *conn)
-        .await?;
+    let stage: i64 = sqlx::query_scalar(
+        "SELECT COALESCE(MIN(stage), 0) FROM task WHERE job = ? AND state = 'waiting'",
+    )
+    .bind(job)
+    .fetch_one(&mut *conn)
+    .await?;
     queue_stage(conn, job, stage).await
 }
 

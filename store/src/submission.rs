@@ -66,7 +66,8 @@ pub struct NewMember {
 /// Whether a job that was already asked for stands in for a new one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Reuse {
-    /// One of the same digest that succeeded or still may.
+    /// One of the same digest that succeeded or still may. An evaluation takes over the cells of one
+    /// that failed.
     SameDigest,
     Never,
 }
@@ -282,6 +283,9 @@ async fn submit_job(
     }
     insert_tasks(conn, job, new).await.map_err(&failed)?;
     insert_results(conn, job, &new.spec).await.map_err(&failed)?;
+    if reuse == Reuse::SameDigest && new.spec.kind() == JobKind::Evaluate {
+        take_over_tasks(conn, job, new.spec.digest()).await.map_err(&failed)?;
+    }
     if !unmet {
         queue_first_stage(conn, job).await.map_err(&failed)?;
     }
@@ -373,6 +377,31 @@ async fn insert_tasks(
         .execute(&mut *conn)
         .await?;
     }
+    Ok(())
+}
+
+/// Completes the tasks of a new job that an earlier one of the same digest completed, though it failed
+/// or was cancelled later: the same digest is the same result. What they left lies in its run. The
+/// last stage is always done again, for what it leaves belongs to the new job's run.
+async fn take_over_tasks(
+    conn: &mut SqliteConnection,
+    job: JobId,
+    digest: Digest,
+) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "UPDATE task SET state = 'succeeded', done = task.total, result = made.result, \
+         worker = made.worker, started_at = made.started_at, finished_at = made.finished_at \
+         FROM (SELECT task.*, MAX(task.id) FROM task JOIN job ON job.id = task.job \
+               WHERE job.digest = ?2 AND job.id <> ?1 AND task.state = 'succeeded' \
+               AND task.result IS NOT NULL GROUP BY task.stage, task.ordinal) AS made \
+         WHERE task.job = ?1 AND task.stage = made.stage AND task.ordinal = made.ordinal \
+         AND task.payload = made.payload \
+         AND task.stage < (SELECT MAX(stage) FROM task WHERE job = ?1)",
+    )
+    .bind(job)
+    .bind(digest.to_string())
+    .execute(conn)
+    .await?;
     Ok(())
 }
 

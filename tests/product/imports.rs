@@ -64,10 +64,12 @@ async fn the_worked_example_becomes_a_dataset_that_trains() {
     assert_eq!(training["progress"]["done"], 20);
 
     let evaluation = json!({"kind": "evaluate", "data": {"dataset": id}, "context": 40});
-    let (status, problem) = product.post("/v1/jobs", evaluation.to_string()).await;
-    assert_eq!(status, StatusCode::UNPROCESSABLE_ENTITY);
-    assert_eq!(problem["violations"][0]["field"], "data", "{problem}");
-    assert!(problem["detail"].as_str().unwrap().contains("frequency grid"), "{problem}");
+    let evaluation = product.submit(&evaluation).await;
+    product.succeeded(evaluation).await;
+    let report = product.get(&format!("/v1/evaluations/{evaluation}")).await["report"].clone();
+    assert_eq!(report["groups"][0]["name"], "all scenarios", "{report:#}");
+    let [cell] = report["cells"].as_array().unwrap().as_slice() else { panic!("one cell") };
+    assert_eq!((&cell["scenarios"], &cell["frequency_hz"]), (&json!(16), &Value::Null));
 
     let verified = product.post(&format!("/v1/datasets/{id}/verify"), "").await.1;
     product.succeeded(verified["id"].as_i64().unwrap()).await;

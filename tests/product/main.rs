@@ -15,4 +15,5 @@ mod quickstart;
 mod shards;
 mod stopping;
 mod streams;
+mod sweeps;
 mod trainings;

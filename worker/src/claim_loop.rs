@@ -137,8 +137,7 @@ fn work(attempt: &Attempt) -> Result<(), TaskError> {
     match attempt.task.kind {
         JobKind::Simulate => simulate::shard(attempt),
         JobKind::Train => train::train(attempt),
-        JobKind::Evaluate if attempt.task.stage == 0 => evaluate::cell(attempt),
-        JobKind::Evaluate => evaluate::report(attempt),
+        JobKind::Evaluate => evaluate::evaluate(attempt),
         JobKind::Import => import::import(attempt),
         JobKind::Verify => verify::shard(attempt),
         JobKind::Pipeline => Err(TaskError::Panicked("a pipeline has no tasks".to_owned())),

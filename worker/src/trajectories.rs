@@ -61,6 +61,14 @@ impl TrajectorySource {
         }
     }
 
+    /// Trajectories in all; `None` of a stream, which has no last.
+    pub fn count(&self) -> Option<u64> {
+        match self {
+            Self::Dataset(dataset) => Some(dataset.count()),
+            Self::Stream(_) => None,
+        }
+    }
+
     /// Trajectories in the order of their indices.
     pub fn read(&self, attempt: &Attempt, range: Range<u64>) -> Result<Series, TaskError> {
         match self {

@@ -29,7 +29,7 @@ pub struct Evaluation {
     #[schema(value_type = Option<Report>)]
     pub report: Option<Value>,
     pub cells: Vec<CellTask>,
-    /// The report, its table and its figure.
+    /// The table of each cell; the report, the table of all scenarios, and figures with their tables.
     pub artifacts: Vec<Artifact>,
     pub created_at: String,
 }
@@ -42,6 +42,8 @@ pub struct CellTask {
     pub label: String,
     #[schema(value_type = String, example = "succeeded")]
     pub state: TaskState,
+    /// Why it failed, or its last attempt did.
+    pub error: Option<String>,
 }
 
 #[derive(Clone, Debug, Serialize, ToSchema)]
@@ -92,6 +94,7 @@ impl App {
             task: task.id.0,
             label: task.label,
             state: task.state,
+            error: task.error,
         });
         Ok(Evaluation {
             cells: cells.collect(),

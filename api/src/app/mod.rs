@@ -39,9 +39,11 @@ pub use evaluations::{CellTask, Evaluation, Evaluations};
 pub use files::{Download, StoredFile};
 pub use jobs::{Job, JobFilter, JobState, Jobs, Member, Progress, Task, TaskState, Tasks};
 pub use paging::Paging;
-pub use report::{Interval, PairedDifference, PredictorKind, Report, ReportedPredictor, Rmse};
-pub use runs::{LatestMetric, Metric, Run, Runs};
-pub use submission::Reuse;
+pub use report::{
+    Interval, PairedDifference, PredictorKind, Report, ReportedFailure, ReportedPredictor, Rmse,
+};
+pub use runs::{Artifact, LatestMetric, Metric, Run, Runs};
+pub use submission::{Reuse, Submitted};
 pub use summaries::{ChannelSummary, Summary};
 pub use trajectories::{StoredTrajectory, Trajectory};
 pub use verifications::Verification;

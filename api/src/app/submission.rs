@@ -3,7 +3,7 @@
 use serde::de::IgnoredAny;
 use serde_json::json;
 use spec::{Digest, JobSpec, PipelineMember, PipelineSpec, SpecError};
-use store::{Idempotency, Need, NewJob, NewMember, NewPipeline, Submission};
+use store::{Idempotency, JobId, JobState, Need, NewJob, NewMember, NewPipeline, Submission};
 
 use crate::app::references::{References, Resolved};
 use crate::app::tasks::Plan;
@@ -38,6 +38,24 @@ impl App {
             request: Digest::of_json(&json!([Digest::of(text), reuse == Reuse::Never])),
         });
         self.submit_spec(&spec, reuse, idempotency).await
+    }
+
+    /// Submits the spec of a job that failed or was cancelled again. What succeeded is not done again:
+    /// the jobs of a pipeline, and the cells of an evaluation.
+    ///
+    /// # Errors
+    /// [`ApiError::NotFailed`] for any other job; [`ApiError::Spec`] when what it refers to is gone.
+    pub async fn retry(&self, id: i64) -> Result<Submitted, ApiError> {
+        let job = self.store.job(JobId(id)).await?;
+        if !matches!(job.state, JobState::Failed | JobState::Cancelled) {
+            return Err(ApiError::NotFailed { id, state: job.state });
+        }
+        let text = job.spec.to_string();
+        let mut spec = spec::parse(text.as_bytes())?;
+        if let JobSpec::Pipeline(pipeline) = &mut spec {
+            pipeline.name_siblings();
+        }
+        self.submit_spec(&spec, Reuse::SameDigest, None).await
     }
 
     pub(super) async fn submit_spec(

@@ -1,7 +1,7 @@
 //! The pieces of a job that workers lease.
 
 use serde_json::{Value, json};
-use spec::{DataSpec, JobSpec, SimulateSpec, SpecError};
+use spec::{DataSpec, EvaluateSpec, JobSpec, SimulateSpec, SpecError};
 use store::{DatasetId, NewTask};
 
 use crate::limits::TASKS_PER_JOB;
@@ -30,7 +30,7 @@ impl Plan {
                 let task = task(0, 0, "train".to_owned(), json!({}), spec.steps);
                 Ok(Self { unit: "steps", tasks: vec![task] })
             }
-            (JobSpec::Evaluate(_), Some(data)) => Ok(Self::of_evaluation(data)),
+            (JobSpec::Evaluate(spec), Some(data)) => Ok(Self::of_evaluation(spec, data)),
             (JobSpec::Import(_), _) => {
                 let task = task(0, 0, "import".to_owned(), json!({}), 0);
                 Ok(Self { unit: "trajectories", tasks: vec![task] })
@@ -80,14 +80,22 @@ impl Plan {
         Self { unit: "trajectories", tasks: (0..shards).map(task).collect() }
     }
 
-    /// One task per cell, and the report over all of them.
-    fn of_evaluation(data: &DataSpec) -> Self {
-        let cells = (0u32..).zip(data.cells()).map(|(k, cell)| {
-            let label = format!("{} {} Hz", cell.family, cell.frequency_hz);
-            task(0, k, label, json!({"cell": k}), cell.count)
-        });
-        let report = task(1, 0, "report".to_owned(), json!({}), 0);
-        Self { unit: "scenarios", tasks: cells.chain([report]).collect() }
+    /// One task per cell; when no other of them runs, one that measures latencies, if it is asked for;
+    /// and the report over all of them.
+    fn of_evaluation(spec: &EvaluateSpec, data: &DataSpec) -> Self {
+        let cells = spec.cells(data);
+        let mut tasks: Vec<NewTask> = (0u32..)
+            .zip(cells)
+            .map(|(k, cell)| task(0, k, cell.to_string(), json!({"cell": k}), cell.count))
+            .collect();
+        let report = if spec.latency.is_some() {
+            tasks.push(task(1, 0, "latency".to_owned(), json!({"latency": true}), 0));
+            2
+        } else {
+            1
+        };
+        tasks.push(task(report, 0, "report".to_owned(), json!({}), 0));
+        Self { unit: "scenarios", tasks }
     }
 }
 

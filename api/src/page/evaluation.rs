@@ -4,7 +4,7 @@ use askama::Template;
 use axum::extract::State;
 use axum::response::Response;
 
-use crate::app::{App, CellTask, JobState};
+use crate::app::{App, Artifact, CellTask, JobState};
 use crate::extract::Path;
 use crate::page::parts::{Bar, when};
 use crate::page::report::ReportView;
@@ -15,7 +15,6 @@ use crate::page::{InPage, PageError, html, text};
 #[template(path = "evaluation.html")]
 struct EvaluationPage {
     id: i64,
-    run: i64,
     name: String,
     state: JobState,
     when: String,
@@ -24,10 +23,17 @@ struct EvaluationPage {
     error: String,
     progress: Option<Bar>,
     report: Option<ReportView>,
-    has_figure: bool,
+    can_retry: bool,
+    figures: Vec<FigureView>,
     artifacts: Vec<ArtifactLink>,
     cells: Vec<CellTask>,
     spec: String,
+}
+
+/// A drawing among the artifacts.
+struct FigureView {
+    url: String,
+    alt: String,
 }
 
 struct ArtifactLink {
@@ -45,7 +51,6 @@ pub async fn show(
     let report = evaluation.read_report();
     let page = EvaluationPage {
         id,
-        run: evaluation.run,
         name: job.name.clone(),
         state: job.state,
         when: when(&job),
@@ -54,7 +59,8 @@ pub async fn show(
         error: job.error.clone().unwrap_or_default(),
         progress: Bar::of(job.state, &job.progress),
         report: report.as_ref().map(ReportView::new),
-        has_figure: evaluation.artifacts.iter().any(|artifact| artifact.name == "rmse.svg"),
+        can_retry: matches!(job.state, JobState::Failed | JobState::Cancelled),
+        figures: figures(&evaluation.artifacts),
         artifacts: evaluation
             .artifacts
             .into_iter()
@@ -68,4 +74,31 @@ pub async fn show(
         spec: spec_text(&job.spec),
     };
     Ok(html(&page)?)
+}
+
+fn figures(artifacts: &[Artifact]) -> Vec<FigureView> {
+    artifacts
+        .iter()
+        .filter_map(|artifact| {
+            let name = artifact.name.strip_suffix(".svg")?;
+            let (kind, of) = name.split_once('-').unwrap_or((name, ""));
+            let what = match kind {
+                "rmse" => "RMSE in degrees of each predictor over the frequency",
+                "crps" => "CRPS in degrees of each predictor with samples over the frequency",
+                "horizon" => "RMSE in degrees of each predictor at each step of the horizon",
+                "steps" => "RMSE in degrees over the steps of the sampler, by what it starts with",
+                "calibration" => {
+                    "Share of positions inside central intervals over their probability"
+                }
+                "latency" => "Time of one prediction over the steps of the sampler",
+                _ => "A figure",
+            };
+            let of = of.replace('-', " ");
+            let alt = format!(
+                "{what}{}{of}; the file .csv holds the same numbers.",
+                if of.is_empty() { "" } else { ": " }
+            );
+            Some(FigureView { url: artifact.url.clone(), alt })
+        })
+        .collect()
 }

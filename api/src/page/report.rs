@@ -1,12 +1,21 @@
 //! The report of an evaluation as tables.
 
-use spec::Normalization;
+use spec::{Family, Normalization};
 
-use crate::app::{Interval, PairedDifference, PredictorKind, Report, ReportedPredictor, Rmse};
+use crate::app::{
+    Interval, PairedDifference, PredictorKind, Report, ReportedFailure, ReportedPredictor, Rmse,
+};
 use crate::page::text;
 
 pub struct ReportView {
     pub setting: String,
+    /// That there are latencies, and what they depend on.
+    pub latency_note: String,
+    pub failures: Vec<FailureRow>,
+    /// Rows of what several samples are worth, by group.
+    pub distributions: Vec<DistributionRow>,
+    pub latencies: Vec<LatencyRow>,
+    pub worst: Vec<WorstRow>,
     pub predictors: Vec<String>,
     /// Column headings of the summary: each group with its number of scenarios.
     pub groups: Vec<String>,
@@ -19,6 +28,37 @@ pub struct SummaryRow {
     pub predictor: String,
     pub remark: String,
     pub values: Vec<Cell>,
+}
+
+pub struct FailureRow {
+    pub predictor: String,
+    pub cell: String,
+    pub text: String,
+}
+
+pub struct DistributionRow {
+    pub predictor: String,
+    pub group: String,
+    pub crps: String,
+    pub energy_score: String,
+    pub mean_rmse: String,
+    /// Coverage and width of each interval.
+    pub intervals: Vec<String>,
+}
+
+pub struct LatencyRow {
+    pub predictor: String,
+    pub median_ms: String,
+    pub p99_ms: String,
+}
+
+/// The worst scenario of a predictor.
+pub struct WorstRow {
+    pub predictor: String,
+    pub cell: String,
+    pub trajectory: u64,
+    pub seed: String,
+    pub rmse: String,
 }
 
 pub struct CellRow {
@@ -48,11 +88,16 @@ pub struct Cell {
 
 impl ReportView {
     pub fn new(report: &Report) -> Self {
-        let names: Vec<&str> = report.predictors.iter().map(|it| it.name.as_str()).collect();
+        let predictors = &report.predictors;
         let by_group: Vec<Vec<Cell>> =
-            report.groups.iter().map(|group| row(&names, &group.rmse_deg)).collect();
+            report.groups.iter().map(|group| row(predictors, &group.rmse_deg)).collect();
         Self {
             setting: setting(report),
+            latency_note: latency_note(report),
+            failures: report.failures.iter().map(FailureRow::new).collect(),
+            distributions: distributions(report),
+            latencies: report.predictors.iter().filter_map(LatencyRow::of).collect(),
+            worst: worst(report),
             predictors: report.predictors.iter().map(|it| it.name.clone()).collect(),
             groups: report
                 .groups
@@ -65,11 +110,11 @@ impl ReportView {
                 .cells
                 .iter()
                 .map(|cell| CellRow {
-                    family: cell.family.to_string(),
-                    frequency_hz: cell.frequency_hz.to_string(),
+                    family: cell.family.map_or("all".to_owned(), |family| family.to_string()),
+                    frequency_hz: cell.frequency_hz.map_or("–".to_owned(), |hz| hz.to_string()),
                     in_distribution: cell.in_distribution,
                     scenarios: cell.scenarios,
-                    values: row(&names, &cell.rmse_deg),
+                    values: row(predictors, &cell.rmse_deg),
                 })
                 .collect(),
         }
@@ -102,16 +147,101 @@ fn setting(report: &Report) -> String {
     )
 }
 
-/// The values of `found` in the order of `predictors`, the best of them marked.
-fn row(predictors: &[&str], found: &[Rmse]) -> Vec<Cell> {
-    let lowest = found.iter().map(|rmse| rmse.mean).fold(f64::INFINITY, f64::min);
+fn cell_name(family: Option<Family>, frequency_hz: Option<f64>) -> String {
+    match (family, frequency_hz) {
+        (Some(family), Some(frequency_hz)) => format!("{family} {frequency_hz} Hz"),
+        _ => "all scenarios".to_owned(),
+    }
+}
+
+fn latency_note(report: &Report) -> String {
+    let Some(latency) = report.predictors.iter().find_map(|it| it.latency.as_ref()) else {
+        return String::new();
+    };
+    let load = latency.load.map_or(String::new(), |load| format!(", load {load} before"));
+    format!(
+        "One prediction of one robot, {} times each, on {} with {} threads{load}. These numbers are the \
+         machine's as much as the predictors': they differ whenever they are measured.",
+        latency.repeats, latency.device, latency.threads,
+    )
+}
+
+fn distributions(report: &Report) -> Vec<DistributionRow> {
+    let rows = report.groups.iter().flat_map(|group| {
+        group.scores.iter().filter_map(|scores| {
+            let shown = |it: &Option<Interval>| {
+                it.map_or("–".to_owned(), |Interval { mean, .. }| text::degrees(mean))
+            };
+            scores.crps_deg?;
+            let intervals = scores.intervals.iter().map(|it| {
+                let (nominal, coverage) = (100.0 * it.nominal, 100.0 * it.coverage.mean);
+                let width = text::degrees(it.width_deg.mean);
+                format!("{nominal:.0} %: {coverage:.0} % inside, {width}° wide")
+            });
+            Some(DistributionRow {
+                predictor: scores.predictor.clone(),
+                group: group.name.clone(),
+                crps: shown(&scores.crps_deg),
+                energy_score: shown(&scores.energy_score_deg),
+                mean_rmse: shown(&scores.mean_rmse_deg),
+                intervals: intervals.collect(),
+            })
+        })
+    });
+    rows.collect()
+}
+
+/// Of each predictor the worst, which comes first.
+fn worst(report: &Report) -> Vec<WorstRow> {
+    let of = |info: &ReportedPredictor| {
+        let case = report.worst.iter().find(|case| case.predictor == info.name)?;
+        Some(WorstRow {
+            predictor: case.predictor.clone(),
+            cell: cell_name(case.family, case.frequency_hz),
+            trajectory: case.trajectory,
+            seed: case.seed.map_or("recorded".to_owned(), |seed| seed.to_string()),
+            rmse: text::degrees(case.rmse_deg),
+        })
+    };
+    report.predictors.iter().filter_map(of).collect()
+}
+
+impl FailureRow {
+    fn new(failure: &ReportedFailure) -> Self {
+        let ReportedFailure { scenarios, first, reason, .. } = failure;
+        Self {
+            predictor: failure.predictor.clone(),
+            cell: cell_name(failure.family, failure.frequency_hz),
+            text: format!("no answer to {scenarios} scenarios, first trajectory {first}: {reason}"),
+        }
+    }
+}
+
+impl LatencyRow {
+    fn of(predictor: &ReportedPredictor) -> Option<Self> {
+        let latency = predictor.latency.as_ref()?;
+        Some(Self {
+            predictor: predictor.name.clone(),
+            median_ms: text::value(latency.median_ms),
+            p99_ms: text::value(latency.p99_ms),
+        })
+    }
+}
+
+/// The values of `found` in the order of `predictors`, the best marked of those that are not told the
+/// future.
+fn row(predictors: &[ReportedPredictor], found: &[Rmse]) -> Vec<Cell> {
+    let of =
+        |predictor: &ReportedPredictor| found.iter().find(|rmse| rmse.predictor == predictor.name);
+    let honest = || predictors.iter().filter(|it| !it.sees_the_future());
+    let lowest = honest().filter_map(of).map(|rmse| rmse.mean).fold(f64::INFINITY, f64::min);
     predictors
         .iter()
-        .map(|name| match found.iter().find(|rmse| rmse.predictor == *name) {
+        .map(|predictor| match of(predictor) {
             Some(rmse) => Cell {
                 mean: text::degrees(rmse.mean),
                 interval: interval(rmse.low, rmse.high),
-                best: rmse.mean <= lowest,
+                best: rmse.mean <= lowest && !predictor.sees_the_future(),
             },
             None => Cell { mean: "–".to_owned(), interval: String::new(), best: false },
         })
@@ -140,12 +270,13 @@ fn transpose(predictors: &[ReportedPredictor], by_group: Vec<Vec<Cell>>) -> Vec<
 }
 
 fn remark(predictor: &ReportedPredictor) -> &'static str {
-    match (predictor.kind, predictor.normalization) {
-        (PredictorKind::Baseline, _) => "baseline",
-        (PredictorKind::Checkpoint, Some(Normalization::PaperLeaky)) => {
+    match predictor.kind {
+        PredictorKind::Baseline => "baseline",
+        PredictorKind::Checkpoint if !predictor.sees_the_future() => "",
+        PredictorKind::Checkpoint if predictor.normalization == Some(Normalization::PaperLeaky) => {
             "sees the future: paper-leaky normalization"
         }
-        (PredictorKind::Checkpoint, _) => "",
+        PredictorKind::Checkpoint => "sees the future: starts with the truth",
     }
 }
 
@@ -176,7 +307,8 @@ pub fn headline(report: &Report) -> String {
     let Some(group) = report.groups.first() else { return String::new() };
     let best = |kind: PredictorKind| {
         let of_kind = |rmse: &&Rmse| {
-            report.predictors.iter().any(|it| it.kind == kind && it.name == rmse.predictor)
+            let of_kind = |it: &&ReportedPredictor| it.kind == kind && !it.sees_the_future();
+            report.predictors.iter().filter(of_kind).any(|it| it.name == rmse.predictor)
         };
         group.rmse_deg.iter().filter(of_kind).min_by(|a, b| a.mean.total_cmp(&b.mean))
     };

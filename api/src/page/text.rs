@@ -91,14 +91,25 @@ pub fn instant(time: &str) -> String {
     format!("{} UTC", seconds.replace('T', " "))
 }
 
-/// An angle in degrees; a hundredth of a degree is less than any interval reported here.
+/// An angle in degrees: hundredths, or of what is smaller two significant digits.
 pub fn degrees(x: f64) -> String {
-    format!("{x:.2}")
+    format!("{x:.*}", decimals(x))
 }
 
 /// A difference of angles in degrees, with its sign.
 pub fn signed_degrees(x: f64) -> String {
-    format!("{x:+.2}").replace('-', "\u{2212}")
+    format!("{x:+.*}", decimals(x)).replace('-', "\u{2212}")
+}
+
+/// Two, and as many more as a value below 0.1 needs to show two digits, up to six.
+fn decimals(x: f64) -> usize {
+    match x.abs() {
+        0.0 | 0.1.. => 2,
+        0.01.. => 3,
+        0.001.. => 4,
+        1e-4.. => 5,
+        _ => 6,
+    }
 }
 
 #[cfg(test)]
@@ -148,6 +159,15 @@ mod tests {
     fn an_instant_is_told_to_the_second() {
         assert_eq!(instant("2026-11-21T11:10:34.123Z"), "2026-11-21 11:10:34 UTC");
         assert_eq!(instant("2026-11-21T11:10:34Z"), "2026-11-21 11:10:34 UTC");
+    }
+
+    #[test]
+    fn small_angles_keep_two_digits() {
+        let cases = [(0.0, "0.00"), (1.258, "1.26"), (0.0009, "0.00090"), (0.0337, "0.034")];
+        for (x, text) in cases {
+            assert_eq!(degrees(x), text);
+        }
+        assert_eq!(signed_degrees(-0.0042), "\u{2212}0.0042");
     }
 
     #[test]

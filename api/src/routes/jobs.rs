@@ -9,7 +9,7 @@ use serde::Deserialize;
 use spec::{JobKind, JobSpec};
 use utoipa::IntoParams;
 
-use crate::app::{App, Job, JobFilter, JobState, Jobs, Paging, Reuse, Tasks};
+use crate::app::{App, Job, JobFilter, JobState, Jobs, Paging, Reuse, Submitted, Tasks};
 use crate::error::ApiError;
 use crate::extract::{IdempotencyKey, JsonBytes, Path, Query};
 
@@ -59,10 +59,29 @@ pub async fn submit(
     JsonBytes(body): JsonBytes,
 ) -> Result<Response, ApiError> {
     let reuse = if parameters.force { Reuse::Never } else { Reuse::SameDigest };
-    let submitted = app.submit(&body, reuse, key).await?;
+    Ok(answer(app.submit(&body, reuse, key).await?))
+}
+
+fn answer(submitted: Submitted) -> Response {
     let status = if submitted.created { StatusCode::CREATED } else { StatusCode::OK };
     let location = format!("/v1/jobs/{}", submitted.job.id);
-    Ok((status, [(LOCATION, location)], Json(submitted.job)).into_response())
+    (status, [(LOCATION, location)], Json(submitted.job)).into_response()
+}
+
+/// Submit the spec of a job that failed or was cancelled again. What succeeded is not done again: jobs
+/// of a pipeline, and cells of an evaluation.
+#[utoipa::path(
+    post,
+    path = "/v1/jobs/{id}/retry",
+    tag = "jobs",
+    params(("id" = i64, Path)),
+    responses(
+        (status = 201, body = Job, headers(("Location" = String))),
+        (status = 200, body = Job, description = "The spec is being tried again already"),
+    ),
+)]
+pub async fn retry(State(app): State<App>, Path(id): Path<i64>) -> Result<Response, ApiError> {
+    Ok(answer(app.retry(id).await?))
 }
 
 /// Jobs and pipelines, newest first.

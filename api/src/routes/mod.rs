@@ -79,6 +79,7 @@ fn operations() -> OpenApiRouter<App> {
         .routes(routes!(jobs::list, jobs::submit))
         .routes(routes!(jobs::show))
         .routes(routes!(jobs::cancel))
+        .routes(routes!(jobs::retry))
         .routes(routes!(jobs::tasks))
         .routes(routes!(datasets::list, uploads::create))
         .routes(routes!(datasets::show))

@@ -96,7 +96,7 @@ pub async fn metric_of_group(
     Ok(Json(app.metric(id, &format!("{group}/{name}"), parameters.points()?).await?))
 }
 
-/// A file that the run left, such as `report.json` or `rmse.svg`.
+/// A file that the run left, such as `report.json` or `rmse-multisine.svg`.
 #[utoipa::path(
     get,
     path = "/v1/runs/{id}/artifacts/{name}",

@@ -252,8 +252,12 @@ impl Server {
     async fn write_report(&self, task: &ClaimedTask) {
         let artifacts = [
             ("report.json", "application/json", report().to_string()),
-            ("rmse.svg", "image/svg+xml", "<svg xmlns='http://www.w3.org/2000/svg'/>".to_owned()),
-            ("rmse.csv", "text/csv", "series,frequency\n".to_owned()),
+            (
+                "rmse-multisine.svg",
+                "image/svg+xml",
+                "<svg xmlns='http://www.w3.org/2000/svg'/>".to_owned(),
+            ),
+            ("rmse-multisine.csv", "text/csv", "series,frequency\n".to_owned()),
         ];
         for (name, media_type, text) in artifacts {
             let artifact = NewArtifact { name, media_type, bytes: Bytes::from(text) };

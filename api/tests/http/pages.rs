@@ -64,9 +64,12 @@ async fn every_page_of_a_finished_experiment_is_there() {
     let answer = server.get("/runs/2").await;
     assert_eq!((answer.status.as_u16(), answer.header("location")), (303, "/evaluations/4"));
     let evaluation = page(&server, "/evaluations/4").await;
-    for text in
-        ["/v1/runs/2/artifacts/rmse.svg", "not told apart", "out of distribution", "[1.10, 1.27]"]
-    {
+    for text in [
+        "/v1/runs/2/artifacts/rmse-multisine.svg",
+        "not told apart",
+        "out of distribution",
+        "[1.10, 1.27]",
+    ] {
         assert!(evaluation.contains(text), "{text} is not in {evaluation}");
     }
     let dataset = page(&server, "/datasets/1").await;

@@ -119,7 +119,7 @@ async fn what_does_not_exist_is_not_found() {
         "/v1/runs/1",
         "/v1/runs/1/metrics/loss",
         "/v1/runs/1/metrics/train/loss",
-        "/v1/runs/1/artifacts/rmse.svg",
+        "/v1/runs/1/artifacts/rmse-multisine.svg",
         "/v1/runs/1/figures/loss.svg",
         "/v1/checkpoints/1",
         "/v1/checkpoints/1/files/config.json",

@@ -102,6 +102,20 @@ fn grid_frequencies_come_in_blocks_of_equal_size() {
 }
 
 #[test]
+fn two_grids_come_one_after_the_other() {
+    let grids = json!({
+        "chirp": {"frequency_hz": {"grid": [0.2, 0.5]}},
+        "multisine": {"frequency_hz": {"grid": [0.1]}},
+    });
+    let spec = spec(&grids, &json!({"trajectories": 9, "samples": 20}));
+    let found: Vec<_> =
+        run(&spec, 0..9).scenarios.iter().map(|it| (it.family, it.frequency_hz)).collect();
+    let expected =
+        [(Family::Chirp, 0.2), (Family::Chirp, 0.5), (Family::Multisine, 0.1)].map(|it| [it; 3]);
+    assert_eq!(found, expected.concat());
+}
+
+#[test]
 fn families_and_frequencies_are_drawn_in_the_shares_asked_for() {
     let excitation = json!({
         "chirp": {"frequency_hz": {"uniform": [0.2, 0.4]}},

@@ -3,7 +3,7 @@
 mod over_frequency;
 mod over_steps;
 
-use figures::{Axis, Figure, Mark, Point, Scale, Series, Stroke};
+use figures::{Axis, Figure, Mark, Point, SERIES_ALLOWED, Scale, Series, Stroke};
 
 use crate::{GroupSummary, Interval, PredictorInfo, PredictorKind, PredictorScores, Report};
 
@@ -52,17 +52,28 @@ fn axis(label: &str, unit: &str, scale: Scale) -> Axis {
     Axis { label: label.to_owned(), unit: Some(unit.to_owned()), scale, range: None }
 }
 
-/// A series for each predictor that has points.
+/// A series for each predictor that has points, as many as a figure may have. Of those that differ in
+/// the sampler's steps only the one with the most is drawn: the others are in the figure over steps.
 fn of_predictors(
     report: &Report,
     scores: &[PredictorScores],
     points: impl Fn(&PredictorScores) -> Vec<Point>,
 ) -> Vec<Series> {
-    let found = report.predictors.iter().filter_map(|info| {
+    let found = drawn(report).filter_map(|info| {
         let scores = scores.iter().find(|scores| scores.predictor == info.name)?;
         Some(line(info, points(scores)))
     });
-    found.filter(|series| !series.points.is_empty()).collect()
+    // One place is kept for a diagonal.
+    found.filter(|series| !series.points.is_empty()).take(SERIES_ALLOWED - 1).collect()
+}
+
+fn drawn(report: &Report) -> impl Iterator<Item = &PredictorInfo> {
+    let has_more_steps = |info: &PredictorInfo| {
+        let Some(own) = &info.sampling else { return false };
+        let others = report.predictors.iter().filter_map(|info| info.sampling.as_ref());
+        others.into_iter().any(|other| other.curve == own.curve && other.steps > own.steps)
+    };
+    report.predictors.iter().filter(move |info| !has_more_steps(info))
 }
 
 /// Checkpoints are solid, baselines dashed.
@@ -87,18 +98,6 @@ mod tests {
     use super::*;
     use crate::{Calibration, PredictorSummary};
 
-    pub(super) fn info(name: &str, kind: PredictorKind) -> PredictorInfo {
-        let name = name.to_owned();
-        PredictorInfo {
-            name,
-            kind,
-            digest: None,
-            normalization: None,
-            sampling: None,
-            latency: None,
-        }
-    }
-
     pub(super) fn report(predictors: Vec<PredictorInfo>, scores: Vec<PredictorScores>) -> Report {
         let rmse = |info: &PredictorInfo| PredictorSummary {
             predictor: info.name.clone(),
@@ -114,6 +113,7 @@ mod tests {
             context: 320,
             horizon: 3,
             rate_hz: 60.0,
+            samples: 1,
             bootstrap: spec::Bootstrap::default(),
             predictors,
             in_distribution: Vec::new(),
@@ -136,8 +136,10 @@ mod tests {
 
     #[test]
     fn errors_along_the_horizon_begin_one_period_after_the_last_known_position() {
-        let report =
-            report(vec![info("held", PredictorKind::Baseline)], vec![scores("held", Vec::new())]);
+        let report = report(
+            vec![PredictorInfo::named("held", PredictorKind::Baseline)],
+            vec![scores("held", Vec::new())],
+        );
         let figure = horizon_figure(&report, &report.groups[0]);
         assert_eq!(figure.series[0].points[0], Point::new(1.0 / 60.0, 0.1));
         assert!(figure.to_svg(figures::Size::PAGE).is_ok());
@@ -147,7 +149,10 @@ mod tests {
     fn only_predictors_with_samples_are_in_the_calibration() {
         let calibrated = vec![Calibration { nominal: 0.5, coverage: 0.4 }];
         let report = report(
-            vec![info("held", PredictorKind::Baseline), info("cdt", PredictorKind::Checkpoint)],
+            vec![
+                PredictorInfo::named("held", PredictorKind::Baseline),
+                PredictorInfo::named("cdt", PredictorKind::Checkpoint),
+            ],
             vec![scores("held", Vec::new()), scores("cdt", calibrated)],
         );
         let figure = calibration_figure(&report, &report.groups[0]);

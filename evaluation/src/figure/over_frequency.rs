@@ -1,7 +1,7 @@
-use figures::{Band, Figure, Point, Scale, Series};
+use figures::{Band, Figure, Point, SERIES_ALLOWED, Scale, Series};
 use spec::Family;
 
-use super::{axis, line, point};
+use super::{axis, drawn, line, point};
 use crate::{CellSummary, Interval, PredictorInfo, Report};
 
 /// RMSE over frequency of one excitation family, the training's frequencies shaded.
@@ -29,10 +29,11 @@ fn over_frequency(
     label: &str,
     found: impl Fn(&CellSummary, &PredictorInfo) -> Option<Interval>,
 ) -> Figure {
-    let cells = || report.cells.iter().filter(move |cell| cell.family == family);
-    let series = report.predictors.iter().map(|info| {
-        let points: Vec<Point> =
-            cells().filter_map(|cell| Some(point(cell.frequency_hz, found(cell, info)?))).collect();
+    let cells = || report.cells.iter().filter(move |cell| cell.family == Some(family));
+    let series = drawn(report).map(|info| {
+        let points: Vec<Point> = cells()
+            .filter_map(|cell| Some(point(cell.frequency_hz?, found(cell, info)?)))
+            .collect();
         line(info, points)
     });
     let bands =
@@ -45,7 +46,10 @@ fn over_frequency(
         title: format!("{title} over {family} frequency"),
         x: axis("Master frequency", "Hz", Scale::Linear),
         y: axis(label, "deg", Scale::Log),
-        series: series.filter(|series: &Series| !series.points.is_empty()).collect(),
+        series: series
+            .filter(|series: &Series| !series.points.is_empty())
+            .take(SERIES_ALLOWED)
+            .collect(),
         bands: bands.collect(),
     }
 }

@@ -1,4 +1,4 @@
-use figures::{Figure, Mark, Point, Scale, Series, Stroke};
+use figures::{Figure, Mark, Point, SERIES_ALLOWED, Scale, Series, Stroke};
 
 use super::{axis, point};
 use crate::{GroupSummary, PredictorInfo, Report, SamplingInfo};
@@ -22,7 +22,7 @@ pub fn sampler_steps_figure(report: &Report, group: &GroupSummary) -> Figure {
 /// Median latency of one prediction over the sampler's steps, up to its 99th percentile.
 pub fn latency_figure(report: &Report) -> Figure {
     let series = curves(report, |info, sampling| {
-        let latency = info.latency?;
+        let latency = info.latency.as_ref()?;
         let (median, p99) = (latency.median_ms, latency.p99_ms);
         Some(Point::with_interval(f64::from(sampling.steps), median, median, p99))
     });
@@ -57,6 +57,7 @@ fn curves(
             }),
         }
     }
+    curves.truncate(SERIES_ALLOWED);
     for curve in &mut curves {
         curve.points.sort_by(|a, b| a.x.total_cmp(&b.x));
     }
@@ -65,9 +66,9 @@ fn curves(
 
 #[cfg(test)]
 mod tests {
-    use spec::SamplerKind;
+    use spec::{SamplerKind, Start};
 
-    use super::super::tests::{info, report};
+    use super::super::tests::report;
     use super::*;
     use crate::{Latency, PredictorKind};
 
@@ -77,15 +78,23 @@ mod tests {
                 curve: curve.to_owned(),
                 kind: SamplerKind::Ddim,
                 steps,
+                start: Start::Cold,
             }),
-            latency: Some(Latency { median_ms: f64::from(steps), p99_ms: 50.0, threads: 2 }),
-            ..info(&format!("{curve} {steps}"), PredictorKind::Checkpoint)
+            latency: Some(Latency {
+                median_ms: f64::from(steps),
+                p99_ms: 50.0,
+                repeats: 100,
+                threads: 2,
+                device: "cpu".to_owned(),
+                load: None,
+            }),
+            ..PredictorInfo::named(&format!("{curve} {steps}"), PredictorKind::Checkpoint)
         }
     }
 
     #[test]
     fn predictors_that_differ_in_steps_are_one_curve_in_their_order() {
-        let held = info("hold-last", PredictorKind::Baseline);
+        let held = PredictorInfo::named("hold-last", PredictorKind::Baseline);
         let predictors = vec![held, sampled("cold", 10), sampled("shifted", 5), sampled("cold", 2)];
         let report = report(predictors, Vec::new());
         for figure in [latency_figure(&report), sampler_steps_figure(&report, &report.groups[0])] {

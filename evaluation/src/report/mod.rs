@@ -4,7 +4,7 @@ mod scores;
 mod summary;
 
 use serde::{Deserialize, Serialize};
-use spec::{Bootstrap, Digest, Family, JOINTS, Normalization, Range, SamplerKind};
+use spec::{Bootstrap, Digest, Family, JOINTS, Normalization, Range, SamplerKind, Start};
 
 use crate::Interval;
 
@@ -19,6 +19,9 @@ pub struct Report {
     pub rate_hz: f64,
     pub bootstrap: Bootstrap,
     pub predictors: Vec<PredictorInfo>,
+    /// Samples each predictor that has several was asked for.
+    #[serde(default = "one")]
+    pub samples: u32,
     /// What the checkpoints were trained on; cells inside are "in distribution".
     pub in_distribution: Vec<TrainedOn>,
     pub cells: Vec<CellSummary>,
@@ -50,6 +53,10 @@ pub struct PredictorInfo {
     pub latency: Option<Latency>,
 }
 
+const fn one() -> u32 {
+    1
+}
+
 /// How a denoiser was sampled. Predictors that differ in nothing but `steps` are one curve in
 /// figures over steps, which is named `curve`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -58,15 +65,34 @@ pub struct SamplingInfo {
     pub kind: SamplerKind,
     /// Passes through the network.
     pub steps: u32,
+    #[serde(default)]
+    pub start: Start,
 }
 
-/// Times of one prediction, ms.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+impl PredictorInfo {
+    /// Whether something of what it is to predict was told to it.
+    pub fn sees_the_future(&self) -> bool {
+        self.normalization == Some(Normalization::PaperLeaky)
+            || self.sampling.as_ref().is_some_and(|sampling| sampling.start == Start::Oracle)
+    }
+}
+
+/// Times of one prediction at batch 1, ms. They are the machine's as much as the predictor's: unlike
+/// all else in a report, they are not the same when it is made again.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Latency {
     pub median_ms: f64,
     pub p99_ms: f64,
+    /// Predictions that were timed.
+    #[serde(default)]
+    pub repeats: usize,
     /// Threads that computed.
     pub threads: usize,
+    #[serde(default)]
+    pub device: String,
+    /// What else ran: the machine's mean number of running threads in the minute before.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub load: Option<f64>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -85,8 +111,11 @@ pub struct TrainedOn {
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CellSummary {
-    pub family: Family,
-    pub frequency_hz: f64,
+    /// `None` of data without a frequency grid, as the frequency.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub family: Option<Family>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub frequency_hz: Option<f64>,
     pub in_distribution: bool,
     pub scenarios: usize,
     pub rmse_deg: Vec<PredictorSummary>,
@@ -105,7 +134,7 @@ pub struct PredictorSummary {
     pub interval: Interval,
 }
 
-/// All cells in distribution, or all out of it.
+/// All cells in distribution, all out of it, or those of which that cannot be said.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct GroupSummary {
     pub name: String,
@@ -176,8 +205,10 @@ pub struct PairedDifference {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FailureSummary {
     pub predictor: String,
-    pub family: Family,
-    pub frequency_hz: f64,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub family: Option<Family>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub frequency_hz: Option<f64>,
     /// How many.
     pub scenarios: usize,
     /// Index of the first in the dataset.
@@ -189,8 +220,10 @@ pub struct FailureSummary {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct WorstCase {
     pub predictor: String,
-    pub family: Family,
-    pub frequency_hz: f64,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub family: Option<Family>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub frequency_hz: Option<f64>,
     /// Index in the dataset.
     pub trajectory: u64,
     /// Of the dataset's simulation; none for recordings.
@@ -204,15 +237,11 @@ mod tests {
     use super::*;
     use crate::{CellResult, EvaluationError, Failure};
 
-    fn info(name: &str, kind: PredictorKind) -> PredictorInfo {
-        let name = name.to_owned();
-        PredictorInfo {
-            name,
-            kind,
-            digest: None,
-            normalization: None,
-            sampling: None,
-            latency: None,
+    impl PredictorInfo {
+        /// One of which no more is known.
+        pub(crate) fn named(name: &str, kind: PredictorKind) -> Self {
+            let name = name.to_owned();
+            Self { name, kind, digest: None, normalization: None, sampling: None, latency: None }
         }
     }
 
@@ -224,8 +253,8 @@ mod tests {
         };
         CellResult {
             cell,
-            family: Family::Multisine,
-            frequency_hz,
+            family: Some(Family::Multisine),
+            frequency_hz: Some(frequency_hz),
             first: 2 * cell as u64,
             predictors: vec![errors("baseline", baseline), errors("model", model)],
             measured_jitter_deg: None,
@@ -237,13 +266,14 @@ mod tests {
             TrainedOn { family: Family::Multisine, frequency_hz: Range::new(0.15, 0.15) };
         Setting {
             context: 320,
-            samples: 400,
+            horizon: 80,
             rate_hz: 60.0,
+            samples: 1,
             seed: Some(7),
             bootstrap: Bootstrap::default(),
             predictors: vec![
-                info("baseline", PredictorKind::Baseline),
-                info("model", PredictorKind::Checkpoint),
+                PredictorInfo::named("baseline", PredictorKind::Baseline),
+                PredictorInfo::named("model", PredictorKind::Checkpoint),
             ],
             trained_on: vec![vec![trained_on]],
         }
@@ -300,8 +330,8 @@ mod tests {
         assert_eq!(names(&report.cells[1].rmse_deg), ["baseline"]);
         let expected = FailureSummary {
             predictor: "model".to_owned(),
-            family: Family::Multisine,
-            frequency_hz: 0.3,
+            family: Some(Family::Multisine),
+            frequency_hz: Some(0.3),
             scenarios: 1,
             first: 3,
             reason,
@@ -317,7 +347,7 @@ mod tests {
             report.worst.iter().filter(|worst| worst.predictor == "model").collect();
         let trajectories: Vec<u64> = of_model.iter().map(|worst| worst.trajectory).collect();
         assert_eq!(trajectories, [3, 2, 1, 0]);
-        assert_eq!((of_model[0].seed, of_model[0].frequency_hz), (Some(7), 0.3));
+        assert_eq!((of_model[0].seed, of_model[0].frequency_hz), (Some(7), Some(0.3)));
     }
 
     #[test]

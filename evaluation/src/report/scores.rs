@@ -89,15 +89,22 @@ impl<'a> Measured<'a> {
     }
 
     fn calibration(&self) -> Vec<Calibration> {
-        let levels = CALIBRATION.iter().enumerate();
         let of = |level: usize| {
-            self.mean(|errors| {
-                let calibration = &errors.samples.as_ref()?.calibration;
-                calibration.get(level).map(|coverage| f64::from(*coverage))
-            })
+            let of_cells = self.cells.iter().zip(&self.strata);
+            let weighted = of_cells.map(|(cell, stratum)| {
+                let count = stratum.len() as f64;
+                Some((count * cell.calibration.get(level)?, count))
+            });
+            let (sum, count) = weighted
+                .collect::<Option<Vec<_>>>()?
+                .into_iter()
+                .fold((0.0, 0.0), |total, one| (total.0 + one.0, total.1 + one.1));
+            Some(sum / count)
         };
-        levels
-            .filter_map(|(level, &nominal)| Some(Calibration { nominal, coverage: of(level)? }))
+        CALIBRATION
+            .into_iter()
+            .enumerate()
+            .filter_map(|(level, nominal)| Some(Calibration { nominal, coverage: of(level)? }))
             .collect()
     }
 

@@ -15,9 +15,10 @@ const WORST: usize = 10;
 #[derive(Clone, Debug, PartialEq)]
 pub struct Setting {
     pub context: u32,
-    /// Context and horizon.
-    pub samples: u32,
+    pub horizon: u32,
     pub rate_hz: f64,
+    /// Asked of each predictor that has several.
+    pub samples: u32,
     /// Of the dataset's simulation; none for recordings.
     pub seed: Option<u64>,
     pub bootstrap: Bootstrap,
@@ -38,16 +39,17 @@ impl TrainedOn {
     fn includes(&self, cell: &CellResult) -> bool {
         // Grids are written in decimals, so 0.1 + 0.05 must count as 0.15.
         const TOLERANCE_HZ: f64 = 1e-9;
-        self.family == cell.family
-            && cell.frequency_hz >= self.frequency_hz.min - TOLERANCE_HZ
-            && cell.frequency_hz <= self.frequency_hz.max + TOLERANCE_HZ
+        let (min, max) =
+            (self.frequency_hz.min - TOLERANCE_HZ, self.frequency_hz.max + TOLERANCE_HZ);
+        cell.family == Some(self.family)
+            && cell.frequency_hz.is_some_and(|frequency_hz| (min..=max).contains(&frequency_hz))
     }
 }
 
 /// Puts the cells of an evaluation together.
 ///
 /// A cell is in distribution when every checkpoint's training drew its family and frequency;
-/// without checkpoints all cells are out of it.
+/// without checkpoints all cells are out of it. A cell without a frequency is neither.
 ///
 /// # Errors
 /// [`EvaluationError::MissingCell`] when a cell has no result.
@@ -60,9 +62,12 @@ pub fn summarize(setting: Setting, results: &[CellResult]) -> Result<Report, Eva
         !trained_on.is_empty()
             && trained_on.iter().all(|seen| seen.iter().any(|seen| seen.includes(cell)))
     };
+    let (gridded, others): (Vec<&CellResult>, Vec<&CellResult>) =
+        results.iter().partition(|cell| cell.frequency_hz.is_some());
     let (inside, outside): (Vec<&CellResult>, Vec<&CellResult>) =
-        results.iter().partition(|cell| is_seen(cell));
-    let groups = [("in distribution", inside), ("out of distribution", outside)];
+        gridded.into_iter().partition(|cell| is_seen(cell));
+    let groups =
+        [("in distribution", inside), ("out of distribution", outside), ("all scenarios", others)];
     let groups: Vec<_> = groups.into_iter().filter(|(_, cells)| !cells.is_empty()).collect();
 
     let cells = results
@@ -82,8 +87,9 @@ pub fn summarize(setting: Setting, results: &[CellResult]) -> Result<Report, Eva
     let worst = predictors.iter().flat_map(|info| worst(&info.name, results, setting.seed));
     Ok(Report {
         context: setting.context,
-        horizon: setting.samples - setting.context,
+        horizon: setting.horizon,
         rate_hz: setting.rate_hz,
+        samples: setting.samples,
         bootstrap,
         in_distribution: common(&trained_on),
         cells,
@@ -138,7 +144,9 @@ fn means(
 }
 
 /// Each checkpoint against all that come before it, baselines and other checkpoints; without
-/// checkpoints each baseline against those before it.
+/// checkpoints each baseline against those before it. Checkpoints that are sampled in several ways
+/// are compared with others that are sampled in the same way, and each with itself where steps or the
+/// rest is the same: all pairs of a sweep over steps would be thousands.
 fn paired(
     group: &str,
     predictors: &[PredictorInfo],
@@ -152,6 +160,7 @@ fn paired(
         .enumerate()
         .filter(|(_, ours)| only_baselines || is_checkpoint(ours))
         .flat_map(|(k, ours)| predictors[..k].iter().map(move |theirs| (ours, theirs)))
+        .filter(|(ours, theirs)| is_told(ours, theirs))
         .collect();
     pairs
         .into_par_iter()
@@ -164,6 +173,12 @@ fn paired(
             })
         })
         .collect()
+}
+
+fn is_told(ours: &PredictorInfo, theirs: &PredictorInfo) -> bool {
+    let (Some(a), Some(b)) = (&ours.sampling, &theirs.sampling) else { return true };
+    let same_way = (a.kind, a.steps, a.start) == (b.kind, b.steps, b.start);
+    same_way || ours.digest == theirs.digest && (a.curve == b.curve || a.steps == b.steps)
 }
 
 /// One predictor's errors, a stratum per cell; `None` unless it answered everything.

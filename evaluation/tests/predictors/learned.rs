@@ -13,22 +13,33 @@ fn a_receding_horizon_goes_on_from_its_own_prediction() {
         model: &model,
         sampling: Sampling::default(),
         start,
+        first: None,
     };
     let recording = scenarios(&simulation(SAMPLES + 3, &json!({})), 2, 3);
     let observed = recording.observed(CONTEXT);
     let shifted = Start::Shifted { shift: 1, steps: 2 };
     let receding = predictor(shifted).predict(&observed).unwrap();
 
-    // By hand: from noise three samples ago, then twice from the prediction before.
-    let mut before = predictor(Start::Cold).predict(&observed.earlier(3).unwrap()).unwrap();
-    for back in [2, 1, 0] {
-        let previous = std::mem::take(&mut before);
-        let warm_start = Some(models::WarmStart { previous, shift: 1, steps: 2 });
+    // By hand: from noise three samples ago, then from the prediction before, each with other noise.
+    let mut warm_start = None;
+    let mut before = Vec::new();
+    for back in [3, 2, 1, 0] {
         let window = observed.earlier(back).unwrap();
         let input = models::PredictionInput { u: window.u, y_context: window.y, size: 2 };
-        before = model.sample(&input, &Sampling { warm_start, ..Sampling::default() }).unwrap();
+        let sampling = Sampling { warm_start, seed: (back as u64) << 53, ..Sampling::default() };
+        before = model.sample(&input, &sampling).unwrap();
+        warm_start = Some(models::WarmStart { previous: before.clone(), shift: 1, steps: 2 });
     }
     assert_eq!(bits(&receding), bits(&before));
+
+    // Several samples go on from the same past, and the prediction is the first of them.
+    let first = evaluation::FirstPrediction::new();
+    for _ in 0..2 {
+        let sharing = Learned { first: Some(&first), ..predictor(shifted) };
+        let answer = sharing.answer(&observed, 3).unwrap();
+        assert_eq!(bits(&answer.positions), bits(&receding));
+        assert_eq!(bits(&answer.samples.unwrap().positions[..receding.len()]), bits(&receding));
+    }
 }
 
 #[test]
@@ -39,7 +50,7 @@ fn a_receding_horizon_without_a_past_is_an_error_that_says_so() {
     for shift in [0, 2] {
         let start = Start::Shifted { shift, steps: 2 };
         let (name, sampling) = ("cdcnn".to_owned(), Sampling::default());
-        let predictor = Learned { name, model: &model, sampling, start };
+        let predictor = Learned { name, model: &model, sampling, start, first: None };
         let error = predictor.predict(&recording.observed(CONTEXT)).unwrap_err();
         assert!(matches!(error, EvaluationError::PreRoll { pre_roll: 1, .. }), "{error}");
     }
@@ -55,6 +66,7 @@ fn only_models_with_several_answers_have_samples() {
             model: &model,
             sampling: Sampling::default(),
             start: Start::Cold,
+            first: None,
         };
         let samples = predictor.sample(&recording.observed(CONTEXT), 4).unwrap();
         assert_eq!(samples.is_some(), model.is_generative(), "{name}");

@@ -60,7 +60,8 @@ fn learned<'a>(
         ..SamplerSpec::default()
     });
     let sampling = Sampling { sampler, seed: 5, ..Sampling::default() };
-    Learned { name: format!("{name}, {kind:?}, {start:?}"), model, sampling, start }
+    let name = format!("{name}, {kind:?}, {start:?}");
+    Learned { name, model, sampling, start, first: None }
 }
 
 #[test]

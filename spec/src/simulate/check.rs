@@ -24,10 +24,8 @@ impl Check for SimulateSpec {
         report.part("execution", &self.execution);
         self.check_nyquist(report);
         self.check_stability(report);
-        if let Some((_, grid)) = self.excitation.grid()
-            && !grid.is_empty()
-            && !self.trajectories.is_multiple_of(grid.len() as u64)
-        {
+        let grid = self.excitation.grid();
+        if !grid.is_empty() && !self.trajectories.is_multiple_of(grid.len() as u64) {
             report.violation(
                 "trajectories",
                 self.trajectories,
@@ -65,19 +63,29 @@ impl Check for Excitation {
         if self.chirp.is_none() && self.multisine.is_none() {
             report.violation("chirp", "missing", "chirp, multisine or both");
         }
-        let both = self.chirp.is_some() && self.multisine.is_some();
         if let Some(chirp) = &self.chirp {
             report.part("chirp", chirp);
-            check_frequency(&chirp.frequency_hz, both, "chirp", report);
+            check_frequency(&chirp.frequency_hz, "chirp", report);
         }
         if let Some(multisine) = &self.multisine {
             report.part("multisine", multisine);
-            check_frequency(&multisine.frequency_hz, both, "multisine", report);
+            check_frequency(&multisine.frequency_hz, "multisine", report);
+        }
+        if let (Some(chirp), Some(multisine)) = (&self.chirp, &self.multisine) {
+            let is_grid = |frequency: &Frequency| matches!(frequency, Frequency::Grid(_));
+            let (chirp, multisine) =
+                (is_grid(&chirp.frequency_hz), is_grid(&multisine.frequency_hz));
+            if chirp != multisine {
+                let field = if chirp { "chirp" } else { "multisine" };
+                let field = format!("{field}.frequency_hz.grid");
+                let allowed = "a grid only when there is one family, or both have one";
+                report.violation(&field, "a grid", allowed);
+            }
         }
     }
 }
 
-fn check_frequency(frequency: &Frequency, both_families: bool, family: &str, report: &mut Report) {
+fn check_frequency(frequency: &Frequency, family: &str, report: &mut Report) {
     let field = format!("{family}.frequency_hz");
     let allowed = 0.001..=500.0;
     match frequency {
@@ -93,9 +101,6 @@ fn check_frequency(frequency: &Frequency, both_families: bool, family: &str, rep
             }
             if grid.windows(2).any(|pair| pair[0] >= pair[1]) {
                 report.violation(&field, "unordered", "frequencies in rising order");
-            }
-            if both_families {
-                report.violation(&field, "a grid", "a grid only when there is one family");
             }
         }
     }

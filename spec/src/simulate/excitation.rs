@@ -9,7 +9,7 @@ use crate::{JOINTS, Range};
 /// Joint torques that excite the arm, drawn independently per joint.
 ///
 /// With both families present, each trajectory draws its own: `chirp` with probability
-/// `chirp_fraction`, else `multisine`.
+/// `chirp_fraction`, else `multisine`, unless their frequencies are grids.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Excitation {
@@ -52,7 +52,8 @@ pub enum Frequency {
     Fixed(f64),
     /// Drawn uniformly for each trajectory.
     Uniform(Range),
-    /// Equal contiguous blocks of trajectories, one per frequency; only with a single family.
+    /// Equal contiguous blocks of trajectories, one per frequency. Of two families both have a grid
+    /// or none, and those of chirps come first.
     Grid(Vec<f64>),
 }
 
@@ -136,17 +137,20 @@ pub struct Multisine {
 }
 
 impl Excitation {
-    /// The family and its frequencies when there is one family with a frequency grid.
-    pub fn grid(&self) -> Option<(Family, &[f64])> {
-        match (&self.chirp, &self.multisine) {
-            (Some(Chirp { frequency_hz: Frequency::Grid(grid), .. }), None) => {
-                Some((Family::Chirp, grid))
-            }
-            (None, Some(Multisine { frequency_hz: Frequency::Grid(grid), .. })) => {
-                Some((Family::Multisine, grid))
-            }
-            _ => None,
-        }
+    /// Families and frequencies of the grid, in the order of their blocks, chirps first; empty
+    /// without one.
+    pub fn grid(&self) -> Vec<(Family, f64)> {
+        let chirp = self.chirp.as_ref().map(|chirp| (Family::Chirp, &chirp.frequency_hz));
+        let multisine =
+            self.multisine.as_ref().map(|multisine| (Family::Multisine, &multisine.frequency_hz));
+        chirp
+            .into_iter()
+            .chain(multisine)
+            .flat_map(|(family, frequency)| match frequency {
+                Frequency::Grid(grid) => grid.iter().map(|&f| (family, f)).collect(),
+                Frequency::Fixed(_) | Frequency::Uniform(_) => Vec::new(),
+            })
+            .collect()
     }
 
     /// The master frequencies that `family` can have here; `None` when it does not occur.

@@ -109,11 +109,16 @@ impl SimulateSpec {
     ///
     /// Trajectories are divided among grid frequencies in contiguous blocks of equal size.
     pub fn cells(&self) -> Vec<Cell> {
-        let Some((family, frequencies)) = self.excitation.grid() else { return Vec::new() };
-        let count = self.trajectories / frequencies.len() as u64;
+        let grid = self.excitation.grid();
+        let count = self.trajectories / (grid.len() as u64).max(1);
         (0u64..)
-            .zip(frequencies)
-            .map(|(k, &frequency_hz)| Cell { family, frequency_hz, first: k * count, count })
+            .zip(grid)
+            .map(|(k, (family, frequency_hz))| Cell {
+                family,
+                frequency_hz,
+                first: k * count,
+                count,
+            })
             .collect()
     }
 }

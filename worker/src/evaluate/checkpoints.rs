@@ -13,6 +13,8 @@ use crate::error::TaskError;
 pub(super) struct LoadedCheckpoint {
     pub info: PredictorInfo,
     pub model: TrainedModel,
+    /// The training's name, which is its name in its pipeline if it has one.
+    job: String,
     pub trained_on: Vec<TrainedOn>,
 }
 
@@ -58,6 +60,7 @@ impl LoadedCheckpoint {
 
         // A checkpoint of a training that failed or was cancelled can be evaluated, too.
         let job = attempt.wait(store.job(checkpoint.job))?;
+        let job_name = job.name.clone();
         let JobSpec::Train(training) = serde_json::from_value(job.spec)? else {
             return Err(missing(digest.to_string()));
         };
@@ -76,15 +79,16 @@ impl LoadedCheckpoint {
             Normalization::PaperLeaky => " (paper-leaky)",
             Normalization::Context | Normalization::Dataset => "",
         };
+        let marks = format!("{mark}{leaky}");
         let info = PredictorInfo {
-            name: format!("{}{mark}{leaky}", training.model.architecture()),
+            name: format!("{}{marks}", training.model.architecture()),
             kind: PredictorKind::Checkpoint,
             digest: Some(*digest),
             normalization: Some(training.normalization),
             sampling: None,
             latency: None,
         };
-        Ok(Self { info, model, trained_on })
+        Ok(Self { info, model, job: job_name + &marks, trained_on })
     }
 }
 
@@ -96,14 +100,21 @@ fn stored_spec(attempt: &Attempt, digest: Digest) -> Result<JobSpec, TaskError> 
     Ok(serde_json::from_value(job.spec)?)
 }
 
-/// Adds the digest to names that several checkpoints share.
+/// Names of checkpoints of the same architecture are those of their trainings in a pipeline; where
+/// those are the same, too, the digest is added.
 fn tell_apart(loaded: &mut [LoadedCheckpoint]) {
+    rename_shared(loaded, |checkpoint| checkpoint.job.clone());
+    rename_shared(loaded, |checkpoint| {
+        let digest = checkpoint.info.digest.map(|digest| digest.short()).unwrap_or_default();
+        format!("{} {digest}", checkpoint.info.name)
+    });
+}
+
+fn rename_shared(loaded: &mut [LoadedCheckpoint], name: impl Fn(&LoadedCheckpoint) -> String) {
     let names: Vec<String> = loaded.iter().map(|checkpoint| checkpoint.info.name.clone()).collect();
     for checkpoint in loaded {
-        let info = &mut checkpoint.info;
-        let shared = names.iter().filter(|name| **name == info.name).count() > 1;
-        if let (true, Some(digest)) = (shared, info.digest) {
-            info.name = format!("{} {}", info.name, digest.short());
+        if names.iter().filter(|name| **name == checkpoint.info.name).count() > 1 {
+            checkpoint.info.name = name(checkpoint);
         }
     }
 }

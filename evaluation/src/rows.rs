@@ -1,0 +1,178 @@
+//! The result table: one row per scenario, joint and predictor.
+
+use spec::{Family, JOINTS};
+
+use crate::scores::{IntervalErrors, Jitter, PerJoint, SampleErrors, ScenarioErrors};
+use crate::{CellResult, INTERVALS, PredictorErrors};
+
+/// One scenario, joint and predictor. Errors are `None` where there is no answer, and what was not
+/// measured or needs more samples is too.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Row<'a> {
+    pub cell: usize,
+    pub family: Option<Family>,
+    pub frequency_hz: Option<f64>,
+    /// Index in the dataset.
+    pub trajectory: u64,
+    /// 1 to 7.
+    pub joint: usize,
+    pub predictor: &'a str,
+    pub rmse_deg: Option<f32>,
+    pub jitter_deg: Option<f32>,
+    pub smoothed_jitter_deg: Option<f32>,
+    pub smoothed_rmse_deg: Option<f32>,
+    pub mean_rmse_deg: Option<f32>,
+    pub crps_deg: Option<f32>,
+    pub energy_score_deg: Option<f32>,
+    pub coverage_50: Option<f32>,
+    pub width_50_deg: Option<f32>,
+    pub coverage_90: Option<f32>,
+    pub width_90_deg: Option<f32>,
+}
+
+/// A column of the table that holds something measured.
+#[derive(Clone, Copy, Debug)]
+pub struct Measure {
+    pub name: &'static str,
+    pub about: &'static str,
+    pub get: fn(&Row<'_>) -> Option<f32>,
+    pub set: fn(&mut Row<'_>, Option<f32>),
+}
+
+macro_rules! measures {
+    ($($name:ident: $about:literal,)+) => {
+        /// The columns after those that say what a row is about, in order.
+        pub const MEASURES: &[Measure] = &[$(Measure {
+            name: stringify!($name),
+            about: $about,
+            get: |row| row.$name,
+            set: |row, value| row.$name = value,
+        }),+];
+    };
+}
+
+measures! {
+    rmse_deg: "root mean square error over the horizon",
+    jitter_deg: "root mean square of the prediction above the band of the excitation",
+    smoothed_jitter_deg: "the same after a zero-phase low-pass at the edge of the band",
+    smoothed_rmse_deg: "root mean square error after that low-pass",
+    mean_rmse_deg: "root mean square error of the mean of the samples",
+    crps_deg: "fair continuous ranked probability score, mean over the horizon",
+    energy_score_deg: "fair energy score of the scenario, the same for all its joints",
+    coverage_50: "share of the horizon inside the central 50 % interval",
+    width_50_deg: "mean width of that interval",
+    coverage_90: "share of the horizon inside the central 90 % interval",
+    width_90_deg: "mean width of that interval",
+}
+
+impl CellResult {
+    /// Of all scenarios, joints and predictors, in the order predictor, scenario, joint. Predictors
+    /// of results that hold no more than means have none.
+    pub fn rows(&self) -> impl Iterator<Item = Row<'_>> {
+        self.predictors.iter().flat_map(move |errors| {
+            errors.scenarios.iter().enumerate().flat_map(move |(scenario, scores)| {
+                (0..JOINTS).map(move |joint| self.row(errors, scenario, scores.as_ref(), joint))
+            })
+        })
+    }
+
+    /// Completes a result without [`PredictorErrors::scenarios`] from its rows, in the order of
+    /// [`CellResult::rows`]; false when they are not those of this result.
+    pub fn take_rows(&mut self, rows: &[Row<'_>]) -> bool {
+        let (rows, rest) = rows.as_chunks::<JOINTS>();
+        let mut rows = rows.iter();
+        for errors in &mut self.predictors {
+            let count = errors.rmse_deg.len();
+            let own: Vec<&[Row<'_>; JOINTS]> = rows.by_ref().take(count).collect();
+            let name = errors.predictor.as_str();
+            let fits =
+                own.len() == count && own.iter().flat_map(|it| *it).all(|it| it.predictor == name);
+            if !fits {
+                return false;
+            }
+            errors.scenarios = own.into_iter().map(ScenarioErrors::of_rows).collect();
+        }
+        rest.is_empty() && rows.next().is_none()
+    }
+
+    fn row<'a>(
+        &self,
+        errors: &'a PredictorErrors,
+        scenario: usize,
+        scores: Option<&ScenarioErrors>,
+        joint: usize,
+    ) -> Row<'a> {
+        let jitter = scores.and_then(|scores| scores.jitter.as_ref());
+        let samples = scores.and_then(|scores| scores.samples.as_ref());
+        let interval = |nominal: f64| {
+            samples.and_then(|it| it.intervals.iter().find(|it| it.nominal == nominal))
+        };
+        let of_joint = |values: &PerJoint| values[joint];
+        Row {
+            cell: self.cell,
+            family: self.family,
+            frequency_hz: self.frequency_hz,
+            trajectory: self.first + scenario as u64,
+            joint: joint + 1,
+            predictor: &errors.predictor,
+            rmse_deg: scores.map(|it| of_joint(&it.rmse_deg)),
+            jitter_deg: jitter.map(|it| of_joint(&it.deg)),
+            smoothed_jitter_deg: jitter.map(|it| of_joint(&it.smoothed_deg)),
+            smoothed_rmse_deg: jitter.map(|it| of_joint(&it.smoothed_rmse_deg)),
+            mean_rmse_deg: samples.map(|it| of_joint(&it.mean_rmse_deg)),
+            crps_deg: samples.map(|it| of_joint(&it.crps_deg)),
+            energy_score_deg: samples.map(|it| it.energy_score_deg),
+            coverage_50: interval(0.5).map(|it| of_joint(&it.coverage)),
+            width_50_deg: interval(0.5).map(|it| of_joint(&it.width_deg)),
+            coverage_90: interval(0.9).map(|it| of_joint(&it.coverage)),
+            width_90_deg: interval(0.9).map(|it| of_joint(&it.width_deg)),
+        }
+    }
+}
+
+type PerJointRow<'a> = [Row<'a>; JOINTS];
+
+impl ScenarioErrors {
+    /// Without the calibration, which rows do not hold.
+    fn of_rows(rows: &PerJointRow<'_>) -> Option<Self> {
+        let jitter = || {
+            Some(Jitter {
+                deg: of_joints(rows, |row| row.jitter_deg)?,
+                smoothed_deg: of_joints(rows, |row| row.smoothed_jitter_deg)?,
+                smoothed_rmse_deg: of_joints(rows, |row| row.smoothed_rmse_deg)?,
+            })
+        };
+        Some(Self {
+            rmse_deg: of_joints(rows, |row| row.rmse_deg)?,
+            jitter: jitter(),
+            samples: SampleErrors::of_rows(rows),
+        })
+    }
+}
+
+impl SampleErrors {
+    fn of_rows(rows: &PerJointRow<'_>) -> Option<Self> {
+        let intervals = INTERVALS.into_iter().zip([
+            (of_joints(rows, |row| row.coverage_50), of_joints(rows, |row| row.width_50_deg)),
+            (of_joints(rows, |row| row.coverage_90), of_joints(rows, |row| row.width_90_deg)),
+        ]);
+        let intervals = intervals.filter_map(|(nominal, (coverage, width_deg))| {
+            Some(IntervalErrors { nominal, coverage: coverage?, width_deg: width_deg? })
+        });
+        Some(Self {
+            mean_rmse_deg: of_joints(rows, |row| row.mean_rmse_deg)?,
+            crps_deg: of_joints(rows, |row| row.crps_deg)?,
+            energy_score_deg: rows[0].energy_score_deg?,
+            intervals: intervals.collect(),
+            calibration: Vec::new(),
+        })
+    }
+}
+
+fn of_joints(rows: &PerJointRow<'_>, value: impl Fn(&Row<'_>) -> Option<f32>) -> Option<PerJoint> {
+    let mut values = [0.0; JOINTS];
+    for (slot, row) in values.iter_mut().zip(rows) {
+        *slot = value(row)?;
+    }
+    Some(values)
+}

@@ -1,0 +1,48 @@
+use std::fmt;
+
+use crate::{DataSpec, EvaluateSpec, Family};
+
+/// Scenarios of data without a frequency grid, unless a spec asks for another number.
+pub const UNGRIDDED_SCENARIOS: u32 = 1000;
+
+/// Scenarios that are evaluated by one task and summarized together.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ScenarioCell {
+    /// Family and master frequency, Hz; `None` of data without a grid.
+    pub excitation: Option<(Family, f64)>,
+    /// Index of the first trajectory.
+    pub first: u64,
+    /// Number of trajectories; of recordings at most, since only their file tells how many there are.
+    pub count: u64,
+}
+
+impl EvaluateSpec {
+    /// What is evaluated of `data`, in order: one cell per family and frequency of its grid, or one
+    /// of all.
+    pub fn cells(&self, data: &DataSpec) -> Vec<ScenarioCell> {
+        let limit = self.scenarios.map(u64::from);
+        let grid = data.cells();
+        if grid.is_empty() {
+            let limit = limit.unwrap_or(u64::from(UNGRIDDED_SCENARIOS));
+            let count = data.trajectories().unwrap_or(limit).min(limit);
+            return vec![ScenarioCell { excitation: None, first: 0, count }];
+        }
+        grid.into_iter()
+            .map(|cell| ScenarioCell {
+                excitation: Some((cell.family, cell.frequency_hz)),
+                first: cell.first,
+                count: limit.map_or(cell.count, |limit| limit.min(cell.count)),
+            })
+            .collect()
+    }
+}
+
+/// As tables and tasks call it.
+impl fmt::Display for ScenarioCell {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.excitation {
+            Some((family, frequency_hz)) => write!(f, "{family} {frequency_hz} Hz"),
+            None => f.write_str("all scenarios"),
+        }
+    }
+}

@@ -1,0 +1,53 @@
+//! The data of an evaluation that names none.
+
+use serde_json::{Map, Value, json};
+
+use super::{EvaluateSpec, HORIZON};
+use crate::job::from_fields;
+use crate::{DataSource, SpecError, preset, stream};
+
+/// Its own, so that no training shares its robots.
+const SEED: u64 = 1_000_003;
+
+/// Robots at each frequency.
+const SCENARIOS: u32 = 100;
+
+/// An evaluation from its JSON, without checking its values.
+pub(crate) fn read(mut fields: Map<String, Value>) -> Result<EvaluateSpec, SpecError> {
+    let names_data = fields.contains_key("data");
+    if !names_data {
+        fields.insert("data".to_owned(), stream_over_grid());
+    }
+    let mut spec: EvaluateSpec = from_fields(stream::resolve(fields)?)?;
+    if !names_data {
+        spec.fit_grid();
+    }
+    Ok(spec)
+}
+
+fn stream_over_grid() -> Value {
+    let [chirp, multisine] = preset::test_grids();
+    json!({"stream": {
+        "trajectories": 1,
+        "seed": SEED,
+        "excitation": {
+            "chirp": {"frequency_hz": {"grid": chirp}},
+            "multisine": {"frequency_hz": {"grid": multisine}},
+        },
+    }})
+}
+
+impl EvaluateSpec {
+    /// As many robots and samples as are asked for.
+    fn fit_grid(&mut self) {
+        /// Of a simulation; what is beyond is told of `context`, `horizon` or `rounds`.
+        const MOST: u32 = 10_000;
+        let asked = [self.context, self.horizon.unwrap_or(HORIZON), self.rounds()];
+        let samples = asked.into_iter().fold(0, u32::saturating_add).clamp(2, MOST);
+        let scenarios = self.scenarios.unwrap_or(SCENARIOS).clamp(1, MOST);
+        if let DataSource::Stream(stream) = &mut self.data {
+            stream.samples = samples;
+            stream.trajectories = u64::from(scenarios) * stream.excitation.grid().len() as u64;
+        }
+    }
+}

@@ -1,0 +1,162 @@
+//! How denoisers are sampled in an evaluation.
+
+use std::fmt;
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use crate::check::{Check, Report};
+use crate::{EvaluateSpec, ModelSpec, SamplerKind, SamplerSpec, Spacing};
+
+/// What each denoiser, flows included, is asked with if its kind suits it, once for each number of
+/// steps. What is left out is as its training says.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct EvaluationSampler {
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub kind: Option<SamplerKind>,
+    /// Steps of the sampler, at most `diffusion.steps`: a number or a list of them. With a start that is
+    /// not cold, they are the last so many noise levels, one by one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub steps: Option<SamplerSteps>,
+    /// Share of DDPM's noise that DDIM adds again at each step.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub eta: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub spacing: Option<Spacing>,
+    #[serde(default)]
+    pub start: Start,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(untagged)]
+pub enum SamplerSteps {
+    One(u32),
+    Each(Vec<u32>),
+}
+
+/// What a sampler begins with.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Start {
+    /// Noise.
+    #[default]
+    Cold,
+    /// The prediction of one sample ago, moved on by one, its last position held, and noised: honest
+    /// receding horizon, whose first prediction began cold with all steps.
+    Shifted,
+    /// The true horizon, noised: it holds what is to be predicted, and is labelled so everywhere.
+    Oracle,
+}
+
+/// One way in which a denoiser is sampled.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SamplingRun {
+    /// Of a cold start; all others take as many of its last levels as there are `steps`.
+    pub sampler: SamplerSpec,
+    pub steps: u32,
+    pub start: Start,
+}
+
+impl SamplerSteps {
+    pub fn each(&self) -> &[u32] {
+        match self {
+            Self::One(steps) => std::slice::from_ref(steps),
+            Self::Each(steps) => steps,
+        }
+    }
+}
+
+impl fmt::Display for Start {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Cold => "cold",
+            Self::Shifted => "shifted",
+            Self::Oracle => "oracle",
+        })
+    }
+}
+
+impl SamplingRun {
+    /// What runs that differ in steps alone have in common, e.g. `ddim shifted`.
+    pub fn curve(&self) -> String {
+        self.label(None)
+    }
+
+    /// E.g. `ddim 5 shifted`; different for different runs of one model.
+    pub fn name(&self) -> String {
+        self.label(Some(self.steps))
+    }
+
+    fn label(&self, steps: Option<u32>) -> String {
+        let SamplerSpec { kind, eta, spacing, .. } = self.sampler;
+        let mut parts = vec![kind.to_string()];
+        parts.extend(steps.map(|steps| steps.to_string()));
+        if eta != 0.0 {
+            parts.push(format!("eta {eta}"));
+        }
+        // Nothing of the spacing shows where levels are visited one by one.
+        if self.start == Start::Cold && spacing != Spacing::default() {
+            parts.push(format!("{spacing:?}").to_lowercase());
+        }
+        parts.push(self.start.to_string());
+        parts.join(" ")
+    }
+}
+
+impl EvaluateSpec {
+    /// How `model` is sampled, in order; empty unless it can be with some of the `samplers`.
+    pub fn sampling_runs(&self, model: &ModelSpec) -> Vec<SamplingRun> {
+        let (Some(generation), Some(own)) = (model.generation(), model.sampler()) else {
+            return Vec::new();
+        };
+        let suited = self.samplers.iter().filter(|sampler| sampler.suits(model));
+        suited.flat_map(|sampler| sampler.runs(own, generation.all_steps())).collect()
+    }
+}
+
+impl EvaluationSampler {
+    /// Whether `model` can be sampled in this way: a flow in others than what removes noise by levels.
+    pub(crate) fn suits(&self, model: &ModelSpec) -> bool {
+        model.generation().is_some_and(|generation| {
+            self.kind.is_none_or(|kind| generation.samplers().contains(&kind))
+        })
+    }
+
+    fn runs(&self, own: &SamplerSpec, levels: u32) -> Vec<SamplingRun> {
+        let kind = self.kind.unwrap_or(own.kind);
+        let own_eta = if kind == own.kind { own.eta } else { 0.0 };
+        let run = |steps: u32| {
+            let sampler = SamplerSpec {
+                kind,
+                // A warm start visits levels one by one, and the first prediction visits all.
+                steps: (self.start == Start::Cold).then_some(steps),
+                eta: self.eta.unwrap_or(own_eta),
+                spacing: self.spacing.unwrap_or(own.spacing),
+            };
+            SamplingRun { sampler, steps, start: self.start }
+        };
+        match &self.steps {
+            Some(steps) => steps.each().iter().map(|&steps| run(steps)).collect(),
+            None => vec![run(own.steps.unwrap_or(levels))],
+        }
+    }
+}
+
+impl Check for EvaluationSampler {
+    fn check(&self, report: &mut Report) {
+        if let Some(steps) = &self.steps {
+            let each = steps.each();
+            report.within("steps", each.len(), 1..=100);
+            for &steps in each {
+                report.within("steps", steps, 1..=10_000);
+            }
+            if each.windows(2).any(|pair| pair[0] >= pair[1]) {
+                report.violation("steps", format!("{each:?}"), "numbers in rising order");
+            }
+        }
+        if let Some(eta) = self.eta {
+            report.within("eta", eta, 0.0..=1.0);
+        }
+    }
+}

@@ -1,0 +1,28 @@
+use std::process::ExitCode;
+
+use clap::Args;
+
+use crate::cli::ServerArguments;
+use crate::client::{Client, Submitted};
+use crate::commands::watch;
+
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// The id of a job that failed or was cancelled
+    id: i64,
+
+    /// Follow the new job until it ends
+    #[arg(long)]
+    watch: bool,
+
+    #[command(flatten)]
+    server: ServerArguments,
+}
+
+pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
+    let client = Client::new(&arguments.server.server, arguments.server.token)?;
+    let Submitted { job, existed } = client.retry(arguments.id).await?;
+    let note = if existed { ", tried again before" } else { "" };
+    println!("job {} {}{note}: {}", job.id, job.state, client.url(&format!("/jobs/{}", job.id)));
+    if arguments.watch { watch::to_the_end(&client, job.id).await } else { Ok(ExitCode::SUCCESS) }
+}

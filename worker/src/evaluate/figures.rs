@@ -1,0 +1,46 @@
+use evaluation::{
+    GroupSummary, PredictorInfo, Report, calibration_figure, crps_figure, horizon_figure,
+    latency_figure, rmse_figure, sampler_steps_figure,
+};
+use figures::Figure;
+use spec::Family;
+
+/// The figures that a report has something for, by the name of their files.
+pub(super) fn all(report: &Report) -> Vec<(String, Figure)> {
+    let mut figures = Vec::new();
+    let has_samples = scores(report).any(|scores| scores.crps_deg.is_some());
+    for family in [Family::Chirp, Family::Multisine] {
+        if report.cells.iter().any(|cell| cell.family == Some(family)) {
+            figures.push((format!("rmse-{family}"), rmse_figure(report, family)));
+            if has_samples {
+                figures.push((format!("crps-{family}"), crps_figure(report, family)));
+            }
+        }
+    }
+    for group in &report.groups {
+        let group_name = group.name.replace(' ', "-");
+        figures.push((format!("horizon-{group_name}"), horizon_figure(report, group)));
+        if varies_steps(report) {
+            figures.push((format!("steps-{group_name}"), sampler_steps_figure(report, group)));
+        }
+        if group.scores.iter().any(|scores| !scores.calibration.is_empty()) {
+            let figure = calibration_figure(report, group);
+            figures.push((format!("calibration-{group_name}"), figure));
+        }
+    }
+    if report.predictors.iter().any(|info| info.latency.is_some()) {
+        figures.push(("latency".to_owned(), latency_figure(report)));
+    }
+    figures
+}
+
+fn scores(report: &Report) -> impl Iterator<Item = &evaluation::PredictorScores> {
+    report.groups.iter().flat_map(|group: &GroupSummary| &group.scores)
+}
+
+/// Whether some predictors differ in nothing but the steps of their sampler.
+fn varies_steps(report: &Report) -> bool {
+    let curve = |info: &PredictorInfo| info.sampling.as_ref().map(|it| it.curve.clone());
+    let curves: Vec<String> = report.predictors.iter().filter_map(curve).collect();
+    curves.iter().enumerate().any(|(k, curve)| curves[..k].contains(curve))
+}

@@ -1,0 +1,140 @@
+//! How long one prediction takes: of one robot, one after the other, each going on from the one before
+//! where it starts shifted.
+
+use std::time::Instant;
+
+use evaluation::{Latency, Observed};
+use models::{PredictionInput, Sampling, WarmStart};
+use serde::{Deserialize, Serialize};
+use spec::{EvaluateSpec, Start};
+
+use super::cell::scenarios;
+use super::checkpoints::LoadedCheckpoint;
+use super::predictors::{LearnedRun, Predictors, SHIFT};
+use crate::attempt::Attempt;
+use crate::error::TaskError;
+use crate::trajectories::TrajectorySource;
+
+/// The result of the task, by predictor.
+#[derive(Default, Serialize, Deserialize)]
+pub(super) struct LatencyRecord {
+    pub latencies: Vec<(String, Latency)>,
+}
+
+/// Predictions before the first that is timed: what is made once is made then.
+const WARM_UP: usize = 3;
+
+pub(super) fn latency(attempt: &Attempt, spec: &EvaluateSpec) -> Result<(), TaskError> {
+    let data = TrajectorySource::open(attempt, &spec.data)?;
+    let checkpoints = LoadedCheckpoint::load_all(attempt, spec)?;
+    let cells = spec.cells(data.spec());
+    let missing = || TaskError::Missing { what: "cell", name: "0".to_owned() };
+    let mut cell = cells.into_iter().next().ok_or_else(missing)?;
+    cell.count = 1;
+    let observed = scenarios(attempt, spec, &data, &cell)?.observed(spec.context as usize);
+    // Windows in the order of time; where they end, the loop begins again with the first.
+    let windows: Vec<Observed> = (0..=observed.pre_roll() / SHIFT)
+        .rev()
+        .filter_map(|back| observed.earlier(back * SHIFT))
+        .collect();
+    let repeats = spec.latency.unwrap_or_default().repeats as usize;
+    let mut latencies = Vec::new();
+    let predictors = Predictors::new(spec, data.spec(), &checkpoints);
+    let runs: Vec<&LearnedRun<'_>> =
+        predictors.learned.iter().filter(|it| !it.checkpoint.model.needs_leak()).collect();
+    for (done, run) in (1_u64..).zip(&runs) {
+        attempt.progress.say(format!("times {}", run.info.name));
+        let load = load();
+        let times_ms = times_ms(attempt, spec, run, &windows, repeats)?;
+        let latency = Latency {
+            median_ms: quantile(&times_ms, 0.5),
+            p99_ms: quantile(&times_ms, 0.99),
+            repeats,
+            threads: rayon::current_num_threads(),
+            device: attempt.device.kind().to_string(),
+            load,
+        };
+        latencies.push((run.info.name.clone(), latency));
+        attempt.progress.set_done(attempt.task.total * done / runs.len() as u64);
+    }
+    let record = serde_json::to_value(LatencyRecord { latencies })?;
+    attempt.wait(attempt.store.complete(attempt.fence(), Some(&record)))?;
+    Ok(())
+}
+
+/// In rising order.
+fn times_ms(
+    attempt: &Attempt,
+    spec: &EvaluateSpec,
+    learned: &LearnedRun<'_>,
+    windows: &[Observed],
+    repeats: usize,
+) -> Result<Vec<f64>, TaskError> {
+    let model = &learned.checkpoint.model;
+    let start = learned.run.as_ref().map_or((Start::Cold, 0), |run| (run.start, run.steps));
+    let mut times_ms = Vec::with_capacity(repeats);
+    let mut previous: Option<Vec<f32>> = None;
+    let mut asked = 0;
+    while times_ms.len() < repeats {
+        attempt.check_stop()?;
+        let window = &windows[asked % windows.len()];
+        asked += 1;
+        let question =
+            PredictionInput { u: window.u.clone(), y_context: window.y.clone(), size: 1 };
+        let ask = |warm_start: Option<WarmStart>| match model.architecture().sampler() {
+            None => model.predict(&question),
+            Some(_) => {
+                model.sample(&question, &Sampling { warm_start, ..learned.sampling(spec, 0) })
+            }
+        };
+        let warm_start = match (start, previous.take()) {
+            ((Start::Cold, _), _) => None,
+            // What a prediction starts with does not change how long it takes: without the truth at
+            // hand, the oracle's is an earlier prediction as well.
+            ((_, steps), Some(previous)) => Some(WarmStart { previous, shift: SHIFT, steps }),
+            (_, None) => {
+                previous = Some(ask(None)?);
+                continue;
+            }
+        };
+        let begin = Instant::now();
+        let predicted = ask(warm_start)?;
+        let time_ms = begin.elapsed().as_secs_f64() * 1e3;
+        if asked > WARM_UP {
+            times_ms.push(time_ms);
+        }
+        // The window that follows the last is an earlier one, which nothing goes on from.
+        let goes_on = asked % windows.len() != 0 || windows.len() == 1;
+        previous = goes_on.then_some(predicted);
+    }
+    times_ms.sort_by(f64::total_cmp);
+    Ok(times_ms)
+}
+
+/// The smallest time that a share `q` of all does not exceed.
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "a rank among the times, not negative"
+)]
+fn quantile(sorted: &[f64], q: f64) -> f64 {
+    let rank = (q * sorted.len() as f64).ceil() as usize;
+    sorted[rank.clamp(1, sorted.len()) - 1]
+}
+
+/// Mean number of running threads of this machine in the last minute, where the system tells.
+fn load() -> Option<f64> {
+    std::fs::read_to_string("/proc/loadavg").ok()?.split_whitespace().next()?.parse().ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::quantile;
+
+    #[test]
+    fn quantiles_are_times_that_were_measured() {
+        let times: Vec<f64> = (1..=200).map(f64::from).collect();
+        assert_eq!([quantile(&times, 0.5), quantile(&times, 0.99)], [100.0, 198.0]);
+        assert_eq!(quantile(&[3.0], 0.99), 3.0);
+    }
+}

@@ -1,0 +1,143 @@
+//! Who is asked in an evaluation: baselines first, then checkpoints, each sampled in each way. The
+//! order of every table.
+
+use std::collections::HashMap;
+
+use evaluation::{
+    FirstPrediction, LeakyLearned, Learned, NominalArm, OracleStarted, Predictor, PredictorInfo,
+    PredictorKind, SamplingInfo, Scenarios, Start, baseline,
+};
+use models::Sampling;
+use spec::{DataSpec, EvaluateSpec, SamplerSpec, SamplingRun};
+
+use super::checkpoints::LoadedCheckpoint;
+
+/// Between two windows, as in the paper: a prediction at every sample.
+pub(super) const SHIFT: usize = 1;
+
+pub(super) struct Predictors<'a> {
+    arm: NominalArm,
+    spec: &'a EvaluateSpec,
+    pub learned: Vec<LearnedRun<'a>>,
+    /// Of those that start shifted with the same checkpoint and sampler.
+    first: HashMap<FirstKey, FirstPrediction>,
+}
+
+/// A checkpoint, and how it is sampled where that is asked for.
+pub(super) struct LearnedRun<'a> {
+    pub info: PredictorInfo,
+    pub checkpoint: &'a LoadedCheckpoint,
+    pub run: Option<SamplingRun>,
+    index: usize,
+}
+
+/// Index of the checkpoint, and what else decides over a prediction that begins cold.
+type FirstKey = (usize, String);
+
+impl<'a> Predictors<'a> {
+    pub fn new(
+        spec: &'a EvaluateSpec,
+        data: &DataSpec,
+        checkpoints: &'a [LoadedCheckpoint],
+    ) -> Self {
+        let learned: Vec<LearnedRun<'a>> = checkpoints
+            .iter()
+            .enumerate()
+            .flat_map(|(index, checkpoint)| LearnedRun::all(spec, index, checkpoint))
+            .collect();
+        let first = learned.iter().map(|it| (it.first_key(), FirstPrediction::new())).collect();
+        Self { arm: NominalArm::of(data), spec, learned, first }
+    }
+
+    /// In the order of every table.
+    pub fn infos(&self) -> Vec<PredictorInfo> {
+        let baselines = self.spec.baselines.iter().map(|&name| PredictorInfo {
+            name: baseline(name, &self.arm).name().to_owned(),
+            kind: PredictorKind::Baseline,
+            digest: None,
+            normalization: None,
+            sampling: None,
+            latency: None,
+        });
+        baselines.chain(self.learned.iter().map(|learned| learned.info.clone())).collect()
+    }
+
+    /// For the scenarios of one cell, `first` the index of the first.
+    pub fn of_cell<'b>(
+        &'b self,
+        scenarios: &'b Scenarios,
+        first: u64,
+    ) -> Vec<Box<dyn Predictor + 'b>> {
+        let baselines = self.spec.baselines.iter().map(|&name| baseline(name, &self.arm));
+        let learned = self.learned.iter().map(|learned| self.predictor(learned, scenarios, first));
+        baselines.map(|it| -> Box<dyn Predictor + 'b> { it }).chain(learned).collect()
+    }
+
+    fn predictor<'b>(
+        &'b self,
+        learned: &'b LearnedRun<'a>,
+        scenarios: &'b Scenarios,
+        first: u64,
+    ) -> Box<dyn Predictor + 'b> {
+        let (name, model) = (learned.info.name.clone(), &learned.checkpoint.model);
+        if model.needs_leak() {
+            return Box::new(LeakyLearned { name, model, scenarios });
+        }
+        let sampling = learned.sampling(self.spec, first);
+        let start = match learned.run.as_ref().map(|run| (run.start, run.steps)) {
+            Some((spec::Start::Oracle, steps)) => {
+                return Box::new(OracleStarted { name, model, sampling, steps, scenarios });
+            }
+            Some((spec::Start::Shifted, steps)) => Start::Shifted { shift: SHIFT, steps },
+            Some((spec::Start::Cold, _)) | None => Start::Cold,
+        };
+        let first = self.first.get(&learned.first_key());
+        Box::new(Learned { name, model, sampling, start, first })
+    }
+}
+
+impl<'a> LearnedRun<'a> {
+    fn all(spec: &EvaluateSpec, index: usize, checkpoint: &'a LoadedCheckpoint) -> Vec<Self> {
+        let model = checkpoint.model.architecture();
+        // Statistics of the horizon come with a sampler of the training's own.
+        let runs =
+            if checkpoint.model.needs_leak() { Vec::new() } else { spec.sampling_runs(model) };
+        if runs.is_empty() {
+            let own =
+                model.generation().zip(model.sampler()).map(|(generation, own)| SamplingInfo {
+                    curve: checkpoint.info.name.clone(),
+                    kind: own.kind,
+                    steps: own.steps.unwrap_or(generation.all_steps()),
+                    start: spec::Start::Cold,
+                });
+            let info = PredictorInfo { sampling: own, ..checkpoint.info.clone() };
+            return vec![Self { info, checkpoint, run: None, index }];
+        }
+        let each = runs.into_iter().map(|run| {
+            let name = &checkpoint.info.name;
+            let sampling = SamplingInfo {
+                curve: format!("{name} {}", run.curve()),
+                kind: run.sampler.kind,
+                steps: run.steps,
+                start: run.start,
+            };
+            let info = PredictorInfo {
+                name: format!("{name} {}", run.name()),
+                sampling: Some(sampling),
+                ..checkpoint.info.clone()
+            };
+            Self { info, checkpoint, run: Some(run), index }
+        });
+        each.collect()
+    }
+
+    /// Without samples and warm start, for the scenarios from `first` on.
+    pub fn sampling(&self, spec: &EvaluateSpec, first: u64) -> Sampling {
+        let sampler: Option<SamplerSpec> = self.run.as_ref().map(|run| run.sampler);
+        Sampling { sampler, seed: spec.seed, first_scenario: first, ..Sampling::default() }
+    }
+
+    fn first_key(&self) -> FirstKey {
+        (self.index, format!("{:?}", self.run.as_ref().map(|run| run.sampler)))
+    }
+}

@@ -1,0 +1,167 @@
+//! The result table as Parquet: one row per scenario, joint and predictor.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use arrow::array::{
+    Array, ArrayRef, Float32Array, Float64Array, Int32Array, Int64Array, RecordBatch, StringArray,
+};
+use arrow::error::ArrowError;
+use evaluation::{CellResult, MEASURES, Row};
+use serde_json::Value;
+use spec::{Column, ColumnType, JOINTS};
+use store::{TableReader, table_schema};
+
+const PREDICTOR: &str = "predictor";
+
+/// All columns, in order: what each row is about, and what was measured.
+pub(super) fn columns() -> Vec<Column> {
+    let nullable = |column: Column| Column { nullable: true, ..column };
+    let about = [
+        Column::new("cell", ColumnType::Int32, "number of the cell, from 0"),
+        nullable(Column::new("family", ColumnType::Text, "chirp or multisine")),
+        nullable(
+            Column::new("frequency_hz", ColumnType::Float64, "master frequency of the cell")
+                .unit("Hz"),
+        ),
+        Column::trajectory(),
+        nullable(Column::new("seed", ColumnType::Int64, "of the simulation that made it")),
+        Column::new(PREDICTOR, ColumnType::Text, "as the report calls it"),
+        Column::new("joint", ColumnType::Int32, "1 to 7"),
+    ];
+    let measured = MEASURES.iter().map(|measure| {
+        let column = Column::new(measure.name, ColumnType::Float32, measure.about);
+        let in_degrees = measure.name.contains("deg");
+        nullable(if in_degrees { column.unit("deg") } else { column })
+    });
+    about.into_iter().chain(measured).collect()
+}
+
+/// What the file says of itself.
+pub(super) fn footer(spec: &Value) -> BTreeMap<String, String> {
+    let columns = serde_json::to_string(&columns()).unwrap_or_default();
+    BTreeMap::from([
+        ("torqued.spec".to_owned(), spec.to_string()),
+        ("torqued.columns".to_owned(), columns),
+    ])
+}
+
+pub(super) fn record_batch(
+    result: &CellResult,
+    seed: Option<u64>,
+) -> Result<RecordBatch, ArrowError> {
+    let overflow = |value: &dyn std::fmt::Display| {
+        ArrowError::ArithmeticOverflow(format!("{value} is too large for its column"))
+    };
+    let rows: Vec<Row<'_>> = result.rows().collect();
+    let int = |value: u64| i32::try_from(value).map_err(|_| overflow(&value));
+    let trajectories = rows.iter().map(|row| int(row.trajectory)).collect::<Result<Vec<_>, _>>()?;
+    let joints = rows.iter().map(|row| int(row.joint as u64)).collect::<Result<Vec<_>, _>>()?;
+    let seed = seed.map(i64::try_from).transpose().map_err(|error| overflow(&error))?;
+    let count = rows.len();
+    let family = result.family.map(|family| family.to_string());
+    let mut arrays: Vec<ArrayRef> = vec![
+        Arc::new(Int32Array::from(vec![int(result.cell as u64)?; count])),
+        Arc::new(StringArray::from(vec![family; count])),
+        Arc::new(Float64Array::from(vec![result.frequency_hz; count])),
+        Arc::new(Int32Array::from(trajectories)),
+        Arc::new(Int64Array::from(vec![seed; count])),
+        Arc::new(StringArray::from_iter_values(rows.iter().map(|row| row.predictor))),
+        Arc::new(Int32Array::from(joints)),
+    ];
+    arrays.extend(MEASURES.iter().map(|measure| {
+        let values: Float32Array = rows.iter().map(|row| (measure.get)(row)).collect();
+        Arc::new(values) as ArrayRef
+    }));
+    RecordBatch::try_new(table_schema(&columns()), arrays)
+}
+
+/// All rows of a table, in row groups.
+pub(super) fn read(table: &TableReader) -> Result<Vec<RecordBatch>, store::StoreError> {
+    let columns = columns();
+    let names: Vec<&str> = columns.iter().map(|column| column.name.as_str()).collect();
+    (0..table.row_groups().count()).map(|group| table.read_row_group(group, &names)).collect()
+}
+
+/// Puts the errors of scenarios back into a result that was stored without them.
+pub(super) fn complete(result: &mut CellResult, table: &[RecordBatch]) -> Result<(), ArrowError> {
+    let mut rows = Vec::new();
+    for batch in table {
+        let predictors = column::<StringArray>(batch, PREDICTOR)?;
+        let first = rows.len();
+        rows.extend((0..batch.num_rows()).map(|k| Row {
+            predictor: predictors.value(k),
+            joint: (first + k) % JOINTS + 1,
+            ..Row::default()
+        }));
+        for measure in MEASURES {
+            let values = column::<Float32Array>(batch, measure.name)?;
+            for (row, value) in rows[first..].iter_mut().zip(values) {
+                (measure.set)(row, value);
+            }
+        }
+    }
+    if result.take_rows(&rows) {
+        return Ok(());
+    }
+    let detail = format!("the table of cell {} has not the rows of its predictors", result.cell);
+    Err(ArrowError::InvalidArgumentError(detail))
+}
+
+fn column<'a, A: Array + 'static>(batch: &'a RecordBatch, name: &str) -> Result<&'a A, ArrowError> {
+    let array = batch.column_by_name(name).and_then(|array| array.as_any().downcast_ref::<A>());
+    array.ok_or_else(|| ArrowError::SchemaError(format!("the table has no such column {name}")))
+}
+
+#[cfg(test)]
+mod tests {
+    use evaluation::{HoldLast, Predictor, Scenarios, Scoring, evaluate_cell};
+    use spec::Family;
+    use store::{ObjectWriter, TableWriter};
+
+    use super::*;
+
+    fn result() -> CellResult {
+        let y: Vec<f32> = (0..3 * 60 * JOINTS).map(|k| (0.01 * k as f32).sin()).collect();
+        let scenarios =
+            Scenarios { size: 3, samples: 60, pre_roll: 0, rate_hz: 60.0, u: y.clone(), y };
+        let scoring = Scoring { context: 20, samples: 1, band_edge_hz: Some(8.0) };
+        let predictors: [Box<dyn Predictor>; 1] = [Box::new(HoldLast)];
+        CellResult {
+            cell: 4,
+            family: Some(Family::Chirp),
+            frequency_hz: Some(0.3),
+            first: 200,
+            predictors: evaluate_cell(&scenarios, &scoring, &predictors),
+            measured_jitter_deg: None,
+        }
+    }
+
+    #[test]
+    fn a_cell_reads_back_from_its_table() {
+        let made = result();
+        let folder = tempfile::tempdir().unwrap();
+        let object = ObjectWriter::in_folder(folder.path(), "cell.parquet").unwrap();
+        let batch = record_batch(&made, Some(7)).unwrap();
+        let footer = footer(&Value::Null);
+        let mut writer = TableWriter::table(object, batch.schema(), &footer).unwrap();
+        writer.write(batch).unwrap();
+        writer.finish().unwrap();
+
+        let table = TableReader::open(&folder.path().join("cell.parquet")).unwrap();
+        assert!(table.footer("torqued.columns").unwrap().contains("root mean square error"));
+        let mut found = made.clone();
+        found.predictors[0].scenarios.clear();
+        complete(&mut found, &read(&table).unwrap()).unwrap();
+        assert_eq!(found, made);
+    }
+
+    #[test]
+    fn a_table_of_another_cell_is_refused() {
+        let made = result();
+        let batch = record_batch(&made, None).unwrap();
+        let mut other = made;
+        other.predictors[0].predictor = "another".to_owned();
+        assert!(complete(&mut other, &[batch]).is_err());
+    }
+}
