@@ -48,6 +48,8 @@ conforms! {
         a_job_that_was_done_is_not_done_again,
         execution_does_not_tell_jobs_apart,
         a_job_that_failed_is_done_again,
+        an_evaluation_takes_over_the_cells_of_one_that_failed,
+        an_evaluation_that_lacks_its_report_alone_begins_with_it,
         a_job_that_is_being_cancelled_is_not_reused,
         force_computes_anew_and_needs_point_to_the_new_jobs,
         a_pipeline_is_reused_whole_or_job_by_job,

@@ -4,7 +4,6 @@
 use std::io::Write;
 use std::path::Path;
 
-use reqwest::StatusCode;
 use serde_json::{Value, json};
 
 use crate::product::{Product, run_to_end, torqued};

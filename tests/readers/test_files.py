@@ -1,6 +1,7 @@
 """What torqued writes, read by the libraries that notebooks use."""
 
 import hashlib
+import json
 import tempfile
 import unittest
 
@@ -77,6 +78,30 @@ class Files(unittest.TestCase):
         self.assertGreater(len(tensors), 10)
         for name, tensor in tensors.items():
             self.assertTrue(numpy.isfinite(tensor).all(), name)
+
+    def test_polars_reads_one_row_per_scenario_joint_and_predictor(self):
+        evaluation = self.product.get(f"/v1/evaluations/{self.product.member('evaluate')['id']}")
+        artifacts = {artifact["name"]: artifact for artifact in evaluation["artifacts"]}
+        path = self.product.download(artifacts["scenarios.parquet"]["url"], self.folder.name)
+        frame = polars.read_parquet(path)
+        report = evaluation["report"]
+        predictors = [predictor["name"] for predictor in report["predictors"]]
+        scenarios = sum(cell["scenarios"] for cell in report["cells"])
+        self.assertEqual(frame.height, scenarios * 7 * len(predictors))
+        self.assertEqual(frame.schema["predictor"], polars.String)
+        self.assertEqual(frame.schema["rmse_deg"], polars.Float32)
+        self.assertEqual(set(frame["joint"]), set(range(1, 8)))
+        self.assertEqual(frame["crps_deg"].null_count(), frame.height, "one sample is none")
+        for cell in report["cells"]:
+            for stated in cell["rmse_deg"]:
+                rows = frame.filter(
+                    (polars.col("predictor") == stated["predictor"])
+                    & (polars.col("frequency_hz") == cell["frequency_hz"])
+                )
+                self.assertAlmostEqual(rows["rmse_deg"].mean(), stated["mean"], places=4)
+        footer = pyarrow.parquet.ParquetFile(path).metadata.metadata
+        columns = [column["name"] for column in json.loads(footer[b"torqued.columns"])]
+        self.assertEqual(columns, frame.columns)
 
 
 if __name__ == "__main__":

@@ -93,11 +93,9 @@ fn figures(artifacts: &[Artifact]) -> Vec<FigureView> {
                 "latency" => "Time of one prediction over the steps of the sampler",
                 _ => "A figure",
             };
-            let of = of.replace('-', " ");
-            let alt = format!(
-                "{what}{}{of}; the file .csv holds the same numbers.",
-                if of.is_empty() { "" } else { ": " }
-            );
+            let of =
+                if of.is_empty() { String::new() } else { format!(", {}", of.replace('-', " ")) };
+            let alt = format!("{what}{of}. The file with .csv in its name holds the same numbers.");
             Some(FigureView { url: artifact.url.clone(), alt })
         })
         .collect()

@@ -70,8 +70,8 @@ fn of_predictors(
 fn drawn(report: &Report) -> impl Iterator<Item = &PredictorInfo> {
     let has_more_steps = |info: &PredictorInfo| {
         let Some(own) = &info.sampling else { return false };
-        let others = report.predictors.iter().filter_map(|info| info.sampling.as_ref());
-        others.into_iter().any(|other| other.curve == own.curve && other.steps > own.steps)
+        let mut others = report.predictors.iter().filter_map(|info| info.sampling.as_ref());
+        others.any(|other| other.curve == own.curve && other.steps > own.steps)
     };
     report.predictors.iter().filter(move |info| !has_more_steps(info))
 }

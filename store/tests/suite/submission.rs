@@ -2,9 +2,10 @@ use serde_json::json;
 use spec::{Digest, JobKind};
 use store::{
     Idempotency, JobFilter, JobState, Need, Page, Retry, Reuse, StoreError, Submission, Submitted,
+    TaskState,
 };
 
-use super::{Fixture, alone, digest_of, pipeline, simulate, train};
+use super::{Fixture, alone, digest_of, evaluate, pipeline, simulate, train};
 
 pub async fn a_job_that_was_done_is_not_done_again(f: Fixture) {
     let first = f.submit(alone(simulate(1))).await;
@@ -28,6 +29,45 @@ pub async fn a_job_that_failed_is_done_again(f: Fixture) {
     f.store.fail(task.fence, "no", Retry::Never).await.unwrap();
     let second = f.submit(alone(simulate(1))).await;
     assert!(second.job != first && !second.reused);
+}
+
+/// Of two cells the second fails; the report comes after both.
+pub async fn an_evaluation_takes_over_the_cells_of_one_that_failed(f: Fixture) {
+    let evaluation = || evaluate(&simulate(1), &train(&simulate(1), vec![]), vec![]);
+    f.submit_one(evaluation()).await;
+    let made = json!({"made": "by the first"});
+    let first = f.must_claim().await;
+    f.store.complete(first.fence, Some(&made)).await.unwrap();
+    let second = f.must_claim().await;
+    f.store.fail(second.fence, "no", Retry::Never).await.unwrap();
+
+    let again = f.submit_one(evaluation()).await;
+    let tasks = f.store.tasks(again).await.unwrap();
+    let states: Vec<TaskState> = tasks.iter().map(|task| task.state).collect();
+    assert_eq!(states, [TaskState::Succeeded, TaskState::Queued, TaskState::Waiting]);
+    assert_eq!((tasks[0].result.as_ref(), tasks[0].attempt), (Some(&made), 0));
+    assert_eq!(f.work_off().await.len(), 2);
+    assert_eq!(f.state(again).await, JobState::Succeeded);
+
+    let forced = Submission { reuse: Reuse::Never, ..alone(evaluation()) };
+    f.submit(forced).await;
+    assert_eq!(f.work_off().await.len(), 3);
+}
+
+/// What is left to do then is the stage after.
+pub async fn an_evaluation_that_lacks_its_report_alone_begins_with_it(f: Fixture) {
+    let evaluation = || evaluate(&simulate(1), &train(&simulate(1), vec![]), vec![]);
+    let first = f.submit_one(evaluation()).await;
+    for _ in 0..2 {
+        let cell = f.must_claim().await;
+        f.store.complete(cell.fence, Some(&json!({}))).await.unwrap();
+    }
+    f.store.cancel(first).await.unwrap();
+    let again = f.submit_one(evaluation()).await;
+    let done = f.work_off().await;
+    let stages: Vec<u32> = done.iter().map(|task| task.stage).collect();
+    assert_eq!(stages, [1]);
+    assert_eq!(f.state(again).await, JobState::Succeeded);
 }
 
 pub async fn a_job_that_is_being_cancelled_is_not_reused(f: Fixture) {
