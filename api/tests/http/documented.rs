@@ -25,13 +25,14 @@ fn the_committed_document_is_the_generated_one() {
 }
 
 /// Every operation, with a request that it answers with success.
-const OPERATIONS: [(&str, &str, &str); 29] = [
+const OPERATIONS: [(&str, &str, &str); 30] = [
     ("get", "/healthz", "/healthz"),
     ("get", "/v1/presets", "/v1/presets"),
     ("post", "/v1/jobs", "/v1/jobs"),
     ("get", "/v1/jobs", "/v1/jobs"),
     ("get", "/v1/jobs/{id}", "/v1/jobs/5"),
     ("post", "/v1/jobs/{id}/cancel", "/v1/jobs/6/cancel"),
+    ("post", "/v1/jobs/{id}/retry", "/v1/jobs/6/retry"),
     ("get", "/v1/jobs/{id}/tasks", "/v1/jobs/1/tasks"),
     ("get", "/v1/datasets", "/v1/datasets"),
     ("post", "/v1/datasets", "/v1/datasets"),
