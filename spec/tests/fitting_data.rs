@@ -89,12 +89,16 @@ fn checkpoints_of_another_length_are_refused_with_both_numbers() {
 fn samplers_need_a_denoiser_with_as_many_steps() {
     let steps = json!({"samplers": [{"kind": "ddim", "steps": [5, 101]}]});
     let error = refusal(&steps, 400, &["cdt-tiny", "robomorph-tiny"]);
-    assert!(
-        error.contains("101 steps") && error.contains("checkpoints[0], which is 100"),
-        "{error}"
-    );
+    let expected =
+        "samplers.steps is 101, for checkpoints[0], allowed: at most diffusion.steps, which is 100";
+    assert!(error.contains(expected), "{error}");
     let error = refusal(&steps, 400, &["robomorph-tiny"]);
-    assert!(error.contains("samplers is 1 given"), "{error}");
+    assert!(error.contains("samplers[0] is ddim"), "{error}");
+    let error = refusal(&steps, 400, &["flow-tiny"]);
+    assert!(error.contains("samplers[0] is ddim"), "{error}");
+    let both =
+        json!({"samplers": [{"kind": "ddim", "steps": 5}, {"kind": "euler", "steps": [1, 2]}]});
+    assert_eq!(refusal(&both, 400, &["cdt-tiny", "flow-tiny"]), "");
     let eta = json!({"samplers": [{"kind": "ddpm", "eta": 0.5}]});
     let error = refusal(&eta, 400, &["cdt-tiny"]);
     assert!(error.contains("0.5, for checkpoints[0]") && error.contains("ddim"), "{error}");
