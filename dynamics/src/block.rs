@@ -15,7 +15,7 @@ use crate::lanes::{Kernels, MAX_LANES};
 use crate::model::Model;
 use crate::rejection::Clearance;
 use crate::spatial::Turn;
-use crate::{DynamicsError, Joints, Robot, Scenario, Scenarios};
+use crate::{ArmState, DynamicsError, Joints, Robot, Scenario, Scenarios};
 
 /// Trajectories `first`, `first + 1`, .., one per element of `scenarios`.
 pub(crate) struct Block<'a> {
@@ -196,6 +196,16 @@ impl<L: Kernels> State<L> {
         for joint in 0..JOINTS {
             self.qd[joint].set_lane(lane, qd[joint]);
         }
+    }
+
+    #[inline(always)]
+    pub(crate) fn of_lane(&self, lane: usize) -> ArmState {
+        let mut arm = ArmState::default();
+        for joint in 0..JOINTS {
+            arm.q[joint] = self.q[joint].lane(lane) + self.q_remainder[joint].lane(lane);
+            arm.qd[joint] = self.qd[joint].lane(lane);
+        }
+        arm
     }
 
     #[inline(always)]

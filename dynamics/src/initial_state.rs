@@ -1,8 +1,8 @@
 use spec::{InitialState, Range};
 
 use crate::Joints;
-use crate::panda::JOINT_LIMITS_RAD;
 use crate::random::Draws;
+use spec::JOINT_LIMITS_RAD;
 
 /// Positions (rad) and velocities (rad/s) at t = 0, as [`InitialState`] states the law.
 pub(crate) fn draw_initial_state(

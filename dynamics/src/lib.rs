@@ -47,12 +47,12 @@ pub use friction::Friction;
 pub use inertia::RigidBody;
 pub use instruction_set::InstructionSet;
 pub use kinematics::{Kinematics, Pose};
-pub use panda::JOINT_LIMITS_RAD;
-pub use replay::{Anchor, Motion, Replay};
+pub use replay::{Anchor, ArmState, Motion, Replay};
 pub use robot::{Payload, Robot};
 pub use scenario::{Scenario, Scenarios};
 pub use simulate::{Trajectories, simulate, simulate_into, simulate_on};
 pub use single::{bias_forces, forward_dynamics, gravity, mass_matrix};
+pub use spec::JOINT_LIMITS_RAD;
 
 /// One value per joint.
 pub type Joints<T> = [T; spec::JOINTS];

@@ -4,7 +4,6 @@ use std::f64::consts::FRAC_1_SQRT_2;
 use std::sync::LazyLock;
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
-use spec::Range;
 
 use crate::{Joints, Kinematics, RigidBody};
 
@@ -39,17 +38,6 @@ pub(crate) const KINEMATICS: Kinematics = Kinematics {
     d_m: [0.333, 0.0, 0.316, 0.0, 0.384, 0.0, 0.0],
     flange_m: 0.107,
 };
-
-/// Position limits of the joints, rad. Source: franka_description, robots/fer/joint_limits.yaml.
-pub const JOINT_LIMITS_RAD: Joints<Range> = [
-    Range::new(-2.8973, 2.8973),
-    Range::new(-1.7628, 1.7628),
-    Range::new(-2.8973, 2.8973),
-    Range::new(-3.0718, -0.0698),
-    Range::new(-2.8973, 2.8973),
-    Range::new(-0.0175, 3.7525),
-    Range::new(-2.8973, 2.8973),
-];
 
 /// The moving bodies before anything is welded, each in its own frame.
 #[derive(Clone, Debug)]

@@ -2,7 +2,7 @@ use spec::Rejection;
 
 use crate::Joints;
 use crate::lanes::Lanes;
-use crate::panda::JOINT_LIMITS_RAD;
+use spec::JOINT_LIMITS_RAD;
 
 /// Positions that every sample of a trajectory must keep to.
 pub(crate) struct Clearance<L> {

@@ -1,7 +1,7 @@
 //! Robots that are given, moved from states that are given by torques that are given.
 //!
-//! What identification needs: every robot of a batch has a lane, and nothing is drawn, rejected or
-//! compensated.
+//! What identification and control need: every robot of a batch has a lane, and nothing is drawn,
+//! rejected or compensated.
 
 use rayon::prelude::*;
 use spec::{Integrator, JOINTS, Precision, SimulateSpec};
@@ -35,6 +35,15 @@ pub struct Anchor {
     pub q: Joints<f64>,
 }
 
+/// Where an arm is and how it moves.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ArmState {
+    /// Positions, rad.
+    pub q: Joints<f64>,
+    /// Velocities, rad/s.
+    pub qd: Joints<f64>,
+}
+
 /// How motions are simulated. With the fields of a [`SimulateSpec`] a robot that was drawn moves as
 /// it did there, to the last bit.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -52,6 +61,8 @@ pub(crate) struct Together<'a> {
     motions: &'a [Motion<'a>],
     /// `[motion, sample]`.
     q: &'a mut [Joints<f32>],
+    /// `[motion]`.
+    ends: &'a mut [ArmState],
 }
 
 impl Replay {
@@ -73,27 +84,36 @@ impl Replay {
     /// # Panics
     /// When motions differ in their number of torques.
     pub fn run(&self, motions: &[Motion<'_>]) -> Vec<Joints<f32>> {
+        self.run_through(motions).0
+    }
+
+    /// As [`Replay::run`], with the state that each motion is in when its last torque has acted, too.
+    ///
+    /// # Panics
+    /// As [`Replay::run`].
+    pub fn run_through(&self, motions: &[Motion<'_>]) -> (Vec<Joints<f32>>, Vec<ArmState>) {
         let samples = motions.first().map_or(0, |motion| motion.u.len());
         assert!(motions.iter().all(|motion| motion.u.len() == samples), "motions of equal length");
         let mut q = vec![[0.0; JOINTS]; motions.len() * samples];
+        let mut ends: Vec<ArmState> =
+            motions.iter().map(|motion| ArmState { q: motion.q0, qd: motion.qd0 }).collect();
         if samples == 0 {
-            return q;
+            return (q, ends);
         }
         let lanes = self.instructions.lanes(self.precision);
-        motions.par_chunks(lanes).zip(q.par_chunks_mut(lanes * samples)).for_each(
-            |(motions, q)| {
-                let mut together = Together { replay: self, motions, q };
-                self.instructions.replay(self.precision, &mut together);
-            },
-        );
-        q
+        let chunks = motions.par_chunks(lanes).zip(q.par_chunks_mut(lanes * samples));
+        chunks.zip(ends.par_chunks_mut(lanes)).for_each(|((motions, q), ends)| {
+            let mut together = Together { replay: self, motions, q, ends };
+            self.instructions.replay(self.precision, &mut together);
+        });
+        (q, ends)
     }
 }
 
 /// Fills the positions of at most as many motions as there are lanes.
 #[inline(always)]
 pub(crate) fn replay<L: Kernels>(together: &mut Together<'_>) {
-    let Together { replay, motions, q } = together;
+    let Together { replay, motions, q, ends } = together;
     let scheme = Scheme::from(replay.integrator);
     let period = 1.0 / replay.rate_hz;
     let samples = motions[0].u.len();
@@ -126,13 +146,13 @@ pub(crate) fn replay<L: Kernels>(together: &mut Together<'_>) {
                 anchored[lane] += 1;
             }
         }
-        if sample + 1 == samples {
-            return;
-        }
         let mut torque = state.qd;
         for joint in 0..JOINTS {
             torque[joint] = L::load(&torques[joint]);
         }
         advance(scheme, period, &model, &torque, &mut state);
+    }
+    for lane in 0..motions.len() {
+        ends[lane] = state.of_lane(lane);
     }
 }

@@ -11,6 +11,8 @@ pub enum EvaluationError {
          {pre_roll} samples are recorded before the window; allowed: a shift from 1 to that"
     )]
     PreRoll { predictor: String, shift: usize, pre_roll: usize },
+    #[error("{failed} of {plans} plans were foreseen to lead to positions that are not finite")]
+    NotFinite { failed: usize, plans: usize },
     #[error("cell {0} of the evaluation has no result")]
     MissingCell(usize),
 }

@@ -7,6 +7,7 @@
 mod baselines;
 mod bootstrap;
 mod cell;
+pub mod control;
 mod error;
 mod figure;
 mod learned;

@@ -1,6 +1,6 @@
 //! Validation of values: collects every violation instead of stopping at the first.
 
-use std::fmt::Display;
+use std::fmt::{Debug, Display};
 use std::ops::RangeInclusive;
 
 use crate::{Range, SpecError, Violation};
@@ -75,6 +75,14 @@ impl Report {
                 format!("[{}, {}]", range.min, range.max),
                 "[min, max] with min not above max",
             );
+        }
+    }
+
+    /// A list without repetitions.
+    pub fn each_once<T: PartialEq + Debug>(&mut self, field: &str, items: &[T]) {
+        let repeated = |(i, item): &(usize, &T)| items[..*i].contains(*item);
+        if let Some((_, twice)) = items.iter().enumerate().find(repeated) {
+            self.violation(field, format!("{twice:?} twice"), "each once");
         }
     }
 

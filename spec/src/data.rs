@@ -16,6 +16,7 @@ impl DataSpec {
             JobSpec::Import(spec) => Some(Self::Import(spec.clone())),
             JobSpec::Train(_)
             | JobSpec::Evaluate(_)
+            | JobSpec::Control(_)
             | JobSpec::Verify(_)
             | JobSpec::Pipeline(_) => None,
         }

@@ -6,8 +6,8 @@ use utoipa::ToSchema;
 
 use crate::check::{Check, Report};
 use crate::{
-    CheckpointRef, DataSource, Digest, EvaluateSpec, Execution, ImportSpec, PipelineSpec,
-    SimulateSpec, SpecError, TrainSpec, VerifySpec, evaluate, preset, stream,
+    CheckpointRef, ControlSpec, DataSource, Digest, EvaluateSpec, Execution, ImportSpec,
+    PipelineSpec, SimulateSpec, SpecError, TrainSpec, VerifySpec, evaluate, preset, stream,
 };
 
 /// Anything a user can ask for.
@@ -18,6 +18,7 @@ pub enum JobSpec {
     Simulate(SimulateSpec),
     Train(TrainSpec),
     Evaluate(EvaluateSpec),
+    Control(ControlSpec),
     Import(ImportSpec),
     Verify(VerifySpec),
     Pipeline(PipelineSpec),
@@ -29,20 +30,29 @@ pub enum JobKind {
     Simulate,
     Train,
     Evaluate,
+    Control,
     Import,
     Verify,
     Pipeline,
 }
 
 impl JobKind {
-    pub const ALL: [Self; 6] =
-        [Self::Simulate, Self::Train, Self::Evaluate, Self::Import, Self::Verify, Self::Pipeline];
+    pub const ALL: [Self; 7] = [
+        Self::Simulate,
+        Self::Train,
+        Self::Evaluate,
+        Self::Control,
+        Self::Import,
+        Self::Verify,
+        Self::Pipeline,
+    ];
 
     pub const fn as_str(self) -> &'static str {
         match self {
             Self::Simulate => "simulate",
             Self::Train => "train",
             Self::Evaluate => "evaluate",
+            Self::Control => "control",
             Self::Import => "import",
             Self::Verify => "verify",
             Self::Pipeline => "pipeline",
@@ -80,6 +90,7 @@ fn check_outside_pipeline(spec: &JobSpec, report: &mut Report) {
     let (data, checkpoints) = match spec {
         JobSpec::Train(spec) => (Some(&spec.data), &[][..]),
         JobSpec::Evaluate(spec) => (Some(&spec.data), &spec.checkpoints[..]),
+        JobSpec::Control(spec) => (Some(&spec.data), &spec.checkpoints[..]),
         JobSpec::Verify(spec) => (Some(&spec.data), &[][..]),
         JobSpec::Simulate(_) | JobSpec::Import(_) | JobSpec::Pipeline(_) => (None, &[][..]),
     };
@@ -118,6 +129,7 @@ fn read(value: Value) -> Result<JobSpec, SpecError> {
             Ok(JobSpec::Train(from_fields(fields)?))
         }
         "evaluate" => Ok(JobSpec::Evaluate(evaluate::read(fields)?)),
+        "control" => Ok(JobSpec::Control(from_fields(stream::resolve(fields)?)?)),
         "import" => Ok(JobSpec::Import(from_fields(fields)?)),
         "verify" => Ok(JobSpec::Verify(from_fields(stream::resolve(fields)?)?)),
         "pipeline" => read_pipeline(fields),
@@ -178,6 +190,7 @@ impl Check for JobSpec {
             Self::Simulate(spec) => spec.check(report),
             Self::Train(spec) => spec.check(report),
             Self::Evaluate(spec) => spec.check(report),
+            Self::Control(spec) => spec.check(report),
             Self::Import(spec) => spec.check(report),
             Self::Verify(spec) => spec.check(report),
             Self::Pipeline(spec) => spec.check(report),
@@ -191,6 +204,7 @@ impl JobSpec {
             Self::Simulate(_) => JobKind::Simulate,
             Self::Train(_) => JobKind::Train,
             Self::Evaluate(_) => JobKind::Evaluate,
+            Self::Control(_) => JobKind::Control,
             Self::Import(_) => JobKind::Import,
             Self::Verify(_) => JobKind::Verify,
             Self::Pipeline(_) => JobKind::Pipeline,
@@ -203,6 +217,7 @@ impl JobSpec {
             Self::Simulate(spec) => spec.execution,
             Self::Train(spec) => spec.execution,
             Self::Evaluate(spec) => spec.execution,
+            Self::Control(spec) => spec.execution,
             Self::Import(spec) => spec.execution,
             Self::Verify(spec) => spec.execution,
             Self::Pipeline(_) => Execution::default(),
@@ -229,6 +244,7 @@ impl JobSpec {
         match self {
             Self::Train(spec) => Some(&mut spec.data),
             Self::Evaluate(spec) => Some(&mut spec.data),
+            Self::Control(spec) => Some(&mut spec.data),
             Self::Verify(spec) => Some(&mut spec.data),
             Self::Simulate(_) | Self::Import(_) | Self::Pipeline(_) => None,
         }
@@ -238,6 +254,7 @@ impl JobSpec {
     pub fn checkpoint_refs(&mut self) -> &mut [CheckpointRef] {
         match self {
             Self::Evaluate(spec) => &mut spec.checkpoints,
+            Self::Control(spec) => &mut spec.checkpoints,
             Self::Simulate(_)
             | Self::Train(_)
             | Self::Import(_)

@@ -8,6 +8,7 @@
 mod canonical;
 mod check;
 mod compatibility;
+mod control;
 mod data;
 mod early_stop;
 mod error;
@@ -31,6 +32,10 @@ pub const JOINTS: usize = 7;
 
 pub use canonical::{Digest, ParseDigestError};
 pub use compatibility::Training;
+pub use control::{
+    ControlBaseline, ControlPath, ControlSpec, PlanWeights, Planner, PointToPoint, Swing,
+    TORQUE_LIMITS_NM,
+};
 pub use data::DataSpec;
 pub use early_stop::{EarlyStopSpec, ValidationMetric};
 pub use error::{SpecError, Violation};
@@ -56,8 +61,9 @@ pub use range::Range;
 pub use reference::{CheckpointRef, DataSource, TrainingRef, TrainingStep};
 pub use simulate::{
     Cell, Chirp, ChirpBand, Column, ColumnType, Doubt, Excitation, Family, Frequency, Friction,
-    Gravity, InertiaScheme, InitialState, Integrator, LEAST_INERTIA_KG_M2, MAX_TRAJECTORIES,
-    Multisine, Observations, Payload, Precision, Rejection, RobotModel, RobotSpec, SimulateSpec,
+    Gravity, InertiaScheme, InitialState, Integrator, JOINT_LIMITS_RAD, LEAST_INERTIA_KG_M2,
+    MAX_TRAJECTORIES, Multisine, Observations, Payload, Precision, Rejection, RobotModel,
+    RobotSpec, SimulateSpec,
 };
 pub use train::{EmaSpec, Normalization, OptimizerSpec, TrainSpec};
 pub use verify::VerifySpec;

@@ -38,15 +38,21 @@ impl PipelineMember {
             JobSpec::Train(spec) => needs.extend(dataset_job(&spec.data)),
             JobSpec::Evaluate(spec) => {
                 needs.extend(dataset_job(&spec.data));
-                needs.extend(
-                    spec.checkpoints.iter().filter_map(CheckpointRef::job).map(str::to_owned),
-                );
+                needs.extend(trainings(&spec.checkpoints));
+            }
+            JobSpec::Control(spec) => {
+                needs.extend(dataset_job(&spec.data));
+                needs.extend(trainings(&spec.checkpoints));
             }
             JobSpec::Verify(spec) => needs.extend(dataset_job(&spec.data)),
             JobSpec::Simulate(_) | JobSpec::Import(_) | JobSpec::Pipeline(_) => {}
         }
         needs
     }
+}
+
+fn trainings(checkpoints: &[CheckpointRef]) -> impl Iterator<Item = String> {
+    checkpoints.iter().filter_map(CheckpointRef::job).map(str::to_owned)
 }
 
 fn dataset_job(reference: &DataSource) -> Option<String> {
@@ -169,6 +175,7 @@ impl PipelineSpec {
         let (data, checkpoints) = match &member.spec {
             JobSpec::Train(spec) => (Some(&spec.data), &[][..]),
             JobSpec::Evaluate(spec) => (Some(&spec.data), &spec.checkpoints[..]),
+            JobSpec::Control(spec) => (Some(&spec.data), &spec.checkpoints[..]),
             JobSpec::Verify(spec) => (Some(&spec.data), &[][..]),
             JobSpec::Simulate(_) | JobSpec::Import(_) | JobSpec::Pipeline(_) => (None, &[][..]),
         };

@@ -29,7 +29,7 @@ pub enum PresetPlace {
 
 /// Every preset, in the order to show them.
 pub fn presets() -> Vec<Preset> {
-    let mut all = vec![quickstart(), four_models()];
+    let mut all = vec![quickstart(), four_models(), control()];
     all.extend(datasets());
     all.extend([grid_chirp(), grid_multisine()]);
     all.extend(robomorph_sizes());
@@ -269,6 +269,36 @@ fn four_models() -> Preset {
     }
 }
 
+/// With two of the four models, which are found if they were trained before.
+fn control() -> Preset {
+    let (train_set, data) = ("train-set", quickstart_data());
+    let mut jobs = Map::from_iter([(train_set.to_owned(), data[train_set].clone())]);
+    jobs.insert("robomorph".to_owned(), minutes_of_training("robomorph", 3e-3, 3000));
+    jobs.insert("cdt".to_owned(), minutes_of_training("cdt", 2e-3, 1500));
+    let robots = json!({"preset": "D1-multisine", "trajectories": 8, "seed": 2_000_001});
+    let mut closed_loop = json!({
+        "kind": "control",
+        "data": {"stream": robots},
+        "checkpoints": [{"job": "robomorph"}, {"job": "cdt"}],
+    });
+    jobs.insert("control".to_owned(), closed_loop.clone());
+    // One of them is enough to see what becomes of models there.
+    closed_loop["checkpoints"] = json!([{"job": "robomorph"}]);
+    closed_loop["path"] = json!({"swing": {
+        "amplitude_rad": [0.8, 0.8, 0.8, 0.8, 0.8, 0.8, 0.8],
+        "frequency_hz": [0.3, 0.4, 0.5, 0.3, 0.4, 0.4, 0.4],
+    }});
+    jobs.insert("control-fast".to_owned(), closed_loop);
+    Preset {
+        name: "control".to_owned(),
+        about: "Move robots along a path by model predictive control through two trained models, \
+                slowly and faster than they have seen"
+            .to_owned(),
+        place: PresetPlace::Job,
+        spec: json!({"kind": "pipeline", "name": "control", "jobs": jobs}),
+    }
+}
+
 /// Robots under multisines of one frequency, and a grid of frequencies around it.
 fn quickstart_data() -> Map<String, Value> {
     let grid = [0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.45];
@@ -339,7 +369,7 @@ fn resolve(
 }
 
 /// Fields that hold one of several choices: merging would mix two of them.
-const REPLACED_WHOLE: [&str; 4] = ["frequency_hz", "data", "integrator", "checkpoints"];
+const REPLACED_WHOLE: [&str; 5] = ["frequency_hz", "data", "integrator", "checkpoints", "path"];
 
 /// Merges objects field by field; everything else, `null` included, replaces.
 fn merge(base: &mut Value, over: Value) {
@@ -386,7 +416,7 @@ mod tests {
     }
 
     #[test]
-    fn the_four_models_find_what_the_quickstart_did() {
+    fn pipelines_find_what_others_did() {
         let job = |preset: &str, name: &str| {
             let JobSpec::Pipeline(pipeline) =
                 parse(json!({"preset": preset}).to_string().as_bytes()).unwrap()
@@ -399,6 +429,9 @@ mod tests {
             assert_eq!(job("four-models", name), job("quickstart", name));
         }
         assert_eq!(job("four-models", "robomorph"), job("quickstart", "train"));
+        for name in ["train-set", "robomorph", "cdt"] {
+            assert_eq!(job("control", name), job("four-models", name));
+        }
     }
 
     #[test]

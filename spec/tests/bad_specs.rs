@@ -342,3 +342,26 @@ fn of_two_families_both_have_a_grid_or_none() {
     });
     check_refused(simulate(), "/excitation", excitation, &["excitation.chirp", "both have one"]);
 }
+
+fn control() -> Value {
+    json!({"kind": "control", "data": {"dataset": 1}})
+}
+
+#[test]
+fn a_path_that_could_leave_a_joints_limits_is_refused() {
+    let amplitude = json!({"swing": {"amplitude_rad": [0.4, 0.4, 0.4, 1.5, 0.4, 0.4, 0.4]}});
+    let expected = ["path.swing.amplitude_rad[3] is 1.5", "0 to 1.4010", "limits"];
+    check_refused(control(), "/path", amplitude, &expected);
+    let point = json!({"point-to-point": {"displacement_rad": [0.1, 2.0, 0, 0, 0, 0, -0.1], "duration_s": 1}});
+    let expected = ["displacement_rad[1] is 2", "0 to 1.6628", "displacement_rad[6] is -0.1"];
+    check_refused(control(), "/path", point, &expected);
+    check_refused(control(), "/path", json!({"circle": {}}), &["path", "circle", "swing"]);
+}
+
+#[test]
+fn a_planner_that_cannot_plan_is_refused() {
+    let expected = ["planner.replan_every is 31", "1 to 30", "planner.samples is 1", "2 to 1024"];
+    check_refused(control(), "/planner", json!({"replan_every": 31, "samples": 1}), &expected);
+    check_refused(control(), "/baselines", json!(["oracle", "oracle"]), &["Oracle twice"]);
+    check_refused(control(), "/robots", json!(0), &["robots is 0", "1 to 100"]);
+}

@@ -29,6 +29,9 @@ pub struct Job {
     pub members: Vec<Member>,
     #[serde(default)]
     pub dataset: Option<i64>,
+    /// The record of what it computed.
+    #[serde(default)]
+    pub run: Option<i64>,
     #[serde(default)]
     pub checkpoints: Vec<i64>,
     pub created_at: String,

@@ -9,6 +9,8 @@ use std::time::Duration;
 use reqwest::{Method, RequestBuilder, StatusCode, Url};
 use serde::de::DeserializeOwned;
 
+use evaluation::control::ControlReport;
+
 pub use answer::{Checkpoint, Dataset, Evaluation, Job, JobList, JobState, PresetList, Progress};
 pub use error::ClientError;
 
@@ -115,6 +117,11 @@ impl Client {
 
     pub async fn evaluation(&self, id: i64) -> Result<Evaluation, ClientError> {
         self.get(&format!("/v1/evaluations/{id}")).await
+    }
+
+    /// What a control job found.
+    pub async fn control_report(&self, run: i64) -> Result<ControlReport, ClientError> {
+        self.get(&format!("/v1/runs/{run}/artifacts/report.json")).await
     }
 
     /// The address of a page or download, for people.

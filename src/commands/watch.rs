@@ -21,14 +21,23 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     to_the_end(&client, arguments.id).await
 }
 
-/// Follows a job; only success is a success. Prints what its evaluations found.
+/// Follows a job; only success is a success. Prints what its evaluations and control jobs found.
 pub async fn to_the_end(client: &Client, id: i64) -> anyhow::Result<ExitCode> {
     let job = progress::follow(client, id).await?;
     let reason = job.error.as_ref().map(|error| format!(": {error}")).unwrap_or_default();
     println!("job {id} {}{reason}", job.state);
-    for evaluation in evaluations(client, &job).await? {
-        if let Some(report) = client.evaluation(evaluation).await?.report {
-            report::print(&report);
+    for job in succeeded(client, &job).await? {
+        match (job.kind.as_str(), job.run) {
+            ("evaluate", _) => {
+                if let Some(report) = client.evaluation(job.id).await?.report {
+                    report::print(&report);
+                }
+            }
+            ("control", Some(run)) => {
+                let name = job.name.as_deref().unwrap_or("control");
+                report::print_closed_loop(name, &client.control_report(run).await?);
+            }
+            _ => {}
         }
     }
     match job.state {
@@ -37,17 +46,14 @@ pub async fn to_the_end(client: &Client, id: i64) -> anyhow::Result<ExitCode> {
     }
 }
 
-/// Evaluations that succeeded: the job itself, or members of a pipeline.
-async fn evaluations(client: &Client, job: &Job) -> anyhow::Result<Vec<i64>> {
-    const KIND: &str = "evaluate";
-    if job.kind == KIND {
-        return Ok(if job.state == JobState::Succeeded { vec![job.id] } else { Vec::new() });
+/// The jobs that succeeded: the job itself, or members of a pipeline.
+async fn succeeded(client: &Client, job: &Job) -> anyhow::Result<Vec<Job>> {
+    if job.members.is_empty() {
+        return Ok(if job.state == JobState::Succeeded { vec![job.clone()] } else { Vec::new() });
     }
-    let mut evaluations = Vec::new();
+    let mut jobs = Vec::new();
     for member in job.members.iter().filter(|member| member.state == JobState::Succeeded) {
-        if client.job(member.job).await?.kind == KIND {
-            evaluations.push(member.job);
-        }
+        jobs.push(client.job(member.job).await?);
     }
-    Ok(evaluations)
+    Ok(jobs)
 }

@@ -1,8 +1,10 @@
-//! An evaluation's report: what it says, as a table and in one sentence.
+//! What evaluations and control jobs found, as tables and in a sentence.
 
+mod closed_loop;
 mod error_table;
 mod verdict;
 
+pub use closed_loop::print_closed_loop;
 use error_table::{by_frequency, by_group};
 use verdict::verdicts;
 

@@ -405,7 +405,8 @@ async fn take_over_tasks(
     Ok(())
 }
 
-/// Every simulation and import fills a dataset; every training and evaluation is recorded in a run.
+/// Every simulation and import fills a dataset; every training, evaluation and control job is recorded
+/// in a run.
 async fn insert_results(
     conn: &mut SqliteConnection,
     job: JobId,
@@ -428,7 +429,7 @@ async fn insert_results(
             .execute(conn)
             .await?;
         }
-        (JobSpec::Train(_) | JobSpec::Evaluate(_), None) => {
+        (JobSpec::Train(_) | JobSpec::Evaluate(_) | JobSpec::Control(_), None) => {
             sqlx::query(concat!("INSERT INTO run (job, created_at) VALUES (?, ", now!(), ")"))
                 .bind(job)
                 .execute(conn)

@@ -2,6 +2,7 @@
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod bad_specs;
+mod closed_loop;
 mod data_folder;
 mod devices;
 mod four_models;

@@ -13,7 +13,7 @@ use crate::attempt::Attempt;
 use crate::error::{TaskError, reason};
 use crate::heartbeat::{ProgressCell, keep_alive};
 use crate::stop::{StopReason, StopSignal};
-use crate::{WorkerError, evaluate, import, simulate, train, verify};
+use crate::{WorkerError, control, evaluate, import, simulate, train, verify};
 
 /// How one worker works.
 #[derive(Clone, Debug)]
@@ -138,6 +138,8 @@ fn work(attempt: &Attempt) -> Result<(), TaskError> {
         JobKind::Simulate => simulate::shard(attempt),
         JobKind::Train => train::train(attempt),
         JobKind::Evaluate => evaluate::evaluate(attempt),
+        JobKind::Control if attempt.task.stage == 0 => control::robot(attempt),
+        JobKind::Control => control::report(attempt),
         JobKind::Import => import::import(attempt),
         JobKind::Verify => verify::shard(attempt),
         JobKind::Pipeline => Err(TaskError::Panicked("a pipeline has no tasks".to_owned())),
@@ -150,7 +152,7 @@ fn panicked(kind: JobKind, device: DeviceKind, panic: Option<&(dyn Any + Send)>)
         text.or_else(|| panic.downcast_ref::<String>().cloned())
     });
     let message = message.unwrap_or_else(|| "without a message".to_owned());
-    let computes_models = matches!(kind, JobKind::Train | JobKind::Evaluate);
+    let computes_models = matches!(kind, JobKind::Train | JobKind::Evaluate | JobKind::Control);
     if computes_models && device.is_apart() {
         return TaskError::Device { device, message };
     }

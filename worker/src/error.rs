@@ -43,6 +43,8 @@ pub enum TaskError {
     Figure(#[from] figures::FigureError),
     #[error("columns could not be arranged")]
     Columns(#[from] arrow::error::ArrowError),
+    #[error("a table could not be written")]
+    Table(#[from] csv::Error),
     #[error("the stored spec or a result cannot be read")]
     Spec(#[from] serde_json::Error),
     /// What was stored is not what its spec gives, or not what was stored.
@@ -78,6 +80,7 @@ impl TaskError {
             | Self::Import(_)
             | Self::Figure(_)
             | Self::Columns(_)
+            | Self::Table(_)
             | Self::Spec(_)
             | Self::Missing { .. }
             | Self::Differs(_)

@@ -6,6 +6,7 @@
 
 mod attempt;
 mod claim_loop;
+mod control;
 mod dataset;
 mod error;
 mod evaluate;

@@ -4,6 +4,7 @@
 //! Routes and page call these, and nothing else calls the store.
 
 mod checkpoints;
+mod control;
 mod datasets;
 mod evaluations;
 mod experiments;
@@ -34,6 +35,7 @@ use crate::error::ApiError;
 use crate::limits::{CONCURRENT_UPLOADS, MAX_TRAJECTORIES, MAX_UPLOAD_BYTES, UPLOAD_STALL};
 
 pub use checkpoints::{Checkpoint, Checkpoints};
+pub use control::{ControlReport, ReportedController};
 pub use datasets::{Dataset, DatasetFile, Datasets, FileKind};
 pub use evaluations::{CellTask, Evaluation, Evaluations};
 pub use files::{Download, StoredFile};

@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 
 use spec::{
-    CheckpointRef, DataSource, DataSpec, Digest, EvaluateSpec, JobKind, JobSpec, SpecError,
-    TrainSpec, Training, TrainingRef, TrainingStep, VerifySpec,
+    CheckpointRef, ControlSpec, DataSource, DataSpec, Digest, EvaluateSpec, JobKind, JobSpec,
+    SpecError, TrainSpec, Training, TrainingRef, TrainingStep, VerifySpec,
 };
 use store::{
     Checkpoint, CheckpointId, DatasetId, DatasetState, Job, JobFilter, JobState, Need, Page, Store,
@@ -65,7 +65,14 @@ struct Found {
     dataset: Option<DatasetId>,
 }
 
-/// A checkpoint that an evaluation asks for, and its training.
+/// The checkpoints that a job asks for, by digest, and what follows from them.
+struct TrainedCheckpoints {
+    references: Vec<CheckpointRef>,
+    needs: Vec<Need>,
+    trainings: Vec<(TrainSpec, DataSpec)>,
+}
+
+/// A checkpoint that a job asks for, and its training.
 struct FoundCheckpoint {
     /// By digest.
     reference: CheckpointRef,
@@ -97,6 +104,7 @@ impl<'a> References<'a> {
         match spec {
             JobSpec::Train(spec) => self.resolve_training(spec).await,
             JobSpec::Evaluate(spec) => self.resolve_evaluation(spec).await,
+            JobSpec::Control(spec) => self.resolve_control(spec).await,
             JobSpec::Verify(spec) => self.resolve_verification(spec).await,
             JobSpec::Import(import) => {
                 uploads::check_known(self.store, import).await?;
@@ -141,9 +149,33 @@ impl<'a> References<'a> {
     async fn resolve_evaluation(&self, spec: &EvaluateSpec) -> Result<Resolved, ApiError> {
         let data = self.data(&spec.data).await?;
         let mut needs: Vec<Need> = data.need.into_iter().collect();
-        let mut checkpoints = Vec::with_capacity(spec.checkpoints.len());
-        let mut trainings = Vec::with_capacity(spec.checkpoints.len());
-        for (i, reference) in spec.checkpoints.iter().enumerate() {
+        let found = self.trained_checkpoints(&spec.checkpoints).await?;
+        spec.check_inputs(&data.spec, &found.inputs())?;
+        needs.extend(found.needs);
+        let spec =
+            EvaluateSpec { data: data.source, checkpoints: found.references, ..spec.clone() };
+        Ok(Resolved { spec: JobSpec::Evaluate(spec), needs, data: Some(data.spec), dataset: None })
+    }
+
+    async fn resolve_control(&self, spec: &ControlSpec) -> Result<Resolved, ApiError> {
+        let data = self.data(&spec.data).await?;
+        let mut needs: Vec<Need> = data.need.into_iter().collect();
+        let found = self.trained_checkpoints(&spec.checkpoints).await?;
+        spec.check_inputs(&data.spec, &found.inputs())?;
+        needs.extend(found.needs);
+        let spec = ControlSpec { data: data.source, checkpoints: found.references, ..spec.clone() };
+        Ok(Resolved { spec: JobSpec::Control(spec), needs, data: Some(data.spec), dataset: None })
+    }
+
+    /// The checkpoints of an evaluation or a control job, each with its training.
+    async fn trained_checkpoints(
+        &self,
+        references: &[CheckpointRef],
+    ) -> Result<TrainedCheckpoints, ApiError> {
+        let mut needs = Vec::new();
+        let mut checkpoints = Vec::with_capacity(references.len());
+        let mut trainings = Vec::with_capacity(references.len());
+        for (i, reference) in references.iter().enumerate() {
             let field = format!("checkpoints[{i}]");
             let checkpoint = self.checkpoint(reference, &field).await?;
             let training = training(&checkpoint.training, &field)?;
@@ -156,11 +188,7 @@ impl<'a> References<'a> {
             checkpoints.push(checkpoint.reference);
             trainings.push((training, data));
         }
-        let inputs: Vec<Training<'_>> =
-            trainings.iter().map(|(spec, data)| Training { spec, data }).collect();
-        spec.check_inputs(&data.spec, &inputs)?;
-        let spec = EvaluateSpec { data: data.source, checkpoints, ..spec.clone() };
-        Ok(Resolved { spec: JobSpec::Evaluate(spec), needs, data: Some(data.spec), dataset: None })
+        Ok(TrainedCheckpoints { references: checkpoints, needs, trainings })
     }
 
     async fn data(&self, source: &DataSource) -> Result<FoundData, ApiError> {
@@ -366,6 +394,12 @@ impl<'a> References<'a> {
                 Err(SpecError::one(field, value, "a training with known data").into())
             }
         }
+    }
+}
+
+impl TrainedCheckpoints {
+    fn inputs(&self) -> Vec<Training<'_>> {
+        self.trainings.iter().map(|(spec, data)| Training { spec, data }).collect()
     }
 }
 

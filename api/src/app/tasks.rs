@@ -1,7 +1,7 @@
 //! The pieces of a job that workers lease.
 
 use serde_json::{Value, json};
-use spec::{DataSpec, EvaluateSpec, JobSpec, SimulateSpec, SpecError};
+use spec::{ControlSpec, DataSpec, EvaluateSpec, JobSpec, SimulateSpec, SpecError};
 use store::{DatasetId, NewTask};
 
 use crate::limits::TASKS_PER_JOB;
@@ -31,12 +31,13 @@ impl Plan {
                 Ok(Self { unit: "steps", tasks: vec![task] })
             }
             (JobSpec::Evaluate(spec), Some(data)) => Ok(Self::of_evaluation(spec, data)),
+            (JobSpec::Control(spec), Some(data)) => Ok(Self::of_control(spec, data)),
             (JobSpec::Import(_), _) => {
                 let task = task(0, 0, "import".to_owned(), json!({}), 0);
                 Ok(Self { unit: "trajectories", tasks: vec![task] })
             }
             (JobSpec::Verify(_), Some(data)) => Ok(Self::of_verification(data, dataset)),
-            (JobSpec::Evaluate(_) | JobSpec::Verify(_), None) => {
+            (JobSpec::Evaluate(_) | JobSpec::Control(_) | JobSpec::Verify(_), None) => {
                 Err(SpecError::one("data", "", "a dataset"))
             }
             (JobSpec::Pipeline(_), _) => {
@@ -96,6 +97,17 @@ impl Plan {
         };
         tasks.push(task(report, 0, "report".to_owned(), json!({}), 0));
         Self { unit: "scenarios", tasks }
+    }
+
+    /// One task per robot, in which every controller has it, and the report over all of them.
+    fn of_control(spec: &ControlSpec, data: &DataSpec) -> Self {
+        let controllers = (spec.baselines.len() + spec.checkpoints.len()) as u64;
+        let samples = controllers * u64::from(spec.steps(data.rate_hz()));
+        let robots = (0..spec.robots).map(|robot| {
+            task(0, robot, format!("robot {robot:02}"), json!({"robot": robot}), samples)
+        });
+        let report = task(1, 0, "report".to_owned(), json!({}), 0);
+        Self { unit: "samples", tasks: robots.chain([report]).collect() }
     }
 }
 

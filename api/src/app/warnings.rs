@@ -62,6 +62,7 @@ fn of_job(spec: &JobSpec, path: &str) -> Vec<String> {
         JobSpec::Simulate(spec) => of_simulation(spec, path),
         JobSpec::Train(spec) => of_source(&spec.data, path),
         JobSpec::Evaluate(spec) => of_source(&spec.data, path),
+        JobSpec::Control(spec) => of_source(&spec.data, path),
         JobSpec::Pipeline(pipeline) => pipeline
             .jobs
             .iter()

@@ -9,6 +9,7 @@ use spec::JobKind;
 use crate::app::{App, JobState, Task, TaskState};
 use crate::error::ApiError;
 use crate::extract::Path;
+use crate::page::control::ClosedLoop;
 use crate::page::parts::{Bar, Commands, Link, when};
 use crate::page::rows::{Row, results};
 use crate::page::spec_text::spec_text;
@@ -35,6 +36,7 @@ struct JobPage {
     short_digest: String,
     progress: Option<Bar>,
     results: Vec<Link>,
+    closed_loop: Option<ClosedLoop>,
     rows: Vec<Row>,
     tasks: Vec<TaskRow>,
     tasks_left_out: usize,
@@ -63,6 +65,10 @@ pub async fn show(
         JobKind::Pipeline => String::new(),
         _ => Row::of_job(&app, &job).await?.metric,
     };
+    let closed_loop = match job.kind {
+        JobKind::Control => ClosedLoop::of(&app, &job).await?,
+        _ => None,
+    };
     let page = JobPage {
         id,
         name: job.name.clone(),
@@ -78,6 +84,7 @@ pub async fn show(
         short_digest: job.digest.short(),
         progress: Bar::of(job.state, &job.progress),
         results: results(&job),
+        closed_loop,
         rows,
         tasks_left_out: tasks.len().saturating_sub(TASKS),
         tasks: tasks.into_iter().take(TASKS).map(TaskRow::from).collect(),

@@ -3,6 +3,7 @@
 mod assets;
 mod channels;
 mod checkpoint;
+mod control;
 mod dataset;
 mod evaluation;
 mod experiments;

@@ -4,6 +4,7 @@ use spec::JobKind;
 
 use crate::app::{App, Job, JobState, Member, Report};
 use crate::error::ApiError;
+use crate::page::control;
 use crate::page::parts::{Bar, Link};
 use crate::page::report::headline;
 use crate::page::text;
@@ -102,6 +103,10 @@ async fn key_metric(app: &App, job: &Job) -> Result<String, ApiError> {
             let report: Option<Report> =
                 app.report(job.id).await?.and_then(|report| serde_json::from_value(report).ok());
             Ok(report.as_ref().map_or(String::new(), headline))
+        }
+        (JobKind::Control, _) => {
+            let report = app.control_report(job).await?;
+            Ok(report.as_ref().map_or(String::new(), control::headline))
         }
         _ => Ok(String::new()),
     }

@@ -48,6 +48,9 @@ pub async fn show(
     if run.kind == JobKind::Evaluate {
         return Ok(Redirect::to(&format!("/evaluations/{}", run.job)).into_response());
     }
+    if run.kind == JobKind::Control {
+        return Ok(Redirect::to(&format!("/jobs/{}", run.job)).into_response());
+    }
     let job = app.job(run.job).await?;
     let loss = app.loss_figure(id).await?.to_svg(Size::PAGE)?;
     let checkpoints = app.checkpoints_of_job(run.job).await?;

@@ -161,6 +161,7 @@ impl Server {
                 }
                 self.store.complete(task.fence, None).await.unwrap();
             }
+            JobKind::Control => self.store.complete(task.fence, None).await.unwrap(),
             JobKind::Import => self.commit_import(task).await,
             JobKind::Verify => {
                 let result = json!({"shard": task.ordinal, "bytes": "equal"});

@@ -106,3 +106,29 @@ fn an_arm_that_is_put_elsewhere_goes_on_from_there_with_its_velocity() {
         }
     }
 }
+
+#[test]
+fn a_motion_goes_on_from_the_state_that_its_first_half_ended_in() {
+    for precision in ["f32", "f64"] {
+        let spec = with_everything(precision);
+        let trajectories = run(&spec, 0..20);
+        let motions = motions(&trajectories);
+        let replay = Replay::of(&spec);
+        let half = trajectories.samples / 2;
+        let first: Vec<_> =
+            motions.iter().map(|motion| Motion { u: &motion.u[..half], ..*motion }).collect();
+        let (_, ends) = replay.run_through(&first);
+        let second: Vec<_> = motions
+            .iter()
+            .zip(&ends)
+            .map(|(motion, end)| Motion { q0: end.q, qd0: end.qd, u: &motion.u[half..], ..*motion })
+            .collect();
+        let later = replay.run(&second);
+        let whole = trajectories.q.as_chunks::<JOINTS>().0.chunks_exact(trajectories.samples);
+        for (later, whole) in later.chunks_exact(trajectories.samples - half).zip(whole) {
+            for (later, whole) in later.as_flattened().iter().zip(whole[half..].as_flattened()) {
+                assert!((later - whole).abs() < 2e-6, "{precision}: {later} {whole}");
+            }
+        }
+    }
+}

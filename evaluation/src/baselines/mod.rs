@@ -20,6 +20,7 @@ pub use fitted_damping::FittedDamping;
 pub use hold_last::HoldLast;
 pub use identification::Identification;
 pub use least_squares::LeastSquares;
+pub(crate) use rollout::to_f32;
 
 /// What baselines may know of the arms they are asked about: the one that robots are drawn around,
 /// how far, and how it is simulated.

@@ -45,6 +45,6 @@ pub(super) fn rollout<Velocity: Fn(f64, f64) -> f64>(
 }
 
 #[expect(clippy::cast_possible_truncation, reason = "datasets hold f32")]
-pub(super) fn to_f32(value: f64) -> f32 {
+pub(crate) fn to_f32(value: f64) -> f32 {
     value as f32
 }

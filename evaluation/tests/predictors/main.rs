@@ -3,6 +3,7 @@
 #![expect(clippy::unwrap_used, reason = "a test ends at what it did not expect")]
 
 mod baselines;
+mod control;
 mod learned;
 mod no_leak;
 

@@ -15,7 +15,9 @@ pub use following::{Doubt, LEAST_INERTIA_KG_M2};
 pub use initial_state::InitialState;
 pub use integrator::{Integrator, Precision};
 pub use observations::Observations;
-pub use robot::{Friction, Gravity, InertiaScheme, Payload, RobotModel, RobotSpec};
+pub use robot::{
+    Friction, Gravity, InertiaScheme, JOINT_LIMITS_RAD, Payload, RobotModel, RobotSpec,
+};
 
 use std::ops::Range as IndexRange;
 

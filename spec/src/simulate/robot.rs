@@ -62,6 +62,17 @@ pub enum RobotModel {
     Panda,
 }
 
+/// Position limits of the joints, rad. Source: franka_description, robots/fer/joint_limits.yaml.
+pub const JOINT_LIMITS_RAD: [Range; JOINTS] = [
+    Range::new(-2.8973, 2.8973),
+    Range::new(-1.7628, 1.7628),
+    Range::new(-2.8973, 2.8973),
+    Range::new(-3.0718, -0.0698),
+    Range::new(-2.8973, 2.8973),
+    Range::new(-0.0175, 3.7525),
+    Range::new(-2.8973, 2.8973),
+];
+
 /// How inertia tensors are randomized.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "kebab-case")]

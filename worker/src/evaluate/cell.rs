@@ -36,7 +36,7 @@ pub(super) fn cell(attempt: &Attempt, spec: &EvaluateSpec) -> Result<(), TaskErr
     let missing = || TaskError::Missing { what: "cell", name: index.to_string() };
     let cell = cells.get(index).ok_or_else(missing)?;
     let scenarios = scenarios(attempt, spec, &data, cell)?;
-    let checkpoints = LoadedCheckpoint::load_all(attempt, spec)?;
+    let checkpoints = LoadedCheckpoint::load_all(attempt, &spec.checkpoints)?;
     attempt.check_stop()?;
 
     let context = spec.context as usize;

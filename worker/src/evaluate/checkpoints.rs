@@ -1,16 +1,13 @@
 use evaluation::{PredictorInfo, PredictorKind, TrainedOn};
 use models::{CONFIG_FILE, MODEL_FILE, TrainedModel};
-use spec::{
-    CheckpointRef, DataSource, Digest, EvaluateSpec, JobSpec, Normalization, TrainingRef,
-    TrainingStep,
-};
+use spec::{CheckpointRef, DataSource, Digest, JobSpec, Normalization, TrainingRef, TrainingStep};
 use store::{JobState, WhichCheckpoint};
 
 use crate::attempt::Attempt;
 use crate::error::TaskError;
 
-/// A checkpoint of an evaluation, with what is known of its training.
-pub(super) struct LoadedCheckpoint {
+/// A checkpoint of an evaluation or a control job, with what is known of its training.
+pub(crate) struct LoadedCheckpoint {
     pub info: PredictorInfo,
     pub model: TrainedModel,
     /// The training's name, which is its name in its pipeline if it has one.
@@ -19,10 +16,12 @@ pub(super) struct LoadedCheckpoint {
 }
 
 impl LoadedCheckpoint {
-    /// All checkpoints of an evaluation, in its order.
-    pub fn load_all(attempt: &Attempt, spec: &EvaluateSpec) -> Result<Vec<Self>, TaskError> {
-        let mut loaded: Vec<Self> = spec
-            .checkpoints
+    /// All checkpoints of a job, in its order.
+    pub fn load_all(
+        attempt: &Attempt,
+        checkpoints: &[CheckpointRef],
+    ) -> Result<Vec<Self>, TaskError> {
+        let mut loaded: Vec<Self> = checkpoints
             .iter()
             .map(|reference| Self::load(attempt, reference))
             .collect::<Result<_, _>>()?;

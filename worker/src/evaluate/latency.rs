@@ -26,7 +26,7 @@ const WARM_UP: usize = 3;
 
 pub(super) fn latency(attempt: &Attempt, spec: &EvaluateSpec) -> Result<(), TaskError> {
     let data = TrajectorySource::open(attempt, &spec.data)?;
-    let checkpoints = LoadedCheckpoint::load_all(attempt, spec)?;
+    let checkpoints = LoadedCheckpoint::load_all(attempt, &spec.checkpoints)?;
     let cells = spec.cells(data.spec());
     let missing = || TaskError::Missing { what: "cell", name: "0".to_owned() };
     let mut cell = cells.into_iter().next().ok_or_else(missing)?;

@@ -13,6 +13,8 @@ use spec::EvaluateSpec;
 use crate::attempt::Attempt;
 use crate::error::TaskError;
 
+pub(crate) use checkpoints::LoadedCheckpoint;
+
 /// Key of the payload of the task that measures latencies.
 const LATENCY: &str = "latency";
 /// Key of the payload of the tasks of cells.

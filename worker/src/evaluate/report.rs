@@ -15,7 +15,7 @@ use crate::trajectories::TrajectorySource;
 /// Puts the cells together: `report.json`, `scenarios.parquet`, and figures with their tables.
 pub(super) fn report(attempt: &Attempt, spec: &EvaluateSpec) -> Result<(), TaskError> {
     let data = TrajectorySource::open(attempt, &spec.data)?;
-    let checkpoints = LoadedCheckpoint::load_all(attempt, spec)?;
+    let checkpoints = LoadedCheckpoint::load_all(attempt, &spec.checkpoints)?;
     let tasks = attempt.wait(attempt.store.tasks(attempt.task.job))?;
     let (cells, tables) = cells(attempt, &tasks)?;
     attempt.check_stop()?;

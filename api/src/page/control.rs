@@ -1,0 +1,158 @@
+//! What a control job found, on its page: figures, and numbers with their intervals.
+
+use crate::app::{App, ControlReport, Interval, Job, ReportedController};
+use crate::error::ApiError;
+use crate::page::text;
+
+/// Figures, tables and files of a control job.
+pub struct ClosedLoop {
+    pub setting: String,
+    /// Of all robots, then of the first.
+    pub figures: Vec<FigureLink>,
+    pub controllers: Vec<ControllerRow>,
+    pub paired: Vec<PairedRow>,
+    pub files: Vec<FileLink>,
+}
+
+pub struct FigureLink {
+    pub url: String,
+    pub says: &'static str,
+    pub height: u32,
+}
+
+pub struct ControllerRow {
+    pub name: String,
+    pub failure: String,
+    pub rms: String,
+    pub interval: String,
+    pub peak: String,
+    pub joints: String,
+    pub torque: String,
+    pub beyond: String,
+    pub plan: String,
+}
+
+pub struct PairedRow {
+    pub controller: String,
+    pub against: String,
+    pub mean: String,
+    pub interval: String,
+}
+
+pub struct FileLink {
+    pub url: String,
+    pub name: String,
+    pub size: String,
+}
+
+impl ClosedLoop {
+    /// `None` of a job that has no report yet.
+    pub async fn of(app: &App, job: &Job) -> Result<Option<Self>, ApiError> {
+        let (Some(report), Some(run)) = (app.control_report(job).await?, job.run) else {
+            return Ok(None);
+        };
+        let artifacts = app.run(run).await?.artifacts;
+        let figures = [
+            (
+                "tracking.svg",
+                "RMS tracking error over time, a line for each controller. The table below holds \
+                 the means.",
+                420,
+            ),
+            (
+                "robot-00.svg",
+                "Positions of joints 1, 4 and 7 of the first robot beside their path, a line for \
+                 each controller.",
+                780,
+            ),
+        ];
+        let figures = figures.into_iter().filter_map(|(name, says, height)| {
+            let artifact = artifacts.iter().find(|artifact| artifact.name == name)?;
+            Some(FigureLink { url: artifact.url.clone(), says, height })
+        });
+        Ok(Some(Self {
+            setting: setting(&report),
+            figures: figures.collect(),
+            controllers: report.controllers.iter().map(ControllerRow::new).collect(),
+            paired: report
+                .paired
+                .iter()
+                .map(|pair| PairedRow {
+                    controller: pair.controller.clone(),
+                    against: pair.against.clone(),
+                    mean: text::signed_degrees(pair.difference_deg.mean),
+                    interval: signed_interval(pair.difference_deg),
+                })
+                .collect(),
+            files: artifacts
+                .into_iter()
+                .map(|it| FileLink { url: it.url, name: it.name, size: text::size(it.size) })
+                .collect(),
+        }))
+    }
+}
+
+/// The tracking errors, in a line.
+pub fn headline(report: &ControlReport) -> String {
+    let of = |controller: &ReportedController| match controller.rms_deg {
+        Some(rms) => format!("{} {}°", controller.name, text::degrees(rms.mean)),
+        None => format!("{} failed", controller.name),
+    };
+    report.controllers.iter().map(of).collect::<Vec<_>>().join(", ")
+}
+
+fn setting(report: &ControlReport) -> String {
+    let planner = &report.planner;
+    let seconds = |samples: u32| text::value(f64::from(samples) / report.rate_hz);
+    format!(
+        "{} robots, each excited for {} samples and then controlled for {} s at {} Hz. Every {} \
+         samples ({} s) a plan of {} samples ({} s) is made from {} × {} foreseen torque sequences.",
+        text::count(report.robots),
+        report.context,
+        seconds(report.steps),
+        report.rate_hz,
+        planner.replan_every,
+        seconds(planner.replan_every),
+        planner.horizon,
+        seconds(planner.horizon),
+        planner.iterations,
+        planner.samples,
+    )
+}
+
+impl ControllerRow {
+    fn new(controller: &ReportedController) -> Self {
+        let number = |value: Option<f64>| value.map_or_else(none, text::degrees);
+        let failure = controller.failure.as_ref();
+        let joints = controller.joint_rms_deg.map(|joints| joints.map(text::degrees).join(" "));
+        Self {
+            name: controller.name.clone(),
+            failure: failure.map_or(String::new(), |reason| {
+                format!("failed on {} robots: {reason}", controller.failed)
+            }),
+            rms: number(controller.rms_deg.map(|rms| rms.mean)),
+            interval: controller.rms_deg.map_or(String::new(), interval),
+            peak: number(controller.peak_deg),
+            joints: joints.unwrap_or_else(none),
+            torque: number(controller.torque_rms_nm),
+            beyond: controller
+                .beyond_excitation
+                .map_or_else(none, |share| format!("{:.1} %", 100.0 * share)),
+            plan: controller.plan.map_or_else(none, |plan| {
+                format!("{:.1} / {:.1}, {} threads", plan.median_ms, plan.p99_ms, plan.threads)
+            }),
+        }
+    }
+}
+
+fn interval(Interval { low, high, .. }: Interval) -> String {
+    format!("[{}, {}]", text::degrees(low), text::degrees(high))
+}
+
+fn signed_interval(Interval { low, high, .. }: Interval) -> String {
+    format!("[{}, {}]", text::signed_degrees(low), text::signed_degrees(high))
+}
+
+fn none() -> String {
+    "–".to_owned()
+}

@@ -1,0 +1,81 @@
+//! How robots followed their paths, drawn.
+
+use figures::{Axis, Figure, FigureError, Mark, Point, Series, Size, Stroke, stacked};
+
+use super::{ControlReport, RobotTrials, Trace};
+use crate::PredictorKind;
+
+/// Joints of [`robot_figure`]: the first, one in the middle and the last.
+const JOINTS_SHOWN: [usize; 3] = [0, 3, 6];
+
+/// Tracking error over time: at each sample the mean over robots, of controllers that did not fail.
+pub fn tracking_figure(report: &ControlReport, robots: &[RobotTrials]) -> Figure {
+    let series = report.controllers.iter().filter(|it| it.failed == 0).map(|controller| {
+        let name = &controller.info.name;
+        let errors: Vec<&[f64]> = robots
+            .iter()
+            .flat_map(|robot| &robot.trials)
+            .filter(|trial| trial.controller == *name)
+            .map(|trial| trial.error_deg.as_slice())
+            .collect();
+        let points = (0..report.steps as usize).filter_map(|step| {
+            let at: Option<Vec<f64>> =
+                errors.iter().map(|errors| errors.get(step).copied()).collect();
+            let at = at.filter(|at| !at.is_empty())?;
+            let mean = at.iter().sum::<f64>() / at.len() as f64;
+            Some(Point::new((step + 1) as f64 / report.rate_hz, mean))
+        });
+        Series {
+            name: name.clone(),
+            points: points.collect(),
+            mark: Mark::Line,
+            stroke: match controller.info.kind {
+                PredictorKind::Baseline => Stroke::Dashed,
+                PredictorKind::Checkpoint => Stroke::Solid,
+            },
+        }
+    });
+    Figure {
+        title: "Tracking error in closed loop".to_owned(),
+        x: Axis::linear("Time since control began").in_unit("s"),
+        y: Axis::log("RMS over joints, mean over robots").in_unit("deg"),
+        series: series.collect(),
+        bands: Vec::new(),
+    }
+}
+
+/// The positions of three joints beside their path, one panel each; `traces` by controller.
+///
+/// # Errors
+/// As [`figures::stacked`].
+pub fn robot_figure(
+    robot: u64,
+    rate_hz: f64,
+    traces: &[(String, Trace)],
+) -> Result<String, FigureError> {
+    let over_time = |degrees: &mut dyn Iterator<Item = f64>| -> Vec<Point> {
+        let times = (1_u32..).map(|step| f64::from(step) / rate_hz);
+        times.zip(degrees).map(|(time, degrees)| Point::new(time, degrees)).collect()
+    };
+    let panels = JOINTS_SHOWN.map(|joint| {
+        let longest = traces.iter().map(|(_, trace)| &trace.path).max_by_key(|path| path.len());
+        let path = longest.map(|path| {
+            let points = over_time(&mut path.iter().map(|q| q[joint].to_degrees()));
+            Series::line("path", points).dashed()
+        });
+        let followed = traces.iter().map(|(name, trace)| {
+            let degrees = trace.positions.iter().map(|q| f64::from(q[joint]).to_degrees());
+            Series::line(name, over_time(&mut { degrees }))
+        });
+        Figure {
+            title: format!("Joint {}", joint + 1),
+            x: Axis::linear("Time since control began").in_unit("s"),
+            y: Axis::linear("Position").in_unit("deg"),
+            // The path lies on top, as whoever follows it well hides it.
+            series: followed.chain(path).collect(),
+            bands: Vec::new(),
+        }
+    });
+    let size = Size { width: 760, height: 260 };
+    stacked(&format!("Robot {robot} in closed loop"), &panels, size)
+}

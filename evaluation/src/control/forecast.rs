@@ -1,0 +1,134 @@
+//! What controllers foresee.
+
+use dynamics::{ArmState, Joints, Motion, Replay, Robot};
+use spec::{ControlBaseline, JOINTS, SimulateSpec};
+
+use crate::baselines::to_f32;
+use crate::{DampedIntegrator, EvaluationError, Predictor, Scenarios};
+
+/// Everything that is known when a plan is made.
+#[derive(Clone, Copy, Debug)]
+pub struct Now<'a> {
+    /// Torques that acted so far, N·m.
+    pub u: &'a [Joints<f32>],
+    /// Positions so far, rad: one more than torques, the last of which is now.
+    pub y: &'a [Joints<f32>],
+    /// The true state, velocities included, which only simulators make use of.
+    pub state: &'a ArmState,
+}
+
+/// Says where torques would lead.
+pub trait Forecast {
+    /// Positions `[plan, step]` (rad) after each torque of `plans` `[plan, step]` (N·m), of which each
+    /// has `steps`.
+    ///
+    /// # Errors
+    /// When there is no answer at all; single ones may have values that are not finite.
+    fn foresee(
+        &self,
+        now: &Now<'_>,
+        plans: &[Joints<f32>],
+        steps: usize,
+    ) -> Result<Vec<Joints<f32>>, EvaluationError>;
+}
+
+/// One of those that are compared.
+pub struct Controller<'a> {
+    pub name: String,
+    /// `None` lets no torque act.
+    pub forecast: Option<Box<dyn Forecast + 'a>>,
+}
+
+impl Controller<'_> {
+    /// The controller that `baseline` names, for `robot`.
+    pub fn baseline(baseline: ControlBaseline, simulation: &SimulateSpec, robot: &Robot) -> Self {
+        let replay = Replay::of(simulation);
+        let forecast: Option<Box<dyn Forecast>> = match baseline {
+            ControlBaseline::ZeroTorque => None,
+            ControlBaseline::DampedIntegrator => {
+                let damping_nm_s_rad = simulation.robot.damping_nm_s_rad;
+                let predictor = DampedIntegrator { damping_nm_s_rad };
+                let rate_hz = simulation.rate_hz;
+                Some(Box::new(Foreseen { predictor, context: 1, horizon: None, rate_hz }))
+            }
+            ControlBaseline::NominalSimulator => {
+                Some(Box::new(Simulated { robot: Robot::nominal(&simulation.robot), replay }))
+            }
+            ControlBaseline::Oracle => Some(Box::new(Simulated { robot: robot.clone(), replay })),
+        };
+        Controller { name: baseline.as_str().to_owned(), forecast }
+    }
+}
+
+/// A simulator of an arm, from the true state; plans are its lanes.
+#[derive(Clone, Debug)]
+pub struct Simulated {
+    pub robot: Robot,
+    pub replay: Replay,
+}
+
+impl Forecast for Simulated {
+    fn foresee(
+        &self,
+        now: &Now<'_>,
+        plans: &[Joints<f32>],
+        steps: usize,
+    ) -> Result<Vec<Joints<f32>>, EvaluationError> {
+        let ArmState { q: q0, qd: qd0 } = *now.state;
+        let motion = |u| Motion { robot: &self.robot, q0, qd0, u, anchors: &[] };
+        let motions: Vec<Motion<'_>> = plans.chunks_exact(steps).map(motion).collect();
+        let (positions, ends) = self.replay.run_through(&motions);
+        let after = positions
+            .chunks_exact(steps)
+            .zip(ends)
+            .flat_map(|(positions, end)| positions[1..].iter().copied().chain([end.q.map(to_f32)]));
+        Ok(after.collect())
+    }
+}
+
+/// A predictor, asked about the latest samples and what would come next.
+pub struct Foreseen<P> {
+    pub predictor: P,
+    /// Samples it is given.
+    pub context: usize,
+    /// Samples it has to be asked for; `None` if as many as a plan has. The torques after a plan are its
+    /// last ones.
+    pub horizon: Option<usize>,
+    pub rate_hz: f64,
+}
+
+impl<P: Predictor> Forecast for Foreseen<P> {
+    fn foresee(
+        &self,
+        now: &Now<'_>,
+        plans: &[Joints<f32>],
+        steps: usize,
+    ) -> Result<Vec<Joints<f32>>, EvaluationError> {
+        let horizon = self.horizon.unwrap_or(steps).max(steps);
+        // The context ends now, and the first torque of a plan is that of its last sample.
+        let past = &now.u[now.u.len() - (self.context - 1)..];
+        let known = &now.y[now.y.len() - self.context..];
+        let plans = plans.chunks_exact(steps);
+        let size = plans.len();
+        let samples = self.context + horizon;
+        let mut u = Vec::with_capacity(size * samples * JOINTS);
+        let mut y = Vec::with_capacity(size * samples * JOINTS);
+        for plan in plans {
+            u.extend_from_slice(past.as_flattened());
+            u.extend_from_slice(plan.as_flattened());
+            u.extend_from_slice(vec![plan[steps - 1]; horizon + 1 - steps].as_flattened());
+            y.extend_from_slice(known.as_flattened());
+            // Not known, and hidden from the predictor below.
+            y.resize(y.len() + horizon * JOINTS, 0.0);
+        }
+        let scenarios = Scenarios { size, samples, pre_roll: 0, rate_hz: self.rate_hz, u, y };
+        let predicted = self.predictor.predict(&scenarios.observed(self.context))?;
+        let expected = size * horizon * JOINTS;
+        if predicted.len() != expected {
+            let predictor = self.predictor.name().to_owned();
+            return Err(EvaluationError::WrongLength { predictor, got: predicted.len(), expected });
+        }
+        let rows = predicted.as_chunks::<JOINTS>().0.chunks_exact(horizon);
+        Ok(rows.flat_map(|row| &row[..steps]).copied().collect())
+    }
+}

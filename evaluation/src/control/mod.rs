@@ -1,0 +1,22 @@
+//! Closed loop: how well a robot follows a path when a predictor plans its torques.
+//!
+//! A [`Plant`] is a simulated robot that was excited for a while. A [`Controller`] has a [`Forecast`];
+//! [`Experiment::run`] lets it plan by [`mppi`], carry out the beginning of the plan, look where the
+//! robot is, and plan again. Planning takes no time in the simulation; what it takes is recorded.
+
+mod figure;
+mod forecast;
+mod mppi;
+mod plant;
+mod reference;
+mod summary;
+mod trial;
+
+pub use figure::{robot_figure, tracking_figure};
+pub use forecast::{Controller, Forecast, Foreseen, Now, Simulated};
+pub use plant::Plant;
+pub use reference::Reference;
+pub use summary::{
+    ControlDifference, ControlReport, ControllerInfo, ControllerSummary, PlanTime, summarize,
+};
+pub use trial::{Experiment, RobotTrials, Trace, Tracking, Trial};

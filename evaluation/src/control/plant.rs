@@ -1,0 +1,73 @@
+use std::ops::ControlFlow;
+
+use dynamics::{ArmState, DynamicsError, Joints, Motion, Replay, Robot};
+use spec::{JOINTS, SimulateSpec};
+
+use super::Now;
+use crate::baselines::to_f32;
+
+/// A simulated robot with everything that was recorded of it.
+#[derive(Clone, Debug)]
+pub struct Plant {
+    robot: Robot,
+    replay: Replay,
+    state: ArmState,
+    u: Vec<Joints<f32>>,
+    y: Vec<Joints<f32>>,
+}
+
+impl Plant {
+    /// The robot of trajectory `index`, moved by the first `samples` torques of its excitation.
+    ///
+    /// # Errors
+    /// As [`dynamics::simulate`].
+    pub fn excited(
+        simulation: &SimulateSpec,
+        index: u64,
+        samples: usize,
+    ) -> Result<Self, DynamicsError> {
+        let recorded =
+            dynamics::simulate(simulation, index..index + 1, &|_| ControlFlow::Continue(()))?;
+        let scenario = &recorded.scenarios[0];
+        let mut plant = Self {
+            robot: scenario.robot.clone(),
+            replay: Replay::of(simulation),
+            state: ArmState { q: scenario.q0, qd: scenario.qd0 },
+            u: Vec::new(),
+            y: vec![scenario.q0.map(to_f32)],
+        };
+        plant.apply(&recorded.u.as_chunks::<JOINTS>().0[..samples]);
+        Ok(plant)
+    }
+
+    pub fn robot(&self) -> &Robot {
+        &self.robot
+    }
+
+    pub fn state(&self) -> &ArmState {
+        &self.state
+    }
+
+    /// What can be known at this moment.
+    pub fn now(&self) -> Now<'_> {
+        Now { u: &self.u, y: &self.y, state: &self.state }
+    }
+
+    /// Lets torques act one after the other, N·m.
+    pub fn apply(&mut self, torques: &[Joints<f32>]) {
+        let ArmState { q: q0, qd: qd0 } = self.state;
+        let motion = Motion { robot: &self.robot, q0, qd0, u: torques, anchors: &[] };
+        let (positions, ends) = self.replay.run_through(&[motion]);
+        self.state = ends[0];
+        self.u.extend(torques);
+        self.y.extend(positions.iter().skip(1));
+        if !torques.is_empty() {
+            self.y.push(self.state.q.map(to_f32));
+        }
+    }
+
+    pub fn is_finite(&self) -> bool {
+        let ArmState { q, qd } = &self.state;
+        q.iter().chain(qd).all(|value| value.is_finite())
+    }
+}

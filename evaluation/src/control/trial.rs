@@ -1,0 +1,247 @@
+use std::ops::ControlFlow;
+use std::time::Instant;
+
+use dynamics::{JOINT_LIMITS_RAD, Joints, Scenarios};
+use serde::{Deserialize, Serialize};
+use spec::{ControlSpec, JOINTS, SimulateSpec};
+
+use super::mppi::{self, Key};
+use super::{Controller, Forecast, Plant, Reference};
+use crate::EvaluationError;
+use crate::baselines::to_f32;
+
+/// What all controllers are asked to do.
+#[derive(Clone, Debug)]
+pub struct Experiment<'a> {
+    spec: &'a ControlSpec,
+    simulation: &'a SimulateSpec,
+    /// Of each joint: 99 % of the excitation's torques are no larger, N·m.
+    excited_nm: Joints<f64>,
+}
+
+/// All trials of one robot.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RobotTrials {
+    /// Its trajectory in the simulation.
+    pub robot: u64,
+    /// That computed.
+    pub threads: usize,
+    pub trials: Vec<Trial>,
+}
+
+/// One controller on one robot.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Trial {
+    pub controller: String,
+    /// `None` when it failed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tracking: Option<Tracking>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub failure: Option<String>,
+    /// Root mean square over joints at each sample from the first on that a torque had an effect on,
+    /// degrees; up to where it failed.
+    pub error_deg: Vec<f64>,
+    /// Time that each plan took, ms.
+    pub plan_ms: Vec<f64>,
+}
+
+/// How well a robot followed its path, and by what torques.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Tracking {
+    /// Mean over joints of `joint_rms_deg`.
+    pub rms_deg: f64,
+    /// Root mean square over time.
+    pub joint_rms_deg: Joints<f64>,
+    /// The largest of any joint.
+    pub peak_deg: f64,
+    /// Root mean square over time and joints.
+    pub torque_rms_nm: f64,
+    /// Share of torques larger than 99 % of those of the same joint in the excitation.
+    pub beyond_excitation: f64,
+    /// Least distance of a joint to one of its limits, rad; below 0 when it was beyond. The simulated
+    /// arm has no stops.
+    pub clearance_rad: f64,
+}
+
+/// What became of the robot while it was controlled.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Trace {
+    /// Of control, N·m.
+    pub torques: Vec<Joints<f32>>,
+    /// After each torque, rad.
+    pub positions: Vec<Joints<f32>>,
+    /// Where they should have been, rad.
+    pub path: Vec<Joints<f64>>,
+}
+
+impl<'a> Experiment<'a> {
+    /// `spec` was checked to fit `simulation`.
+    pub fn new(spec: &'a ControlSpec, simulation: &'a SimulateSpec) -> Self {
+        Self { spec, simulation, excited_nm: excited_nm(simulation) }
+    }
+
+    /// The robot of trajectory `index` at the moment that control begins.
+    ///
+    /// # Errors
+    /// As [`dynamics::simulate`].
+    pub fn plant(&self, index: u64) -> Result<Plant, dynamics::DynamicsError> {
+        Plant::excited(self.simulation, index, self.spec.context as usize)
+    }
+
+    /// Samples of control.
+    pub fn steps(&self) -> u32 {
+        self.spec.steps(self.simulation.rate_hz)
+    }
+
+    /// Lets a controller have the robot of trajectory `index`. `progress` is told how many samples are
+    /// done, and ends the trial by breaking, which then has no result.
+    pub fn run(
+        &self,
+        index: u64,
+        mut plant: Plant,
+        controller: &Controller<'_>,
+        progress: &dyn Fn(u32) -> ControlFlow<()>,
+    ) -> Option<(Trial, Trace)> {
+        let begin = plant.now().u.len();
+        let steps = self.steps() as usize;
+        let reference = Reference::new(&self.spec.path, plant.state().q);
+        // The path after `step` samples of control.
+        let path = |step: usize| reference.at(step as f64 / self.simulation.rate_hz);
+        let horizon = self.spec.planner.horizon as usize;
+        let mut plan = vec![[0.0; JOINTS]; horizon];
+        let mut plan_ms = Vec::new();
+        let mut failure = None;
+        let mut step = 0;
+        while step < steps && failure.is_none() {
+            if progress(u32::try_from(step).unwrap_or(u32::MAX)).is_break() {
+                return None;
+            }
+            let count = (self.spec.planner.replan_every as usize).min(steps - step);
+            if let Some(forecast) = &controller.forecast {
+                let ahead: Vec<_> = (1..=horizon).map(|after| path(step + after)).collect();
+                let key = Key { seed: self.spec.seed, robot: index, step: step as u64 };
+                let started = Instant::now();
+                let made = self.plan(key, forecast.as_ref(), &plant, &mut plan, &ahead);
+                plan_ms.push(started.elapsed().as_secs_f64() * 1e3);
+                if let Err(error) = made {
+                    failure = Some(describe(&error, step));
+                    break;
+                }
+            }
+            let torques: Vec<_> = plan[..count].iter().map(|torques| torques.map(to_f32)).collect();
+            plant.apply(&torques);
+            step += count;
+            if !plant.is_finite() {
+                failure = Some(format!("the robot left the finite numbers by sample {step}"));
+            }
+            advance(&mut plan, count);
+        }
+        let trace = Trace {
+            torques: plant.now().u[begin..].to_vec(),
+            positions: plant.now().y[begin + 1..].to_vec(),
+            path: (1..=step).map(path).collect(),
+        };
+        let trial = Trial {
+            controller: controller.name.clone(),
+            tracking: failure.is_none().then(|| self.tracking(&trace)),
+            failure,
+            error_deg: trace
+                .errors()
+                .map(|errors| rms(&errors).to_degrees())
+                .take_while(|error| error.is_finite())
+                .collect(),
+            plan_ms,
+        };
+        Some((trial, trace))
+    }
+
+    fn plan(
+        &self,
+        key: Key,
+        forecast: &dyn Forecast,
+        plant: &Plant,
+        plan: &mut [Joints<f64>],
+        ahead: &[Joints<f64>],
+    ) -> Result<(), EvaluationError> {
+        let now = plant.now();
+        let steps = plan.len();
+        mppi::improve(&self.spec.planner, key, plan, ahead, |plans| {
+            forecast.foresee(&now, plans, steps)
+        })
+    }
+
+    fn tracking(&self, trace: &Trace) -> Tracking {
+        let errors: Vec<Joints<f64>> = trace.errors().collect();
+        let joint_rms_deg: Joints<f64> = std::array::from_fn(|joint| {
+            let of_joint: Vec<f64> = errors.iter().map(|errors| errors[joint]).collect();
+            rms(&of_joint).to_degrees()
+        });
+        let torques: Vec<f64> = trace.torques.as_flattened().iter().map(|&u| u.into()).collect();
+        let beyond = trace.torques.iter().flat_map(|torques| torques.iter().zip(self.excited_nm));
+        let beyond = beyond.filter(|(u, excited)| f64::from(u.abs()) > *excited).count();
+        let clearance = trace.positions.iter().flat_map(|positions| {
+            positions.iter().zip(JOINT_LIMITS_RAD).map(|(&q, limits)| {
+                let q = f64::from(q);
+                (q - limits.min).min(limits.max - q)
+            })
+        });
+        Tracking {
+            rms_deg: joint_rms_deg.iter().sum::<f64>() / JOINTS as f64,
+            joint_rms_deg,
+            peak_deg: errors
+                .as_flattened()
+                .iter()
+                .map(|e| e.abs())
+                .fold(0.0, f64::max)
+                .to_degrees(),
+            torque_rms_nm: rms(&torques),
+            beyond_excitation: beyond as f64 / torques.len() as f64,
+            clearance_rad: clearance.fold(f64::INFINITY, f64::min),
+        }
+    }
+}
+
+impl Trace {
+    /// Positions less the path, rad.
+    fn errors(&self) -> impl Iterator<Item = Joints<f64>> {
+        self.positions.iter().zip(&self.path).map(|(positions, path)| {
+            std::array::from_fn(|joint| f64::from(positions[joint]) - path[joint])
+        })
+    }
+}
+
+/// What is left of a plan after `count` samples, its last torques held.
+fn advance(plan: &mut [Joints<f64>], count: usize) {
+    let last = plan[plan.len() - 1];
+    plan.rotate_left(count);
+    let left = plan.len() - count;
+    plan[left..].fill(last);
+}
+
+/// The torques of an excitation that 99 % of its own do not exceed, N·m.
+fn excited_nm(simulation: &SimulateSpec) -> Joints<f64> {
+    /// Trajectories looked at; one joint then has 25 600 torques for the 1 % at the end.
+    const TRAJECTORIES: u64 = 256;
+    const TIMES: u32 = 100;
+    let scenarios = Scenarios::new(simulation);
+    let duration_s = f64::from(simulation.samples) / simulation.rate_hz;
+    let mut torques: Vec<Joints<f64>> = Vec::new();
+    for index in 0..TRAJECTORIES {
+        let law = scenarios.draw(index, 1).torques;
+        torques.extend((0..TIMES).map(|k| law.at(duration_s * f64::from(k) / f64::from(TIMES))));
+    }
+    std::array::from_fn(|joint| {
+        let mut sizes: Vec<f64> = torques.iter().map(|torques| torques[joint].abs()).collect();
+        let position = sizes.len() * 99 / 100;
+        *sizes.select_nth_unstable_by(position, f64::total_cmp).1
+    })
+}
+
+fn rms(values: &[f64]) -> f64 {
+    (values.iter().map(|value| value * value).sum::<f64>() / values.len() as f64).sqrt()
+}
+
+fn describe(error: &EvaluationError, step: usize) -> String {
+    let source = std::error::Error::source(error).map(|source| format!(": {source}"));
+    format!("at sample {step}: {error}{}", source.unwrap_or_default())
+}

@@ -1,0 +1,373 @@
+//! Closed loop: robots moved along a path by model predictive control.
+
+use std::f64::consts::TAU;
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use crate::check::{Check, Report};
+use crate::{
+    Bootstrap, CheckpointRef, DataSource, DataSpec, Execution, Gravity, JOINT_LIMITS_RAD, JOINTS,
+    Normalization, SpecError, Training,
+};
+
+/// Move robots along a path by model predictive control, once through every predictor.
+///
+/// Each robot is excited for `context` samples as in `data`, and controlled from there on. All
+/// controllers have the same planner, random numbers and cost; only what they foresee differs.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ControlSpec {
+    /// A simulation. Its first `robots` trajectories are the robots, where they begin, and what
+    /// excites them before they are controlled.
+    pub data: DataSource,
+    #[serde(default)]
+    pub checkpoints: Vec<CheckpointRef>,
+    #[serde(default = "ControlBaseline::all")]
+    pub baselines: Vec<ControlBaseline>,
+    /// Robots to control.
+    #[serde(default = "defaults::robots")]
+    pub robots: u32,
+    /// Samples of excitation before control begins; checkpoints always see as many, the latest.
+    #[serde(default = "defaults::context")]
+    pub context: u32,
+    /// Of control, s.
+    #[serde(default = "defaults::duration_s")]
+    pub duration_s: f64,
+    #[serde(default)]
+    pub path: ControlPath,
+    #[serde(default)]
+    pub planner: Planner,
+    /// Key of the planner's random numbers, 0 to 2^53 - 1.
+    #[serde(default)]
+    pub seed: u64,
+    #[serde(default)]
+    pub bootstrap: Bootstrap,
+    #[serde(default, skip_serializing_if = "Execution::is_default")]
+    pub execution: Execution,
+}
+
+/// A controller without a checkpoint.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum ControlBaseline {
+    /// No torque at all: how far the path leads away.
+    ZeroTorque,
+    /// Plans with q̇ = u / D and the nominal damping D.
+    DampedIntegrator,
+    /// Plans with the simulator of the nominal arm, from the robot's true state.
+    NominalSimulator,
+    /// Plans with the simulator of the robot itself, from its true state: as good as this planner gets.
+    Oracle,
+}
+
+impl ControlBaseline {
+    /// From the one that knows least to the one that knows all.
+    pub fn all() -> Vec<Self> {
+        vec![Self::ZeroTorque, Self::DampedIntegrator, Self::NominalSimulator, Self::Oracle]
+    }
+
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Self::ZeroTorque => "zero-torque",
+            Self::DampedIntegrator => "damped-integrator",
+            Self::NominalSimulator => "nominal-simulator",
+            Self::Oracle => "oracle",
+        }
+    }
+}
+
+/// Joint positions over time. It begins at rest where the robot is when control begins; each joint
+/// leaves towards the limit that is farther away.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum ControlPath {
+    /// There and back again, over and over.
+    Swing(Swing),
+    /// To another place, and rest there.
+    PointToPoint(PointToPoint),
+}
+
+/// q(t) = q(0) ± a (1 − cos 2πft) / 2.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Swing {
+    /// a of each joint, rad.
+    pub amplitude_rad: [f64; JOINTS],
+    /// f of each joint, Hz.
+    pub frequency_hz: [f64; JOINTS],
+}
+
+/// q(t) = q(0) ± d (10 s³ − 15 s⁴ + 6 s⁵) with s = t / T up to T: of least jerk (Flash and Hogan 1985,
+/// "The coordination of arm movements").
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PointToPoint {
+    /// d of each joint, rad.
+    pub displacement_rad: [f64; JOINTS],
+    /// T, s.
+    pub duration_s: f64,
+}
+
+impl Default for ControlPath {
+    fn default() -> Self {
+        Self::Swing(Swing::default())
+    }
+}
+
+impl Default for Swing {
+    /// What q̇ = u / D asks for lies within the torques of the training set D1.
+    fn default() -> Self {
+        Self { amplitude_rad: [0.4; JOINTS], frequency_hz: [0.15, 0.2, 0.25, 0.15, 0.2, 0.25, 0.3] }
+    }
+}
+
+impl ControlPath {
+    /// How far each joint is from where it began after `t` seconds, rad; not negative.
+    pub fn displacement(&self, t: f64) -> [f64; JOINTS] {
+        match self {
+            Self::Swing(Swing { amplitude_rad, frequency_hz }) => std::array::from_fn(|joint| {
+                0.5 * amplitude_rad[joint] * (1.0 - (TAU * frequency_hz[joint] * t).cos())
+            }),
+            Self::PointToPoint(PointToPoint { displacement_rad, duration_s }) => {
+                let s = (t / duration_s).clamp(0.0, 1.0);
+                let share = s * s * s * (10.0 + s * (6.0 * s - 15.0));
+                displacement_rad.map(|displacement| displacement * share)
+            }
+        }
+    }
+}
+
+/// Model predictive path integral control (Williams et al. 2017, "Information theoretic MPC for
+/// model-based reinforcement learning", algorithm 2): torque sequences around the last plan are
+/// foreseen, and the new plan is their mean, weighted by e to the power of minus their cost.
+///
+/// What differs from there: the temperature is relative, noise is a line between knots, so that
+/// torques stay as smooth as those models were trained on, and the cost of effort is explicit.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Planner {
+    /// Torque sequences that are foreseen at once. The first is the plan as it is.
+    pub samples: u32,
+    /// Rounds of sampling per plan.
+    pub iterations: u32,
+    /// Samples ahead that a plan covers. A checkpoint with a longer horizon is asked with the plan's
+    /// last torques held, and what it says beyond the plan does not count.
+    pub horizon: u32,
+    /// Samples of a plan that are carried out before the next is made.
+    pub replan_every: u32,
+    /// Standard deviation of the noise at its knots, N·m.
+    pub noise_nm: [f64; JOINTS],
+    /// Samples between two knots of the noise.
+    pub knot_every: u32,
+    /// Factor on the noise from one iteration to the next.
+    pub noise_decay: f64,
+    /// λ of the weights exp(−(S − min S) / (λ (mean S − min S))).
+    pub temperature: f64,
+    pub weights: PlanWeights,
+    /// The cost S is the mean of (q − path)² over the plan, plus this times the mean of u²;
+    /// rad²/(N·m)².
+    pub effort_rad2_nm2: f64,
+}
+
+/// Which cost a torque sequence is weighted by.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum PlanWeights {
+    /// Each joint's torques by that joint's own cost: what other joints do to it counts as noise. On
+    /// an arm that damping rules it needs far fewer samples.
+    Joint,
+    /// All joints' torques by their common cost, as published.
+    Sequence,
+}
+
+impl Default for Planner {
+    fn default() -> Self {
+        Self {
+            samples: 64,
+            iterations: 2,
+            horizon: 30,
+            replan_every: 4,
+            noise_nm: [2.0; JOINTS],
+            knot_every: 15,
+            noise_decay: 0.5,
+            temperature: 0.1,
+            weights: PlanWeights::Joint,
+            effort_rad2_nm2: 1e-7,
+        }
+    }
+}
+
+mod defaults {
+    pub const fn robots() -> u32 {
+        8
+    }
+    pub const fn context() -> u32 {
+        320
+    }
+    pub const fn duration_s() -> f64 {
+        4.0
+    }
+}
+
+/// Rated torques of the joints, N·m. Source: franka_description, robots/fer/joint_limits.yaml.
+pub const TORQUE_LIMITS_NM: [f64; JOINTS] = [87.0, 87.0, 87.0, 87.0, 12.0, 12.0, 12.0];
+
+/// What a path keeps from a joint's limit, wherever it begins, rad.
+const CLEARANCE_RAD: f64 = 0.1;
+
+/// The most control steps of one robot.
+const MAX_STEPS: f64 = 100_000.0;
+
+impl ControlSpec {
+    /// Samples of control at `rate_hz`.
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "checked to be 1 to 100 000"
+    )]
+    pub fn steps(&self, rate_hz: f64) -> u32 {
+        (self.duration_s * rate_hz).round() as u32
+    }
+}
+
+impl ControlSpec {
+    /// # Errors
+    /// Names each field that does not fit `data` or a training, with both numbers.
+    pub fn check_inputs(
+        &self,
+        data: &DataSpec,
+        trainings: &[Training<'_>],
+    ) -> Result<(), SpecError> {
+        let mut report = Report::default();
+        let Some(simulation) = data.simulation() else {
+            return Err(SpecError::one(
+                "data",
+                "recordings",
+                "a simulation, whose robots can move",
+            ));
+        };
+        if u64::from(self.robots) > simulation.trajectories {
+            let allowed = format!("at most the data's trajectories, {}", simulation.trajectories);
+            report.violation("robots", self.robots, allowed);
+        }
+        if self.context > simulation.samples {
+            let allowed = format!("at most the data's samples, which are {}", simulation.samples);
+            report.violation("context", self.context, allowed);
+        }
+        if simulation.robot.gravity == Gravity::Compensated {
+            let allowed = "off or on: a plan holds all torques that act";
+            report.violation("data.robot.gravity", "compensated", allowed);
+        }
+        let steps = self.duration_s * simulation.rate_hz;
+        if !(0.5..=MAX_STEPS).contains(&steps) {
+            let allowed = format!("1 to {MAX_STEPS} samples at {} Hz", simulation.rate_hz);
+            report.violation("duration_s", self.duration_s, allowed);
+        }
+        for (i, training) in trainings.iter().enumerate() {
+            let field = format!("checkpoints[{i}]");
+            let context = training.spec.context;
+            if context != self.context {
+                let asked = format!("context {}, as this job asks", self.context);
+                report.violation(&field, format!("trained with context {context}"), asked);
+            }
+            let rate_hz = training.data.rate_hz();
+            if (rate_hz - simulation.rate_hz).abs() > f64::EPSILON {
+                let asked = format!("rate_hz {}, as the data has", simulation.rate_hz);
+                report.violation(&field, format!("trained with rate_hz {rate_hz}"), asked);
+            }
+            let foreseen = training.data.samples().saturating_sub(context);
+            if self.planner.horizon > foreseen {
+                let allowed = format!("at most {foreseen}, the horizon of {field}");
+                report.violation("planner.horizon", self.planner.horizon, allowed);
+            }
+            if training.spec.normalization == Normalization::PaperLeaky {
+                let allowed = "one that needs nothing of the future it predicts";
+                report.violation(&field, "trained with normalization paper-leaky", allowed);
+            }
+        }
+        report.finish()
+    }
+}
+
+impl Check for ControlSpec {
+    fn check(&self, report: &mut Report) {
+        report.part("data", &self.data);
+        if self.checkpoints.is_empty() && self.baselines.is_empty() {
+            report.violation("checkpoints", "[]", "at least one checkpoint or baseline");
+        }
+        report.within("checkpoints", self.checkpoints.len(), 0..=20);
+        report.each_once("checkpoints", &self.checkpoints);
+        report.each_once("baselines", &self.baselines);
+        report.within("robots", self.robots, 1..=100);
+        report.within("context", self.context, 2..=9_999);
+        report.within("duration_s", self.duration_s, 0.01..=600.0);
+        report.part("path", &self.path);
+        report.part("planner", &self.planner);
+        report.seed("seed", self.seed);
+        report.within("bootstrap.resamples", self.bootstrap.resamples, 100..=100_000);
+        report.seed("bootstrap.seed", self.bootstrap.seed);
+        report.part("execution", &self.execution);
+    }
+}
+
+impl Check for ControlPath {
+    fn check(&self, report: &mut Report) {
+        match self {
+            Self::Swing(Swing { amplitude_rad, frequency_hz }) => {
+                check_displacement("swing.amplitude_rad", amplitude_rad, report);
+                report.all_within("swing.frequency_hz", frequency_hz, &(0.001..=100.0));
+            }
+            Self::PointToPoint(PointToPoint { displacement_rad, duration_s }) => {
+                check_displacement("point-to-point.displacement_rad", displacement_rad, report);
+                report.within("point-to-point.duration_s", *duration_s, 0.01..=600.0);
+            }
+        }
+    }
+}
+
+/// From anywhere within its limits, half a joint's range is free on one side.
+fn check_displacement(field: &str, displacement: &[f64; JOINTS], report: &mut Report) {
+    for (joint, (value, limits)) in displacement.iter().zip(JOINT_LIMITS_RAD).enumerate() {
+        let free = 0.5 * (limits.max - limits.min) - CLEARANCE_RAD;
+        if !(0.0..=free).contains(value) {
+            let allowed =
+                format!("0 to {free:.4}, which stays within the joint's limits from anywhere");
+            report.violation(&format!("{field}[{joint}]"), value, allowed);
+        }
+    }
+}
+
+impl Check for Planner {
+    fn check(&self, report: &mut Report) {
+        report.within("samples", self.samples, 2..=1024);
+        report.within("iterations", self.iterations, 1..=20);
+        report.within("horizon", self.horizon, 1..=1000);
+        let horizon = self.horizon.clamp(1, 1000);
+        report.within("replan_every", self.replan_every, 1..=horizon);
+        report.within("knot_every", self.knot_every, 1..=horizon);
+        report.all_within("noise_nm", &self.noise_nm, &(0.001..=87.0));
+        report.within("noise_decay", self.noise_decay, 0.01..=1.0);
+        report.within("temperature", self.temperature, 1e-4..=1e4);
+        report.within("effort_rad2_nm2", self.effort_rad2_nm2, 0.0..=1.0);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_path_begins_at_rest_and_goes_as_far_as_it_says() {
+        let point = PointToPoint { displacement_rad: [0.7; JOINTS], duration_s: 2.0 };
+        for path in [ControlPath::default(), ControlPath::PointToPoint(point.clone())] {
+            assert_eq!(path.displacement(0.0), [0.0; JOINTS]);
+            assert!(path.displacement(1e-3).iter().all(|it| (0.0..1e-5).contains(it)));
+        }
+        let there = ControlPath::PointToPoint(point);
+        assert!((there.displacement(1.0)[3] - 0.35).abs() < 1e-12);
+        assert!((there.displacement(9.0)[3] - 0.7).abs() < 1e-12);
+        // Joint 5 swings at 0.2 Hz.
+        assert!((ControlPath::default().displacement(2.5)[4] - 0.4).abs() < 1e-12);
+    }
+}

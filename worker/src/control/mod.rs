@@ -1,0 +1,107 @@
+//! Closed loop: one task per robot, in which every controller has it in turn; then the report.
+
+mod report;
+mod table;
+
+use std::ops::ControlFlow;
+
+use evaluation::control::{
+    Controller, ControllerInfo, Experiment, Foreseen, RobotTrials, Trace, robot_figure,
+};
+use evaluation::{Learned, PredictorKind, Start};
+use models::Sampling;
+use spec::{ControlSpec, SimulateSpec};
+use store::NewArtifact;
+
+use crate::attempt::Attempt;
+use crate::error::TaskError;
+use crate::evaluate::LoadedCheckpoint;
+use crate::trajectories::TrajectorySource;
+
+pub(crate) use report::report;
+
+/// Lets every controller have one robot; its motions are `robot-NN.csv` and `robot-NN.svg`.
+pub(crate) fn robot(attempt: &Attempt) -> Result<(), TaskError> {
+    let spec: ControlSpec = attempt.spec()?;
+    let simulation = simulation(attempt, &spec)?;
+    let checkpoints = LoadedCheckpoint::load_all(attempt, &spec.checkpoints)?;
+    attempt.check_stop()?;
+    let index = u64::from(attempt.task.ordinal);
+    let experiment = Experiment::new(&spec, &simulation);
+    let plant = experiment.plant(index)?;
+    let baselines = spec
+        .baselines
+        .iter()
+        .map(|&baseline| Controller::baseline(baseline, &simulation, plant.robot()));
+    let learned = checkpoints.iter().map(learned);
+    let mut trials = Vec::new();
+    let mut traces: Vec<(String, Trace)> = Vec::new();
+    let mut done = 0;
+    for controller in baselines.chain(learned) {
+        attempt.progress.say(controller.name.clone());
+        let progress =
+            |samples: u32| -> ControlFlow<()> { attempt.show(done + u64::from(samples)) };
+        let ran = experiment.run(index, plant.clone(), &controller, &progress);
+        let (trial, trace) = ran.ok_or(TaskError::Stopped)?;
+        trials.push(trial);
+        traces.push((controller.name, trace));
+        done += u64::from(experiment.steps());
+    }
+    let name = |extension: &str| format!("robot-{index:02}.{extension}");
+    let rate_hz = simulation.rate_hz;
+    put(attempt, &name("csv"), "text/csv", table::csv(rate_hz, &traces)?)?;
+    let figure = robot_figure(index, rate_hz, &traces)?;
+    put(attempt, &name("svg"), "image/svg+xml", figure.into_bytes())?;
+    let result = RobotTrials { robot: index, threads: rayon::current_num_threads(), trials };
+    let result = serde_json::to_value(result)?;
+    attempt.wait(attempt.store.complete(attempt.fence(), Some(&result)))?;
+    Ok(())
+}
+
+/// A denoiser is asked for one sample, by the sampler of its checkpoint.
+fn learned(checkpoint: &LoadedCheckpoint) -> Controller<'_> {
+    let LoadedCheckpoint { info, model, .. } = checkpoint;
+    let predictor = Learned {
+        name: info.name.clone(),
+        model,
+        sampling: Sampling::default(),
+        start: Start::Cold,
+        first: None,
+    };
+    let forecast = Foreseen {
+        predictor,
+        context: model.context(),
+        horizon: Some(model.horizon()),
+        rate_hz: model.rate_hz(),
+    };
+    Controller { name: info.name.clone(), forecast: Some(Box::new(forecast)) }
+}
+
+/// In the order of every table: baselines first.
+fn controllers(spec: &ControlSpec, checkpoints: &[LoadedCheckpoint]) -> Vec<ControllerInfo> {
+    let baselines = spec.baselines.iter().map(|baseline| ControllerInfo {
+        name: baseline.as_str().to_owned(),
+        kind: PredictorKind::Baseline,
+        digest: None,
+    });
+    let learned = checkpoints.iter().map(|checkpoint| ControllerInfo {
+        name: checkpoint.info.name.clone(),
+        kind: PredictorKind::Checkpoint,
+        digest: checkpoint.info.digest,
+    });
+    baselines.chain(learned).collect()
+}
+
+/// What the robots are drawn by.
+fn simulation(attempt: &Attempt, spec: &ControlSpec) -> Result<SimulateSpec, TaskError> {
+    let data = TrajectorySource::open(attempt, &spec.data)?;
+    let missing =
+        || TaskError::Missing { what: "the simulation of", name: format!("{:?}", spec.data) };
+    data.spec().simulation().cloned().ok_or_else(missing)
+}
+
+fn put(attempt: &Attempt, name: &str, media_type: &str, bytes: Vec<u8>) -> Result<(), TaskError> {
+    let artifact = NewArtifact { name, media_type, bytes: bytes.into() };
+    attempt.wait(attempt.store.put_artifact(attempt.fence(), artifact))?;
+    Ok(())
+}
