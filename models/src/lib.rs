@@ -3,8 +3,8 @@
 //! A [`Trainer`] turns a [`spec::TrainSpec`] and batches of trajectories into weights; a
 //! [`TrainedModel`] turns a checkpoint and a [`PredictionInput`] into predicted joint positions.
 //! Which batch comes at which step is the caller's matter. Random numbers are keyed by the spec's
-//! seed and by what they are for, never drawn from a state, so that the same spec, batches and
-//! thread count give the same weights, bit for bit, however often training was interrupted.
+//! seed and by what they are for, never drawn from a state, so that the same spec and batches give
+//! the same weights on one kind of processor, bit for bit, however often training was interrupted.
 //!
 //! All series are row-major `[trajectory, sample, joint]`, u in N·m and y in rad.
 

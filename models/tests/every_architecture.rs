@@ -150,9 +150,8 @@ fn a_resumed_training_equals_an_uninterrupted_one_bit_for_bit() {
     }
 }
 
-/// Work is cut by the number of threads, and blocks of another size may be added up in another order.
 #[test]
-fn a_training_is_the_same_bit_for_bit_on_the_same_number_of_threads_and_close_on_others() {
+fn a_training_is_the_same_bit_for_bit_on_any_number_of_threads() {
     for (name, model) in every_kind() {
         let trained_on = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -167,12 +166,9 @@ fn a_training_is_the_same_bit_for_bit_on_the_same_number_of_threads_and_close_on
                 (trainer.checkpoint().unwrap(), report.loss(), report.rmse_rad())
             })
         };
-        let (_, loss, rmse_rad) = trained_on(1);
+        let alone = trained_on(1);
         for threads in [2, 5] {
-            let found = trained_on(threads);
-            assert!(found == trained_on(threads), "{name}, {threads} threads, twice");
-            let close = |a: f64, b: f64| (a - b).abs() < 1e-4 * b.abs();
-            assert!(close(found.1, loss) && close(found.2, rmse_rad), "{name}, {threads} threads");
+            assert!(trained_on(threads) == alone, "{name}, {threads} threads");
         }
     }
 }
