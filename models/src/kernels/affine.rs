@@ -3,6 +3,7 @@
 use rayon::prelude::*;
 
 use super::panels::Panels;
+use super::parts::in_parts;
 use super::product::{Left, Onto, Right, multiply};
 use super::vectorized;
 
@@ -23,68 +24,70 @@ const DEPTH: usize = 128;
 const APART: usize = 16;
 
 /// y = x Wᵀ + b of a single row.
-pub(super) fn row(x: &[f32], weight: &[f32], bias: &[f32], y: &mut [f32]) {
+pub(super) fn row(x: &[f32], weight: &[f32], bias: &[f32]) -> Vec<f32> {
     // To rearrange the weights would take longer than to multiply them.
     let rows: Vec<usize> = (0..bias.len()).map(|row| row * x.len()).collect();
     let terms: Vec<usize> = (0..x.len()).collect();
     let left = Left { values: weight, rows: &rows, step: 1 };
-    multiply(left, Right { values: x, terms: &terms }, Onto::Rows(bias), y, 1, 1);
+    let mut y = vec![0.0; bias.len()];
+    multiply(left, Right { values: x, terms: &terms }, Onto::Rows(bias), &mut y, 1, 1);
+    y
 }
 
 /// y = x Wᵀ + b, with the panels of Wᵀ; y has `bias.len()` columns.
-pub(super) fn forward(x: &[f32], input: usize, weight: &Panels, bias: &[f32], y: &mut [f32]) {
+pub(super) fn forward(x: &[f32], input: usize, weight: &Panels, bias: &[f32]) -> Vec<f32> {
     let output = bias.len();
     let task = Task::of(x.len(), input, output);
-    let outputs = y.par_chunks_mut(task.rows * output);
-    outputs.zip(x.par_chunks(task.rows * input)).for_each(|(y, x)| {
-        weight.multiply(task.left(x), Onto::Columns(bias), y, output);
-    });
+    task.results(
+        output,
+        || (),
+        |(), index, y| {
+            weight.multiply(task.left(task.part(x, index)), Onto::Columns(bias), y, output);
+        },
+    )
 }
 
 /// y = f(x) Wᵀ + b, where `f` makes some rows of some rows; it is told the first one's number.
 pub(super) fn forward_of(
-    f: impl Fn(&[f32], &mut [f32], usize) + Sync,
+    f: impl Fn(&[f32], &mut [f32], usize) + Sync + Send,
     x: &[f32],
     input: usize,
     weight: &Panels,
     bias: &[f32],
-    y: &mut [f32],
-) {
+) -> Vec<f32> {
     let output = bias.len();
     let task = Task::of(x.len(), input, output);
-    let outputs = y.par_chunks_mut(task.rows * output);
-    let parts = outputs.zip(x.par_chunks(task.rows * input)).enumerate();
-    parts.for_each_init(Vec::new, |scratch, (index, (y, x))| {
+    task.results(output, Vec::new, |scratch, index, y| {
+        let x = task.part(x, index);
         scratch.resize(x.len(), 0.0);
         f(x, scratch, index * task.rows);
         weight.multiply(task.left(scratch), Onto::Columns(bias), y, output);
-    });
+    })
 }
 
 /// y = z + f(x) Wᵀ + b.
 pub(super) fn forward_of_onto(
-    f: impl Fn(&[f32], &mut [f32], usize) + Sync,
+    f: impl Fn(&[f32], &mut [f32], usize) + Sync + Send,
     x: &[f32],
     input: usize,
     weight: &Panels,
     bias: &[f32],
     z: &[f32],
-    y: &mut [f32],
-) {
+) -> Vec<f32> {
     let output = bias.len();
     let task = Task::of(x.len(), input, output);
-    let outputs = y.par_chunks_mut(task.rows * output).zip(z.par_chunks(task.rows * output));
-    let parts = outputs.zip(x.par_chunks(task.rows * input)).enumerate();
-    parts.for_each_init(Vec::new, |scratch, (index, ((y, z), x))| {
+    task.results(output, Vec::new, |scratch, index, y| {
+        let x = task.part(x, index);
         scratch.resize(x.len(), 0.0);
         f(x, scratch, index * task.rows);
-        for (y, z) in y.chunks_exact_mut(output).zip(z.chunks_exact(output)) {
+        let z = z[index * task.rows * output..].chunks_exact(output);
+        for (y, z) in y.chunks_exact_mut(output).zip(z) {
             for ((y, z), bias) in y.iter_mut().zip(z).zip(bias) {
                 *y = z + bias;
             }
         }
         weight.multiply(task.left(scratch), Onto::Output, y, output);
-    });
+    })
 }
 
 /// dx = dy W; dy has `output` columns. `then` is called with some rows of dx and the number of
@@ -93,23 +96,27 @@ pub(super) fn input_gradient(
     dy: &[f32],
     weight: &[f32],
     output: usize,
-    dx: &mut [f32],
-    then: impl Fn(&mut [f32], usize) + Sync,
-) {
+    then: impl Fn(&mut [f32], usize) + Sync + Send,
+) -> Vec<f32> {
     let input = weight.len() / output;
     let weight = Panels::of_rows(weight, output, input, input);
     let task = Task::of(dy.len(), output, input);
-    let gradients = dx.par_chunks_mut(task.rows * input);
-    gradients.zip(dy.par_chunks(task.rows * output)).enumerate().for_each(|(index, (dx, dy))| {
-        weight.multiply(task.left(dy), Onto::Nothing, dx, input);
-        then(dx, index * task.rows * input);
-    });
+    task.results(
+        input,
+        || (),
+        |(), index, dx| {
+            weight.multiply(task.left(task.part(dy, index)), Onto::Nothing, dx, input);
+            then(dx, index * task.rows * input);
+        },
+    )
 }
 
 /// Rows that are multiplied together.
 struct Task {
     rows: usize,
     depth: usize,
+    /// In all.
+    length: usize,
     /// Where they begin.
     offsets: Vec<usize>,
 }
@@ -117,11 +124,29 @@ struct Task {
 impl Task {
     /// Of rows of `depth` elements, `length` in all, which become rows of `output`.
     fn of(length: usize, depth: usize, output: usize) -> Self {
-        let rows = length / depth;
+        let all_rows = length / depth;
         let tasks = if length * output < ALONE { 1 } else { 2 * rayon::current_num_threads() };
-        let fair = rows.div_ceil(tasks);
+        let fair = all_rows.div_ceil(tasks);
         let rows = (TASK / depth).min(fair).max(1).next_multiple_of(TILE_ROWS);
-        Self { rows, depth, offsets: (0..rows).map(|row| row * depth).collect() }
+        let offsets = (0..rows).map(|row| row * depth).collect();
+        Self { rows, depth, length: all_rows, offsets }
+    }
+
+    /// What `write` makes of each task's rows: rows of `output`.
+    fn results<S>(
+        &self,
+        output: usize,
+        scratch: impl Fn() -> S + Send + Sync,
+        write: impl Fn(&mut S, usize, &mut [f32]) + Send + Sync,
+    ) -> Vec<f32> {
+        let (results, _) = in_parts(self.length * output, self.rows * output, scratch, write);
+        results
+    }
+
+    /// A task's rows.
+    fn part<'a>(&self, values: &'a [f32], index: usize) -> &'a [f32] {
+        let rest = &values[index * self.rows * self.depth..];
+        &rest[..rest.len().min(self.rows * self.depth)]
     }
 
     fn left<'a>(&'a self, values: &'a [f32]) -> Left<'a> {

@@ -4,6 +4,7 @@ use rayon::prelude::*;
 use super::dropout::{self, DropoutMask};
 use super::fused::{Array, FusedOp, apply, operand};
 use super::panels::Panels;
+use super::parts::in_parts;
 use super::product::{Left, Onto, Right, multiply};
 use super::softmax::{softmax, softmax_gradient};
 use super::vectorized;
@@ -260,13 +261,14 @@ impl FusedOp<3> for Attention {
         let extents = self.extents(query, key);
         let Extents { tokens, sources, d_model, width, .. } = extents;
         let (of_query, of_key) = (tokens * d_model, sources * d_model);
-        let mut output = vec![0.0; query.values().len()];
-        let inputs = query.values().par_chunks(of_query).zip(key.values().par_chunks(of_key));
-        inputs
-            .zip(value.values().par_chunks(of_key))
-            .zip(output.par_chunks_mut(of_query))
-            .enumerate()
-            .for_each(|(trajectory, (((query, key), value), output))| {
+        let (output, _) = in_parts(
+            query.values().len(),
+            of_query,
+            || (),
+            |(), index, output| {
+                let query = &query.values()[index * of_query..][..of_query];
+                let key = &key.values()[index * of_key..][..of_key];
+                let value = &value.values()[index * of_key..][..of_key];
                 let keys: Vec<Panels> = (0..d_model)
                     .step_by(width)
                     .map(|head| Panels::of_columns(&key[head..], width, sources, d_model))
@@ -275,11 +277,12 @@ impl FusedOp<3> for Attention {
                     .par_chunks_mut(TOKENS * d_model)
                     .zip(query.par_chunks(TOKENS * d_model))
                     .enumerate()
-                    .for_each_init(Vec::new, |probabilities, (index, (output, query))| {
-                        let first = [trajectory, index * TOKENS];
+                    .for_each_init(Vec::new, |probabilities, (part, (output, query))| {
+                        let first = [index, part * TOKENS];
                         extents.forward(query, value, &keys, first, output, probabilities);
                     });
-            });
+            },
+        );
         Array::new(output, query.shape())
     }
 

@@ -7,6 +7,7 @@
 use rayon::prelude::*;
 
 use super::panels::Panels;
+use super::parts::in_parts;
 use super::product::{Left, Onto, Right, multiply};
 use super::vectorized;
 use super::windows::Windows;
@@ -38,11 +39,7 @@ pub(super) struct Correlation {
 impl Correlation {
     /// coarse`[o, j]` = bias`[o]` + Σ kernel`[o, i, k]` fine`[i, stride j + k - padding]`.
     pub fn forward(&self, fine: &[f32], kernel: &[f32], bias: Option<&[f32]>) -> Vec<f32> {
-        let of_fine = self.fine_channels * self.fine_samples;
-        let mut coarse =
-            vec![0.0; fine.len() / of_fine * self.coarse_channels * self.coarse_samples];
-        correlate(&self.windows(), fine, kernel, bias, &mut coarse);
-        coarse
+        correlate(&self.windows(), fine, kernel, bias, self.coarse_channels)
     }
 
     /// fine`[i, n]` = bias`[i]` + Σ kernel`[o, i, k]` coarse`[o, j]` over all j and k with
@@ -53,16 +50,15 @@ impl Correlation {
     pub fn adjoint(&self, coarse: &[f32], kernel: &[f32], bias: Option<&[f32]>) -> Vec<f32> {
         let of_coarse = self.coarse_channels * self.coarse_samples;
         let batch = coarse.len() / of_coarse;
-        let mut fine = vec![0.0; batch * self.fine_channels * self.fine_samples];
         let phases = self.stride.min(self.fine_samples);
+        if phases == 1 {
+            let (windows, kernel) = self.phase(0, kernel);
+            return correlate(&windows, coarse, &kernel, bias, self.fine_channels);
+        }
+        let mut fine = vec![0.0; batch * self.fine_channels * self.fine_samples];
         for remainder in 0..phases {
             let (windows, kernel) = self.phase(remainder, kernel);
-            if phases == 1 {
-                correlate(&windows, coarse, &kernel, bias, &mut fine);
-                break;
-            }
-            let mut of_phase = vec![0.0; batch * self.fine_channels * windows.count];
-            correlate(&windows, coarse, &kernel, bias, &mut of_phase);
+            let of_phase = correlate(&windows, coarse, &kernel, bias, self.fine_channels);
             let rows = fine.par_chunks_exact_mut(self.fine_samples);
             rows.zip(of_phase.par_chunks_exact(windows.count)).for_each(|(fine, values)| {
                 let fine = fine[remainder..].iter_mut().step_by(self.stride);
@@ -191,12 +187,11 @@ fn correlate(
     series: &[f32],
     kernel: &[f32],
     bias: Option<&[f32]>,
-    output: &mut [f32],
-) {
+    channels: usize,
+) -> Vec<f32> {
     let (of_series, count, length) =
         (windows.channels * windows.samples, windows.count, windows.length());
     let batch = series.len() / of_series;
-    let channels = output.len() / (batch * count);
     let threads = rayon::current_num_threads();
     let together = group(length).min(batch.div_ceil(threads));
     let task = match batch.div_ceil(together) {
@@ -204,43 +199,45 @@ fn correlate(
         _ => channels,
     };
     let kernel_rows: Vec<usize> = (0..channels).map(|row| row * windows.rows()).collect();
-    output
-        .par_chunks_mut(together * channels * count)
-        .zip(series.par_chunks(together * of_series))
-        .for_each_init(
-            || (Vec::new(), Vec::new()),
-            |(scratch, results), (output, series)| {
-                let alone = series.len() == of_series;
-                let seen = windows.see(series, scratch);
-                let offsets = windows.offsets(seen.row);
-                let right = Right { values: seen.values, terms: &offsets };
-                // Windows between trajectories are computed, too, but for those after the last.
-                let columns = seen.row - (length - count);
-                let stride = if alone { count } else { columns };
-                let to: &mut [f32] = if alone {
-                    &mut *output
-                } else {
-                    results.resize(channels * columns, 0.0);
-                    results
+    let (output, _) = in_parts(
+        batch * channels * count,
+        together * channels * count,
+        || (Vec::new(), Vec::new()),
+        |(scratch, results), index, output| {
+            let series = &series[index * together * of_series..];
+            let series = &series[..output.len() / (channels * count) * of_series];
+            let alone = series.len() == of_series;
+            let seen = windows.see(series, scratch);
+            let offsets = windows.offsets(seen.row);
+            let right = Right { values: seen.values, terms: &offsets };
+            // Windows between trajectories are computed, too, but for those after the last.
+            let columns = seen.row - (length - count);
+            let stride = if alone { count } else { columns };
+            let to: &mut [f32] = if alone {
+                &mut *output
+            } else {
+                results.resize(channels * columns, 0.0);
+                results
+            };
+            to.par_chunks_mut(task * stride).enumerate().for_each(|(index, to)| {
+                let rows = index * task..index * task + to.len() / stride;
+                let onto = match bias {
+                    Some(bias) => Onto::Rows(&bias[rows.clone()]),
+                    None => Onto::Nothing,
                 };
-                to.par_chunks_mut(task * stride).enumerate().for_each(|(index, to)| {
-                    let rows = index * task..index * task + to.len() / stride;
-                    let onto = match bias {
-                        Some(bias) => Onto::Rows(&bias[rows.clone()]),
-                        None => Onto::Nothing,
-                    };
-                    let left = Left { values: kernel, rows: &kernel_rows[rows], step: 1 };
-                    multiply(left, right, onto, to, columns, stride);
-                });
-                if alone {
-                    return;
+                let left = Left { values: kernel, rows: &kernel_rows[rows], step: 1 };
+                multiply(left, right, onto, to, columns, stride);
+            });
+            if alone {
+                return;
+            }
+            for (trajectory, output) in output.chunks_exact_mut(channels * count).enumerate() {
+                let rows = results.chunks_exact(columns);
+                for (row, from) in output.chunks_exact_mut(count).zip(rows) {
+                    row.copy_from_slice(&from[trajectory * length..][..count]);
                 }
-                for (trajectory, output) in output.chunks_exact_mut(channels * count).enumerate() {
-                    let rows = results.chunks_exact(columns);
-                    for (row, from) in output.chunks_exact_mut(count).zip(rows) {
-                        row.copy_from_slice(&from[trajectory * length..][..count]);
-                    }
-                }
-            },
-        );
+            }
+        },
+    );
+    output
 }

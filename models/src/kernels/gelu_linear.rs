@@ -6,6 +6,7 @@ use rayon::prelude::*;
 use super::dropout::{self, DropoutMask};
 use super::fused::{Array, FusedOp, apply, operand};
 use super::packed::{PackedWeight, Packing};
+use super::parts::in_parts;
 use super::{affine, linear, vectorized};
 
 /// Elements of a task: 64 KiB, which stay in the cache between read and write.
@@ -59,7 +60,6 @@ struct GeluLinear {
 
 impl FusedOp<4> for GeluLinear {
     fn forward(&self, [residual, x, weight, bias]: &[Array; 4]) -> Array {
-        let mut y = vec![0.0; residual.values().len()];
         let [_, rows, width] = *x.shape() else { unreachable!("of rank 3") };
         let (weight, bias) = (self.packing.transposed(weight), bias.values());
         let [between, after] = &self.masks;
@@ -69,25 +69,18 @@ impl FusedOp<4> for GeluLinear {
                 mask.apply(g, width, first, rows);
             }
         };
-        if let Some(mask) = after {
-            affine::forward_of(gelu, x.values(), width, &weight, bias, &mut y);
+        let y = if let Some(mask) = after {
+            let mut y = affine::forward_of(gelu, x.values(), width, &weight, bias);
             mask.apply_to_all(&mut y, residual.width(), rows);
             y.par_chunks_mut(TASK).zip(residual.values().par_chunks(TASK)).for_each(|(y, z)| {
                 for (y, z) in y.iter_mut().zip(z) {
                     *y += z;
                 }
             });
+            y
         } else {
-            affine::forward_of_onto(
-                gelu,
-                x.values(),
-                width,
-                &weight,
-                bias,
-                residual.values(),
-                &mut y,
-            );
-        }
+            affine::forward_of_onto(gelu, x.values(), width, &weight, bias, residual.values())
+        };
         Array::new(y, residual.shape())
     }
 
@@ -106,19 +99,21 @@ impl FusedOp<4> for GeluLinear {
         };
         let mut d_weight = vec![0.0; weight.values().len()];
         let mut d_bias = vec![0.0; bias.width()];
-        let mut between = vec![0.0; x.values().len()];
-        between
-            .par_chunks_mut(TASK)
-            .zip(x.values().par_chunks(TASK))
-            .for_each(|(g, x)| vectorized::gelu(x, g));
+        let (mut between, _) = in_parts(
+            x.values().len(),
+            TASK,
+            || (),
+            |(), index, g| {
+                vectorized::gelu(&x.values()[index * TASK..][..g.len()], g);
+            },
+        );
         if let Some(mask) = of_gelu {
             mask.apply_to_all(&mut between, width, rows);
         }
         affine::parameter_gradients(&between, dy.values(), &mut d_weight, &mut d_bias);
+        drop(between);
 
-        // In the memory of gelu(x), which is done with.
-        let mut dx = between;
-        affine::input_gradient(dy.values(), weight.values(), output, &mut dx, |dg, first| {
+        let dx = affine::input_gradient(dy.values(), weight.values(), output, |dg, first| {
             if let Some(mask) = of_gelu {
                 mask.apply(dg, width, first / width, rows);
             }

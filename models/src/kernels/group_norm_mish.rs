@@ -1,7 +1,7 @@
 use burn::tensor::Tensor;
-use rayon::prelude::*;
 
 use super::fused::{Array, FusedOp, apply, operand};
+use super::parts::in_parts;
 use super::{mish, vectorized};
 
 /// PyTorch's default, added to the variance.
@@ -41,9 +41,12 @@ impl FusedOp<3> for GroupNormMish {
     fn forward(&self, [x, weight, bias]: &[Array; 3]) -> Array {
         let channels = weight.width() / self.groups;
         let task = channels * x.width();
-        let mut y = vec![0.0; x.values().len()];
-        y.par_chunks_mut(task).zip(x.values().par_chunks(task)).enumerate().for_each(
-            |(index, (y, x))| {
+        let (y, _) = in_parts(
+            x.values().len(),
+            task,
+            || (),
+            |(), index, y| {
+                let x = &x.values()[index * task..][..y.len()];
                 let group = index % self.groups * channels;
                 let weight = &weight.values()[group..group + channels];
                 let bias = &bias.values()[group..group + channels];
@@ -57,21 +60,25 @@ impl FusedOp<3> for GroupNormMish {
         let all_channels = weight.width();
         let channels = all_channels / self.groups;
         let task = channels * x.width();
-        let mut dx = vec![0.0; x.values().len()];
+        let (dx, sums) = in_parts(
+            x.values().len(),
+            task,
+            || (),
+            |(), index, dx| {
+                let here = index * task..index * task + dx.len();
+                let (x, dy) = (&x.values()[here.clone()], &dy.values()[here]);
+                let group = index % self.groups * channels;
+                let weight = &weight.values()[group..group + channels];
+                let bias = &bias.values()[group..group + channels];
+                let (mut d_weight, mut d_bias) = (vec![0.0; channels], vec![0.0; channels]);
+                let sums = [&mut d_weight[..], &mut d_bias[..]];
+                vectorized::group_norm_mish_gradient(x, [weight, bias], EPSILON, dy, dx, sums);
+                (d_weight, d_bias)
+            },
+        );
         // Of each trajectory, added up after.
-        let mut weight_parts = vec![0.0; x.values().len() / x.width()];
-        let mut bias_parts = weight_parts.clone();
-        let inputs = x.values().par_chunks(task).zip(dy.values().par_chunks(task));
-        let outputs = dx
-            .par_chunks_mut(task)
-            .zip(weight_parts.par_chunks_mut(channels).zip(bias_parts.par_chunks_mut(channels)));
-        inputs.zip(outputs).enumerate().for_each(|(index, ((x, dy), (dx, (d_weight, d_bias))))| {
-            let group = index % self.groups * channels;
-            let weight = &weight.values()[group..group + channels];
-            let bias = &bias.values()[group..group + channels];
-            let sums = [d_weight, d_bias];
-            vectorized::group_norm_mish_gradient(x, [weight, bias], EPSILON, dy, dx, sums);
-        });
+        let (weight_parts, bias_parts): (Vec<_>, Vec<_>) = sums.into_iter().unzip();
+        let (weight_parts, bias_parts) = (weight_parts.concat(), bias_parts.concat());
         let (mut d_weight, mut d_bias) = (vec![0.0; all_channels], vec![0.0; all_channels]);
         vectorized::add_rows(&weight_parts, all_channels, &mut d_weight);
         vectorized::add_rows(&bias_parts, all_channels, &mut d_bias);

@@ -1,7 +1,7 @@
 use burn::tensor::{Tensor, module};
-use rayon::prelude::*;
 
 use super::fused::{Array, FusedOp, apply, operand};
+use super::parts::in_parts;
 use super::vectorized;
 
 /// PyTorch's default, added to the variance.
@@ -27,35 +27,34 @@ pub(super) struct LayerNorm;
 impl FusedOp<3> for LayerNorm {
     fn forward(&self, [x, weight, bias]: &[Array; 3]) -> Array {
         let task = TASK_ROWS * weight.width();
-        let mut y = vec![0.0; x.values().len()];
-        y.par_chunks_mut(task).zip(x.values().par_chunks(task)).for_each(|(y, x)| {
-            vectorized::layer_norm(x, weight.values(), bias.values(), EPSILON, y);
-        });
+        let (y, _) = in_parts(
+            x.values().len(),
+            task,
+            || (),
+            |(), index, y| {
+                let x = &x.values()[index * task..][..y.len()];
+                vectorized::layer_norm(x, weight.values(), bias.values(), EPSILON, y);
+            },
+        );
         Array::new(y, x.shape())
     }
 
     fn backward(&self, [x, weight, bias]: &[Array; 3], dy: &Array) -> [Array; 3] {
         let width = weight.width();
         let task = TASK_ROWS * width;
-        let mut dx = vec![0.0; x.values().len()];
-        let partial: Vec<(Vec<f32>, Vec<f32>)> = dx
-            .par_chunks_mut(task)
-            .zip(x.values().par_chunks(task))
-            .zip(dy.values().par_chunks(task))
-            .map(|((dx, x), dy)| {
+        let (dx, partial) = in_parts(
+            x.values().len(),
+            task,
+            || (),
+            |(), index, dx| {
+                let here = index * task..index * task + dx.len();
+                let (x, dy) = (&x.values()[here.clone()], &dy.values()[here]);
                 let (mut d_weight, mut d_bias) = (vec![0.0; width], vec![0.0; width]);
-                vectorized::layer_norm_gradient(
-                    x,
-                    weight.values(),
-                    EPSILON,
-                    dy,
-                    dx,
-                    &mut d_weight,
-                    &mut d_bias,
-                );
+                let sums = [&mut d_weight[..], &mut d_bias[..]];
+                vectorized::layer_norm_gradient(x, weight.values(), EPSILON, dy, dx, sums);
                 (d_weight, d_bias)
-            })
-            .collect();
+            },
+        );
         let (mut d_weight, mut d_bias) = (vec![0.0; width], vec![0.0; width]);
         for (weight_part, bias_part) in &partial {
             vectorized::add_rows(weight_part, width, &mut d_weight);

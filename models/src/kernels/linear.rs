@@ -34,14 +34,13 @@ struct Linear {
 impl FusedOp<3> for Linear {
     fn forward(&self, [x, weight, bias]: &[Array; 3]) -> Array {
         let output = bias.width();
-        let mut y = vec![0.0; x.values().len() / x.width() * output];
         let input = x.width();
-        if x.values().len() == input {
-            affine::row(x.values(), weight.values(), bias.values(), &mut y);
+        let y = if x.values().len() == input {
+            affine::row(x.values(), weight.values(), bias.values())
         } else {
             let weight = self.packing.transposed(weight);
-            affine::forward(x.values(), input, &weight, bias.values(), &mut y);
-        }
+            affine::forward(x.values(), input, &weight, bias.values())
+        };
         let mut shape = x.shape().to_vec();
         if let Some(width) = shape.last_mut() {
             *width = output;
@@ -51,8 +50,7 @@ impl FusedOp<3> for Linear {
 
     fn backward(&self, [x, weight, bias]: &[Array; 3], dy: &Array) -> [Array; 3] {
         let (input, output) = (x.width(), bias.width());
-        let mut dx = vec![0.0; x.values().len()];
-        affine::input_gradient(dy.values(), weight.values(), output, &mut dx, |_, _| ());
+        let dx = affine::input_gradient(dy.values(), weight.values(), output, |_, _| ());
         let mut d_weight = vec![0.0; output * input];
         let mut d_bias = vec![0.0; output];
         affine::parameter_gradients(x.values(), dy.values(), &mut d_weight, &mut d_bias);

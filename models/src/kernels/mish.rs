@@ -1,7 +1,7 @@
 use burn::tensor::{Tensor, activation};
-use rayon::prelude::*;
 
 use super::fused::{Array, FusedOp, apply, operand};
+use super::parts::in_parts;
 use super::vectorized;
 
 /// Elements of a task: 64 KiB, which stay in the cache between read and write.
@@ -22,19 +22,27 @@ struct Mish;
 
 impl FusedOp<1> for Mish {
     fn forward(&self, [x]: &[Array; 1]) -> Array {
-        let mut y = vec![0.0; x.values().len()];
-        y.par_chunks_mut(TASK)
-            .zip(x.values().par_chunks(TASK))
-            .for_each(|(y, x)| vectorized::mish(x, y));
+        let (y, _) = in_parts(
+            x.values().len(),
+            TASK,
+            || (),
+            |(), index, y| {
+                vectorized::mish(&x.values()[index * TASK..][..y.len()], y);
+            },
+        );
         Array::new(y, x.shape())
     }
 
     fn backward(&self, [x]: &[Array; 1], dy: &Array) -> [Array; 1] {
-        let mut dx = vec![0.0; x.values().len()];
-        dx.par_chunks_mut(TASK)
-            .zip(x.values().par_chunks(TASK))
-            .zip(dy.values().par_chunks(TASK))
-            .for_each(|((dx, x), dy)| vectorized::mish_gradient(x, dy, dx));
+        let (dx, _) = in_parts(
+            x.values().len(),
+            TASK,
+            || (),
+            |(), index, dx| {
+                let here = index * TASK..index * TASK + dx.len();
+                vectorized::mish_gradient(&x.values()[here.clone()], &dy.values()[here], dx);
+            },
+        );
         [Array::new(dx, x.shape())]
     }
 }

@@ -32,6 +32,7 @@ mod mish;
 mod norm_linear;
 mod packed;
 mod panels;
+mod parts;
 mod product;
 mod softmax;
 mod threefry;

@@ -37,12 +37,11 @@ struct NormLinear {
 impl FusedOp<5> for NormLinear {
     fn forward(&self, [x, scale, shift, weight, bias]: &[Array; 5]) -> Array {
         let output = bias.width();
-        let mut y = vec![0.0; x.values().len() / x.width() * output];
         let norm = |x: &[f32], n: &mut [f32], _| {
             vectorized::layer_norm(x, scale.values(), shift.values(), layer_norm::EPSILON, n);
         };
         let weight = self.packing.transposed(weight);
-        affine::forward_of(norm, x.values(), x.width(), &weight, bias.values(), &mut y);
+        let y = affine::forward_of(norm, x.values(), x.width(), &weight, bias.values());
         let mut shape = x.shape().to_vec();
         if let Some(width) = shape.last_mut() {
             *width = output;
@@ -57,8 +56,7 @@ impl FusedOp<5> for NormLinear {
         let mut d_bias = vec![0.0; bias.width()];
         affine::parameter_gradients(n.values(), dy.values(), &mut d_weight, &mut d_bias);
         drop(n);
-        let mut dn = vec![0.0; x.values().len()];
-        affine::input_gradient(dy.values(), weight.values(), bias.width(), &mut dn, |_, _| ());
+        let dn = affine::input_gradient(dy.values(), weight.values(), bias.width(), |_, _| ());
         let dn = Array::new(dn, x.shape());
         let [dx, d_scale, d_shift] = layer_norm::LayerNorm.backward(&norm, &dn);
         let (d_weight, d_bias) =

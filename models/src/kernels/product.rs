@@ -7,6 +7,7 @@
 
 use super::instruction_set::InstructionSet;
 use super::vector::{Plain, Vector};
+use super::vectorized;
 
 /// Terms that are summed in registers before they are added to the rest: a sum of sums is rounded
 /// less than a long sum, and norms of few samples magnify the rounding of what they are given.
@@ -52,8 +53,10 @@ pub(super) fn multiply(
     if rows == 0 || columns == 0 {
         return;
     }
-    let furthest = |offsets: &[usize]| offsets.iter().copied().max();
-    if let (Some(row), Some(term)) = (furthest(left.rows), furthest(right.terms)) {
+    if depth > 0 {
+        let (mut row, mut term) = (0, 0);
+        vectorized::furthest(left.rows, &mut row);
+        vectorized::furthest(right.terms, &mut term);
         assert!(row + (depth - 1) * left.step < left.values.len());
         assert!(term + columns <= right.values.len());
     }

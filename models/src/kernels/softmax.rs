@@ -92,7 +92,7 @@ unsafe fn softmax_row<V: Vector>(row: &mut [f32], scale: f32) {
         for first in (0..whole).step_by(V::LANES) {
             greatest = greatest.max(V::load(to.add(first)));
         }
-        let greatest = of_lanes(greatest, f32::max);
+        let greatest = greatest.greatest();
 
         let (scale, greatest) = (V::splat(scale), V::splat(greatest));
         let mut sums = V::splat(0.0);
@@ -101,7 +101,7 @@ unsafe fn softmax_row<V: Vector>(row: &mut [f32], scale: f32) {
             sums = sums.add(power);
             power.store(to.add(first));
         }
-        let mut sum = of_lanes(sums, |a, b| a + b);
+        let mut sum = sums.total();
         if whole < row.len() {
             let scores = V::load_masked(to.add(whole), tail, none);
             exp(scores.sub(greatest).mul(scale)).store_masked(to.add(whole), tail);
@@ -133,7 +133,7 @@ unsafe fn all_gradients<V: Vector>(p: &[f32], width: usize, scale: f32, gradient
             for first in (0..whole).step_by(V::LANES) {
                 sums = V::load(p.add(first)).mul_add(V::load(dp.add(first)), sums);
             }
-            let mean = V::splat(of_lanes(sums, |a, b| a + b));
+            let mean = V::splat(sums.total());
             let scale = V::splat(scale);
             for first in (0..whole).step_by(V::LANES) {
                 let difference = V::load(dp.add(first)).sub(mean);
@@ -143,22 +143,6 @@ unsafe fn all_gradients<V: Vector>(p: &[f32], width: usize, scale: f32, gradient
             last.mul(scale).mul(difference).store_masked(dp.add(whole), tail);
         }
     }
-}
-
-/// All lanes put together, the halves first.
-#[inline(always)]
-unsafe fn of_lanes<V: Vector>(vector: V, operation: fn(f32, f32) -> f32) -> f32 {
-    let mut lanes = [0.0; 16];
-    // SAFETY: no vector has more lanes.
-    unsafe { vector.store(lanes.as_mut_ptr()) };
-    let mut count = V::LANES;
-    while count > 1 {
-        count /= 2;
-        for lane in 0..count {
-            lanes[lane] = operation(lanes[lane], lanes[lane + count]);
-        }
-    }
-    lanes[0]
 }
 
 /// e^x to about a unit in the last place for x from -87 to 88, and e^-87 below.

@@ -38,11 +38,41 @@ pub(super) trait Vector: Copy {
     /// The greater; unspecified when one is not a number.
     unsafe fn max(self, other: Self) -> Self;
 
+    /// The greatest lane.
+    #[inline(always)]
+    unsafe fn greatest(self) -> f32 {
+        // SAFETY: the caller says that the processor has the instructions.
+        unsafe { of_lanes(self, f32::max) }
+    }
+
+    /// All lanes added, the halves first.
+    #[inline(always)]
+    unsafe fn total(self) -> f32 {
+        // SAFETY: see above.
+        unsafe { of_lanes(self, |a, b| a + b) }
+    }
+
     /// `self · factor + sum`, rounded once where the instructions have it.
     unsafe fn mul_add(self, factor: Self, sum: Self) -> Self;
 
     /// `2^power`, where the integer `power`, from -126 to 127, sits in the low bits of each lane.
     unsafe fn power_of_two(self) -> Self;
+}
+
+/// All lanes put together, the halves first.
+#[inline(always)]
+unsafe fn of_lanes<V: Vector>(vector: V, operation: fn(f32, f32) -> f32) -> f32 {
+    let mut lanes = [0.0; 16];
+    // SAFETY: no vector has more lanes.
+    unsafe { vector.store(lanes.as_mut_ptr()) };
+    let mut count = V::LANES;
+    while count > 1 {
+        count /= 2;
+        for lane in 0..count {
+            lanes[lane] = operation(lanes[lane], lanes[lane + count]);
+        }
+    }
+    lanes[0]
 }
 
 /// Lanes that the compiler makes vectors of as it can.
@@ -208,6 +238,18 @@ pub(super) mod x86 {
         unsafe fn max(self, other: Self) -> Self {
             // SAFETY: see above.
             Self(unsafe { _mm512_max_ps(self.0, other.0) })
+        }
+
+        #[inline(always)]
+        unsafe fn greatest(self) -> f32 {
+            // SAFETY: see above.
+            unsafe { _mm512_reduce_max_ps(self.0) }
+        }
+
+        #[inline(always)]
+        unsafe fn total(self) -> f32 {
+            // SAFETY: see above.
+            unsafe { _mm512_reduce_add_ps(self.0) }
         }
 
         #[inline(always)]

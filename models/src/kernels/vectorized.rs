@@ -62,6 +62,20 @@ vectorized! {
 }
 
 vectorized! {
+    /// The greatest offset, or what it is already.
+    fn furthest(offsets: &[usize], greatest: &mut usize) {
+        let mut lanes = [*greatest; LANES];
+        let (blocks, rest) = offsets.as_chunks::<LANES>();
+        for block in blocks {
+            for lane in 0..LANES {
+                lanes[lane] = lanes[lane].max(block[lane]);
+            }
+        }
+        *greatest = lanes.iter().chain(rest).fold(*greatest, |a, &b| a.max(b));
+    }
+}
+
+vectorized! {
     /// x = x factors.
     fn multiply(x: &mut [f32], factors: &[f32]) {
         for (x, &factor) in x.iter_mut().zip(factors) {
@@ -164,9 +178,9 @@ vectorized! {
         epsilon: f32,
         dy: &[f32],
         dx: &mut [f32],
-        d_weight: &mut [f32],
-        d_bias: &mut [f32],
+        sums: [&mut [f32]; 2],
     ) {
+        let [d_weight, d_bias] = sums;
         let width = weight.len();
         let rows = x.chunks_exact(width).zip(dy.chunks_exact(width));
         for ((x, dy), dx) in rows.zip(dx.chunks_exact_mut(width)) {
