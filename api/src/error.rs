@@ -3,14 +3,15 @@
 use std::fmt::Display;
 use std::time::Duration;
 
-use axum::http::header::{RETRY_AFTER, WWW_AUTHENTICATE};
+use axum::http::header::{RETRY_AFTER, UPGRADE, WWW_AUTHENTICATE};
 use axum::http::{HeaderValue, Method, StatusCode};
 use axum::response::{IntoResponse, Response};
 use spec::SpecError;
 use store::{JobState, StoreError};
 use thiserror::Error;
 
-use crate::limits::{BODY_BYTES, CONCURRENT_UPLOADS, REQUEST_TIMEOUT, UPLOAD_TIMEOUT};
+use crate::limits::{CONCURRENT_UPLOADS, REQUEST_TIMEOUT, STREAMS, UPLOAD_TIMEOUT};
+use crate::live::LiveError;
 use crate::problem::Problem;
 
 const BEARER: &str = r#"Bearer realm="torqued""#;
@@ -33,7 +34,7 @@ pub enum ApiError {
     #[error("the query is not understood: {reason}")]
     Query { reason: String },
 
-    #[error("the body is {found}; send the spec as JSON with Content-Type: application/json")]
+    #[error("the body is {found}; send JSON with Content-Type: application/json")]
     ContentType { found: String },
 
     #[error(
@@ -43,8 +44,8 @@ pub enum ApiError {
     )]
     UploadType { found: Option<String> },
 
-    #[error("a body may have {BODY_BYTES} bytes at most")]
-    BodyTooLarge,
+    #[error("a body may have {limit} bytes at most")]
+    BodyTooLarge { limit: usize },
 
     #[error("a file may have {limit} bytes at most; `serve --max-upload-bytes` sets the limit")]
     UploadTooLarge { limit: u64 },
@@ -69,6 +70,22 @@ pub enum ApiError {
 
     #[error("{0}")]
     Spec(SpecError),
+
+    /// A question to a model, or what came with it.
+    #[error("{0}")]
+    Question(SpecError),
+
+    #[error("{}", live_message(.0))]
+    Live(LiveError),
+
+    #[error("this server was put together without what computes predictions")]
+    NoModels,
+
+    #[error("a stream is opened by a WebSocket handshake: {reason}")]
+    Handshake { reason: String },
+
+    #[error("{STREAMS} streams are open, as many as may be; try again later")]
+    StreamsCrowded,
 
     #[error("job {id} is {state}, which is final, so it cannot be cancelled")]
     AlreadyFinal { id: i64, state: JobState },
@@ -132,10 +149,11 @@ impl ApiError {
         Self::Parameter { name: name.to_owned(), value: value.to_string(), allowed: allowed.into() }
     }
 
-    /// The same error, with the fields of a spec seen from an enclosing one.
+    /// The same error, with the fields of a spec or question seen from an enclosing one.
     pub fn within(self, outer: &str) -> Self {
         match self {
             Self::Spec(error) => Self::Spec(error.within(outer)),
+            Self::Question(error) => Self::Question(error.within(outer)),
             other => other,
         }
     }
@@ -162,7 +180,9 @@ impl ApiError {
             Self::UploadType { .. } => {
                 (S::UNSUPPORTED_MEDIA_TYPE, "content-type", "The body is not declared as a file")
             }
-            Self::BodyTooLarge => (S::PAYLOAD_TOO_LARGE, "body-too-large", "The body is too large"),
+            Self::BodyTooLarge { .. } => {
+                (S::PAYLOAD_TOO_LARGE, "body-too-large", "The body is too large")
+            }
             Self::UploadTooLarge { .. } => {
                 (S::PAYLOAD_TOO_LARGE, "file-too-large", "The file is too large")
             }
@@ -176,6 +196,19 @@ impl ApiError {
             Self::Body { .. } => (S::BAD_REQUEST, "body", "The body could not be read"),
             Self::Json(_) => (S::BAD_REQUEST, "json", "The body is not JSON"),
             Self::Spec(_) => (S::UNPROCESSABLE_ENTITY, "spec", "The spec cannot be accepted"),
+            Self::Question(_) => {
+                (S::UNPROCESSABLE_ENTITY, "question", "The question cannot be answered")
+            }
+            Self::Live(error) => of_live(error),
+            Self::NoModels => {
+                (S::NOT_IMPLEMENTED, "no-models", "The server computes no predictions")
+            }
+            Self::Handshake { .. } => {
+                (S::UPGRADE_REQUIRED, "handshake", "The path speaks WebSocket")
+            }
+            Self::StreamsCrowded => {
+                (S::SERVICE_UNAVAILABLE, "crowded", "Too many streams are open")
+            }
             Self::Store(error) => of_store(error),
             Self::AlreadyFinal { .. } => (S::CONFLICT, "already-final", "The job has ended"),
             Self::NotFailed { .. } => (S::CONFLICT, "not-failed", "The job has not failed"),
@@ -201,7 +234,7 @@ impl ApiError {
     pub fn to_problem(&self) -> Problem {
         let (status, kind, title) = self.kind();
         let violations = match self {
-            Self::Spec(error) => error.violations.clone(),
+            Self::Spec(error) | Self::Question(error) => error.violations.clone(),
             _ => Vec::new(),
         };
         Problem {
@@ -232,8 +265,15 @@ impl ApiError {
                 headers.append(WWW_AUTHENTICATE, HeaderValue::from_static(BEARER));
                 headers.append(WWW_AUTHENTICATE, HeaderValue::from_static(BASIC));
             }
-            Self::Crowded | Self::UploadsCrowded | Self::Timeout => {
+            Self::Crowded
+            | Self::UploadsCrowded
+            | Self::StreamsCrowded
+            | Self::Live(LiveError::Queue { .. } | LiveError::Full { .. })
+            | Self::Timeout => {
                 headers.insert(RETRY_AFTER, HeaderValue::from_static("1"));
+            }
+            Self::Handshake { .. } => {
+                headers.insert(UPGRADE, HeaderValue::from_static("websocket"));
             }
             _ => {}
         }
@@ -254,6 +294,35 @@ fn of_store(error: &StoreError) -> (StatusCode, &'static str, &'static str) {
         }
         StoreError::DiskFull { .. } => (S::INSUFFICIENT_STORAGE, "disk-full", "The disk is full"),
         _ => (S::INTERNAL_SERVER_ERROR, "internal", "The server failed"),
+    }
+}
+
+fn of_live(error: &LiveError) -> (StatusCode, &'static str, &'static str) {
+    use StatusCode as S;
+    match error {
+        LiveError::Refused(_) => {
+            (S::UNPROCESSABLE_ENTITY, "question", "The question cannot be answered")
+        }
+        LiveError::Queue { .. } | LiveError::Full { .. } => {
+            (S::SERVICE_UNAVAILABLE, "crowded", "Too much is to be predicted at once")
+        }
+        LiveError::TooLarge { .. } => {
+            (S::INSUFFICIENT_STORAGE, "model-too-large", "The model is too large to be loaded")
+        }
+        LiveError::Unusable { .. } => {
+            (S::INTERNAL_SERVER_ERROR, "model-unusable", "The model cannot be loaded")
+        }
+        LiveError::Failed { .. } => {
+            (S::INTERNAL_SERVER_ERROR, "model-failed", "The model gave no prediction")
+        }
+        LiveError::Store(error) => of_store(error),
+    }
+}
+
+fn live_message(error: &LiveError) -> String {
+    match error {
+        LiveError::Store(error) => store_message(error),
+        error => error.to_string(),
     }
 }
 
@@ -278,6 +347,15 @@ pub fn causes(error: &dyn std::error::Error) -> String {
         cause = error.source();
     }
     text
+}
+
+impl From<LiveError> for ApiError {
+    fn from(error: LiveError) -> Self {
+        match error {
+            LiveError::Refused(error) => Self::Question(error),
+            error => Self::Live(error),
+        }
+    }
 }
 
 impl From<SpecError> for ApiError {

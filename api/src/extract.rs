@@ -2,7 +2,7 @@
 
 use axum::body::Bytes;
 use axum::extract::rejection::{BytesRejection, PathRejection, QueryRejection};
-use axum::extract::{FromRequest, FromRequestParts, Request};
+use axum::extract::{DefaultBodyLimit, FromRequest, FromRequestParts, Request};
 use axum::http::header::CONTENT_TYPE;
 use axum::http::request::Parts;
 use axum::http::{HeaderMap, StatusCode};
@@ -10,7 +10,7 @@ use axum::response::IntoResponse;
 use serde::de::DeserializeOwned;
 
 use crate::error::ApiError;
-use crate::limits::IDEMPOTENCY_KEY_BYTES;
+use crate::limits::{BODY_BYTES, IDEMPOTENCY_KEY_BYTES};
 
 /// The captures of a path.
 pub struct Path<T>(pub T);
@@ -52,25 +52,26 @@ where
     }
 }
 
-/// The bytes of a body that is declared as JSON.
-pub struct JsonBytes(pub Bytes);
+/// The bytes of a body that is declared as JSON, `LIMIT` at most.
+pub struct JsonBytes<const LIMIT: usize = BODY_BYTES>(pub Bytes);
 
-impl<S: Send + Sync> FromRequest<S> for JsonBytes {
+impl<S: Send + Sync, const LIMIT: usize> FromRequest<S> for JsonBytes<LIMIT> {
     type Rejection = ApiError;
 
-    async fn from_request(request: Request, state: &S) -> Result<Self, ApiError> {
+    async fn from_request(mut request: Request, state: &S) -> Result<Self, ApiError> {
         require_json(request.headers())?;
+        DefaultBodyLimit::max(LIMIT).apply(&mut request);
         match Bytes::from_request(request, state).await {
             Ok(bytes) => Ok(Self(bytes)),
-            Err(rejection) => Err(unreadable(rejection)),
+            Err(rejection) => Err(unreadable(rejection, LIMIT)),
         }
     }
 }
 
-fn unreadable(rejection: BytesRejection) -> ApiError {
+fn unreadable(rejection: BytesRejection, limit: usize) -> ApiError {
     let reason = rejection.body_text();
     if rejection.into_response().status() == StatusCode::PAYLOAD_TOO_LARGE {
-        return ApiError::BodyTooLarge;
+        return ApiError::BodyTooLarge { limit };
     }
     ApiError::Body { reason }
 }

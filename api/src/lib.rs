@@ -11,12 +11,14 @@ mod error;
 mod extract;
 mod guard;
 pub mod limits;
+pub mod live;
 mod page;
 mod parameters;
 mod problem;
 mod range;
 mod routes;
 mod server;
+mod stream;
 mod upload;
 
 /// Of the server, as /healthz and the page show it.

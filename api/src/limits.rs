@@ -50,6 +50,32 @@ pub const UPLOAD_NAME_BYTES: usize = 200;
 /// Bytes of an `Idempotency-Key`.
 pub const IDEMPOTENCY_KEY_BYTES: usize = 255;
 
+/// Bytes of a question to a model, and of a message on a stream. Crossing it is a 413, or closes the
+/// stream with 1009.
+pub const QUESTION_BYTES: usize = 8 << 20;
+
+/// Positions of one answer: scenarios x samples x horizon x 7. Crossing it is a violation of
+/// `sampling.samples`.
+pub const PREDICTED_POSITIONS: usize = 1_000_000;
+
+/// Quantiles of one question.
+pub const QUANTILES: usize = 20;
+
+/// Largest magnitude of a torque or position of a question, N·m or rad.
+pub const QUESTION_MAGNITUDE: f32 = 1e6;
+
+/// Streams open at once; the ones beyond are refused with 503.
+pub const STREAMS: usize = 16;
+
+/// How long a client of a stream may take to accept a message. Crossing it closes the stream.
+pub const STREAM_WRITE: Duration = Duration::from_secs(5);
+
+/// How often a silent client of a stream is asked whether it is there.
+pub const STREAM_PING: Duration = Duration::from_secs(15);
+
+/// How long a client may answer nothing. Crossing it closes the stream.
+pub const STREAM_SILENCE: Duration = Duration::from_secs(45);
+
 /// How long a request may take until its response begins; downloads may then take as long as
 /// they need. Crossing it is a 503.
 pub const REQUEST_TIMEOUT: Duration = Duration::from_secs(30);

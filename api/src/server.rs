@@ -4,6 +4,7 @@ use std::future::{Future, IntoFuture as _};
 use std::io;
 use std::net::SocketAddr;
 
+use axum::serve::ListenerExt as _;
 use thiserror::Error;
 use tokio::net::TcpListener;
 use tokio::sync::oneshot;
@@ -40,17 +41,29 @@ pub async fn serve(
         return Err(ServeError::OpenWithoutToken { address });
     }
     let (stop, stopped) = oneshot::channel::<()>();
+    let streams = app.clone();
+    // A prediction of a stream is small and late if it waits to be sent together with the next.
+    let listener = listener.tap_io(|connection| {
+        let _ = connection.set_nodelay(true);
+    });
     let server = axum::serve(listener, routes::router(app)).with_graceful_shutdown(async {
         // A dropped sender means that this function was dropped: stop as well.
         let _ = stopped.await;
     });
     let deadline = async {
         shutdown.await;
+        streams.close_streams();
         let _ = stop.send(());
         tokio::time::sleep(SHUTDOWN_GRACE).await;
     };
+    // Streams are no connections to the server any more.
+    let served = async {
+        let ended = server.into_future().await;
+        streams.streams_closed().await;
+        ended
+    };
     tokio::select! {
-        ended = server.into_future() => Ok(ended?),
+        ended = served => Ok(ended?),
         () = deadline => Ok(()),
     }
 }

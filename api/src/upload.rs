@@ -202,7 +202,7 @@ fn form_error(error: &multer::Error, limit: u64) -> ApiError {
         multer::Error::FieldSizeExceeded { field_name: Some(field), .. } if field == "file" => {
             ApiError::UploadTooLarge { limit }
         }
-        multer::Error::FieldSizeExceeded { .. } => ApiError::BodyTooLarge,
+        multer::Error::FieldSizeExceeded { .. } => ApiError::BodyTooLarge { limit: BODY_BYTES },
         error => ApiError::Form { reason: error.to_string() },
     }
 }

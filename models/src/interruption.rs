@@ -32,11 +32,11 @@ impl Interrupt {
         self.0.load(Ordering::Relaxed)
     }
 
-    /// Does `work`, all of it or none.
-    pub(crate) fn guard<T>(
-        &self,
-        work: impl FnOnce() -> Result<T, ModelError>,
-    ) -> Result<T, ModelError> {
+    /// Does `work` on this thread, all of it or none.
+    ///
+    /// # Errors
+    /// [`ModelError::Interrupted`], and those of `work`.
+    pub fn guard<T>(&self, work: impl FnOnce() -> Result<T, ModelError>) -> Result<T, ModelError> {
         let outer = CURRENT.replace(Some(self.clone()));
         let done = catch_unwind(AssertUnwindSafe(work));
         CURRENT.set(outer);

@@ -51,7 +51,20 @@ impl TrainedModel {
     /// [`ModelError::LeakRequired`] for a model with normalization `paper-leaky`; an input of
     /// another shape or with values that are not finite.
     pub fn predict(&self, input: &PredictionInput) -> Result<Vec<f32>, ModelError> {
-        self.ask(input, &Sampling::default(), Draw::Mean)
+        self.predict_with(input, &Sampling::default())
+    }
+
+    /// As [`TrainedModel::predict`], of a denoiser the one sample that `sampling` asks for.
+    ///
+    /// # Errors
+    /// As [`TrainedModel::predict`]; [`ModelError::Sampling`] and [`ModelError::Spec`] for what this
+    /// model cannot do.
+    pub fn predict_with(
+        &self,
+        input: &PredictionInput,
+        sampling: &Sampling,
+    ) -> Result<Vec<f32>, ModelError> {
+        self.ask(input, &Sampling { samples: 1, ..sampling.clone() }, Draw::Mean)
     }
 
     /// Positions of the horizon in several ways, `[samples, size, horizon, 7]`, rad. Sample k of a

@@ -10,11 +10,13 @@ mod worker_processes;
 use std::net::SocketAddr;
 use std::num::NonZero;
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::Context;
 use api::App;
 use clap::Args;
+use live::Live;
 use store::{Access, Store};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
@@ -45,6 +47,14 @@ pub struct Options {
 
     #[command(flatten)]
     pub device: DeviceArguments,
+
+    /// Threads that compute one live prediction [default: the machine's]
+    #[arg(long, env = "TORQUED_PREDICTION_THREADS", value_name = "N")]
+    pub prediction_threads: Option<NonZero<usize>>,
+
+    /// Weights of models kept loaded for live predictions, in bytes
+    #[arg(long, env = "TORQUED_MAX_LOADED_BYTES", value_name = "N", default_value_t = live::LOADED_BYTES, value_parser = clap::value_parser!(u64).range(1..))]
+    pub max_loaded_bytes: u64,
 
     /// Seconds without a sign of life after which a worker's task is given to another
     #[arg(long, env = "TORQUED_LEASE_SECONDS", value_name = "SECONDS", default_value_t = 15, value_parser = clap::value_parser!(u64).range(1..=3600))]
@@ -99,7 +109,8 @@ impl Server {
                 memory_bytes: memory::bytes(),
                 ..api::Options::default()
             },
-        );
+        )
+        .with_models(Arc::new(live(store.clone(), options)?));
         let http = tokio::spawn(api::serve(listener, app, stop_http.clone().cancelled_owned()));
 
         let workers = TaskTracker::new();
@@ -157,6 +168,17 @@ impl Server {
         }
         self.store.close().await;
     }
+}
+
+/// What computes predictions beside the workers.
+fn live(store: Store, options: &Options) -> anyhow::Result<Live> {
+    let machine = || std::thread::available_parallelism().unwrap_or(NonZero::<usize>::MIN);
+    let options = live::Options {
+        device: options.device.device,
+        threads: options.prediction_threads.unwrap_or_else(machine),
+        loaded_bytes: options.max_loaded_bytes,
+    };
+    Live::new(store, options).context("cannot start threads for predictions")
 }
 
 fn worker_threads(options: &Options) -> usize {

@@ -11,6 +11,7 @@ mod imports;
 mod killed_server;
 mod killed_worker;
 mod pipeline;
+mod predictions;
 mod product;
 mod quickstart;
 mod shards;

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use spec::Digest;
 use store::{CheckpointId, JobId};
@@ -47,7 +47,22 @@ pub struct Checkpoints {
     pub next: Option<i64>,
 }
 
+/// How many samples a model is given and how many it predicts.
+#[derive(Clone, Copy, Debug, Deserialize)]
+pub struct Extents {
+    pub context: u32,
+    pub horizon: u32,
+}
+
 impl App {
+    /// From its `config.json`; `None` if that does not say.
+    pub async fn checkpoint_extents(&self, id: i64) -> Result<Option<Extents>, ApiError> {
+        let row = self.store.checkpoint(CheckpointId(id)).await?;
+        let Some(config) = row.file("config.json") else { return Ok(None) };
+        let config = self.store.read_object(config).await?;
+        Ok(serde_json::from_slice(&config).ok())
+    }
+
     pub async fn checkpoint(&self, id: i64) -> Result<Checkpoint, ApiError> {
         let row = self.store.checkpoint(CheckpointId(id)).await?;
         let job = self.store.job(row.job).await?;

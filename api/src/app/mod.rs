@@ -11,10 +11,13 @@ mod experiments;
 mod files;
 mod jobs;
 mod paging;
+mod predictions;
+mod questions;
 mod references;
 mod report;
 mod runs;
 mod shards;
+mod streams;
 mod submission;
 mod summaries;
 mod tasks;
@@ -27,24 +30,30 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use store::Store;
-use tokio::sync::Semaphore;
+use tokio::sync::{OwnedSemaphorePermit, Semaphore, watch};
 
 use crate::app::shards::OpenShards;
 use crate::auth::Token;
 use crate::error::ApiError;
-use crate::limits::{CONCURRENT_UPLOADS, MAX_TRAJECTORIES, MAX_UPLOAD_BYTES, UPLOAD_STALL};
+use crate::limits::{
+    CONCURRENT_UPLOADS, MAX_TRAJECTORIES, MAX_UPLOAD_BYTES, STREAMS, UPLOAD_STALL,
+};
+use crate::live::LiveModels;
 
-pub use checkpoints::{Checkpoint, Checkpoints};
+pub use checkpoints::{Checkpoint, Checkpoints, Extents};
 pub use control::{ControlReport, ReportedController};
 pub use datasets::{Dataset, DatasetFile, Datasets, FileKind};
 pub use evaluations::{CellTask, Evaluation, Evaluations};
 pub use files::{Download, StoredFile};
 pub use jobs::{Job, JobFilter, JobState, Jobs, Member, Progress, Task, TaskState, Tasks};
 pub use paging::Paging;
+pub use predictions::Prediction;
+pub use questions::{PredictionRequest, read as read_question};
 pub use report::{
     Interval, PairedDifference, PredictorKind, Report, ReportedFailure, ReportedPredictor, Rmse,
 };
 pub use runs::{Artifact, LatestMetric, Metric, Run, Runs};
+pub use streams::{PredictionStream, Reply};
 pub use submission::{Reuse, Submitted};
 pub use summaries::{ChannelSummary, Summary};
 pub use trajectories::{StoredTrajectory, Trajectory};
@@ -90,6 +99,11 @@ pub struct App {
     memory_bytes: Option<u64>,
     /// For the files on their way in.
     upload_places: Arc<Semaphore>,
+    models: Option<Arc<dyn LiveModels>>,
+    /// For the streams that are open.
+    stream_places: Arc<Semaphore>,
+    /// Whether streams are to end.
+    closing: watch::Sender<bool>,
 }
 
 impl App {
@@ -103,7 +117,15 @@ impl App {
             upload_stall: options.upload_stall,
             memory_bytes: options.memory_bytes,
             upload_places: Arc::new(Semaphore::new(CONCURRENT_UPLOADS)),
+            models: None,
+            stream_places: Arc::new(Semaphore::new(STREAMS)),
+            closing: watch::Sender::new(false),
         }
+    }
+
+    /// The same with something that computes predictions.
+    pub fn with_models(self, models: Arc<dyn LiveModels>) -> Self {
+        Self { models: Some(models), ..self }
     }
 
     pub(crate) fn token(&self) -> Option<&Token> {
@@ -116,6 +138,30 @@ impl App {
 
     pub(crate) fn upload_stall(&self) -> Duration {
         self.upload_stall
+    }
+
+    pub(crate) fn stream_place(&self) -> Result<OwnedSemaphorePermit, ApiError> {
+        let places = Arc::clone(&self.stream_places);
+        places.try_acquire_owned().map_err(|_| ApiError::StreamsCrowded)
+    }
+
+    /// Done when streams are to end.
+    pub(crate) fn closing(&self) -> impl Future<Output = ()> + Send + 'static {
+        let mut closing = self.closing.subscribe();
+        async move {
+            // A sender that is gone says the same.
+            let _ = closing.wait_for(|closing| *closing).await;
+        }
+    }
+
+    pub(crate) fn close_streams(&self) {
+        self.closing.send_replace(true);
+    }
+
+    /// Done when no stream is open and none can be opened any more.
+    pub(crate) async fn streams_closed(&self) {
+        let all = u32::try_from(STREAMS).unwrap_or(u32::MAX);
+        let _ = self.stream_places.acquire_many(all).await;
     }
 
     /// The version of the database's schema, once the database has answered.

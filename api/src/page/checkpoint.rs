@@ -5,7 +5,7 @@ use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::Response;
 
-use crate::app::{App, Checkpoint, StoredFile};
+use crate::app::{App, Checkpoint, Extents, StoredFile};
 use crate::extract::Path;
 use crate::page::parts::{Commands, Fact, FileRow};
 use crate::page::spec_text::spec_text;
@@ -26,6 +26,7 @@ struct CheckpointPage {
     short_digest: String,
     files: Vec<FileRow>,
     snippet: String,
+    question: Option<String>,
     spec: String,
 }
 
@@ -36,6 +37,8 @@ pub async fn show(
 ) -> Result<Response, PageError> {
     let checkpoint = app.checkpoint(id).await?;
     let job = app.job(checkpoint.job).await?;
+    let extents = app.checkpoint_extents(id).await?;
+    let commands = Commands::new(&app, &headers);
     let page = CheckpointPage {
         id,
         job: job.id,
@@ -44,7 +47,8 @@ pub async fn show(
         step: text::count(checkpoint.step),
         marks: marks(&checkpoint),
         metrics: facts(&checkpoint),
-        snippet: snippet(&Commands::new(&app, &headers), &checkpoint.files),
+        snippet: snippet(&commands, &checkpoint.files),
+        question: extents.map(|extents| question(&commands, id, extents)),
         architecture: checkpoint.architecture,
         digest: checkpoint.digest.to_string(),
         short_digest: checkpoint.digest.short(),
@@ -83,6 +87,17 @@ impl FileRow {
             sha256: file.sha256.to_string(),
         }
     }
+}
+
+/// A command that works as printed: asks about an arm at rest that will be pushed.
+fn question(commands: &Commands, id: i64, Extents { context, horizon }: Extents) -> String {
+    let Commands { curl, origin } = commands;
+    format!(
+        "python3 -c 'import json; print(json.dumps({{\"scenarios\": [{{\
+         \"u\": [[0] * 7] * {context}, \"y\": [[0] * 7] * {context}, \
+         \"future_u\": [[1] * 7] * {horizon}}}]}}))' |\n\
+         {curl} --json @- {origin}/v1/checkpoints/{id}/predict"
+    )
 }
 
 /// Lines that work as printed, in a shell and then in Python.

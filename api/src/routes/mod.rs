@@ -6,6 +6,7 @@ mod evaluations;
 mod health;
 mod jobs;
 mod openapi;
+mod predictions;
 mod presets;
 mod runs;
 mod trajectories;
@@ -100,6 +101,8 @@ fn operations() -> OpenApiRouter<App> {
         .routes(routes!(checkpoints::list))
         .routes(routes!(checkpoints::show))
         .routes(routes!(checkpoints::file))
+        .routes(routes!(predictions::predict))
+        .routes(routes!(predictions::open_stream))
         .routes(routes!(evaluations::list))
         .routes(routes!(evaluations::show))
 }

@@ -24,8 +24,12 @@ fn the_committed_document_is_the_generated_one() {
     );
 }
 
+/// What only a model that computes answers with success: the tests of `live` have one.
+const PREDICT: &str = "/v1/checkpoints/{id}/predict";
+const STREAM: &str = "/v1/checkpoints/{id}/stream";
+
 /// Every operation, with a request that it answers with success.
-const OPERATIONS: [(&str, &str, &str); 30] = [
+const OPERATIONS: [(&str, &str, &str); 32] = [
     ("get", "/healthz", "/healthz"),
     ("get", "/v1/presets", "/v1/presets"),
     ("post", "/v1/jobs", "/v1/jobs"),
@@ -62,6 +66,8 @@ const OPERATIONS: [(&str, &str, &str); 30] = [
     ("get", "/v1/checkpoints", "/v1/checkpoints"),
     ("get", "/v1/checkpoints/{id}", "/v1/checkpoints/1"),
     ("get", "/v1/checkpoints/{id}/files/{name}", "/v1/checkpoints/1/files/config.json"),
+    ("post", PREDICT, "/v1/checkpoints/1/predict"),
+    ("get", STREAM, "/v1/checkpoints/1/stream"),
     ("get", "/v1/evaluations", "/v1/evaluations"),
     ("get", "/v1/evaluations/{id}", "/v1/evaluations/4"),
 ];
@@ -82,6 +88,9 @@ async fn every_documented_operation_answers_and_every_one_is_listed_here() {
     }
     for (method, path, request) in OPERATIONS {
         assert!(documented.remove(&(method.to_owned(), path.to_owned())), "{method} {path}");
+        if [PREDICT, STREAM].contains(&path) {
+            continue;
+        }
         let answer = match method {
             "post" if path == "/v1/jobs" => server.submit(&small_simulation(8)).await,
             "post" if path == "/v1/datasets" => uploads::send_recordings(&server).await,

@@ -1,5 +1,6 @@
 //! `cargo xtask bench NAME`: the one door to every benchmark.
 
+mod control;
 mod dynamics;
 mod inference;
 mod measurement;
@@ -7,6 +8,7 @@ mod million;
 mod networks;
 mod parquet;
 mod quickstart;
+mod serving;
 mod training;
 
 use std::path::PathBuf;
@@ -73,7 +75,12 @@ enum Peers {
     Measured,
 }
 
-const ALL: [Benchmark; 5] = [
+const ALL: [Benchmark; 6] = [
+    Benchmark {
+        name: "control",
+        about: "milliseconds from a measured sample to the prediction, over a WebSocket",
+        run: control::run,
+    },
     Benchmark {
         name: "dynamics",
         about: "forward dynamics and trajectories per second, beside Pinocchio and MuJoCo; a million \

@@ -1,13 +1,13 @@
 //! Seconds per stage of the quickstart, from the times the server keeps of its jobs.
 
-use std::io::{BufRead, BufReader};
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::process::Command;
 use std::time::Instant;
 
 use anyhow::{Context, bail, ensure};
 use serde::Deserialize;
 
+use super::serving::Serving;
 use super::{Goal, Measurement, Peers, Report, Wanted};
 use crate::{process, product};
 
@@ -66,7 +66,7 @@ struct Member {
 
 /// Seconds that each job of the pipeline took.
 fn stages(torqued: &Path, data: &Path) -> anyhow::Result<Vec<(String, f64)>> {
-    let server = Serving::start(torqued, data)?;
+    let server = Serving::start(torqued, data, 0)?;
     let output = Command::new(torqued)
         .args(["jobs", "--json", "--server", &server.url])
         .output()
@@ -92,37 +92,4 @@ fn seconds(job: &Job) -> anyhow::Result<f64> {
     let started = humantime::parse_rfc3339_weak(started)?;
     let finished = humantime::parse_rfc3339_weak(finished)?;
     Ok(finished.duration_since(started)?.as_secs_f64())
-}
-
-/// A server without workers, there to be asked.
-struct Serving {
-    process: Child,
-    url: String,
-}
-
-impl Serving {
-    fn start(torqued: &Path, data: &Path) -> anyhow::Result<Self> {
-        let mut process = Command::new(torqued)
-            .args(["serve", "--workers", "0", "--listen", "127.0.0.1:0", "--data"])
-            .arg(data)
-            .stdout(Stdio::piped())
-            .spawn()
-            .context("cannot run torqued serve")?;
-        let mut line = String::new();
-        if let Some(stdout) = process.stdout.take() {
-            BufReader::new(stdout).read_line(&mut line)?;
-        }
-        let url = line.split_whitespace().last().unwrap_or_default().to_owned();
-        let serving = Self { process, url };
-        ensure!(serving.url.starts_with("http://"), "torqued serve did not say where: {line:?}");
-        Ok(serving)
-    }
-}
-
-impl Drop for Serving {
-    fn drop(&mut self) {
-        // It has no workers and nothing to lose.
-        let _ = self.process.kill();
-        let _ = self.process.wait();
-    }
 }

@@ -1,0 +1,202 @@
+//! Questions to models in JSON: read, and held to what the model can be asked.
+
+use std::fmt::Display;
+
+use serde::de::IgnoredAny;
+use serde::{Deserialize, Serialize};
+use spec::{JOINTS, SamplerSpec, SpecError, Violation};
+use utoipa::ToSchema;
+
+use crate::error::ApiError;
+use crate::limits::{PREDICTED_POSITIONS, QUANTILES, QUESTION_MAGNITUDE};
+use crate::live::{AboutModel, Question};
+
+/// A value per joint.
+pub type Row = [f32; JOINTS];
+
+/// Scenarios to predict, and how.
+#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PredictionRequest {
+    /// At least one; answered in this order.
+    pub scenarios: Vec<ObservedScenario>,
+    #[serde(default)]
+    pub sampling: PredictionSampling,
+}
+
+/// How a robot moved so far, and the torques that will come.
+#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ObservedScenario {
+    /// Torques of the context `[context][7]`, N·m.
+    #[schema(value_type = Vec<Vec<f32>>)]
+    pub u: Vec<Row>,
+    /// Joint positions of the context `[context][7]`, rad.
+    #[schema(value_type = Vec<Vec<f32>>)]
+    pub y: Vec<Row>,
+    /// Torques of the horizon `[horizon][7]`, N·m.
+    #[schema(value_type = Vec<Vec<f32>>)]
+    pub future_u: Vec<Row>,
+}
+
+/// How a model answers.
+#[derive(Clone, Debug, Default, Deserialize, Serialize, ToSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct PredictionSampling {
+    /// Of a model that removes noise; `null` is the checkpoint's.
+    pub sampler: Option<SamplerSpec>,
+    /// How many samples of each scenario, of a denoiser or a gaussian head; `y` is then their mean.
+    /// `null` is one answer: the mean of a gaussian head, one sample of a denoiser.
+    pub samples: Option<u32>,
+    /// Quantiles to tell, between 0 and 1, of at least 2 samples.
+    pub quantiles: Vec<f64>,
+    /// Whether the samples themselves are told, too.
+    pub return_samples: bool,
+    /// With the scenario's place in the request and the number of the sample, the key of all
+    /// randomness.
+    pub seed: u64,
+}
+
+/// JSON of a type, or an error that names the field.
+///
+/// # Errors
+/// [`ApiError::Json`] for what is no JSON, [`ApiError::Question`] for JSON of something else.
+pub fn read<'a, T: Deserialize<'a>>(bytes: &'a [u8]) -> Result<T, ApiError> {
+    // The second reading keeps track of where it is, which costs time that a good question has not.
+    serde_json::from_slice(bytes).or_else(|error| {
+        if serde_json::from_slice::<IgnoredAny>(bytes).is_err() {
+            return Err(ApiError::Json(error));
+        }
+        let mut json = serde_json::Deserializer::from_slice(bytes);
+        serde_path_to_error::deserialize(&mut json).map_err(|error| {
+            let path = error.path().to_string();
+            let path = if path == "." { "the message".to_owned() } else { path };
+            let reason = error.into_inner().to_string();
+            // What the parser says of a row that goes on.
+            let reason = if reason.starts_with("trailing characters") {
+                format!("a row has {JOINTS} values, here are more")
+            } else {
+                reason
+            };
+            ApiError::Question(SpecError::one(path, "", reason))
+        })
+    })
+}
+
+/// Everything that is wrong with a question.
+#[derive(Default)]
+pub struct Violations(Vec<Violation>);
+
+impl Violations {
+    pub fn add(&mut self, field: impl Into<String>, value: impl Display, allowed: impl Display) {
+        let (value, allowed) = (value.to_string(), allowed.to_string());
+        self.0.push(Violation { field: field.into(), value, allowed });
+    }
+
+    pub fn finish(self) -> Result<(), ApiError> {
+        if self.0.is_empty() {
+            return Ok(());
+        }
+        Err(ApiError::Question(SpecError { violations: self.0 }))
+    }
+
+    /// As many rows as there must be.
+    pub fn rows(&mut self, field: &str, rows: &[Row], expected: usize, why: &str) {
+        if rows.len() != expected {
+            self.add(field, format!("{} rows", rows.len()), format!("{expected} rows, {why}"));
+        }
+    }
+
+    /// Of a bounded magnitude, which what is not a number has not.
+    pub fn values(&mut self, field: &str, rows: &[Row]) {
+        let allowed = -QUESTION_MAGNITUDE..=QUESTION_MAGNITUDE;
+        for (index, row) in rows.iter().enumerate() {
+            if let Some(joint) = row.iter().position(|value| !allowed.contains(value)) {
+                let allowed = format!("-{QUESTION_MAGNITUDE} to {QUESTION_MAGNITUDE}");
+                return self.add(format!("{field}[{index}][{joint}]"), row[joint], allowed);
+            }
+        }
+    }
+
+    pub fn sampling(&mut self, sampling: &PredictionSampling, scenarios: usize, horizon: usize) {
+        let samples = sampling.samples;
+        let positions = scenarios.saturating_mul(horizon).saturating_mul(JOINTS).max(1);
+        let most = PREDICTED_POSITIONS / positions;
+        if let Some(samples) = samples
+            && !(1..=most.max(1)).contains(&(samples as usize))
+        {
+            let allowed = format!("1 to {most}, for {PREDICTED_POSITIONS} positions in an answer");
+            self.add("sampling.samples", samples, allowed);
+        }
+        let quantiles = &sampling.quantiles;
+        if !quantiles.is_empty() && samples.unwrap_or(1) < 2 {
+            let samples = samples.map_or("null".to_owned(), |samples| samples.to_string());
+            self.add("sampling.samples", samples, "at least 2, for quantiles");
+        }
+        if quantiles.len() > QUANTILES {
+            self.add("sampling.quantiles", quantiles.len(), format!("{QUANTILES} of them at most"));
+        }
+        for (index, &quantile) in quantiles.iter().enumerate() {
+            if !(0.0..=1.0).contains(&quantile) {
+                self.add(format!("sampling.quantiles[{index}]"), quantile, "0 to 1");
+            }
+        }
+        // The integers that JSON keeps exact.
+        let most = (1u64 << 53) - 1;
+        if sampling.seed > most {
+            self.add("sampling.seed", sampling.seed, format!("0 to {most}"));
+        }
+    }
+}
+
+impl PredictionRequest {
+    /// As a question to a model.
+    ///
+    /// # Errors
+    /// Every violation.
+    pub fn question(&self, about: &AboutModel) -> Result<Question, ApiError> {
+        let AboutModel { context, horizon, .. } = *about;
+        let mut violations = Violations::default();
+        let size = self.scenarios.len();
+        let most = PREDICTED_POSITIONS / (horizon * JOINTS);
+        if !(1..=most).contains(&size) {
+            violations.add("scenarios", format!("{size} of them"), format!("1 to {most}"));
+        }
+        for (index, scenario) in self.scenarios.iter().enumerate() {
+            let field = |name: &str| format!("scenarios[{index}].{name}");
+            let (u, y, future_u) = (field("u"), field("y"), field("future_u"));
+            let of_context = "the checkpoint's context";
+            violations.rows(&u, &scenario.u, context, of_context);
+            violations.rows(&y, &scenario.y, context, of_context);
+            violations.rows(&future_u, &scenario.future_u, horizon, "the checkpoint's horizon");
+            violations.values(&u, &scenario.u);
+            violations.values(&y, &scenario.y);
+            violations.values(&future_u, &scenario.future_u);
+        }
+        violations.sampling(&self.sampling, size, horizon);
+        violations.finish()?;
+        let torques =
+            |it: &ObservedScenario| [it.u.as_flattened(), it.future_u.as_flattened()].concat();
+        let positions = |it: &ObservedScenario| it.y.as_flattened().to_vec();
+        Ok(self.sampling.question(
+            self.scenarios.iter().flat_map(torques).collect(),
+            self.scenarios.iter().flat_map(positions).collect(),
+            size,
+        ))
+    }
+}
+
+impl PredictionSampling {
+    /// `u` is `[size, samples, 7]`, `y_context` `[size, context, 7]`.
+    pub fn question(&self, u: Vec<f32>, y_context: Vec<f32>, size: usize) -> Question {
+        Question {
+            u,
+            y_context,
+            size,
+            samples: self.samples.map(|samples| samples as usize),
+            sampler: self.sampler,
+            seed: self.seed,
+            previous: None,
+        }
+    }
+}

@@ -1,0 +1,252 @@
+//! A stream of predictions: keeps the context and the previous prediction between messages.
+//!
+//! What it says is documented in docs/prediction.md.
+
+use std::collections::VecDeque;
+use std::time::Instant;
+
+use serde::{Deserialize, Serialize};
+use spec::JOINTS;
+use tokio::time::timeout;
+
+use crate::app::predictions::{HeldModel, PredictedScenario, PredictingModel, milliseconds};
+use crate::app::questions::{PredictionSampling, Row, Violations, read};
+use crate::error::ApiError;
+use crate::limits::REQUEST_TIMEOUT;
+use crate::live::{AboutModel, Answer, Lane, Previous, Question};
+use crate::problem::Problem;
+
+/// What a client sends.
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum Message {
+    Open(Settings),
+    Step(Step),
+    #[serde(rename = "reset")]
+    Reset(Nothing),
+}
+
+/// How the predictions that follow are made.
+#[derive(Clone, Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct Settings {
+    sampling: PredictionSampling,
+    /// Noise levels that a prediction which begins with the one before removes; `null` begins with
+    /// noise every time.
+    warm_start_steps: Option<u32>,
+}
+
+/// What was measured since the last message and, for a prediction, what is planned.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Step {
+    u: Vec<Row>,
+    y: Vec<Row>,
+    #[serde(default)]
+    future_u: Option<Vec<Row>>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Nothing {}
+
+/// What a client is told.
+#[derive(Debug, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Reply {
+    Opened(Opened),
+    Context(Filled),
+    Prediction(StreamedPrediction),
+    Error(Problem),
+}
+
+#[derive(Debug, Serialize)]
+pub struct Opened {
+    #[serde(flatten)]
+    model: PredictingModel,
+    #[serde(flatten)]
+    filled: Filled,
+    horizon: usize,
+}
+
+/// Samples in the context, and how many there have to be.
+#[derive(Debug, Serialize)]
+pub struct Filled {
+    filled: usize,
+    context: usize,
+}
+
+#[derive(Debug, Serialize)]
+pub struct StreamedPrediction {
+    /// Counted from 0.
+    number: u64,
+    #[serde(flatten)]
+    predicted: PredictedScenario,
+    /// Samples between the prediction that this one began with and this one; `null` if it began
+    /// with noise.
+    warm_start_shift: Option<usize>,
+    latency_ms: StreamLatency,
+}
+
+#[derive(Debug, Serialize)]
+struct StreamLatency {
+    queue: f64,
+    compute: f64,
+    /// From the message to the answer, both as text.
+    total: f64,
+}
+
+/// The samples seen last, at most a context of them.
+#[derive(Default)]
+struct Window {
+    u: VecDeque<Row>,
+    y: VecDeque<Row>,
+}
+
+impl Window {
+    fn push(&mut self, step: &Step, context: usize) {
+        for (window, rows) in [(&mut self.u, &step.u), (&mut self.y, &step.y)] {
+            window.extend(rows);
+            window.drain(..window.len().saturating_sub(context));
+        }
+    }
+}
+
+/// A prediction that the next one may begin with.
+struct Last {
+    positions: Vec<f32>,
+    /// Samples seen since.
+    age: usize,
+}
+
+pub struct PredictionStream {
+    held: HeldModel,
+    settings: Option<Settings>,
+    window: Window,
+    last: Option<Last>,
+    predictions: u64,
+}
+
+impl PredictionStream {
+    pub fn new(held: HeldModel) -> Self {
+        Self { held, settings: None, window: Window::default(), last: None, predictions: 0 }
+    }
+
+    /// The answer to a message. One that cannot be accepted changes nothing.
+    pub async fn answer(&mut self, message: &[u8]) -> Reply {
+        let arrived = Instant::now();
+        let answered = match read(message) {
+            Ok(Message::Open(settings)) => {
+                self.open(settings).await.map_err(|error| error.within("open"))
+            }
+            Ok(Message::Step(step)) => self.step(step, arrived).await,
+            Ok(Message::Reset(Nothing {})) => {
+                self.window = Window::default();
+                self.last = None;
+                Ok(Reply::Context(self.filled()))
+            }
+            Err(error) => Err(error),
+        };
+        answered.unwrap_or_else(|error| Self::refusal(&error))
+    }
+
+    pub fn refusal(error: &ApiError) -> Reply {
+        error.log();
+        Reply::Error(error.to_problem())
+    }
+
+    /// Tries the settings before they are needed, which also makes the first prediction as fast as
+    /// the others.
+    async fn open(&mut self, settings: Settings) -> Result<Reply, ApiError> {
+        let AboutModel { context, horizon, .. } = *self.held.model.about();
+        let mut violations = Violations::default();
+        violations.sampling(&settings.sampling, 1, horizon);
+        violations.finish()?;
+        let rest = |samples: usize| vec![0.0; samples * JOINTS];
+        let question = settings.sampling.question(rest(context + horizon), rest(context), 1);
+        if let Some(steps) = settings.warm_start_steps {
+            let previous = Some(Previous { positions: rest(horizon), shift: 1, steps });
+            self.ask(Question { previous, ..question.clone() }).await?;
+        }
+        self.ask(question).await?;
+        self.settings = Some(settings);
+        self.last = None;
+        let model = self.held.resource.clone();
+        Ok(Reply::Opened(Opened { model, filled: self.filled(), horizon }))
+    }
+
+    async fn step(&mut self, step: Step, arrived: Instant) -> Result<Reply, ApiError> {
+        let AboutModel { context, horizon, .. } = *self.held.model.about();
+        let Some(settings) = self.settings.clone() else {
+            let mut violations = Violations::default();
+            violations.add("step", "the first message", "after open");
+            return Err(violations.finish().err().unwrap_or(ApiError::Internal));
+        };
+        self.check(&step, context, horizon)?;
+        let seen = step.u.len();
+        self.window.push(&step, context);
+        if let Some(last) = &mut self.last {
+            last.age += seen;
+        }
+        let Some(future_u) = step.future_u else { return Ok(Reply::Context(self.filled())) };
+
+        let u = self.window.u.iter().chain(&future_u).flatten().copied().collect();
+        let y = self.window.y.iter().flatten().copied().collect();
+        // Nothing of a prediction that is older than its horizon speaks of this one's.
+        let last = self.last.take().filter(|last| last.age < horizon);
+        let previous = settings.warm_start_steps.zip(last).map(|(steps, last)| Previous {
+            positions: last.positions,
+            shift: last.age,
+            steps,
+        });
+        let warm_start_shift = previous.as_ref().map(|previous| previous.shift);
+        let question = Question { previous, ..settings.sampling.question(u, y, 1) };
+        let answer = self.ask(question).await?;
+        let predicted = answer.of(0, 1, horizon, &settings.sampling);
+        self.last = Some(Last { positions: predicted.y.as_flattened().to_vec(), age: 0 });
+        let number = self.predictions;
+        self.predictions += 1;
+        let latency_ms = StreamLatency {
+            queue: milliseconds(answer.queued),
+            compute: milliseconds(answer.computed),
+            total: milliseconds(arrived.elapsed()),
+        };
+        Ok(Reply::Prediction(StreamedPrediction {
+            number,
+            predicted,
+            warm_start_shift,
+            latency_ms,
+        }))
+    }
+
+    fn check(&self, step: &Step, context: usize, horizon: usize) -> Result<(), ApiError> {
+        let mut violations = Violations::default();
+        let seen = step.u.len();
+        if seen == 0 {
+            violations.add("step.u", "0 rows", "at least one row");
+        }
+        violations.rows("step.y", &step.y, seen, "as many as u");
+        violations.values("step.u", &step.u);
+        violations.values("step.y", &step.y);
+        if let Some(future_u) = &step.future_u {
+            violations.rows("step.future_u", future_u, horizon, "the checkpoint's horizon");
+            violations.values("step.future_u", future_u);
+            let filled = self.window.u.len() + seen;
+            if filled < context {
+                let found = format!("given after {filled} samples");
+                let allowed = format!("left out until the context has its {context} samples");
+                violations.add("step.future_u", found, allowed);
+            }
+        }
+        violations.finish()
+    }
+
+    async fn ask(&self, question: Question) -> Result<Answer, ApiError> {
+        let answer = self.held.model.predict(question, Lane::Streams);
+        Ok(timeout(REQUEST_TIMEOUT, answer).await.map_err(|_| ApiError::Timeout)??)
+    }
+
+    fn filled(&self) -> Filled {
+        Filled { filled: self.window.u.len(), context: self.held.model.about().context }
+    }
+}

@@ -1,0 +1,68 @@
+//! Predictions of a checkpoint: one question, or a stream of them.
+
+use axum::Json;
+use axum::extract::State;
+use axum::extract::ws::WebSocketUpgrade;
+use axum::extract::ws::rejection::WebSocketUpgradeRejection;
+use axum::http::HeaderMap;
+use axum::http::header::{HOST, ORIGIN};
+use axum::response::Response;
+
+use crate::app::{App, Prediction, PredictionRequest, PredictionStream, read_question};
+use crate::error::ApiError;
+use crate::extract::{JsonBytes, Path};
+use crate::limits::QUESTION_BYTES;
+use crate::stream;
+
+/// Predicts joint positions at once, without a job.
+#[utoipa::path(
+    post,
+    path = "/v1/checkpoints/{id}/predict",
+    tag = "predictions",
+    params(("id" = i64, Path)),
+    request_body = PredictionRequest,
+    responses((status = 200, body = Prediction)),
+)]
+pub async fn predict(
+    State(app): State<App>,
+    Path(id): Path<i64>,
+    JsonBytes(body): JsonBytes<QUESTION_BYTES>,
+) -> Result<Json<Prediction>, ApiError> {
+    Ok(Json(app.predict(id, &read_question(&body)?).await?))
+}
+
+/// A WebSocket for predictions with a receding horizon; docs/prediction.md has its messages.
+#[utoipa::path(
+    get,
+    path = "/v1/checkpoints/{id}/stream",
+    tag = "predictions",
+    params(("id" = i64, Path)),
+    responses((status = 101, description = "The stream is open")),
+)]
+pub async fn open_stream(
+    State(app): State<App>,
+    Path(id): Path<i64>,
+    headers: HeaderMap,
+    upgrade: Result<WebSocketUpgrade, WebSocketUpgradeRejection>,
+) -> Result<Response, ApiError> {
+    let upgrade =
+        upgrade.map_err(|rejection| ApiError::Handshake { reason: rejection.body_text() })?;
+    refuse_other_sites(&headers)?;
+    let place = app.stream_place()?;
+    let stream = PredictionStream::new(app.held_model(id).await?);
+    let upgrade = upgrade.max_message_size(QUESTION_BYTES).max_frame_size(QUESTION_BYTES);
+    let closing = app.closing();
+    Ok(upgrade.on_upgrade(move |socket| stream::serve(socket, stream, closing, place)))
+}
+
+/// Browsers open a WebSocket to any site, with the user's credentials, and say where the page is
+/// from.
+fn refuse_other_sites(headers: &HeaderMap) -> Result<(), ApiError> {
+    let text = |name| headers.get(name).map(|value| value.to_str().unwrap_or_default());
+    let Some(origin) = text(ORIGIN) else { return Ok(()) };
+    let site = origin.split_once("://").map(|(_, site)| site);
+    if site.is_some_and(|site| text(HOST).is_some_and(|host| host.eq_ignore_ascii_case(site))) {
+        return Ok(());
+    }
+    Err(ApiError::CrossSite)
+}

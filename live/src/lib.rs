@@ -1,0 +1,113 @@
+//! Predictions while somebody waits: models that stay loaded, and the threads that compute.
+
+mod cache;
+mod lane;
+mod loaded;
+
+use std::num::NonZero;
+use std::sync::Arc;
+
+use api::live::{LiveError, LiveModel, LiveModels};
+use futures::FutureExt;
+use futures::future::BoxFuture;
+use models::{CONFIG_FILE, Device, DeviceKind, MODEL_FILE, TrainedModel};
+use store::{Checkpoint, Store, StoredObject};
+use tokio::sync::{OnceCell, Semaphore};
+
+use cache::{Cache, Capacity};
+use lane::Lanes;
+use loaded::Loaded;
+
+/// Models that are kept loaded.
+pub const LOADED_MODELS: usize = 8;
+
+/// Bytes of weights that are kept loaded, unless the server is told otherwise.
+pub const LOADED_BYTES: u64 = 2 << 30;
+
+#[derive(Clone, Debug)]
+pub struct Options {
+    pub device: DeviceKind,
+    /// That compute one prediction.
+    pub threads: NonZero<usize>,
+    /// Of the weights of all models that are loaded at once.
+    pub loaded_bytes: u64,
+}
+
+/// Predicts with the checkpoints of a store.
+pub struct Live {
+    store: Store,
+    options: Options,
+    /// Opened when it is first needed.
+    device: OnceCell<Device>,
+    lanes: Arc<Lanes>,
+    models: Cache<[spec::Digest; 2], Loaded>,
+    /// For one model at a time on its way into memory, where it takes several times its size.
+    loading: Semaphore,
+}
+
+impl Live {
+    /// # Errors
+    /// When the system gives no threads.
+    pub fn new(store: Store, options: Options) -> Result<Self, rayon::ThreadPoolBuildError> {
+        let lanes = Arc::new(Lanes::new(options.threads)?);
+        let capacity = Capacity { count: LOADED_MODELS, bytes: options.loaded_bytes };
+        Ok(Self {
+            store,
+            options,
+            device: OnceCell::new(),
+            lanes,
+            models: Cache::new(capacity),
+            loading: Semaphore::new(1),
+        })
+    }
+
+    async fn device(&self) -> Result<Device, LiveError> {
+        let kind = self.options.device;
+        let open = || async move {
+            let opened = tokio::task::spawn_blocking(move || Device::open(kind)).await;
+            let opened = opened.map_err(|panic| panic.to_string())?;
+            opened.map_err(|error| error.to_string())
+        };
+        let unusable = |reason: String| LiveError::Unusable { reason };
+        self.device.get_or_try_init(open).await.cloned().map_err(unusable)
+    }
+
+    async fn read(
+        &self,
+        weights: &StoredObject,
+        config: &StoredObject,
+    ) -> Result<Loaded, LiveError> {
+        let _place = self.loading.acquire().await;
+        let device = self.device().await?;
+        let (weights, config) =
+            (self.store.read_object(weights).await?, self.store.read_object(config).await?);
+        let read = move || TrainedModel::load(&weights, &config, &device);
+        let unusable = |reason: String| LiveError::Unusable { reason };
+        let model = tokio::task::spawn_blocking(read)
+            .await
+            .map_err(|panic| unusable(panic.to_string()))?
+            .map_err(|error| unusable(error.to_string()))?;
+        Ok(Loaded::new(model, self.options.device, Arc::clone(&self.lanes)))
+    }
+}
+
+impl LiveModels for Live {
+    fn load<'a>(
+        &'a self,
+        checkpoint: &'a Checkpoint,
+    ) -> BoxFuture<'a, Result<Arc<dyn LiveModel>, LiveError>> {
+        async move {
+            let file = |name| {
+                let reason = format!("checkpoint {} has no {name}", checkpoint.id.0);
+                checkpoint.file(name).ok_or(LiveError::Unusable { reason })
+            };
+            let (weights, config) = (file(MODEL_FILE)?, file(CONFIG_FILE)?);
+            // Not by id: a checkpoint may be written again under the same one.
+            let key = [weights.sha256, config.sha256];
+            let load = || self.read(weights, config);
+            let model = self.models.get(key, weights.size, load).await?;
+            Ok(model as Arc<dyn LiveModel>)
+        }
+        .boxed()
+    }
+}

@@ -1,0 +1,102 @@
+//! A model that answers questions.
+
+use std::sync::Arc;
+
+use api::live::{AboutModel, Answer, Lane, LiveError, LiveModel, Question};
+use futures::FutureExt;
+use futures::future::BoxFuture;
+use models::{
+    DeviceKind, Interrupt, ModelError, PredictionInput, Sampling, TrainedModel, WarmStart,
+};
+use spec::SpecError;
+
+use crate::lane::{Done, Lanes, Panic};
+
+pub struct Loaded {
+    model: Arc<TrainedModel>,
+    about: AboutModel,
+    lanes: Arc<Lanes>,
+}
+
+impl Loaded {
+    pub fn new(model: TrainedModel, device: DeviceKind, lanes: Arc<Lanes>) -> Self {
+        let about = AboutModel {
+            context: model.context(),
+            horizon: model.horizon(),
+            rate_hz: model.rate_hz(),
+            needs_future: model.needs_leak(),
+            device: device.name().to_owned(),
+            threads: lanes.threads,
+        };
+        Self { model: Arc::new(model), about, lanes }
+    }
+}
+
+impl LiveModel for Loaded {
+    fn about(&self) -> &AboutModel {
+        &self.about
+    }
+
+    fn predict(
+        &self,
+        question: Question,
+        lane: Lane,
+    ) -> BoxFuture<'static, Result<Answer, LiveError>> {
+        let (model, lanes) = (Arc::clone(&self.model), Arc::clone(&self.lanes));
+        async move {
+            let samples = question.samples.unwrap_or(1);
+            let work = move |interrupt: &Interrupt| ask(&model, question, interrupt);
+            let Done { result, queued, computed } = lanes.of(lane).run(work).await?;
+            let positions = result
+                .map_err(|Panic(reason)| LiveError::Failed { reason })?
+                .map_err(live_error)?;
+            if positions.iter().any(|position| !position.is_finite()) {
+                let reason = "it predicts positions that are not finite".to_owned();
+                return Err(LiveError::Failed { reason });
+            }
+            Ok(Answer { positions, samples, queued, computed })
+        }
+        .boxed()
+    }
+}
+
+fn ask(
+    model: &TrainedModel,
+    question: Question,
+    interrupt: &Interrupt,
+) -> Result<Vec<f32>, ModelError> {
+    let Question { u, y_context, size, samples, sampler, seed, previous } = question;
+    let input = PredictionInput { u, y_context, size };
+    let warm_start = previous.map(|previous| WarmStart {
+        previous: previous.positions,
+        shift: previous.shift,
+        steps: previous.steps,
+    });
+    let sampling =
+        Sampling { sampler, seed, samples: samples.unwrap_or(1), first_scenario: 0, warm_start };
+    interrupt.guard(|| match samples {
+        None => model.predict_with(&input, &sampling),
+        Some(_) => model.sample(&input, &sampling),
+    })
+}
+
+/// What a question asked for in vain, or how the model failed.
+fn live_error(error: ModelError) -> LiveError {
+    let refused = |field: &str, value: String, allowed: String| {
+        LiveError::Refused(SpecError::one(field, value, allowed))
+    };
+    match error {
+        ModelError::NotGenerative => {
+            let allowed = "left out, for a model that has one answer to a question";
+            refused("sampling.samples", "given".to_owned(), allowed.to_owned())
+        }
+        ModelError::Sampling { field, value, allowed } if field.starts_with("warm_start") => {
+            refused("warm_start_steps", value, allowed)
+        }
+        ModelError::Sampling { field, value, allowed } => {
+            refused(&format!("sampling.{field}"), value, allowed)
+        }
+        ModelError::Spec(error) => LiveError::Refused(error.within("sampling")),
+        error => LiveError::Failed { reason: error.to_string() },
+    }
+}

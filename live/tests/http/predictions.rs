@@ -1,0 +1,215 @@
+//! One question, one answer.
+
+use models::{PredictionInput, Sampling, TrainedModel};
+use serde_json::{Value, json};
+use spec::{SamplerKind, SamplerSpec};
+
+use crate::fixture::{
+    CONTEXT, HORIZON, Server, fields, model, numbers, rows, scenario, scenario_of,
+};
+
+/// Two scenarios as the model itself is asked.
+fn input(context: usize, horizon: usize) -> PredictionInput {
+    let of = |scale: f32| (rows(context + horizon, 3.0 * scale), rows(context, scale));
+    let (first, second) = (of(0.2), of(0.4));
+    PredictionInput {
+        u: [first.0, second.0].concat().as_flattened().to_vec(),
+        y_context: [first.1, second.1].concat().as_flattened().to_vec(),
+        size: 2,
+    }
+}
+
+fn two() -> Value {
+    json!({"scenarios": [scenario(0.2), scenario(0.4)]})
+}
+
+/// The same for a model with another context and horizon.
+fn two_of(model: &TrainedModel) -> Value {
+    let of = |scale| scenario_of(model.context(), model.horizon(), scale);
+    json!({"scenarios": [of(0.2), of(0.4)]})
+}
+
+#[tokio::test]
+async fn what_is_answered_is_what_the_model_says() {
+    let server = Server::start().await;
+    for architecture in ["robomorph", "robomorph_gaussian", "cdt", "diffuser", "cdcnn", "flow"] {
+        let model = model(architecture);
+        let checkpoint = server.checkpoint(architecture).await;
+        let (status, answer) = server.predict(checkpoint, &two_of(&model)).await;
+        assert_eq!(status, 200, "{answer}");
+        let expected = model.predict(&input(model.context(), model.horizon())).unwrap();
+        let found: Vec<f32> = answer["scenarios"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .flat_map(|scenario| numbers(&scenario["y"]))
+            .collect();
+        assert_eq!(found, expected, "{architecture}");
+        assert_eq!(answer["checkpoint"], checkpoint);
+        assert_eq!(answer["weights"].as_str().unwrap().len(), 64);
+        assert_eq!((&answer["device"], &answer["threads"]), (&json!("cpu"), &json!(2)));
+        assert!(answer["latency_ms"]["compute"].as_f64().unwrap() > 0.0, "{architecture}");
+        assert!(answer["scenarios"][0].get("samples").is_none());
+    }
+}
+
+#[tokio::test]
+async fn samples_their_mean_and_quantiles_are_those_of_the_seed_and_the_sampler() {
+    let server = Server::start().await;
+    let checkpoint = server.checkpoint("cdt").await;
+    let mut question = two();
+    question["sampling"] = json!({
+        "sampler": {"kind": "ddim", "steps": 3}, "samples": 5, "seed": 11,
+        "quantiles": [0.0, 0.5, 1.0], "return_samples": true,
+    });
+    let (status, answer) = server.predict(checkpoint, &question).await;
+    assert_eq!(status, 200, "{answer}");
+    let sampler = SamplerSpec { kind: SamplerKind::Ddim, steps: Some(3), ..SamplerSpec::default() };
+    let sampling = Sampling { sampler: Some(sampler), seed: 11, samples: 5, ..Sampling::default() };
+    let expected = model("cdt").sample(&input(CONTEXT, HORIZON), &sampling).unwrap();
+    let row = HORIZON * 7;
+    for scenario in 0..2 {
+        let told = &answer["scenarios"][scenario];
+        let samples: Vec<&[f32]> = expected.chunks(row).skip(scenario).step_by(2).collect();
+        assert_eq!(numbers(&told["samples"]), samples.concat());
+        for place in [0, row - 1] {
+            let mut values: Vec<f32> = samples.iter().map(|sample| sample[place]).collect();
+            values.sort_by(f32::total_cmp);
+            let mean = values.iter().sum::<f32>() / 5.0;
+            assert!((numbers(&told["y"])[place] - mean).abs() < 1e-5);
+            let quantiles = told["quantiles"].as_array().unwrap();
+            let found: Vec<f32> = quantiles.iter().map(|it| numbers(&it["y"])[place]).collect();
+            assert_eq!(found, [values[0], values[2], values[4]]);
+        }
+    }
+}
+
+#[tokio::test]
+async fn everything_that_is_wrong_with_a_question_is_named() {
+    let server = Server::start().await;
+    let checkpoint = server.checkpoint("cdt").await;
+    let check = async |question: Value, expected: &[&str]| {
+        let (status, problem) = server.predict(checkpoint, &question).await;
+        assert_eq!(status, 422, "{problem}");
+        assert_eq!(problem["type"], "tag:torqued,2026:question");
+        assert_eq!(fields(&problem), expected, "{problem}");
+    };
+    check(json!({"scenarios": []}), &["scenarios"]).await;
+    let mut wrong = two();
+    wrong["scenarios"][1]["y"].as_array_mut().unwrap().pop();
+    wrong["scenarios"][0]["future_u"][3][6] = json!(1e30);
+    wrong["sampling"] = json!({"quantiles": [0.1, 1.5], "seed": 9_007_199_254_740_992_u64});
+    let expected = [
+        "scenarios[0].future_u[3][6]",
+        "scenarios[1].y",
+        "sampling.samples",
+        "sampling.quantiles[1]",
+        "sampling.seed",
+    ];
+    check(wrong, &expected).await;
+    let mut wrong = two();
+    wrong["scenarios"][0]["u"][2] = json!([1, 2, 3]);
+    check(wrong, &["scenarios[0].u[2]"]).await;
+    let mut wrong = two();
+    wrong["scenarios"][1]["y"][3] = json!([1, 2, 3, 4, 5, 6, 7, 8]);
+    check(wrong, &["scenarios[1].y[3]"]).await;
+    let mut wrong = two();
+    wrong["scenarios"][0]["y"][0][0] = Value::Null;
+    check(wrong, &["scenarios[0].y[0][0]"]).await;
+    let sampling = |sampling: Value| {
+        let mut question = two();
+        question["sampling"] = sampling;
+        question
+    };
+    check(sampling(json!({"sample": 3})), &["sampling.sample"]).await;
+    check(sampling(json!({"samples": 100_000_000})), &["sampling.samples"]).await;
+    check(sampling(json!({"samples": 0})), &["sampling.samples"]).await;
+    let question = sampling(json!({"sampler": {"kind": "ddim", "steps": 21}}));
+    check(question, &["sampling.sampler.steps"]).await;
+
+    let (status, problem) = server.predict(checkpoint, &json!([])).await;
+    assert!(status == 422, "{problem}");
+    let (status, problem) = server.predict(999, &two()).await;
+    assert_eq!((status.as_u16(), &problem["title"]), (404, &json!("There is no such thing")));
+}
+
+#[tokio::test]
+async fn what_is_no_json_or_too_much_of_it_is_refused() {
+    let server = Server::start().await;
+    let checkpoint = server.checkpoint("cdt").await;
+    let url = format!("http://{}/v1/checkpoints/{checkpoint}/predict", server.address);
+    let send = async |kind: &str, body: Vec<u8>| {
+        let request = server.http.post(&url).header("content-type", kind).body(body);
+        request.send().await.unwrap().status().as_u16()
+    };
+    assert_eq!(send("application/json", b"{\"scenarios\": [".to_vec()).await, 400);
+    assert_eq!(send("text/plain", b"{}".to_vec()).await, 415);
+    assert_eq!(send("application/json", vec![b' '; (8 << 20) + 1]).await, 413);
+}
+
+#[tokio::test]
+async fn a_model_with_one_answer_has_no_samples_and_removes_no_noise() {
+    let server = Server::start().await;
+    let checkpoint = server.checkpoint("robomorph").await;
+    for (sampling, field) in [
+        (json!({"samples": 2}), "sampling.samples"),
+        (json!({"sampler": {"kind": "ddim"}}), "sampling.sampler"),
+    ] {
+        let mut question = two_of(&model("robomorph"));
+        question["sampling"] = sampling;
+        let (status, problem) = server.predict(checkpoint, &question).await;
+        assert_eq!(status, 422, "{problem}");
+        assert_eq!(fields(&problem), [field]);
+    }
+}
+
+#[tokio::test]
+async fn a_model_that_fails_says_so_and_the_others_go_on() {
+    let server = Server::start().await;
+    let exploded = server.exploded_checkpoint("cdt").await;
+    let damaged = server.keep(b"no tensors", b"{}").await;
+    let leaky = server.leaky_checkpoint("cdt").await;
+    let sound = server.checkpoint("cdt").await;
+    for (checkpoint, status, kind, words) in [
+        (exploded, 500, "model-failed", "not finite"),
+        (damaged, 500, "model-unusable", "has no format_version"),
+        (leaky, 422, "question", "look into the horizon"),
+    ] {
+        let (found, problem) = server.predict(checkpoint, &two()).await;
+        assert_eq!(found.as_u16(), status, "{problem}");
+        assert_eq!(problem["type"], format!("tag:torqued,2026:{kind}"));
+        assert!(problem["detail"].as_str().unwrap().contains(words), "{problem}");
+    }
+    assert_eq!(server.predict(sound, &two()).await.0, 200);
+}
+
+#[tokio::test]
+async fn a_model_that_finds_no_room_waits_for_those_in_use_to_be_let_go() {
+    // Room for one CDT of 23 676 bytes, and not for a CDCNN of 80 188.
+    let server = Server::start_with(&api::Options::default(), 30_000).await;
+    let first = server.checkpoint("cdt").await;
+    let second = server.checkpoint("robomorph").await;
+    let of_second = two_of(&model("robomorph"));
+    let large = server.checkpoint("cdcnn").await;
+    for (checkpoint, question) in [(first, &two()), (second, &of_second), (first, &two())] {
+        let (status, answer) = server.predict(checkpoint, question).await;
+        assert_eq!(status, 200, "{answer}");
+    }
+    let (status, problem) = server.predict(large, &two()).await;
+    assert_eq!(status, 507, "{problem}");
+    assert!(problem["detail"].as_str().unwrap().contains("80188 bytes"), "{problem}");
+
+    let stream = crate::streams::connect(&server, first).await;
+    let (status, problem) = server.predict(second, &of_second).await;
+    assert_eq!((status.as_u16(), &problem["type"]), (503, &json!("tag:torqued,2026:crowded")));
+    drop(stream);
+    let mut status = status;
+    for _ in 0..500 {
+        status = server.predict(second, &of_second).await.0;
+        if status == 200 {
+            break;
+        }
+        tokio::time::sleep(std::time::Duration::from_millis(10)).await;
+    }
+    assert_eq!(status, 200);
+}
