@@ -5,8 +5,8 @@ use clap::{Args, Parser, Subcommand};
 use tracing_subscriber::EnvFilter;
 
 use crate::commands::{
-    cancel, devices, import, jobs, presets, quickstart, retry, serve, simulate, submit, verify,
-    watch, worker,
+    cancel, devices, import, jobs, presets, quickstart, retry, serve, simulate, study, submit,
+    verify, watch, worker,
 };
 
 /// In-context identification of robot dynamics as a service: simulate, train, evaluate.
@@ -31,6 +31,8 @@ pub enum Command {
     Devices(devices::Arguments),
     /// Simulate, train and evaluate a small model, and show the result
     Quickstart(quickstart::Arguments),
+    /// Run the paper's whole study, and write its report
+    Study(study::Arguments),
     /// Simulate a dataset into a folder, without a server
     Simulate(simulate::Arguments),
     /// Make a dataset again, and compare every byte

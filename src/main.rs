@@ -8,6 +8,7 @@ mod device;
 mod progress;
 mod report;
 mod server;
+mod study;
 mod table;
 
 use std::io::Write;

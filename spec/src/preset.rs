@@ -6,6 +6,8 @@ use utoipa::ToSchema;
 
 use crate::SpecError;
 
+mod study;
+
 /// A named starting point for a job or for a model.
 #[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
 pub struct Preset {
@@ -30,6 +32,7 @@ pub enum PresetPlace {
 /// Every preset, in the order to show them.
 pub fn presets() -> Vec<Preset> {
     let mut all = vec![quickstart(), four_models(), control()];
+    all.extend(study::studies());
     all.extend(datasets());
     all.extend([grid_chirp(), grid_multisine()]);
     all.extend(robomorph_sizes());

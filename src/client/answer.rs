@@ -1,5 +1,6 @@
 //! The server's answers, as far as the command line reads them.
 
+use std::collections::BTreeMap;
 use std::fmt;
 
 use evaluation::Report;
@@ -21,6 +22,7 @@ pub struct Job {
     pub state: JobState,
     #[serde(default)]
     pub error: Option<String>,
+    pub digest: String,
     /// What of the spec is doubtful, though it is allowed.
     #[serde(default)]
     pub warnings: Vec<String>,
@@ -39,6 +41,24 @@ pub struct Job {
     pub started_at: Option<String>,
     #[serde(default)]
     pub finished_at: Option<String>,
+    /// From start to end.
+    #[serde(default)]
+    pub duration_seconds: Option<f64>,
+}
+
+impl Job {
+    /// Why it did not succeed: its own reason, else that of its members.
+    pub fn reason(&self) -> String {
+        let members = self.members.iter().filter(|member| member.state == JobState::Failed);
+        let reasons: Vec<String> = members
+            .filter_map(|member| Some(format!("{}: {}", member.name, member.error.as_ref()?)))
+            .collect();
+        match (reasons.is_empty(), &self.error) {
+            (true, Some(error)) => error.clone(),
+            (true, None) => "no reason given".to_owned(),
+            (false, _) => reasons.join("; "),
+        }
+    }
 }
 
 /// A job of a pipeline, seen from the pipeline.
@@ -123,9 +143,29 @@ pub struct Dataset {
 #[derive(Clone, Debug, Deserialize)]
 pub struct Checkpoint {
     pub step: u64,
+    #[serde(default)]
+    pub metrics: BTreeMap<String, f64>,
+    #[serde(default)]
+    pub files: Vec<StoredFile>,
+}
+
+#[derive(Clone, Debug, Deserialize)]
+pub struct StoredFile {
+    pub name: String,
+    pub sha256: String,
 }
 
 #[derive(Clone, Debug, Deserialize)]
 pub struct Evaluation {
     pub report: Option<Report>,
+    #[serde(default)]
+    pub artifacts: Vec<Artifact>,
+}
+
+/// A file that a run left.
+#[derive(Clone, Debug, Deserialize)]
+pub struct Artifact {
+    pub name: String,
+    /// Path of the download.
+    pub url: String,
 }

@@ -11,7 +11,9 @@ use serde::de::DeserializeOwned;
 
 use evaluation::control::ControlReport;
 
-pub use answer::{Checkpoint, Dataset, Evaluation, Job, JobList, JobState, PresetList, Progress};
+pub use answer::{
+    Checkpoint, Dataset, Evaluation, Job, JobList, JobState, Member, PresetList, Progress,
+};
 pub use error::ClientError;
 
 /// A server's API at one address.
@@ -122,6 +124,18 @@ impl Client {
     /// What a control job found.
     pub async fn control_report(&self, run: i64) -> Result<ControlReport, ClientError> {
         self.get(&format!("/v1/runs/{run}/artifacts/report.json")).await
+    }
+
+    /// A file, by the path that an answer gave.
+    pub async fn download(&self, path: &str) -> Result<Vec<u8>, ClientError> {
+        let unreachable =
+            |reason| ClientError::Unreachable { server: self.base.to_string(), reason };
+        let response = self.request(Method::GET, path).send().await.map_err(unreachable)?;
+        let status = response.status();
+        if !status.is_success() {
+            return Err(ClientError::refused(status, &response.text().await.map_err(unreachable)?));
+        }
+        Ok(response.bytes().await.map_err(unreachable)?.to_vec())
     }
 
     /// The address of a page or download, for people.

@@ -9,6 +9,7 @@ pub mod quickstart;
 pub mod retry;
 pub mod serve;
 pub mod simulate;
+pub mod study;
 pub mod submit;
 pub mod verify;
 pub mod watch;
@@ -25,6 +26,7 @@ pub async fn run(command: Command, log: &str) -> anyhow::Result<ExitCode> {
         Command::Worker(arguments) => worker::run(arguments).await,
         Command::Devices(arguments) => devices::run(&arguments).await,
         Command::Quickstart(arguments) => quickstart::run(arguments, log).await,
+        Command::Study(arguments) => study::run(arguments, log).await,
         Command::Simulate(arguments) => simulate::run(arguments).await,
         Command::Verify(arguments) => verify::run(arguments).await,
         Command::Submit(arguments) => submit::run(arguments).await,

@@ -62,7 +62,7 @@ async fn compute_and_show(arguments: &Arguments, server: &Server) -> anyhow::Res
     }
     let job = progress::follow(&client, job.id).await?;
     if job.state != JobState::Succeeded {
-        bail!("job {} {}: {}", job.id, job.state, reason(&job));
+        bail!("job {} {}: {}", job.id, job.state, job.reason());
     }
     let evaluation = member(&job, "evaluate")?;
     let report = client
@@ -72,19 +72,6 @@ async fn compute_and_show(arguments: &Arguments, server: &Server) -> anyhow::Res
         .with_context(|| format!("evaluation {evaluation} has no report"))?;
     report::print(&report);
     print_places(&client, server, &job, &page).await
-}
-
-/// Why a pipeline did not succeed: its own reason, else that of its members.
-fn reason(job: &Job) -> String {
-    let members = job.members.iter().filter(|member| member.state == JobState::Failed);
-    let reasons: Vec<String> = members
-        .filter_map(|member| Some(format!("{}: {}", member.name, member.error.as_ref()?)))
-        .collect();
-    match (reasons.is_empty(), &job.error) {
-        (true, Some(error)) => error.clone(),
-        (true, None) => "no reason given".to_owned(),
-        (false, _) => reasons.join("; "),
-    }
 }
 
 fn member(job: &Job, name: &str) -> anyhow::Result<i64> {

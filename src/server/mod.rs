@@ -3,7 +3,7 @@
 mod housekeeping;
 mod interrupt;
 mod listen;
-mod memory;
+pub mod memory;
 mod places;
 mod worker_processes;
 

@@ -18,6 +18,17 @@ pub enum WorkerError {
     DeviceFailed { device: DeviceKind },
 }
 
+/// Why nothing can be said of what a job would take.
+#[derive(Debug, Error)]
+pub enum RehearsalError {
+    #[error(transparent)]
+    Dynamics(#[from] dynamics::DynamicsError),
+    #[error(transparent)]
+    Model(#[from] models::ModelError),
+    #[error(transparent)]
+    Device(#[from] models::DeviceError),
+}
+
 /// Why an attempt at a task did not end well.
 #[derive(Debug, Error)]
 pub enum TaskError {

@@ -14,6 +14,7 @@ mod folder;
 mod heartbeat;
 mod import;
 mod probe;
+mod rehearsal;
 mod simulate;
 mod stop;
 mod stream;
@@ -23,7 +24,8 @@ mod trajectories;
 mod verify;
 
 pub use claim_loop::{WorkerOptions, run};
-pub use error::WorkerError;
+pub use error::{RehearsalError, WorkerError};
 pub use folder::{DatasetFolder, FolderError, Verified};
 pub use models::DeviceKind;
 pub use probe::{PROBE_LIMIT, ProbeError, Probed, probe, try_device};
+pub use rehearsal::{TrainingTimes, baseline_seconds, simulation_seconds, training_times};

@@ -1,0 +1,89 @@
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use anyhow::bail;
+use clap::Args;
+
+use crate::client::{Client, Job, JobState, Reuse, Submitted};
+use crate::progress;
+use crate::server::{Interrupts, Options, Server};
+use crate::study::{self, Plan, Scale};
+
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// How much of it to do
+    #[arg(long, value_enum)]
+    scale: Scale,
+
+    /// Folder for the report; replaced when it is one
+    #[arg(long, value_name = "DIR", default_value = "report")]
+    out: PathBuf,
+
+    /// Only estimate time, memory and disk, from doing a little of everything
+    #[arg(long)]
+    dry_run: bool,
+
+    /// End when the report is written, instead of serving until Ctrl-C
+    #[arg(long)]
+    exit: bool,
+
+    /// Compute everything anew, even what was done before
+    #[arg(long)]
+    force: bool,
+
+    #[command(flatten)]
+    server: Options,
+}
+
+/// What a shell reports for a program that Ctrl-C ended.
+const INTERRUPTED: u8 = 130;
+
+pub async fn run(arguments: Arguments, log: &str) -> anyhow::Result<ExitCode> {
+    let plan = Plan::of(arguments.scale)?;
+    if arguments.dry_run {
+        let device = arguments.server.device.device;
+        let estimate =
+            tokio::task::spawn_blocking(move || study::estimate(&plan, device)).await??;
+        print!("{estimate}");
+        return Ok(ExitCode::SUCCESS);
+    }
+    study::check_replaceable(&arguments.out)?;
+    let mut interrupts = Interrupts::new()?;
+    let server = Server::start(&arguments.server, log).await?;
+    let result = tokio::select! {
+        result = compute_and_write(&arguments, &plan, &server) => result,
+        () = interrupts.next() => {
+            eprintln!("stopping; run it again to go on");
+            server.stop(&mut interrupts).await;
+            return Ok(ExitCode::from(INTERRUPTED));
+        }
+    };
+    if result.is_err() || arguments.exit {
+        server.stop(&mut interrupts).await;
+        return result.map(|()| ExitCode::SUCCESS);
+    }
+    eprintln!("serving until Ctrl-C");
+    server.run_until_interrupted(&mut interrupts).await?;
+    Ok(ExitCode::SUCCESS)
+}
+
+async fn compute_and_write(
+    arguments: &Arguments,
+    plan: &Plan,
+    server: &Server,
+) -> anyhow::Result<()> {
+    let client = Client::new(&server.url, arguments.server.token.clone())?;
+    let reuse = if arguments.force { Reuse::ComputeAnew } else { Reuse::ByDigest };
+    let Submitted { job, existed } = client.submit(Plan::request(plan.scale), reuse).await?;
+    let page = client.url(&format!("/jobs/{}", job.id));
+    let verb = if existed { "going on with " } else { "" };
+    eprintln!("{verb}job {}: {page}", job.id);
+    let job: Job = progress::follow(&client, job.id).await?;
+    if job.state != JobState::Succeeded {
+        bail!("job {} {}: {}", job.id, job.state, job.reason());
+    }
+    let study = study::gather(&client, plan, &job).await?;
+    study::write(&arguments.out, &study)?;
+    println!("{}", arguments.out.join("README.md").display());
+    Ok(())
+}

@@ -1,0 +1,257 @@
+//! What a study takes, before it runs: measured on this machine by doing a little of everything.
+
+use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
+use std::fmt::{self, Display, Formatter};
+
+use anyhow::{Context, bail};
+use indicatif::BinaryBytes;
+use spec::{
+    CheckpointRef, DataSource, EvaluateSpec, JobSpec, PipelineSpec, SimulateSpec, Start, TrainSpec,
+};
+use worker::{DeviceKind, TrainingTimes};
+
+use super::{Plan, Scale};
+use crate::server::memory;
+use crate::table::{Align, Table};
+
+/// Bytes of a trajectory of 400 samples in a shard, as measured on the paper's training sets.
+const BYTES_PER_SAMPLE: u64 = 43;
+
+/// An estimate for every job.
+#[derive(Debug)]
+pub struct Estimate {
+    scale: Scale,
+    rows: Vec<Row>,
+    available: Option<u64>,
+}
+
+#[derive(Debug)]
+struct Row {
+    job: String,
+    what: String,
+    seconds: f64,
+    /// Resident at the highest.
+    memory: Option<u64>,
+    disk: u64,
+}
+
+/// Does a little of every kind of job of the plan on this machine.
+///
+/// # Errors
+/// What the jobs themselves would fail of.
+pub fn estimate(plan: &Plan, device: DeviceKind) -> anyhow::Result<Estimate> {
+    let mut rehearsal = Rehearsal {
+        pipeline: &plan.pipeline,
+        device,
+        trainings: BTreeMap::new(),
+        simulation: None,
+        baselines: BTreeMap::new(),
+    };
+    let mut rows = Vec::new();
+    for name in plan.pipeline.order().context("jobs in a circle")? {
+        let row = rehearsal.row(name, &plan.pipeline.jobs[name].spec);
+        rows.push(row.with_context(|| format!("cannot estimate {name}"))?);
+    }
+    Ok(Estimate { scale: plan.scale, rows, available: memory::bytes() })
+}
+
+/// What was measured so far: jobs that are alike are tried once.
+struct Rehearsal<'a> {
+    pipeline: &'a PipelineSpec,
+    device: DeviceKind,
+    /// By the spec without its data.
+    trainings: BTreeMap<String, TrainingTimes>,
+    simulation: Option<f64>,
+    baselines: BTreeMap<spec::Baseline, f64>,
+}
+
+impl Rehearsal<'_> {
+    fn row(&mut self, name: &str, spec: &JobSpec) -> anyhow::Result<Row> {
+        let row = |what: String, seconds: f64| Row {
+            job: name.to_owned(),
+            what,
+            seconds,
+            memory: None,
+            disk: 0,
+        };
+        match spec {
+            JobSpec::Simulate(spec) => {
+                let seconds = self.simulation(spec)? * spec.trajectories as f64;
+                let disk = spec.trajectories * u64::from(spec.samples) * BYTES_PER_SAMPLE;
+                let row = row(format!("{} trajectories", spec.trajectories), seconds);
+                Ok(Row { disk, ..row })
+            }
+            JobSpec::Train(spec) => {
+                let data = self.simulation_of(&spec.data)?;
+                let memory = spec.memory(data.samples);
+                let seconds = self.training(spec)?.step * spec.steps as f64;
+                let what = format!(
+                    "{} steps of {}, {:.1} M parameters",
+                    spec.steps,
+                    spec.batch_size,
+                    memory.parameters as f64 / 1e6
+                );
+                // Weights, moments and those of the checkpoint before it.
+                let disk = memory.parameters * 4 * 3 * u64::from(1 + spec.keep_checkpoints);
+                Ok(Row { memory: Some(memory.peak_bytes), disk, ..row(what, seconds) })
+            }
+            JobSpec::Evaluate(spec) => {
+                let (what, seconds) = self.evaluation(spec)?;
+                Ok(row(what, seconds))
+            }
+            other => bail!("{} is not part of a study", other.kind()),
+        }
+    }
+
+    fn simulation(&mut self, spec: &SimulateSpec) -> anyhow::Result<f64> {
+        if let Some(seconds) = self.simulation {
+            return Ok(seconds);
+        }
+        let seconds = worker::simulation_seconds(spec)?;
+        self.simulation = Some(seconds);
+        Ok(seconds)
+    }
+
+    fn training(&mut self, spec: &TrainSpec) -> anyhow::Result<TrainingTimes> {
+        let key = serde_json::to_string(&(&spec.model, spec.batch_size))?;
+        if let Some(times) = self.trainings.get(&key) {
+            return Ok(*times);
+        }
+        eprintln!("trying {}", spec.model.architecture());
+        let data = self.simulation_of(&spec.data)?.clone();
+        let times = worker::training_times(spec, &data, self.device)?;
+        self.trainings.insert(key, times);
+        Ok(times)
+    }
+
+    /// Passes of networks, baselines and simulation; how long latencies take to measure is left out.
+    fn evaluation(&mut self, spec: &EvaluateSpec) -> anyhow::Result<(String, f64)> {
+        let data = self.simulation_of(&spec.data)?.clone();
+        let scenarios = data.trajectories as f64;
+        let mut seconds = self.simulation(&data)?;
+        for &name in &spec.baselines {
+            seconds += match self.baselines.entry(name) {
+                Entry::Occupied(known) => *known.get(),
+                Entry::Vacant(new) => {
+                    *new.insert(worker::baseline_seconds(name, &data, spec.context)?)
+                }
+            };
+        }
+        let mut passes = 0.0;
+        for checkpoint in &spec.checkpoints {
+            let training = self.training_of(checkpoint)?.clone();
+            let times = self.training(&training)?;
+            let of_model = passes_per_scenario(spec, &training);
+            passes += of_model;
+            seconds += of_model * times.pass;
+        }
+        let what = format!("{scenarios} scenarios, {passes} passes each");
+        Ok((what, seconds * scenarios))
+    }
+
+    fn training_of(&self, checkpoint: &CheckpointRef) -> anyhow::Result<&TrainSpec> {
+        let name = checkpoint.job().context("a checkpoint from elsewhere")?;
+        match self.pipeline.jobs.get(name).map(|member| &member.spec) {
+            Some(JobSpec::Train(spec)) => Ok(spec),
+            _ => bail!("{name} is no training of this pipeline"),
+        }
+    }
+
+    fn simulation_of<'a>(&'a self, data: &'a DataSource) -> anyhow::Result<&'a SimulateSpec> {
+        match data {
+            DataSource::Stream(spec) => Ok(spec),
+            DataSource::Job(name) => match self.pipeline.jobs.get(name).map(|it| &it.spec) {
+                Some(JobSpec::Simulate(spec)) => Ok(spec),
+                _ => bail!("{name} is no simulation of this pipeline"),
+            },
+            DataSource::Dataset(_) | DataSource::Digest(_) => bail!("data from elsewhere"),
+        }
+    }
+}
+
+/// Passes through a network for one scenario, over all samples and ways of sampling.
+fn passes_per_scenario(spec: &EvaluateSpec, training: &TrainSpec) -> f64 {
+    let samples = f64::from(spec.samples);
+    let model = &training.model;
+    let Some((own, generation)) = model.sampler().zip(model.generation()) else { return samples };
+    let all = own.steps.unwrap_or(generation.all_steps());
+    let runs = spec.sampling_runs(&training.model);
+    if runs.is_empty() {
+        return samples * f64::from(all);
+    }
+    let of_run = |run: &spec::SamplingRun| match run.start {
+        Start::Cold | Start::Oracle => f64::from(run.steps),
+        // The first of its windows starts cold, the scored one is the last.
+        Start::Shifted => f64::from(all) + f64::from(spec.rounds()) * f64::from(run.steps),
+    };
+    samples * runs.iter().map(of_run).sum::<f64>()
+}
+
+impl Display for Estimate {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        let mut table = Table::new([
+            ("job", Align::Left),
+            ("what", Align::Left),
+            ("time", Align::Right),
+            ("memory", Align::Right),
+            ("disk", Align::Right),
+        ]);
+        let in_words = |bytes: u64| BinaryBytes(bytes).to_string();
+        for row in &self.rows {
+            let disk = if row.disk == 0 { String::new() } else { in_words(row.disk) };
+            table.push(vec![
+                row.job.clone(),
+                row.what.clone(),
+                duration(row.seconds),
+                row.memory.map_or_else(String::new, in_words),
+                disk,
+            ]);
+        }
+        let seconds = self.rows.iter().map(|row| row.seconds).sum();
+        let memory = self.rows.iter().filter_map(|row| row.memory).max().unwrap_or(0);
+        let disk = self.rows.iter().map(|row| row.disk).sum();
+        table.push(vec![
+            "all".to_owned(),
+            format!("scale {}, one job after the other", self.scale.name()),
+            duration(seconds),
+            in_words(memory),
+            in_words(disk),
+        ]);
+        f.write_str(&table.render())?;
+        match self.available {
+            Some(available) if memory > available => writeln!(
+                f,
+                "memory: {} needed, {} here: it does not fit; a training's gradient_accumulation \
+                 divides what its batch takes",
+                in_words(memory),
+                in_words(available)
+            ),
+            Some(available) => {
+                writeln!(
+                    f,
+                    "memory: {} needed, {} here: it fits",
+                    in_words(memory),
+                    in_words(available)
+                )
+            }
+            None => {
+                writeln!(
+                    f,
+                    "memory: {} needed; how much there is here is not known",
+                    in_words(memory)
+                )
+            }
+        }
+    }
+}
+
+fn duration(seconds: f64) -> String {
+    const DAY: f64 = 86_400.0;
+    match seconds {
+        s if s < 120.0 => format!("{s:.0} s"),
+        s if s < 7200.0 => format!("{:.0} min", s / 60.0),
+        s if s < 2.0 * DAY => format!("{:.1} h", s / 3600.0),
+        s => format!("{:.0} days", s / DAY),
+    }
+}

@@ -1,0 +1,173 @@
+use std::fmt::Write;
+
+use evaluation::Interval;
+
+use super::super::{Scale, Study, machine};
+use super::{claims, tables};
+
+/// What a reader opens first.
+pub fn readme(study: &Study) -> String {
+    let mut text = String::new();
+    let scale = study.scale.name();
+    let _ = writeln!(text, "# The paper's study, scale `{scale}`\n");
+    let _ = writeln!(text, "{}\n", about(study.scale));
+    let _ = writeln!(text, "    torqued study --scale {scale}\n");
+    let _ = writeln!(text, "{}", setting(study));
+    let sections = [
+        (
+            "Claim 1: diffusion models hold up out of distribution",
+            "Mean RMSE in degrees over the horizon [95 % confidence interval], one prediction per \
+             scenario. A cell is in distribution when the training set drew its excitation and \
+             frequency. Differences are paired: the same robots under the same torques.",
+            claims::robustness(study),
+            &["in-distribution.svg", "out-of-distribution.svg"][..],
+        ),
+        (
+            "Claim 2: inpainting is best",
+            "Differences of RMSE in degrees; below 0 the Diffuser is better.",
+            claims::inpainting(study),
+            &[],
+        ),
+        (
+            "Claim 3: warm-started diffusion is accurate within 40 ms",
+            "`cold` begins with noise, `shifted` with the model's own prediction of one control \
+             period ago, noised to the level where its steps begin, `oracle` with the true future \
+             noised likewise. Latency is that of one prediction at batch 1.",
+            claims::warm_start(study),
+            &[],
+        ),
+    ];
+    for (title, about, numbers, figures) in sections {
+        let _ = writeln!(text, "## {title}\n\n{about}\n\n{numbers}");
+        for figure in figures {
+            let _ = writeln!(text, "![{title}](figures/{figure})\n");
+        }
+    }
+    for evaluation in study.evaluations() {
+        let name = &evaluation.record.name;
+        let figures: Vec<&str> = evaluation
+            .files
+            .iter()
+            .map(|file| file.name.as_str())
+            .filter(|name| name.ends_with(".svg"))
+            .collect();
+        let _ = writeln!(text, "## {name}\n");
+        for figure in figures {
+            let _ = writeln!(text, "![{name}](figures/{name}-{figure})\n");
+        }
+    }
+    for (title, name) in [("Samples as distributions", "samples"), ("Trainings", "trainings")] {
+        if let Some(table) = tables::all(study).into_iter().find(|table| table.name == name) {
+            let _ = writeln!(text, "## {title}\n\n{}", shown(&table));
+        }
+    }
+    let _ = writeln!(
+        text,
+        "## Where the numbers come from\n\n`tables/` holds every number with the id of its job and \
+         the digest of the job's spec, which covers everything upstream; `evaluations/` the reports \
+         as the jobs wrote them; `study.json` all jobs and checkpoints."
+    );
+    text
+}
+
+const fn about(scale: Scale) -> &'static str {
+    match scale {
+        Scale::Tiny => {
+            "Every job of the study, each far too small: this shows that it runs, and nothing about \
+             the models."
+        }
+        Scale::Small => {
+            "Tiny models on 65 536 robots per training set, 3000 steps of 32 trajectories each, the \
+             same for all models: a hundredth of the paper's samples and less. Denoisers predict the \
+             clean series instead of the noise, which trains faster, and are sampled by DDPM through \
+             all 100 levels."
+        }
+        Scale::Paper => {
+            "The paper's sizes: 3.5e6 samples per training, networks of 17 to 63 M parameters."
+        }
+    }
+}
+
+fn setting(study: &Study) -> String {
+    let mut rows = vec![
+        vec!["machine".to_owned(), machine::describe()],
+        vec!["torqued".to_owned(), env!("CARGO_PKG_VERSION").to_owned()],
+        vec![
+            "pipeline".to_owned(),
+            format!("job {}, digest `{}`", study.pipeline.job, study.pipeline.digest),
+        ],
+    ];
+    if let Some(seconds) = study.pipeline.seconds {
+        rows.push(vec!["time".to_owned(), format!("{:.0} min", seconds / 60.0)]);
+    }
+    for set in &study.sets {
+        let what = format!("{} trajectories, digest `{}`", set.trajectories, set.data.digest);
+        rows.push(vec![set.name.clone(), what]);
+    }
+    markdown(&["", ""], &rows)
+}
+
+/// A table without what is there for tracing alone.
+fn shown(table: &tables::Table) -> String {
+    const LEFT_OUT: [&str; 5] = ["job", "digest", "sha256", "checkpoint", "reused"];
+    let kept: Vec<usize> = (0..table.columns.len())
+        .filter(|&column| !LEFT_OUT.contains(&table.columns[column]))
+        .collect();
+    let columns: Vec<&str> = kept.iter().map(|&column| table.columns[column]).collect();
+    let rows: Vec<Vec<String>> = table
+        .rows
+        .iter()
+        .map(|row| kept.iter().map(|&column| short(&row[column])).collect())
+        .collect();
+    markdown(&columns, &rows)
+}
+
+/// Numbers as people read them.
+fn short(field: &str) -> String {
+    match field.parse::<f64>() {
+        Ok(value) if value.fract() != 0.0 => significant(value),
+        _ => field.to_owned(),
+    }
+}
+
+/// A table in Markdown.
+pub fn markdown(columns: &[&str], rows: &[Vec<String>]) -> String {
+    let mut text = format!("| {} |\n|{}\n", columns.join(" | "), "---|".repeat(columns.len()));
+    for row in rows {
+        let _ = writeln!(text, "| {} |", row.join(" | "));
+    }
+    text
+}
+
+pub fn with_interval(Interval { mean, low, high }: Interval) -> String {
+    format!("{} [{}, {}]", degrees(mean), degrees(low), degrees(high))
+}
+
+/// Two decimals, and more where nothing would be left.
+pub fn degrees(value: f64) -> String {
+    if value.abs() >= 0.1 { format!("{value:.2}") } else { significant(value) }
+}
+
+/// Three significant digits.
+fn significant(value: f64) -> String {
+    if value == 0.0 || !value.is_finite() {
+        return value.to_string();
+    }
+    #[expect(clippy::cast_possible_truncation, reason = "between -308 and 308")]
+    let exponent = value.abs().log10().floor() as i32;
+    let decimals = usize::try_from(2 - exponent).unwrap_or(0);
+    format!("{value:.decimals$}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn small_errors_keep_three_digits() {
+        assert_eq!(
+            [12.345, 0.567, 0.012_34, 0.000_9, -0.05].map(degrees),
+            ["12.35", "0.57", "0.0123", "0.000900", "-0.0500"]
+        );
+    }
+}
