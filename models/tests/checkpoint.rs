@@ -150,7 +150,7 @@ fn noise_that_cannot_be_is_refused() {
         ("diffusion", "clip", json!(-1.0), "diffusion.clip is -1"),
         ("sampler", "steps", json!(21), "sampler.steps is 21, allowed: at most diffusion.steps"),
         ("sampler", "eta", json!(2.0), "sampler.eta is 2"),
-        ("sampler", "kind", json!("euler"), "unknown variant `euler`"),
+        ("sampler", "kind", json!("euler"), "sampler.kind is euler, allowed: ddpm, ddim"),
     ] {
         check_refused(&with_config(&files, |config| config["model"][part][field] = value), message);
     }
