@@ -3,7 +3,6 @@ use std::fmt;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use crate::SpecError;
 use crate::check::{Check, Report};
 
 /// How noise is added, and what a model is trained to make of it. The defaults are the paper's.
@@ -159,24 +158,5 @@ impl Check for SamplerSpec {
             let value = format!("{:?}", self.spacing).to_lowercase();
             report.violation("spacing", value, "trailing for the samplers of a flow");
         }
-    }
-}
-
-impl SamplerSpec {
-    /// Whether a sampler asked for at prediction is one, and no longer than the training's
-    /// `diffusion_steps`.
-    ///
-    /// # Errors
-    /// Every violation, fields as `sampler.…`.
-    pub fn check_for(&self, diffusion_steps: u32) -> Result<(), SpecError> {
-        let mut report = Report::default();
-        report.part("sampler", self);
-        if let Some(steps) = self.steps
-            && steps > diffusion_steps
-        {
-            let allowed = format!("at most diffusion.steps, which is {diffusion_steps}");
-            report.violation("sampler.steps", steps, allowed);
-        }
-        report.finish()
     }
 }

@@ -83,16 +83,6 @@ impl ModelSpec {
         }
     }
 
-    /// Of a model that removes noise level by level: how, and by what sampler unless asked otherwise.
-    pub const fn diffusion(&self) -> Option<(&DiffusionSpec, &SamplerSpec)> {
-        match self {
-            Self::RoboMorph(_) | Self::Flow(_) => None,
-            Self::Diffuser(model) => Some((&model.diffusion, &model.sampler)),
-            Self::Cdcnn(model) => Some((&model.diffusion, &model.sampler)),
-            Self::Cdt(model) => Some((&model.diffusion, &model.sampler)),
-        }
-    }
-
     /// Everything but the sizes, which whoever builds the model checks against its own limits.
     ///
     /// # Errors

@@ -58,7 +58,7 @@ const SCALES: [Scale; 3] = [
         shard_trajectories: 8192,
         size: "tiny",
         batch_size: 32,
-        steps: 3000,
+        steps: 2500,
         robots: 50,
         chirp_hz: &FULL_CHIRP_HZ,
         multisine_hz: &FULL_MULTISINE_HZ,

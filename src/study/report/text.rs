@@ -77,7 +77,7 @@ const fn about(scale: Scale) -> &'static str {
              the models."
         }
         Scale::Small => {
-            "Tiny models on 65 536 robots per training set, 3000 steps of 32 trajectories each, the \
+            "Tiny models on 65 536 robots per training set, 2500 steps of 32 trajectories each, the \
              same for all models: a hundredth of the paper's samples and less. Denoisers predict the \
              clean series instead of the noise, which trains faster, and are sampled by DDPM through \
              all 100 levels."
