@@ -4,6 +4,7 @@ pub mod cancel;
 pub mod devices;
 pub mod import;
 pub mod jobs;
+mod own_server;
 pub mod presets;
 pub mod quickstart;
 pub mod retry;

@@ -4,9 +4,10 @@ use anyhow::{Context, bail};
 use clap::Args;
 
 use crate::client::{Client, Job, JobState, Reuse, Submitted};
+use crate::commands::own_server::work_and_serve;
 use crate::progress;
 use crate::report;
-use crate::server::{Interrupts, Options, Server};
+use crate::server::{Options, Server};
 use crate::table::{Align, Table};
 
 #[derive(Debug, Args)]
@@ -23,29 +24,11 @@ pub struct Arguments {
     server: Options,
 }
 
-/// What a shell reports for a program that Ctrl-C ended.
-const INTERRUPTED: u8 = 130;
-
 const SPEC: &str = r#"{"preset": "quickstart"}"#;
 
 pub async fn run(arguments: Arguments, log: &str) -> anyhow::Result<ExitCode> {
-    let mut interrupts = Interrupts::new()?;
-    let server = Server::start(&arguments.server, log).await?;
-    let result = tokio::select! {
-        result = compute_and_show(&arguments, &server) => result,
-        () = interrupts.next() => {
-            eprintln!("stopping; run it again to go on");
-            server.stop(&mut interrupts).await;
-            return Ok(ExitCode::from(INTERRUPTED));
-        }
-    };
-    if result.is_err() || arguments.exit {
-        server.stop(&mut interrupts).await;
-        return result.map(|()| ExitCode::SUCCESS);
-    }
-    eprintln!("serving until Ctrl-C");
-    server.run_until_interrupted(&mut interrupts).await?;
-    Ok(ExitCode::SUCCESS)
+    let work = async |server: &Server| compute_and_show(&arguments, server).await;
+    work_and_serve(&arguments.server, log, arguments.exit, work).await
 }
 
 async fn compute_and_show(arguments: &Arguments, server: &Server) -> anyhow::Result<()> {

@@ -2,10 +2,12 @@
 
 mod closed_loop;
 mod error_table;
+mod standing;
 mod verdict;
 
 pub use closed_loop::print_closed_loop;
 use error_table::{by_frequency, by_group};
+pub use standing::Standing;
 use verdict::verdicts;
 
 use evaluation::{PredictorInfo, PredictorKind, Report};
@@ -45,7 +47,7 @@ fn label(predictor: &PredictorInfo) -> String {
 }
 
 /// Hundredths of a degree, or of what is smaller two significant digits, up to six.
-fn degrees(x: f64) -> String {
+pub fn degrees(x: f64) -> String {
     let decimals = match x.abs() {
         0.0 | 0.1.. => 2,
         0.01.. => 3,

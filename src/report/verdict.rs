@@ -1,6 +1,6 @@
 use evaluation::{Interval, PairedDifference, PredictorKind, PredictorSummary, Report};
 
-use super::{degrees, models, signed_degrees};
+use super::{Standing, degrees, models, signed_degrees};
 
 /// How each trained model stands against the strongest baseline, against the damped integrator and
 /// against holding the last position, from differences on the same scenarios: a sentence each.
@@ -74,33 +74,6 @@ fn in_group(paired: &PairedDifference, standing: Standing) -> String {
     }
     let [mean, low, high] = [mean, low, high].map(degrees);
     format!("{group} (by {mean}°, 95 % CI {low}° to {high}°)")
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Standing {
-    Better,
-    Worse,
-    NotClear,
-}
-
-impl Standing {
-    fn of(difference: Interval) -> Self {
-        if difference.high < 0.0 {
-            Self::Better
-        } else if difference.low > 0.0 {
-            Self::Worse
-        } else {
-            Self::NotClear
-        }
-    }
-
-    const fn words(self) -> &'static str {
-        match self {
-            Self::Better => "better than",
-            Self::Worse => "worse than",
-            Self::NotClear => "not clearly different from",
-        }
-    }
 }
 
 #[cfg(test)]

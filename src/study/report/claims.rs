@@ -5,41 +5,17 @@ use std::fmt::Write;
 use evaluation::{Interval, Latency, PredictorInfo, Report};
 use spec::Start;
 
+use crate::report::{Standing, degrees};
+
 use super::super::{DENOISERS, MODELS, REFERENCE, Set, Study};
 use super::figures::{baselines, error};
-use super::text::{degrees, markdown, with_interval};
+use super::text::{markdown, with_interval};
 use super::{IN_DISTRIBUTION, OUT_OF_DISTRIBUTION, difference, rmse};
 
 /// What the paper allows one prediction to take.
 const BUDGET_MS: f64 = 40.0;
 /// Passes that fit into it there.
 const FEW_STEPS: u32 = 5;
-
-/// A difference counts when its 95 % interval leaves zero out.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Standing {
-    Better,
-    Worse,
-    NotClear,
-}
-
-impl Standing {
-    fn of(difference: Interval) -> Self {
-        match difference {
-            Interval { high, .. } if high < 0.0 => Self::Better,
-            Interval { low, .. } if low > 0.0 => Self::Worse,
-            _ => Self::NotClear,
-        }
-    }
-
-    const fn word(self) -> &'static str {
-        match self {
-            Self::Better => "better",
-            Self::Worse => "worse",
-            Self::NotClear => "not clear",
-        }
-    }
-}
 
 /// How often one model was better and worse than another.
 #[derive(Clone, Copy, Debug, Default)]
@@ -257,11 +233,7 @@ fn sentence(
             let Some(interval) = difference(report, group, &shifted.name, &against.name) else {
                 continue;
             };
-            let standing = match Standing::of(interval) {
-                Standing::Better => "better than",
-                Standing::Worse => "worse than",
-                Standing::NotClear => "not clearly different from",
-            };
+            let standing = Standing::of(interval).words();
             clauses.push(format!(
                 "{standing} {words} {group} ({} [{}, {}])",
                 degrees(interval.mean),

@@ -2,6 +2,8 @@ use std::fmt::Write;
 
 use evaluation::Interval;
 
+use crate::report::degrees;
+
 use super::super::{Scale, Study, machine};
 use super::{claims, tables};
 
@@ -143,11 +145,6 @@ pub fn with_interval(Interval { mean, low, high }: Interval) -> String {
     format!("{} [{}, {}]", degrees(mean), degrees(low), degrees(high))
 }
 
-/// Two decimals, and more where nothing would be left.
-pub fn degrees(value: f64) -> String {
-    if value.abs() >= 0.1 { format!("{value:.2}") } else { significant(value) }
-}
-
 /// Three significant digits.
 fn significant(value: f64) -> String {
     if value == 0.0 || !value.is_finite() {
@@ -157,17 +154,4 @@ fn significant(value: f64) -> String {
     let exponent = value.abs().log10().floor() as i32;
     let decimals = usize::try_from(2 - exponent).unwrap_or(0);
     format!("{value:.decimals$}")
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn small_errors_keep_three_digits() {
-        assert_eq!(
-            [12.345, 0.567, 0.012_34, 0.000_9, -0.05].map(degrees),
-            ["12.35", "0.57", "0.0123", "0.000900", "-0.0500"]
-        );
-    }
 }

@@ -1,0 +1,34 @@
+//! What commands share that bring a server of their own.
+
+use std::process::ExitCode;
+
+use crate::server::{Interrupts, Options, Server};
+
+/// What a shell reports for a program that Ctrl-C ended.
+const INTERRUPTED: u8 = 130;
+
+/// Does `work` with a server, and serves on until Ctrl-C unless it is to `exit` or the work failed.
+pub async fn work_and_serve(
+    options: &Options,
+    log: &str,
+    exit: bool,
+    work: impl AsyncFnOnce(&Server) -> anyhow::Result<()>,
+) -> anyhow::Result<ExitCode> {
+    let mut interrupts = Interrupts::new()?;
+    let server = Server::start(options, log).await?;
+    let result = tokio::select! {
+        result = work(&server) => result,
+        () = interrupts.next() => {
+            eprintln!("stopping; run it again to go on");
+            server.stop(&mut interrupts).await;
+            return Ok(ExitCode::from(INTERRUPTED));
+        }
+    };
+    if result.is_err() || exit {
+        server.stop(&mut interrupts).await;
+        return result.map(|()| ExitCode::SUCCESS);
+    }
+    eprintln!("serving until Ctrl-C");
+    server.run_until_interrupted(&mut interrupts).await?;
+    Ok(ExitCode::SUCCESS)
+}
