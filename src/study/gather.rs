@@ -27,6 +27,7 @@ pub async fn gather(client: &Client, plan: &Plan, job: &Job) -> anyhow::Result<S
     }
     Ok(Study {
         scale: plan.scale,
+        spec: plan.pipeline.clone(),
         pipeline: JobRecord {
             name: job.name.clone().unwrap_or_default(),
             job: job.id,

@@ -8,6 +8,7 @@ mod report;
 
 use evaluation::{PredictorInfo, Report};
 use serde::Serialize;
+use spec::PipelineSpec;
 
 pub use estimate::estimate;
 pub use gather::gather;
@@ -26,6 +27,8 @@ pub const REFERENCE: &str = "robomorph";
 #[derive(Debug)]
 pub struct Study {
     pub scale: Scale,
+    /// Every job with all its defaults.
+    pub spec: PipelineSpec,
     /// The pipeline's job.
     pub pipeline: JobRecord,
     /// One for each training set, D1 to D4.

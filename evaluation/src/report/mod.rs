@@ -341,6 +341,34 @@ mod tests {
     }
 
     #[test]
+    fn short_chains_are_compared_with_the_longest_from_noise() {
+        let run = |start, steps| PredictorInfo {
+            sampling: Some(SamplingInfo {
+                curve: format!("model ddpm {start}"),
+                kind: SamplerKind::Ddpm,
+                steps,
+                start,
+            }),
+            ..PredictorInfo::named(&format!("{start} {steps}"), PredictorKind::Checkpoint)
+        };
+        let (cold, shifted) = (spec::Start::Cold, spec::Start::Shifted);
+        let runs = [run(cold, 5), run(cold, 100), run(shifted, 5), run(shifted, 20)];
+        let mut result = cell(0, 0.15, 1.0, 2.0);
+        let errors = result.predictors.pop().unwrap();
+        result.predictors = runs
+            .iter()
+            .map(|run| crate::PredictorErrors { predictor: run.name.clone(), ..errors.clone() })
+            .collect();
+        let setting = Setting { predictors: runs.to_vec(), ..setting() };
+        let report = summarize(setting, &[result]).unwrap();
+        let pairs: Vec<[&str; 2]> =
+            report.paired.iter().map(|it| [&it.predictor[..], &it.against]).collect();
+        assert!(pairs.contains(&["shifted 5", "cold 100"]), "{pairs:?}");
+        assert!(pairs.contains(&["shifted 20", "cold 100"]), "{pairs:?}");
+        assert!(!pairs.contains(&["shifted 20", "cold 5"]), "{pairs:?}");
+    }
+
+    #[test]
     fn the_worst_cases_can_be_made_again() {
         let report = report(&[cell(0, 0.15, 1.0, 2.0), cell(1, 0.3, 5.0, 4.0)]).unwrap();
         let of_model: Vec<&WorstCase> =

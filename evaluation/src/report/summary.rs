@@ -146,7 +146,8 @@ fn means(
 /// Each checkpoint against all that come before it, baselines and other checkpoints; without
 /// checkpoints each baseline against those before it. Checkpoints that are sampled in several ways
 /// are compared with others that are sampled in the same way, and each with itself where steps or the
-/// rest is the same: all pairs of a sweep over steps would be thousands.
+/// rest is the same, and with its longest chain from noise: all pairs of a sweep over steps would be
+/// thousands.
 fn paired(
     group: &str,
     predictors: &[PredictorInfo],
@@ -160,7 +161,7 @@ fn paired(
         .enumerate()
         .filter(|(_, ours)| only_baselines || is_checkpoint(ours))
         .flat_map(|(k, ours)| predictors[..k].iter().map(move |theirs| (ours, theirs)))
-        .filter(|(ours, theirs)| is_told(ours, theirs))
+        .filter(|(ours, theirs)| is_told(ours, theirs) || is_longest(theirs, ours, predictors))
         .collect();
     pairs
         .into_par_iter()
@@ -179,6 +180,18 @@ fn is_told(ours: &PredictorInfo, theirs: &PredictorInfo) -> bool {
     let (Some(a), Some(b)) = (&ours.sampling, &theirs.sampling) else { return true };
     let same_way = (a.kind, a.steps, a.start) == (b.kind, b.steps, b.start);
     same_way || ours.digest == theirs.digest && (a.curve == b.curve || a.steps == b.steps)
+}
+
+/// Whether `chain` is the longest that begins cold of those that sample the checkpoint of `ours` by the
+/// same kind of sampler.
+fn is_longest(chain: &PredictorInfo, ours: &PredictorInfo, predictors: &[PredictorInfo]) -> bool {
+    let cold_steps = |info: &PredictorInfo| {
+        let (theirs, ours) = (info.sampling.as_ref()?, ours.sampling.as_ref()?);
+        (theirs.start == spec::Start::Cold && theirs.kind == ours.kind).then_some(theirs.steps)
+    };
+    let of_same = predictors.iter().filter(|info| info.digest == ours.digest);
+    let longest = of_same.filter_map(cold_steps).max();
+    chain.digest == ours.digest && longest.is_some() && cold_steps(chain) == longest
 }
 
 /// One predictor's errors, a stratum per cell; `None` unless it answered everything.

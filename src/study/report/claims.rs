@@ -106,6 +106,31 @@ pub fn robustness(study: &Study) -> String {
     format!("{text}\n{}", markdown(&columns, &rows))
 }
 
+/// What needs no training, beside which a model has to show what it is worth.
+const UNTRAINED: [&str; 3] = ["damped-integrator", "arx", "identification"];
+
+/// How every model stands against baselines on the training sets.
+pub fn against_baselines(study: &Study) -> String {
+    let mut rows = Vec::new();
+    for model in MODELS {
+        for group in [IN_DISTRIBUTION, OUT_OF_DISTRIBUTION] {
+            let against = |baseline: &str| {
+                let mut tally = Tally::default();
+                let differences =
+                    study.sets.iter().filter_map(|set| between(set, group, model, baseline));
+                differences.for_each(|interval| tally.count(Standing::of(interval)));
+                if tally.all == 0 { none() } else { tally.words() }
+            };
+            let mut row = vec![model.to_owned(), group.to_owned()];
+            row.extend(UNTRAINED.map(against));
+            rows.push(row);
+        }
+    }
+    let mut columns = vec!["predictor", "cells"];
+    columns.extend(UNTRAINED);
+    markdown(&columns, &rows)
+}
+
 /// "Inpainting (Diffuser) is the best of the diffusion models."
 pub fn inpainting(study: &Study) -> String {
     let mut text = String::new();

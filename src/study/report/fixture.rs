@@ -4,12 +4,13 @@
 use evaluation::Report;
 use serde_json::{Value, json};
 
-use super::super::{Evaluation, File, JobRecord, MODELS, Scale, Set, Study, Training};
+use super::super::{Evaluation, File, JobRecord, MODELS, Plan, Scale, Set, Study, Training};
 use super::{IN_DISTRIBUTION, OUT_OF_DISTRIBUTION};
 
 pub fn study() -> Study {
     Study {
         scale: Scale::Tiny,
+        spec: Plan::of(Scale::Tiny).unwrap().pipeline,
         pipeline: record("paper-study-tiny", 1),
         sets: vec![set(1), set(2)],
         warm_start: evaluation("warm-start", 90, warm_start_report(2)),
@@ -82,6 +83,10 @@ fn sweep(set: usize) -> Report {
     let mut paired = Vec::new();
     for (name, factor) in [(IN_DISTRIBUTION, 1.0), (OUT_OF_DISTRIBUTION, 2.0)] {
         for k in 0..MODELS.len() {
+            paired.push(json!({
+                "group": name, "predictor": predictor(k), "against": "arx",
+                "difference_deg": interval(error(k, factor)),
+            }));
             for before in 0..k {
                 let difference = error(k, factor) - error(before, factor);
                 paired.push(json!({

@@ -10,6 +10,7 @@ use std::path::Path;
 
 use anyhow::Context;
 use evaluation::{Interval, Report};
+use spec::JobSpec;
 
 use super::{Set, Study};
 use folder::Folder;
@@ -31,10 +32,12 @@ pub fn write(out: &Path, study: &Study) -> anyhow::Result<()> {
         folder.add(format!("figures/{}", figure.name), figure.bytes);
     }
     for evaluation in study.evaluations() {
-        let json = serde_json::to_vec_pretty(&evaluation.report)?;
+        let json = serde_json::to_vec(&evaluation.report)?;
         folder.add(format!("evaluations/{}.json", evaluation.record.name), json);
     }
     folder.add("study.json".to_owned(), provenance(study)?);
+    let pipeline = JobSpec::Pipeline(study.spec.clone()).to_json();
+    folder.add("pipeline.json".to_owned(), serde_json::to_vec_pretty(&pipeline)?);
     folder.add("README.md".to_owned(), text::readme(study));
     folder.write(out).with_context(|| format!("cannot write {}", out.display()))
 }
@@ -147,6 +150,26 @@ mod tests {
         let line = "- `diffuser` against `cdt` in distribution: better on 2 of 2, worse on 0, not \
                     clearly different on 0 training sets.";
         assert!(inpainting.contains(line), "{inpainting}");
+    }
+
+    #[test]
+    fn models_are_counted_against_what_needs_no_training() {
+        let text = claims::against_baselines(&fixture::study());
+        let line = "| cdt | in distribution | - | better on 0 of 2, worse on 2, not clearly different \
+                    on 0 | - |";
+        assert!(text.contains(line), "{text}");
+    }
+
+    #[test]
+    fn the_report_has_the_pipeline_to_submit_and_its_seeds() {
+        let place = tempfile::tempdir().unwrap();
+        let out = place.path().join("report");
+        let study = fixture::study();
+        write(&out, &study).unwrap();
+        let pipeline = std::fs::read(out.join("pipeline.json")).unwrap();
+        assert_eq!(spec::parse(&pipeline).unwrap(), JobSpec::Pipeline(study.spec));
+        let readme = std::fs::read_to_string(out.join("README.md")).unwrap();
+        assert!(readme.contains("robots of evaluations 1000003"), "{readme}");
     }
 
     #[test]

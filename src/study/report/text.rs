@@ -1,6 +1,8 @@
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
 
 use evaluation::Interval;
+use spec::{DataSource, JobSpec, PipelineSpec};
 
 use crate::report::degrees;
 
@@ -22,7 +24,15 @@ pub fn readme(study: &Study) -> String {
              scenario. A cell is in distribution when the training set drew its excitation and \
              frequency. Differences are paired: the same robots under the same torques.",
             claims::robustness(study),
-            &["in-distribution.svg", "out-of-distribution.svg"][..],
+            &["in-distribution", "out-of-distribution"][..],
+        ),
+        (
+            "Beside what needs no training",
+            "On how many training sets each model's RMSE is better or worse than that of a line of code \
+             (`damped-integrator`), of a fit on the context (`arx`), and of an identification of the \
+             arm's own parameters through the simulator (`identification`), on the same scenarios.",
+            claims::against_baselines(study),
+            &[],
         ),
         (
             "Claim 2: inpainting is best",
@@ -42,20 +52,15 @@ pub fn readme(study: &Study) -> String {
     for (title, about, numbers, figures) in sections {
         let _ = writeln!(text, "## {title}\n\n{about}\n\n{numbers}");
         for figure in figures {
-            let _ = writeln!(text, "![{title}](figures/{figure})\n");
+            let _ = writeln!(text, "{}", image(figure));
         }
     }
     for evaluation in study.evaluations() {
         let name = &evaluation.record.name;
-        let figures: Vec<&str> = evaluation
-            .files
-            .iter()
-            .map(|file| file.name.as_str())
-            .filter(|name| name.ends_with(".svg"))
-            .collect();
+        let names = evaluation.files.iter().map(|file| file.name.as_str());
         let _ = writeln!(text, "## {name}\n");
-        for figure in figures {
-            let _ = writeln!(text, "![{name}](figures/{name}-{figure})\n");
+        for figure in names.filter_map(|name| name.strip_suffix(".svg")) {
+            let _ = writeln!(text, "{}", image(&format!("{name}-{figure}")));
         }
     }
     for (title, name) in [("Samples as distributions", "samples"), ("Trainings", "trainings")] {
@@ -67,9 +72,15 @@ pub fn readme(study: &Study) -> String {
         text,
         "## Where the numbers come from\n\n`tables/` holds every number with the id of its job and \
          the digest of the job's spec, which covers everything upstream; `evaluations/` the reports \
-         as the jobs wrote them; `study.json` all jobs and checkpoints."
+         as the jobs wrote them; `study.json` all jobs and checkpoints; `pipeline.json` every job with \
+         all its defaults, to be submitted as it is or changed."
     );
     text
+}
+
+/// One of the report's figures.
+fn image(name: &str) -> String {
+    format!("![{name}](figures/{name}.svg)\n")
 }
 
 const fn about(scale: Scale) -> &'static str {
@@ -102,11 +113,37 @@ fn setting(study: &Study) -> String {
     if let Some(seconds) = study.pipeline.seconds {
         rows.push(vec!["time".to_owned(), format!("{:.0} min", seconds / 60.0)]);
     }
+    rows.push(vec!["seeds".to_owned(), seeds(&study.spec)]);
     for set in &study.sets {
         let what = format!("{} trajectories, digest `{}`", set.trajectories, set.data.digest);
         rows.push(vec![set.name.clone(), what]);
     }
     markdown(&["", ""], &rows)
+}
+
+/// Of what all jobs draw, each once.
+fn seeds(pipeline: &PipelineSpec) -> String {
+    let mut drawn: BTreeMap<&str, BTreeSet<u64>> = BTreeMap::new();
+    for member in pipeline.jobs.values() {
+        let mut add = |what, seed| drawn.entry(what).or_default().insert(seed);
+        match &member.spec {
+            JobSpec::Simulate(spec) => drop(add("robots of training sets", spec.seed)),
+            JobSpec::Train(spec) => drop(add("trainings", spec.seed)),
+            JobSpec::Evaluate(spec) => {
+                add("noise of samplers", spec.seed);
+                add("bootstrap", spec.bootstrap.seed);
+                if let DataSource::Stream(robots) = &spec.data {
+                    add("robots of evaluations", robots.seed);
+                }
+            }
+            _ => {}
+        }
+    }
+    let each = drawn.iter().map(|(what, seeds)| {
+        let seeds: Vec<String> = seeds.iter().map(u64::to_string).collect();
+        format!("{what} {}", seeds.join(", "))
+    });
+    each.collect::<Vec<_>>().join("; ")
 }
 
 /// A table without what is there for tracing alone.
