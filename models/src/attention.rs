@@ -3,8 +3,8 @@ use burn::tensor::Tensor;
 
 use crate::dropout::Dropout;
 use crate::initialization::InitialWeights;
-use crate::kernels::{self, Mask};
-use crate::layers::Linear;
+use crate::kernels::{self, Mask, PackedWeight};
+use crate::layers::{LayerNorm, Linear};
 
 /// Multi-head scaled dot-product attention (Vaswani et al. 2017), biases on.
 #[derive(Module, Debug)]
@@ -14,6 +14,9 @@ pub(crate) struct Attention {
     value: Linear,
     output: Linear,
     heads: usize,
+    /// Of query, key and value.
+    #[module(skip)]
+    packed: PackedWeight,
 }
 
 impl Attention {
@@ -24,23 +27,43 @@ impl Attention {
             value: Linear::new(d_model, d_model, weights),
             output: Linear::new(d_model, d_model, weights),
             heads,
+            packed: PackedWeight::default(),
         }
     }
 
-    /// Every token of `x` `[batch, token, d_model]` looks at the tokens of `memory`
-    /// `[batch, source, d_model]` that `mask` lets it see. Gives the shape of `x`. Dropout leaves out
-    /// some of what it looks at, and some of what comes of it.
+    /// Every token of the normed `x` `[batch, token, d_model]` looks at those tokens of the same that `mask`
+    /// lets it see. Gives the shape of `x`. Dropout leaves out some of what it looks at, and some of
+    /// what comes of it.
     pub fn forward(
         &self,
         x: Tensor<3>,
+        norm: &LayerNorm,
+        mask: Mask,
+        dropout: &mut Dropout,
+    ) -> Tensor<3> {
+        let maps = [&self.query, &self.key, &self.value];
+        let projected = Linear::forward_three_normed(maps, x, norm, &self.packed);
+        let mixed = kernels::self_attention(projected, self.heads, mask, dropout.mask());
+        self.outcome(mixed, dropout)
+    }
+
+    /// The same of the tokens of `memory` `[batch, source, d_model]`, as they are.
+    pub fn forward_across(
+        &self,
+        x: Tensor<3>,
+        norm: &LayerNorm,
         memory: Tensor<3>,
         mask: Mask,
         dropout: &mut Dropout,
     ) -> Tensor<3> {
-        let query = self.query.forward(x);
+        let query = self.query.forward_normed(x, norm);
         let key = self.key.forward(memory.clone());
         let value = self.value.forward(memory);
         let mixed = kernels::attention(query, key, value, self.heads, mask, dropout.mask());
+        self.outcome(mixed, dropout)
+    }
+
+    fn outcome(&self, mixed: Tensor<3>, dropout: &mut Dropout) -> Tensor<3> {
         kernels::dropout(self.output.forward(mixed), dropout.mask())
     }
 

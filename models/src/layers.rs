@@ -41,6 +41,18 @@ impl Linear {
         kernels::norm_linear(x, norm, self.weight.val(), self.bias.val(), &self.packed)
     }
 
+    /// Three of the same normed x, their outputs side by side. `packed` is theirs together.
+    pub fn forward_three_normed(
+        maps: [&Self; 3],
+        x: Tensor<3>,
+        norm: &LayerNorm,
+        packed: &PackedWeight,
+    ) -> Tensor<3> {
+        let norm = [norm.weight.val(), norm.bias.val()];
+        let (weights, biases) = (maps.map(|map| map.weight.val()), maps.map(|map| map.bias.val()));
+        kernels::norm_linear_of_three(x, norm, weights, biases, packed)
+    }
+
     /// `residual` plus this of GELU of x; `masks` leave out numbers of GELU's and of this one's.
     pub fn forward_gelu_onto(
         &self,

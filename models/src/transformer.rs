@@ -63,8 +63,8 @@ impl EncoderBlock {
 
     /// `[batch, token, d_model]` to the same shape.
     pub fn forward(&self, x: Tensor<3>, dropout: &mut Dropout) -> Tensor<3> {
-        let normed = self.attention_norm.forward(x.clone());
-        let x = x + self.attention.forward(normed.clone(), normed, Mask::None, dropout);
+        let norm = &self.attention_norm;
+        let x = x.clone() + self.attention.forward(x, norm, Mask::None, dropout);
         self.feed_forward.forward_onto(x, &self.feed_forward_norm, dropout)
     }
 
@@ -112,11 +112,11 @@ impl DecoderBlock {
         mask: Mask,
         dropout: &mut Dropout,
     ) -> Tensor<3> {
-        let normed = self.self_attention_norm.forward(x.clone());
         let causal = Mask::Causal { ahead: 0 };
-        let x = x + self.self_attention.forward(normed.clone(), normed, causal, dropout);
-        let normed = self.cross_attention_norm.forward(x.clone());
-        let x = x + self.cross_attention.forward(normed, memory, mask, dropout);
+        let norm = &self.self_attention_norm;
+        let x = x.clone() + self.self_attention.forward(x, norm, causal, dropout);
+        let norm = &self.cross_attention_norm;
+        let x = x.clone() + self.cross_attention.forward_across(x, norm, memory, mask, dropout);
         self.feed_forward.forward_onto(x, &self.feed_forward_norm, dropout)
     }
 

@@ -9,6 +9,7 @@ use proptest::prelude::{Just, ProptestConfig, Strategy, proptest};
 use super::{
     DropoutMask, Mask, PackedWeight, attention, conv_transpose1d, conv1d, dropout, gelu_linear,
     gelu_linear_onto, group_norm_mish, instruction_set, layer_norm, linear, mish, norm_linear,
+    norm_linear_of_three, self_attention,
 };
 use crate::initialization::InitialWeights;
 use crate::parameters::host_values;
@@ -126,6 +127,26 @@ fn what_is_kept_of_a_weight_is_not_used_for_another() {
 }
 
 #[test]
+fn what_is_kept_of_three_weights_is_not_used_for_others() {
+    let device = Device::flex();
+    let packed = PackedWeight::default();
+    let ones = |width: usize| Tensor::<1>::ones([width], &device);
+    let weight = |value: f64| Tensor::<2>::ones([8, 20], &device) * value;
+    let [first, second, third] = [1.0, 2.0, 3.0].map(weight);
+    let sums = |weights: [&Tensor<2>; 3]| {
+        let x = Tensor::<3>::ones([1, 9, 20], &device);
+        // A norm of a constant is its shift.
+        let (norm, biases) = ([ones(20), ones(20)], [ones(8), ones(8), ones(8)]);
+        let y = norm_linear_of_three(x, norm, weights.map(Clone::clone), biases, &packed);
+        let y = host_values(y).unwrap();
+        [y[0], y[8], y[16]]
+    };
+    assert_eq!(sums([&first, &second, &third]), [21.0, 41.0, 61.0]);
+    assert_eq!(sums([&third, &second, &first]), [61.0, 41.0, 21.0]);
+    assert_eq!(sums([&third, &second, &second]), [61.0, 41.0, 41.0]);
+}
+
+#[test]
 fn norm_linear_agrees() {
     for [batch, tokens, input, output] in [[1, 1, 8, 1], [3, 5, 7, 9], [4, 40, 140, 96]] {
         let shapes = [
@@ -145,6 +166,56 @@ fn norm_linear_agrees() {
                 norm_linear::plain(x, [flat(scale), flat(shift)], matrix(weight), flat(bias))
             },
         );
+    }
+}
+
+#[test]
+fn norm_linear_of_three_agrees() {
+    // Outputs of different widths would be side by side, too.
+    for [batch, tokens, input, outputs] in [[1, 1, 8, 1], [3, 5, 7, 9], [4, 40, 140, 96]] {
+        let weight = [1, outputs, input];
+        let bias = [1, 1, outputs];
+        let norm = [1, 1, input];
+        check_agreement(
+            [
+                [batch, tokens, input],
+                norm,
+                norm,
+                weight,
+                weight,
+                [1, 2, input],
+                bias,
+                bias,
+                [1, 1, 2],
+            ],
+            |[x, scale, shift, q, k, v, of_q, of_k, of_v]| {
+                let (norm, packed) = ([flat(scale), flat(shift)], PackedWeight::default());
+                let biases = [flat(of_q), flat(of_k), flat(of_v)];
+                norm_linear_of_three(x, norm, [q, k, v].map(matrix), biases, &packed)
+            },
+            |[x, scale, shift, q, k, v, of_q, of_k, of_v]| {
+                let n = layer_norm::plain(x, flat(scale), flat(shift));
+                let each = [(q, of_q), (k, of_k), (v, of_v)];
+                let each =
+                    each.map(|(weight, bias)| linear::plain(n.clone(), matrix(weight), flat(bias)));
+                Tensor::cat(each.into(), 2)
+            },
+        );
+    }
+}
+
+#[test]
+fn self_attention_agrees() {
+    for mask in [Mask::None, Mask::Causal { ahead: 0 }, Mask::Causal { ahead: 1 }] {
+        for [batch, tokens, heads, width] in [[1, 2, 1, 1], [3, 5, 2, 3], [2, 110, 4, 24]] {
+            for rate in [None, dropout_mask(3, 1)] {
+                check_agreement(
+                    [[batch, tokens, 3 * heads * width]],
+                    |[projected]| self_attention(projected, heads, mask, rate.clone()),
+                    |[projected]| attention::plain_of_itself(projected, heads, mask, rate.as_ref()),
+                );
+            }
+        }
     }
 }
 

@@ -35,6 +35,30 @@ pub(crate) fn attention(
         .unwrap_or_else(|| plain(query, key, value, heads, mask, op.dropout.as_ref()))
 }
 
+/// [`attention`] of a series with itself: `projected` `[batch, token, 3 d_model]` has query, key and
+/// value side by side. Gives `[batch, token, d_model]`.
+pub(crate) fn self_attention(
+    projected: Tensor<3>,
+    heads: usize,
+    mask: Mask,
+    dropout: Option<DropoutMask>,
+) -> Tensor<3> {
+    let op = Attention { heads, mask, dropout };
+    apply(op.clone(), [operand(&projected)])
+        .unwrap_or_else(|| plain_of_itself(projected, heads, mask, op.dropout.as_ref()))
+}
+
+pub(super) fn plain_of_itself(
+    projected: Tensor<3>,
+    heads: usize,
+    mask: Mask,
+    dropout: Option<&DropoutMask>,
+) -> Tensor<3> {
+    let parts = projected.chunk(3, 2).try_into();
+    let [query, key, value] = parts.expect("three of the same width");
+    plain(query, key, value, heads, mask, dropout)
+}
+
 pub(super) fn plain(
     query: Tensor<3>,
     key: Tensor<3>,
@@ -89,6 +113,8 @@ struct Extents<'a> {
     d_model: usize,
     /// Of a head.
     width: usize,
+    /// Between rows of queries, keys and values, and of their derivatives.
+    strides: [usize; 3],
     mask: Mask,
     dropout: Option<&'a DropoutMask>,
 }
@@ -113,11 +139,28 @@ struct Scratch {
 }
 
 impl Attention {
-    fn extents(&self, query: &Array, key: &Array) -> Extents<'_> {
-        let [.., tokens, d_model] = *query.shape() else { unreachable!("of rank 3") };
-        let [.., sources, _] = *key.shape() else { unreachable!("of rank 3") };
+    fn extents(
+        &self,
+        tokens: usize,
+        sources: usize,
+        strides: [usize; 3],
+        d_model: usize,
+    ) -> Extents<'_> {
         let (width, dropout) = (d_model / self.heads, self.dropout.as_ref());
-        Extents { tokens, sources, d_model, width, mask: self.mask, dropout }
+        Extents { tokens, sources, d_model, width, strides, mask: self.mask, dropout }
+    }
+
+    /// Of three arrays.
+    fn apart(&self, query: &Array, key: &Array) -> Extents<'_> {
+        let [_, tokens, d_model] = *query.shape() else { unreachable!("of rank 3") };
+        let [_, sources, _] = *key.shape() else { unreachable!("of rank 3") };
+        self.extents(tokens, sources, [d_model; 3], d_model)
+    }
+
+    /// Of one array that has the three side by side.
+    fn side_by_side(&self, projected: &Array) -> Extents<'_> {
+        let [_, tokens, width] = *projected.shape() else { unreachable!("of rank 3") };
+        self.extents(tokens, tokens, [width; 3], width / 3)
     }
 }
 
@@ -163,8 +206,39 @@ impl Extents<'_> {
         softmax(into, seen, self.scale(), self.visible(first));
     }
 
+    /// O of all trajectories, given where each one's queries, keys and values begin.
+    fn forward<'b>(
+        &self,
+        batch: usize,
+        of: impl Fn(usize) -> [&'b [f32]; 3] + Sync + Send,
+    ) -> Array {
+        let Self { tokens, sources, d_model, width, strides, .. } = *self;
+        let part = tokens * d_model;
+        let (output, _) = in_parts(
+            batch * part,
+            part,
+            || (),
+            |(), index, output| {
+                let [query, key, value] = of(index);
+                let keys: Vec<Panels> = (0..d_model)
+                    .step_by(width)
+                    .map(|head| Panels::of_columns(&key[head..], width, sources, strides[1]))
+                    .collect();
+                output
+                    .par_chunks_mut(TOKENS * d_model)
+                    .zip(query.par_chunks(TOKENS * strides[0]))
+                    .enumerate()
+                    .for_each_init(Vec::new, |probabilities, (part, (output, query))| {
+                        let first = [index, part * TOKENS];
+                        self.rows(query, value, &keys, first, output, probabilities);
+                    });
+            },
+        );
+        Array::new(output, &[batch, tokens, d_model])
+    }
+
     /// O of the trajectory's tokens from `first` on.
-    fn forward(
+    fn rows(
         &self,
         query: &[f32],
         value: &[f32],
@@ -173,11 +247,11 @@ impl Extents<'_> {
         output: &mut [f32],
         probabilities: &mut Vec<f32>,
     ) {
-        let Self { d_model, width, .. } = *self;
+        let Self { d_model, width, strides, .. } = *self;
         let count = output.len() / d_model;
-        let rows = multiples(count, d_model);
+        let rows = multiples(count, strides[0]);
         let seen = self.seen(first + count);
-        let (of_p, of_value) = (multiples(count, seen), multiples(seen, d_model));
+        let (of_p, of_value) = (multiples(count, seen), multiples(seen, strides[2]));
         for (head, keys) in (0..d_model).step_by(width).zip(keys) {
             let query = Left { values: &query[head..], rows: &rows, step: 1 };
             self.probabilities(query, keys, first, probabilities);
@@ -190,18 +264,21 @@ impl Extents<'_> {
         }
     }
 
-    /// dQ, dK and dV of a trajectory's head, at whose first channel everything begins.
+    /// dQ, dK and dV of a trajectory's head, at whose first channel everything begins; `places` are theirs in
+    /// `gradients`.
     fn backward(
         &self,
         [trajectory, head]: [usize; 2],
         [query, key, value, d_output]: [&[f32]; 4],
-        [d_query, d_key, d_value]: [&mut [f32]; 3],
+        gradients: &mut [&mut [f32]],
+        places: [Place; 3],
         scratch: &mut Scratch,
     ) {
-        let Self { tokens, sources, d_model, width, .. } = *self;
-        scratch.keys.write_rows(key, sources, width, d_model);
-        scratch.key_columns.write_columns(key, width, sources, d_model);
-        scratch.value_columns.write_columns(value, width, sources, d_model);
+        let Self { tokens, sources, d_model, width, strides, .. } = *self;
+        let [of_query, of_key, of_value] = places;
+        scratch.keys.write_rows(key, sources, width, strides[1]);
+        scratch.key_columns.write_columns(key, width, sources, strides[1]);
+        scratch.value_columns.write_columns(value, width, sources, strides[2]);
         for sums in [&mut scratch.d_key, &mut scratch.d_value] {
             sums.clear();
             sums.resize(sources * width, 0.0);
@@ -210,12 +287,13 @@ impl Extents<'_> {
             let count = TOKENS.min(tokens - first);
             let seen = self.seen(first + count);
             let (rows, of_p) = (multiples(count, d_model), multiples(count, seen));
+            let query_rows = multiples(count, strides[0]);
             let each: Vec<usize> = (0..seen).collect();
-            let query = &query[first * d_model..];
+            let query = &query[first * strides[0]..];
             let d_output = &d_output[first * d_model..];
 
-            let of_query = Left { values: query, rows: &rows, step: 1 };
-            self.probabilities(of_query, &scratch.key_columns, first, &mut scratch.probabilities);
+            let left = Left { values: query, rows: &query_rows, step: 1 };
+            self.probabilities(left, &scratch.key_columns, first, &mut scratch.probabilities);
             let probabilities = match self.dropout {
                 None => &scratch.probabilities,
                 Some(mask) => {
@@ -228,90 +306,92 @@ impl Extents<'_> {
                 }
             };
             let p = Left { values: probabilities, rows: &each, step: seen };
-            let of_output = Right { values: d_output, terms: &rows };
-            multiply(p, of_output, Onto::Output, &mut scratch.d_value, width, width);
+            let right = Right { values: d_output, terms: &rows };
+            multiply(p, right, Onto::Output, &mut scratch.d_value, width, width);
 
             scratch.scores.resize(count * seen, 0.0);
-            let of_output = Left { values: d_output, rows: &rows, step: 1 };
+            let left = Left { values: d_output, rows: &rows, step: 1 };
             let extent = [width, seen];
             let scores = &mut scratch.scores;
-            scratch.value_columns.multiply_part(of_output, extent, Onto::Nothing, scores, seen);
+            scratch.value_columns.multiply_part(left, extent, Onto::Nothing, scores, seen);
             if self.dropout.is_some() {
                 vectorized::multiply(scores, &scratch.factors);
             }
             softmax_gradient(&scratch.probabilities, seen, self.scale(), scores);
 
             let ds = Left { values: scores, rows: &of_p, step: 1 };
-            let d_query = &mut d_query[first * d_model..];
-            scratch.keys.multiply_part(ds, [seen, width], Onto::Nothing, d_query, d_model);
+            let d_query = &mut of_query.begin(gradients, head)[first * strides[0]..];
+            scratch.keys.multiply_part(ds, [seen, width], Onto::Nothing, d_query, strides[0]);
             let ds = Left { values: scores, rows: &each, step: seen };
-            let of_query = Right { values: query, terms: &rows };
-            multiply(ds, of_query, Onto::Output, &mut scratch.d_key, width, width);
+            let right = Right { values: query, terms: &query_rows };
+            multiply(ds, right, Onto::Output, &mut scratch.d_key, width, width);
         }
-        for (sums, gradient) in [(&scratch.d_key, d_key), (&scratch.d_value, d_value)] {
-            for (row, sums) in gradient.chunks_mut(d_model).zip(sums.chunks_exact(width)) {
+        let sums = [(&scratch.d_key, of_key, strides[1]), (&scratch.d_value, of_value, strides[2])];
+        for (sums, place, stride) in sums {
+            let gradient = place.begin(gradients, head);
+            for (row, sums) in gradient.chunks_mut(stride).zip(sums.chunks_exact(width)) {
                 row[..width].copy_from_slice(sums);
             }
         }
+    }
+
+    /// [`Extents::backward`] of all heads of a trajectory.
+    fn backward_of_heads(
+        &self,
+        trajectory: usize,
+        inputs: [&[f32]; 4],
+        gradients: &mut [&mut [f32]],
+        places: [Place; 3],
+        scratch: &mut Scratch,
+    ) {
+        for head in (0..self.d_model).step_by(self.width) {
+            let inputs = inputs.map(|series| &series[head..]);
+            self.backward([trajectory, head], inputs, gradients, places, scratch);
+        }
+    }
+}
+
+/// Where a derivative lies in arrays.
+#[derive(Clone, Copy)]
+struct Place {
+    array: usize,
+    /// Its first one's.
+    channel: usize,
+}
+
+impl Place {
+    /// What begins at a head's first channel.
+    fn begin<'a>(self, arrays: &'a mut [&mut [f32]], head: usize) -> &'a mut [f32] {
+        &mut arrays[self.array][self.channel + head..]
     }
 }
 
 impl FusedOp<3> for Attention {
     fn forward(&self, [query, key, value]: &[Array; 3]) -> Array {
-        let extents = self.extents(query, key);
-        let Extents { tokens, sources, d_model, width, .. } = extents;
-        let (of_query, of_key) = (tokens * d_model, sources * d_model);
-        let (output, _) = in_parts(
-            query.values().len(),
-            of_query,
-            || (),
-            |(), index, output| {
-                let query = &query.values()[index * of_query..][..of_query];
-                let key = &key.values()[index * of_key..][..of_key];
-                let value = &value.values()[index * of_key..][..of_key];
-                let keys: Vec<Panels> = (0..d_model)
-                    .step_by(width)
-                    .map(|head| Panels::of_columns(&key[head..], width, sources, d_model))
-                    .collect();
-                output
-                    .par_chunks_mut(TOKENS * d_model)
-                    .zip(query.par_chunks(TOKENS * d_model))
-                    .enumerate()
-                    .for_each_init(Vec::new, |probabilities, (part, (output, query))| {
-                        let first = [index, part * TOKENS];
-                        extents.forward(query, value, &keys, first, output, probabilities);
-                    });
-            },
-        );
-        Array::new(output, query.shape())
+        let extents = self.apart(query, key);
+        let batch = query.shape()[0];
+        let series = [query, key, value].map(Array::values);
+        extents.forward(batch, |index| series.map(|values| nth(values, batch, index)))
     }
 
     fn backward(&self, [query, key, value]: &[Array; 3], gradient: &Array) -> [Array; 3] {
-        let extents = self.extents(query, key);
-        let Extents { tokens, sources, d_model, width, .. } = extents;
-        let (of_query, of_key) = (tokens * d_model, sources * d_model);
+        let extents = self.apart(query, key);
+        let batch = query.shape()[0];
+        let places = [0, 1, 2].map(|array| Place { array, channel: 0 });
+        let inputs = [query, key, value, gradient].map(Array::values);
+        let part = |array: &Array| array.values().len() / batch;
         let mut d_query = vec![0.0; query.values().len()];
         let mut d_key = vec![0.0; key.values().len()];
         let mut d_value = vec![0.0; value.values().len()];
-        let inputs = query
-            .values()
-            .par_chunks(of_query)
-            .zip(key.values().par_chunks(of_key))
-            .zip(value.values().par_chunks(of_key))
-            .zip(gradient.values().par_chunks(of_query));
         let outputs = d_query
-            .par_chunks_mut(of_query)
-            .zip(d_key.par_chunks_mut(of_key))
-            .zip(d_value.par_chunks_mut(of_key));
-        let tasks = inputs.zip(outputs).enumerate();
-        tasks.for_each_init(Scratch::default, |scratch, (trajectory, (inputs, outputs))| {
-            let (((query, key), value), gradient) = inputs;
-            let ((d_query, d_key), d_value) = outputs;
-            for head in (0..d_model).step_by(width) {
-                let inputs = [query, key, value, gradient].map(|series| &series[head..]);
-                let outputs = [&mut d_query[head..], &mut d_key[head..], &mut d_value[head..]];
-                extents.backward([trajectory, head], inputs, outputs, scratch);
-            }
+            .par_chunks_mut(part(query))
+            .zip(d_key.par_chunks_mut(part(key)))
+            .zip(d_value.par_chunks_mut(part(value)))
+            .enumerate();
+        outputs.for_each_init(Scratch::default, |scratch, (index, ((d_query, d_key), d_value))| {
+            let inputs = inputs.map(|values| nth(values, batch, index));
+            let outputs = &mut [d_query, d_key, d_value];
+            extents.backward_of_heads(index, inputs, outputs, places, scratch);
         });
         [
             Array::new(d_query, query.shape()),
@@ -319,6 +399,38 @@ impl FusedOp<3> for Attention {
             Array::new(d_value, value.shape()),
         ]
     }
+}
+
+impl FusedOp<1> for Attention {
+    fn forward(&self, [projected]: &[Array; 1]) -> Array {
+        let extents = self.side_by_side(projected);
+        let batch = projected.shape()[0];
+        extents.forward(batch, |index| {
+            let series = nth(projected.values(), batch, index);
+            [0, 1, 2].map(|part| &series[part * extents.d_model..])
+        })
+    }
+
+    fn backward(&self, [projected]: &[Array; 1], gradient: &Array) -> [Array; 1] {
+        let extents = self.side_by_side(projected);
+        let batch = projected.shape()[0];
+        let places = [0, 1, 2].map(|part| Place { array: 0, channel: part * extents.d_model });
+        let length = projected.values().len();
+        let (d_projected, _) =
+            in_parts(length, length / batch, Scratch::default, |scratch, index, output| {
+                let series = nth(projected.values(), batch, index);
+                let [query, key, value] = [0, 1, 2].map(|part| &series[part * extents.d_model..]);
+                let inputs = [query, key, value, nth(gradient.values(), batch, index)];
+                extents.backward_of_heads(index, inputs, &mut [output], places, scratch);
+            });
+        [Array::new(d_projected, projected.shape())]
+    }
+}
+
+/// A trajectory's part of `values`.
+fn nth(values: &[f32], batch: usize, index: usize) -> &[f32] {
+    let part = values.len() / batch;
+    &values[index * part..][..part]
 }
 
 /// Where rows begin that are `stride` apart.

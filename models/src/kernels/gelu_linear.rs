@@ -61,7 +61,7 @@ struct GeluLinear {
 impl FusedOp<4> for GeluLinear {
     fn forward(&self, [residual, x, weight, bias]: &[Array; 4]) -> Array {
         let [_, rows, width] = *x.shape() else { unreachable!("of rank 3") };
-        let (weight, bias) = (self.packing.transposed(weight), bias.values());
+        let (weight, bias) = (self.packing.transposed(&[weight]), bias.values());
         let [between, after] = &self.masks;
         let gelu = |x: &[f32], g: &mut [f32], first| {
             vectorized::gelu(x, g);

@@ -38,7 +38,7 @@ impl FusedOp<3> for Linear {
         let y = if x.values().len() == input {
             affine::row(x.values(), weight.values(), bias.values())
         } else {
-            let weight = self.packing.transposed(weight);
+            let weight = self.packing.transposed(&[weight]);
             affine::forward(x.values(), input, &weight, bias.values())
         };
         let mut shape = x.shape().to_vec();

@@ -42,7 +42,7 @@ mod vectorized;
 mod windows;
 
 pub(crate) use adam_w::{AdamWStep, adam_w, is_fused, sum_of_squares};
-pub(crate) use attention::{Mask, attention};
+pub(crate) use attention::{Mask, attention, self_attention};
 pub(crate) use conv_transpose1d::conv_transpose1d;
 pub(crate) use conv1d::conv1d;
 pub(crate) use dropout::{DropoutKeys, DropoutMask, dropout};
@@ -51,5 +51,5 @@ pub(crate) use group_norm_mish::group_norm_mish;
 pub(crate) use layer_norm::layer_norm;
 pub(crate) use linear::linear;
 pub(crate) use mish::mish;
-pub(crate) use norm_linear::norm_linear;
+pub(crate) use norm_linear::{norm_linear, norm_linear_of_three};
 pub(crate) use packed::PackedWeight;

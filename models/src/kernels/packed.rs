@@ -1,10 +1,11 @@
+use std::borrow::Cow;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::fused::Array;
 use super::panels::Panels;
 
-/// A weight as products want it, kept from one prediction to the next: to rearrange the weights
-/// takes as long as to multiply them with some dozen rows.
+/// A weight, or several side by side, as products want it, kept from one prediction to the next: to
+/// rearrange the weights takes as long as to multiply them with some dozen rows.
 ///
 /// Only networks that record no gradients keep theirs. A clone begins with nothing, so that it is
 /// free to have other weights.
@@ -13,8 +14,8 @@ pub(crate) struct PackedWeight(Arc<Mutex<Option<Kept>>>);
 
 #[derive(Debug)]
 struct Kept {
-    /// While it is held here, nothing writes to its memory, and no other weight can be there.
-    weight: Array,
+    /// While they are held here, nothing writes to their memory, and no other weight can be there.
+    weights: Vec<Array>,
     panels: Arc<Panels>,
 }
 
@@ -36,21 +37,44 @@ impl PackedWeight {
 }
 
 impl Packing {
-    /// W `[output, input]` as the right factor Wᵀ.
-    pub fn transposed(&self, weight: &Array) -> Arc<Panels> {
-        let [output, input] = *weight.shape() else { unreachable!("of rank 2") };
-        let pack = || Arc::new(Panels::of_columns(weight.values(), input, output, input));
+    /// W `[output, input]` as the right factor Wᵀ; of several, all their outputs after one another.
+    pub fn transposed(&self, weights: &[&Array]) -> Arc<Panels> {
+        let pack = || Arc::new(pack(weights));
         let Some(kept) = &self.0 else { return pack() };
         let mut kept = kept.lock().unwrap_or_else(PoisonError::into_inner);
         match &*kept {
-            Some(kept) if kept.weight.values().as_ptr() == weight.values().as_ptr() => {
-                Arc::clone(&kept.panels)
-            }
+            Some(kept) if kept.is_of(weights) => Arc::clone(&kept.panels),
             _ => {
                 let panels = pack();
-                *kept = Some(Kept { weight: weight.clone(), panels: Arc::clone(&panels) });
+                let weights = weights.iter().map(|&weight| weight.clone()).collect();
+                *kept = Some(Kept { weights, panels: Arc::clone(&panels) });
                 panels
             }
+        }
+    }
+}
+
+impl Kept {
+    fn is_of(&self, weights: &[&Array]) -> bool {
+        let place = |weight: &Array| weight.values().as_ptr();
+        self.weights.len() == weights.len()
+            && self.weights.iter().zip(weights).all(|(kept, asked)| place(kept) == place(asked))
+    }
+}
+
+fn pack(weights: &[&Array]) -> Panels {
+    let input = weights[0].width();
+    let all = side_by_side(weights);
+    Panels::of_columns(&all, input, all.len() / input, input)
+}
+
+/// The rows of all arrays of the same width, after one another.
+pub(super) fn side_by_side<'a>(arrays: &[&'a Array]) -> Cow<'a, [f32]> {
+    match arrays {
+        [only] => Cow::Borrowed(only.values()),
+        several => {
+            let values: Vec<&[f32]> = several.iter().map(|array| array.values()).collect();
+            Cow::Owned(values.concat())
         }
     }
 }

@@ -192,19 +192,24 @@ impl Tally {
     }
 
     fn encoder_block(&mut self, tokens: u64, width: u64, hidden: u64) {
-        self.norm(tokens, width);
+        self.normed_inside(width);
         self.attention(tokens, tokens, width);
         self.feed_forward(tokens, width, hidden);
         self.kept += 2 * tokens * width;
     }
 
     fn decoder_block(&mut self, tokens: u64, sources: u64, width: u64, hidden: u64) {
-        self.norm(tokens, width);
+        self.normed_inside(width);
         self.attention(tokens, tokens, width);
-        self.norm(tokens, width);
+        self.normed_inside(width);
         self.attention(tokens, sources, width);
         self.feed_forward(tokens, width, hidden);
         self.kept += 3 * tokens * width;
+    }
+
+    /// A norm that the maps after it make again.
+    fn normed_inside(&mut self, width: u64) {
+        self.parameters += 2 * width;
     }
 
     /// Keeps queries, keys, values and what they mix.
@@ -217,7 +222,7 @@ impl Tally {
 
     /// Keeps what the GELU is given; the norm before and what comes of the GELU are made again.
     fn feed_forward(&mut self, tokens: u64, width: u64, hidden: u64) {
-        self.parameters += 2 * width;
+        self.normed_inside(width);
         self.linear(width, hidden);
         self.linear(hidden, width);
         self.kept += tokens * hidden;
