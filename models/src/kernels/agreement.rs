@@ -343,6 +343,11 @@ fn operations_agree_on_every_instruction_set() {
             |[x, weight, bias]| conv1d::plain(x, weight, flat(bias), 2, 1),
         );
         compare(
+            [[5, 20, 301], [40, 20, 5], [1, 1, 40]],
+            |[x, weight, bias]| conv1d(x, weight, flat(bias), 1, 2),
+            |[x, weight, bias]| conv1d::plain(x, weight, flat(bias), 1, 2),
+        );
+        compare(
             [[2, 16, 50], [1, 1, 16], [1, 1, 16]],
             |[x, weight, bias]| group_norm_mish(x, flat(weight), flat(bias), 4),
             |[x, weight, bias]| group_norm_mish::plain(x, flat(weight), flat(bias), 4),
@@ -444,6 +449,12 @@ fn convolutions_agree_at_the_sizes_of_u_nets() {
         ([2, 64, 4200], [16, 5], 1, 2),
         ([9, 40, 99], [64, 5], 1, 2),
         ([5, 64, 100], [64, 3], 2, 1),
+        // In tiles: whole ones, parts of one, trajectories that fill no block, and one more of them.
+        ([4, 16, 400], [50, 5], 1, 2),
+        ([5, 33, 399], [17, 5], 1, 2),
+        ([4, 20, 301], [16, 5], 1, 0),
+        ([21, 48, 50], [96, 5], 1, 4),
+        ([200, 16, 6], [16, 5], 1, 2),
         ([1, 64, 100], [7, 1], 1, 0),
     ] {
         check_conv1d(x, others, stride, padding);
@@ -492,7 +503,8 @@ proptest! {
     }
 }
 
-/// One thread, two, and more than there are trajectories or channels.
+/// One thread, two, and more than there are trajectories or channels; of 13 trajectories the first
+/// convolution goes by tiles.
 #[test]
 fn the_number_of_threads_does_not_change_a_bit() {
     let _guard = instruction_set::tests::unchanged();
@@ -500,11 +512,13 @@ fn the_number_of_threads_does_not_change_a_bit() {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
             let mut all = Vec::new();
-            for batch in [1, 3] {
-                let inputs = tensors([[batch, 24, 90], [48, 24, 5], [1, 1, 48], [48, 24, 4]]);
-                let [x, weight, bias, up] = inputs.clone();
+            for batch in [1, 3, 13] {
+                let shapes = [[batch, 24, 90], [24, 24, 5], [48, 24, 5], [1, 1, 48], [48, 24, 4]];
+                let inputs = tensors(shapes);
+                let [x, same, weight, bias, up] = inputs.clone();
                 let [_, _, channels] = bias.dims();
-                let y = conv1d(x, weight, flat(bias.clone()), 2, 2);
+                let y = conv1d(x, same, flat(bias.clone()).slice(0..24), 1, 2);
+                let y = conv1d(y, weight, flat(bias.clone()), 2, 2);
                 let y = group_norm_mish(y, flat(bias.clone()), flat(bias.clone()), channels / 6);
                 let y = conv_transpose1d(y, up, flat(bias.clone()).slice(0..24), 2, 1);
                 let gradients = (y.clone() * y.clone()).sum().backward();

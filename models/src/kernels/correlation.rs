@@ -2,7 +2,8 @@
 //! derivative is made of the others, and so is that of the transposed convolution.
 //!
 //! Each is a product of matrices, one of which is made of the windows that a kernel sees. They
-//! overlap and are never written out.
+//! overlap and are never written out. Many channels of many windows of five taps go through
+//! [`winograd`] instead.
 
 use rayon::prelude::*;
 
@@ -11,6 +12,7 @@ use super::parts::in_parts;
 use super::product::{Left, Onto, Right, multiply};
 use super::vectorized;
 use super::windows::Windows;
+use super::winograd;
 
 /// Samples that are computed at once, if trajectories are shorter: fewer do not fill vectors, and
 /// the kernels of deep stages, which are larger than the caches, would be read too often.
@@ -77,6 +79,9 @@ impl Correlation {
     pub fn kernel_gradient(&self, fine: &[f32], coarse: &[f32]) -> Vec<f32> {
         let (outputs, samples) = (self.coarse_channels, self.coarse_samples);
         let windows = self.windows();
+        if winograd::pays(&windows, outputs, coarse.len() / (outputs * samples)) {
+            return winograd::kernel_gradient(&windows, fine, coarse, outputs);
+        }
         let length = windows.length();
         let together = group(length);
         let task = outputs.div_ceil(rayon::current_num_threads()).next_multiple_of(LANES);
@@ -192,6 +197,9 @@ fn correlate(
     let (of_series, count, length) =
         (windows.channels * windows.samples, windows.count, windows.length());
     let batch = series.len() / of_series;
+    if winograd::pays(windows, channels, batch) {
+        return winograd::correlate(windows, series, kernel, bias, channels);
+    }
     let threads = rayon::current_num_threads();
     let together = group(length).min(batch.div_ceil(threads));
     let task = match batch.div_ceil(together) {

@@ -96,6 +96,13 @@ fn of_convolutions() {
 }
 
 #[test]
+fn of_convolutions_by_tiles() {
+    check_derivative("tiles", [[9, 17, 130], [18, 17, 5], [1, 1, 18]], |[x, weight, bias]| {
+        conv1d(x, weight, flat(bias), 1, 2)
+    });
+}
+
+#[test]
 fn of_transposed_convolutions() {
     for (kernel, stride, padding) in [(4, 2, 1), (5, 1, 2), (2, 3, 0), (7, 3, 2)] {
         let shapes = [[3, 6, 19], [6, 8, kernel], [1, 1, 8]];

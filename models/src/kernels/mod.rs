@@ -40,6 +40,7 @@ mod transposition;
 mod vector;
 mod vectorized;
 mod windows;
+mod winograd;
 
 pub(crate) use adam_w::{AdamWStep, adam_w, is_fused, sum_of_squares};
 pub(crate) use attention::{Mask, attention, self_attention};
