@@ -20,7 +20,7 @@ unsafe extern "C" {
     fn mi_option_set(option: c_int, value: c_long);
 }
 
-/// Keeps memory that was freed for the next step, for a minute.
+/// Keeps memory that was freed for the next step or prediction, for a minute.
 pub fn keep_freed_memory() {
     // SAFETY: mimalloc, which is linked as the allocator above, sets a number of its own.
     unsafe { mi_option_set(PURGE_DELAY, KEPT_MS) };

@@ -43,6 +43,7 @@ mod trainer;
 mod transformer;
 mod unet;
 mod validation;
+mod vigil;
 
 pub use batch::{Batch, PredictionInput};
 pub use checkpoint::{

@@ -161,7 +161,6 @@ impl TrainedModel {
             },
             device: self.device.inference(),
         };
-        // On a thread of the pool, which then wakes no other for each parallel loop.
-        rayon::scope(|_| predictor.answer(input, statistics, sampling, draw))
+        self.device.compute(|| predictor.answer(input, statistics, sampling, draw))
     }
 }

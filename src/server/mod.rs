@@ -22,7 +22,7 @@ use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
 use crate::cli::DeviceArguments;
-use crate::device;
+use crate::{allocator, device};
 pub use interrupt::Interrupts;
 use worker_processes::WorkerProcesses;
 
@@ -94,6 +94,7 @@ impl Server {
     /// When the device or the folder cannot be used, or the address cannot be listened on.
     pub async fn start(options: &Options, log: &str) -> anyhow::Result<Self> {
         listen::refuse_unguarded(options.listen, options.token.as_deref())?;
+        allocator::keep_freed_memory();
         device::require(options.device.device).await?;
         let store = Store::open(&options.data, Access::Server).await?;
         let listener = listen::bind(options.listen).await?;
