@@ -43,7 +43,6 @@ mod trainer;
 mod transformer;
 mod unet;
 mod validation;
-mod vigil;
 
 pub use batch::{Batch, PredictionInput};
 pub use checkpoint::{

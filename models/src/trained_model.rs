@@ -161,6 +161,7 @@ impl TrainedModel {
             },
             device: self.device.inference(),
         };
-        self.device.compute(|| predictor.answer(input, statistics, sampling, draw))
+        // On a thread of the pool, which then wakes no other for each parallel loop.
+        rayon::scope(|_| predictor.answer(input, statistics, sampling, draw))
     }
 }

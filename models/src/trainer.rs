@@ -199,7 +199,7 @@ impl Trainer {
         if !gradient_norm.is_finite() {
             return Err(ModelError::GradientNotFinite { step, gradient_norm, loss, learning_rate });
         }
-        self.device.clone().compute(|| {
+        rayon::scope(|_| {
             self.model = self.optimizer.step(self.model.clone(), gradients, learning_rate);
             if let Some(average) = &mut self.average {
                 average.update(&self.model, step);
@@ -210,11 +210,13 @@ impl Trainer {
         Ok(StepReport { step, loss, gradient_norm, learning_rate })
     }
 
+    /// On a thread of the pool: from any other, each of the hundreds of parallel loops of a step
+    /// would wake a worker and wait for it.
     fn compute<T: Send>(
         &self,
         work: impl FnOnce() -> Result<T, ModelError> + Send,
     ) -> Result<T, ModelError> {
-        self.device.compute(|| self.interrupt.guard(work))
+        rayon::scope(|_| self.interrupt.guard(work))
     }
 
     /// Of the step that comes next, and its loss.

@@ -10,8 +10,6 @@ mod kind;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-use crate::vigil::keep_vigil;
-
 pub use kind::DeviceKind;
 
 /// An opened device. Clones are the same one.
@@ -107,12 +105,6 @@ impl Device {
     /// Computes values and records what their gradients need.
     pub(crate) fn training(&self) -> burn::tensor::Device {
         self.tensors.clone().autodiff()
-    }
-
-    /// Runs `work` on a thread of the pool: from any other, each of its hundreds of parallel loops would
-    /// wake a worker and wait for it.
-    pub(crate) fn compute<T: Send>(&self, work: impl FnOnce() -> T + Send) -> T {
-        if self.kind == DeviceKind::Cpu { keep_vigil(work) } else { rayon::scope(|_| work()) }
     }
 
     fn plain(kind: DeviceKind, tensors: burn::tensor::Device) -> Self {
