@@ -53,7 +53,7 @@ impl TrainSpec {
         let of_parameters = |copies: u64| copies * tally.parameters * F32;
         let state_bytes = of_parameters(COPIES + average + sums);
         let activation_bytes = at_once * tally.kept * F32;
-        let used = (state_bytes + activation_bytes)
+        let used = (state_bytes + activation_bytes + tally.scratch * F32)
             .max(of_parameters(COPIES_OF_A_CHECKPOINT + 3 * average));
         TrainingMemory {
             parameters: tally.parameters,

@@ -6,6 +6,8 @@ use crate::{
 const CHANNELS: u64 = JOINTS as u64;
 /// Of the convolutions inside the blocks of a U-Net.
 const KERNEL: u64 = 5;
+/// Of the tiles that these convolutions are computed in.
+const POINTS: u64 = 8;
 
 /// Numbers of a model, counted along its layers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -15,6 +17,9 @@ pub(super) struct Tally {
     /// That a step keeps of one trajectory, from the way there for the way back: what layers were
     /// given and what their derivatives ask for, each array once. Sums keep nothing.
     pub kept: u64,
+    /// That a step works with beside, whatever its batch: the largest kernel of a convolution that goes by
+    /// tiles, at their points, and its derivative there.
+    pub scratch: u64,
 }
 
 /// What a condition does to the channels of a block.
@@ -246,5 +251,8 @@ impl Tally {
 
     fn convolution(&mut self, input: u64, output: u64, kernel: u64) {
         self.parameters += (input * kernel + 1) * output;
+        if kernel == KERNEL {
+            self.scratch = self.scratch.max(2 * POINTS * input * output);
+        }
     }
 }

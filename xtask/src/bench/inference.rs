@@ -1,10 +1,14 @@
 //! Predictions of a single trajectory: a pass of the network, and whole chains of samplers.
 
-use super::networks::{self, Network, Subject, Twin};
+use super::networks::{self, Network, Rounds, Subject, Twin};
 use super::{Goal, Measurement, Report, Wanted};
 
-const SUBJECT: Subject =
-    Subject { name: "inference", rounds_of_small: 3, steps_of_small: 10, steps_of_paper: 2 };
+const SUBJECT: Subject = Subject {
+    name: "inference",
+    pointer: "/pass_ms/p50",
+    small: Rounds { count: 5, steps: 6 },
+    paper: Rounds { count: 3, steps: 1 },
+};
 
 pub(super) fn run(wanted: Wanted) -> anyhow::Result<Report> {
     networks::run(&SUBJECT, wanted, rows)

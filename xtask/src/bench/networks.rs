@@ -18,10 +18,18 @@ const ARCHITECTURES: [&str; 4] = ["robomorph", "cdt", "diffuser", "cdcnn"];
 pub(super) struct Subject {
     /// As the example of `models` and the script of its peers call it.
     pub name: &'static str,
-    pub rounds_of_small: usize,
-    pub steps_of_small: usize,
-    /// Of networks of the paper's size, in one round.
-    pub steps_of_paper: usize,
+    /// Where its times have the number whose ratio is told of each round.
+    pub pointer: &'static str,
+    pub small: Rounds,
+    /// Of networks of the paper's size.
+    pub paper: Rounds,
+}
+
+/// Many short ones beside few long ones: what else the machine does lasts for seconds.
+#[derive(Clone, Copy)]
+pub(super) struct Rounds {
+    pub count: usize,
+    pub steps: usize,
 }
 
 /// A network's rounds.
@@ -77,6 +85,16 @@ impl Network {
         let kind = if twin == Twin::Eager { "eager" } else { "compiled" };
         Some(Peer { value, version: format!("PyTorch {} {kind}", theirs.first()?.version) })
     }
+
+    /// Lowest and highest ratio of a round to eager PyTorch in it.
+    fn ratios(&self, pointer: &str) -> Option<[f64; 2]> {
+        let ratios = self.rounds.iter().filter_map(|round| {
+            let theirs = number(&round.eager.as_ref()?.times, pointer)?;
+            Some(number(&round.ours.times, pointer)? / theirs)
+        });
+        let bounds = |[low, high]: [f64; 2], ratio: f64| [low.min(ratio), high.max(ratio)];
+        ratios.map(|ratio| [ratio; 2]).reduce(|all, [ratio, _]| bounds(all, ratio))
+    }
 }
 
 /// Measures every network that is wanted; `table` makes rows of each.
@@ -97,26 +115,33 @@ pub(super) fn run(
         if wanted.size.is_some_and(|wanted| wanted != size) {
             continue;
         }
-        let (name, rounds, steps) = match size {
-            Size::Small => ("small", subject.rounds_of_small, subject.steps_of_small),
-            Size::Paper => ("paper", 1, subject.steps_of_paper),
+        let (name, Rounds { count, steps }) = match size {
+            Size::Small => ("small", subject.small),
+            Size::Paper => ("paper", subject.paper),
         };
         for architecture in ARCHITECTURES {
             let preset = format!("{architecture}-{name}");
-            let mut measured = Vec::new();
-            for round in 1..=rounds {
-                eprintln!("{preset}, round {round} of {rounds}");
-                // Compiling takes minutes, and of the paper's networks many.
-                let twins: &[Twin] = match (size, round) {
-                    (Size::Small, 1) => &[Twin::Eager, Twin::Compiled],
-                    _ => &[Twin::Eager],
-                };
-                measured.push(bench.round(&preset, twins, steps, &mut notes)?);
+            let mut rounds = Vec::new();
+            // Compiling takes minutes, and of the paper's networks many.
+            let mut twins = match size {
+                Size::Small => vec![Twin::Eager, Twin::Compiled],
+                Size::Paper => vec![Twin::Eager],
+            };
+            for round in 1..=count {
+                eprintln!("{preset}, round {round} of {count}");
+                let round = bench.round(&preset, &twins, steps, &mut notes)?;
+                // What was too large once is so again.
+                twins = round.eager.iter().map(|_| Twin::Eager).collect();
+                rounds.push(round);
             }
-            let network = Network { architecture, preset, rounds: measured };
+            let network = Network { architecture, preset, rounds };
+            if let Some([low, high]) = network.ratios(subject.pointer) {
+                let preset = &network.preset;
+                notes.push(format!("{preset}: ratios of single rounds {low:.2} to {high:.2}"));
+            }
             measurements.extend(table(&network));
         }
-        notes.push(format!("{name}: medians of {rounds} x {steps} steps, after a first one each"));
+        notes.push(format!("{name}: medians of {count} x {steps} steps, after a first one each"));
     }
     Ok(Report { notes, measurements })
 }
@@ -223,6 +248,16 @@ pub(super) mod tests {
         assert_eq!(network.twin(Twin::Eager, "/a/p50").unwrap().value, 4.0);
         assert_eq!(network.ours("/a/p99"), None);
         assert!(network.twin(Twin::Compiled, "/a/p50").is_none());
+    }
+
+    #[test]
+    fn ratios_are_of_numbers_of_the_same_round() {
+        let round = |ours: f64, theirs: Option<f64>| {
+            (json!({"a": ours}), theirs.map(|theirs| json!({"a": theirs})))
+        };
+        let rounds = [round(1.0, Some(4.0)), round(6.0, Some(8.0)), round(9.0, None)];
+        assert_eq!(network(&rounds).ratios("/a"), Some([0.25, 0.75]));
+        assert_eq!(network(&rounds[2..]).ratios("/a"), None);
     }
 
     #[test]

@@ -1,10 +1,14 @@
 //! Training steps, 64 trajectories each, and the memory that they take.
 
-use super::networks::{self, Network, Subject, Twin};
+use super::networks::{self, Network, Rounds, Subject, Twin};
 use super::{Goal, Measurement, Report, Wanted};
 
-const SUBJECT: Subject =
-    Subject { name: "training", rounds_of_small: 3, steps_of_small: 8, steps_of_paper: 1 };
+const SUBJECT: Subject = Subject {
+    name: "training",
+    pointer: "/step_ms",
+    small: Rounds { count: 7, steps: 4 },
+    paper: Rounds { count: 3, steps: 1 },
+};
 
 /// Of eager PyTorch's memory.
 const MEMORY: Goal = Goal::AtMost(0.6);
