@@ -19,6 +19,33 @@ pub(crate) struct Attention {
     packed: PackedWeight,
 }
 
+/// Keys and values of tokens, `[batch, source, d_model]` each.
+#[derive(Clone, Debug)]
+pub(crate) struct Sources {
+    keys: Tensor<3>,
+    values: Tensor<3>,
+}
+
+impl Sources {
+    /// How many there are of each trajectory.
+    pub fn count(&self) -> usize {
+        let [_, count, _] = self.keys.dims();
+        count
+    }
+
+    /// These, and `others` after them.
+    pub fn before(&self, others: Self) -> Self {
+        let both = |first: &Tensor<3>, then| Tensor::cat(vec![first.clone(), then], 1);
+        Self { keys: both(&self.keys, others.keys), values: both(&self.values, others.values) }
+    }
+
+    /// Of every `batch` trajectories apart.
+    pub fn split(self, batch: usize) -> impl Iterator<Item = Self> {
+        let (keys, values) = (self.keys.split(batch, 0), self.values.split(batch, 0));
+        keys.into_iter().zip(values).map(|(keys, values)| Self { keys, values })
+    }
+}
+
 impl Attention {
     pub fn new(d_model: usize, heads: usize, weights: &mut InitialWeights<'_>) -> Self {
         Self {
@@ -56,10 +83,45 @@ impl Attention {
         mask: Mask,
         dropout: &mut Dropout,
     ) -> Tensor<3> {
+        self.forward_to(&self.sources(memory), x, norm, mask, dropout)
+    }
+
+    /// The same of what is known of their tokens.
+    pub fn forward_to(
+        &self,
+        sources: &Sources,
+        x: Tensor<3>,
+        norm: &LayerNorm,
+        mask: Mask,
+        dropout: &mut Dropout,
+    ) -> Tensor<3> {
         let query = self.query.forward_normed(x, norm);
-        let key = self.key.forward(memory.clone());
-        let value = self.value.forward(memory);
-        let mixed = kernels::attention(query, key, value, self.heads, mask, dropout.mask());
+        self.look(query, sources, mask, dropout)
+    }
+
+    /// What others see of the tokens of `memory`, as they are.
+    pub fn sources(&self, memory: Tensor<3>) -> Sources {
+        let keys = self.key.forward(memory.clone());
+        Sources { keys, values: self.value.forward(memory) }
+    }
+
+    /// What the tokens of the normed `x` look for, and what is seen of them: apart, for others to see.
+    pub fn projected(&self, x: Tensor<3>, norm: &LayerNorm) -> (Tensor<3>, Sources) {
+        let [query, keys, values] =
+            [&self.query, &self.key, &self.value].map(|map| map.forward_normed(x.clone(), norm));
+        (query, Sources { keys, values })
+    }
+
+    /// What comes of looking at `sources`.
+    pub fn look(
+        &self,
+        query: Tensor<3>,
+        sources: &Sources,
+        mask: Mask,
+        dropout: &mut Dropout,
+    ) -> Tensor<3> {
+        let Sources { keys, values } = sources.clone();
+        let mixed = kernels::attention(query, keys, values, self.heads, mask, dropout.mask());
         self.outcome(mixed, dropout)
     }
 

@@ -4,7 +4,7 @@ use spec::{Generation, JOINTS, Known, ModelSpec};
 
 use crate::ModelError;
 use crate::cdcnn::Cdcnn;
-use crate::cdt::Cdt;
+use crate::cdt::{Cdt, Chain};
 use crate::diffuser::Diffuser;
 use crate::diffusion::{Painted, Process, Step};
 use crate::kernels::DropoutKeys;
@@ -121,11 +121,22 @@ impl Denoiser {
             }
         };
         let painted = Painted { values: whole(unknown(&device)), clean, noised };
-        let known = self.known(&input.u, &input.path);
-        let series =
-            self.process.sample(warm.map(whole), &painted, steps, noise, |noisy, levels| {
+        let warm = warm.map(whole);
+        let series = if let Network::Cdt(network) = &self.network {
+            let levels = steps.iter().map(|step| step.level).collect();
+            let clean = input.seen_context.clone();
+            let mut chain = Chain::new(network, clean.clone(), input.u.clone(), levels);
+            self.process.sample(warm, &painted, steps, noise, |noisy, _| {
+                let noisy = noisy.slice([0..batch, context..samples, 0..JOINTS]);
+                // Nobody asks for the context's.
+                Tensor::cat(vec![clean.zeros_like(), chain.answer(noisy)], 1)
+            })
+        } else {
+            let known = self.known(&input.u, &input.path);
+            self.process.sample(warm, &painted, steps, noise, |noisy, levels| {
                 self.forward(noisy, levels, known.clone(), None)
-            });
+            })
+        };
         let [_, _, channels] = series.dims();
         series.slice([0..batch, context..samples, channels - JOINTS..channels])
     }

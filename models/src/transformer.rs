@@ -5,7 +5,7 @@
 use burn::module::Module;
 use burn::tensor::Tensor;
 
-use crate::attention::Attention;
+use crate::attention::{Attention, Sources};
 use crate::dropout::Dropout;
 use crate::initialization::InitialWeights;
 use crate::kernels::Mask;
@@ -75,6 +75,23 @@ impl EncoderBlock {
     }
 }
 
+/// What tokens of a [`DecoderBlock`] see: those before them, and the encoder's output.
+#[derive(Debug)]
+pub(crate) struct Seen {
+    own: Sources,
+    memory: Sources,
+}
+
+impl Seen {
+    /// Of every `batch` trajectories apart.
+    pub fn split(self, batch: usize) -> impl Iterator<Item = Self> {
+        self.own
+            .split(batch)
+            .zip(self.memory.split(batch))
+            .map(|(own, memory)| Self { own, memory })
+    }
+}
+
 /// Causal self-attention, attention to the encoder's output, the feed-forward part.
 #[derive(Module, Debug)]
 pub(crate) struct DecoderBlock {
@@ -117,6 +134,47 @@ impl DecoderBlock {
         let x = x.clone() + self.self_attention.forward(x, norm, causal, dropout);
         let norm = &self.cross_attention_norm;
         let x = x.clone() + self.cross_attention.forward_across(x, norm, memory, mask, dropout);
+        self.feed_forward.forward_onto(x, &self.feed_forward_norm, dropout)
+    }
+
+    /// What the tokens of `x` look for, and all that they and those after them see. Nothing is left out.
+    pub fn seen(&self, x: Tensor<3>, memory: Tensor<3>) -> (Tensor<3>, Seen) {
+        let (query, own) = self.self_attention.projected(x, &self.self_attention_norm);
+        (query, Seen { own, memory: self.cross_attention.sources(memory) })
+    }
+
+    /// [`DecoderBlock::forward`] of tokens after those of `before`; of `memory` token t sees those up to
+    /// t + `ahead`. Nothing is left out.
+    pub fn forward_after(&self, x: Tensor<3>, before: &Seen, ahead: usize) -> Tensor<3> {
+        let (query, own) = self.self_attention.projected(x.clone(), &self.self_attention_norm);
+        let (own, first) = (before.own.before(own), before.own.count());
+        self.finish(x, query, &own, &before.memory, [first, first + ahead])
+    }
+
+    /// The same of the tokens that `seen` begins with.
+    pub fn forward_seen(
+        &self,
+        x: Tensor<3>,
+        query: Tensor<3>,
+        seen: &Seen,
+        ahead: usize,
+    ) -> Tensor<3> {
+        self.finish(x, query, &seen.own, &seen.memory, [0, ahead])
+    }
+
+    fn finish(
+        &self,
+        x: Tensor<3>,
+        query: Tensor<3>,
+        own: &Sources,
+        memory: &Sources,
+        ahead: [usize; 2],
+    ) -> Tensor<3> {
+        let dropout = &mut Dropout::off();
+        let [of_own, of_memory] = ahead.map(|ahead| Mask::Causal { ahead });
+        let x = x + self.self_attention.look(query, own, of_own, dropout);
+        let norm = &self.cross_attention_norm;
+        let x = x.clone() + self.cross_attention.forward_to(memory, x, norm, of_memory, dropout);
         self.feed_forward.forward_onto(x, &self.feed_forward_norm, dropout)
     }
 

@@ -94,7 +94,7 @@ impl Process {
         painted: &Painted,
         steps: &[Step],
         random: &mut Noise,
-        network: impl Fn(Tensor<3>, &[usize]) -> Tensor<3>,
+        mut network: impl FnMut(Tensor<3>, &[usize]) -> Tensor<3>,
     ) -> Tensor<3> {
         let [batch, samples, channels] = painted.values.dims();
         let device = painted.values.device();

@@ -1,3 +1,5 @@
+mod chain;
+
 use burn::module::{Module, Param};
 use burn::tensor::Tensor;
 use spec::CdtSpec;
@@ -12,6 +14,11 @@ use crate::sizes::{
 };
 use crate::transformer::{DecoderBlock, EncoderBlock};
 use crate::unet::sinusoid;
+pub(crate) use chain::Chain;
+
+/// Of the memory's sources the token of sample t sees those up to t + this: source 0 is the noise level,
+/// source s the torque of sample s - 1.
+const AHEAD: usize = 1;
 
 /// The sizes of a CDT, checked against each other.
 #[derive(Clone, Copy, Debug)]
@@ -120,18 +127,21 @@ impl Cdt {
             let mask = dropout.mask_at(self.embedding_dropout);
             kernels::dropout(tokens + positions.val().unsqueeze(), mask)
         };
-        let level = sinusoid(levels, self.d_model, &noisy.device());
-        let condition = Tensor::cat(vec![level, self.condition_input.forward(u)], 1);
-        let mut memory = embedded(condition, &self.condition_positions);
+        let mut memory = embedded(self.condition(levels, u), &self.condition_positions);
         let mut x = embedded(self.input.forward(noisy), &self.positions);
         for block in &self.encoder_blocks {
             memory = block.forward(memory, &mut dropout);
         }
-        // Source 0 is the noise level, source s the torque of sample s - 1.
-        let mask = Mask::Causal { ahead: 1 };
+        let mask = Mask::Causal { ahead: AHEAD };
         for block in &self.decoder_blocks {
             x = block.forward(x, memory.clone(), mask, &mut dropout);
         }
         self.head.forward(self.norm.forward(x))
+    }
+
+    /// What the encoder begins with, `[batch, 1 + sample, d_model]`.
+    fn condition(&self, levels: &[usize], u: Tensor<3>) -> Tensor<3> {
+        let level = sinusoid(levels, self.d_model, &u.device());
+        Tensor::cat(vec![level, self.condition_input.forward(u)], 1)
     }
 }

@@ -1,0 +1,135 @@
+use burn::tensor::Tensor;
+
+use super::{AHEAD, Cdt};
+use crate::dropout::Dropout;
+use crate::transformer::Seen;
+
+/// Trajectories, each at one level, whose contexts are computed at once: enough to fill the products of
+/// matrices, few enough to stay in the caches.
+const AT_ONCE: usize = 8;
+
+/// A CDT's answers at one noise level after the other, about the same trajectories.
+///
+/// What the network makes of u and of the context depends on the level, but not on the noisy horizon: the
+/// encoder does not see it, and the decoder is causal. So that is computed for several levels together
+/// before the first of them, and of the last block's context only what later samples see of it. The
+/// answers are those of [`Cdt::forward`].
+pub(crate) struct Chain<'a> {
+    network: &'a Cdt,
+    /// Clean y, `[batch, context, 7]`.
+    context: Tensor<3>,
+    /// Of whole trajectories.
+    u: Tensor<3>,
+    /// Those to come.
+    levels: std::vec::IntoIter<usize>,
+    /// What the horizon sees in each decoder block, of the next levels.
+    begun: std::vec::IntoIter<Vec<Seen>>,
+}
+
+impl<'a> Chain<'a> {
+    pub fn new(network: &'a Cdt, context: Tensor<3>, u: Tensor<3>, levels: Vec<usize>) -> Self {
+        let begun = Vec::new().into_iter();
+        Self { network, context, u, levels: levels.into_iter(), begun }
+    }
+
+    /// The answer at the next level to the noisy y of the horizon, `[batch, horizon, 7]`.
+    ///
+    /// # Panics
+    /// After the last level.
+    pub fn answer(&mut self, noisy: Tensor<3>) -> Tensor<3> {
+        let seen = self.begun.next().unwrap_or_else(|| {
+            self.begun = self.begin().into_iter();
+            self.begun.next().expect("a level for every answer")
+        });
+        let network = self.network;
+        let [_, context, _] = self.context.dims();
+        let mut x = network.embedded(noisy, context);
+        for (block, seen) in network.decoder_blocks.iter().zip(&seen) {
+            x = block.forward_after(x, seen, AHEAD);
+        }
+        network.head.forward(network.norm.forward(x))
+    }
+
+    /// What the horizon sees, at each of the next levels in each decoder block.
+    fn begin(&mut self) -> Vec<Vec<Seen>> {
+        let network = self.network;
+        let [batch, _, _] = self.context.dims();
+        let levels: Vec<usize> = self.levels.by_ref().take((AT_ONCE / batch).max(1)).collect();
+        let of_rows: Vec<usize> =
+            levels.iter().flat_map(|&level| std::iter::repeat_n(level, batch)).collect();
+        let repeated = |series: &Tensor<3>| series.clone().repeat(&[levels.len(), 1, 1]);
+
+        let positions = network.condition_positions.val();
+        let condition = network.condition(&of_rows, repeated(&self.u));
+        let mut memory = condition + positions.unsqueeze();
+        for block in &network.encoder_blocks {
+            memory = block.forward(memory, &mut Dropout::off());
+        }
+        let mut x = repeated(&network.embedded(self.context.clone(), 0));
+        let mut begun: Vec<Vec<Seen>> = levels.iter().map(|_| Vec::new()).collect();
+        let last = network.decoder_blocks.len() - 1;
+        for (index, block) in network.decoder_blocks.iter().enumerate() {
+            let (query, seen) = block.seen(x.clone(), memory.clone());
+            if index < last {
+                x = block.forward_seen(x, query, &seen, AHEAD);
+            }
+            for (begun, seen) in begun.iter_mut().zip(seen.split(batch)) {
+                begun.push(seen);
+            }
+        }
+        begun
+    }
+}
+
+impl Cdt {
+    /// Tokens of y `[batch, sample, 7]`, of which the first is sample `first`.
+    fn embedded(&self, y: Tensor<3>, first: usize) -> Tensor<3> {
+        let [_, samples, _] = y.dims();
+        let positions = self.positions.val().slice([first..first + samples, 0..self.d_model]);
+        self.input.forward(y) + positions.unsqueeze()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use burn::tensor::{Device, Tensor};
+    use serde_json::json;
+
+    use super::super::CdtConfig;
+    use super::Chain;
+    use crate::initialization::InitialWeights;
+    use crate::parameters::host_values;
+    use crate::sizes::CHANNELS;
+
+    const SAMPLES: usize = 70;
+    const CONTEXT: usize = 53;
+
+    /// Fewer levels than are computed at once, as many and more, of one trajectory and of several.
+    #[test]
+    fn a_chain_gives_the_answers_of_whole_passes() {
+        let sizes = json!({"d_model": 24, "heads": 3, "encoder_layers": 2, "decoder_layers": 3});
+        let config = CdtConfig::new(&serde_json::from_value(sizes).unwrap(), SAMPLES as u32);
+        let device = Device::flex();
+        let mut weights = InitialWeights::new(3, &device);
+        let network = config.unwrap().init(&mut weights);
+        let mut random =
+            |batch, samples| -> Tensor<3> { weights.normal([batch, samples, CHANNELS], 1.0).val() };
+        for (batch, count) in [(1, 1), (1, 3), (1, 8), (1, 11), (3, 5), (9, 2)] {
+            let levels: Vec<usize> = (0..count).rev().collect();
+            let (context, u) = (random(batch, CONTEXT), random(batch, SAMPLES));
+            let mut chain = Chain::new(&network, context.clone(), u.clone(), levels.clone());
+            for level in levels {
+                let noisy = random(batch, SAMPLES - CONTEXT);
+                let whole = Tensor::cat(vec![context.clone(), noisy.clone()], 1);
+                let expected = network.forward(whole, &vec![level; batch], u.clone(), None);
+                let expected = expected.slice([0..batch, CONTEXT..SAMPLES, 0..CHANNELS]);
+                let (found, expected) = (chain.answer(noisy), expected);
+                let found = host_values(found).unwrap();
+                for (found, expected) in found.iter().zip(host_values(expected).unwrap()) {
+                    let case = (batch, count, level);
+                    assert!((found - expected).abs() < 2e-6, "{case:?}: {found} for {expected}");
+                }
+            }
+        }
+    }
+}
