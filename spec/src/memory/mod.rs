@@ -14,7 +14,7 @@ const COPIES: u64 = 4;
 const COPIES_OF_A_CHECKPOINT: u64 = 10;
 
 /// Program, threads, and batches that are read ahead.
-const BASE: u64 = 100 << 20;
+const BASE: u64 = 120 << 20;
 
 /// What the allocator holds beside what is in use, of 10.
 const HELD_BACK: u64 = 1;
@@ -53,8 +53,9 @@ impl TrainSpec {
         let of_parameters = |copies: u64| copies * tally.parameters * F32;
         let state_bytes = of_parameters(COPIES + average + sums);
         let activation_bytes = at_once * tally.kept * F32;
-        let used = (state_bytes + activation_bytes + tally.scratch * F32)
-            .max(of_parameters(COPIES_OF_A_CHECKPOINT + 3 * average));
+        let used = (state_bytes + activation_bytes)
+            .max(of_parameters(COPIES_OF_A_CHECKPOINT + 3 * average))
+            + tally.scratch * F32;
         TrainingMemory {
             parameters: tally.parameters,
             state_bytes,

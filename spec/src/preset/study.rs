@@ -37,7 +37,7 @@ const FEW_MULTISINE_HZ: [f64; 2] = [0.15, 0.45];
 const SCALES: [Scale; 3] = [
     Scale {
         name: "paper-study-tiny",
-        about: "The paper's study in half an hour: every job of it, too small to conclude from",
+        about: "The paper's study in twenty minutes: every job of it, too small to conclude from",
         trajectories: 8192,
         shard_trajectories: 4096,
         size: "tiny",
