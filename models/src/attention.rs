@@ -106,7 +106,7 @@ impl Attention {
     }
 
     /// What the tokens of the normed `x` look for, and what is seen of them: apart, for others to see.
-    pub fn projected(&self, x: Tensor<3>, norm: &LayerNorm) -> (Tensor<3>, Sources) {
+    pub fn projected(&self, x: &Tensor<3>, norm: &LayerNorm) -> (Tensor<3>, Sources) {
         let [query, keys, values] =
             [&self.query, &self.key, &self.value].map(|map| map.forward_normed(x.clone(), norm));
         (query, Sources { keys, values })

@@ -138,7 +138,7 @@ impl DecoderBlock {
     }
 
     /// What the tokens of `x` look for, and all that they and those after them see. Nothing is left out.
-    pub fn seen(&self, x: Tensor<3>, memory: Tensor<3>) -> (Tensor<3>, Seen) {
+    pub fn seen(&self, x: &Tensor<3>, memory: Tensor<3>) -> (Tensor<3>, Seen) {
         let (query, own) = self.self_attention.projected(x, &self.self_attention_norm);
         (query, Seen { own, memory: self.cross_attention.sources(memory) })
     }
@@ -146,7 +146,7 @@ impl DecoderBlock {
     /// [`DecoderBlock::forward`] of tokens after those of `before`; of `memory` token t sees those up to
     /// t + `ahead`. Nothing is left out.
     pub fn forward_after(&self, x: Tensor<3>, before: &Seen, ahead: usize) -> Tensor<3> {
-        let (query, own) = self.self_attention.projected(x.clone(), &self.self_attention_norm);
+        let (query, own) = self.self_attention.projected(&x, &self.self_attention_norm);
         let (own, first) = (before.own.before(own), before.own.count());
         self.finish(x, query, &own, &before.memory, [first, first + ahead])
     }

@@ -69,7 +69,7 @@ impl<'a> Chain<'a> {
         let mut begun: Vec<Vec<Seen>> = levels.iter().map(|_| Vec::new()).collect();
         let last = network.decoder_blocks.len() - 1;
         for (index, block) in network.decoder_blocks.iter().enumerate() {
-            let (query, seen) = block.seen(x.clone(), memory.clone());
+            let (query, seen) = block.seen(&x, memory.clone());
             if index < last {
                 x = block.forward_seen(x, query, &seen, AHEAD);
             }
@@ -108,7 +108,8 @@ mod tests {
     #[test]
     fn a_chain_gives_the_answers_of_whole_passes() {
         let sizes = json!({"d_model": 24, "heads": 3, "encoder_layers": 2, "decoder_layers": 3});
-        let config = CdtConfig::new(&serde_json::from_value(sizes).unwrap(), SAMPLES as u32);
+        let samples = u32::try_from(SAMPLES).unwrap();
+        let config = CdtConfig::new(&serde_json::from_value(sizes).unwrap(), samples);
         let device = Device::flex();
         let mut weights = InitialWeights::new(3, &device);
         let network = config.unwrap().init(&mut weights);
