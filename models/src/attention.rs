@@ -1,9 +1,9 @@
 use burn::module::Module;
 use burn::tensor::Tensor;
+use kernels::{Mask, PackedWeight};
 
 use crate::dropout::Dropout;
 use crate::initialization::InitialWeights;
-use crate::kernels::{self, Mask, PackedWeight};
 use crate::layers::{LayerNorm, Linear};
 
 /// Multi-head scaled dot-product attention (Vaswani et al. 2017), biases on.

@@ -1,5 +1,6 @@
 use burn::module::{Module, ModuleMapper, ModuleVisitor};
 use burn::tensor::{Device, Tensor, TensorData};
+use kernels::DropoutKeys;
 use spec::{Generation, JOINTS, Known, ModelSpec};
 
 use crate::ModelError;
@@ -7,7 +8,6 @@ use crate::cdcnn::Cdcnn;
 use crate::cdt::{Cdt, Chain};
 use crate::diffuser::Diffuser;
 use crate::diffusion::{Painted, Process, Step};
-use crate::kernels::DropoutKeys;
 use crate::randomness::Noise;
 use crate::sequence_model::{Loss, ModelInput};
 

@@ -1,4 +1,4 @@
-use crate::kernels::{DropoutKeys, DropoutMask};
+use kernels::{DropoutKeys, DropoutMask};
 
 /// Hands each place of a network its mask, in the order of a pass.
 pub(crate) struct Dropout {

@@ -68,3 +68,9 @@ pub enum ModelError {
     #[error("the tensor could not be read back from the device: {0}")]
     Device(String),
 }
+
+impl From<kernels::Interrupted> for ModelError {
+    fn from(_: kernels::Interrupted) -> Self {
+        Self::Interrupted
+    }
+}

@@ -1,8 +1,8 @@
 use burn::module::{Module, Param};
 use burn::tensor::Tensor;
+use kernels::{DropoutMask, PackedWeight};
 
 use crate::initialization::InitialWeights;
-use crate::kernels::{self, DropoutMask, PackedWeight};
 
 /// `y = x Wᵀ + b`, with parameter names, layout and initial weights of `torch.nn.Linear`.
 ///

@@ -25,8 +25,6 @@ mod error;
 mod frame;
 mod gaussian;
 mod initialization;
-mod interruption;
-mod kernels;
 mod layers;
 mod normalization;
 mod optimizer;
@@ -51,7 +49,7 @@ pub use checkpoint::{
 };
 pub use device::{Device, DeviceDescription, DeviceError, DeviceKind};
 pub use error::ModelError;
-pub use interruption::Interrupt;
+pub use kernels::Interrupt;
 pub use normalization::{Normalizer, Statistics, StatisticsAccumulator};
 pub use sampling::{Sampling, WarmStart};
 pub use trained_model::TrainedModel;

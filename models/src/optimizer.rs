@@ -3,10 +3,10 @@ use std::collections::BTreeMap;
 use burn::module::{ModuleMapper, ModuleVisitor, Param};
 use burn::optim::{AdamW, AdamWConfig, AdamWState, AdaptiveMomentumState, Optimizer};
 use burn::tensor::{Gradients, Tensor, TensorData};
+use kernels::AdamWStep;
 use spec::OptimizerSpec;
 
 use crate::ModelError;
-use crate::kernels::{self, AdamWStep};
 use crate::parameters::{NamedTensor, NamedTensors, Path, check_shapes, host_values, parameters};
 use crate::sequence_model::SequenceModel;
 

@@ -5,7 +5,7 @@ use rand_chacha::ChaCha12Rng;
 use rand_core::{Rng, SeedableRng};
 use rayon::prelude::*;
 
-use crate::kernels::DropoutKeys;
+use kernels::DropoutKeys;
 
 /// What random numbers are drawn for. Part of the key: a number is never used twice.
 #[derive(Clone, Copy, Debug)]

@@ -1,12 +1,12 @@
 use burn::module::{Module, Param};
 use burn::tensor::Tensor;
+use kernels::Mask;
 use spec::{Head, JOINTS, RoboMorphSpec};
 
 use crate::ModelError;
 use crate::dropout::Dropout;
 use crate::gaussian;
 use crate::initialization::{InitialWeights, POSITION_STANDARD_DEVIATION};
-use crate::kernels::Mask;
 use crate::layers::{LayerNorm, Linear};
 use crate::sizes::{LARGEST_RATIO, LARGEST_WIDTH, MOST_LAYERS, divides, within};
 use crate::transformer::{DecoderBlock, EncoderBlock};

@@ -1,5 +1,6 @@
 use std::collections::BTreeMap;
 
+use kernels::Interrupt;
 use rand_chacha::ChaCha12Rng;
 use spec::{DataSource, Digest, EmaSpec, JOINTS, ModelSpec, TrainSpec};
 
@@ -7,7 +8,6 @@ use crate::checkpoint::{self, CheckpointConfig, CheckpointFiles, TrainingState, 
 use crate::ema::WeightAverage;
 use crate::frame::Framing;
 use crate::initialization::InitialWeights;
-use crate::interruption::Interrupt;
 use crate::normalization::{Normalizer, Statistics, model_input, target};
 use crate::optimizer::{ModelOptimizer, NamedGradients};
 use crate::parameters::host_values;

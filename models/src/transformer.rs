@@ -4,11 +4,11 @@
 
 use burn::module::Module;
 use burn::tensor::Tensor;
+use kernels::Mask;
 
 use crate::attention::{Attention, Sources};
 use crate::dropout::Dropout;
 use crate::initialization::InitialWeights;
-use crate::kernels::Mask;
 use crate::layers::{LayerNorm, Linear};
 
 /// Two linear maps with a GELU between.

@@ -2,12 +2,12 @@ mod chain;
 
 use burn::module::{Module, Param};
 use burn::tensor::Tensor;
+use kernels::{DropoutKeys, Mask};
 use spec::CdtSpec;
 
 use crate::ModelError;
 use crate::dropout::Dropout;
 use crate::initialization::{InitialWeights, POSITION_STANDARD_DEVIATION};
-use crate::kernels::{self, DropoutKeys, Mask};
 use crate::layers::{LayerNorm, Linear};
 use crate::sizes::{
     CHANNELS, LARGEST_RATIO, LARGEST_WIDTH, MOST_LAYERS, MOST_SAMPLES, divides, multiple, within,

@@ -3,7 +3,6 @@ use burn::tensor::Tensor;
 
 use super::convolution::Conv1d;
 use crate::initialization::InitialWeights;
-use crate::kernels;
 use crate::layers::Linear;
 
 /// Of the convolutions inside blocks.

@@ -2,7 +2,6 @@ use burn::module::{Module, Param};
 use burn::tensor::Tensor;
 
 use crate::initialization::InitialWeights;
-use crate::kernels;
 
 /// With the parameter names, layout and initial weights of `torch.nn.Conv1d`.
 #[derive(Module, Debug)]

@@ -2,7 +2,6 @@ use burn::module::Module;
 use burn::tensor::{Device, Tensor, TensorData};
 
 use crate::initialization::InitialWeights;
-use crate::kernels;
 use crate::layers::Linear;
 
 /// Longest period of [`sinusoid`] over 2π (Vaswani et al. 2017).

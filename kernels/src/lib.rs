@@ -3,11 +3,13 @@
 //! Each has two forms with the same result: burn's own operations, which run on every device, and a
 //! fused one for burn's CPU backend with a derivative of its own. burn-flex 0.22 computes GELU and
 //! Mish in serial scalar loops, fuses softmax, norms and attention only where no gradient is
-//! recorded, and writes every intermediate to memory; see [`fused`].
+//! recorded, and writes every intermediate to memory; see `fused`.
 //!
-//! What takes the time are products of matrices. All are made of the tiles of [`product`], whose
+//! What takes the time are products of matrices. All are made of the tiles of `product`, whose
 //! instructions are chosen at run time and which need no copy of what they multiply; the crate `gemm`
 //! copies both factors first and was half as fast at these sizes.
+//!
+//! Most of a step is spent in here, so this is also where an [`Interrupt`] ends it.
 //!
 //! The fused forms give the same bits whatever thread runs which part: no sum crosses a task.
 
@@ -26,6 +28,7 @@ mod fused;
 mod gelu_linear;
 mod group_norm_mish;
 mod instruction_set;
+mod interruption;
 mod layer_norm;
 mod linear;
 mod mish;
@@ -42,15 +45,16 @@ mod vectorized;
 mod windows;
 mod winograd;
 
-pub(crate) use adam_w::{AdamWStep, adam_w, is_fused, sum_of_squares};
-pub(crate) use attention::{Mask, attention, self_attention};
-pub(crate) use conv_transpose1d::conv_transpose1d;
-pub(crate) use conv1d::conv1d;
-pub(crate) use dropout::{DropoutKeys, DropoutMask, dropout};
-pub(crate) use gelu_linear::gelu_linear_onto;
-pub(crate) use group_norm_mish::group_norm_mish;
-pub(crate) use layer_norm::layer_norm;
-pub(crate) use linear::linear;
-pub(crate) use mish::mish;
-pub(crate) use norm_linear::{norm_linear, norm_linear_of_three};
-pub(crate) use packed::PackedWeight;
+pub use adam_w::{AdamWStep, adam_w, is_fused, sum_of_squares};
+pub use attention::{Mask, attention, self_attention};
+pub use conv_transpose1d::conv_transpose1d;
+pub use conv1d::conv1d;
+pub use dropout::{DropoutKeys, DropoutMask, dropout};
+pub use gelu_linear::gelu_linear_onto;
+pub use group_norm_mish::group_norm_mish;
+pub use interruption::{Interrupt, Interrupted};
+pub use layer_norm::layer_norm;
+pub use linear::linear;
+pub use mish::mish;
+pub use norm_linear::{norm_linear, norm_linear_of_three};
+pub use packed::PackedWeight;

@@ -7,7 +7,7 @@ use super::fused::{Array, FusedOp, apply, operand};
 /// The adjoint of [`super::conv1d`] with the same stride and padding, as
 /// `torch.nn.ConvTranspose1d`: x `[batch, input, sample]` with weight `[input, output, kernel]`
 /// and bias `[output]` to `[batch, output, (sample - 1) stride - 2 padding + kernel]`.
-pub(crate) fn conv_transpose1d(
+pub fn conv_transpose1d(
     x: Tensor<3>,
     weight: Tensor<3>,
     bias: Tensor<1>,

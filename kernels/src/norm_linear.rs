@@ -6,7 +6,7 @@ use super::{affine, layer_norm, linear, vectorized};
 
 /// [`super::linear`] of [`super::layer_norm`] of x `[batch, token, input]`, without keeping what is
 /// between them: a row's norm is made again where it is needed.
-pub(crate) fn norm_linear(
+pub fn norm_linear(
     x: Tensor<3>,
     norm: [Tensor<1>; 2],
     weight: Tensor<2>,
@@ -20,7 +20,7 @@ pub(crate) fn norm_linear(
 }
 
 /// Three maps of the same normed x, as one: their outputs side by side.
-pub(crate) fn norm_linear_of_three(
+pub fn norm_linear_of_three(
     x: Tensor<3>,
     norm: [Tensor<1>; 2],
     weights: [Tensor<2>; 3],

@@ -4,8 +4,7 @@ use burn::tensor::{Device, Tensor};
 use proptest::prelude::{Just, ProptestConfig, Strategy, proptest};
 
 use super::super::{conv_transpose1d, conv1d, group_norm_mish, mish};
-use super::{check_agreement, flat, tensors};
-use crate::parameters::host_values;
+use super::{check_agreement, flat, tensors, values};
 
 #[test]
 fn mish_agrees() {
@@ -22,8 +21,8 @@ fn mish_has_its_limits_at_extreme_values() {
     let device = Device::flex().autodiff();
     let x = Tensor::<1>::from_floats(extreme, &device).reshape([1, 1, 12]).require_grad();
     let y = mish(x.clone());
-    let slopes = host_values(x.grad(&y.clone().sum().backward()).unwrap()).unwrap();
-    for ((x, y), slope) in extreme.into_iter().zip(host_values(y.inner()).unwrap()).zip(slopes) {
+    let slopes = values(x.grad(&y.clone().sum().backward()).unwrap());
+    for ((x, y), slope) in extreme.into_iter().zip(values(y.inner())).zip(slopes) {
         let limit = f64::from(x.max(0.0));
         // Below -80 by less than 80 e⁻⁸⁰.
         let far = if x == 0.0 { 0.6 } else { f64::from(u8::from(x > 0.0)) };
@@ -31,7 +30,7 @@ fn mish_has_its_limits_at_extreme_values() {
         assert!((f64::from(slope) - far).abs() < 1e-6, "mish'({x}) = {slope}");
     }
     let not_a_number = Tensor::<1>::from_floats([f32::NAN], &Device::flex()).reshape([1, 1, 1]);
-    assert!(host_values(mish(not_a_number)).unwrap()[0].is_nan());
+    assert!(values(mish(not_a_number))[0].is_nan());
 }
 
 /// Of a large mean, a small deviation and none.
@@ -41,7 +40,7 @@ fn group_norm_mish_stands_extreme_series() {
         let results = [group_norm_mish, group_norm_mish::plain].map(|function| {
             let [x, weight, bias] = tensors([[2, 8, 50], [1, 1, 8], [1, 1, 8]]);
             let value = function(x * scale + offset, flat(weight), flat(bias), 4);
-            host_values(value.inner()).unwrap()
+            values(value.inner())
         });
         for (fused, plain) in results[0].iter().zip(&results[1]) {
             assert!((fused - plain).abs() < tolerance, "{scale} {offset}: {fused} {plain}");
@@ -50,7 +49,7 @@ fn group_norm_mish_stands_extreme_series() {
     let device = Device::flex();
     let ones = Tensor::<1>::ones([8], &device);
     let constant = Tensor::<3>::ones([1, 8, 30], &device) * 7.0;
-    let still = host_values(group_norm_mish(constant, ones.clone(), ones * 0.0, 8)).unwrap();
+    let still = values(group_norm_mish(constant, ones.clone(), ones * 0.0, 8));
     assert!(still.iter().all(|value| value.abs() < 1e-3));
 }
 

@@ -11,7 +11,7 @@ use super::vectorized;
 
 /// Which source tokens a token may look at.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Mask {
+pub enum Mask {
     /// All.
     None,
     /// Token t those of index up to t + `ahead`; 0 is itself and those before.
@@ -21,7 +21,7 @@ pub(crate) enum Mask {
 /// softmax(Q Kᵀ / √width) V for each head, a head being `width = d_model / heads` neighbouring
 /// channels. query `[batch, token, d_model]`, key and value `[batch, source, d_model]`; gives the
 /// shape of query. `dropout` leaves out numbers of the softmax.
-pub(crate) fn attention(
+pub fn attention(
     query: Tensor<3>,
     key: Tensor<3>,
     value: Tensor<3>,
@@ -37,7 +37,7 @@ pub(crate) fn attention(
 
 /// [`attention`] of a series with itself: `projected` `[batch, token, 3 d_model]` has query, key and
 /// value side by side. Gives `[batch, token, d_model]`.
-pub(crate) fn self_attention(
+pub fn self_attention(
     projected: Tensor<3>,
     heads: usize,
     mask: Mask,

@@ -10,7 +10,7 @@ use super::panels::Panels;
 /// Only networks that record no gradients keep theirs. A clone begins with nothing, so that it is
 /// free to have other weights.
 #[derive(Debug, Default)]
-pub(crate) struct PackedWeight(Arc<Mutex<Option<Kept>>>);
+pub struct PackedWeight(Arc<Mutex<Option<Kept>>>);
 
 #[derive(Debug)]
 struct Kept {

@@ -3,27 +3,35 @@
 
 mod unets;
 
-use burn::module::Param;
-use burn::tensor::{Device, Tensor};
+use burn::tensor::{Device, Tensor, TensorData};
+use rand_chacha::ChaCha12Rng;
+use rand_core::{Rng, SeedableRng};
 
 use super::{
     DropoutMask, Mask, PackedWeight, attention, conv_transpose1d, conv1d, dropout, gelu_linear,
     gelu_linear_onto, group_norm_mish, instruction_set, layer_norm, linear, norm_linear,
     norm_linear_of_three, self_attention,
 };
-use crate::initialization::InitialWeights;
-use crate::parameters::host_values;
 
 const TOLERANCE: f64 = 2e-6;
 
 /// Random tensors that record gradients.
 pub(super) fn tensors<const N: usize>(shapes: [[usize; 3]; N]) -> [Tensor<3>; N] {
-    let device = Device::flex().autodiff();
-    let mut weights = InitialWeights::new(3, &device);
+    let mut generator = ChaCha12Rng::seed_from_u64(3);
+    let mut unit = || (generator.next_u32() >> 8) as f32 / 16_777_216.0;
+    // Box and Muller's normal numbers.
+    let mut normal =
+        || (-2.0 * (1.0 - unit()).ln()).sqrt() * (std::f32::consts::TAU * unit()).cos();
     shapes.map(|shape| {
-        let value: Param<Tensor<3>> = weights.normal(shape, 1.0);
-        value.val().inner().autodiff().require_grad()
+        let values: Vec<f32> = (0..shape.iter().product()).map(|_| normal()).collect();
+        let device = Device::flex().autodiff();
+        Tensor::<3>::from_data(TensorData::new(values, shape), &device).require_grad()
     })
+}
+
+/// The tensor's values in row-major order.
+pub(super) fn values<const D: usize>(tensor: Tensor<D>) -> Vec<f32> {
+    tensor.try_into_vec_as().expect("a tensor in memory, of float32, can be read")
 }
 
 /// Both functions have the same value, and of a random sum of it the same gradients.
@@ -48,10 +56,8 @@ fn compare<const N: usize>(
         let value = function(inputs.clone());
         let [weights] = tensors([value.dims()]);
         let gradients = (value.clone() * weights.inner().autodiff()).sum().backward();
-        let mut all = vec![host_values(value.inner()).unwrap()];
-        all.extend(
-            inputs.iter().map(|input| host_values(input.grad(&gradients).unwrap()).unwrap()),
-        );
+        let mut all = vec![values(value.inner())];
+        all.extend(inputs.iter().map(|input| values(input.grad(&gradients).unwrap())));
         all
     };
     let (fused_results, plain_results) = (results(&fused), results(&plain));
@@ -70,7 +76,7 @@ fn compare<const N: usize>(
     let inputs = tensors(shapes);
     let tracked = fused(inputs.clone()).inner();
     let untracked = fused(inputs.map(Tensor::inner));
-    assert_eq!(host_values(tracked).unwrap(), host_values(untracked).unwrap());
+    assert_eq!(values(tracked), values(untracked));
 }
 
 pub(super) fn flat(tensor: Tensor<3>) -> Tensor<1> {
@@ -117,7 +123,7 @@ fn what_is_kept_of_a_weight_is_not_used_for_another() {
         let device = Device::flex();
         let x = Tensor::<3>::ones([1, 9, 20], &device);
         let weight = Tensor::<2>::ones([8, 20], &device) * weight;
-        host_values(linear(x, weight, Tensor::zeros([8], &device), packed)).unwrap()[0]
+        values(linear(x, weight, Tensor::zeros([8], &device), packed))[0]
     };
     // Each weight is freed before the next, which could be given its memory.
     for weight in [1.0, 2.0, 3.0, 4.0] {
@@ -138,7 +144,7 @@ fn what_is_kept_of_three_weights_is_not_used_for_others() {
         // A norm of a constant is its shift.
         let (norm, biases) = ([ones(20), ones(20)], [ones(8), ones(8), ones(8)]);
         let y = norm_linear_of_three(x, norm, weights.map(Clone::clone), biases, &packed);
-        let y = host_values(y).unwrap();
+        let y = values(y);
         [y[0], y[8], y[16]]
     };
     assert_eq!(sums([&first, &second, &third]), [21.0, 41.0, 61.0]);
@@ -376,10 +382,8 @@ fn the_number_of_threads_does_not_change_a_bit() {
                 let y = group_norm_mish(y, flat(bias.clone()), flat(bias.clone()), channels / 6);
                 let y = conv_transpose1d(y, up, flat(bias.clone()).slice(0..24), 2, 1);
                 let gradients = (y.clone() * y.clone()).sum().backward();
-                all.push(host_values(y.inner()).unwrap());
-                all.extend(
-                    inputs.iter().map(|x| host_values(x.grad(&gradients).unwrap()).unwrap()),
-                );
+                all.push(values(y.inner()));
+                all.extend(inputs.iter().map(|x| values(x.grad(&gradients).unwrap())));
             }
             all
         })

@@ -3,8 +3,6 @@ use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use crate::ModelError;
-
 /// Asks a computation to end before it is done. Clones are one and the same.
 ///
 /// A step of a large model takes longer than anybody waits for it to end, and most of that time is
@@ -14,8 +12,9 @@ use crate::ModelError;
 #[derive(Clone, Debug, Default)]
 pub struct Interrupt(Arc<AtomicBool>);
 
-/// What the thread is unwound with.
-struct Interrupted;
+/// A computation ended before it was done. Also what its thread is unwound with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Interrupted;
 
 thread_local! {
     /// Who may interrupt what this thread computes.
@@ -23,7 +22,7 @@ thread_local! {
 }
 
 impl Interrupt {
-    /// For good: what began or begins with this interrupt ends with [`ModelError::Interrupted`].
+    /// For good: what began or begins with this interrupt ends with [`Interrupted`].
     pub fn raise(&self) {
         self.0.store(true, Ordering::Relaxed);
     }
@@ -35,14 +34,17 @@ impl Interrupt {
     /// Does `work` on this thread, all of it or none.
     ///
     /// # Errors
-    /// [`ModelError::Interrupted`], and those of `work`.
-    pub fn guard<T>(&self, work: impl FnOnce() -> Result<T, ModelError>) -> Result<T, ModelError> {
+    /// [`Interrupted`], and those of `work`.
+    pub fn guard<T, E: From<Interrupted>>(
+        &self,
+        work: impl FnOnce() -> Result<T, E>,
+    ) -> Result<T, E> {
         let outer = CURRENT.replace(Some(self.clone()));
         let done = catch_unwind(AssertUnwindSafe(work));
         CURRENT.set(outer);
         match done {
             Ok(done) => done,
-            Err(panic) if panic.is::<Interrupted>() => Err(ModelError::Interrupted),
+            Err(panic) if panic.is::<Interrupted>() => Err(Interrupted.into()),
             Err(panic) => resume_unwind(panic),
         }
     }
@@ -67,17 +69,17 @@ mod tests {
         raised.raise();
         let looks = || {
             leave_if_interrupted();
-            Ok(1)
+            Ok::<_, Interrupted>(1)
         };
-        assert!(matches!(raised.guard(looks), Err(ModelError::Interrupted)));
-        assert_eq!(other.guard(looks).unwrap(), 1);
-        assert_eq!(raised.guard(|| other.guard(looks)).unwrap(), 1);
+        assert_eq!(raised.guard(looks), Err(Interrupted));
+        assert_eq!(other.guard(looks), Ok(1));
+        assert_eq!(raised.guard(|| other.guard(looks)), Ok(1));
         leave_if_interrupted();
     }
 
     #[test]
     #[should_panic(expected = "a fault")]
     fn a_panic_of_another_kind_goes_on() {
-        let _ = Interrupt::default().guard(|| -> Result<(), ModelError> { panic!("a fault") });
+        let _ = Interrupt::default().guard(|| -> Result<(), Interrupted> { panic!("a fault") });
     }
 }

@@ -3,14 +3,13 @@ use rayon::prelude::*;
 
 use super::fused::{Array, Operand, operand};
 use super::vectorized;
-use crate::parameters::host_values;
 
 /// Elements of a task: 64 KiB of each of four arrays.
 const TASK: usize = 16_384;
 
 /// What a step of AdamW (Loshchilov and Hutter 2019) does to every number alike.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct AdamWStep {
+pub struct AdamWStep {
     /// Of the gradient, before anything else.
     pub scale: f32,
     pub betas: [f32; 2],
@@ -25,7 +24,7 @@ pub(crate) struct AdamWStep {
 
 /// Weight and moments after `step`, in their memory where nothing else uses it; for tensors of
 /// which [`is_fused`] says so.
-pub(crate) fn adam_w(
+pub fn adam_w(
     weight: Tensor<1>,
     gradient: Tensor<1>,
     moments: [Tensor<1>; 2],
@@ -48,17 +47,17 @@ pub(crate) fn adam_w(
 }
 
 fn in_memory(tensor: Tensor<1>) -> Vec<f32> {
-    host_values(tensor).expect("a tensor in memory, of float32, can be read")
+    tensor.try_into_vec_as().expect("a tensor in memory, of float32, can be read")
 }
 
 /// Whether the tensor is one that this module's functions are for.
-pub(crate) fn is_fused(tensor: &Tensor<1>) -> bool {
+pub fn is_fused(tensor: &Tensor<1>) -> bool {
     values(tensor).is_some()
 }
 
 /// Σ x² in double precision, in an order that no thread changes; `None` for another backend's
 /// tensor.
-pub(crate) fn sum_of_squares(x: &Tensor<1>) -> Option<f64> {
+pub fn sum_of_squares(x: &Tensor<1>) -> Option<f64> {
     const LANES: usize = 8;
     let x = values(x)?;
     let parts: Vec<f64> = x
@@ -92,7 +91,7 @@ mod tests {
     use burn::tensor::{Device, Tensor};
 
     use super::{AdamWStep, adam_w, is_fused, sum_of_squares};
-    use crate::parameters::host_values;
+    use crate::agreement::values;
 
     fn wave(length: usize, rate: f32) -> Tensor<1> {
         let values: Vec<f32> = (0..length).map(|index| (index as f32 * rate).sin()).collect();
@@ -126,7 +125,7 @@ mod tests {
             let [weight, first, second] = adam_w(fused, gradient, moments, &step);
             (fused, moments) = (weight, [first, second]);
         }
-        let (plain, fused) = (host_values(plain).unwrap(), host_values(fused).unwrap());
+        let (plain, fused) = (values(plain), values(fused));
         for (plain, fused) in plain.into_iter().zip(fused) {
             assert!((plain - fused).abs() < 1e-6, "{plain} {fused}");
         }
@@ -135,7 +134,7 @@ mod tests {
     #[test]
     fn squares_are_summed_in_double_precision() {
         let x = wave(100_003, 0.3);
-        let values = host_values(x.clone()).unwrap();
+        let values = values(x.clone());
         let exact: f64 = values.into_iter().map(|x| f64::from(x).powi(2)).sum();
         assert!((sum_of_squares(&x).unwrap() / exact - 1.0).abs() < 1e-12);
     }

@@ -10,7 +10,7 @@ const EPSILON: f32 = 1e-5;
 /// Mish of the group-normalized x (Wu and He 2018) `[batch, channel, sample]`: each of `groups`
 /// sets of neighbouring channels to mean 0 and biased variance 1 over channels and samples, then
 /// times weight plus bias, both `[channel]`.
-pub(crate) fn group_norm_mish(
+pub fn group_norm_mish(
     x: Tensor<3>,
     weight: Tensor<1>,
     bias: Tensor<1>,

@@ -5,7 +5,7 @@ use super::fused::{Array, FusedOp, apply, operand};
 use super::packed::{PackedWeight, Packing};
 
 /// `x Wᵀ + b` for x `[batch, token, input]`, W `[output, input]`, b `[output]`.
-pub(crate) fn linear(
+pub fn linear(
     x: Tensor<3>,
     weight: Tensor<2>,
     bias: Tensor<1>,

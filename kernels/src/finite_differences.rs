@@ -2,9 +2,8 @@
 
 use burn::tensor::Tensor;
 
-use super::agreement::{flat, tensors};
+use super::agreement::{flat, tensors, values};
 use super::{conv_transpose1d, conv1d, group_norm_mish, mish};
-use crate::parameters::host_values;
 
 /// Distance of the points between which differences are taken.
 const STEP: f64 = 0.02;
@@ -59,7 +58,7 @@ fn check_derivative<const N: usize>(
 
 /// In double precision.
 fn total(tensor: Tensor<3>) -> f64 {
-    host_values(tensor).unwrap().into_iter().map(f64::from).sum()
+    values(tensor).into_iter().map(f64::from).sum()
 }
 
 #[test]

@@ -7,7 +7,7 @@ use super::fused::{Array, FusedOp, apply, operand};
 /// Cross-correlation along the last dimension, zeros beyond the ends, as `torch.nn.Conv1d`:
 /// x `[batch, input, sample]` with weight `[output, input, kernel]` and bias `[output]` to
 /// `[batch, output, (sample + 2 padding - kernel) / stride + 1]`.
-pub(crate) fn conv1d(
+pub fn conv1d(
     x: Tensor<3>,
     weight: Tensor<3>,
     bias: Tensor<1>,

@@ -7,7 +7,7 @@ use super::fused::{Array, FusedOp, apply, operand};
 use super::threefry::{Key, drop_out};
 
 /// What random numbers of each trajectory begin with.
-pub(crate) type DropoutKeys = Arc<[Key]>;
+pub type DropoutKeys = Arc<[Key]>;
 
 /// Which numbers of the series at one place of a network are left out, of each as likely; the others
 /// are scaled up for it, so that sums stay what they are on average (Srivastava et al. 2014).
@@ -15,7 +15,7 @@ pub(crate) type DropoutKeys = Arc<[Key]>;
 /// It is never kept: a derivative makes it again. Number (trajectory, row, column) is the same
 /// whatever it is computed together with.
 #[derive(Clone, Debug)]
-pub(crate) struct DropoutMask {
+pub struct DropoutMask {
     keys: DropoutKeys,
     place: u32,
     /// Random numbers of 32 bits below it leave out.
@@ -72,7 +72,7 @@ impl DropoutMask {
 const TASK: usize = 16_384;
 
 /// x `[batch, token, channel]` without what `mask` leaves out.
-pub(crate) fn dropout(x: Tensor<3>, mask: Option<DropoutMask>) -> Tensor<3> {
+pub fn dropout(x: Tensor<3>, mask: Option<DropoutMask>) -> Tensor<3> {
     let Some(mask) = mask else { return x };
     apply(Dropout { mask: mask.clone() }, [operand(&x)]).unwrap_or_else(|| plain(x, Some(&mask)))
 }

@@ -18,7 +18,7 @@ const TASK: usize = 16_384;
 /// GELU is x Φ(x) with the normal distribution's Φ, exact rather than its tanh approximation
 /// (Hendrycks and Gimpel 2016); its derivative is Φ(x) + x φ(x). `masks` leave out numbers of GELU's
 /// and of the map's.
-pub(crate) fn gelu_linear_onto(
+pub fn gelu_linear_onto(
     residual: Tensor<3>,
     x: Tensor<3>,
     weight: Tensor<2>,

@@ -8,7 +8,7 @@ use super::vectorized;
 const TASK: usize = 16_384;
 
 /// x tanh(ln(1 + eˣ)) (Misra 2019).
-pub(crate) fn mish(x: Tensor<3>) -> Tensor<3> {
+pub fn mish(x: Tensor<3>) -> Tensor<3> {
     apply(Mish, [operand(&x)]).unwrap_or_else(|| plain(x))
 }
 

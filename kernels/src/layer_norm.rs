@@ -11,7 +11,7 @@ pub(super) const EPSILON: f32 = 1e-5;
 const TASK_ROWS: usize = 128;
 
 /// (x - mean) / √(variance + ε) · weight + bias over the last dimension, biased variance.
-pub(crate) fn layer_norm(x: Tensor<3>, weight: Tensor<1>, bias: Tensor<1>) -> Tensor<3> {
+pub fn layer_norm(x: Tensor<3>, weight: Tensor<1>, bias: Tensor<1>) -> Tensor<3> {
     apply(LayerNorm, [operand(&x), operand(&weight), operand(&bias)])
         .unwrap_or_else(|| plain(x, weight, bias))
 }
