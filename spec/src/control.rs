@@ -1,14 +1,16 @@
 //! Closed loop: robots moved along a path by model predictive control.
 
 use std::f64::consts::TAU;
+use std::iter;
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use crate::check::{Check, Report};
+use crate::kind::KindSpec;
 use crate::{
-    Bootstrap, CheckpointRef, DataSource, DataSpec, Execution, Gravity, JOINT_LIMITS_RAD, JOINTS,
-    Normalization, SpecError, Training,
+    Bootstrap, CheckpointRef, DataSource, DataSpec, Doubt, Execution, Gravity, JOINT_LIMITS_RAD,
+    JOINTS, Normalization, Reference, SpecError, Training,
 };
 
 /// Move robots along a path by model predictive control, once through every predictor.
@@ -287,6 +289,21 @@ impl ControlSpec {
             }
         }
         report.finish()
+    }
+}
+
+impl KindSpec for ControlSpec {
+    fn execution(&self) -> Execution {
+        self.execution
+    }
+
+    fn references(&mut self) -> Vec<Reference<'_>> {
+        let checkpoints = Reference::checkpoints(&mut self.checkpoints);
+        iter::once(Reference::data(&mut self.data)).chain(checkpoints).collect()
+    }
+
+    fn doubts(&self) -> Vec<Doubt> {
+        self.data.doubts()
     }
 }
 

@@ -11,15 +11,7 @@ pub enum DataSpec {
 impl DataSpec {
     /// The data that `job` makes; `None` for jobs that make none.
     pub fn of(job: &JobSpec) -> Option<Self> {
-        match job {
-            JobSpec::Simulate(spec) => Some(Self::Simulation(spec.clone())),
-            JobSpec::Import(spec) => Some(Self::Import(spec.clone())),
-            JobSpec::Train(_)
-            | JobSpec::Evaluate(_)
-            | JobSpec::Control(_)
-            | JobSpec::Verify(_)
-            | JobSpec::Pipeline(_) => None,
-        }
+        job.fields().data()
     }
 
     /// The job that makes this data, without how it is run: what a file says of itself.

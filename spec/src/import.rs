@@ -4,7 +4,10 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use crate::check::{Check, Report};
-use crate::{Column, ColumnType, Digest, Execution, JOINTS, Range};
+use crate::kind::KindSpec;
+use crate::{
+    Column, ColumnType, DataSpec, Digest, Execution, JOINTS, Product, Range, Reference, Referred,
+};
 
 /// Turn an uploaded file into a dataset.
 ///
@@ -223,6 +226,24 @@ mod defaults {
     }
     pub const fn samples() -> u32 {
         400
+    }
+}
+
+impl KindSpec for ImportSpec {
+    fn makes() -> Option<Product> {
+        Some(Product::Trajectories)
+    }
+
+    fn execution(&self) -> Execution {
+        self.execution
+    }
+
+    fn references(&mut self) -> Vec<Reference<'_>> {
+        vec![Reference { field: "file".to_owned(), to: Referred::File(&mut self.file) }]
+    }
+
+    fn data(&self) -> Option<DataSpec> {
+        Some(DataSpec::Import(self.clone()))
     }
 }
 

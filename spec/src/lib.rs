@@ -7,17 +7,17 @@
 
 mod canonical;
 mod check;
-mod compatibility;
 mod control;
 mod data;
-mod early_stop;
 mod error;
 mod evaluate;
 mod execution;
 mod import;
 mod job;
+mod kind;
 mod memory;
 mod model;
+mod parse;
 mod pipeline;
 mod preset;
 mod range;
@@ -31,13 +31,11 @@ mod verify;
 pub const JOINTS: usize = 7;
 
 pub use canonical::{Digest, ParseDigestError};
-pub use compatibility::Training;
 pub use control::{
     ControlBaseline, ControlPath, ControlSpec, PlanWeights, Planner, PointToPoint, Swing,
     TORQUE_LIMITS_NM,
 };
 pub use data::DataSpec;
-pub use early_stop::{EarlyStopSpec, ValidationMetric};
 pub use error::{SpecError, Violation};
 pub use evaluate::{
     Baseline, Bootstrap, EvaluateSpec, EvaluationSampler, LatencySpec, SamplerSteps, SamplingRun,
@@ -48,22 +46,27 @@ pub use import::{
     AngleUnit, FileFormat, ImportColumns, ImportRanges, ImportSpec, ImportUnits, Resampling, Split,
     TimeUnit,
 };
-pub use job::{JobKind, JobSpec, parse};
+pub use job::{JobKind, JobSpec};
 pub use memory::TrainingMemory;
 pub use model::{
     CdcnnSpec, CdtSpec, Conditioning, DampedIntegrator, DiffuserSpec, DiffusionSpec, FLOW_LEVELS,
     FLOW_STEPS, FlowPrediction, FlowSpec, GROUPS, Generation, Head, Known, LossMean, ModelSpec,
     NoiseSchedule, Prediction, Residual, RoboMorphSpec, SamplerKind, SamplerSpec, Spacing,
 };
+pub use parse::parse;
 pub use pipeline::{PipelineMember, PipelineSpec};
 pub use preset::{Preset, PresetPlace, presets};
 pub use range::Range;
-pub use reference::{CheckpointRef, DataSource, TrainingRef, TrainingStep};
+pub use reference::{
+    CheckpointRef, DataSource, Product, Reference, Referred, TrainingRef, TrainingStep,
+};
 pub use simulate::{
     Cell, Chirp, ChirpBand, Column, ColumnType, Doubt, Excitation, Family, Frequency, Friction,
     Gravity, InertiaScheme, InitialState, Integrator, JOINT_LIMITS_RAD, LEAST_INERTIA_KG_M2,
     MAX_TRAJECTORIES, Multisine, Observations, Payload, Precision, Rejection, RobotModel,
     RobotSpec, SimulateSpec,
 };
-pub use train::{EmaSpec, Normalization, OptimizerSpec, TrainSpec};
+pub use train::{
+    EarlyStopSpec, EmaSpec, Normalization, OptimizerSpec, TrainSpec, Training, ValidationMetric,
+};
 pub use verify::VerifySpec;

@@ -1,10 +1,13 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
 use utoipa::ToSchema;
 
 use crate::check::{Check, Report};
-use crate::{CheckpointRef, DataSource, Digest, JobKind, JobSpec, TrainingRef};
+use crate::kind::KindSpec;
+use crate::parse::{from_fields, read, shorten};
+use crate::{Digest, Doubt, Execution, JobKind, JobSpec, SpecError};
 
 /// The most jobs one pipeline may have.
 pub const MAX_MEMBERS: usize = 200;
@@ -33,89 +36,82 @@ pub struct PipelineMember {
 impl PipelineMember {
     /// Every job of the pipeline that must succeed before this one.
     pub fn all_needs(&self) -> BTreeSet<String> {
-        let mut needs: BTreeSet<String> = self.needs.iter().cloned().collect();
-        match &self.spec {
-            JobSpec::Train(spec) => needs.extend(dataset_job(&spec.data)),
-            JobSpec::Evaluate(spec) => {
-                needs.extend(dataset_job(&spec.data));
-                needs.extend(trainings(&spec.checkpoints));
-            }
-            JobSpec::Control(spec) => {
-                needs.extend(dataset_job(&spec.data));
-                needs.extend(trainings(&spec.checkpoints));
-            }
-            JobSpec::Verify(spec) => needs.extend(dataset_job(&spec.data)),
-            JobSpec::Simulate(_) | JobSpec::Import(_) | JobSpec::Pipeline(_) => {}
-        }
-        needs
+        let referred = self.spec.named_jobs().into_iter().map(|job| job.name);
+        self.needs.iter().cloned().chain(referred).collect()
     }
 }
 
-fn trainings(checkpoints: &[CheckpointRef]) -> impl Iterator<Item = String> {
-    checkpoints.iter().filter_map(CheckpointRef::job).map(str::to_owned)
-}
+impl KindSpec for PipelineSpec {
+    /// Reads the members one by one, so that an error names its path and presets work inside.
+    fn read(mut fields: Map<String, Value>) -> Result<Self, SpecError> {
+        let members = match fields.insert("jobs".to_owned(), Value::Object(Map::new())) {
+            Some(Value::Object(members)) => members,
+            Some(other) => {
+                return Err(SpecError::one("jobs", shorten(&other), "an object of named jobs"));
+            }
+            None => return Err(SpecError::one("jobs", "missing", "an object of named jobs")),
+        };
+        let mut pipeline: Self = from_fields(fields)?;
+        for (name, member) in members {
+            let path = format!("jobs.{name}");
+            let Value::Object(mut member) = member else {
+                return Err(SpecError::one(path, shorten(&member), "a JSON object"));
+            };
+            let needs = match member.remove("needs") {
+                Some(needs) => serde_json::from_value(needs).map_err(|error| {
+                    SpecError::one(format!("{path}.needs"), "", error.to_string())
+                })?,
+                None => Vec::new(),
+            };
+            let spec = read(Value::Object(member)).map_err(|error| error.within(&path))?;
+            pipeline.jobs.insert(name, PipelineMember { needs, spec });
+        }
+        Ok(pipeline)
+    }
 
-fn dataset_job(reference: &DataSource) -> Option<String> {
-    match reference {
-        DataSource::Job(name) => Some(name.clone()),
-        DataSource::Dataset(_) | DataSource::Digest(_) | DataSource::Stream(_) => None,
+    fn execution(&self) -> Execution {
+        Execution::default()
+    }
+
+    fn doubts(&self) -> Vec<Doubt> {
+        let of_member = |(name, member): (&String, &PipelineMember)| {
+            let path = format!("jobs.{name}");
+            member.spec.doubts().into_iter().map(move |doubt| doubt.within(&path))
+        };
+        self.jobs.iter().flat_map(of_member).collect()
     }
 }
 
 impl PipelineSpec {
     /// Names of the jobs, each after all it needs; `None` when they need each other in a circle.
     pub fn order(&self) -> Option<Vec<&str>> {
+        let mut waiting: Vec<(&str, BTreeSet<String>)> =
+            self.jobs.iter().map(|(name, job)| (name.as_str(), job.all_needs())).collect();
         let mut done: BTreeSet<&str> = BTreeSet::new();
         let mut order = Vec::with_capacity(self.jobs.len());
-        while order.len() < self.jobs.len() {
-            let ready: Vec<&str> = self
-                .jobs
-                .iter()
-                .filter(|(name, _)| !done.contains(name.as_str()))
-                .filter(|(_, job)| job.all_needs().iter().all(|need| done.contains(need.as_str())))
-                .map(|(name, _)| name.as_str())
-                .collect();
+        while !waiting.is_empty() {
+            let (ready, rest): (Vec<_>, Vec<_>) = waiting
+                .into_iter()
+                .partition(|(_, needs)| needs.iter().all(|need| done.contains(need.as_str())));
             if ready.is_empty() {
                 return None;
             }
-            done.extend(&ready);
-            order.extend(ready);
+            let names = ready.iter().map(|(name, _)| *name);
+            done.extend(names.clone());
+            order.extend(names);
+            waiting = rest;
         }
         Some(order)
     }
-}
 
-impl PipelineSpec {
     /// Turns digests of the pipeline's own jobs back into their names, from which their order follows:
     /// what resolving them did, undone.
     pub fn name_siblings(&mut self) {
         let names: BTreeMap<Digest, String> =
             self.jobs.iter().map(|(name, job)| (job.spec.digest(), name.clone())).collect();
         for member in self.jobs.values_mut() {
-            if let Some(data) = member.spec.dataset_ref()
-                && let DataSource::Digest(digest) = data
-                && let Some(name) = names.get(digest)
-            {
-                *data = DataSource::Job(name.clone());
-            }
-            for checkpoint in member.spec.checkpoint_refs() {
-                match checkpoint {
-                    CheckpointRef::Digest(digest) => {
-                        if let Some(name) = names.get(digest) {
-                            *checkpoint = CheckpointRef::Job(name.clone());
-                        }
-                    }
-                    CheckpointRef::Best(of) => {
-                        if let TrainingRef::Digest(digest) = of
-                            && let Some(name) = names.get(digest)
-                        {
-                            *of = TrainingRef::Job(name.clone());
-                        }
-                    }
-                    CheckpointRef::Job(_)
-                    | CheckpointRef::Checkpoint(_)
-                    | CheckpointRef::Step(_) => {}
-                }
+            for reference in member.spec.references() {
+                reference.to.name_job(&names);
             }
         }
     }
@@ -152,39 +148,32 @@ impl Check for PipelineSpec {
 
 impl PipelineSpec {
     fn check_references(&self, path: &str, member: &PipelineMember, report: &mut Report) {
-        let mut check = |field: &str, name: &str, kind: Option<JobKind>| {
-            let found = self.jobs.get(name).map(|job| job.spec.kind());
-            let fits = found.is_some() && (kind.is_none() || found == kind);
-            if !fits {
-                let kind = kind.map_or(String::new(), |kind| format!("{kind} "));
-                let names: Vec<&str> = self
-                    .jobs
-                    .iter()
-                    .filter(|(_, job)| {
-                        kind.is_empty() || kind.trim_end() == job.spec.kind().as_str()
-                    })
-                    .map(|(name, _)| name.as_str())
-                    .collect();
-                let allowed = format!("a {kind}job of this pipeline: {}", names.join(", "));
-                report.violation(&format!("{path}.{field}"), format!("{name:?}"), allowed);
+        for need in &member.needs {
+            self.check_reference(&format!("{path}.needs"), need, JobKind::ALL, report);
+        }
+        for job in member.spec.named_jobs() {
+            let field = format!("{path}.{}.job", job.field);
+            self.check_reference(&field, &job.name, &JobKind::making(job.product), report);
+        }
+    }
+
+    /// Checks that `name` is a job of one of `kinds`.
+    fn check_reference(&self, field: &str, name: &str, kinds: &[JobKind], report: &mut Report) {
+        let fits = |job: &PipelineMember| kinds.contains(&job.spec.kind());
+        if self.jobs.get(name).is_some_and(fits) {
+            return;
+        }
+        let kind = match kinds {
+            kinds if kinds == JobKind::ALL => String::new(),
+            kinds => {
+                let kinds: Vec<&str> = kinds.iter().map(|kind| kind.as_str()).collect();
+                format!("{} ", kinds.join(" or "))
             }
         };
-        for need in &member.needs {
-            check("needs", need, None);
-        }
-        let (data, checkpoints) = match &member.spec {
-            JobSpec::Train(spec) => (Some(&spec.data), &[][..]),
-            JobSpec::Evaluate(spec) => (Some(&spec.data), &spec.checkpoints[..]),
-            JobSpec::Control(spec) => (Some(&spec.data), &spec.checkpoints[..]),
-            JobSpec::Verify(spec) => (Some(&spec.data), &[][..]),
-            JobSpec::Simulate(_) | JobSpec::Import(_) | JobSpec::Pipeline(_) => (None, &[][..]),
-        };
-        if let Some(name) = data.and_then(dataset_job) {
-            check("data.job", &name, Some(JobKind::Simulate));
-        }
-        for name in checkpoints.iter().filter_map(CheckpointRef::job) {
-            check("checkpoints.job", name, Some(JobKind::Train));
-        }
+        let fitting = self.jobs.iter().filter(|(_, job)| fits(job));
+        let names: Vec<&str> = fitting.map(|(name, _)| name.as_str()).collect();
+        let allowed = format!("a {kind}job of this pipeline: {}", names.join(", "));
+        report.violation(field, format!("{name:?}"), allowed);
     }
 }
 

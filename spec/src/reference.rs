@@ -1,7 +1,11 @@
+//! How a job names the work of others.
+
+use std::collections::BTreeMap;
+
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use crate::{Digest, SimulateSpec};
+use crate::{Digest, Doubt, SimulateSpec};
 
 /// Where a job's trajectories come from: a dataset, by one of three names, or a stream.
 ///
@@ -9,7 +13,7 @@ use crate::{Digest, SimulateSpec};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum DataSource {
-    /// A simulate job of the same pipeline.
+    /// A job of the same pipeline that makes a dataset.
     Job(String),
     /// A dataset's id.
     Dataset(i64),
@@ -66,5 +70,110 @@ impl CheckpointRef {
             | Self::Best(TrainingRef::Digest(_))
             | Self::Step(_) => None,
         }
+    }
+}
+
+/// What a job leaves for others to refer to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Product {
+    Trajectories,
+    Checkpoints,
+}
+
+impl Product {
+    /// How it is named where no pipeline's jobs are at hand.
+    pub(crate) const fn names(self) -> &'static str {
+        match self {
+            Self::Trajectories => r#"{"dataset": ID} or {"digest": HEX}"#,
+            Self::Checkpoints => {
+                r#"{"checkpoint": ID}, {"digest": HEX} or {"best": {"digest": HEX}}"#
+            }
+        }
+    }
+}
+
+/// A place in a spec that names the work of others.
+#[derive(Debug)]
+pub struct Reference<'a> {
+    /// Its field, e.g. `checkpoints[0]`.
+    pub field: String,
+    pub to: Referred<'a>,
+}
+
+#[derive(Debug)]
+pub enum Referred<'a> {
+    Data(&'a mut DataSource),
+    Checkpoint(&'a mut CheckpointRef),
+    /// A file that somebody sent, by its SHA-256.
+    File(&'a mut Digest),
+}
+
+impl<'a> Reference<'a> {
+    pub(crate) fn data(source: &'a mut DataSource) -> Self {
+        Self { field: "data".to_owned(), to: Referred::Data(source) }
+    }
+
+    pub(crate) fn checkpoints(references: &'a mut [CheckpointRef]) -> impl Iterator<Item = Self> {
+        references.iter_mut().enumerate().map(|(i, reference)| Self {
+            field: format!("checkpoints[{i}]"),
+            to: Referred::Checkpoint(reference),
+        })
+    }
+}
+
+impl Referred<'_> {
+    /// What the job behind it must make; no job makes a file.
+    pub const fn product(&self) -> Option<Product> {
+        match self {
+            Self::Data(_) => Some(Product::Trajectories),
+            Self::Checkpoint(_) => Some(Product::Checkpoints),
+            Self::File(_) => None,
+        }
+    }
+
+    /// The job of the same pipeline that it names.
+    pub fn job(&self) -> Option<&str> {
+        match self {
+            Self::Data(DataSource::Job(name)) => Some(name),
+            Self::Checkpoint(checkpoint) => checkpoint.job(),
+            Self::Data(_) | Self::File(_) => None,
+        }
+    }
+
+    /// Names a job of the same pipeline by its name instead of its digest.
+    pub(crate) fn name_job(self, names: &BTreeMap<Digest, String>) {
+        match self {
+            Self::Data(source) => {
+                if let DataSource::Digest(digest) = source
+                    && let Some(name) = names.get(digest)
+                {
+                    *source = DataSource::Job(name.clone());
+                }
+            }
+            Self::Checkpoint(checkpoint) => match checkpoint {
+                CheckpointRef::Digest(digest) => {
+                    if let Some(name) = names.get(digest) {
+                        *checkpoint = CheckpointRef::Job(name.clone());
+                    }
+                }
+                CheckpointRef::Best(training) => {
+                    if let TrainingRef::Digest(digest) = training
+                        && let Some(name) = names.get(digest)
+                    {
+                        *training = TrainingRef::Job(name.clone());
+                    }
+                }
+                CheckpointRef::Job(_) | CheckpointRef::Checkpoint(_) | CheckpointRef::Step(_) => {}
+            },
+            Self::File(_) => {}
+        }
+    }
+}
+
+impl DataSource {
+    /// What is doubtful of a stream.
+    pub(crate) fn doubts(&self) -> Vec<Doubt> {
+        let Self::Stream(stream) = self else { return Vec::new() };
+        stream.doubts().into_iter().map(|doubt| doubt.within("data.stream")).collect()
     }
 }

@@ -3,7 +3,7 @@
 use serde_json::{Map, Value};
 
 use crate::check::{Check, Report};
-use crate::job::shorten;
+use crate::parse::shorten;
 use crate::{DataSource, MAX_TRAJECTORIES, SpecError, preset};
 
 /// Resolves the preset of a stream, and takes the `kind` that a copied job may have.
@@ -14,13 +14,11 @@ pub(crate) fn resolve(mut fields: Map<String, Value>) -> Result<Map<String, Valu
     Ok(fields)
 }
 
-/// As [`resolve`], for a training, whose stream need not say how many robots it has.
-pub(crate) fn resolve_endless(fields: Map<String, Value>) -> Result<Map<String, Value>, SpecError> {
-    let mut fields = resolve(fields)?;
-    if let Some(stream) = stream_of(&mut fields) {
+/// For a training, whose stream need not say how many robots it has.
+pub(crate) fn make_endless(fields: &mut Map<String, Value>) {
+    if let Some(stream) = stream_of(fields) {
         stream.entry("trajectories").or_insert_with(|| MAX_TRAJECTORIES.into());
     }
-    Ok(fields)
 }
 
 fn stream_of(fields: &mut Map<String, Value>) -> Option<&mut Map<String, Value>> {

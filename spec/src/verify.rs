@@ -2,7 +2,8 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use crate::check::{Check, Report};
-use crate::{DataSource, Execution};
+use crate::kind::KindSpec;
+use crate::{DataSource, Execution, Reference};
 
 /// Make a dataset again, shard by shard, and compare it with what is stored.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -12,6 +13,16 @@ pub struct VerifySpec {
     pub data: DataSource,
     #[serde(default, skip_serializing_if = "Execution::is_default")]
     pub execution: Execution,
+}
+
+impl KindSpec for VerifySpec {
+    fn execution(&self) -> Execution {
+        self.execution
+    }
+
+    fn references(&mut self) -> Vec<Reference<'_>> {
+        vec![Reference::data(&mut self.data)]
+    }
 }
 
 impl Check for VerifySpec {

@@ -2,6 +2,8 @@ use std::process::ExitCode;
 use std::time::{Duration, SystemTime};
 
 use clap::Args;
+use clap::builder::PossibleValuesParser;
+use spec::JobKind;
 
 use crate::cli::ServerArguments;
 use crate::client::{Client, Job};
@@ -15,7 +17,7 @@ pub struct Arguments {
     state: Option<String>,
 
     /// Only jobs of this kind
-    #[arg(long, value_name = "KIND", value_parser = ["simulate", "train", "evaluate", "import", "verify", "pipeline"])]
+    #[arg(long, value_name = "KIND", value_parser = kinds())]
     kind: Option<String>,
 
     /// At most so many
@@ -61,6 +63,10 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
+fn kinds() -> PossibleValuesParser {
+    PossibleValuesParser::new(JobKind::ALL.iter().map(|kind| kind.as_str()))
+}
+
 fn path(Arguments { state, kind, limit, before, .. }: &Arguments) -> String {
     let mut path = format!("/v1/jobs?limit={limit}");
     for (key, value) in [("state", state), ("kind", kind)] {
@@ -95,4 +101,26 @@ fn since(from: &str, to: Option<&str>) -> Option<Duration> {
     let to =
         to.map_or_else(|| Some(SystemTime::now()), |to| humantime::parse_rfc3339_weak(to).ok())?;
     Some(to.duration_since(from).unwrap_or_default())
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use super::*;
+
+    #[derive(Parser)]
+    struct Jobs {
+        #[command(flatten)]
+        arguments: Arguments,
+    }
+
+    /// Catches a list of kinds kept by hand, which `control` was missing from.
+    #[test]
+    fn jobs_of_every_kind_can_be_listed() {
+        for kind in JobKind::ALL {
+            let jobs = Jobs::try_parse_from(["jobs", "--kind", kind.as_str()]).unwrap();
+            assert!(path(&jobs.arguments).ends_with(&format!("&kind={kind}")), "{kind}");
+        }
+    }
 }

@@ -286,10 +286,7 @@ impl FromRow<'_, SqliteRow> for Job {
 
 pub(crate) fn kind(row: &SqliteRow, column: &str) -> Result<JobKind, sqlx::Error> {
     let text: &str = row.try_get(column)?;
-    JobKind::ALL
-        .into_iter()
-        .find(|kind| kind.as_str() == text)
-        .ok_or_else(|| undecodable(column, format!("unknown kind {text:?}").into()))
+    text.parse().map_err(|error: spec::SpecError| undecodable(column, error.into()))
 }
 
 pub(crate) fn digest(row: &SqliteRow, column: &str) -> Result<Digest, sqlx::Error> {

@@ -3,8 +3,8 @@
 use serde_json::{Map, Value, json};
 
 use super::{EvaluateSpec, HORIZON};
-use crate::job::from_fields;
-use crate::{DataSource, SpecError, preset, stream};
+use crate::parse::from_fields;
+use crate::{DataSource, SpecError, preset};
 
 /// Its own, so that no training shares its robots.
 const SEED: u64 = 1_000_003;
@@ -13,12 +13,12 @@ const SEED: u64 = 1_000_003;
 const SCENARIOS: u32 = 100;
 
 /// An evaluation from its JSON, without checking its values.
-pub(crate) fn read(mut fields: Map<String, Value>) -> Result<EvaluateSpec, SpecError> {
+pub(super) fn read(mut fields: Map<String, Value>) -> Result<EvaluateSpec, SpecError> {
     let names_data = fields.contains_key("data");
     if !names_data {
         fields.insert("data".to_owned(), stream_over_grid());
     }
-    let mut spec: EvaluateSpec = from_fields(stream::resolve(fields)?)?;
+    let mut spec: EvaluateSpec = from_fields(fields)?;
     if !names_data {
         spec.fit_grid();
     }

@@ -2,18 +2,21 @@
 
 mod cells;
 mod default_grid;
+mod inputs;
 mod sampler;
 
+use std::iter;
+
 use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
 use utoipa::ToSchema;
 
 use crate::check::{Check, Report};
-use crate::{CheckpointRef, DataSource, Execution};
+use crate::kind::KindSpec;
+use crate::{CheckpointRef, DataSource, Doubt, Execution, Reference, SpecError};
 
 pub use cells::{ScenarioCell, UNGRIDDED_SCENARIOS};
 pub use sampler::{EvaluationSampler, SamplerSteps, SamplingRun, Start};
-
-pub(crate) use default_grid::read;
 
 /// Samples in the horizon where neither the spec nor its data says how many.
 const HORIZON: u32 = 80;
@@ -164,6 +167,25 @@ impl EvaluateSpec {
     }
 }
 
+impl KindSpec for EvaluateSpec {
+    fn read(fields: Map<String, Value>) -> Result<Self, SpecError> {
+        default_grid::read(fields)
+    }
+
+    fn execution(&self) -> Execution {
+        self.execution
+    }
+
+    fn references(&mut self) -> Vec<Reference<'_>> {
+        let checkpoints = Reference::checkpoints(&mut self.checkpoints);
+        iter::once(Reference::data(&mut self.data)).chain(checkpoints).collect()
+    }
+
+    fn doubts(&self) -> Vec<Doubt> {
+        self.data.doubts()
+    }
+}
+
 impl Check for EvaluateSpec {
     fn check(&self, report: &mut Report) {
         report.part("data", &self.data);
@@ -207,6 +229,6 @@ impl Check for EvaluateSpec {
     }
 }
 
-pub(crate) fn first_repeated<T: PartialEq>(items: &[T]) -> Option<&T> {
+fn first_repeated<T: PartialEq>(items: &[T]) -> Option<&T> {
     items.iter().enumerate().find(|(i, item)| items[..*i].contains(item)).map(|(_, item)| item)
 }

@@ -4,6 +4,8 @@
 //! 60 Hz, measured over damping, gravity, friction and excitation by
 //! `cargo run --release -p dynamics --example errors`. A motion counts as followed below 10⁻⁴ rad.
 
+use std::fmt;
+
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -20,6 +22,22 @@ pub struct Doubt {
     pub value: String,
     /// Why that is doubtful, with numbers, and what to do about it.
     pub reason: String,
+}
+
+impl Doubt {
+    /// The same about a spec that is found at `path` in another.
+    #[must_use]
+    pub fn within(self, path: &str) -> Self {
+        Self { field: format!("{path}.{}", self.field), ..self }
+    }
+}
+
+/// A sentence.
+impl fmt::Display for Doubt {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { field, value, reason } = self;
+        write!(f, "{field} is {value}: {reason}")
+    }
 }
 
 /// The least inertia that the nominal Panda's joints have, over all configurations within their limits,

@@ -24,7 +24,8 @@ use std::ops::Range as IndexRange;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use crate::Execution;
+use crate::kind::KindSpec;
+use crate::{DataSpec, Execution, Product};
 
 /// The largest dataset there can be: trajectories are numbered in 32 bits. A server's own limit is
 /// lower.
@@ -122,6 +123,24 @@ impl SimulateSpec {
                 count,
             })
             .collect()
+    }
+}
+
+impl KindSpec for SimulateSpec {
+    fn makes() -> Option<Product> {
+        Some(Product::Trajectories)
+    }
+
+    fn execution(&self) -> Execution {
+        self.execution
+    }
+
+    fn data(&self) -> Option<DataSpec> {
+        Some(DataSpec::Simulation(self.clone()))
+    }
+
+    fn doubts(&self) -> Vec<Doubt> {
+        Self::doubts(self)
     }
 }
 

@@ -1,8 +1,21 @@
+//! A training: one model, learned from one dataset or stream.
+
+mod early_stop;
+mod inputs;
+
 use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
 use utoipa::ToSchema;
 
 use crate::check::{Check, Report};
-use crate::{DataSource, EarlyStopSpec, Execution, JOINTS, ModelSpec, ValidationMetric};
+use crate::kind::KindSpec;
+use crate::parse::from_fields;
+use crate::{
+    DataSource, DataSpec, Doubt, Execution, JOINTS, ModelSpec, Product, Reference, SpecError,
+    preset, stream,
+};
+
+pub use early_stop::{EarlyStopSpec, ValidationMetric};
 
 /// Train one model on one dataset.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -66,6 +79,13 @@ pub struct TrainSpec {
     pub keep_checkpoints: u32,
     #[serde(default, skip_serializing_if = "Execution::is_default")]
     pub execution: Execution,
+}
+
+/// A training that another job refers to, and the data it was trained on.
+#[derive(Clone, Copy, Debug)]
+pub struct Training<'a> {
+    pub spec: &'a TrainSpec,
+    pub data: &'a DataSpec,
 }
 
 /// Where the mean and standard deviation of u and y come from.
@@ -172,6 +192,29 @@ mod defaults {
     }
     pub const fn keep_checkpoints() -> u32 {
         2
+    }
+}
+
+impl KindSpec for TrainSpec {
+    fn read(mut fields: Map<String, Value>) -> Result<Self, SpecError> {
+        stream::make_endless(&mut fields);
+        from_fields(preset::resolve_model(fields)?)
+    }
+
+    fn makes() -> Option<Product> {
+        Some(Product::Checkpoints)
+    }
+
+    fn execution(&self) -> Execution {
+        self.execution
+    }
+
+    fn references(&mut self) -> Vec<Reference<'_>> {
+        vec![Reference::data(&mut self.data)]
+    }
+
+    fn doubts(&self) -> Vec<Doubt> {
+        self.data.doubts()
     }
 }
 

@@ -1,0 +1,44 @@
+//! What the spec of every kind of job can say of itself.
+
+use serde::de::DeserializeOwned;
+use serde_json::{Map, Value};
+
+use crate::check::Check;
+use crate::parse::from_fields;
+use crate::{DataSpec, Doubt, Execution, Product, Reference, SpecError};
+
+/// The fields of one kind of job.
+pub(crate) trait KindSpec: Check {
+    /// Deserializes them, without checking values. Presets and streams are resolved before.
+    fn read(fields: Map<String, Value>) -> Result<Self, SpecError>
+    where
+        Self: Sized + DeserializeOwned,
+    {
+        from_fields(fields)
+    }
+
+    /// What a job of this kind leaves for others to refer to.
+    fn makes() -> Option<Product>
+    where
+        Self: Sized,
+    {
+        None
+    }
+
+    fn execution(&self) -> Execution;
+
+    /// Everything that names the work of others, in the order in which it is looked up.
+    fn references(&mut self) -> Vec<Reference<'_>> {
+        Vec::new()
+    }
+
+    /// What its trajectories are, if it makes any.
+    fn data(&self) -> Option<DataSpec> {
+        None
+    }
+
+    /// What is allowed and yet probably no intention.
+    fn doubts(&self) -> Vec<Doubt> {
+        Vec::new()
+    }
+}

@@ -1,0 +1,91 @@
+//! Whether a training fits its data, and what of it is kept for validation.
+
+use super::TrainSpec;
+use crate::check::Report;
+use crate::{DataSource, DataSpec, SpecError};
+
+impl TrainSpec {
+    /// Trajectories to train on, of a dataset with `all`: all but the validation share at the end.
+    pub fn training_trajectories(&self, all: u64) -> u64 {
+        all - self.validation_part(all)
+    }
+
+    /// Trajectories kept for validation, of a dataset with `all`, rounded to the nearest whole number.
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        clippy::cast_precision_loss,
+        reason = "a share of at most 2^31 trajectories is exact in f64 and not negative"
+    )]
+    pub fn validation_part(&self, all: u64) -> u64 {
+        (self.validation_fraction * all as f64).round() as u64
+    }
+
+    /// # Errors
+    /// Names each field that does not fit `data`, with both numbers.
+    pub fn check_data(&self, data: &DataSpec) -> Result<(), SpecError> {
+        let mut report = Report::default();
+        let samples = data.samples();
+        if self.context >= samples {
+            report.violation(
+                "context",
+                self.context,
+                format!("less than the data's samples, which are {samples}"),
+            );
+        } else {
+            let (horizon, patch) = (samples - self.context, self.model.patch());
+            if !horizon.is_multiple_of(patch) {
+                report.violation(
+                    "model.patch",
+                    patch,
+                    format!("a divisor of the horizon, which is {horizon} samples"),
+                );
+            }
+        }
+        let stride = self.model.stride();
+        if !samples.is_multiple_of(stride) {
+            report.violation(
+                "model",
+                format!("a U-Net of stride {stride}"),
+                format!("one whose stride divides the data's samples, which are {samples}"),
+            );
+        }
+        if let (Some(all), false) =
+            (data.trajectories(), matches!(self.data, DataSource::Stream(_)))
+        {
+            self.check_count(all, &mut report);
+        }
+        report.finish()
+    }
+
+    /// For data of which [`DataSpec::trajectories`] did not tell how many there are.
+    ///
+    /// # Errors
+    /// When a batch needs more trajectories than there are to train on, or an early stop has none
+    /// to look at.
+    pub fn check_trajectories(&self, all: u64) -> Result<(), SpecError> {
+        let mut report = Report::default();
+        self.check_count(all, &mut report);
+        report.finish()
+    }
+
+    fn check_count(&self, all: u64, report: &mut Report) {
+        if self.early_stop.is_some() && self.validation_part(all) == 0 {
+            report.violation(
+                "validation_fraction",
+                self.validation_fraction,
+                format!(
+                    "so large that early_stop has trajectories to validate with: here it keeps 0 of {all}"
+                ),
+            );
+        }
+        let trained = self.training_trajectories(all);
+        if u64::from(self.batch_size) > trained {
+            report.violation(
+                "batch_size",
+                self.batch_size,
+                format!("at most the number of training trajectories, which is {trained}"),
+            );
+        }
+    }
+}
