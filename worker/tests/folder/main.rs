@@ -5,4 +5,5 @@
 mod columns;
 mod completing;
 mod fixture;
+mod pinned;
 mod verifying;

@@ -1,0 +1,34 @@
+//! Presets are what most people run: their digests are pinned, so that no change of how they are written
+//! changes what they mean.
+
+#![expect(clippy::unwrap_used, reason = "a test may panic")]
+
+use serde_json::json;
+use spec::{PresetPlace, parse, presets};
+
+/// One line per preset, by name: the name and the digest. A model's digest is that of a training of it.
+fn digests() -> String {
+    let mut lines: Vec<String> = presets()
+        .into_iter()
+        .map(|preset| {
+            let job = match preset.place {
+                PresetPlace::Job => json!({"preset": preset.name}),
+                PresetPlace::Model => json!({
+                    "kind": "train", "data": {"digest": "0".repeat(64)},
+                    "model": {"preset": preset.name}, "steps": 1,
+                }),
+            };
+            let digest = parse(job.to_string().as_bytes()).unwrap().digest();
+            format!("{} {digest}\n", preset.name)
+        })
+        .collect();
+    lines.sort();
+    lines.concat()
+}
+
+#[test]
+fn the_digests_of_all_presets_are_pinned() {
+    let pinned = include_str!("data/preset_digests.txt");
+    let found = digests();
+    assert_eq!(found, pinned, "\n{found}");
+}
