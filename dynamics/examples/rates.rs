@@ -1,12 +1,13 @@
 //! Prints how fast this machine simulates, per instruction set and precision.
 //!
-//! `cargo run --release -p dynamics --example rates -- [--json] [SPEC] [THREADS ..]`
+//! `cargo run --release -p dynamics --example rates -- [--json] [SPEC] [SET] [THREADS ..]`
 //!
 //! Trajectories are counted with everything they take: draws, excitation, rejection, output; into fresh
 //! memory and into memory used before. Evaluations are those of Runge-Kutta, where each is a complete
 //! one: mass matrix, bias forces, factorization, solution, and the update of the state.
 //!
-//! SPEC is a file with a simulate job to take instead of the default one. `--json` measures the best
+//! SPEC is a file with a simulate job to take instead of the default one. SET, say `AVX2`, is the only
+//! instruction set to measure. `--json` measures the best
 //! instruction set alone and each rate only twice, for `cargo xtask bench dynamics`, which lets us and
 //! other simulators take turns.
 
@@ -30,11 +31,16 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut json = false;
     let mut text = DEFAULT_SPEC.to_owned();
     let mut threads: Vec<usize> = Vec::new();
+    let mut sets = InstructionSet::available();
     for argument in std::env::args().skip(1) {
-        match argument.parse() {
-            Ok(count) => threads.push(count),
-            Err(_) if argument == "--json" => json = true,
-            Err(_) => text = std::fs::read_to_string(argument)?,
+        if argument == "--json" {
+            json = true;
+        } else if let Ok(count) = argument.parse() {
+            threads.push(count);
+        } else if let Ok(set) = argument.parse() {
+            sets = vec![set];
+        } else {
+            text = std::fs::read_to_string(argument)?;
         }
     }
     if threads.is_empty() {
@@ -44,7 +50,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         return Err("not a simulation".into());
     };
     if json {
-        let rates = measure(&spec, InstructionSet::best(), &threads, 2)?;
+        let rates = measure(&spec, sets[0], &threads, 2)?;
         println!("{}", Value::from_iter(rates.iter().map(Rates::json)));
         return Ok(());
     }
@@ -52,7 +58,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         "{:<10} {:<4} {:>7} {:>16} {:>16} {:>12}",
         "", "", "threads", "trajectories/s", "in used memory", "M evals/s"
     );
-    for instructions in InstructionSet::available() {
+    for instructions in sets {
         for rates in measure(&spec, instructions, &threads, 4)? {
             println!(
                 "{:<10} {:<4} {:>7} {:>16.0} {:>16.0} {:>12.1}",

@@ -6,12 +6,13 @@
 
 use std::ops::ControlFlow;
 
+use simd::MAX_LANES;
 use spec::{Gravity, JOINTS, Rejection};
 
 use crate::forward_dynamics::{Dynamics, turns};
 use crate::integrators::{Scheme, State, advance};
+use crate::kernels::Kernels;
 use crate::kinematics::POSE;
-use crate::lanes::{Kernels, MAX_LANES};
 use crate::model::Model;
 use crate::rejection::Clearance;
 use crate::spatial::Turn;

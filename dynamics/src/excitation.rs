@@ -2,10 +2,10 @@
 
 use std::f64::consts::TAU;
 
+use simd::{Lanes, MAX_LANES};
 use spec::{Family, JOINTS};
 
 use crate::Joints;
-use crate::lanes::{Lanes, MAX_LANES};
 use crate::random::Draws;
 
 /// The torque law of one trajectory, one set of coefficients per joint. Signs and divisors of the
@@ -212,8 +212,9 @@ fn scatter<D: Lanes>(lanes: D, first: usize, sample: &mut [f32]) {
 
 #[cfg(test)]
 mod tests {
+    use simd::F64Array;
+
     use super::*;
-    use crate::lanes::F64Array;
 
     /// The largest distance from the law evaluated directly, in units of the largest torque.
     fn sampling_error<D: Lanes>(torques: &Torques, samples: usize) -> f64 {

@@ -6,10 +6,10 @@
 //! takes fewer operations than the articulated-body algorithm, and most of them are independent. Links
 //! come with their inertias regrouped, see [`crate::regrouping`], which leaves many of them zero.
 
+use simd::Lanes;
 use spec::JOINTS;
 
 use crate::Joints;
-use crate::lanes::Lanes;
 use crate::model::{Link, Model};
 use crate::spatial::{
     Symmetric, Turn, Vector, add_cross, add_matrix_origin, add_origin_cross, shifted,

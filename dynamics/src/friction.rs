@@ -1,9 +1,9 @@
 //! Friction of the joints besides their viscous damping.
 
+use simd::Lanes;
 use spec::JOINTS;
 
 use crate::Joints;
-use crate::lanes::Lanes;
 
 /// τ_f(q̇) = φ1 / (1 + exp(−φ2 (q̇ + φ3))) − φ1 / (1 + exp(−φ2 φ3)) of each joint: zero at rest.
 ///
@@ -79,8 +79,9 @@ fn sigmoid<L: Lanes>(x: L) -> L {
 
 #[cfg(test)]
 mod tests {
+    use simd::{F32Array, F64Array};
+
     use super::*;
-    use crate::lanes::{F32Array, F64Array};
 
     /// The formula as published.
     fn published([phi1, phi2, phi3]: [f64; 3], qd: f64) -> f64 {

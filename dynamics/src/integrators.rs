@@ -8,7 +8,7 @@ use spec::{Integrator, JOINTS};
 
 use crate::Joints;
 use crate::forward_dynamics::{Dynamics, later_turns, turns};
-use crate::lanes::Kernels;
+use crate::kernels::Kernels;
 use crate::model::Model;
 use crate::spatial::Turn;
 
@@ -213,8 +213,9 @@ fn runge_kutta_step<L: Kernels>(
 
 #[cfg(test)]
 mod tests {
+    use simd::{F64Array, Lanes};
+
     use super::*;
-    use crate::lanes::{F64Array, Lanes};
     use crate::{Robot, mass_matrix};
 
     type Lane = F64Array<1>;

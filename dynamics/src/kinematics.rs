@@ -2,10 +2,10 @@
 
 use std::f64::consts::FRAC_1_SQRT_2;
 
+use simd::{F64Array, Lanes, MAX_LANES};
 use spec::JOINTS;
 
 use crate::Joints;
-use crate::lanes::{F64Array, Lanes, MAX_LANES};
 use crate::panda::{TWISTS, Twist};
 use crate::spatial::{Turn, Vector, add_scaled_origin};
 
@@ -183,6 +183,12 @@ mod tests {
     use super::*;
     use crate::panda::KINEMATICS;
 
+    fn rounded(value: f64) -> f32 {
+        let mut stored = [0.0; MAX_LANES];
+        F64Array::<1>::splat(value).store(&mut stored);
+        stored[0]
+    }
+
     /// The hand's pose from the modified DH table, with rotations and translations multiplied out.
     fn multiplied_out(kinematics: &Kinematics, q: Joints<f64>) -> Isometry3<f64> {
         let alpha = [0.0, -90.0, 90.0, 90.0, -90.0, 90.0, 90.0_f64];
@@ -236,9 +242,8 @@ mod tests {
     fn recorded_poses_turn_without_jumps_through_several_revolutions() {
         let samples = 1000;
         let angle = |k: usize, joint: usize| (k as f64 * 0.02 - 10.0) * (1.0 + 0.1 * joint as f64);
-        let q: Vec<f32> = (0..samples * JOINTS)
-            .map(|at| crate::lanes::rounded(angle(at / JOINTS, at % JOINTS)))
-            .collect();
+        let q: Vec<f32> =
+            (0..samples * JOINTS).map(|at| rounded(angle(at / JOINTS, at % JOINTS))).collect();
         let mut poses = vec![0.0; samples * POSE];
         KINEMATICS.record_poses::<F64Array<4>>(&q, &mut poses);
         assert!(poses[POSE - 1] >= 0.0);
@@ -253,7 +258,7 @@ mod tests {
             let pose =
                 KINEMATICS.end_effector_pose(std::array::from_fn(|joint| sample[joint].into()));
             for (recorded, exact) in recorded.iter().zip(pose.position_m) {
-                assert_eq!(*recorded, crate::lanes::rounded(exact));
+                assert_eq!(*recorded, rounded(exact));
             }
         }
     }

@@ -16,16 +16,16 @@
 )]
 
 mod block;
+mod dispatch;
 mod error;
 mod excitation;
 mod forward_dynamics;
 mod friction;
 mod inertia;
 mod initial_state;
-mod instruction_set;
 mod integrators;
+mod kernels;
 mod kinematics;
-mod lanes;
 mod model;
 mod panda;
 #[cfg(test)]
@@ -45,11 +45,11 @@ pub use error::DynamicsError;
 pub use excitation::{Chirp, Multisine, Torques};
 pub use friction::Friction;
 pub use inertia::RigidBody;
-pub use instruction_set::InstructionSet;
 pub use kinematics::{Kinematics, Pose};
 pub use replay::{Anchor, ArmState, Motion, Replay};
 pub use robot::{Payload, Robot};
 pub use scenario::{Scenario, Scenarios};
+pub use simd::InstructionSet;
 pub use simulate::{Trajectories, simulate, simulate_into, simulate_on};
 pub use single::{bias_forces, forward_dynamics, gravity, mass_matrix};
 pub use spec::JOINT_LIMITS_RAD;

@@ -1,5 +1,6 @@
+use simd::Lanes;
+
 use crate::friction::Sigmoids;
-use crate::lanes::Lanes;
 use crate::regrouping::regrouped;
 use crate::{Joints, Robot};
 

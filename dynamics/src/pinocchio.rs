@@ -3,11 +3,13 @@
 use std::ops::ControlFlow;
 
 use serde::Deserialize;
+use simd::{F32Array, F64Array};
 use spec::{Family, Gravity, Integrator, JOINTS, JobSpec, Precision, Rejection, SimulateSpec};
 
 use crate::block::Block;
+use crate::dispatch;
 use crate::forward_dynamics::{Dynamics, turns};
-use crate::lanes::{F32Array, F64Array, Kernels};
+use crate::kernels::Kernels;
 use crate::model::Model;
 use crate::panda::{Bodies, KINEMATICS};
 use crate::robot::Parts;
@@ -196,7 +198,7 @@ impl Trajectory {
             end_effector: None,
             finished: &|_| ControlFlow::Continue(()),
         };
-        instructions.simulate(precision, &mut block).unwrap();
+        dispatch::simulate(instructions, precision, &mut block).unwrap();
 
         let mut worst: f64 = 0.0;
         for (expected, sample) in self.q.iter().zip(q.chunks_exact(JOINTS).step_by(STRIDE)) {
@@ -311,8 +313,8 @@ fn portable_lanes_have_the_dynamics_of_the_reference() {
 #[test]
 fn avx2_lanes_have_the_dynamics_of_the_reference() {
     if InstructionSet::available().len() >= 2 {
-        check_lanes::<crate::lanes::F64x4>(F64_TOLERANCE);
-        check_lanes::<crate::lanes::F32x8>(F32_TOLERANCE);
+        check_lanes::<simd::F64x4>(F64_TOLERANCE);
+        check_lanes::<simd::F32x8>(F32_TOLERANCE);
     }
 }
 
@@ -320,8 +322,8 @@ fn avx2_lanes_have_the_dynamics_of_the_reference() {
 #[test]
 fn avx512_lanes_have_the_dynamics_of_the_reference() {
     if InstructionSet::available().len() >= 3 {
-        check_lanes::<crate::lanes::F64x8>(F64_TOLERANCE);
-        check_lanes::<crate::lanes::F32x16>(F32_TOLERANCE);
+        check_lanes::<simd::F64x8>(F64_TOLERANCE);
+        check_lanes::<simd::F32x16>(F32_TOLERANCE);
     }
 }
 

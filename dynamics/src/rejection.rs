@@ -1,8 +1,7 @@
-use spec::Rejection;
+use simd::Lanes;
+use spec::{JOINT_LIMITS_RAD, Rejection};
 
 use crate::Joints;
-use crate::lanes::Lanes;
-use spec::JOINT_LIMITS_RAD;
 
 /// Positions that every sample of a trajectory must keep to.
 pub(crate) struct Clearance<L> {

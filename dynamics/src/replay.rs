@@ -4,10 +4,12 @@
 //! rejected or compensated.
 
 use rayon::prelude::*;
+use simd::MAX_LANES;
 use spec::{Integrator, JOINTS, Precision, SimulateSpec};
 
+use crate::dispatch;
 use crate::integrators::{Scheme, State, advance};
-use crate::lanes::{Kernels, MAX_LANES};
+use crate::kernels::Kernels;
 use crate::model::Model;
 use crate::{InstructionSet, Joints, Robot};
 
@@ -100,11 +102,11 @@ impl Replay {
         if samples == 0 {
             return (q, ends);
         }
-        let lanes = self.instructions.lanes(self.precision);
+        let lanes = dispatch::lanes(self.instructions, self.precision);
         let chunks = motions.par_chunks(lanes).zip(q.par_chunks_mut(lanes * samples));
         chunks.zip(ends.par_chunks_mut(lanes)).for_each(|((motions, q), ends)| {
             let mut together = Together { replay: self, motions, q, ends };
-            self.instructions.replay(self.precision, &mut together);
+            dispatch::replay(self.instructions, self.precision, &mut together);
         });
         (q, ends)
     }

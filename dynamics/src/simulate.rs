@@ -5,6 +5,7 @@ use rayon::prelude::*;
 use spec::{JOINTS, SimulateSpec};
 
 use crate::block::Block;
+use crate::dispatch;
 use crate::kinematics::POSE;
 use crate::{DynamicsError, InstructionSet, Scenario, Scenarios};
 
@@ -121,7 +122,7 @@ fn fill(
         ControlFlow::Continue(())
     };
 
-    let rows = block_rows(*count, instructions.lanes(spec.precision));
+    let rows = block_rows(*count, dispatch::lanes(instructions, spec.precision));
     let mut u = u.chunks_mut(rows * row_len);
     let mut q = q.chunks_mut(rows * row_len);
     let mut qd = qd.as_mut().map(|qd| qd.chunks_mut(rows * row_len));
@@ -142,7 +143,7 @@ fn fill(
         if cancelled.load(Ordering::Relaxed) {
             return Ok(());
         }
-        instructions.simulate(spec.precision, &mut block)
+        dispatch::simulate(instructions, spec.precision, &mut block)
     })?;
     if cancelled.into_inner() {
         return Err(DynamicsError::Cancelled { range });

@@ -2,10 +2,11 @@
 //!
 //! The same code as on vectors, with one lane.
 
+use simd::{F64Array, Lanes};
 use spec::JOINTS;
 
 use crate::forward_dynamics::{Dynamics, turns};
-use crate::lanes::{F64Array, Kernels, Lanes};
+use crate::kernels::Kernels;
 use crate::model::Model;
 use crate::spatial::Turn;
 use crate::{Joints, Robot};

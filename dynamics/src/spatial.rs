@@ -5,7 +5,8 @@
 //! does not, nor do twists, so that zeros and quarter turns cost nothing: every `J` below is a
 //! joint whose constants the compiler sees.
 
-use crate::lanes::Lanes;
+use simd::Lanes;
+
 use crate::panda::{KINEMATICS, TWISTS, Twist};
 
 pub(crate) type Vector<L> = [L; 3];

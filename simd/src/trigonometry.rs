@@ -1,11 +1,11 @@
 use std::f64::consts::FRAC_2_PI;
 
-use super::Lanes;
+use crate::Lanes;
 
 /// What sine and cosine need to know about a number format.
 ///
 /// Polynomials and splittings are those of S. L. Moshier's Cephes library (`sinf.c`, `sin.c`).
-pub(crate) struct Trigonometry {
+pub struct Trigonometry {
     /// 1.5 · 2^(mantissa bits): adding it rounds to an integer, left in the low bits.
     pub(crate) rounder: f64,
     /// π/2 as an unevaluated sum of two numbers of the format.
@@ -68,7 +68,7 @@ pub(crate) const F64: Trigonometry = Trigonometry {
 };
 
 #[inline(always)]
-pub(super) fn sin_cos<L: Lanes>(angle: L) -> (L, L) {
+pub(crate) fn sin_cos<L: Lanes>(angle: L) -> (L, L) {
     let format = const { L::TRIGONOMETRY };
     let rounder = L::splat(format.rounder);
     let quadrant = angle.mul_add(L::splat(FRAC_2_PI), rounder);
@@ -84,7 +84,7 @@ pub(super) fn sin_cos<L: Lanes>(angle: L) -> (L, L) {
 
 /// Sine and cosine − 1.
 #[inline(always)]
-pub(super) fn small_sin_cos<L: Lanes>(angle: L) -> (L, L) {
+pub(crate) fn small_sin_cos<L: Lanes>(angle: L) -> (L, L) {
     let format = const { L::TRIGONOMETRY };
     let z = angle * angle;
     let sin = (angle * z).mul_add(polynomial(format.small_sin, z), angle);
@@ -93,7 +93,7 @@ pub(super) fn small_sin_cos<L: Lanes>(angle: L) -> (L, L) {
 
 /// Σ coefficients · powers of `x`, highest power first.
 #[inline(always)]
-pub(super) fn polynomial<L: Lanes>(coefficients: &'static [f64], x: L) -> L {
+pub(crate) fn polynomial<L: Lanes>(coefficients: &'static [f64], x: L) -> L {
     let mut sum = L::splat(coefficients[0]);
     for &coefficient in &coefficients[1..] {
         sum = sum.mul_add(x, L::splat(coefficient));
@@ -103,7 +103,7 @@ pub(super) fn polynomial<L: Lanes>(coefficients: &'static [f64], x: L) -> L {
 
 #[cfg(test)]
 mod tests {
-    use crate::lanes::{F32Array, F64Array, Lanes};
+    use crate::{F32Array, F64Array, Lanes};
 
     #[test]
     fn sine_and_cosine_are_accurate_to_the_format_over_many_turns() {

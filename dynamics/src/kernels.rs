@@ -1,10 +1,11 @@
 //! The functions that are compiled once per lane type, for the instructions of that type.
 //!
-//! Everything else about lanes is inlined into these. They are few and never inlined into each
+//! Everything else that is written over lanes is inlined into these. They are few and never inlined into each
 //! other, since one evaluation of the dynamics is about a thousand instructions and would otherwise
 //! be copied into every stage of every integrator.
 
-use super::{F32Array, F64Array, Lanes};
+use simd::{F32Array, F64Array, Lanes};
+
 use crate::block::{self, Block};
 use crate::forward_dynamics::{self, Dynamics};
 use crate::model::Model;
@@ -127,7 +128,7 @@ macro_rules! kernels {
 #[cfg(target_arch = "x86_64")]
 mod x86 {
     use super::*;
-    use crate::lanes::{F32x8, F32x16, F64x4, F64x8};
+    use simd::{F32x8, F32x16, F64x4, F64x8};
 
     kernels!(F32x16, "avx512f,avx512dq,avx512vl,avx2,fma");
     kernels!(F64x8, "avx512f,avx512dq,avx512vl,avx2,fma");

@@ -2,12 +2,12 @@
 
 use std::arch::x86_64::*;
 
-use super::array::rounded;
-use super::x86::x86_lanes;
-use super::{exponential, trigonometry};
+use crate::array::rounded;
+use crate::x86::x86_lanes;
+use crate::{Lanes, Vector, exponential, trigonometry};
 
 x86_lanes! {
-    /// 16 robots in single precision.
+    /// 16 lanes in single precision.
     F32x16(__m512) of f32, lanes 16, double F64x8,
     trigonometry trigonometry::F32, exponential exponential::F32, round rounded,
     add _mm512_add_ps, sub _mm512_sub_ps, mul _mm512_mul_ps, div _mm512_div_ps,
@@ -17,7 +17,7 @@ x86_lanes! {
 }
 
 x86_lanes! {
-    /// 8 robots in double precision.
+    /// 8 lanes in double precision.
     F64x8(__m512d) of f64, lanes 8, double F64x8,
     trigonometry trigonometry::F64, exponential exponential::F64, round std::convert::identity,
     add _mm512_add_pd, sub _mm512_sub_pd, mul _mm512_mul_pd, div _mm512_div_pd,
@@ -26,6 +26,78 @@ x86_lanes! {
     load |values| _mm512_cvtps_pd(_mm256_loadu_ps(values)),
     store |values, lanes| _mm256_storeu_ps(values, _mm512_cvtpd_ps(lanes)),
     turn_by_quadrant turn_f64, doubled doubled_f64,
+}
+
+impl Vector for F32x16 {
+    const LANES: usize = 16;
+    type Mask = __mmask16;
+
+    #[inline(always)]
+    unsafe fn mask(count: usize) -> __mmask16 {
+        if count >= 16 { u16::MAX } else { (1 << count) - 1 }
+    }
+
+    #[inline(always)]
+    unsafe fn splat(value: f32) -> Self {
+        // SAFETY: here and below, the trait says what the caller has to provide.
+        Self(unsafe { _mm512_set1_ps(value) })
+    }
+
+    #[inline(always)]
+    unsafe fn load(from: *const f32) -> Self {
+        // SAFETY: see above.
+        Self(unsafe { _mm512_loadu_ps(from) })
+    }
+
+    #[inline(always)]
+    unsafe fn load_masked(from: *const f32, mask: __mmask16, others: Self) -> Self {
+        // SAFETY: see above.
+        Self(unsafe { _mm512_mask_loadu_ps(others.0, mask, from) })
+    }
+
+    #[inline(always)]
+    unsafe fn store(self, to: *mut f32) {
+        // SAFETY: see above.
+        unsafe { _mm512_storeu_ps(to, self.0) };
+    }
+
+    #[inline(always)]
+    unsafe fn store_masked(self, to: *mut f32, mask: __mmask16) {
+        // SAFETY: see above.
+        unsafe { _mm512_mask_storeu_ps(to, mask, self.0) };
+    }
+
+    #[inline(always)]
+    unsafe fn max(self, other: Self) -> Self {
+        Lanes::max(self, other)
+    }
+
+    #[inline(always)]
+    unsafe fn mul_add(self, factor: Self, sum: Self) -> Self {
+        Lanes::mul_add(self, factor, sum)
+    }
+
+    #[inline(always)]
+    unsafe fn power_of_two(self) -> Self {
+        // SAFETY: see above.
+        unsafe {
+            let shifted = _mm512_slli_epi32::<23>(_mm512_castps_si512(self.0));
+            let one = _mm512_castps_si512(_mm512_set1_ps(1.0));
+            Self(_mm512_castsi512_ps(_mm512_add_epi32(shifted, one)))
+        }
+    }
+
+    #[inline(always)]
+    unsafe fn greatest(self) -> f32 {
+        // SAFETY: see above.
+        unsafe { _mm512_reduce_max_ps(self.0) }
+    }
+
+    #[inline(always)]
+    unsafe fn total(self) -> f32 {
+        // SAFETY: see above.
+        unsafe { _mm512_reduce_add_ps(self.0) }
+    }
 }
 
 #[inline]

@@ -5,13 +5,13 @@
 
 use std::ops::{Add, Mul, Neg, Sub};
 
-use super::{Exponential, Lanes, MAX_LANES, Trigonometry, exponential, trigonometry};
+use crate::{Exponential, Lanes, MAX_LANES, Trigonometry, exponential, trigonometry};
 
 macro_rules! array_lanes {
     ($name:ident, $scalar:ty, $bits:ty, $trigonometry:expr, $exponential:expr, $round:expr) => {
         #[derive(Clone, Copy)]
         #[repr(C, align(32))]
-        pub(crate) struct $name<const N: usize>([$scalar; N]);
+        pub struct $name<const N: usize>([$scalar; N]);
 
         impl<const N: usize> Add for $name<N> {
             type Output = Self;

@@ -2,9 +2,8 @@
 
 /// Defines lanes over an x86 vector.
 ///
-/// Every `unsafe` block rests on one invariant: values of these types are made and used only inside
-/// [`Kernels`](super::Kernels), which [`InstructionSet`](crate::InstructionSet) lets run only on
-/// processors that have the instructions.
+/// Every `unsafe` block rests on one invariant: values of these types are made and used only by kernels
+/// that [`InstructionSet`](crate::InstructionSet) lets run, on processors that have the instructions.
 macro_rules! x86_lanes {
     (
         $(#[$doc:meta])*
@@ -18,7 +17,7 @@ macro_rules! x86_lanes {
         $(#[$doc])*
         #[derive(Clone, Copy)]
         #[repr(transparent)]
-        pub(crate) struct $name($vector);
+        pub struct $name($vector);
 
         impl std::ops::Add for $name {
             type Output = Self;
@@ -56,10 +55,10 @@ macro_rules! x86_lanes {
             }
         }
 
-        impl $crate::lanes::Lanes for $name {
+        impl $crate::Lanes for $name {
             const LANES: usize = $lanes;
-            const TRIGONOMETRY: $crate::lanes::Trigonometry = $trigonometry;
-            const EXPONENTIAL: $crate::lanes::Exponential = $exponential;
+            const TRIGONOMETRY: $crate::Trigonometry = $trigonometry;
+            const EXPONENTIAL: $crate::Exponential = $exponential;
             type Double = $double;
 
             #[inline(always)]
@@ -120,13 +119,13 @@ macro_rules! x86_lanes {
             }
 
             #[inline(always)]
-            fn load(values: &[f32; $crate::lanes::MAX_LANES]) -> Self {
+            fn load(values: &[f32; $crate::MAX_LANES]) -> Self {
                 // SAFETY: `values` holds at least as many scalars as the vector, see the macro.
                 Self(unsafe { $load(values.as_ptr()) })
             }
 
             #[inline(always)]
-            fn store(self, values: &mut [f32; $crate::lanes::MAX_LANES]) {
+            fn store(self, values: &mut [f32; $crate::MAX_LANES]) {
                 // SAFETY: `values` holds at least as many scalars as the vector, see the macro.
                 unsafe { $store(values.as_mut_ptr(), self.0) }
             }
@@ -134,4 +133,4 @@ macro_rules! x86_lanes {
     };
 }
 
-pub(super) use x86_lanes;
+pub(crate) use x86_lanes;

@@ -2,12 +2,12 @@
 
 use std::arch::x86_64::*;
 
-use super::array::rounded;
-use super::x86::x86_lanes;
-use super::{exponential, trigonometry};
+use crate::array::rounded;
+use crate::x86::x86_lanes;
+use crate::{Lanes, Vector, exponential, trigonometry};
 
 x86_lanes! {
-    /// 8 robots in single precision.
+    /// 8 lanes in single precision.
     F32x8(__m256) of f32, lanes 8, double F64x4,
     trigonometry trigonometry::F32, exponential exponential::F32, round rounded,
     add _mm256_add_ps, sub _mm256_sub_ps, mul _mm256_mul_ps, div _mm256_div_ps,
@@ -17,7 +17,7 @@ x86_lanes! {
 }
 
 x86_lanes! {
-    /// 4 robots in double precision.
+    /// 4 lanes in double precision.
     F64x4(__m256d) of f64, lanes 4, double F64x4,
     trigonometry trigonometry::F64, exponential exponential::F64, round std::convert::identity,
     add _mm256_add_pd, sub _mm256_sub_pd, mul _mm256_mul_pd, div _mm256_div_pd,
@@ -26,6 +26,74 @@ x86_lanes! {
     load |values| _mm256_cvtps_pd(_mm_loadu_ps(values)),
     store |values, lanes| _mm_storeu_ps(values, _mm256_cvtpd_ps(lanes)),
     turn_by_quadrant turn_f64, doubled doubled_f64,
+}
+
+impl Vector for F32x8 {
+    const LANES: usize = 8;
+    type Mask = __m256i;
+
+    #[inline(always)]
+    unsafe fn mask(count: usize) -> __m256i {
+        let count = i32::try_from(count).unwrap_or(i32::MAX);
+        // SAFETY: here and below, the trait says what the caller has to provide.
+        unsafe {
+            let lanes = _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7);
+            _mm256_cmpgt_epi32(_mm256_set1_epi32(count), lanes)
+        }
+    }
+
+    #[inline(always)]
+    unsafe fn splat(value: f32) -> Self {
+        // SAFETY: see above.
+        Self(unsafe { _mm256_set1_ps(value) })
+    }
+
+    #[inline(always)]
+    unsafe fn load(from: *const f32) -> Self {
+        // SAFETY: see above.
+        Self(unsafe { _mm256_loadu_ps(from) })
+    }
+
+    #[inline(always)]
+    unsafe fn load_masked(from: *const f32, mask: __m256i, others: Self) -> Self {
+        // SAFETY: see above.
+        Self(unsafe {
+            let lanes = _mm256_maskload_ps(from, mask);
+            _mm256_blendv_ps(others.0, lanes, _mm256_castsi256_ps(mask))
+        })
+    }
+
+    #[inline(always)]
+    unsafe fn store(self, to: *mut f32) {
+        // SAFETY: see above.
+        unsafe { _mm256_storeu_ps(to, self.0) };
+    }
+
+    #[inline(always)]
+    unsafe fn store_masked(self, to: *mut f32, mask: __m256i) {
+        // SAFETY: see above.
+        unsafe { _mm256_maskstore_ps(to, mask, self.0) };
+    }
+
+    #[inline(always)]
+    unsafe fn max(self, other: Self) -> Self {
+        Lanes::max(self, other)
+    }
+
+    #[inline(always)]
+    unsafe fn mul_add(self, factor: Self, sum: Self) -> Self {
+        Lanes::mul_add(self, factor, sum)
+    }
+
+    #[inline(always)]
+    unsafe fn power_of_two(self) -> Self {
+        // SAFETY: see above.
+        unsafe {
+            let shifted = _mm256_slli_epi32::<23>(_mm256_castps_si256(self.0));
+            let one = _mm256_castps_si256(_mm256_set1_ps(1.0));
+            Self(_mm256_castsi256_ps(_mm256_add_epi32(shifted, one)))
+        }
+    }
 }
 
 #[inline]

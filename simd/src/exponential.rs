@@ -1,10 +1,10 @@
 use std::f64::consts::LOG2_E;
 
-use super::Lanes;
-use super::trigonometry::polynomial;
+use crate::Lanes;
+use crate::trigonometry::polynomial;
 
 /// What the exponential function needs to know about a number format.
-pub(crate) struct Exponential {
+pub struct Exponential {
     /// 1.5 · 2^(mantissa bits): adding it rounds to an integer, left in the low bits.
     pub(crate) rounder: f64,
     /// ln 2 as an unevaluated sum of two numbers of the format.
@@ -40,7 +40,7 @@ const TAYLOR: [f64; 14] = {
 };
 
 #[inline(always)]
-pub(super) fn exp<L: Lanes>(x: L) -> L {
+pub(crate) fn exp<L: Lanes>(x: L) -> L {
     let format = const { L::EXPONENTIAL };
     let rounder = L::splat(format.rounder);
     let power = x.mul_add(L::splat(LOG2_E), rounder);
@@ -52,7 +52,7 @@ pub(super) fn exp<L: Lanes>(x: L) -> L {
 
 #[cfg(test)]
 mod tests {
-    use crate::lanes::{F32Array, F64Array, Lanes};
+    use crate::{F32Array, F64Array, Lanes};
 
     #[test]
     fn the_exponential_is_accurate_to_the_format_up_to_its_range() {

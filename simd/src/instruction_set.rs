@@ -1,0 +1,122 @@
+use std::fmt;
+use std::str::FromStr;
+
+/// The vector instructions that kernels use. A value exists only where the processor has them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum InstructionSet {
+    /// AVX-512 F, DQ and VL, with all that [`InstructionSet::Avx2`] has.
+    #[cfg(target_arch = "x86_64")]
+    Avx512(Detected),
+    /// AVX2 with fused multiply-adds.
+    #[cfg(target_arch = "x86_64")]
+    Avx2(Detected),
+    /// What every processor of the architecture has.
+    Portable,
+}
+
+/// Says that the processor was asked; only this crate makes one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Detected(());
+
+impl InstructionSet {
+    /// The fastest this processor has.
+    #[inline]
+    pub fn best() -> Self {
+        #[cfg(target_arch = "x86_64")]
+        {
+            if let Some(avx512) = Self::avx512() {
+                return avx512;
+            }
+            if let Some(avx2) = Self::avx2() {
+                return avx2;
+            }
+        }
+        Self::Portable
+    }
+
+    /// Those this processor has, the fastest first. The last one needs nothing special.
+    pub fn available() -> Vec<Self> {
+        #[cfg(target_arch = "x86_64")]
+        let wide = [Self::avx512(), Self::avx2()];
+        #[cfg(not(target_arch = "x86_64"))]
+        let wide = [None];
+        wide.into_iter().flatten().chain([Self::Portable]).collect()
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[inline]
+    fn avx512() -> Option<Self> {
+        let detected = is_x86_feature_detected!("avx512f")
+            && is_x86_feature_detected!("avx512dq")
+            && is_x86_feature_detected!("avx512vl")
+            && Self::avx2().is_some();
+        detected.then_some(Self::Avx512(Detected(())))
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[inline]
+    fn avx2() -> Option<Self> {
+        let detected = is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma");
+        detected.then_some(Self::Avx2(Detected(())))
+    }
+}
+
+impl fmt::Display for InstructionSet {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx512(_) => "AVX-512",
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx2(_) => "AVX2",
+            Self::Portable => "portable",
+        })
+    }
+}
+
+/// A name that is none of this processor's instruction sets.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct UnknownInstructionSet(String);
+
+impl fmt::Display for UnknownInstructionSet {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let available: Vec<String> =
+            InstructionSet::available().iter().map(InstructionSet::to_string).collect();
+        write!(f, "instruction set {:?}: this processor has {}", self.0, available.join(", "))
+    }
+}
+
+impl std::error::Error for UnknownInstructionSet {}
+
+impl FromStr for InstructionSet {
+    type Err = UnknownInstructionSet;
+
+    /// The set of this processor with the name that it displays, in any case.
+    fn from_str(name: &str) -> Result<Self, UnknownInstructionSet> {
+        let mut available = Self::available().into_iter();
+        available
+            .find(|set| set.to_string().eq_ignore_ascii_case(name))
+            .ok_or_else(|| UnknownInstructionSet(name.to_owned()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::InstructionSet;
+
+    #[test]
+    fn the_best_set_comes_first_and_the_portable_one_last() {
+        let available = InstructionSet::available();
+        assert_eq!(available.first(), Some(&InstructionSet::best()));
+        assert_eq!(available.last(), Some(&InstructionSet::Portable));
+    }
+
+    #[test]
+    fn a_set_is_parsed_from_what_it_displays() {
+        for set in InstructionSet::available() {
+            assert_eq!(set.to_string().parse(), Ok(set));
+            assert_eq!(set.to_string().to_lowercase().parse(), Ok(set));
+        }
+        let error = "SSE9".parse::<InstructionSet>().map_err(|error| error.to_string());
+        assert!(error.is_err_and(|error| error.contains("SSE9") && error.contains("portable")));
+    }
+}
