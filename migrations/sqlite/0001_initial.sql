@@ -3,7 +3,8 @@
 
 CREATE TABLE job (
     id               INTEGER PRIMARY KEY AUTOINCREMENT,
-    kind             TEXT    NOT NULL CHECK (kind IN ('simulate', 'train', 'evaluate', 'pipeline')),
+    -- What the specification calls it.
+    kind             TEXT    NOT NULL,
     name             TEXT    NOT NULL,
     spec             TEXT    NOT NULL,
     digest           TEXT    NOT NULL,
@@ -181,9 +182,14 @@ CREATE TABLE checkpoint (
     run        INTEGER NOT NULL REFERENCES run (id) ON DELETE CASCADE,
     step       INTEGER NOT NULL,
     is_final   INTEGER NOT NULL CHECK (is_final IN (0, 1)),
+    -- Whether its validation is the best of the training so far, and what it was.
+    is_best    INTEGER NOT NULL CHECK (is_best IN (0, 1)),
+    metrics    TEXT    NOT NULL,
     created_at INTEGER NOT NULL,
     UNIQUE (job, step)
 ) STRICT;
+
+CREATE UNIQUE INDEX checkpoint_best ON checkpoint (job) WHERE is_best = 1;
 
 CREATE TABLE checkpoint_file (
     checkpoint INTEGER NOT NULL REFERENCES checkpoint (id) ON DELETE CASCADE,
@@ -192,4 +198,14 @@ CREATE TABLE checkpoint_file (
     size       INTEGER NOT NULL,
     sha256     TEXT    NOT NULL,
     PRIMARY KEY (checkpoint, name)
+) STRICT, WITHOUT ROWID;
+
+-- Files that somebody sent to be imported, each once.
+CREATE TABLE upload (
+    sha256     TEXT    PRIMARY KEY,
+    -- As the sender called it.
+    name       TEXT    NOT NULL,
+    path       TEXT    NOT NULL UNIQUE,
+    size       INTEGER NOT NULL,
+    created_at INTEGER NOT NULL
 ) STRICT, WITHOUT ROWID;

@@ -2,11 +2,10 @@
 
 use std::collections::BTreeSet;
 
-use spec::JobKind;
-use sqlx::{Row, SqliteConnection};
+use sqlx::SqliteConnection;
 
 use crate::propagation::stop;
-use crate::{JobId, JobState, Store, StoreError, jobs, pipelines};
+use crate::{JobId, JobState, Store, StoreError, pipelines};
 
 impl Store {
     /// Cancels a job: tasks that nobody has end now, running ones when their worker notices.
@@ -19,17 +18,20 @@ impl Store {
         const OPERATION: &str = "cancelling a job";
         let failed = StoreError::database(OPERATION);
         let mut tx = self.database().write(OPERATION).await?;
-        let row = sqlx::query("SELECT kind, state FROM job WHERE id = ?")
-            .bind(job)
-            .fetch_optional(&mut *tx)
-            .await
-            .map_err(&failed)?
-            .ok_or_else(|| StoreError::not_found("job", job.to_string()))?;
-        let state: JobState = row.try_get("state").map_err(&failed)?;
+        let found: Option<(JobState, bool)> = sqlx::query_as(
+            "SELECT state, EXISTS (SELECT 1 FROM pipeline_member WHERE pipeline = job.id) \
+             FROM job WHERE id = ?",
+        )
+        .bind(job)
+        .fetch_optional(&mut *tx)
+        .await
+        .map_err(&failed)?;
+        let (state, has_members) =
+            found.ok_or_else(|| StoreError::not_found("job", job.to_string()))?;
         if state.is_final() {
             return Ok(());
         }
-        if jobs::kind(&row, "kind").map_err(&failed)? == JobKind::Pipeline {
+        if has_members {
             cancel_pipeline(&mut tx, job).await.map_err(&failed)?;
         } else {
             request(&mut tx, job).await.map_err(&failed)?;

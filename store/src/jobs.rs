@@ -5,7 +5,7 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use spec::{Digest, JobKind};
+use spec::Digest;
 use sqlx::sqlite::SqliteRow;
 use sqlx::{FromRow, QueryBuilder, Row, Sqlite};
 
@@ -60,7 +60,8 @@ impl fmt::Display for JobState {
 #[derive(Clone, Debug)]
 pub struct Job {
     pub id: JobId,
-    pub kind: JobKind,
+    /// Opaque to the store.
+    pub kind: String,
     pub name: String,
     /// Resolved: every default filled in, every reference a digest.
     pub spec: Value,
@@ -72,9 +73,9 @@ pub struct Job {
     pub max_attempts: u32,
     pub cancel_requested: bool,
     pub progress: JobProgress,
-    /// Of a simulation.
+    /// What it fills, if it fills one.
     pub dataset: Option<DatasetId>,
-    /// Of a training or evaluation.
+    /// Its record, if it leaves one.
     pub run: Option<RunId>,
     pub created_at: Timestamp,
     pub started_at: Option<Timestamp>,
@@ -122,8 +123,8 @@ impl Default for Page {
 }
 
 #[derive(Clone, Copy, Debug, Default)]
-pub struct JobFilter {
-    pub kind: Option<JobKind>,
+pub struct JobFilter<'a> {
+    pub kind: Option<&'a str>,
     pub state: Option<JobState>,
 }
 
@@ -144,11 +145,11 @@ impl Store {
     ///
     /// # Errors
     /// When the database fails.
-    pub async fn jobs(&self, filter: JobFilter, page: Page) -> Result<Vec<Job>, StoreError> {
+    pub async fn jobs(&self, filter: JobFilter<'_>, page: Page) -> Result<Vec<Job>, StoreError> {
         let mut query = QueryBuilder::new(SELECT_JOB);
         query.push("WHERE job.id < ").push_bind(page.before());
         if let Some(kind) = filter.kind {
-            query.push(" AND job.kind = ").push_bind(kind.as_str());
+            query.push(" AND job.kind = ").push_bind(kind.to_owned());
         }
         if let Some(state) = filter.state {
             query.push(" AND job.state = ").push_bind(state);
@@ -177,19 +178,23 @@ impl Store {
         Ok(self.jobs_of(query).await?.into_iter().next())
     }
 
-    /// The newest verification of a dataset: of this very one, not of another with its digest.
+    /// The newest job of `kind` that needs the job of this very dataset, not of another with its
+    /// digest.
     ///
     /// # Errors
     /// When the database fails.
-    pub async fn newest_verification(&self, dataset: DatasetId) -> Result<Option<Job>, StoreError> {
+    pub async fn newest_reader(
+        &self,
+        dataset: DatasetId,
+        kind: &str,
+    ) -> Result<Option<Job>, StoreError> {
         let mut query = QueryBuilder::new(SELECT_JOB);
         query.push(
-            "WHERE job.id = (SELECT MAX(verification.id) FROM dataset AS verified \
-             JOIN job_need ON job_need.needs = verified.job \
-             JOIN job AS verification ON verification.id = job_need.job \
-             WHERE verification.kind = 'verify' AND verified.id = ",
+            "WHERE job.id = (SELECT MAX(reader.id) FROM dataset \
+             JOIN job_need ON job_need.needs = dataset.job \
+             JOIN job AS reader ON reader.id = job_need.job WHERE reader.kind = ",
         );
-        query.push_bind(dataset).push(")");
+        query.push_bind(kind.to_owned()).push(" AND dataset.id = ").push_bind(dataset).push(")");
         Ok(self.jobs_of(query).await?.into_iter().next())
     }
 
@@ -265,7 +270,7 @@ impl FromRow<'_, SqliteRow> for Job {
     fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
         Ok(Self {
             id: row.try_get("id")?,
-            kind: kind(row, "kind")?,
+            kind: row.try_get("kind")?,
             name: row.try_get("name")?,
             spec: json(row, "spec")?,
             digest: digest(row, "digest")?,
@@ -282,11 +287,6 @@ impl FromRow<'_, SqliteRow> for Job {
             finished_at: row.try_get("finished_at")?,
         })
     }
-}
-
-pub(crate) fn kind(row: &SqliteRow, column: &str) -> Result<JobKind, sqlx::Error> {
-    let text: &str = row.try_get(column)?;
-    text.parse().map_err(|error: spec::SpecError| undecodable(column, error.into()))
 }
 
 pub(crate) fn digest(row: &SqliteRow, column: &str) -> Result<Digest, sqlx::Error> {

@@ -6,7 +6,7 @@
 use std::time::Duration;
 
 use serde_json::Value;
-use spec::{Digest, JobKind};
+use spec::Digest;
 use sqlx::sqlite::SqliteRow;
 use sqlx::{FromRow, Row, SqliteConnection};
 
@@ -26,12 +26,13 @@ pub struct Fence {
 pub struct ClaimedTask {
     pub fence: Fence,
     pub job: JobId,
-    pub kind: JobKind,
+    /// The job's, opaque to the store.
+    pub kind: String,
     /// The job's, resolved.
     pub spec: Value,
     /// The job's.
     pub digest: Digest,
-    /// Of a training or evaluation.
+    /// The job's record, if it leaves one.
     pub run: Option<RunId>,
     pub stage: u32,
     pub ordinal: u32,
@@ -254,7 +255,7 @@ impl FromRow<'_, SqliteRow> for ClaimedTask {
         Ok(Self {
             fence: Fence { task: row.try_get("id")?, epoch: row.try_get("epoch")? },
             job: row.try_get("job")?,
-            kind: jobs::kind(row, "kind")?,
+            kind: row.try_get("kind")?,
             spec: jobs::json(row, "spec")?,
             digest: jobs::digest(row, "digest")?,
             run: row.try_get("run")?,

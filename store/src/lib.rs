@@ -63,7 +63,8 @@ pub use runs::Run;
 pub use shard_summary::{ChannelSummary, ShardSummary, Spectrum};
 pub use store::Store;
 pub use submission::{
-    Idempotency, Need, NewJob, NewMember, NewPipeline, NewTask, Reuse, Submission, Submitted,
+    Idempotency, JobReuse, Need, NewJob, NewMember, NewPipeline, NewTask, Output, Reuse,
+    Submission, Submitted,
 };
 pub use table_reader::TableReader;
 pub use table_writer::{EncodedRows, TableEncoder, TableFile, TableWriter};

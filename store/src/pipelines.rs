@@ -1,17 +1,16 @@
 //! Pipelines: jobs whose members are jobs, and whose state is theirs.
 
-use spec::JobKind;
 use sqlx::sqlite::SqliteRow;
 use sqlx::{FromRow, Row, SqliteConnection};
 
 use crate::clock::now;
-use crate::{JobId, JobState, Store, StoreError, jobs};
+use crate::{JobId, JobState, Store, StoreError};
 
 #[derive(Clone, Debug)]
 pub struct Member {
     pub name: String,
     pub job: JobId,
-    pub kind: JobKind,
+    pub kind: String,
     pub state: JobState,
     pub error: Option<String>,
     /// Whether the job was there before the pipeline was submitted.
@@ -126,7 +125,7 @@ impl FromRow<'_, SqliteRow> for Member {
         Ok(Self {
             name: row.try_get("name")?,
             job: row.try_get("job")?,
-            kind: jobs::kind(row, "kind")?,
+            kind: row.try_get("kind")?,
             state: row.try_get("state")?,
             error: row.try_get("error")?,
             reused: row.try_get("reused")?,

@@ -1,7 +1,7 @@
-//! Runs: the record of a training or evaluation. Each such job has one from its submission on.
+//! Runs: the records of jobs whose output is one. Each has it from its submission on.
 
 use serde_json::Value;
-use spec::{Digest, JobKind};
+use spec::Digest;
 use sqlx::sqlite::SqliteRow;
 use sqlx::{FromRow, Row};
 
@@ -11,9 +11,9 @@ use crate::{JobId, JobState, Page, RunId, Store, StoreError, Timestamp, jobs};
 pub struct Run {
     pub id: RunId,
     pub job: JobId,
-    pub kind: JobKind,
-    pub name: String,
     /// The job's.
+    pub kind: String,
+    pub name: String,
     pub digest: Digest,
     pub spec: Value,
     pub state: JobState,
@@ -50,19 +50,19 @@ impl Store {
     ///
     /// # Errors
     /// When the database fails.
-    pub async fn runs(&self, kind: Option<JobKind>, page: Page) -> Result<Vec<Run>, StoreError> {
+    pub async fn runs(&self, kind: Option<&str>, page: Page) -> Result<Vec<Run>, StoreError> {
         sqlx::query_as(select_run!(
             "WHERE run.id < ?1 AND (?2 IS NULL OR job.kind = ?2) ORDER BY run.id DESC LIMIT ?3"
         ))
         .bind(page.before())
-        .bind(kind.map(JobKind::as_str))
+        .bind(kind)
         .bind(page.limit())
         .fetch_all(self.database().reader())
         .await
         .map_err(StoreError::database("reading runs"))
     }
 
-    /// The run of a training or evaluation.
+    /// The record of a job.
     ///
     /// # Errors
     /// When the job has none.
@@ -81,7 +81,7 @@ impl FromRow<'_, SqliteRow> for Run {
         Ok(Self {
             id: row.try_get("id")?,
             job: row.try_get("job")?,
-            kind: jobs::kind(row, "kind")?,
+            kind: row.try_get("kind")?,
             name: row.try_get("name")?,
             digest: jobs::digest(row, "digest")?,
             spec: jobs::json(row, "spec")?,

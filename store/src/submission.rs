@@ -1,7 +1,7 @@
 //! A submission: jobs with their tasks, and perhaps the pipeline they form, in one transaction.
 
 use serde_json::Value;
-use spec::{DataSpec, Digest, JobKind, JobSpec, PipelineSpec};
+use spec::Digest;
 use sqlx::SqliteConnection;
 
 use crate::clock::now;
@@ -22,12 +22,46 @@ pub struct Submission {
 #[derive(Clone, Debug)]
 pub struct NewJob {
     pub name: String,
-    /// With every reference resolved to a digest; anything but a pipeline.
-    pub spec: JobSpec,
+    /// Opaque to the store.
+    pub kind: String,
+    /// With every reference resolved to a digest.
+    pub spec: Value,
+    pub digest: Digest,
     /// What progress counts, e.g. `trajectories`.
     pub unit: String,
+    /// Higher goes first.
+    pub priority: i32,
+    /// Times a task may be claimed before it fails.
+    pub max_attempts: u32,
+    pub output: Output,
+    pub reuse: JobReuse,
     pub tasks: Vec<NewTask>,
     pub needs: Vec<Need>,
+}
+
+/// What a job leaves beside the results of its tasks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Output {
+    /// One that its tasks fill with shards.
+    Dataset {
+        /// 0 when only the task that fills it learns how many there are.
+        trajectories: u64,
+        /// Of each trajectory.
+        samples: u32,
+    },
+    /// A record of parameters, metrics, artifacts and checkpoints.
+    Run,
+    Nothing,
+}
+
+/// How far the work of earlier jobs of the same digest does for a new one, under
+/// [`Reuse::SameDigest`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct JobReuse {
+    /// One that succeeded, or still may, stands in for the new job.
+    pub whole: bool,
+    /// The new job takes over the tasks that one completed before it failed or was cancelled.
+    pub tasks: bool,
 }
 
 /// A job that must succeed first.
@@ -52,7 +86,13 @@ pub struct NewTask {
 
 #[derive(Clone, Debug)]
 pub struct NewPipeline {
-    pub spec: PipelineSpec,
+    pub name: String,
+    /// Opaque to the store, which knows a pipeline by its members.
+    pub kind: String,
+    pub spec: Value,
+    pub digest: Digest,
+    pub priority: i32,
+    pub max_attempts: u32,
     pub members: Vec<NewMember>,
 }
 
@@ -66,8 +106,7 @@ pub struct NewMember {
 /// Whether a job that was already asked for stands in for a new one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Reuse {
-    /// One of the same digest that succeeded or still may. An evaluation takes over the cells of one
-    /// that failed.
+    /// As far as the [`JobReuse`] of each job allows; a pipeline as a whole.
     SameDigest,
     Never,
 }
@@ -112,7 +151,7 @@ fn check(submission: &Submission) -> Result<(), StoreError> {
         return inconsistent(format!("{} jobs without a pipeline", submission.jobs.len()));
     }
     for (i, job) in submission.jobs.iter().enumerate() {
-        if job.spec.kind() == JobKind::Pipeline || job.tasks.is_empty() {
+        if job.tasks.is_empty() {
             return inconsistent(format!("job {:?} has no tasks", job.name));
         }
         if job.needs.iter().any(|need| matches!(need, Need::New(needed) if *needed >= i)) {
@@ -200,9 +239,8 @@ async fn submit_pipeline(
     submission: &Submission,
     new: &NewPipeline,
 ) -> Result<Submitted, StoreError> {
-    let spec = JobSpec::Pipeline(new.spec.clone());
     if submission.reuse == Reuse::SameDigest
-        && let Some(job) = reusable(conn, spec.digest()).await?
+        && let Some(job) = reusable(conn, new.digest).await?
     {
         return Ok(Submitted { job, reused: true });
     }
@@ -211,8 +249,17 @@ async fn submit_pipeline(
         let submitted = submit_job(conn, job, submission.reuse, &jobs).await?;
         jobs.push(submitted);
     }
-    let pipeline =
-        insert_job(conn, &new.spec.name, &spec, "jobs", JobState::Queued, AskedFor::Alone).await?;
+    let row = JobRow {
+        kind: &new.kind,
+        name: &new.name,
+        spec: &new.spec,
+        digest: new.digest,
+        unit: "jobs",
+        priority: new.priority,
+        max_attempts: new.max_attempts,
+        asked_alone: true,
+    };
+    let pipeline = insert_job(conn, &row, JobState::Queued).await?;
     for (ordinal, member) in (0i64..).zip(&new.members) {
         let (job, reused) = jobs[member.job];
         sqlx::query(
@@ -235,8 +282,7 @@ async fn submit_pipeline(
     Ok(Submitted { job: pipeline, reused: false })
 }
 
-/// Inserts `new` or finds the job that stands in for it; true when found. None stands in for a
-/// verification, which says what was the case when it ran.
+/// Inserts `new` or finds the job that stands in for it; true when found.
 async fn submit_job(
     conn: &mut SqliteConnection,
     new: &NewJob,
@@ -244,8 +290,8 @@ async fn submit_job(
     submitted: &[(JobId, bool)],
 ) -> Result<(JobId, bool), StoreError> {
     if reuse == Reuse::SameDigest
-        && new.spec.kind() != JobKind::Verify
-        && let Some(job) = reusable(conn, new.spec.digest()).await?
+        && new.reuse.whole
+        && let Some(job) = reusable(conn, new.digest).await?
     {
         return Ok((job, true));
     }
@@ -270,8 +316,17 @@ async fn submit_job(
         }
     }
     let state = if unmet { JobState::Waiting } else { JobState::Queued };
-    let job =
-        insert_job(conn, &new.name, &new.spec, &new.unit, state, AskedFor::ByPipeline).await?;
+    let row = JobRow {
+        kind: &new.kind,
+        name: &new.name,
+        spec: &new.spec,
+        digest: new.digest,
+        unit: &new.unit,
+        priority: new.priority,
+        max_attempts: new.max_attempts,
+        asked_alone: false,
+    };
+    let job = insert_job(conn, &row, state).await?;
     let failed = StoreError::database("submitting a job");
     for need in needs {
         sqlx::query("INSERT INTO job_need (job, needs) VALUES (?, ?)")
@@ -282,9 +337,9 @@ async fn submit_job(
             .map_err(&failed)?;
     }
     insert_tasks(conn, job, new).await.map_err(&failed)?;
-    insert_results(conn, job, &new.spec).await.map_err(&failed)?;
-    if reuse == Reuse::SameDigest && new.spec.kind() == JobKind::Evaluate {
-        take_over_tasks(conn, job, new.spec.digest()).await.map_err(&failed)?;
+    insert_output(conn, job, new).await.map_err(&failed)?;
+    if reuse == Reuse::SameDigest && new.reuse.tasks {
+        take_over_tasks(conn, job, new.digest).await.map_err(&failed)?;
     }
     if !unmet {
         queue_first_stage(conn, job).await.map_err(&failed)?;
@@ -320,36 +375,38 @@ async fn state_of(conn: &mut SqliteConnection, job: JobId) -> Result<JobState, S
         .ok_or_else(|| StoreError::not_found("job", job.to_string()))
 }
 
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum AskedFor {
-    Alone,
-    ByPipeline,
+/// What the row of a job is made from.
+struct JobRow<'a> {
+    kind: &'a str,
+    name: &'a str,
+    spec: &'a Value,
+    digest: Digest,
+    unit: &'a str,
+    priority: i32,
+    max_attempts: u32,
+    asked_alone: bool,
 }
 
 async fn insert_job(
     conn: &mut SqliteConnection,
-    name: &str,
-    spec: &JobSpec,
-    unit: &str,
+    row: &JobRow<'_>,
     state: JobState,
-    asked_for: AskedFor,
 ) -> Result<JobId, StoreError> {
-    let execution = spec.execution();
     sqlx::query_scalar(concat!(
         "INSERT INTO job (kind, name, spec, digest, state, unit, priority, max_attempts, ",
         "asked_alone, created_at) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ",
         now!(),
         ") RETURNING id"
     ))
-    .bind(spec.kind().as_str())
-    .bind(name)
-    .bind(spec.to_json().to_string())
-    .bind(spec.digest().to_string())
+    .bind(row.kind)
+    .bind(row.name)
+    .bind(row.spec.to_string())
+    .bind(row.digest.to_string())
     .bind(state)
-    .bind(unit)
-    .bind(execution.priority)
-    .bind(execution.max_attempts)
-    .bind(asked_for == AskedFor::Alone)
+    .bind(row.unit)
+    .bind(row.priority)
+    .bind(row.max_attempts)
+    .bind(row.asked_alone)
     .fetch_one(conn)
     .await
     .map_err(StoreError::database("submitting a job"))
@@ -360,7 +417,6 @@ async fn insert_tasks(
     job: JobId,
     new: &NewJob,
 ) -> Result<(), sqlx::Error> {
-    let execution = new.spec.execution();
     for task in &new.tasks {
         sqlx::query(
             "INSERT INTO task (job, stage, ordinal, label, payload, state, priority, run_at, \
@@ -371,8 +427,8 @@ async fn insert_tasks(
         .bind(task.ordinal)
         .bind(&task.label)
         .bind(task.payload.to_string())
-        .bind(execution.priority)
-        .bind(execution.max_attempts)
+        .bind(new.priority)
+        .bind(new.max_attempts)
         .bind(integer(task.total))
         .execute(&mut *conn)
         .await?;
@@ -405,16 +461,13 @@ async fn take_over_tasks(
     Ok(())
 }
 
-/// Every simulation and import fills a dataset; every training, evaluation and control job is recorded
-/// in a run.
-async fn insert_results(
+async fn insert_output(
     conn: &mut SqliteConnection,
     job: JobId,
-    spec: &JobSpec,
+    new: &NewJob,
 ) -> Result<(), sqlx::Error> {
-    let dataset = DataSpec::of(spec);
-    match (spec, dataset) {
-        (_, Some(data)) => {
+    match new.output {
+        Output::Dataset { trajectories, samples } => {
             sqlx::query(concat!(
                 "INSERT INTO dataset (job, digest, state, trajectories, samples, created_at) ",
                 "VALUES (?, ?, 'building', ?, ?, ",
@@ -422,20 +475,19 @@ async fn insert_results(
                 ")"
             ))
             .bind(job)
-            .bind(spec.digest().to_string())
-            // An import learns how many there are when it ends.
-            .bind(integer(data.trajectories().unwrap_or(0)))
-            .bind(data.samples())
+            .bind(new.digest.to_string())
+            .bind(integer(trajectories))
+            .bind(samples)
             .execute(conn)
             .await?;
         }
-        (JobSpec::Train(_) | JobSpec::Evaluate(_) | JobSpec::Control(_), None) => {
+        Output::Run => {
             sqlx::query(concat!("INSERT INTO run (job, created_at) VALUES (?, ", now!(), ")"))
                 .bind(job)
                 .execute(conn)
                 .await?;
         }
-        (_, None) => {}
+        Output::Nothing => {}
     }
     Ok(())
 }

@@ -6,15 +6,16 @@ use std::path::Path;
 use std::time::Duration;
 
 use serde_json::json;
+use spec::Digest;
 use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{ConnectOptions, Connection};
 use store::{
-    Access, JobFilter, JobId, JobState, NewJob, NewTask, Page, Reuse, Store, StoreError,
-    Submission, TaskState,
+    Access, JobFilter, JobId, JobReuse, JobState, NewJob, NewTask, Output, Page, Reuse, Store,
+    StoreError, Submission, TaskState,
 };
 
 /// Of the newest of `migrations/sqlite`.
-const SCHEMA: i64 = 3;
+const SCHEMA: i64 = 1;
 
 async fn serve(dir: &Path) -> Result<Store, StoreError> {
     Store::open(dir, Access::Server).await
@@ -41,8 +42,7 @@ async fn submit(store: &Store, tasks: u32) -> JobId {
 }
 
 fn simulation(seed: u64, tasks: u32, reuse: Reuse) -> Submission {
-    let text = json!({"preset": "D1-multisine", "seed": seed, "trajectories": 4, "samples": 4})
-        .to_string();
+    let spec = json!({"seed": seed});
     let task = |ordinal| NewTask {
         stage: 0,
         ordinal,
@@ -52,8 +52,14 @@ fn simulation(seed: u64, tasks: u32, reuse: Reuse) -> Submission {
     };
     let job = NewJob {
         name: "simulate".into(),
-        spec: spec::parse(text.as_bytes()).unwrap(),
+        kind: "simulate".into(),
+        digest: Digest::of_json(&spec),
+        spec,
         unit: "trajectories".into(),
+        priority: 0,
+        max_attempts: 3,
+        output: Output::Dataset { trajectories: 4, samples: 4 },
+        reuse: JobReuse { whole: true, tasks: false },
         tasks: (0..tasks).map(task).collect(),
         needs: vec![],
     };
@@ -117,45 +123,6 @@ async fn a_database_from_an_older_version_is_refused_to_a_worker() {
     with_changed_database(dir.path(), "DELETE FROM _sqlx_migrations").await;
     let error = refused(dir.path(), Access::Worker).await;
     assert!(error.contains(&format!("has schema 0, this worker needs {SCHEMA}")), "{error}");
-}
-
-/// The first schema named the kinds of jobs there are, and imports are of another one.
-#[tokio::test]
-async fn a_folder_of_the_first_schema_keeps_its_jobs_and_takes_imports() {
-    let (fresh, dir) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
-    serve(fresh.path()).await.unwrap().close().await;
-    let database = SqliteConnectOptions::new().filename(dir.path().join("torqued.sqlite"));
-    let mut connection = database.create_if_missing(true).connect().await.unwrap();
-    let first = include_str!("../../migrations/sqlite/0001_initial.sql");
-    sqlx::raw_sql(first).execute(&mut connection).await.unwrap();
-    sqlx::query("ATTACH ? AS fresh")
-        .bind(fresh.path().join("torqued.sqlite").to_str().unwrap())
-        .execute(&mut connection)
-        .await
-        .unwrap();
-    let rest = "CREATE TABLE _sqlx_migrations AS \
-         SELECT * FROM fresh._sqlx_migrations WHERE version = 1; \
-         INSERT INTO job (kind, name, spec, digest, state, unit, priority, max_attempts, \
-         asked_alone, created_at) VALUES ('simulate', 'old', '{}', printf('%064d', 0), \
-         'succeeded', 'trajectories', 0, 3, 1, 0); \
-         INSERT INTO dataset (job, digest, state, trajectories, samples, created_at) \
-         VALUES (1, printf('%064d', 0), 'complete', 1, 2, 0);";
-    sqlx::raw_sql(rest).execute(&mut connection).await.unwrap();
-    connection.close().await.unwrap();
-
-    let store = serve(dir.path()).await.unwrap();
-    assert_eq!(store.schema_version(), SCHEMA);
-    let old = store.job(JobId(1)).await.unwrap();
-    assert_eq!((old.name.as_str(), old.dataset.is_some()), ("old", true));
-    let mut import = simulation(0, 1, Reuse::Never);
-    let columns = ["1", "2", "3", "4", "5", "6", "7"];
-    let text = json!({
-        "kind": "import", "file": "0".repeat(64), "format": "csv",
-        "columns": {"u": columns.map(|j| format!("u{j}")), "q": columns.map(|j| format!("q{j}"))},
-    });
-    import.jobs[0].spec = spec::parse(text.to_string().as_bytes()).unwrap();
-    let job = store.submit(import).await.unwrap().job;
-    assert_eq!(store.job(job).await.unwrap().kind, spec::JobKind::Import);
 }
 
 #[tokio::test]

@@ -47,6 +47,7 @@ conforms! {
     submission:
         a_job_that_was_done_is_not_done_again,
         execution_does_not_tell_jobs_apart,
+        a_job_that_says_what_is_the_case_is_done_every_time,
         a_job_that_failed_is_done_again,
         an_evaluation_takes_over_the_cells_of_one_that_failed,
         an_evaluation_that_lacks_its_report_alone_begins_with_it,

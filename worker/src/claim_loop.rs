@@ -80,7 +80,8 @@ async fn execute(
     lease: Duration,
     shutdown: &CancellationToken,
 ) -> Result<(), WorkerError> {
-    let (fence, kind) = (task.fence, task.kind);
+    let fence = task.fence;
+    let kind: Option<JobKind> = task.kind.parse().ok();
     let (label, job, attempt_number) = (task.label.clone(), task.job, task.attempt);
     tracing::info!(%job, task = %label, attempt = attempt_number, "begins");
     let progress = Arc::new(ProgressCell::default());
@@ -95,7 +96,7 @@ async fn execute(
     };
     let over = CancellationToken::new();
     let work = async {
-        let done = tokio::task::spawn_blocking(move || work(&attempt)).await;
+        let done = tokio::task::spawn_blocking(move || work(kind, &attempt)).await;
         over.cancel();
         done.unwrap_or_else(|error| {
             Err(panicked(kind, device.kind(), error.try_into_panic().ok().as_deref()))
@@ -133,26 +134,33 @@ async fn execute(
     ended
 }
 
-fn work(attempt: &Attempt) -> Result<(), TaskError> {
-    match attempt.task.kind {
-        JobKind::Simulate => simulate::shard(attempt),
-        JobKind::Train => train::train(attempt),
-        JobKind::Evaluate => evaluate::evaluate(attempt),
-        JobKind::Control if attempt.task.stage == 0 => control::robot(attempt),
-        JobKind::Control => control::report(attempt),
-        JobKind::Import => import::import(attempt),
-        JobKind::Verify => verify::shard(attempt),
-        JobKind::Pipeline => Err(TaskError::Panicked("a pipeline has no tasks".to_owned())),
+fn work(kind: Option<JobKind>, attempt: &Attempt) -> Result<(), TaskError> {
+    match kind {
+        Some(JobKind::Simulate) => simulate::shard(attempt),
+        Some(JobKind::Train) => train::train(attempt),
+        Some(JobKind::Evaluate) => evaluate::evaluate(attempt),
+        Some(JobKind::Control) if attempt.task.stage == 0 => control::robot(attempt),
+        Some(JobKind::Control) => control::report(attempt),
+        Some(JobKind::Import) => import::import(attempt),
+        Some(JobKind::Verify) => verify::shard(attempt),
+        Some(JobKind::Pipeline) | None => {
+            Err(TaskError::Panicked(format!("a {} has no tasks", attempt.task.kind)))
+        }
     }
 }
 
-fn panicked(kind: JobKind, device: DeviceKind, panic: Option<&(dyn Any + Send)>) -> TaskError {
+fn panicked(
+    kind: Option<JobKind>,
+    device: DeviceKind,
+    panic: Option<&(dyn Any + Send)>,
+) -> TaskError {
     let message = panic.and_then(|panic| {
         let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
         text.or_else(|| panic.downcast_ref::<String>().cloned())
     });
     let message = message.unwrap_or_else(|| "without a message".to_owned());
-    let computes_models = matches!(kind, JobKind::Train | JobKind::Evaluate | JobKind::Control);
+    let computes_models =
+        matches!(kind, Some(JobKind::Train | JobKind::Evaluate | JobKind::Control));
     if computes_models && device.is_apart() {
         return TaskError::Device { device, message };
     }

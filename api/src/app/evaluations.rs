@@ -62,7 +62,7 @@ impl App {
     }
 
     pub async fn evaluations(&self, paging: Paging) -> Result<Evaluations, ApiError> {
-        let filter = JobFilter { kind: Some(JobKind::Evaluate), ..JobFilter::default() };
+        let filter = JobFilter { kind: Some(JobKind::Evaluate.as_str()), ..JobFilter::default() };
         let rows = self.store.jobs(filter, paging.into()).await?;
         let next = paging.next(rows.len(), rows.last().map(|row| row.id.0));
         let mut evaluations = Vec::with_capacity(rows.len());
@@ -86,7 +86,7 @@ impl App {
     }
 
     async fn complete_evaluation(&self, job: store::Job) -> Result<Evaluation, ApiError> {
-        let Some(run) = job.run.filter(|_| job.kind == JobKind::Evaluate) else {
+        let Some(run) = job.run.filter(|_| job.kind == JobKind::Evaluate.as_str()) else {
             return Err(ApiError::not_found("evaluation", job.id));
         };
         let tasks = self.store.tasks(job.id).await?;

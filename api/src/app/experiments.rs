@@ -28,7 +28,7 @@ impl App {
             let Some(last) = rows.last() else { return Ok(Jobs { jobs, next: None }) };
             page.before = Some(last.id.0);
             for row in rows {
-                if row.kind == JobKind::Pipeline {
+                if row.kind == JobKind::Pipeline.as_str() {
                     let members = self.store.members(row.id).await?;
                     let made = members.iter().filter(|member| !member.reused);
                     made_by_pipelines.extend(made.map(|member| member.job));

@@ -125,7 +125,7 @@ impl App {
         self.complete(row).await
     }
 
-    pub async fn jobs(&self, filter: JobFilter, paging: Paging) -> Result<Jobs, ApiError> {
+    pub async fn jobs(&self, filter: JobFilter<'_>, paging: Paging) -> Result<Jobs, ApiError> {
         let rows = self.store.jobs(filter, paging.into()).await?;
         let next = paging.next(rows.len(), rows.last().map(|row| row.id.0));
         let mut jobs = Vec::with_capacity(rows.len());
@@ -153,23 +153,24 @@ impl App {
 
     /// Adds to a job what other tables know of it.
     pub(super) async fn complete(&self, row: store::Job) -> Result<Job, ApiError> {
-        let members = match row.kind {
+        let kind: JobKind = row.kind.parse()?;
+        let members = match kind {
             JobKind::Pipeline => self.members(row.id).await?,
             _ => Vec::new(),
         };
-        let checkpoints = match row.kind {
+        let checkpoints = match kind {
             JobKind::Train => self.store.checkpoints_of_job(row.id).await?,
             _ => Vec::new(),
         };
         let needs = self.store.needs(row.id).await?;
-        let verifies = match (row.kind, needs.first()) {
+        let verifies = match (kind, needs.first()) {
             (JobKind::Verify, Some(need)) => self.store.job(*need).await?.dataset,
             _ => None,
         };
         Ok(Job {
             duration_seconds: duration_seconds(&row),
             id: row.id.0,
-            kind: row.kind,
+            kind,
             name: row.name,
             state: row.state,
             error: row.error,
@@ -200,7 +201,7 @@ impl App {
             members.push(Member {
                 name: row.name,
                 job: row.job.0,
-                kind: row.kind,
+                kind: row.kind.parse()?,
                 state: row.state,
                 error: row.error,
                 progress,

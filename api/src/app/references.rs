@@ -326,7 +326,7 @@ impl<'a> References<'a> {
         field: &str,
         value: &str,
     ) -> Result<Found, ApiError> {
-        let of_kind = |job: Option<Job>| job.filter(|job| kinds.contains(&job.kind));
+        let of_kind = |job: Option<Job>| job.filter(|job| is_of(job, kinds));
         let mut job = of_kind(self.store.job_by_digest(digest, &[JobState::Succeeded]).await?);
         if job.is_none() {
             let live = of_kind(self.store.job_by_digest(digest, &LIVE).await?);
@@ -351,14 +351,14 @@ impl<'a> References<'a> {
         value: &str,
     ) -> Result<SpecError, ApiError> {
         let any = self.store.job_by_digest(digest, &JobState::ALL).await?;
-        if let Some(job) = any.filter(|job| kinds.contains(&job.kind)) {
+        if let Some(job) = any.filter(|job| is_of(job, kinds)) {
             let state = if job.cancel_requested { JobState::Cancelled } else { job.state };
             let value = format!("{value}, of {} job {}, which {}", job.kind, job.id, ended(state));
             return Ok(SpecError::one(field, value, "of a job that succeeded or still can"));
         }
         let mut existing = Vec::new();
         for kind in kinds {
-            let filter = JobFilter { kind: Some(*kind), ..JobFilter::default() };
+            let filter = JobFilter { kind: Some(kind.as_str()), ..JobFilter::default() };
             existing.extend(self.store.jobs(filter, newest()).await?);
         }
         let digests: Vec<String> = existing
@@ -407,6 +407,10 @@ impl FoundCheckpoint {
     fn of(found: Found, reference: impl Fn(Digest) -> CheckpointRef) -> Self {
         Self { reference: reference(found.digest), need: Some(found.need), training: found.spec }
     }
+}
+
+fn is_of(job: &Job, kinds: &[JobKind]) -> bool {
+    kinds.iter().any(|kind| job.kind == kind.as_str())
 }
 
 fn newest() -> Page {

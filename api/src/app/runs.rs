@@ -159,7 +159,7 @@ impl App {
             artifacts: self.artifacts(row.id).await?,
             id: row.id.0,
             job: row.job.0,
-            kind: row.kind,
+            kind: row.kind.parse()?,
             name: row.name,
             digest: row.digest,
             state: row.state,

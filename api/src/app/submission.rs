@@ -2,8 +2,11 @@
 
 use serde::de::IgnoredAny;
 use serde_json::json;
-use spec::{Digest, JobSpec, PipelineMember, PipelineSpec, SpecError};
-use store::{Idempotency, JobId, JobState, Need, NewJob, NewMember, NewPipeline, Submission};
+use spec::{DataSpec, Digest, JobSpec, PipelineMember, PipelineSpec, SpecError};
+use store::{
+    Idempotency, JobId, JobReuse, JobState, Need, NewJob, NewMember, NewPipeline, Output,
+    Submission,
+};
 
 use crate::app::references::{References, Resolved};
 use crate::app::tasks::Plan;
@@ -73,7 +76,7 @@ impl App {
             }
             single => {
                 let resolved = references.resolve(single).await?;
-                (vec![plan_job(name(&resolved), resolved)?], None)
+                (vec![plan_job(name(&resolved), &resolved)?], None)
             }
         };
         let submission = Submission { jobs, pipeline, reuse, idempotency };
@@ -114,10 +117,45 @@ fn name(resolved: &Resolved) -> String {
     }
 }
 
-fn plan_job(name: String, resolved: Resolved) -> Result<NewJob, ApiError> {
+fn plan_job(name: String, resolved: &Resolved) -> Result<NewJob, ApiError> {
     let Resolved { spec, needs, data, dataset } = resolved;
-    let Plan { unit, tasks } = Plan::new(&spec, data.as_ref(), dataset)?;
-    Ok(NewJob { name, spec, unit: unit.to_owned(), tasks, needs })
+    let Plan { unit, tasks } = Plan::new(spec, data.as_ref(), *dataset)?;
+    let execution = spec.execution();
+    Ok(NewJob {
+        name,
+        kind: spec.kind().to_string(),
+        spec: spec.to_json(),
+        digest: spec.digest(),
+        unit: unit.to_owned(),
+        priority: execution.priority,
+        max_attempts: execution.max_attempts,
+        output: output(spec),
+        reuse: reuse(spec),
+        tasks,
+        needs: needs.clone(),
+    })
+}
+
+fn output(spec: &JobSpec) -> Output {
+    match spec {
+        JobSpec::Simulate(_) | JobSpec::Import(_) => {
+            DataSpec::of(spec).map_or(Output::Nothing, |data| Output::Dataset {
+                // An import learns how many there are when it ends.
+                trajectories: data.trajectories().unwrap_or(0),
+                samples: data.samples(),
+            })
+        }
+        JobSpec::Train(_) | JobSpec::Evaluate(_) | JobSpec::Control(_) => Output::Run,
+        JobSpec::Verify(_) | JobSpec::Pipeline(_) => Output::Nothing,
+    }
+}
+
+/// No job stands in for a verification, which says what was the case when it ran.
+fn reuse(spec: &JobSpec) -> JobReuse {
+    JobReuse {
+        whole: !matches!(spec, JobSpec::Verify(_)),
+        tasks: matches!(spec, JobSpec::Evaluate(_)),
+    }
 }
 
 async fn plan_pipeline(
@@ -132,26 +170,38 @@ async fn plan_pipeline(
     let mut members = Vec::with_capacity(order.len());
     for name in order {
         let member = &pipeline.jobs[name];
-        let job = plan_member(&references, name, member)
+        let (spec, job) = plan_member(&references, name, member)
             .await
             .map_err(|error| error.within(&format!("jobs.{name}")))?;
-        references.add_sibling(name, jobs.len(), &job.spec);
-        let resolved_member =
-            PipelineMember { needs: member.needs.clone(), spec: job.spec.clone() };
+        references.add_sibling(name, jobs.len(), &spec);
+        let resolved_member = PipelineMember { needs: member.needs.clone(), spec };
         resolved_pipeline.jobs.insert(name.to_owned(), resolved_member);
         members.push(NewMember { name: name.to_owned(), job: jobs.len() });
         jobs.push(job);
     }
-    Ok((jobs, NewPipeline { spec: resolved_pipeline, members }))
+    let name = pipeline.name.clone();
+    let spec = JobSpec::Pipeline(resolved_pipeline);
+    let execution = spec.execution();
+    let pipeline = NewPipeline {
+        name,
+        kind: spec.kind().to_string(),
+        digest: spec.digest(),
+        spec: spec.to_json(),
+        priority: execution.priority,
+        max_attempts: execution.max_attempts,
+        members,
+    };
+    Ok((jobs, pipeline))
 }
 
 async fn plan_member(
     references: &References<'_>,
     name: &str,
     member: &PipelineMember,
-) -> Result<NewJob, ApiError> {
+) -> Result<(JobSpec, NewJob), ApiError> {
     let mut resolved = references.resolve(&member.spec).await?;
     let explicit = member.needs.iter().filter_map(|need| references.sibling(need)).map(Need::New);
     resolved.needs.extend(explicit);
-    plan_job(name.to_owned(), resolved)
+    let job = plan_job(name.to_owned(), &resolved)?;
+    Ok((resolved.spec, job))
 }

@@ -1,13 +1,16 @@
 //! Verifications: datasets made again and compared with what is stored.
 
 use serde::Serialize;
-use spec::{DataSource, Execution, JobSpec, VerifySpec};
+use spec::{DataSource, Execution, JobKind, JobSpec, VerifySpec};
 use store::{DatasetId, DatasetState, JobId, JobState, Reuse, TaskState};
 use utoipa::ToSchema;
 
 use crate::app::jobs::text;
 use crate::app::{App, Job};
 use crate::error::ApiError;
+
+/// What its job is called.
+const KIND: &str = JobKind::Verify.as_str();
 
 /// Remarks shown of a verification; a dataset of another version has one per shard.
 const REMARKS: usize = 5;
@@ -53,7 +56,7 @@ impl App {
 
     /// The newest verification of a dataset.
     pub async fn verification(&self, dataset: i64) -> Result<Option<Verification>, ApiError> {
-        match self.store.newest_verification(DatasetId(dataset)).await? {
+        match self.store.newest_reader(DatasetId(dataset), KIND).await? {
             Some(job) => Ok(Some(self.outcome(job).await?)),
             None => Ok(None),
         }

@@ -97,7 +97,7 @@ pub async fn list(
     Query(parameters): Query<ListParameters>,
 ) -> Result<Json<Jobs>, ApiError> {
     let paging = Paging::new(parameters.limit, parameters.before)?;
-    let filter = JobFilter { state: parameters.state, kind: parameters.kind };
+    let filter = JobFilter { state: parameters.state, kind: parameters.kind.map(JobKind::as_str) };
     Ok(Json(app.jobs(filter, paging).await?))
 }
 

@@ -152,7 +152,7 @@ impl Server {
     }
 
     pub async fn finish(&self, task: &ClaimedTask) {
-        match task.kind {
+        match task.kind.parse().unwrap() {
             JobKind::Simulate => self.commit_shard(task).await,
             JobKind::Train => self.finish_training(task).await,
             JobKind::Evaluate => {
@@ -201,7 +201,7 @@ impl Server {
         NewShard {
             first: trajectories.start,
             count: trajectories.end - trajectories.start,
-            rejected: if task.kind == JobKind::Simulate { 3 } else { 0 },
+            rejected: if task.kind == JobKind::Simulate.as_str() { 3 } else { 0 },
             trajectories: file(FileContent::Trajectories).await,
             robots: file(FileContent::Robots).await,
         }

@@ -178,7 +178,7 @@ async fn a_checkpoint_that_is_not_the_final_one_is_evaluated_itself_and_the_best
     });
     let task = loop {
         let task = server.claim().await.unwrap();
-        if task.kind == spec::JobKind::Train {
+        if task.kind == spec::JobKind::Train.as_str() {
             break task;
         }
         server.finish(&task).await;

@@ -259,7 +259,7 @@ async fn an_imported_dataset_can_be_trained_on_and_evaluated_on() {
     let server = Server::start().await;
     send(&server, &path(&mapping()), "text/csv", Body::from(CSV)).await;
     let task = server.claim().await.unwrap();
-    assert_eq!((task.kind, task.total), (JobKind::Import, 0));
+    assert_eq!((task.kind.as_str(), task.total), (JobKind::Import.as_str(), 0));
     let file = async |content: FileContent| {
         let path = object_path::shard(task.job, task.ordinal, task.fence.epoch, content);
         server.store.put_object(&path, bytes_of(1000, content as u8)).await.unwrap()

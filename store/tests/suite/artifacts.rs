@@ -30,7 +30,7 @@ pub async fn every_training_and_evaluation_has_a_run(f: Fixture) {
     let members = f.members(submitted.job).await;
     let runs = f.store.runs(None, store::Page::default()).await.unwrap();
     assert_eq!(runs.iter().map(|run| run.job).collect::<Vec<_>>(), [members[2], members[1]]);
-    let trainings = f.store.runs(Some(spec::JobKind::Train), store::Page::default()).await.unwrap();
+    let trainings = f.store.runs(Some("train"), store::Page::default()).await.unwrap();
     assert_eq!(trainings.len(), 1);
     let run = f.store.run_of_job(members[1]).await.unwrap();
     assert_eq!((run.id, run.name.as_str()), (trainings[0].id, "train"));

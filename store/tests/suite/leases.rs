@@ -11,8 +11,8 @@ pub async fn a_claimed_task_carries_all_that_its_worker_needs(f: Fixture) {
     let new = train(&simulate(1), vec![]);
     let job = f.submit_one(new.clone()).await;
     let claimed = f.must_claim().await;
-    assert_eq!((claimed.job, claimed.digest), (job, new.spec.digest()));
-    assert_eq!(claimed.spec, new.spec.to_json());
+    assert_eq!((claimed.job, claimed.digest), (job, new.digest));
+    assert_eq!(claimed.spec, new.spec);
     assert_eq!(claimed.run, f.store.job(job).await.unwrap().run);
     assert_eq!((claimed.stage, claimed.ordinal, claimed.total), (0, 0, 10));
     assert_eq!((claimed.attempt, claimed.max_attempts, claimed.fence.epoch), (1, 3, Epoch(1)));

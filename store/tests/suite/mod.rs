@@ -15,10 +15,11 @@ use std::time::Duration;
 
 use bytes::Bytes;
 use serde_json::{Value, json};
-use spec::{Digest, JobSpec, PipelineMember, PipelineSpec};
+use spec::Digest;
 use store::{
-    ClaimedTask, Fence, FileContent, JobId, JobState, Need, NewJob, NewMember, NewPipeline,
-    NewShard, NewTask, Reuse, Store, StoreError, Submission, Submitted, object_path,
+    ClaimedTask, Fence, FileContent, JobId, JobReuse, JobState, Need, NewJob, NewMember,
+    NewPipeline, NewShard, NewTask, Output, Reuse, Store, StoreError, Submission, Submitted,
+    object_path,
 };
 use tempfile::TempDir;
 
@@ -31,32 +32,55 @@ pub struct Fixture {
     pub _dir: TempDir,
 }
 
+fn job(kind: &str, spec: Value, output: Output, tasks: Vec<NewTask>) -> NewJob {
+    NewJob {
+        name: kind.to_owned(),
+        kind: kind.to_owned(),
+        digest: Digest::of_json(&spec),
+        spec,
+        unit: "pieces".to_owned(),
+        priority: 0,
+        max_attempts: 3,
+        output,
+        reuse: JobReuse { whole: true, tasks: false },
+        tasks,
+        needs: vec![],
+    }
+}
+
 /// A simulation of 6 trajectories of 4 samples in 3 shards.
 pub fn simulate(seed: u64) -> NewJob {
-    let spec = parse(&json!({
-        "preset": "D1-multisine", "seed": seed, "trajectories": 6, "samples": 4,
-        "shard_trajectories": 2,
-    }));
+    let output = Output::Dataset { trajectories: 6, samples: 4 };
     let tasks = (0..3).map(|shard| task(0, shard, 2)).collect();
-    NewJob { name: "train-set".into(), spec, unit: "trajectories".into(), tasks, needs: vec![] }
+    let job = job("simulate", json!({"kind": "simulate", "seed": seed}), output, tasks);
+    NewJob { name: "train-set".into(), unit: "trajectories".into(), ..job }
 }
 
 pub fn train(data: &NewJob, needs: Vec<Need>) -> NewJob {
-    let spec = parse(&json!({
-        "kind": "train", "data": {"digest": data.spec.digest()}, "steps": 10,
-        "model": {"preset": "robomorph-tiny"},
-    }));
-    NewJob { name: "train".into(), spec, unit: "steps".into(), tasks: vec![task(0, 0, 10)], needs }
+    let spec = json!({"kind": "train", "data": data.digest});
+    NewJob { needs, ..job("train", spec, Output::Run, vec![task(0, 0, 10)]) }
 }
 
 /// Two cells and a report.
 pub fn evaluate(data: &NewJob, trained: &NewJob, needs: Vec<Need>) -> NewJob {
-    let spec = parse(&json!({
-        "kind": "evaluate", "data": {"digest": data.spec.digest()},
-        "checkpoints": [{"digest": trained.spec.digest()}],
-    }));
+    let spec = json!({"kind": "evaluate", "data": data.digest, "checkpoint": trained.digest});
     let tasks = vec![task(0, 0, 1), task(0, 1, 1), task(1, 0, 1)];
-    NewJob { name: "evaluate".into(), spec, unit: "cells".into(), tasks, needs }
+    let reuse = JobReuse { whole: true, tasks: true };
+    NewJob { needs, reuse, ..job("evaluate", spec, Output::Run, tasks) }
+}
+
+/// Says what is the case when it runs.
+pub fn verify(data: JobId) -> NewJob {
+    let spec = json!({"kind": "verify", "data": data});
+    let reuse = JobReuse { whole: false, tasks: false };
+    let needs = vec![Need::Existing(data)];
+    NewJob { needs, reuse, ..job("verify", spec, Output::Nothing, vec![task(0, 0, 1)]) }
+}
+
+/// One shard of as many trajectories of 4 samples as come out.
+pub fn import(file: Digest) -> NewJob {
+    let output = Output::Dataset { trajectories: 0, samples: 4 };
+    job("import", json!({"kind": "import", "file": file}), output, vec![task(0, 0, 0)])
 }
 
 pub fn task(stage: u32, ordinal: u32, total: u64) -> NewTask {
@@ -64,15 +88,8 @@ pub fn task(stage: u32, ordinal: u32, total: u64) -> NewTask {
     NewTask { stage, ordinal, label, payload: json!({"piece": ordinal}), total }
 }
 
-fn parse(json: &Value) -> JobSpec {
-    spec::parse(json.to_string().as_bytes()).unwrap()
-}
-
-pub fn with_execution(mut job: NewJob, priority: i32, max_attempts: u32) -> NewJob {
-    let mut json = job.spec.to_json();
-    json["execution"] = json!({"priority": priority, "max_attempts": max_attempts});
-    job.spec = parse(&json);
-    job
+pub fn with_execution(job: NewJob, priority: i32, max_attempts: u32) -> NewJob {
+    NewJob { priority, max_attempts, ..job }
 }
 
 /// A simulation, a training on it, and an evaluation of that.
@@ -84,15 +101,20 @@ pub fn pipeline(seed: u64) -> Submission {
 }
 
 pub fn pipeline_of(jobs: Vec<NewJob>) -> Submission {
-    let member = |job: &NewJob| PipelineMember { needs: vec![], spec: job.spec.clone() };
-    let spec = PipelineSpec {
-        name: "pipeline".into(),
-        jobs: jobs.iter().map(|job| (job.name.clone(), member(job))).collect(),
-    };
+    let digests: Vec<Digest> = jobs.iter().map(|job| job.digest).collect();
+    let spec = json!({"kind": "pipeline", "jobs": digests});
     let members =
         jobs.iter().enumerate().map(|(i, job)| NewMember { name: job.name.clone(), job: i });
-    let pipeline = Some(NewPipeline { spec, members: members.collect() });
-    Submission { pipeline, jobs, reuse: Reuse::SameDigest, idempotency: None }
+    let pipeline = NewPipeline {
+        name: "pipeline".into(),
+        kind: "pipeline".into(),
+        digest: Digest::of_json(&spec),
+        spec,
+        priority: 0,
+        max_attempts: 3,
+        members: members.collect(),
+    };
+    Submission { pipeline: Some(pipeline), jobs, reuse: Reuse::SameDigest, idempotency: None }
 }
 
 pub fn alone(job: NewJob) -> Submission {
@@ -179,5 +201,5 @@ pub fn assert_lost<T>(result: Result<T, StoreError>, fence: Fence) {
 }
 
 pub fn digest_of(job: &NewJob) -> Digest {
-    job.spec.digest()
+    job.digest
 }

@@ -1,11 +1,11 @@
 use serde_json::json;
-use spec::{Digest, JobKind};
+use spec::Digest;
 use store::{
     Idempotency, JobFilter, JobState, Need, Page, Retry, Reuse, StoreError, Submission, Submitted,
     TaskState,
 };
 
-use super::{Fixture, alone, digest_of, evaluate, pipeline, simulate, train};
+use super::{Fixture, alone, digest_of, evaluate, pipeline, simulate, train, verify};
 
 pub async fn a_job_that_was_done_is_not_done_again(f: Fixture) {
     let first = f.submit(alone(simulate(1))).await;
@@ -21,6 +21,18 @@ pub async fn execution_does_not_tell_jobs_apart(f: Fixture) {
     let first = f.submit_one(simulate(1)).await;
     let again = f.submit(alone(super::with_execution(simulate(1), 7, 1))).await;
     assert_eq!(again, Submitted { job: first, reused: true });
+}
+
+pub async fn a_job_that_says_what_is_the_case_is_done_every_time(f: Fixture) {
+    let data = f.submit_one(simulate(1)).await;
+    let dataset = f.store.job(data).await.unwrap().dataset.unwrap();
+    assert!(f.store.newest_reader(dataset, "verify").await.unwrap().is_none());
+    let first = f.submit_one(verify(data)).await;
+    let second = f.submit(alone(verify(data))).await;
+    assert!(second.job != first && !second.reused);
+    let newest = f.store.newest_reader(dataset, "verify").await.unwrap().unwrap();
+    assert_eq!(newest.id, second.job);
+    assert!(f.store.newest_reader(dataset, "train").await.unwrap().is_none());
 }
 
 pub async fn a_job_that_failed_is_done_again(f: Fixture) {
@@ -104,7 +116,7 @@ pub async fn a_pipeline_is_reused_whole_or_job_by_job(f: Fixture) {
 
     // The same jobs under another name are another pipeline, which has nothing left to do.
     let mut renamed = pipeline(1);
-    renamed.pipeline.as_mut().unwrap().spec.name = "renamed".into();
+    renamed.pipeline.as_mut().unwrap().digest = Digest::of(b"renamed");
     let second = f.submit(renamed).await;
     assert!(!second.reused);
     assert_eq!(f.state(second.job).await, JobState::Succeeded);
@@ -133,7 +145,7 @@ pub async fn a_submission_that_is_dropped_halfway_leaves_nothing(f: Fixture) {
     }
     f.submit(pipeline(9999)).await;
     let page = Page { before: None, limit: 500 };
-    let kind = Some(JobKind::Pipeline);
+    let kind = Some("pipeline");
     let pipelines = f.store.jobs(JobFilter { kind, state: None }, page).await.unwrap();
     for pipeline in &pipelines {
         assert_eq!(f.members(pipeline.id).await.len(), 3);
@@ -200,16 +212,16 @@ pub async fn jobs_are_filtered_by_kind_and_state(f: Fixture) {
         }
     };
     assert_eq!(found(None, None).await.len(), 4);
-    assert_eq!(found(Some(JobKind::Train), None).await, [JobKind::Train]);
-    assert_eq!(found(None, Some(JobState::Queued)).await, [JobKind::Pipeline, JobKind::Simulate]);
-    assert!(found(Some(JobKind::Train), Some(JobState::Queued)).await.is_empty());
+    assert_eq!(found(Some("train"), None).await, ["train"]);
+    assert_eq!(found(None, Some(JobState::Queued)).await, ["pipeline", "simulate"]);
+    assert!(found(Some("train"), Some(JobState::Queued)).await.is_empty());
 }
 
 pub async fn a_job_is_found_by_its_digest(f: Fixture) {
     let job = f.submit_one(simulate(1)).await;
     let digest = digest_of(&simulate(1));
     let found = f.store.job_by_digest(digest, &JobState::ALL).await.unwrap().unwrap();
-    assert_eq!((found.id, found.spec), (job, simulate(1).spec.to_json()));
+    assert_eq!((found.id, found.spec), (job, simulate(1).spec));
     assert!(f.store.job_by_digest(digest, &[JobState::Failed]).await.unwrap().is_none());
     assert!(f.store.job_by_digest(digest, &[]).await.unwrap().is_none());
 }

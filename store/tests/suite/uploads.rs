@@ -1,9 +1,9 @@
 use std::time::Duration;
 
-use spec::{Digest, JobSpec};
-use store::{DatasetState, JobState, NewJob, NewShard, Upload};
+use spec::Digest;
+use store::{DatasetState, JobState, NewShard, Upload};
 
-use super::{Fixture, alone, assert_lost, task};
+use super::{Fixture, alone, assert_lost, import};
 
 async fn send(f: &Fixture, name: &str, pieces: &[&[u8]]) -> Upload {
     let mut writer = f.store.begin_upload().await.unwrap();
@@ -11,18 +11,6 @@ async fn send(f: &Fixture, name: &str, pieces: &[&[u8]]) -> Upload {
         writer.write(piece).await.unwrap();
     }
     writer.finish(name).await.unwrap()
-}
-
-/// An import whose result tells how many trajectories there are.
-fn import(file: Digest) -> NewJob {
-    let names = |prefix: &str| (1..=7).map(|i| format!("{prefix}{i}")).collect::<Vec<_>>();
-    let spec = serde_json::json!({
-        "kind": "import", "file": file, "format": "csv", "samples": 4,
-        "columns": {"u": names("u"), "q": names("q")},
-    });
-    let spec: JobSpec = spec::parse(spec.to_string().as_bytes()).unwrap();
-    let (name, unit) = ("import".into(), "trajectories".into());
-    NewJob { name, spec, unit, tasks: vec![task(0, 0, 0)], needs: vec![] }
 }
 
 pub async fn a_file_is_found_by_its_digest(f: Fixture) {
