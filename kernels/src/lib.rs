@@ -40,7 +40,6 @@ mod product;
 mod softmax;
 mod threefry;
 mod transposition;
-mod vector;
 mod vectorized;
 mod windows;
 mod winograd;

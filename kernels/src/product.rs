@@ -5,8 +5,9 @@
 //! loaded as vectors and a column of the left factor number by number. Rows of either may begin
 //! anywhere, so that a matrix of overlapping windows need not be written out.
 
-use super::instruction_set::InstructionSet;
-use super::vector::{Plain, Vector};
+use simd::{InstructionSet, Unfused, Vector};
+
+use super::instruction_set::detected;
 use super::vectorized;
 
 /// Terms that are summed in registers before they are added to the rest: a sum of sums is rounded
@@ -70,14 +71,35 @@ pub(super) fn multiply(
     // SAFETY: the processor has the instructions, and by the assertions above every element that
     // the sizes and offsets reach lies in its slice.
     unsafe {
-        match InstructionSet::detected() {
+        match detected() {
             #[cfg(target_arch = "x86_64")]
-            InstructionSet::Avx512 => avx512(&product),
+            InstructionSet::Avx512(_) => avx512(&product),
             #[cfg(target_arch = "x86_64")]
-            InstructionSet::Avx2 => avx2(&product),
+            InstructionSet::Avx2(_) => avx2(&product),
             _ => plain(&product),
         }
     }
+}
+
+/// Vectors that products are made of.
+trait Tiled: Vector {
+    /// Most rows of a tile that is 1, 2, 3 or 4 vectors wide; 0 where there is none. The sums of a
+    /// tile, one row of vectors and one broadcast number fit in the registers.
+    const TILE_ROWS: [usize; 4];
+}
+
+impl Tiled for Unfused {
+    const TILE_ROWS: [usize; 4] = [6, 4, 0, 0];
+}
+
+#[cfg(target_arch = "x86_64")]
+impl Tiled for simd::F32x8 {
+    const TILE_ROWS: [usize; 4] = [8, 6, 0, 0];
+}
+
+#[cfg(target_arch = "x86_64")]
+impl Tiled for simd::F32x16 {
+    const TILE_ROWS: [usize; 4] = [12, 12, 8, 6];
 }
 
 struct Product<'a> {
@@ -93,20 +115,20 @@ struct Product<'a> {
 #[target_feature(enable = "avx512f")]
 unsafe fn avx512(product: &Product<'_>) {
     // SAFETY: see `multiply`.
-    unsafe { product.all_columns::<super::vector::x86::Avx512>() };
+    unsafe { product.all_columns::<simd::F32x16>() };
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,fma")]
 unsafe fn avx2(product: &Product<'_>) {
     // SAFETY: see `multiply`.
-    unsafe { product.all_columns::<super::vector::x86::Avx2>() };
+    unsafe { product.all_columns::<simd::F32x8>() };
 }
 
 #[inline(never)]
 unsafe fn plain(product: &Product<'_>) {
     // SAFETY: see `multiply`.
-    unsafe { product.all_columns::<Plain>() };
+    unsafe { product.all_columns::<Unfused>() };
 }
 
 // Everything below is unsafe for the same two reasons, which `multiply` has checked: it uses the
@@ -117,7 +139,7 @@ unsafe fn plain(product: &Product<'_>) {
 )]
 impl Product<'_> {
     #[inline(always)]
-    unsafe fn all_columns<V: Vector>(&self) {
+    unsafe fn all_columns<V: Tiled>(&self) {
         let mut column = 0;
         while column < self.columns {
             let vectors = (self.columns - column).div_ceil(V::LANES);
@@ -139,7 +161,7 @@ impl Product<'_> {
 
     /// `N` vectors of columns from `column` on; gives `N`.
     #[inline(always)]
-    unsafe fn all_rows<V: Vector, const N: usize>(&self, column: usize) -> usize {
+    unsafe fn all_rows<V: Tiled, const N: usize>(&self, column: usize) -> usize {
         let most = V::TILE_ROWS[N - 1];
         let rows = self.left.rows.len();
         let mut row = 0;

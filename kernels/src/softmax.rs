@@ -2,8 +2,9 @@
 
 use std::f32::consts::LOG2_E;
 
-use super::instruction_set::InstructionSet;
-use super::vector::{Plain, Vector};
+use simd::{InstructionSet, Unfused, Vector};
+
+use super::instruction_set::detected;
 
 /// Softmax of `scale` times each row of `width` scores. Row r looks at its first `visible + r`
 /// scores, at least one, or all if there are fewer; the rest become 0.
@@ -11,12 +12,12 @@ pub(super) fn softmax(scores: &mut [f32], width: usize, scale: f32, visible: usi
     assert!(visible > 0);
     // SAFETY: the processor has the instructions.
     unsafe {
-        match InstructionSet::detected() {
+        match detected() {
             #[cfg(target_arch = "x86_64")]
-            InstructionSet::Avx512 => x86::avx512(scores, width, scale, visible),
+            InstructionSet::Avx512(_) => x86::avx512(scores, width, scale, visible),
             #[cfg(target_arch = "x86_64")]
-            InstructionSet::Avx2 => x86::avx2(scores, width, scale, visible),
-            _ => all_rows::<Plain>(scores, width, scale, visible),
+            InstructionSet::Avx2(_) => x86::avx2(scores, width, scale, visible),
+            _ => all_rows::<Unfused>(scores, width, scale, visible),
         }
     }
 }
@@ -27,43 +28,44 @@ pub(super) fn softmax_gradient(p: &[f32], width: usize, scale: f32, gradient: &m
     assert_eq!(p.len(), gradient.len());
     // SAFETY: the processor has the instructions.
     unsafe {
-        match InstructionSet::detected() {
+        match detected() {
             #[cfg(target_arch = "x86_64")]
-            InstructionSet::Avx512 => x86::avx512_gradient(p, width, scale, gradient),
+            InstructionSet::Avx512(_) => x86::avx512_gradient(p, width, scale, gradient),
             #[cfg(target_arch = "x86_64")]
-            InstructionSet::Avx2 => x86::avx2_gradient(p, width, scale, gradient),
-            _ => all_gradients::<Plain>(p, width, scale, gradient),
+            InstructionSet::Avx2(_) => x86::avx2_gradient(p, width, scale, gradient),
+            _ => all_gradients::<Unfused>(p, width, scale, gradient),
         }
     }
 }
 
 #[cfg(target_arch = "x86_64")]
 mod x86 {
-    use super::super::vector::x86::{Avx2, Avx512};
+    use simd::{F32x8, F32x16};
+
     use super::{all_gradients, all_rows};
 
     #[target_feature(enable = "avx512f")]
     pub unsafe fn avx512(scores: &mut [f32], width: usize, scale: f32, visible: usize) {
         // SAFETY: the processor has the instructions.
-        unsafe { all_rows::<Avx512>(scores, width, scale, visible) };
+        unsafe { all_rows::<F32x16>(scores, width, scale, visible) };
     }
 
     #[target_feature(enable = "avx2,fma")]
     pub unsafe fn avx2(scores: &mut [f32], width: usize, scale: f32, visible: usize) {
         // SAFETY: the processor has the instructions.
-        unsafe { all_rows::<Avx2>(scores, width, scale, visible) };
+        unsafe { all_rows::<F32x8>(scores, width, scale, visible) };
     }
 
     #[target_feature(enable = "avx512f")]
     pub unsafe fn avx512_gradient(p: &[f32], width: usize, scale: f32, gradient: &mut [f32]) {
         // SAFETY: the processor has the instructions.
-        unsafe { all_gradients::<Avx512>(p, width, scale, gradient) };
+        unsafe { all_gradients::<F32x16>(p, width, scale, gradient) };
     }
 
     #[target_feature(enable = "avx2,fma")]
     pub unsafe fn avx2_gradient(p: &[f32], width: usize, scale: f32, gradient: &mut [f32]) {
         // SAFETY: the processor has the instructions.
-        unsafe { all_gradients::<Avx2>(p, width, scale, gradient) };
+        unsafe { all_gradients::<F32x8>(p, width, scale, gradient) };
     }
 }
 

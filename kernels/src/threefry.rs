@@ -1,7 +1,6 @@
 //! Random numbers by their place: Threefry-4x32 (Salmon et al. 2011, *Parallel random numbers: as
 //! easy as 1, 2, 3*), whose additions, rotations and exclusive ors any vectors have.
 
-use super::instruction_set::InstructionSet;
 use super::vectorized::vectorized;
 
 /// Blocks that are made at once.

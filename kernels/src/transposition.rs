@@ -1,4 +1,6 @@
-use super::instruction_set::InstructionSet;
+use simd::InstructionSet;
+
+use super::instruction_set::detected;
 
 /// Rows and columns of a block that registers hold.
 const BLOCK: usize = 16;
@@ -17,9 +19,10 @@ pub(super) fn transpose(
     }
     assert!(columns <= from_stride && (rows - 1) * from_stride + columns <= from.len());
     assert!(rows <= to_stride && (columns - 1) * to_stride + rows <= to.len());
-    let in_blocks = |extent: usize| match InstructionSet::detected() {
-        InstructionSet::Avx512 => extent / BLOCK * BLOCK,
-        InstructionSet::Avx2 | InstructionSet::Plain => 0,
+    let in_blocks = |extent: usize| match detected() {
+        #[cfg(target_arch = "x86_64")]
+        InstructionSet::Avx512(_) => extent / BLOCK * BLOCK,
+        _ => 0,
     };
     let (whole_rows, whole_columns) = (in_blocks(rows), in_blocks(columns));
     #[cfg(target_arch = "x86_64")]

@@ -4,7 +4,6 @@
 //! instructions, products are added without rounding in between.
 
 use super::adam_w::AdamWStep;
-use super::instruction_set::InstructionSet;
 
 const LANES: usize = 16;
 
@@ -26,12 +25,12 @@ macro_rules! vectorized {
                 #[target_feature(enable = "avx2,fma")]
                 fn avx2($($argument: $type),*) { portable::<true>($($argument),*) }
 
-                match InstructionSet::detected() {
+                match $crate::instruction_set::detected() {
                     // SAFETY: the processor has these instructions.
-                    InstructionSet::Avx512 => return unsafe { avx512($($argument),*) },
+                    simd::InstructionSet::Avx512(_) => return unsafe { avx512($($argument),*) },
                     // SAFETY: the processor has these instructions.
-                    InstructionSet::Avx2 => return unsafe { avx2($($argument),*) },
-                    InstructionSet::Plain => {}
+                    simd::InstructionSet::Avx2(_) => return unsafe { avx2($($argument),*) },
+                    simd::InstructionSet::Portable => {}
                 }
             }
             portable::<false>($($argument),*)

@@ -1,6 +1,5 @@
 //! Samples, taps and outputs as values at the points, and back.
 
-use super::super::instruction_set::InstructionSet;
 use super::super::vectorized::vectorized;
 use super::{LANES, OUTPUTS, POINTS, TAPS};
 
