@@ -6,6 +6,7 @@ use std::time::Duration;
 use axum::http::header::{RETRY_AFTER, UPGRADE, WWW_AUTHENTICATE};
 use axum::http::{HeaderValue, Method, StatusCode};
 use axum::response::{IntoResponse, Response};
+use jobs::SubmissionError;
 use spec::SpecError;
 use store::{JobState, StoreError};
 use thiserror::Error;
@@ -354,6 +355,17 @@ impl From<LiveError> for ApiError {
         match error {
             LiveError::Refused(error) => Self::Question(error),
             error => Self::Live(error),
+        }
+    }
+}
+
+impl From<SubmissionError> for ApiError {
+    fn from(error: SubmissionError) -> Self {
+        match error {
+            SubmissionError::Json(error) => Self::Json(error),
+            SubmissionError::Spec(error) => Self::Spec(error),
+            SubmissionError::NotFailed { id, state } => Self::NotFailed { id: id.0, state },
+            SubmissionError::Store(error) => Self::Store(error),
         }
     }
 }

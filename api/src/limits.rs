@@ -11,9 +11,6 @@ pub const PAGE_DEFAULT: u32 = 50;
 /// Items of one page of a list at most.
 pub const PAGE_MAXIMUM: u32 = 500;
 
-/// Tasks of one job. Crossing it is a violation of the field that asks for so many.
-pub const TASKS_PER_JOB: u32 = 10_000;
-
 /// Trajectories of one simulation, unless the server is told otherwise: a few hundred gigabytes.
 /// Crossing it is a violation of `trajectories`.
 pub const MAX_TRAJECTORIES: u64 = 10_000_000;

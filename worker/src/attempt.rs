@@ -3,9 +3,10 @@ use std::ops::ControlFlow;
 use std::sync::Arc;
 
 use models::Device;
+use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
-use store::{ClaimedTask, Fence, Store};
+use store::{ClaimedTask, Fence, NewArtifact, Store};
 use tokio::runtime::Handle;
 
 use crate::error::TaskError;
@@ -49,6 +50,25 @@ impl Attempt {
             Some(_) => ControlFlow::Break(()),
             None => ControlFlow::Continue(()),
         }
+    }
+
+    /// Reads which part of the job this task is, as the job's planner wrote it.
+    pub fn payload<T: DeserializeOwned>(&self) -> Result<T, TaskError> {
+        Ok(serde_json::from_value(self.task.payload.clone())?)
+    }
+
+    /// Keeps a file in the job's run.
+    pub fn put(&self, name: &str, media_type: &str, bytes: Vec<u8>) -> Result<(), TaskError> {
+        let artifact = NewArtifact { name, media_type, bytes: bytes.into() };
+        self.wait(self.store.put_artifact(self.fence(), artifact))?;
+        Ok(())
+    }
+
+    /// Ends the task with what it found.
+    pub fn complete(&self, result: &impl Serialize) -> Result<(), TaskError> {
+        let result = serde_json::to_value(result)?;
+        self.wait(self.store.complete(self.fence(), Some(&result)))?;
+        Ok(())
     }
 
     /// Reads the job's stored spec, which is tagged with its kind.

@@ -4,16 +4,16 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use models::{Device, DeviceKind};
-use spec::JobKind;
 use store::{Access, ClaimedTask, Store, StoreError};
 use tokio::runtime::Handle;
 use tokio_util::sync::CancellationToken;
 
+use crate::WorkerError;
 use crate::attempt::Attempt;
 use crate::error::{TaskError, reason};
 use crate::heartbeat::{ProgressCell, keep_alive};
+use crate::kinds::{KindModule, module};
 use crate::stop::{StopReason, StopSignal};
-use crate::{WorkerError, control, evaluate, import, simulate, train, verify};
 
 /// How one worker works.
 #[derive(Clone, Debug)]
@@ -81,7 +81,7 @@ async fn execute(
     shutdown: &CancellationToken,
 ) -> Result<(), WorkerError> {
     let fence = task.fence;
-    let kind: Option<JobKind> = task.kind.parse().ok();
+    let module = task.kind.parse().ok().and_then(module);
     let (label, job, attempt_number) = (task.label.clone(), task.job, task.attempt);
     tracing::info!(%job, task = %label, attempt = attempt_number, "begins");
     let progress = Arc::new(ProgressCell::default());
@@ -96,10 +96,10 @@ async fn execute(
     };
     let over = CancellationToken::new();
     let work = async {
-        let done = tokio::task::spawn_blocking(move || work(kind, &attempt)).await;
+        let done = tokio::task::spawn_blocking(move || work(module, &attempt)).await;
         over.cancel();
         done.unwrap_or_else(|error| {
-            Err(panicked(kind, device.kind(), error.try_into_panic().ok().as_deref()))
+            Err(panicked(module, device.kind(), error.try_into_panic().ok().as_deref()))
         })
     };
     let heartbeat = keep_alive(store, fence, lease, &progress, &stop, shutdown, &over);
@@ -134,23 +134,13 @@ async fn execute(
     ended
 }
 
-fn work(kind: Option<JobKind>, attempt: &Attempt) -> Result<(), TaskError> {
-    match kind {
-        Some(JobKind::Simulate) => simulate::shard(attempt),
-        Some(JobKind::Train) => train::train(attempt),
-        Some(JobKind::Evaluate) => evaluate::evaluate(attempt),
-        Some(JobKind::Control) if attempt.task.stage == 0 => control::robot(attempt),
-        Some(JobKind::Control) => control::report(attempt),
-        Some(JobKind::Import) => import::import(attempt),
-        Some(JobKind::Verify) => verify::shard(attempt),
-        Some(JobKind::Pipeline) | None => {
-            Err(TaskError::Panicked(format!("a {} has no tasks", attempt.task.kind)))
-        }
-    }
+fn work(module: Option<KindModule>, attempt: &Attempt) -> Result<(), TaskError> {
+    let unknown = || TaskError::UnknownKind { kind: attempt.task.kind.clone() };
+    (module.ok_or_else(unknown)?.run)(attempt)
 }
 
 fn panicked(
-    kind: Option<JobKind>,
+    module: Option<KindModule>,
     device: DeviceKind,
     panic: Option<&(dyn Any + Send)>,
 ) -> TaskError {
@@ -159,9 +149,7 @@ fn panicked(
         text.or_else(|| panic.downcast_ref::<String>().cloned())
     });
     let message = message.unwrap_or_else(|| "without a message".to_owned());
-    let computes_models =
-        matches!(kind, Some(JobKind::Train | JobKind::Evaluate | JobKind::Control));
-    if computes_models && device.is_apart() {
+    if module.is_some_and(|module| module.computes_models) && device.is_apart() {
         return TaskError::Device { device, message };
     }
     TaskError::Panicked(format!("a fault of torqued, please report it: {message}"))

@@ -56,7 +56,7 @@ pub enum TaskError {
     Columns(#[from] arrow::error::ArrowError),
     #[error("a table could not be written")]
     Table(#[from] csv::Error),
-    #[error("the stored spec or a result cannot be read")]
+    #[error("the stored spec, a payload or a result cannot be read")]
     Spec(#[from] serde_json::Error),
     /// What was stored is not what its spec gives, or not what was stored.
     #[error("{0}")]
@@ -65,6 +65,8 @@ pub enum TaskError {
     Unsuitable(#[from] spec::SpecError),
     #[error("{what} {name} does not exist any more")]
     Missing { what: &'static str, name: String },
+    #[error("a job of kind {kind} has no tasks that this version knows how to do")]
+    UnknownKind { kind: String },
     #[error("cannot start a thread")]
     Threads(#[from] rayon::ThreadPoolBuildError),
     #[error("{0}")]
@@ -95,6 +97,7 @@ impl TaskError {
             | Self::Spec(_)
             | Self::Missing { .. }
             | Self::Differs(_)
+            | Self::UnknownKind { .. }
             | Self::Unsuitable(_)
             | Self::Panicked(_) => Retry::Never,
         }

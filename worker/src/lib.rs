@@ -13,6 +13,7 @@ mod evaluate;
 mod folder;
 mod heartbeat;
 mod import;
+mod kinds;
 mod probe;
 mod rehearsal;
 mod simulate;

@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 use serde_json::Value;
-use spec::{Digest, JobKind, JobSpec};
+use spec::{Digest, JobKind, JobSpec, Product};
 use store::{JobId, ShardSummary, Timestamp};
 use utoipa::ToSchema;
 
@@ -158,8 +158,8 @@ impl App {
             JobKind::Pipeline => self.members(row.id).await?,
             _ => Vec::new(),
         };
-        let checkpoints = match kind {
-            JobKind::Train => self.store.checkpoints_of_job(row.id).await?,
+        let checkpoints = match kind.makes() {
+            Some(Product::Checkpoints) => self.store.checkpoints_of_job(row.id).await?,
             _ => Vec::new(),
         };
         let needs = self.store.needs(row.id).await?;
@@ -175,7 +175,7 @@ impl App {
             state: row.state,
             error: row.error,
             digest: row.digest,
-            warnings: self.warnings(&row.spec).await?,
+            warnings: jobs::warnings(&self.store, &row.spec, self.memory_bytes).await?,
             spec: row.spec,
             progress: row.progress.into(),
             needs: needs.into_iter().map(|need| need.0).collect(),

@@ -13,18 +13,15 @@ mod jobs;
 mod paging;
 mod predictions;
 mod questions;
-mod references;
 mod report;
 mod runs;
 mod shards;
 mod streams;
 mod submission;
 mod summaries;
-mod tasks;
 mod trajectories;
 mod uploads;
 mod verifications;
-mod warnings;
 
 use std::sync::Arc;
 use std::time::Duration;

@@ -2,15 +2,12 @@
 
 use serde_json::{Map, Value};
 use spec::{Digest, FileFormat, ImportSpec, JobSpec, SpecError};
-use store::{Idempotency, Reuse, Store};
+use store::{Idempotency, Reuse};
 
 use crate::app::App;
 use crate::app::submission::Submitted;
 use crate::error::ApiError;
 use crate::upload::IncomingFile;
-
-/// How many uploads an error names as what exists.
-const EXISTING_SHOWN: u32 = 10;
 
 impl App {
     /// Keeps the file and submits its import.
@@ -86,20 +83,4 @@ fn parse(fields: Map<String, Value>) -> Result<ImportSpec, ApiError> {
 
 fn other_kind(kind: &Value) -> ApiError {
     SpecError::one("kind", kind.to_string(), "import, or left out").into()
-}
-
-/// # Errors
-/// When nobody has sent the file that `spec` names.
-pub async fn check_known(store: &Store, spec: &ImportSpec) -> Result<(), ApiError> {
-    if store.upload(spec.file).await?.is_some() {
-        return Ok(());
-    }
-    let newest = store.newest_uploads(EXISTING_SHOWN).await?;
-    let known: Vec<String> =
-        newest.iter().map(|it| format!("{} ({})", it.object.sha256, it.name)).collect();
-    let allowed = match known.as_slice() {
-        [] => "the SHA-256 of a file that was sent to POST /v1/datasets; none was yet".to_owned(),
-        known => format!("the SHA-256 of a file that was sent: {}", known.join(", ")),
-    };
-    Err(SpecError::one("file", spec.file.to_string(), allowed).into())
 }

@@ -9,25 +9,32 @@ use evaluation::control::{
     Controller, ControllerInfo, Experiment, Foreseen, RobotTrials, Trace, robot_figure,
 };
 use evaluation::{Learned, PredictorKind, Start};
+use jobs::ControlTask;
 use models::Sampling;
 use spec::{ControlSpec, SimulateSpec};
-use store::NewArtifact;
 
 use crate::attempt::Attempt;
 use crate::error::TaskError;
 use crate::evaluate::LoadedCheckpoint;
+use crate::kinds::KindModule;
 use crate::trajectories::TrajectorySource;
 
-pub(crate) use report::report;
+pub(crate) const MODULE: KindModule = KindModule { run, computes_models: true };
+
+fn run(attempt: &Attempt) -> Result<(), TaskError> {
+    let spec: ControlSpec = attempt.spec()?;
+    match attempt.payload()? {
+        ControlTask::Robot(index) => robot(attempt, &spec, u64::from(index)),
+        ControlTask::Report => report::report(attempt, &spec),
+    }
+}
 
 /// Lets every controller have one robot; its motions are `robot-NN.csv` and `robot-NN.svg`.
-pub(crate) fn robot(attempt: &Attempt) -> Result<(), TaskError> {
-    let spec: ControlSpec = attempt.spec()?;
-    let simulation = simulation(attempt, &spec)?;
+fn robot(attempt: &Attempt, spec: &ControlSpec, index: u64) -> Result<(), TaskError> {
+    let simulation = simulation(attempt, spec)?;
     let checkpoints = LoadedCheckpoint::load_all(attempt, &spec.checkpoints)?;
     attempt.check_stop()?;
-    let index = u64::from(attempt.task.ordinal);
-    let experiment = Experiment::new(&spec, &simulation);
+    let experiment = Experiment::new(spec, &simulation);
     let plant = experiment.plant(index)?;
     let baselines = spec
         .baselines
@@ -49,13 +56,10 @@ pub(crate) fn robot(attempt: &Attempt) -> Result<(), TaskError> {
     }
     let name = |extension: &str| format!("robot-{index:02}.{extension}");
     let rate_hz = simulation.rate_hz;
-    put(attempt, &name("csv"), "text/csv", table::csv(rate_hz, &traces)?)?;
+    attempt.put(&name("csv"), "text/csv", table::csv(rate_hz, &traces)?)?;
     let figure = robot_figure(index, rate_hz, &traces)?;
-    put(attempt, &name("svg"), "image/svg+xml", figure.into_bytes())?;
-    let result = RobotTrials { robot: index, threads: rayon::current_num_threads(), trials };
-    let result = serde_json::to_value(result)?;
-    attempt.wait(attempt.store.complete(attempt.fence(), Some(&result)))?;
-    Ok(())
+    attempt.put(&name("svg"), "image/svg+xml", figure.into_bytes())?;
+    attempt.complete(&RobotTrials { robot: index, threads: rayon::current_num_threads(), trials })
 }
 
 /// A denoiser is asked for one sample, by the sampler of its checkpoint.
@@ -98,10 +102,4 @@ fn simulation(attempt: &Attempt, spec: &ControlSpec) -> Result<SimulateSpec, Tas
     let missing =
         || TaskError::Missing { what: "the simulation of", name: format!("{:?}", spec.data) };
     data.spec().simulation().cloned().ok_or_else(missing)
-}
-
-fn put(attempt: &Attempt, name: &str, media_type: &str, bytes: Vec<u8>) -> Result<(), TaskError> {
-    let artifact = NewArtifact { name, media_type, bytes: bytes.into() };
-    attempt.wait(attempt.store.put_artifact(attempt.fence(), artifact))?;
-    Ok(())
 }

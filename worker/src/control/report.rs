@@ -2,26 +2,23 @@ use evaluation::control::{RobotTrials, summarize, tracking_figure};
 use figures::Size;
 use spec::ControlSpec;
 
-use super::{controllers, put, simulation, table};
+use super::{controllers, simulation, table};
 use crate::attempt::Attempt;
 use crate::error::TaskError;
 use crate::evaluate::LoadedCheckpoint;
 
 /// Puts the robots together: `report.json`, `trials.csv`, `tracking.svg`, `tracking.csv`.
-pub(crate) fn report(attempt: &Attempt) -> Result<(), TaskError> {
-    let spec: ControlSpec = attempt.spec()?;
-    let simulation = simulation(attempt, &spec)?;
+pub(super) fn report(attempt: &Attempt, spec: &ControlSpec) -> Result<(), TaskError> {
+    let simulation = simulation(attempt, spec)?;
     let checkpoints = LoadedCheckpoint::load_all(attempt, &spec.checkpoints)?;
     let robots = trials(attempt)?;
-    let report = summarize(&spec, simulation.rate_hz, controllers(&spec, &checkpoints), &robots);
-    put(attempt, "report.json", "application/json", serde_json::to_vec_pretty(&report)?)?;
-    put(attempt, "trials.csv", "text/csv", table::trials_csv(&robots)?)?;
+    let report = summarize(spec, simulation.rate_hz, controllers(spec, &checkpoints), &robots);
+    attempt.put("report.json", "application/json", serde_json::to_vec_pretty(&report)?)?;
+    attempt.put("trials.csv", "text/csv", table::trials_csv(&robots)?)?;
     let figure = tracking_figure(&report, &robots);
-    put(attempt, "tracking.svg", "image/svg+xml", figure.to_svg(Size::PAGE)?.into_bytes())?;
-    put(attempt, "tracking.csv", "text/csv", figure.to_csv().into_bytes())?;
-    let result = serde_json::to_value(&report)?;
-    attempt.wait(attempt.store.complete(attempt.fence(), Some(&result)))?;
-    Ok(())
+    attempt.put("tracking.svg", "image/svg+xml", figure.to_svg(Size::PAGE)?.into_bytes())?;
+    attempt.put("tracking.csv", "text/csv", figure.to_csv().into_bytes())?;
+    attempt.complete(&report)
 }
 
 /// The results of the tasks before this one, by robot.

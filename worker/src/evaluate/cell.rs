@@ -18,9 +18,7 @@ pub(super) struct CellRecord {
     #[serde(flatten)]
     pub result: CellResult,
     /// Where its table is: in the run of the job that evaluated it, which need not be this one.
-    /// Missing in results of earlier versions, which hold everything.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub table: Option<TableAt>,
+    pub table: TableAt,
 }
 
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -29,9 +27,8 @@ pub(super) struct TableAt {
     pub artifact: String,
 }
 
-pub(super) fn cell(attempt: &Attempt, spec: &EvaluateSpec) -> Result<(), TaskError> {
+pub(super) fn cell(attempt: &Attempt, spec: &EvaluateSpec, index: usize) -> Result<(), TaskError> {
     let data = TrajectorySource::open(attempt, &spec.data)?;
-    let index = attempt.task.ordinal as usize;
     let cells = spec.cells(data.spec());
     let missing = || TaskError::Missing { what: "cell", name: index.to_string() };
     let cell = cells.get(index).ok_or_else(missing)?;
@@ -67,10 +64,7 @@ pub(super) fn cell(attempt: &Attempt, spec: &EvaluateSpec) -> Result<(), TaskErr
     for errors in &mut result.predictors {
         errors.scenarios.clear();
     }
-    let record = CellRecord { result, table: Some(TableAt { run, artifact }) };
-    let record = serde_json::to_value(record)?;
-    attempt.wait(attempt.store.complete(attempt.fence(), Some(&record)))?;
-    Ok(())
+    attempt.complete(&CellRecord { result, table: TableAt { run, artifact } })
 }
 
 /// The trajectories of a cell, or as many of them as there are, cut to what is asked about.

@@ -8,27 +8,22 @@ mod predictors;
 mod report;
 mod rows;
 
+use jobs::EvaluateTask;
 use spec::EvaluateSpec;
 
 use crate::attempt::Attempt;
 use crate::error::TaskError;
+use crate::kinds::KindModule;
 
 pub(crate) use checkpoints::LoadedCheckpoint;
 
-/// Key of the payload of the task that measures latencies.
-const LATENCY: &str = "latency";
-/// Key of the payload of the tasks of cells.
-const CELL: &str = "cell";
+pub(crate) const MODULE: KindModule = KindModule { run, computes_models: true };
 
-/// The task that a payload names; the report's names nothing.
-pub(crate) fn evaluate(attempt: &Attempt) -> Result<(), TaskError> {
+fn run(attempt: &Attempt) -> Result<(), TaskError> {
     let spec: EvaluateSpec = attempt.spec()?;
-    let asks = |key: &str| attempt.task.payload.get(key).is_some();
-    if asks(CELL) {
-        cell::cell(attempt, &spec)
-    } else if asks(LATENCY) {
-        latency::latency(attempt, &spec)
-    } else {
-        report::report(attempt, &spec)
+    match attempt.payload()? {
+        EvaluateTask::Cell(index) => cell::cell(attempt, &spec, index as usize),
+        EvaluateTask::Latency => latency::latency(attempt, &spec),
+        EvaluateTask::Report => report::report(attempt, &spec),
     }
 }

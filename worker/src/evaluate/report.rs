@@ -1,13 +1,16 @@
 use arrow::array::RecordBatch;
 use evaluation::{CellResult, Setting, summarize};
+use jobs::EvaluateTask;
+use serde::Deserialize;
+use serde::de::DeserializeOwned;
 use spec::EvaluateSpec;
-use store::{NewArtifact, RunId, Task};
+use store::{RunId, Task};
 
 use super::cell::{CellRecord, TableAt};
 use super::checkpoints::LoadedCheckpoint;
 use super::latency::LatencyRecord;
 use super::predictors::Predictors;
-use super::{CELL, LATENCY, figures, rows};
+use super::{figures, rows};
 use crate::attempt::Attempt;
 use crate::error::TaskError;
 use crate::trajectories::TrajectorySource;
@@ -21,8 +24,9 @@ pub(super) fn report(attempt: &Attempt, spec: &EvaluateSpec) -> Result<(), TaskE
     attempt.check_stop()?;
 
     let mut predictors = Predictors::new(spec, data.spec(), &checkpoints).infos();
-    let latencies = result::<LatencyRecord>(&tasks, LATENCY).next().transpose()?;
-    for (name, latency) in latencies.unwrap_or_default().latencies {
+    let mut latencies = results(&tasks, |task| task == EvaluateTask::Latency);
+    let latencies: LatencyRecord = latencies.next().transpose()?.unwrap_or_default();
+    for (name, latency) in latencies.latencies {
         if let Some(info) = predictors.iter_mut().find(|info| info.name == name) {
             info.latency = Some(latency);
         }
@@ -40,11 +44,11 @@ pub(super) fn report(attempt: &Attempt, spec: &EvaluateSpec) -> Result<(), TaskE
     let report = summarize(setting, &cells)?;
     attempt.check_stop()?;
 
-    put(attempt, "report.json", "application/json", serde_json::to_vec_pretty(&report)?)?;
+    attempt.put("report.json", "application/json", serde_json::to_vec_pretty(&report)?)?;
     for (name, figure) in figures::all(&report) {
         let svg = figure.to_svg(::figures::Size::PAGE)?;
-        put(attempt, &format!("{name}.svg"), "image/svg+xml", svg.into_bytes())?;
-        put(attempt, &format!("{name}.csv"), "text/csv", figure.to_csv().into_bytes())?;
+        attempt.put(&format!("{name}.svg"), "image/svg+xml", svg.into_bytes())?;
+        attempt.put(&format!("{name}.csv"), "text/csv", figure.to_csv().into_bytes())?;
     }
     let footer = rows::footer(&attempt.task.spec);
     let written = attempt.store.put_table(attempt.fence(), "scenarios.parquet", tables, &footer);
@@ -60,24 +64,14 @@ fn cells(
 ) -> Result<(Vec<CellResult>, Vec<RecordBatch>), TaskError> {
     let mut cells = Vec::new();
     let mut tables = Vec::new();
-    for record in result::<CellRecord>(tasks, CELL) {
+    for record in results(tasks, |task| matches!(task, EvaluateTask::Cell(_))) {
         let CellRecord { mut result, table } = record?;
-        if let Some(at) = table {
-            let rows = read_table(attempt, &at)?;
-            rows::complete(&mut result, &rows)?;
-            tables.extend(rows);
-        } else if let Some(rows) = earlier_rows(&result)? {
-            tables.push(rows);
-        }
+        let rows = read_table(attempt, &table)?;
+        rows::complete(&mut result, &rows)?;
+        tables.extend(rows);
         cells.push(result);
     }
     Ok((cells, tables))
-}
-
-/// Of results that hold everything.
-fn earlier_rows(result: &CellResult) -> Result<Option<RecordBatch>, TaskError> {
-    let is_whole = result.predictors.iter().all(|errors| !errors.scenarios.is_empty());
-    Ok(if is_whole { Some(rows::record_batch(result, None)?) } else { None })
 }
 
 fn read_table(attempt: &Attempt, at: &TableAt) -> Result<Vec<RecordBatch>, TaskError> {
@@ -85,18 +79,12 @@ fn read_table(attempt: &Attempt, at: &TableAt) -> Result<Vec<RecordBatch>, TaskE
     Ok(rows::read(&attempt.store.open_table(&artifact.object)?)?)
 }
 
-/// Results of the tasks with `key` in their payload.
-fn result<'a, T: serde::de::DeserializeOwned>(
-    tasks: &'a [Task],
-    key: &'a str,
-) -> impl Iterator<Item = Result<T, TaskError>> + 'a {
-    let of_kind = tasks.iter().filter(move |task| task.payload.get(key).is_some());
-    let results = of_kind.filter_map(|task| task.result.clone());
-    results.map(|result| Ok(serde_json::from_value(result)?))
-}
-
-fn put(attempt: &Attempt, name: &str, media_type: &str, bytes: Vec<u8>) -> Result<(), TaskError> {
-    let artifact = NewArtifact { name, media_type, bytes: bytes.into() };
-    attempt.wait(attempt.store.put_artifact(attempt.fence(), artifact))?;
-    Ok(())
+/// Results of the tasks that are `wanted`.
+fn results<T: DeserializeOwned>(
+    tasks: &[Task],
+    wanted: impl Fn(EvaluateTask) -> bool,
+) -> impl Iterator<Item = Result<T, TaskError>> {
+    let is_wanted = move |task: &&Task| EvaluateTask::deserialize(&task.payload).is_ok_and(&wanted);
+    let results = tasks.iter().filter(is_wanted).filter_map(|task| task.result.as_ref());
+    results.map(|result| Ok(T::deserialize(result)?))
 }

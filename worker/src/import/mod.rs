@@ -25,6 +25,7 @@ use store::{FileContent, NewShard, ObjectWriter, ShardSummary, TableWriter, obje
 
 use crate::attempt::Attempt;
 use crate::error::TaskError;
+use crate::kinds::KindModule;
 use crate::simulate::{ProgressOf, VERSION, VERSION_KEY};
 use crate::summary::SummaryBuilder;
 use conversion::Conversion;
@@ -32,8 +33,10 @@ use conversion::Conversion;
 pub(crate) use conversion::ImportCounts;
 pub use error::ImportError;
 
+pub(crate) const MODULE: KindModule = KindModule { run, computes_models: false };
+
 /// Imports the uploaded file that the spec of a task names.
-pub(crate) fn import(attempt: &Attempt) -> Result<(), TaskError> {
+fn run(attempt: &Attempt) -> Result<(), TaskError> {
     let spec: ImportSpec = attempt.spec()?;
     let (store, task) = (&attempt.store, &attempt.task);
     let upload = attempt.wait(store.upload(spec.file))?;

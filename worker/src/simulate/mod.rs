@@ -4,20 +4,25 @@ mod robots;
 mod series;
 mod shard;
 
+use jobs::ShardTask;
 use spec::SimulateSpec;
 use store::{FileContent, ObjectWriter, object_path};
 
 use crate::attempt::Attempt;
 use crate::error::TaskError;
+use crate::kinds::KindModule;
 
 pub(crate) use series::{POSITIONS, TORQUES};
 pub(crate) use shard::{ProgressOf, SimulatedShard, VERSION, VERSION_KEY};
 
+pub(crate) const MODULE: KindModule = KindModule { run, computes_models: false };
+
 /// Simulates the shard of a task.
-pub(crate) fn shard(attempt: &Attempt) -> Result<(), TaskError> {
+fn run(attempt: &Attempt) -> Result<(), TaskError> {
     let spec: SimulateSpec = attempt.spec()?;
+    let ShardTask { shard } = attempt.payload()?;
     let task = &attempt.task;
-    let shard = SimulatedShard::new(&spec, task.digest, task.ordinal);
+    let shard = SimulatedShard::new(&spec, task.digest, shard);
     let begin = |content: FileContent| -> Result<ObjectWriter, TaskError> {
         let path = object_path::shard(task.job, task.ordinal, task.fence.epoch, content);
         Ok(attempt.wait(attempt.store.write_object(&path))?)

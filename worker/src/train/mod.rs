@@ -18,6 +18,7 @@ use store::Checkpoint;
 
 use crate::attempt::Attempt;
 use crate::error::TaskError;
+use crate::kinds::KindModule;
 use course::Course;
 use training::Training;
 
@@ -27,8 +28,10 @@ const READ_AHEAD: usize = 4;
 /// Between two looks for a reason to stop, while the next batch is not there yet.
 const LOOK_EVERY: Duration = Duration::from_millis(100);
 
+pub(crate) const MODULE: KindModule = KindModule { run, computes_models: true };
+
 /// Trains, keeps checkpoints, and ends with the final one.
-pub(crate) fn train(attempt: &Attempt) -> Result<(), TaskError> {
+fn run(attempt: &Attempt) -> Result<(), TaskError> {
     let spec: TrainSpec = attempt.spec()?;
     let course = Course::open(attempt, &spec)?;
     let latest = attempt.wait(attempt.store.latest_checkpoint(attempt.task.job))?;

@@ -4,6 +4,7 @@ mod difference;
 mod place;
 mod shard;
 
+use jobs::VerifyTask;
 use serde_json::{Value, json};
 use spec::{DataSource, DataSpec, ImportSpec, JobSpec, VerifySpec};
 use store::{Dataset, DatasetId, NewShard, ObjectWriter, Shard};
@@ -11,16 +12,20 @@ use store::{Dataset, DatasetId, NewShard, ObjectWriter, Shard};
 use crate::attempt::Attempt;
 use crate::error::TaskError;
 use crate::import;
+use crate::kinds::KindModule;
 use crate::simulate::{SimulatedShard, VERSION};
 
 pub(crate) use place::Place;
 pub(crate) use shard::{Agreement, verify};
 
+pub(crate) const MODULE: KindModule = KindModule { run, computes_models: false };
+
 /// Verifies the shard of a task.
-pub(crate) fn shard(attempt: &Attempt) -> Result<(), TaskError> {
+fn run(attempt: &Attempt) -> Result<(), TaskError> {
     let spec: VerifySpec = attempt.spec()?;
-    let dataset = dataset(attempt, &spec)?;
-    let ordinal = attempt.task.ordinal;
+    let task: VerifyTask = attempt.payload()?;
+    let dataset = dataset(attempt, &spec, task.dataset)?;
+    let ordinal = task.shard;
     let missing = || TaskError::Missing { what: "shard", name: ordinal.to_string() };
     let shards = attempt.wait(attempt.store.shards(dataset.id))?;
     let shard = shards.iter().find(|shard| shard.ordinal == ordinal).ok_or_else(missing)?;
@@ -37,14 +42,13 @@ pub(crate) fn shard(attempt: &Attempt) -> Result<(), TaskError> {
     };
     result["shard"] = ordinal.into();
     result["dataset"] = dataset.id.0.into();
-    attempt.wait(attempt.store.complete(attempt.fence(), Some(&result)))?;
-    Ok(())
+    attempt.complete(&result)
 }
 
 /// The dataset that the task names, or else the newest of the digest.
-fn dataset(attempt: &Attempt, spec: &VerifySpec) -> Result<Dataset, TaskError> {
+fn dataset(attempt: &Attempt, spec: &VerifySpec, id: Option<i64>) -> Result<Dataset, TaskError> {
     let missing = |name: String| TaskError::Missing { what: "dataset", name };
-    if let Some(id) = attempt.task.payload.get("dataset").and_then(Value::as_i64) {
+    if let Some(id) = id {
         return Ok(attempt.wait(attempt.store.dataset(DatasetId(id)))?);
     }
     // Submission turned every other form of reference into a digest.

@@ -1,0 +1,102 @@
+//! The checkpoints that jobs read.
+
+use spec::{CheckpointRef, Digest, JobSpec, Product, SpecError, TrainingRef, TrainingStep};
+use store::{Checkpoint, CheckpointId, Need, StoreError, WhichCheckpoint};
+
+use crate::SubmissionError;
+use crate::references::{Found, References, newest, no_such, stored, training};
+
+/// A checkpoint that a job asks for, and its training.
+pub(crate) struct FoundCheckpoint {
+    /// By digest.
+    pub reference: CheckpointRef,
+    /// The training, unless the checkpoint is there already.
+    pub need: Option<Need>,
+    pub training: JobSpec,
+}
+
+impl FoundCheckpoint {
+    fn of(found: Found, reference: impl Fn(Digest) -> CheckpointRef) -> Self {
+        Self { reference: reference(found.digest), need: Some(found.need), training: found.spec }
+    }
+}
+
+impl References<'_> {
+    pub async fn checkpoint(
+        &self,
+        reference: &CheckpointRef,
+        field: &str,
+    ) -> Result<FoundCheckpoint, SubmissionError> {
+        match reference {
+            CheckpointRef::Job(name) => {
+                let found = self.named(name, &format!("{field}.job"))?;
+                Ok(FoundCheckpoint::of(found, CheckpointRef::Digest))
+            }
+            CheckpointRef::Digest(digest) => {
+                let found = self.trained(*digest, &format!("{field}.digest")).await?;
+                Ok(FoundCheckpoint::of(found, CheckpointRef::Digest))
+            }
+            CheckpointRef::Best(of) => {
+                let found = match of {
+                    TrainingRef::Job(name) => self.named(name, &format!("{field}.best.job"))?,
+                    TrainingRef::Digest(digest) => {
+                        self.trained(*digest, &format!("{field}.best.digest")).await?
+                    }
+                };
+                let field = format!("{field}.best");
+                if training(&found.spec, &field)?.validation_fraction == 0.0 {
+                    let value = "of a training without validation";
+                    let allowed = "of one with a validation_fraction above 0";
+                    return Err(SpecError::one(field, value, allowed).into());
+                }
+                let best = |digest| CheckpointRef::Best(TrainingRef::Digest(digest));
+                Ok(FoundCheckpoint::of(found, best))
+            }
+            CheckpointRef::Checkpoint(id) => {
+                let field = format!("{field}.checkpoint");
+                match self.store.checkpoint(CheckpointId(*id)).await {
+                    Ok(checkpoint) => self.existing(checkpoint, &field).await,
+                    Err(StoreError::NotFound { .. }) => {
+                        let newest = self.store.checkpoints(newest()).await?;
+                        let ids = newest.iter().map(|checkpoint| checkpoint.id.0);
+                        Err(no_such(&field, *id, "checkpoint", ids))
+                    }
+                    Err(error) => Err(error.into()),
+                }
+            }
+            CheckpointRef::Step(TrainingStep { digest, step }) => {
+                let field = format!("{field}.step");
+                let which = WhichCheckpoint::Step(*step);
+                match self.store.checkpoint_by_digest(*digest, which).await? {
+                    Some(checkpoint) => self.existing(checkpoint, &field).await,
+                    None => {
+                        let value = format!("{digest} after step {step}");
+                        let allowed = "a checkpoint that is kept, see the list of a training's";
+                        Err(SpecError::one(field, value, allowed).into())
+                    }
+                }
+            }
+        }
+    }
+
+    /// A checkpoint that is there: nothing has to succeed first, and its training may even have
+    /// failed. The final one is that of every training with the digest.
+    async fn existing(
+        &self,
+        checkpoint: Checkpoint,
+        field: &str,
+    ) -> Result<FoundCheckpoint, SubmissionError> {
+        let training = stored(&self.store.job(checkpoint.job).await?, field)?;
+        let reference = if checkpoint.is_final {
+            CheckpointRef::Digest(checkpoint.digest)
+        } else {
+            let Checkpoint { digest, step, .. } = checkpoint;
+            CheckpointRef::Step(TrainingStep { digest, step })
+        };
+        Ok(FoundCheckpoint { reference, need: None, training })
+    }
+
+    async fn trained(&self, digest: Digest, field: &str) -> Result<Found, SubmissionError> {
+        self.made(digest, Product::Checkpoints, field, &digest.to_string()).await
+    }
+}

@@ -1,0 +1,134 @@
+//! The trajectories and files that jobs read.
+
+use spec::{DataSource, DataSpec, Digest, JobKind, JobSpec, Product, SpecError, TrainSpec};
+use store::{Dataset, DatasetId, JobState, Need, StoreError};
+
+use crate::SubmissionError;
+use crate::references::{Found, References, newest, no_such, stored};
+
+/// The trajectories that a job reads.
+pub(crate) struct FoundData {
+    /// By digest, or a stream.
+    pub source: DataSource,
+    pub spec: DataSpec,
+    /// The job that makes them, unless they are a stream.
+    pub need: Option<Need>,
+    /// What that job fills, if it exists already.
+    pub dataset: Option<Dataset>,
+    /// The dataset that the spec named by its id.
+    pub asked: Option<Dataset>,
+}
+
+impl FoundData {
+    /// The one dataset to look at where it matters which.
+    pub fn this_dataset(&self) -> Option<&Dataset> {
+        self.asked.as_ref().or(self.dataset.as_ref())
+    }
+
+    #[cfg(test)]
+    pub fn unmade(digest: Digest, spec: DataSpec) -> Self {
+        let source = DataSource::Digest(digest);
+        Self { source, spec, need: None, dataset: None, asked: None }
+    }
+}
+
+impl References<'_> {
+    pub async fn data(
+        &self,
+        source: &DataSource,
+        field: &str,
+    ) -> Result<FoundData, SubmissionError> {
+        let mut asked = None;
+        let found = match source {
+            DataSource::Stream(spec) => {
+                let spec = DataSpec::Simulation(spec.as_ref().clone());
+                let source = source.clone();
+                return Ok(FoundData { source, spec, need: None, dataset: None, asked: None });
+            }
+            DataSource::Job(name) => self.named(name, &format!("{field}.job"))?,
+            DataSource::Dataset(id) => {
+                let field = format!("{field}.dataset");
+                let dataset = self.dataset(*id, &field).await?;
+                let digest = dataset.digest;
+                asked = Some(dataset);
+                self.made(digest, Product::Trajectories, &field, &id.to_string()).await?
+            }
+            DataSource::Digest(digest) => {
+                let field = format!("{field}.digest");
+                self.made(*digest, Product::Trajectories, &field, &digest.to_string()).await?
+            }
+        };
+        let Found { digest, need, spec, dataset } = found;
+        let dataset = match dataset {
+            Some(id) => Some(self.store.dataset(id).await?),
+            None => None,
+        };
+        Ok(FoundData {
+            source: DataSource::Digest(digest),
+            spec: data_spec(&spec, field)?,
+            need: Some(need),
+            dataset,
+            asked,
+        })
+    }
+
+    async fn dataset(&self, id: i64, field: &str) -> Result<Dataset, SubmissionError> {
+        match self.store.dataset(DatasetId(id)).await {
+            Err(StoreError::NotFound { .. }) => {
+                let newest = self.store.datasets(None, newest()).await?;
+                Err(no_such(field, id, "dataset", newest.iter().map(|dataset| dataset.id.0)))
+            }
+            found => Ok(found?),
+        }
+    }
+
+    /// What a training was trained on.
+    pub async fn trained_on(
+        &self,
+        training: &TrainSpec,
+        field: &str,
+    ) -> Result<DataSpec, SubmissionError> {
+        let digest = match &training.data {
+            DataSource::Digest(digest) => *digest,
+            DataSource::Stream(spec) => return Ok(DataSpec::Simulation(spec.as_ref().clone())),
+            DataSource::Job(_) | DataSource::Dataset(_) => {
+                return Err(SpecError::one(field, "", "a training with resolved data").into());
+            }
+        };
+        if let Some(sibling) = self.siblings.values().find(|it| it.digest == digest) {
+            return Ok(data_spec(&sibling.spec, field)?);
+        }
+        match self.store.job_by_digest(digest, &JobState::ALL).await? {
+            Some(job) => Ok(data_spec(&stored(&job, field)?, field)?),
+            None => {
+                let value = format!("trained on {digest}, of which nothing is known");
+                Err(SpecError::one(field, value, "a training with known data").into())
+            }
+        }
+    }
+
+    /// Refuses a file that nobody has sent.
+    pub async fn check_sent(&self, file: Digest, field: &str) -> Result<(), SubmissionError> {
+        if self.store.upload(file).await?.is_some() {
+            return Ok(());
+        }
+        let newest = self.store.newest_uploads(newest().limit).await?;
+        let known: Vec<String> =
+            newest.iter().map(|it| format!("{} ({})", it.object.sha256, it.name)).collect();
+        let allowed = match known.as_slice() {
+            [] => {
+                "the SHA-256 of a file that was sent to POST /v1/datasets; none was yet".to_owned()
+            }
+            known => format!("the SHA-256 of a file that was sent: {}", known.join(", ")),
+        };
+        Err(SpecError::one(field, file.to_string(), allowed).into())
+    }
+}
+
+fn data_spec(spec: &JobSpec, field: &str) -> Result<DataSpec, SpecError> {
+    DataSpec::of(spec).ok_or_else(|| {
+        let kinds: Vec<&str> =
+            JobKind::making(Product::Trajectories).into_iter().map(JobKind::as_str).collect();
+        SpecError::one(field, spec.kind().as_str(), kinds.join(", "))
+    })
+}

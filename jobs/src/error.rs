@@ -1,0 +1,32 @@
+use spec::SpecError;
+use store::{JobId, JobState, StoreError};
+use thiserror::Error;
+
+/// Why nothing was submitted.
+#[derive(Debug, Error)]
+pub enum SubmissionError {
+    #[error("the spec is not valid JSON: {0}")]
+    Json(serde_json::Error),
+    #[error("{0}")]
+    Spec(SpecError),
+    #[error("job {id} is {state}; only what failed or was cancelled can be tried again")]
+    NotFailed { id: JobId, state: JobState },
+    #[error(transparent)]
+    Store(#[from] StoreError),
+}
+
+impl SubmissionError {
+    /// The same error, with the fields of a spec seen from an enclosing one.
+    pub(crate) fn within(self, outer: &str) -> Self {
+        match self {
+            Self::Spec(error) => Self::Spec(error.within(outer)),
+            other => other,
+        }
+    }
+}
+
+impl From<SpecError> for SubmissionError {
+    fn from(error: SpecError) -> Self {
+        Self::Spec(error)
+    }
+}

@@ -1,0 +1,78 @@
+use serde::{Deserialize, Serialize};
+use spec::{EvaluateSpec, SpecError};
+use store::{JobReuse, NewTask, Output};
+
+use crate::kind::{Kind, task};
+use crate::references::Inputs;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum EvaluateTask {
+    /// The cell at this place among those of the spec.
+    Cell(u32),
+    /// How long predictions take, while no other task of the job runs.
+    Latency,
+    /// All cells put together.
+    Report,
+}
+
+impl Kind for EvaluateSpec {
+    fn unit(&self) -> &'static str {
+        "scenarios"
+    }
+
+    fn tasks(&self, inputs: &Inputs) -> Result<Vec<NewTask>, SpecError> {
+        let cells = (0..).zip(self.cells(&inputs.data()?.spec));
+        let mut tasks: Vec<NewTask> = cells
+            .map(|(k, cell)| task(0, k, cell.to_string(), &EvaluateTask::Cell(k), cell.count))
+            .collect();
+        let mut report = 1;
+        if self.latency.is_some() {
+            tasks.push(task(1, 0, "latency", &EvaluateTask::Latency, 0));
+            report = 2;
+        }
+        tasks.push(task(report, 0, "report", &EvaluateTask::Report, 0));
+        Ok(tasks)
+    }
+
+    fn output(&self) -> Output {
+        Output::Run
+    }
+
+    /// The result of a cell says in whose run its table is.
+    fn reuse(&self) -> JobReuse {
+        JobReuse { whole: true, tasks: true }
+    }
+
+    fn check_inputs(&self, inputs: &Inputs) -> Result<(), SpecError> {
+        Self::check_inputs(self, &inputs.data()?.spec, &inputs.trainings())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use crate::kind::kind;
+    use crate::references::tests::{inputs_of, parse};
+
+    #[test]
+    fn an_evaluation_has_a_task_per_cell_and_a_report_after_them() {
+        let inputs = inputs_of(&parse(&json!({"preset": "grid-chirp"})));
+        let spec = json!({"kind": "evaluate", "data": {"digest": "0".repeat(64)}});
+        let tasks = kind(&parse(&spec)).unwrap().tasks(&inputs).unwrap();
+        assert_eq!(tasks.len(), 11);
+        assert_eq!((tasks[2].label.as_str(), tasks[2].total), ("chirp 0.3 Hz", 100));
+        assert_eq!(tasks[2].payload, json!({"cell": 2}));
+        assert_eq!((tasks[10].stage, tasks[10].label.as_str()), (1, "report"));
+    }
+
+    #[test]
+    fn latencies_are_measured_between_the_cells_and_the_report() {
+        let inputs = inputs_of(&parse(&json!({"preset": "grid-chirp"})));
+        let spec = json!({"kind": "evaluate", "data": {"digest": "0".repeat(64)}, "latency": {}});
+        let tasks = kind(&parse(&spec)).unwrap().tasks(&inputs).unwrap();
+        let stages: Vec<_> = tasks.iter().map(|it| (it.stage, it.payload.clone())).collect();
+        assert_eq!(stages[10..], [(1, json!("latency")), (2, json!("report"))]);
+    }
+}

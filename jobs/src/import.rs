@@ -1,0 +1,21 @@
+use serde_json::json;
+use spec::{ImportSpec, SpecError};
+use store::{NewTask, Output};
+
+use crate::kind::{Kind, task};
+use crate::references::Inputs;
+
+impl Kind for ImportSpec {
+    fn unit(&self) -> &'static str {
+        "trajectories"
+    }
+
+    fn tasks(&self, _inputs: &Inputs) -> Result<Vec<NewTask>, SpecError> {
+        Ok(vec![task(0, 0, "import", &json!({}), 0)])
+    }
+
+    /// Only the task that reads the file learns how many there are.
+    fn output(&self) -> Output {
+        Output::Dataset { trajectories: 0, samples: self.samples }
+    }
+}

@@ -1,0 +1,84 @@
+//! What the module of every kind says.
+
+use serde::Serialize;
+use spec::{Doubt, JobSpec, SpecError};
+use store::{JobReuse, Need, NewTask, Output};
+
+use crate::references::Inputs;
+use crate::submission::Limits;
+
+/// Tasks of one job. Crossing it is a violation of the field that asks for so many.
+pub(crate) const TASKS_PER_JOB: u32 = 10_000;
+
+/// A spec of one kind, as a job among others.
+pub(crate) trait Kind {
+    /// What its progress counts.
+    fn unit(&self) -> &'static str;
+
+    /// What workers lease.
+    ///
+    /// # Errors
+    /// When there would be more than [`TASKS_PER_JOB`], or data that is needed is missing.
+    fn tasks(&self, inputs: &Inputs) -> Result<Vec<NewTask>, SpecError>;
+
+    fn output(&self) -> Output;
+
+    /// How far earlier work of the same digest does for it.
+    fn reuse(&self) -> JobReuse {
+        JobReuse { whole: true, tasks: false }
+    }
+
+    /// # Errors
+    /// Names each field that does not fit what the spec refers to.
+    fn check_inputs(&self, _inputs: &Inputs) -> Result<(), SpecError> {
+        Ok(())
+    }
+
+    /// # Errors
+    /// Names each field that asks for more than this server takes.
+    fn check_limits(&self, _limits: &Limits) -> Result<(), SpecError> {
+        Ok(())
+    }
+
+    /// Jobs that must succeed first.
+    fn needs(&self, inputs: &Inputs) -> Vec<Need> {
+        inputs.needs.clone()
+    }
+
+    /// What it is called outside a pipeline; `None` is its kind with the begin of its digest.
+    fn name(&self, _inputs: &Inputs) -> Option<String> {
+        None
+    }
+
+    /// Why it may not fit into `bytes` of memory with trajectories of `samples`.
+    fn memory_doubt(&self, _samples: u32, _bytes: u64) -> Option<Doubt> {
+        None
+    }
+}
+
+macro_rules! registered {
+    ($($name:ident => $Kind:ident($Spec:ident),)*) => {
+        /// The kind of a job; `None` for a pipeline, which has jobs instead of tasks.
+        pub(crate) fn kind(spec: &JobSpec) -> Option<&dyn Kind> {
+            match spec {
+                $(JobSpec::$Kind(spec) => Some(spec),)*
+                JobSpec::Pipeline(_) => None,
+            }
+        }
+    };
+}
+
+spec::for_each_kind!(registered);
+
+/// The task at `ordinal` of its stage, which does `total` units.
+pub(crate) fn task(
+    stage: u32,
+    ordinal: u32,
+    label: impl Into<String>,
+    payload: &impl Serialize,
+    total: u64,
+) -> NewTask {
+    // The payloads are plain numbers and names, so this cannot fail.
+    let payload = serde_json::to_value(payload).expect("a payload serializes to JSON");
+    NewTask { stage, ordinal, label: label.into(), payload, total }
+}

@@ -1,0 +1,28 @@
+//! From a spec to jobs that wait for workers.
+//!
+//! One module per kind of job says which tasks it becomes, what of earlier work it takes over and
+//! what it leaves; the kinds are those of [`spec::for_each_kind`]. The planner and the worker share
+//! the types of the tasks' payloads.
+
+mod checkpoints;
+mod control;
+mod data;
+mod error;
+mod evaluate;
+mod import;
+mod kind;
+mod pipeline;
+mod references;
+mod simulate;
+mod submission;
+mod train;
+mod verify;
+mod warnings;
+
+pub use control::ControlTask;
+pub use error::SubmissionError;
+pub use evaluate::EvaluateTask;
+pub use simulate::ShardTask;
+pub use submission::{Limits, retry, submit, submit_spec};
+pub use verify::VerifyTask;
+pub use warnings::warnings;

@@ -1,0 +1,56 @@
+//! A pipeline: its jobs one after the other, each with those before it to refer to.
+
+use spec::{JobSpec, PipelineMember, PipelineSpec, SpecError};
+use store::{Need, NewJob, NewMember, NewPipeline};
+
+use crate::SubmissionError;
+use crate::references::{References, Resolved};
+use crate::submission::plan;
+
+pub(crate) async fn plan_pipeline(
+    mut references: References<'_>,
+    pipeline: &PipelineSpec,
+) -> Result<(Vec<NewJob>, NewPipeline), SubmissionError> {
+    let order = pipeline.order().ok_or_else(|| {
+        SpecError::one("jobs", "circular", "jobs that do not need each other in a circle")
+    })?;
+    let mut resolved_pipeline = pipeline.clone();
+    let mut jobs: Vec<NewJob> = Vec::with_capacity(order.len());
+    let mut members = Vec::with_capacity(order.len());
+    for name in order {
+        let member = &pipeline.jobs[name];
+        let (spec, job) = plan_member(&references, name, member)
+            .await
+            .map_err(|error| error.within(&format!("jobs.{name}")))?;
+        references.add_sibling(name, jobs.len(), &spec);
+        let resolved_member = PipelineMember { needs: member.needs.clone(), spec };
+        resolved_pipeline.jobs.insert(name.to_owned(), resolved_member);
+        members.push(NewMember { name: name.to_owned(), job: jobs.len() });
+        jobs.push(job);
+    }
+    let spec = JobSpec::Pipeline(resolved_pipeline);
+    let execution = spec.execution();
+    let pipeline = NewPipeline {
+        name: pipeline.name.clone(),
+        kind: spec.kind().to_string(),
+        spec: spec.to_json(),
+        digest: spec.digest(),
+        priority: execution.priority,
+        max_attempts: execution.max_attempts,
+        members,
+    };
+    Ok((jobs, pipeline))
+}
+
+async fn plan_member(
+    references: &References<'_>,
+    name: &str,
+    member: &PipelineMember,
+) -> Result<(JobSpec, NewJob), SubmissionError> {
+    let Resolved { spec, mut inputs } = references.resolve(&member.spec).await?;
+    let explicit = member.needs.iter().filter_map(|need| references.sibling(need)).map(Need::New);
+    inputs.needs.extend(explicit);
+    let resolved = Resolved { spec, inputs };
+    let job = plan(Some(name), &resolved)?;
+    Ok((resolved.spec, job))
+}

@@ -1,0 +1,118 @@
+//! From a spec as it is sent to jobs in the store.
+
+use serde::de::IgnoredAny;
+use serde_json::json;
+use spec::{Digest, JobSpec, SpecError};
+use store::{Idempotency, JobId, JobState, NewJob, Reuse, Store, Submission, Submitted};
+
+use crate::SubmissionError;
+use crate::kind::kind;
+use crate::pipeline::plan_pipeline;
+use crate::references::{References, Resolved};
+
+/// What a server takes.
+#[derive(Clone, Copy, Debug)]
+pub struct Limits {
+    /// Trajectories of one simulation.
+    pub max_trajectories: u64,
+}
+
+/// Submits the spec in `text`: a job, or a pipeline with all its jobs, in one transaction.
+///
+/// # Errors
+/// [`SubmissionError::Json`] or [`SubmissionError::Spec`] when it cannot be accepted; nothing is
+/// queued then.
+pub async fn submit(
+    store: &Store,
+    limits: &Limits,
+    text: &[u8],
+    reuse: Reuse,
+    idempotency_key: Option<String>,
+) -> Result<Submitted, SubmissionError> {
+    serde_json::from_slice::<IgnoredAny>(text).map_err(SubmissionError::Json)?;
+    let spec = spec::parse(text)?;
+    let idempotency = idempotency_key.map(|key| Idempotency {
+        key,
+        request: Digest::of_json(&json!([Digest::of(text), reuse == Reuse::Never])),
+    });
+    submit_spec(store, limits, &spec, reuse, idempotency).await
+}
+
+/// Submits the spec of a job that failed or was cancelled again. What succeeded is not done again:
+/// the jobs of a pipeline, and the tasks of kinds that take over tasks.
+///
+/// # Errors
+/// [`SubmissionError::NotFailed`] for any other job; [`SubmissionError::Spec`] when what it refers to
+/// is gone.
+pub async fn retry(
+    store: &Store,
+    limits: &Limits,
+    id: JobId,
+) -> Result<Submitted, SubmissionError> {
+    let job = store.job(id).await?;
+    if !matches!(job.state, JobState::Failed | JobState::Cancelled) {
+        return Err(SubmissionError::NotFailed { id, state: job.state });
+    }
+    let mut spec = spec::parse(job.spec.to_string().as_bytes())?;
+    if let JobSpec::Pipeline(pipeline) = &mut spec {
+        pipeline.name_siblings();
+    }
+    submit_spec(store, limits, &spec, Reuse::SameDigest, None).await
+}
+
+/// As [`submit`], for a spec that [`spec::parse`] has read.
+///
+/// # Errors
+/// When it cannot be accepted; nothing is queued then.
+pub async fn submit_spec(
+    store: &Store,
+    limits: &Limits,
+    spec: &JobSpec,
+    reuse: Reuse,
+    idempotency: Option<Idempotency>,
+) -> Result<Submitted, SubmissionError> {
+    check_limits(spec, limits)?;
+    let references = References::new(store);
+    let (jobs, pipeline) = match spec {
+        JobSpec::Pipeline(pipeline) => {
+            let (jobs, pipeline) = plan_pipeline(references, pipeline).await?;
+            (jobs, Some(pipeline))
+        }
+        single => (vec![plan(None, &references.resolve(single).await?)?], None),
+    };
+    Ok(store.submit(Submission { jobs, pipeline, reuse, idempotency }).await?)
+}
+
+fn check_limits(spec: &JobSpec, limits: &Limits) -> Result<(), SpecError> {
+    let mut violations = Vec::new();
+    for (path, spec) in spec.single_jobs() {
+        if let Some(Err(error)) = kind(spec).map(|kind| kind.check_limits(limits)) {
+            let error = if path.is_empty() { error } else { error.within(&path) };
+            violations.extend(error.violations);
+        }
+    }
+    if violations.is_empty() { Ok(()) } else { Err(SpecError { violations }) }
+}
+
+/// `name` is what a pipeline calls it.
+pub(crate) fn plan(name: Option<&str>, resolved: &Resolved) -> Result<NewJob, SpecError> {
+    let Resolved { spec, inputs } = resolved;
+    let kind = kind(spec)
+        .ok_or_else(|| SpecError::one("kind", spec.kind().as_str(), "any other kind of job"))?;
+    let digest = spec.digest();
+    let execution = spec.execution();
+    let name = name.map(str::to_owned).or_else(|| kind.name(inputs));
+    Ok(NewJob {
+        name: name.unwrap_or_else(|| format!("{}-{}", spec.kind(), digest.short())),
+        kind: spec.kind().to_string(),
+        spec: spec.to_json(),
+        digest,
+        unit: kind.unit().to_owned(),
+        priority: execution.priority,
+        max_attempts: execution.max_attempts,
+        output: kind.output(),
+        reuse: kind.reuse(),
+        tasks: kind.tasks(inputs)?,
+        needs: kind.needs(inputs),
+    })
+}

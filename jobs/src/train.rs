@@ -1,0 +1,36 @@
+use serde_json::json;
+use spec::{Doubt, SpecError, TrainSpec};
+use store::{DatasetState, NewTask, Output};
+
+use crate::kind::{Kind, task};
+use crate::references::Inputs;
+
+impl Kind for TrainSpec {
+    fn unit(&self) -> &'static str {
+        "steps"
+    }
+
+    fn tasks(&self, _inputs: &Inputs) -> Result<Vec<NewTask>, SpecError> {
+        Ok(vec![task(0, 0, "train", &json!({}), self.steps)])
+    }
+
+    fn output(&self) -> Output {
+        Output::Run
+    }
+
+    fn check_inputs(&self, inputs: &Inputs) -> Result<(), SpecError> {
+        let data = inputs.data()?;
+        self.check_data(&data.spec)?;
+        // Only the dataset of an import tells how much there is, once there is one.
+        match (&data.spec.trajectories(), &data.dataset) {
+            (None, Some(dataset)) if dataset.state == DatasetState::Complete => {
+                self.check_trajectories(dataset.trajectories)
+            }
+            _ => Ok(()),
+        }
+    }
+
+    fn memory_doubt(&self, samples: u32, bytes: u64) -> Option<Doubt> {
+        Self::memory_doubt(self, samples, bytes)
+    }
+}

@@ -1,0 +1,55 @@
+use serde::{Deserialize, Serialize};
+use spec::{SpecError, VerifySpec};
+use store::{JobReuse, Need, NewTask, Output};
+
+use crate::kind::{Kind, task};
+use crate::references::Inputs;
+
+/// One shard, of a dataset that was there when the job was submitted: others may have its digest.
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+pub struct VerifyTask {
+    pub shard: u32,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub dataset: Option<i64>,
+}
+
+impl Kind for VerifySpec {
+    fn unit(&self) -> &'static str {
+        "trajectories"
+    }
+
+    fn tasks(&self, inputs: &Inputs) -> Result<Vec<NewTask>, SpecError> {
+        let data = inputs.data()?;
+        let dataset = data.this_dataset().map(|dataset| dataset.id.0);
+        let shards = u32::try_from(data.spec.shard_count()).unwrap_or(u32::MAX);
+        let shard = |shard: u32| {
+            let total = data.spec.simulation().map_or(0, |spec| {
+                let trajectories = spec.shard(u64::from(shard));
+                trajectories.end - trajectories.start
+            });
+            let payload = VerifyTask { shard, dataset };
+            task(0, shard, format!("shard {shard:05}"), &payload, total)
+        };
+        Ok((0..shards).map(shard).collect())
+    }
+
+    fn output(&self) -> Output {
+        Output::Nothing
+    }
+
+    /// It says what was the case when it ran.
+    fn reuse(&self) -> JobReuse {
+        JobReuse { whole: false, tasks: false }
+    }
+
+    /// A dataset that is named by its id is looked at, and not another with the same digest.
+    fn needs(&self, inputs: &Inputs) -> Vec<Need> {
+        let asked = inputs.data().ok().and_then(|data| data.asked.as_ref());
+        asked.map_or_else(|| inputs.needs.clone(), |dataset| vec![Need::Existing(dataset.job)])
+    }
+
+    fn name(&self, inputs: &Inputs) -> Option<String> {
+        let dataset = inputs.data().ok()?.this_dataset()?;
+        Some(format!("verify-dataset-{}", dataset.id))
+    }
+}

@@ -1,0 +1,49 @@
+//! What is doubtful of a spec that was accepted.
+
+use serde_json::Value;
+use spec::{DataSource, DataSpec, JobSpec, Referred};
+use store::{JobState, Store, StoreError};
+
+use crate::kind::kind;
+
+/// Sentences about the values of a stored spec, those of a pipeline's jobs and of streams included,
+/// on a machine with `memory` bytes, if that is known. None about a spec of another version.
+///
+/// # Errors
+/// When the store cannot say how long the trajectories are that a job reads.
+pub async fn warnings(
+    store: &Store,
+    spec: &Value,
+    memory: Option<u64>,
+) -> Result<Vec<String>, StoreError> {
+    let Ok(spec) = serde_json::from_value::<JobSpec>(spec.clone()) else {
+        return Ok(Vec::new());
+    };
+    let mut warnings: Vec<String> = spec.doubts().iter().map(ToString::to_string).collect();
+    let Some(memory) = memory else { return Ok(warnings) };
+    for (path, job) in spec.single_jobs() {
+        let Some(samples) = samples(store, job).await? else { continue };
+        if let Some(doubt) = kind(job).and_then(|kind| kind.memory_doubt(samples, memory)) {
+            let doubt = if path.is_empty() { doubt } else { doubt.within(&path) };
+            warnings.push(doubt.to_string());
+        }
+    }
+    Ok(warnings)
+}
+
+/// Of each trajectory that `job` reads; `None` when nothing is known of them.
+async fn samples(store: &Store, job: &JobSpec) -> Result<Option<u32>, StoreError> {
+    let mut job = job.clone();
+    let data = job.references().into_iter().find_map(|reference| match reference.to {
+        Referred::Data(source) => Some(source.clone()),
+        Referred::Checkpoint(_) | Referred::File(_) => None,
+    });
+    let digest = match data {
+        Some(DataSource::Stream(spec)) => return Ok(Some(spec.samples)),
+        Some(DataSource::Digest(digest)) => digest,
+        Some(DataSource::Job(_) | DataSource::Dataset(_)) | None => return Ok(None),
+    };
+    let job = store.job_by_digest(digest, &JobState::ALL).await?;
+    let spec = job.and_then(|job| serde_json::from_value::<JobSpec>(job.spec).ok());
+    Ok(spec.and_then(|spec| DataSpec::of(&spec)).map(|data| data.samples()))
+}
