@@ -3,17 +3,17 @@
 use std::fmt::Display;
 use std::time::Duration;
 
-use axum::http::header::{RETRY_AFTER, UPGRADE, WWW_AUTHENTICATE};
+use axum::http::header::{CONTENT_TYPE, RETRY_AFTER, UPGRADE, WWW_AUTHENTICATE};
 use axum::http::{HeaderValue, Method, StatusCode};
 use axum::response::{IntoResponse, Response};
 use jobs::SubmissionError;
 use spec::SpecError;
-use store::{JobState, StoreError};
+use store::StoreError;
 use thiserror::Error;
+use wire::{JobState, Problem};
 
 use crate::limits::{CONCURRENT_UPLOADS, REQUEST_TIMEOUT, STREAMS, UPLOAD_TIMEOUT};
 use crate::live::LiveError;
-use crate::problem::Problem;
 
 const BEARER: &str = r#"Bearer realm="torqued""#;
 const BASIC: &str = r#"Basic realm="torqued: the token as password""#;
@@ -248,6 +248,17 @@ impl ApiError {
         }
     }
 
+    /// The problem as the body of a response.
+    pub fn to_json(&self) -> Response {
+        // Strings and numbers only, so serialization cannot fail; an empty body would still say
+        // its status.
+        let body = serde_json::to_vec(&self.to_problem()).unwrap_or_default();
+        let mut response = (self.status(), body).into_response();
+        let media_type = HeaderValue::from_static("application/problem+json");
+        response.headers_mut().insert(CONTENT_TYPE, media_type);
+        response
+    }
+
     /// Writes to the log what the answer leaves out.
     pub fn log(&self) {
         if let Self::ShardUnreadable { reason, .. } = self {
@@ -379,7 +390,7 @@ impl From<SpecError> for ApiError {
 impl IntoResponse for ApiError {
     fn into_response(self) -> Response {
         self.log();
-        let mut response = self.to_problem().into_response();
+        let mut response = self.to_json();
         self.add_headers(&mut response);
         response
     }

@@ -14,7 +14,6 @@ pub mod limits;
 pub mod live;
 mod page;
 mod parameters;
-mod problem;
 mod range;
 mod routes;
 mod server;

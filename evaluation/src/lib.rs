@@ -21,7 +21,7 @@ pub use baselines::{
     Arx, DampedIntegrator, FittedDamping, HoldLast, Identification, LeastSquares, NominalArm,
     baseline,
 };
-pub use bootstrap::{Interval, stratified_mean};
+pub use bootstrap::stratified_mean;
 pub use cell::{CellResult, Failure, PredictorErrors, Scoring, evaluate_cell, measured_jitter_deg};
 pub use error::EvaluationError;
 pub use figure::{
@@ -31,11 +31,7 @@ pub use figure::{
 pub use learned::{FirstPrediction, LeakyLearned, Learned, OracleStarted, Start};
 pub use metrics::rmse_deg;
 pub use predictor::{Answer, Observed, Predictor, Samples, Scenarios};
-pub use report::{
-    Calibration, CellSummary, FailureSummary, GroupSummary, IntervalSummary, Latency,
-    PairedDifference, PredictorInfo, PredictorKind, PredictorScores, PredictorSummary, Report,
-    SamplingInfo, Setting, TrainedOn, WorstCase, paired_difference, summarize,
-};
+pub use report::{Setting, paired_difference, summarize, trained_on};
 pub use rows::{MEASURES, Measure, Row};
 pub use scores::{
     CALIBRATION, INTERVALS, IntervalErrors, Jitter, PerJoint, SampleErrors, ScenarioErrors,

@@ -1,8 +1,8 @@
 use std::fmt::Write;
 
 use reqwest::StatusCode;
-use serde::Deserialize;
 use thiserror::Error;
+use wire::Problem;
 
 /// Why the server gave no answer, or not the one asked for.
 #[derive(Debug, Error)]
@@ -41,54 +41,29 @@ fn innermost(error: &reqwest::Error) -> String {
     innermost.to_string()
 }
 
-#[derive(Deserialize)]
-struct Problem {
-    title: String,
-    #[serde(default)]
-    detail: Option<String>,
-    #[serde(default)]
-    violations: Vec<Violation>,
-}
-
-#[derive(Deserialize)]
-struct Violation {
-    field: String,
-    value: String,
-    allowed: String,
-}
-
 impl ClientError {
     pub(super) fn refused(status: StatusCode, body: &str) -> Self {
         let (message, fields) = match serde_json::from_str::<Problem>(body) {
-            Ok(problem) => (problem.to_message(), problem.fields()),
+            Ok(problem) => {
+                let message = message(&problem);
+                (message, problem.violations.into_iter().map(|it| it.field).collect())
+            }
             Err(_) => (format!("the server answered {status}"), Vec::new()),
         };
         Self::Refused { status, message, fields }
     }
 }
 
-impl Problem {
-    fn fields(&self) -> Vec<String> {
-        self.violations.iter().map(|violation| violation.field.clone()).collect()
+/// The title, with its detail or every violation on a line of its own.
+fn message(problem: &Problem) -> String {
+    let mut message = problem.title.clone();
+    if problem.violations.is_empty() {
+        let _ = write!(message, ": {}", problem.detail);
     }
-
-    fn to_message(&self) -> String {
-        let mut message = self.title.clone();
-        if self.violations.is_empty() {
-            if let Some(detail) = &self.detail {
-                let _ = write!(message, ": {detail}");
-            }
-            return message;
-        }
-        for Violation { field, value, allowed } in &self.violations {
-            let field = if field.is_empty() { "the spec" } else { field };
-            let _ = match value.as_str() {
-                "" => write!(message, "\n  {field}: {allowed}"),
-                value => write!(message, "\n  {field} is {value}, allowed: {allowed}"),
-            };
-        }
-        message
+    for violation in &problem.violations {
+        let _ = write!(message, "\n  {violation}");
     }
+    message
 }
 
 #[cfg(test)]
@@ -98,6 +73,7 @@ mod tests {
     #[test]
     fn a_problem_names_each_field_its_value_and_what_is_allowed() {
         let body = r#"{"type":"/problems/spec","title":"The spec cannot be accepted","status":422,
+            "detail":"steps is 0, allowed: 1 to 10; stesp: unknown field",
             "violations":[{"field":"steps","value":"0","allowed":"1 to 10"},
                           {"field":"stesp","value":"","allowed":"unknown field"}]}"#;
         let error = ClientError::refused(StatusCode::UNPROCESSABLE_ENTITY, body);

@@ -1,20 +1,17 @@
 //! A client of the HTTP API, with what the command line needs of it.
 
-mod answer;
 mod error;
+mod failure;
 mod upload;
 
 use std::time::Duration;
 
 use reqwest::{Method, RequestBuilder, StatusCode, Url};
 use serde::de::DeserializeOwned;
+use wire::{Checkpoint, ControlReport, Dataset, Evaluation, Job, Jobs, Presets};
 
-use evaluation::control::ControlReport;
-
-pub use answer::{
-    Checkpoint, Dataset, Evaluation, Job, JobList, JobState, Member, PresetList, Progress,
-};
 pub use error::ClientError;
+pub use failure::failure;
 
 /// A server's API at one address.
 #[derive(Clone, Debug)]
@@ -81,7 +78,7 @@ impl Client {
         Ok(body)
     }
 
-    pub async fn jobs(&self, path: &str) -> Result<JobList, ClientError> {
+    pub async fn jobs(&self, path: &str) -> Result<Jobs, ClientError> {
         self.get(path).await
     }
 
@@ -105,7 +102,7 @@ impl Client {
         self.read(&job)
     }
 
-    pub async fn presets(&self) -> Result<PresetList, ClientError> {
+    pub async fn presets(&self) -> Result<Presets, ClientError> {
         self.get("/v1/presets").await
     }
 

@@ -4,9 +4,10 @@ use std::time::{Duration, SystemTime};
 use clap::Args;
 use clap::builder::PossibleValuesParser;
 use spec::JobKind;
+use wire::{Job, Progress};
 
 use crate::cli::ServerArguments;
-use crate::client::{Client, Job};
+use crate::client::Client;
 use crate::progress::measure;
 use crate::table::{Align, Table};
 
@@ -77,8 +78,9 @@ fn path(Arguments { state, kind, limit, before, .. }: &Arguments) -> String {
 }
 
 fn row(job: Job) -> Vec<String> {
-    let share = if job.progress.total > 0.0 {
-        format!("{:.0} %", 100.0 * (job.progress.done / job.progress.total).min(1.0))
+    let Progress { done, total, .. } = job.progress;
+    let share = if total > 0 {
+        format!("{:.0} %", 100.0 * (done as f64 / total as f64).min(1.0))
     } else {
         String::new()
     };
@@ -86,8 +88,8 @@ fn row(job: Job) -> Vec<String> {
     let took = job.started_at.as_deref().and_then(|from| since(from, job.finished_at.as_deref()));
     vec![
         job.id.to_string(),
-        job.kind,
-        job.name.unwrap_or_default(),
+        job.kind.to_string(),
+        job.name,
         job.state.to_string(),
         share,
         age.unwrap_or_default(),

@@ -22,7 +22,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     let Some(name) = arguments.name else {
         let mut table = Table::new(["name", "of a", "about"].map(|name| (name, Align::Left)));
         for preset in presets {
-            table.push(vec![preset.name, preset.place, preset.about]);
+            table.push(vec![preset.name, preset.place.to_string(), preset.about]);
         }
         print!("{}", table.render());
         return Ok(ExitCode::SUCCESS);

@@ -2,8 +2,9 @@ use std::process::ExitCode;
 
 use anyhow::{Context, bail};
 use clap::Args;
+use wire::{Job, JobState};
 
-use crate::client::{Client, Job, JobState, Reuse, Submitted};
+use crate::client::{Client, Reuse, Submitted, failure};
 use crate::commands::own_server::work_and_serve;
 use crate::progress;
 use crate::report;
@@ -45,7 +46,7 @@ async fn compute_and_show(arguments: &Arguments, server: &Server) -> anyhow::Res
     }
     let job = progress::follow(&client, job.id).await?;
     if job.state != JobState::Succeeded {
-        bail!("job {} {}: {}", job.id, job.state, job.reason());
+        bail!("job {} {}: {}", job.id, job.state, failure(&job));
     }
     let evaluation = member(&job, "evaluate")?;
     let report = client

@@ -34,11 +34,10 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     let description = folder.description();
     let bytes: u64 =
         description.shards.iter().flat_map(|shard| &shard.files).map(|file| file.size).sum();
-    #[expect(clippy::cast_precision_loss, reason = "for people to look at")]
-    let (trajectories, megabytes) = (description.trajectories as f64, bytes as f64 / 1e6);
+    let megabytes = bytes as f64 / 1e6;
     println!(
         "{} trajectories in {}, {megabytes:.1} MB; dataset {}",
-        measure::count(trajectories),
+        measure::count(description.trajectories),
         arguments.out.display(),
         description.digest,
     );

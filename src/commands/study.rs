@@ -3,8 +3,9 @@ use std::process::ExitCode;
 
 use anyhow::bail;
 use clap::Args;
+use wire::{Job, JobState};
 
-use crate::client::{Client, Job, JobState, Reuse, Submitted};
+use crate::client::{Client, Reuse, Submitted, failure};
 use crate::commands::own_server::work_and_serve;
 use crate::progress;
 use crate::server::{Options, Server};
@@ -63,7 +64,7 @@ async fn compute_and_write(
     eprintln!("{verb}job {}: {page}", job.id);
     let job: Job = progress::follow(&client, job.id).await?;
     if job.state != JobState::Succeeded {
-        bail!("job {} {}: {}", job.id, job.state, job.reason());
+        bail!("job {} {}: {}", job.id, job.state, failure(&job));
     }
     let study = study::gather(&client, plan, &job).await?;
     study::write(&arguments.out, &study)?;

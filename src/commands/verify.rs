@@ -63,8 +63,7 @@ async fn verify_folder(dir: &Path) -> anyhow::Result<ExitCode> {
     for note in &by_other_versions {
         println!("{note}");
     }
-    #[expect(clippy::cast_precision_loss, reason = "for people to look at")]
-    let trajectories = measure::count(trajectories as f64);
+    let trajectories = measure::count(trajectories);
     let what = if by_other_versions.is_empty() { "every byte" } else { "every value" };
     println!("{}: {trajectories} trajectories in {shards} shards, {what} equal", dir.display());
     Ok(ExitCode::SUCCESS)

@@ -1,9 +1,11 @@
 use std::process::ExitCode;
 
 use clap::Args;
+use spec::JobKind;
+use wire::{Job, JobState};
 
 use crate::cli::ServerArguments;
-use crate::client::{Client, Job, JobState};
+use crate::client::Client;
 use crate::progress;
 use crate::report;
 
@@ -27,15 +29,14 @@ pub async fn to_the_end(client: &Client, id: i64) -> anyhow::Result<ExitCode> {
     let reason = job.error.as_ref().map(|error| format!(": {error}")).unwrap_or_default();
     println!("job {id} {}{reason}", job.state);
     for job in succeeded(client, &job).await? {
-        match (job.kind.as_str(), job.run) {
-            ("evaluate", _) => {
+        match (job.kind, job.run) {
+            (JobKind::Evaluate, _) => {
                 if let Some(report) = client.evaluation(job.id).await?.report {
                     report::print(&report);
                 }
             }
-            ("control", Some(run)) => {
-                let name = job.name.as_deref().unwrap_or("control");
-                report::print_closed_loop(name, &client.control_report(run).await?);
+            (JobKind::Control, Some(run)) => {
+                report::print_closed_loop(&job.name, &client.control_report(run).await?);
             }
             _ => {}
         }

@@ -1,7 +1,8 @@
 use std::time::{Duration, Instant};
 
+use wire::JobState;
+
 use super::Row;
-use crate::client::JobState;
 
 /// For logs and pipes: a line when a state changes, and now and then while something runs.
 #[derive(Debug, Default)]
@@ -59,11 +60,11 @@ mod tests {
         let start = Instant::now();
         let at = |seconds| start + Duration::from_secs(seconds);
         let running = |done| [row("train", JobState::Running, done)];
-        assert_eq!(lines.changes(&[row("train", JobState::Queued, 0.0)], at(0)), ["train  queued"]);
-        assert_eq!(lines.changes(&running(20.0), at(1)), ["train    1 %  20 of 2 000 steps"]);
-        assert!(lines.changes(&running(40.0), at(2)).is_empty());
-        assert_eq!(lines.changes(&running(200.0), at(7)), ["train   10 %  200 of 2 000 steps"]);
-        let done = [row("train", JobState::Succeeded, 2000.0)];
+        assert_eq!(lines.changes(&[row("train", JobState::Queued, 0)], at(0)), ["train  queued"]);
+        assert_eq!(lines.changes(&running(20), at(1)), ["train    1 %  20 of 2 000 steps"]);
+        assert!(lines.changes(&running(40), at(2)).is_empty());
+        assert_eq!(lines.changes(&running(200), at(7)), ["train   10 %  200 of 2 000 steps"]);
+        let done = [row("train", JobState::Succeeded, 2000)];
         assert_eq!(lines.changes(&done, at(8)), ["train  done, 2 000 steps"]);
     }
 }

@@ -3,8 +3,11 @@
 use std::time::Duration;
 
 /// A whole number with thin groups of three: `16 384`.
-pub fn count(number: f64) -> String {
-    let digits = format!("{:.0}", number.max(0.0));
+pub fn count(number: u64) -> String {
+    grouped(&number.to_string())
+}
+
+fn grouped(digits: &str) -> String {
     let mut text = String::new();
     for (k, digit) in digits.chars().enumerate() {
         if k > 0 && (digits.len() - k).is_multiple_of(3) {
@@ -18,7 +21,7 @@ pub fn count(number: f64) -> String {
 /// About three digits.
 pub fn rounded(number: f64) -> String {
     if number >= 100.0 {
-        count(number)
+        grouped(&format!("{number:.0}"))
     } else if number >= 10.0 {
         format!("{number:.1}")
     } else {
@@ -42,7 +45,7 @@ mod tests {
 
     #[test]
     fn digits_are_grouped_by_three_from_the_right() {
-        let texts = [7.0, 999.0, 1000.0, 16_384.0, 10_000_000.0].map(count);
+        let texts = [7, 999, 1000, 16_384, 10_000_000].map(count);
         assert_eq!(texts, ["7", "999", "1 000", "16 384", "10 000 000"]);
     }
 

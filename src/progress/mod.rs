@@ -9,7 +9,9 @@ mod rate;
 use std::io::IsTerminal;
 use std::time::{Duration, Instant};
 
-use crate::client::{Client, ClientError, Job, JobState, Progress};
+use wire::{Job, JobState, Progress};
+
+use crate::client::{Client, ClientError};
 use bars::Bars;
 use lines::Lines;
 pub use own_work::{Report, follow_own};
@@ -69,7 +71,7 @@ struct Row {
 fn rows(job: &Job) -> Vec<Row> {
     if job.members.is_empty() {
         return vec![Row {
-            name: job.kind.clone(),
+            name: job.kind.to_string(),
             state: job.state,
             reused: false,
             error: job.error.clone(),
@@ -110,7 +112,7 @@ impl Row {
                 let mut parts = vec![self.amount()];
                 if let Some(rate) = self.rate_per_second.filter(|rate| *rate > 0.0) {
                     parts.push(format!("{}/s", measure::rounded(rate)));
-                    let left = (self.progress.total - self.progress.done).max(0.0) / rate;
+                    let left = self.progress.total.saturating_sub(self.progress.done) as f64 / rate;
                     if let Ok(left) = Duration::try_from_secs_f64(left) {
                         parts.push(format!("ETA {}", measure::duration(left)));
                     }
@@ -124,8 +126,7 @@ impl Row {
     /// For example "8 192 of 16 384 trajectories".
     fn amount(&self) -> String {
         let Progress { done, total, unit, .. } = &self.progress;
-        let unit = unit.as_deref().unwrap_or_default();
-        let done_of_total = if self.state == JobState::Succeeded || *total <= 0.0 {
+        let done_of_total = if self.state == JobState::Succeeded || *total == 0 {
             measure::count(*done)
         } else {
             format!("{} of {}", measure::count(*done), measure::count(*total))
@@ -138,8 +139,8 @@ impl Row {
         let Progress { done, total, .. } = self.progress;
         if self.state == JobState::Succeeded {
             1.0
-        } else if total > 0.0 {
-            (done / total).clamp(0.0, 1.0)
+        } else if total > 0 {
+            (done as f64 / total as f64).min(1.0)
         } else {
             0.0
         }
@@ -179,9 +180,8 @@ impl Display {
 }
 
 #[cfg(test)]
-fn row(name: &str, state: JobState, done: f64) -> Row {
-    let progress =
-        Progress { done, total: 2000.0, unit: Some("steps".to_owned()), ..Progress::default() };
+fn row(name: &str, state: JobState, done: u64) -> Row {
+    let progress = Progress { done, total: 2000, unit: "steps".to_owned(), ..Progress::default() };
     Row {
         name: name.to_owned(),
         state,
@@ -198,14 +198,14 @@ mod tests {
 
     #[test]
     fn a_running_job_shows_amount_rate_and_time_left() {
-        let mut running = row("train", JobState::Running, 500.0);
+        let mut running = row("train", JobState::Running, 500);
         running.rate_per_second = Some(12.5);
         assert_eq!(running.describe(), "500 of 2 000 steps, 12.5/s, ETA 2m 00s");
     }
 
     #[test]
     fn a_failed_job_shows_its_reason() {
-        let mut failed = row("train", JobState::Failed, 500.0);
+        let mut failed = row("train", JobState::Failed, 500);
         failed.error = Some("loss is not finite".to_owned());
         assert_eq!(failed.describe(), "failed: loss is not finite");
     }

@@ -6,10 +6,10 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Instant;
 
 use anyhow::Context;
+use wire::{JobState, Progress};
 
 use super::rate::Rate;
 use super::{Display, POLL_EVERY, Row};
-use crate::client::{JobState, Progress};
 use crate::server::Interrupts;
 
 /// Called with how much is done; breaks when the work is to stop.
@@ -36,9 +36,8 @@ where
     let mut display = Display::new();
     let mut rate = Rate::default();
     let mut show = |state: JobState, done: u64| {
-        #[expect(clippy::cast_precision_loss, reason = "for people to look at")]
-        let (done, total) = (done as f64, total as f64);
-        let unit = Some("trajectories".to_owned());
+        let progress =
+            Progress { done, total, unit: "trajectories".to_owned(), ..Progress::default() };
         display.show(&[Row {
             name: name.to_owned(),
             state,
@@ -46,7 +45,7 @@ where
             // The command says it, after the last line.
             error: None,
             rate_per_second: rate.observe(done, Instant::now()),
-            progress: Progress { done, total, unit, ..Progress::default() },
+            progress,
         }]);
     };
     let done = loop {

@@ -4,14 +4,14 @@ use std::time::{Duration, Instant};
 /// Progress per second over the last half minute, as seen from outside.
 #[derive(Debug, Default)]
 pub struct Rate {
-    seen: VecDeque<(Instant, f64)>,
+    seen: VecDeque<(Instant, u64)>,
 }
 
 const WINDOW: Duration = Duration::from_secs(30);
 
 impl Rate {
     /// Takes note of `done` at `now`; returns the rate once there is progress to divide.
-    pub fn observe(&mut self, done: f64, now: Instant) -> Option<f64> {
+    pub fn observe(&mut self, done: u64, now: Instant) -> Option<f64> {
         // Work that was lost with a killed worker is done again: begin anew.
         if self.seen.back().is_some_and(|(_, before)| done < *before) {
             self.seen.clear();
@@ -22,7 +22,7 @@ impl Rate {
         }
         let (since, before) = *self.seen.front()?;
         let seconds = now.duration_since(since).as_secs_f64();
-        if seconds > 0.0 && done > before { Some((done - before) / seconds) } else { None }
+        if seconds > 0.0 && done > before { Some((done - before) as f64 / seconds) } else { None }
     }
 }
 
@@ -34,9 +34,9 @@ mod tests {
     fn work_done_again_after_a_kill_gives_no_negative_rate() {
         let mut rate = Rate::default();
         let start = Instant::now();
-        assert_eq!(rate.observe(100.0, start), None);
-        assert_eq!(rate.observe(200.0, start + Duration::from_secs(10)), Some(10.0));
-        assert_eq!(rate.observe(150.0, start + Duration::from_secs(11)), None);
-        assert_eq!(rate.observe(155.0, start + Duration::from_secs(12)), Some(5.0));
+        assert_eq!(rate.observe(100, start), None);
+        assert_eq!(rate.observe(200, start + Duration::from_secs(10)), Some(10.0));
+        assert_eq!(rate.observe(150, start + Duration::from_secs(11)), None);
+        assert_eq!(rate.observe(155, start + Duration::from_secs(12)), Some(5.0));
     }
 }

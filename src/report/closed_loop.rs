@@ -1,5 +1,4 @@
-use evaluation::Interval;
-use evaluation::control::{ControlReport, ControllerSummary};
+use wire::{ControlReport, ControllerSummary, Interval};
 
 use crate::table::{Align, Table};
 

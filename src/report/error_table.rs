@@ -1,5 +1,5 @@
-use evaluation::{CellSummary, Interval, PredictorInfo, PredictorSummary, Report};
 use spec::Family;
+use wire::{CellSummary, Interval, PredictorInfo, PredictorSummary, Report};
 
 use super::{degrees, label};
 use crate::table::{Align, Table};
@@ -92,7 +92,12 @@ mod tests {
     #[test]
     fn a_predictor_that_saw_the_future_is_labelled_in_the_table() {
         let mut report = example();
-        report.predictors[2].normalization = Some(spec::Normalization::PaperLeaky);
-        assert!(by_group(&report).contains("robomorph (paper-leaky)"));
+        report.predictors[2].sampling = Some(wire::SamplingInfo {
+            curve: "robomorph ddpm oracle".to_owned(),
+            kind: spec::SamplerKind::Ddpm,
+            steps: 5,
+            start: spec::Start::Oracle,
+        });
+        assert!(by_group(&report).contains("robomorph (leak: starts with the truth)"));
     }
 }

@@ -10,8 +10,7 @@ use error_table::{by_frequency, by_group};
 pub use standing::Standing;
 use verdict::verdicts;
 
-use evaluation::{PredictorInfo, PredictorKind, Report};
-use spec::Normalization;
+use wire::{PredictorInfo, PredictorKind, Report};
 
 /// Tables of the errors, and in a sentence what to make of each model.
 pub fn print(report: &Report) {
@@ -36,10 +35,8 @@ fn models(report: &Report) -> impl Iterator<Item = &PredictorInfo> {
 /// The name to print; says so when the predictor has seen the future it predicts.
 fn label(predictor: &PredictorInfo) -> String {
     let name = &predictor.name;
-    // Checkpoints carry their normalization in their name; reports of the first version did not.
-    if predictor.normalization == Some(Normalization::PaperLeaky) && !name.contains("paper-leaky") {
-        format!("{name} (paper-leaky)")
-    } else if predictor.sees_the_future() && !name.contains("paper-leaky") {
+    // Checkpoints carry their normalization in their name.
+    if predictor.sees_the_future() && !name.contains("paper-leaky") {
         format!("{name} (leak: starts with the truth)")
     } else {
         name.clone()
@@ -80,7 +77,7 @@ fn example() -> Report {
     let errors =
         [error("hold-last", 8.0), error("damped-integrator", 2.0), error("robomorph", 2.5)];
     let report = serde_json::json!({
-        "context": 320, "horizon": 80, "rate_hz": 60.0, "bootstrap": {},
+        "context": 320, "horizon": 80, "rate_hz": 60.0, "bootstrap": {}, "samples": 1,
         "predictors": [
             {"name": "hold-last", "kind": "baseline"},
             {"name": "damped-integrator", "kind": "baseline"},

@@ -1,4 +1,4 @@
-use evaluation::Interval;
+use wire::Interval;
 
 /// How a predictor stands against another. A difference counts when its 95 % interval leaves zero out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

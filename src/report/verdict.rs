@@ -1,4 +1,4 @@
-use evaluation::{Interval, PairedDifference, PredictorKind, PredictorSummary, Report};
+use wire::{Interval, PairedDifference, PredictorKind, PredictorSummary, Report};
 
 use super::{Standing, degrees, models, signed_degrees};
 
@@ -100,7 +100,7 @@ mod tests {
             predictor: "identification".to_owned(),
             interval: Interval { mean: 0.0009, low: 0.0008, high: 0.001 },
         };
-        let info = evaluation::PredictorInfo {
+        let info = wire::PredictorInfo {
             name: "identification".to_owned(),
             ..report.predictors[0].clone()
         };

@@ -3,9 +3,10 @@
 use std::collections::BTreeMap;
 
 use anyhow::{Context, ensure};
+use wire::{Job, JobState, Member};
 
 use super::{Evaluation, File, JobRecord, MODELS, Plan, Set, Study, Training};
-use crate::client::{Client, Job, JobState, Member};
+use crate::client::Client;
 
 /// Collects what the pipeline `job` of `plan` computed.
 ///
@@ -29,9 +30,9 @@ pub async fn gather(client: &Client, plan: &Plan, job: &Job) -> anyhow::Result<S
         scale: plan.scale,
         spec: plan.pipeline.clone(),
         pipeline: JobRecord {
-            name: job.name.clone().unwrap_or_default(),
+            name: job.name.clone(),
             job: job.id,
-            digest: job.digest.clone(),
+            digest: job.digest,
             seconds: job.duration_seconds,
             reused: false,
         },
@@ -72,7 +73,7 @@ impl Members<'_> {
         Ok(Training {
             model: model.to_owned(),
             checkpoint: last,
-            sha256: weights.map(|file| file.sha256.clone()).unwrap_or_default(),
+            sha256: weights.map(|file| file.sha256.to_string()).unwrap_or_default(),
             steps: checkpoint.step,
             validation_rmse_deg: checkpoint.metrics.get("validation/rmse_deg").copied(),
             record,
@@ -97,7 +98,7 @@ impl Members<'_> {
         let record = JobRecord {
             name: name.to_owned(),
             job: job.id,
-            digest: job.digest.clone(),
+            digest: job.digest,
             seconds: job.duration_seconds,
             reused: member.reused,
         };

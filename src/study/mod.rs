@@ -6,14 +6,14 @@ mod machine;
 mod plan;
 mod report;
 
-use evaluation::{PredictorInfo, Report};
 use serde::Serialize;
-use spec::PipelineSpec;
+use spec::{Digest, PipelineSpec};
 
 pub use estimate::estimate;
 pub use gather::gather;
 pub use plan::{Plan, Scale};
 pub use report::{check_replaceable, write};
+use wire::{PredictorInfo, Report};
 
 /// The models that are compared, in the order of every table.
 pub const MODELS: [&str; 6] =
@@ -55,7 +55,7 @@ pub struct JobRecord {
     pub name: String,
     pub job: i64,
     /// Of its spec, and with it of everything it was made from.
-    pub digest: String,
+    pub digest: Digest,
     /// From start to end, on the machine that computed it.
     pub seconds: Option<f64>,
     /// It was computed before this study asked for it.
@@ -89,8 +89,7 @@ pub struct File {
 impl Set {
     /// What a predictor of this set's evaluations is called in the study.
     pub fn name_of<'a>(&'a self, predictor: &'a PredictorInfo) -> &'a str {
-        let digest = predictor.digest.as_ref().map(ToString::to_string);
-        let training = digest.and_then(|digest| {
+        let training = predictor.digest.and_then(|digest| {
             self.trainings.iter().find(|training| training.record.digest == digest)
         });
         training.map_or(&predictor.name, |training| &training.model)

@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 
 use sqlx::SqliteConnection;
+use sqlx::types::Text;
 
 use crate::propagation::stop;
 use crate::{JobId, JobState, Store, StoreError, pipelines};
@@ -18,7 +19,7 @@ impl Store {
         const OPERATION: &str = "cancelling a job";
         let failed = StoreError::database(OPERATION);
         let mut tx = self.database().write(OPERATION).await?;
-        let found: Option<(JobState, bool)> = sqlx::query_as(
+        let found: Option<(Text<JobState>, bool)> = sqlx::query_as(
             "SELECT state, EXISTS (SELECT 1 FROM pipeline_member WHERE pipeline = job.id) \
              FROM job WHERE id = ?",
         )
@@ -26,7 +27,7 @@ impl Store {
         .fetch_optional(&mut *tx)
         .await
         .map_err(&failed)?;
-        let (state, has_members) =
+        let (Text(state), has_members) =
             found.ok_or_else(|| StoreError::not_found("job", job.to_string()))?;
         if state.is_final() {
             return Ok(());

@@ -8,24 +8,16 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use spec::Digest;
 use sqlx::sqlite::SqliteRow;
+use sqlx::types::Text;
 use sqlx::{FromRow, Row, SqliteConnection};
 
 use crate::artifacts::stored_object;
 use crate::clock::now;
 use crate::database::integer;
 use crate::{
-    DatasetId, Fence, JobId, Page, Store, StoreError, StoredObject, Timestamp, jobs, leases,
-    task_end,
+    DatasetId, DatasetState, Fence, JobId, Page, Store, StoreError, StoredObject, Timestamp, jobs,
+    leases, task_end,
 };
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize, sqlx::Type)]
-#[serde(rename_all = "lowercase")]
-#[sqlx(rename_all = "lowercase")]
-pub enum DatasetState {
-    /// Shards are missing.
-    Building,
-    Complete,
-}
 
 #[derive(Clone, Debug)]
 pub struct Dataset {
@@ -232,7 +224,7 @@ impl Store {
              ORDER BY dataset.id DESC LIMIT ?3"
         ))
         .bind(page.before())
-        .bind(state)
+        .bind(state.map(DatasetState::as_str))
         .bind(page.limit())
         .fetch_all(self.database().reader())
         .await
@@ -401,7 +393,7 @@ impl FromRow<'_, SqliteRow> for Dataset {
             digest: jobs::digest(row, "digest")?,
             name: row.try_get("name")?,
             spec: jobs::json(row, "spec")?,
-            state: row.try_get("state")?,
+            state: row.try_get::<Text<_>, _>("state")?.0,
             trajectories: row.try_get("trajectories")?,
             samples: row.try_get("samples")?,
             shards: row.try_get("shards")?,

@@ -1,61 +1,14 @@
 //! Jobs, as they are looked up.
 
 use std::collections::HashMap;
-use std::fmt;
 
-use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use spec::Digest;
 use sqlx::sqlite::SqliteRow;
+use sqlx::types::Text;
 use sqlx::{FromRow, QueryBuilder, Row, Sqlite};
 
-use crate::{DatasetId, JobId, RunId, Store, StoreError, Timestamp};
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize, sqlx::Type)]
-#[serde(rename_all = "lowercase")]
-#[sqlx(rename_all = "lowercase")]
-pub enum JobState {
-    /// For jobs it needs.
-    Waiting,
-    Queued,
-    Running,
-    Succeeded,
-    Failed,
-    Cancelled,
-}
-
-impl JobState {
-    pub const ALL: [Self; 6] = [
-        Self::Waiting,
-        Self::Queued,
-        Self::Running,
-        Self::Succeeded,
-        Self::Failed,
-        Self::Cancelled,
-    ];
-
-    pub const fn as_str(self) -> &'static str {
-        match self {
-            Self::Waiting => "waiting",
-            Self::Queued => "queued",
-            Self::Running => "running",
-            Self::Succeeded => "succeeded",
-            Self::Failed => "failed",
-            Self::Cancelled => "cancelled",
-        }
-    }
-
-    /// Final states never change.
-    pub const fn is_final(self) -> bool {
-        matches!(self, Self::Succeeded | Self::Failed | Self::Cancelled)
-    }
-}
-
-impl fmt::Display for JobState {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.as_str())
-    }
-}
+use crate::{DatasetId, JobId, JobState, RunId, Store, StoreError, Timestamp};
 
 #[derive(Clone, Debug)]
 pub struct Job {
@@ -152,7 +105,7 @@ impl Store {
             query.push(" AND job.kind = ").push_bind(kind.to_owned());
         }
         if let Some(state) = filter.state {
-            query.push(" AND job.state = ").push_bind(state);
+            query.push(" AND job.state = ").push_bind(state.as_str());
         }
         query.push(" ORDER BY job.id DESC LIMIT ").push_bind(page.limit());
         self.jobs_of(query).await
@@ -172,7 +125,7 @@ impl Store {
         query.push(" AND job.state IN (");
         let mut list = query.separated(", ");
         for state in states {
-            list.push_bind(*state);
+            list.push_bind(state.as_str());
         }
         query.push(") ORDER BY job.id DESC LIMIT 1");
         Ok(self.jobs_of(query).await?.into_iter().next())
@@ -274,7 +227,7 @@ impl FromRow<'_, SqliteRow> for Job {
             name: row.try_get("name")?,
             spec: json(row, "spec")?,
             digest: digest(row, "digest")?,
-            state: row.try_get("state")?,
+            state: row.try_get::<Text<_>, _>("state")?.0,
             error: row.try_get("error")?,
             priority: row.try_get("priority")?,
             max_attempts: row.try_get("max_attempts")?,

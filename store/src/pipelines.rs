@@ -1,6 +1,7 @@
 //! Pipelines: jobs whose members are jobs, and whose state is theirs.
 
 use sqlx::sqlite::SqliteRow;
+use sqlx::types::Text;
 use sqlx::{FromRow, Row, SqliteConnection};
 
 use crate::clock::now;
@@ -53,7 +54,7 @@ pub(crate) async fn settle_those_of(
 
 #[derive(FromRow)]
 struct Standing {
-    state: JobState,
+    state: Text<JobState>,
     cancel_requested: bool,
     /// Members that are yet to end. Those that a cancelled pipeline leaves to others do not count.
     open: i64,
@@ -88,11 +89,11 @@ pub(crate) async fn settle(
     .bind(pipeline)
     .fetch_one(&mut *conn)
     .await?;
-    if standing.state.is_final() {
+    if standing.state.0.is_final() {
         return Ok(());
     }
     let (state, error) = if standing.open > 0 {
-        if standing.started == 0 || standing.state == JobState::Running {
+        if standing.started == 0 || standing.state.0 == JobState::Running {
             return Ok(());
         }
         (JobState::Running, None)
@@ -112,7 +113,7 @@ pub(crate) async fn settle(
         now!(),
         " END WHERE id = ?3"
     ))
-    .bind(state)
+    .bind(state.as_str())
     .bind(error)
     .bind(pipeline)
     .execute(conn)
@@ -126,7 +127,7 @@ impl FromRow<'_, SqliteRow> for Member {
             name: row.try_get("name")?,
             job: row.try_get("job")?,
             kind: row.try_get("kind")?,
-            state: row.try_get("state")?,
+            state: row.try_get::<Text<_>, _>("state")?.0,
             error: row.try_get("error")?,
             reused: row.try_get("reused")?,
         })

@@ -2,13 +2,14 @@
 //! pipelines settle. Always inside the transaction that ended the task.
 
 use sqlx::SqliteConnection;
+use sqlx::types::Text;
 
 use crate::clock::now;
 use crate::{JobId, JobState, datasets, pipelines};
 
 /// Moves a job on after one of its tasks ended.
 pub(crate) async fn after_task(conn: &mut SqliteConnection, job: JobId) -> Result<(), sqlx::Error> {
-    let state: JobState = sqlx::query_scalar("SELECT state FROM job WHERE id = ?")
+    let Text(state): Text<JobState> = sqlx::query_scalar("SELECT state FROM job WHERE id = ?")
         .bind(job)
         .fetch_one(&mut *conn)
         .await?;
@@ -109,7 +110,7 @@ async fn finish(
             now!(),
             " WHERE id = ? AND state IN ('waiting', 'queued', 'running')"
         ))
-        .bind(state)
+        .bind(state.as_str())
         .bind(error)
         .bind(job)
         .execute(&mut *conn)

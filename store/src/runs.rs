@@ -3,6 +3,7 @@
 use serde_json::Value;
 use spec::Digest;
 use sqlx::sqlite::SqliteRow;
+use sqlx::types::Text;
 use sqlx::{FromRow, Row};
 
 use crate::{JobId, JobState, Page, RunId, Store, StoreError, Timestamp, jobs};
@@ -85,7 +86,7 @@ impl FromRow<'_, SqliteRow> for Run {
             name: row.try_get("name")?,
             digest: jobs::digest(row, "digest")?,
             spec: jobs::json(row, "spec")?,
-            state: row.try_get("state")?,
+            state: row.try_get::<Text<_>, _>("state")?.0,
             error: row.try_get("error")?,
             created_at: row.try_get("created_at")?,
             started_at: row.try_get("started_at")?,

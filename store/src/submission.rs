@@ -3,6 +3,7 @@
 use serde_json::Value;
 use spec::Digest;
 use sqlx::SqliteConnection;
+use sqlx::types::Text;
 
 use crate::clock::now;
 use crate::database::integer;
@@ -367,12 +368,13 @@ async fn reusable(
 }
 
 async fn state_of(conn: &mut SqliteConnection, job: JobId) -> Result<JobState, StoreError> {
-    sqlx::query_scalar("SELECT state FROM job WHERE id = ?")
+    let state: Option<Text<JobState>> = sqlx::query_scalar("SELECT state FROM job WHERE id = ?")
         .bind(job)
         .fetch_optional(conn)
         .await
-        .map_err(StoreError::database("looking up a job"))?
-        .ok_or_else(|| StoreError::not_found("job", job.to_string()))
+        .map_err(StoreError::database("looking up a job"))?;
+    let Text(state) = state.ok_or_else(|| StoreError::not_found("job", job.to_string()))?;
+    Ok(state)
 }
 
 /// What the row of a job is made from.
@@ -402,7 +404,7 @@ async fn insert_job(
     .bind(row.name)
     .bind(row.spec.to_string())
     .bind(row.digest.to_string())
-    .bind(state)
+    .bind(state.as_str())
     .bind(row.unit)
     .bind(row.priority)
     .bind(row.max_attempts)

@@ -1,45 +1,11 @@
 //! Tasks, as they are looked up; see `leases` for how they are worked on.
 
-use std::fmt;
-
-use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use sqlx::sqlite::SqliteRow;
+use sqlx::types::Text;
 use sqlx::{FromRow, Row};
 
-use crate::{Epoch, JobId, Progress, Store, StoreError, TaskId, Timestamp, jobs};
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize, sqlx::Type)]
-#[serde(rename_all = "lowercase")]
-#[sqlx(rename_all = "lowercase")]
-pub enum TaskState {
-    /// For tasks of earlier stages, or for jobs that its job needs.
-    Waiting,
-    Queued,
-    Running,
-    Succeeded,
-    Failed,
-    Cancelled,
-}
-
-impl TaskState {
-    pub const fn as_str(self) -> &'static str {
-        match self {
-            Self::Waiting => "waiting",
-            Self::Queued => "queued",
-            Self::Running => "running",
-            Self::Succeeded => "succeeded",
-            Self::Failed => "failed",
-            Self::Cancelled => "cancelled",
-        }
-    }
-}
-
-impl fmt::Display for TaskState {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.as_str())
-    }
-}
+use crate::{Epoch, JobId, Progress, Store, StoreError, TaskId, TaskState, Timestamp, jobs};
 
 #[derive(Clone, Debug)]
 pub struct Task {
@@ -110,7 +76,7 @@ impl FromRow<'_, SqliteRow> for Task {
             ordinal: row.try_get("ordinal")?,
             label: row.try_get("label")?,
             payload: jobs::json(row, "payload")?,
-            state: row.try_get("state")?,
+            state: row.try_get::<Text<_>, _>("state")?.0,
             attempt: row.try_get("attempt")?,
             max_attempts: row.try_get("max_attempts")?,
             epoch: row.try_get("epoch")?,

@@ -1,51 +1,13 @@
 //! Checkpoints and their files.
 
-use std::collections::BTreeMap;
-
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
 use serde_json::Value;
-use spec::Digest;
 use store::{CheckpointId, JobId};
-use utoipa::ToSchema;
+use wire::{Checkpoint, Checkpoints, StoredFile};
 
-use crate::app::files::{Download, StoredFile};
+use crate::app::files::Download;
 use crate::app::{App, Paging};
 use crate::error::ApiError;
-
-/// Weights of a model after some steps of training, with everything to resume.
-#[derive(Clone, Debug, Serialize, ToSchema)]
-pub struct Checkpoint {
-    pub id: i64,
-    /// The training.
-    pub job: i64,
-    pub run: i64,
-    /// Optimizer steps taken.
-    pub step: u64,
-    /// Whether training ended with it.
-    #[serde(rename = "final")]
-    pub is_final: bool,
-    /// Whether its validation is the best so far, by the training's `monitor`.
-    #[serde(rename = "best")]
-    pub is_best: bool,
-    /// Whether there is none after it.
-    #[serde(rename = "last")]
-    pub is_last: bool,
-    /// Newest values when it was written, `validation/rmse_deg` among them once there was one.
-    pub metrics: BTreeMap<String, f64>,
-    /// Of the training's spec.
-    pub digest: Digest,
-    #[schema(example = "robomorph")]
-    pub architecture: String,
-    pub files: Vec<StoredFile>,
-    pub created_at: String,
-}
-
-#[derive(Clone, Debug, Serialize, ToSchema)]
-pub struct Checkpoints {
-    pub checkpoints: Vec<Checkpoint>,
-    /// The `before` of the following page.
-    pub next: Option<i64>,
-}
 
 /// How many samples a model is given and how many it predicts.
 #[derive(Clone, Copy, Debug, Deserialize)]

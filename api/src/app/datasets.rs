@@ -1,81 +1,14 @@
 //! Datasets and their files.
 
-use serde::Serialize;
-use serde_json::Value;
 use spec::{DataSpec, Digest, JobSpec};
 use store::{DatasetDescription, DatasetId, FileContent, Shard, ShardDescription};
-use utoipa::ToSchema;
+use wire::{Dataset, DatasetFile, Datasets, FileKind};
 
 use crate::app::files::Download;
-use crate::app::{App, Paging, Verification};
+use crate::app::{App, Paging};
 use crate::error::ApiError;
 
-pub use store::DatasetState;
-
 const PARQUET: &str = "application/vnd.apache.parquet";
-
-/// Trajectories of robots, simulated or recorded, as Parquet files.
-#[derive(Clone, Debug, Serialize, ToSchema)]
-pub struct Dataset {
-    pub id: i64,
-    /// The simulation or import that fills it.
-    pub job: i64,
-    pub name: String,
-    /// Of that job's spec.
-    pub digest: Digest,
-    #[schema(value_type = String, example = "complete")]
-    pub state: DatasetState,
-    #[schema(value_type = JobSpec)]
-    pub spec: Value,
-    /// When complete; of an import that has not ended, 0.
-    pub trajectories: u64,
-    /// Of each trajectory.
-    pub samples: u32,
-    /// Draws refused so far.
-    pub rejected: u64,
-    /// Of all files so far.
-    pub bytes: u64,
-    /// Those that exist so far; in a list of datasets, none.
-    pub files: Vec<DatasetFile>,
-    /// The newest one; in a list of datasets, left out.
-    pub verification: Option<Verification>,
-    pub created_at: String,
-    pub completed_at: Option<String>,
-}
-
-/// A file of a dataset.
-#[derive(Clone, Debug, Serialize, ToSchema)]
-pub struct DatasetFile {
-    pub name: String,
-    pub content: FileKind,
-    /// The shard that it belongs to; `dataset.json` describes all of them.
-    pub shard: Option<u32>,
-    /// Of a table.
-    pub rows: Option<u64>,
-    /// In bytes.
-    pub size: u64,
-    pub sha256: Digest,
-    /// Path of the download.
-    pub url: String,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, ToSchema)]
-#[serde(rename_all = "lowercase")]
-pub enum FileKind {
-    /// JSON: columns with units and frames, counts, files with digests, the spec.
-    Description,
-    /// A row per time step.
-    Trajectories,
-    /// A row per trajectory.
-    Robots,
-}
-
-#[derive(Clone, Debug, Serialize, ToSchema)]
-pub struct Datasets {
-    pub datasets: Vec<Dataset>,
-    /// The `before` of the following page.
-    pub next: Option<i64>,
-}
 
 impl App {
     pub async fn dataset(&self, id: i64) -> Result<Dataset, ApiError> {
@@ -83,7 +16,7 @@ impl App {
         let shards = self.store.shards(row.id).await?;
         let samples = row.samples;
         let description = description(&row, &shards);
-        let mut dataset = Dataset::from(row);
+        let mut dataset = without_files(row);
         dataset.files.extend(description.map(|json| described(id, &json)));
         dataset.files.extend(shards.iter().flat_map(|shard| files(shard, samples)));
         dataset.verification = self.verification(id).await?;
@@ -91,13 +24,13 @@ impl App {
     }
 
     pub async fn dataset_without_files(&self, id: i64) -> Result<Dataset, ApiError> {
-        Ok(Dataset::from(self.store.dataset(DatasetId(id)).await?))
+        Ok(without_files(self.store.dataset(DatasetId(id)).await?))
     }
 
     pub async fn datasets(&self, paging: Paging) -> Result<Datasets, ApiError> {
         let rows = self.store.datasets(None, paging.into()).await?;
         let next = paging.next(rows.len(), rows.last().map(|row| row.id.0));
-        Ok(Datasets { datasets: rows.into_iter().map(Dataset::from).collect(), next })
+        Ok(Datasets { datasets: rows.into_iter().map(without_files).collect(), next })
     }
 
     pub async fn dataset_file(&self, id: i64, name: &str) -> Result<Download, ApiError> {
@@ -146,7 +79,10 @@ fn files(shard: &Shard, samples: u32) -> [DatasetFile; 2] {
         DatasetFile {
             url: format!("/v1/datasets/{}/files/{name}", shard.dataset),
             name,
-            content: content.into(),
+            content: match content {
+                FileContent::Trajectories => FileKind::Trajectories,
+                FileContent::Robots => FileKind::Robots,
+            },
             shard: Some(shard.ordinal),
             rows: Some(content.rows(shard.count, samples)),
             size: object.size,
@@ -155,32 +91,21 @@ fn files(shard: &Shard, samples: u32) -> [DatasetFile; 2] {
     })
 }
 
-impl From<FileContent> for FileKind {
-    fn from(content: FileContent) -> Self {
-        match content {
-            FileContent::Trajectories => Self::Trajectories,
-            FileContent::Robots => Self::Robots,
-        }
-    }
-}
-
-impl From<store::Dataset> for Dataset {
-    fn from(row: store::Dataset) -> Self {
-        Self {
-            id: row.id.0,
-            job: row.job.0,
-            name: row.name,
-            digest: row.digest,
-            state: row.state,
-            spec: row.spec,
-            trajectories: row.trajectories,
-            samples: row.samples,
-            rejected: row.rejected,
-            bytes: row.bytes,
-            files: Vec::new(),
-            verification: None,
-            created_at: row.created_at.to_string(),
-            completed_at: row.completed_at.map(|time| time.to_string()),
-        }
+fn without_files(row: store::Dataset) -> Dataset {
+    Dataset {
+        id: row.id.0,
+        job: row.job.0,
+        name: row.name,
+        digest: row.digest,
+        state: row.state,
+        spec: row.spec,
+        trajectories: row.trajectories,
+        samples: row.samples,
+        rejected: row.rejected,
+        bytes: row.bytes,
+        files: Vec::new(),
+        verification: None,
+        created_at: row.created_at.to_string(),
+        completed_at: row.completed_at.map(|time| time.to_string()),
     }
 }

@@ -1,57 +1,15 @@
 //! Evaluations: jobs that compare predictors, with their report.
 
-use serde::Serialize;
-use serde_json::Value;
-use spec::{Digest, EvaluateSpec, JobKind};
-use store::{JobFilter, JobId, JobState, StoreError, TaskState};
-use utoipa::ToSchema;
+use serde::de::DeserializeOwned;
+use spec::JobKind;
+use store::{JobFilter, JobId, StoreError};
+use wire::{CellTask, Evaluation, Evaluations};
 
-use crate::app::runs::Artifact;
-use crate::app::{App, Paging, Report};
+use crate::app::{App, Paging};
 use crate::error::ApiError;
 
-/// The artifact that an evaluation's last task leaves.
+/// The artifact that the last task of an evaluation or of a control job leaves.
 const REPORT: &str = "report.json";
-
-/// A comparison of predictors; its id is that of its job.
-#[derive(Clone, Debug, Serialize, ToSchema)]
-pub struct Evaluation {
-    pub id: i64,
-    pub run: i64,
-    pub name: String,
-    pub digest: Digest,
-    #[schema(value_type = String, example = "succeeded")]
-    pub state: JobState,
-    pub error: Option<String>,
-    #[schema(value_type = EvaluateSpec)]
-    pub spec: Value,
-    /// Written when all cells are there; in a list of evaluations, left out.
-    #[schema(value_type = Option<Report>)]
-    pub report: Option<Value>,
-    pub cells: Vec<CellTask>,
-    /// The table of each cell; the report, the table of all scenarios, and figures with their tables.
-    pub artifacts: Vec<Artifact>,
-    pub created_at: String,
-}
-
-/// How far one excitation at one frequency is.
-#[derive(Clone, Debug, Serialize, ToSchema)]
-pub struct CellTask {
-    pub task: i64,
-    #[schema(example = "multisine 0.15 Hz")]
-    pub label: String,
-    #[schema(value_type = String, example = "succeeded")]
-    pub state: TaskState,
-    /// Why it failed, or its last attempt did.
-    pub error: Option<String>,
-}
-
-#[derive(Clone, Debug, Serialize, ToSchema)]
-pub struct Evaluations {
-    pub evaluations: Vec<Evaluation>,
-    /// The `before` of the following page.
-    pub next: Option<i64>,
-}
 
 impl App {
     pub async fn evaluation(&self, id: i64) -> Result<Evaluation, ApiError> {
@@ -72,16 +30,16 @@ impl App {
         Ok(Evaluations { evaluations, next })
     }
 
-    /// The report of an evaluation as it was written, if it was.
-    pub async fn report(&self, evaluation: i64) -> Result<Option<Value>, ApiError> {
-        let Some(run) = self.store.job(JobId(evaluation)).await?.run else { return Ok(None) };
+    /// The report that a job's last task left; `None` before its end, and of another version's
+    /// report.
+    pub async fn report<T: DeserializeOwned>(&self, job: i64) -> Result<Option<T>, ApiError> {
+        let Some(run) = self.store.job(JobId(job)).await?.run else { return Ok(None) };
         let artifact = match self.store.artifact(run, REPORT).await {
             Ok(artifact) => artifact,
             Err(StoreError::NotFound { .. }) => return Ok(None),
             Err(error) => return Err(error.into()),
         };
         let bytes = self.store.read_object(&artifact.object).await?;
-        // Its bytes are those that were published, so this only fails for another version's report.
         Ok(serde_json::from_slice(&bytes).ok())
     }
 
@@ -109,12 +67,5 @@ impl App {
             report: None,
             created_at: job.created_at.to_string(),
         })
-    }
-}
-
-impl Evaluation {
-    /// The report as the page reads it; `None` when it is missing or of another version.
-    pub fn read_report(&self) -> Option<Report> {
-        self.report.clone().and_then(|report| serde_json::from_value(report).ok())
     }
 }

@@ -4,9 +4,10 @@
 use std::collections::BTreeSet;
 
 use spec::JobKind;
-use store::{JobFilter, JobState, Page};
+use store::{JobFilter, Page};
+use wire::{Job, JobState, Jobs};
 
-use crate::app::{App, Job, Jobs};
+use crate::app::App;
 use crate::error::ApiError;
 
 impl App {

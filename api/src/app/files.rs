@@ -1,25 +1,12 @@
 //! Files that the store holds, and how they are sent.
 
 use axum::body::{Body, Bytes};
-use serde::Serialize;
 use spec::Digest;
 use store::StoredObject;
-use utoipa::ToSchema;
 
 use crate::app::App;
 use crate::download::FileInfo;
 use crate::error::ApiError;
-
-/// A file that can be downloaded.
-#[derive(Clone, Debug, Serialize, ToSchema)]
-pub struct StoredFile {
-    pub name: String,
-    /// In bytes.
-    pub size: u64,
-    pub sha256: Digest,
-    /// Path of the download.
-    pub url: String,
-}
 
 /// A file about to be sent.
 #[derive(Clone, Debug)]

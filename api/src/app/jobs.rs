@@ -1,123 +1,12 @@
 //! Jobs, their members and their tasks.
 
-use serde::Serialize;
 use serde_json::Value;
-use spec::{Digest, JobKind, JobSpec, Product};
-use store::{JobId, ShardSummary, Timestamp};
-use utoipa::ToSchema;
+use spec::{JobKind, Product};
+use store::{JobFilter, JobId, ShardSummary, Timestamp};
+use wire::{Job, JobState, Jobs, Member, Progress, Task};
 
 use crate::app::{App, Paging};
 use crate::error::ApiError;
-
-pub use store::{JobFilter, JobState, TaskState};
-
-/// A job, how far it is and what it has made.
-#[derive(Clone, Debug, Serialize, ToSchema)]
-pub struct Job {
-    pub id: i64,
-    pub kind: JobKind,
-    pub name: String,
-    #[schema(value_type = String, example = "running")]
-    pub state: JobState,
-    /// Why it failed or was cancelled.
-    pub error: Option<String>,
-    pub digest: Digest,
-    /// With every default filled in and every reference resolved to a digest.
-    #[schema(value_type = JobSpec)]
-    pub spec: Value,
-    /// What of the spec is doubtful, though it is allowed: field, value and reason.
-    pub warnings: Vec<String>,
-    pub progress: Progress,
-    /// Jobs that must succeed first.
-    pub needs: Vec<i64>,
-    /// The jobs of a pipeline, each after those it needs.
-    pub members: Vec<Member>,
-    /// What a simulation or import fills.
-    pub dataset: Option<i64>,
-    /// The dataset that a verification makes again and compares.
-    pub verifies: Option<i64>,
-    /// The record of a training or evaluation.
-    pub run: Option<i64>,
-    /// What a training has made so far, oldest first.
-    pub checkpoints: Vec<i64>,
-    pub priority: i32,
-    /// Times a task may be claimed before it fails.
-    pub max_attempts: u32,
-    /// It ends as soon as its workers notice.
-    pub cancel_requested: bool,
-    /// RFC 3339, UTC, like the other times.
-    pub created_at: String,
-    pub started_at: Option<String>,
-    pub finished_at: Option<String>,
-    /// From start to end.
-    pub duration_seconds: Option<f64>,
-}
-
-/// Work done of work to do; of a pipeline, jobs that succeeded of all its jobs.
-#[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
-pub struct Progress {
-    pub done: u64,
-    pub total: u64,
-    /// What is counted, e.g. `trajectories`.
-    pub unit: String,
-    pub rate_per_second: Option<f64>,
-    pub message: Option<String>,
-}
-
-/// A job of a pipeline, seen from the pipeline.
-#[derive(Clone, Debug, Serialize, ToSchema)]
-pub struct Member {
-    pub name: String,
-    pub job: i64,
-    pub kind: JobKind,
-    #[schema(value_type = String, example = "queued")]
-    pub state: JobState,
-    pub error: Option<String>,
-    pub progress: Progress,
-    /// It was there before the pipeline was submitted.
-    pub reused: bool,
-}
-
-/// A piece of a job that one worker leases.
-#[derive(Clone, Debug, Serialize, ToSchema)]
-pub struct Task {
-    pub id: i64,
-    /// Tasks of a stage wait for all tasks of the stages before.
-    pub stage: u32,
-    pub ordinal: u32,
-    pub label: String,
-    #[schema(value_type = String, example = "running")]
-    pub state: TaskState,
-    /// Times it was claimed.
-    pub attempt: u32,
-    pub max_attempts: u32,
-    /// The fencing number of its lease.
-    pub epoch: i64,
-    /// Who has it, or had it last.
-    pub worker: Option<String>,
-    pub lease_until: Option<String>,
-    /// Of the last attempt that failed.
-    pub error: Option<String>,
-    pub progress: Progress,
-    /// What it has to say of what it did: a verification how a shard agrees, an import what became
-    /// of the file. What it made is told where that is.
-    #[schema(value_type = Option<Object>)]
-    pub result: Option<Value>,
-    pub started_at: Option<String>,
-    pub finished_at: Option<String>,
-}
-
-#[derive(Clone, Debug, Serialize, ToSchema)]
-pub struct Jobs {
-    pub jobs: Vec<Job>,
-    /// The `before` of the following page.
-    pub next: Option<i64>,
-}
-
-#[derive(Clone, Debug, Serialize, ToSchema)]
-pub struct Tasks {
-    pub tasks: Vec<Task>,
-}
 
 impl App {
     pub async fn job(&self, id: i64) -> Result<Job, ApiError> {
@@ -177,7 +66,7 @@ impl App {
             digest: row.digest,
             warnings: jobs::warnings(&self.store, &row.spec, self.memory_bytes).await?,
             spec: row.spec,
-            progress: row.progress.into(),
+            progress: progress(row.progress),
             needs: needs.into_iter().map(|need| need.0).collect(),
             members,
             dataset: row.dataset.map(|id| id.0),
@@ -197,7 +86,7 @@ impl App {
         let rows = self.store.members(pipeline).await?;
         let mut members = Vec::with_capacity(rows.len());
         for row in rows {
-            let progress = self.store.job(row.job).await?.progress.into();
+            let progress = progress(self.store.job(row.job).await?.progress);
             members.push(Member {
                 name: row.name,
                 job: row.job.0,
@@ -263,14 +152,7 @@ pub(super) fn text(time: Option<Timestamp>) -> Option<String> {
     time.map(|time| time.to_string())
 }
 
-impl From<store::JobProgress> for Progress {
-    fn from(progress: store::JobProgress) -> Self {
-        Self {
-            done: progress.done,
-            total: progress.total,
-            unit: progress.unit,
-            rate_per_second: progress.rate_per_second,
-            message: progress.message,
-        }
-    }
+fn progress(row: store::JobProgress) -> Progress {
+    let store::JobProgress { done, total, unit, rate_per_second, message } = row;
+    Progress { done, total, unit, rate_per_second, message }
 }

@@ -1,10 +1,9 @@
 //! What a job, a dataset, a run, a checkpoint and an evaluation are to a user.
 //!
-//! One file per resource: its shape in JSON, and the methods of [`App`] that read or change it.
-//! Routes and page call these, and nothing else calls the store.
+//! One file per resource, with the methods of [`App`] that read or change it and answer with the
+//! types of [`wire`]. Routes and page call these, and nothing else calls the store.
 
 mod checkpoints;
-mod control;
 mod datasets;
 mod evaluations;
 mod experiments;
@@ -13,7 +12,6 @@ mod jobs;
 mod paging;
 mod predictions;
 mod questions;
-mod report;
 mod runs;
 mod shards;
 mod streams;
@@ -37,24 +35,14 @@ use crate::limits::{
 };
 use crate::live::LiveModels;
 
-pub use checkpoints::{Checkpoint, Checkpoints, Extents};
-pub use control::{ControlReport, ReportedController};
-pub use datasets::{Dataset, DatasetFile, Datasets, FileKind};
-pub use evaluations::{CellTask, Evaluation, Evaluations};
-pub use files::{Download, StoredFile};
-pub use jobs::{Job, JobFilter, JobState, Jobs, Member, Progress, Task, TaskState, Tasks};
+pub use checkpoints::Extents;
+pub use files::Download;
 pub use paging::Paging;
 pub use predictions::Prediction;
 pub use questions::{PredictionRequest, read as read_question};
-pub use report::{
-    Interval, PairedDifference, PredictorKind, Report, ReportedFailure, ReportedPredictor, Rmse,
-};
-pub use runs::{Artifact, LatestMetric, Metric, Run, Runs};
 pub use streams::{PredictionStream, Reply};
 pub use submission::{Reuse, Submitted};
-pub use summaries::{ChannelSummary, Summary};
-pub use trajectories::{StoredTrajectory, Trajectory};
-pub use verifications::Verification;
+pub use trajectories::StoredTrajectory;
 
 /// How the server is to behave.
 #[derive(Clone, Debug)]

@@ -1,84 +1,14 @@
 //! Runs: the records of trainings and evaluations.
 
-use std::collections::BTreeMap;
-
 use figures::Figure;
-use serde::Serialize;
-use serde_json::Value;
-use spec::{Digest, JobKind, JobSpec};
-use store::{JobId, JobState, RunId, SeriesPoint};
-use utoipa::ToSchema;
+use store::{JobId, RunId, SeriesPoint};
+use wire::{Artifact, LatestMetric, Metric, MetricPoint, Run, Runs};
 
 use crate::app::files::Download;
 use crate::app::{App, Paging};
 use crate::charts::loss_figure;
 use crate::error::ApiError;
 use crate::limits::POINTS_DEFAULT;
-
-/// The record of a training or an evaluation.
-#[derive(Clone, Debug, Serialize, ToSchema)]
-pub struct Run {
-    pub id: i64,
-    pub job: i64,
-    pub kind: JobKind,
-    pub name: String,
-    pub digest: Digest,
-    #[schema(value_type = String, example = "running")]
-    pub state: JobState,
-    pub error: Option<String>,
-    #[schema(value_type = JobSpec)]
-    pub spec: Value,
-    /// The latest value of each, by key.
-    pub metrics: BTreeMap<String, LatestMetric>,
-    pub artifacts: Vec<Artifact>,
-    pub created_at: String,
-}
-
-#[derive(Clone, Debug, Serialize, ToSchema)]
-pub struct LatestMetric {
-    pub step: u64,
-    /// `null` when it was not a finite number.
-    #[schema(value_type = Option<f64>)]
-    pub value: f64,
-}
-
-/// A file that a run left.
-#[derive(Clone, Debug, Serialize, ToSchema)]
-pub struct Artifact {
-    pub name: String,
-    pub media_type: String,
-    /// In bytes.
-    pub size: u64,
-    pub sha256: Digest,
-    /// Path of the download.
-    pub url: String,
-}
-
-#[derive(Clone, Debug, Serialize, ToSchema)]
-pub struct Runs {
-    pub runs: Vec<Run>,
-    /// The `before` of the following page.
-    pub next: Option<i64>,
-}
-
-/// A metric over steps, thinned out to the points asked for.
-#[derive(Clone, Debug, Serialize, ToSchema)]
-pub struct Metric {
-    pub key: String,
-    /// By step.
-    pub points: Vec<MetricPoint>,
-    /// Points before thinning out.
-    pub recorded: u64,
-}
-
-#[derive(Clone, Debug, Serialize, ToSchema)]
-pub struct MetricPoint {
-    pub step: u64,
-    pub time: String,
-    /// `null` when it was not a finite number.
-    #[schema(value_type = Option<f64>)]
-    pub value: f64,
-}
 
 impl App {
     pub async fn run(&self, id: i64) -> Result<Run, ApiError> {
@@ -104,7 +34,7 @@ impl App {
         }
         Ok(Metric {
             key: series.key,
-            points: series.points.iter().map(MetricPoint::from).collect(),
+            points: series.points.iter().map(point).collect(),
             recorded: series.recorded,
         })
     }
@@ -116,11 +46,11 @@ impl App {
         key: &str,
     ) -> Result<Option<LatestMetric>, ApiError> {
         let Some(run) = self.store.job(JobId(job)).await?.run else { return Ok(None) };
-        let latest = self.store.latest_metrics(&[run]).await?;
-        Ok(latest
+        let recorded = self.store.latest_metrics(&[run]).await?;
+        Ok(recorded
             .into_iter()
             .find(|(_, found, _)| found == key)
-            .map(|(_, _, point)| LatestMetric { step: point.step, value: point.value }))
+            .map(|(_, _, point)| latest(&point)))
     }
 
     pub async fn run_artifact(&self, run: i64, name: &str) -> Result<Download, ApiError> {
@@ -150,10 +80,8 @@ impl App {
     }
 
     async fn complete_run(&self, row: store::Run) -> Result<Run, ApiError> {
-        let latest = self.store.latest_metrics(&[row.id]).await?;
-        let metrics = latest
-            .into_iter()
-            .map(|(_, key, point)| (key, LatestMetric { step: point.step, value: point.value }));
+        let recorded = self.store.latest_metrics(&[row.id]).await?;
+        let metrics = recorded.into_iter().map(|(_, key, point)| (key, latest(&point)));
         Ok(Run {
             metrics: metrics.collect(),
             artifacts: self.artifacts(row.id).await?,
@@ -170,8 +98,15 @@ impl App {
     }
 }
 
-impl From<&SeriesPoint> for MetricPoint {
-    fn from(point: &SeriesPoint) -> Self {
-        Self { step: point.step, time: point.time.to_string(), value: point.value }
-    }
+fn latest(point: &SeriesPoint) -> LatestMetric {
+    LatestMetric { step: point.step, value: finite(point.value) }
+}
+
+fn point(point: &SeriesPoint) -> MetricPoint {
+    MetricPoint { step: point.step, time: point.time.to_string(), value: finite(point.value) }
+}
+
+/// JSON has no other numbers.
+fn finite(value: f64) -> Option<f64> {
+    Some(value).filter(|value| value.is_finite())
 }

@@ -8,13 +8,13 @@ use std::time::Instant;
 use serde::{Deserialize, Serialize};
 use spec::JOINTS;
 use tokio::time::timeout;
+use wire::Problem;
 
 use crate::app::predictions::{HeldModel, PredictedScenario, PredictingModel, milliseconds};
 use crate::app::questions::{PredictionSampling, Row, Violations, read};
 use crate::error::ApiError;
 use crate::limits::REQUEST_TIMEOUT;
 use crate::live::{AboutModel, Answer, Lane, Previous, Question};
-use crate::problem::Problem;
 
 /// What a client sends.
 #[derive(Debug, Deserialize)]

@@ -3,8 +3,9 @@
 use jobs::Limits;
 use spec::JobSpec;
 use store::{Idempotency, JobId};
+use wire::Job;
 
-use crate::app::{App, Job};
+use crate::app::App;
 use crate::error::ApiError;
 
 pub use store::Reuse;

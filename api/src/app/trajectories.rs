@@ -1,6 +1,6 @@
 //! Single trajectories of a dataset.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::HashMap;
 use std::sync::Arc;
 
 use arrow::array::{Array, AsArray, RecordBatch};
@@ -9,37 +9,13 @@ use arrow::datatypes::{
 };
 use arrow::error::ArrowError;
 use arrow::ipc::writer::StreamWriter;
-use serde::Serialize;
 use serde_json::{Map, Value};
 use spec::{Column, DataSpec, JobSpec};
-use store::{DatasetId, DatasetState, STEP, Shard, StoreError, TRAJECTORY, TableReader};
-use utoipa::ToSchema;
+use store::{DatasetId, STEP, Shard, StoreError, TRAJECTORY, TableReader};
+use wire::{DatasetState, Trajectory};
 
 use crate::app::App;
 use crate::error::ApiError;
-
-/// One trajectory: its robot, and its channels over time.
-#[derive(Clone, Debug, Serialize, ToSchema)]
-pub struct Trajectory {
-    pub dataset: i64,
-    /// Its index in the dataset.
-    pub trajectory: u64,
-    /// The shard that holds it.
-    pub shard: u32,
-    pub rate_hz: f64,
-    pub samples: u64,
-    /// Of each sample, from the first one on.
-    pub time_s: Vec<f64>,
-    /// A value per sample: `u1` to `u7`, `q1` to `q7` and what else was recorded. A value that is
-    /// not a number is `null`.
-    #[schema(value_type = BTreeMap<String, Vec<f64>>)]
-    pub columns: BTreeMap<String, Vec<f32>>,
-    /// Of the columns; those that are not listed have none.
-    pub units: BTreeMap<String, String>,
-    /// Its row of the other table. Of a simulation: all that made it, by the columns that
-    /// `dataset.json` explains. Of an import: where in the file it comes from.
-    pub robot: Map<String, Value>,
-}
 
 /// A trajectory as it lies in its dataset.
 #[derive(Clone, Debug)]
@@ -195,8 +171,10 @@ impl StoredTrajectory {
         let units = self.channels().filter_map(|channel| {
             Some((channel.column.name.clone(), channel.column.unit.clone()?))
         });
-        let columns =
-            self.channels().map(|it| (it.column.name.clone(), it.values.to_vec())).collect();
+        let finite = |value: &f32| Some(*value).filter(|value| value.is_finite());
+        let columns = self.channels().map(|channel| {
+            (channel.column.name.clone(), channel.values.iter().map(finite).collect())
+        });
         Trajectory {
             dataset: self.dataset,
             trajectory: self.index,
@@ -204,7 +182,7 @@ impl StoredTrajectory {
             rate_hz: self.rate_hz,
             samples: self.samples.num_rows() as u64,
             time_s: self.times().collect(),
-            columns,
+            columns: columns.collect(),
             units: units.collect(),
             robot: self.robot.clone(),
         }

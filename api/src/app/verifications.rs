@@ -1,12 +1,11 @@
 //! Verifications: datasets made again and compared with what is stored.
 
-use serde::Serialize;
 use spec::{DataSource, Execution, JobKind, JobSpec, VerifySpec};
-use store::{DatasetId, DatasetState, JobId, JobState, Reuse, TaskState};
-use utoipa::ToSchema;
+use store::{DatasetId, JobId, Reuse};
+use wire::{DatasetState, Job, TaskState, Verification};
 
+use crate::app::App;
 use crate::app::jobs::text;
-use crate::app::{App, Job};
 use crate::error::ApiError;
 
 /// What its job is called.
@@ -14,25 +13,6 @@ const KIND: &str = JobKind::Verify.as_str();
 
 /// Remarks shown of a verification; a dataset of another version has one per shard.
 const REMARKS: usize = 5;
-
-/// What came of comparing a dataset with the same trajectories made again.
-#[derive(Clone, Debug, Serialize, ToSchema)]
-pub struct Verification {
-    pub job: i64,
-    /// `succeeded` when nothing differs.
-    #[schema(value_type = String, example = "succeeded")]
-    pub state: JobState,
-    pub shards: u64,
-    /// Shards that have been compared, without a difference in any value.
-    pub shards_verified: u64,
-    /// Those of them whose bytes are the same, to the last one.
-    pub shards_identical: u64,
-    /// What else there is to say of shards that were compared, a few of all.
-    pub remarks: Vec<String>,
-    /// The first difference, or why the dataset could not be compared.
-    pub error: Option<String>,
-    pub finished_at: Option<String>,
-}
 
 impl App {
     /// Queues a verification of this very dataset, whatever was verified before.

@@ -1,6 +1,7 @@
 //! The channels of a dataset in a table.
 
-use crate::app::ChannelSummary;
+use wire::ChannelSummary;
+
 use crate::page::text;
 
 pub struct ChannelRow {

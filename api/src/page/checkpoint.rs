@@ -4,8 +4,9 @@ use askama::Template;
 use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::Response;
+use wire::{Checkpoint, StoredFile};
 
-use crate::app::{App, Checkpoint, Extents, StoredFile};
+use crate::app::{App, Extents};
 use crate::extract::Path;
 use crate::page::parts::{Commands, Fact, FileRow};
 use crate::page::spec_text::spec_text;

@@ -1,6 +1,8 @@
 //! What a control job found, on its page: figures, and numbers with their intervals.
 
-use crate::app::{App, ControlReport, Interval, Job, ReportedController};
+use wire::{ControlReport, ControllerSummary, Interval, Job};
+
+use crate::app::App;
 use crate::error::ApiError;
 use crate::page::text;
 
@@ -48,7 +50,7 @@ pub struct FileLink {
 impl ClosedLoop {
     /// `None` of a job that has no report yet.
     pub async fn of(app: &App, job: &Job) -> Result<Option<Self>, ApiError> {
-        let (Some(report), Some(run)) = (app.control_report(job).await?, job.run) else {
+        let (Some(report), Some(run)) = (app.report(job.id).await?, job.run) else {
             return Ok(None);
         };
         let artifacts = app.run(run).await?.artifacts;
@@ -94,9 +96,9 @@ impl ClosedLoop {
 
 /// The tracking errors, in a line.
 pub fn headline(report: &ControlReport) -> String {
-    let of = |controller: &ReportedController| match controller.rms_deg {
-        Some(rms) => format!("{} {}°", controller.name, text::degrees(rms.mean)),
-        None => format!("{} failed", controller.name),
+    let of = |controller: &ControllerSummary| match controller.rms_deg {
+        Some(rms) => format!("{} {}°", controller.info.name, text::degrees(rms.mean)),
+        None => format!("{} failed", controller.info.name),
     };
     report.controllers.iter().map(of).collect::<Vec<_>>().join(", ")
 }
@@ -121,12 +123,14 @@ fn setting(report: &ControlReport) -> String {
 }
 
 impl ControllerRow {
-    fn new(controller: &ReportedController) -> Self {
+    fn new(controller: &ControllerSummary) -> Self {
         let number = |value: Option<f64>| value.map_or_else(none, text::degrees);
         let failure = controller.failure.as_ref();
-        let joints = controller.joint_rms_deg.map(|joints| joints.map(text::degrees).join(" "));
+        let joints = controller.joint_rms_deg.as_ref().map(|joints| {
+            joints.iter().map(|rms| text::degrees(*rms)).collect::<Vec<_>>().join(" ")
+        });
         Self {
-            name: controller.name.clone(),
+            name: controller.info.name.clone(),
             failure: failure.map_or(String::new(), |reason| {
                 format!("failed on {} robots: {reason}", controller.failed)
             }),

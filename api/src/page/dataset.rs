@@ -6,8 +6,9 @@ use axum::http::HeaderMap;
 use axum::response::{IntoResponse, Redirect, Response};
 use serde::Deserialize;
 use spec::JobKind;
+use wire::{Dataset, DatasetFile, FileKind, JobState};
 
-use crate::app::{App, Dataset, DatasetFile, FileKind, JobState};
+use crate::app::App;
 use crate::extract::{Path, Query};
 use crate::page::channels::ChannelRow;
 use crate::page::parts::{Commands, Fact, FileRow, when};

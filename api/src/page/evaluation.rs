@@ -3,8 +3,9 @@
 use askama::Template;
 use axum::extract::State;
 use axum::response::Response;
+use wire::{Artifact, CellTask, JobState};
 
-use crate::app::{App, Artifact, CellTask, JobState};
+use crate::app::App;
 use crate::extract::Path;
 use crate::page::parts::{Bar, when};
 use crate::page::report::ReportView;
@@ -48,7 +49,6 @@ pub async fn show(
 ) -> Result<Response, PageError> {
     let evaluation = app.evaluation(id).await?;
     let job = app.job(id).await?;
-    let report = evaluation.read_report();
     let page = EvaluationPage {
         id,
         name: job.name.clone(),
@@ -58,7 +58,7 @@ pub async fn show(
         can_cancel: !job.state.is_final(),
         error: job.error.clone().unwrap_or_default(),
         progress: Bar::of(job.state, &job.progress),
-        report: report.as_ref().map(ReportView::new),
+        report: evaluation.report.as_ref().map(ReportView::new),
         can_retry: matches!(job.state, JobState::Failed | JobState::Cancelled),
         figures: figures(&evaluation.artifacts),
         artifacts: evaluation

@@ -6,8 +6,9 @@ use axum::http::HeaderMap;
 use axum::response::Response;
 use serde::Deserialize;
 use spec::JobKind;
+use wire::{Job, JobState};
 
-use crate::app::{App, Job, JobState};
+use crate::app::App;
 use crate::error::ApiError;
 use crate::extract::Query;
 use crate::page::parts::{Commands, when};

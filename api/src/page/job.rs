@@ -5,8 +5,9 @@ use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::{IntoResponse, Redirect, Response};
 use spec::JobKind;
+use wire::{JobState, Task, TaskState};
 
-use crate::app::{App, JobState, Task, TaskState};
+use crate::app::App;
 use crate::error::ApiError;
 use crate::extract::Path;
 use crate::page::control::ClosedLoop;

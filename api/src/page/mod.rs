@@ -26,10 +26,10 @@ use axum::http::header::{ACCEPT, CACHE_CONTROL, CONTENT_TYPE};
 use axum::http::request::Parts;
 use axum::response::{IntoResponse, Response};
 use axum::routing::{get, post};
+use wire::Problem;
 
 use crate::app::App;
 use crate::error::ApiError;
-use crate::problem::Problem;
 
 pub fn routes() -> Router<App> {
     Router::new()
@@ -81,7 +81,7 @@ impl IntoResponse for PageError {
         let page = ProblemPage { problem: error.to_problem() };
         let mut response = match html(&page) {
             Ok(body) => (error.status(), body).into_response(),
-            Err(_) => error.to_problem().into_response(),
+            Err(_) => error.to_json(),
         };
         error.add_headers(&mut response);
         response

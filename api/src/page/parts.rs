@@ -2,8 +2,9 @@
 
 use axum::http::HeaderMap;
 use axum::http::header::HOST;
+use wire::{Job, JobState, Progress};
 
-use crate::app::{App, Job, JobState, Progress};
+use crate::app::App;
 use crate::page::text;
 
 /// A progress bar and the words below it.

@@ -1,8 +1,9 @@
 //! What became of a file that was imported.
 
 use serde::Deserialize;
+use wire::Job;
 
-use crate::app::{App, Job};
+use crate::app::App;
 use crate::error::ApiError;
 use crate::page::parts::Fact;
 use crate::page::text;

@@ -1,10 +1,11 @@
 //! The report of an evaluation as tables.
 
 use spec::{Family, Normalization};
-
-use crate::app::{
-    Interval, PairedDifference, PredictorKind, Report, ReportedFailure, ReportedPredictor, Rmse,
+use wire::{
+    FailureSummary, Interval, PairedDifference, PredictorInfo, PredictorKind, PredictorSummary,
+    Report,
 };
+
 use crate::page::text;
 
 pub struct ReportView {
@@ -193,7 +194,7 @@ fn distributions(report: &Report) -> Vec<DistributionRow> {
 
 /// Of each predictor the worst, which comes first.
 fn worst(report: &Report) -> Vec<WorstRow> {
-    let of = |info: &ReportedPredictor| {
+    let of = |info: &PredictorInfo| {
         let case = report.worst.iter().find(|case| case.predictor == info.name)?;
         Some(WorstRow {
             predictor: case.predictor.clone(),
@@ -207,8 +208,8 @@ fn worst(report: &Report) -> Vec<WorstRow> {
 }
 
 impl FailureRow {
-    fn new(failure: &ReportedFailure) -> Self {
-        let ReportedFailure { scenarios, first, reason, .. } = failure;
+    fn new(failure: &FailureSummary) -> Self {
+        let FailureSummary { scenarios, first, reason, .. } = failure;
         Self {
             predictor: failure.predictor.clone(),
             cell: cell_name(failure.family, failure.frequency_hz),
@@ -218,7 +219,7 @@ impl FailureRow {
 }
 
 impl LatencyRow {
-    fn of(predictor: &ReportedPredictor) -> Option<Self> {
+    fn of(predictor: &PredictorInfo) -> Option<Self> {
         let latency = predictor.latency.as_ref()?;
         Some(Self {
             predictor: predictor.name.clone(),
@@ -230,29 +231,29 @@ impl LatencyRow {
 
 /// The values of `found` in the order of `predictors`, the best marked of those that are not told the
 /// future.
-fn row(predictors: &[ReportedPredictor], found: &[Rmse]) -> Vec<Cell> {
-    let of =
-        |predictor: &ReportedPredictor| found.iter().find(|rmse| rmse.predictor == predictor.name);
+fn row(predictors: &[PredictorInfo], found: &[PredictorSummary]) -> Vec<Cell> {
+    let of = |predictor: &PredictorInfo| found.iter().find(|rmse| rmse.predictor == predictor.name);
     let honest = || predictors.iter().filter(|it| !it.sees_the_future());
-    let lowest = honest().filter_map(of).map(|rmse| rmse.mean).fold(f64::INFINITY, f64::min);
+    let lowest =
+        honest().filter_map(of).map(|rmse| rmse.interval.mean).fold(f64::INFINITY, f64::min);
     predictors
         .iter()
         .map(|predictor| match of(predictor) {
             Some(rmse) => Cell {
-                mean: text::degrees(rmse.mean),
-                interval: interval(rmse.low, rmse.high),
-                best: rmse.mean <= lowest && !predictor.sees_the_future(),
+                mean: text::degrees(rmse.interval.mean),
+                interval: interval(rmse.interval),
+                best: rmse.interval.mean <= lowest && !predictor.sees_the_future(),
             },
             None => Cell { mean: "–".to_owned(), interval: String::new(), best: false },
         })
         .collect()
 }
 
-fn interval(low: f64, high: f64) -> String {
+fn interval(Interval { low, high, .. }: Interval) -> String {
     format!("[{}, {}]", text::degrees(low), text::degrees(high))
 }
 
-fn transpose(predictors: &[ReportedPredictor], by_group: Vec<Vec<Cell>>) -> Vec<SummaryRow> {
+fn transpose(predictors: &[PredictorInfo], by_group: Vec<Vec<Cell>>) -> Vec<SummaryRow> {
     let mut rows: Vec<SummaryRow> = predictors
         .iter()
         .map(|it| SummaryRow {
@@ -269,7 +270,7 @@ fn transpose(predictors: &[ReportedPredictor], by_group: Vec<Vec<Cell>>) -> Vec<
     rows
 }
 
-fn remark(predictor: &ReportedPredictor) -> &'static str {
+fn remark(predictor: &PredictorInfo) -> &'static str {
     match predictor.kind {
         PredictorKind::Baseline => "baseline",
         PredictorKind::Checkpoint if !predictor.sees_the_future() => "",
@@ -306,16 +307,20 @@ impl PairedRow {
 pub fn headline(report: &Report) -> String {
     let Some(group) = report.groups.first() else { return String::new() };
     let best = |kind: PredictorKind| {
-        let of_kind = |rmse: &&Rmse| {
-            let of_kind = |it: &&ReportedPredictor| it.kind == kind && !it.sees_the_future();
+        let of_kind = |rmse: &&PredictorSummary| {
+            let of_kind = |it: &&PredictorInfo| it.kind == kind && !it.sees_the_future();
             report.predictors.iter().filter(of_kind).any(|it| it.name == rmse.predictor)
         };
-        group.rmse_deg.iter().filter(of_kind).min_by(|a, b| a.mean.total_cmp(&b.mean))
+        group
+            .rmse_deg
+            .iter()
+            .filter(of_kind)
+            .min_by(|a, b| a.interval.mean.total_cmp(&b.interval.mean))
     };
     let parts: Vec<String> = [best(PredictorKind::Checkpoint), best(PredictorKind::Baseline)]
         .into_iter()
         .flatten()
-        .map(|rmse| format!("{} {}°", rmse.predictor, text::degrees(rmse.mean)))
+        .map(|rmse| format!("{} {}°", rmse.predictor, text::degrees(rmse.interval.mean)))
         .collect();
     match parts.as_slice() {
         [] => String::new(),
@@ -341,7 +346,7 @@ mod tests {
                    "difference_deg": {"mean": (low + high) / 2.0, "low": low, "high": high}})
         };
         serde_json::from_value(json!({
-            "context": 320, "horizon": 80, "rate_hz": 60.0,
+            "context": 320, "horizon": 80, "rate_hz": 60.0, "bootstrap": {}, "samples": 1,
             "predictors": [
                 {"name": "hold-last", "kind": "baseline"},
                 {"name": "robomorph", "kind": "checkpoint", "normalization": "context"},

@@ -1,8 +1,9 @@
 //! Jobs in a row: how far each is, what it found, and where to look.
 
 use spec::JobKind;
+use wire::{Job, JobState, Member};
 
-use crate::app::{App, Job, JobState, Member, Report};
+use crate::app::App;
 use crate::error::ApiError;
 use crate::page::control;
 use crate::page::parts::{Bar, Link};
@@ -96,16 +97,16 @@ async fn key_metric(app: &App, job: &Job) -> Result<String, ApiError> {
         (JobKind::Train, _) => {
             let latest = app.latest_metric_of_job(job.id, "validation/rmse_deg").await?;
             Ok(latest.map_or(String::new(), |latest| {
-                format!("validation RMSE {}°", text::degrees(latest.value))
+                let rmse_deg = latest.value.unwrap_or(f64::NAN);
+                format!("validation RMSE {}°", text::degrees(rmse_deg))
             }))
         }
         (JobKind::Evaluate, _) => {
-            let report: Option<Report> =
-                app.report(job.id).await?.and_then(|report| serde_json::from_value(report).ok());
+            let report = app.report(job.id).await?;
             Ok(report.as_ref().map_or(String::new(), headline))
         }
         (JobKind::Control, _) => {
-            let report = app.control_report(job).await?;
+            let report = app.report(job.id).await?;
             Ok(report.as_ref().map_or(String::new(), control::headline))
         }
         _ => Ok(String::new()),

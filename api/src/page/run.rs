@@ -5,8 +5,9 @@ use axum::extract::State;
 use axum::response::{IntoResponse, Redirect, Response};
 use figures::Size;
 use spec::{JobKind, ValidationMetric};
+use wire::{Checkpoint, JobState, LatestMetric};
 
-use crate::app::{App, Checkpoint, JobState, LatestMetric};
+use crate::app::App;
 use crate::extract::Path;
 use crate::page::checkpoint::marks;
 use crate::page::parts::{Bar, Fact, when};
@@ -73,7 +74,11 @@ pub async fn show(
 }
 
 fn fact(key: &str, latest: &LatestMetric) -> Fact {
-    Fact::new(key, text::value(latest.value), format!("at step {}", text::count(latest.step)))
+    Fact::new(
+        key,
+        text::value(latest.value.unwrap_or(f64::NAN)),
+        format!("at step {}", text::count(latest.step)),
+    )
 }
 
 impl From<&Checkpoint> for CheckpointRow {

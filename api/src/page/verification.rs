@@ -1,6 +1,7 @@
 //! The outcome of a verification in words.
 
-use crate::app::{JobState, Verification};
+use wire::{JobState, Verification};
+
 use crate::page::text;
 
 /// What there is to say about the newest verification of a dataset.

@@ -1,8 +1,9 @@
 //! One trajectory of a dataset, and the way to the others.
 
 use serde_json::{Map, Value};
+use wire::{Dataset, Summary};
 
-use crate::app::{App, Dataset, Summary};
+use crate::app::App;
 use crate::error::ApiError;
 use crate::page::parts::Fact;
 use crate::page::text;

@@ -4,8 +4,9 @@ use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderMap, Method};
 use axum::response::Response;
+use wire::{Checkpoint, Checkpoints};
 
-use crate::app::{App, Checkpoint, Checkpoints};
+use crate::app::App;
 use crate::error::ApiError;
 use crate::extract::{Path, Query};
 use crate::routes::{FileResponses, ListParameters, send};

@@ -5,8 +5,9 @@ use axum::extract::State;
 use axum::http::header::LOCATION;
 use axum::http::{HeaderMap, Method, StatusCode};
 use axum::response::{IntoResponse, Response};
+use wire::{Dataset, Datasets, Job};
 
-use crate::app::{App, Dataset, Datasets, Job};
+use crate::app::App;
 use crate::error::ApiError;
 use crate::extract::{Path, Query};
 use crate::routes::{FileResponses, ListParameters, send};

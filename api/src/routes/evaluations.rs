@@ -2,8 +2,9 @@
 
 use axum::Json;
 use axum::extract::State;
+use wire::{Evaluation, Evaluations};
 
-use crate::app::{App, Evaluation, Evaluations};
+use crate::app::App;
 use crate::error::ApiError;
 use crate::extract::{Path, Query};
 use crate::routes::ListParameters;

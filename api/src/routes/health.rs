@@ -2,21 +2,11 @@
 
 use axum::Json;
 use axum::extract::State;
-use serde::Serialize;
-use utoipa::ToSchema;
+use wire::Health;
 
 use crate::VERSION;
 use crate::app::App;
 use crate::error::ApiError;
-
-#[derive(Serialize, ToSchema)]
-pub struct Health {
-    #[schema(example = "ok")]
-    pub status: &'static str,
-    pub version: &'static str,
-    /// Version of the database's schema.
-    pub database_schema: i64,
-}
 
 /// Answers when the database does; needs no token.
 #[utoipa::path(
@@ -28,5 +18,5 @@ pub struct Health {
 )]
 pub async fn show(State(app): State<App>) -> Result<Json<Health>, ApiError> {
     let database_schema = app.database_schema().await?;
-    Ok(Json(Health { status: "ok", version: VERSION, database_schema }))
+    Ok(Json(Health { status: "ok".to_owned(), version: VERSION.to_owned(), database_schema }))
 }

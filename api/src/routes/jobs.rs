@@ -7,9 +7,11 @@ use axum::http::header::LOCATION;
 use axum::response::{IntoResponse, Response};
 use serde::Deserialize;
 use spec::{JobKind, JobSpec};
+use store::JobFilter;
 use utoipa::IntoParams;
+use wire::{Job, JobState, Jobs, Tasks};
 
-use crate::app::{App, Job, JobFilter, JobState, Jobs, Paging, Reuse, Submitted, Tasks};
+use crate::app::{App, Paging, Reuse, Submitted};
 use crate::error::ApiError;
 use crate::extract::{IdempotencyKey, JsonBytes, Path, Query};
 
@@ -24,7 +26,7 @@ pub struct SubmitParameters {
 #[derive(Deserialize, IntoParams)]
 #[into_params(parameter_in = Query)]
 pub struct ListParameters {
-    #[param(value_type = Option<String>, inline)]
+    #[param(inline)]
     state: Option<JobState>,
     #[param(inline)]
     kind: Option<JobKind>,

@@ -4,8 +4,7 @@ use std::collections::BTreeMap;
 
 use utoipa::openapi::{self, ContentBuilder, Ref, RefOr, ResponseBuilder, ResponsesBuilder};
 use utoipa::{IntoResponses, PartialSchema as _};
-
-use crate::problem::Problem;
+use wire::Problem;
 
 #[derive(utoipa::OpenApi)]
 #[openapi(
@@ -19,8 +18,9 @@ use crate::problem::Problem;
         license(name = "MIT OR Apache-2.0", identifier = "MIT OR Apache-2.0"),
     ),
     security((), ("token" = [])),
-    // Its schema and that of a job refer to each other, which the derive does not follow.
-    components(schemas(Problem, spec::PipelineMember)),
+    // The schemas of a pipeline's member and of a job refer to each other, which the derive does not
+    // follow. The report of a control job is an artifact.
+    components(schemas(Problem, spec::PipelineMember, wire::ControlReport)),
     modifiers(&TokenScheme),
 )]
 pub struct Document;

@@ -1,14 +1,7 @@
 //! Named starting points of specs.
 
 use axum::Json;
-use serde::Serialize;
-use spec::Preset;
-use utoipa::ToSchema;
-
-#[derive(Serialize, ToSchema)]
-pub struct Presets {
-    pub presets: Vec<Preset>,
-}
+use wire::Presets;
 
 /// Every preset with the spec it stands for.
 #[utoipa::path(

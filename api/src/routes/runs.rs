@@ -8,8 +8,9 @@ use axum::response::{IntoResponse, Response};
 use figures::Size;
 use serde::Deserialize;
 use utoipa::IntoParams;
+use wire::{Metric, Run, Runs};
 
-use crate::app::{App, Metric, Run, Runs};
+use crate::app::App;
 use crate::error::ApiError;
 use crate::extract::{Path, Query};
 use crate::limits::{POINTS_DEFAULT, POINTS_MAXIMUM};

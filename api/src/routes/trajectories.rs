@@ -7,8 +7,9 @@ use axum::http::{HeaderMap, HeaderName};
 use axum::response::{IntoResponse, Response};
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
+use wire::{Summary, Trajectory};
 
-use crate::app::{App, Summary, Trajectory};
+use crate::app::App;
 use crate::charts;
 use crate::error::ApiError;
 use crate::extract::{Path, Query};

@@ -8,8 +8,9 @@ use axum::response::{IntoResponse, Response};
 use serde::Deserialize;
 use spec::ImportSpec;
 use utoipa::{IntoParams, ToSchema};
+use wire::Job;
 
-use crate::app::{App, Job, Reuse};
+use crate::app::{App, Reuse};
 use crate::error::ApiError;
 use crate::extract::{IdempotencyKey, Query};
 use crate::upload::IncomingFile;

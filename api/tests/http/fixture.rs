@@ -326,12 +326,12 @@ pub fn report() -> Value {
     let cell = |frequency_hz: f64, in_distribution: bool, values: [f64; 4]| {
         json!({
             "family": "multisine", "frequency_hz": frequency_hz, "scenarios": 10,
-            "in_distribution": in_distribution, "rmse_deg": rmse(values),
+            "in_distribution": in_distribution, "rmse_deg": rmse(values), "scores": [],
         })
     };
     json!({
         "context": 320, "horizon": 80, "rate_hz": 60.0,
-        "bootstrap": {"resamples": 2000, "seed": 0},
+        "bootstrap": {"resamples": 2000, "seed": 0}, "samples": 1,
         "predictors": [
             {"name": "hold-last", "kind": "baseline"},
             {"name": "damped-integrator", "kind": "baseline"},
@@ -345,10 +345,12 @@ pub fn report() -> Value {
             cell(0.3, false, [10.02, 3.21, 2.94, 3.87]),
         ],
         "groups": [
-            {"name": "in distribution", "scenarios": 10, "rmse_deg": rmse([7.61, 1.52, 1.31, 1.18])},
-            {"name": "out of distribution", "scenarios": 10,
+            {"name": "in distribution", "scenarios": 10, "scores": [],
+             "rmse_deg": rmse([7.61, 1.52, 1.31, 1.18])},
+            {"name": "out of distribution", "scenarios": 10, "scores": [],
              "rmse_deg": rmse([10.02, 3.21, 2.94, 3.87])},
         ],
+        "failures": [], "worst": [],
         "paired": [
             paired("in distribution", "hold-last", -6.43, 0.4),
             paired("in distribution", "damped-integrator", -0.34, 0.12),

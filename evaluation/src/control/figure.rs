@@ -1,9 +1,9 @@
 //! How robots followed their paths, drawn.
 
 use figures::{Axis, Figure, FigureError, Mark, Point, Series, Size, Stroke, stacked};
+use wire::{ControlReport, PredictorKind};
 
-use super::{ControlReport, RobotTrials, Trace};
-use crate::PredictorKind;
+use super::{RobotTrials, Trace};
 
 /// Joints of [`robot_figure`]: the first, one in the middle and the last.
 const JOINTS_SHOWN: [usize; 3] = [0, 3, 6];

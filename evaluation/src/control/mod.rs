@@ -16,7 +16,5 @@ pub use figure::{robot_figure, tracking_figure};
 pub use forecast::{Controller, Forecast, Foreseen, Now, Simulated};
 pub use plant::Plant;
 pub use reference::Reference;
-pub use summary::{
-    ControlDifference, ControlReport, ControllerInfo, ControllerSummary, PlanTime, summarize,
-};
+pub use summary::summarize;
 pub use trial::{Experiment, RobotTrials, Trace, Tracking, Trial};

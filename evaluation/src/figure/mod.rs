@@ -5,10 +5,9 @@ mod over_steps;
 
 use figures::{Axis, Figure, Mark, Point, SERIES_ALLOWED, Scale, Series, Stroke};
 
-use crate::{GroupSummary, Interval, PredictorInfo, PredictorKind, PredictorScores, Report};
-
 pub use over_frequency::{crps_figure, rmse_figure};
 pub use over_steps::{latency_figure, sampler_steps_figure};
+use wire::{GroupSummary, Interval, PredictorInfo, PredictorKind, PredictorScores, Report};
 
 /// RMSE of every predictor at each step of the horizon, over the scenarios of one group.
 pub fn horizon_figure(report: &Report, group: &GroupSummary) -> Figure {
@@ -96,7 +95,9 @@ fn point(x: f64, Interval { mean, low, high }: Interval) -> Point {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Calibration, PredictorSummary};
+    use wire::{Calibration, PredictorSummary};
+
+    use crate::report::tests::named;
 
     pub(super) fn report(predictors: Vec<PredictorInfo>, scores: Vec<PredictorScores>) -> Report {
         let rmse = |info: &PredictorInfo| PredictorSummary {
@@ -136,10 +137,8 @@ mod tests {
 
     #[test]
     fn errors_along_the_horizon_begin_one_period_after_the_last_known_position() {
-        let report = report(
-            vec![PredictorInfo::named("held", PredictorKind::Baseline)],
-            vec![scores("held", Vec::new())],
-        );
+        let report =
+            report(vec![named("held", PredictorKind::Baseline)], vec![scores("held", Vec::new())]);
         let figure = horizon_figure(&report, &report.groups[0]);
         assert_eq!(figure.series[0].points[0], Point::new(1.0 / 60.0, 0.1));
         assert!(figure.to_svg(figures::Size::PAGE).is_ok());
@@ -149,10 +148,7 @@ mod tests {
     fn only_predictors_with_samples_are_in_the_calibration() {
         let calibrated = vec![Calibration { nominal: 0.5, coverage: 0.4 }];
         let report = report(
-            vec![
-                PredictorInfo::named("held", PredictorKind::Baseline),
-                PredictorInfo::named("cdt", PredictorKind::Checkpoint),
-            ],
+            vec![named("held", PredictorKind::Baseline), named("cdt", PredictorKind::Checkpoint)],
             vec![scores("held", Vec::new()), scores("cdt", calibrated)],
         );
         let figure = calibration_figure(&report, &report.groups[0]);

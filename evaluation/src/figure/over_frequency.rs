@@ -1,8 +1,8 @@
 use figures::{Band, Figure, Point, SERIES_ALLOWED, Scale, Series};
 use spec::Family;
+use wire::{CellSummary, Interval, PredictorInfo, Report};
 
 use super::{axis, drawn, line, point};
-use crate::{CellSummary, Interval, PredictorInfo, Report};
 
 /// RMSE over frequency of one excitation family, the training's frequencies shaded.
 pub fn rmse_figure(report: &Report, family: Family) -> Figure {

@@ -1,7 +1,7 @@
 use figures::{Figure, Mark, Point, SERIES_ALLOWED, Scale, Series, Stroke};
+use wire::{GroupSummary, PredictorInfo, Report, SamplingInfo};
 
 use super::{axis, point};
-use crate::{GroupSummary, PredictorInfo, Report, SamplingInfo};
 
 /// RMSE over the sampler's steps on the scenarios of one group, a curve for each set of predictors
 /// that differ in nothing else.
@@ -70,7 +70,9 @@ mod tests {
 
     use super::super::tests::report;
     use super::*;
-    use crate::{Latency, PredictorKind};
+    use wire::{Latency, PredictorKind};
+
+    use crate::report::tests::named;
 
     fn sampled(curve: &str, steps: u32) -> PredictorInfo {
         PredictorInfo {
@@ -88,13 +90,13 @@ mod tests {
                 device: "cpu".to_owned(),
                 load: None,
             }),
-            ..PredictorInfo::named(&format!("{curve} {steps}"), PredictorKind::Checkpoint)
+            ..named(&format!("{curve} {steps}"), PredictorKind::Checkpoint)
         }
     }
 
     #[test]
     fn predictors_that_differ_in_steps_are_one_curve_in_their_order() {
-        let held = PredictorInfo::named("hold-last", PredictorKind::Baseline);
+        let held = named("hold-last", PredictorKind::Baseline);
         let predictors = vec![held, sampled("cold", 10), sampled("shifted", 5), sampled("cold", 2)];
         let report = report(predictors, Vec::new());
         for figure in [latency_figure(&report), sampler_steps_figure(&report, &report.groups[0])] {

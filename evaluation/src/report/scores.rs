@@ -2,11 +2,11 @@
 
 use rayon::prelude::*;
 use spec::{Bootstrap, JOINTS};
+use wire::{Calibration, Interval, IntervalSummary, PredictorInfo, PredictorScores};
 
 use super::summary::errors;
-use super::{Calibration, IntervalSummary, PredictorInfo, PredictorScores};
 use crate::scores::{PerJoint, SampleErrors, ScenarioErrors};
-use crate::{CALIBRATION, CellResult, INTERVALS, Interval, PredictorErrors, stratified_mean};
+use crate::{CALIBRATION, CellResult, INTERVALS, PredictorErrors, stratified_mean};
 
 /// Of the predictors that answered everything, where it was measured at all.
 pub(super) fn scores(
@@ -43,10 +43,8 @@ impl<'a> Measured<'a> {
     }
 
     fn scores(&self, predictor: &str) -> Option<PredictorScores> {
-        let mut joint_rmse_deg = [0.0; JOINTS];
-        for (joint, rmse) in joint_rmse_deg.iter_mut().enumerate() {
-            *rmse = self.mean(|errors| Some(f64::from(errors.rmse_deg[joint])))?;
-        }
+        let of_joint = |joint: usize| self.mean(|errors| Some(f64::from(errors.rmse_deg[joint])));
+        let joint_rmse_deg: Vec<f64> = (0..JOINTS).map(of_joint).collect::<Option<_>>()?;
         let jitter = |of: fn(&crate::Jitter) -> &PerJoint| {
             self.interval(|errors| errors.jitter.as_ref().map(|jitter| mean(of(jitter))))
         };

@@ -1,12 +1,12 @@
 use rayon::prelude::*;
 use spec::{Bootstrap, Excitation, Family, Range};
+use wire::{
+    CellSummary, FailureSummary, GroupSummary, Interval, PairedDifference, PredictorInfo,
+    PredictorKind, PredictorSummary, Report, TrainedOn, WorstCase,
+};
 
 use super::scores::scores;
-use super::{
-    CellSummary, FailureSummary, GroupSummary, PairedDifference, PredictorInfo, PredictorKind,
-    PredictorSummary, Report, TrainedOn, WorstCase,
-};
-use crate::{CellResult, EvaluationError, Interval, PredictorErrors, stratified_mean};
+use crate::{CellResult, EvaluationError, PredictorErrors, stratified_mean};
 
 /// Scenarios of each predictor that are listed as its worst.
 const WORST: usize = 10;
@@ -28,22 +28,19 @@ pub struct Setting {
     pub trained_on: Vec<Vec<TrainedOn>>,
 }
 
-impl TrainedOn {
-    /// What a training on `excitation` has seen.
-    pub fn of(excitation: &Excitation) -> impl Iterator<Item = Self> {
-        [Family::Chirp, Family::Multisine].into_iter().filter_map(|family| {
-            excitation.support(family).map(|frequency_hz| Self { family, frequency_hz })
-        })
-    }
+/// The frequencies that a training on `excitation` has seen.
+pub fn trained_on(excitation: &Excitation) -> impl Iterator<Item = TrainedOn> {
+    [Family::Chirp, Family::Multisine].into_iter().filter_map(|family| {
+        excitation.support(family).map(|frequency_hz| TrainedOn { family, frequency_hz })
+    })
+}
 
-    fn includes(&self, cell: &CellResult) -> bool {
-        // Grids are written in decimals, so 0.1 + 0.05 must count as 0.15.
-        const TOLERANCE_HZ: f64 = 1e-9;
-        let (min, max) =
-            (self.frequency_hz.min - TOLERANCE_HZ, self.frequency_hz.max + TOLERANCE_HZ);
-        cell.family == Some(self.family)
-            && cell.frequency_hz.is_some_and(|frequency_hz| (min..=max).contains(&frequency_hz))
-    }
+fn includes(seen: &TrainedOn, cell: &CellResult) -> bool {
+    // Grids are written in decimals, so 0.1 + 0.05 must count as 0.15.
+    const TOLERANCE_HZ: f64 = 1e-9;
+    let (min, max) = (seen.frequency_hz.min - TOLERANCE_HZ, seen.frequency_hz.max + TOLERANCE_HZ);
+    cell.family == Some(seen.family)
+        && cell.frequency_hz.is_some_and(|frequency_hz| (min..=max).contains(&frequency_hz))
 }
 
 /// Puts the cells of an evaluation together.
@@ -60,7 +57,7 @@ pub fn summarize(setting: Setting, results: &[CellResult]) -> Result<Report, Eva
     let Setting { predictors, trained_on, bootstrap, .. } = setting;
     let is_seen = |cell: &CellResult| {
         !trained_on.is_empty()
-            && trained_on.iter().all(|seen| seen.iter().any(|seen| seen.includes(cell)))
+            && trained_on.iter().all(|seen| seen.iter().any(|seen| includes(seen, cell)))
     };
     let (gridded, others): (Vec<&CellResult>, Vec<&CellResult>) =
         results.iter().partition(|cell| cell.frequency_hz.is_some());
@@ -126,8 +123,8 @@ pub fn paired_difference(
     Some(stratified_mean(&differences, bootstrap))
 }
 
-fn scenarios(cell: &CellResult) -> usize {
-    cell.predictors.first().map_or(0, |errors| errors.rmse_deg.len())
+fn scenarios(cell: &CellResult) -> u64 {
+    cell.predictors.first().map_or(0, |errors| errors.rmse_deg.len() as u64)
 }
 
 /// Of the predictors that answered everything.
@@ -210,7 +207,7 @@ fn failures(cell: &CellResult) -> impl Iterator<Item = FailureSummary> {
             predictor: errors.predictor.clone(),
             family: cell.family,
             frequency_hz: cell.frequency_hz,
-            scenarios: failure.scenarios,
+            scenarios: failure.scenarios as u64,
             first: cell.first + failure.first as u64,
             reason: failure.reason.clone(),
         })

@@ -3,11 +3,12 @@
 use std::ops::ControlFlow;
 
 use evaluation::control::{
-    Controller, ControllerInfo, Experiment, Foreseen, Plant, RobotTrials, Trace, Trial, summarize,
+    Controller, Experiment, Foreseen, Plant, RobotTrials, Trace, Trial, summarize,
 };
-use evaluation::{EvaluationError, Observed, Predictor, PredictorKind};
+use evaluation::{EvaluationError, Observed, Predictor};
 use serde_json::{Value, json};
 use spec::{ControlBaseline, ControlSpec, JOINTS, JobSpec, SimulateSpec};
+use wire::{ControllerInfo, PredictorKind};
 
 use super::simulation;
 

@@ -2,8 +2,8 @@
 
 use std::fmt::Write;
 
-use evaluation::{Interval, Latency, PredictorInfo, Report};
 use spec::Start;
+use wire::{Interval, Latency, PredictorInfo, Report};
 
 use crate::report::{Standing, degrees};
 

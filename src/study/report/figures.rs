@@ -1,7 +1,7 @@
 //! The figures of the evaluations, and one over all training sets.
 
-use evaluation::{Interval, PredictorKind};
 use figures::{Axis, Figure, Point, Series, Size};
+use wire::{Interval, PredictorKind};
 
 use super::super::{Evaluation, File, Set, Study};
 use super::{IN_DISTRIBUTION, OUT_OF_DISTRIBUTION, rmse};

@@ -1,8 +1,9 @@
 //! A study of made-up numbers: model k of training set s errs by k + s degrees in distribution and
 //! twice as much out of it.
 
-use evaluation::Report;
 use serde_json::{Value, json};
+use spec::Digest;
+use wire::Report;
 
 use super::super::{Evaluation, File, JobRecord, MODELS, Plan, Scale, Set, Study, Training};
 use super::{IN_DISTRIBUTION, OUT_OF_DISTRIBUTION};
@@ -44,14 +45,14 @@ fn record(name: &str, job: i64) -> JobRecord {
     JobRecord {
         name: name.to_owned(),
         job,
-        digest: format!("{job:064x}"),
+        digest: format!("{job:064x}").parse().unwrap(),
         seconds: Some(60.0),
         reused: false,
     }
 }
 
-fn digest(set: usize, model: usize) -> String {
-    format!("{:064x}", 100 * set + model)
+fn digest(set: usize, model: usize) -> Digest {
+    format!("{:064x}", 100 * set + model).parse().unwrap()
 }
 
 fn evaluation(name: &str, job: i64, report: Report) -> Evaluation {
@@ -110,7 +111,8 @@ fn warm_start_report(set: usize) -> Report {
             "name": format!("cdt ddpm {steps} {start}"), "kind": "checkpoint", "digest": digest(set, 4),
             "sampling": {"curve": format!("cdt ddpm {start}"), "kind": "ddpm", "steps": steps,
                 "start": start},
-            "latency": {"median_ms": p99_ms / 2.0, "p99_ms": p99_ms, "threads": 2},
+            "latency": {"median_ms": p99_ms / 2.0, "p99_ms": p99_ms, "threads": 2,
+                "repeats": 100, "device": "cpu"},
         })
     };
     let error = |predictor: &str, mean: f64| {
@@ -131,7 +133,7 @@ fn warm_start_report(set: usize) -> Report {
 
 fn report(parts: &Value) -> Report {
     let mut whole = json!({
-        "context": 320, "horizon": 80, "rate_hz": 60.0, "bootstrap": {}, "in_distribution": [],
+        "context": 320, "horizon": 80, "rate_hz": 60.0, "bootstrap": {}, "samples": 1, "in_distribution": [],
         "cells": [],
     });
     let (whole_fields, parts) = (whole.as_object_mut().unwrap(), parts.as_object().unwrap());

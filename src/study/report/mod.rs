@@ -9,8 +9,8 @@ mod text;
 use std::path::Path;
 
 use anyhow::Context;
-use evaluation::{Interval, Report};
 use spec::JobSpec;
+use wire::{Interval, Report};
 
 use super::{Set, Study};
 use folder::Folder;
@@ -85,9 +85,8 @@ impl Study {
 }
 
 impl Set {
-    fn is_trained_here(&self, predictor: &evaluation::PredictorInfo) -> bool {
-        let digest = predictor.digest.as_ref().map(ToString::to_string);
-        self.trainings.iter().any(|training| Some(&training.record.digest) == digest.as_ref())
+    fn is_trained_here(&self, predictor: &wire::PredictorInfo) -> bool {
+        self.trainings.iter().any(|training| Some(training.record.digest) == predictor.digest)
     }
 }
 

@@ -1,6 +1,6 @@
 //! Every number of the study as rows, each with the job it comes from.
 
-use evaluation::{Interval, Latency, PredictorInfo, PredictorScores};
+use wire::{Interval, Latency, PredictorInfo, PredictorScores};
 
 use super::super::{Evaluation, Set, Study};
 
@@ -275,7 +275,7 @@ fn trainings(study: &Study) -> Table {
                 training.checkpoint.to_string(),
                 training.sha256.clone(),
                 record.job.to_string(),
-                record.digest.clone(),
+                record.digest.to_string(),
             ]);
         }
     }
@@ -297,7 +297,7 @@ fn how(info: &PredictorInfo) -> [String; 2] {
 }
 
 fn source(evaluation: &Evaluation) -> [String; 2] {
-    [evaluation.record.job.to_string(), evaluation.record.digest.clone()]
+    [evaluation.record.job.to_string(), evaluation.record.digest.to_string()]
 }
 
 fn interval(Interval { mean, low, high }: Interval) -> [String; 3] {

@@ -1,8 +1,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
 
-use evaluation::Interval;
 use spec::{DataSource, JobSpec, PipelineSpec};
+use wire::Interval;
 
 use crate::report::degrees;
 

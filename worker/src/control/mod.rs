@@ -5,13 +5,12 @@ mod table;
 
 use std::ops::ControlFlow;
 
-use evaluation::control::{
-    Controller, ControllerInfo, Experiment, Foreseen, RobotTrials, Trace, robot_figure,
-};
-use evaluation::{Learned, PredictorKind, Start};
+use evaluation::control::{Controller, Experiment, Foreseen, RobotTrials, Trace, robot_figure};
+use evaluation::{Learned, Start};
 use jobs::ControlTask;
 use models::Sampling;
 use spec::{ControlSpec, SimulateSpec};
+use wire::{ControllerInfo, PredictorKind};
 
 use crate::attempt::Attempt;
 use crate::error::TaskError;

@@ -1,7 +1,8 @@
-use evaluation::{PredictorInfo, PredictorKind, TrainedOn};
+use evaluation::trained_on;
 use models::{CONFIG_FILE, MODEL_FILE, TrainedModel};
 use spec::{CheckpointRef, DataSource, Digest, JobSpec, Normalization, TrainingRef, TrainingStep};
 use store::{JobState, WhichCheckpoint};
+use wire::{PredictorInfo, PredictorKind, TrainedOn};
 
 use crate::attempt::Attempt;
 use crate::error::TaskError;
@@ -66,12 +67,12 @@ impl LoadedCheckpoint {
         let trained_on = match &training.data {
             DataSource::Digest(data) => {
                 match stored_spec(attempt, *data)? {
-                    JobSpec::Simulate(data) => TrainedOn::of(&data.excitation).collect(),
+                    JobSpec::Simulate(data) => trained_on(&data.excitation).collect(),
                     // Recordings do not say what excited them.
                     _ => Vec::new(),
                 }
             }
-            DataSource::Stream(data) => TrainedOn::of(&data.excitation).collect(),
+            DataSource::Stream(data) => trained_on(&data.excitation).collect(),
             DataSource::Job(_) | DataSource::Dataset(_) => Vec::new(),
         };
         let leaky = match training.normalization {

@@ -1,9 +1,10 @@
 use evaluation::{
-    GroupSummary, PredictorInfo, Report, calibration_figure, crps_figure, horizon_figure,
-    latency_figure, rmse_figure, sampler_steps_figure,
+    calibration_figure, crps_figure, horizon_figure, latency_figure, rmse_figure,
+    sampler_steps_figure,
 };
 use figures::Figure;
 use spec::Family;
+use wire::{GroupSummary, PredictorInfo, Report};
 
 /// The figures that a report has something for, by the name of their files.
 pub(super) fn all(report: &Report) -> Vec<(String, Figure)> {
@@ -34,7 +35,7 @@ pub(super) fn all(report: &Report) -> Vec<(String, Figure)> {
     figures
 }
 
-fn scores(report: &Report) -> impl Iterator<Item = &evaluation::PredictorScores> {
+fn scores(report: &Report) -> impl Iterator<Item = &wire::PredictorScores> {
     report.groups.iter().flat_map(|group: &GroupSummary| &group.scores)
 }
 

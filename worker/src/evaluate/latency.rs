@@ -3,10 +3,11 @@
 
 use std::time::Instant;
 
-use evaluation::{Latency, Observed};
+use evaluation::Observed;
 use models::{PredictionInput, Sampling, WarmStart};
 use serde::{Deserialize, Serialize};
 use spec::{EvaluateSpec, Start};
+use wire::Latency;
 
 use super::cell::scenarios;
 use super::checkpoints::LoadedCheckpoint;
@@ -49,8 +50,8 @@ pub(super) fn latency(attempt: &Attempt, spec: &EvaluateSpec) -> Result<(), Task
         let latency = Latency {
             median_ms: quantile(&times_ms, 0.5),
             p99_ms: quantile(&times_ms, 0.99),
-            repeats,
-            threads: rayon::current_num_threads(),
+            repeats: repeats as u64,
+            threads: rayon::current_num_threads() as u64,
             device: attempt.device.kind().to_string(),
             load,
         };

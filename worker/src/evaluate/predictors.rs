@@ -4,11 +4,12 @@
 use std::collections::HashMap;
 
 use evaluation::{
-    FirstPrediction, LeakyLearned, Learned, NominalArm, OracleStarted, Predictor, PredictorInfo,
-    PredictorKind, SamplingInfo, Scenarios, Start, baseline,
+    FirstPrediction, LeakyLearned, Learned, NominalArm, OracleStarted, Predictor, Scenarios, Start,
+    baseline,
 };
 use models::Sampling;
 use spec::{DataSpec, EvaluateSpec, SamplerSpec, SamplingRun};
+use wire::{PredictorInfo, PredictorKind, SamplingInfo};
 
 use super::checkpoints::LoadedCheckpoint;
 

@@ -1,0 +1,54 @@
+//! Checkpoints and their files.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+use spec::Digest;
+use utoipa::ToSchema;
+
+/// Weights of a model after some steps of training, with everything to resume.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Checkpoint {
+    pub id: i64,
+    /// The training.
+    pub job: i64,
+    pub run: i64,
+    /// Optimizer steps taken.
+    pub step: u64,
+    /// Whether training ended with it.
+    #[serde(rename = "final")]
+    pub is_final: bool,
+    /// Whether its validation is the best so far, by the training's `monitor`.
+    #[serde(rename = "best")]
+    pub is_best: bool,
+    /// Whether there is none after it.
+    #[serde(rename = "last")]
+    pub is_last: bool,
+    /// Newest values when it was written, `validation/rmse_deg` among them once there was one.
+    pub metrics: BTreeMap<String, f64>,
+    /// The digest of the training's spec.
+    pub digest: Digest,
+    #[schema(example = "robomorph")]
+    pub architecture: String,
+    pub files: Vec<StoredFile>,
+    pub created_at: String,
+}
+
+/// A page of checkpoints.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Checkpoints {
+    pub checkpoints: Vec<Checkpoint>,
+    /// The `before` of the following page.
+    pub next: Option<i64>,
+}
+
+/// A file that can be downloaded.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct StoredFile {
+    pub name: String,
+    /// In bytes.
+    pub size: u64,
+    pub sha256: Digest,
+    /// Path of the download.
+    pub url: String,
+}

@@ -1,0 +1,72 @@
+//! Datasets and their files.
+
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use spec::{Digest, JobSpec};
+use utoipa::ToSchema;
+
+use crate::{DatasetState, Verification};
+
+/// Trajectories of robots, simulated or recorded, as Parquet files.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Dataset {
+    pub id: i64,
+    /// The simulation or import that fills it.
+    pub job: i64,
+    pub name: String,
+    /// The digest of that job's spec.
+    pub digest: Digest,
+    pub state: DatasetState,
+    #[schema(value_type = JobSpec)]
+    pub spec: Value,
+    /// How many there are when it is complete; 0 for an import that has not ended.
+    pub trajectories: u64,
+    /// Samples of each trajectory.
+    pub samples: u32,
+    /// Draws refused so far.
+    pub rejected: u64,
+    /// Size of all files so far.
+    pub bytes: u64,
+    /// Those that exist so far; in a list of datasets, none.
+    pub files: Vec<DatasetFile>,
+    /// The newest one; in a list of datasets, left out.
+    pub verification: Option<Verification>,
+    pub created_at: String,
+    pub completed_at: Option<String>,
+}
+
+/// A file of a dataset.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct DatasetFile {
+    pub name: String,
+    pub content: FileKind,
+    /// The shard that it belongs to; `dataset.json` describes all of them.
+    pub shard: Option<u32>,
+    /// Rows of a table.
+    pub rows: Option<u64>,
+    /// In bytes.
+    pub size: u64,
+    pub sha256: Digest,
+    /// Path of the download.
+    pub url: String,
+}
+
+/// What a file of a dataset holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum FileKind {
+    /// JSON: columns with units and frames, counts, files with digests, the spec.
+    Description,
+    /// A row per time step.
+    Trajectories,
+    /// A row per trajectory.
+    Robots,
+}
+
+/// A page of datasets.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Datasets {
+    pub datasets: Vec<Dataset>,
+    /// The `before` of the following page.
+    pub next: Option<i64>,
+}

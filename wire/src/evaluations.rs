@@ -1,0 +1,46 @@
+//! Evaluations: jobs that compare predictors, with their report.
+
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use spec::{Digest, EvaluateSpec};
+use utoipa::ToSchema;
+
+use crate::{Artifact, JobState, Report, TaskState};
+
+/// A comparison of predictors; its id is that of its job.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Evaluation {
+    pub id: i64,
+    pub run: i64,
+    pub name: String,
+    pub digest: Digest,
+    pub state: JobState,
+    pub error: Option<String>,
+    #[schema(value_type = EvaluateSpec)]
+    pub spec: Value,
+    /// Written when all cells are there; in a list of evaluations, left out.
+    pub report: Option<Report>,
+    pub cells: Vec<CellTask>,
+    /// The table of each cell; the report, the table of all scenarios, and figures with their tables.
+    pub artifacts: Vec<Artifact>,
+    pub created_at: String,
+}
+
+/// How far one excitation at one frequency is.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct CellTask {
+    pub task: i64,
+    #[schema(example = "multisine 0.15 Hz")]
+    pub label: String,
+    pub state: TaskState,
+    /// Why it failed, or its last attempt did.
+    pub error: Option<String>,
+}
+
+/// A page of evaluations.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Evaluations {
+    pub evaluations: Vec<Evaluation>,
+    /// The `before` of the following page.
+    pub next: Option<i64>,
+}

@@ -1,0 +1,82 @@
+//! Jobs and the members of pipelines.
+
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use spec::{Digest, JobKind, JobSpec};
+use utoipa::ToSchema;
+
+use crate::JobState;
+
+/// A job, how far it is and what it has made.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Job {
+    pub id: i64,
+    pub kind: JobKind,
+    pub name: String,
+    pub state: JobState,
+    /// Why it failed or was cancelled.
+    pub error: Option<String>,
+    pub digest: Digest,
+    /// With every default filled in and every reference resolved to a digest.
+    #[schema(value_type = JobSpec)]
+    pub spec: Value,
+    /// Doubtful values of the spec that are allowed all the same: field, value and reason.
+    pub warnings: Vec<String>,
+    pub progress: Progress,
+    /// Jobs that must succeed first.
+    pub needs: Vec<i64>,
+    /// The jobs of a pipeline, each after those it needs.
+    pub members: Vec<Member>,
+    /// The dataset that a simulation or import fills.
+    pub dataset: Option<i64>,
+    /// The dataset that a verification makes again and compares.
+    pub verifies: Option<i64>,
+    /// The record of a training, an evaluation or a control job.
+    pub run: Option<i64>,
+    /// The checkpoints that a training has made so far, oldest first.
+    pub checkpoints: Vec<i64>,
+    pub priority: i32,
+    /// Times a task may be claimed before it fails.
+    pub max_attempts: u32,
+    /// It ends as soon as its workers notice.
+    pub cancel_requested: bool,
+    /// RFC 3339, UTC, like the other times.
+    pub created_at: String,
+    pub started_at: Option<String>,
+    pub finished_at: Option<String>,
+    /// From start to end.
+    pub duration_seconds: Option<f64>,
+}
+
+/// Work done of work to do. A pipeline counts its jobs and those of them that succeeded.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Progress {
+    pub done: u64,
+    /// 0 as long as it is not known.
+    pub total: u64,
+    /// What is counted, e.g. `trajectories`.
+    pub unit: String,
+    pub rate_per_second: Option<f64>,
+    pub message: Option<String>,
+}
+
+/// A job of a pipeline, seen from the pipeline.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Member {
+    pub name: String,
+    pub job: i64,
+    pub kind: JobKind,
+    pub state: JobState,
+    pub error: Option<String>,
+    pub progress: Progress,
+    /// It was there before the pipeline was submitted.
+    pub reused: bool,
+}
+
+/// A page of jobs.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Jobs {
+    pub jobs: Vec<Job>,
+    /// The `before` of the following page.
+    pub next: Option<i64>,
+}

@@ -1,0 +1,46 @@
+//! The answers of the HTTP API and the reports that jobs leave, declared once.
+//!
+//! The server writes these types, the command line reads them, and the OpenAPI document is
+//! generated from them. One file per resource. Nothing is computed here.
+//!
+//! Ids are those of the database. Times are RFC 3339 in UTC. Lists are newest first; `next` is the
+//! `before` of the following page and missing on the last one. Readers ignore fields that they do
+//! not know.
+
+mod checkpoints;
+mod closed_loop;
+mod datasets;
+mod evaluations;
+mod health;
+mod jobs;
+mod presets;
+mod problem;
+mod report;
+mod runs;
+mod states;
+mod summaries;
+mod tasks;
+mod trajectories;
+mod verifications;
+
+pub use checkpoints::{Checkpoint, Checkpoints, StoredFile};
+pub use closed_loop::{
+    ControlDifference, ControlReport, ControllerInfo, ControllerSummary, PlanTime,
+};
+pub use datasets::{Dataset, DatasetFile, Datasets, FileKind};
+pub use evaluations::{CellTask, Evaluation, Evaluations};
+pub use health::Health;
+pub use jobs::{Job, Jobs, Member, Progress};
+pub use presets::Presets;
+pub use problem::Problem;
+pub use report::{
+    Calibration, CellSummary, FailureSummary, GroupSummary, Interval, IntervalSummary, Latency,
+    PairedDifference, PredictorInfo, PredictorKind, PredictorScores, PredictorSummary, Report,
+    SamplingInfo, TrainedOn, WorstCase,
+};
+pub use runs::{Artifact, LatestMetric, Metric, MetricPoint, Run, Runs};
+pub use states::{DatasetState, JobState, TaskState, UnknownState};
+pub use summaries::{ChannelSummary, SpectrumSummary, Summary};
+pub use tasks::{Task, Tasks};
+pub use trajectories::Trajectory;
+pub use verifications::Verification;

@@ -1,0 +1,236 @@
+//! The report of an evaluation: every number with its interval, in and out of distribution apart.
+//!
+//! The last task of an evaluation writes it as `report.json`. Errors are in degrees.
+
+use serde::{Deserialize, Serialize};
+use spec::{Bootstrap, Digest, Family, Normalization, Range, SamplerKind, Start};
+use utoipa::ToSchema;
+
+/// RMSE of every predictor in every cell and over the cells in and out of distribution.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Report {
+    /// Samples every predictor was given.
+    pub context: u32,
+    /// Samples it had to predict.
+    pub horizon: u32,
+    pub rate_hz: f64,
+    pub bootstrap: Bootstrap,
+    /// Samples that each predictor with several was asked for.
+    pub samples: u32,
+    /// In the order of every table.
+    pub predictors: Vec<PredictorInfo>,
+    /// The frequencies that all checkpoints were trained on; cells inside are in distribution.
+    pub in_distribution: Vec<TrainedOn>,
+    pub cells: Vec<CellSummary>,
+    pub groups: Vec<GroupSummary>,
+    pub paired: Vec<PairedDifference>,
+    /// Predictors without an answer to some scenarios of a cell. They have no mean over that cell,
+    /// nor over a group with it.
+    #[serde(default)]
+    pub failures: Vec<FailureSummary>,
+    /// The scenarios on which each predictor has its largest errors, the largest first: with the
+    /// seed and its index, a trajectory can be made again.
+    #[serde(default)]
+    pub worst: Vec<WorstCase>,
+}
+
+/// Who a predictor is.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct PredictorInfo {
+    pub name: String,
+    pub kind: PredictorKind,
+    /// The digest of the spec that a checkpoint was trained by.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub digest: Option<Digest>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub normalization: Option<Normalization>,
+    /// How a denoiser was sampled.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sampling: Option<SamplingInfo>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub latency: Option<Latency>,
+}
+
+impl PredictorInfo {
+    /// Whether it was told something of what it is to predict.
+    pub fn sees_the_future(&self) -> bool {
+        self.normalization == Some(Normalization::PaperLeaky)
+            || self.sampling.as_ref().is_some_and(|sampling| sampling.start == Start::Oracle)
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum PredictorKind {
+    Baseline,
+    Checkpoint,
+}
+
+/// How a denoiser was sampled.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct SamplingInfo {
+    /// Names the curve in figures over steps: predictors that differ in `steps` alone share it.
+    pub curve: String,
+    pub kind: SamplerKind,
+    /// Passes through the network.
+    pub steps: u32,
+    /// `oracle` starts with the truth.
+    #[serde(default)]
+    pub start: Start,
+}
+
+/// Times of one prediction of one robot. They depend on the machine and its load: unlike the rest of
+/// a report, they differ when it is made again.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Latency {
+    pub median_ms: f64,
+    pub p99_ms: f64,
+    /// Predictions that were timed.
+    pub repeats: u64,
+    /// Threads that computed.
+    pub threads: u64,
+    pub device: String,
+    /// The machine's mean number of running threads in the minute before.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub load: Option<f64>,
+}
+
+/// Master frequencies of one family that trainings drew from.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct TrainedOn {
+    pub family: Family,
+    pub frequency_hz: Range,
+}
+
+/// One excitation at one frequency, or all of data without a frequency grid.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct CellSummary {
+    /// Missing for data without a frequency grid, like the frequency.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub family: Option<Family>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub frequency_hz: Option<f64>,
+    pub in_distribution: bool,
+    pub scenarios: u64,
+    pub rmse_deg: Vec<PredictorSummary>,
+    #[serde(default)]
+    pub scores: Vec<PredictorScores>,
+    /// Root mean square of the measured motions above the band that jitter is measured from.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub measured_jitter_deg: Option<f64>,
+}
+
+/// All cells in distribution, all out of it, or all that have no frequency.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct GroupSummary {
+    pub name: String,
+    pub scenarios: u64,
+    pub rmse_deg: Vec<PredictorSummary>,
+    #[serde(default)]
+    pub scores: Vec<PredictorScores>,
+}
+
+/// Mean RMSE over scenarios with its interval, in degrees.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct PredictorSummary {
+    pub predictor: String,
+    #[serde(flatten)]
+    pub interval: Interval,
+}
+
+/// Everything else that was measured of one predictor: means over scenarios and joints. Quantities
+/// that were not measured are missing.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct PredictorScores {
+    pub predictor: String,
+    /// Mean over scenarios, a value per joint.
+    pub joint_rmse_deg: Vec<f64>,
+    /// Root mean square over scenarios and joints, a value per step of the horizon.
+    pub step_rmse_deg: Vec<f64>,
+    /// Root mean square of what a prediction has above the signal's band.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub jitter_deg: Option<Interval>,
+    /// The same after a zero-phase low-pass, like the RMSE after it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub smoothed_jitter_deg: Option<Interval>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub smoothed_rmse_deg: Option<Interval>,
+    /// RMSE of the mean of the samples.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mean_rmse_deg: Option<Interval>,
+    /// Fair estimate from the samples.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub crps_deg: Option<Interval>,
+    /// Fair estimate from the samples.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub energy_score_deg: Option<Interval>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub intervals: Vec<IntervalSummary>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub calibration: Vec<Calibration>,
+}
+
+/// Central intervals of one probability.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct IntervalSummary {
+    pub nominal: f64,
+    /// Share of measured positions inside.
+    pub coverage: Interval,
+    pub width_deg: Interval,
+}
+
+/// The share of measured positions inside central intervals of one probability.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Calibration {
+    pub nominal: f64,
+    pub coverage: f64,
+}
+
+/// How two predictors differ on the same scenarios.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct PairedDifference {
+    pub group: String,
+    pub predictor: String,
+    pub against: String,
+    /// RMSE of `predictor` less that of `against`; negative is better.
+    pub difference_deg: Interval,
+}
+
+/// A predictor without an answer to some scenarios of a cell.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct FailureSummary {
+    pub predictor: String,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub family: Option<Family>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub frequency_hz: Option<f64>,
+    /// How many.
+    pub scenarios: u64,
+    /// Index of the first in the dataset.
+    pub first: u64,
+    pub reason: String,
+}
+
+/// A scenario to look at: with the spec of its dataset, its index makes it again.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct WorstCase {
+    pub predictor: String,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub family: Option<Family>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub frequency_hz: Option<f64>,
+    /// Index in the dataset.
+    pub trajectory: u64,
+    /// The seed of the dataset's simulation; recordings have none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub seed: Option<u64>,
+    pub rmse_deg: f64,
+}
+
+/// A mean with the ends of its 95 % interval.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Interval {
+    pub mean: f64,
+    pub low: f64,
+    pub high: f64,
+}

@@ -1,0 +1,77 @@
+//! Runs: the records of trainings, evaluations and control jobs.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use spec::{Digest, JobKind, JobSpec};
+use utoipa::ToSchema;
+
+use crate::JobState;
+
+/// The record of a training, an evaluation or a control job.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Run {
+    pub id: i64,
+    pub job: i64,
+    pub kind: JobKind,
+    pub name: String,
+    pub digest: Digest,
+    pub state: JobState,
+    pub error: Option<String>,
+    #[schema(value_type = JobSpec)]
+    pub spec: Value,
+    /// The latest value of each, by key.
+    pub metrics: BTreeMap<String, LatestMetric>,
+    pub artifacts: Vec<Artifact>,
+    pub created_at: String,
+}
+
+/// The value of a metric that was recorded last.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct LatestMetric {
+    pub step: u64,
+    /// `null` when it was not a finite number.
+    #[schema(required)]
+    pub value: Option<f64>,
+}
+
+/// A file that a run left.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Artifact {
+    pub name: String,
+    pub media_type: String,
+    /// In bytes.
+    pub size: u64,
+    pub sha256: Digest,
+    /// Path of the download.
+    pub url: String,
+}
+
+/// A page of runs.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Runs {
+    pub runs: Vec<Run>,
+    /// The `before` of the following page.
+    pub next: Option<i64>,
+}
+
+/// A metric over steps, thinned out to the points asked for.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Metric {
+    pub key: String,
+    /// By step.
+    pub points: Vec<MetricPoint>,
+    /// Points before thinning out.
+    pub recorded: u64,
+}
+
+/// A value of a metric.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct MetricPoint {
+    pub step: u64,
+    pub time: String,
+    /// `null` when it was not a finite number.
+    #[schema(required)]
+    pub value: Option<f64>,
+}

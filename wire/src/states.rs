@@ -1,0 +1,116 @@
+//! The states of jobs, tasks and datasets: the same words in JSON, in SQL and on the page.
+
+use std::error::Error;
+use std::fmt;
+use std::str::FromStr;
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+macro_rules! states {
+    ($(#[$about:meta])* $name:ident { $($(#[$meaning:meta])* $state:ident = $word:literal,)+ }) => {
+        $(#[$about])*
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
+        #[serde(rename_all = "lowercase")]
+        pub enum $name {
+            $($(#[$meaning])* $state,)+
+        }
+
+        impl $name {
+            pub const ALL: [Self; [$($word),+].len()] = [$(Self::$state,)+];
+
+            pub const fn as_str(self) -> &'static str {
+                match self {
+                    $(Self::$state => $word,)+
+                }
+            }
+        }
+
+        impl fmt::Display for $name {
+            fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.pad(self.as_str())
+            }
+        }
+
+        impl FromStr for $name {
+            type Err = UnknownState;
+
+            fn from_str(word: &str) -> Result<Self, UnknownState> {
+                let state = Self::ALL.into_iter().find(|state| state.as_str() == word);
+                state.ok_or_else(|| UnknownState(word.to_owned()))
+            }
+        }
+    };
+}
+
+states! {
+    /// How far a job is. Final states never change.
+    JobState {
+        /// For jobs that it needs.
+        Waiting = "waiting",
+        Queued = "queued",
+        Running = "running",
+        Succeeded = "succeeded",
+        Failed = "failed",
+        Cancelled = "cancelled",
+    }
+}
+
+states! {
+    /// How far a task is.
+    TaskState {
+        /// For tasks of earlier stages, or for jobs that its job needs.
+        Waiting = "waiting",
+        Queued = "queued",
+        Running = "running",
+        Succeeded = "succeeded",
+        Failed = "failed",
+        Cancelled = "cancelled",
+    }
+}
+
+states! {
+    /// Whether a dataset is whole.
+    DatasetState {
+        /// Shards are missing.
+        Building = "building",
+        Complete = "complete",
+    }
+}
+
+impl JobState {
+    /// Whether the job has ended.
+    pub const fn is_final(self) -> bool {
+        matches!(self, Self::Succeeded | Self::Failed | Self::Cancelled)
+    }
+}
+
+/// A word that names no state.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct UnknownState(pub String);
+
+impl fmt::Display for UnknownState {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "unknown state {:?}", self.0)
+    }
+}
+
+impl Error for UnknownState {}
+
+#[cfg(test)]
+mod tests {
+    use utoipa::PartialSchema as _;
+
+    use super::*;
+
+    #[test]
+    fn every_state_is_the_same_word_in_json_in_text_and_in_the_schema() {
+        for state in JobState::ALL {
+            assert_eq!(serde_json::to_value(state).unwrap(), state.as_str());
+            assert_eq!(state.as_str().parse(), Ok(state));
+        }
+        let schema = serde_json::to_value(JobState::schema()).unwrap();
+        assert_eq!(schema["enum"], serde_json::json!(JobState::ALL));
+        assert_eq!("done".parse::<JobState>(), Err(UnknownState("done".to_owned())));
+    }
+}

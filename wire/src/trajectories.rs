@@ -1,0 +1,30 @@
+//! Single trajectories of a dataset.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
+use utoipa::ToSchema;
+
+/// One trajectory: its robot, and its channels over time.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Trajectory {
+    pub dataset: i64,
+    /// Its index in the dataset.
+    pub trajectory: u64,
+    /// The shard that holds it.
+    pub shard: u32,
+    pub rate_hz: f64,
+    pub samples: u64,
+    /// The time of each sample, from the first one on.
+    pub time_s: Vec<f64>,
+    /// A value per sample: torques `u1`, `u2`, …, positions `q1`, `q2`, … and whatever else was
+    /// recorded. A value that is not a number is `null`.
+    #[schema(value_type = BTreeMap<String, Vec<Option<f64>>>)]
+    pub columns: BTreeMap<String, Vec<Option<f32>>>,
+    /// Units of the columns; those that are not listed have none.
+    pub units: BTreeMap<String, String>,
+    /// Its row of the other table. For a simulation: all that made it, by the columns that
+    /// `dataset.json` explains. For an import: where in the file it comes from.
+    pub robot: Map<String, Value>,
+}
