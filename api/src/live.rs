@@ -6,6 +6,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use futures::future::BoxFuture;
+use series::Series;
 use spec::{SamplerSpec, SpecError};
 use store::{Checkpoint, StoreError};
 use thiserror::Error;
@@ -57,11 +58,8 @@ pub enum Lane {
 
 #[derive(Clone, Debug)]
 pub struct Question {
-    /// Torques `[size, context + horizon, 7]`, N·m.
-    pub u: Vec<f32>,
-    /// Joint positions `[size, context, 7]`, rad.
-    pub y_context: Vec<f32>,
-    pub size: usize,
+    /// Torques of context and horizon, positions of the context.
+    pub scenarios: Series,
     /// How many answers to each, of a model that has several; `None` is the one it would give if
     /// asked for one.
     pub samples: Option<usize>,

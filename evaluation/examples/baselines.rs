@@ -10,9 +10,11 @@
 use std::ops::ControlFlow;
 use std::time::Instant;
 
-use evaluation::{NominalArm, Scenarios, baseline, rmse_deg};
+use dynamics::Trajectories;
+use evaluation::{NominalArm, baseline, rmse_deg};
 use serde_json::json;
-use spec::{Baseline, DataSpec, JobSpec, SimulateSpec};
+use series::{Series, Shape};
+use spec::{Baseline, DataSpec, JOINTS, JobSpec, SimulateSpec};
 
 const BASELINES: [Baseline; 6] = [
     Baseline::HoldLast,
@@ -44,7 +46,7 @@ fn main() {
         panic!("not a simulation")
     };
     let arm = NominalArm::of(&DataSpec::Simulation(spec.clone()));
-    let cells: Vec<Scenarios> =
+    let cells: Vec<Series> =
         spec.cells().iter().map(|cell| scenarios(&spec, cell.first, cell.count)).collect();
 
     print!("{:<18}", "Hz");
@@ -56,23 +58,17 @@ fn main() {
         print!("{:<18}", predictor.name());
         for cell in &cells {
             let predicted = predictor.predict(&cell.observed(CONTEXT)).unwrap();
-            let errors = rmse_deg(cell, CONTEXT, &predicted);
+            let errors = rmse_deg(&cell.view(), CONTEXT, &predicted);
             print!("{:>9.4}", errors.iter().sum::<f64>() / errors.len() as f64);
         }
-        let scenarios = cells.iter().map(|cell| cell.size).sum::<usize>() as f64;
+        let scenarios = cells.iter().map(|cell| cell.robots()).sum::<usize>() as f64;
         println!("{:>14.3}", begin.elapsed().as_secs_f64() * 1e3 / scenarios);
     }
 }
 
-fn scenarios(spec: &SimulateSpec, first: u64, count: u64) -> Scenarios {
+fn scenarios(spec: &SimulateSpec, first: u64, count: u64) -> Series {
     let go_on = |_| ControlFlow::Continue(());
     let simulated = dynamics::simulate(spec, first..first + count, &go_on).unwrap();
-    Scenarios {
-        size: simulated.count,
-        samples: simulated.samples,
-        pre_roll: 0,
-        rate_hz: spec.rate_hz,
-        u: simulated.u,
-        y: simulated.q,
-    }
+    let Trajectories { count: robots, samples, u, q, .. } = simulated;
+    Series::new(Shape { robots, samples, joints: JOINTS }, spec.rate_hz, u, q).unwrap()
 }

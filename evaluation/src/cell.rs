@@ -1,11 +1,12 @@
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use series::{Observed, SeriesView};
 use spec::{Family, JOINTS};
 
 use crate::metrics::{JitterMeter, step_squares_deg2};
 use crate::predictor::Answer;
 use crate::scores::{ScenarioErrors, degrees};
-use crate::{EvaluationError, Observed, Predictor, Scenarios};
+use crate::{EvaluationError, Predictor};
 
 /// The errors of every predictor on the same scenarios of one cell.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -57,6 +58,9 @@ pub struct Failure {
 /// How predictors are asked and scored.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Scoring {
+    /// Samples of the recording before the window that is asked about. Only predictors that go on from
+    /// predictions of their own, made earlier, use them.
+    pub pre_roll: usize,
     pub context: usize,
     /// Samples asked of every predictor that has several; below 2 none are.
     pub samples: usize,
@@ -71,15 +75,15 @@ pub struct Scoring {
 /// [`PredictorErrors::failure`]; the others are scored all the same.
 ///
 /// # Panics
-/// As [`Scenarios::observed`].
+/// As [`SeriesView::observed`].
 pub fn evaluate_cell(
-    scenarios: &Scenarios,
+    scenarios: &SeriesView<'_>,
     scoring: &Scoring,
     predictors: &[Box<dyn Predictor + '_>],
 ) -> Vec<PredictorErrors> {
-    let observed = scenarios.observed(scoring.context);
+    let observed = scenarios.observed(scoring.pre_roll, scoring.context);
     let scorer = Scorer {
-        truth: &scenarios.horizon_positions(scoring.context),
+        truth: &scoring.truth(scenarios),
         row: observed.horizon() * JOINTS,
         meter: meter(&observed, scoring),
     };
@@ -90,25 +94,32 @@ pub fn evaluate_cell(
 /// below this no predictor's jitter is its own doing.
 ///
 /// # Panics
-/// As [`Scenarios::observed`].
-pub fn measured_jitter_deg(scenarios: &Scenarios, scoring: &Scoring) -> Option<f64> {
-    let observed = scenarios.observed(scoring.context);
+/// As [`SeriesView::observed`].
+pub fn measured_jitter_deg(scenarios: &SeriesView<'_>, scoring: &Scoring) -> Option<f64> {
+    let observed = scenarios.observed(scoring.pre_roll, scoring.context);
     let meter = meter(&observed, scoring)?;
-    let truth = scenarios.horizon_positions(scoring.context);
+    let truth = scoring.truth(scenarios);
     let rows = truth.chunks_exact(observed.horizon() * JOINTS);
     let total: f64 = rows
         .flat_map(|row| (0..JOINTS).map(move |joint| degrees(row, joint)))
         .map(|series| meter.jitter(&series))
         .sum();
-    (scenarios.size > 0).then(|| total / (scenarios.size * JOINTS) as f64)
+    (scenarios.robots() > 0).then(|| total / (scenarios.robots() * JOINTS) as f64)
 }
 
-fn meter(observed: &Observed, scoring: &Scoring) -> Option<JitterMeter> {
-    JitterMeter::new(observed.horizon(), scoring.band_edge_hz?, observed.rate_hz)
+fn meter(observed: &Observed<'_>, scoring: &Scoring) -> Option<JitterMeter> {
+    JitterMeter::new(observed.horizon(), scoring.band_edge_hz?, observed.rate_hz())
+}
+
+impl Scoring {
+    /// Positions of the horizon, `[robot, horizon, joint]`, rad.
+    fn truth(&self, scenarios: &SeriesView<'_>) -> Vec<f32> {
+        scenarios.window(self.pre_roll + self.context..scenarios.samples()).copy_y()
+    }
 }
 
 struct Scorer<'a> {
-    /// `[size, horizon, 7]`.
+    /// `[robot, horizon, joint]`.
     truth: &'a [f32],
     /// Values per scenario.
     row: usize,
@@ -119,10 +130,10 @@ impl Scorer<'_> {
     fn errors(
         &self,
         predictor: &dyn Predictor,
-        observed: &Observed,
+        observed: &Observed<'_>,
         scoring: &Scoring,
     ) -> PredictorErrors {
-        let size = observed.size;
+        let size = observed.robots();
         let answer = match self.ask(predictor, observed, scoring) {
             Ok(answer) => answer,
             Err(error) => {
@@ -169,7 +180,7 @@ impl Scorer<'_> {
     fn ask(
         &self,
         predictor: &dyn Predictor,
-        observed: &Observed,
+        observed: &Observed<'_>,
         scoring: &Scoring,
     ) -> Result<Answer, EvaluationError> {
         let check = |got: usize, expected: usize| {
@@ -237,14 +248,18 @@ fn with_sources(error: &EvaluationError) -> String {
 
 #[cfg(test)]
 mod tests {
+    use series::{Series, Shape};
+
     use super::*;
     use crate::{DampedIntegrator, HoldLast, Row, Samples};
 
-    const SCORING: Scoring = Scoring { context: 20, samples: 4, band_edge_hz: Some(8.0) };
+    const SCORING: Scoring =
+        Scoring { pre_roll: 0, context: 20, samples: 4, band_edge_hz: Some(8.0) };
 
-    fn scenarios() -> Scenarios {
+    fn scenarios() -> Series {
         let y: Vec<f32> = (0..3 * 60 * JOINTS).map(|k| (0.01 * k as f32).sin()).collect();
-        Scenarios { size: 3, samples: 60, pre_roll: 0, rate_hz: 60.0, u: y.clone(), y }
+        let shape = Shape { robots: 3, samples: 60, joints: JOINTS };
+        Series::new(shape, 60.0, y.clone(), y).unwrap()
     }
 
     /// Holds the last position, but for one value.
@@ -258,7 +273,7 @@ mod tests {
             "broken"
         }
 
-        fn predict(&self, observed: &Observed) -> Result<Vec<f32>, EvaluationError> {
+        fn predict(&self, observed: &Observed<'_>) -> Result<Vec<f32>, EvaluationError> {
             let mut predicted = HoldLast.predict(observed)?;
             predicted[self.at] = self.value;
             Ok(predicted)
@@ -272,7 +287,7 @@ mod tests {
             "too-short"
         }
 
-        fn predict(&self, _: &Observed) -> Result<Vec<f32>, EvaluationError> {
+        fn predict(&self, _: &Observed<'_>) -> Result<Vec<f32>, EvaluationError> {
             Ok(vec![0.0; 3])
         }
     }
@@ -285,13 +300,13 @@ mod tests {
             "several"
         }
 
-        fn predict(&self, observed: &Observed) -> Result<Vec<f32>, EvaluationError> {
+        fn predict(&self, observed: &Observed<'_>) -> Result<Vec<f32>, EvaluationError> {
             HoldLast.predict(observed)
         }
 
         fn sample(
             &self,
-            observed: &Observed,
+            observed: &Observed<'_>,
             count: usize,
         ) -> Result<Option<Samples>, EvaluationError> {
             let held = HoldLast.predict(observed)?;
@@ -306,8 +321,8 @@ mod tests {
             family: Some(Family::Chirp),
             frequency_hz: Some(0.3),
             first: 200,
-            predictors: evaluate_cell(&scenarios(), &SCORING, predictors),
-            measured_jitter_deg: measured_jitter_deg(&scenarios(), &SCORING),
+            predictors: evaluate_cell(&scenarios().view(), &SCORING, predictors),
+            measured_jitter_deg: measured_jitter_deg(&scenarios().view(), &SCORING),
         }
     }
 

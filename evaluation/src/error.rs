@@ -13,6 +13,8 @@ pub enum EvaluationError {
     PreRoll { predictor: String, shift: usize, pre_roll: usize },
     #[error("{failed} of {plans} plans were foreseen to lead to positions that are not finite")]
     NotFinite { failed: usize, plans: usize },
+    #[error(transparent)]
+    Shape(#[from] series::ShapeError),
     #[error("cell {0} of the evaluation has no result")]
     MissingCell(usize),
 }

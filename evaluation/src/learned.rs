@@ -1,9 +1,10 @@
 use std::sync::OnceLock;
 
-use models::{Batch, ModelError, PredictionInput, Sampling, TrainedModel, WarmStart};
+use models::{ModelError, Sampling, TrainedModel, WarmStart};
+use series::{Observed, SeriesView};
 
 use crate::predictor::Answer;
-use crate::{EvaluationError, Observed, Predictor, Samples, Scenarios};
+use crate::{EvaluationError, Predictor, Samples};
 
 /// A checkpoint as a predictor.
 pub struct Learned<'a> {
@@ -38,7 +39,8 @@ pub enum Start {
 pub struct LeakyLearned<'a> {
     pub name: String,
     pub model: &'a TrainedModel,
-    pub scenarios: &'a Scenarios,
+    /// Recorded, with the pre-roll of what is observed.
+    pub scenarios: &'a SeriesView<'a>,
 }
 
 /// A denoiser that begins with the true horizon, noised to level `steps` - 1: how good a warm start
@@ -48,7 +50,8 @@ pub struct OracleStarted<'a> {
     pub model: &'a TrainedModel,
     pub sampling: Sampling,
     pub steps: u32,
-    pub scenarios: &'a Scenarios,
+    /// Recorded, with the pre-roll of what is observed.
+    pub scenarios: &'a SeriesView<'a>,
 }
 
 impl Predictor for Learned<'_> {
@@ -57,7 +60,7 @@ impl Predictor for Learned<'_> {
     }
 
     /// Of a gaussian head the mean, of a denoiser its first sample.
-    fn predict(&self, observed: &Observed) -> Result<Vec<f32>, EvaluationError> {
+    fn predict(&self, observed: &Observed<'_>) -> Result<Vec<f32>, EvaluationError> {
         self.warm_start(observed)
             .and_then(|warm_start| self.ask(observed, warm_start, 1, 0))
             .map_err(|failure| failure.of(&self.name))
@@ -65,7 +68,7 @@ impl Predictor for Learned<'_> {
 
     fn sample(
         &self,
-        observed: &Observed,
+        observed: &Observed<'_>,
         count: usize,
     ) -> Result<Option<Samples>, EvaluationError> {
         if !self.model.is_generative() {
@@ -74,13 +77,13 @@ impl Predictor for Learned<'_> {
         self.warm_start(observed)
             .and_then(|warm_start| {
                 let sampling = Sampling { samples: count, warm_start, ..self.sampling.clone() };
-                Ok(self.model.sample(&input(observed), &sampling)?)
+                Ok(self.model.sample(observed, &sampling)?)
             })
             .map(|positions| Some(Samples { count, positions }))
             .map_err(|failure| failure.of(&self.name))
     }
 
-    fn answer(&self, observed: &Observed, count: usize) -> Result<Answer, EvaluationError> {
+    fn answer(&self, observed: &Observed<'_>, count: usize) -> Result<Answer, EvaluationError> {
         if !self.is_denoiser() {
             let positions = self.predict(observed)?;
             let samples = if count < 2 { None } else { self.sample(observed, count)? };
@@ -103,23 +106,22 @@ impl Learned<'_> {
     /// one another would else repeat one and the same noise.
     fn ask(
         &self,
-        observed: &Observed,
+        observed: &Observed<'_>,
         warm_start: Option<WarmStart>,
         samples: usize,
         back: usize,
     ) -> Result<Vec<f32>, Failure> {
-        let input = input(observed);
         if !self.is_denoiser() {
-            return Ok(self.model.predict(&input)?);
+            return Ok(self.model.predict(observed)?);
         }
         // Seeds of specs have 53 bits.
         let seed = self.sampling.seed ^ ((back as u64) << 53);
         let sampling = Sampling { samples, warm_start, seed, ..self.sampling.clone() };
-        Ok(self.model.sample(&input, &sampling)?)
+        Ok(self.model.sample(observed, &sampling)?)
     }
 
     /// The prediction before this one, by way of all before it.
-    fn warm_start(&self, observed: &Observed) -> Result<Option<WarmStart>, Failure> {
+    fn warm_start(&self, observed: &Observed<'_>) -> Result<Option<WarmStart>, Failure> {
         let Start::Shifted { shift, steps } = self.start else { return Ok(None) };
         let too_short = Failure::PreRoll { shift, pre_roll: observed.pre_roll() };
         let earlier = observed.pre_roll().checked_div(shift).filter(|&earlier| earlier > 0);
@@ -148,14 +150,9 @@ impl Predictor for LeakyLearned<'_> {
         &self.name
     }
 
-    fn predict(&self, observed: &Observed) -> Result<Vec<f32>, EvaluationError> {
-        let batch = Batch {
-            u: observed.u.clone(),
-            y: self.scenarios.horizon_positions(0),
-            size: observed.size,
-            samples: observed.samples,
-        };
-        let predicted = self.model.predict_with_leak(&batch);
+    fn predict(&self, observed: &Observed<'_>) -> Result<Vec<f32>, EvaluationError> {
+        let window = self.scenarios.window(observed.pre_roll()..self.scenarios.samples());
+        let predicted = self.model.predict_with_leak(&window);
         predicted.map_err(|source| Failure::from(source).of(&self.name))
     }
 }
@@ -165,36 +162,33 @@ impl Predictor for OracleStarted<'_> {
         &self.name
     }
 
-    fn predict(&self, observed: &Observed) -> Result<Vec<f32>, EvaluationError> {
+    fn predict(&self, observed: &Observed<'_>) -> Result<Vec<f32>, EvaluationError> {
         self.ask(observed, 1)
     }
 
     fn sample(
         &self,
-        observed: &Observed,
+        observed: &Observed<'_>,
         count: usize,
     ) -> Result<Option<Samples>, EvaluationError> {
         Ok(Some(Samples { count, positions: self.ask(observed, count)? }))
     }
 
-    fn answer(&self, observed: &Observed, count: usize) -> Result<Answer, EvaluationError> {
+    fn answer(&self, observed: &Observed<'_>, count: usize) -> Result<Answer, EvaluationError> {
         let count = count.max(1);
         Ok(Answer::of_samples(count, self.ask(observed, count)?))
     }
 }
 
 impl OracleStarted<'_> {
-    fn ask(&self, observed: &Observed, samples: usize) -> Result<Vec<f32>, EvaluationError> {
-        let previous = self.scenarios.horizon_positions(observed.context);
+    fn ask(&self, observed: &Observed<'_>, samples: usize) -> Result<Vec<f32>, EvaluationError> {
+        let first = observed.pre_roll() + observed.context();
+        let previous = self.scenarios.window(first..self.scenarios.samples()).copy_y();
         let warm_start = Some(WarmStart { previous, shift: 0, steps: self.steps });
         let sampling = Sampling { samples, warm_start, ..self.sampling.clone() };
-        let answer = self.model.sample(&input(observed), &sampling);
+        let answer = self.model.sample(observed, &sampling);
         answer.map_err(|source| Failure::from(source).of(&self.name))
     }
-}
-
-fn input(observed: &Observed) -> PredictionInput {
-    PredictionInput { u: observed.u.clone(), y_context: observed.y.clone(), size: observed.size }
 }
 
 /// Why a checkpoint has no answer.

@@ -1,7 +1,7 @@
 //! How well a predictor answers: baselines, metrics, intervals, reports.
 //!
 //! Everything here compares predictors on the same scenarios. A predictor is handed
-//! [`Observed`], which holds the torques of all samples but the positions of the context only, so
+//! [`series::Observed`], which holds the torques of all samples but the positions of the context only, so
 //! that it cannot see what it is asked for.
 
 mod baselines;
@@ -30,7 +30,7 @@ pub use figure::{
 };
 pub use learned::{FirstPrediction, LeakyLearned, Learned, OracleStarted, Start};
 pub use metrics::rmse_deg;
-pub use predictor::{Answer, Observed, Predictor, Samples, Scenarios};
+pub use predictor::{Answer, Predictor, Samples};
 pub use report::{Setting, paired_difference, summarize, trained_on};
 pub use rows::{MEASURES, Measure, Row};
 pub use scores::{

@@ -5,9 +5,7 @@ use std::sync::Arc;
 use api::live::{AboutModel, Answer, Lane, LiveError, LiveModel, Question};
 use futures::FutureExt;
 use futures::future::BoxFuture;
-use models::{
-    DeviceKind, Interrupt, ModelError, PredictionInput, Sampling, TrainedModel, WarmStart,
-};
+use models::{DeviceKind, Interrupt, ModelError, Sampling, TrainedModel, WarmStart};
 use spec::SpecError;
 
 use crate::lane::{Done, Lanes, Panic};
@@ -65,8 +63,8 @@ fn ask(
     question: Question,
     interrupt: &Interrupt,
 ) -> Result<Vec<f32>, ModelError> {
-    let Question { u, y_context, size, samples, sampler, seed, previous } = question;
-    let input = PredictionInput { u, y_context, size };
+    let Question { scenarios, samples, sampler, seed, previous } = question;
+    let observed = scenarios.observed(model.context());
     let warm_start = previous.map(|previous| WarmStart {
         previous: previous.positions,
         shift: previous.shift,
@@ -75,8 +73,8 @@ fn ask(
     let sampling =
         Sampling { sampler, seed, samples: samples.unwrap_or(1), first_scenario: 0, warm_start };
     interrupt.guard(|| match samples {
-        None => model.predict_with(&input, &sampling),
-        Some(_) => model.sample(&input, &sampling),
+        None => model.predict_with(&observed, &sampling),
+        Some(_) => model.sample(&observed, &sampling),
     })
 }
 

@@ -15,10 +15,9 @@ mod allocator;
 use std::error::Error;
 use std::time::Instant;
 
-use models::{
-    Batch, Device, ModelError, PredictionInput, Sampling, TrainedModel, Trainer, TrainingData,
-};
+use models::{Device, ModelError, Sampling, TrainedModel, Trainer, TrainingData};
 use serde_json::{Value, json};
+use series::{Series, Shape, ShapeError};
 use spec::{JOINTS, JobSpec, PresetPlace, SamplerKind, SamplerSpec};
 
 const BATCH: usize = 64;
@@ -81,7 +80,7 @@ fn measure(preset: &str, what: What, steps: usize) -> Result<(Value, Value), Box
     let device = Device::cpu();
     let mut trainer = Trainer::new(&spec, DATA, "none", &device)?;
     if what == What::Training {
-        let batch = waves(BATCH);
+        let batch = waves(BATCH)?;
         let times = times_ms(steps, || trainer.step(&batch))?;
         let times = json!({"step_ms": quantile(&times, 0.5), "peak_memory_mib": peak_memory_mib()});
         return Ok((serde_json::from_slice(&trainer.checkpoint()?.config)?, times));
@@ -90,9 +89,8 @@ fn measure(preset: &str, what: What, steps: usize) -> Result<(Value, Value), Box
     let files = trainer.checkpoint()?;
     drop(trainer);
     let model = TrainedModel::from_files(&files, &device)?;
-    let known = waves(1);
-    let y_context = known.y[..model.context() * JOINTS].to_vec();
-    let input = PredictionInput { u: known.u, y_context, size: 1 };
+    let waves = waves(1)?;
+    let input = waves.observed(model.context());
     let mut times = json!({});
     let mut note = |name: &str, measured: &[f64]| {
         times[name] = json!({"p50": quantile(measured, 0.5), "p99": quantile(measured, 0.99)});
@@ -120,12 +118,11 @@ fn measure(preset: &str, what: What, steps: usize) -> Result<(Value, Value), Box
 }
 
 /// Torques and positions that are no one's, but finite and not constant.
-fn waves(size: usize) -> Batch {
-    let samples = DATA.samples as usize;
-    let wave = |scale: f32| {
-        (0..size * samples * JOINTS).map(move |index| scale * (0.37 * index as f32).sin()).collect()
-    };
-    Batch { u: wave(5.0), y: wave(0.5), size, samples }
+fn waves(robots: usize) -> Result<Series, ShapeError> {
+    let shape = Shape { robots, samples: DATA.samples as usize, joints: JOINTS };
+    let values = shape.values()?;
+    let wave = |scale: f32| (0..values).map(|index| scale * (0.37 * index as f32).sin()).collect();
+    Series::new(shape, DATA.rate_hz, wave(5.0), wave(0.5))
 }
 
 /// In ascending order.

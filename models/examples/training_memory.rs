@@ -9,8 +9,9 @@ use std::error::Error;
 use std::process::Command;
 
 use mimalloc::MiMalloc;
-use models::{Batch, Device, Trainer, TrainingData};
+use models::{Device, Trainer, TrainingData};
 use serde_json::json;
+use series::{Series, Shape};
 use spec::{JOINTS, JobSpec, TrainSpec};
 
 /// As the product has it.
@@ -71,10 +72,11 @@ fn spec_of(training: &str) -> Result<TrainSpec, Box<dyn Error>> {
 }
 
 fn train(spec: &TrainSpec) -> Result<(), Box<dyn Error>> {
-    let size = spec.batch_size as usize;
-    let values = size * DATA.samples as usize * JOINTS;
+    let (robots, samples) = (spec.batch_size as usize, DATA.samples as usize);
+    let shape = Shape { robots, samples, joints: JOINTS };
+    let values = shape.values()?;
     let wave = |scale: f32| (0..values).map(|index| scale * (0.37 * index as f32).sin()).collect();
-    let batch = Batch { u: wave(5.0), y: wave(0.5), size, samples: DATA.samples as usize };
+    let batch = Series::new(shape, DATA.rate_hz, wave(5.0), wave(0.5))?;
     let mut trainer = Trainer::new(spec, DATA, "none", &Device::cpu())?;
     for _ in 0..2 {
         trainer.step(&batch)?;

@@ -6,6 +6,7 @@ use std::path::PathBuf;
 
 use burn::tensor::{Tensor, TensorData};
 use safetensors::SafeTensors;
+use series::{Series, Shape};
 use spec::{
     DataSource, Execution, JOINTS, Normalization, OptimizerSpec, SamplerKind, SamplerSpec,
     TrainSpec, ValidationMetric,
@@ -20,7 +21,7 @@ use crate::optimizer::{ModelOptimizer, NamedGradients};
 use crate::parameters::{NamedTensor, NamedTensors, host_values, parameters};
 use crate::randomness::Noise;
 use crate::sequence_model::{ModelInput, SequenceModel};
-use crate::{Batch, CheckpointConfig, Device, TrainedModel, Trainer, TrainingData, checkpoint};
+use crate::{CheckpointConfig, Device, TrainedModel, Trainer, TrainingData, checkpoint};
 
 /// A folder of `tests/data`.
 struct Peer(&'static str);
@@ -42,10 +43,12 @@ impl Peer {
         CheckpointConfig::parse(&self.read(CONFIG_FILE)).unwrap()
     }
 
-    fn batch(&self) -> Batch {
+    fn batch(&self) -> Series {
         let (u, y) = (self.expected("u"), self.expected("y"));
-        let samples = self.config().samples as usize;
-        Batch { size: u.len() / (samples * JOINTS), u, y, samples }
+        let CheckpointConfig { samples, rate_hz, .. } = self.config();
+        let samples = samples as usize;
+        let shape = Shape { robots: u.len() / (samples * JOINTS), samples, joints: JOINTS };
+        Series::new(shape, rate_hz, u, y).unwrap()
     }
 
     fn loaded(&self, device: &burn::tensor::Device) -> SequenceModel {
@@ -61,14 +64,14 @@ impl Peer {
         let config = self.config();
         let context = config.context as usize;
         let batch = self.batch();
+        let (batch, known) = (batch.view(), batch.observed(context));
         let statistics = config.normalizer.statistics_of_batch(&batch, context);
         let framing = Framing {
             residual: config.model.residual(),
-            samples: batch.samples,
+            samples: batch.samples(),
             context,
             rate_hz: config.rate_hz,
         };
-        let known = batch.known(context);
         let frames = framing.frames(&known, &statistics);
         let input = model_input(&known, &statistics, &frames, device);
         (input, target(&batch, &frames, context, device))
@@ -101,7 +104,7 @@ fn predictions_of_robomorph_agree() {
             let config = CheckpointConfig { normalizer, ..peer.config() };
             let json = serde_json::to_vec(&config).unwrap();
             let model = TrainedModel::load(&peer.read(MODEL_FILE), &json, &Device::cpu()).unwrap();
-            let predicted = model.predict(&peer.batch().known(model.context())).unwrap();
+            let predicted = model.predict(&peer.batch().observed(model.context())).unwrap();
             peer.check_close(&format!("prediction.{name}"), &predicted, 1e-5);
         }
     }
@@ -212,7 +215,7 @@ const FLOWS: [Peer; 2] = [Peer("flow"), Peer("flow_velocity")];
 
 fn series(peer: &Peer, name: &str, device: &burn::tensor::Device) -> Tensor<3> {
     let values = peer.expected(name);
-    let (size, samples) = (peer.batch().size, peer.batch().samples);
+    let Shape { robots: size, samples, .. } = peer.batch().shape();
     let channels = values.len() / (size * samples);
     Tensor::from_data(TensorData::new(values, [size, samples, channels]), device)
 }

@@ -9,8 +9,8 @@ pub enum ModelError {
     #[error("{what} has {actual} values, expected {expected}")]
     Length { what: &'static str, actual: usize, expected: usize },
 
-    #[error("a batch of {actual} samples per trajectory was given to a model of {expected}")]
-    Samples { actual: usize, expected: usize },
+    #[error("the model was given {actual} {what}, expected {expected}")]
+    Shape { what: &'static str, actual: usize, expected: usize },
 
     #[error("{what} of trajectory {trajectory} has a value that is not finite")]
     NotFiniteInput { what: &'static str, trajectory: usize },

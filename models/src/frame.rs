@@ -1,17 +1,18 @@
 //! From where a model sees positions, and how its answers become positions again.
 
-use spec::{JOINTS, Residual};
+use series::{Observed, Track};
+use spec::Residual;
 
-use crate::PredictionInput;
 use crate::normalization::{SMALLEST_STANDARD_DEVIATION, Statistics};
 
 /// y = center + scale · what the model sees, for one trajectory. From its torques and the
 /// positions of its context, never from those of the horizon.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Frame {
-    /// `[sample, 7]`, context and horizon, rad.
+    /// `[sample, joint]`, context and horizon, rad.
     center: Vec<f32>,
-    scale: [f32; JOINTS],
+    /// Of each joint.
+    scale: Vec<f32>,
 }
 
 /// What frames depend on besides the trajectory.
@@ -24,51 +25,49 @@ pub(crate) struct Framing {
 }
 
 impl Framing {
-    /// Of every trajectory of `input`.
-    pub fn frames(&self, input: &PredictionInput, statistics: &[Statistics]) -> Vec<Frame> {
-        let torques = input.u.chunks_exact(self.samples * JOINTS);
-        let positions = input.y_context.chunks_exact(self.context * JOINTS);
-        torques
-            .zip(positions)
-            .zip(statistics)
-            .map(|((u, y), statistics)| match self.residual {
-                Residual::None => Frame {
-                    center: statistics.y_mean.repeat(self.samples),
-                    scale: statistics.y_std,
-                },
-                Residual::Integrator(integrator) => self.integrated(u, y, integrator.damping),
-            })
-            .collect()
+    /// Of every trajectory that is observed.
+    pub fn frames(&self, observed: &Observed<'_>, statistics: &[Statistics]) -> Vec<Frame> {
+        let frame = |(robot, statistics): (usize, &Statistics)| match self.residual {
+            Residual::None => Frame {
+                center: statistics.y_mean.repeat(self.samples),
+                scale: statistics.y_std.clone(),
+            },
+            Residual::Integrator(integrator) => {
+                self.integrated(observed.u(robot), observed.y(robot), integrator.damping)
+            }
+        };
+        statistics.iter().enumerate().map(frame).collect()
     }
 
     /// The damped integrator through the last sample of the context, forwards and backwards, and
     /// as scale how far it is off over as many samples of the context as the horizon has: the
     /// best that the context says of how far it will be off.
     #[expect(clippy::cast_possible_truncation, reason = "series are computed in f32")]
-    fn integrated(&self, u: &[f32], y: &[f32], damping: f64) -> Frame {
+    fn integrated(&self, u: Track<'_>, y: Track<'_>, damping: f64) -> Frame {
         let last = self.context - 1;
         let gain = 1.0 / (damping * self.rate_hz);
-        let mut center = vec![0.0; u.len()];
-        let mut scale = [0.0; JOINTS];
+        let joints = u.joints();
+        let mut center = vec![0.0; u.values().len()];
+        let mut scale = vec![0.0; joints];
         for (joint, scale) in scale.iter_mut().enumerate() {
-            let at = |sample: usize| sample * JOINTS + joint;
-            let start = f64::from(y[at(last)]);
+            let at = |sample: usize| sample * joints + joint;
+            let start = f64::from(y[last][joint]);
             center[at(last)] = start as f32;
             // y of a sample is the position before its u acts.
             let mut position = start;
             for sample in last + 1..self.samples {
-                position += gain * f64::from(u[at(sample - 1)]);
+                position += gain * f64::from(u[sample - 1][joint]);
                 center[at(sample)] = position as f32;
             }
             let mut position = start;
             for sample in (0..last).rev() {
-                position -= gain * f64::from(u[at(sample)]);
+                position -= gain * f64::from(u[sample][joint]);
                 center[at(sample)] = position as f32;
             }
             let seen = last.saturating_sub(self.samples - self.context)..last;
             let count = seen.len().max(1) as f64;
             let squares: f64 =
-                seen.map(|sample| f64::from(y[at(sample)] - center[at(sample)]).powi(2)).sum();
+                seen.map(|sample| f64::from(y[sample][joint] - center[at(sample)]).powi(2)).sum();
             *scale = ((squares / count).sqrt() as f32).max(SMALLEST_STANDARD_DEVIATION);
         }
         Frame { center, scale }
@@ -76,14 +75,14 @@ impl Framing {
 }
 
 impl Frame {
-    /// Where answers are 0, `[sample, 7]`, context and horizon, rad.
+    /// Where answers are 0, `[sample, joint]`, context and horizon, rad.
     pub fn center(&self) -> &[f32] {
         &self.center
     }
 
-    /// Appends `y` `[sample, 7]`, the first of which is sample `first`, as the model sees it.
+    /// Appends `y` `[sample, joint]`, the first of which is sample `first`, as the model sees it.
     pub fn extend_seen(&self, y: &[f32], first: usize, seen: &mut Vec<f32>) {
-        let center = &self.center[first * JOINTS..];
+        let center = &self.center[first * self.scale.len()..];
         let scales = self.scale.iter().cycle();
         seen.extend(
             y.iter()
@@ -95,7 +94,7 @@ impl Frame {
 
     /// Turns what a model says of the samples from `first` on into rad.
     pub fn restore(&self, y: &mut [f32], first: usize) {
-        let center = &self.center[first * JOINTS..];
+        let center = &self.center[first * self.scale.len()..];
         let scales = self.scale.iter().cycle();
         for ((value, center), scale) in y.iter_mut().zip(center).zip(scales) {
             *value = *value * scale + center;
@@ -105,11 +104,13 @@ impl Frame {
 
 #[cfg(test)]
 mod tests {
-    use spec::{DampedIntegrator, JOINTS, Residual};
+    use series::{Series, Shape};
+    use spec::{DampedIntegrator, Residual};
 
     use super::Framing;
-    use crate::PredictionInput;
     use crate::normalization::Statistics;
+
+    const JOINTS: usize = 3;
 
     const FRAMING: Framing = Framing {
         residual: Residual::Integrator(DampedIntegrator { damping: 10.0 }),
@@ -118,55 +119,55 @@ mod tests {
         rate_hz: 60.0,
     };
 
-    const STATISTICS: Statistics = Statistics {
-        u_mean: [0.0; JOINTS],
-        u_std: [1.0; JOINTS],
-        y_mean: [0.1; JOINTS],
-        y_std: [2.0; JOINTS],
-    };
+    fn statistics() -> Statistics {
+        Statistics {
+            u_mean: vec![0.0; JOINTS],
+            u_std: vec![1.0; JOINTS],
+            y_mean: vec![0.1; JOINTS],
+            y_std: vec![2.0; JOINTS],
+        }
+    }
 
-    /// Arms that obey q̇ = u / D exactly, [sample, joint].
-    fn arm(damping: f32) -> (Vec<f32>, Vec<f32>) {
+    /// An arm that obeys q̇ = u / D exactly.
+    fn arm(damping: f32) -> Series {
         let u: Vec<f32> = (0..12 * JOINTS).map(|i| (i as f32 * 0.7).sin() * 5.0).collect();
         let mut y = vec![0.3; 12 * JOINTS];
         for i in JOINTS..y.len() {
             y[i] = y[i - JOINTS] + u[i - JOINTS] / damping / 60.0;
         }
-        (u, y)
+        Series::new(Shape { robots: 1, samples: 12, joints: JOINTS }, 60.0, u, y).unwrap()
     }
 
     #[test]
     fn an_arm_that_is_the_integrator_leaves_nothing_over() {
-        let (u, y) = arm(10.0);
-        let input = PredictionInput { u, y_context: y[..8 * JOINTS].to_vec(), size: 1 };
-        let frames = FRAMING.frames(&input, &[STATISTICS]);
+        let arm = arm(10.0);
+        let frames = FRAMING.frames(&arm.observed(8), &[statistics()]);
         let mut seen = Vec::new();
-        frames[0].extend_seen(&y, 0, &mut seen);
+        frames[0].extend_seen(arm.y(), 0, &mut seen);
         // A thousandth of a radian is the smallest scale.
         assert!(seen.iter().all(|value| value.abs() < 1e-3), "{seen:?}");
     }
 
     #[test]
     fn another_damping_is_left_over_in_the_scale_of_the_context() {
-        let (u, y) = arm(5.0);
-        let input = PredictionInput { u, y_context: y[..8 * JOINTS].to_vec(), size: 1 };
-        let frames = FRAMING.frames(&input, &[STATISTICS]);
+        let arm = arm(5.0);
+        let frames = FRAMING.frames(&arm.observed(8), &[statistics()]);
         let mut seen = Vec::new();
-        frames[0].extend_seen(&y[8 * JOINTS..], 8, &mut seen);
+        frames[0].extend_seen(&arm.y()[8 * JOINTS..], 8, &mut seen);
         let largest = seen.iter().fold(0.0_f32, |a, b| a.max(b.abs()));
         assert!((0.1..20.0).contains(&largest), "{largest}");
     }
 
     #[test]
     fn what_a_model_sees_becomes_the_position_again() {
-        let (u, y) = arm(7.0);
-        let input = PredictionInput { u, y_context: y[..8 * JOINTS].to_vec(), size: 1 };
+        let arm = arm(7.0);
+        let y = &arm.y()[8 * JOINTS..];
         for residual in [FRAMING.residual, Residual::None] {
-            let frames = Framing { residual, ..FRAMING }.frames(&input, &[STATISTICS]);
+            let frames = Framing { residual, ..FRAMING }.frames(&arm.observed(8), &[statistics()]);
             let mut seen = Vec::new();
-            frames[0].extend_seen(&y[8 * JOINTS..], 8, &mut seen);
+            frames[0].extend_seen(y, 8, &mut seen);
             frames[0].restore(&mut seen, 8);
-            let close = seen.iter().zip(&y[8 * JOINTS..]).all(|(a, b)| (a - b).abs() < 1e-6);
+            let close = seen.iter().zip(y).all(|(a, b)| (a - b).abs() < 1e-6);
             assert!(close, "{residual:?}");
         }
     }

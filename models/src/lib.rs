@@ -1,17 +1,16 @@
 //! The sequence models on burn: what they compute, how they are trained, how they are kept.
 //!
 //! A [`Trainer`] turns a [`spec::TrainSpec`] and batches of trajectories into weights; a
-//! [`TrainedModel`] turns a checkpoint and a [`PredictionInput`] into predicted joint positions.
+//! [`TrainedModel`] turns a checkpoint and [`series::Observed`] arms into predicted joint positions.
 //! Which batch comes at which step is the caller's matter. Random numbers are keyed by the spec's
 //! seed and by what they are for, never drawn from a state, so that the same spec and batches give
 //! the same weights on one kind of processor, bit for bit, however often training was interrupted.
 //!
-//! All series are row-major `[trajectory, sample, joint]`, u in N·m and y in rad.
+//! Answers are row-major `[trajectory, sample, joint]`, in rad, as [`series::Series`] are.
 
 #[cfg(test)]
 mod agreement_with_pytorch;
 mod attention;
-mod batch;
 mod cdcnn;
 mod cdt;
 mod checkpoint;
@@ -35,6 +34,7 @@ mod robomorph;
 mod sampling;
 mod schedule;
 mod sequence_model;
+mod shapes;
 mod sizes;
 mod trained_model;
 mod trainer;
@@ -42,7 +42,6 @@ mod transformer;
 mod unet;
 mod validation;
 
-pub use batch::{Batch, PredictionInput};
 pub use checkpoint::{
     CONFIG_FILE, CheckpointConfig, CheckpointFiles, FORMAT_VERSION, MODEL_FILE, OPTIMIZER_FILE,
     Versions,

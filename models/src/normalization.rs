@@ -1,52 +1,65 @@
 use burn::tensor::{Device, Tensor, TensorData};
 use serde::{Deserialize, Serialize};
-use spec::{JOINTS, Normalization};
+use series::{Observed, SeriesView, Shape, Track};
+use spec::Normalization;
 
+use crate::ModelError;
 use crate::frame::Frame;
 use crate::sequence_model::ModelInput;
-use crate::{Batch, ModelError, PredictionInput};
 
 /// Smaller standard deviations count as this one (N·m and rad): a joint that stands still is not
 /// to be magnified until rounding looks like motion. 1e-3 rad is 0.06°.
 pub(crate) const SMALLEST_STANDARD_DEVIATION: f32 = 1e-3;
 
 /// Mean and standard deviation of each joint's torque (N·m) and position (rad).
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Statistics {
-    pub u_mean: [f32; JOINTS],
-    pub u_std: [f32; JOINTS],
-    pub y_mean: [f32; JOINTS],
-    pub y_std: [f32; JOINTS],
+    pub u_mean: Vec<f32>,
+    pub u_std: Vec<f32>,
+    pub y_mean: Vec<f32>,
+    pub y_std: Vec<f32>,
 }
 
 impl Statistics {
-    pub(crate) fn is_usable(&self) -> bool {
+    /// Whether these can be the statistics of an arm of `joints` joints.
+    pub(crate) fn is_usable(&self, joints: usize) -> bool {
+        let each = [&self.u_mean, &self.u_std, &self.y_mean, &self.y_std];
         let means = self.u_mean.iter().chain(&self.y_mean);
         let mut deviations = self.u_std.iter().chain(&self.y_std);
-        means.into_iter().all(|mean| mean.is_finite())
+        each.iter().all(|values| values.len() == joints)
+            && means.into_iter().all(|mean| mean.is_finite())
             && deviations.all(|&deviation| deviation.is_finite() && deviation > 0.0)
     }
 
-    fn of(u: &[f32], y: &[f32]) -> Self {
-        let mut accumulator = StatisticsAccumulator::default();
-        accumulator.add(u, y);
-        accumulator.finish()
+    /// Of the first `samples` samples of one trajectory.
+    fn of(u: Track<'_>, y: Track<'_>, samples: usize) -> Self {
+        let (mut of_u, mut of_y) = (ChannelSums::new(u.joints()), ChannelSums::new(y.joints()));
+        of_u.add(u.iter().take(samples));
+        of_y.add(y.iter().take(samples));
+        StatisticsAccumulator { u: of_u, y: of_y }.finish()
     }
 }
 
 /// Gathers the statistics of a dataset, some trajectories at a time.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct StatisticsAccumulator {
     u: ChannelSums,
     y: ChannelSums,
 }
 
 impl StatisticsAccumulator {
-    /// `u` and `y` are `[.., 7]`, any number of samples.
-    pub fn add(&mut self, u: &[f32], y: &[f32]) {
-        self.u.add(u);
-        self.y.add(y);
+    pub fn new(joints: usize) -> Self {
+        Self { u: ChannelSums::new(joints), y: ChannelSums::new(joints) }
+    }
+
+    /// # Panics
+    /// When the trajectories have another number of joints.
+    pub fn add(&mut self, trajectories: &SeriesView<'_>) {
+        for robot in 0..trajectories.robots() {
+            self.u.add(trajectories.u(robot).iter());
+            self.y.add(trajectories.y(robot).iter());
+        }
     }
 
     /// Population statistics of all that was added; mean 0 and deviation 1 of nothing.
@@ -59,40 +72,47 @@ impl StatisticsAccumulator {
 
 /// Running mean and sum of squared deviations per channel (Welford 1962), which loses no digits
 /// where the mean is large beside the deviation.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 struct ChannelSums {
     count: u64,
-    mean: [f64; JOINTS],
-    squares: [f64; JOINTS],
+    mean: Vec<f64>,
+    squares: Vec<f64>,
 }
 
 impl ChannelSums {
-    fn add(&mut self, series: &[f32]) {
-        for sample in series.chunks_exact(JOINTS) {
+    fn new(channels: usize) -> Self {
+        Self { count: 0, mean: vec![0.0; channels], squares: vec![0.0; channels] }
+    }
+
+    fn add<'a>(&mut self, samples: impl Iterator<Item = &'a [f32]>) {
+        for sample in samples {
+            assert_eq!(sample.len(), self.mean.len(), "channels");
             self.count += 1;
             let weight = 1.0 / self.count as f64;
-            for (joint, &value) in sample.iter().enumerate() {
-                let difference = f64::from(value) - self.mean[joint];
-                self.mean[joint] += difference * weight;
-                self.squares[joint] += difference * (f64::from(value) - self.mean[joint]);
+            let sums = self.mean.iter_mut().zip(&mut self.squares);
+            for (&value, (mean, squares)) in sample.iter().zip(sums) {
+                let difference = f64::from(value) - *mean;
+                *mean += difference * weight;
+                *squares += difference * (f64::from(value) - *mean);
             }
         }
     }
 
     #[expect(clippy::cast_possible_truncation, reason = "statistics are applied in f32")]
-    fn mean_and_deviation(&self) -> ([f32; JOINTS], [f32; JOINTS]) {
+    fn mean_and_deviation(&self) -> (Vec<f32>, Vec<f32>) {
+        let channels = self.mean.len();
         if self.count == 0 {
-            return ([0.0; JOINTS], [1.0; JOINTS]);
+            return (vec![0.0; channels], vec![1.0; channels]);
         }
-        let deviation = self.squares.map(|squares| {
+        let deviation = self.squares.iter().map(|squares| {
             ((squares / self.count as f64).sqrt() as f32).max(SMALLEST_STANDARD_DEVIATION)
         });
-        (self.mean.map(|mean| mean as f32), deviation)
+        (self.mean.iter().map(|&mean| mean as f32).collect(), deviation.collect())
     }
 }
 
 /// How raw series become what a model sees, and its answers positions again.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Normalizer {
     /// By each trajectory's own context.
@@ -117,96 +137,92 @@ impl Normalizer {
     }
 
     /// Statistics of each trajectory, for which the horizon's y may be seen.
-    pub(crate) fn statistics_of_batch(&self, batch: &Batch, context: usize) -> Vec<Statistics> {
-        let row = batch.samples * JOINTS;
+    pub(crate) fn statistics_of_batch(
+        &self,
+        batch: &SeriesView<'_>,
+        context: usize,
+    ) -> Vec<Statistics> {
         let seen = match self {
-            Self::Context => context * JOINTS,
-            Self::PaperLeaky => row,
-            Self::Dataset(statistics) => return vec![*statistics; batch.size],
+            Self::Context => context,
+            Self::PaperLeaky => batch.samples(),
+            Self::Dataset(statistics) => return vec![statistics.clone(); batch.robots()],
         };
-        let trajectories = batch.u.chunks_exact(row).zip(batch.y.chunks_exact(row));
-        trajectories.map(|(u, y)| Statistics::of(&u[..seen], &y[..seen])).collect()
+        let robots = 0..batch.robots();
+        robots.map(|robot| Statistics::of(batch.u(robot), batch.y(robot), seen)).collect()
     }
 
     /// Statistics of each trajectory from what a predictor may know.
-    pub(crate) fn statistics_of_input(
+    pub(crate) fn statistics_of_observed(
         &self,
-        input: &PredictionInput,
-        samples: usize,
-        context: usize,
+        observed: &Observed<'_>,
     ) -> Result<Vec<Statistics>, ModelError> {
+        let (robots, context) = (observed.robots(), observed.context());
         match self {
-            Self::Dataset(statistics) => Ok(vec![*statistics; input.size]),
+            Self::Dataset(statistics) => Ok(vec![statistics.clone(); robots]),
             Self::PaperLeaky => Err(ModelError::LeakRequired),
             Self::Context => {
-                let seen = context * JOINTS;
-                let torques = input.u.chunks_exact(samples * JOINTS);
-                let positions = input.y_context.chunks_exact(seen);
-                Ok(torques.zip(positions).map(|(u, y)| Statistics::of(&u[..seen], y)).collect())
+                let of = |robot| Statistics::of(observed.u(robot), observed.y(robot), context);
+                Ok((0..robots).map(of).collect())
             }
         }
     }
 }
 
-/// What the model sees of `input`, each trajectory by its own statistics and frame.
+/// What the model sees of `observed`, each trajectory by its own statistics and frame. This is the one
+/// copy between a batch and its tensors.
 pub(crate) fn model_input(
-    input: &PredictionInput,
+    observed: &Observed<'_>,
     statistics: &[Statistics],
     frames: &[Frame],
     device: &Device,
 ) -> ModelInput {
-    let rows = |series: &[f32]| series.len() / input.size.max(1);
-    let samples = rows(&input.u) / JOINTS;
-    let context = rows(&input.y_context) / JOINTS;
-    let mut all_u = Vec::with_capacity(input.u.len());
-    let mut y_context = Vec::with_capacity(input.y_context.len());
-    let mut seen_context = Vec::with_capacity(input.y_context.len());
-    let mut path = Vec::with_capacity(input.u.len());
-    let torques = input.u.chunks_exact(samples * JOINTS);
-    let positions = input.y_context.chunks_exact(context * JOINTS);
-    for (((u, y), statistics), frame) in torques.zip(positions).zip(statistics).zip(frames) {
-        for u in u.chunks_exact(JOINTS) {
-            all_u.extend(normalized(u, &statistics.u_mean, &statistics.u_std));
+    let Shape { robots, samples, joints } = observed.shape();
+    let context = observed.context();
+    let mut u = Vec::with_capacity(robots * samples * joints);
+    let mut y_context = Vec::with_capacity(robots * context * joints);
+    let mut seen_context = Vec::with_capacity(robots * context * joints);
+    let mut path = Vec::with_capacity(robots * samples * joints);
+    for (robot, (statistics, frame)) in statistics.iter().zip(frames).enumerate() {
+        let Statistics { u_mean, u_std, y_mean, y_std } = statistics;
+        for torques in observed.u(robot) {
+            u.extend(normalized(torques, u_mean, u_std));
         }
-        for y in y.chunks_exact(JOINTS) {
-            y_context.extend(normalized(y, &statistics.y_mean, &statistics.y_std));
+        for positions in observed.y(robot) {
+            y_context.extend(normalized(positions, y_mean, y_std));
         }
-        frame.extend_seen(y, 0, &mut seen_context);
-        for center in frame.center().chunks_exact(JOINTS) {
-            path.extend(normalized(center, &statistics.y_mean, &statistics.y_std));
+        frame.extend_seen(observed.y(robot).values(), 0, &mut seen_context);
+        for center in frame.center().chunks_exact(joints) {
+            path.extend(normalized(center, y_mean, y_std));
         }
     }
     let tensor = |values, samples| {
-        Tensor::from_data(TensorData::new(values, [input.size, samples, JOINTS]), device)
+        Tensor::from_data(TensorData::new(values, [robots, samples, joints]), device)
     };
     ModelInput {
-        u: tensor(all_u, samples),
+        u: tensor(u, samples),
         y_context: tensor(y_context, context),
         seen_context: tensor(seen_context, context),
         path: tensor(path, samples),
     }
 }
 
-/// Positions of the horizon as the frames see them, `[size, horizon, 7]`.
+/// Positions of the horizon as the frames see them, `[robot, horizon, joint]`.
 pub(crate) fn target(
-    batch: &Batch,
+    batch: &SeriesView<'_>,
     frames: &[Frame],
     context: usize,
     device: &Device,
 ) -> Tensor<3> {
-    let horizon = batch.samples - context;
-    let mut target = Vec::with_capacity(batch.size * horizon * JOINTS);
-    for (y, frame) in batch.y.chunks_exact(batch.samples * JOINTS).zip(frames) {
-        frame.extend_seen(&y[context * JOINTS..], context, &mut target);
+    let Shape { robots, samples, joints } = batch.shape();
+    let horizon = samples - context;
+    let mut target = Vec::with_capacity(robots * horizon * joints);
+    for (robot, frame) in frames.iter().enumerate() {
+        frame.extend_seen(&batch.y(robot).values()[context * joints..], context, &mut target);
     }
-    Tensor::from_data(TensorData::new(target, [batch.size, horizon, JOINTS]), device)
+    Tensor::from_data(TensorData::new(target, [robots, horizon, joints]), device)
 }
 
-fn normalized(
-    sample: &[f32],
-    mean: &[f32; JOINTS],
-    deviation: &[f32; JOINTS],
-) -> impl Iterator<Item = f32> {
+fn normalized(sample: &[f32], mean: &[f32], deviation: &[f32]) -> impl Iterator<Item = f32> {
     sample
         .iter()
         .zip(mean)

@@ -1,8 +1,10 @@
 //! From a question to positions, in parts that fit in memory.
 
 use burn::tensor::{Device, Tensor, TensorData};
-use spec::{JOINTS, ModelSpec};
+use series::Observed;
+use spec::ModelSpec;
 
+use crate::ModelError;
 use crate::diffusion::Step;
 use crate::frame::Framing;
 use crate::normalization::{Statistics, model_input};
@@ -10,7 +12,6 @@ use crate::parameters::host_values;
 use crate::randomness::{Noise, Purpose, generator};
 use crate::sampling::Sampling;
 use crate::sequence_model::{Ask, Draw, SequenceModel};
-use crate::{ModelError, PredictionInput};
 
 /// Trajectories computed at once, so that memory does not grow with the question.
 const CHUNK: usize = 64;
@@ -24,35 +25,29 @@ pub(crate) struct Predictor<'a> {
 }
 
 impl Predictor<'_> {
-    /// Positions `[samples, size, horizon, 7]`, rad.
+    /// Positions `[sample, robot, horizon, joint]`, rad.
     pub fn answer(
         &self,
-        input: &PredictionInput,
+        observed: &Observed<'_>,
         statistics: &[Statistics],
         sampling: &Sampling,
         draw: Draw,
     ) -> Result<Vec<f32>, ModelError> {
-        let Framing { samples, context, .. } = self.framing;
-        let horizon = samples - context;
-        let steps = self.steps(sampling, input.size, horizon)?;
-        let questions = sampling.samples.saturating_mul(input.size);
-        let mut answers = Vec::with_capacity(questions.saturating_mul(horizon * JOINTS));
+        let (robots, values) = (observed.robots(), observed.horizon() * observed.joints());
+        let steps = self.steps(sampling, observed)?;
+        let questions = sampling.samples.saturating_mul(robots);
+        let mut answers = Vec::with_capacity(questions.saturating_mul(values));
         for first in (0..questions).step_by(CHUNK) {
             let chunk = first..(first + CHUNK).min(questions);
             // The trajectory and the number of the sample that each row is.
             let rows: Vec<(usize, usize)> =
-                chunk.map(|question| (question % input.size, question / input.size)).collect();
-            answers.extend(self.rows(input, statistics, sampling, draw, &steps, &rows)?);
+                chunk.map(|question| (question % robots, question / robots)).collect();
+            answers.extend(self.rows(observed, statistics, sampling, draw, &steps, &rows)?);
         }
         Ok(answers)
     }
 
-    fn steps(
-        &self,
-        sampling: &Sampling,
-        size: usize,
-        horizon: usize,
-    ) -> Result<Vec<Step>, ModelError> {
+    fn steps(&self, sampling: &Sampling, observed: &Observed<'_>) -> Result<Vec<Step>, ModelError> {
         let SequenceModel::Denoiser(denoiser) = self.model else {
             return match &sampling.warm_start {
                 Some(_) => Err(not_a_denoiser("warm_start")),
@@ -67,7 +62,7 @@ impl Predictor<'_> {
         let warm = match &sampling.warm_start {
             None => None,
             Some(warm) => {
-                warm.check(size, horizon, &generation)?;
+                warm.check(observed, &generation)?;
                 Some(warm.steps as usize)
             }
         };
@@ -76,45 +71,39 @@ impl Predictor<'_> {
 
     fn rows(
         &self,
-        input: &PredictionInput,
+        observed: &Observed<'_>,
         statistics: &[Statistics],
         sampling: &Sampling,
         draw: Draw,
         steps: &[Step],
         rows: &[(usize, usize)],
     ) -> Result<Vec<f32>, ModelError> {
-        let Framing { samples, context, .. } = self.framing;
-        let horizon = samples - context;
-        let gathered = |series: &[f32], width: usize| -> Vec<f32> {
-            rows.iter().flat_map(|&(index, _)| &series[index * width..][..width]).copied().collect()
-        };
-        let question = PredictionInput {
-            u: gathered(&input.u, samples * JOINTS),
-            y_context: gathered(&input.y_context, context * JOINTS),
-            size: rows.len(),
-        };
+        let (context, horizon) = (observed.context(), observed.horizon());
+        let joints = observed.joints();
+        let robots: Vec<usize> = rows.iter().map(|&(robot, _)| robot).collect();
+        let question = observed.pick(&robots);
         let statistics: Vec<Statistics> =
-            rows.iter().map(|&(index, _)| statistics[index]).collect();
+            robots.iter().map(|&robot| statistics[robot].clone()).collect();
         let frames = self.framing.frames(&question, &statistics);
         let warm = match &sampling.warm_start {
             None => None,
             Some(warm) => {
-                let mut seen = Vec::with_capacity(rows.len() * horizon * JOINTS);
-                for (&(index, _), frame) in rows.iter().zip(&frames) {
-                    frame.extend_seen(&warm.shifted(index, horizon), context, &mut seen);
+                let mut seen = Vec::with_capacity(rows.len() * horizon * joints);
+                for (&robot, frame) in robots.iter().zip(&frames) {
+                    frame.extend_seen(&warm.shifted(robot, horizon, joints), context, &mut seen);
                 }
-                let seen = TensorData::new(seen, [rows.len(), horizon, JOINTS]);
+                let seen = TensorData::new(seen, [rows.len(), horizon, joints]);
                 Some(Tensor::from_data(seen, &self.device))
             }
         };
-        let mut noise = Noise::new(rows.iter().map(|&(index, sample)| {
-            let scenario = sampling.first_scenario.wrapping_add(index as u64);
+        let mut noise = Noise::new(rows.iter().map(|&(robot, sample)| {
+            let scenario = sampling.first_scenario.wrapping_add(robot as u64);
             generator(sampling.seed, Purpose::Sample, scenario, sample as u64)
         }));
         let seen = model_input(&question, &statistics, &frames, &self.device);
         let ask = Ask { steps, warm, noise: &mut noise, draw };
         let mut answer = host_values(self.model.answer(seen, ask))?;
-        for (y, frame) in answer.chunks_exact_mut(horizon * JOINTS).zip(&frames) {
+        for (y, frame) in answer.chunks_exact_mut(horizon * joints).zip(&frames) {
             frame.restore(y, context);
         }
         Ok(answer)

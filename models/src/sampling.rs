@@ -1,4 +1,5 @@
-use spec::{Generation, JOINTS, SamplerSpec};
+use series::Observed;
+use spec::{Generation, SamplerSpec};
 
 use crate::ModelError;
 
@@ -23,7 +24,7 @@ pub struct Sampling {
 /// `steps` even steps.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WarmStart {
-    /// Positions of the horizon, predicted `shift` samples ago, `[size, horizon, 7]`, rad.
+    /// Positions of the horizon, predicted `shift` samples ago, `[robot, horizon, joint]`, rad.
     pub previous: Vec<f32>,
     /// Samples between the two predictions, 1 in the paper. What lies beyond the previous
     /// prediction is its last sample.
@@ -42,17 +43,17 @@ impl Default for Sampling {
 impl WarmStart {
     pub(crate) fn check(
         &self,
-        size: usize,
-        horizon: usize,
+        observed: &Observed<'_>,
         generation: &Generation<'_>,
     ) -> Result<(), ModelError> {
-        let expected = size.saturating_mul(horizon).saturating_mul(JOINTS);
+        let values = observed.horizon() * observed.joints();
+        let expected = observed.robots().saturating_mul(values);
         let actual = self.previous.len();
         if actual != expected {
             return Err(ModelError::Length { what: "warm_start.previous", actual, expected });
         }
         if let Some(index) = self.previous.iter().position(|value| !value.is_finite()) {
-            let trajectory = index / (horizon * JOINTS);
+            let trajectory = index / values;
             let what = "warm_start.previous";
             return Err(ModelError::NotFiniteInput { what, trajectory });
         }
@@ -68,12 +69,12 @@ impl WarmStart {
     }
 
     /// The previous prediction of trajectory `index`, moved on.
-    pub(crate) fn shifted(&self, index: usize, horizon: usize) -> Vec<f32> {
-        let previous = &self.previous[index * horizon * JOINTS..][..horizon * JOINTS];
+    pub(crate) fn shifted(&self, index: usize, horizon: usize, joints: usize) -> Vec<f32> {
+        let previous = &self.previous[index * horizon * joints..][..horizon * joints];
         (0..horizon)
             .flat_map(|sample| {
                 let from = sample.saturating_add(self.shift).min(horizon - 1);
-                &previous[from * JOINTS..][..JOINTS]
+                &previous[from * joints..][..joints]
             })
             .copied()
             .collect()
@@ -82,9 +83,9 @@ impl WarmStart {
 
 #[cfg(test)]
 mod tests {
-    use spec::JOINTS;
-
     use super::WarmStart;
+
+    const JOINTS: usize = 6;
 
     #[test]
     fn a_warm_start_moves_on_in_time_and_holds_the_last_sample() {
@@ -92,7 +93,7 @@ mod tests {
             (0..8).flat_map(|row| std::iter::repeat_n(row as f32, JOINTS)).collect();
         let warm = |shift| WarmStart { previous: previous.clone(), shift, steps: 1 };
         let firsts = |shift, index| -> Vec<f32> {
-            warm(shift).shifted(index, 4).iter().step_by(JOINTS).copied().collect()
+            warm(shift).shifted(index, 4, JOINTS).iter().step_by(JOINTS).copied().collect()
         };
         assert_eq!(firsts(1, 0), [1.0, 2.0, 3.0, 3.0]);
         assert_eq!(firsts(0, 1), [4.0, 5.0, 6.0, 7.0]);

@@ -1,3 +1,4 @@
+use series::{Observed, SeriesView};
 use spec::ModelSpec;
 
 use crate::checkpoint::{self, CheckpointConfig, CheckpointFiles};
@@ -6,7 +7,8 @@ use crate::initialization::InitialWeights;
 use crate::normalization::{Normalizer, Statistics};
 use crate::prediction::Predictor;
 use crate::sequence_model::{Draw, SequenceModel};
-use crate::{Batch, Device, ModelError, PredictionInput, Sampling};
+use crate::shapes::{check_batch, check_observed};
+use crate::{Device, ModelError, Sampling};
 
 /// A model that only predicts. Can be shared between threads.
 #[derive(Debug)]
@@ -34,7 +36,7 @@ impl TrainedModel {
         )?;
         Ok(Self {
             model: checkpoint::load_weights(model, weights)?,
-            normalizer: config.normalizer,
+            normalizer: config.normalizer.clone(),
             config,
             device: device.clone(),
         })
@@ -44,14 +46,14 @@ impl TrainedModel {
         Self::load(&files.model, &files.config, device)
     }
 
-    /// Positions of the horizon, `[size, horizon, 7]`, rad. Of a gaussian head the mean, of a
+    /// Positions of the horizon, `[robot, horizon, joint]`, rad. Of a gaussian head the mean, of a
     /// denoiser the sample of [`Sampling::default`].
     ///
     /// # Errors
     /// [`ModelError::LeakRequired`] for a model with normalization `paper-leaky`; an input of
     /// another shape or with values that are not finite.
-    pub fn predict(&self, input: &PredictionInput) -> Result<Vec<f32>, ModelError> {
-        self.predict_with(input, &Sampling::default())
+    pub fn predict(&self, observed: &Observed<'_>) -> Result<Vec<f32>, ModelError> {
+        self.predict_with(observed, &Sampling::default())
     }
 
     /// As [`TrainedModel::predict`], of a denoiser the one sample that `sampling` asks for.
@@ -61,13 +63,13 @@ impl TrainedModel {
     /// model cannot do.
     pub fn predict_with(
         &self,
-        input: &PredictionInput,
+        observed: &Observed<'_>,
         sampling: &Sampling,
     ) -> Result<Vec<f32>, ModelError> {
-        self.ask(input, &Sampling { samples: 1, ..sampling.clone() }, Draw::Mean)
+        self.ask(observed, &Sampling { samples: 1, ..sampling.clone() }, Draw::Mean)
     }
 
-    /// Positions of the horizon in several ways, `[samples, size, horizon, 7]`, rad. Sample k of a
+    /// Positions of the horizon in several ways, `[sample, robot, horizon, joint]`, rad. Sample k of a
     /// scenario depends on (seed, scenario, k) alone, not on what else is asked.
     ///
     /// # Errors
@@ -75,23 +77,23 @@ impl TrainedModel {
     /// only, [`ModelError::Sampling`] and [`ModelError::Spec`] for what this one cannot do.
     pub fn sample(
         &self,
-        input: &PredictionInput,
+        observed: &Observed<'_>,
         sampling: &Sampling,
     ) -> Result<Vec<f32>, ModelError> {
         if !self.is_generative() {
             return Err(ModelError::NotGenerative);
         }
-        self.ask(input, sampling, Draw::Sample)
+        self.ask(observed, sampling, Draw::Sample)
     }
 
     /// As [`TrainedModel::predict`], except that normalization `paper-leaky` takes its statistics
     /// from the whole trajectory, the horizon's y included, as the paper's code does. No other
     /// use is made of the horizon's y.
-    pub fn predict_with_leak(&self, batch: &Batch) -> Result<Vec<f32>, ModelError> {
-        batch.check(self.samples())?;
+    pub fn predict_with_leak(&self, batch: &SeriesView<'_>) -> Result<Vec<f32>, ModelError> {
+        check_batch(batch, self.samples())?;
         let statistics = self.normalizer.statistics_of_batch(batch, self.context());
-        let input = batch.known(self.context());
-        self.answer(&input, &statistics, &Sampling::default(), Draw::Mean)
+        let observed = batch.observed(0, self.context());
+        self.answer(&observed, &statistics, &Sampling::default(), Draw::Mean)
     }
 
     /// Whether it can answer the same question in several ways.
@@ -133,19 +135,18 @@ impl TrainedModel {
 
     fn ask(
         &self,
-        input: &PredictionInput,
+        observed: &Observed<'_>,
         sampling: &Sampling,
         draw: Draw,
     ) -> Result<Vec<f32>, ModelError> {
-        input.check(self.samples(), self.context())?;
-        let statistics =
-            self.normalizer.statistics_of_input(input, self.samples(), self.context())?;
-        self.answer(input, &statistics, sampling, draw)
+        check_observed(observed, self.samples(), self.context())?;
+        let statistics = self.normalizer.statistics_of_observed(observed)?;
+        self.answer(observed, &statistics, sampling, draw)
     }
 
     fn answer(
         &self,
-        input: &PredictionInput,
+        observed: &Observed<'_>,
         statistics: &[Statistics],
         sampling: &Sampling,
         draw: Draw,
@@ -162,6 +163,6 @@ impl TrainedModel {
             device: self.device.inference(),
         };
         // On a thread of the pool, which then wakes no other for each parallel loop.
-        rayon::scope(|_| predictor.answer(input, statistics, sampling, draw))
+        rayon::scope(|_| predictor.answer(observed, statistics, sampling, draw))
     }
 }

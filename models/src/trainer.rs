@@ -2,6 +2,7 @@ use std::collections::BTreeMap;
 
 use kernels::Interrupt;
 use rand_chacha::ChaCha12Rng;
+use series::{Series, SeriesView};
 use spec::{DataSource, Digest, EmaSpec, JOINTS, ModelSpec, TrainSpec};
 
 use crate::checkpoint::{self, CheckpointConfig, CheckpointFiles, TrainingState, Versions};
@@ -15,14 +16,15 @@ use crate::prediction::Predictor;
 use crate::randomness::{Noise, Purpose, generator};
 use crate::schedule::Schedule;
 use crate::sequence_model::{Draw, Loss, SequenceModel};
+use crate::shapes::check_batch;
 use crate::validation::{ValidationPart, ValidationReport};
-use crate::{Batch, Device, FORMAT_VERSION, ModelError, Sampling};
+use crate::{Device, FORMAT_VERSION, ModelError, Sampling};
 
 /// The metric that every checkpoint after a step has.
 const TRAIN_LOSS: &str = "train/loss";
 
 /// What a trainer must know of its dataset.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct TrainingData {
     /// Samples of every trajectory, context and horizon.
     pub samples: u32,
@@ -91,7 +93,7 @@ impl Trainer {
         spec_digest: &str,
         device: &Device,
     ) -> Result<Self, ModelError> {
-        let normalizer = Normalizer::new(spec.normalization, data.statistics)?;
+        let normalizer = Normalizer::new(spec.normalization, data.statistics.clone())?;
         let training = device.training();
         let mut weights = InitialWeights::new(spec.seed, &training);
         let horizon = horizon(spec.context, data.samples)?;
@@ -191,7 +193,7 @@ impl Trainer {
     /// A batch of the wrong shape or with values that are not finite;
     /// [`ModelError::LossNotFinite`], [`ModelError::GradientNotFinite`] and
     /// [`ModelError::Interrupted`], after which the trainer is as it was before.
-    pub fn step(&mut self, batch: &Batch) -> Result<StepReport, ModelError> {
+    pub fn step(&mut self, batch: &Series) -> Result<StepReport, ModelError> {
         let step = self.step + 1;
         let (gradients, loss) = self.compute(|| self.gradients(batch))?;
         let gradient_norm = gradients.norm;
@@ -220,19 +222,20 @@ impl Trainer {
     }
 
     /// Of the step that comes next, and its loss.
-    fn gradients(&self, batch: &Batch) -> Result<(NamedGradients, f64), ModelError> {
-        batch.check(self.framing.samples)?;
+    fn gradients(&self, batch: &Series) -> Result<(NamedGradients, f64), ModelError> {
+        check_batch(&batch.view(), self.framing.samples)?;
         let step = self.step + 1;
         let device = self.device.training();
         let mut gradients = Vec::with_capacity(self.parts);
         let mut loss_value = 0.0;
-        let part_size = batch.size.div_ceil(self.parts);
-        for first in (0..batch.size).step_by(part_size) {
-            let part = batch.part(first, part_size);
-            let share = part.size as f64 / batch.size as f64;
-            let dropout = self.generators(Purpose::Dropout, step, first, part.size);
-            let mut noise = Noise::new(self.generators(Purpose::Training, step, first, part.size))
-                .with_dropout(dropout);
+        let size = batch.robots();
+        let part_size = size.div_ceil(self.parts);
+        for first in (0..size).step_by(part_size) {
+            let part = batch.part(first..(first + part_size).min(size));
+            let share = part.robots() as f64 / size as f64;
+            let dropout = self.generators(Purpose::Dropout, step, first, part.robots());
+            let training = self.generators(Purpose::Training, step, first, part.robots());
+            let mut noise = Noise::new(training).with_dropout(dropout);
             let loss = self.loss(&self.model, &part, &mut noise, &device)?;
             loss_value += share * loss.value()?;
             if !loss_value.is_finite() {
@@ -271,30 +274,32 @@ impl Trainer {
     }
 
     fn validated(&self, part: &ValidationPart<'_>) -> Result<ValidationReport, ModelError> {
-        let ValidationPart { batch, first, predicted } = *part;
+        let ValidationPart { batch, first, predicted } = part;
+        check_batch(batch, self.framing.samples)?;
         let model = self.kept_model();
         let device = self.device.inference();
         let context = self.framing.context;
-        let mut noise = Noise::new(self.generators(Purpose::Validation, 0, first, batch.size));
+        let mut noise = Noise::new(self.generators(Purpose::Validation, 0, *first, batch.robots()));
         let loss = self.loss(&model, batch, &mut noise, &device)?;
-        let mut report = ValidationReport::new(loss.value()?, batch.size);
+        let mut report = ValidationReport::new(loss.value()?, batch.robots());
         if let Some(answer) = loss.predicted {
             let statistics = self.normalizer.statistics_of_batch(batch, context);
-            let frames = self.framing.frames(&batch.known(context), &statistics);
+            let observed = batch.observed(0, context);
+            let frames = self.framing.frames(&observed, &statistics);
             let mut answer = host_values(answer)?;
-            let rows = answer.chunks_exact_mut((batch.samples - context) * JOINTS);
+            let rows = answer.chunks_exact_mut(observed.horizon() * observed.joints());
             for (y, frame) in rows.zip(&frames) {
                 frame.restore(y, context);
             }
             report.add_predictions(&answer, batch, context);
-        } else if predicted > 0 {
-            let asked = batch.part(0, predicted);
+        } else if *predicted > 0 {
+            let asked = batch.part(0..batch.robots().min(*predicted));
             let statistics = self.normalizer.statistics_of_batch(&asked, context);
             let (spec, framing) = (&self.identity.model, self.framing);
             let predictor = Predictor { model: &model, spec, framing, device };
-            let sampling = Sampling { first_scenario: first as u64, ..Sampling::default() };
-            let known = asked.known(context);
-            let answer = predictor.answer(&known, &statistics, &sampling, Draw::Mean)?;
+            let sampling = Sampling { first_scenario: *first as u64, ..Sampling::default() };
+            let observed = asked.observed(0, context);
+            let answer = predictor.answer(&observed, &statistics, &sampling, Draw::Mean)?;
             report.add_predictions(&answer, &asked, context);
         }
         Ok(report)
@@ -324,7 +329,7 @@ impl Trainer {
             horizon,
             samples: data.samples,
             rate_hz: data.rate_hz,
-            normalizer: self.normalizer,
+            normalizer: self.normalizer.clone(),
             step: self.step,
             seed: *seed,
             spec_digest: spec_digest.clone(),
@@ -354,16 +359,15 @@ impl Trainer {
     fn loss(
         &self,
         model: &SequenceModel,
-        batch: &Batch,
+        batch: &SeriesView<'_>,
         noise: &mut Noise,
         device: &burn::tensor::Device,
     ) -> Result<Loss, ModelError> {
-        batch.check(self.framing.samples)?;
         let context = self.framing.context;
         let statistics = self.normalizer.statistics_of_batch(batch, context);
-        let known = batch.known(context);
-        let frames = self.framing.frames(&known, &statistics);
-        let input = model_input(&known, &statistics, &frames, device);
+        let observed = batch.observed(0, context);
+        let frames = self.framing.frames(&observed, &statistics);
+        let input = model_input(&observed, &statistics, &frames, device);
         let loss = model.loss(input, target(batch, &frames, context, device), noise);
         Ok(match &self.loss_weights {
             Some(weights) => loss.weighted(weights),

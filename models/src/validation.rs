@@ -1,11 +1,9 @@
-use spec::JOINTS;
-
-use crate::Batch;
+use series::{Series, SeriesView, Shape};
 
 /// What of a batch a model is validated with.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct ValidationPart<'a> {
-    pub batch: &'a Batch,
+    pub batch: SeriesView<'a>,
     /// Place of the batch's first trajectory among all of the validation. The noise of a
     /// trajectory is keyed by its place: the same at every validation.
     pub first: usize,
@@ -16,8 +14,8 @@ pub struct ValidationPart<'a> {
 
 impl<'a> ValidationPart<'a> {
     /// A validation with one batch, all of it predicted.
-    pub fn whole(batch: &'a Batch) -> Self {
-        Self { batch, first: 0, predicted: batch.size }
+    pub fn whole(batch: &'a Series) -> Self {
+        Self { batch: batch.view(), first: 0, predicted: batch.robots() }
     }
 }
 
@@ -27,6 +25,7 @@ pub struct ValidationReport {
     loss_sum: f64,
     trajectories: usize,
     rmse_sum: f64,
+    /// Joints of all trajectories that were predicted.
     predicted: usize,
 }
 
@@ -35,11 +34,15 @@ impl ValidationReport {
         Self { loss_sum: loss * trajectories as f64, trajectories, ..Self::default() }
     }
 
-    /// Takes in predictions `[.., horizon, 7]` of the first trajectories of `batch`, rad.
-    pub(crate) fn add_predictions(&mut self, predicted: &[f32], batch: &Batch, context: usize) {
-        let row = (batch.samples - context) * JOINTS;
+    /// Takes in predictions `[.., horizon, joint]` of the first trajectories of `batch`, rad.
+    pub(crate) fn add_predictions(
+        &mut self,
+        predicted: &[f32],
+        batch: &SeriesView<'_>,
+        context: usize,
+    ) {
         self.rmse_sum += rmse_sum(predicted, batch, context);
-        self.predicted += predicted.len() / row;
+        self.predicted += predicted.len() / (batch.samples() - context);
     }
 
     /// As of [`crate::StepReport`]; NaN of no trajectories.
@@ -50,7 +53,7 @@ impl ValidationReport {
     /// Of [`crate::TrainedModel::predict`]: √(mean over the horizon of the squared error) of each
     /// joint of each trajectory that was predicted, averaged over both; rad; NaN of none.
     pub fn rmse_rad(&self) -> f64 {
-        self.rmse_sum / (self.predicted * JOINTS) as f64
+        self.rmse_sum / self.predicted as f64
     }
 }
 
@@ -64,19 +67,19 @@ impl std::ops::AddAssign for ValidationReport {
 }
 
 /// Of each joint of each trajectory, added up in order.
-fn rmse_sum(predicted: &[f32], batch: &Batch, context: usize) -> f64 {
-    let horizon = batch.samples - context;
+fn rmse_sum(predicted: &[f32], batch: &SeriesView<'_>, context: usize) -> f64 {
+    let Shape { samples, joints, .. } = batch.shape();
+    let horizon = samples - context;
     let mut total = 0.0;
-    let truths = batch.y.chunks_exact(batch.samples * JOINTS);
-    for (predicted, truth) in predicted.chunks_exact(horizon * JOINTS).zip(truths) {
-        let mut squares = [0.0; JOINTS];
-        let truth = truth[context * JOINTS..].chunks_exact(JOINTS);
-        for (predicted, truth) in predicted.chunks_exact(JOINTS).zip(truth) {
-            for joint in 0..JOINTS {
+    for (robot, predicted) in predicted.chunks_exact(horizon * joints).enumerate() {
+        let mut squares = vec![0.0; joints];
+        let truth = batch.y(robot).iter().skip(context);
+        for (predicted, truth) in predicted.chunks_exact(joints).zip(truth) {
+            for joint in 0..joints {
                 squares[joint] += f64::from(predicted[joint] - truth[joint]).powi(2);
             }
         }
-        total += squares.map(|sum: f64| (sum / horizon as f64).sqrt()).iter().sum::<f64>();
+        total += squares.iter().map(|sum: &f64| (sum / horizon as f64).sqrt()).sum::<f64>();
     }
     total
 }

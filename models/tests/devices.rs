@@ -8,8 +8,8 @@ mod synthetic;
 use std::collections::BTreeMap;
 
 use models::{
-    Batch, CheckpointConfig, CheckpointFiles, Device, DeviceKind, PredictionInput, Sampling,
-    TrainedModel, Trainer, ValidationPart,
+    CheckpointConfig, CheckpointFiles, Device, DeviceKind, Sampling, TrainedModel, Trainer,
+    ValidationPart,
 };
 use safetensors::SafeTensors;
 use spec::{EmaSpec, JOINTS, ModelSpec, RoboMorphSpec, SamplerKind, SamplerSpec, TrainSpec};
@@ -40,13 +40,6 @@ fn unclipped(model: ModelSpec) -> TrainSpec {
 
 fn trainer(spec: &TrainSpec, device: &Device) -> Trainer {
     Trainer::new(spec, DATA, "digest", device).unwrap()
-}
-
-fn known(batch: &Batch) -> PredictionInput {
-    let row = SAMPLES as usize * JOINTS;
-    let context = CONTEXT as usize * JOINTS;
-    let y_context = batch.y.chunks_exact(row).flat_map(|y| &y[..context]).copied().collect();
-    PredictionInput { u: batch.u.clone(), y_context, size: batch.size }
 }
 
 /// Values of the tensors whose names begin with `prefix`.
@@ -118,7 +111,8 @@ fn check_gradients(kind: DeviceKind) {
 /// Answers of weights that were trained for a moment, and whole chains of every sampler.
 fn check_answers(kind: DeviceKind) {
     let device = Device::open(kind).unwrap();
-    let question = known(&batch(50, 3));
+    let batch = batch(50, 3);
+    let question = batch.observed(CONTEXT as usize);
     for (name, model) in every_model() {
         let mut trainer = trainer(&unclipped(model), &Device::cpu());
         for step in 0..5 {

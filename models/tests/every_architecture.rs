@@ -5,9 +5,10 @@
 mod synthetic;
 
 use models::{
-    Batch, Device, ModelError, PredictionInput, Sampling, TrainedModel, Trainer, ValidationPart,
-    ValidationReport, WarmStart,
+    Device, ModelError, Sampling, TrainedModel, Trainer, ValidationPart, ValidationReport,
+    WarmStart,
 };
+use series::{Observed, Series};
 use spec::{
     CdtSpec, EmaSpec, JOINTS, Known, ModelSpec, Normalization, Residual, SamplerKind, SamplerSpec,
     TrainSpec,
@@ -28,9 +29,8 @@ fn train(trainer: &mut Trainer, steps: std::ops::Range<u64>) {
     }
 }
 
-fn known(batch: &Batch) -> PredictionInput {
-    let y_context = batch.y.chunks_exact(ROW).flat_map(|y| &y[..CONTEXT_VALUES]).copied().collect();
-    PredictionInput { u: batch.u.clone(), y_context, size: batch.size }
+fn known(batch: &Series) -> Observed<'_> {
+    batch.observed(CONTEXT as usize)
 }
 
 fn briefly_trained(model: ModelSpec) -> TrainedModel {
@@ -47,9 +47,9 @@ fn generative_kinds() -> impl Iterator<Item = (&'static str, TrainedModel)> {
 }
 
 /// As `ValidationReport::rmse_rad`, of the last known position held.
-fn hold_last_rmse(batch: &Batch) -> f64 {
+fn hold_last_rmse(batch: &Series) -> f64 {
     let mut total = 0.0;
-    for y in batch.y.chunks_exact(ROW) {
+    for y in batch.y().chunks_exact(ROW) {
         let (context, horizon) = y.split_at(CONTEXT_VALUES);
         let last = &context[CONTEXT_VALUES - JOINTS..];
         for (joint, last) in last.iter().enumerate() {
@@ -58,7 +58,7 @@ fn hold_last_rmse(batch: &Batch) -> f64 {
             total += f64::from(squares / (HORIZON_VALUES / JOINTS) as f32).sqrt();
         }
     }
-    total / (batch.size * JOINTS) as f64
+    total / (batch.robots() * JOINTS) as f64
 }
 
 /// A short training's validation error falls below `share` of that of holding the last position.
@@ -200,15 +200,9 @@ fn a_validation_is_the_same_in_any_parts() {
         let whole = trainer.validate(&ValidationPart::whole(&all)).unwrap();
         let mut parts = ValidationReport::default();
         for first in (0..12).step_by(5) {
-            let end = (first + 5).min(12);
-            let batch = Batch {
-                u: all.u[first * ROW..end * ROW].to_vec(),
-                y: all.y[first * ROW..end * ROW].to_vec(),
-                size: end - first,
-                samples: all.samples,
-            };
-            let predicted = batch.size;
-            parts += trainer.validate(&ValidationPart { batch: &batch, first, predicted }).unwrap();
+            let batch = all.part(first..(first + 5).min(12));
+            let predicted = batch.robots();
+            parts += trainer.validate(&ValidationPart { batch, first, predicted }).unwrap();
         }
         let close = |a: f64, b: f64| (a - b).abs() < 1e-5 * b.abs();
         assert!(close(parts.loss(), whole.loss()), "{name}: {parts:?} {whole:?}");
@@ -222,16 +216,11 @@ fn a_denoiser_predicts_as_many_trajectories_as_it_is_asked_to() {
         let in_one_pass = model.sampler().is_none();
         let trainer = trainer(&TrainSpec { model, ..train_spec() });
         let all = batch(7, 6);
-        let first_two = Batch {
-            u: all.u[..2 * ROW].to_vec(),
-            y: all.y[..2 * ROW].to_vec(),
-            size: 2,
-            samples: all.samples,
-        };
-        let part = ValidationPart { batch: &all, first: 0, predicted: 2 };
+        let part = ValidationPart { batch: all.view(), first: 0, predicted: 2 };
         let report = trainer.validate(&part).unwrap();
-        let expected = if in_one_pass { &all } else { &first_two };
-        let expected = trainer.validate(&ValidationPart::whole(expected)).unwrap().rmse_rad();
+        let batch = all.part(0..if in_one_pass { 6 } else { 2 });
+        let expected = ValidationPart { predicted: batch.robots(), batch, first: 0 };
+        let expected = trainer.validate(&expected).unwrap().rmse_rad();
         assert!((report.rmse_rad() - expected).abs() < 1e-6 * expected, "{name}: {report:?}");
         let none = ValidationPart { predicted: 0, ..part };
         assert_eq!(trainer.validate(&none).unwrap().rmse_rad().is_nan(), !in_one_pass, "{name}");
@@ -249,7 +238,7 @@ fn a_model_predicts_what_its_trainer_validated() {
             let batch = batch(50, 5);
             let predicted = model.predict(&known(&batch)).unwrap();
             let mut total = 0.0;
-            for (predicted, truth) in predicted.chunks(HORIZON_VALUES).zip(batch.y.chunks(ROW)) {
+            for (predicted, truth) in predicted.chunks(HORIZON_VALUES).zip(batch.y().chunks(ROW)) {
                 for joint in 0..JOINTS {
                     let pairs = predicted.iter().zip(&truth[CONTEXT_VALUES..]);
                     let squares: f64 = pairs
@@ -286,15 +275,15 @@ fn gradients_of_parts_of_a_batch_add_up_to_those_of_the_whole() {
 fn no_answer_depends_on_the_positions_of_the_horizon() {
     let batch = batch(53, 3);
     let mut other = batch.clone();
-    for y in other.y.chunks_exact_mut(ROW) {
+    for y in other.y_mut().chunks_exact_mut(ROW) {
         for value in &mut y[CONTEXT_VALUES..] {
             *value = 100.0 - *value;
         }
     }
     for (name, model) in every_kind() {
         let model = briefly_trained(model);
-        let answer = model.predict_with_leak(&batch).unwrap();
-        assert_eq!(answer, model.predict_with_leak(&other).unwrap(), "{name}");
+        let answer = model.predict_with_leak(&batch.view()).unwrap();
+        assert_eq!(answer, model.predict_with_leak(&other.view()).unwrap(), "{name}");
         assert_eq!(answer, model.predict(&known(&batch)).unwrap(), "{name}");
         assert!(answer.iter().all(|value| value.is_finite()), "{name}");
     }
@@ -302,16 +291,13 @@ fn no_answer_depends_on_the_positions_of_the_horizon() {
 
 #[test]
 fn a_sample_is_the_same_whatever_it_is_asked_together_with() {
-    let question = known(&batch(60, 5));
+    let batch = batch(60, 5);
+    let question = known(&batch);
     for (name, model) in generative_kinds() {
         let all = Sampling { samples: 30, seed: 4, ..Sampling::default() };
         let many = model.sample(&question, &all).unwrap();
         assert_eq!(many.len(), 30 * 5 * HORIZON_VALUES);
-        let alone = PredictionInput {
-            u: question.u[3 * ROW..4 * ROW].to_vec(),
-            y_context: question.y_context[3 * CONTEXT_VALUES..4 * CONTEXT_VALUES].to_vec(),
-            size: 1,
-        };
+        let alone = question.pick(&[3]);
         let one = Sampling { samples: 2, first_scenario: 3, ..all };
         let few = model.sample(&alone, &one).unwrap();
         for sample in 0..2 {
@@ -326,7 +312,8 @@ fn a_sample_is_the_same_whatever_it_is_asked_together_with() {
 
 #[test]
 fn every_sampler_gives_finite_positions() {
-    let question = known(&batch(61, 2));
+    let batch = batch(61, 2);
+    let question = known(&batch);
     for (name, model) in
         generative_kinds().filter(|(_, model)| model.architecture().sampler().is_some())
     {
@@ -349,7 +336,7 @@ fn a_warm_start_stays_near_the_previous_prediction() {
     let batch = batch(62, 2);
     let question = known(&batch);
     let previous: Vec<f32> =
-        batch.y.chunks_exact(ROW).flat_map(|y| &y[CONTEXT_VALUES..]).copied().collect();
+        batch.y().chunks_exact(ROW).flat_map(|y| &y[CONTEXT_VALUES..]).copied().collect();
     let warm_start = |steps| WarmStart { previous: previous.clone(), shift: 0, steps };
     for (name, model) in
         generative_kinds().filter(|(_, model)| model.architecture().sampler().is_some())
@@ -383,7 +370,8 @@ fn a_warm_start_stays_near_the_previous_prediction() {
 
 #[test]
 fn what_a_model_cannot_do_is_refused_by_name() {
-    let question = known(&batch(63, 1));
+    let batch = batch(63, 1);
+    let question = known(&batch);
     let kinds = every_kind();
     let point = briefly_trained(kinds[0].1.clone());
     let error = point.sample(&question, &Sampling::default()).unwrap_err();
@@ -436,7 +424,8 @@ fn averaged_weights_are_kept_apart_from_those_in_training() {
 fn a_residual_of_the_exact_integrator_starts_at_its_prediction() {
     // Untrained weights predict small multiples of the residual's scale, which is near zero here.
     let mut exact = batch(64, 4);
-    for (u, y) in exact.u.chunks_exact(ROW).zip(exact.y.chunks_exact_mut(ROW)) {
+    let (u, y) = exact.both_mut();
+    for (u, y) in u.chunks_exact(ROW).zip(y.chunks_exact_mut(ROW)) {
         for i in JOINTS..ROW {
             y[i] = y[i - JOINTS] + u[i - JOINTS] / 10.0 / 60.0;
         }
@@ -452,7 +441,7 @@ fn a_residual_of_the_exact_integrator_starts_at_its_prediction() {
         }
         let model = briefly_trained(model);
         let answer = model.predict(&known(&exact)).unwrap();
-        for (answer, truth) in answer.chunks(HORIZON_VALUES).zip(exact.y.chunks(ROW)) {
+        for (answer, truth) in answer.chunks(HORIZON_VALUES).zip(exact.y().chunks(ROW)) {
             for (a, b) in answer.iter().zip(&truth[CONTEXT_VALUES..]) {
                 assert!((a - b).abs() < 0.02, "{name}: {a} {b}");
             }

@@ -8,10 +8,9 @@ mod synthetic;
 
 use std::path::PathBuf;
 
-use models::{CheckpointFiles, Device, PredictionInput, TrainedModel, Trainer};
+use models::{CheckpointFiles, Device, TrainedModel, Trainer};
 use safetensors::SafeTensors;
-use spec::JOINTS;
-use synthetic::{CONTEXT, DATA, SAMPLES, batch, train_spec};
+use synthetic::{CONTEXT, DATA, batch, train_spec};
 
 fn read(file: &str) -> Vec<u8> {
     let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/data/format_1");
@@ -48,11 +47,7 @@ fn an_old_checkpoint_predicts_what_it_did() {
     let model = TrainedModel::from_files(&files(), &Device::cpu()).unwrap();
     assert_eq!(model.config().format_version, 1);
     let batch = batch(50, 2);
-    let row = SAMPLES as usize * JOINTS;
-    let y_context =
-        batch.y.chunks_exact(row).flat_map(|y| &y[..CONTEXT as usize * JOINTS]).copied().collect();
-    let input = PredictionInput { u: batch.u, y_context, size: 2 };
-    let predicted = model.predict(&input).unwrap();
+    let predicted = model.predict(&batch.observed(CONTEXT as usize)).unwrap();
     check_close("prediction", &predicted, &numbers(&read("prediction.f32")), ROUNDING);
 }
 

@@ -4,8 +4,9 @@
 
 mod synthetic;
 
-use models::{Batch, Device, ModelError, PredictionInput, TrainedModel, Trainer, TrainingData};
+use models::{Device, ModelError, TrainedModel, Trainer, TrainingData};
 use models::{Statistics, StatisticsAccumulator, ValidationPart};
+use series::{Observed, Series, Shape};
 use spec::{JOINTS, Normalization, TrainSpec};
 use synthetic::{CONTEXT, DATA, SAMPLES, batch, train_spec};
 
@@ -13,9 +14,8 @@ const CONTEXT_VALUES: usize = CONTEXT as usize * JOINTS;
 const ROW: usize = SAMPLES as usize * JOINTS;
 
 fn statistics() -> Statistics {
-    let mut accumulator = StatisticsAccumulator::default();
-    let batch = batch(5, 64);
-    accumulator.add(&batch.u, &batch.y);
+    let mut accumulator = StatisticsAccumulator::new(JOINTS);
+    accumulator.add(&batch(5, 64).view());
     accumulator.finish()
 }
 
@@ -33,15 +33,14 @@ fn model(trainer: &Trainer) -> TrainedModel {
     TrainedModel::from_files(&trainer.checkpoint().unwrap(), &Device::cpu()).unwrap()
 }
 
-fn known(batch: &Batch) -> PredictionInput {
-    let y_context = batch.y.chunks_exact(ROW).flat_map(|y| &y[..CONTEXT_VALUES]).copied().collect();
-    PredictionInput { u: batch.u.clone(), y_context, size: batch.size }
+fn known(batch: &Series) -> Observed<'_> {
+    batch.observed(CONTEXT as usize)
 }
 
 /// The batch with other positions in the horizon.
-fn with_other_future(batch: &Batch) -> Batch {
+fn with_other_future(batch: &Series) -> Series {
     let mut other = batch.clone();
-    for y in other.y.chunks_exact_mut(ROW) {
+    for y in other.y_mut().chunks_exact_mut(ROW) {
         for value in &mut y[CONTEXT_VALUES..] {
             *value = 100.0 - *value;
         }
@@ -57,7 +56,7 @@ fn a_model_predicts_what_its_trainer_validated() {
         let predicted = model(&trainer).predict(&known(&batch)).unwrap();
         let horizon = (SAMPLES - CONTEXT) as usize;
         let mut total = 0.0;
-        for (predicted, truth) in predicted.chunks(horizon * JOINTS).zip(batch.y.chunks(ROW)) {
+        for (predicted, truth) in predicted.chunks(horizon * JOINTS).zip(batch.y().chunks(ROW)) {
             for joint in 0..JOINTS {
                 let error = |sample: usize| {
                     predicted[sample * JOINTS + joint]
@@ -80,13 +79,7 @@ fn many_trajectories_are_answered_as_each_alone() {
     let all = model.predict(&known(&batch)).unwrap();
     let answer = all.len() / 130;
     for index in [0, 63, 64, 129] {
-        let alone = Batch {
-            u: batch.u[index * ROW..][..ROW].to_vec(),
-            y: batch.y[index * ROW..][..ROW].to_vec(),
-            size: 1,
-            samples: batch.samples,
-        };
-        let one = model.predict(&known(&alone)).unwrap();
+        let one = model.predict(&known(&batch).pick(&[index])).unwrap();
         for (one, among) in one.iter().zip(&all[index * answer..][..answer]) {
             assert!((one - among).abs() < 1e-5, "{one} {among}");
         }
@@ -99,7 +92,7 @@ fn later_torques_do_not_change_earlier_predictions() {
     let batch = batch(52, 1);
     let mut other = batch.clone();
     // From the second token of the horizon on; a token is four samples.
-    for value in &mut other.u[CONTEXT_VALUES + 4 * JOINTS..] {
+    for value in &mut other.u_mut()[CONTEXT_VALUES + 4 * JOINTS..] {
         *value += 3.0;
     }
     let (first, second) =
@@ -113,8 +106,8 @@ fn no_prediction_depends_on_the_positions_of_the_horizon() {
     for normalization in [Normalization::Context, Normalization::Dataset] {
         let model = model(&trainer(normalization));
         let batch = batch(53, 3);
-        let answer = model.predict_with_leak(&batch).unwrap();
-        assert_eq!(answer, model.predict_with_leak(&with_other_future(&batch)).unwrap());
+        let answer = model.predict_with_leak(&batch.view()).unwrap();
+        assert_eq!(answer, model.predict_with_leak(&with_other_future(&batch).view()).unwrap());
         assert_eq!(answer, model.predict(&known(&batch)).unwrap());
         assert!(!model.needs_leak());
     }
@@ -126,26 +119,33 @@ fn the_papers_normalization_leaks_and_says_so() {
     let batch = batch(54, 3);
     assert!(model.needs_leak());
     assert!(matches!(model.predict(&known(&batch)), Err(ModelError::LeakRequired)));
-    let honest = model.predict_with_leak(&batch).unwrap();
-    assert_ne!(honest, model.predict_with_leak(&with_other_future(&batch)).unwrap());
+    let honest = model.predict_with_leak(&batch.view()).unwrap();
+    assert_ne!(honest, model.predict_with_leak(&with_other_future(&batch).view()).unwrap());
 }
 
 #[test]
 fn a_joint_that_stands_still_is_predicted_with_finite_numbers() {
     let model = model(&trainer(Normalization::Context));
-    let still =
-        PredictionInput { u: vec![0.0; ROW], y_context: vec![0.25; CONTEXT_VALUES], size: 1 };
-    let answer = model.predict(&still).unwrap();
+    let shape = Shape { robots: 1, samples: SAMPLES as usize, joints: JOINTS };
+    let still = Series::new(shape, DATA.rate_hz, vec![0.0; ROW], vec![0.25; ROW]).unwrap();
+    let answer = model.predict(&known(&still)).unwrap();
     assert!(answer.iter().all(|value| (value - 0.25).abs() < 0.1), "{answer:?}");
 }
 
 #[test]
 fn a_question_of_the_wrong_shape_is_refused() {
     let model = model(&trainer(Normalization::Context));
-    let mut question = known(&batch(55, 2));
-    question.y_context.truncate(CONTEXT_VALUES);
-    let error = model.predict(&question).unwrap_err();
-    assert!(matches!(error, ModelError::Length { what: "y_context", .. }), "{error}");
+    let batch = batch(55, 2);
+    let refused = |question: &Observed<'_>| model.predict(question).unwrap_err().to_string();
+    let shorter = CONTEXT as usize - 1;
+    let error = refused(&batch.observed(shorter));
+    assert_eq!(error, "the model was given 15 samples of y, expected 16");
+    let error = refused(&batch.view().observed(1, shorter));
+    assert_eq!(error, "the model was given 23 samples of u, expected 24");
+    let shape = Shape { joints: JOINTS - 1, ..batch.shape() };
+    let [u, y] = [batch.u(), batch.y()].map(|it| it[..shape.values().unwrap()].to_vec());
+    let narrower = Series::new(shape, DATA.rate_hz, u, y).unwrap();
+    assert_eq!(refused(&known(&narrower)), "the model was given 6 joints, expected 7");
 }
 
 #[test]

@@ -11,6 +11,7 @@ use models::{
     CheckpointFiles, Device, Interrupt, ModelError, StatisticsAccumulator, Trainer, TrainingData,
     ValidationPart,
 };
+use series::{Series, Shape};
 use spec::{Normalization, OptimizerSpec, TrainSpec};
 use synthetic::{CONTEXT, DATA, batch, train_spec};
 
@@ -59,15 +60,15 @@ fn a_resumed_training_equals_an_uninterrupted_one_bit_for_bit() {
     for normalization in [Normalization::Context, Normalization::Dataset, Normalization::PaperLeaky]
     {
         let spec = TrainSpec { normalization, ..train_spec() };
-        let data = TrainingData { statistics: Some(statistics()), ..DATA };
+        let data = || TrainingData { statistics: Some(statistics()), ..DATA };
         let device = Device::cpu();
-        let mut uninterrupted = Trainer::new(&spec, data, "digest", &device).unwrap();
+        let mut uninterrupted = Trainer::new(&spec, data(), "digest", &device).unwrap();
         train(&mut uninterrupted, 0, 9);
 
-        let mut interrupted = Trainer::new(&spec, data, "digest", &device).unwrap();
+        let mut interrupted = Trainer::new(&spec, data(), "digest", &device).unwrap();
         train(&mut interrupted, 0, 4);
         let files = interrupted.checkpoint().unwrap();
-        let mut resumed = Trainer::resume(&spec, data, "digest", &files, &device).unwrap();
+        let mut resumed = Trainer::resume(&spec, data(), "digest", &files, &device).unwrap();
         assert_eq!(resumed.steps_done(), 4);
         assert_eq!(resumed.checkpoint().unwrap(), files);
         train(&mut resumed, 4, 9);
@@ -103,7 +104,8 @@ fn a_loss_that_is_not_finite_names_its_step_and_leaves_the_trainer_as_it_was() {
     train(&mut trainer, 0, 2);
     let before = trainer.checkpoint().unwrap();
     let mut huge = batch(2, 8);
-    for y in huge.y.chunks_exact_mut(huge.samples * 7) {
+    let row = huge.shape().values_per_robot();
+    for y in huge.y_mut().chunks_exact_mut(row) {
         for value in &mut y[CONTEXT as usize * 7..] {
             *value = 1e30;
         }
@@ -133,7 +135,7 @@ fn an_interrupted_step_or_validation_leaves_the_trainer_as_it_was() {
 
 #[test]
 fn a_joint_without_weight_does_not_count_and_one_of_weight_two_counts_twice() {
-    let loss = |weights: Option<[f64; 7]>, batch: &models::Batch| {
+    let loss = |weights: Option<[f64; 7]>, batch: &Series| {
         let spec = TrainSpec { loss_weights: weights, ..train_spec() };
         trainer(&spec).step(batch).unwrap().loss
     };
@@ -142,7 +144,7 @@ fn a_joint_without_weight_does_not_count_and_one_of_weight_two_counts_twice() {
     assert!((twice - 2.0 * plain).abs() < 1e-6 * plain, "{plain} {twice}");
 
     let mut other_joint_3 = usual.clone();
-    for y in other_joint_3.y.chunks_exact_mut(usual.samples * 7) {
+    for y in other_joint_3.y_mut().chunks_exact_mut(usual.shape().values_per_robot()) {
         y[CONTEXT as usize * 7..].iter_mut().skip(2).step_by(7).for_each(|value| *value += 1.0);
     }
     let without = Some([1.0, 1.0, 0.0, 1.0, 1.0, 1.0, 1.0]);
@@ -153,23 +155,27 @@ fn a_joint_without_weight_does_not_count_and_one_of_weight_two_counts_twice() {
 #[test]
 fn batches_of_the_wrong_shape_or_with_nan_are_refused() {
     let mut trainer = trainer(&train_spec());
-    let mut short = batch(0, 2);
-    short.u.pop();
-    assert!(matches!(trainer.step(&short), Err(ModelError::Length { what: "u", .. })));
-
-    let mut long = batch(0, 2);
-    long.samples += 1;
-    assert!(matches!(trainer.step(&long), Err(ModelError::Samples { actual: 25, expected: 24 })));
+    let mut refused = |batch: &Series| trainer.step(batch).unwrap_err().to_string();
+    let zeros = |robots, samples, joints| {
+        let values = robots * samples * joints;
+        let shape = Shape { robots, samples, joints };
+        Series::new(shape, 60.0, vec![0.0; values], vec![0.0; values]).unwrap()
+    };
+    let error = refused(&zeros(2, 25, 7));
+    assert_eq!(error, "the model was given 25 samples of u, expected 24");
+    assert_eq!(refused(&zeros(2, 24, 6)), "the model was given 6 joints, expected 7");
+    assert_eq!(refused(&zeros(0, 24, 7)), "the model was given 0 trajectories, expected 1");
+    let shape = Shape { robots: 2, samples: 24, joints: 7 };
+    let question = Series::question(shape, 16, 60.0, vec![0.0; 336], vec![0.0; 224]).unwrap();
+    let error = refused(&question);
+    assert_eq!(error, "the model was given 16 samples of y, expected 24");
 
     let mut poisoned = batch(0, 2);
-    poisoned.y[200] = f32::NAN;
+    poisoned.y_mut()[200] = f32::NAN;
     assert!(matches!(
         trainer.step(&poisoned),
         Err(ModelError::NotFiniteInput { what: "y", trajectory: 1 })
     ));
-
-    let empty = models::Batch { u: Vec::new(), y: Vec::new(), size: 0, samples: 24 };
-    assert!(trainer.step(&empty).is_err());
 }
 
 #[test]
@@ -216,10 +222,10 @@ fn a_training_that_explodes_says_so_and_leaves_no_number_that_is_not_finite() {
 }
 
 fn statistics() -> models::Statistics {
-    let mut accumulator = StatisticsAccumulator::default();
+    let mut accumulator = StatisticsAccumulator::new(7);
     for index in 0..10 {
         let batch = batch(index, 8);
-        accumulator.add(&batch.u, &batch.y);
+        accumulator.add(&batch.view());
     }
     accumulator.finish()
 }

@@ -2,15 +2,16 @@
 
 use std::ops::Range;
 
-use arrow::array::{Array, Float32Array, RecordBatch};
+use arrow::array::{AsArray, RecordBatch};
+use arrow::datatypes::Float32Type;
 use arrow::error::ArrowError;
+use series::{Columns, Series, Shape};
 use spec::{DataSource, DataSpec, JOINTS, JobSpec};
 use store::ShardReader;
 
 use crate::attempt::Attempt;
 use crate::error::TaskError;
 use crate::simulate::{POSITIONS, TORQUES};
-use crate::trajectories::Series;
 
 /// A complete dataset, open for reading from any thread.
 #[derive(Clone, Debug)]
@@ -59,45 +60,59 @@ impl DatasetReader {
 
     /// Trajectories within the dataset, in the order of their indices.
     pub fn read(&self, trajectories: Range<u64>) -> Result<Series, TaskError> {
-        let columns: Vec<&str> = TORQUES.into_iter().chain(POSITIONS).collect();
-        let mut series = Series {
-            first: trajectories.start,
-            samples: self.spec.samples() as usize,
-            u: Vec::new(),
-            y: Vec::new(),
-        };
+        let blocks = self.blocks(trajectories)?;
+        let robots = blocks.iter().map(Block::robots).sum();
+        let mut series = Series::with_capacity(self.shape(robots), self.spec.rate_hz())?;
+        for block in &blocks {
+            series.gather(&block.columns()?, 0..block.robots());
+        }
+        Ok(series)
+    }
+
+    /// The shape of so many trajectories.
+    pub fn shape(&self, robots: usize) -> Shape {
+        Shape { robots, samples: self.spec.samples() as usize, joints: JOINTS }
+    }
+
+    /// The rows of trajectories within the dataset, decoded: a block per shard, in order.
+    pub fn blocks(&self, trajectories: Range<u64>) -> Result<Vec<Block>, TaskError> {
+        let names: Vec<&str> = TORQUES.into_iter().chain(POSITIONS).collect();
+        let mut blocks = Vec::new();
         // The shards of a complete dataset hold all its trajectories, in order.
         for (held, reader) in &self.shards {
             let part = trajectories.start.max(held.start)..trajectories.end.min(held.end);
             if !part.is_empty() {
-                let batch = reader.read_trajectories(part, &columns)?;
-                interleave(&batch, 0, &mut series.u)?;
-                interleave(&batch, JOINTS, &mut series.y)?;
+                let rows = reader.read_trajectories(part.clone(), &names)?;
+                let samples = self.spec.samples() as usize;
+                blocks.push(Block { trajectories: part, samples, rows });
             }
         }
-        Ok(series)
+        Ok(blocks)
     }
 }
 
-/// Appends seven columns from `first` on, as `[.., 7]`.
-fn interleave(batch: &RecordBatch, first: usize, series: &mut Vec<f32>) -> Result<(), ArrowError> {
-    /// Samples at once: seven passes over all of a column would not stay in the cache.
-    const BLOCK: usize = 512;
-    let mut columns = [&[][..]; JOINTS];
-    for (joint, column) in columns.iter_mut().enumerate() {
-        let array = batch.column(first + joint).as_any().downcast_ref::<Float32Array>();
-        let not_f32 = || ArrowError::SchemaError(format!("column {} is not f32", first + joint));
-        *column = array.ok_or_else(not_f32)?.values();
+/// Consecutive trajectories as they were decoded: a column per joint, first of u, then of y.
+#[derive(Clone, Debug)]
+pub(crate) struct Block {
+    pub trajectories: Range<u64>,
+    samples: usize,
+    rows: RecordBatch,
+}
+
+impl Block {
+    pub fn robots(&self) -> usize {
+        self.rows.num_rows() / self.samples
     }
-    let start = series.len();
-    series.resize(start + batch.num_rows() * JOINTS, 0.0);
-    let samples = series[start..].as_chunks_mut::<JOINTS>().0;
-    for (block, samples) in samples.chunks_mut(BLOCK).enumerate() {
-        for (joint, column) in columns.iter().enumerate() {
-            for (sample, value) in samples.iter_mut().zip(&column[block * BLOCK..]) {
-                sample[joint] = *value;
-            }
-        }
+
+    /// Borrows the columns, from which batches are gathered.
+    pub fn columns(&self) -> Result<Columns<'_>, TaskError> {
+        let mut columns = self.rows.columns().iter().map(|column| {
+            let column = column.as_primitive_opt::<Float32Type>();
+            let not_f32 = || ArrowError::SchemaError("a channel is not f32".to_owned());
+            column.map(|column| &column.values()[..]).ok_or_else(not_f32)
+        });
+        let u = columns.by_ref().take(JOINTS).collect::<Result<_, _>>()?;
+        let y = columns.collect::<Result<_, _>>()?;
+        Ok(Columns::new(self.samples, u, y)?)
     }
-    Ok(())
 }

@@ -24,6 +24,8 @@ pub enum RehearsalError {
     #[error(transparent)]
     Dynamics(#[from] dynamics::DynamicsError),
     #[error(transparent)]
+    Series(#[from] series::ShapeError),
+    #[error(transparent)]
     Model(#[from] models::ModelError),
     #[error(transparent)]
     Device(#[from] models::DeviceError),
@@ -52,6 +54,8 @@ pub enum TaskError {
     Evaluation(#[from] evaluation::EvaluationError),
     #[error("a figure could not be drawn")]
     Figure(#[from] figures::FigureError),
+    #[error(transparent)]
+    Series(#[from] series::ShapeError),
     #[error("columns could not be arranged")]
     Columns(#[from] arrow::error::ArrowError),
     #[error("a table could not be written")]
@@ -92,6 +96,7 @@ impl TaskError {
             | Self::Evaluation(_)
             | Self::Import(_)
             | Self::Figure(_)
+            | Self::Series(_)
             | Self::Columns(_)
             | Self::Table(_)
             | Self::Spec(_)

@@ -3,12 +3,10 @@
 use std::ops::ControlFlow;
 use std::time::Instant;
 
-use dynamics::{DynamicsError, Trajectories};
-use evaluation::{NominalArm, Scenarios, baseline};
-use models::{
-    Batch, Device, DeviceKind, ModelError, PredictionInput, Sampling, TrainedModel, Trainer,
-    TrainingData,
-};
+use dynamics::Trajectories;
+use evaluation::{NominalArm, baseline};
+use models::{Device, DeviceKind, ModelError, Sampling, TrainedModel, Trainer, TrainingData};
+use series::{Observed, Series, Shape, ShapeError};
 use spec::{
     Baseline, DataSource, DataSpec, JOINTS, Normalization, SamplerSpec, SimulateSpec, TrainSpec,
 };
@@ -67,18 +65,18 @@ pub fn training_times(
     let training = TrainingData { samples: data.samples, rate_hz: data.rate_hz, statistics: None };
     let mut trainer = Trainer::new(&spec, training, "", device)?;
     let full = spec.batch_size as usize;
-    let batch = batch(data, full)?;
-    let one = step_seconds(&mut trainer, &head(&batch, 1))?;
+    let batch = repeated(&trajectories(data, full as u64)?, full)?;
+    let one = step_seconds(&mut trainer, &repeated(&batch, 1)?)?;
     let step = if one * full as f64 <= SHORT_SECONDS || full <= 3 {
         step_seconds(&mut trainer, &batch)?
     } else {
         // What each trajectory adds to what a step takes anyway.
-        let three = step_seconds(&mut trainer, &head(&batch, 3))?;
+        let three = step_seconds(&mut trainer, &repeated(&batch, 3)?)?;
         one + (three - one).max(0.0) / 2.0 * (full - 1) as f64
     };
     let model = TrainedModel::from_files(&trainer.checkpoint()?, device)?;
-    let input = known(&head(&batch, SCENARIOS), model.context());
-    Ok(TrainingTimes { step, pass: pass_seconds(&model, &input)? })
+    let observed = batch.part(0..full.min(SCENARIOS)).observed(0, model.context());
+    Ok(TrainingTimes { step, pass: pass_seconds(&model, &observed)? })
 }
 
 /// Seconds for one scenario, on all threads.
@@ -90,54 +88,31 @@ pub fn baseline_seconds(
     data: &SimulateSpec,
     context: u32,
 ) -> Result<f64, RehearsalError> {
-    let simulated = trajectories(data, SCENARIOS as u64)?;
+    let scenarios = trajectories(data, SCENARIOS as u64)?;
     let arm = NominalArm::of(&DataSpec::Simulation(data.clone()));
-    let scenarios = Scenarios {
-        size: simulated.count,
-        samples: simulated.samples,
-        pre_roll: 0,
-        rate_hz: data.rate_hz,
-        u: simulated.u,
-        y: simulated.q,
-    };
     let predictor = baseline(name, &arm);
     let started = Instant::now();
     let _answer = predictor.predict(&scenarios.observed(context as usize));
-    Ok(started.elapsed().as_secs_f64() / scenarios.size as f64)
+    Ok(started.elapsed().as_secs_f64() / scenarios.robots() as f64)
 }
 
-fn trajectories(spec: &SimulateSpec, count: u64) -> Result<Trajectories, DynamicsError> {
+fn trajectories(spec: &SimulateSpec, count: u64) -> Result<Series, RehearsalError> {
     let go_on = |_| ControlFlow::Continue(());
-    dynamics::simulate(spec, 0..count.min(spec.trajectories), &go_on)
+    let simulated = dynamics::simulate(spec, 0..count.min(spec.trajectories), &go_on)?;
+    let Trajectories { count: robots, samples, u, q, .. } = simulated;
+    Ok(Series::new(Shape { robots, samples, joints: JOINTS }, spec.rate_hz, u, q)?)
 }
 
 /// The first trajectories over and over, as many as are asked for.
-fn batch(data: &SimulateSpec, size: usize) -> Result<Batch, DynamicsError> {
-    let simulated = trajectories(data, size as u64)?;
-    let row = simulated.samples * JOINTS;
-    let repeated = |values: &[f32]| values.iter().copied().cycle().take(size * row).collect();
-    Ok(Batch {
-        u: repeated(&simulated.u),
-        y: repeated(&simulated.q),
-        size,
-        samples: simulated.samples,
-    })
-}
-
-fn head(batch: &Batch, size: usize) -> Batch {
-    let size = size.min(batch.size);
-    let end = size * batch.samples * JOINTS;
-    Batch { u: batch.u[..end].to_vec(), y: batch.y[..end].to_vec(), size, samples: batch.samples }
-}
-
-fn known(batch: &Batch, context: usize) -> PredictionInput {
-    let trajectories = batch.y.chunks_exact(batch.samples * JOINTS);
-    let y_context = trajectories.flat_map(|y| &y[..context * JOINTS]).copied().collect();
-    PredictionInput { u: batch.u.clone(), y_context, size: batch.size }
+fn repeated(series: &Series, robots: usize) -> Result<Series, ShapeError> {
+    let shape = Shape { robots, ..series.shape() };
+    let values = shape.values()?;
+    let repeated = |values_of: &[f32]| values_of.iter().copied().cycle().take(values).collect();
+    Series::new(shape, series.rate_hz(), repeated(series.u()), repeated(series.y()))
 }
 
 /// The fastest of a few: the first one makes memory, and others may be disturbed.
-fn step_seconds(trainer: &mut Trainer, batch: &Batch) -> Result<f64, ModelError> {
+fn step_seconds(trainer: &mut Trainer, batch: &Series) -> Result<f64, ModelError> {
     let mut fastest = f64::INFINITY;
     for _ in 0..STEPS {
         let started = Instant::now();
@@ -147,7 +122,7 @@ fn step_seconds(trainer: &mut Trainer, batch: &Batch) -> Result<f64, ModelError>
     Ok(fastest)
 }
 
-fn pass_seconds(model: &TrainedModel, input: &PredictionInput) -> Result<f64, ModelError> {
+fn pass_seconds(model: &TrainedModel, observed: &Observed<'_>) -> Result<f64, ModelError> {
     let own = model.architecture().sampler();
     let passes = own.map_or(1, |own| own.steps.unwrap_or(PASSES).min(PASSES));
     let sampler = own.map(|own| SamplerSpec { steps: Some(passes), ..*own });
@@ -156,11 +131,11 @@ fn pass_seconds(model: &TrainedModel, input: &PredictionInput) -> Result<f64, Mo
     for _ in 0..2 {
         let started = Instant::now();
         if model.is_generative() {
-            model.sample(input, &sampling)?;
+            model.sample(observed, &sampling)?;
         } else {
-            model.predict(input)?;
+            model.predict(observed)?;
         }
         seconds = seconds.min(started.elapsed().as_secs_f64());
     }
-    Ok(seconds / f64::from(passes) / input.size as f64)
+    Ok(seconds / f64::from(passes) / observed.robots() as f64)
 }

@@ -3,11 +3,11 @@
 use std::ops::{ControlFlow, Range};
 
 use dynamics::{DynamicsError, InstructionSet, Trajectories};
-use spec::{DataSpec, SimulateSpec};
+use series::{Series, Shape};
+use spec::{DataSpec, JOINTS, SimulateSpec};
 
 use crate::attempt::Attempt;
 use crate::error::TaskError;
-use crate::trajectories::Series;
 
 /// What the simulation of a spec would hold, and what would come after it: trajectory `i` for every
 /// `i`, the same each time it is asked for.
@@ -27,8 +27,13 @@ impl Stream {
     pub fn read(&self, attempt: &Attempt, range: Range<u64>) -> Result<Series, TaskError> {
         let mut simulated = Trajectories::default();
         self.simulate(range, &|| attempt.stop.get().is_some(), &mut simulated)?;
-        let Trajectories { first, samples, u, q, .. } = simulated;
-        Ok(Series { first, samples, u, y: q })
+        let Trajectories { count, u, q, .. } = simulated;
+        Ok(Series::new(self.shape(count), self.data.rate_hz(), u, q)?)
+    }
+
+    /// The shape of so many trajectories.
+    pub fn shape(&self, robots: usize) -> Shape {
+        Shape { robots, samples: self.data.samples() as usize, joints: JOINTS }
     }
 
     /// Simulates in the memory of trajectories that are no longer needed, unless told to stop.

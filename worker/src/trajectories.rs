@@ -1,41 +1,15 @@
-//! Trajectories as the sciences see them: series of torques and positions, stored or simulated.
+//! Where the trajectories of a training or an evaluation come from: stored, or simulated.
 
 use std::ops::Range;
 
-use spec::{DataSource, DataSpec, JOINTS};
+use series::Series;
+use spec::{DataSource, DataSpec};
 
 use crate::attempt::Attempt;
 use crate::dataset::DatasetReader;
 use crate::error::TaskError;
 use crate::stream::Stream;
 
-/// Consecutive trajectories.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Series {
-    /// Index of the first.
-    pub first: u64,
-    pub samples: usize,
-    /// Torques `[trajectory, sample, 7]`, N·m.
-    pub u: Vec<f32>,
-    /// Positions `[trajectory, sample, 7]`, rad.
-    pub y: Vec<f32>,
-}
-
-impl Series {
-    pub fn count(&self) -> usize {
-        self.u.len() / (self.samples * JOINTS)
-    }
-
-    /// Torques and positions of one trajectory, by its index in the dataset.
-    pub fn trajectory(&self, index: u64) -> (&[f32], &[f32]) {
-        let row = self.samples * JOINTS;
-        #[expect(clippy::cast_possible_truncation, reason = "below the count of this series")]
-        let start = (index - self.first) as usize * row;
-        (&self.u[start..start + row], &self.y[start..start + row])
-    }
-}
-
-/// Where the trajectories of a training or an evaluation come from.
 #[expect(clippy::large_enum_variant, reason = "one or two exist at a time")]
 #[derive(Clone, Debug)]
 pub(crate) enum TrajectorySource {

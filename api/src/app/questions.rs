@@ -4,6 +4,7 @@ use std::fmt::Display;
 
 use serde::de::IgnoredAny;
 use serde::{Deserialize, Serialize};
+use series::{Series, Shape, ShapeError};
 use spec::{JOINTS, SamplerSpec, SpecError, Violation};
 use utoipa::ToSchema;
 
@@ -155,7 +156,7 @@ impl PredictionRequest {
     /// # Errors
     /// Every violation.
     pub fn question(&self, about: &AboutModel) -> Result<Question, ApiError> {
-        let AboutModel { context, horizon, .. } = *about;
+        let AboutModel { context, horizon, rate_hz, .. } = *about;
         let mut violations = Violations::default();
         let size = self.scenarios.len();
         let most = PREDICTED_POSITIONS / (horizon * JOINTS);
@@ -175,24 +176,33 @@ impl PredictionRequest {
         }
         violations.sampling(&self.sampling, size, horizon);
         violations.finish()?;
-        let torques =
-            |it: &ObservedScenario| [it.u.as_flattened(), it.future_u.as_flattened()].concat();
-        let positions = |it: &ObservedScenario| it.y.as_flattened().to_vec();
-        Ok(self.sampling.question(
-            self.scenarios.iter().flat_map(torques).collect(),
-            self.scenarios.iter().flat_map(positions).collect(),
-            size,
-        ))
+        let u: Vec<&[Row]> =
+            self.scenarios.iter().flat_map(|it| [&it.u[..], &it.future_u[..]]).collect();
+        let y: Vec<&[Row]> = self.scenarios.iter().map(|it| &it.y[..]).collect();
+        let shape = Shape { robots: size, samples: context + horizon, joints: JOINTS };
+        let (u, y) = (u.concat().into_flattened(), y.concat().into_flattened());
+        Ok(self.sampling.question(series_of(shape, context, rate_hz, u, y)?))
     }
 }
 
+/// What a model is asked about. Rows were checked before, so that an error is one of this program.
+pub fn series_of(
+    shape: Shape,
+    context: usize,
+    rate_hz: f64,
+    u: Vec<f32>,
+    y: Vec<f32>,
+) -> Result<Series, ApiError> {
+    let refused =
+        |error: ShapeError| SpecError::one("scenarios", shape.to_string(), error.to_string());
+    Series::question(shape, context, rate_hz, u, y)
+        .map_err(|error| ApiError::Question(refused(error)))
+}
+
 impl PredictionSampling {
-    /// `u` is `[size, samples, 7]`, `y_context` `[size, context, 7]`.
-    pub fn question(&self, u: Vec<f32>, y_context: Vec<f32>, size: usize) -> Question {
+    pub fn question(&self, scenarios: Series) -> Question {
         Question {
-            u,
-            y_context,
-            size,
+            scenarios,
             samples: self.samples.map(|samples| samples as usize),
             sampler: self.sampler,
             seed: self.seed,

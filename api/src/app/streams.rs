@@ -6,12 +6,13 @@ use std::collections::VecDeque;
 use std::time::Instant;
 
 use serde::{Deserialize, Serialize};
+use series::{Series, Shape};
 use spec::JOINTS;
 use tokio::time::timeout;
 use wire::Problem;
 
 use crate::app::predictions::{HeldModel, PredictedScenario, PredictingModel, milliseconds};
-use crate::app::questions::{PredictionSampling, Row, Violations, read};
+use crate::app::questions::{PredictionSampling, Row, Violations, read, series_of};
 use crate::error::ApiError;
 use crate::limits::REQUEST_TIMEOUT;
 use crate::live::{AboutModel, Answer, Lane, Previous, Question};
@@ -163,7 +164,8 @@ impl PredictionStream {
         violations.sampling(&settings.sampling, 1, horizon);
         violations.finish()?;
         let rest = |samples: usize| vec![0.0; samples * JOINTS];
-        let question = settings.sampling.question(rest(context + horizon), rest(context), 1);
+        let scenario = self.scenario(rest(context + horizon), rest(context))?;
+        let question = settings.sampling.question(scenario);
         if let Some(steps) = settings.warm_start_steps {
             let previous = Some(Previous { positions: rest(horizon), shift: 1, steps });
             self.ask(Question { previous, ..question.clone() }).await?;
@@ -200,7 +202,8 @@ impl PredictionStream {
             steps,
         });
         let warm_start_shift = previous.as_ref().map(|previous| previous.shift);
-        let question = Question { previous, ..settings.sampling.question(u, y, 1) };
+        let scenario = self.scenario(u, y)?;
+        let question = Question { previous, ..settings.sampling.question(scenario) };
         let answer = self.ask(question).await?;
         let predicted = answer.of(0, 1, horizon, &settings.sampling);
         self.last = Some(Last { positions: predicted.y.as_flattened().to_vec(), age: 0 });
@@ -239,6 +242,13 @@ impl PredictionStream {
             }
         }
         violations.finish()
+    }
+
+    /// One robot: torques of context and horizon, positions of the context.
+    fn scenario(&self, u: Vec<f32>, y: Vec<f32>) -> Result<Series, ApiError> {
+        let AboutModel { context, horizon, rate_hz, .. } = *self.held.model.about();
+        let shape = Shape { robots: 1, samples: context + horizon, joints: JOINTS };
+        series_of(shape, context, rate_hz, u, y)
     }
 
     async fn ask(&self, question: Question) -> Result<Answer, ApiError> {

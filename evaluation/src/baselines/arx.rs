@@ -1,10 +1,10 @@
 //! Autoregression with exogenous inputs, one model per joint and robot.
 
 use nalgebra::{DMatrix, DVector};
-use spec::JOINTS;
+use series::{Observed, Track};
 
 use super::rollout::{mean_velocities, to_f32};
-use crate::{EvaluationError, Observed, Predictor};
+use crate::{EvaluationError, Predictor};
 
 /// v[k] = Σ a_i v[k-i] + Σ b_ij u_j[k+1-i] + c, i = 1 .. order, in mean velocities v over sampling
 /// periods, fitted to each robot's context by ridge regression (Ljung 1999, "System Identification",
@@ -32,23 +32,23 @@ impl Predictor for Arx {
         "arx"
     }
 
-    fn predict(&self, observed: &Observed) -> Result<Vec<f32>, EvaluationError> {
-        let horizon = observed.horizon();
-        let period = 1.0 / observed.rate_hz;
-        let mut predicted = vec![0.0; observed.size * horizon * JOINTS];
-        for scenario in 0..observed.size {
-            let positions = observed.positions(scenario);
-            let torques = observed.torques(scenario);
-            let last = observed.context - 1;
-            for joint in 0..JOINTS {
+    fn predict(&self, observed: &Observed<'_>) -> Result<Vec<f32>, EvaluationError> {
+        let (horizon, joints) = (observed.horizon(), observed.joints());
+        let period = 1.0 / observed.rate_hz();
+        let mut predicted = vec![0.0; observed.robots() * horizon * joints];
+        for scenario in 0..observed.robots() {
+            let positions = observed.y(scenario);
+            let torques = observed.u(scenario);
+            let last = observed.context() - 1;
+            for joint in 0..joints {
                 let velocities: Vec<f64> = mean_velocities(positions, joint, period).collect();
-                let series = Series { velocities: &velocities, torques, joint };
+                let series = JointSeries { velocities: &velocities, torques, joint };
                 let mut position = f64::from(positions[last][joint]);
                 let law = series.choose();
                 let future = series.rollout(law.as_ref(), last, horizon);
                 for (step, velocity) in future.into_iter().enumerate() {
                     position += velocity * period;
-                    predicted[(scenario * horizon + step) * JOINTS + joint] = to_f32(position);
+                    predicted[(scenario * horizon + step) * joints + joint] = to_f32(position);
                 }
             }
         }
@@ -57,11 +57,11 @@ impl Predictor for Arx {
 }
 
 /// What is known of one joint.
-struct Series<'a> {
+struct JointSeries<'a> {
     /// Over each period of the context.
     velocities: &'a [f64],
     /// Of all samples.
-    torques: &'a [[f32; JOINTS]],
+    torques: Track<'a>,
     joint: usize,
 }
 
@@ -71,7 +71,7 @@ enum Inputs {
     All,
 }
 
-/// A law of motion. Coefficients are in the order of [`Series::regressors`].
+/// A law of motion. Coefficients are in the order of [`JointSeries::regressors`].
 #[derive(Clone, Debug)]
 struct Law {
     order: usize,
@@ -79,7 +79,7 @@ struct Law {
     coefficients: DVector<f64>,
 }
 
-impl Series<'_> {
+impl JointSeries<'_> {
     /// The law that predicts the end of the context best, fitted to all of it. `None`, which holds
     /// the joint, when the context is too short or too still to tell.
     fn choose(&self) -> Option<Law> {
@@ -134,7 +134,7 @@ impl Series<'_> {
         row.extend(past.iter().rev().take(order));
         let joints = match inputs {
             Inputs::Own => self.joint..self.joint + 1,
-            Inputs::All => 0..JOINTS,
+            Inputs::All => 0..self.torques.joints(),
         };
         for joint in joints {
             row.extend((0..order).map(|lag| f64::from(self.torques[k - lag][joint])));
@@ -163,10 +163,10 @@ struct Normal {
 
 impl Normal {
     /// Of periods 0 to `end`. `None` with fewer equations than twice the unknowns.
-    fn of(series: &Series<'_>, order: usize, inputs: Inputs, end: usize) -> Option<Self> {
+    fn of(series: &JointSeries<'_>, order: usize, inputs: Inputs, end: usize) -> Option<Self> {
         let torques = match inputs {
             Inputs::Own => 1,
-            Inputs::All => JOINTS,
+            Inputs::All => series.torques.joints(),
         };
         let unknowns = order * (1 + torques) + 1;
         if end < order + 2 * unknowns {
@@ -220,6 +220,8 @@ fn damp(a: &mut [f64]) {
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;
+    use series::Series;
+    use spec::JOINTS;
 
     use super::*;
     use crate::baselines::LeastSquares;
@@ -261,25 +263,25 @@ mod tests {
     }
 
     /// One joint moved by its own torque and that of its neighbour, with two poles each.
-    fn coupled_robot() -> crate::Scenarios {
+    fn coupled_robot() -> Series {
         let mut scenarios = first_order_robot(0.0, 0.0);
         let mut velocity = [[0.0; JOINTS]; 2];
         let mut position = [0.2; JOINTS];
-        for k in 0..scenarios.samples {
+        for k in 0..scenarios.samples() {
             let u: [f32; JOINTS] = std::array::from_fn(|joint| {
                 let t = k as f32;
                 (0.05 * t * (1.0 + 0.21 * joint as f32)).sin() + (0.11 * t).cos()
             });
             let row = k * JOINTS..(k + 1) * JOINTS;
-            scenarios.u[row.clone()].copy_from_slice(&u);
-            scenarios.y[row].copy_from_slice(&position.map(to_f32));
+            scenarios.u_mut()[row.clone()].copy_from_slice(&u);
+            scenarios.y_mut()[row].copy_from_slice(&position.map(to_f32));
             let before = velocity;
             for joint in 0..JOINTS {
                 let neighbour = u[(joint + 1) % JOINTS];
                 velocity[0][joint] = 1.2 * before[0][joint] - 0.5 * before[1][joint]
                     + 0.03 * f64::from(u[joint])
                     - 0.01 * f64::from(neighbour);
-                position[joint] += velocity[0][joint] / scenarios.rate_hz;
+                position[joint] += velocity[0][joint] / scenarios.rate_hz();
             }
             velocity[1] = before[0];
         }
@@ -297,7 +299,7 @@ mod tests {
     #[test]
     fn an_arm_that_does_not_move_is_held() {
         let mut still = first_order_robot(0.0, 0.0);
-        still.u.fill(0.0);
+        still.u_mut().fill(0.0);
         assert!(error_of(&Arx, &still) < 1e-9);
     }
 

@@ -1,7 +1,8 @@
+use series::Observed;
 use spec::JOINTS;
 
 use super::rollout::rollout;
-use crate::{EvaluationError, Observed, Predictor};
+use crate::{EvaluationError, Predictor};
 
 /// q̇ = u / D: the arm as seven dampers, from the last context position.
 #[derive(Clone, Copy, Debug)]
@@ -15,7 +16,7 @@ impl Predictor for DampedIntegrator {
         "damped-integrator"
     }
 
-    fn predict(&self, observed: &Observed) -> Result<Vec<f32>, EvaluationError> {
+    fn predict(&self, observed: &Observed<'_>) -> Result<Vec<f32>, EvaluationError> {
         Ok(rollout(observed, |_, joint| {
             let damping = self.damping_nm_s_rad[joint];
             let gain = if damping > 0.0 { 1.0 / damping } else { 0.0 };

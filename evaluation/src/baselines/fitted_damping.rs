@@ -1,5 +1,7 @@
+use series::Observed;
+
 use super::rollout::rollout;
-use crate::{EvaluationError, Observed, Predictor};
+use crate::{EvaluationError, Predictor};
 
 /// q̇ = u / D with D of each joint of each robot fitted to its context: what is left of
 /// identification when all but the damping is thrown away.
@@ -11,7 +13,7 @@ impl Predictor for FittedDamping {
         "fitted-damping"
     }
 
-    fn predict(&self, observed: &Observed) -> Result<Vec<f32>, EvaluationError> {
+    fn predict(&self, observed: &Observed<'_>) -> Result<Vec<f32>, EvaluationError> {
         Ok(rollout(observed, |scenario, joint| {
             let gain = fit_gain(observed, scenario, joint);
             move |_, torque| gain * torque
@@ -24,13 +26,13 @@ impl Predictor for FittedDamping {
 /// Sums of torques are fitted to positions, and not torques to velocities, because a prediction is
 /// such a sum; on simulated arms it predicts better at nearly every frequency. A joint that moves
 /// against its torque is held.
-fn fit_gain(observed: &Observed, scenario: usize, joint: usize) -> f64 {
-    let period = 1.0 / observed.rate_hz;
-    let positions = observed.positions(scenario);
+fn fit_gain(observed: &Observed<'_>, scenario: usize, joint: usize) -> f64 {
+    let period = 1.0 / observed.rate_hz();
+    let positions = observed.y(scenario);
     let mut impulse = 0.0;
     let (mut impulses, mut squares) = (0.0, 0.0);
     let (mut travels, mut products) = (0.0, 0.0);
-    for (position, torque) in positions.iter().zip(observed.torques(scenario)) {
+    for (position, torque) in positions.iter().zip(observed.u(scenario)) {
         // From the first, so that nothing large cancels.
         let travel = f64::from(position[joint]) - f64::from(positions[0][joint]);
         impulses += impulse;
@@ -39,7 +41,7 @@ fn fit_gain(observed: &Observed, scenario: usize, joint: usize) -> f64 {
         products += impulse * travel;
         impulse += f64::from(torque[joint]) * period;
     }
-    let count = positions.len() as f64;
+    let count = positions.samples() as f64;
     let variance = squares - impulses * impulses / count;
     let covariance = products - impulses * travels / count;
     if variance > 0.0 { (covariance / variance).max(0.0) } else { 0.0 }
@@ -60,7 +62,7 @@ mod tests {
     #[test]
     fn a_joint_that_never_moves_is_held() {
         let mut still = first_order_robot(0.0, 0.1);
-        still.y.fill(0.3);
+        still.y_mut().fill(0.3);
         assert!(error_of(&FittedDamping, &still) < 1e-9);
     }
 }

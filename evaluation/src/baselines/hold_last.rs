@@ -1,5 +1,7 @@
+use series::Observed;
+
 use super::rollout::rollout;
-use crate::{EvaluationError, Observed, Predictor};
+use crate::{EvaluationError, Predictor};
 
 /// The last context position, held.
 #[derive(Clone, Copy, Debug)]
@@ -10,7 +12,7 @@ impl Predictor for HoldLast {
         "hold-last"
     }
 
-    fn predict(&self, observed: &Observed) -> Result<Vec<f32>, EvaluationError> {
+    fn predict(&self, observed: &Observed<'_>) -> Result<Vec<f32>, EvaluationError> {
         Ok(rollout(observed, |_, _| |_, _| 0.0))
     }
 }
@@ -24,9 +26,10 @@ mod tests {
 
     #[test]
     fn hold_last_repeats_the_last_context_position() {
-        let observed = first_order_robot(0.0, 0.1).observed(320);
+        let robot = first_order_robot(0.0, 0.1);
+        let observed = robot.observed(320);
         let predicted = HoldLast.predict(&observed).unwrap();
         assert_eq!(predicted.len(), 80 * JOINTS);
-        assert!(predicted.as_chunks().0.iter().all(|y| *y == observed.positions(0)[319]));
+        assert!(predicted.chunks(JOINTS).all(|y| *y == observed.y(0)[319]));
     }
 }

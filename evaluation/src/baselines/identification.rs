@@ -3,10 +3,11 @@
 use dynamics::{Anchor, InstructionSet, Joints, Motion, Replay, RigidBody, Robot};
 use nalgebra::{Cholesky, DMatrix, DVector};
 use rayon::prelude::*;
+use series::Observed;
 use spec::{JOINTS, RobotSpec};
 
 use super::NominalArm;
-use crate::{EvaluationError, Observed, Predictor};
+use crate::{EvaluationError, Predictor};
 
 /// Gauss-Newton on each robot's dynamic parameters through our own simulator, fitted to the
 /// positions of the context; the horizon is then simulated.
@@ -94,23 +95,23 @@ impl Identification {
         }
     }
 
-    fn predict_one(&self, observed: &Observed, scenario: usize) -> Vec<[f32; JOINTS]> {
-        let context = observed.context;
-        let torques = observed.torques(scenario);
-        let positions = observed.positions(scenario);
+    fn predict_one(&self, observed: &Observed<'_>, scenario: usize) -> Vec<[f32; JOINTS]> {
+        let context = observed.context();
+        let torques = observed.u(scenario).values().as_chunks().0;
+        let positions = observed.y(scenario).values().as_chunks().0;
         let fit = Fit {
             arm: self,
             torques: &torques[..context],
             positions,
-            start: Start::of(positions, observed.rate_hz),
-            anchors: anchors(positions, whole(observed.rate_hz * STRETCH_S)),
-            stride: whole(observed.rate_hz / COMPARED_HZ),
+            start: Start::of(positions, observed.rate_hz()),
+            anchors: anchors(positions, whole(observed.rate_hz() * STRETCH_S)),
+            stride: whole(observed.rate_hz() / COMPARED_HZ),
         };
         let fitted = fit.solve();
         let candidates = [fitted, Parameters::zeros(PARAMETERS)].map(|p| fit.arm_at(&p));
         let q = self.replay.run(&candidates.each_ref().map(|arm| fit.motion(arm, torques)));
         let is_finite = |q: &&[Joints<f32>]| q.as_flattened().iter().all(|q| q.is_finite());
-        match q.chunks_exact(observed.samples).find(is_finite) {
+        match q.chunks_exact(observed.samples()).find(is_finite) {
             Some(q) => q[context..].to_vec(),
             None => vec![positions[context - 1]; observed.horizon()],
         }
@@ -131,8 +132,8 @@ impl Predictor for Identification {
         "identification"
     }
 
-    fn predict(&self, observed: &Observed) -> Result<Vec<f32>, EvaluationError> {
-        let predicted: Vec<_> = (0..observed.size)
+    fn predict(&self, observed: &Observed<'_>) -> Result<Vec<f32>, EvaluationError> {
+        let predicted: Vec<_> = (0..observed.robots())
             .into_par_iter()
             .flat_map_iter(|scenario| self.predict_one(observed, scenario))
             .collect();

@@ -1,7 +1,8 @@
 use nalgebra::{Matrix3, Vector3};
+use series::Observed;
 
 use super::rollout::{mean_velocities, rollout};
-use crate::{EvaluationError, Observed, Predictor};
+use crate::{EvaluationError, Predictor};
 
 /// v' = a·v + g·u + b per joint, with a, g and b of each robot fitted to its context: ARX of order 1.
 ///
@@ -15,7 +16,7 @@ impl Predictor for LeastSquares {
         "least-squares"
     }
 
-    fn predict(&self, observed: &Observed) -> Result<Vec<f32>, EvaluationError> {
+    fn predict(&self, observed: &Observed<'_>) -> Result<Vec<f32>, EvaluationError> {
         Ok(rollout(observed, |scenario, joint| {
             let [a, g, b] = fit_first_order(observed, scenario, joint);
             move |velocity, torque| a * velocity + g * torque + b
@@ -26,14 +27,13 @@ impl Predictor for LeastSquares {
 /// Least squares of v[k] on (v[k-1], u[k], 1) over the context, with a ridge far below the data.
 ///
 /// A context too short or too still to tell gives the law of a held joint.
-fn fit_first_order(observed: &Observed, scenario: usize, joint: usize) -> [f64; 3] {
-    let torques = observed.torques(scenario);
-    let period = 1.0 / observed.rate_hz;
-    let velocities: Vec<f64> =
-        mean_velocities(observed.positions(scenario), joint, period).collect();
+fn fit_first_order(observed: &Observed<'_>, scenario: usize, joint: usize) -> [f64; 3] {
+    let torques = observed.u(scenario);
+    let period = 1.0 / observed.rate_hz();
+    let velocities: Vec<f64> = mean_velocities(observed.y(scenario), joint, period).collect();
     let mut normal = Matrix3::zeros();
     let mut right = Vector3::zeros();
-    for (velocity, torque) in velocities.windows(2).zip(&torques[1..]) {
+    for (velocity, torque) in velocities.windows(2).zip(torques.iter().skip(1)) {
         let row = Vector3::new(velocity[0], f64::from(torque[joint]), 1.0);
         normal += row * row.transpose();
         right += row * velocity[1];
@@ -63,7 +63,7 @@ mod tests {
     #[test]
     fn least_squares_holds_an_arm_that_does_not_move() {
         let mut still = first_order_robot(0.0, 0.0);
-        still.u.fill(0.0);
+        still.u_mut().fill(0.0);
         assert!(error_of(&LeastSquares, &still) < 1e-9);
     }
 }

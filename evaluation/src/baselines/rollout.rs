@@ -1,43 +1,41 @@
 //! From laws of velocity to positions.
 
-use spec::JOINTS;
-
-use crate::Observed;
+use series::{Observed, Track};
 
 /// Mean velocity of a joint over each sampling period, in rad/s: one fewer than positions. That
 /// over period k ends at sample k + 1 and is what torque k did.
 pub(super) fn mean_velocities(
-    positions: &[[f32; JOINTS]],
+    positions: Track<'_>,
     joint: usize,
     period: f64,
 ) -> impl Iterator<Item = f64> {
-    positions
-        .windows(2)
-        .map(move |pair| (f64::from(pair[1][joint]) - f64::from(pair[0][joint])) / period)
+    let pairs = positions.joint(joint).zip(positions.joint(joint).skip(1));
+    pairs.map(move |(before, after)| (f64::from(after) - f64::from(before)) / period)
 }
 
 /// Integrates each joint's velocity law over the horizon, starting at the last context sample.
 ///
 /// `law(scenario, joint)` gives the velocity over a period from the one before and the torque.
 pub(super) fn rollout<Velocity: Fn(f64, f64) -> f64>(
-    observed: &Observed,
+    observed: &Observed<'_>,
     law: impl Fn(usize, usize) -> Velocity,
 ) -> Vec<f32> {
     let horizon = observed.horizon();
-    let period = 1.0 / observed.rate_hz;
-    let mut predicted = vec![0.0; observed.size * horizon * JOINTS];
-    for scenario in 0..observed.size {
-        let torques = observed.torques(scenario);
-        let positions = observed.positions(scenario);
-        for joint in 0..JOINTS {
+    let period = 1.0 / observed.rate_hz();
+    let joints = observed.joints();
+    let mut predicted = vec![0.0; observed.robots() * horizon * joints];
+    for scenario in 0..observed.robots() {
+        let torques = observed.u(scenario);
+        let positions = observed.y(scenario);
+        for joint in 0..joints {
             let velocity_of = law(scenario, joint);
-            let last = observed.context - 1;
+            let last = observed.context() - 1;
             let mut position = f64::from(positions[last][joint]);
             let mut velocity = mean_velocities(positions, joint, period).last().unwrap_or(0.0);
             for step in 0..horizon {
                 velocity = velocity_of(velocity, f64::from(torques[last + step][joint]));
                 position += velocity * period;
-                predicted[(scenario * horizon + step) * JOINTS + joint] = to_f32(position);
+                predicted[(scenario * horizon + step) * joints + joint] = to_f32(position);
             }
         }
     }

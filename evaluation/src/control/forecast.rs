@@ -1,10 +1,11 @@
 //! What controllers foresee.
 
 use dynamics::{ArmState, Joints, Motion, Replay, Robot};
+use series::{Series, Shape};
 use spec::{ControlBaseline, JOINTS, SimulateSpec};
 
 use crate::baselines::to_f32;
-use crate::{DampedIntegrator, EvaluationError, Predictor, Scenarios};
+use crate::{DampedIntegrator, EvaluationError, Predictor};
 
 /// Everything that is known when a plan is made.
 #[derive(Clone, Copy, Debug)]
@@ -109,21 +110,19 @@ impl<P: Predictor> Forecast for Foreseen<P> {
         let past = &now.u[now.u.len() - (self.context - 1)..];
         let known = &now.y[now.y.len() - self.context..];
         let plans = plans.chunks_exact(steps);
-        let size = plans.len();
         let samples = self.context + horizon;
-        let mut u = Vec::with_capacity(size * samples * JOINTS);
-        let mut y = Vec::with_capacity(size * samples * JOINTS);
+        let shape = Shape { robots: plans.len(), samples, joints: JOINTS };
+        let mut u = Vec::with_capacity(shape.values()?);
+        let mut y = Vec::with_capacity(shape.robots * self.context * JOINTS);
         for plan in plans {
             u.extend_from_slice(past.as_flattened());
             u.extend_from_slice(plan.as_flattened());
             u.extend_from_slice(vec![plan[steps - 1]; horizon + 1 - steps].as_flattened());
             y.extend_from_slice(known.as_flattened());
-            // Not known, and hidden from the predictor below.
-            y.resize(y.len() + horizon * JOINTS, 0.0);
         }
-        let scenarios = Scenarios { size, samples, pre_roll: 0, rate_hz: self.rate_hz, u, y };
-        let predicted = self.predictor.predict(&scenarios.observed(self.context))?;
-        let expected = size * horizon * JOINTS;
+        let expected = shape.robots * horizon * JOINTS;
+        let question = Series::question(shape, self.context, self.rate_hz, u, y)?;
+        let predicted = self.predictor.predict(&question.observed(self.context))?;
         if predicted.len() != expected {
             let predictor = self.predictor.name().to_owned();
             return Err(EvaluationError::WrongLength { predictor, got: predicted.len(), expected });

@@ -1,6 +1,7 @@
 use std::f64::consts::TAU;
 
-use spec::{Excitation, Family, JOINTS};
+use series::SeriesView;
+use spec::{Excitation, Family};
 
 use crate::metrics::jitter::Spectrum;
 
@@ -32,15 +33,15 @@ pub fn highest_component_hz(
 }
 
 /// The frequency below which 99.9 % of the torques' power lies, all joints and scenarios together,
-/// for excitations that are not known. `u` is `[size, samples, 7]`. `None` without any power.
-pub fn occupied_band_hz(u: &[f32], samples: usize, rate_hz: f64) -> Option<f64> {
+/// for excitations that are not known. `None` without any power.
+pub fn occupied_band_hz(scenarios: &SeriesView<'_>) -> Option<f64> {
     const SHARE: f64 = 0.999;
 
-    let spectrum = Spectrum::new(samples, 0.0, rate_hz)?;
+    let spectrum = Spectrum::new(scenarios.samples(), 0.0, scenarios.rate_hz())?;
     let mut power = vec![0.0; spectrum.bins_hz().len()];
-    for row in u.as_chunks::<JOINTS>().0.chunks_exact(samples) {
-        for joint in 0..JOINTS {
-            let torque: Vec<f64> = row.iter().map(|u| f64::from(u[joint])).collect();
+    for robot in 0..scenarios.robots() {
+        for joint in 0..scenarios.joints() {
+            let torque: Vec<f64> = scenarios.u(robot).joint(joint).map(f64::from).collect();
             for (sum, of_bin) in power.iter_mut().zip(spectrum.power(&torque)) {
                 *sum += of_bin;
             }
@@ -58,6 +59,8 @@ pub fn occupied_band_hz(u: &[f32], samples: usize, rate_hz: f64) -> Option<f64> 
 #[cfg(test)]
 mod tests {
     use serde_json::json;
+    use series::{Series, Shape};
+    use spec::JOINTS;
 
     use super::*;
 
@@ -98,8 +101,12 @@ mod tests {
                 })
             })
             .collect();
-        let band = occupied_band_hz(&u, 400, 60.0).unwrap();
+        let series = |u: Vec<f32>| {
+            let shape = Shape { robots: 1, samples: 400, joints: JOINTS };
+            Series::new(shape, 60.0, u.clone(), u).unwrap()
+        };
+        let band = occupied_band_hz(&series(u).view()).unwrap();
         assert!((4.0..4.5).contains(&band), "{band}");
-        assert_eq!(occupied_band_hz(&vec![0.0; 400 * JOINTS], 400, 60.0), None);
+        assert_eq!(occupied_band_hz(&series(vec![0.0; 400 * JOINTS]).view()), None);
     }
 }

@@ -1,18 +1,17 @@
+use series::SeriesView;
 use spec::JOINTS;
-
-use crate::Scenarios;
 
 /// RMSE of each scenario in degrees: sqrt(mean over the horizon of e²) per joint, then the mean
 /// over joints (the paper's code).
 ///
-/// `predicted` is `[size, horizon, 7]` in rad.
+/// `predicted` is `[robot, horizon, joint]` in rad, the horizon all that follows `context` samples.
 ///
 /// # Panics
 /// When `predicted` has another length.
-pub fn rmse_deg(scenarios: &Scenarios, context: usize, predicted: &[f32]) -> Vec<f64> {
-    let truth = scenarios.horizon_positions(context);
-    assert_eq!(predicted.len(), truth.len(), "[size, horizon, 7] values");
-    let row = truth.len() / scenarios.size.max(1);
+pub fn rmse_deg(scenarios: &SeriesView<'_>, context: usize, predicted: &[f32]) -> Vec<f64> {
+    let truth = scenarios.window(context..scenarios.samples()).copy_y();
+    assert_eq!(predicted.len(), truth.len(), "[robot, horizon, joint] values");
+    let row = truth.len() / scenarios.robots().max(1);
     truth
         .chunks_exact(row.max(1))
         .zip(predicted.chunks_exact(row.max(1)))
@@ -53,11 +52,13 @@ pub fn step_squares_deg2<'a>(
 
 #[cfg(test)]
 mod tests {
+    use series::{Series, Shape};
+
     use super::*;
 
-    fn zeros(size: usize, samples: usize) -> Scenarios {
-        let y = vec![0.0; size * samples * JOINTS];
-        Scenarios { size, samples, pre_roll: 0, rate_hz: 60.0, u: y.clone(), y }
+    fn zeros(robots: usize, samples: usize) -> Series {
+        let y = vec![0.0; robots * samples * JOINTS];
+        Series::new(Shape { robots, samples, joints: JOINTS }, 60.0, y.clone(), y).unwrap()
     }
 
     #[test]
@@ -66,7 +67,7 @@ mod tests {
         for step in 0..2 {
             predicted[step * JOINTS + 3] = 1.0_f32.to_radians();
         }
-        let rmse = rmse_deg(&zeros(2, 5), 3, &predicted);
+        let rmse = rmse_deg(&zeros(2, 5).view(), 3, &predicted);
         assert!((rmse[0] - 1.0 / 7.0).abs() < 1e-6, "{rmse:?}");
         assert!(rmse[1].abs() < 1e-12, "{rmse:?}");
     }
@@ -77,7 +78,7 @@ mod tests {
         predicted[0] = 3.0_f32.to_radians();
         predicted[JOINTS] = 4.0_f32.to_radians();
         let expected = 12.5_f64.sqrt() / 7.0;
-        assert!((rmse_deg(&zeros(1, 4), 2, &predicted)[0] - expected).abs() < 1e-6);
+        assert!((rmse_deg(&zeros(1, 4).view(), 2, &predicted)[0] - expected).abs() < 1e-6);
     }
 
     #[test]

@@ -1,13 +1,14 @@
-use evaluation::{Identification, LeastSquares, NominalArm, Predictor, Scenarios, rmse_deg};
+use evaluation::{Identification, LeastSquares, NominalArm, Predictor, rmse_deg};
 use serde_json::json;
+use series::Series;
 use spec::{DataSpec, ImportSpec, JobSpec, RobotSpec};
 
 use super::{arm, scenarios, simulation};
 
 /// Mean RMSE in degrees after `context` samples.
-fn error(predictor: &dyn Predictor, scenarios: &Scenarios, context: usize) -> f64 {
+fn error(predictor: &dyn Predictor, scenarios: &Series, context: usize) -> f64 {
     let predicted = predictor.predict(&scenarios.observed(context)).unwrap();
-    let errors = rmse_deg(scenarios, context, &predicted);
+    let errors = rmse_deg(&scenarios.view(), context, &predicted);
     errors.iter().sum::<f64>() / errors.len() as f64
 }
 
@@ -16,7 +17,7 @@ fn identification_finds_an_arm_as_it_was_drawn() {
     let heavy = json!({"robot": {"gravity": "compensated", "payload": {"mass_kg": [1.0, 1.0]}}});
     for fields in [json!({}), json!({"precision": "f64"}), heavy] {
         let spec = simulation(400, &fields);
-        let scenarios = scenarios(&spec, 6, 0);
+        let scenarios = scenarios(&spec, 6);
         let identified = error(&Identification::new(&arm(&spec)), &scenarios, 320);
         let fitted = error(&LeastSquares, &scenarios, 320);
         assert!(identified < 0.02, "{fields}: {identified}°");
@@ -32,7 +33,7 @@ fn identification_of_an_arm_it_has_no_model_of_is_still_better_than_none() {
     }});
     let spec = simulation(400, &unknown);
     let assumed = simulation(400, &json!({}));
-    let scenarios = scenarios(&spec, 6, 0);
+    let scenarios = scenarios(&spec, 6);
     let identified = error(&Identification::new(&arm(&assumed)), &scenarios, 320);
     let fitted = error(&LeastSquares, &scenarios, 320);
     assert!(identified < 0.5 * fitted, "{identified}°, least squares {fitted}°");
@@ -45,16 +46,17 @@ fn where_the_simulation_diverges_the_last_position_is_held() {
     let NominalArm { robot, rate_hz, precision, .. } = arm(&spec);
     let unstable =
         NominalArm { robot, rate_hz, precision, integrator: spec::Integrator::Rk4 { substeps: 1 } };
-    let observed = scenarios(&spec, 2, 0).observed(110);
+    let scenarios = scenarios(&spec, 2);
+    let observed = scenarios.observed(110);
     let predicted = Identification::new(&unstable).predict(&observed).unwrap();
-    let last = observed.positions(0)[109];
-    assert!(predicted[..30 * spec::JOINTS].as_chunks().0.iter().all(|q| *q == last));
+    let held = predicted[..30 * spec::JOINTS].chunks(spec::JOINTS);
+    assert!(held.into_iter().all(|q| *q == observed.y(0)[109]));
 }
 
 #[test]
 fn a_short_context_still_has_an_answer() {
     let spec = simulation(60, &json!({}));
-    let scenarios = scenarios(&spec, 2, 0);
+    let scenarios = scenarios(&spec, 2);
     for context in [1, 2, 3, 10] {
         let observed = scenarios.observed(context);
         let predicted = Identification::new(&arm(&spec)).predict(&observed).unwrap();

@@ -5,8 +5,9 @@ use std::ops::ControlFlow;
 use evaluation::control::{
     Controller, Experiment, Foreseen, Plant, RobotTrials, Trace, Trial, summarize,
 };
-use evaluation::{EvaluationError, Observed, Predictor};
+use evaluation::{EvaluationError, Predictor};
 use serde_json::{Value, json};
+use series::Observed;
 use spec::{ControlBaseline, ControlSpec, JOINTS, JobSpec, SimulateSpec};
 use wire::{ControllerInfo, PredictorKind};
 
@@ -97,23 +98,23 @@ impl Predictor for Probe {
         "probe"
     }
 
-    fn predict(&self, observed: &Observed) -> Result<Vec<f32>, EvaluationError> {
-        assert_eq!((observed.context, observed.horizon()), (4, 6));
+    fn predict(&self, observed: &Observed<'_>) -> Result<Vec<f32>, EvaluationError> {
+        assert_eq!((observed.context(), observed.horizon()), (4, 6));
         let asked = |scenario: usize| {
-            let torques = observed.torques(scenario);
+            let torques: Vec<f32> = observed.u(scenario).joint(0).collect();
             // Three that acted, a plan of two, and its end held.
-            assert_eq!(torques[..3].iter().map(|u| u[0]).collect::<Vec<_>>(), [7., 8., 9.]);
-            let plan: Vec<f32> = torques[3..].iter().map(|u| u[0]).collect();
+            assert_eq!(torques[..3], [7., 8., 9.]);
+            let plan = &torques[3..];
             let (first, second) = (plan[0], plan[1]);
             assert!(plan[2..].iter().all(|u| *u == second), "{plan:?}");
-            let last = observed.positions(scenario)[3][0];
+            let last = observed.y(scenario)[3][0];
             [[last + first; JOINTS], [last + second; JOINTS], [f32::NAN; JOINTS]]
         };
         let answer = |scenario| {
             let [first, second, beyond] = asked(scenario);
             [first, second, beyond, beyond, beyond, beyond]
         };
-        Ok((0..observed.size).flat_map(answer).flatten().collect())
+        Ok((0..observed.robots()).flat_map(answer).flatten().collect())
     }
 }
 
@@ -139,10 +140,10 @@ impl Predictor for Breaks {
         "breaks"
     }
 
-    fn predict(&self, observed: &Observed) -> Result<Vec<f32>, EvaluationError> {
-        let turned = observed.positions(0)[0][0] != observed.positions(0)[3][0];
+    fn predict(&self, observed: &Observed<'_>) -> Result<Vec<f32>, EvaluationError> {
+        let turned = observed.y(0)[0][0] != observed.y(0)[3][0];
         let value = if turned { f32::NAN } else { 0.0 };
-        Ok(vec![value; observed.size * observed.horizon() * JOINTS])
+        Ok(vec![value; observed.robots() * observed.horizon() * JOINTS])
     }
 }
 

@@ -15,8 +15,8 @@ fn a_receding_horizon_goes_on_from_its_own_prediction() {
         start,
         first: None,
     };
-    let recording = scenarios(&simulation(SAMPLES + 3, &json!({})), 2, 3);
-    let observed = recording.observed(CONTEXT);
+    let recording = scenarios(&simulation(SAMPLES + 3, &json!({})), 2);
+    let observed = recording.view().observed(3, CONTEXT);
     let shifted = Start::Shifted { shift: 1, steps: 2 };
     let receding = predictor(shifted).predict(&observed).unwrap();
 
@@ -25,9 +25,8 @@ fn a_receding_horizon_goes_on_from_its_own_prediction() {
     let mut before = Vec::new();
     for back in [3, 2, 1, 0] {
         let window = observed.earlier(back).unwrap();
-        let input = models::PredictionInput { u: window.u, y_context: window.y, size: 2 };
         let sampling = Sampling { warm_start, seed: (back as u64) << 53, ..Sampling::default() };
-        before = model.sample(&input, &sampling).unwrap();
+        before = model.sample(&window, &sampling).unwrap();
         warm_start = Some(models::WarmStart { previous: before.clone(), shift: 1, steps: 2 });
     }
     assert_eq!(bits(&receding), bits(&before));
@@ -46,19 +45,20 @@ fn a_receding_horizon_goes_on_from_its_own_prediction() {
 fn a_receding_horizon_without_a_past_is_an_error_that_says_so() {
     let (_, cdcnn) = every_kind().remove(4);
     let model = trained(&cdcnn, "context");
-    let recording = scenarios(&simulation(SAMPLES + 1, &json!({})), 2, 1);
+    let recording = scenarios(&simulation(SAMPLES + 1, &json!({})), 2);
     for shift in [0, 2] {
         let start = Start::Shifted { shift, steps: 2 };
         let (name, sampling) = ("cdcnn".to_owned(), Sampling::default());
         let predictor = Learned { name, model: &model, sampling, start, first: None };
-        let error = predictor.predict(&recording.observed(CONTEXT)).unwrap_err();
+        let observed = recording.view().observed(1, CONTEXT);
+        let error = predictor.predict(&observed).unwrap_err();
         assert!(matches!(error, EvaluationError::PreRoll { pre_roll: 1, .. }), "{error}");
     }
 }
 
 #[test]
 fn only_models_with_several_answers_have_samples() {
-    let recording = scenarios(&simulation(SAMPLES, &json!({})), 2, 0);
+    let recording = scenarios(&simulation(SAMPLES, &json!({})), 2);
     for (name, model) in every_kind() {
         let model = trained(&model, "context");
         let predictor = Learned {

@@ -9,9 +9,10 @@ mod no_leak;
 
 use std::ops::ControlFlow;
 
-use evaluation::{NominalArm, Scenarios};
-use models::{Batch, Device, TrainedModel, Trainer, TrainingData};
+use evaluation::NominalArm;
+use models::{Device, TrainedModel, Trainer, TrainingData};
 use serde_json::{Value, json};
+use series::{Series, Shape};
 use spec::{DataSpec, JOINTS, JobSpec, SimulateSpec, TrainSpec};
 
 /// A checked simulation of `samples` samples with `fields` merged over it.
@@ -31,17 +32,11 @@ fn arm(spec: &SimulateSpec) -> NominalArm {
     NominalArm::of(&DataSpec::Simulation(spec.clone()))
 }
 
-/// The first `count` trajectories, the first `pre_roll` samples of which are before the window.
-fn scenarios(spec: &SimulateSpec, count: u64, pre_roll: usize) -> Scenarios {
+/// The first `count` trajectories.
+fn scenarios(spec: &SimulateSpec, count: u64) -> Series {
     let simulated = dynamics::simulate(spec, 0..count, &|_| ControlFlow::Continue(())).unwrap();
-    Scenarios {
-        size: simulated.count,
-        samples: simulated.samples - pre_roll,
-        pre_roll,
-        rate_hz: spec.rate_hz,
-        u: simulated.u,
-        y: simulated.q,
-    }
+    let shape = Shape { robots: simulated.count, samples: simulated.samples, joints: JOINTS };
+    Series::new(shape, spec.rate_hz, simulated.u, simulated.q).unwrap()
 }
 
 const CONTEXT: usize = 16;
@@ -87,8 +82,7 @@ fn trained(model: &Value, normalization: &str) -> TrainedModel {
     let data =
         TrainingData { samples: u32::try_from(SAMPLES).unwrap(), rate_hz: 60.0, statistics: None };
     let mut trainer = Trainer::new(&spec, data, "digest", &Device::cpu()).unwrap();
-    let scenarios = scenarios(&simulation(SAMPLES, &json!({"seed": 12})), 8, 0);
-    let batch = Batch { u: scenarios.u, y: scenarios.y, size: 8, samples: SAMPLES };
+    let batch = scenarios(&simulation(SAMPLES, &json!({"seed": 12})), 8);
     for _ in 0..3 {
         trainer.step(&batch).unwrap();
     }
@@ -111,13 +105,12 @@ fn bits(values: &[f32]) -> Vec<u32> {
     values.iter().map(|value| value.to_bits()).collect()
 }
 
-/// As `scenarios`, with every position after the context replaced.
-fn with_horizon(scenarios: &Scenarios, context: usize, value: impl Fn(usize) -> f32) -> Scenarios {
+/// As `scenarios`, with every position after the first `known` samples replaced.
+fn with_horizon(scenarios: &Series, known: usize, value: impl Fn(usize) -> f32) -> Series {
     let mut replaced = scenarios.clone();
-    let row = (scenarios.pre_roll + scenarios.samples) * JOINTS;
-    for trajectory in replaced.y.chunks_exact_mut(row) {
-        let known = (scenarios.pre_roll + context) * JOINTS;
-        for (k, y) in trajectory[known..].iter_mut().enumerate() {
+    let row = scenarios.shape().values_per_robot();
+    for trajectory in replaced.y_mut().chunks_exact_mut(row) {
+        for (k, y) in trajectory[known * JOINTS..].iter_mut().enumerate() {
             *y = value(k);
         }
     }

@@ -1,39 +1,44 @@
 //! Nothing of the horizon's positions reaches a prediction.
 
-use evaluation::{LeakyLearned, Learned, OracleStarted, Predictor, Scenarios, Start, baseline};
+use evaluation::{LeakyLearned, Learned, OracleStarted, Predictor, Start, baseline};
 use models::{Sampling, TrainedModel};
 use serde_json::json;
+use series::Series;
 use spec::{Baseline, SamplerKind, SamplerSpec};
 
 use super::{CONTEXT, SAMPLES, STEPS, arm, bits, every_kind, scenarios, simulation};
 use super::{trained, with_horizon};
 
 /// The recording with another horizon: of noise, and of no number at all.
-fn others(scenarios: &Scenarios, context: usize) -> [Scenarios; 2] {
+fn others(scenarios: &Series, known: usize) -> [Series; 2] {
     [
-        with_horizon(scenarios, context, |k| (12.9898 * k as f32).sin()),
-        with_horizon(scenarios, context, |_| f32::NAN),
+        with_horizon(scenarios, known, |k| (12.9898 * k as f32).sin()),
+        with_horizon(scenarios, known, |_| f32::NAN),
     ]
 }
 
 /// Whether prediction and samples are the same bits whatever the horizon is.
-fn is_blind(predictor: &dyn Predictor, scenarios: &Scenarios, context: usize) -> bool {
-    let answers = |scenarios: &Scenarios| {
-        let observed = scenarios.observed(context);
+fn is_blind(
+    predictor: &dyn Predictor,
+    scenarios: &Series,
+    [pre_roll, context]: [usize; 2],
+) -> bool {
+    let answers = |scenarios: &Series| {
+        let observed = scenarios.view().observed(pre_roll, context);
         let predicted = predictor.predict(&observed).unwrap();
         assert!(predicted.iter().all(|value| value.is_finite()), "{}", predictor.name());
         let samples = predictor.sample(&observed, 3).unwrap();
         (bits(&predicted), samples.map(|samples| bits(&samples.positions)))
     };
     let plain = answers(scenarios);
-    others(scenarios, context).iter().all(|other| answers(other) == plain)
+    others(scenarios, pre_roll + context).iter().all(|other| answers(other) == plain)
 }
 
 #[test]
 fn noise_in_the_horizon_changes_no_bit_of_any_baseline() {
     let spec = simulation(140, &json!({}));
+    let scenarios = scenarios(&spec, 3);
     for pre_roll in [0, 10] {
-        let scenarios = scenarios(&spec, 3, pre_roll);
         for name in [
             Baseline::HoldLast,
             Baseline::DampedIntegrator,
@@ -43,7 +48,7 @@ fn noise_in_the_horizon_changes_no_bit_of_any_baseline() {
             Baseline::Identification,
         ] {
             let predictor = baseline(name, &arm(&spec));
-            assert!(is_blind(&*predictor, &scenarios, 110), "{}", predictor.name());
+            assert!(is_blind(&*predictor, &scenarios, [pre_roll, 110]), "{}", predictor.name());
         }
     }
 }
@@ -67,20 +72,20 @@ fn learned<'a>(
 #[test]
 fn noise_in_the_horizon_changes_no_bit_of_any_model_however_it_is_sampled() {
     let pre_roll = 4;
-    let scenarios = scenarios(&simulation(SAMPLES + pre_roll, &json!({})), 3, pre_roll);
+    let scenarios = scenarios(&simulation(SAMPLES + pre_roll, &json!({})), 3);
     for (name, model) in every_kind() {
         let model = trained(&model, "context");
         let generation = model.architecture().generation();
         let kinds = generation.map_or(&[SamplerKind::Ddpm][..], |it| it.samplers());
         for &kind in kinds {
             let cold = learned(name, &model, kind, Start::Cold);
-            assert!(is_blind(&cold, &scenarios, CONTEXT), "{}", cold.name);
+            assert!(is_blind(&cold, &scenarios, [pre_roll, CONTEXT]), "{}", cold.name);
         }
         if generation.is_some() {
             for shift in [1, 2] {
                 let start = Start::Shifted { shift, steps: 2 };
                 let shifted = learned(name, &model, kinds[1], start);
-                assert!(is_blind(&shifted, &scenarios, CONTEXT), "{}", shifted.name);
+                assert!(is_blind(&shifted, &scenarios, [pre_roll, CONTEXT]), "{}", shifted.name);
             }
         }
     }
@@ -89,13 +94,14 @@ fn noise_in_the_horizon_changes_no_bit_of_any_model_however_it_is_sampled() {
 /// What shows that the test above can fail.
 #[test]
 fn predictors_that_are_handed_the_horizon_are_found_out() {
-    let scenarios = scenarios(&simulation(SAMPLES, &json!({})), 3, 0);
+    let scenarios = scenarios(&simulation(SAMPLES, &json!({})), 3);
     let noisy = with_horizon(&scenarios, CONTEXT, |k| (12.9898 * k as f32).sin());
     let observed = scenarios.observed(CONTEXT);
     let kinds = every_kind();
     let (_, robomorph) = &kinds[0];
     let leaky = trained(robomorph, "paper-leaky");
-    let predict_leaky = |scenarios| {
+    let predict_leaky = |scenarios: &Series| {
+        let scenarios = &scenarios.view();
         let predictor = LeakyLearned { name: "leaky".to_owned(), model: &leaky, scenarios };
         bits(&predictor.predict(&observed).unwrap())
     };
@@ -103,7 +109,8 @@ fn predictors_that_are_handed_the_horizon_are_found_out() {
 
     let (_, diffuser) = &kinds[3];
     let diffuser = trained(diffuser, "context");
-    let predict_oracle = |scenarios| {
+    let predict_oracle = |scenarios: &Series| {
+        let scenarios = &scenarios.view();
         let (name, sampling) = ("oracle".to_owned(), Sampling::default());
         let predictor = OracleStarted { name, model: &diffuser, sampling, steps: 2, scenarios };
         bits(&predictor.predict(&observed).unwrap())

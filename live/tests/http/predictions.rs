@@ -1,22 +1,21 @@
 //! One question, one answer.
 
-use models::{PredictionInput, Sampling, TrainedModel};
+use models::{Sampling, TrainedModel};
 use serde_json::{Value, json};
+use series::{Series, Shape};
 use spec::{SamplerKind, SamplerSpec};
 
 use crate::fixture::{
-    CONTEXT, HORIZON, Server, fields, model, numbers, rows, scenario, scenario_of,
+    CONTEXT, HORIZON, JOINTS, Server, fields, model, numbers, rows, scenario, scenario_of,
 };
 
 /// Two scenarios as the model itself is asked.
-fn input(context: usize, horizon: usize) -> PredictionInput {
+fn input(context: usize, horizon: usize) -> Series {
     let of = |scale: f32| (rows(context + horizon, 3.0 * scale), rows(context, scale));
     let (first, second) = (of(0.2), of(0.4));
-    PredictionInput {
-        u: [first.0, second.0].concat().as_flattened().to_vec(),
-        y_context: [first.1, second.1].concat().as_flattened().to_vec(),
-        size: 2,
-    }
+    let shape = Shape { robots: 2, samples: context + horizon, joints: JOINTS };
+    let [u, y] = [[first.0, second.0], [first.1, second.1]].map(|it| it.concat().into_flattened());
+    Series::question(shape, context, 60.0, u, y).unwrap()
 }
 
 fn two() -> Value {
@@ -37,7 +36,8 @@ async fn what_is_answered_is_what_the_model_says() {
         let checkpoint = server.checkpoint(architecture).await;
         let (status, answer) = server.predict(checkpoint, &two_of(&model)).await;
         assert_eq!(status, 200, "{answer}");
-        let expected = model.predict(&input(model.context(), model.horizon())).unwrap();
+        let input = input(model.context(), model.horizon());
+        let expected = model.predict(&input.observed(model.context())).unwrap();
         let found: Vec<f32> = answer["scenarios"]
             .as_array()
             .unwrap()
@@ -66,7 +66,8 @@ async fn samples_their_mean_and_quantiles_are_those_of_the_seed_and_the_sampler(
     assert_eq!(status, 200, "{answer}");
     let sampler = SamplerSpec { kind: SamplerKind::Ddim, steps: Some(3), ..SamplerSpec::default() };
     let sampling = Sampling { sampler: Some(sampler), seed: 11, samples: 5, ..Sampling::default() };
-    let expected = model("cdt").sample(&input(CONTEXT, HORIZON), &sampling).unwrap();
+    let expected =
+        model("cdt").sample(&input(CONTEXT, HORIZON).observed(CONTEXT), &sampling).unwrap();
     let row = HORIZON * 7;
     for scenario in 0..2 {
         let told = &answer["scenarios"][scenario];

@@ -3,8 +3,9 @@
 use std::time::{Duration, Instant};
 
 use futures::{SinkExt, StreamExt};
-use models::{PredictionInput, Sampling, WarmStart};
+use models::{Sampling, WarmStart};
 use serde_json::{Value, json};
+use series::{Series, Shape};
 use tokio::net::TcpStream;
 use tokio_tungstenite::tungstenite::client::IntoClientRequest;
 use tokio_tungstenite::tungstenite::{Error, Message};
@@ -62,13 +63,11 @@ fn step(first: usize, count: usize) -> Value {
 }
 
 /// What the model is asked once `end` samples were seen.
-fn question(end: usize) -> PredictionInput {
+fn question(end: usize) -> Series {
     let first = end - CONTEXT;
-    PredictionInput {
-        u: seen(first, CONTEXT + HORIZON).0.concat(),
-        y_context: seen(first, CONTEXT).1.concat(),
-        size: 1,
-    }
+    let shape = Shape { robots: 1, samples: CONTEXT + HORIZON, joints: JOINTS };
+    let (u, y) = (seen(first, CONTEXT + HORIZON).0.concat(), seen(first, CONTEXT).1.concat());
+    Series::question(shape, CONTEXT, 60.0, u, y).unwrap()
 }
 
 #[tokio::test]
@@ -87,7 +86,7 @@ async fn each_prediction_begins_with_the_one_before() {
 
     let model = model("cdt");
     let mut sampling = Sampling { seed: 5, ..Sampling::default() };
-    let mut expected = model.sample(&question(16), &sampling).unwrap();
+    let mut expected = model.sample(&question(16).observed(CONTEXT), &sampling).unwrap();
     let told = ask(&mut socket, &step(10, 6)).await["prediction"].take();
     assert_eq!(numbers(&told["y"]), expected);
     assert_eq!((&told["number"], &told["warm_start_shift"]), (&json!(0), &Value::Null));
@@ -99,7 +98,7 @@ async fn each_prediction_begins_with_the_one_before() {
             ask(&mut socket, &json!({"step": {"u": u, "y": y}})).await;
         }
         sampling.warm_start = Some(WarmStart { previous: expected, shift, steps: 4 });
-        expected = model.sample(&question(first + count), &sampling).unwrap();
+        expected = model.sample(&question(first + count).observed(CONTEXT), &sampling).unwrap();
         let told = ask(&mut socket, &step(first, count)).await["prediction"].take();
         assert_eq!(numbers(&told["y"]), expected);
         assert_eq!(told["warm_start_shift"], shift);
@@ -110,7 +109,10 @@ async fn each_prediction_begins_with_the_one_before() {
     assert_eq!(emptied["context"]["filled"], 0);
     let told = ask(&mut socket, &step(0, 16)).await["prediction"].take();
     sampling.warm_start = None;
-    assert_eq!(numbers(&told["y"]), model.sample(&question(16), &sampling).unwrap());
+    assert_eq!(
+        numbers(&told["y"]),
+        model.sample(&question(16).observed(CONTEXT), &sampling).unwrap()
+    );
 }
 
 #[tokio::test]
@@ -152,7 +154,7 @@ async fn a_message_that_cannot_be_accepted_is_answered_and_changes_nothing() {
     socket.send(Message::binary(vec![1, 2, 3])).await.unwrap();
     assert!(next(&mut socket).await.to_text().unwrap().contains("binary"));
     let told = ask(&mut socket, &step(16, 1)).await["prediction"].take();
-    assert_eq!(numbers(&told["y"]), model("cdt").predict(&question(17)).unwrap());
+    assert_eq!(numbers(&told["y"]), model("cdt").predict(&question(17).observed(CONTEXT)).unwrap());
 }
 
 #[tokio::test]

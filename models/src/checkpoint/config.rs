@@ -1,7 +1,7 @@
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
-use spec::{EmaSpec, ModelSpec};
+use spec::{EmaSpec, JOINTS, ModelSpec};
 
 use super::CONFIG_FILE;
 use crate::normalization::Normalizer;
@@ -114,11 +114,10 @@ impl CheckpointConfig {
         if !(self.rate_hz.is_finite() && self.rate_hz > 0.0) {
             return Err(format!("rate_hz is {}, expected a positive number", self.rate_hz));
         }
-        match self.normalizer {
-            Normalizer::Dataset(statistics) if !statistics.is_usable() => {
-                Err("normalizer has a mean that is not finite or a deviation not above 0"
-                    .to_owned())
-            }
+        match &self.normalizer {
+            Normalizer::Dataset(statistics) if !statistics.is_usable(JOINTS) => Err(format!(
+                "normalizer needs finite means and deviations above 0 of {JOINTS} joints"
+            )),
             _ => Ok(()),
         }
     }

@@ -2,9 +2,10 @@
 
 #![allow(dead_code, reason = "each test file uses its own part")]
 
-use models::{Batch, TrainingData};
+use models::TrainingData;
 use rand_chacha::ChaCha8Rng;
 use rand_core::{Rng, SeedableRng};
+use series::{Series, Shape};
 use spec::{
     CdcnnSpec, CdtSpec, Conditioning, DampedIntegrator, DataSource, DiffuserSpec, DiffusionSpec,
     Execution, FlowPrediction, FlowSpec, Head, JOINTS, Known, ModelSpec, Normalization,
@@ -59,7 +60,7 @@ pub fn train_spec() -> TrainSpec {
 }
 
 /// Batch number `index`, always the same.
-pub fn batch(index: u64, size: usize) -> Batch {
+pub fn batch(index: u64, size: usize) -> Series {
     let samples = SAMPLES as usize;
     let mut generator = ChaCha8Rng::seed_from_u64(index);
     let mut unit = move || generator.next_u32() as f32 / u32::MAX as f32;
@@ -78,7 +79,8 @@ pub fn batch(index: u64, size: usize) -> Batch {
             }
         }
     }
-    Batch { u, y, size, samples }
+    let shape = Shape { robots: size, samples, joints: JOINTS };
+    Series::new(shape, DATA.rate_hz, u, y).expect("values of this shape")
 }
 
 /// A model of every kind, the smallest that can learn.

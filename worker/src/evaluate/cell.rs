@@ -1,16 +1,17 @@
 //! Asks every predictor for the scenarios of one cell, and keeps their errors.
 
 use evaluation::metrics::{band_edge_hz, highest_component_hz, occupied_band_hz};
-use evaluation::{CellResult, Scenarios, Scoring, evaluate_cell, measured_jitter_deg};
+use evaluation::{CellResult, Scoring, evaluate_cell, measured_jitter_deg};
 use serde::{Deserialize, Serialize};
-use spec::{DataSpec, EvaluateSpec, JOINTS, ScenarioCell};
+use series::{Series, SeriesView};
+use spec::{DataSpec, EvaluateSpec, ScenarioCell};
 
 use super::checkpoints::LoadedCheckpoint;
 use super::predictors::Predictors;
 use super::rows;
 use crate::attempt::Attempt;
 use crate::error::TaskError;
-use crate::trajectories::{Series, TrajectorySource};
+use crate::trajectories::TrajectorySource;
 
 /// The result of a cell's task: what of it is not in the table.
 #[derive(Serialize, Deserialize)]
@@ -32,13 +33,15 @@ pub(super) fn cell(attempt: &Attempt, spec: &EvaluateSpec, index: usize) -> Resu
     let cells = spec.cells(data.spec());
     let missing = || TaskError::Missing { what: "cell", name: index.to_string() };
     let cell = cells.get(index).ok_or_else(missing)?;
-    let scenarios = scenarios(attempt, spec, &data, cell)?;
+    let recorded = scenarios(attempt, &data, cell)?;
+    let scenarios = asked_about(spec, &recorded);
     let checkpoints = LoadedCheckpoint::load_all(attempt, &spec.checkpoints)?;
     attempt.check_stop()?;
 
-    let context = spec.context as usize;
-    let band_edge_hz = band_edge(data.spec(), cell, &scenarios, context);
-    let scoring = Scoring { context, samples: spec.samples as usize, band_edge_hz };
+    let (pre_roll, context) = (spec.rounds() as usize, spec.context as usize);
+    let band_edge_hz = band_edge(data.spec(), cell, &scenarios, pre_roll + context);
+    let samples = spec.samples as usize;
+    let scoring = Scoring { pre_roll, context, samples, band_edge_hz };
     let predictors = Predictors::new(spec, data.spec(), &checkpoints);
     let asked = predictors.of_cell(&scenarios, cell.first);
     let mut errors = Vec::with_capacity(asked.len());
@@ -67,31 +70,21 @@ pub(super) fn cell(attempt: &Attempt, spec: &EvaluateSpec, index: usize) -> Resu
     attempt.complete(&CellRecord { result, table: TableAt { run, artifact } })
 }
 
-/// The trajectories of a cell, or as many of them as there are, cut to what is asked about.
+/// The trajectories of a cell, or as many of them as there are.
 pub(super) fn scenarios(
     attempt: &Attempt,
-    spec: &EvaluateSpec,
     data: &TrajectorySource,
     cell: &ScenarioCell,
-) -> Result<Scenarios, TaskError> {
+) -> Result<Series, TaskError> {
     let end = data.count().map_or(cell.first + cell.count, |all| all.min(cell.first + cell.count));
-    let series = data.read(attempt, cell.first..end)?;
-    let (context, pre_roll) = (spec.context as usize, spec.rounds() as usize);
-    let samples = context + spec.horizon(data.spec().samples()) as usize;
-    Ok(Scenarios {
-        size: series.count(),
-        samples,
-        pre_roll,
-        rate_hz: data.spec().rate_hz(),
-        u: beginning(&series, &series.u, pre_roll + samples),
-        y: beginning(&series, &series.y, pre_roll + samples),
-    })
+    data.read(attempt, cell.first..end)
 }
 
-/// The first samples of each trajectory.
-fn beginning(series: &Series, values: &[f32], samples: usize) -> Vec<f32> {
-    let rows = values.chunks_exact(series.samples * JOINTS);
-    rows.flat_map(|row| &row[..samples * JOINTS]).copied().collect()
+/// The samples of trajectories that an evaluation looks at: pre-roll, context and horizon.
+pub(super) fn asked_about<'a>(spec: &EvaluateSpec, recorded: &'a Series) -> SeriesView<'a> {
+    let samples = u32::try_from(recorded.samples()).unwrap_or(u32::MAX);
+    let end = spec.rounds() + spec.context + spec.horizon(samples);
+    recorded.view().window(0..end as usize)
 }
 
 /// Where jitter begins: above all that the cell's excitation can contain, or, where that is not known,
@@ -99,17 +92,16 @@ fn beginning(series: &Series, values: &[f32], samples: usize) -> Vec<f32> {
 fn band_edge(
     data: &DataSpec,
     cell: &ScenarioCell,
-    scenarios: &Scenarios,
-    context: usize,
+    scenarios: &SeriesView<'_>,
+    known: usize,
 ) -> Option<f64> {
-    let Scenarios { samples, pre_roll, rate_hz, .. } = *scenarios;
-    let recorded = pre_roll + samples;
+    let (recorded, rate_hz) = (scenarios.samples(), scenarios.rate_hz());
     let highest = match (data.simulation(), cell.excitation) {
         (Some(spec), Some((family, frequency_hz))) => {
             let duration_s = recorded as f64 / rate_hz;
             highest_component_hz(&spec.excitation, family, frequency_hz, duration_s)
         }
-        _ => occupied_band_hz(&scenarios.u, recorded, rate_hz),
+        _ => occupied_band_hz(scenarios),
     };
-    band_edge_hz(highest?, samples - context, rate_hz)
+    band_edge_hz(highest?, recorded - known, rate_hz)
 }

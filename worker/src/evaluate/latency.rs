@@ -3,13 +3,13 @@
 
 use std::time::Instant;
 
-use evaluation::Observed;
-use models::{PredictionInput, Sampling, WarmStart};
+use models::{Sampling, WarmStart};
 use serde::{Deserialize, Serialize};
+use series::Observed;
 use spec::{EvaluateSpec, Start};
 use wire::Latency;
 
-use super::cell::scenarios;
+use super::cell::{asked_about, scenarios};
 use super::checkpoints::LoadedCheckpoint;
 use super::predictors::{LearnedRun, Predictors, SHIFT};
 use crate::attempt::Attempt;
@@ -32,9 +32,11 @@ pub(super) fn latency(attempt: &Attempt, spec: &EvaluateSpec) -> Result<(), Task
     let missing = || TaskError::Missing { what: "cell", name: "0".to_owned() };
     let mut cell = cells.into_iter().next().ok_or_else(missing)?;
     cell.count = 1;
-    let observed = scenarios(attempt, spec, &data, &cell)?.observed(spec.context as usize);
+    let recorded = scenarios(attempt, &data, &cell)?;
+    let (pre_roll, context) = (spec.rounds() as usize, spec.context as usize);
+    let observed = asked_about(spec, &recorded).observed(pre_roll, context);
     // Windows in the order of time; where they end, the loop begins again with the first.
-    let windows: Vec<Observed> = (0..=observed.pre_roll() / SHIFT)
+    let windows: Vec<Observed<'_>> = (0..=observed.pre_roll() / SHIFT)
         .rev()
         .filter_map(|back| observed.earlier(back * SHIFT))
         .collect();
@@ -66,7 +68,7 @@ fn times_ms(
     attempt: &Attempt,
     spec: &EvaluateSpec,
     learned: &LearnedRun<'_>,
-    windows: &[Observed],
+    windows: &[Observed<'_>],
     repeats: usize,
 ) -> Result<Vec<f64>, TaskError> {
     let model = &learned.checkpoint.model;
@@ -78,13 +80,9 @@ fn times_ms(
         attempt.check_stop()?;
         let window = &windows[asked % windows.len()];
         asked += 1;
-        let question =
-            PredictionInput { u: window.u.clone(), y_context: window.y.clone(), size: 1 };
         let ask = |warm_start: Option<WarmStart>| match model.architecture().sampler() {
-            None => model.predict(&question),
-            Some(_) => {
-                model.sample(&question, &Sampling { warm_start, ..learned.sampling(spec, 0) })
-            }
+            None => model.predict(window),
+            Some(_) => model.sample(window, &Sampling { warm_start, ..learned.sampling(spec, 0) }),
         };
         let warm_start = match (start, previous.take()) {
             ((Start::Cold, _), _) => None,

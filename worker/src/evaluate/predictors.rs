@@ -4,10 +4,10 @@
 use std::collections::HashMap;
 
 use evaluation::{
-    FirstPrediction, LeakyLearned, Learned, NominalArm, OracleStarted, Predictor, Scenarios, Start,
-    baseline,
+    FirstPrediction, LeakyLearned, Learned, NominalArm, OracleStarted, Predictor, Start, baseline,
 };
 use models::Sampling;
+use series::SeriesView;
 use spec::{DataSpec, EvaluateSpec, SamplerSpec, SamplingRun};
 use wire::{PredictorInfo, PredictorKind, SamplingInfo};
 
@@ -66,7 +66,7 @@ impl<'a> Predictors<'a> {
     /// For the scenarios of one cell, `first` the index of the first.
     pub fn of_cell<'b>(
         &'b self,
-        scenarios: &'b Scenarios,
+        scenarios: &'b SeriesView<'b>,
         first: u64,
     ) -> Vec<Box<dyn Predictor + 'b>> {
         let baselines = self.spec.baselines.iter().map(|&name| baseline(name, &self.arm));
@@ -77,7 +77,7 @@ impl<'a> Predictors<'a> {
     fn predictor<'b>(
         &'b self,
         learned: &'b LearnedRun<'a>,
-        scenarios: &'b Scenarios,
+        scenarios: &'b SeriesView<'b>,
         first: u64,
     ) -> Box<dyn Predictor + 'b> {
         let (name, model) = (learned.info.name.clone(), &learned.checkpoint.model);

@@ -115,7 +115,8 @@ fn column<'a, A: Array + 'static>(batch: &'a RecordBatch, name: &str) -> Result<
 
 #[cfg(test)]
 mod tests {
-    use evaluation::{HoldLast, Predictor, Scenarios, Scoring, evaluate_cell};
+    use evaluation::{HoldLast, Predictor, Scoring, evaluate_cell};
+    use series::{Series, Shape};
     use spec::Family;
     use store::{ObjectWriter, TableWriter};
 
@@ -123,16 +124,16 @@ mod tests {
 
     fn result() -> CellResult {
         let y: Vec<f32> = (0..3 * 60 * JOINTS).map(|k| (0.01 * k as f32).sin()).collect();
-        let scenarios =
-            Scenarios { size: 3, samples: 60, pre_roll: 0, rate_hz: 60.0, u: y.clone(), y };
-        let scoring = Scoring { context: 20, samples: 1, band_edge_hz: Some(8.0) };
+        let shape = Shape { robots: 3, samples: 60, joints: JOINTS };
+        let scenarios = Series::new(shape, 60.0, y.clone(), y).unwrap();
+        let scoring = Scoring { pre_roll: 0, context: 20, samples: 1, band_edge_hz: Some(8.0) };
         let predictors: [Box<dyn Predictor>; 1] = [Box::new(HoldLast)];
         CellResult {
             cell: 4,
             family: Some(Family::Chirp),
             frequency_hz: Some(0.3),
             first: 200,
-            predictors: evaluate_cell(&scenarios, &scoring, &predictors),
+            predictors: evaluate_cell(&scenarios.view(), &scoring, &predictors),
             measured_jitter_deg: None,
         }
     }

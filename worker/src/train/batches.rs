@@ -1,18 +1,16 @@
 //! Batches, read or simulated ahead of the training that uses them.
 
 use std::collections::HashMap;
-use std::ops::ControlFlow;
+use std::ops::{ControlFlow, Range};
 use std::sync::mpsc::SyncSender;
 
 use dynamics::Trajectories;
-use models::Batch;
-use spec::JOINTS;
+use series::Series;
 
-use super::order::{Order, Window};
-use crate::dataset::DatasetReader;
+use super::order::Order;
+use crate::dataset::{Block, DatasetReader};
 use crate::error::TaskError;
 use crate::stream::Stream;
-use crate::trajectories::Series;
 
 /// Trajectories of a stream that are simulated at once, at least: enough to keep all lanes busy while
 /// the last of them are drawn again.
@@ -21,7 +19,7 @@ const SIMULATED_AT_ONCE: usize = 256;
 /// A batch, and which trajectories it has, in its order.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct TrainingBatch {
-    pub batch: Batch,
+    pub series: Series,
     pub trajectories: Vec<u64>,
 }
 
@@ -62,13 +60,13 @@ fn send_stream(
         let last = (step + at_once).min(end);
         let range = step * size as u64..last * size as u64;
         pool.install(|| stream.simulate(range, stopped, &mut simulated))?;
-        let values = size * simulated.samples * JOINTS;
-        let series = simulated.u.chunks(values).zip(simulated.q.chunks(values));
-        for (step, (u, q)) in (step..last).zip(series) {
-            let (u, y) = (u.to_vec(), q.to_vec());
-            let batch = Batch { size, samples: simulated.samples, u, y };
+        let shape = stream.shape(size);
+        let values = shape.values()?;
+        let parts = simulated.u.chunks(values).zip(simulated.q.chunks(values));
+        for (step, (u, q)) in (step..last).zip(parts) {
+            let series = Series::new(shape, stream.data.rate_hz(), u.to_vec(), q.to_vec())?;
             let trajectories = (step * size as u64..(step + 1) * size as u64).collect();
-            if send.send(Ok(TrainingBatch { batch, trajectories })).is_err() {
+            if send.send(Ok(TrainingBatch { series, trajectories })).is_err() {
                 return Ok(());
             }
         }
@@ -107,82 +105,60 @@ fn send_epoch(
     let size = order.batch_size();
     let mut to_skip = usize::try_from(skipped).unwrap_or(usize::MAX).saturating_mul(size);
     let mut left = count;
-    let mut batch = BatchBuilder::new(size, data.spec.samples() as usize);
+    let empty = || Series::with_capacity(data.shape(size), data.spec.rate_hz());
+    let mut series = empty()?;
+    let mut trajectories = Vec::with_capacity(size);
     for window in order.epoch(epoch).windows {
         if to_skip >= window.trajectories.len() {
             to_skip -= window.trajectories.len();
             continue;
         }
-        let series = read_window(data, &window)?;
+        let blocks = read_blocks(data, &window.blocks)?;
+        let columns = blocks.iter().map(Block::columns).collect::<Result<Vec<_>, _>>()?;
+        let places = places(&blocks);
         for index in &window.trajectories[std::mem::take(&mut to_skip)..] {
-            let (u, y) = series.trajectory(*index);
-            if let Some(full) = batch.push(*index, u, y) {
-                if send.send(Ok(full)).is_err() {
-                    return Ok(ControlFlow::Break(()));
-                }
-                left -= 1;
-                if left == 0 {
-                    return Ok(ControlFlow::Continue(()));
-                }
+            let Place { block, robot } = places[index];
+            series.gather(&columns[block], robot..robot + 1);
+            trajectories.push(*index);
+            if series.robots() < size {
+                continue;
+            }
+            let series = std::mem::replace(&mut series, empty()?);
+            let trajectories = std::mem::take(&mut trajectories);
+            if send.send(Ok(TrainingBatch { series, trajectories })).is_err() {
+                return Ok(ControlFlow::Break(()));
+            }
+            left -= 1;
+            if left == 0 {
+                return Ok(ControlFlow::Continue(()));
             }
         }
     }
     Ok(ControlFlow::Continue(()))
 }
 
-/// The blocks of a window, by the index of each trajectory.
-struct WindowSeries {
-    blocks: Vec<Series>,
-    block_of: HashMap<u64, usize>,
+/// Where a trajectory lies among the blocks of a window.
+#[derive(Clone, Copy)]
+struct Place {
+    block: usize,
+    robot: usize,
 }
 
-impl WindowSeries {
-    fn trajectory(&self, index: u64) -> (&[f32], &[f32]) {
-        self.blocks[self.block_of[&index]].trajectory(index)
+fn read_blocks(data: &DatasetReader, ranges: &[Range<u64>]) -> Result<Vec<Block>, TaskError> {
+    let mut blocks = Vec::with_capacity(ranges.len());
+    for range in ranges {
+        blocks.extend(data.blocks(range.clone())?);
     }
+    Ok(blocks)
 }
 
-fn read_window(data: &DatasetReader, window: &Window) -> Result<WindowSeries, TaskError> {
-    let mut block_of = HashMap::with_capacity(window.trajectories.len());
-    let mut blocks = Vec::with_capacity(window.blocks.len());
-    for block in &window.blocks {
-        block_of.extend(block.clone().map(|index| (index, blocks.len())));
-        blocks.push(data.read(block.clone())?);
-    }
-    Ok(WindowSeries { blocks, block_of })
-}
-
-/// Trajectories gathered until they make a batch.
-struct BatchBuilder {
-    size: usize,
-    samples: usize,
-    u: Vec<f32>,
-    y: Vec<f32>,
-    trajectories: Vec<u64>,
-}
-
-impl BatchBuilder {
-    fn new(size: usize, samples: usize) -> Self {
-        Self { size, samples, u: Vec::new(), y: Vec::new(), trajectories: Vec::new() }
-    }
-
-    fn push(&mut self, index: u64, u: &[f32], y: &[f32]) -> Option<TrainingBatch> {
-        let values = self.size * self.samples * JOINTS;
-        self.u.reserve(values - self.u.len());
-        self.y.reserve(values - self.y.len());
-        self.u.extend_from_slice(u);
-        self.y.extend_from_slice(y);
-        self.trajectories.push(index);
-        (self.u.len() == values).then(|| TrainingBatch {
-            batch: Batch {
-                u: std::mem::take(&mut self.u),
-                y: std::mem::take(&mut self.y),
-                size: self.size,
-                samples: self.samples,
-            },
-            trajectories: std::mem::take(&mut self.trajectories),
-        })
-    }
+/// By index in the dataset.
+fn places(blocks: &[Block]) -> HashMap<u64, Place> {
+    let of_block = |(block, held): (usize, &Block)| {
+        let robots = held.trajectories.clone().enumerate();
+        robots.map(move |(robot, index)| (index, Place { block, robot }))
+    };
+    blocks.iter().enumerate().flat_map(of_block).collect()
 }
 
 #[cfg(test)]
@@ -218,11 +194,11 @@ mod tests {
         assert_eq!(whole.len(), 7);
         let simulated =
             dynamics::simulate(&spec(), 0..700, &|_| ControlFlow::Continue(())).unwrap();
-        for (step, TrainingBatch { batch, trajectories }) in whole.iter().enumerate() {
-            let values = 100 * 30 * JOINTS;
-            assert_eq!((batch.size, batch.samples), (100, 30));
-            assert_eq!(batch.u, simulated.u[step * values..][..values], "step {step}");
-            assert_eq!(batch.y, simulated.q[step * values..][..values], "step {step}");
+        for (step, TrainingBatch { series, trajectories }) in whole.iter().enumerate() {
+            let values = series.shape().values().unwrap();
+            assert_eq!((series.robots(), series.samples()), (100, 30));
+            assert_eq!(series.u(), &simulated.u[step * values..][..values], "step {step}");
+            assert_eq!(series.y(), &simulated.q[step * values..][..values], "step {step}");
             let first = 100 * step as u64;
             assert_eq!(*trajectories, (first..first + 100).collect::<Vec<_>>());
         }

@@ -2,8 +2,9 @@
 
 use std::ops::Range;
 
-use models::{Batch, Statistics, StatisticsAccumulator};
-use spec::{DataSpec, TrainSpec};
+use models::{Statistics, StatisticsAccumulator};
+use series::Series;
+use spec::{DataSpec, JOINTS, TrainSpec};
 
 use super::batches::{self, Send};
 use super::order::Order;
@@ -11,7 +12,7 @@ use crate::attempt::Attempt;
 use crate::dataset::DatasetReader;
 use crate::error::TaskError;
 use crate::stream::Stream;
-use crate::trajectories::{Series, TrajectorySource};
+use crate::trajectories::TrajectorySource;
 
 /// First trajectory that a training on a stream is validated with: no training gets that far, as
 /// 10^7 steps of 4096 trajectories, the most there can be, end before 2^36.
@@ -93,24 +94,21 @@ impl Course {
     /// In the order of the trajectories, so that they come out the same every time.
     pub fn statistics(&self, attempt: &Attempt) -> Result<Statistics, TaskError> {
         attempt.progress.say("statistics of the dataset".to_owned());
-        let mut accumulator = StatisticsAccumulator::default();
+        let mut accumulator = StatisticsAccumulator::new(JOINTS);
         let block = u64::from(store::trajectories_per_row_group(self.data().samples()));
         for part in parts(&self.statistics, block) {
             attempt.check_stop()?;
-            let series = self.read(attempt, part)?;
-            accumulator.add(&series.u, &series.y);
+            accumulator.add(&self.read(attempt, part)?.view());
         }
         Ok(accumulator.finish())
     }
 
     /// What a training is validated with, in batches.
-    pub fn validation(&self, attempt: &Attempt) -> Result<Vec<Batch>, TaskError> {
+    pub fn validation(&self, attempt: &Attempt) -> Result<Vec<Series>, TaskError> {
         parts(&self.validation, u64::from(self.batch_size))
             .map(|part| {
                 attempt.check_stop()?;
-                let Series { samples, u, y, .. } = self.read(attempt, part.clone())?;
-                let size = usize::try_from(part.end - part.start).unwrap_or(usize::MAX);
-                Ok(Batch { size, samples, u, y })
+                self.read(attempt, part)
             })
             .collect()
     }

@@ -4,8 +4,9 @@ use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
-use models::{Batch, ModelError, Trainer, ValidationPart, ValidationReport};
+use models::{ModelError, Trainer, ValidationPart, ValidationReport};
 use serde_json::{Value, json};
+use series::Series;
 use spec::{TrainSpec, ValidationMetric};
 use store::{CheckpointFile, CheckpointId, NewCheckpoint, object_path};
 
@@ -24,7 +25,7 @@ pub(super) struct Training<'a> {
     attempt: &'a Attempt,
     spec: TrainSpec,
     trainer: Trainer,
-    validation: Vec<Batch>,
+    validation: Vec<Series>,
     recorder: Recorder<'a>,
     improvement: Improvement,
     /// The step that was validated last.
@@ -42,7 +43,7 @@ impl<'a> Training<'a> {
         attempt: &'a Attempt,
         spec: TrainSpec,
         trainer: Trainer,
-        validation: Vec<Batch>,
+        validation: Vec<Series>,
         kept: Option<(CheckpointId, u64)>,
     ) -> Result<Self, TaskError> {
         let mut improvement = Improvement::new(spec.early_stop);
@@ -87,13 +88,13 @@ impl<'a> Training<'a> {
         self.stop_if_asked()?;
         let began = Instant::now();
         self.batch = batch.trajectories;
-        let report = match self.trainer.step(&batch.batch) {
+        let report = match self.trainer.step(&batch.series) {
             Ok(report) => report,
             Err(ModelError::Interrupted) => return Err(self.stopped()?),
             Err(error) => return Err(self.failed(error)),
         };
         let step = report.step;
-        self.recorder.step(&report, batch.batch.size, began);
+        self.recorder.step(&report, batch.series.robots(), began);
         self.attempt.progress.set_done(step);
         if step == self.spec.steps {
             return Ok(ControlFlow::Break(()));
@@ -182,13 +183,14 @@ impl<'a> Training<'a> {
         let mut first = 0;
         let sampled = self.spec.sampled_trajectories as usize;
         for batch in &self.validation {
-            let predicted = sampled.saturating_sub(first).min(batch.size);
-            match self.trainer.validate(&ValidationPart { batch, first, predicted }) {
+            let predicted = sampled.saturating_sub(first).min(batch.robots());
+            let part = ValidationPart { batch: batch.view(), first, predicted };
+            match self.trainer.validate(&part) {
                 Ok(part) => report += part,
                 Err(ModelError::Interrupted) => return Err(self.stopped()?),
                 Err(error) => return Err(error.into()),
             }
-            first += batch.size;
+            first += batch.robots();
         }
         let rmse_deg = report.rmse_rad().to_degrees();
         for (key, value) in [(LOSS, report.loss()), (RMSE_DEG, rmse_deg)] {

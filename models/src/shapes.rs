@@ -1,0 +1,49 @@
+//! That series are what a model takes.
+
+use series::{Observed, SeriesView};
+use spec::JOINTS;
+
+use crate::ModelError;
+
+/// Whole trajectories of `samples` samples, at least one.
+pub(crate) fn check_batch(batch: &SeriesView<'_>, samples: usize) -> Result<(), ModelError> {
+    expect("samples of u", batch.samples(), samples)?;
+    expect("samples of y", batch.known(), samples)?;
+    expect("joints", batch.joints(), JOINTS)?;
+    if batch.robots() == 0 {
+        return expect("trajectories", 0, 1);
+    }
+    (0..batch.robots()).try_for_each(|robot| {
+        check_finite("u", robot, batch.u(robot).values())?;
+        check_finite("y", robot, batch.y(robot).values())
+    })
+}
+
+/// What a model of `samples` samples is asked, `context` of them known.
+pub(crate) fn check_observed(
+    observed: &Observed<'_>,
+    samples: usize,
+    context: usize,
+) -> Result<(), ModelError> {
+    expect("samples of u", observed.samples(), samples)?;
+    expect("samples of y", observed.context(), context)?;
+    expect("joints", observed.joints(), JOINTS)?;
+    (0..observed.robots()).try_for_each(|robot| {
+        check_finite("u", robot, observed.u(robot).values())?;
+        check_finite("y", robot, observed.y(robot).values())
+    })
+}
+
+fn expect(what: &'static str, actual: usize, expected: usize) -> Result<(), ModelError> {
+    if actual == expected {
+        return Ok(());
+    }
+    Err(ModelError::Shape { what, actual, expected })
+}
+
+fn check_finite(what: &'static str, trajectory: usize, values: &[f32]) -> Result<(), ModelError> {
+    if values.iter().all(|value| value.is_finite()) {
+        return Ok(());
+    }
+    Err(ModelError::NotFiniteInput { what, trajectory })
+}

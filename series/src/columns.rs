@@ -1,0 +1,74 @@
+use std::ops::Range;
+
+use crate::ShapeError;
+
+/// Columns of a table, one per joint, with the samples of one robot after another: how Parquet holds
+/// a series.
+#[derive(Clone, Debug)]
+pub struct Columns<'a> {
+    samples: usize,
+    u: Vec<&'a [f32]>,
+    y: Vec<&'a [f32]>,
+}
+
+impl<'a> Columns<'a> {
+    /// `u` and `y` have a column per joint; every column has the same whole number of robots.
+    ///
+    /// # Errors
+    /// For columns of another number or length.
+    pub fn new(samples: usize, u: Vec<&'a [f32]>, y: Vec<&'a [f32]>) -> Result<Self, ShapeError> {
+        let (joints, rows) = (u.len(), u.first().map_or(0, |column| column.len()));
+        if y.len() != joints {
+            return Err(ShapeError::Columns { name: "y", actual: y.len(), joints });
+        }
+        for (name, columns) in [("u", &u), ("y", &y)] {
+            let is_whole = |column: &&[f32]| {
+                column.len() == rows && column.len().checked_rem(samples) == Some(0)
+            };
+            if let Some(column) = columns.iter().position(|column| !is_whole(column)) {
+                let actual = columns[column].len();
+                return Err(ShapeError::Rows { name, column, actual, samples });
+            }
+        }
+        Ok(Self { samples, u, y })
+    }
+
+    pub fn robots(&self) -> usize {
+        self.u.first().map_or(0, |column| column.len() / self.samples)
+    }
+
+    pub fn samples(&self) -> usize {
+        self.samples
+    }
+
+    pub fn joints(&self) -> usize {
+        self.u.len()
+    }
+
+    /// Appends u of `robots`, `[robot, sample, joint]`.
+    pub(crate) fn append_u(&self, robots: Range<usize>, u: &mut Vec<f32>) {
+        interleave(&self.u, robots.start * self.samples..robots.end * self.samples, u);
+    }
+
+    pub(crate) fn append_y(&self, robots: Range<usize>, y: &mut Vec<f32>) {
+        interleave(&self.y, robots.start * self.samples..robots.end * self.samples, y);
+    }
+}
+
+/// Appends `rows` of the columns, one row after another.
+fn interleave(columns: &[&[f32]], rows: Range<usize>, values: &mut Vec<f32>) {
+    /// Rows at once: as many passes as there are columns over all rows would not stay in the cache.
+    const BLOCK: usize = 512;
+    let joints = columns.len();
+    let start = values.len();
+    values.resize(start + rows.len() * joints, 0.0);
+    for (block, values) in values[start..].chunks_mut(BLOCK * joints.max(1)).enumerate() {
+        let first = rows.start + block * BLOCK;
+        for (joint, column) in columns.iter().enumerate() {
+            let values = values[joint..].iter_mut().step_by(joints);
+            for (value, source) in values.zip(&column[first..]) {
+                *value = *source;
+            }
+        }
+    }
+}

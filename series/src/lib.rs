@@ -1,0 +1,25 @@
+//! Torques u (N·m) and positions y (rad) of many robots over time, from Parquet to tensor and back.
+//!
+//! [`Series`] owns the values, [`SeriesView`] borrows those of some robots and samples, and
+//! [`Observed`] borrows what a predictor may know. All values are f32 in the order
+//! `[robot, sample, joint]`: the values of a robot lie together, so that batches and windows are
+//! slices, and a batch has the order of the tensor `[batch, time, channel]` that it becomes.
+//!
+//! `y[k]` is the position at sample k, before `u[k]` acts; `u[k]` is held until sample k + 1.
+//!
+//! Two copies lie between a decoded row group and a tensor: [`Series::gather`] takes the robots of a
+//! batch out of [`Columns`], and a model normalizes the batch into the tensor. Views copy nothing.
+
+mod columns;
+mod observed;
+mod owned;
+mod shape;
+mod track;
+mod view;
+
+pub use columns::Columns;
+pub use observed::Observed;
+pub use owned::Series;
+pub use shape::{Shape, ShapeError};
+pub use track::Track;
+pub use view::SeriesView;

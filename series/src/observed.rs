@@ -1,0 +1,96 @@
+use crate::{Shape, Track};
+
+/// What a predictor is given: every torque, and the positions of the context only.
+///
+/// This type is why no position of the horizon reaches a predictor. It borrows, of each robot, one
+/// slice of y, and that slice ends with the context; [`crate::SeriesView::observed`] cuts it there and
+/// is the only constructor. A predictor, a model and its normalization are handed this type and
+/// nothing else, so that they cannot look further even by mistake. What was recorded before the window,
+/// the pre-roll, is known too; predictors see it as earlier windows, which end earlier.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Observed<'a> {
+    /// Context and horizon.
+    pub(crate) samples: usize,
+    pub(crate) context: usize,
+    pub(crate) pre_roll: usize,
+    pub(crate) joints: usize,
+    pub(crate) rate_hz: f64,
+    /// `[pre_roll + samples, joint]` of each robot.
+    pub(crate) u: Vec<&'a [f32]>,
+    /// `[pre_roll + context, joint]` of each robot.
+    pub(crate) y: Vec<&'a [f32]>,
+}
+
+impl<'a> Observed<'a> {
+    /// Of the window: context and horizon.
+    pub fn shape(&self) -> Shape {
+        Shape { robots: self.robots(), samples: self.samples, joints: self.joints }
+    }
+
+    pub fn robots(&self) -> usize {
+        self.u.len()
+    }
+
+    /// Context and horizon.
+    pub fn samples(&self) -> usize {
+        self.samples
+    }
+
+    /// Samples whose positions are known.
+    pub fn context(&self) -> usize {
+        self.context
+    }
+
+    /// Samples whose positions are to be predicted.
+    pub fn horizon(&self) -> usize {
+        self.samples - self.context
+    }
+
+    /// Samples that were recorded before the window.
+    pub fn pre_roll(&self) -> usize {
+        self.pre_roll
+    }
+
+    pub fn joints(&self) -> usize {
+        self.joints
+    }
+
+    pub fn rate_hz(&self) -> f64 {
+        self.rate_hz
+    }
+
+    /// Torques of one robot over context and horizon, N·m.
+    pub fn u(&self, robot: usize) -> Track<'a> {
+        self.after_pre_roll(self.u[robot])
+    }
+
+    /// Positions of one robot over the context, rad.
+    pub fn y(&self, robot: usize) -> Track<'a> {
+        self.after_pre_roll(self.y[robot])
+    }
+
+    fn after_pre_roll(&self, row: &'a [f32]) -> Track<'a> {
+        Track::new(&row[self.pre_roll * self.joints..], self.joints)
+    }
+
+    /// The robots with these numbers, in this order, some perhaps more than once.
+    ///
+    /// # Panics
+    /// When there is no such robot.
+    #[must_use]
+    pub fn pick(&self, robots: &[usize]) -> Self {
+        let pick = |rows: &[&'a [f32]]| robots.iter().map(|&robot| rows[robot]).collect();
+        Self { u: pick(&self.u), y: pick(&self.y), ..*self }
+    }
+
+    /// The window of the same length `shift` samples ago: what a predictor was asked then. It knows
+    /// nothing that this one does not, since its context ends `shift` samples before this one's.
+    /// `None` when the recording begins later.
+    pub fn earlier(&self, shift: usize) -> Option<Self> {
+        let pre_roll = self.pre_roll.checked_sub(shift)?;
+        let shorter = |rows: &[&'a [f32]]| {
+            rows.iter().map(|row| &row[..row.len() - shift * self.joints]).collect()
+        };
+        Some(Self { pre_roll, u: shorter(&self.u), y: shorter(&self.y), ..*self })
+    }
+}

@@ -1,0 +1,275 @@
+use std::ops::Range;
+
+use crate::{Columns, Observed, SeriesView, Shape, ShapeError, Track};
+
+/// Torques and positions of robots that all have the same samples, joints and rate.
+///
+/// y may be known for fewer samples than u, from the first on: a question to a predictor has the
+/// torques of its horizon and no positions there.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Series {
+    shape: Shape,
+    /// Samples of y.
+    known: usize,
+    rate_hz: f64,
+    u: Vec<f32>,
+    y: Vec<f32>,
+}
+
+impl Series {
+    /// Recorded trajectories: `u` and `y` are both `[robot, sample, joint]`.
+    ///
+    /// # Errors
+    /// For values of another number than the shape's.
+    pub fn new(shape: Shape, rate_hz: f64, u: Vec<f32>, y: Vec<f32>) -> Result<Self, ShapeError> {
+        Self::question(shape, shape.samples, rate_hz, u, y)
+    }
+
+    /// `u` is that of all samples, `y` that of the first `known` of each robot.
+    ///
+    /// # Errors
+    /// As [`Series::new`].
+    pub fn question(
+        shape: Shape,
+        known: usize,
+        rate_hz: f64,
+        u: Vec<f32>,
+        y: Vec<f32>,
+    ) -> Result<Self, ShapeError> {
+        shape.check("u", u.len())?;
+        Shape { samples: known, ..shape }.check("y", y.len())?;
+        Ok(Self { shape, known, rate_hz, u, y })
+    }
+
+    /// No robots yet, and memory for those of `shape`.
+    ///
+    /// # Errors
+    /// [`ShapeError::TooLarge`].
+    pub fn with_capacity(shape: Shape, rate_hz: f64) -> Result<Self, ShapeError> {
+        let values = shape.values()?;
+        Ok(Self {
+            shape: Shape { robots: 0, ..shape },
+            known: shape.samples,
+            rate_hz,
+            u: Vec::with_capacity(values),
+            y: Vec::with_capacity(values),
+        })
+    }
+
+    /// Appends robots of `columns`: the one copy between a decoded row group and a batch.
+    ///
+    /// # Panics
+    /// When samples or joints differ, or there are no such robots.
+    pub fn gather(&mut self, columns: &Columns<'_>, robots: Range<usize>) {
+        let Shape { samples, joints, .. } = self.shape;
+        assert_eq!((columns.samples(), columns.joints()), (samples, joints), "samples and joints");
+        columns.append_u(robots.clone(), &mut self.u);
+        columns.append_y(robots.clone(), &mut self.y);
+        self.shape.robots += robots.len();
+    }
+
+    /// Takes on another shape, with values that are to be overwritten, in the memory it has.
+    ///
+    /// # Errors
+    /// [`ShapeError::TooLarge`].
+    pub fn reshape(&mut self, shape: Shape, rate_hz: f64) -> Result<(), ShapeError> {
+        let values = shape.values()?;
+        for series in [&mut self.u, &mut self.y] {
+            if series.capacity() < values {
+                // Zeros from the allocator, which costs nothing where pages come zeroed.
+                *series = vec![0.0; values];
+            } else {
+                series.resize(values, 0.0);
+            }
+        }
+        (self.shape, self.known, self.rate_hz) = (shape, shape.samples, rate_hz);
+        Ok(())
+    }
+
+    pub fn shape(&self) -> Shape {
+        self.shape
+    }
+
+    pub fn robots(&self) -> usize {
+        self.shape.robots
+    }
+
+    /// Of each robot.
+    pub fn samples(&self) -> usize {
+        self.shape.samples
+    }
+
+    pub fn joints(&self) -> usize {
+        self.shape.joints
+    }
+
+    pub fn rate_hz(&self) -> f64 {
+        self.rate_hz
+    }
+
+    /// Torques `[robot, sample, joint]`, N·m.
+    pub fn u(&self) -> &[f32] {
+        &self.u
+    }
+
+    /// Positions `[robot, sample, joint]`, rad, of the samples that are known.
+    pub fn y(&self) -> &[f32] {
+        &self.y
+    }
+
+    pub fn u_mut(&mut self) -> &mut [f32] {
+        &mut self.u
+    }
+
+    pub fn y_mut(&mut self) -> &mut [f32] {
+        &mut self.y
+    }
+
+    /// Both at once, to be filled side by side.
+    pub fn both_mut(&mut self) -> (&mut [f32], &mut [f32]) {
+        (&mut self.u, &mut self.y)
+    }
+
+    /// All robots and samples.
+    pub fn view(&self) -> SeriesView<'_> {
+        self.part(0..self.shape.robots)
+    }
+
+    /// Consecutive robots.
+    ///
+    /// # Panics
+    /// When there are no such robots.
+    pub fn part(&self, robots: Range<usize>) -> SeriesView<'_> {
+        let Self { shape, known, rate_hz, .. } = *self;
+        let rows = |values, samples| robots.clone().map(move |robot| row(values, robot, samples));
+        let joints = shape.joints;
+        SeriesView {
+            samples: shape.samples,
+            known,
+            joints,
+            rate_hz,
+            u: rows(&self.u[..], shape.samples * joints).collect(),
+            y: rows(&self.y[..], known * joints).collect(),
+        }
+    }
+
+    /// u of one robot, `[sample, joint]`.
+    pub fn u_of(&self, robot: usize) -> Track<'_> {
+        let width = self.shape.values_per_robot();
+        Track::new(row(&self.u, robot, width), self.shape.joints)
+    }
+
+    /// y of one robot, `[sample, joint]`.
+    pub fn y_of(&self, robot: usize) -> Track<'_> {
+        let joints = self.shape.joints;
+        Track::new(row(&self.y, robot, self.known * joints), joints)
+    }
+
+    /// As [`SeriesView::observed`].
+    ///
+    /// # Panics
+    /// As [`SeriesView::observed`].
+    pub fn observed(&self, context: usize) -> Observed<'_> {
+        self.view().observed(0, context)
+    }
+}
+
+fn row(values: &[f32], robot: usize, width: usize) -> &[f32] {
+    &values[robot * width..][..width]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SHAPE: Shape = Shape { robots: 3, samples: 5, joints: 2 };
+
+    /// 1000 robot + 10 sample + joint in u, and 0.5 more in y.
+    fn numbered() -> Series {
+        let value = |k: usize| (1000 * (k / 10) + 10 * (k / 2 % 5) + k % 2) as f32;
+        let u: Vec<f32> = (0..30).map(value).collect();
+        let y = u.iter().map(|value| value + 0.5).collect();
+        Series::new(SHAPE, 60.0, u, y).unwrap()
+    }
+
+    /// The columns of a table that holds `series`.
+    fn columns(values: &[f32]) -> Vec<Vec<f32>> {
+        (0..2).map(|joint| values.iter().skip(joint).step_by(2).copied().collect()).collect()
+    }
+
+    fn slices(columns: &[Vec<f32>]) -> Vec<&[f32]> {
+        columns.iter().map(Vec::as_slice).collect()
+    }
+
+    #[test]
+    fn robots_are_gathered_from_columns_in_any_order() {
+        let series = numbered();
+        let (u, y) = (columns(series.u()), columns(series.y()));
+        let columns = Columns::new(5, slices(&u), slices(&y)).unwrap();
+        let mut gathered = Series::with_capacity(SHAPE, 60.0).unwrap();
+        gathered.gather(&columns, 2..3);
+        gathered.gather(&columns, 0..2);
+        assert_eq!(gathered.shape(), SHAPE);
+        for (place, robot) in [2, 0, 1].into_iter().enumerate() {
+            assert_eq!(gathered.u_of(place), series.u_of(robot));
+            assert_eq!(gathered.y_of(place), series.y_of(robot));
+        }
+    }
+
+    #[test]
+    fn values_of_another_number_are_refused() {
+        let error = Series::new(SHAPE, 60.0, vec![0.0; 30], vec![0.0; 29]).unwrap_err();
+        let expected = "y has 29 values, 3 robots of 5 samples of 2 joints have 30";
+        assert_eq!(error.to_string(), expected);
+        assert!(Series::question(SHAPE, 4, 60.0, vec![0.0; 30], vec![0.0; 24]).is_ok());
+        let column = [0.0; 10];
+        let short = Columns::new(5, vec![&column, &column], vec![&column, &column[1..]]);
+        assert!(matches!(short, Err(ShapeError::Rows { name: "y", column: 1, actual: 9, .. })));
+        let missing = Columns::new(5, vec![&column, &column], vec![&column]);
+        assert!(matches!(missing, Err(ShapeError::Columns { name: "y", actual: 1, joints: 2 })));
+        let whole = Columns::new(0, vec![&column], vec![&column]);
+        assert!(matches!(whole, Err(ShapeError::Rows { name: "u", .. })));
+    }
+
+    #[test]
+    fn a_view_has_the_values_of_its_robots_and_samples() {
+        let series = numbered();
+        let view = series.part(1..3).window(2..4);
+        assert_eq!((view.robots(), view.samples(), view.joints()), (2, 2, 2));
+        assert_eq!(view.u(1).values(), [2020.0, 2021.0, 2030.0, 2031.0]);
+        assert_eq!(view.y(0)[1][1], 1031.5);
+        assert_eq!(view.y(0).joint(0).collect::<Vec<_>>(), [1020.5, 1030.5]);
+    }
+
+    #[test]
+    fn what_is_observed_ends_with_the_context() {
+        let series = numbered();
+        let observed = series.view().observed(1, 2);
+        assert_eq!((observed.robots(), observed.samples(), observed.horizon()), (3, 4, 2));
+        assert_eq!(observed.u(0).joint(0).collect::<Vec<_>>(), [10.0, 20.0, 30.0, 40.0]);
+        assert_eq!(observed.y(2).joint(1).collect::<Vec<_>>(), [2011.5, 2021.5]);
+        let picked = observed.pick(&[2, 0, 2]);
+        assert_eq!(picked.y(0), observed.y(2));
+        assert_eq!(picked.u(1), observed.u(0));
+        assert_eq!(picked.y(2), observed.y(2));
+    }
+
+    #[test]
+    fn an_earlier_window_is_the_one_that_was_asked_then() {
+        let series = numbered();
+        let observed = series.view().observed(2, 2);
+        let earlier = observed.earlier(1).unwrap();
+        assert_eq!(earlier, series.view().window(0..4).observed(1, 2));
+        assert_eq!(earlier.pre_roll(), 1);
+        assert_eq!(earlier.earlier(1), observed.earlier(2));
+        assert_eq!(observed.earlier(0).unwrap(), observed);
+        assert_eq!(observed.earlier(3), None);
+    }
+
+    #[test]
+    #[should_panic(expected = "y is known for 4 samples")]
+    fn a_question_cannot_be_cut_where_it_knows_nothing() {
+        let question = Series::question(SHAPE, 4, 60.0, vec![0.0; 30], vec![0.0; 24]).unwrap();
+        let _ = question.observed(5);
+    }
+}

@@ -1,0 +1,109 @@
+use std::ops::Range;
+
+use crate::{Observed, Shape, Track};
+
+/// Some robots and some samples of a [`crate::Series`]: a slice of each robot, nothing copied.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SeriesView<'a> {
+    pub(crate) samples: usize,
+    /// Samples of y.
+    pub(crate) known: usize,
+    pub(crate) joints: usize,
+    pub(crate) rate_hz: f64,
+    /// `[sample, joint]` of each robot.
+    pub(crate) u: Vec<&'a [f32]>,
+    pub(crate) y: Vec<&'a [f32]>,
+}
+
+impl<'a> SeriesView<'a> {
+    pub fn shape(&self) -> Shape {
+        Shape { robots: self.robots(), samples: self.samples, joints: self.joints }
+    }
+
+    pub fn robots(&self) -> usize {
+        self.u.len()
+    }
+
+    /// Of each robot.
+    pub fn samples(&self) -> usize {
+        self.samples
+    }
+
+    /// Samples whose y is known, the first ones: all of a recording.
+    pub fn known(&self) -> usize {
+        self.known
+    }
+
+    pub fn joints(&self) -> usize {
+        self.joints
+    }
+
+    pub fn rate_hz(&self) -> f64 {
+        self.rate_hz
+    }
+
+    /// Torques of one robot, N·m.
+    pub fn u(&self, robot: usize) -> Track<'a> {
+        Track::new(self.u[robot], self.joints)
+    }
+
+    /// Known positions of one robot, rad.
+    pub fn y(&self, robot: usize) -> Track<'a> {
+        Track::new(self.y[robot], self.joints)
+    }
+
+    /// Consecutive robots.
+    ///
+    /// # Panics
+    /// When there are no such robots.
+    #[must_use]
+    pub fn part(&self, robots: Range<usize>) -> Self {
+        Self { u: self.u[robots.clone()].to_vec(), y: self.y[robots].to_vec(), ..*self }
+    }
+
+    /// The same robots over `samples` only.
+    ///
+    /// # Panics
+    /// When there are no such samples.
+    #[must_use]
+    pub fn window(&self, samples: Range<usize>) -> Self {
+        let Self { joints, rate_hz, .. } = *self;
+        let known = samples.start.min(self.known)..samples.end.min(self.known);
+        let cut = |rows: &[&'a [f32]], samples: &Range<usize>| {
+            rows.iter().map(|row| &row[samples.start * joints..samples.end * joints]).collect()
+        };
+        Self {
+            samples: samples.len(),
+            known: known.len(),
+            joints,
+            rate_hz,
+            u: cut(&self.u, &samples),
+            y: cut(&self.y, &known),
+        }
+    }
+
+    /// Known positions of all robots in memory of their own, `[robot, sample, joint]`, rad.
+    pub fn copy_y(&self) -> Vec<f32> {
+        self.y.concat()
+    }
+
+    /// What a predictor may know of the window that begins after `pre_roll` samples: its torques, and
+    /// the positions of its first `context` samples. This is the only way to an [`Observed`].
+    ///
+    /// # Panics
+    /// When y is known for fewer samples, or the context is longer than the window.
+    pub fn observed(&self, pre_roll: usize, context: usize) -> Observed<'a> {
+        let Self { samples, known, joints, rate_hz, .. } = *self;
+        let end = pre_roll + context;
+        assert!(end <= known && known <= samples, "y is known for {known} samples, not for {end}");
+        Observed {
+            samples: samples - pre_roll,
+            context,
+            pre_roll,
+            joints,
+            rate_hz,
+            u: self.u.clone(),
+            y: self.y.iter().map(|row| &row[..end * joints]).collect(),
+        }
+    }
+}
