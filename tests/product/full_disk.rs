@@ -1,9 +1,11 @@
-//! A disk that runs full fails a job with one clear reason and damages nothing.
+//! A disk that runs full fails a job with one clear reason and damages nothing; nor does a file that
+//! may not grow.
 
+use std::io::Write;
 use std::path::Path;
 use std::process::Command;
 
-use serde_json::json;
+use serde_json::{Value, json};
 
 use crate::product::{Product, run_to_end, small_pipeline, torqued};
 
@@ -11,14 +13,18 @@ use crate::product::{Product, run_to_end, small_pipeline, torqued};
 struct SmallDisk(tempfile::TempDir);
 
 impl SmallDisk {
-    /// `None` where mounting is not permitted.
-    fn mount(size: &str) -> Option<Self> {
+    /// `None`, and `test` is told to be skipped, where mounting is not permitted.
+    fn mount(size: &str, test: &str) -> Option<Self> {
         let folder = tempfile::tempdir().unwrap();
         let mounted = Command::new("mount")
             .args(["-t", "tmpfs", "-o", &format!("size={size}"), "tmpfs"])
             .arg(folder.path())
             .output();
-        mounted.is_ok_and(|output| output.status.success()).then_some(Self(folder))
+        if mounted.is_ok_and(|output| output.status.success()) {
+            return Some(Self(folder));
+        }
+        skip(test, "mounting a file system is not permitted here");
+        None
     }
 
     fn path(&self) -> &Path {
@@ -32,58 +38,125 @@ impl Drop for SmallDisk {
     }
 }
 
-#[tokio::test]
-async fn a_full_disk_fails_the_job_and_the_server_goes_on_when_there_is_room_again() {
-    let Some(disk) = SmallDisk::mount("24m") else {
-        eprintln!("not run: mounting a file system is not permitted here");
-        return;
-    };
-    let data = disk.path().join("data");
-    let product = Product::start(&data);
-    let filler = disk.path().join("filler");
+/// Says so, and tells `cargo xtask test`, which counts what was skipped.
+fn skip(test: &str, reason: &str) {
+    let line = format!("{test}: {reason}");
+    eprintln!("SKIPPED {line}");
+    if let Some(list) = std::env::var_os("SKIPPED_TESTS") {
+        let mut list = std::fs::File::options().append(true).create(true).open(list).unwrap();
+        writeln!(list, "{line}").unwrap();
+    }
+}
+
+/// `torqued`, whose files may have 2 MiB: a write beyond them is an error, as on a full disk.
+fn torqued_with_small_files(arguments: &[&str]) -> Command {
+    let inner = torqued(arguments);
+    let mut command = Command::new("bash");
+    command.args(["-c", "trap '' XFSZ; ulimit -f 2048; exec \"$@\"", "bash"]);
+    command.arg(inner.get_program()).args(inner.get_args());
+    for (name, value) in inner.get_envs() {
+        match value {
+            Some(value) => command.env(name, value),
+            None => command.env_remove(name),
+        };
+    }
+    command.stdin(std::process::Stdio::null());
+    command
+}
+
+/// Shards of some 50 MB each.
+fn large_simulation() -> Value {
     let mut spec = small_pipeline()["jobs"]["train-set"].clone();
     spec["trajectories"] = 40_000.into();
     spec["shard_trajectories"] = 5_000.into();
     spec["samples"] = 400.into();
+    spec
+}
+
+/// A large simulation fails for `reason`, and a small one after it succeeds.
+async fn check_fails_alone(product: &Product, reason: &str) {
+    let mut spec = large_simulation();
     let large = product.submit(&spec).await;
     let job = product.finished(large).await;
     assert_eq!(job["state"], "failed", "{job:#}");
-    let reason = job["error"].as_str().unwrap();
-    assert!(reason.contains("disk full"), "{reason}");
+    let error = job["error"].as_str().unwrap();
+    assert!(error.contains(reason), "{error}");
     product.get("/healthz").await;
-    assert!(!filler.exists());
 
     spec["trajectories"] = 100.into();
     let small = product.submit(&spec).await;
     product.succeeded(small).await;
 }
 
-#[test]
-fn a_full_disk_stops_a_simulation_into_a_folder_and_room_lets_it_go_on() {
-    let Some(disk) = SmallDisk::mount("24m") else {
-        eprintln!("not run: mounting a file system is not permitted here");
-        return;
-    };
-    let (out, filler) = (disk.path().join("folder"), disk.path().join("filler"));
-    std::fs::write(&filler, vec![7; 16 << 20]).unwrap();
-    let spec = disk.path().join("spec.json");
+#[tokio::test]
+async fn a_full_disk_fails_the_job_and_the_server_goes_on_when_there_is_room_again() {
+    let name = "a_full_disk_fails_the_job_and_the_server_goes_on_when_there_is_room_again";
+    let Some(disk) = SmallDisk::mount("24m", name) else { return };
+    let product = Product::start(&disk.path().join("data"));
+    check_fails_alone(&product, "disk full").await;
+}
+
+#[tokio::test]
+async fn a_file_that_may_not_grow_fails_the_job_and_the_server_goes_on() {
+    let data = tempfile::tempdir().unwrap();
+    let arguments = ["serve", "--listen", "127.0.0.1:0", "--worker-threads", "1", "--data"];
+    let mut serve = torqued_with_small_files(&arguments);
+    let product = Product::spawn(serve.arg(data.path()));
+    check_fails_alone(&product, "File too large").await;
+}
+
+/// 1000 trajectories a shard, in a file of some 3 MB.
+fn folder_simulation(place: &Path) -> std::path::PathBuf {
+    let spec = place.join("spec.json");
     let simulation = json!({
         "preset": "D1-chirp", "trajectories": 6000, "samples": 60, "shard_trajectories": 1000,
     });
     std::fs::write(&spec, simulation.to_string()).unwrap();
-    let simulate =
-        || run_to_end(torqued(&["simulate", "--spec"]).arg(&spec).arg("--out").arg(&out));
-    let (code, _, errors) = simulate();
+    spec
+}
+
+/// What lies in a folder: no file that is not whole, each of which begins with a dot.
+fn whole_files(folder: &Path) -> usize {
+    let names: Vec<_> =
+        std::fs::read_dir(folder).unwrap().map(|it| it.unwrap().file_name()).collect();
+    assert!(names.iter().all(|name| !name.to_string_lossy().starts_with('.')), "{names:?}");
+    names.len()
+}
+
+/// The simulation goes on where there is room, and its folder is as it should be.
+fn check_goes_on(spec: &Path, out: &Path) {
+    let mut simulate = torqued(&["simulate", "--spec"]);
+    let (code, output, errors) = run_to_end(simulate.arg(spec).arg("--out").arg(out));
+    assert_eq!(code, Some(0), "{output}{errors}");
+    let (code, output, errors) = run_to_end(torqued(&["verify"]).arg(out));
+    assert_eq!(code, Some(0), "{output}{errors}");
+}
+
+#[test]
+fn a_full_disk_stops_a_simulation_into_a_folder_and_room_lets_it_go_on() {
+    let name = "a_full_disk_stops_a_simulation_into_a_folder_and_room_lets_it_go_on";
+    let Some(disk) = SmallDisk::mount("24m", name) else { return };
+    let (out, filler) = (disk.path().join("folder"), disk.path().join("filler"));
+    std::fs::write(&filler, vec![7; 16 << 20]).unwrap();
+    let spec = folder_simulation(disk.path());
+    let mut simulate = torqued(&["simulate", "--spec"]);
+    let (code, _, errors) = run_to_end(simulate.arg(&spec).arg("--out").arg(&out));
     assert_eq!(code, Some(1), "{errors}");
     assert!(errors.contains("disk full"), "{errors}");
-    let names: Vec<_> =
-        std::fs::read_dir(&out).unwrap().map(|it| it.unwrap().file_name()).collect();
-    assert!(names.len() > 2, "{names:?}");
-    assert!(names.iter().all(|name| !name.to_string_lossy().starts_with('.')), "{names:?}");
+    assert!(whole_files(&out) > 2);
 
     std::fs::remove_file(&filler).unwrap();
-    let (code, output, errors) = simulate();
-    assert_eq!(code, Some(0), "{output}{errors}");
-    let (code, output, errors) = run_to_end(torqued(&["verify"]).arg(&out));
-    assert_eq!(code, Some(0), "{output}{errors}");
+    check_goes_on(&spec, &out);
+}
+
+#[test]
+fn a_file_that_may_not_grow_stops_a_simulation_into_a_folder() {
+    let place = tempfile::tempdir().unwrap();
+    let (out, spec) = (place.path().join("folder"), folder_simulation(place.path()));
+    let mut simulate = torqued_with_small_files(&["simulate", "--spec"]);
+    let (code, _, errors) = run_to_end(simulate.arg(&spec).arg("--out").arg(&out));
+    assert_eq!(code, Some(1), "{errors}");
+    assert!(errors.contains("File too large"), "{errors}");
+    whole_files(&out);
+    check_goes_on(&spec, &out);
 }

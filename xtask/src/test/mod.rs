@@ -51,11 +51,16 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         }
         record(installation.name, Counts::one(result.is_ok()));
     }
+    // Of an earlier run; there may be none.
+    let _ = std::fs::remove_file(skipped_tests());
     for step in steps(arguments) {
         record(step.name, take(step));
     }
     if !failed.is_empty() {
         eprintln!("\nfailed: {}", failed.join(", "));
+    }
+    for test in std::fs::read_to_string(skipped_tests()).unwrap_or_default().lines() {
+        eprintln!("skipped: {test}");
     }
     println!("{} passed, {} failed", total.passed, total.failed);
     Ok(if total.failed == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE })
@@ -99,7 +104,7 @@ fn steps(Arguments { quick, devices }: &Arguments) -> Vec<Step> {
         },
         Step {
             name: "tests",
-            command: nextest_or_cargo_test(),
+            command: telling_what_is_skipped(nextest_or_cargo_test()),
             count: Some(|text| counts::nextest(text).or_else(|| counts::cargo_test(text))),
         },
         Step {
@@ -111,7 +116,7 @@ fn steps(Arguments { quick, devices }: &Arguments) -> Vec<Step> {
     if *devices {
         steps.push(Step {
             name: "device tests",
-            command: device_tests(),
+            command: telling_what_is_skipped(device_tests()),
             count: Some(counts::nextest),
         });
     }
@@ -142,6 +147,12 @@ fn steps(Arguments { quick, devices }: &Arguments) -> Vec<Step> {
     steps
 }
 
+/// Where tests that cannot run on this machine say so, a line each: `NAME: REASON`. Their runner
+/// counts them as passed.
+fn skipped_tests() -> std::path::PathBuf {
+    repository().join("target/skipped-tests.txt")
+}
+
 /// Without installs, plain `cargo test` stands in for a missing nextest.
 fn nextest_or_cargo_test() -> Command {
     if process::exists("cargo-nextest") {
@@ -165,6 +176,11 @@ fn device_tests() -> Command {
     command.args(["--features", "torqued/gpu,torqued/ndarray"]);
     command.args(["--test", "devices", "--test", "product", "--no-fail-fast"]);
     command.args(["--filterset", "binary(devices) | test(/^devices::/)"]);
+    command
+}
+
+fn telling_what_is_skipped(mut command: Command) -> Command {
+    command.env("SKIPPED_TESTS", skipped_tests());
     command
 }
 
