@@ -123,8 +123,24 @@ where
     let mut drawn = String::new();
     draw(SVGBackend::with_string(&mut drawn, (size[0], size[1])))
         .map_err(|source| FigureError::Drawing { layer: name, source: Box::new(source) })?;
-    let inner = drawn.split_once(">\n").and_then(|(_, rest)| rest.strip_suffix("</svg>\n"));
-    Ok(inner.unwrap_or_default().to_owned())
+    match inside(&drawn) {
+        Some(inner) => Ok(inner.to_owned()),
+        None => Err(FigureError::NoSvg { layer: name, found: shortened(&drawn) }),
+    }
+}
+
+/// What a document has inside its root element.
+fn inside(document: &str) -> Option<&str> {
+    let (root, rest) = document.split_once(">\n")?;
+    rest.strip_suffix("</svg>\n").filter(|_| root.starts_with("<svg "))
+}
+
+/// As much of a text as tells what it is.
+fn shortened(text: &str) -> String {
+    const SHOWN: usize = 60;
+    let start = text.floor_char_boundary(SHOWN);
+    let end = text.ceil_char_boundary(text.len().saturating_sub(SHOWN));
+    if start >= end { text.to_owned() } else { format!("{} ... {}", &text[..start], &text[end..]) }
 }
 
 fn bands(layout: &Layout) -> Result<String, FigureError> {
@@ -281,4 +297,26 @@ fn styled(size: f64, color: &'static RGBColor, style: FontStyle) -> TextStyle<'s
     // plotters writes 1/1.24 of a font's size into the SVG.
     let size = size * 1.24 * f64::from(SUBPIXELS);
     TextStyle::from(FontDesc::new(FontFamily::Name(FONT), size, style)).color(color)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_inside_of_a_document_is_what_was_drawn_and_other_text_is_none() {
+        let document = "<svg width=\"9\">\n<rect/>\n</svg>\n";
+        assert_eq!(inside(document), Some("<rect/>\n"));
+        for other in ["", "<svg/>\n", "<svg width=\"9\">\n<rect/>\n", "<html>\n</svg>\n"] {
+            assert_eq!(inside(other), None, "{other}");
+        }
+    }
+
+    #[test]
+    fn what_is_not_understood_is_shown_by_its_ends() {
+        assert_eq!(shortened("no document"), "no document");
+        let shown = shortened(&format!("begin{}é{}end", "-".repeat(500), "-".repeat(500)));
+        assert!(shown.starts_with("begin---") && shown.ends_with("---end"), "{shown}");
+        assert!(shown.len() < 130, "{shown}");
+    }
 }

@@ -182,6 +182,14 @@ pub enum FigureError {
         /// What the backend says.
         source: Box<dyn std::error::Error + Send + Sync>,
     },
+    /// The drawing backend wrote something else than a document of its own kind.
+    #[error("drawing the {layer} failed: not understood: {found:?}, expected an <svg> element")]
+    NoSvg {
+        /// What was being drawn.
+        layer: &'static str,
+        /// How the text begins and ends.
+        found: String,
+    },
 }
 
 impl Figure {
