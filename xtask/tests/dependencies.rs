@@ -1,0 +1,147 @@
+//! What this program is built from: licences, sources, and the crates that must be there only once.
+
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+use std::process::Command;
+
+/// Under any of these, alone or together, a dependency may come.
+const LICENCES: [&str; 8] = [
+    "Apache-2.0",
+    "Apache-2.0 WITH LLVM-exception",
+    "BSD-2-Clause",
+    "BSD-3-Clause",
+    "MIT",
+    "MPL-2.0",
+    "Unicode-3.0",
+    "Zlib",
+];
+
+/// A second version of these would double the build, or split a type in two.
+const ONCE: [&str; 7] = ["arrow", "axum", "burn", "parquet", "serde", "sqlx", "tokio"];
+
+/// Nothing here speaks TLS; a proxy in front does.
+const ABSENT: [&str; 3] = ["native-tls", "openssl-sys", "rustls"];
+
+/// A package that the program, or what builds it, is made from.
+struct Package {
+    name: String,
+    version: String,
+    /// Where it comes from, unless that is the registry.
+    place: Option<String>,
+    licence: String,
+}
+
+/// As `cargo tree` resolves this platform's build; `cargo metadata` adds what is never compiled.
+fn packages() -> Vec<Package> {
+    let output = Command::new(env!("CARGO"))
+        .args(["tree", "--workspace", "--offline", "--locked", "--edges", "normal,build"])
+        .args(["--target", "x86_64-unknown-linux-gnu", "--prefix", "none", "--format", "{p}|{l}"])
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let text = String::from_utf8(output.stdout).unwrap();
+    let lines: BTreeSet<&str> = text.lines().filter(|line| !line.is_empty()).collect();
+    let packages: Vec<Package> = lines.into_iter().map(package).collect();
+    assert!(packages.len() > 100, "{text}");
+    packages
+}
+
+/// `NAME vVERSION (PLACE)|LICENCE (*)`, where `(proc-macro)` may stand before the place.
+fn package(line: &str) -> Package {
+    let (package, licence) = line.rsplit_once('|').unwrap();
+    let mut words = package.split_whitespace().filter(|word| *word != "(proc-macro)");
+    Package {
+        name: words.next().unwrap().to_owned(),
+        version: words.next().unwrap().to_owned(),
+        place: words.next().map(str::to_owned),
+        licence: licence.trim_end_matches("(*)").trim().to_owned(),
+    }
+}
+
+#[test]
+fn every_dependency_comes_under_a_licence_that_is_fine() {
+    let refused: Vec<String> = packages()
+        .iter()
+        .filter(|package| !is_fine(&package.licence))
+        .map(|Package { name, version, licence, .. }| format!("{name} {version}: {licence:?}"))
+        .collect();
+    assert!(refused.is_empty(), "{refused:#?}");
+}
+
+#[test]
+fn every_dependency_comes_from_the_registry_or_lies_here() {
+    let here = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().canonicalize().unwrap();
+    for Package { name, place, .. } in packages() {
+        let Some(place) = place else { continue };
+        let folder = Path::new(place.trim_matches(['(', ')'])).canonicalize();
+        assert!(folder.is_ok_and(|folder| folder.starts_with(&here)), "{name} is from {place}");
+    }
+}
+
+#[test]
+fn large_crates_come_once_and_none_speaks_tls() {
+    let mut versions: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
+    for Package { name, version, .. } in packages() {
+        versions.entry(name).or_default().insert(version);
+    }
+    for single in ONCE {
+        let found = versions.get(single).cloned().unwrap_or_default();
+        assert_eq!(found.len(), 1, "{single}: {found:?}");
+    }
+    for absent in ABSENT {
+        assert_eq!(versions.get(absent), None, "{absent}");
+    }
+}
+
+/// Whether an SPDX expression can be met by [`LICENCES`].
+fn is_fine(expression: &str) -> bool {
+    // Old manifests write "MIT/Apache-2.0".
+    let expression = expression.replace('/', " OR ");
+    let spaced = expression.replace('(', " ( ").replace(')', " ) ");
+    let mut words = spaced.split_whitespace().peekable();
+    any(&mut words) && words.next().is_none()
+}
+
+type Words<'a> = std::iter::Peekable<std::str::SplitWhitespace<'a>>;
+
+/// Every side is read, whatever the others are.
+fn any(words: &mut Words<'_>) -> bool {
+    let mut fine = all(words);
+    while words.next_if_eq(&"OR").is_some() {
+        fine |= all(words);
+    }
+    fine
+}
+
+fn all(words: &mut Words<'_>) -> bool {
+    let mut fine = one(words);
+    while words.next_if_eq(&"AND").is_some() {
+        fine &= one(words);
+    }
+    fine
+}
+
+fn one(words: &mut Words<'_>) -> bool {
+    if words.next_if_eq(&"(").is_some() {
+        let fine = any(words);
+        return fine && words.next() == Some(")");
+    }
+    let mut licence = words.next().unwrap_or_default().to_owned();
+    if words.next_if_eq(&"WITH").is_some() {
+        licence = format!("{licence} WITH {}", words.next().unwrap_or_default());
+    }
+    LICENCES.contains(&licence.as_str())
+}
+
+#[test]
+fn an_expression_of_licences_is_read_as_spdx_means_it() {
+    assert!(is_fine("MIT") && is_fine("MIT/Apache-2.0") && is_fine("GPL-3.0 OR MIT"));
+    assert!(is_fine("(MIT OR GPL-3.0) AND Unicode-3.0"));
+    assert!(is_fine("Apache-2.0 WITH LLVM-exception OR GPL-2.0"));
+    for refused in ["", "GPL-3.0", "MIT AND GPL-3.0", "(MIT", "MIT MIT", "MIT WITH Classpath"] {
+        assert!(!is_fine(refused), "{refused}");
+    }
+}
