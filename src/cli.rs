@@ -5,7 +5,7 @@ use clap::{Args, Parser, Subcommand};
 use tracing_subscriber::EnvFilter;
 
 use crate::commands::{
-    cancel, devices, import, jobs, presets, quickstart, retry, serve, simulate, study, submit,
+    cancel, decode_recording, devices, import, jobs, presets, quickstart, retry, serve, simulate, study, submit,
     verify, watch, worker,
 };
 
@@ -51,6 +51,9 @@ pub enum Command {
     Retry(retry::Arguments),
     /// List the presets, or show one
     Presets(presets::Arguments),
+    /// Decode the recording on standard input; a worker starts this for itself
+    #[command(hide = true)]
+    DecodeRecording(decode_recording::Arguments),
 }
 
 /// Where the commands that talk to a server find it.

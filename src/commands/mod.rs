@@ -1,6 +1,7 @@
 //! One file per command.
 
 pub mod cancel;
+pub mod decode_recording;
 pub mod devices;
 pub mod import;
 pub mod jobs;
@@ -37,5 +38,6 @@ pub async fn run(command: Command, log: &str) -> anyhow::Result<ExitCode> {
         Command::Cancel(arguments) => cancel::run(arguments).await,
         Command::Retry(arguments) => retry::run(arguments).await,
         Command::Presets(arguments) => presets::run(arguments).await,
+        Command::DecodeRecording(arguments) => decode_recording::run(&arguments),
     }
 }

@@ -10,6 +10,7 @@ use worker::WorkerOptions;
 
 use crate::allocator;
 use crate::cli::DeviceArguments;
+use crate::commands::decode_recording;
 use crate::device;
 use crate::server::Interrupts;
 
@@ -56,6 +57,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
         threads: arguments.threads.map(NonZero::get),
         lease: Duration::from_secs(arguments.lease_seconds),
         device: arguments.device.device,
+        decoder: decode_recording::program()?,
     };
     worker::run(&options, shutdown).await?;
     Ok(ExitCode::SUCCESS)

@@ -71,5 +71,5 @@ pub use table_writer::{EncodedRows, TableEncoder, TableFile, TableWriter};
 pub use task_end::Retry;
 pub use tasks::Task;
 pub use trajectories::ShardReader;
-pub use uploads::{Upload, UploadFile, UploadWriter};
+pub use uploads::{Upload, UploadWriter};
 pub use wire::{DatasetState, JobState, TaskState};

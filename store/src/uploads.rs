@@ -1,13 +1,11 @@
 //! Uploads: files that somebody sent to be imported, each kept once under its digest.
 
-use std::io;
+use std::fs::File;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use bytes::Bytes;
 use object_store::path::Path;
 use object_store::{ObjectStoreExt, WriteMultipart};
-use parquet::file::reader::{ChunkReader, Length};
 use sha2::{Digest as _, Sha256};
 use spec::Digest;
 use sqlx::sqlite::SqliteRow;
@@ -16,7 +14,6 @@ use sqlx::{FromRow, Row, SqliteConnection};
 use crate::artifacts::stored_object;
 use crate::clock::now;
 use crate::database::integer;
-use crate::objects::PositionedFile;
 use crate::{Store, StoreError, StoredObject, Timestamp};
 
 #[derive(Clone, Debug)]
@@ -42,10 +39,6 @@ pub struct UploadWriter {
     size: u64,
     digest: Sha256,
 }
-
-/// An uploaded file, open for blocking reads at any position.
-#[derive(Clone, Debug)]
-pub struct UploadFile(PositionedFile);
 
 impl Store {
     /// Begins to receive a file.
@@ -92,14 +85,8 @@ impl Store {
     ///
     /// # Errors
     /// When it cannot be read, or has not the bytes that were received.
-    pub fn open_upload(&self, upload: &Upload) -> Result<UploadFile, StoreError> {
-        let file = self.objects().open_verified(&upload.object)?;
-        let file = PositionedFile::new(file).map_err(|source| StoreError::ObjectFile {
-            operation: "opening",
-            path: upload.object.path.clone(),
-            source,
-        })?;
-        Ok(UploadFile(file))
+    pub fn open_upload(&self, upload: &Upload) -> Result<File, StoreError> {
+        self.objects().open_verified(&upload.object)
     }
 
     /// Makes a published object the upload of its digest, unless there is one already.
@@ -198,23 +185,5 @@ impl FromRow<'_, SqliteRow> for Upload {
             object: stored_object(row)?,
             created_at: row.try_get("created_at")?,
         })
-    }
-}
-
-impl Length for UploadFile {
-    fn len(&self) -> u64 {
-        self.0.len()
-    }
-}
-
-impl ChunkReader for UploadFile {
-    type T = Box<dyn io::Read>;
-
-    fn get_read(&self, start: u64) -> parquet::errors::Result<Self::T> {
-        Ok(Box::new(self.0.get_read(start)?))
-    }
-
-    fn get_bytes(&self, start: u64, length: usize) -> parquet::errors::Result<Bytes> {
-        self.0.get_bytes(start, length)
     }
 }

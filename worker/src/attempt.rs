@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use models::Device;
 use serde::Serialize;
+use recordings::DecoderProgram;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 use store::{ClaimedTask, Fence, NewArtifact, Store};
@@ -18,6 +19,8 @@ pub(crate) struct Attempt {
     pub store: Store,
     /// What models are computed on.
     pub device: Device,
+    /// What reads the files of others.
+    pub decoder: DecoderProgram,
     pub task: ClaimedTask,
     pub progress: Arc<ProgressCell>,
     pub stop: Arc<StopSignal>,

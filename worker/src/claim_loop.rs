@@ -4,6 +4,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use models::{Device, DeviceKind};
+use recordings::DecoderProgram;
 use store::{Access, ClaimedTask, Store, StoreError};
 use tokio::runtime::Handle;
 use tokio_util::sync::CancellationToken;
@@ -27,6 +28,8 @@ pub struct WorkerOptions {
     pub lease: Duration,
     /// What models are computed on.
     pub device: DeviceKind,
+    /// What reads the files of others.
+    pub decoder: DecoderProgram,
 }
 
 /// Between two looks for a task when there was none.
@@ -52,7 +55,7 @@ pub async fn run(options: &WorkerOptions, shutdown: CancellationToken) -> Result
     while !shutdown.is_cancelled() {
         let pause = match store.claim(&options.name, options.lease).await {
             Ok(Some(task)) => {
-                execute(&store, &device, task, options.lease, &shutdown).await?;
+                execute(&store, &device, task, options, &shutdown).await?;
                 Duration::ZERO
             }
             Ok(None) => POLL,
@@ -77,7 +80,7 @@ async fn execute(
     store: &Store,
     device: &Device,
     task: ClaimedTask,
-    lease: Duration,
+    options: &WorkerOptions,
     shutdown: &CancellationToken,
 ) -> Result<(), WorkerError> {
     let fence = task.fence;
@@ -89,6 +92,7 @@ async fn execute(
     let attempt = Attempt {
         store: store.clone(),
         device: device.clone(),
+        decoder: options.decoder.clone(),
         task,
         progress: Arc::clone(&progress),
         stop: Arc::clone(&stop),
@@ -102,7 +106,7 @@ async fn execute(
             Err(panicked(module, device.kind(), error.try_into_panic().ok().as_deref()))
         })
     };
-    let heartbeat = keep_alive(store, fence, lease, &progress, &stop, shutdown, &over);
+    let heartbeat = keep_alive(store, fence, options.lease, &progress, &stop, shutdown, &over);
     let (done, ()) = tokio::join!(work, heartbeat);
     let ended = match &done {
         Err(error) if error.is_of_device() => {

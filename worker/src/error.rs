@@ -49,7 +49,7 @@ pub enum TaskError {
     )]
     Diverged { cause: models::ModelError, batch: String, checkpoint: String },
     #[error(transparent)]
-    Import(#[from] crate::import::ImportError),
+    Import(#[from] recordings::ImportError),
     #[error(transparent)]
     Evaluation(#[from] evaluation::EvaluationError),
     #[error("a figure could not be drawn")]
@@ -85,6 +85,7 @@ impl TaskError {
     /// device alone may.
     pub fn retry(&self) -> Retry {
         match self {
+            Self::Import(error) if error.may_pass() => Retry::Allowed,
             Self::Store(_)
             | Self::Threads(_)
             | Self::Stopped

@@ -1,37 +1,19 @@
-//! Somebody's own recordings: read, checked, cut into trajectories and written like a simulation.
-
-mod checked_pages;
-mod conversion;
-mod csv_rows;
-mod error;
-mod footer;
-mod page_headers;
-mod parquet_rows;
-mod recording;
-mod rows;
-mod samples;
-mod tables;
-mod thrift;
-mod windows;
+//! Somebody's own recordings, written as a dataset like a simulation.
 
 #[cfg(test)]
 mod tests;
 
 use std::collections::BTreeMap;
 
-use parquet::file::reader::ChunkReader;
+use recordings::{Conversion, Decoder, ImportCounts, ImportError, Rows, TableSchemas};
 use spec::{Column, DataSpec, ImportSpec};
-use store::{FileContent, NewShard, ObjectWriter, ShardSummary, TableWriter, object_path};
+use store::{FileContent, NewShard, ObjectWriter, ShardSummary, TableWriter, Upload, object_path};
 
 use crate::attempt::Attempt;
 use crate::error::TaskError;
 use crate::kinds::KindModule;
 use crate::simulate::{ProgressOf, VERSION, VERSION_KEY};
 use crate::summary::SummaryBuilder;
-use conversion::Conversion;
-
-pub(crate) use conversion::ImportCounts;
-pub use error::ImportError;
 
 pub(crate) const MODULE: KindModule = KindModule { run, computes_models: false };
 
@@ -41,17 +23,27 @@ fn run(attempt: &Attempt) -> Result<(), TaskError> {
     let (store, task) = (&attempt.store, &attempt.task);
     let upload = attempt.wait(store.upload(spec.file))?;
     let missing = || TaskError::Missing { what: "the upload", name: spec.file.to_string() };
-    let file = store.open_upload(&upload.ok_or_else(missing)?)?;
+    let rows = decode(attempt, &upload.ok_or_else(missing)?, &spec)?;
     let object = |content| {
         let path = object_path::shard(task.job, task.ordinal, task.fence.epoch, content);
         attempt.wait(store.write_object(&path))
     };
     let (trajectories, table) = (object(FileContent::Trajectories)?, object(FileContent::Robots)?);
-    let written = convert(file, &spec, trajectories, table, &|done| attempt.show(done))?;
+    let written = convert(rows, &spec, trajectories, table, &|done| attempt.show(done))?;
     let mut result = written.summary.to_result();
     result["import"] = serde_json::to_value(written.counts)?;
     attempt.wait(store.commit_import(attempt.fence(), &written.shard, &result))?;
     Ok(())
+}
+
+/// The rows of an upload, decoded in a process of its own.
+pub(crate) fn decode(
+    attempt: &Attempt,
+    upload: &Upload,
+    spec: &ImportSpec,
+) -> Result<Decoder, TaskError> {
+    let file = attempt.store.open_upload(upload)?;
+    Ok(Decoder::start(&attempt.decoder, file, &upload.name, spec)?)
 }
 
 /// A file that became the one shard of a dataset.
@@ -61,28 +53,29 @@ pub(crate) struct WrittenImport {
     pub summary: ShardSummary,
 }
 
-/// Converts `file` into the two tables of a dataset, whose bytes are a function of the file's and
-/// of `spec`.
+/// Converts the rows of a file into the two tables of a dataset, whose bytes are a function of the
+/// file's and of `spec`.
 ///
 /// # Errors
 /// [`TaskError::Import`] when the file cannot be imported as `spec` says, [`TaskError::Stopped`]
 /// when `progress` breaks; nothing is published then.
-pub(crate) fn convert<R: ChunkReader<T: 'static> + 'static>(
-    file: R,
+pub(crate) fn convert(
+    rows: impl Iterator<Item = Result<Rows, ImportError>>,
     spec: &ImportSpec,
     trajectories: ObjectWriter,
     table: ObjectWriter,
     progress: ProgressOf<'_>,
 ) -> Result<WrittenImport, TaskError> {
-    let columns = spec.trajectory_columns();
-    let (schema, footer) = (store::table_schema(&columns), footer_entries(spec, &columns)?);
-    let mut trajectories = TableWriter::trajectories(trajectories, schema, spec.samples, &footer)?;
-    let columns = spec.table_columns();
-    let (schema, footer) = (store::table_schema(&columns), footer_entries(spec, &columns)?);
-    let mut table = TableWriter::table(table, schema, &footer)?;
+    let columns = [spec.trajectory_columns(), spec.table_columns()];
+    let [samples, origins] = columns.each_ref().map(|columns| store::table_schema(columns));
+    let schemas = TableSchemas { samples: samples.clone(), table: origins.clone() };
+    let footer = footer_entries(spec, &columns[0])?;
+    let mut trajectories = TableWriter::trajectories(trajectories, samples, spec.samples, &footer)?;
+    let footer = footer_entries(spec, &columns[1])?;
+    let mut table = TableWriter::table(table, origins, &footer)?;
 
     let mut summary = SummaryBuilder::new(spec.samples, spec.rate_hz);
-    let mut conversion = Conversion::open(file, spec)?;
+    let mut conversion = Conversion::new(rows, spec, schemas);
     while let Some(imported) = conversion.next()? {
         if progress(conversion.trajectories()).is_break() {
             return Err(TaskError::Stopped);

@@ -89,9 +89,9 @@ fn verify_import(attempt: &Attempt, spec: &ImportSpec, shard: &Shard) -> Result<
             "bytes": "equal to what was recorded; not converted again, as the upload is gone",
         }));
     };
-    let file = attempt.store.open_upload(&upload)?;
+    let rows = import::decode(attempt, &upload, spec)?;
     let [trajectories, table] = recorded.map(|it| ObjectWriter::digest_only(&it.path));
-    let made = import::convert(file, spec, trajectories, table, &|done| attempt.show(done))?.shard;
+    let made = import::convert(rows, spec, trajectories, table, &|done| attempt.show(done))?.shard;
     for (recorded, made) in recorded.into_iter().zip([&made.trajectories, &made.robots]) {
         if recorded.sha256 != made.sha256 {
             return Err(TaskError::Differs(format!(

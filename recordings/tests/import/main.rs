@@ -1,23 +1,23 @@
 //! Files as others write them, good and bad, and what becomes of them.
 
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
 mod csv;
+mod decoder;
 mod fuzz;
+mod limits;
 mod parquet;
 mod tables;
 
-use std::ops::ControlFlow;
 use std::sync::Arc;
 
 use ::parquet::arrow::ArrowWriter;
 use ::parquet::file::properties::WriterProperties;
 use arrow::array::{ArrayRef, Float32Array, Float64Array, Int32Array, RecordBatch, StringArray};
 use arrow::compute::concat_batches;
+use recordings::{Conversion, ImportCounts, ImportError, Rows, TableSchemas};
 use serde_json::{Value, json};
 use spec::{ImportSpec, JobSpec};
-use store::ObjectWriter;
-
-use super::conversion::{Conversion, ImportCounts};
-use super::{WrittenImport, convert};
 
 /// Recordings of an arm that sways, as one table.
 #[derive(Clone)]
@@ -117,12 +117,6 @@ fn spec(format: &str, fields: &Value) -> ImportSpec {
     }
 }
 
-/// Written nowhere, so that only digests and counts remain.
-fn converted(file: impl Into<Vec<u8>>, spec: &ImportSpec) -> WrittenImport {
-    let (trajectories, table) = (ObjectWriter::digest_only("a"), ObjectWriter::digest_only("b"));
-    convert(bytes(file.into()), spec, trajectories, table, &|_| ControlFlow::Continue(())).unwrap()
-}
-
 /// What comes out of a file.
 struct Imported {
     samples: RecordBatch,
@@ -132,21 +126,31 @@ struct Imported {
     parts: Vec<usize>,
 }
 
-/// What comes out of a file, or the error with all its causes.
-fn import(file: impl Into<Vec<u8>>, spec: &ImportSpec) -> Result<Imported, String> {
-    let run = || {
-        let mut conversion = Conversion::open(bytes(file.into()), spec)?;
-        let (mut samples, mut table) = (Vec::new(), Vec::new());
-        while let Some(imported) = conversion.next()? {
-            samples.push(imported.samples);
-            table.push(imported.table);
-        }
-        let counts = conversion.finish()?;
-        let whole = |parts: &[RecordBatch]| concat_batches(&parts[0].schema(), parts).unwrap();
-        let parts = samples.iter().map(RecordBatch::num_rows).collect();
-        Ok(Imported { samples: whole(&samples), table: whole(&table), counts, parts })
+/// What comes out of rows, or the error with all its causes.
+fn convert(
+    rows: impl Iterator<Item = Result<Rows, ImportError>>,
+    spec: &ImportSpec,
+) -> Result<Imported, ImportError> {
+    let schemas = TableSchemas {
+        samples: store::table_schema(&spec.trajectory_columns()),
+        table: store::table_schema(&spec.table_columns()),
     };
-    run().map_err(|error: super::ImportError| crate::error::reason(&error))
+    let mut conversion = Conversion::new(rows, spec, schemas);
+    let (mut samples, mut table) = (Vec::new(), Vec::new());
+    while let Some(imported) = conversion.next()? {
+        samples.push(imported.samples);
+        table.push(imported.table);
+    }
+    let counts = conversion.finish()?;
+    let whole = |parts: &[RecordBatch]| concat_batches(&parts[0].schema(), parts).unwrap();
+    let parts = samples.iter().map(RecordBatch::num_rows).collect();
+    Ok(Imported { samples: whole(&samples), table: whole(&table), counts, parts })
+}
+
+/// What comes out of a file, or the error; decoded by a process that stays for the next file.
+fn import(file: impl Into<Vec<u8>>, spec: &ImportSpec) -> Result<Imported, String> {
+    decoder::reused(&file.into(), spec, |rows| convert(rows, spec))
+        .map_err(|error| error.to_string())
 }
 
 fn error(file: impl Into<Vec<u8>>, spec: &ImportSpec) -> String {
@@ -162,11 +166,6 @@ fn check_refused(file: impl Into<Vec<u8>>, spec: &ImportSpec, expected: &[&str])
     for part in expected {
         assert!(error.contains(part), "{error:?} lacks {part:?}");
     }
-}
-
-/// Bytes as a file that can be read at any position.
-fn bytes(file: Vec<u8>) -> ::bytes::Bytes {
-    file.into()
 }
 
 fn ints(values: impl IntoIterator<Item = i32>) -> ArrayRef {

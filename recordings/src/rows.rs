@@ -2,48 +2,54 @@
 
 use spec::{ImportColumns, JOINTS};
 
-use super::error::{ImportError, RowError};
+use crate::RowError;
 
 /// Rows that follow each other.
-#[derive(Debug, Default)]
-pub(super) struct Rows {
+#[derive(Debug, Default, PartialEq)]
+pub struct Rows {
     /// Index of the first in the file.
-    pub first: u64,
-    pub count: usize,
+    pub(crate) first: u64,
+    pub(crate) count: usize,
     /// As written in the file; `None` without a time column.
-    pub time: Option<TimeColumn>,
+    pub(crate) time: Option<TimeColumn>,
     /// `None` without a recording column.
-    pub recording: Option<Vec<String>>,
+    pub(crate) recording: Option<Vec<String>>,
     /// One per column of [`channel_columns`], in the file's units.
-    pub channels: Vec<Vec<f64>>,
+    pub(crate) channels: Vec<Vec<f64>>,
 }
 
 /// Times in the file's unit. Whole numbers stay such: nanoseconds since 1970 do not fit into f64.
 #[derive(Debug, PartialEq)]
-pub(super) enum TimeColumn {
+pub(crate) enum TimeColumn {
     Integer(Vec<i64>),
     Decimal(Vec<f64>),
 }
 
+/// Rows that are decoded and handed on together.
+pub(crate) const MAX_BATCH_ROWS: usize = 8192;
+
 /// Bytes of a recording's name.
-pub(super) const MAX_NAME_BYTES: usize = 200;
+pub(crate) const MAX_NAME_BYTES: usize = 200;
 
 /// Columns of torques, positions and, if there are any, velocities.
-pub(super) fn channel_columns(columns: &ImportColumns) -> Vec<&str> {
+pub(crate) fn channel_columns(columns: &ImportColumns) -> Vec<&str> {
     let all = [Some(&columns.u), Some(&columns.q), columns.qd.as_ref()];
     all.into_iter().flatten().flatten().map(String::as_str).collect()
 }
 
 /// Channels of a sample at most: torques, positions, velocities.
-pub(super) const MAX_CHANNELS: usize = 3 * JOINTS;
+pub(crate) const MAX_CHANNELS: usize = 3 * JOINTS;
 
 /// Finds each column that `columns` asks for among those of the file, once.
 ///
 /// Returns their positions, in the order of [`ImportColumns::named`].
-pub(super) fn find_columns(
+///
+/// # Errors
+/// The columns that are not there, beside those that are.
+pub(crate) fn find_columns(
     columns: &ImportColumns,
     existing: &[&str],
-) -> Result<Vec<usize>, ImportError> {
+) -> Result<Vec<usize>, String> {
     let mut found = Vec::new();
     let mut missing = Vec::new();
     for (field, name) in columns.named() {
@@ -52,16 +58,14 @@ pub(super) fn find_columns(
             (Some((place, _)), None) => found.push(place),
             (None, _) => missing.push(format!("{name:?} (columns.{field})")),
             (Some(_), Some(_)) => {
-                let reason = format!("it has more than one column {name:?} (columns.{field})");
-                return Err(ImportError::file(reason));
+                return Err(format!("it has more than one column {name:?} (columns.{field})"));
             }
         }
     }
     if missing.is_empty() {
         return Ok(found);
     }
-    let reason = format!("it has no column {}; it has {}", missing.join(", "), listed(existing));
-    Err(ImportError::file(reason))
+    Err(format!("it has no column {}; it has {}", missing.join(", "), listed(existing)))
 }
 
 /// Names for people to look through, cut where there are too many.
@@ -75,7 +79,7 @@ fn listed(names: &[&str]) -> String {
 }
 
 /// A value that is not there.
-pub(super) fn absent(row: u64, column: &str) -> RowError {
+pub(crate) fn absent(row: u64, column: &str) -> RowError {
     RowError {
         recording: None,
         row,
@@ -85,7 +89,7 @@ pub(super) fn absent(row: u64, column: &str) -> RowError {
     }
 }
 
-pub(super) fn check_name(name: &str, row: u64, column: &str) -> Result<(), RowError> {
+pub(crate) fn check_name(name: &str, row: u64, column: &str) -> Result<(), RowError> {
     if name.len() <= MAX_NAME_BYTES {
         return Ok(());
     }

@@ -1,29 +1,24 @@
 //! From the rows of a file to the tables of a dataset.
 //!
-//! Memory does not grow with the file: a batch of rows, the pages they come from, the samples of
-//! one trajectory, and the trajectories that were not handed on yet.
+//! Memory does not grow with the file: a batch of rows, the samples of one trajectory, and the
+//! trajectories that were not handed on yet.
 
-use std::panic::{AssertUnwindSafe, catch_unwind};
-
-use parquet::file::reader::ChunkReader;
 use serde::Serialize;
-use spec::{FileFormat, ImportSpec, Split};
+use spec::{ImportSpec, Split};
 
-use super::csv_rows::CsvRows;
-use super::error::{ImportError, RowError};
-use super::parquet_rows::ParquetRows;
-use super::recording::Recording;
-use super::rows::Rows;
-use super::samples::Sampling;
-use super::tables::{ImportedTrajectories, Origin, Tables};
-use super::windows::Window;
+use crate::error::{ImportError, RowError};
+use crate::recording::Recording;
+use crate::rows::Rows;
+use crate::samples::Sampling;
+use crate::tables::{ImportedTrajectories, Origin, TableSchemas, Tables};
+use crate::windows::Window;
 
 /// Trajectories of a dataset.
 const MAX_TRAJECTORIES: u64 = 10_000_000;
 
 /// What became of a file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
-pub(crate) struct ImportCounts {
+pub struct ImportCounts {
     pub rows: u64,
     pub recordings: u64,
     /// Recordings that were too short for a trajectory.
@@ -33,10 +28,10 @@ pub(crate) struct ImportCounts {
     pub dropped_samples: u64,
 }
 
-/// A file being converted. What comes out is a function of its bytes and the spec.
-pub(crate) struct Conversion<R: ChunkReader> {
+/// Rows being made trajectories. What comes out is a function of the rows and the spec.
+pub struct Conversion<I> {
     spec: ImportSpec,
-    source: Source<R>,
+    source: I,
     sampling: Sampling,
     rows: Rows,
     /// Of `rows`, the next to look at.
@@ -47,27 +42,12 @@ pub(crate) struct Conversion<R: ChunkReader> {
     counts: ImportCounts,
 }
 
-enum Source<R: ChunkReader> {
-    Parquet(Box<ParquetRows<R>>),
-    Csv(Box<CsvRows>),
-}
-
-impl<R: ChunkReader<T: 'static> + 'static> Conversion<R> {
-    /// # Errors
-    /// When the file is not of the spec's format, or lacks a column.
-    pub fn open(file: R, spec: &ImportSpec) -> Result<Self, ImportError> {
-        let source = guarded(|| {
-            Ok(match spec.format {
-                FileFormat::Parquet => Source::Parquet(Box::new(ParquetRows::open(file, spec)?)),
-                FileFormat::Csv => {
-                    let bytes = Box::new(file.get_read(0)?);
-                    Source::Csv(Box::new(CsvRows::open(bytes, spec)?))
-                }
-            })
-        })?;
+impl<I: Iterator<Item = Result<Rows, ImportError>>> Conversion<I> {
+    /// `source` has the rows of a file, `schemas` those of the tables that come out.
+    pub fn new(source: I, spec: &ImportSpec, schemas: TableSchemas) -> Self {
         let sampling = Sampling::new(spec);
-        let tables = Tables::new(spec, sampling.channel_count());
-        Ok(Self {
+        let tables = Tables::new(schemas, sampling.channel_count());
+        Self {
             spec: spec.clone(),
             source,
             sampling,
@@ -77,7 +57,7 @@ impl<R: ChunkReader<T: 'static> + 'static> Conversion<R> {
             window: Window::new(spec),
             tables,
             counts: ImportCounts::default(),
-        })
+        }
     }
 
     /// The trajectories that follow, perhaps none yet; `None` at the end.
@@ -117,12 +97,7 @@ impl<R: ChunkReader<T: 'static> + 'static> Conversion<R> {
     }
 
     fn read_rows(&mut self) -> Result<bool, ImportError> {
-        let source = &mut self.source;
-        let rows = guarded(|| match source {
-            Source::Parquet(rows) => rows.next(),
-            Source::Csv(rows) => rows.next(),
-        })?;
-        let Some(rows) = rows else { return Ok(false) };
+        let Some(rows) = self.source.next().transpose()? else { return Ok(false) };
         self.rows = rows;
         self.next = 0;
         Ok(true)
@@ -209,12 +184,6 @@ impl<R: ChunkReader<T: 'static> + 'static> Conversion<R> {
             allowed: format!("samples = {expected}; or a split into windows"),
         })
     }
-}
-
-/// Decoders may panic over damaged bytes; that is the file's fault and ends the task alone.
-fn guarded<T>(decode: impl FnOnce() -> Result<T, ImportError>) -> Result<T, ImportError> {
-    catch_unwind(AssertUnwindSafe(decode))
-        .unwrap_or_else(|panic| Err(ImportError::decoder(panic.as_ref())))
 }
 
 #[expect(clippy::needless_pass_by_value, reason = "for map_err")]

@@ -4,11 +4,11 @@ use std::collections::VecDeque;
 
 use spec::{ImportSpec, Split};
 
-use super::samples::Sample;
+use crate::samples::Sample;
 
 /// The samples that the next trajectory of a recording has so far.
 #[derive(Debug)]
-pub(super) struct Window {
+pub(crate) struct Window {
     samples: VecDeque<Sample>,
     length: usize,
     stride: u64,
@@ -84,7 +84,7 @@ impl Window {
 
 #[cfg(test)]
 mod tests {
-    use super::super::rows::MAX_CHANNELS;
+    use crate::rows::MAX_CHANNELS;
     use super::*;
 
     /// First rows of the trajectories that `count` samples make, and how many are dropped.

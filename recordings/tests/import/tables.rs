@@ -2,30 +2,10 @@
 
 use arrow::array::AsArray;
 use arrow::datatypes::{Float32Type, Float64Type, Int32Type, Int64Type};
-use serde_json::{Value, json};
+use recordings::ImportCounts;
+use serde_json::json;
 
-use super::super::conversion::ImportCounts;
-use super::{
-    Imported, Recordings, channel_names, check_refused, converted, import, small_pages, spec,
-};
-
-#[test]
-fn the_bytes_are_a_function_of_file_and_spec() {
-    let recordings = Recordings::of(&[100, 70]);
-    let windows = |fields: &Value| spec("parquet", fields);
-    let split = json!({"split": {"kind": "windows", "stride": 20}});
-    let first = converted(recordings.parquet(small_pages()), &windows(&split));
-    let again = converted(recordings.parquet(small_pages()), &windows(&split));
-    assert_eq!(first.shard.trajectories, again.shard.trajectories);
-    assert_eq!(first.shard.robots, again.shard.robots);
-    let later = json!({"split": {"kind": "windows", "stride": 20},
-                       "execution": {"priority": 9}});
-    let hurried = converted(recordings.parquet(small_pages()), &windows(&later));
-    assert_eq!(first.shard.trajectories.sha256, hurried.shard.trajectories.sha256);
-    let other = json!({"split": {"kind": "windows", "stride": 21}});
-    let other = converted(recordings.parquet(small_pages()), &windows(&other));
-    assert_ne!(first.shard.trajectories.sha256, other.shard.trajectories.sha256);
-}
+use super::{Imported, Recordings, channel_names, check_refused, import, spec};
 
 #[test]
 fn trajectories_say_where_they_come_from() {

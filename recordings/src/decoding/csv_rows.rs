@@ -7,11 +7,13 @@ use std::rc::Rc;
 use csv::{ByteRecord, Reader, ReaderBuilder};
 use spec::ImportSpec;
 
-use super::error::{ImportError, RowError};
-use super::rows::{Rows, TimeColumn, absent, channel_columns, check_name, find_columns};
+use super::DecodeError;
+use crate::RowError;
+use crate::rows::{MAX_BATCH_ROWS, Rows, TimeColumn, absent, channel_columns, check_name, find_columns};
 
 /// Rows parsed at a time.
 const BATCH_ROWS: usize = 1024;
+const _: () = assert!(BATCH_ROWS <= MAX_BATCH_ROWS);
 
 /// Bytes of a line, or of several when a quoted value has line breaks in it.
 const MAX_RECORD_BYTES: usize = 64 * 1024;
@@ -38,7 +40,7 @@ struct Column {
 impl CsvRows {
     /// # Errors
     /// When the file has no header, or one without a column that is asked for.
-    pub fn open(file: Box<dyn Read>, spec: &ImportSpec) -> Result<Self, ImportError> {
+    pub fn open(file: Box<dyn Read>, spec: &ImportSpec) -> Result<Self, DecodeError> {
         let budget = Budget::default();
         let file = Metered { inner: file, budget: budget.clone() };
         let mut reader =
@@ -47,7 +49,8 @@ impl CsvRows {
         budget.refill();
         let names = header_names(&header)?;
         let places = find_columns(&spec.columns, &names)
-            .map_err(|error| if names.len() == 1 { without_commas(&error) } else { error })?;
+            .map_err(|error| if names.len() == 1 { without_commas(&error) } else { error })
+            .map_err(DecodeError::File)?;
         let mut places = places.into_iter();
         let mut column = |name: &str| {
             let place = places.next().unwrap_or_default();
@@ -65,7 +68,7 @@ impl CsvRows {
     ///
     /// # Errors
     /// When a line has other columns than the header, or a value is missing or no number.
-    pub fn next(&mut self) -> Result<Option<Rows>, ImportError> {
+    pub fn next(&mut self) -> Result<Option<Rows>, DecodeError> {
         let mut rows = Rows { first: self.next_row, ..Rows::default() };
         let mut times = Times::default();
         let mut names = Vec::new();
@@ -111,21 +114,22 @@ impl CsvRows {
     }
 }
 
-fn header_names(header: &ByteRecord) -> Result<Vec<&str>, ImportError> {
+fn header_names(header: &ByteRecord) -> Result<Vec<&str>, DecodeError> {
     let mut names = Vec::with_capacity(header.len());
     for name in header {
         let name = std::str::from_utf8(name)
-            .map_err(|_| ImportError::file("the names in its first line are not UTF-8"))?;
+            .map_err(|_| DecodeError::File("the names in its first line are not UTF-8".to_owned()))?;
         names.push(name.trim_start_matches('\u{feff}').trim());
     }
     if names.is_empty() {
-        return Err(ImportError::file("it is empty; its first line should name the columns"));
+        let reason = "it is empty; its first line should name the columns";
+        return Err(DecodeError::File(reason.to_owned()));
     }
     Ok(names)
 }
 
-fn without_commas(error: &ImportError) -> ImportError {
-    ImportError::file(format!("{error}; columns are separated by commas"))
+fn without_commas(error: &str) -> String {
+    format!("{error}; columns are separated by commas")
 }
 
 fn number(text: &str, row: u64, column: &str) -> Result<f64, RowError> {
@@ -207,7 +211,7 @@ impl<R: Read> Read for Metered<R> {
 const RECORD_TOO_LONG: &str = "a line is too long";
 
 /// Puts the limit on a line into words.
-fn too_long(error: csv::Error, row: u64) -> ImportError {
+fn too_long(error: csv::Error, row: u64) -> DecodeError {
     if let csv::ErrorKind::Io(reason) = error.kind()
         && reason.kind() == io::ErrorKind::InvalidData
         && reason.to_string() == RECORD_TOO_LONG
@@ -215,7 +219,7 @@ fn too_long(error: csv::Error, row: u64) -> ImportError {
         let reason = format!(
             "row {row} has more than {MAX_RECORD_BYTES} bytes; is a quote in it never closed?"
         );
-        return ImportError::file(reason);
+        return DecodeError::File(reason);
     }
     error.into()
 }

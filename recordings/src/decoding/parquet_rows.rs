@@ -5,33 +5,36 @@ use std::sync::Arc;
 use arrow::array::{Array, ArrayRef, AsArray, RecordBatch};
 use arrow::compute::cast;
 use arrow::datatypes::{DataType, Float64Type, Int64Type, TimeUnit as ArrowTimeUnit};
-use parquet::arrow::arrow_reader::{ParquetRecordBatchReader, RowGroups};
-use parquet::arrow::{
-    ProjectionMask, parquet_to_arrow_field_levels, parquet_to_arrow_schema_by_columns,
+use bytes::Bytes;
+use parquet::arrow::arrow_reader::{
+    ArrowReaderMetadata, ArrowReaderOptions, ParquetRecordBatchReader,
+    ParquetRecordBatchReaderBuilder,
 };
-use parquet::column::page::PageIterator;
+use parquet::arrow::{ProjectionMask, parquet_to_arrow_schema_by_columns};
+use parquet::basic::Compression;
+use parquet::column::page::PageReader;
 use parquet::errors::ParquetError;
-use parquet::file::metadata::{ParquetMetaData, ParquetMetaDataReader, RowGroupMetaData};
-use parquet::file::reader::ChunkReader;
+use parquet::file::metadata::ParquetMetaData;
+use parquet::file::reader::{ChunkReader, Length};
+use parquet::file::serialized_reader::SerializedPageReader;
 use spec::{ImportSpec, TimeUnit};
 
-use super::checked_pages::{CheckedPages, OneChunk};
-use super::error::ImportError;
-use super::rows::{Rows, TimeColumn, absent, channel_columns, check_name, find_columns};
-use super::{footer, page_headers};
+use super::DecodeError;
+use crate::rows::{
+    MAX_BATCH_ROWS, Rows, TimeColumn, absent, channel_columns, check_name, find_columns,
+};
 
-/// Rows decoded at a time.
-const BATCH_ROWS: usize = 8192;
+const MAGIC: &[u8] = b"PAR1";
 
-/// Bytes of the pages of all columns that lie open at a time.
-const MAX_PAGE_BYTES: u64 = 512 << 20;
+/// The footer's length and the magic bytes.
+const TAIL: usize = 8;
 
 /// Rows of a file: weeks at 1 kHz.
 const MAX_ROWS: u64 = 1_000_000_000;
 
-pub(super) struct ParquetRows<R: ChunkReader> {
-    file: Arc<R>,
-    metadata: Arc<ParquetMetaData>,
+pub(super) struct ParquetRows<R> {
+    file: SharedFile<R>,
+    metadata: ArrowReaderMetadata,
     columns: Columns,
     /// Positions of the columns in the file.
     leaves: Vec<usize>,
@@ -50,19 +53,21 @@ struct Columns {
 impl<R: ChunkReader + 'static> ParquetRows<R> {
     /// # Errors
     /// When the file is no Parquet, lacks a column, or has one that is not what is asked for.
-    pub fn open(file: R, spec: &ImportSpec) -> Result<Self, ImportError> {
-        footer::check(&file)?;
-        let metadata = Arc::new(ParquetMetaDataReader::new().parse_and_finish(&file)?);
-        check_row_counts(&metadata)?;
-        let leaves = find_leaves(&metadata, spec)?;
-        check_types(&metadata, &leaves, spec)?;
+    pub fn open(file: R, spec: &ImportSpec) -> Result<Self, DecodeError> {
+        check_ends(&file)?;
+        // The types are Parquet's own, whatever Arrow schema a writer left beside them.
+        let options = ArrowReaderOptions::new().with_skip_arrow_metadata(true);
+        let metadata = ArrowReaderMetadata::load(&file, options)?;
+        check_row_counts(metadata.metadata())?;
+        let leaves = find_leaves(metadata.metadata(), spec)?;
+        check_types(metadata.metadata(), &leaves, spec)?;
         let columns = Columns {
             time: spec.columns.time.clone(),
             recording: spec.columns.recording.clone(),
             channels: channel_columns(&spec.columns).into_iter().map(str::to_owned).collect(),
         };
         Ok(Self {
-            file: Arc::new(file),
+            file: SharedFile(Arc::new(file)),
             metadata,
             columns,
             leaves,
@@ -76,7 +81,7 @@ impl<R: ChunkReader + 'static> ParquetRows<R> {
     ///
     /// # Errors
     /// When the file is damaged, or a value is missing.
-    pub fn next(&mut self) -> Result<Option<Rows>, ImportError> {
+    pub fn next(&mut self) -> Result<Option<Rows>, DecodeError> {
         loop {
             if let Some(batches) = &mut self.batches {
                 if let Some(batch) = batches.next() {
@@ -87,7 +92,7 @@ impl<R: ChunkReader + 'static> ParquetRows<R> {
                 }
                 self.batches = None;
             }
-            if self.next_row_group == self.metadata.num_row_groups() {
+            if self.next_row_group == self.metadata.metadata().num_row_groups() {
                 return self.check_end().map(|()| None);
             }
             self.batches = Some(self.open_row_group(self.next_row_group)?);
@@ -96,49 +101,117 @@ impl<R: ChunkReader + 'static> ParquetRows<R> {
     }
 
     /// A decoder may come to its end early without saying so.
-    fn check_end(&self) -> Result<(), ImportError> {
-        let claimed = self.metadata.file_metadata().num_rows().unsigned_abs();
+    fn check_end(&self) -> Result<(), DecodeError> {
+        let claimed = self.metadata.metadata().file_metadata().num_rows().unsigned_abs();
         if self.next_row == claimed {
             return Ok(());
         }
         let reason = format!("it claims {claimed} rows and has {}", self.next_row);
-        Err(ImportError::file(reason))
+        Err(DecodeError::File(reason))
     }
 
-    fn open_row_group(&self, index: usize) -> Result<ParquetRecordBatchReader, ImportError> {
-        let row_group = self.metadata.row_group(index);
-        let rows = row_group.num_rows().unsigned_abs();
-        let mut memory: u64 = 0;
+    fn open_row_group(&self, index: usize) -> Result<ParquetRecordBatchReader, DecodeError> {
         for leaf in &self.leaves {
-            let chunk = row_group.column(*leaf);
-            let bytes = page_headers::check(self.file.as_ref(), chunk, rows).map_err(|error| {
-                let name = chunk.column_path().string();
-                ImportError::file(format!("column {name:?} of row group {index}: {error}"))
-            })?;
-            memory = memory.saturating_add(bytes);
+            self.check_column(index, *leaf)?;
         }
-        if memory > MAX_PAGE_BYTES {
-            let reason = format!(
-                "the pages of row group {index} need {memory} bytes of memory at once, at most \
-                 {MAX_PAGE_BYTES} are given; write it with smaller pages or row groups"
-            );
-            return Err(ImportError::file(reason));
-        }
-        let schema = self.metadata.file_metadata().schema_descr();
+        let (file, metadata) = (self.file.clone(), self.metadata.clone());
+        let builder = ParquetRecordBatchReaderBuilder::new_with_metadata(file, metadata);
+        let schema = builder.parquet_schema();
         let mask = ProjectionMask::leaves(schema, self.leaves.iter().copied());
-        let levels = parquet_to_arrow_field_levels(schema, mask, None)?;
-        let row_group = OneRowGroup {
-            file: Arc::clone(&self.file),
-            metadata: Arc::clone(&self.metadata),
-            index,
+        let builder = builder.with_projection(mask).with_row_groups(vec![index]);
+        Ok(builder.with_batch_size(MAX_BATCH_ROWS).build()?)
+    }
+
+    /// A decoder takes as many values as the row group has rows, and does not mind others.
+    fn check_column(&self, row_group: usize, leaf: usize) -> Result<(), DecodeError> {
+        let metadata = self.metadata.metadata().row_group(row_group);
+        let column = metadata.column(leaf);
+        let rows = usize::try_from(metadata.num_rows()).unwrap_or(0);
+        let named = |reason: String| {
+            let name = column.column_path().string();
+            DecodeError::File(format!("column {name:?} of row group {row_group}: {reason}"))
         };
-        Ok(ParquetRecordBatchReader::try_new_with_row_groups(
-            &levels, &row_group, BATCH_ROWS, None,
-        )?)
+        check_codec(column.compression()).map_err(named)?;
+        let mut pages = SerializedPageReader::new(Arc::clone(&self.file.0), column, rows, None)?;
+        let mut values: usize = 0;
+        while let Some(page) = pages.peek_next_page()? {
+            values = values.saturating_add(page.num_levels.unwrap_or(0));
+            pages.skip_next_page()?;
+        }
+        if values == rows {
+            return Ok(());
+        }
+        Err(named(format!("its pages have {values} values where the row group has {rows} rows")))
     }
 }
 
-fn check_row_counts(metadata: &ParquetMetaData) -> Result<(), ImportError> {
+/// A file that the readers of its columns have at once.
+struct SharedFile<R>(Arc<R>);
+
+impl<R> Clone for SharedFile<R> {
+    fn clone(&self) -> Self {
+        Self(Arc::clone(&self.0))
+    }
+}
+
+impl<R: Length> Length for SharedFile<R> {
+    fn len(&self) -> u64 {
+        self.0.len()
+    }
+}
+
+impl<R: ChunkReader> ChunkReader for SharedFile<R> {
+    type T = R::T;
+
+    fn get_read(&self, start: u64) -> parquet::errors::Result<Self::T> {
+        self.0.get_read(start)
+    }
+
+    fn get_bytes(&self, start: u64, length: usize) -> parquet::errors::Result<Bytes> {
+        self.0.get_bytes(start, length)
+    }
+}
+
+/// The decoder would refuse these as well, in words that help nobody.
+fn check_ends<R: ChunkReader>(file: &R) -> Result<(), DecodeError> {
+    let size = file.len();
+    let no_parquet = |reason: &str| Err(DecodeError::File(format!("it is no Parquet: {reason}")));
+    if size < (MAGIC.len() + TAIL) as u64 {
+        return no_parquet(&format!("it has {size} bytes, and none has less than 12"));
+    }
+    if *file.get_bytes(0, MAGIC.len())? != *MAGIC {
+        return no_parquet("it does not begin with PAR1");
+    }
+    let tail = file.get_bytes(size - TAIL as u64, TAIL)?;
+    if tail[4..] != *MAGIC {
+        return no_parquet("it does not end with PAR1: it was cut off, or encrypted");
+    }
+    let length = u32::from_le_bytes([tail[0], tail[1], tail[2], tail[3]]);
+    let room = size - (MAGIC.len() + TAIL) as u64;
+    if u64::from(length) > room {
+        let reason = format!("its footer claims {length} bytes where {room} are");
+        return Err(DecodeError::File(reason));
+    }
+    Ok(())
+}
+
+/// The decoders of the other codecs are not part of this program.
+fn check_codec(codec: Compression) -> Result<(), String> {
+    match codec {
+        Compression::UNCOMPRESSED
+        | Compression::SNAPPY
+        | Compression::GZIP(_)
+        | Compression::ZSTD(_)
+        | Compression::LZ4
+        | Compression::LZ4_RAW => Ok(()),
+        other => {
+            let allowed = "none, snappy, gzip, zstd, lz4, lz4-raw";
+            Err(format!("it is compressed with {other}, allowed: {allowed}"))
+        }
+    }
+}
+
+fn check_row_counts(metadata: &ParquetMetaData) -> Result<(), DecodeError> {
     let claimed = metadata.file_metadata().num_rows();
     let mut rows: u64 = 0;
     for row_group in metadata.row_groups() {
@@ -147,17 +220,17 @@ fn check_row_counts(metadata: &ParquetMetaData) -> Result<(), ImportError> {
     }
     if rows > MAX_ROWS {
         let reason = format!("it claims {rows} rows, allowed are {MAX_ROWS}");
-        return Err(ImportError::file(reason));
+        return Err(DecodeError::File(reason));
     }
     if u64::try_from(claimed) != Ok(rows) {
         let reason = format!("it claims {claimed} rows, and its row groups {rows}");
-        return Err(ImportError::file(reason));
+        return Err(DecodeError::File(reason));
     }
     Ok(())
 }
 
 /// Columns inside others are not looked at.
-fn find_leaves(metadata: &ParquetMetaData, spec: &ImportSpec) -> Result<Vec<usize>, ImportError> {
+fn find_leaves(metadata: &ParquetMetaData, spec: &ImportSpec) -> Result<Vec<usize>, DecodeError> {
     let schema = metadata.file_metadata().schema_descr();
     let flat: Vec<(usize, &str)> = schema
         .columns()
@@ -167,7 +240,7 @@ fn find_leaves(metadata: &ParquetMetaData, spec: &ImportSpec) -> Result<Vec<usiz
         .map(|(leaf, column)| (leaf, column.name()))
         .collect();
     let names: Vec<&str> = flat.iter().map(|(_, name)| *name).collect();
-    let found = find_columns(&spec.columns, &names)?;
+    let found = find_columns(&spec.columns, &names).map_err(DecodeError::File)?;
     Ok(found.into_iter().map(|place| flat[place].0).collect())
 }
 
@@ -175,13 +248,13 @@ fn check_types(
     metadata: &ParquetMetaData,
     leaves: &[usize],
     spec: &ImportSpec,
-) -> Result<(), ImportError> {
+) -> Result<(), DecodeError> {
     let schema = metadata.file_metadata().schema_descr();
     let mask = ProjectionMask::leaves(schema, leaves.iter().copied());
     let schema = parquet_to_arrow_schema_by_columns(schema, mask, None)?;
     for (field, name) in spec.columns.named() {
         let (_, column) = schema.column_with_name(name).ok_or_else(|| {
-            ImportError::file(format!("column {name:?} (columns.{field}) cannot be decoded"))
+            DecodeError::File(format!("column {name:?} (columns.{field}) cannot be decoded"))
         })?;
         let found = column.data_type();
         let allowed = match (field.as_str(), found) {
@@ -199,7 +272,7 @@ fn check_types(
             _ => "integers, f32 or f64".to_owned(),
         };
         let reason = format!("column {name:?} (columns.{field}) is {found}, allowed: {allowed}");
-        return Err(ImportError::file(reason));
+        return Err(DecodeError::File(reason));
     }
     Ok(())
 }
@@ -218,9 +291,9 @@ const fn time_unit(unit: ArrowTimeUnit) -> TimeUnit {
 }
 
 impl Columns {
-    fn rows(&self, batch: &RecordBatch, first: u64) -> Result<Rows, ImportError> {
+    fn rows(&self, batch: &RecordBatch, first: u64) -> Result<Rows, DecodeError> {
         let column = |name: &str| complete(batch, name, first);
-        let numbers = |name: &str| -> Result<Vec<f64>, ImportError> {
+        let numbers = |name: &str| -> Result<Vec<f64>, DecodeError> {
             let values = cast_to(&column(name)?, &DataType::Float64)?;
             Ok(values.as_primitive::<Float64Type>().values().to_vec())
         };
@@ -233,10 +306,10 @@ impl Columns {
 }
 
 /// A column without nulls.
-fn complete(batch: &RecordBatch, name: &str, first: u64) -> Result<ArrayRef, ImportError> {
+fn complete(batch: &RecordBatch, name: &str, first: u64) -> Result<ArrayRef, DecodeError> {
     let column = batch
         .column_by_name(name)
-        .ok_or_else(|| ImportError::file(format!("column {name:?} cannot be decoded")))?;
+        .ok_or_else(|| DecodeError::File(format!("column {name:?} cannot be decoded")))?;
     if column.null_count() > 0 {
         let row = (0..column.len()).position(|row| column.is_null(row)).unwrap_or(0);
         return Err(absent(first + row as u64, name).into());
@@ -244,7 +317,7 @@ fn complete(batch: &RecordBatch, name: &str, first: u64) -> Result<ArrayRef, Imp
     Ok(Arc::clone(column))
 }
 
-fn time_column(column: &ArrayRef) -> Result<TimeColumn, ImportError> {
+fn time_column(column: &ArrayRef) -> Result<TimeColumn, DecodeError> {
     Ok(match column.data_type() {
         DataType::Float32 | DataType::Float64 => {
             let values = cast_to(column, &DataType::Float64)?;
@@ -253,14 +326,14 @@ fn time_column(column: &ArrayRef) -> Result<TimeColumn, ImportError> {
         _ => {
             let values = cast_to(column, &DataType::Int64)?;
             if values.null_count() > 0 {
-                return Err(ImportError::file("its times do not fit into 64 bits with a sign"));
+                return Err(DecodeError::File("its times do not fit into 64 bits with a sign".to_owned()));
             }
             TimeColumn::Integer(values.as_primitive::<Int64Type>().values().to_vec())
         }
     })
 }
 
-fn names(column: &ArrayRef, first: u64, name: &str) -> Result<Vec<String>, ImportError> {
+fn names(column: &ArrayRef, first: u64, name: &str) -> Result<Vec<String>, DecodeError> {
     let text = cast_to(column, &DataType::Utf8)?;
     let mut names = Vec::with_capacity(text.len());
     for (row, value) in (first..).zip(text.as_string::<i32>()) {
@@ -271,34 +344,21 @@ fn names(column: &ArrayRef, first: u64, name: &str) -> Result<Vec<String>, Impor
     Ok(names)
 }
 
-fn cast_to(column: &ArrayRef, data_type: &DataType) -> Result<ArrayRef, ImportError> {
+fn cast_to(column: &ArrayRef, data_type: &DataType) -> Result<ArrayRef, DecodeError> {
     cast(column, data_type).map_err(|error| ParquetError::External(Box::new(error)).into())
 }
 
-/// A row group whose pages are checked before they are decoded.
-struct OneRowGroup<R: ChunkReader> {
-    file: Arc<R>,
-    metadata: Arc<ParquetMetaData>,
-    index: usize,
-}
 
-impl<R: ChunkReader + 'static> RowGroups for OneRowGroup<R> {
-    fn num_rows(&self) -> usize {
-        let rows = self.metadata.row_group(self.index).num_rows();
-        usize::try_from(rows).unwrap_or(0)
-    }
+#[cfg(test)]
+mod tests {
+    use parquet::basic::BrotliLevel;
 
-    fn column_chunks(&self, column: usize) -> parquet::errors::Result<Box<dyn PageIterator>> {
-        let chunk = self.metadata.row_group(self.index).column(column);
-        let pages = CheckedPages::new(Arc::clone(&self.file), chunk, self.num_rows())?;
-        Ok(Box::new(OneChunk(Some(pages))))
-    }
+    use super::*;
 
-    fn row_groups(&self) -> Box<dyn Iterator<Item = &RowGroupMetaData> + '_> {
-        Box::new(std::iter::once(self.metadata.row_group(self.index)))
-    }
-
-    fn metadata(&self) -> &ParquetMetaData {
-        &self.metadata
+    #[test]
+    fn a_codec_that_is_not_built_in_is_refused_with_those_that_are() {
+        assert!(check_codec(Compression::LZ4).is_ok());
+        let brotli = check_codec(Compression::BROTLI(BrotliLevel::default())).unwrap_err();
+        assert!(brotli.contains("BROTLI") && brotli.contains("gzip"), "{brotli}");
     }
 }

@@ -8,23 +8,28 @@ use arrow::array::{
 };
 use arrow::datatypes::SchemaRef;
 use arrow::error::ArrowError;
-use spec::ImportSpec;
 
-use super::samples::Sample;
+use crate::samples::Sample;
 
 /// Trajectories that follow each other in the dataset.
 #[derive(Debug)]
-pub(crate) struct ImportedTrajectories {
-    /// As [`ImportSpec::trajectory_columns`].
+pub struct ImportedTrajectories {
+    /// As [`spec::ImportSpec::trajectory_columns`].
     pub samples: RecordBatch,
-    /// As [`ImportSpec::table_columns`].
+    /// As [`spec::ImportSpec::table_columns`].
     pub table: RecordBatch,
 }
 
+/// The schemas of both tables.
+#[derive(Clone, Debug)]
+pub struct TableSchemas {
+    pub samples: SchemaRef,
+    pub table: SchemaRef,
+}
+
 /// Trajectories on their way into the tables.
-pub(super) struct Tables {
-    samples_schema: SchemaRef,
-    table_schema: SchemaRef,
+pub(crate) struct Tables {
+    schemas: TableSchemas,
     next: u64,
     trajectory: Vec<i32>,
     step: Vec<i32>,
@@ -36,7 +41,7 @@ pub(super) struct Tables {
 }
 
 /// Where a trajectory comes from.
-pub(super) struct Origin<'a> {
+pub(crate) struct Origin<'a> {
     /// Empty when the file names no recordings.
     pub recording: &'a str,
     pub first_time_s: f64,
@@ -47,10 +52,9 @@ pub(super) struct Origin<'a> {
 const FULL: usize = 50_000;
 
 impl Tables {
-    pub fn new(spec: &ImportSpec, channels: usize) -> Self {
+    pub fn new(schemas: TableSchemas, channels: usize) -> Self {
         Self {
-            samples_schema: store::table_schema(&spec.trajectory_columns()),
-            table_schema: store::table_schema(&spec.table_columns()),
+            schemas,
             next: 0,
             trajectory: Vec::new(),
             step: Vec::new(),
@@ -109,8 +113,8 @@ impl Tables {
             Arc::new(Int64Array::from(std::mem::take(&mut self.first_rows))),
         ];
         Ok(ImportedTrajectories {
-            samples: RecordBatch::try_new(Arc::clone(&self.samples_schema), samples)?,
-            table: RecordBatch::try_new(Arc::clone(&self.table_schema), table)?,
+            samples: RecordBatch::try_new(Arc::clone(&self.schemas.samples), samples)?,
+            table: RecordBatch::try_new(Arc::clone(&self.schemas.table), table)?,
         })
     }
 }

@@ -2,8 +2,8 @@
 
 use spec::{ImportSpec, JOINTS, Resampling, TimeUnit};
 
-use super::error::RowError;
-use super::samples::Sample;
+use crate::error::RowError;
+use crate::samples::Sample;
 
 /// Times that differ by less than this part of a period are the same: f32 seconds, and decimals cut
 /// after a few digits, are no more exact.
@@ -16,7 +16,7 @@ const PERIOD_TOLERANCE: f64 = 0.1;
 const RATE_TOLERANCE: f64 = 0.01;
 
 #[derive(Debug)]
-pub(super) struct Recording {
+pub(crate) struct Recording {
     pub name: Option<String>,
     pub first_row: u64,
     pub rows: u64,
@@ -158,7 +158,7 @@ fn rounded(value: f64) -> f64 {
 mod tests {
     use serde_json::json;
 
-    use super::super::rows::MAX_CHANNELS;
+    use crate::rows::MAX_CHANNELS;
     use super::*;
 
     fn spec(fields: &serde_json::Value) -> ImportSpec {

@@ -2,12 +2,12 @@
 
 use spec::{AngleUnit, ImportSpec, Range};
 
-use super::error::RowError;
-use super::rows::{MAX_CHANNELS, Rows, TimeColumn};
+use crate::error::RowError;
+use crate::rows::{MAX_CHANNELS, Rows, TimeColumn};
 
 /// Torques, positions and perhaps velocities at a moment.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Sample {
+pub(crate) struct Sample {
     /// Seconds, counted from anywhere; see [`Sampling::file_time_s`].
     pub time_s: f64,
     /// Row of the file at or before it.
@@ -17,7 +17,7 @@ pub(super) struct Sample {
 }
 
 /// How rows of a file become samples.
-pub(super) struct Sampling {
+pub(crate) struct Sampling {
     channels: Vec<Channel>,
     time: Option<Time>,
     rate_hz: f64,

@@ -1,0 +1,109 @@
+//! A child process that decodes a file.
+
+use std::fs::File;
+use std::io::{self, BufReader, ErrorKind, Read};
+use std::os::unix::process::ExitStatusExt;
+use std::path::PathBuf;
+use std::process::{Child, ChildStdout, Command, Stdio};
+
+use spec::ImportSpec;
+
+use crate::ImportError;
+use crate::frames::Frames;
+use crate::rows::Rows;
+
+/// How to start a process that calls [`crate::decode_standard_input`] with its last argument.
+#[derive(Clone, Debug)]
+pub struct DecoderProgram {
+    pub program: PathBuf,
+    /// What comes before the spec.
+    pub arguments: Vec<String>,
+}
+
+/// The rows of a file, decoded in a child process with limits on its memory and time. It lives no
+/// longer than this.
+pub struct Decoder {
+    process: Child,
+    frames: Frames<BufReader<ChildStdout>>,
+    /// For errors.
+    name: String,
+}
+
+/// Kept of what a child says before it dies.
+const KEPT_BYTES: u64 = 16 * 1024;
+
+impl Decoder {
+    /// Has `program` decode `file`, which its sender called `name`.
+    ///
+    /// # Errors
+    /// When no process can be started.
+    pub fn start(
+        program: &DecoderProgram,
+        file: File,
+        name: &str,
+        spec: &ImportSpec,
+    ) -> Result<Self, ImportError> {
+        let mut process = Command::new(&program.program)
+            .args(&program.arguments)
+            .arg(serde_json::to_string(spec).map_err(|error| ImportError::Start(error.into()))?)
+            // mimalloc, which the product allocates with, else takes memory by the gigabyte.
+            .env("MIMALLOC_ARENA_EAGER_COMMIT", "0")
+            .stdin(file)
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .map_err(ImportError::Start)?;
+        let stdout = process.stdout.take();
+        let stdout = stdout.ok_or_else(|| ImportError::Start(ErrorKind::BrokenPipe.into()))?;
+        let frames = Frames::new(BufReader::new(stdout), spec);
+        Ok(Self { process, frames, name: name.to_owned() })
+    }
+
+    /// Why the frames ended too early.
+    fn death(&mut self, pipe: io::Error) -> ImportError {
+        if pipe.kind() != ErrorKind::UnexpectedEof {
+            return pipe.into();
+        }
+        let status = match self.process.wait() {
+            Ok(status) => status,
+            Err(error) => return error.into(),
+        };
+        let mut said = Vec::new();
+        if let Some(stderr) = self.process.stderr.take()
+            && let Err(error) = stderr.take(KEPT_BYTES).read_to_end(&mut said)
+        {
+            return error.into();
+        }
+        let said = String::from_utf8_lossy(&said);
+        let file = self.name.clone();
+        // The words of Rust's allocation error; its decoders ask no other allocator for much.
+        if said.contains("memory allocation of") {
+            ImportError::Memory { file }
+        } else if status.signal() == Some(libc::SIGXCPU) {
+            ImportError::Time { file }
+        } else {
+            let said = said.split_whitespace().collect::<Vec<_>>().join(" ");
+            ImportError::Died { file, status, said }
+        }
+    }
+}
+
+impl Iterator for Decoder {
+    type Item = Result<Rows, ImportError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        let rows = self.frames.next()?;
+        Some(rows.map_err(|error| match error {
+            ImportError::Pipe(pipe) => self.death(pipe),
+            other => other,
+        }))
+    }
+}
+
+impl Drop for Decoder {
+    fn drop(&mut self) {
+        // Both fail only for a process that has ended and was waited for.
+        let _ = self.process.kill();
+        let _ = self.process.wait();
+    }
+}

@@ -1,0 +1,122 @@
+//! The decoding itself, in the child process: rows of a file as frames on its standard output.
+
+mod csv_rows;
+mod parquet_rows;
+
+use std::any::Any;
+use std::error::Error;
+use std::fs::File;
+use std::io::{self, Write};
+use std::os::fd::AsFd;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+use ::csv::Error as CsvError;
+use parquet::errors::ParquetError;
+use parquet::file::reader::ChunkReader;
+use spec::{FileFormat, ImportSpec};
+use thiserror::Error;
+
+use crate::confinement::confine;
+use crate::error::RowError;
+use crate::frames::{write_end, write_refusal, write_rows};
+use crate::rows::Rows;
+use csv_rows::CsvRows;
+use parquet_rows::ParquetRows;
+
+/// Why a file cannot be decoded.
+#[derive(Debug, Error)]
+pub(crate) enum DecodeError {
+    #[error("the file cannot be imported: {0}")]
+    File(String),
+    #[error("the file cannot be read as Parquet")]
+    Parquet(#[from] ParquetError),
+    #[error("the file cannot be read as CSV")]
+    Csv(#[from] CsvError),
+    #[error("{0}")]
+    Row(#[from] RowError),
+    #[error("the file is damaged: decoding it broke off ({0})")]
+    Panic(String),
+}
+
+/// The whole work of a child process: decodes the file that is its standard input, as `spec` in JSON
+/// says, to its standard output.
+///
+/// # Errors
+/// When the process cannot be limited, or nobody reads what it writes. A file that cannot be decoded
+/// is none: the other side is told.
+pub fn decode_standard_input(spec: &str) -> io::Result<()> {
+    let mut output = confine(io::stdout().lock())?;
+    // A panic is told in a frame; on standard error it would be told twice.
+    std::panic::set_hook(Box::new(|_| {}));
+    let spec: ImportSpec = serde_json::from_str(spec)?;
+    let file = File::from(io::stdin().as_fd().try_clone_to_owned()?);
+    decode(file, &spec, &mut output)
+}
+
+/// Decodes `file` and writes its rows as frames, which [`crate::Frames`] reads.
+///
+/// # Errors
+/// When `out` cannot be written.
+pub fn decode<R: ChunkReader<T: 'static> + 'static>(
+    file: R,
+    spec: &ImportSpec,
+    out: &mut impl Write,
+) -> io::Result<()> {
+    let mut source = match guarded(|| Source::open(file, spec)) {
+        Ok(source) => source,
+        Err(error) => return refuse(&error, out),
+    };
+    loop {
+        match guarded(|| source.next()) {
+            Ok(Some(rows)) => write_rows(out, &rows)?,
+            Ok(None) => return write_end(out),
+            Err(error) => return refuse(&error, out),
+        }
+    }
+}
+
+enum Source<R: ChunkReader> {
+    Parquet(Box<ParquetRows<R>>),
+    Csv(Box<CsvRows>),
+}
+
+impl<R: ChunkReader<T: 'static> + 'static> Source<R> {
+    fn open(file: R, spec: &ImportSpec) -> Result<Self, DecodeError> {
+        Ok(match spec.format {
+            FileFormat::Parquet => Self::Parquet(Box::new(ParquetRows::open(file, spec)?)),
+            FileFormat::Csv => {
+                Self::Csv(Box::new(CsvRows::open(Box::new(file.get_read(0)?), spec)?))
+            }
+        })
+    }
+
+    fn next(&mut self) -> Result<Option<Rows>, DecodeError> {
+        match self {
+            Self::Parquet(rows) => rows.next(),
+            Self::Csv(rows) => rows.next(),
+        }
+    }
+}
+
+/// Tells the other side an error with all its causes.
+fn refuse(error: &DecodeError, out: &mut impl Write) -> io::Result<()> {
+    let mut reason = error.to_string();
+    let mut source = error.source();
+    while let Some(error) = source {
+        reason = format!("{reason}: {error}");
+        source = error.source();
+    }
+    write_refusal(out, &reason)
+}
+
+/// Decoders may panic over damaged bytes, which is the file's fault.
+fn guarded<T>(decode: impl FnOnce() -> Result<T, DecodeError>) -> Result<T, DecodeError> {
+    catch_unwind(AssertUnwindSafe(decode))
+        .unwrap_or_else(|panic| Err(DecodeError::Panic(panic_text(panic.as_ref()))))
+}
+
+fn panic_text(panic: &(dyn Any + Send)) -> String {
+    let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
+    let text = text.or_else(|| panic.downcast_ref::<String>().cloned());
+    text.unwrap_or_else(|| "without a reason".to_owned())
+}

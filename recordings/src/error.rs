@@ -1,0 +1,81 @@
+use std::fmt;
+use std::io;
+use std::process::ExitStatus;
+
+use thiserror::Error;
+
+use crate::confinement::{BATCH_SECONDS, MEMORY_BYTES};
+
+/// Why a file cannot be imported. All but [`Self::Start`] and [`Self::Pipe`] is for whoever sent the
+/// file.
+#[derive(Debug, Error)]
+pub enum ImportError {
+    /// A fault of the file as a whole.
+    #[error("the file cannot be imported: {0}")]
+    File(String),
+
+    #[error("{0}")]
+    Row(#[from] RowError),
+
+    /// The decoder's own words.
+    #[error("{0}")]
+    Undecodable(String),
+
+    #[error(
+        "{file:?} cannot be imported: reading it took more than {} MiB of memory; write it with \
+         smaller row groups and pages",
+        MEMORY_BYTES >> 20
+    )]
+    Memory { file: String },
+
+    #[error(
+        "{file:?} cannot be imported: reading the next rows took more than {BATCH_SECONDS} s on a \
+         processor; write it again"
+    )]
+    Time { file: String },
+
+    #[error("{file:?} cannot be imported: the process that read it ended by {status} ({said})")]
+    Died { file: String, status: ExitStatus, said: String },
+
+    #[error("the file cannot be imported: no process could be started to read it")]
+    Start(#[source] io::Error),
+
+    #[error("the file cannot be imported: the process that read it was not understood")]
+    Pipe(#[from] io::Error),
+}
+
+impl ImportError {
+    pub(crate) fn file(reason: impl Into<String>) -> Self {
+        Self::File(reason.into())
+    }
+
+    /// Whether the same file may be imported at another attempt.
+    pub const fn may_pass(&self) -> bool {
+        matches!(self, Self::Start(_) | Self::Pipe(_))
+    }
+}
+
+/// What is wrong in one row.
+#[derive(Debug, Error)]
+pub struct RowError {
+    /// The recording, if the file names them.
+    pub recording: Option<String>,
+    /// From 0 over the whole file, a header not counted.
+    pub row: u64,
+    pub column: Option<String>,
+    pub found: String,
+    pub allowed: String,
+}
+
+impl fmt::Display for RowError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if let Some(recording) = &self.recording {
+            write!(f, "recording {recording:?}, ")?;
+        }
+        write!(f, "row {}", self.row)?;
+        if let Some(column) = &self.column {
+            write!(f, ", column {column:?}")?;
+        }
+        write!(f, ": {}, allowed: {}", self.found, self.allowed)
+    }
+}

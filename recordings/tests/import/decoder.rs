@@ -1,0 +1,172 @@
+//! The child process: reused from file to file where many are decoded, and as the product has it.
+
+use std::cell::RefCell;
+use std::io::{BufReader, Write};
+use std::path::PathBuf;
+use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+
+use recordings::{Decoder, DecoderProgram, Frames, ImportError, Rows};
+use serde_json::json;
+use spec::ImportSpec;
+
+use super::{Imported, Recordings, convert, import, small_pages, spec};
+
+const PROGRAM: &str = env!("CARGO_BIN_EXE_decoder");
+
+/// A child that decodes one file after the other.
+struct Reused {
+    process: Child,
+    input: Option<ChildStdin>,
+    output: BufReader<ChildStdout>,
+}
+
+impl Reused {
+    fn start() -> Self {
+        let mut process = Command::new(PROGRAM)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        let input = process.stdin.take();
+        let output = BufReader::new(process.stdout.take().unwrap());
+        Self { process, input, output }
+    }
+
+    /// Says a file; a child that died over the file before is found by the answer.
+    fn say(&mut self, file: &[u8], spec: &ImportSpec) {
+        let spec = serde_json::to_vec(spec).unwrap();
+        let mut message = Vec::new();
+        for piece in [&spec[..], file] {
+            message.extend(u32::try_from(piece.len()).unwrap().to_le_bytes());
+            message.extend(piece);
+        }
+        self.input.as_mut().unwrap().write_all(&message).unwrap();
+    }
+}
+
+impl Drop for Reused {
+    fn drop(&mut self) {
+        drop(self.input.take());
+        self.process.wait().unwrap();
+    }
+}
+
+thread_local! {
+    static REUSED: RefCell<Option<Reused>> = const { RefCell::new(None) };
+}
+
+/// Has this thread's child decode a file, and `use_rows` use its rows.
+///
+/// A child that dies over a file is replaced.
+pub fn reused<T>(
+    file: &[u8],
+    spec: &ImportSpec,
+    use_rows: impl FnOnce(&mut dyn Iterator<Item = Result<Rows, ImportError>>) -> Result<T, ImportError>,
+) -> Result<T, ImportError> {
+    REUSED.with_borrow_mut(|child| {
+        let reused = child.get_or_insert_with(Reused::start);
+        reused.say(file, spec);
+        let mut rows = Frames::new(&mut reused.output, spec);
+        let result = use_rows(&mut rows);
+        // Rows that were not asked for would be taken for the next file's.
+        let rest = rows.find(|rows| matches!(rows, Err(ImportError::Pipe(_))));
+        if rest.is_some() || matches!(result, Err(ImportError::Pipe(_))) {
+            *child = None;
+        }
+        result
+    })
+}
+
+fn program() -> DecoderProgram {
+    DecoderProgram { program: PathBuf::from(PROGRAM), arguments: Vec::new() }
+}
+
+/// What the product's way to decode makes of a file.
+pub fn import_alone(file: &[u8], spec: &ImportSpec) -> Result<Imported, ImportError> {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("file");
+    std::fs::write(&path, file).unwrap();
+    let file = std::fs::File::open(path).unwrap();
+    convert(Decoder::start(&program(), file, "arm.parquet", spec)?, spec)
+}
+
+#[test]
+fn a_file_on_standard_input_is_decoded_as_one_in_memory() {
+    let recordings = Recordings::of(&[40, 40]);
+    for (format, file) in
+        [("csv", recordings.csv().into_bytes()), ("parquet", recordings.parquet(small_pages()))]
+    {
+        let spec = spec(format, &json!({}));
+        let (alone, reused) = (import_alone(&file, &spec).unwrap(), import(file, &spec).unwrap());
+        assert_eq!(alone.samples, reused.samples);
+        assert_eq!(alone.table, reused.table);
+    }
+}
+
+#[test]
+fn a_refusal_arrives_as_the_child_words_it() {
+    let spec = spec("parquet", &json!({}));
+    let error = import_alone(b"PAR1........PAR1", &spec).err().unwrap();
+    assert!(matches!(error, ImportError::Undecodable(_)) && !error.may_pass(), "{error:?}");
+    assert!(error.to_string().contains("footer claims"), "{error}");
+}
+
+#[test]
+fn a_program_that_cannot_be_started_may_be_there_at_the_next_attempt() {
+    let program = DecoderProgram { program: "/no/such/program".into(), arguments: Vec::new() };
+    let file = std::fs::File::open("/dev/null").unwrap();
+    let error = Decoder::start(&program, file, "a", &spec("csv", &json!({}))).err().unwrap();
+    assert!(matches!(error, ImportError::Start(_)) && error.may_pass(), "{error:?}");
+}
+
+/// What becomes of the child `sh -c SCRIPT`.
+fn end_of(script: &str) -> ImportError {
+    let arguments = vec!["-c".to_owned(), script.to_owned()];
+    let program = DecoderProgram { program: "/bin/sh".into(), arguments };
+    let file = std::fs::File::open("/dev/null").unwrap();
+    let mut decoder =
+        Decoder::start(&program, file, "arm.csv", &spec("csv", &json!({}))).unwrap();
+    let error = decoder.next().unwrap().err().unwrap();
+    assert!(decoder.next().is_none(), "an error is the last thing said");
+    error
+}
+
+#[test]
+fn a_child_that_dies_is_told_with_the_file_and_what_ended_it() {
+    let memory = end_of("echo 'memory allocation of 7 bytes failed' >&2; kill -ABRT $$");
+    assert!(memory.to_string().contains("\"arm.csv\" cannot be imported"), "{memory}");
+    assert!(memory.to_string().contains("more than 1024 MiB of memory"), "{memory}");
+    let time = end_of("kill -XCPU $$");
+    assert!(time.to_string().contains("\"arm.csv\"") && time.to_string().contains("60 s"), "{time}");
+    let killed = end_of("echo 'so long' >&2; kill -KILL $$");
+    assert!(killed.to_string().contains("SIGKILL") && killed.to_string().contains("so long"));
+    assert!(!memory.may_pass() && !time.may_pass() && !killed.may_pass());
+}
+
+#[test]
+fn a_child_that_says_something_else_is_not_believed() {
+    let error = end_of("printf 'r\\377\\377\\377\\377'; exec sleep 600");
+    assert!(matches!(error, ImportError::Pipe(_)), "{error:?}");
+}
+
+#[test]
+fn a_decoder_that_nobody_wants_any_more_ends() {
+    let folder = tempfile::tempdir().unwrap();
+    let pid_file = folder.path().join("pid");
+    let script = format!("echo $$ > {}; exec sleep 600", pid_file.display());
+    let program = DecoderProgram {
+        program: "/bin/sh".into(),
+        arguments: vec!["-c".to_owned(), script],
+    };
+    let file = std::fs::File::open("/dev/null").unwrap();
+    let decoder = Decoder::start(&program, file, "a", &spec("csv", &json!({}))).unwrap();
+    let pid = loop {
+        match std::fs::read_to_string(&pid_file) {
+            Ok(pid) if pid.ends_with('\n') => break pid,
+            _ => std::thread::yield_now(),
+        }
+    };
+    drop(decoder);
+    assert!(!std::path::Path::new("/proc").join(pid.trim()).exists());
+}
