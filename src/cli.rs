@@ -5,8 +5,8 @@ use clap::{Args, Parser, Subcommand};
 use tracing_subscriber::EnvFilter;
 
 use crate::commands::{
-    cancel, decode_recording, devices, import, jobs, presets, quickstart, retry, serve, simulate, study, submit,
-    verify, watch, worker,
+    cancel, decode_recording, devices, import, jobs, presets, quickstart, retry, serve, simulate,
+    study, submit, verify, watch, worker,
 };
 
 /// In-context identification of robot dynamics as a service: simulate, train, evaluate.

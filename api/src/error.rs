@@ -264,7 +264,7 @@ impl ApiError {
         if let Self::ShardUnreadable { reason, .. } = self {
             tracing::error!(error = %self, reason, "a request failed");
         } else if self.status().is_server_error() {
-            tracing::error!(error = causes(self), "a request failed");
+            tracing::error!(error = faults::causes(self), "a request failed");
         }
     }
 
@@ -347,18 +347,6 @@ fn store_message(error: &StoreError) -> String {
         | StoreError::DiskFull { .. } => error.to_string(),
         _ => "a fault in the server; its log says more".to_owned(),
     }
-}
-
-/// The causes of an error, outermost first.
-pub fn causes(error: &dyn std::error::Error) -> String {
-    let mut text = error.to_string();
-    let mut cause = error.source();
-    while let Some(error) = cause {
-        text.push_str(": ");
-        text.push_str(&error.to_string());
-        cause = error.source();
-    }
-    text
 }
 
 impl From<LiveError> for ApiError {

@@ -62,11 +62,7 @@ pub async fn add_browser_headers(request: Request, next: Next) -> Response {
 /// The last resort for a fault of ours: the caller learns that it was one, the log learns which.
 #[expect(clippy::needless_pass_by_value, reason = "the layer hands it over")]
 pub fn answer_panic(panic: Box<dyn Any + Send + 'static>) -> Response {
-    let message = panic
-        .downcast_ref::<String>()
-        .map(String::as_str)
-        .or_else(|| panic.downcast_ref::<&str>().copied())
-        .unwrap_or("a panic without a message");
+    let message = faults::panic_message(panic.as_ref());
     tracing::error!(message, "a request handler panicked");
     ApiError::Internal.into_response()
 }

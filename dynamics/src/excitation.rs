@@ -6,7 +6,7 @@ use simd::{Lanes, MAX_LANES};
 use spec::{Family, JOINTS};
 
 use crate::Joints;
-use crate::random::Draws;
+use crate::draws::Draws;
 
 /// The torque law of one trajectory, one set of coefficients per joint. Signs and divisors of the
 /// spec are already in the amplitudes.

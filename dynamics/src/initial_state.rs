@@ -1,7 +1,7 @@
 use spec::{InitialState, Range};
 
 use crate::Joints;
-use crate::random::Draws;
+use crate::draws::Draws;
 use spec::JOINT_LIMITS_RAD;
 
 /// Positions (rad) and velocities (rad/s) at t = 0, as [`InitialState`] states the law.
@@ -31,7 +31,7 @@ pub(crate) fn draw_initial_state(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random::Purpose;
+    use crate::draws::Purpose;
 
     #[test]
     fn joints_2_to_7_leave_their_centers_to_the_same_side() {

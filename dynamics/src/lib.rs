@@ -17,6 +17,7 @@
 
 mod block;
 mod dispatch;
+mod draws;
 mod error;
 mod excitation;
 mod forward_dynamics;
@@ -30,7 +31,6 @@ mod model;
 mod panda;
 #[cfg(test)]
 mod pinocchio;
-mod random;
 mod randomization;
 mod regrouping;
 mod rejection;

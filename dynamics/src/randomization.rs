@@ -2,8 +2,8 @@
 
 use spec::{InertiaScheme, RobotSpec};
 
+use crate::draws::{Draws, Purpose};
 use crate::panda::{Bodies, KINEMATICS};
-use crate::random::{Draws, Purpose};
 use crate::robot::Parts;
 use crate::{Friction, Joints, Kinematics, Payload, RigidBody, Robot};
 

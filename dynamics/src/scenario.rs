@@ -1,8 +1,8 @@
 use spec::{Cell, Family, Frequency, SimulateSpec};
 
+use crate::draws::{Draws, Purpose};
 use crate::excitation::{Torques, draw_chirps, draw_multisines};
 use crate::initial_state::draw_initial_state;
-use crate::random::{Draws, Purpose};
 use crate::randomization::draw_robot;
 use crate::{Joints, Robot};
 

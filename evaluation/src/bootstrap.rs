@@ -1,8 +1,8 @@
 //! Percentile bootstrap: how far a mean over scenarios could be off.
 
-use rand_chacha::ChaCha8Rng;
-use rand_core::{Rng, SeedableRng};
+use random::{ChaCha8Rng, SeedableRng};
 use spec::Bootstrap;
+use statistics::interpolated_quantile;
 use wire::Interval;
 
 /// The mean over all values of all strata, resampled within each stratum.
@@ -22,30 +22,12 @@ pub fn stratified_mean(strata: &[Vec<f64>], bootstrap: Bootstrap) -> Interval {
         .map(|_| mean_of(strata.iter().map(|values| resampled_sum(values, &mut generator)).sum()))
         .collect();
     means.sort_by(f64::total_cmp);
-    Interval { mean, low: quantile(&means, 0.025), high: quantile(&means, 0.975) }
+    let [low, high] = [0.025, 0.975].map(|share| interpolated_quantile(&means, share));
+    Interval { mean, low, high }
 }
 
 fn resampled_sum(values: &[f64], generator: &mut ChaCha8Rng) -> f64 {
-    (0..values.len()).map(|_| values[draw_below(values.len(), generator)]).sum()
-}
-
-/// Uniform index below `count`, by the high half of a 64-bit product.
-#[expect(clippy::cast_possible_truncation, reason = "the result is below `count`, a usize")]
-fn draw_below(count: usize, generator: &mut ChaCha8Rng) -> usize {
-    ((u128::from(generator.next_u64()) * count as u128) >> 64) as usize
-}
-
-/// Linear interpolation between order statistics.
-#[expect(
-    clippy::cast_possible_truncation,
-    clippy::cast_sign_loss,
-    reason = "a position within a slice, not negative"
-)]
-fn quantile(sorted: &[f64], q: f64) -> f64 {
-    let position = q * (sorted.len() - 1) as f64;
-    let below = position.floor() as usize;
-    let above = (below + 1).min(sorted.len() - 1);
-    sorted[below] + (sorted[above] - sorted[below]) * position.fract()
+    (0..values.len()).map(|_| values[random::below(generator, values.len())]).sum()
 }
 
 #[cfg(test)]

@@ -137,7 +137,7 @@ impl Scorer<'_> {
         let answer = match self.ask(predictor, observed, scoring) {
             Ok(answer) => answer,
             Err(error) => {
-                let reason = with_sources(&error);
+                let reason = faults::causes(&error);
                 return PredictorErrors {
                     predictor: predictor.name().to_owned(),
                     rmse_deg: vec![None; size],
@@ -233,17 +233,6 @@ fn calibration(scenarios: &[Option<ScenarioErrors>]) -> Vec<f64> {
 
 fn mean_rmse_deg(errors: &ScenarioErrors) -> f64 {
     errors.rmse_deg.iter().map(|rmse| f64::from(*rmse)).sum::<f64>() / JOINTS as f64
-}
-
-fn with_sources(error: &EvaluationError) -> String {
-    let mut text = error.to_string();
-    let mut source = std::error::Error::source(error);
-    while let Some(cause) = source {
-        text.push_str(": ");
-        text.push_str(&cause.to_string());
-        source = cause.source();
-    }
-    text
 }
 
 #[cfg(test)]

@@ -1,6 +1,5 @@
 //! Turns at the processor: one prediction at a time, with all threads of its lane.
 
-use std::any::Any;
 use std::num::NonZero;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
@@ -84,7 +83,8 @@ impl Turns {
         self.threads.spawn(move || {
             let started = Instant::now();
             let result = catch_unwind(AssertUnwindSafe(|| work(&interrupt)));
-            let result = result.map_err(|panic| Panic(message(panic.as_ref())));
+            let result =
+                result.map_err(|panic| Panic(faults::panic_message(panic.as_ref()).to_owned()));
             // Before the answer, so that whoever has it finds the lane free.
             drop(turn);
             // Nobody may wait any more.
@@ -104,12 +104,6 @@ impl Drop for RaisedOnDrop {
     fn drop(&mut self) {
         self.0.raise();
     }
-}
-
-fn message(panic: &(dyn Any + Send)) -> String {
-    let text = panic.downcast_ref::<String>().map(String::as_str);
-    let text = text.or_else(|| panic.downcast_ref::<&str>().copied());
-    text.unwrap_or("a panic without a message").to_owned()
 }
 
 #[cfg(test)]

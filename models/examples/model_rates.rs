@@ -19,6 +19,7 @@ use models::{Device, ModelError, Sampling, TrainedModel, Trainer, TrainingData};
 use serde_json::{Value, json};
 use series::{Series, Shape, ShapeError};
 use spec::{JOINTS, JobSpec, PresetPlace, SamplerKind, SamplerSpec};
+use statistics::measured_quantile;
 
 const BATCH: usize = 64;
 const DATA: TrainingData = TrainingData { samples: 400, rate_hz: 60.0, statistics: None };
@@ -82,7 +83,7 @@ fn measure(preset: &str, what: What, steps: usize) -> Result<(Value, Value), Box
     if what == What::Training {
         let batch = waves(BATCH)?;
         let times = times_ms(steps, || trainer.step(&batch))?;
-        let times = json!({"step_ms": quantile(&times, 0.5), "peak_memory_mib": peak_memory_mib()});
+        let times = json!({"step_ms": measured_quantile(&times, 0.5), "peak_memory_mib": peak_memory_mib()});
         return Ok((serde_json::from_slice(&trainer.checkpoint()?.config)?, times));
     }
 
@@ -93,7 +94,7 @@ fn measure(preset: &str, what: What, steps: usize) -> Result<(Value, Value), Box
     let input = waves.observed(model.context());
     let mut times = json!({});
     let mut note = |name: &str, measured: &[f64]| {
-        times[name] = json!({"p50": quantile(measured, 0.5), "p99": quantile(measured, 0.99)});
+        times[name] = json!({"p50": measured_quantile(measured, 0.5), "p99": measured_quantile(measured, 0.99)});
     };
     if model.is_generative() {
         let ways = [
@@ -139,17 +140,6 @@ fn times_ms<T>(
     }
     times.sort_by(f64::total_cmp);
     Ok(times)
-}
-
-/// The value that this share of values is not above.
-#[expect(
-    clippy::cast_possible_truncation,
-    clippy::cast_sign_loss,
-    reason = "a share of a length is a length"
-)]
-fn quantile(ascending: &[f64], share: f64) -> f64 {
-    let index = (share * ascending.len() as f64).ceil() as usize;
-    ascending[index.clamp(1, ascending.len()) - 1]
 }
 
 /// Where Linux tells it.

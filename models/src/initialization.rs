@@ -1,9 +1,6 @@
 use burn::module::Param;
 use burn::tensor::{Device, Tensor, TensorData};
-use rand_chacha::ChaCha12Rng;
-use rand_core::SeedableRng;
-
-use crate::randomness::unit;
+use random::{ChaCha12Rng, SeedableRng, unit_f32};
 
 /// Standard deviation of initial positions, GPT-2's.
 pub(crate) const POSITION_STANDARD_DEVIATION: f32 = 0.02;
@@ -25,7 +22,7 @@ impl<'a> InitialWeights<'a> {
     /// Uniform on `[-bound, bound)`.
     pub fn uniform<const D: usize>(&mut self, shape: [usize; D], bound: f32) -> Param<Tensor<D>> {
         let values = (0..shape.iter().product())
-            .map(|_| (2.0 * unit(&mut self.generator) - 1.0) * bound)
+            .map(|_| (2.0 * unit_f32(&mut self.generator) - 1.0) * bound)
             .collect();
         self.parameter(values, shape)
     }
@@ -38,9 +35,9 @@ impl<'a> InitialWeights<'a> {
     ) -> Param<Tensor<D>> {
         let values = (0..shape.iter().product())
             .map(|_| {
-                let radius = (-2.0 * (1.0 - unit(&mut self.generator)).ln()).sqrt();
+                let radius = (-2.0 * (1.0 - unit_f32(&mut self.generator)).ln()).sqrt();
                 radius
-                    * (std::f32::consts::TAU * unit(&mut self.generator)).cos()
+                    * (std::f32::consts::TAU * unit_f32(&mut self.generator)).cos()
                     * standard_deviation
             })
             .collect();

@@ -46,6 +46,7 @@ impl Decoder {
         let mut process = Command::new(&program.program)
             .args(&program.arguments)
             .arg(serde_json::to_string(spec).map_err(|error| ImportError::Start(error.into()))?)
+            .env("RUST_BACKTRACE", "0")
             // mimalloc, which the product allocates with, else takes memory by the gigabyte.
             .env("MIMALLOC_ARENA_EAGER_COMMIT", "0")
             .stdin(file)

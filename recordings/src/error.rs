@@ -14,7 +14,7 @@ pub enum ImportError {
     #[error("the file cannot be imported: {0}")]
     File(String),
 
-    #[error("{0}")]
+    #[error(transparent)]
     Row(#[from] RowError),
 
     /// The decoder's own words.
@@ -77,5 +77,20 @@ impl fmt::Display for RowError {
             write!(f, ", column {column:?}")?;
         }
         write!(f, ": {}, allowed: {}", self.found, self.allowed)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A job shows an error with its causes.
+    #[test]
+    fn what_is_wrong_in_a_row_is_told_once() {
+        let (found, allowed) = ("nothing".to_owned(), "a value in every row".to_owned());
+        let row =
+            RowError { recording: None, row: 7, column: Some("t".to_owned()), found, allowed };
+        let text = "row 7, column \"t\": nothing, allowed: a value in every row";
+        assert_eq!(faults::causes(&ImportError::from(row)), text);
     }
 }

@@ -158,8 +158,8 @@ fn rounded(value: f64) -> f64 {
 mod tests {
     use serde_json::json;
 
-    use crate::rows::MAX_CHANNELS;
     use super::*;
+    use crate::rows::MAX_CHANNELS;
 
     fn spec(fields: &serde_json::Value) -> ImportSpec {
         let names = |prefix: &str| (1..=7).map(|i| format!("{prefix}{i}")).collect::<Vec<_>>();

@@ -84,8 +84,8 @@ impl Window {
 
 #[cfg(test)]
 mod tests {
-    use crate::rows::MAX_CHANNELS;
     use super::*;
+    use crate::rows::MAX_CHANNELS;
 
     /// First rows of the trajectories that `count` samples make, and how many are dropped.
     fn cut(count: u64, length: usize, stride: u64) -> (Vec<u64>, u64) {

@@ -137,6 +137,30 @@ async fn a_file_beyond_the_limit_is_refused_and_leaves_nothing() {
     assert!(uploads(data.path()).is_empty());
 }
 
+/// Of a file of kilobytes come gigabytes: a name of 4 MiB in each of 1000 rows.
+#[tokio::test]
+async fn a_file_that_takes_too_much_memory_ends_its_import_alone() {
+    let data = tempfile::tempdir().unwrap();
+    let product = Product::start(data.path());
+    let names = ["tau_", "pos_"].map(|prefix| (1..=7).map(|k| format!("{prefix}{k}")).collect());
+    let [u, q]: [Vec<String>; 2] = names;
+    let mapping = json!({"columns": {"time": "t", "recording": "arm", "u": u, "q": q}});
+    let spec = data.path().join("mapping.json");
+    std::fs::write(&spec, mapping.to_string()).unwrap();
+    let (code, output, errors) =
+        import(&product, "tests/data/long_names.parquet", spec.to_str().unwrap());
+    assert_eq!(code, Some(1), "{output}{errors}");
+    for words in ["\"long_names.parquet\" cannot be imported", "more than 1024 MiB of memory"] {
+        assert!(output.contains(words), "{output}{errors}");
+    }
+    let job = product.get("/v1/jobs/1").await;
+    assert_eq!(job["state"], "failed", "{job:#}");
+    let tasks = product.get("/v1/jobs/1/tasks").await;
+    assert_eq!(tasks["tasks"][0]["attempt"], 1, "not tried again: {tasks:#}");
+    let (code, output, _) = import(&product, RECORDINGS, "docs/examples/isaac_ms1.json");
+    assert_eq!(code, Some(0), "the worker went on: {output}");
+}
+
 /// Names of what lies among the uploads of a data folder.
 fn uploads(data: &Path) -> Vec<std::ffi::OsString> {
     match std::fs::read_dir(data.join("objects/uploads")) {

@@ -3,8 +3,8 @@ use std::ops::ControlFlow;
 use std::sync::Arc;
 
 use models::Device;
-use serde::Serialize;
 use recordings::DecoderProgram;
+use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 use store::{ClaimedTask, Fence, NewArtifact, Store};

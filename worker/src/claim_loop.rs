@@ -11,7 +11,7 @@ use tokio_util::sync::CancellationToken;
 
 use crate::WorkerError;
 use crate::attempt::Attempt;
-use crate::error::{TaskError, reason};
+use crate::error::TaskError;
 use crate::heartbeat::{ProgressCell, keep_alive};
 use crate::kinds::{KindModule, module};
 use crate::stop::{StopReason, StopSignal};
@@ -60,7 +60,7 @@ pub async fn run(options: &WorkerOptions, shutdown: CancellationToken) -> Result
             }
             Ok(None) => POLL,
             Err(error) => {
-                tracing::error!(error = reason(&error), "cannot look for a task");
+                tracing::error!(error = faults::causes(&error), "cannot look for a task");
                 RETRY
             }
         };
@@ -124,15 +124,15 @@ async fn execute(
         }
         (Err(TaskError::Stopped), Some(StopReason::Cancelled)) => store.stopped(fence).await,
         (Err(TaskError::Stopped), _) => store.release(fence).await,
-        (Err(error), _) => store.fail(fence, &reason(error), error.retry()).await,
+        (Err(error), _) => store.fail(fence, &faults::causes(error), error.retry()).await,
     };
     match (done, committed) {
         (_, Err(error)) => {
-            tracing::error!(%job, task = %label, error = reason(&error), "cannot end the task");
+            tracing::error!(%job, task = %label, error = faults::causes(&error), "cannot end the task");
         }
         (Ok(()), Ok(())) => tracing::info!(%job, task = %label, "done"),
         (Err(error), Ok(())) => {
-            tracing::warn!(%job, task = %label, error = reason(&error), "not done");
+            tracing::warn!(%job, task = %label, error = faults::causes(&error), "not done");
         }
     }
     ended
@@ -148,11 +148,7 @@ fn panicked(
     device: DeviceKind,
     panic: Option<&(dyn Any + Send)>,
 ) -> TaskError {
-    let message = panic.and_then(|panic| {
-        let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
-        text.or_else(|| panic.downcast_ref::<String>().cloned())
-    });
-    let message = message.unwrap_or_else(|| "without a message".to_owned());
+    let message = panic.map_or("a panic without a message", faults::panic_message).to_owned();
     if module.is_some_and(|module| module.computes_models) && device.is_apart() {
         return TaskError::Device { device, message };
     }

@@ -1,5 +1,3 @@
-use std::error::Error;
-
 use models::{DeviceKind, ModelError};
 use store::{Retry, StoreError};
 use thiserror::Error;
@@ -113,15 +111,4 @@ impl TaskError {
     pub fn is_of_device(&self) -> bool {
         matches!(self, Self::Device { .. } | Self::Model(ModelError::Device(_)))
     }
-}
-
-/// An error and what lies behind it, for people to read.
-pub(crate) fn reason(error: &dyn Error) -> String {
-    let mut reason = error.to_string();
-    let mut source = error.source();
-    while let Some(error) = source {
-        reason = format!("{reason}: {error}");
-        source = error.source();
-    }
-    reason
 }

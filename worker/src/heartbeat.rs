@@ -5,7 +5,6 @@ use std::time::{Duration, Instant};
 use store::{Fence, Lease, Progress, Store};
 use tokio_util::sync::CancellationToken;
 
-use crate::error::reason;
 use crate::stop::{StopReason, StopSignal};
 
 /// Between two heartbeats: also how long a cancellation may go unnoticed.
@@ -90,7 +89,7 @@ pub async fn keep_alive(
                 return;
             }
             Err(error) => {
-                tracing::warn!(task = %fence.task, error = reason(&error), "cannot renew the lease");
+                tracing::warn!(task = %fence.task, error = faults::causes(&error), "cannot renew the lease");
                 if renewed.elapsed() >= ttl {
                     stop.set(StopReason::LeaseLost);
                     return;

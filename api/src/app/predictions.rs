@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 
 use serde::Serialize;
 use spec::{Digest, JOINTS, SpecError};
+use statistics::interpolated_quantile;
 use store::CheckpointId;
 use utoipa::ToSchema;
 
@@ -141,14 +142,14 @@ impl Answer {
         let row = horizon * JOINTS;
         let samples: Vec<&[f32]> =
             self.positions.chunks_exact(row).skip(index).step_by(size.max(1)).collect();
-        let over_samples = |of: &dyn Fn(&mut [f32]) -> f32| {
+        let over_samples = |of: &dyn Fn(&mut [f64]) -> f64| {
             let mut values = vec![0.0; samples.len()];
             let positions: Vec<f32> = (0..row)
                 .map(|position| {
                     for (value, sample) in values.iter_mut().zip(&samples) {
-                        *value = sample[position];
+                        *value = f64::from(sample[position]);
                     }
-                    of(&mut values)
+                    narrow(of(&mut values))
                 })
                 .collect();
             rows(&positions)
@@ -156,8 +157,8 @@ impl Answer {
         let quantiles = sampling.quantiles.iter().map(|&quantile| PredictedQuantile {
             quantile,
             y: over_samples(&|values| {
-                values.sort_unstable_by(f32::total_cmp);
-                interpolated(values, quantile)
+                values.sort_unstable_by(f64::total_cmp);
+                interpolated_quantile(values, quantile)
             }),
         });
         PredictedScenario {
@@ -177,25 +178,13 @@ fn rows(positions: &[f32]) -> Vec<Row> {
     positions.as_chunks().0.to_vec()
 }
 
-#[expect(clippy::cast_possible_truncation, reason = "positions are f32")]
-fn mean(values: &[f32]) -> f32 {
-    let sum: f64 = values.iter().copied().map(f64::from).sum();
-    (sum / values.len() as f64) as f32
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len() as f64
 }
 
-/// The quantile of rising values, as numpy's default has it.
-#[expect(
-    clippy::cast_possible_truncation,
-    clippy::cast_sign_loss,
-    reason = "a place among the values; positions are f32"
-)]
-fn interpolated(rising: &[f32], quantile: f64) -> f32 {
-    let last = rising.len().saturating_sub(1);
-    let place = quantile * last as f64;
-    let below = (place.floor() as usize).min(last);
-    let above = (below + 1).min(last);
-    let (low, high) = (f64::from(rising[below]), f64::from(rising[above]));
-    (low + (high - low) * (place - below as f64)) as f32
+#[expect(clippy::cast_possible_truncation, reason = "positions are f32")]
+const fn narrow(position: f64) -> f32 {
+    position as f32
 }
 
 #[cfg(test)]

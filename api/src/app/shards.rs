@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use store::{Shard, ShardReader, Store, StoreError, TableReader};
 use tokio::sync::Semaphore;
 
-use crate::error::{ApiError, causes};
+use crate::error::ApiError;
 use crate::limits::{OPEN_SHARDS, TRAJECTORY_READS};
 
 /// Both tables of a shard.
@@ -65,7 +65,7 @@ impl OpenShards {
         });
         // The decoder may panic on a page that it does not understand.
         let read = reading.await.map_err(|panic| unreadable(panic.to_string()))?;
-        read.map_err(|error| unreadable(causes(&error)))
+        read.map_err(|error| unreadable(faults::causes(&error)))
     }
 
     /// The slot of a shard, which becomes the last to be given up.

@@ -1,10 +1,7 @@
 //! Model predictive path integral control; the law is that of [`spec::Planner`].
 
-use std::f64::consts::TAU;
-
 use dynamics::Joints;
-use rand_chacha::ChaCha8Rng;
-use rand_core::{Rng, SeedableRng};
+use random::ChaCha8Rng;
 use spec::{JOINTS, PlanWeights, Planner, TORQUE_LIMITS_NM};
 
 use crate::EvaluationError;
@@ -73,7 +70,7 @@ fn candidates(
     for candidate in 0..planner.samples {
         let deviation = if candidate == 0 { 0.0 } else { scale };
         let noise: Vec<Joints<f64>> = (0..knots)
-            .map(|_| planner.noise_nm.map(|noise| deviation * noise * normal(generator)))
+            .map(|_| planner.noise_nm.map(|noise| deviation * noise * random::normal(generator)))
             .collect();
         candidates.extend(plan.iter().enumerate().map(|(step, torques)| {
             let (knot, share) = (step / every, (step % every) as f64 / every as f64);
@@ -135,18 +132,7 @@ fn softmin(costs: &[f64], temperature: f64) -> Vec<f64> {
 }
 
 fn generator(key: Key, iteration: u32) -> ChaCha8Rng {
-    let mut bytes = [0; 32];
-    let words = [key.seed, key.robot, key.step, u64::from(iteration)];
-    for (bytes, word) in bytes.chunks_exact_mut(8).zip(words) {
-        bytes.copy_from_slice(&word.to_le_bytes());
-    }
-    ChaCha8Rng::from_seed(bytes)
-}
-
-/// Box and Muller.
-fn normal(generator: &mut ChaCha8Rng) -> f64 {
-    let mut uniform = || ((generator.next_u64() >> 11) as f64 + 0.5) / (1u64 << 53) as f64;
-    (-2.0 * uniform().ln()).sqrt() * (TAU * uniform()).cos()
+    random::keyed([key.seed, key.robot, key.step, u64::from(iteration)])
 }
 
 #[cfg(test)]

@@ -2,8 +2,7 @@
 
 use std::f64::consts::{FRAC_1_SQRT_2, TAU};
 
-use rand_chacha::ChaCha8Rng;
-use rand_core::{Rng, SeedableRng};
+use random::{ChaCha8Rng, SeedableRng};
 
 pub fn density(z: f64) -> f64 {
     (-0.5 * z * z).exp() / TAU.sqrt()
@@ -25,11 +24,10 @@ pub fn distribution(z: f64) -> f64 {
     0.5 + weighted.sum::<f64>() * h / 3.0
 }
 
-/// Independent standard normal numbers (Box and Muller).
+/// Independent standard normal numbers.
 pub fn samples(seed: u64, count: usize) -> Vec<f64> {
     let mut generator = ChaCha8Rng::seed_from_u64(seed);
-    let mut uniform = || ((generator.next_u64() >> 11) as f64 + 0.5) / (1u64 << 53) as f64;
-    (0..count).map(|_| (-2.0 * uniform().ln()).sqrt() * (TAU * uniform()).cos()).collect()
+    (0..count).map(|_| random::normal(&mut generator)).collect()
 }
 
 #[test]

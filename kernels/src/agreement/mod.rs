@@ -4,8 +4,7 @@
 mod unets;
 
 use burn::tensor::{Device, Tensor, TensorData};
-use rand_chacha::ChaCha12Rng;
-use rand_core::{Rng, SeedableRng};
+use random::{ChaCha12Rng, SeedableRng};
 
 use super::{
     DropoutMask, Mask, PackedWeight, attention, conv_transpose1d, conv1d, dropout, gelu_linear,
@@ -18,7 +17,7 @@ const TOLERANCE: f64 = 2e-6;
 /// Random tensors that record gradients.
 pub(super) fn tensors<const N: usize>(shapes: [[usize; 3]; N]) -> [Tensor<3>; N] {
     let mut generator = ChaCha12Rng::seed_from_u64(3);
-    let mut unit = || (generator.next_u32() >> 8) as f32 / 16_777_216.0;
+    let mut unit = || random::unit_f32(&mut generator);
     // Box and Muller's normal numbers.
     let mut normal =
         || (-2.0 * (1.0 - unit()).ln()).sqrt() * (std::f32::consts::TAU * unit()).cos();

@@ -6,6 +6,8 @@ use models::TrainingData;
 use rand_chacha::ChaCha8Rng;
 use rand_core::{Rng, SeedableRng};
 use series::{Series, Shape};
+use models::{Batch, TrainingData};
+use random::{ChaCha8Rng, Rng, SeedableRng};
 use spec::{
     CdcnnSpec, CdtSpec, Conditioning, DampedIntegrator, DataSource, DiffuserSpec, DiffusionSpec,
     Execution, FlowPrediction, FlowSpec, Head, JOINTS, Known, ModelSpec, Normalization,

@@ -9,7 +9,9 @@ use spec::ImportSpec;
 
 use super::DecodeError;
 use crate::RowError;
-use crate::rows::{MAX_BATCH_ROWS, Rows, TimeColumn, absent, channel_columns, check_name, find_columns};
+use crate::rows::{
+    MAX_BATCH_ROWS, Rows, TimeColumn, absent, channel_columns, check_name, find_columns,
+};
 
 /// Rows parsed at a time.
 const BATCH_ROWS: usize = 1024;
@@ -117,8 +119,9 @@ impl CsvRows {
 fn header_names(header: &ByteRecord) -> Result<Vec<&str>, DecodeError> {
     let mut names = Vec::with_capacity(header.len());
     for name in header {
-        let name = std::str::from_utf8(name)
-            .map_err(|_| DecodeError::File("the names in its first line are not UTF-8".to_owned()))?;
+        let name = std::str::from_utf8(name).map_err(|_| {
+            DecodeError::File("the names in its first line are not UTF-8".to_owned())
+        })?;
         names.push(name.trim_start_matches('\u{feff}').trim());
     }
     if names.is_empty() {

@@ -3,8 +3,6 @@
 mod csv_rows;
 mod parquet_rows;
 
-use std::any::Any;
-use std::error::Error;
 use std::fs::File;
 use std::io::{self, Write};
 use std::os::fd::AsFd;
@@ -32,7 +30,7 @@ pub(crate) enum DecodeError {
     Parquet(#[from] ParquetError),
     #[error("the file cannot be read as CSV")]
     Csv(#[from] CsvError),
-    #[error("{0}")]
+    #[error(transparent)]
     Row(#[from] RowError),
     #[error("the file is damaged: decoding it broke off ({0})")]
     Panic(String),
@@ -100,23 +98,12 @@ impl<R: ChunkReader<T: 'static> + 'static> Source<R> {
 
 /// Tells the other side an error with all its causes.
 fn refuse(error: &DecodeError, out: &mut impl Write) -> io::Result<()> {
-    let mut reason = error.to_string();
-    let mut source = error.source();
-    while let Some(error) = source {
-        reason = format!("{reason}: {error}");
-        source = error.source();
-    }
-    write_refusal(out, &reason)
+    write_refusal(out, &faults::causes(error))
 }
 
 /// Decoders may panic over damaged bytes, which is the file's fault.
 fn guarded<T>(decode: impl FnOnce() -> Result<T, DecodeError>) -> Result<T, DecodeError> {
+    let panicked = |message: &str| Err(DecodeError::Panic(message.to_owned()));
     catch_unwind(AssertUnwindSafe(decode))
-        .unwrap_or_else(|panic| Err(DecodeError::Panic(panic_text(panic.as_ref()))))
-}
-
-fn panic_text(panic: &(dyn Any + Send)) -> String {
-    let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
-    let text = text.or_else(|| panic.downcast_ref::<String>().cloned());
-    text.unwrap_or_else(|| "without a reason".to_owned())
+        .unwrap_or_else(|panic| panicked(faults::panic_message(panic.as_ref())))
 }

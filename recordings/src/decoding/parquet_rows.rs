@@ -326,7 +326,9 @@ fn time_column(column: &ArrayRef) -> Result<TimeColumn, DecodeError> {
         _ => {
             let values = cast_to(column, &DataType::Int64)?;
             if values.null_count() > 0 {
-                return Err(DecodeError::File("its times do not fit into 64 bits with a sign".to_owned()));
+                return Err(DecodeError::File(
+                    "its times do not fit into 64 bits with a sign".to_owned(),
+                ));
             }
             TimeColumn::Integer(values.as_primitive::<Int64Type>().values().to_vec())
         }
@@ -347,7 +349,6 @@ fn names(column: &ArrayRef, first: u64, name: &str) -> Result<Vec<String>, Decod
 fn cast_to(column: &ArrayRef, data_type: &DataType) -> Result<ArrayRef, DecodeError> {
     cast(column, data_type).map_err(|error| ParquetError::External(Box::new(error)).into())
 }
-
 
 #[cfg(test)]
 mod tests {

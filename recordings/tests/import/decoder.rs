@@ -125,8 +125,7 @@ fn end_of(script: &str) -> ImportError {
     let arguments = vec!["-c".to_owned(), script.to_owned()];
     let program = DecoderProgram { program: "/bin/sh".into(), arguments };
     let file = std::fs::File::open("/dev/null").unwrap();
-    let mut decoder =
-        Decoder::start(&program, file, "arm.csv", &spec("csv", &json!({}))).unwrap();
+    let mut decoder = Decoder::start(&program, file, "arm.csv", &spec("csv", &json!({}))).unwrap();
     let error = decoder.next().unwrap().err().unwrap();
     assert!(decoder.next().is_none(), "an error is the last thing said");
     error
@@ -138,7 +137,10 @@ fn a_child_that_dies_is_told_with_the_file_and_what_ended_it() {
     assert!(memory.to_string().contains("\"arm.csv\" cannot be imported"), "{memory}");
     assert!(memory.to_string().contains("more than 1024 MiB of memory"), "{memory}");
     let time = end_of("kill -XCPU $$");
-    assert!(time.to_string().contains("\"arm.csv\"") && time.to_string().contains("60 s"), "{time}");
+    assert!(
+        time.to_string().contains("\"arm.csv\"") && time.to_string().contains("60 s"),
+        "{time}"
+    );
     let killed = end_of("echo 'so long' >&2; kill -KILL $$");
     assert!(killed.to_string().contains("SIGKILL") && killed.to_string().contains("so long"));
     assert!(!memory.may_pass() && !time.may_pass() && !killed.may_pass());
@@ -155,10 +157,8 @@ fn a_decoder_that_nobody_wants_any_more_ends() {
     let folder = tempfile::tempdir().unwrap();
     let pid_file = folder.path().join("pid");
     let script = format!("echo $$ > {}; exec sleep 600", pid_file.display());
-    let program = DecoderProgram {
-        program: "/bin/sh".into(),
-        arguments: vec!["-c".to_owned(), script],
-    };
+    let program =
+        DecoderProgram { program: "/bin/sh".into(), arguments: vec!["-c".to_owned(), script] };
     let file = std::fs::File::open("/dev/null").unwrap();
     let decoder = Decoder::start(&program, file, "a", &spec("csv", &json!({}))).unwrap();
     let pid = loop {
@@ -169,4 +169,44 @@ fn a_decoder_that_nobody_wants_any_more_ends() {
     };
     drop(decoder);
     assert!(!std::path::Path::new("/proc").join(pid.trim()).exists());
+}
+
+/// Its standard input, which this test holds, is still open.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_decoder_ends_with_the_process_that_started_it() {
+    use std::io::BufRead;
+
+    let mut parent = Command::new("sh")
+        .args(["-c", "\"$0\" <&0 & echo $!; wait", PROGRAM])
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut pid = String::new();
+    BufReader::new(parent.stdout.take().unwrap()).read_line(&mut pid).unwrap();
+    let child = PathBuf::from("/proc").join(pid.trim());
+    let is_confined = || {
+        let limits = std::fs::read_to_string(child.join("limits")).unwrap();
+        let time = limits.lines().find_map(|line| line.strip_prefix("Max cpu time"));
+        !time.unwrap().trim_start().starts_with("unlimited")
+    };
+    wait_until(is_confined);
+    parent.kill().unwrap();
+    wait_until(|| {
+        let state = std::fs::read_to_string(child.join("stat")).unwrap_or_default();
+        state.is_empty() || state.contains(") Z ")
+    });
+    parent.wait().unwrap();
+}
+
+#[cfg(target_os = "linux")]
+fn wait_until(reached: impl Fn() -> bool) {
+    for _ in 0..1000 {
+        if reached() {
+            return;
+        }
+        std::thread::sleep(std::time::Duration::from_millis(10));
+    }
+    panic!("still waiting");
 }

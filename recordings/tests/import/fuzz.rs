@@ -5,8 +5,7 @@
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use rand_chacha::ChaCha8Rng;
-use rand_core::{Rng, SeedableRng};
+use random::{ChaCha8Rng, Rng, SeedableRng};
 use serde_json::json;
 use spec::ImportSpec;
 

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use ::parquet::basic::{Compression, Encoding, ZstdLevel};
+use ::parquet::basic::{Compression, Encoding, GzipLevel, ZstdLevel};
 use ::parquet::file::properties::{WriterProperties, WriterVersion};
 use ::parquet::schema::types::ColumnPath;
 use arrow::array::{
@@ -24,6 +24,11 @@ pub(super) fn variants() -> Vec<WriterProperties> {
         of().set_compression(Compression::SNAPPY).build(),
         small_pages(),
         small_pages().into_builder().set_compression(Compression::LZ4_RAW).build(),
+        small_pages().into_builder().set_compression(Compression::LZ4).build(),
+        small_pages()
+            .into_builder()
+            .set_compression(Compression::GZIP(GzipLevel::default()))
+            .build(),
         small_pages()
             .into_builder()
             .set_writer_version(WriterVersion::PARQUET_2_0)

@@ -7,6 +7,7 @@ use models::{Sampling, WarmStart};
 use serde::{Deserialize, Serialize};
 use series::Observed;
 use spec::{EvaluateSpec, Start};
+use statistics::measured_quantile;
 use wire::Latency;
 
 use super::cell::{asked_about, scenarios};
@@ -50,8 +51,8 @@ pub(super) fn latency(attempt: &Attempt, spec: &EvaluateSpec) -> Result<(), Task
         let load = load();
         let times_ms = times_ms(attempt, spec, run, &windows, repeats)?;
         let latency = Latency {
-            median_ms: quantile(&times_ms, 0.5),
-            p99_ms: quantile(&times_ms, 0.99),
+            median_ms: measured_quantile(&times_ms, 0.5),
+            p99_ms: measured_quantile(&times_ms, 0.99),
             repeats: repeats as u64,
             threads: rayon::current_num_threads() as u64,
             device: attempt.device.kind().to_string(),
@@ -108,30 +109,7 @@ fn times_ms(
     Ok(times_ms)
 }
 
-/// The smallest time that a share `q` of all does not exceed.
-#[expect(
-    clippy::cast_possible_truncation,
-    clippy::cast_sign_loss,
-    reason = "a rank among the times, not negative"
-)]
-fn quantile(sorted: &[f64], q: f64) -> f64 {
-    let rank = (q * sorted.len() as f64).ceil() as usize;
-    sorted[rank.clamp(1, sorted.len()) - 1]
-}
-
 /// Mean number of running threads of this machine in the last minute, where the system tells.
 fn load() -> Option<f64> {
     std::fs::read_to_string("/proc/loadavg").ok()?.split_whitespace().next()?.parse().ok()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::quantile;
-
-    #[test]
-    fn quantiles_are_times_that_were_measured() {
-        let times: Vec<f64> = (1..=200).map(f64::from).collect();
-        assert_eq!([quantile(&times, 0.5), quantile(&times, 0.99)], [100.0, 198.0]);
-        assert_eq!(quantile(&[3.0], 0.99), 3.0);
-    }
 }

@@ -5,8 +5,7 @@
 
 use std::ops::Range;
 
-use rand_chacha::ChaCha8Rng;
-use rand_core::{Rng, SeedableRng};
+use random::{ChaCha8Rng, shuffle};
 
 /// Blocks that are shuffled together.
 const BLOCKS_PER_WINDOW: usize = 4;
@@ -77,20 +76,8 @@ impl Order {
     }
 
     fn generator(&self, epoch: u64) -> ChaCha8Rng {
-        let mut key = [0; 32];
-        key[..8].copy_from_slice(&self.seed.to_le_bytes());
-        key[8..16].copy_from_slice(&epoch.to_le_bytes());
-        key[16..27].copy_from_slice(b"batch order");
-        ChaCha8Rng::from_seed(key)
-    }
-}
-
-/// Fisher-Yates.
-fn shuffle<T>(items: &mut [T], generator: &mut ChaCha8Rng) {
-    for last in (1..items.len()).rev() {
-        #[expect(clippy::cast_possible_truncation, reason = "at most `last`, a usize")]
-        let chosen = ((u128::from(generator.next_u64()) * (last as u128 + 1)) >> 64) as usize;
-        items.swap(last, chosen);
+        let purpose = [*b"batch or", *b"der\0\0\0\0\0"].map(u64::from_le_bytes);
+        random::keyed([self.seed, epoch, purpose[0], purpose[1]])
     }
 }
 

@@ -9,7 +9,7 @@ use store::{FileContent, NewShard, ObjectWriter, ShardReader, StoredObject, Tabl
 
 use super::difference::{Difference, Tolerance, first_difference};
 use super::place::Place;
-use crate::error::{TaskError, reason};
+use crate::error::TaskError;
 use crate::simulate::{ProgressOf, SimulatedShard, VERSION, VERSION_KEY};
 
 /// How a stored shard agrees with one made again.
@@ -217,7 +217,7 @@ impl File<'_> {
         match catch_unwind(AssertUnwindSafe(read)) {
             Ok(Ok(read)) => Ok(read),
             Ok(Err(TaskError::Differs(what))) => Err(what),
-            Ok(Err(error)) => Err(format!("it cannot be read: {}", reason(&error))),
+            Ok(Err(error)) => Err(format!("it cannot be read: {}", faults::causes(&error))),
             Err(_) => Err("it cannot be read: a page is damaged".to_owned()),
         }
     }

@@ -8,6 +8,7 @@ use std::time::Instant;
 use anyhow::{Context, ensure};
 use serde::Deserialize;
 use serde_json::{Value, json};
+use statistics::measured_quantile;
 use tungstenite::{Message, WebSocket, client};
 
 use super::serving::Serving;
@@ -63,12 +64,13 @@ pub(super) fn run(wanted: Wanted) -> anyhow::Result<Report> {
                 (_, 1) => format!("{name}, 1 step"),
                 _ => format!("{name}, {steps} steps"),
             };
-            let p99 = quantile(&times.whole, 0.99);
+            let [whole, compute] = [times.whole, times.compute].map(rising);
+            let p99 = measured_quantile(&whole, 0.99);
             let rows = [
-                ("loop, p50", quantile(&times.whole, 0.5), None),
+                ("loop, p50", measured_quantile(&whole, 0.5), None),
                 ("loop, p99", p99, goal),
-                ("computing, p50", quantile(&times.compute, 0.5), None),
-                ("computing, p99", quantile(&times.compute, 0.99), None),
+                ("computing, p50", measured_quantile(&compute, 0.5), None),
+                ("computing, p99", measured_quantile(&compute, 0.99), None),
             ];
             for (of, value, goal) in rows {
                 measurements.push(Measurement::alone(format!("{what}, {of}"), value, "ms", goal));
@@ -217,17 +219,9 @@ fn rows(first: usize, count: usize, scale: f64) -> Value {
         .collect()
 }
 
-/// Of at least one value, the smallest with so large a share of all not above it.
-fn quantile(values: &[f64], share: f64) -> f64 {
-    let mut rising = values.to_vec();
-    rising.sort_by(f64::total_cmp);
-    #[expect(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "a place among a few hundred values"
-    )]
-    let place = (share * rising.len() as f64).ceil() as usize;
-    rising[place.clamp(1, rising.len()) - 1]
+fn rising(mut values: Vec<f64>) -> Vec<f64> {
+    values.sort_by(f64::total_cmp);
+    values
 }
 
 /// How many steps take `budget_ms`, if all take as long as those between 1 and 10.
@@ -241,13 +235,6 @@ fn steps_within(budget_ms: f64, times: &[(u32, f64)]) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn quantiles_are_values_that_were_measured() {
-        let values: Vec<f64> = (1..=200).rev().map(f64::from).collect();
-        assert_eq!((quantile(&values, 0.5), quantile(&values, 0.99)), (100.0, 198.0));
-        assert_eq!(quantile(&[7.0], 0.99), 7.0);
-    }
 
     #[test]
     fn as_many_steps_fit_as_their_times_say() {

@@ -13,9 +13,10 @@ use anyhow::{Context, ensure};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use serde_json::{Value, json};
+use statistics::median;
 use tempfile::TempDir;
 
-use super::{Goal, Measurement, Peer, Peers, Report, Wanted, median, million};
+use super::{Goal, Measurement, Peer, Peers, Report, Wanted, million};
 use crate::{machine, peers, product};
 
 const ROUNDS: usize = 5;

@@ -100,20 +100,6 @@ impl Measurement {
     }
 }
 
-/// The middle of several values, or the mean of the two in the middle.
-///
-/// # Panics
-/// When there is none.
-pub fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    let middle = values.len() / 2;
-    if values.len().is_multiple_of(2) {
-        f64::midpoint(values[middle - 1], values[middle])
-    } else {
-        values[middle]
-    }
-}
-
 /// The measurements as a table for people.
 pub fn table(measurements: &[Measurement]) -> String {
     let number = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |it| format!("{it:.2}"));
@@ -206,13 +192,6 @@ mod tests {
         let json = serde_json::to_value(measurement).unwrap();
         assert_eq!((&json["goal"], &json["ratio"]), (&2.5.into(), &3.0.into()));
         assert_eq!(json["peer_version"], "Other 1.2");
-    }
-
-    #[test]
-    fn the_median_is_in_the_middle() {
-        assert_eq!(median(vec![3.0, 1.0, 2.0]), 2.0);
-        assert_eq!(median(vec![4.0, 1.0, 2.0, 3.0]), 2.5);
-        assert_eq!(median(vec![7.0]), 7.0);
     }
 
     #[test]

@@ -19,7 +19,7 @@ use clap::builder::PossibleValuesParser;
 use clap::{Args, ValueEnum};
 
 use crate::machine;
-use measurement::{Goal, Measurement, Peer, median};
+use measurement::{Goal, Measurement, Peer};
 
 #[derive(Debug, Args)]
 pub struct Arguments {

@@ -8,8 +8,9 @@ use anyhow::{Context, ensure};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use serde_json::{Value, json};
+use statistics::median;
 
-use super::{Peer, Peers, Report, Size, Wanted, median};
+use super::{Peer, Peers, Report, Size, Wanted};
 use crate::{peers, product, repository};
 
 const ARCHITECTURES: [&str; 4] = ["robomorph", "cdt", "diffuser", "cdcnn"];

@@ -8,9 +8,10 @@ use std::process::Command;
 
 use serde::Deserialize;
 use serde_json::json;
+use statistics::median;
 
 use super::dynamics::answer;
-use super::{Measurement, Peer, Peers, Report, Wanted, median};
+use super::{Measurement, Peer, Peers, Report, Wanted};
 use crate::{peers, product, target};
 
 const ROUNDS: usize = 5;

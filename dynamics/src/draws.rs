@@ -1,7 +1,6 @@
 //! Random numbers that depend on what they are for, never on when they are drawn.
 
-use rand_chacha::ChaCha8Rng;
-use rand_core::{Rng, SeedableRng};
+use random::ChaCha8Rng;
 use spec::Range;
 
 /// What a sequence of draws decides; each purpose has a sequence of its own, so that a change of
@@ -20,26 +19,16 @@ pub(crate) enum Purpose {
 }
 
 /// A sequence of random numbers keyed by (seed, trajectory, purpose, draw).
-///
-/// The key is the ChaCha key itself, so that sequences are independent without any seeding of
-/// one generator from another (Salmon et al. 2011, "Parallel random numbers: as easy as 1, 2, 3").
 pub(crate) struct Draws(ChaCha8Rng);
 
 impl Draws {
     pub(crate) fn new(seed: u64, trajectory: u64, purpose: Purpose, draw: u32) -> Self {
-        let mut key = [0; 32];
-        let words = [seed, trajectory, purpose as u64, u64::from(draw)];
-        for (bytes, word) in key.chunks_exact_mut(8).zip(words) {
-            bytes.copy_from_slice(&word.to_le_bytes());
-        }
-        Self(ChaCha8Rng::from_seed(key))
+        Self(random::keyed([seed, trajectory, purpose as u64, u64::from(draw)]))
     }
 
     /// Uniform in [0, 1), a multiple of 2⁻⁵³.
     pub(crate) fn unit(&mut self) -> f64 {
-        const TWO_POW_MINUS_53: f64 = 1.0 / (1u64 << 53) as f64;
-        let mantissa = self.0.next_u64() >> 11;
-        mantissa as f64 * TWO_POW_MINUS_53
+        random::unit(&mut self.0)
     }
 
     pub(crate) fn uniform(&mut self, range: Range) -> f64 {
@@ -72,16 +61,5 @@ mod tests {
         ];
         assert!(others.iter().all(|&other| other != base));
         assert_eq!(Draws::new(1, 2, Purpose::Robot, 3).unit(), base);
-    }
-
-    #[test]
-    fn units_have_the_mean_and_variance_of_a_uniform_distribution() {
-        let mut draws = Draws::new(0, 0, Purpose::Robot, 1);
-        let units: Vec<f64> = (0..100_000).map(|_| draws.unit()).collect();
-        let mean = units.iter().sum::<f64>() / 1e5;
-        let variance = units.iter().map(|unit| (unit - mean).powi(2)).sum::<f64>() / 1e5;
-        assert!(units.iter().all(|unit| (0.0..1.0).contains(unit)));
-        assert!((mean - 0.5).abs() < 0.005, "{mean}");
-        assert!((variance - 1.0 / 12.0).abs() < 0.002, "{variance}");
     }
 }

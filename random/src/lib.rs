@@ -1,0 +1,140 @@
+//! Random numbers by what they are for: whoever asks, in whatever order, gets the same.
+//!
+//! A generator's key is the ChaCha key itself (Bernstein 2008), so that sequences of different keys
+//! are independent without any seeding of one generator from another (Salmon et al. 2011, *Parallel
+//! random numbers: as easy as 1, 2, 3*). Datasets, trainings and intervals are made of these numbers:
+//! none of their bits may change.
+
+pub use rand_chacha::{ChaCha8Rng, ChaCha12Rng};
+pub use rand_core::{Rng, SeedableRng};
+
+/// A generator of its own for every key of four numbers.
+pub fn keyed<G: SeedableRng<Seed = [u8; 32]>>(key: [u64; 4]) -> G {
+    let mut seed = [0; 32];
+    for (bytes, number) in seed.chunks_exact_mut(8).zip(key) {
+        bytes.copy_from_slice(&number.to_le_bytes());
+    }
+    G::from_seed(seed)
+}
+
+/// Uniform in [0, 1), a multiple of 2⁻⁵³.
+pub fn unit(generator: &mut impl Rng) -> f64 {
+    const STEP: f64 = 1.0 / (1u64 << 53) as f64;
+    (generator.next_u64() >> 11) as f64 * STEP
+}
+
+/// Uniform in [0, 1), a multiple of 2⁻²⁴, each of which an `f32` holds exactly.
+pub fn unit_f32(generator: &mut impl Rng) -> f32 {
+    const STEP: f32 = 1.0 / (1u32 << 24) as f32;
+    (generator.next_u32() >> 8) as f32 * STEP
+}
+
+/// Uniform index below `count`, by the high half of a 64-bit product.
+#[expect(clippy::cast_possible_truncation, reason = "the result is below `count`, a usize")]
+pub fn below(generator: &mut impl Rng, count: usize) -> usize {
+    ((u128::from(generator.next_u64()) * count as u128) >> 64) as usize
+}
+
+/// Puts items into any order, each as likely (Fisher and Yates).
+pub fn shuffle<T>(items: &mut [T], generator: &mut impl Rng) {
+    for last in (1..items.len()).rev() {
+        items.swap(last, below(generator, last + 1));
+    }
+}
+
+/// Normal with mean 0 and variance 1 (Box and Muller 1958, the cosine branch), never infinite.
+pub fn normal(generator: &mut impl Rng) -> f64 {
+    const HALF_STEP: f64 = 0.5 / (1u64 << 53) as f64;
+    let mut inner = || unit(generator) + HALF_STEP;
+    (-2.0 * inner().ln()).sqrt() * (std::f64::consts::TAU * inner()).cos()
+}
+
+/// Fills `values` with normal numbers of mean 0 and variance 1 (both branches of Box and Muller).
+pub fn fill_normal(values: &mut [f32], generator: &mut impl Rng) {
+    for pair in values.chunks_mut(2) {
+        let radius = (-2.0 * (1.0 - unit_f32(generator)).ln()).sqrt();
+        let (sine, cosine) = (std::f32::consts::TAU * unit_f32(generator)).sin_cos();
+        for (value, direction) in pair.iter_mut().zip([cosine, sine]) {
+            *value = radius * direction;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn generator() -> ChaCha8Rng {
+        keyed([7, 1, 2, 3])
+    }
+
+    /// Mean and variance.
+    fn moments(values: &[f64]) -> (f64, f64) {
+        let mean = values.iter().sum::<f64>() / values.len() as f64;
+        let squares = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>();
+        (mean, squares / values.len() as f64)
+    }
+
+    /// Would fail if a new version of a dependency drew other numbers for the same key.
+    #[test]
+    fn the_numbers_of_a_key_are_pinned() {
+        assert_eq!(keyed::<ChaCha8Rng>([0; 4]).next_u32(), 0x2fef_003e);
+        assert_eq!(keyed::<ChaCha12Rng>([0; 4]).next_u32(), 0x6a9a_f49b);
+    }
+
+    #[test]
+    fn every_part_of_the_key_changes_the_sequence() {
+        let base = unit(&mut generator());
+        for part in 0..4 {
+            let mut key = [7, 1, 2, 3];
+            key[part] += 1;
+            assert_ne!(unit(&mut keyed::<ChaCha8Rng>(key)), base);
+        }
+        assert_eq!(unit(&mut generator()), base);
+    }
+
+    #[test]
+    fn units_have_the_mean_and_variance_of_a_uniform_distribution() {
+        let mut generator = generator();
+        let units: Vec<f64> = (0..100_000).map(|_| unit(&mut generator)).collect();
+        let short: Vec<f64> = (0..100_000).map(|_| unit_f32(&mut generator).into()).collect();
+        for values in [units, short] {
+            let (mean, variance) = moments(&values);
+            assert!(values.iter().all(|value| (0.0..1.0).contains(value)));
+            assert!((mean - 0.5).abs() < 0.005, "{mean}");
+            assert!((variance - 1.0 / 12.0).abs() < 0.002, "{variance}");
+        }
+    }
+
+    #[test]
+    fn normal_numbers_have_mean_0_variance_1_and_kurtosis_3() {
+        let mut generator = generator();
+        let alone: Vec<f64> = (0..400_000).map(|_| normal(&mut generator)).collect();
+        let mut filled = vec![0.0; 400_001];
+        fill_normal(&mut filled, &mut generator);
+        let filled: Vec<f64> = filled.into_iter().map(f64::from).collect();
+        for values in [alone, filled] {
+            let (mean, variance) = moments(&values);
+            let fourth = values.iter().map(|it| it.powi(4)).sum::<f64>() / values.len() as f64;
+            // Five standard errors.
+            assert!(mean.abs() < 0.008, "{mean}");
+            assert!((variance - 1.0).abs() < 0.012, "{variance}");
+            assert!((fourth - 3.0).abs() < 0.08, "{fourth}");
+        }
+    }
+
+    #[test]
+    fn indices_reach_every_place_evenly_and_shuffles_keep_every_item() {
+        let mut generator = generator();
+        let mut counts = [0_u32; 7];
+        for _ in 0..7000 {
+            counts[below(&mut generator, 7)] += 1;
+        }
+        assert!(counts.iter().all(|count| (850..1150).contains(count)), "{counts:?}");
+        let mut items: Vec<u32> = (0..100).collect();
+        shuffle(&mut items, &mut generator);
+        assert_ne!(items, (0..100).collect::<Vec<_>>());
+        items.sort_unstable();
+        assert_eq!(items, (0..100).collect::<Vec<_>>());
+    }
+}
