@@ -7,7 +7,7 @@ use std::process::{Command, ExitCode};
 use anyhow::{Context, ensure};
 use clap::Args;
 
-use crate::process::{self, command};
+use crate::process::{self, command, succeed};
 use crate::product;
 use crate::{repository, target};
 
@@ -131,14 +131,6 @@ pub fn aba_rates() -> anyhow::Result<PathBuf> {
 fn is_newer(made: &Path, from: &Path) -> bool {
     let modified = |path: &Path| fs::metadata(path).and_then(|it| it.modified());
     matches!((modified(made), modified(from)), (Ok(made), Ok(from)) if made > from)
-}
-
-fn succeed(command: &mut Command) -> anyhow::Result<()> {
-    let words = std::iter::once(command.get_program()).chain(command.get_args());
-    let line = words.map(|word| word.to_string_lossy()).collect::<Vec<_>>().join(" ");
-    let finished = process::run(command).with_context(|| line.clone())?;
-    ensure!(finished.success, "`{line}` failed");
-    Ok(())
 }
 
 #[cfg(test)]

@@ -5,7 +5,7 @@ use std::process::{Command, Stdio};
 use std::sync::mpsc;
 use std::thread;
 
-use anyhow::Context;
+use anyhow::{Context, ensure};
 
 use crate::repository;
 
@@ -53,6 +53,18 @@ pub fn run(command: &mut Command) -> anyhow::Result<Finished> {
     }
     let status = child.wait().with_context(|| format!("cannot wait for {program}"))?;
     Ok(Finished { success: status.success(), text })
+}
+
+/// Runs a command that must succeed.
+///
+/// # Errors
+/// When it cannot be started or fails, with the line that was to run.
+pub fn succeed(command: &mut Command) -> anyhow::Result<()> {
+    let words = std::iter::once(command.get_program()).chain(command.get_args());
+    let line = words.map(|word| word.to_string_lossy()).collect::<Vec<_>>().join(" ");
+    let finished = run(command).with_context(|| line.clone())?;
+    ensure!(finished.success, "`{line}` failed");
+    Ok(())
 }
 
 fn pass_on(stream: impl Read, sender: &mpsc::Sender<String>) {

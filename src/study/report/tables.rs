@@ -13,8 +13,9 @@ pub struct Table {
 }
 
 impl Table {
-    fn new(name: &'static str, columns: &[&'static str]) -> Self {
-        Self { name, columns: columns.to_vec(), rows: Vec::new() }
+    /// `columns` are words.
+    fn new(name: &'static str, columns: &'static str) -> Self {
+        Self { name, columns: columns.split_whitespace().collect(), rows: Vec::new() }
     }
 
     pub fn to_csv(&self) -> anyhow::Result<Vec<u8>> {
@@ -40,20 +41,8 @@ pub fn all(study: &Study) -> Vec<Table> {
 }
 
 fn rmse(study: &Study) -> Table {
-    let mut table = Table::new(
-        "rmse",
-        &[
-            "training_set",
-            "group",
-            "scenarios",
-            "predictor",
-            "rmse_deg",
-            "low",
-            "high",
-            "job",
-            "digest",
-        ],
-    );
+    let mut table =
+        Table::new("rmse", "training_set group scenarios predictor rmse_deg low high job digest");
     for set in &study.sets {
         for group in &set.sweep.report.groups {
             for error in &group.rmse_deg {
@@ -72,19 +61,8 @@ fn rmse(study: &Study) -> Table {
 fn by_frequency(study: &Study) -> Table {
     let mut table = Table::new(
         "rmse-by-frequency",
-        &[
-            "training_set",
-            "family",
-            "frequency_hz",
-            "in_distribution",
-            "scenarios",
-            "predictor",
-            "rmse_deg",
-            "low",
-            "high",
-            "job",
-            "digest",
-        ],
+        "training_set family frequency_hz in_distribution scenarios predictor rmse_deg low \
+         high job digest",
     );
     for set in &study.sets {
         for cell in &set.sweep.report.cells {
@@ -109,17 +87,7 @@ fn by_frequency(study: &Study) -> Table {
 fn paired(study: &Study) -> Table {
     let mut table = Table::new(
         "paired-differences",
-        &[
-            "training_set",
-            "group",
-            "predictor",
-            "against",
-            "difference_deg",
-            "low",
-            "high",
-            "job",
-            "digest",
-        ],
+        "training_set group predictor against difference_deg low high job digest",
     );
     for set in &study.sets {
         for paired in &set.sweep.report.paired {
@@ -141,21 +109,8 @@ fn paired(study: &Study) -> Table {
 fn samples(study: &Study) -> Table {
     let mut table = Table::new(
         "samples",
-        &[
-            "training_set",
-            "group",
-            "predictor",
-            "samples",
-            "rmse_of_mean_deg",
-            "crps_deg",
-            "energy_score_deg",
-            "coverage_50",
-            "width_50_deg",
-            "coverage_90",
-            "width_90_deg",
-            "job",
-            "digest",
-        ],
+        "training_set group predictor samples rmse_of_mean_deg crps_deg energy_score_deg \
+         coverage_50 width_50_deg coverage_90 width_90_deg job digest",
     );
     for set in &study.sets {
         for group in &set.samples.report.groups {
@@ -186,10 +141,8 @@ fn coverage(scores: &PredictorScores, nominal: f64) -> [String; 2] {
 }
 
 fn warm_start(study: &Study) -> Table {
-    let mut table = Table::new(
-        "warm-start",
-        &["group", "predictor", "start", "steps", "rmse_deg", "low", "high", "job", "digest"],
-    );
+    let mut table =
+        Table::new("warm-start", "group predictor start steps rmse_deg low high job digest");
     let Some(set) = study.warm_start_set() else { return table };
     let report = &study.warm_start.report;
     for group in &report.groups {
@@ -211,19 +164,7 @@ fn warm_start(study: &Study) -> Table {
 fn latency(study: &Study) -> Table {
     let mut table = Table::new(
         "latency",
-        &[
-            "predictor",
-            "start",
-            "steps",
-            "median_ms",
-            "p99_ms",
-            "repeats",
-            "threads",
-            "device",
-            "load",
-            "job",
-            "digest",
-        ],
+        "predictor start steps median_ms p99_ms repeats threads device load job digest",
     );
     let Some(set) = study.warm_start_set() else { return table };
     for info in &study.warm_start.report.predictors {
@@ -249,18 +190,8 @@ fn latency(study: &Study) -> Table {
 fn trainings(study: &Study) -> Table {
     let mut table = Table::new(
         "trainings",
-        &[
-            "training_set",
-            "model",
-            "steps",
-            "seconds",
-            "reused",
-            "validation_rmse_deg",
-            "checkpoint",
-            "sha256",
-            "job",
-            "digest",
-        ],
+        "training_set model steps seconds reused validation_rmse_deg checkpoint sha256 job \
+         digest",
     );
     for set in &study.sets {
         for training in &set.trainings {

@@ -3,9 +3,7 @@
 use std::fs;
 use std::process::Command;
 
-use anyhow::{Context, ensure};
-
-use crate::process::{self, command};
+use crate::process::{self, command, succeed};
 use crate::repository;
 
 /// Interpreter of the environment that the reader tests run in.
@@ -104,12 +102,4 @@ fn python_packages() -> anyhow::Result<()> {
 
 fn node_packages() -> anyhow::Result<()> {
     succeed(&mut command("npm", &["ci", "--no-audit", "--no-fund"]))
-}
-
-fn succeed(command: &mut Command) -> anyhow::Result<()> {
-    let words = std::iter::once(command.get_program()).chain(command.get_args());
-    let line = words.map(|word| word.to_string_lossy()).collect::<Vec<_>>().join(" ");
-    let finished = process::run(command).with_context(|| line.clone())?;
-    ensure!(finished.success, "`{line}` failed");
-    Ok(())
 }
