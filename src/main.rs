@@ -6,10 +6,7 @@ mod client;
 mod commands;
 mod device;
 mod progress;
-mod report;
 mod server;
-mod study;
-mod table;
 
 use std::io::Write;
 use std::process::ExitCode;

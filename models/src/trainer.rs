@@ -1,9 +1,8 @@
 use std::collections::BTreeMap;
 
 use kernels::Interrupt;
-use rand_chacha::ChaCha12Rng;
-use series::{Series, SeriesView};
 use random::ChaCha12Rng;
+use series::{Series, SeriesView};
 use spec::{DataSource, Digest, EmaSpec, JOINTS, ModelSpec, TrainSpec};
 
 use crate::checkpoint::{self, CheckpointConfig, CheckpointFiles, TrainingState, Versions};

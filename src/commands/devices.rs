@@ -1,10 +1,10 @@
 use std::process::ExitCode;
 
 use clap::Args;
+use reports::{Align, Table};
 use worker::{DeviceKind, Probed};
 
 use crate::device;
-use crate::table::{Align, Table};
 
 #[derive(Debug, Args)]
 pub struct Arguments {

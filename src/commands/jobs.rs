@@ -3,13 +3,13 @@ use std::time::{Duration, SystemTime};
 
 use clap::Args;
 use clap::builder::PossibleValuesParser;
+use reports::{Align, Table};
 use spec::JobKind;
 use wire::{Job, Progress};
 
 use crate::cli::ServerArguments;
 use crate::client::Client;
 use crate::progress::measure;
-use crate::table::{Align, Table};
 
 #[derive(Debug, Args)]
 pub struct Arguments {

@@ -2,10 +2,10 @@ use std::process::ExitCode;
 
 use anyhow::bail;
 use clap::Args;
+use reports::{Align, Table};
 
 use crate::cli::ServerArguments;
 use crate::client::Client;
-use crate::table::{Align, Table};
 
 #[derive(Debug, Args)]
 pub struct Arguments {

@@ -2,14 +2,13 @@ use std::process::ExitCode;
 
 use anyhow::{Context, bail};
 use clap::Args;
+use reports::{Align, Table};
 use wire::{Job, JobState};
 
 use crate::client::{Client, Reuse, Submitted, failure};
 use crate::commands::own_server::work_and_serve;
 use crate::progress;
-use crate::report;
 use crate::server::{Options, Server};
-use crate::table::{Align, Table};
 
 #[derive(Debug, Args)]
 pub struct Arguments {
@@ -54,7 +53,7 @@ async fn compute_and_show(arguments: &Arguments, server: &Server) -> anyhow::Res
         .await?
         .report
         .with_context(|| format!("evaluation {evaluation} has no report"))?;
-    report::print(&report);
+    reports::print(&report);
     print_places(&client, server, &job, &page).await
 }
 

@@ -7,7 +7,6 @@ use wire::{Job, JobState};
 use crate::cli::ServerArguments;
 use crate::client::Client;
 use crate::progress;
-use crate::report;
 
 #[derive(Debug, Args)]
 pub struct Arguments {
@@ -32,11 +31,11 @@ pub async fn to_the_end(client: &Client, id: i64) -> anyhow::Result<ExitCode> {
         match (job.kind, job.run) {
             (JobKind::Evaluate, _) => {
                 if let Some(report) = client.evaluation(job.id).await?.report {
-                    report::print(&report);
+                    reports::print(&report);
                 }
             }
             (JobKind::Control, Some(run)) => {
-                report::print_closed_loop(&job.name, &client.control_report(run).await?);
+                reports::print_closed_loop(&job.name, &client.control_report(run).await?);
             }
             _ => {}
         }

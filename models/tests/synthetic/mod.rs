@@ -3,11 +3,8 @@
 #![allow(dead_code, reason = "each test file uses its own part")]
 
 use models::TrainingData;
-use rand_chacha::ChaCha8Rng;
-use rand_core::{Rng, SeedableRng};
-use series::{Series, Shape};
-use models::{Batch, TrainingData};
 use random::{ChaCha8Rng, Rng, SeedableRng};
+use series::{Series, Shape};
 use spec::{
     CdcnnSpec, CdtSpec, Conditioning, DampedIntegrator, DataSource, DiffuserSpec, DiffusionSpec,
     Execution, FlowPrediction, FlowSpec, Head, JOINTS, Known, ModelSpec, Normalization,

@@ -4,7 +4,7 @@ use std::fmt::Write;
 use spec::{DataSource, JobSpec, PipelineSpec};
 use wire::Interval;
 
-use crate::report::degrees;
+use crate::degrees;
 
 use super::super::{Scale, Study, machine};
 use super::{claims, tables};

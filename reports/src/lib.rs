@@ -1,13 +1,17 @@
-//! What evaluations and control jobs found, as tables and in a sentence.
+//! What jobs found, for people to read: tables and sentences for the terminal, and the report of the
+//! paper's study.
 
 mod closed_loop;
 mod error_table;
 mod standing;
+pub mod study;
+mod table;
 mod verdict;
 
 pub use closed_loop::print_closed_loop;
 use error_table::{by_frequency, by_group};
 pub use standing::Standing;
+pub use table::{Align, Table};
 use verdict::verdicts;
 
 use wire::{PredictorInfo, PredictorKind, Report};

@@ -1,15 +1,20 @@
+//! The paper's study: its pipeline on a server of its own, and the report of what came of it.
+
+mod estimate;
+mod gather;
+
 use std::path::PathBuf;
 use std::process::ExitCode;
 
 use anyhow::bail;
 use clap::Args;
+use reports::study::{self, Plan, Scale};
 use wire::{Job, JobState};
 
 use crate::client::{Client, Reuse, Submitted, failure};
 use crate::commands::own_server::work_and_serve;
 use crate::progress;
 use crate::server::{Options, Server};
-use crate::study::{self, Plan, Scale};
 
 #[derive(Debug, Args)]
 pub struct Arguments {
@@ -42,7 +47,7 @@ pub async fn run(arguments: Arguments, log: &str) -> anyhow::Result<ExitCode> {
     if arguments.dry_run {
         let device = arguments.server.device.device;
         let estimate =
-            tokio::task::spawn_blocking(move || study::estimate(&plan, device)).await??;
+            tokio::task::spawn_blocking(move || estimate::estimate(&plan, device)).await??;
         print!("{estimate}");
         return Ok(ExitCode::SUCCESS);
     }
@@ -66,7 +71,7 @@ async fn compute_and_write(
     if job.state != JobState::Succeeded {
         bail!("job {} {}: {}", job.id, job.state, failure(&job));
     }
-    let study = study::gather(&client, plan, &job).await?;
+    let study = gather::gather(&client, plan, &job).await?;
     study::write(&arguments.out, &study)?;
     println!("{}", arguments.out.join("README.md").display());
     Ok(())

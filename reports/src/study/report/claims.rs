@@ -5,7 +5,7 @@ use std::fmt::Write;
 use spec::Start;
 use wire::{Interval, Latency, PredictorInfo, Report};
 
-use crate::report::{Standing, degrees};
+use crate::{Standing, degrees};
 
 use super::super::{DENOISERS, MODELS, REFERENCE, Set, Study};
 use super::figures::{baselines, error};

@@ -3,9 +3,9 @@
 use std::collections::BTreeMap;
 
 use anyhow::{Context, ensure};
+use reports::study::{Evaluation, File, JobRecord, MODELS, Plan, Set, Study, Training};
 use wire::{Job, JobState, Member};
 
-use super::{Evaluation, File, JobRecord, MODELS, Plan, Set, Study, Training};
 use crate::client::Client;
 
 /// Collects what the pipeline `job` of `plan` computed.

@@ -1,7 +1,5 @@
 //! The paper's study: one pipeline, and a folder that says what came of it.
 
-mod estimate;
-mod gather;
 mod machine;
 mod plan;
 mod report;
@@ -9,8 +7,6 @@ mod report;
 use serde::Serialize;
 use spec::{Digest, PipelineSpec};
 
-pub use estimate::estimate;
-pub use gather::gather;
 pub use plan::{Plan, Scale};
 pub use report::{check_replaceable, write};
 use wire::{PredictorInfo, Report};

@@ -6,14 +6,14 @@ use std::fmt::{self, Display, Formatter};
 
 use anyhow::{Context, bail};
 use indicatif::BinaryBytes;
+use reports::study::{Plan, Scale};
+use reports::{Align, Table};
 use spec::{
     CheckpointRef, DataSource, EvaluateSpec, JobSpec, PipelineSpec, SimulateSpec, Start, TrainSpec,
 };
 use worker::{DeviceKind, TrainingTimes};
 
-use super::{Plan, Scale};
 use crate::server::memory;
-use crate::table::{Align, Table};
 
 /// Bytes of a trajectory of 400 samples in a shard, as measured on the paper's training sets.
 const BYTES_PER_SAMPLE: u64 = 43;
