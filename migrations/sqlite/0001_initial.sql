@@ -15,6 +15,8 @@ CREATE TABLE job (
     unit             TEXT    NOT NULL,
     priority         INTEGER NOT NULL,
     max_attempts     INTEGER NOT NULL,
+    -- Whether it was made for a pipeline.
+    is_part          INTEGER NOT NULL CHECK (is_part IN (0, 1)),
     -- Whether somebody asked for this job by itself, not only as a member of a pipeline.
     asked_alone      INTEGER NOT NULL CHECK (asked_alone IN (0, 1)),
     cancel_requested INTEGER NOT NULL DEFAULT 0 CHECK (cancel_requested IN (0, 1)),
@@ -26,6 +28,8 @@ CREATE TABLE job (
 CREATE INDEX job_by_digest ON job (digest, id);
 CREATE INDEX job_by_state ON job (state, id);
 CREATE INDEX job_by_kind ON job (kind, id);
+CREATE INDEX experiment ON job (id) WHERE is_part = 0;
+CREATE INDEX experiment_by_state ON job (state, id) WHERE is_part = 0;
 
 CREATE TRIGGER job_final_states_never_change
 BEFORE UPDATE OF state ON job

@@ -5,12 +5,9 @@ use std::collections::BTreeMap;
 use arrow::array::RecordBatch;
 use bytes::Bytes;
 use spec::Digest;
-use sqlx::sqlite::SqliteRow;
-use sqlx::{FromRow, Row};
 
-use crate::clock::now;
-use crate::database::integer;
-use crate::{Fence, RunId, Store, StoreError, StoredObject, Timestamp, jobs, leases, object_path};
+use crate::database::sql;
+use crate::{Fence, RunId, Store, StoreError, StoredObject, Timestamp, leases, object_path};
 
 const COMMIT: &str = "committing an artifact";
 
@@ -77,9 +74,8 @@ impl Store {
     }
 
     async fn run_of(&self, fence: Fence) -> Result<RunId, StoreError> {
-        let failed = StoreError::database(COMMIT);
-        let mut conn = self.database().reader().acquire().await.map_err(&failed)?;
-        leases::check_run(&mut conn, fence).await
+        let mut tx = self.begin(COMMIT).await?;
+        leases::held_run(&mut tx, fence).await
     }
 
     /// The row that makes a published object an artifact.
@@ -91,34 +87,10 @@ impl Store {
         media_type: &str,
         object: &StoredObject,
     ) -> Result<(), StoreError> {
-        let failed = StoreError::database(COMMIT);
-        let mut tx = self.database().write(COMMIT).await?;
-        leases::check(&mut tx, fence).await?;
-        let replaced: Option<String> =
-            sqlx::query_scalar("SELECT path FROM artifact WHERE run = ? AND name = ?")
-                .bind(run)
-                .bind(name)
-                .fetch_optional(&mut *tx)
-                .await
-                .map_err(&failed)?;
-        sqlx::query(concat!(
-            "INSERT INTO artifact (run, name, media_type, path, size, sha256, created_at) ",
-            "VALUES (?, ?, ?, ?, ?, ?, ",
-            now!(),
-            ") ON CONFLICT (run, name) DO UPDATE SET media_type = excluded.media_type, ",
-            "path = excluded.path, size = excluded.size, sha256 = excluded.sha256, ",
-            "created_at = excluded.created_at"
-        ))
-        .bind(run)
-        .bind(name)
-        .bind(media_type)
-        .bind(&object.path)
-        .bind(integer(object.size))
-        .bind(object.sha256.to_string())
-        .execute(&mut *tx)
-        .await
-        .map_err(&failed)?;
-        tx.commit().await.map_err(&failed)?;
+        let mut tx = self.begin(COMMIT).await?;
+        leases::held(&mut tx, fence).await?;
+        let replaced = sql!(&mut tx, upsert_artifact(run, name, media_type, object))?;
+        tx.commit().await?;
         let outdated = replaced.into_iter().filter(|old| *old != object.path).collect();
         self.objects().delete(outdated).await;
         Ok(())
@@ -129,43 +101,13 @@ impl Store {
     /// # Errors
     /// When the database fails.
     pub async fn artifacts(&self, run: RunId) -> Result<Vec<Artifact>, StoreError> {
-        sqlx::query_as("SELECT * FROM artifact WHERE run = ? ORDER BY name")
-            .bind(run)
-            .fetch_all(self.database().reader())
-            .await
-            .map_err(StoreError::database("reading a run's artifacts"))
+        sql!(self.database(), "reading a run's artifacts", artifacts(run))
     }
 
     /// # Errors
     /// When the run has no artifact of this name.
     pub async fn artifact(&self, run: RunId, name: &str) -> Result<Artifact, StoreError> {
-        sqlx::query_as("SELECT * FROM artifact WHERE run = ? AND name = ?")
-            .bind(run)
-            .bind(name)
-            .fetch_optional(self.database().reader())
-            .await
-            .map_err(StoreError::database("reading an artifact"))?
+        sql!(self.database(), "reading an artifact", artifact(run, name))?
             .ok_or_else(|| StoreError::not_found("artifact", format!("{name} of run {run}")))
     }
-}
-
-impl FromRow<'_, SqliteRow> for Artifact {
-    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
-        Ok(Self {
-            run: row.try_get("run")?,
-            name: row.try_get("name")?,
-            media_type: row.try_get("media_type")?,
-            object: stored_object(row)?,
-            created_at: row.try_get("created_at")?,
-        })
-    }
-}
-
-/// From the columns `path`, `size` and `sha256`.
-pub(crate) fn stored_object(row: &SqliteRow) -> Result<StoredObject, sqlx::Error> {
-    Ok(StoredObject {
-        path: row.try_get("path")?,
-        size: row.try_get("size")?,
-        sha256: jobs::digest(row, "sha256")?,
-    })
 }

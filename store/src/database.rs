@@ -1,210 +1,74 @@
-//! SQLite: how it is opened, checked and migrated.
-
-use std::time::Duration;
-
-use sqlx::migrate::{Migrate, Migrator};
-use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions, SqliteSynchronous};
-use sqlx::{ConnectOptions, Connection, Sqlite, SqliteConnection, SqlitePool, Transaction};
+//! The seam between the store and its databases. What the store asks of a database are the functions
+//! of the folder `sqlite`; [`sql`] calls one of them.
 
 use crate::data_dir::DataDir;
-use crate::error::sqlite_code;
-use crate::{Access, StoreError};
+use crate::{Access, Store, StoreError, sqlite};
 
-static MIGRATIONS: Migrator = sqlx::migrate!("../migrations/sqlite");
-
-/// How long a process waits for another's transaction before it gives up.
-const BUSY_TIMEOUT: Duration = Duration::from_secs(30);
-
-const READERS: u32 = 4;
-
-/// One connection that writes and a few that read: in WAL mode neither blocks the other, and
-/// writers of one process queue here, in order, instead of polling SQLite's lock.
+/// A database, open.
 #[derive(Debug)]
-pub(crate) struct Database {
-    writer: SqlitePool,
-    reader: SqlitePool,
+pub(crate) enum Database {
+    Sqlite(sqlite::Database),
 }
+
+/// Statements that take effect together. What a transaction has read stays so until it ends.
+pub(crate) enum Transaction {
+    Sqlite(sqlite::Transaction),
+}
+
+/// Calls a statement: `sql!(database, "reading jobs", jobs(filter))`, whose operation completes
+/// "while ..." in an error, or `sql!(transaction, end_job(job))`.
+macro_rules! sql {
+    ($database:expr, $operation:expr, $statement:ident($($argument:expr),* $(,)?)) => {
+        match $database {
+            $crate::database::Database::Sqlite(database) => {
+                database.$statement($($argument),*).await
+            }
+        }
+        .map_err($crate::StoreError::database($operation))
+    };
+    ($transaction:expr, $statement:ident($($argument:expr),* $(,)?)) => {
+        match $transaction {
+            $crate::database::Transaction::Sqlite(transaction) => {
+                let operation = transaction.operation();
+                let answer = transaction.$statement($($argument),*).await;
+                answer.map_err($crate::StoreError::database(operation))
+            }
+        }
+    };
+}
+pub(crate) use sql;
 
 impl Database {
     pub async fn open(dir: &DataDir, access: Access) -> Result<Self, StoreError> {
-        let exists = dir.database().exists();
-        if exists {
-            refuse_unknown(dir, access).await?;
-        } else if access == Access::Worker {
-            return Err(StoreError::Absent { dir: dir.path().to_owned() });
-        }
-        let options = SqliteConnectOptions::new()
-            .filename(dir.database())
-            .create_if_missing(access == Access::Server)
-            .journal_mode(SqliteJournalMode::Wal)
-            .synchronous(SqliteSynchronous::Full)
-            .foreign_keys(true)
-            .busy_timeout(BUSY_TIMEOUT);
-        let writer = SqlitePoolOptions::new()
-            .max_connections(1)
-            .acquire_timeout(BUSY_TIMEOUT)
-            .before_acquire(|connection, _| Box::pin(async { Ok(is_idle(connection).await) }))
-            .connect_with(options.clone())
-            .await
-            .map_err(|source| failed_to_open(dir, source))?;
-        if access == Access::Server {
-            MIGRATIONS.run(&writer).await.map_err(|source| failed_to_migrate(dir, source))?;
-        }
-        let reader = SqlitePoolOptions::new()
-            .max_connections(READERS)
-            .acquire_timeout(BUSY_TIMEOUT)
-            .connect_with(options.pragma("query_only", "ON"))
-            .await
-            .map_err(|source| failed_to_open(dir, source))?;
-        Ok(Self { writer, reader })
+        sqlite::Database::open(dir, access).await.map(Self::Sqlite)
     }
 
-    pub fn reader(&self) -> &SqlitePool {
-        &self.reader
-    }
-
-    /// A transaction that holds the write lock from its start, so that what it reads cannot
-    /// change before it writes.
-    pub async fn write(
-        &self,
-        operation: &'static str,
-    ) -> Result<Transaction<'static, Sqlite>, StoreError> {
-        self.writer.begin_with("BEGIN IMMEDIATE").await.map_err(StoreError::database(operation))
+    /// The newest schema that this binary knows.
+    pub fn known_schema(&self) -> i64 {
+        match self {
+            Self::Sqlite(_) => sqlite::known_schema(),
+        }
     }
 
     pub async fn close(&self) {
-        self.reader.close().await;
-        self.writer.close().await;
-    }
-}
-
-/// Whether no transaction is open; a connection that has one is replaced, or nothing could be
-/// written any more.
-///
-/// After an error such as a full disk, SQLite may have ended a transaction that sqlx believes open,
-/// or still have open one that sqlx believes ended. Only asking both tells: SQLite's answer is that
-/// there is nothing to roll back.
-async fn is_idle(connection: &mut SqliteConnection) -> bool {
-    !connection.is_in_transaction()
-        && sqlx::query("ROLLBACK").execute(&mut *connection).await.is_err()
-}
-
-/// The newest schema this binary knows.
-pub(crate) fn known_schema() -> i64 {
-    MIGRATIONS.iter().map(|migration| migration.version).max().unwrap_or(0)
-}
-
-/// Looks at an existing database before anything could change it.
-async fn refuse_unknown(dir: &DataDir, access: Access) -> Result<(), StoreError> {
-    let mut connection = SqliteConnectOptions::new()
-        .filename(dir.database())
-        .busy_timeout(BUSY_TIMEOUT)
-        .connect()
-        .await
-        .map_err(|source| failed_to_open(dir, source))?;
-    if access == Access::Server {
-        let verdict: String = sqlx::query_scalar("PRAGMA quick_check(1)")
-            .fetch_one(&mut connection)
-            .await
-            .map_err(|source| failed_to_open(dir, source))?;
-        if verdict != "ok" {
-            let detail = verdict.replace('\n', " ");
-            return Err(StoreError::Damaged { dir: dir.path().to_owned(), detail });
+        match self {
+            Self::Sqlite(database) => database.close().await,
         }
     }
-    let has_schema: bool = sqlx::query_scalar(
-        "SELECT EXISTS (SELECT 1 FROM sqlite_schema WHERE type = 'table' AND name = '_sqlx_migrations')",
-    )
-    .fetch_one(&mut connection)
-    .await
-    .map_err(|source| failed_to_open(dir, source))?;
-    let found = if has_schema {
-        connection
-            .list_applied_migrations(&MIGRATIONS.table_name)
-            .await
-            .map_err(|source| failed_to_migrate(dir, source))?
-            .iter()
-            .map(|migration| migration.version)
-            .max()
-            .unwrap_or(0)
-    } else {
-        0
-    };
-    connection.close().await.map_err(|source| failed_to_open(dir, source))?;
-    let known = known_schema();
-    if found > known {
-        return Err(StoreError::NewerSchema { dir: dir.path().to_owned(), found, known });
-    }
-    if found < known && access == Access::Worker {
-        return Err(StoreError::OlderSchema { dir: dir.path().to_owned(), found, known });
-    }
-    Ok(())
 }
 
-/// Result codes that speak of the file itself (https://www.sqlite.org/rescode.html).
-const SQLITE_READONLY: i32 = 8;
-const SQLITE_CORRUPT: i32 = 11;
-const SQLITE_CANTOPEN: i32 = 14;
-const SQLITE_NOTADB: i32 = 26;
-
-fn failed_to_open(dir: &DataDir, source: sqlx::Error) -> StoreError {
-    let Some(database_error) = source.as_database_error() else {
-        return StoreError::database("opening the database")(source);
-    };
-    let detail = database_error.message().to_owned();
-    match sqlite_code(database_error) {
-        Some(SQLITE_CORRUPT | SQLITE_NOTADB) => {
-            StoreError::Damaged { dir: dir.path().to_owned(), detail }
+impl Transaction {
+    pub async fn commit(self) -> Result<(), StoreError> {
+        match self {
+            Self::Sqlite(transaction) => transaction.commit().await,
         }
-        Some(SQLITE_CANTOPEN | SQLITE_READONLY) => dir.unusable(std::io::Error::other(detail)),
-        _ => StoreError::database("opening the database")(source),
     }
 }
 
-fn failed_to_migrate(dir: &DataDir, source: sqlx::migrate::MigrateError) -> StoreError {
-    use sqlx::migrate::MigrateError;
-    match source {
-        MigrateError::Execute(source) | MigrateError::ExecuteMigration(source, _) => {
-            failed_to_open(dir, source)
+impl Store {
+    pub(crate) async fn begin(&self, operation: &'static str) -> Result<Transaction, StoreError> {
+        match self.database() {
+            Database::Sqlite(database) => database.begin(operation).await.map(Transaction::Sqlite),
         }
-        source => StoreError::Migration { source },
-    }
-}
-
-/// A count as SQL's integer. Counts come from checked specs and sizes of files, far below 2^63.
-pub(crate) fn integer(count: u64) -> i64 {
-    i64::try_from(count).unwrap_or(i64::MAX)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[tokio::test]
-    async fn a_transaction_that_sqlite_ended_by_itself_does_not_stop_all_writing() {
-        let folder = tempfile::tempdir().unwrap();
-        let dir = DataDir::new(folder.path());
-        let database = Database::open(&dir, Access::Server).await.unwrap();
-        for _ in 0..3 {
-            let mut tx = database.write("testing").await.unwrap();
-            sqlx::query("INSERT OR ROLLBACK INTO _sqlx_migrations SELECT * FROM _sqlx_migrations")
-                .execute(&mut *tx)
-                .await
-                .unwrap_err();
-            drop(tx);
-        }
-        database.write("testing").await.unwrap().commit().await.unwrap();
-    }
-
-    /// A commit that fails because the disk is full leaves the transaction open.
-    #[tokio::test]
-    async fn a_transaction_that_sqlite_kept_open_does_not_stop_all_writing() {
-        let folder = tempfile::tempdir().unwrap();
-        let dir = DataDir::new(folder.path());
-        let database = Database::open(&dir, Access::Server).await.unwrap();
-        let mut connection = database.writer.acquire().await.unwrap();
-        sqlx::query("BEGIN IMMEDIATE").execute(&mut *connection).await.unwrap();
-        drop(connection);
-        database.write("testing").await.unwrap().commit().await.unwrap();
     }
 }

@@ -30,8 +30,10 @@ mod orphans;
 mod parquet_layout;
 mod pipelines;
 mod propagation;
+mod rules;
 mod runs;
 mod shard_summary;
+mod sqlite;
 mod store;
 mod submission;
 mod table_reader;
@@ -59,6 +61,7 @@ pub use parquet_layout::{
     STEP, TRAJECTORY, table_schema, trajectories_per_row_group, trajectory_schema,
 };
 pub use pipelines::Member;
+pub use rules::Retry;
 pub use runs::Run;
 pub use shard_summary::{ChannelSummary, ShardSummary, Spectrum};
 pub use store::Store;
@@ -68,7 +71,6 @@ pub use submission::{
 };
 pub use table_reader::TableReader;
 pub use table_writer::{EncodedRows, TableEncoder, TableFile, TableWriter};
-pub use task_end::Retry;
 pub use tasks::Task;
 pub use trajectories::ShardReader;
 pub use uploads::{Upload, UploadWriter};

@@ -7,6 +7,7 @@ use std::time::{Duration, SystemTime};
 use futures::TryStreamExt;
 use object_store::ObjectStore;
 
+use crate::database::sql;
 use crate::{Store, StoreError};
 
 impl Store {
@@ -35,13 +36,8 @@ impl Store {
             .await
             .map_err(StoreError::object("listing", "objects"))?;
         // Rows are read after the listing, so that what was committed in between is seen.
-        let named: Vec<String> = sqlx::query_scalar(
-            "SELECT path FROM shard_file UNION ALL SELECT path FROM checkpoint_file \
-             UNION ALL SELECT path FROM artifact UNION ALL SELECT path FROM upload",
-        )
-        .fetch_all(self.database().reader())
-        .await
-        .map_err(StoreError::database("listing the objects that rows name"))?;
+        const OPERATION: &str = "listing the objects that rows name";
+        let named = sql!(self.database(), OPERATION, named_objects())?;
         let named: HashSet<String> = named.into_iter().collect();
         old.retain(|path| !named.contains(path));
         Ok(old)

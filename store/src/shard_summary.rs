@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
+use crate::database::sql;
 use crate::{DatasetId, Store, StoreError};
 
 /// Counts, ranges and spectra of one shard, or of several.
@@ -111,16 +112,10 @@ impl Store {
         &self,
         dataset: DatasetId,
     ) -> Result<Option<ShardSummary>, StoreError> {
-        let results: Vec<Option<String>> = sqlx::query_scalar(
-            "SELECT task.result FROM shard JOIN task ON task.id = shard.task \
-             WHERE shard.dataset = ? ORDER BY shard.ordinal",
-        )
-        .bind(dataset)
-        .fetch_all(self.database().reader())
-        .await
-        .map_err(StoreError::database("reading what a dataset holds"))?;
+        const OPERATION: &str = "reading what a dataset holds";
+        let results = sql!(self.database(), OPERATION, shard_results(dataset))?;
         let mut all: Option<ShardSummary> = None;
-        for summary in results.iter().flatten().filter_map(|result| summary_of(result)) {
+        for summary in results.iter().filter_map(|result| summary_of(result)) {
             match &mut all {
                 Some(all) => all.merge(&summary),
                 None => all = Some(summary),

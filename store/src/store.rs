@@ -3,7 +3,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use crate::data_dir::DataDir;
-use crate::database::{Database, known_schema};
+use crate::database::{Database, sql};
 use crate::objects::Objects;
 use crate::{Access, StoreError};
 
@@ -41,7 +41,7 @@ impl Store {
 
     /// Version of the database's schema, as this binary knows it.
     pub fn schema_version(&self) -> i64 {
-        known_schema()
+        self.database().known_schema()
     }
 
     /// Whether the database answers.
@@ -49,11 +49,7 @@ impl Store {
     /// # Errors
     /// When it does not.
     pub async fn ping(&self) -> Result<(), StoreError> {
-        sqlx::query("SELECT 1")
-            .execute(self.database().reader())
-            .await
-            .map_err(StoreError::database("asking whether it is there"))?;
-        Ok(())
+        sql!(self.database(), "asking whether it is there", ping())
     }
 
     /// Ends all connections; SQLite then folds its write-ahead log into the database.

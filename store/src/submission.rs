@@ -2,13 +2,12 @@
 
 use serde_json::Value;
 use spec::Digest;
-use sqlx::SqliteConnection;
-use sqlx::types::Text;
 
-use crate::clock::now;
-use crate::database::integer;
-use crate::propagation::queue_first_stage;
-use crate::{JobId, JobState, Store, StoreError, pipelines};
+use crate::database::{Transaction, sql};
+use crate::propagation::{advance, state_of};
+use crate::rules::job::{before_start, is_unsuccessful};
+use crate::rules::reuse::{TaskPlace, stand_in, takes_over};
+use crate::{JobId, JobState, Store, StoreError, TaskId, pipelines};
 
 /// What is asked for at once.
 #[derive(Clone, Debug)]
@@ -129,6 +128,27 @@ pub struct Submitted {
     pub reused: bool,
 }
 
+/// What the row of a job is made from.
+pub(crate) struct JobRow<'a> {
+    pub kind: &'a str,
+    pub name: &'a str,
+    pub spec: &'a Value,
+    pub digest: Digest,
+    pub unit: &'a str,
+    pub priority: i32,
+    pub max_attempts: u32,
+    /// Whether it is made for a pipeline.
+    pub is_part: bool,
+}
+
+/// A task that succeeded with a result.
+pub(crate) struct CompletedTask {
+    pub task: TaskId,
+    pub place: TaskPlace,
+    /// As it is stored.
+    pub payload: String,
+}
+
 /// Idempotency keys are kept for a day.
 const KEEP_KEYS_MILLISECONDS: i64 = 24 * 60 * 60 * 1000;
 
@@ -138,10 +158,9 @@ impl Store {
     /// contradicts itself; nothing is submitted then.
     pub async fn submit(&self, submission: Submission) -> Result<Submitted, StoreError> {
         check(&submission)?;
-        const OPERATION: &str = "submitting a job";
-        let mut tx = self.database().write(OPERATION).await?;
+        let mut tx = self.begin("submitting a job").await?;
         let submitted = submit(&mut tx, &submission).await?;
-        tx.commit().await.map_err(StoreError::database(OPERATION))?;
+        tx.commit().await?;
         Ok(submitted)
     }
 }
@@ -168,86 +187,47 @@ fn check(submission: &Submission) -> Result<(), StoreError> {
     Ok(())
 }
 
-async fn submit(
-    conn: &mut SqliteConnection,
-    submission: &Submission,
-) -> Result<Submitted, StoreError> {
-    let failed = StoreError::database("submitting a job");
-    if let Some(idempotency) = &submission.idempotency
-        && let Some(submitted) = replay(conn, idempotency).await?
-    {
-        return Ok(submitted);
+async fn submit(tx: &mut Transaction, submission: &Submission) -> Result<Submitted, StoreError> {
+    if let Some(idempotency) = &submission.idempotency {
+        sql!(tx, forget_requests(KEEP_KEYS_MILLISECONDS))?;
+        match sql!(tx, request(&idempotency.key))? {
+            Some((request, submitted)) if request == idempotency.request.to_string() => {
+                return Ok(submitted);
+            }
+            Some(_) => {
+                return Err(StoreError::IdempotencyConflict { key: idempotency.key.clone() });
+            }
+            None => {}
+        }
     }
     let submitted = match &submission.pipeline {
-        Some(pipeline) => submit_pipeline(conn, submission, pipeline).await?,
+        Some(pipeline) => submit_pipeline(tx, submission, pipeline).await?,
         None => {
-            let (job, reused) =
-                submit_job(conn, &submission.jobs[0], submission.reuse, &[]).await?;
-            sqlx::query("UPDATE job SET asked_alone = 1 WHERE id = ? AND asked_alone = 0")
-                .bind(job)
-                .execute(&mut *conn)
-                .await
-                .map_err(&failed)?;
-            Submitted { job, reused }
+            let new = &submission.jobs[0];
+            let submitted = submit_job(tx, new, submission.reuse, &[], false).await?;
+            sql!(tx, mark_asked_alone(submitted.job))?;
+            submitted
         }
     };
-    if let Some(idempotency) = &submission.idempotency {
-        sqlx::query(concat!(
-            "INSERT INTO idempotency_key (key, request, job, reused, created_at) ",
-            "VALUES (?, ?, ?, ?, ",
-            now!(),
-            ")"
-        ))
-        .bind(&idempotency.key)
-        .bind(idempotency.request.to_string())
-        .bind(submitted.job)
-        .bind(submitted.reused)
-        .execute(&mut *conn)
-        .await
-        .map_err(&failed)?;
+    if let Some(Idempotency { key, request }) = &submission.idempotency {
+        sql!(tx, remember_request(key, *request, &submitted))?;
     }
     Ok(submitted)
 }
 
-/// What the first request with this key did.
-async fn replay(
-    conn: &mut SqliteConnection,
-    idempotency: &Idempotency,
-) -> Result<Option<Submitted>, StoreError> {
-    let failed = StoreError::database("looking up an idempotency key");
-    sqlx::query(concat!("DELETE FROM idempotency_key WHERE created_at < ", now!(), " - ?"))
-        .bind(KEEP_KEYS_MILLISECONDS)
-        .execute(&mut *conn)
-        .await
-        .map_err(&failed)?;
-    let known: Option<(String, JobId, bool)> =
-        sqlx::query_as("SELECT request, job, reused FROM idempotency_key WHERE key = ?")
-            .bind(&idempotency.key)
-            .fetch_optional(&mut *conn)
-            .await
-            .map_err(&failed)?;
-    match known {
-        Some((request, job, reused)) if request == idempotency.request.to_string() => {
-            Ok(Some(Submitted { job, reused }))
-        }
-        Some(_) => Err(StoreError::IdempotencyConflict { key: idempotency.key.clone() }),
-        None => Ok(None),
-    }
-}
-
 async fn submit_pipeline(
-    conn: &mut SqliteConnection,
+    tx: &mut Transaction,
     submission: &Submission,
     new: &NewPipeline,
 ) -> Result<Submitted, StoreError> {
     if submission.reuse == Reuse::SameDigest
-        && let Some(job) = reusable(conn, new.digest).await?
+        && let Some(job) = stand_in(&sql!(tx, earlier_jobs(new.digest))?)
     {
         return Ok(Submitted { job, reused: true });
     }
-    let mut jobs: Vec<(JobId, bool)> = Vec::with_capacity(submission.jobs.len());
+    let mut jobs: Vec<Submitted> = Vec::with_capacity(submission.jobs.len());
     for job in &submission.jobs {
-        let submitted = submit_job(conn, job, submission.reuse, &jobs).await?;
+        let submitted = submit_job(tx, job, submission.reuse, &jobs, true).await?;
         jobs.push(submitted);
     }
     let row = JobRow {
@@ -258,65 +238,43 @@ async fn submit_pipeline(
         unit: "jobs",
         priority: new.priority,
         max_attempts: new.max_attempts,
-        asked_alone: true,
+        is_part: false,
     };
-    let pipeline = insert_job(conn, &row, JobState::Queued).await?;
-    for (ordinal, member) in (0i64..).zip(&new.members) {
-        let (job, reused) = jobs[member.job];
-        sqlx::query(
-            "INSERT INTO pipeline_member (pipeline, name, ordinal, job, reused) \
-             VALUES (?, ?, ?, ?, ?)",
-        )
-        .bind(pipeline)
-        .bind(&member.name)
-        .bind(ordinal)
-        .bind(job)
-        .bind(reused)
-        .execute(&mut *conn)
-        .await
-        .map_err(StoreError::database("submitting a pipeline"))?;
+    let pipeline = sql!(tx, insert_job(&row, JobState::Queued))?;
+    for (ordinal, member) in (0u32..).zip(&new.members) {
+        let Submitted { job, reused } = jobs[member.job];
+        sql!(tx, insert_member(pipeline, ordinal, &member.name, job, reused))?;
     }
     // Its members may all have succeeded long ago.
-    pipelines::settle(conn, pipeline)
-        .await
-        .map_err(StoreError::database("submitting a pipeline"))?;
+    pipelines::settle(tx, pipeline).await?;
     Ok(Submitted { job: pipeline, reused: false })
 }
 
-/// Inserts `new` or finds the job that stands in for it; true when found.
+/// Inserts `new` or finds the job that stands in for it.
 async fn submit_job(
-    conn: &mut SqliteConnection,
+    tx: &mut Transaction,
     new: &NewJob,
     reuse: Reuse,
-    submitted: &[(JobId, bool)],
-) -> Result<(JobId, bool), StoreError> {
-    if reuse == Reuse::SameDigest
+    submitted: &[Submitted],
+    is_part: bool,
+) -> Result<Submitted, StoreError> {
+    let may_reuse = reuse == Reuse::SameDigest;
+    if may_reuse
         && new.reuse.whole
-        && let Some(job) = reusable(conn, new.digest).await?
+        && let Some(job) = stand_in(&sql!(tx, earlier_jobs(new.digest))?)
     {
-        return Ok((job, true));
+        return Ok(Submitted { job, reused: true });
     }
-    let mut needs: Vec<JobId> = new
-        .needs
-        .iter()
-        .map(|need| match need {
-            Need::New(index) => submitted[*index].0,
-            Need::Existing(job) => *job,
-        })
-        .collect();
-    needs.sort_unstable();
-    needs.dedup();
-    let mut unmet = false;
+    let needs = needs(new, submitted);
+    let mut states = Vec::with_capacity(needs.len());
     for need in &needs {
-        match state_of(conn, *need).await? {
-            JobState::Succeeded => {}
-            state @ (JobState::Failed | JobState::Cancelled) => {
-                return Err(StoreError::NeedNotMet { job: *need, state });
-            }
-            JobState::Waiting | JobState::Queued | JobState::Running => unmet = true,
+        let state = state_of(tx, *need).await?;
+        if is_unsuccessful(state) {
+            return Err(StoreError::NeedNotMet { job: *need, state });
         }
+        states.push(state);
     }
-    let state = if unmet { JobState::Waiting } else { JobState::Queued };
+    let state = before_start(states);
     let row = JobRow {
         kind: &new.kind,
         name: &new.name,
@@ -325,171 +283,52 @@ async fn submit_job(
         unit: &new.unit,
         priority: new.priority,
         max_attempts: new.max_attempts,
-        asked_alone: false,
+        is_part,
     };
-    let job = insert_job(conn, &row, state).await?;
-    let failed = StoreError::database("submitting a job");
+    let job = sql!(tx, insert_job(&row, state))?;
     for need in needs {
-        sqlx::query("INSERT INTO job_need (job, needs) VALUES (?, ?)")
-            .bind(job)
-            .bind(need)
-            .execute(&mut *conn)
-            .await
-            .map_err(&failed)?;
+        sql!(tx, insert_need(job, need))?;
     }
-    insert_tasks(conn, job, new).await.map_err(&failed)?;
-    insert_output(conn, job, new).await.map_err(&failed)?;
-    if reuse == Reuse::SameDigest && new.reuse.tasks {
-        take_over_tasks(conn, job, new.digest).await.map_err(&failed)?;
+    sql!(tx, insert_tasks(job, &new.tasks))?;
+    match new.output {
+        Output::Dataset { trajectories, samples } => {
+            sql!(tx, insert_dataset(job, new.digest, trajectories, samples))?;
+        }
+        Output::Run => sql!(tx, insert_run(job))?,
+        Output::Nothing => {}
     }
-    if !unmet {
-        queue_first_stage(conn, job).await.map_err(&failed)?;
+    if may_reuse && new.reuse.tasks {
+        take_over_tasks(tx, job, new).await?;
     }
-    Ok((job, false))
-}
-
-/// The job that stands in for a new one of the same digest: one that succeeded, or else the
-/// newest that still may, which a pipeline with a failed member may not.
-async fn reusable(
-    conn: &mut SqliteConnection,
-    digest: Digest,
-) -> Result<Option<JobId>, StoreError> {
-    sqlx::query_scalar(
-        "SELECT id FROM job WHERE digest = ? AND (state = 'succeeded' \
-         OR state IN ('waiting', 'queued', 'running') AND cancel_requested = 0 AND NOT EXISTS \
-            (SELECT 1 FROM pipeline_member JOIN job AS member ON member.id = pipeline_member.job \
-             WHERE pipeline_member.pipeline = job.id AND member.state IN ('failed', 'cancelled'))) \
-         ORDER BY state = 'succeeded' DESC, id DESC LIMIT 1",
-    )
-    .bind(digest.to_string())
-    .fetch_optional(conn)
-    .await
-    .map_err(StoreError::database("looking up a job by digest"))
-}
-
-async fn state_of(conn: &mut SqliteConnection, job: JobId) -> Result<JobState, StoreError> {
-    let state: Option<Text<JobState>> = sqlx::query_scalar("SELECT state FROM job WHERE id = ?")
-        .bind(job)
-        .fetch_optional(conn)
-        .await
-        .map_err(StoreError::database("looking up a job"))?;
-    let Text(state) = state.ok_or_else(|| StoreError::not_found("job", job.to_string()))?;
-    Ok(state)
-}
-
-/// What the row of a job is made from.
-struct JobRow<'a> {
-    kind: &'a str,
-    name: &'a str,
-    spec: &'a Value,
-    digest: Digest,
-    unit: &'a str,
-    priority: i32,
-    max_attempts: u32,
-    asked_alone: bool,
-}
-
-async fn insert_job(
-    conn: &mut SqliteConnection,
-    row: &JobRow<'_>,
-    state: JobState,
-) -> Result<JobId, StoreError> {
-    sqlx::query_scalar(concat!(
-        "INSERT INTO job (kind, name, spec, digest, state, unit, priority, max_attempts, ",
-        "asked_alone, created_at) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ",
-        now!(),
-        ") RETURNING id"
-    ))
-    .bind(row.kind)
-    .bind(row.name)
-    .bind(row.spec.to_string())
-    .bind(row.digest.to_string())
-    .bind(state.as_str())
-    .bind(row.unit)
-    .bind(row.priority)
-    .bind(row.max_attempts)
-    .bind(row.asked_alone)
-    .fetch_one(conn)
-    .await
-    .map_err(StoreError::database("submitting a job"))
-}
-
-async fn insert_tasks(
-    conn: &mut SqliteConnection,
-    job: JobId,
-    new: &NewJob,
-) -> Result<(), sqlx::Error> {
-    for task in &new.tasks {
-        sqlx::query(
-            "INSERT INTO task (job, stage, ordinal, label, payload, state, priority, run_at, \
-             max_attempts, total) VALUES (?, ?, ?, ?, ?, 'waiting', ?, 0, ?, ?)",
-        )
-        .bind(job)
-        .bind(task.stage)
-        .bind(task.ordinal)
-        .bind(&task.label)
-        .bind(task.payload.to_string())
-        .bind(new.priority)
-        .bind(new.max_attempts)
-        .bind(integer(task.total))
-        .execute(&mut *conn)
-        .await?;
+    if state == JobState::Queued {
+        advance(tx, job).await?;
     }
-    Ok(())
+    Ok(Submitted { job, reused: false })
+}
+
+/// In order, each once.
+fn needs(new: &NewJob, submitted: &[Submitted]) -> Vec<JobId> {
+    let job = |need: &Need| match need {
+        Need::New(index) => submitted[*index].job,
+        Need::Existing(job) => *job,
+    };
+    let mut needs: Vec<JobId> = new.needs.iter().map(job).collect();
+    needs.sort_unstable();
+    needs.dedup();
+    needs
 }
 
 /// Completes the tasks of a new job that an earlier one of the same digest completed, though it failed
-/// or was cancelled later: the same digest is the same result. What they left lies in its run. The
-/// last stage is always done again, for what it leaves belongs to the new job's run.
-async fn take_over_tasks(
-    conn: &mut SqliteConnection,
-    job: JobId,
-    digest: Digest,
-) -> Result<(), sqlx::Error> {
-    sqlx::query(
-        "UPDATE task SET state = 'succeeded', done = task.total, result = made.result, \
-         worker = made.worker, started_at = made.started_at, finished_at = made.finished_at \
-         FROM (SELECT task.*, MAX(task.id) FROM task JOIN job ON job.id = task.job \
-               WHERE job.digest = ?2 AND job.id <> ?1 AND task.state = 'succeeded' \
-               AND task.result IS NOT NULL GROUP BY task.stage, task.ordinal) AS made \
-         WHERE task.job = ?1 AND task.stage = made.stage AND task.ordinal = made.ordinal \
-         AND task.payload = made.payload \
-         AND task.stage < (SELECT MAX(stage) FROM task WHERE job = ?1)",
-    )
-    .bind(job)
-    .bind(digest.to_string())
-    .execute(conn)
-    .await?;
-    Ok(())
-}
-
-async fn insert_output(
-    conn: &mut SqliteConnection,
-    job: JobId,
-    new: &NewJob,
-) -> Result<(), sqlx::Error> {
-    match new.output {
-        Output::Dataset { trajectories, samples } => {
-            sqlx::query(concat!(
-                "INSERT INTO dataset (job, digest, state, trajectories, samples, created_at) ",
-                "VALUES (?, ?, 'building', ?, ?, ",
-                now!(),
-                ")"
-            ))
-            .bind(job)
-            .bind(new.digest.to_string())
-            .bind(integer(trajectories))
-            .bind(samples)
-            .execute(conn)
-            .await?;
+/// or was cancelled later: the same digest is the same result. What they left lies in its run.
+async fn take_over_tasks(tx: &mut Transaction, job: JobId, new: &NewJob) -> Result<(), StoreError> {
+    let last_stage = new.tasks.iter().map(|task| task.stage).max().unwrap_or(0);
+    for CompletedTask { task, place, payload } in sql!(tx, completed_tasks(new.digest))? {
+        let same_place =
+            |task: &&NewTask| (task.stage, task.ordinal) == (place.stage, place.ordinal);
+        let Some(at_place) = new.tasks.iter().find(same_place) else { continue };
+        if takes_over(place, last_stage, at_place.payload.to_string() == payload) {
+            sql!(tx, take_over(job, place, task))?;
         }
-        Output::Run => {
-            sqlx::query(concat!("INSERT INTO run (job, created_at) VALUES (?, ", now!(), ")"))
-                .bind(job)
-                .execute(conn)
-                .await?;
-        }
-        Output::Nothing => {}
     }
     Ok(())
 }

@@ -1,11 +1,9 @@
 //! Tasks, as they are looked up; see `leases` for how they are worked on.
 
 use serde_json::Value;
-use sqlx::sqlite::SqliteRow;
-use sqlx::types::Text;
-use sqlx::{FromRow, Row};
 
-use crate::{Epoch, JobId, Progress, Store, StoreError, TaskId, TaskState, Timestamp, jobs};
+use crate::database::sql;
+use crate::{Epoch, JobId, Progress, Store, StoreError, TaskId, TaskState, Timestamp};
 
 #[derive(Clone, Debug)]
 pub struct Task {
@@ -41,12 +39,7 @@ impl Store {
     /// # Errors
     /// When there is no such job.
     pub async fn tasks(&self, job: JobId) -> Result<Vec<Task>, StoreError> {
-        let tasks: Vec<Task> =
-            sqlx::query_as("SELECT * FROM task WHERE job = ? ORDER BY stage, ordinal")
-                .bind(job)
-                .fetch_all(self.database().reader())
-                .await
-                .map_err(StoreError::database("reading a job's tasks"))?;
+        let tasks = sql!(self.database(), "reading a job's tasks", tasks(job))?;
         if tasks.is_empty() {
             // A pipeline has none either, and that is no error.
             self.job(job).await?;
@@ -57,42 +50,7 @@ impl Store {
     /// # Errors
     /// When there is no such task.
     pub async fn task(&self, id: TaskId) -> Result<Task, StoreError> {
-        sqlx::query_as("SELECT * FROM task WHERE id = ?")
-            .bind(id)
-            .fetch_optional(self.database().reader())
-            .await
-            .map_err(StoreError::database("reading a task"))?
+        sql!(self.database(), "reading a task", task(id))?
             .ok_or_else(|| StoreError::not_found("task", id.to_string()))
-    }
-}
-
-impl FromRow<'_, SqliteRow> for Task {
-    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
-        let result: Option<&str> = row.try_get("result")?;
-        Ok(Self {
-            id: row.try_get("id")?,
-            job: row.try_get("job")?,
-            stage: row.try_get("stage")?,
-            ordinal: row.try_get("ordinal")?,
-            label: row.try_get("label")?,
-            payload: jobs::json(row, "payload")?,
-            state: row.try_get::<Text<_>, _>("state")?.0,
-            attempt: row.try_get("attempt")?,
-            max_attempts: row.try_get("max_attempts")?,
-            epoch: row.try_get("epoch")?,
-            worker: row.try_get("worker")?,
-            lease_until: row.try_get("lease_until")?,
-            cancel_requested: row.try_get("cancel_requested")?,
-            progress: Progress {
-                done: row.try_get("done")?,
-                rate_per_second: row.try_get("rate")?,
-                message: row.try_get("message")?,
-            },
-            total: row.try_get("total")?,
-            result: result.map(|_| jobs::json(row, "result")).transpose()?,
-            error: row.try_get("error")?,
-            started_at: row.try_get("started_at")?,
-            finished_at: row.try_get("finished_at")?,
-        })
     }
 }

@@ -8,12 +8,8 @@ use object_store::path::Path;
 use object_store::{ObjectStoreExt, WriteMultipart};
 use sha2::{Digest as _, Sha256};
 use spec::Digest;
-use sqlx::sqlite::SqliteRow;
-use sqlx::{FromRow, Row, SqliteConnection};
 
-use crate::artifacts::stored_object;
-use crate::clock::now;
-use crate::database::integer;
+use crate::database::sql;
 use crate::{Store, StoreError, StoredObject, Timestamp};
 
 #[derive(Clone, Debug)]
@@ -62,11 +58,7 @@ impl Store {
     /// # Errors
     /// When the database fails.
     pub async fn upload(&self, sha256: Digest) -> Result<Option<Upload>, StoreError> {
-        sqlx::query_as("SELECT * FROM upload WHERE sha256 = ?")
-            .bind(sha256.to_string())
-            .fetch_optional(self.database().reader())
-            .await
-            .map_err(StoreError::database("looking up an upload"))
+        sql!(self.database(), "looking up an upload", upload(sha256))
     }
 
     /// The newest uploads.
@@ -74,11 +66,7 @@ impl Store {
     /// # Errors
     /// When the database fails.
     pub async fn newest_uploads(&self, limit: u32) -> Result<Vec<Upload>, StoreError> {
-        sqlx::query_as("SELECT * FROM upload ORDER BY created_at DESC, sha256 LIMIT ?")
-            .bind(limit)
-            .fetch_all(self.database().reader())
-            .await
-            .map_err(StoreError::database("reading uploads"))
+        sql!(self.database(), "reading uploads", newest_uploads(limit))
     }
 
     /// Opens an upload, once all its bytes have been checked against its digest. Blocks.
@@ -91,24 +79,17 @@ impl Store {
 
     /// Makes a published object the upload of its digest, unless there is one already.
     async fn commit_upload(&self, name: &str, object: &StoredObject) -> Result<Upload, StoreError> {
-        const OPERATION: &str = "committing an upload";
-        let failed = StoreError::database(OPERATION);
         self.objects().verify_published(object).await?;
-        let mut tx = self.database().write(OPERATION).await?;
-        let known: Option<Upload> = sqlx::query_as("SELECT * FROM upload WHERE sha256 = ?")
-            .bind(object.sha256.to_string())
-            .fetch_optional(&mut *tx)
-            .await
-            .map_err(&failed)?;
-        if let Some(known) = known
+        let mut tx = self.begin("committing an upload").await?;
+        if let Some(known) = sql!(&mut tx, known_upload(object.sha256))?
             && self.objects().verify_published(&known.object).await.is_ok()
         {
             drop(tx);
             self.objects().delete(vec![object.path.clone()]).await;
             return Ok(known);
         }
-        let upload = insert(&mut tx, name, object).await.map_err(&failed)?;
-        tx.commit().await.map_err(&failed)?;
+        let upload = sql!(&mut tx, insert_upload(name, object))?;
+        tx.commit().await?;
         Ok(upload)
     }
 }
@@ -157,33 +138,4 @@ fn staging_path() -> String {
     let count = COUNT.fetch_add(1, Ordering::Relaxed);
     let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
     format!("uploads/{:x}-{:x}-{count:x}", since_1970.as_nanos(), std::process::id())
-}
-
-/// A row that is there already lost its object, so it gets this one.
-async fn insert(
-    conn: &mut SqliteConnection,
-    name: &str,
-    object: &StoredObject,
-) -> Result<Upload, sqlx::Error> {
-    sqlx::query_as(concat!(
-        "INSERT INTO upload (sha256, name, path, size, created_at) VALUES (?, ?, ?, ?, ",
-        now!(),
-        ") ON CONFLICT (sha256) DO UPDATE SET path = excluded.path RETURNING *"
-    ))
-    .bind(object.sha256.to_string())
-    .bind(name)
-    .bind(&object.path)
-    .bind(integer(object.size))
-    .fetch_one(conn)
-    .await
-}
-
-impl FromRow<'_, SqliteRow> for Upload {
-    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
-        Ok(Self {
-            name: row.try_get("name")?,
-            object: stored_object(row)?,
-            created_at: row.try_get("created_at")?,
-        })
-    }
 }

@@ -85,16 +85,15 @@ impl App {
     async fn members(&self, pipeline: JobId) -> Result<Vec<Member>, ApiError> {
         let rows = self.store.members(pipeline).await?;
         let mut members = Vec::with_capacity(rows.len());
-        for row in rows {
-            let progress = progress(self.store.job(row.job).await?.progress);
+        for store::Member { name, job, reused } in rows {
             members.push(Member {
-                name: row.name,
-                job: row.job.0,
-                kind: row.kind.parse()?,
-                state: row.state,
-                error: row.error,
-                progress,
-                reused: row.reused,
+                name,
+                job: job.id.0,
+                kind: job.kind.parse()?,
+                state: job.state,
+                error: job.error,
+                progress: progress(job.progress),
+                reused,
             });
         }
         Ok(members)

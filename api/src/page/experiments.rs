@@ -16,7 +16,7 @@ use crate::page::rows::Row;
 use crate::page::{InPage, PageError, html};
 
 /// Experiments of one page; each shows all its jobs.
-const PAGE: usize = 20;
+const PAGE: u32 = 20;
 
 #[derive(Deserialize)]
 pub struct Listing {

@@ -58,7 +58,7 @@ pub fn simulate(seed: u64) -> NewJob {
 
 pub fn train(data: &NewJob, needs: Vec<Need>) -> NewJob {
     let spec = json!({"kind": "train", "data": data.digest});
-    NewJob { needs, ..job("train", spec, Output::Run, vec![task(0, 0, 10)]) }
+    NewJob { needs, unit: "steps".into(), ..job("train", spec, Output::Run, vec![task(0, 0, 10)]) }
 }
 
 /// Two cells and a report.
@@ -132,7 +132,7 @@ impl Fixture {
 
     /// The jobs of a pipeline, in order.
     pub async fn members(&self, pipeline: JobId) -> Vec<JobId> {
-        self.store.members(pipeline).await.unwrap().iter().map(|member| member.job).collect()
+        self.store.members(pipeline).await.unwrap().iter().map(|member| member.job.id).collect()
     }
 
     pub async fn claim(&self) -> Option<ClaimedTask> {

@@ -109,8 +109,8 @@ pub async fn a_pipeline_is_reused_whole_or_job_by_job(f: Fixture) {
     f.work_off().await;
     let first = f.submit(pipeline(1)).await;
     let members = f.store.members(first.job).await.unwrap();
-    assert_eq!((members[0].job, members[0].reused), (simulation, true));
-    assert_eq!((members[1].state, members[1].reused), (JobState::Queued, false));
+    assert_eq!((members[0].job.id, members[0].reused), (simulation, true));
+    assert_eq!((members[1].job.state, members[1].reused), (JobState::Queued, false));
     assert_eq!(f.submit(pipeline(1)).await, Submitted { job: first.job, reused: true });
     f.work_off().await;
 

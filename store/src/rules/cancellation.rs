@@ -1,0 +1,37 @@
+//! Which members a cancelled pipeline takes along.
+
+use std::collections::BTreeSet;
+
+use crate::{JobId, JobState};
+
+/// What decides about a member.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Candidate {
+    pub job: JobId,
+    pub state: JobState,
+    /// Whether somebody asked for it by itself.
+    pub asked_alone: bool,
+    /// Whether a live pipeline other than the cancelled has it too.
+    pub is_shared: bool,
+    /// The jobs that wait for it.
+    pub needed_by: Vec<JobId>,
+}
+
+/// The members that have not ended and that nothing else alive needs.
+pub(crate) fn members_to_cancel(members: &[Candidate]) -> BTreeSet<JobId> {
+    let is_free =
+        |member: &&Candidate| !member.state.is_final() && !member.asked_alone && !member.is_shared;
+    let mut cancelled: BTreeSet<JobId> =
+        members.iter().filter(is_free).map(|member| member.job).collect();
+    loop {
+        let before = cancelled.len();
+        for member in members {
+            if member.needed_by.iter().any(|job| !cancelled.contains(job)) {
+                cancelled.remove(&member.job);
+            }
+        }
+        if cancelled.len() == before {
+            return cancelled;
+        }
+    }
+}

@@ -1,0 +1,430 @@
+//! A queue in memory that follows the rules. Random walks through it check their laws, and walks
+//! through it and a store at once check that the store follows the same rules.
+
+use std::ops::Range;
+use std::time::Duration;
+
+use super::cancellation::{Candidate, members_to_cancel};
+use super::job::{Step, TaskTally, after_task, before_start, is_unsuccessful};
+use super::pipeline::{MemberStanding, settled};
+use super::task::{Ending, TaskStanding};
+use crate::{Epoch, JobId, JobState, Retry, TaskState};
+
+mod agreement;
+
+/// Steps of all walks together.
+const STEPS: u32 = 1_200_000;
+
+/// After so many steps a walk begins anew, so that queues stay small and every state is met.
+const STEPS_OF_A_WALK: u32 = 40;
+
+#[derive(Clone, Debug)]
+struct Job {
+    state: JobState,
+    cancel_requested: bool,
+    asked_alone: bool,
+    needs: Vec<usize>,
+    tasks: Range<usize>,
+    /// Of a pipeline.
+    members: Vec<usize>,
+}
+
+#[derive(Clone, Debug)]
+struct Task {
+    job: usize,
+    stage: u32,
+    standing: TaskStanding,
+    delay: Duration,
+}
+
+/// A job that is asked for.
+#[derive(Clone, Debug)]
+struct NewJob {
+    /// The stage of every task, in order.
+    stages: Vec<u32>,
+    max_attempts: u32,
+    needs: Vec<usize>,
+}
+
+#[derive(Clone, Debug, Default)]
+struct Queue {
+    jobs: Vec<Job>,
+    tasks: Vec<Task>,
+}
+
+#[derive(Clone, Debug)]
+enum Action {
+    /// Each job may need those before it. A pipeline is made of them, or there is one.
+    Submit(Vec<NewJob>),
+    Claim,
+    /// Of a running task, by the worker that claimed it.
+    End(usize, Ending),
+    Cancel(usize),
+}
+
+impl Queue {
+    fn submit(&mut self, new: &[NewJob]) {
+        let first = self.jobs.len();
+        let asked_alone = new.len() == 1;
+        for job in new {
+            let state = before_start(job.needs.iter().map(|need| self.jobs[*need].state));
+            let index = self.jobs.len();
+            let tasks = self.tasks.len()..self.tasks.len() + job.stages.len();
+            let (needs, members) = (job.needs.clone(), Vec::new());
+            self.jobs.push(Job {
+                state,
+                cancel_requested: false,
+                asked_alone,
+                needs,
+                tasks,
+                members,
+            });
+            for stage in &job.stages {
+                let standing = TaskStanding {
+                    state: TaskState::Waiting,
+                    attempt: 0,
+                    max_attempts: job.max_attempts,
+                    epoch: Epoch(0),
+                    cancel_requested: false,
+                };
+                let task = Task { job: index, stage: *stage, standing, delay: Duration::ZERO };
+                self.tasks.push(task);
+            }
+            if state == JobState::Queued {
+                self.advance(index);
+            }
+        }
+        if !asked_alone {
+            let members: Vec<usize> = (first..self.jobs.len()).collect();
+            let end = self.tasks.len();
+            self.jobs.push(Job {
+                state: JobState::Queued,
+                cancel_requested: false,
+                asked_alone: true,
+                needs: Vec::new(),
+                tasks: end..end,
+                members,
+            });
+            self.settle_all();
+        }
+    }
+
+    fn claim(&mut self, task: usize) {
+        let job = self.tasks[task].job;
+        self.tasks[task].standing = self.tasks[task].standing.claimed();
+        if self.jobs[job].state == JobState::Queued {
+            self.jobs[job].state = JobState::Running;
+            self.settle_all();
+        }
+    }
+
+    fn end(&mut self, task: usize, ending: Ending) {
+        let (standing, delay) = self.tasks[task].standing.after(ending);
+        (self.tasks[task].standing, self.tasks[task].delay) = (standing, delay);
+        if standing.state != TaskState::Queued {
+            self.advance(self.tasks[task].job);
+        }
+    }
+
+    fn cancel(&mut self, job: usize) {
+        if self.jobs[job].state.is_final() {
+            return;
+        }
+        self.jobs[job].cancel_requested = true;
+        if self.jobs[job].members.is_empty() {
+            self.stop(job);
+            return;
+        }
+        let candidates: Vec<Candidate> =
+            self.jobs[job].members.iter().map(|member| self.candidate(*member)).collect();
+        let members = members_to_cancel(&candidates);
+        for member in &members {
+            self.jobs[index(*member)].cancel_requested = true;
+        }
+        for member in members {
+            self.stop(index(member));
+        }
+        self.settle_all();
+    }
+
+    fn candidate(&self, member: usize) -> Candidate {
+        let job = &self.jobs[member];
+        let is_live = |it: &Job| !it.cancel_requested && !it.state.is_final();
+        let waits =
+            |it: &(usize, &Job)| it.1.state == JobState::Waiting && it.1.needs.contains(&member);
+        Candidate {
+            job: id(member),
+            state: job.state,
+            asked_alone: job.asked_alone,
+            is_shared: self.jobs.iter().any(|it| it.members.contains(&member) && is_live(it)),
+            needed_by: self.jobs.iter().enumerate().filter(waits).map(|it| id(it.0)).collect(),
+        }
+    }
+
+    fn stop(&mut self, job: usize) {
+        self.stop_tasks(job);
+        self.advance(job);
+    }
+
+    /// A task that nobody has is cancelled; a worker that has it is asked to stop.
+    fn stop_tasks(&mut self, job: usize) {
+        for task in &mut self.tasks[self.jobs[job].tasks.clone()] {
+            match task.standing.state {
+                TaskState::Waiting | TaskState::Queued => {
+                    task.standing.state = TaskState::Cancelled;
+                }
+                TaskState::Running => task.standing.cancel_requested = true,
+                _ => {}
+            }
+        }
+    }
+
+    fn advance(&mut self, job: usize) {
+        let tasks = &self.tasks[self.jobs[job].tasks.clone()];
+        let any = |state| tasks.iter().any(|task| task.standing.state == state);
+        let open = tasks.iter().filter(|task| !has_ended(task.standing.state));
+        let tally = TaskTally {
+            failed: any(TaskState::Failed),
+            cancelled: any(TaskState::Cancelled),
+            open_stage: open.map(|task| task.stage).min(),
+        };
+        match after_task(self.jobs[job].state, tally) {
+            Step::Nothing => {}
+            Step::QueueStage(stage) => self.queue_stage(job, stage),
+            Step::End(state) => self.finish(job, state),
+        }
+    }
+
+    fn queue_stage(&mut self, job: usize, stage: u32) {
+        for task in &mut self.tasks[self.jobs[job].tasks.clone()] {
+            if task.stage == stage && task.standing.state == TaskState::Waiting {
+                task.standing.state = TaskState::Queued;
+            }
+        }
+    }
+
+    fn finish(&mut self, job: usize, state: JobState) {
+        self.stop_tasks(job);
+        self.jobs[job].state = state;
+        for dependent in 0..self.jobs.len() {
+            let Job { state, needs, .. } = &self.jobs[dependent];
+            if *state != JobState::Waiting || !needs.contains(&job) {
+                continue;
+            }
+            match before_start(needs.iter().map(|need| self.jobs[*need].state)) {
+                JobState::Queued => {
+                    self.jobs[dependent].state = JobState::Queued;
+                    self.advance(dependent);
+                }
+                JobState::Cancelled => self.finish(dependent, JobState::Cancelled),
+                _ => {}
+            }
+        }
+        self.settle_all();
+    }
+
+    fn settle_all(&mut self) {
+        for pipeline in 0..self.jobs.len() {
+            let Job { state, cancel_requested, members, .. } = &self.jobs[pipeline];
+            if members.is_empty() {
+                continue;
+            }
+            let standing = |member: &usize| {
+                let Job { state, cancel_requested, .. } = self.jobs[*member];
+                MemberStanding { state, cancel_requested }
+            };
+            let members: Vec<MemberStanding> = members.iter().map(standing).collect();
+            self.jobs[pipeline].state = settled(*state, *cancel_requested, &members);
+        }
+    }
+
+    /// Something that could happen now.
+    fn action(&self, dice: &mut Dice) -> Action {
+        let running: Vec<usize> = (0..self.tasks.len())
+            .filter(|task| self.tasks[*task].standing.state == TaskState::Running)
+            .collect();
+        match dice.below(10) {
+            0 => Action::Submit(self.new_jobs(dice)),
+            1 if !self.jobs.is_empty() && dice.below(3) == 0 => {
+                Action::Cancel(dice.below(self.jobs.len()))
+            }
+            2..=6 if !running.is_empty() => {
+                let endings = [
+                    Ending::Completed,
+                    Ending::Completed,
+                    Ending::Completed,
+                    Ending::Failed(Retry::Allowed),
+                    Ending::Failed(Retry::Never),
+                    Ending::Released,
+                    Ending::Stopped,
+                ];
+                let task = running[dice.below(running.len())];
+                let can_be_stopped = self.tasks[task].standing.cancel_requested;
+                match endings[dice.below(endings.len())] {
+                    Ending::Stopped if !can_be_stopped => Action::End(task, Ending::Released),
+                    ending => Action::End(task, ending),
+                }
+            }
+            _ => Action::Claim,
+        }
+    }
+
+    fn new_jobs(&self, dice: &mut Dice) -> Vec<NewJob> {
+        let usable: Vec<usize> = (0..self.jobs.len())
+            .filter(|job| !is_unsuccessful(self.jobs[*job].state))
+            // Nothing needs a pipeline, only its members.
+            .filter(|job| self.jobs[*job].members.is_empty())
+            .collect();
+        let count = [1, 1, 2, 3][dice.below(4)];
+        let new_job = |position: usize| {
+            let mut stages: Vec<u32> = (0..=dice.below(3)).map(|_| dice.stage()).collect();
+            stages.sort_unstable();
+            let mut needs: Vec<usize> = (self.jobs.len()..self.jobs.len() + position)
+                .filter(|_| dice.below(2) == 0)
+                .collect();
+            if !usable.is_empty() && dice.below(3) == 0 {
+                needs.push(usable[dice.below(usable.len())]);
+            }
+            let max_attempts = u32::try_from(1 + dice.below(3)).unwrap();
+            NewJob { stages, max_attempts, needs }
+        };
+        (0..count).map(new_job).collect()
+    }
+
+    /// Tasks that may be claimed, with delays that have passed.
+    fn claimable(&self) -> Vec<usize> {
+        let is_queued = |task: &usize| self.tasks[*task].standing.state == TaskState::Queued;
+        (0..self.tasks.len()).filter(is_queued).collect()
+    }
+
+    /// What must be so at any time.
+    fn check(&self) {
+        for task in &self.tasks {
+            let (job, standing) = (&self.jobs[task.job], &task.standing);
+            assert!(standing.attempt <= standing.max_attempts, "attempts are bounded: {task:?}");
+            let is_startable = matches!(standing.state, TaskState::Waiting | TaskState::Queued);
+            assert!(!(is_startable && job.cancel_requested), "a cancelled job starts nothing");
+            assert!(!(is_startable && job.state.is_final()), "an ended job starts nothing");
+            if matches!(standing.state, TaskState::Queued | TaskState::Running) {
+                let needs = job.needs.iter().map(|need| self.jobs[*need].state);
+                assert!(needs.clone().all(|state| state == JobState::Succeeded), "needs are met");
+                let siblings = &self.tasks[job.tasks.clone()];
+                let mut before = siblings.iter().filter(|it| it.stage < task.stage);
+                assert!(before.all(|it| it.standing.state == TaskState::Succeeded), "in stages");
+            }
+        }
+        for job in self.jobs.iter().filter(|job| job.members.is_empty()) {
+            let tasks = &self.tasks[job.tasks.clone()];
+            let count = |state| tasks.iter().filter(|it| it.standing.state == state).count();
+            match job.state {
+                JobState::Succeeded => assert_eq!(count(TaskState::Succeeded), tasks.len()),
+                JobState::Failed => assert_ne!(count(TaskState::Failed), 0),
+                JobState::Cancelled => assert_ne!(count(TaskState::Cancelled), 0),
+                JobState::Waiting => assert_eq!(count(TaskState::Waiting), tasks.len()),
+                JobState::Queued | JobState::Running => {
+                    let open = tasks.iter().any(|it| !has_ended(it.standing.state));
+                    assert!(open && count(TaskState::Failed) == 0, "it can still succeed");
+                    let unattended = count(TaskState::Running) == 0;
+                    assert!(!(job.cancel_requested && unattended), "it ends when nobody is at it");
+                }
+            }
+        }
+        for pipeline in self.jobs.iter().filter(|job| !job.members.is_empty()) {
+            let states = pipeline.members.iter().map(|member| self.jobs[*member].state);
+            let all = states.clone().all(|state| state == JobState::Succeeded);
+            assert_eq!(pipeline.state == JobState::Succeeded, all && !pipeline.was_ended_early());
+            if pipeline.state == JobState::Failed {
+                assert!(states.clone().any(|state| state == JobState::Failed));
+            }
+            if !pipeline.state.is_final() && !pipeline.cancel_requested {
+                assert!(states.clone().any(|state| !state.is_final()), "it ends with its members");
+            }
+        }
+    }
+
+    /// What must be so of two moments, the second after one step.
+    fn check_since(&self, before: &Self) {
+        for (now, before) in self.tasks.iter().zip(&before.tasks) {
+            let (now, before) = (now.standing, before.standing);
+            if has_ended(before.state) {
+                assert_eq!(now, before, "final states never change");
+            }
+            let is_claimed = before.state == TaskState::Queued && now.state == TaskState::Running;
+            let raised = now.epoch.0 - before.epoch.0;
+            assert_eq!(raised, i64::from(is_claimed), "a claim and nothing else raises the epoch");
+            if before.state == TaskState::Running && now.state != TaskState::Running {
+                assert!(!now.is_held_at(before.epoch), "who gave a task back has lost it");
+            }
+        }
+        for (now, before) in self.jobs.iter().zip(&before.jobs) {
+            assert!(!before.state.is_final() || now.state == before.state, "as with tasks");
+        }
+    }
+}
+
+impl Job {
+    /// A cancelled pipeline may leave members that succeed later.
+    fn was_ended_early(&self) -> bool {
+        self.state == JobState::Cancelled
+    }
+}
+
+const fn has_ended(task: TaskState) -> bool {
+    matches!(task, TaskState::Succeeded | TaskState::Failed | TaskState::Cancelled)
+}
+
+fn id(job: usize) -> JobId {
+    JobId(i64::try_from(job).unwrap())
+}
+
+fn index(job: JobId) -> usize {
+    usize::try_from(job.0).unwrap()
+}
+
+/// Xorshift: a few bits of chance per step, the same in every run.
+struct Dice(u64);
+
+impl Dice {
+    fn below(&mut self, bound: usize) -> usize {
+        self.0 ^= self.0 << 13;
+        self.0 ^= self.0 >> 7;
+        self.0 ^= self.0 << 17;
+        usize::try_from(self.0 >> 33).unwrap() % bound
+    }
+
+    fn stage(&mut self) -> u32 {
+        u32::try_from(self.below(3)).unwrap()
+    }
+}
+
+#[test]
+fn the_laws_of_the_queue_hold_whatever_happens() {
+    let mut dice = Dice(0x9e37_79b9_7f4a_7c15);
+    let mut queue = Queue::default();
+    for step in 0..STEPS {
+        if step % STEPS_OF_A_WALK == 0 {
+            queue = Queue::default();
+        }
+        let before = queue.clone();
+        match queue.action(&mut dice) {
+            Action::Submit(jobs) => queue.submit(&jobs),
+            Action::Claim => {
+                let claimable = queue.claimable();
+                if !claimable.is_empty() {
+                    queue.claim(claimable[dice.below(claimable.len())]);
+                }
+            }
+            Action::End(task, ending) => {
+                let held = queue.tasks[task].standing;
+                queue.end(task, ending);
+                let standing = queue.tasks[task].standing;
+                if ending == Ending::Released && standing.state == TaskState::Queued {
+                    assert_eq!(standing.attempt + 1, held.attempt, "a release is no attempt");
+                }
+            }
+            Action::Cancel(job) => queue.cancel(job),
+        }
+        queue.check();
+        queue.check_since(&before);
+    }
+}

@@ -1,0 +1,97 @@
+//! One task, from claim to claim and to its end.
+
+use std::time::Duration;
+
+use crate::{Epoch, TaskState};
+
+/// Whether a failed task may be tried again.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Retry {
+    /// While attempts are left.
+    Allowed,
+    /// It would fail again.
+    Never,
+}
+
+/// The columns of a task that decide what may become of it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct TaskStanding {
+    pub state: TaskState,
+    /// Times it was claimed and not released.
+    pub attempt: u32,
+    pub max_attempts: u32,
+    pub epoch: Epoch,
+    pub cancel_requested: bool,
+}
+
+/// How a worker gives a task back. A lease that runs out is a failure that may be retried.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Ending {
+    Completed,
+    Failed(Retry),
+    /// The worker shuts down.
+    Released,
+    /// The worker noticed that the task is to be cancelled.
+    Stopped,
+}
+
+impl TaskStanding {
+    /// A claim counts as an attempt at once, so that a task that kills its workers comes to an end.
+    /// It raises the epoch, which takes the right to write from whoever had the task before.
+    #[must_use]
+    pub fn claimed(self) -> Self {
+        let epoch = Epoch(self.epoch.0 + 1);
+        Self { state: TaskState::Running, attempt: self.attempt + 1, epoch, ..self }
+    }
+
+    /// Whether the worker that claimed the task at `epoch` may still write: the fence.
+    pub fn is_held_at(&self, epoch: Epoch) -> bool {
+        self.state == TaskState::Running && self.epoch == epoch
+    }
+
+    /// What a running task becomes, and how long nobody may claim it if it is queued again.
+    #[must_use]
+    pub fn after(self, ending: Ending) -> (Self, Duration) {
+        let ended = |state| (Self { state, ..self }, Duration::ZERO);
+        match ending {
+            Ending::Completed => ended(TaskState::Succeeded),
+            Ending::Failed(Retry::Never) => ended(TaskState::Failed),
+            Ending::Stopped => ended(TaskState::Cancelled),
+            Ending::Failed(Retry::Allowed) | Ending::Released if self.cancel_requested => {
+                ended(TaskState::Cancelled)
+            }
+            Ending::Failed(Retry::Allowed) if self.attempt >= self.max_attempts => {
+                ended(TaskState::Failed)
+            }
+            Ending::Failed(Retry::Allowed) => {
+                (Self { state: TaskState::Queued, ..self }, delay_after(self.attempt))
+            }
+            Ending::Released => {
+                let attempt = self.attempt.saturating_sub(1);
+                (Self { state: TaskState::Queued, attempt, ..self }, Duration::ZERO)
+            }
+        }
+    }
+}
+
+const FIRST_DELAY: Duration = Duration::from_secs(5);
+const LONGEST_DELAY: Duration = Duration::from_secs(300);
+
+/// At once after the first attempt, since most deaths have nothing to do with the task; then
+/// twice as long each time.
+fn delay_after(attempt: u32) -> Duration {
+    let Some(doublings) = attempt.checked_sub(2) else { return Duration::ZERO };
+    FIRST_DELAY.saturating_mul(2u32.saturating_pow(doublings)).min(LONGEST_DELAY)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn retries_come_at_once_and_then_ever_later_up_to_a_limit() {
+        let seconds: Vec<u64> = (1..=5).map(|attempt| delay_after(attempt).as_secs()).collect();
+        assert_eq!(seconds, [0, 5, 10, 20, 40]);
+        assert_eq!(delay_after(20), LONGEST_DELAY);
+    }
+}

@@ -1,0 +1,213 @@
+use spec::Digest;
+use sqlx::sqlite::SqliteRow;
+use sqlx::{FromRow, Row};
+
+use super::rows::{digest, stored_object};
+use super::{Database, Transaction, integer};
+use crate::{
+    Checkpoint, CheckpointFile, CheckpointId, JobId, NewCheckpoint, Page, RunId, WhichCheckpoint,
+};
+
+macro_rules! select_checkpoint {
+    ($rest:literal) => {
+        concat!(
+            "SELECT checkpoint.*, job.digest, checkpoint.step = (SELECT MAX(other.step) \
+             FROM checkpoint AS other WHERE other.job = checkpoint.job) AS is_last \
+             FROM checkpoint JOIN job ON job.id = checkpoint.job ",
+            $rest
+        )
+    };
+}
+
+impl Database {
+    pub async fn checkpoint(&self, id: CheckpointId) -> Result<Option<Checkpoint>, sqlx::Error> {
+        let found = sqlx::query_as(select_checkpoint!("WHERE checkpoint.id = ?"))
+            .bind(id)
+            .fetch_all(&self.reader)
+            .await?;
+        Ok(self.with_files(found).await?.into_iter().next())
+    }
+
+    pub async fn checkpoints(&self, page: Page) -> Result<Vec<Checkpoint>, sqlx::Error> {
+        let found = sqlx::query_as(select_checkpoint!(
+            "WHERE checkpoint.id < ? ORDER BY checkpoint.id DESC LIMIT ?"
+        ))
+        .bind(page.before())
+        .bind(page.limit())
+        .fetch_all(&self.reader)
+        .await?;
+        self.with_files(found).await
+    }
+
+    /// By step.
+    pub async fn checkpoints_of_job(&self, job: JobId) -> Result<Vec<Checkpoint>, sqlx::Error> {
+        let found =
+            sqlx::query_as(select_checkpoint!("WHERE checkpoint.job = ? ORDER BY checkpoint.step"))
+                .bind(job)
+                .fetch_all(&self.reader)
+                .await?;
+        self.with_files(found).await
+    }
+
+    pub async fn latest_checkpoint(&self, job: JobId) -> Result<Option<Checkpoint>, sqlx::Error> {
+        let found = sqlx::query_as(select_checkpoint!(
+            "WHERE checkpoint.job = ? ORDER BY checkpoint.step DESC LIMIT 1"
+        ))
+        .bind(job)
+        .fetch_all(&self.reader)
+        .await?;
+        Ok(self.with_files(found).await?.into_iter().next())
+    }
+
+    pub async fn checkpoint_by_digest(
+        &self,
+        digest: Digest,
+        which: WhichCheckpoint,
+    ) -> Result<Option<Checkpoint>, sqlx::Error> {
+        let query = match which {
+            WhichCheckpoint::Final => sqlx::query_as(select_checkpoint!(
+                "WHERE job.digest = ? AND checkpoint.is_final = 1 ORDER BY checkpoint.id DESC LIMIT 1"
+            )),
+            WhichCheckpoint::Best => sqlx::query_as(select_checkpoint!(
+                "WHERE job.digest = ? AND checkpoint.is_best = 1 AND job.state = 'succeeded' \
+                 ORDER BY checkpoint.id DESC LIMIT 1"
+            )),
+            WhichCheckpoint::Step(_) => sqlx::query_as(select_checkpoint!(
+                "WHERE job.digest = ? AND checkpoint.step = ? ORDER BY checkpoint.id DESC LIMIT 1"
+            )),
+        };
+        let query = query.bind(digest.to_string());
+        let query = match which {
+            WhichCheckpoint::Step(step) => query.bind(integer(step)),
+            WhichCheckpoint::Final | WhichCheckpoint::Best => query,
+        };
+        let found = query.fetch_all(&self.reader).await?;
+        Ok(self.with_files(found).await?.into_iter().next())
+    }
+
+    async fn with_files(
+        &self,
+        mut checkpoints: Vec<Checkpoint>,
+    ) -> Result<Vec<Checkpoint>, sqlx::Error> {
+        for checkpoint in &mut checkpoints {
+            checkpoint.files =
+                sqlx::query_as("SELECT * FROM checkpoint_file WHERE checkpoint = ? ORDER BY name")
+                    .bind(checkpoint.id)
+                    .fetch_all(&self.reader)
+                    .await?;
+        }
+        // One that was pruned since its row was read.
+        checkpoints.retain(|checkpoint| !checkpoint.files.is_empty());
+        Ok(checkpoints)
+    }
+}
+
+impl Transaction {
+    /// Replaces what is there of the same step, whose id it keeps.
+    pub async fn upsert_checkpoint(
+        &mut self,
+        job: JobId,
+        run: RunId,
+        new: &NewCheckpoint,
+    ) -> Result<CheckpointId, sqlx::Error> {
+        if new.is_best {
+            sqlx::query("UPDATE checkpoint SET is_best = 0 WHERE job = ? AND is_best = 1")
+                .bind(job)
+                .execute(self.connection())
+                .await?;
+        }
+        sqlx::query_scalar(concat!(
+            "INSERT INTO checkpoint (job, run, step, is_final, is_best, metrics, created_at) ",
+            "VALUES (?, ?, ?, ?, ?, ?, ",
+            now!(),
+            ") ON CONFLICT (job, step) DO UPDATE SET created_at = excluded.created_at, ",
+            "metrics = excluded.metrics, is_final = MAX(checkpoint.is_final, excluded.is_final), ",
+            "is_best = MAX(checkpoint.is_best, excluded.is_best) RETURNING id"
+        ))
+        .bind(job)
+        .bind(run)
+        .bind(integer(new.step))
+        .bind(new.is_final)
+        .bind(new.is_best)
+        .bind(sqlx::types::Json(&new.metrics))
+        .fetch_one(self.connection())
+        .await
+    }
+
+    pub async fn insert_checkpoint_file(
+        &mut self,
+        checkpoint: CheckpointId,
+        file: &CheckpointFile,
+    ) -> Result<(), sqlx::Error> {
+        sqlx::query(
+            "INSERT INTO checkpoint_file (checkpoint, name, path, size, sha256) VALUES (?, ?, ?, ?, ?)",
+        )
+        .bind(checkpoint)
+        .bind(&file.name)
+        .bind(&file.object.path)
+        .bind(integer(file.object.size))
+        .bind(file.object.sha256.to_string())
+        .execute(self.connection())
+        .await?;
+        Ok(())
+    }
+
+    /// Returns the paths of the objects that the rows named.
+    pub async fn delete_checkpoint_files(
+        &mut self,
+        checkpoint: CheckpointId,
+    ) -> Result<Vec<String>, sqlx::Error> {
+        sqlx::query_scalar("DELETE FROM checkpoint_file WHERE checkpoint = ? RETURNING path")
+            .bind(checkpoint)
+            .fetch_all(self.connection())
+            .await
+    }
+
+    /// All but the final, the best and, of the others, the `keep` latest.
+    pub async fn outdated_checkpoints(
+        &mut self,
+        job: JobId,
+        keep: u32,
+    ) -> Result<Vec<CheckpointId>, sqlx::Error> {
+        sqlx::query_scalar(
+            "SELECT id FROM checkpoint WHERE job = ? AND is_final = 0 AND is_best = 0 \
+             ORDER BY step DESC LIMIT -1 OFFSET ?",
+        )
+        .bind(job)
+        .bind(keep)
+        .fetch_all(self.connection())
+        .await
+    }
+
+    pub async fn delete_checkpoint(&mut self, id: CheckpointId) -> Result<(), sqlx::Error> {
+        sqlx::query("DELETE FROM checkpoint WHERE id = ?")
+            .bind(id)
+            .execute(self.connection())
+            .await?;
+        Ok(())
+    }
+}
+
+impl FromRow<'_, SqliteRow> for Checkpoint {
+    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
+        Ok(Self {
+            id: row.try_get("id")?,
+            job: row.try_get("job")?,
+            run: row.try_get("run")?,
+            step: row.try_get("step")?,
+            is_final: row.try_get("is_final")?,
+            is_best: row.try_get("is_best")?,
+            is_last: row.try_get("is_last")?,
+            metrics: row.try_get::<sqlx::types::Json<_>, _>("metrics")?.0,
+            digest: digest(row, "digest")?,
+            files: Vec::new(),
+            created_at: row.try_get("created_at")?,
+        })
+    }
+}
+
+impl FromRow<'_, SqliteRow> for CheckpointFile {
+    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
+        Ok(Self { name: row.try_get("name")?, object: stored_object(row)? })
+    }
+}

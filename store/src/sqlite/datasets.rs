@@ -1,0 +1,242 @@
+use std::collections::BTreeMap;
+
+use spec::Digest;
+use sqlx::sqlite::SqliteRow;
+use sqlx::{FromRow, Row};
+
+use super::rows::{digest, json, state, stored_object};
+use super::{Database, Transaction, integer};
+use crate::{
+    Dataset, DatasetId, DatasetState, Fence, FileContent, JobId, NewShard, Page, Shard,
+    StoredObject,
+};
+
+macro_rules! select_dataset {
+    ($rest:literal) => {
+        concat!(
+            "SELECT dataset.*, job.name, job.spec, \
+             (SELECT COUNT(*) FROM shard WHERE shard.dataset = dataset.id) AS shards, \
+             (SELECT COALESCE(SUM(rejected), 0) FROM shard WHERE shard.dataset = dataset.id) \
+             AS rejected, \
+             (SELECT COALESCE(SUM(size), 0) FROM shard_file WHERE shard_file.dataset = dataset.id) \
+             AS bytes \
+             FROM dataset JOIN job ON job.id = dataset.job ",
+            $rest
+        )
+    };
+}
+
+impl Database {
+    pub async fn dataset(&self, id: DatasetId) -> Result<Option<Dataset>, sqlx::Error> {
+        sqlx::query_as(select_dataset!("WHERE dataset.id = ?"))
+            .bind(id)
+            .fetch_optional(&self.reader)
+            .await
+    }
+
+    pub async fn datasets(
+        &self,
+        state: Option<DatasetState>,
+        page: Page,
+    ) -> Result<Vec<Dataset>, sqlx::Error> {
+        sqlx::query_as(select_dataset!(
+            "WHERE dataset.id < ?1 AND (?2 IS NULL OR dataset.state = ?2) \
+             ORDER BY dataset.id DESC LIMIT ?3"
+        ))
+        .bind(page.before())
+        .bind(state.map(DatasetState::as_str))
+        .bind(page.limit())
+        .fetch_all(&self.reader)
+        .await
+    }
+
+    pub async fn dataset_by_digest(&self, digest: Digest) -> Result<Option<Dataset>, sqlx::Error> {
+        sqlx::query_as(select_dataset!(
+            "WHERE dataset.digest = ? AND dataset.state = 'complete' \
+             ORDER BY dataset.id DESC LIMIT 1"
+        ))
+        .bind(digest.to_string())
+        .fetch_optional(&self.reader)
+        .await
+    }
+
+    pub async fn shards(&self, dataset: DatasetId) -> Result<Vec<Shard>, sqlx::Error> {
+        let rows = sqlx::query(
+            "SELECT shard.*, file.content, file.path, file.size, file.sha256 FROM shard \
+             JOIN shard_file AS file ON file.dataset = shard.dataset AND file.ordinal = shard.ordinal \
+             WHERE shard.dataset = ? ORDER BY shard.ordinal, file.content",
+        )
+        .bind(dataset)
+        .fetch_all(&self.reader)
+        .await?;
+        shards_from_rows(&rows)
+    }
+
+    /// What the tasks of a dataset's shards were completed with, as text.
+    pub async fn shard_results(&self, dataset: DatasetId) -> Result<Vec<String>, sqlx::Error> {
+        let results: Vec<Option<String>> = sqlx::query_scalar(
+            "SELECT task.result FROM shard JOIN task ON task.id = shard.task \
+             WHERE shard.dataset = ? ORDER BY shard.ordinal",
+        )
+        .bind(dataset)
+        .fetch_all(&self.reader)
+        .await?;
+        Ok(results.into_iter().flatten().collect())
+    }
+}
+
+impl Transaction {
+    pub async fn insert_dataset(
+        &mut self,
+        job: JobId,
+        digest: Digest,
+        trajectories: u64,
+        samples: u32,
+    ) -> Result<(), sqlx::Error> {
+        sqlx::query(concat!(
+            "INSERT INTO dataset (job, digest, state, trajectories, samples, created_at) ",
+            "VALUES (?, ?, 'building', ?, ?, ",
+            now!(),
+            ")"
+        ))
+        .bind(job)
+        .bind(digest.to_string())
+        .bind(integer(trajectories))
+        .bind(samples)
+        .execute(self.connection())
+        .await?;
+        Ok(())
+    }
+
+    /// Whether the shard with these bytes was committed at the fence's epoch.
+    pub async fn is_committed(
+        &mut self,
+        fence: Fence,
+        sha256: Digest,
+    ) -> Result<bool, sqlx::Error> {
+        sqlx::query_scalar(
+            "SELECT EXISTS (SELECT 1 FROM shard JOIN shard_file AS file \
+             ON file.dataset = shard.dataset AND file.ordinal = shard.ordinal \
+             WHERE shard.task = ? AND shard.epoch = ? AND file.content = 'trajectories' \
+             AND file.sha256 = ?)",
+        )
+        .bind(fence.task)
+        .bind(fence.epoch)
+        .bind(sha256.to_string())
+        .fetch_one(self.connection())
+        .await
+    }
+
+    /// The shard of a task, whose ordinal it has.
+    pub async fn insert_shard(
+        &mut self,
+        fence: Fence,
+        shard: &NewShard,
+    ) -> Result<(), sqlx::Error> {
+        let (dataset, ordinal): (DatasetId, u32) = sqlx::query_as(
+            "INSERT INTO shard (dataset, ordinal, first, count, rejected, task, epoch) \
+             SELECT dataset.id, task.ordinal, ?, ?, ?, task.id, task.epoch \
+             FROM task JOIN dataset ON dataset.job = task.job WHERE task.id = ? \
+             RETURNING dataset, ordinal",
+        )
+        .bind(integer(shard.first))
+        .bind(integer(shard.count))
+        .bind(integer(shard.rejected))
+        .bind(fence.task)
+        .fetch_one(self.connection())
+        .await?;
+        let files = [
+            (FileContent::Trajectories, &shard.trajectories),
+            (FileContent::Robots, &shard.robots),
+        ];
+        for (content, object) in files {
+            sqlx::query(
+                "INSERT INTO shard_file (dataset, ordinal, content, path, size, sha256) \
+                 VALUES (?, ?, ?, ?, ?, ?)",
+            )
+            .bind(dataset)
+            .bind(ordinal)
+            .bind(content)
+            .bind(&object.path)
+            .bind(integer(object.size))
+            .bind(object.sha256.to_string())
+            .execute(self.connection())
+            .await?;
+        }
+        Ok(())
+    }
+
+    pub async fn set_trajectories(
+        &mut self,
+        job: JobId,
+        trajectories: u64,
+    ) -> Result<(), sqlx::Error> {
+        sqlx::query("UPDATE dataset SET trajectories = ? WHERE job = ?")
+            .bind(integer(trajectories))
+            .bind(job)
+            .execute(self.connection())
+            .await?;
+        Ok(())
+    }
+
+    /// Completes the dataset of a job, if it has one and all its trajectories are there.
+    pub async fn complete_dataset(&mut self, job: JobId) -> Result<(), sqlx::Error> {
+        sqlx::query(concat!(
+            "UPDATE dataset SET state = 'complete', completed_at = ",
+            now!(),
+            " WHERE job = ? AND trajectories = \
+              (SELECT SUM(shard.count) FROM shard WHERE shard.dataset = dataset.id)"
+        ))
+        .bind(job)
+        .execute(self.connection())
+        .await?;
+        Ok(())
+    }
+}
+
+fn shards_from_rows(rows: &[SqliteRow]) -> Result<Vec<Shard>, sqlx::Error> {
+    let mut shards = Vec::with_capacity(rows.len() / 2);
+    for files in rows.chunk_by(same_shard) {
+        let mut objects = files
+            .iter()
+            .map(|row| Ok((row.try_get("content")?, stored_object(row)?)))
+            .collect::<Result<BTreeMap<FileContent, StoredObject>, sqlx::Error>>()?;
+        let mut take = |content| objects.remove(&content).ok_or(sqlx::Error::RowNotFound);
+        let row = &files[0];
+        shards.push(Shard {
+            dataset: row.try_get("dataset")?,
+            ordinal: row.try_get("ordinal")?,
+            first: row.try_get("first")?,
+            count: row.try_get("count")?,
+            rejected: row.try_get("rejected")?,
+            trajectories: take(FileContent::Trajectories)?,
+            robots: take(FileContent::Robots)?,
+        });
+    }
+    Ok(shards)
+}
+
+fn same_shard(a: &SqliteRow, b: &SqliteRow) -> bool {
+    let ordinal = |row: &SqliteRow| row.try_get::<i64, _>("ordinal").ok();
+    ordinal(a) == ordinal(b)
+}
+
+impl FromRow<'_, SqliteRow> for Dataset {
+    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
+        Ok(Self {
+            id: row.try_get("id")?,
+            job: row.try_get("job")?,
+            digest: digest(row, "digest")?,
+            name: row.try_get("name")?,
+            spec: json(row, "spec")?,
+            state: state(row)?,
+            trajectories: row.try_get("trajectories")?,
+            samples: row.try_get("samples")?,
+            shards: row.try_get("shards")?,
+            rejected: row.try_get("rejected")?,
+            bytes: row.try_get("bytes")?,
+            created_at: row.try_get("created_at")?,
+            completed_at: row.try_get("completed_at")?,
+        })
+    }
+}

@@ -1,0 +1,256 @@
+use std::collections::HashMap;
+
+use spec::Digest;
+use sqlx::sqlite::SqliteRow;
+use sqlx::types::Text;
+use sqlx::{FromRow, QueryBuilder, Row, Sqlite};
+
+use super::rows::{digest, json, state};
+use super::{Database, Transaction};
+use crate::{DatasetId, Job, JobFilter, JobId, JobProgress, JobState, Page};
+
+/// Completed by a condition.
+pub(super) const SELECT_JOB: &str = "SELECT job.*, dataset.id AS dataset, run.id AS run FROM job \
+    LEFT JOIN dataset ON dataset.job = job.id LEFT JOIN run ON run.job = job.id ";
+
+impl Database {
+    pub async fn job(&self, id: JobId) -> Result<Option<Job>, sqlx::Error> {
+        let mut query = QueryBuilder::new(SELECT_JOB);
+        query.push("WHERE job.id = ").push_bind(id);
+        Ok(self.jobs_of(query).await?.into_iter().next())
+    }
+
+    pub async fn jobs(&self, filter: JobFilter<'_>, page: Page) -> Result<Vec<Job>, sqlx::Error> {
+        let mut query = QueryBuilder::new(SELECT_JOB);
+        query.push("WHERE job.id < ").push_bind(page.before());
+        if let Some(kind) = filter.kind {
+            query.push(" AND job.kind = ").push_bind(kind.to_owned());
+        }
+        if let Some(state) = filter.state {
+            query.push(" AND job.state = ").push_bind(state.as_str());
+        }
+        query.push(" ORDER BY job.id DESC LIMIT ").push_bind(page.limit());
+        self.jobs_of(query).await
+    }
+
+    /// Reads no more rows than it returns: the partial indexes hold the very jobs.
+    pub async fn experiments(
+        &self,
+        state: Option<JobState>,
+        page: Page,
+    ) -> Result<Vec<Job>, sqlx::Error> {
+        let mut query = QueryBuilder::new(SELECT_JOB);
+        query.push("WHERE job.is_part = 0 AND job.id < ").push_bind(page.before());
+        if let Some(state) = state {
+            query.push(" AND job.state = ").push_bind(state.as_str());
+        }
+        query.push(" ORDER BY job.id DESC LIMIT ").push_bind(page.limit());
+        self.jobs_of(query).await
+    }
+
+    pub async fn job_by_digest(
+        &self,
+        digest: Digest,
+        states: &[JobState],
+    ) -> Result<Option<Job>, sqlx::Error> {
+        let mut query = QueryBuilder::new(SELECT_JOB);
+        query.push("WHERE job.digest = ").push_bind(digest.to_string());
+        query.push(" AND job.state IN (");
+        let mut list = query.separated(", ");
+        for state in states {
+            list.push_bind(state.as_str());
+        }
+        query.push(") ORDER BY job.id DESC LIMIT 1");
+        Ok(self.jobs_of(query).await?.into_iter().next())
+    }
+
+    pub async fn newest_reader(
+        &self,
+        dataset: DatasetId,
+        kind: &str,
+    ) -> Result<Option<Job>, sqlx::Error> {
+        let mut query = QueryBuilder::new(SELECT_JOB);
+        query.push(
+            "WHERE job.id = (SELECT MAX(reader.id) FROM dataset \
+             JOIN job_need ON job_need.needs = dataset.job \
+             JOIN job AS reader ON reader.id = job_need.job WHERE reader.kind = ",
+        );
+        query.push_bind(kind.to_owned()).push(" AND dataset.id = ").push_bind(dataset).push(")");
+        Ok(self.jobs_of(query).await?.into_iter().next())
+    }
+
+    pub async fn needs(&self, job: JobId) -> Result<Vec<JobId>, sqlx::Error> {
+        sqlx::query_scalar("SELECT needs FROM job_need WHERE job = ? ORDER BY needs")
+            .bind(job)
+            .fetch_all(&self.reader)
+            .await
+    }
+
+    pub(super) async fn jobs_of(
+        &self,
+        mut query: QueryBuilder<Sqlite>,
+    ) -> Result<Vec<Job>, sqlx::Error> {
+        let mut jobs: Vec<Job> = query.build_query_as().fetch_all(&self.reader).await?;
+        self.add_progress(&mut jobs).await?;
+        Ok(jobs)
+    }
+
+    async fn add_progress(&self, jobs: &mut [Job]) -> Result<(), sqlx::Error> {
+        if jobs.is_empty() {
+            return Ok(());
+        }
+        let mut query = QueryBuilder::<Sqlite>::new(
+            "SELECT job AS id, SUM(CASE WHEN state = 'succeeded' THEN total ELSE done END) AS done, \
+             SUM(total) AS total, SUM(CASE WHEN state = 'running' THEN rate END) AS rate, \
+             MAX(CASE WHEN state = 'running' THEN message END) AS message \
+             FROM task WHERE job IN (",
+        );
+        push_ids(&mut query, jobs);
+        query.push(
+            ") GROUP BY job UNION ALL \
+             SELECT member.pipeline AS id, SUM(job.state = 'succeeded') AS done, \
+             COUNT(*) AS total, NULL AS rate, NULL AS message \
+             FROM pipeline_member AS member JOIN job ON job.id = member.job \
+             WHERE member.pipeline IN (",
+        );
+        push_ids(&mut query, jobs);
+        query.push(") GROUP BY member.pipeline");
+        let rows = query.build().fetch_all(&self.reader).await?;
+        let mut by_job: HashMap<JobId, JobProgress> = rows
+            .iter()
+            .map(|row| Ok((row.try_get("id")?, JobProgress::from_row(row)?)))
+            .collect::<Result<_, sqlx::Error>>()?;
+        for job in jobs {
+            if let Some(found) = by_job.remove(&job.id) {
+                job.progress =
+                    JobProgress { unit: std::mem::take(&mut job.progress.unit), ..found };
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Transaction {
+    pub async fn job_state(&mut self, job: JobId) -> Result<Option<JobState>, sqlx::Error> {
+        let state: Option<Text<JobState>> =
+            sqlx::query_scalar("SELECT state FROM job WHERE id = ?")
+                .bind(job)
+                .fetch_optional(self.connection())
+                .await?;
+        Ok(state.map(|Text(state)| state))
+    }
+
+    /// The jobs that wait for `job`.
+    pub async fn waiting_dependents(&mut self, job: JobId) -> Result<Vec<JobId>, sqlx::Error> {
+        sqlx::query_scalar(
+            "SELECT job.id FROM job_need JOIN job ON job.id = job_need.job \
+             WHERE job_need.needs = ? AND job.state = 'waiting' ORDER BY job.id",
+        )
+        .bind(job)
+        .fetch_all(self.connection())
+        .await
+    }
+
+    /// The states of the jobs that `job` needs.
+    pub async fn states_of_needs(&mut self, job: JobId) -> Result<Vec<JobState>, sqlx::Error> {
+        let states: Vec<Text<JobState>> = sqlx::query_scalar(
+            "SELECT needed.state FROM job_need JOIN job AS needed ON needed.id = job_need.needs \
+             WHERE job_need.job = ?",
+        )
+        .bind(job)
+        .fetch_all(self.connection())
+        .await?;
+        Ok(states.into_iter().map(|Text(state)| state).collect())
+    }
+
+    pub async fn queue_job(&mut self, job: JobId) -> Result<(), sqlx::Error> {
+        sqlx::query("UPDATE job SET state = 'queued' WHERE id = ?")
+            .bind(job)
+            .execute(self.connection())
+            .await?;
+        Ok(())
+    }
+
+    /// Whether the job was still queued.
+    pub async fn start_job(&mut self, job: JobId) -> Result<bool, sqlx::Error> {
+        let started = sqlx::query(concat!(
+            "UPDATE job SET state = 'running', started_at = ",
+            now!(),
+            " WHERE id = ? AND state = 'queued'"
+        ))
+        .bind(job)
+        .execute(self.connection())
+        .await?;
+        Ok(started.rows_affected() > 0)
+    }
+
+    pub async fn end_job(
+        &mut self,
+        job: JobId,
+        state: JobState,
+        error: Option<&str>,
+    ) -> Result<(), sqlx::Error> {
+        sqlx::query(concat!(
+            "UPDATE job SET state = ?, error = ?, finished_at = ",
+            now!(),
+            " WHERE id = ?"
+        ))
+        .bind(state.as_str())
+        .bind(error)
+        .bind(job)
+        .execute(self.connection())
+        .await?;
+        Ok(())
+    }
+
+    pub async fn request_cancellation(&mut self, job: JobId) -> Result<(), sqlx::Error> {
+        sqlx::query("UPDATE job SET cancel_requested = 1 WHERE id = ?")
+            .bind(job)
+            .execute(self.connection())
+            .await?;
+        Ok(())
+    }
+}
+
+fn push_ids(query: &mut QueryBuilder<Sqlite>, jobs: &[Job]) {
+    let mut list = query.separated(", ");
+    for job in jobs {
+        list.push_bind(job.id);
+    }
+}
+
+/// All but the unit.
+impl FromRow<'_, SqliteRow> for JobProgress {
+    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
+        Ok(Self {
+            done: row.try_get("done")?,
+            total: row.try_get("total")?,
+            unit: String::new(),
+            rate_per_second: row.try_get("rate")?,
+            message: row.try_get("message")?,
+        })
+    }
+}
+
+impl FromRow<'_, SqliteRow> for Job {
+    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
+        Ok(Self {
+            id: row.try_get("id")?,
+            kind: row.try_get("kind")?,
+            name: row.try_get("name")?,
+            spec: json(row, "spec")?,
+            digest: digest(row, "digest")?,
+            state: state(row)?,
+            error: row.try_get("error")?,
+            priority: row.try_get("priority")?,
+            max_attempts: row.try_get("max_attempts")?,
+            cancel_requested: row.try_get("cancel_requested")?,
+            progress: JobProgress { unit: row.try_get("unit")?, ..JobProgress::default() },
+            dataset: row.try_get("dataset")?,
+            run: row.try_get("run")?,
+            created_at: row.try_get("created_at")?,
+            started_at: row.try_get("started_at")?,
+            finished_at: row.try_get("finished_at")?,
+        })
+    }
+}

@@ -1,0 +1,151 @@
+use sqlx::sqlite::SqliteRow;
+use sqlx::{FromRow, QueryBuilder, Row, Sqlite};
+
+use super::{Database, Transaction, integer};
+use crate::{Metric, RunId, SeriesPoint};
+
+/// Rows per statement: SQLite binds at most 32 766 values.
+const ROWS_PER_STATEMENT: usize = 4000;
+
+impl Database {
+    pub async fn latest_metrics(
+        &self,
+        runs: &[RunId],
+    ) -> Result<Vec<(RunId, String, SeriesPoint)>, sqlx::Error> {
+        let mut query = QueryBuilder::<Sqlite>::new(
+            "SELECT run, key, step, time, value FROM metric_latest WHERE run IN (",
+        );
+        let mut list = query.separated(", ");
+        for run in runs {
+            list.push_bind(*run);
+        }
+        query.push(") ORDER BY run, key");
+        let rows = query.build().fetch_all(&self.reader).await?;
+        rows.iter()
+            .map(|row| Ok((row.try_get("run")?, row.try_get("key")?, SeriesPoint::from_row(row)?)))
+            .collect()
+    }
+
+    pub async fn recorded_points(&self, run: RunId, key: &str) -> Result<u64, sqlx::Error> {
+        let recorded: i64 =
+            sqlx::query_scalar("SELECT COUNT(*) FROM metric WHERE run = ? AND key = ?")
+                .bind(run)
+                .bind(key)
+                .fetch_one(&self.reader)
+                .await?;
+        Ok(recorded.unsigned_abs())
+    }
+
+    /// By step.
+    pub async fn all_points(&self, run: RunId, key: &str) -> Result<Vec<SeriesPoint>, sqlx::Error> {
+        sqlx::query_as(
+            "SELECT step, time, value FROM metric WHERE run = ? AND key = ? ORDER BY step",
+        )
+        .bind(run)
+        .bind(key)
+        .fetch_all(&self.reader)
+        .await
+    }
+
+    /// The lowest and the highest of each of `ranges` equal ranges of steps, by step.
+    pub async fn extreme_points(
+        &self,
+        run: RunId,
+        key: &str,
+        ranges: u32,
+    ) -> Result<Vec<SeriesPoint>, sqlx::Error> {
+        sqlx::query_as(
+            "WITH bound AS (SELECT MIN(step) AS low, MAX(step) AS high FROM metric \
+                            WHERE run = ?1 AND key = ?2), \
+             bucketed AS (SELECT step, time, value, \
+                          (step - low) * ?3 / (high - low + 1) AS bucket \
+                          FROM metric, bound WHERE run = ?1 AND key = ?2), \
+             ranked AS (SELECT step, time, value, \
+                ROW_NUMBER() OVER (PARTITION BY bucket ORDER BY value, step) AS from_lowest, \
+                ROW_NUMBER() OVER (PARTITION BY bucket ORDER BY value DESC, step) AS from_highest \
+                FROM bucketed) \
+             SELECT step, time, value FROM ranked \
+             WHERE from_lowest = 1 OR from_highest = 1 ORDER BY step",
+        )
+        .bind(run)
+        .bind(key)
+        .bind(ranges)
+        .fetch_all(&self.reader)
+        .await
+    }
+}
+
+impl Transaction {
+    /// Replaces what was recorded at the same steps.
+    pub async fn insert_metrics(
+        &mut self,
+        run: RunId,
+        metrics: &[Metric],
+    ) -> Result<(), sqlx::Error> {
+        for part in metrics.chunks(ROWS_PER_STATEMENT) {
+            let mut query =
+                QueryBuilder::<Sqlite>::new("INSERT INTO metric (run, key, step, time, value) ");
+            query.push_values(part, |mut row, metric| {
+                row.push_bind(run)
+                    .push_bind(metric.key.clone())
+                    .push_bind(integer(metric.step))
+                    .push(now!())
+                    .push_bind(metric.value);
+            });
+            query.push(
+                " ON CONFLICT (run, key, step) DO UPDATE SET time = excluded.time, \
+                 value = excluded.value",
+            );
+            // Batches differ in length, so each statement is another one: keeping them would only
+            // fill the cache.
+            query.build().persistent(false).execute(self.connection()).await?;
+        }
+        Ok(())
+    }
+
+    /// Brings the latest value of a key up to date.
+    pub async fn set_latest(&mut self, run: RunId, key: &str) -> Result<(), sqlx::Error> {
+        sqlx::query(
+            "INSERT INTO metric_latest (run, key, step, time, value) \
+             SELECT run, key, step, time, value FROM metric WHERE run = ? AND key = ? \
+             ORDER BY step DESC LIMIT 1 \
+             ON CONFLICT (run, key) DO UPDATE SET step = excluded.step, time = excluded.time, \
+             value = excluded.value",
+        )
+        .bind(run)
+        .bind(key)
+        .execute(self.connection())
+        .await?;
+        Ok(())
+    }
+
+    /// Returns the keys whose latest value is gone.
+    pub async fn delete_metrics_after(
+        &mut self,
+        run: RunId,
+        step: u64,
+    ) -> Result<Vec<String>, sqlx::Error> {
+        sqlx::query("DELETE FROM metric WHERE run = ? AND step > ?")
+            .bind(run)
+            .bind(integer(step))
+            .execute(self.connection())
+            .await?;
+        sqlx::query_scalar("DELETE FROM metric_latest WHERE run = ? AND step > ? RETURNING key")
+            .bind(run)
+            .bind(integer(step))
+            .fetch_all(self.connection())
+            .await
+    }
+}
+
+impl FromRow<'_, SqliteRow> for SeriesPoint {
+    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
+        // SQLite has no NaN and keeps NULL in its place.
+        let value: Option<f64> = row.try_get("value")?;
+        Ok(Self {
+            step: row.try_get("step")?,
+            time: row.try_get("time")?,
+            value: value.unwrap_or(f64::NAN),
+        })
+    }
+}

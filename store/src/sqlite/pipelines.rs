@@ -1,0 +1,150 @@
+use sqlx::sqlite::SqliteRow;
+use sqlx::types::Text;
+use sqlx::{FromRow, QueryBuilder, Row};
+
+use super::jobs::SELECT_JOB;
+use super::rows::state;
+use super::{Database, Transaction};
+use crate::pipelines::MemberRow;
+use crate::rules::cancellation::Candidate;
+use crate::{Job, JobId, JobState, Member};
+
+impl Database {
+    /// In the order of submission.
+    pub async fn members(&self, pipeline: JobId) -> Result<Vec<Member>, sqlx::Error> {
+        let members: Vec<(String, JobId, bool)> = sqlx::query_as(
+            "SELECT name, job, reused FROM pipeline_member WHERE pipeline = ? ORDER BY ordinal",
+        )
+        .bind(pipeline)
+        .fetch_all(&self.reader)
+        .await?;
+        let mut query = QueryBuilder::new(SELECT_JOB);
+        query.push("WHERE job.id IN (SELECT job FROM pipeline_member WHERE pipeline = ");
+        query.push_bind(pipeline).push(")");
+        let jobs: Vec<Job> = self.jobs_of(query).await?;
+        let member = |(name, id, reused): (String, JobId, bool)| {
+            let job = jobs.iter().find(|job| job.id == id)?.clone();
+            Some(Member { name, reused, job })
+        };
+        Ok(members.into_iter().filter_map(member).collect())
+    }
+}
+
+impl Transaction {
+    pub async fn insert_member(
+        &mut self,
+        pipeline: JobId,
+        ordinal: u32,
+        name: &str,
+        job: JobId,
+        reused: bool,
+    ) -> Result<(), sqlx::Error> {
+        sqlx::query(
+            "INSERT INTO pipeline_member (pipeline, name, ordinal, job, reused) \
+             VALUES (?, ?, ?, ?, ?)",
+        )
+        .bind(pipeline)
+        .bind(name)
+        .bind(ordinal)
+        .bind(job)
+        .bind(reused)
+        .execute(self.connection())
+        .await?;
+        Ok(())
+    }
+
+    pub async fn pipelines_of(&mut self, job: JobId) -> Result<Vec<JobId>, sqlx::Error> {
+        sqlx::query_scalar("SELECT DISTINCT pipeline FROM pipeline_member WHERE job = ?")
+            .bind(job)
+            .fetch_all(self.connection())
+            .await
+    }
+
+    pub async fn has_members(&mut self, job: JobId) -> Result<bool, sqlx::Error> {
+        sqlx::query_scalar("SELECT EXISTS (SELECT 1 FROM pipeline_member WHERE pipeline = ?)")
+            .bind(job)
+            .fetch_one(self.connection())
+            .await
+    }
+
+    /// State and whether its cancellation was requested.
+    pub async fn pipeline(&mut self, pipeline: JobId) -> Result<(JobState, bool), sqlx::Error> {
+        let (Text(state), cancel_requested) =
+            sqlx::query_as("SELECT state, cancel_requested FROM job WHERE id = ?")
+                .bind(pipeline)
+                .fetch_one(self.connection())
+                .await?;
+        Ok((state, cancel_requested))
+    }
+
+    /// In the order of submission.
+    pub async fn member_rows(&mut self, pipeline: JobId) -> Result<Vec<MemberRow>, sqlx::Error> {
+        sqlx::query_as(
+            "SELECT member.name, job.id AS job, job.state, job.cancel_requested, job.error \
+             FROM pipeline_member AS member JOIN job ON job.id = member.job \
+             WHERE member.pipeline = ? ORDER BY member.ordinal",
+        )
+        .bind(pipeline)
+        .fetch_all(self.connection())
+        .await
+    }
+
+    /// Times follow from the state.
+    pub async fn set_pipeline(
+        &mut self,
+        pipeline: JobId,
+        state: JobState,
+        error: Option<&str>,
+    ) -> Result<(), sqlx::Error> {
+        sqlx::query(concat!(
+            "UPDATE job SET state = ?1, error = ?2, started_at = COALESCE(started_at, ",
+            now!(),
+            "), finished_at = CASE WHEN ?1 = 'running' THEN NULL ELSE ",
+            now!(),
+            " END WHERE id = ?3"
+        ))
+        .bind(state.as_str())
+        .bind(error)
+        .bind(pipeline)
+        .execute(self.connection())
+        .await?;
+        Ok(())
+    }
+
+    /// The members of a pipeline, without the jobs that wait for them.
+    pub async fn candidates(&mut self, pipeline: JobId) -> Result<Vec<Candidate>, sqlx::Error> {
+        let rows = sqlx::query(
+            "SELECT job.id, job.state, job.asked_alone, EXISTS (SELECT 1 \
+                 FROM pipeline_member AS other JOIN job AS pipeline ON pipeline.id = other.pipeline \
+                 WHERE other.job = job.id AND pipeline.cancel_requested = 0 \
+                 AND pipeline.state IN ('waiting', 'queued', 'running')) AS is_shared \
+             FROM pipeline_member AS member JOIN job ON job.id = member.job \
+             WHERE member.pipeline = ?",
+        )
+        .bind(pipeline)
+        .fetch_all(self.connection())
+        .await?;
+        let candidate = |row: &SqliteRow| {
+            Ok(Candidate {
+                job: row.try_get("id")?,
+                state: state(row)?,
+                asked_alone: row.try_get("asked_alone")?,
+                is_shared: row.try_get("is_shared")?,
+                needed_by: Vec::new(),
+            })
+        };
+        rows.iter().map(candidate).collect()
+    }
+}
+
+impl FromRow<'_, SqliteRow> for MemberRow {
+    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
+        Ok(Self {
+            name: row.try_get("name")?,
+            job: row.try_get("job")?,
+            state: state(row)?,
+            cancel_requested: row.try_get("cancel_requested")?,
+            error: row.try_get("error")?,
+        })
+    }
+}

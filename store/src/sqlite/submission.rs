@@ -1,0 +1,181 @@
+use std::collections::BTreeMap;
+
+use spec::Digest;
+use sqlx::Row;
+
+use super::rows::state;
+use super::{Transaction, integer};
+use crate::rules::reuse::{Earlier, TaskPlace};
+use crate::submission::{CompletedTask, JobRow};
+use crate::{JobId, JobState, NewTask, Submitted, TaskId};
+
+impl Transaction {
+    /// What a request with this key did, and its digest.
+    pub async fn request(&mut self, key: &str) -> Result<Option<(String, Submitted)>, sqlx::Error> {
+        let known: Option<(String, JobId, bool)> =
+            sqlx::query_as("SELECT request, job, reused FROM idempotency_key WHERE key = ?")
+                .bind(key)
+                .fetch_optional(self.connection())
+                .await?;
+        Ok(known.map(|(request, job, reused)| (request, Submitted { job, reused })))
+    }
+
+    pub async fn forget_requests(&mut self, older_than_ms: i64) -> Result<(), sqlx::Error> {
+        sqlx::query(concat!("DELETE FROM idempotency_key WHERE created_at < ", now!(), " - ?"))
+            .bind(older_than_ms)
+            .execute(self.connection())
+            .await?;
+        Ok(())
+    }
+
+    pub async fn remember_request(
+        &mut self,
+        key: &str,
+        request: Digest,
+        submitted: &Submitted,
+    ) -> Result<(), sqlx::Error> {
+        sqlx::query(concat!(
+            "INSERT INTO idempotency_key (key, request, job, reused, created_at) ",
+            "VALUES (?, ?, ?, ?, ",
+            now!(),
+            ")"
+        ))
+        .bind(key)
+        .bind(request.to_string())
+        .bind(submitted.job)
+        .bind(submitted.reused)
+        .execute(self.connection())
+        .await?;
+        Ok(())
+    }
+
+    /// All jobs of a digest that did not fail and were not cancelled.
+    pub async fn earlier_jobs(&mut self, digest: Digest) -> Result<Vec<Earlier>, sqlx::Error> {
+        let rows = sqlx::query(
+            "SELECT id, state, cancel_requested, EXISTS (SELECT 1 FROM pipeline_member \
+                 JOIN job AS member ON member.id = pipeline_member.job \
+                 WHERE pipeline_member.pipeline = job.id \
+                 AND member.state IN ('failed', 'cancelled')) AS can_only_fail \
+             FROM job WHERE digest = ? AND state NOT IN ('failed', 'cancelled')",
+        )
+        .bind(digest.to_string())
+        .fetch_all(self.connection())
+        .await?;
+        let earlier = |row: &sqlx::sqlite::SqliteRow| {
+            Ok(Earlier {
+                job: row.try_get("id")?,
+                state: state(row)?,
+                cancel_requested: row.try_get("cancel_requested")?,
+                can_only_fail: row.try_get("can_only_fail")?,
+            })
+        };
+        rows.iter().map(earlier).collect()
+    }
+
+    pub async fn insert_job(
+        &mut self,
+        row: &JobRow<'_>,
+        state: JobState,
+    ) -> Result<JobId, sqlx::Error> {
+        sqlx::query_scalar(concat!(
+            "INSERT INTO job (kind, name, spec, digest, state, unit, priority, max_attempts, ",
+            "is_part, asked_alone, created_at) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ",
+            now!(),
+            ") RETURNING id"
+        ))
+        .bind(row.kind)
+        .bind(row.name)
+        .bind(row.spec.to_string())
+        .bind(row.digest.to_string())
+        .bind(state.as_str())
+        .bind(row.unit)
+        .bind(row.priority)
+        .bind(row.max_attempts)
+        .bind(row.is_part)
+        .bind(!row.is_part)
+        .fetch_one(self.connection())
+        .await
+    }
+
+    pub async fn mark_asked_alone(&mut self, job: JobId) -> Result<(), sqlx::Error> {
+        sqlx::query("UPDATE job SET asked_alone = 1 WHERE id = ? AND asked_alone = 0")
+            .bind(job)
+            .execute(self.connection())
+            .await?;
+        Ok(())
+    }
+
+    pub async fn insert_need(&mut self, job: JobId, needs: JobId) -> Result<(), sqlx::Error> {
+        sqlx::query("INSERT INTO job_need (job, needs) VALUES (?, ?)")
+            .bind(job)
+            .bind(needs)
+            .execute(self.connection())
+            .await?;
+        Ok(())
+    }
+
+    /// Waiting; the job's priority and attempts are theirs.
+    pub async fn insert_tasks(&mut self, job: JobId, tasks: &[NewTask]) -> Result<(), sqlx::Error> {
+        for task in tasks {
+            sqlx::query(
+                "INSERT INTO task (job, stage, ordinal, label, payload, state, priority, run_at, \
+                 max_attempts, total) SELECT id, ?, ?, ?, ?, 'waiting', priority, 0, \
+                 max_attempts, ? FROM job WHERE id = ?",
+            )
+            .bind(task.stage)
+            .bind(task.ordinal)
+            .bind(&task.label)
+            .bind(task.payload.to_string())
+            .bind(integer(task.total))
+            .bind(job)
+            .execute(self.connection())
+            .await?;
+        }
+        Ok(())
+    }
+
+    /// The newest task with a result at each place of the jobs of a digest.
+    pub async fn completed_tasks(
+        &mut self,
+        digest: Digest,
+    ) -> Result<Vec<CompletedTask>, sqlx::Error> {
+        let rows: Vec<(TaskId, u32, u32, String)> = sqlx::query_as(
+            "SELECT task.id, task.stage, task.ordinal, task.payload FROM task \
+             JOIN job ON job.id = task.job WHERE job.digest = ? \
+             AND task.state = 'succeeded' AND task.result IS NOT NULL ORDER BY task.id",
+        )
+        .bind(digest.to_string())
+        .fetch_all(self.connection())
+        .await?;
+        let newest: BTreeMap<(u32, u32), CompletedTask> = rows
+            .into_iter()
+            .map(|(task, stage, ordinal, payload)| {
+                let place = TaskPlace { stage, ordinal };
+                ((stage, ordinal), CompletedTask { task, place, payload })
+            })
+            .collect();
+        Ok(newest.into_values().collect())
+    }
+
+    /// Gives a new task the result of `from`, and who made it when.
+    pub async fn take_over(
+        &mut self,
+        job: JobId,
+        place: TaskPlace,
+        from: TaskId,
+    ) -> Result<(), sqlx::Error> {
+        sqlx::query(
+            "UPDATE task SET state = 'succeeded', done = task.total, result = made.result, \
+             worker = made.worker, started_at = made.started_at, finished_at = made.finished_at \
+             FROM (SELECT result, worker, started_at, finished_at FROM task WHERE id = ?1) AS made \
+             WHERE task.job = ?2 AND task.stage = ?3 AND task.ordinal = ?4",
+        )
+        .bind(from)
+        .bind(job)
+        .bind(place.stage)
+        .bind(place.ordinal)
+        .execute(self.connection())
+        .await?;
+        Ok(())
+    }
+}

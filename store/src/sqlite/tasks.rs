@@ -1,0 +1,340 @@
+use std::time::Duration;
+
+use serde_json::Value;
+use sqlx::sqlite::SqliteRow;
+use sqlx::{FromRow, Row};
+
+use super::rows::{digest, json, state};
+use super::{Database, Transaction, integer};
+use crate::rules::job::TaskTally;
+use crate::rules::task::TaskStanding;
+use crate::{ClaimedTask, Epoch, Fence, JobId, Progress, Task, TaskId};
+
+const EXPIRED: &str = concat!(
+    "SELECT id, epoch, worker FROM task WHERE state = 'running' AND lease_until < ",
+    now!(),
+    " ORDER BY id"
+);
+
+impl Database {
+    /// In the order in which they run.
+    pub async fn tasks(&self, job: JobId) -> Result<Vec<Task>, sqlx::Error> {
+        sqlx::query_as("SELECT * FROM task WHERE job = ? ORDER BY stage, ordinal")
+            .bind(job)
+            .fetch_all(&self.reader)
+            .await
+    }
+
+    pub async fn task(&self, id: TaskId) -> Result<Option<Task>, sqlx::Error> {
+        sqlx::query_as("SELECT * FROM task WHERE id = ?")
+            .bind(id)
+            .fetch_optional(&self.reader)
+            .await
+    }
+
+    pub async fn is_any_claimable(&self) -> Result<bool, sqlx::Error> {
+        sqlx::query_scalar(concat!(
+            "SELECT EXISTS (SELECT 1 FROM task WHERE state = 'queued' AND run_at <= ",
+            now!(),
+            ")"
+        ))
+        .fetch_one(&self.reader)
+        .await
+    }
+
+    pub async fn is_any_expired(&self) -> Result<bool, sqlx::Error> {
+        Ok(sqlx::query(EXPIRED).fetch_optional(&self.reader).await?.is_some())
+    }
+}
+
+impl Transaction {
+    /// The task that is next to be claimed, as it is before the claim.
+    pub async fn next_task(&mut self) -> Result<Option<(ClaimedTask, TaskStanding)>, sqlx::Error> {
+        let row = sqlx::query(concat!(
+            "SELECT task.*, job.kind, job.spec, job.digest, run.id AS run FROM task \
+              JOIN job ON job.id = task.job LEFT JOIN run ON run.job = job.id \
+              WHERE task.id = (SELECT id FROM task WHERE state = 'queued' AND run_at <= ",
+            now!(),
+            " ORDER BY priority DESC, run_at, id LIMIT 1)"
+        ))
+        .fetch_optional(self.connection())
+        .await?;
+        let read = |row| Ok((ClaimedTask::from_row(&row)?, TaskStanding::from_row(&row)?));
+        row.map(read).transpose()
+    }
+
+    /// Leases a task to `worker`; its progress begins anew.
+    pub async fn lease(
+        &mut self,
+        task: TaskId,
+        standing: &TaskStanding,
+        worker: &str,
+        ttl: Duration,
+    ) -> Result<(), sqlx::Error> {
+        sqlx::query(concat!(
+            "UPDATE task SET state = ?, attempt = ?, epoch = ?, worker = ?, lease_until = ",
+            now!(),
+            " + ?, started_at = COALESCE(started_at, ",
+            now!(),
+            "), done = 0, rate = NULL, message = NULL WHERE id = ?"
+        ))
+        .bind(standing.state.as_str())
+        .bind(standing.attempt)
+        .bind(standing.epoch)
+        .bind(worker)
+        .bind(milliseconds(ttl))
+        .bind(task)
+        .execute(self.connection())
+        .await?;
+        Ok(())
+    }
+
+    /// A task's job and where it stands. Another database must lock the row here, for every write
+    /// of a worker rests on the answer.
+    pub async fn standing(
+        &mut self,
+        task: TaskId,
+    ) -> Result<Option<(JobId, TaskStanding)>, sqlx::Error> {
+        let row = sqlx::query(
+            "SELECT job, state, attempt, max_attempts, epoch, cancel_requested FROM task \
+             WHERE id = ?",
+        )
+        .bind(task)
+        .fetch_optional(self.connection())
+        .await?;
+        row.map(|row| Ok((row.try_get("job")?, TaskStanding::from_row(&row)?))).transpose()
+    }
+
+    pub async fn renew(
+        &mut self,
+        task: TaskId,
+        ttl: Duration,
+        progress: &Progress,
+    ) -> Result<(), sqlx::Error> {
+        sqlx::query(concat!(
+            "UPDATE task SET lease_until = ",
+            now!(),
+            " + ?, done = ?, rate = ?, message = ? WHERE id = ?"
+        ))
+        .bind(milliseconds(ttl))
+        .bind(integer(progress.done))
+        .bind(progress.rate_per_second)
+        .bind(&progress.message)
+        .bind(task)
+        .execute(self.connection())
+        .await?;
+        Ok(())
+    }
+
+    /// The tasks whose leases have run out, with the worker that had each.
+    pub async fn expired(&mut self) -> Result<Vec<(Fence, String)>, sqlx::Error> {
+        let rows: Vec<(TaskId, Epoch, Option<String>)> =
+            sqlx::query_as(EXPIRED).fetch_all(self.connection()).await?;
+        let expired = |(task, epoch, worker): (TaskId, Epoch, Option<String>)| {
+            (Fence { task, epoch }, worker.unwrap_or_default())
+        };
+        Ok(rows.into_iter().map(expired).collect())
+    }
+
+    pub async fn set_total(&mut self, task: TaskId, total: u64) -> Result<(), sqlx::Error> {
+        sqlx::query("UPDATE task SET total = ? WHERE id = ?")
+            .bind(integer(total))
+            .bind(task)
+            .execute(self.connection())
+            .await?;
+        Ok(())
+    }
+
+    /// A task that succeeded has no error left.
+    pub async fn complete_task(
+        &mut self,
+        task: TaskId,
+        standing: &TaskStanding,
+        result: Option<&Value>,
+    ) -> Result<(), sqlx::Error> {
+        sqlx::query(concat!(
+            "UPDATE task SET state = ?, done = total, result = ?, error = NULL, \
+              lease_until = NULL, rate = NULL, message = NULL, finished_at = ",
+            now!(),
+            " WHERE id = ?"
+        ))
+        .bind(standing.state.as_str())
+        .bind(result.map(Value::to_string))
+        .bind(task)
+        .execute(self.connection())
+        .await?;
+        Ok(())
+    }
+
+    /// Without an `error` it keeps that of the last attempt.
+    pub async fn end_task(
+        &mut self,
+        task: TaskId,
+        standing: &TaskStanding,
+        error: Option<&str>,
+    ) -> Result<(), sqlx::Error> {
+        sqlx::query(concat!(
+            "UPDATE task SET state = ?, error = COALESCE(?, error), lease_until = NULL, \
+              rate = NULL, message = NULL, finished_at = ",
+            now!(),
+            " WHERE id = ?"
+        ))
+        .bind(standing.state.as_str())
+        .bind(error)
+        .bind(task)
+        .execute(self.connection())
+        .await?;
+        Ok(())
+    }
+
+    /// Nobody may claim it before `delay` has passed.
+    pub async fn requeue_task(
+        &mut self,
+        task: TaskId,
+        standing: &TaskStanding,
+        delay: Duration,
+        error: Option<&str>,
+    ) -> Result<(), sqlx::Error> {
+        sqlx::query(concat!(
+            "UPDATE task SET state = ?, attempt = ?, error = COALESCE(?, error), \
+              lease_until = NULL, rate = NULL, message = NULL, run_at = ",
+            now!(),
+            " + ? WHERE id = ?"
+        ))
+        .bind(standing.state.as_str())
+        .bind(standing.attempt)
+        .bind(error)
+        .bind(milliseconds(delay))
+        .bind(task)
+        .execute(self.connection())
+        .await?;
+        Ok(())
+    }
+
+    pub async fn tally(&mut self, job: JobId) -> Result<TaskTally, sqlx::Error> {
+        let row = sqlx::query(
+            "SELECT COALESCE(MAX(state = 'failed'), 0) AS failed, \
+             COALESCE(MAX(state = 'cancelled'), 0) AS cancelled, \
+             MIN(CASE WHEN state IN ('waiting', 'queued', 'running') THEN stage END) AS open_stage \
+             FROM task WHERE job = ?",
+        )
+        .bind(job)
+        .fetch_one(self.connection())
+        .await?;
+        Ok(TaskTally {
+            failed: row.try_get("failed")?,
+            cancelled: row.try_get("cancelled")?,
+            open_stage: row.try_get("open_stage")?,
+        })
+    }
+
+    /// The first task of a job that failed, and why.
+    pub async fn first_failure(&mut self, job: JobId) -> Result<Option<String>, sqlx::Error> {
+        sqlx::query_scalar(
+            "SELECT label || ': ' || COALESCE(error, 'failed') FROM task \
+             WHERE job = ? AND state = 'failed' ORDER BY id LIMIT 1",
+        )
+        .bind(job)
+        .fetch_optional(self.connection())
+        .await
+    }
+
+    /// Queues the tasks of a stage that wait; they all do at once.
+    pub async fn queue_stage(&mut self, job: JobId, stage: u32) -> Result<(), sqlx::Error> {
+        sqlx::query(concat!(
+            "UPDATE task SET state = 'queued', run_at = ",
+            now!(),
+            " WHERE job = ? AND stage = ? AND state = 'waiting'"
+        ))
+        .bind(job)
+        .bind(stage)
+        .execute(self.connection())
+        .await?;
+        Ok(())
+    }
+
+    /// Cancels tasks that nobody has and asks for the end of those that somebody has. The tests of
+    /// `rules` walk through this and through a model of it.
+    pub async fn stop_tasks(&mut self, job: JobId) -> Result<(), sqlx::Error> {
+        sqlx::query(concat!(
+            "UPDATE task SET state = 'cancelled', finished_at = ",
+            now!(),
+            " WHERE job = ? AND state IN ('waiting', 'queued')"
+        ))
+        .bind(job)
+        .execute(self.connection())
+        .await?;
+        sqlx::query("UPDATE task SET cancel_requested = 1 WHERE job = ? AND state = 'running'")
+            .bind(job)
+            .execute(self.connection())
+            .await?;
+        Ok(())
+    }
+}
+
+fn milliseconds(duration: Duration) -> i64 {
+    i64::try_from(duration.as_millis()).unwrap_or(i64::MAX / 2)
+}
+
+impl FromRow<'_, SqliteRow> for TaskStanding {
+    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
+        Ok(Self {
+            state: state(row)?,
+            attempt: row.try_get("attempt")?,
+            max_attempts: row.try_get("max_attempts")?,
+            epoch: row.try_get("epoch")?,
+            cancel_requested: row.try_get("cancel_requested")?,
+        })
+    }
+}
+
+impl FromRow<'_, SqliteRow> for ClaimedTask {
+    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
+        Ok(Self {
+            fence: Fence { task: row.try_get("id")?, epoch: row.try_get("epoch")? },
+            job: row.try_get("job")?,
+            kind: row.try_get("kind")?,
+            spec: json(row, "spec")?,
+            digest: digest(row, "digest")?,
+            run: row.try_get("run")?,
+            stage: row.try_get("stage")?,
+            ordinal: row.try_get("ordinal")?,
+            label: row.try_get("label")?,
+            payload: json(row, "payload")?,
+            total: row.try_get("total")?,
+            attempt: row.try_get("attempt")?,
+            max_attempts: row.try_get("max_attempts")?,
+        })
+    }
+}
+
+impl FromRow<'_, SqliteRow> for Task {
+    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
+        let result: Option<&str> = row.try_get("result")?;
+        Ok(Self {
+            id: row.try_get("id")?,
+            job: row.try_get("job")?,
+            stage: row.try_get("stage")?,
+            ordinal: row.try_get("ordinal")?,
+            label: row.try_get("label")?,
+            payload: json(row, "payload")?,
+            state: state(row)?,
+            attempt: row.try_get("attempt")?,
+            max_attempts: row.try_get("max_attempts")?,
+            epoch: row.try_get("epoch")?,
+            worker: row.try_get("worker")?,
+            lease_until: row.try_get("lease_until")?,
+            cancel_requested: row.try_get("cancel_requested")?,
+            progress: Progress {
+                done: row.try_get("done")?,
+                rate_per_second: row.try_get("rate")?,
+                message: row.try_get("message")?,
+            },
+            total: row.try_get("total")?,
+            result: result.map(|_| json(row, "result")).transpose()?,
+            error: row.try_get("error")?,
+            started_at: row.try_get("started_at")?,
+            finished_at: row.try_get("finished_at")?,
+        })
+    }
+}
