@@ -6,20 +6,13 @@ use base64::engine::general_purpose::STANDARD as BASE64;
 use serde_json::json;
 use spec::Digest;
 
-use crate::fixture::{Server, bytes_of, small_pipeline};
+use crate::fixture::{Server, bytes_of};
 
 const FILE: &str = "/v1/checkpoints/1/files/model.safetensors";
 
-async fn finished() -> Server {
-    let server = Server::start().await;
-    server.submitted(&small_pipeline()).await;
-    server.work().await;
-    server
-}
-
 #[tokio::test]
 async fn every_file_that_is_listed_downloads_with_the_digest_that_is_stated() {
-    let server = finished().await;
+    let server = Server::with_small_pipeline().await;
     let mut files = Vec::new();
     for id in 1..=2 {
         let dataset = server.json(&format!("/v1/datasets/{id}")).await;
@@ -48,7 +41,7 @@ async fn every_file_that_is_listed_downloads_with_the_digest_that_is_stated() {
 
 #[tokio::test]
 async fn the_description_of_a_dataset_names_its_columns_and_the_digests_of_its_files() {
-    let server = finished().await;
+    let server = Server::with_small_pipeline().await;
     let answer = server.get("/v1/datasets/1/files/dataset.json").await;
     assert_eq!(answer.header("content-type"), "application/json");
     let description = answer.json();
@@ -77,7 +70,7 @@ async fn the_description_of_a_dataset_names_its_columns_and_the_digests_of_its_f
 
 #[tokio::test]
 async fn a_download_is_taken_up_where_it_broke_off() {
-    let server = finished().await;
+    let server = Server::with_small_pipeline().await;
     let whole = bytes_of(5000, 7);
     let tag = server.get(FILE).await.header("etag").to_owned();
     let headers = [("range", "bytes=1234-"), ("if-range", tag.as_str())];
@@ -93,7 +86,7 @@ async fn a_download_is_taken_up_where_it_broke_off() {
 
 #[tokio::test]
 async fn a_part_beyond_the_end_is_refused_with_the_size() {
-    let server = finished().await;
+    let server = Server::with_small_pipeline().await;
     let answer = server.request(Method::GET, FILE, &[("range", "bytes=5000-")]).await;
     assert_eq!(answer.status, 416);
     assert_eq!(answer.header("content-range"), "bytes */5000");
@@ -102,14 +95,14 @@ async fn a_part_beyond_the_end_is_refused_with_the_size() {
 
 #[tokio::test]
 async fn several_parts_at_once_are_answered_with_the_whole() {
-    let server = finished().await;
+    let server = Server::with_small_pipeline().await;
     let answer = server.request(Method::GET, FILE, &[("range", "bytes=0-1,4-5")]).await;
     assert_eq!((answer.status.as_u16(), answer.body.len()), (200, 5000));
 }
 
 #[tokio::test]
 async fn a_file_that_the_caller_has_is_not_sent_again() {
-    let server = finished().await;
+    let server = Server::with_small_pipeline().await;
     let tag = server.get(FILE).await.header("etag").to_owned();
     let answer = server.request(Method::GET, FILE, &[("if-none-match", &tag)]).await;
     assert_eq!((answer.status.as_u16(), answer.body.len()), (304, 0));
@@ -118,7 +111,7 @@ async fn a_file_that_the_caller_has_is_not_sent_again() {
 
 #[tokio::test]
 async fn head_tells_what_get_would_send() {
-    let server = finished().await;
+    let server = Server::with_small_pipeline().await;
     let head = server.request(Method::HEAD, FILE, &[]).await;
     assert_eq!((head.status.as_u16(), head.body.len()), (200, 0));
     assert_eq!(head.header("content-length"), "5000");
@@ -129,7 +122,7 @@ async fn head_tells_what_get_would_send() {
 
 #[tokio::test]
 async fn the_loss_curve_is_drawn_and_its_numbers_are_there() {
-    let server = finished().await;
+    let server = Server::with_small_pipeline().await;
     let train = server.json("/v1/jobs?kind=train").await["jobs"][0].clone();
     let svg = server.get(&format!("/v1/runs/{}/figures/loss.svg", train["run"])).await;
     assert_eq!(svg.header("content-type"), "image/svg+xml");

@@ -68,6 +68,14 @@ impl Server {
         Self::start_with(&Options::default()).await
     }
 
+    /// With the jobs of [`small_pipeline`] done.
+    pub async fn with_small_pipeline() -> Self {
+        let server = Self::start().await;
+        server.submitted(&small_pipeline()).await;
+        server.work().await;
+        server
+    }
+
     pub async fn start_with(options: &Options) -> Self {
         let dir = tempfile::tempdir().unwrap();
         let store = Store::open(dir.path(), Access::Server).await.unwrap();

@@ -105,17 +105,10 @@ fn submit(body: Vec<u8>, path: &str) -> Request<Body> {
         .unwrap()
 }
 
-async fn finished() -> Server {
-    let server = Server::start().await;
-    server.submitted(&small_pipeline()).await;
-    server.work().await;
-    server
-}
-
 /// Sends what `requests` draws to one server and checks every answer.
 fn check(requests: impl Strategy<Value = Option<Request<Body>>>, cases: u32) {
     let runtime = Runtime::new().unwrap();
-    let server = runtime.block_on(finished());
+    let server = runtime.block_on(Server::with_small_pipeline());
     let config = ProptestConfig { cases, failure_persistence: None, ..ProptestConfig::default() };
     proptest!(config, |(request in requests)| {
         if let Some(request) = request {

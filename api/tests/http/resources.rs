@@ -4,13 +4,6 @@ use serde_json::json;
 
 use crate::fixture::{Server, report, small_pipeline, small_simulation};
 
-async fn finished() -> Server {
-    let server = Server::start().await;
-    server.submitted(&small_pipeline()).await;
-    server.work().await;
-    server
-}
-
 #[tokio::test]
 async fn the_server_tells_its_health_and_version() {
     let health = Server::start().await.json("/healthz").await;
@@ -51,7 +44,7 @@ async fn jobs_are_listed_newest_first_page_by_page() {
 
 #[tokio::test]
 async fn jobs_are_filtered_by_state_and_kind() {
-    let server = finished().await;
+    let server = Server::with_small_pipeline().await;
     server.submitted(&small_simulation(9)).await;
     let count = async |query: &str| {
         server.json(&format!("/v1/jobs?{query}")).await["jobs"].as_array().unwrap().len()
@@ -103,7 +96,7 @@ async fn a_failed_job_says_why() {
 
 #[tokio::test]
 async fn a_dataset_lists_its_files_with_their_rows() {
-    let server = finished().await;
+    let server = Server::with_small_pipeline().await;
     let list = server.json("/v1/datasets").await;
     assert_eq!(list["datasets"].as_array().unwrap().len(), 2);
     let train_set =
@@ -131,7 +124,7 @@ async fn a_dataset_lists_its_files_with_their_rows() {
 
 #[tokio::test]
 async fn a_run_has_its_latest_metrics_and_their_curves() {
-    let server = finished().await;
+    let server = Server::with_small_pipeline().await;
     let train = server.json("/v1/jobs?kind=train").await["jobs"][0].clone();
     let run = server.json(&format!("/v1/runs/{}", train["run"])).await;
     assert_eq!((&run["kind"], &run["job"]), (&json!("train"), &train["id"]));
@@ -168,7 +161,7 @@ async fn a_loss_that_is_not_a_number_is_null() {
 
 #[tokio::test]
 async fn a_checkpoint_lists_its_files() {
-    let server = finished().await;
+    let server = Server::with_small_pipeline().await;
     let list = server.json("/v1/checkpoints").await;
     let checkpoint = server.json("/v1/checkpoints/1").await;
     assert_eq!(list["checkpoints"], json!([checkpoint]));

@@ -171,14 +171,15 @@ fn a_decoder_that_nobody_wants_any_more_ends() {
     assert!(!std::path::Path::new("/proc").join(pid.trim()).exists());
 }
 
-/// Its standard input, which this test holds, is still open.
+/// Its standard input, which this test holds, is still open. A shell gives what runs beside it another
+/// one, so it goes by way of number 3.
 #[cfg(target_os = "linux")]
 #[test]
 fn a_decoder_ends_with_the_process_that_started_it() {
     use std::io::BufRead;
 
     let mut parent = Command::new("sh")
-        .args(["-c", "\"$0\" <&0 & echo $!; wait", PROGRAM])
+        .args(["-c", "exec 3<&0; \"$0\" <&3 & echo $!; wait", PROGRAM])
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())
         .spawn()

@@ -8,7 +8,7 @@ use spec::{JobSpec, PipelineSpec};
 /// How much of the study is done.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Scale {
-    /// Every job, in half an hour on two cores; too small to conclude from
+    /// Every job, in twenty minutes on two cores; too small to conclude from
     Tiny,
     /// Tiny models, trained for long enough to compare, in some hours on two cores
     Small,
