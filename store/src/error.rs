@@ -77,7 +77,11 @@ fn of_process(pid: Option<u32>) -> String {
 impl StoreError {
     /// Whether a file that was asked for is not there.
     pub fn is_missing_file(&self) -> bool {
-        matches!(self, Self::ObjectFile { source, .. } if source.kind() == io::ErrorKind::NotFound)
+        match self {
+            Self::ObjectFile { source, .. } => source.kind() == io::ErrorKind::NotFound,
+            Self::Object { source, .. } => matches!(source, object_store::Error::NotFound { .. }),
+            _ => false,
+        }
     }
 
     /// For `map_err` after a query; `operation` completes "while ...".

@@ -24,7 +24,6 @@ mod identifiers;
 mod jobs;
 mod leases;
 mod metrics;
-mod object_writer;
 mod objects;
 mod orphans;
 mod parquet_layout;
@@ -41,7 +40,6 @@ mod table_writer;
 mod task_end;
 mod tasks;
 mod trajectories;
-mod unfinished_file;
 mod uploads;
 
 pub use artifacts::{Artifact, NewArtifact};
@@ -55,8 +53,7 @@ pub use identifiers::{CheckpointId, DatasetId, Epoch, JobId, RunId, TaskId};
 pub use jobs::{Job, JobFilter, JobProgress, Page};
 pub use leases::{ClaimedTask, Fence, Lease, Progress, Reaped};
 pub use metrics::{Metric, Series, SeriesPoint};
-pub use object_writer::ObjectWriter;
-pub use objects::{ObjectBytes, StoredObject, measure_file, object_path};
+pub use objects::{ObjectBytes, ObjectWriter, StoredObject, measure_file, path as object_path};
 pub use parquet_layout::{
     STEP, TRAJECTORY, table_schema, trajectories_per_row_group, trajectory_schema,
 };

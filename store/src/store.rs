@@ -2,6 +2,8 @@ use std::fs::File;
 use std::path::Path;
 use std::sync::Arc;
 
+use object_store::ObjectStore;
+
 use crate::data_dir::DataDir;
 use crate::database::{Database, sql};
 use crate::objects::Objects;
@@ -26,7 +28,27 @@ impl Store {
     /// When the folder cannot be written, is served by another process, has no store yet (for a
     /// worker), comes from a newer version or is damaged. Nothing is changed in the last two.
     pub async fn open(dir: &Path, access: Access) -> Result<Self, StoreError> {
-        let dir = DataDir::new(dir);
+        Self::open_with(DataDir::new(dir), access, Objects::open).await
+    }
+
+    /// The same with objects that lie in `objects` instead of the folder.
+    ///
+    /// # Errors
+    /// As [`Store::open`].
+    pub async fn open_with_objects(
+        dir: &Path,
+        access: Access,
+        objects: Arc<dyn ObjectStore>,
+    ) -> Result<Self, StoreError> {
+        let elsewhere = |dir: &DataDir| Ok(Objects::elsewhere(dir, objects));
+        Self::open_with(DataDir::new(dir), access, elsewhere).await
+    }
+
+    async fn open_with(
+        dir: DataDir,
+        access: Access,
+        objects: impl FnOnce(&DataDir) -> Result<Objects, StoreError>,
+    ) -> Result<Self, StoreError> {
         let lock = match access {
             Access::Server => {
                 dir.create()?;
@@ -35,7 +57,7 @@ impl Store {
             Access::Worker => None,
         };
         let database = Database::open(&dir, access).await?;
-        let objects = Objects::open(&dir)?;
+        let objects = objects(&dir)?;
         Ok(Self { inner: Arc::new(Inner { database, objects, _lock: lock }) })
     }
 

@@ -10,7 +10,7 @@ use parquet::arrow::arrow_reader::{
 };
 use parquet::errors::ParquetError;
 
-use crate::objects::PositionedFile;
+use crate::objects::file::PositionedFile;
 use crate::{Store, StoreError, StoredObject};
 
 /// A Parquet table, open. Threads may share it.
@@ -36,7 +36,7 @@ impl Store {
     /// # Errors
     /// When the file is not there or its footer cannot be read.
     pub fn open_unchecked(&self, object: &StoredObject) -> Result<TableReader, StoreError> {
-        TableReader::new(self.objects().open_file(&object.path)?, object.path.clone())
+        TableReader::new(self.objects().open(&object.path)?, object.path.clone())
     }
 }
 

@@ -1,8 +1,6 @@
 //! Uploads: files that somebody sent to be imported, each kept once under its digest.
 
 use std::fs::File;
-use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::{SystemTime, UNIX_EPOCH};
 
 use object_store::path::Path;
 use object_store::{ObjectStoreExt, WriteMultipart};
@@ -10,6 +8,7 @@ use sha2::{Digest as _, Sha256};
 use spec::Digest;
 
 use crate::database::sql;
+use crate::objects::{PART_SIZE, PARTS_IN_FLIGHT, unique_name};
 use crate::{Store, StoreError, StoredObject, Timestamp};
 
 #[derive(Clone, Debug)]
@@ -19,12 +18,6 @@ pub struct Upload {
     pub object: StoredObject,
     pub created_at: Timestamp,
 }
-
-/// Bytes that are written at once.
-const PART_SIZE: usize = 8 * 1024 * 1024;
-
-/// Parts on their way to the disk at a time, which bounds memory.
-const PARTS_IN_FLIGHT: usize = 2;
 
 /// Receives a file piece by piece; dropped before [`UploadWriter::finish`], it leaves nothing.
 #[derive(Debug)]
@@ -42,10 +35,11 @@ impl Store {
     /// # Errors
     /// When the disk is full or fails.
     pub async fn begin_upload(&self) -> Result<UploadWriter, StoreError> {
-        let path = staging_path();
+        // Its digest is known at its end only.
+        let path = unique_name("uploads/upload");
         let parts = self
             .objects()
-            .local()
+            .remote()
             .put_multipart(&Path::from(path.as_str()))
             .await
             .map_err(StoreError::object("writing", &path))?;
@@ -130,12 +124,4 @@ impl UploadWriter {
         let object = StoredObject { path: self.path, size: self.size, sha256 };
         self.store.commit_upload(name, &object).await
     }
-}
-
-/// A path that no other upload has: its digest is known only at its end.
-fn staging_path() -> String {
-    static COUNT: AtomicU64 = AtomicU64::new(0);
-    let count = COUNT.fetch_add(1, Ordering::Relaxed);
-    let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
-    format!("uploads/{:x}-{:x}-{count:x}", since_1970.as_nanos(), std::process::id())
 }

@@ -1,8 +1,10 @@
-//! Runs the suite against SQLite.
+//! Runs the suite against SQLite, with objects in the data folder and elsewhere.
 
 #![expect(clippy::unwrap_used, reason = "tests")]
 
 mod suite;
+
+use std::sync::Arc;
 
 use store::{Access, Store};
 use suite::Fixture;
@@ -13,13 +15,21 @@ async fn fixture() -> Fixture {
     Fixture { store, _dir: dir }
 }
 
+/// A store whose objects are no files.
+async fn with_objects_elsewhere() -> Fixture {
+    let dir = tempfile::tempdir().unwrap();
+    let objects = Arc::new(object_store::memory::InMemory::new());
+    let store = Store::open_with_objects(dir.path(), Access::Server, objects).await.unwrap();
+    Fixture { store, _dir: dir }
+}
+
 macro_rules! conforms {
-    ($($room:ident: $($law:ident),+ $(,)?;)+) => {
+    ($fixture:ident => $($room:ident: $($law:ident),+ $(,)?;)+) => {
         $(mod $room {
             $(
                 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
                 async fn $law() {
-                    crate::suite::$room::$law(crate::fixture().await).await;
+                    crate::suite::$room::$law(crate::$fixture().await).await;
                 }
             )+
         })+
@@ -27,6 +37,7 @@ macro_rules! conforms {
 }
 
 conforms! {
+    fixture =>
     leases:
         a_claimed_task_carries_all_that_its_worker_needs,
         a_killed_worker_loses_its_lease_and_its_late_writes,
@@ -59,6 +70,7 @@ conforms! {
         a_repeated_request_does_what_the_first_did,
         an_inconsistent_submission_leaves_nothing,
         jobs_are_listed_newest_first_in_pages,
+        experiments_are_what_somebody_asked_for,
         jobs_are_filtered_by_kind_and_state,
         a_job_is_found_by_its_digest,
         what_does_not_exist_is_named;
@@ -97,6 +109,7 @@ conforms! {
         an_object_is_downloaded_whole_or_in_part,
         an_object_written_in_pieces_appears_when_finished,
         damaged_bytes_are_refused,
+        a_table_is_written_and_read_wherever_it_lies,
         what_was_published_but_not_committed_is_swept;
     uploads:
         a_file_is_found_by_its_digest,
@@ -106,4 +119,28 @@ conforms! {
         a_file_is_no_orphan_and_what_was_not_committed_is,
         a_changed_file_is_not_opened,
         an_import_tells_how_many_trajectories_there_are;
+}
+
+mod objects_elsewhere {
+    conforms! {
+        with_objects_elsewhere =>
+        datasets:
+            the_last_shard_completes_dataset_and_job,
+            a_zombie_neither_commits_nor_overwrites_a_shard,
+            a_row_never_comes_before_its_bytes;
+        checkpoints:
+            a_training_resumes_from_its_latest_checkpoint,
+            old_checkpoints_are_pruned_with_their_bytes;
+        artifacts:
+            an_artifact_is_replaced_under_its_name;
+        objects:
+            an_object_is_downloaded_whole_or_in_part,
+            an_object_written_in_pieces_appears_when_finished,
+            damaged_bytes_are_refused,
+            a_table_is_written_and_read_wherever_it_lies;
+        uploads:
+            a_file_is_found_by_its_digest,
+            a_file_that_is_sent_again_is_kept_once,
+            an_import_tells_how_many_trajectories_there_are;
+    }
 }

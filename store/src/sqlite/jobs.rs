@@ -39,13 +39,7 @@ impl Database {
         state: Option<JobState>,
         page: Page,
     ) -> Result<Vec<Job>, sqlx::Error> {
-        let mut query = QueryBuilder::new(SELECT_JOB);
-        query.push("WHERE job.is_part = 0 AND job.id < ").push_bind(page.before());
-        if let Some(state) = state {
-            query.push(" AND job.state = ").push_bind(state.as_str());
-        }
-        query.push(" ORDER BY job.id DESC LIMIT ").push_bind(page.limit());
-        self.jobs_of(query).await
+        self.jobs_of(experiments(SELECT_JOB, state, page)).await
     }
 
     pub async fn job_by_digest(
@@ -212,6 +206,20 @@ impl Transaction {
     }
 }
 
+fn experiments(
+    select: impl Into<String>,
+    state: Option<JobState>,
+    page: Page,
+) -> QueryBuilder<Sqlite> {
+    let mut query = QueryBuilder::new(select);
+    query.push("WHERE job.is_part = 0 AND job.id < ").push_bind(page.before());
+    if let Some(state) = state {
+        query.push(" AND job.state = ").push_bind(state.as_str());
+    }
+    query.push(" ORDER BY job.id DESC LIMIT ").push_bind(page.limit());
+    query
+}
+
 fn push_ids(query: &mut QueryBuilder<Sqlite>, jobs: &[Job]) {
     let mut list = query.separated(", ");
     for job in jobs {
@@ -252,5 +260,35 @@ impl FromRow<'_, SqliteRow> for Job {
             started_at: row.try_get("started_at")?,
             finished_at: row.try_get("finished_at")?,
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Access;
+    use crate::data_dir::DataDir;
+
+    /// However many jobs pipelines made, none of them is looked at.
+    #[tokio::test]
+    async fn experiments_are_read_from_an_index_that_holds_nothing_else() {
+        let folder = tempfile::tempdir().unwrap();
+        let dir = DataDir::new(folder.path());
+        dir.create().unwrap();
+        let database = Database::open(&dir, Access::Server).await.unwrap();
+        for (state, index) in
+            [(None, "experiment"), (Some(JobState::Failed), "experiment_by_state")]
+        {
+            let explain = format!("EXPLAIN QUERY PLAN {SELECT_JOB}");
+            let mut query = experiments(explain, state, Page::default());
+            let plan = query.build().fetch_all(&database.reader).await.unwrap();
+            let steps: Vec<String> = plan.iter().map(|row| row.get("detail")).collect();
+            let expected = format!("SEARCH job USING INDEX {index} (");
+            assert!(steps[0].starts_with(&expected), "{steps:?}");
+            assert!(
+                !steps.iter().any(|step| step.contains("B-TREE")),
+                "nothing is sorted: {steps:?}"
+            );
+        }
     }
 }

@@ -1,9 +1,13 @@
+use std::collections::BTreeMap;
 use std::io::Write;
+use std::sync::Arc;
 use std::time::Duration;
 
+use arrow::array::{ArrayRef, Float32Array, Int32Array, RecordBatch};
 use bytes::Bytes;
 use futures::TryStreamExt;
 use spec::Digest;
+use store::{STEP, StoredObject, TRAJECTORY, trajectory_schema};
 
 use super::{Fixture, simulate};
 
@@ -51,6 +55,39 @@ pub async fn damaged_bytes_are_refused(f: Fixture) {
     let object = f.store.put_object("a/b", "right".into()).await.unwrap();
     f.store.put_object("a/b", "wrong".into()).await.unwrap();
     assert!(f.store.read_object(&object).await.is_err());
+}
+
+pub async fn a_table_is_written_and_read_wherever_it_lies(f: Fixture) {
+    let schema = trajectory_schema(["u1"]);
+    let (ids, steps) = (vec![0, 0, 1, 1], vec![0, 1, 0, 1]);
+    let columns: [ArrayRef; 3] = [
+        Arc::new(Int32Array::from(ids)),
+        Arc::new(Int32Array::from(steps)),
+        Arc::new(Float32Array::from(vec![0.5, 1.5, 2.5, 3.5])),
+    ];
+    let batch = RecordBatch::try_new(schema.clone(), columns.to_vec()).unwrap();
+    let footer = BTreeMap::new();
+    let mut writer = f.store.write_trajectories("a/table", schema, 2, &footer).await.unwrap();
+    let rows = batch.clone();
+    let written = tokio::task::spawn_blocking(move || {
+        writer.write(rows).unwrap();
+        writer.finish().unwrap()
+    });
+    let object = written.await.unwrap();
+    assert_eq!(f.store.measure_object("a/table").unwrap(), object);
+
+    let table = f.store.open_table(&object).unwrap();
+    let names = [TRAJECTORY, STEP, "u1"];
+    assert_eq!(table.read_row_group(0, &names).unwrap().columns(), batch.columns());
+    assert!(f.store.open_unchecked(&object).is_ok());
+    let names = std::fs::read_dir(f._dir.path().join("objects")).unwrap();
+    let names = names.map(|it| it.unwrap().file_name()).filter(|it| it != "a");
+    assert_eq!(names.count(), 0, "a copy has no name");
+
+    let absent = StoredObject { path: "a/absent".to_owned(), ..object.clone() };
+    assert!(f.store.open_table(&absent).unwrap_err().is_missing_file());
+    let other = StoredObject { sha256: Digest::of(b"other"), ..object };
+    assert!(f.store.open_table(&other).unwrap_err().to_string().contains("checking"));
 }
 
 pub async fn what_was_published_but_not_committed_is_swept(f: Fixture) {

@@ -202,6 +202,26 @@ pub async fn jobs_are_listed_newest_first_in_pages(f: Fixture) {
     assert_eq!(rest.iter().map(|job| job.id).collect::<Vec<_>>(), ids[2..]);
 }
 
+pub async fn experiments_are_what_somebody_asked_for(f: Fixture) {
+    let alone = f.submit_one(simulate(1)).await;
+    let mut pipelines = Vec::new();
+    for seed in 1..40 {
+        pipelines.push(f.submit(pipeline(seed)).await.job);
+    }
+    // The first pipeline has the job that was there, the others made all of theirs.
+    pipelines.reverse();
+    let page = Page { before: None, limit: 30 };
+    let first = f.store.experiments(None, page).await.unwrap();
+    assert_eq!(first.iter().map(|job| job.id).collect::<Vec<_>>(), pipelines[..30]);
+    let page = Page { before: Some(first[29].id.0), limit: 30 };
+    let rest = f.store.experiments(None, page).await.unwrap();
+    let expected = [&pipelines[30..], &[alone][..]].concat();
+    assert_eq!(rest.iter().map(|job| job.id).collect::<Vec<_>>(), expected);
+    f.store.cancel(pipelines[5]).await.unwrap();
+    let cancelled = f.store.experiments(Some(JobState::Cancelled), Page::default()).await.unwrap();
+    assert_eq!(cancelled.iter().map(|job| job.id).collect::<Vec<_>>(), [pipelines[5]]);
+}
+
 pub async fn jobs_are_filtered_by_kind_and_state(f: Fixture) {
     f.submit(pipeline(1)).await;
     let found = |kind, state| {

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::mpsc::{SyncSender, sync_channel};
 use std::thread::{self, JoinHandle};
+use std::time::Duration;
 
 /// Bytes after which the disk is asked to write them.
 const SYNC_EVERY: usize = 8 * 1024 * 1024;
@@ -62,6 +63,28 @@ impl Drop for UnfinishedFile {
         // What cannot be deleted now is no object, and is swept or overwritten later.
         let _ = std::fs::remove_file(&self.at);
     }
+}
+
+/// Deletes unfinished files of objects below a folder that are older than `age`, `object_store`'s own
+/// included: it writes to `NAME#N` beside its destination, which it does not list.
+pub(crate) fn delete_below(root: &Path, age: Duration) -> io::Result<u64> {
+    let mut deleted = 0;
+    let mut folders: Vec<PathBuf> = vec![root.to_owned()];
+    while let Some(folder) = folders.pop() {
+        for entry in std::fs::read_dir(folder)? {
+            let entry = entry?;
+            let metadata = entry.metadata()?;
+            if metadata.is_dir() {
+                folders.push(entry.path());
+            } else if entry.file_name().to_string_lossy().contains('#')
+                && metadata.modified()?.elapsed().is_ok_and(|it| it > age)
+            {
+                std::fs::remove_file(entry.path())?;
+                deleted += 1;
+            }
+        }
+    }
+    Ok(deleted)
 }
 
 /// Has the disk work all the time instead of at the end, without anybody waiting for it: a thread

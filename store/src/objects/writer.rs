@@ -3,11 +3,16 @@
 use std::fs::File;
 use std::io;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{SystemTime, UNIX_EPOCH};
 
+use object_store::path::Path as Location;
+use object_store::{ObjectStore, ObjectStoreExt, WriteMultipart};
 use sha2::{Digest as _, Sha256};
 use spec::Digest;
+use tokio::runtime::Handle;
 
-use crate::unfinished_file::UnfinishedFile;
+use super::unfinished_file::UnfinishedFile;
 use crate::{StoreError, StoredObject};
 
 /// What the file of an object is called until it is whole. `object_store` takes a number after a
@@ -19,12 +24,32 @@ const UNFINISHED_OBJECT: &str = "#0";
 /// Blocks, so use it where blocking is allowed: under `spawn_blocking` or on a thread of its own.
 #[derive(Debug)]
 pub struct ObjectWriter {
-    /// None when only the digest is wanted.
-    file: Option<UnfinishedFile>,
+    to: Destination,
     path: String,
     size: u64,
     digest: Sha256,
 }
+
+#[derive(Debug)]
+enum Destination {
+    File(UnfinishedFile),
+    Elsewhere(Parts),
+    /// Only the digest is wanted.
+    Nowhere,
+}
+
+/// An object on its way to elsewhere.
+#[derive(Debug)]
+struct Parts {
+    upload: WriteMultipart,
+    runtime: Handle,
+}
+
+/// Bytes that are sent at once.
+pub(crate) const PART_SIZE: usize = 8 * 1024 * 1024;
+
+/// Parts on their way at a time, which bounds memory.
+pub(crate) const PARTS_IN_FLIGHT: usize = 2;
 
 impl ObjectWriter {
     /// Into the store, whose objects lie as files below `root`.
@@ -33,7 +58,19 @@ impl ObjectWriter {
         let at = PathBuf::from(format!("{}{UNFINISHED_OBJECT}", to.display()));
         let created =
             to.parent().map_or(Ok(()), create_folder).and_then(|()| UnfinishedFile::create(at, to));
-        Ok(Self::new(Some(created.map_err(failed(path))?), path))
+        Ok(Self::new(Destination::File(created.map_err(failed(path))?), path))
+    }
+
+    /// Into a store whose objects are no files.
+    pub(crate) async fn elsewhere(
+        remote: &dyn ObjectStore,
+        path: &str,
+    ) -> Result<Self, StoreError> {
+        let upload = remote.put_multipart(&Location::from(path)).await;
+        let upload = upload.map_err(StoreError::object("writing", path))?;
+        let upload = WriteMultipart::new_with_chunk_size(upload, PART_SIZE);
+        let parts = Parts { upload, runtime: Handle::current() };
+        Ok(Self::new(Destination::Elsewhere(parts), path))
     }
 
     /// Into a file of a folder, which appears under `name` whole and synced to disk, or not at all.
@@ -44,16 +81,16 @@ impl ObjectWriter {
         // Hidden, so that nobody takes it for a table.
         let at = folder.join(format!(".{name}.unfinished"));
         let file = UnfinishedFile::create(at, folder.join(name)).map_err(failed(name))?;
-        Ok(Self::new(Some(file), name))
+        Ok(Self::new(Destination::File(file), name))
     }
 
     /// Keeps nothing but size and digest.
     pub fn digest_only(name: &str) -> Self {
-        Self::new(None, name)
+        Self::new(Destination::Nowhere, name)
     }
 
-    fn new(file: Option<UnfinishedFile>, path: &str) -> Self {
-        Self { file, path: path.to_owned(), size: 0, digest: Sha256::new() }
+    fn new(to: Destination, path: &str) -> Self {
+        Self { to, path: path.to_owned(), size: 0, digest: Sha256::new() }
     }
 
     pub fn path(&self) -> &str {
@@ -65,8 +102,13 @@ impl ObjectWriter {
     /// # Errors
     /// When the disk is full or fails; nothing lies under the path then.
     pub fn finish(self) -> Result<StoredObject, StoreError> {
-        if let Some(file) = self.file {
-            file.publish().map_err(failed(&self.path))?;
+        match self.to {
+            Destination::File(file) => file.publish().map_err(failed(&self.path))?,
+            Destination::Elsewhere(Parts { upload, runtime }) => {
+                let finished = tokio::task::block_in_place(|| runtime.block_on(upload.finish()));
+                finished.map_err(StoreError::object("writing", &self.path))?;
+            }
+            Destination::Nowhere => {}
         }
         let sha256 = Digest::from_bytes(self.digest.finalize().into());
         Ok(StoredObject { path: self.path, size: self.size, sha256 })
@@ -75,8 +117,10 @@ impl ObjectWriter {
 
 impl io::Write for ObjectWriter {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        if let Some(file) = &mut self.file {
-            file.write_all(bytes)?;
+        match &mut self.to {
+            Destination::File(file) => file.write_all(bytes)?,
+            Destination::Elsewhere(parts) => parts.write(bytes)?,
+            Destination::Nowhere => {}
         }
         self.digest.update(bytes);
         self.size += bytes.len() as u64;
@@ -87,6 +131,26 @@ impl io::Write for ObjectWriter {
     fn flush(&mut self) -> io::Result<()> {
         Ok(())
     }
+}
+
+impl Parts {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<()> {
+        let Self { upload, runtime } = self;
+        let room = upload.wait_for_capacity(PARTS_IN_FLIGHT);
+        tokio::task::block_in_place(|| runtime.block_on(room))?;
+        // Parts are sent by tasks of the runtime.
+        let _runtime = runtime.enter();
+        upload.write(bytes);
+        Ok(())
+    }
+}
+
+/// A name that nothing else has, of this process or another.
+pub(crate) fn unique_name(prefix: &str) -> String {
+    static COUNT: AtomicU64 = AtomicU64::new(0);
+    let count = COUNT.fetch_add(1, Ordering::Relaxed);
+    let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+    format!("{prefix}-{:x}-{:x}-{count:x}", since_1970.as_nanos(), std::process::id())
 }
 
 /// Creates a folder and those it is in; their names are durable when this returns.

@@ -1,0 +1,23 @@
+//! Where the objects of each kind lie.
+
+use spec::Digest;
+
+use crate::{Epoch, FileContent, JobId, RunId};
+
+pub fn shard(job: JobId, ordinal: u32, epoch: Epoch, content: FileContent) -> String {
+    format!("datasets/{job}/shard-{ordinal:05}-e{epoch}-{content}.parquet")
+}
+
+pub fn checkpoint(job: JobId, step: u64, epoch: Epoch, name: &str) -> String {
+    format!("checkpoints/{job}/step-{step:08}-e{epoch}/{name}")
+}
+
+/// An artifact may be written again under the same lease, so its digest is in its path.
+pub fn artifact(run: RunId, epoch: Epoch, digest: &Digest, name: &str) -> String {
+    format!("runs/{run}/{}-e{epoch}-{name}", digest.short())
+}
+
+/// A table of a run is written once under a lease, and its digest is known at its end only.
+pub fn table(run: RunId, epoch: Epoch, name: &str) -> String {
+    format!("runs/{run}/table-e{epoch}-{name}")
+}
