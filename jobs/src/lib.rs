@@ -7,6 +7,7 @@
 mod checkpoints;
 mod control;
 mod data;
+mod description;
 mod error;
 mod evaluate;
 mod import;
@@ -20,6 +21,7 @@ mod verify;
 mod warnings;
 
 pub use control::ControlTask;
+pub use description::describe_dataset;
 pub use error::SubmissionError;
 pub use evaluate::EvaluateTask;
 pub use simulate::ShardTask;

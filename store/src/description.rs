@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use spec::{Column, DataSpec, Digest};
+use spec::{Column, Digest};
 
 use crate::{FileContent, NewShard, Shard, StoredObject};
 
@@ -62,29 +62,6 @@ pub struct FileDescription {
 impl DatasetDescription {
     /// What the file is called.
     pub const FILE_NAME: &str = "dataset.json";
-
-    /// Of the dataset that `data` makes, under the digest it is known by, with the shards that are
-    /// there, in order.
-    pub fn new(data: &DataSpec, digest: Digest, shards: Vec<ShardDescription>) -> Self {
-        let job = data.job();
-        let trajectories = shards.iter().map(|shard| shard.trajectories).sum();
-        Self {
-            name: format!("{}-{}", job.kind(), digest.short()),
-            digest,
-            version: env!("CARGO_PKG_VERSION").to_owned(),
-            complete: shards.len() as u64 == data.shard_count(),
-            trajectories,
-            samples: data.samples(),
-            rate_hz: data.rate_hz(),
-            rejected: shards.iter().map(|shard| shard.rejected).sum(),
-            columns: TableColumns {
-                trajectories: data.trajectory_columns(),
-                robots: data.table_columns(),
-            },
-            shards,
-            spec: job.to_json(),
-        }
-    }
 
     /// As `dataset.json` has it.
     pub fn to_json(&self) -> Vec<u8> {

@@ -89,7 +89,7 @@ impl DatasetFolder {
             Some(found) => found,
             None => {
                 refuse_other_files(dir)?;
-                DatasetDescription::new(&data, digest, Vec::new())
+                jobs::describe_dataset(&data, digest, Vec::new())
             }
         };
         let spec = spec.clone();
@@ -254,7 +254,7 @@ impl DatasetFolder {
         let data = DataSpec::Simulation(self.spec.clone());
         let mut shards = std::mem::take(&mut self.description.shards);
         shards.sort_by_key(|shard| shard.shard);
-        self.description = DatasetDescription::new(&data, self.description.digest, shards);
+        self.description = jobs::describe_dataset(&data, self.description.digest, shards);
         let mut file = ObjectWriter::in_folder(&self.dir, DatasetDescription::FILE_NAME)?;
         file.write_all(&self.description.to_json())
             .map_err(failed(&self.dir, "writing dataset.json"))?;

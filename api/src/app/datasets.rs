@@ -56,7 +56,7 @@ impl App {
 fn description(dataset: &store::Dataset, shards: &[Shard]) -> Option<Vec<u8>> {
     let spec: JobSpec = serde_json::from_value(dataset.spec.clone()).ok()?;
     let shards = shards.iter().map(|shard| ShardDescription::of(shard, dataset.samples)).collect();
-    Some(DatasetDescription::new(&DataSpec::of(&spec)?, dataset.digest, shards).to_json())
+    Some(jobs::describe_dataset(&DataSpec::of(&spec)?, dataset.digest, shards).to_json())
 }
 
 fn described(dataset: i64, json: &[u8]) -> DatasetFile {
