@@ -24,6 +24,15 @@ impl App {
         Ok(Jobs { jobs, next })
     }
 
+    /// The members of a pipeline, in order; none of any other job.
+    pub async fn jobs_of_pipeline(&self, pipeline: i64) -> Result<Vec<Job>, ApiError> {
+        let mut jobs = Vec::new();
+        for member in self.store.members(JobId(pipeline)).await? {
+            jobs.push(self.complete(member.job).await?);
+        }
+        Ok(jobs)
+    }
+
     pub async fn tasks(&self, job: i64) -> Result<Vec<Task>, ApiError> {
         let unit = self.store.job(JobId(job)).await?.progress.unit;
         let rows = self.store.tasks(JobId(job)).await?;

@@ -40,9 +40,8 @@ impl Row {
         })
     }
 
-    pub async fn of_member(app: &App, member: &Member) -> Result<Self, ApiError> {
-        let job = app.job(member.job).await?;
-        let row = Self::of_job(app, &job).await?;
+    async fn of_member(app: &App, member: &Member, job: &Job) -> Result<Self, ApiError> {
+        let row = Self::of_job(app, job).await?;
         let remark = match &member.error {
             Some(error) => error.clone(),
             None if member.reused && member.state == JobState::Succeeded => "reused".to_owned(),
@@ -54,8 +53,9 @@ impl Row {
     /// A row for every job of a pipeline.
     pub async fn of_members(app: &App, pipeline: &Job) -> Result<Vec<Self>, ApiError> {
         let mut rows = Vec::with_capacity(pipeline.members.len());
-        for member in &pipeline.members {
-            rows.push(Self::of_member(app, member).await?);
+        let jobs = app.jobs_of_pipeline(pipeline.id).await?;
+        for (member, job) in pipeline.members.iter().zip(&jobs) {
+            rows.push(Self::of_member(app, member, job).await?);
         }
         Ok(rows)
     }
