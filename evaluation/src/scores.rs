@@ -1,14 +1,13 @@
 //! What one predictor's answer to one scenario is worth.
 
 use serde::{Deserialize, Serialize};
-use spec::JOINTS;
 
 use crate::metrics::{
     JitterMeter, central_interval, crps, energy_score, joint_rmse_deg, least_samples,
 };
 
 /// A number per joint; f32, as in the table that holds it.
-pub type PerJoint = [f32; JOINTS];
+pub type PerJoint = Vec<f32>;
 
 /// Probabilities of the central intervals whose coverage and width are kept for each joint.
 pub const INTERVALS: [f64; 2] = [0.5, 0.9];
@@ -65,60 +64,62 @@ pub struct IntervalErrors {
 }
 
 impl ScenarioErrors {
-    /// `truth`, `predicted` and each of `samples` are `[horizon, 7]` in rad.
+    /// `truth`, `predicted` and each of `samples` are `[horizon, joint]` in rad.
     pub fn new(
         truth: &[f32],
         predicted: &[f32],
         samples: &[&[f32]],
+        joints: usize,
         meter: Option<&JitterMeter>,
     ) -> Self {
+        let rmse_deg = joint_rmse_deg(truth, predicted, joints);
         Self {
-            rmse_deg: joint_rmse_deg(truth, predicted).map(to_f32),
-            jitter: meter.map(|meter| Jitter::new(truth, predicted, meter)),
-            samples: SampleErrors::new(truth, samples),
+            rmse_deg: rmse_deg.into_iter().map(to_f32).collect(),
+            jitter: meter.map(|meter| Jitter::new(truth, predicted, joints, meter)),
+            samples: SampleErrors::new(truth, samples, joints),
         }
     }
 }
 
 impl Jitter {
-    fn new(truth: &[f32], predicted: &[f32], meter: &JitterMeter) -> Self {
+    fn new(truth: &[f32], predicted: &[f32], joints: usize, meter: &JitterMeter) -> Self {
         let mut jitter =
-            Self { deg: [0.0; _], smoothed_deg: [0.0; _], smoothed_rmse_deg: [0.0; _] };
-        for joint in 0..JOINTS {
-            let (truth, predicted) = (degrees(truth, joint), degrees(predicted, joint));
+            Self { deg: Vec::new(), smoothed_deg: Vec::new(), smoothed_rmse_deg: Vec::new() };
+        for joint in 0..joints {
+            let (truth, predicted) =
+                (degrees(truth, joint, joints), degrees(predicted, joint, joints));
             let smoothed = meter.smoothed(&predicted);
             let squares: f64 = smoothed.iter().zip(&truth).map(|(a, b)| (a - b).powi(2)).sum();
-            jitter.deg[joint] = to_f32(meter.jitter(&predicted));
-            jitter.smoothed_deg[joint] = to_f32(meter.jitter(&smoothed));
-            jitter.smoothed_rmse_deg[joint] = to_f32((squares / truth.len() as f64).sqrt());
+            jitter.deg.push(to_f32(meter.jitter(&predicted)));
+            jitter.smoothed_deg.push(to_f32(meter.jitter(&smoothed)));
+            jitter.smoothed_rmse_deg.push(to_f32((squares / truth.len() as f64).sqrt()));
         }
         jitter
     }
 }
 
-/// One joint's positions over the horizon.
-pub(crate) fn degrees(positions: &[f32], joint: usize) -> Vec<f64> {
-    let rows = positions.as_chunks::<JOINTS>().0;
-    rows.iter().map(|row| f64::from(row[joint]).to_degrees()).collect()
+/// The positions of joint `joint` of `joints` over the horizon.
+pub(crate) fn degrees(positions: &[f32], joint: usize, joints: usize) -> Vec<f64> {
+    positions.iter().skip(joint).step_by(joints).map(|&q| f64::from(q).to_degrees()).collect()
 }
 
 impl SampleErrors {
     /// `None` below two samples.
-    fn new(truth: &[f32], samples: &[&[f32]]) -> Option<Self> {
+    fn new(truth: &[f32], samples: &[&[f32]], joints: usize) -> Option<Self> {
         let energy_score_deg = to_f32(energy_score(samples, truth)?.to_degrees());
         let enough = |probability: &&f64| least_samples(**probability) <= samples.len();
         let intervals: Vec<f64> = INTERVALS.iter().filter(enough).copied().collect();
         let calibration: Vec<f64> = CALIBRATION.iter().filter(enough).copied().collect();
 
-        let steps = truth.len() / JOINTS;
-        let mut crps_sum = [0.0; JOINTS];
-        let mut mean_squares = [0.0; JOINTS];
-        let mut covered = vec![[0.0; JOINTS]; intervals.len()];
-        let mut widths = vec![[0.0; JOINTS]; intervals.len()];
+        let steps = truth.len() / joints;
+        let mut crps_sum = vec![0.0; joints];
+        let mut mean_squares = vec![0.0; joints];
+        let mut covered = vec![vec![0.0; joints]; intervals.len()];
+        let mut widths = vec![vec![0.0; joints]; intervals.len()];
         let mut calibrated = vec![0.0; calibration.len()];
         let mut drawn = Vec::with_capacity(samples.len());
         for (entry, truth) in truth.iter().enumerate() {
-            let joint = entry % JOINTS;
+            let joint = entry % joints;
             let truth = f64::from(*truth).to_degrees();
             drawn.clear();
             drawn.extend(samples.iter().map(|sample| f64::from(sample[entry]).to_degrees()));
@@ -136,18 +137,20 @@ impl SampleErrors {
                 *sum += one_if((low..=high).contains(&truth));
             }
         }
-        let over_steps = |sums: [f64; JOINTS]| sums.map(|sum| to_f32(sum / steps as f64));
+        let over_steps =
+            |sums: &[f64]| sums.iter().map(|sum| to_f32(sum / steps as f64)).collect::<PerJoint>();
+        let root = |sum: &f64| to_f32((sum / steps as f64).sqrt());
         Some(Self {
-            mean_rmse_deg: mean_squares.map(|sum| to_f32((sum / steps as f64).sqrt())),
-            crps_deg: over_steps(crps_sum),
+            mean_rmse_deg: mean_squares.iter().map(root).collect(),
+            crps_deg: over_steps(&crps_sum),
             energy_score_deg,
             intervals: intervals
                 .iter()
                 .zip(covered.into_iter().zip(widths))
                 .map(|(&nominal, (covered, widths))| IntervalErrors {
                     nominal,
-                    coverage: over_steps(covered),
-                    width_deg: over_steps(widths),
+                    coverage: over_steps(&covered),
+                    width_deg: over_steps(&widths),
                 })
                 .collect(),
             calibration: calibrated.iter().map(|sum| to_f32(sum / truth.len() as f64)).collect(),
@@ -170,6 +173,7 @@ mod tests {
     use crate::metrics::normal::samples as normal;
 
     const STEPS: usize = 40;
+    const JOINTS: usize = 7;
 
     /// A truth and `count` samples, all of the same normal law with deviation 1°.
     fn calibrated(count: usize) -> (Vec<f32>, Vec<Vec<f32>>) {
@@ -182,7 +186,7 @@ mod tests {
     fn errors(count: usize) -> ScenarioErrors {
         let (truth, samples) = calibrated(count);
         let views: Vec<&[f32]> = samples.iter().map(Vec::as_slice).collect();
-        ScenarioErrors::new(&truth, &vec![0.0; STEPS * JOINTS], &views, None)
+        ScenarioErrors::new(&truth, &vec![0.0; STEPS * JOINTS], &views, JOINTS, None)
     }
 
     #[test]
@@ -192,14 +196,14 @@ mod tests {
         for (coverage, nominal) in found.calibration.iter().zip(CALIBRATION) {
             assert!((f64::from(*coverage) - nominal).abs() < 0.09, "{coverage} {nominal}");
         }
-        let mean = |values: PerJoint| f64::from(values.iter().sum::<f32>()) / JOINTS as f64;
+        let mean = |values: &PerJoint| f64::from(values.iter().sum::<f32>()) / JOINTS as f64;
         for (interval, width) in found.intervals.iter().zip([1.349, 3.290]) {
-            assert!((mean(interval.width_deg) - width).abs() < 0.1 * width, "{interval:?}");
-            assert!((mean(interval.coverage) - interval.nominal).abs() < 0.09, "{interval:?}");
+            assert!((mean(&interval.width_deg) - width).abs() < 0.1 * width, "{interval:?}");
+            assert!((mean(&interval.coverage) - interval.nominal).abs() < 0.09, "{interval:?}");
         }
         // E |X - X'| / 2 of two standard normal numbers is 1 / √π.
-        assert!((mean(found.crps_deg) - 0.5642).abs() < 0.06, "{}", mean(found.crps_deg));
-        assert!((mean(found.mean_rmse_deg) - 1.0).abs() < 0.1);
+        assert!((mean(&found.crps_deg) - 0.5642).abs() < 0.06, "{}", mean(&found.crps_deg));
+        assert!((mean(&found.mean_rmse_deg) - 1.0).abs() < 0.1);
     }
 
     #[test]
@@ -220,7 +224,7 @@ mod tests {
             predicted[usize::try_from(step).unwrap() * JOINTS + 4] = to_f32(at);
         }
         let meter = JitterMeter::new(80, 5.0, 60.0).unwrap();
-        let errors = ScenarioErrors::new(&truth, &predicted, &[], Some(&meter));
+        let errors = ScenarioErrors::new(&truth, &predicted, &[], JOINTS, Some(&meter));
         let jitter = errors.jitter.unwrap();
         let expected = std::f32::consts::FRAC_1_SQRT_2;
         assert!((jitter.deg[4] - expected).abs() < 0.02, "{jitter:?}");

@@ -1,4 +1,4 @@
-use crate::{Cell, Column, Execution, ImportSpec, JobSpec, SimulateSpec};
+use crate::{Cell, Column, Execution, ImportSpec, JOINTS, JobSpec, SimulateSpec};
 
 /// What makes trajectories: the spec behind a dataset or a stream.
 #[expect(clippy::large_enum_variant, reason = "a handful exist at a time")]
@@ -36,6 +36,13 @@ impl DataSpec {
         match self {
             Self::Simulation(spec) => spec.robot_columns(),
             Self::Import(spec) => spec.table_columns(),
+        }
+    }
+
+    /// Joints of the robot: channels of u, and of y.
+    pub fn joints(&self) -> usize {
+        match self {
+            Self::Simulation(_) | Self::Import(_) => JOINTS,
         }
     }
 

@@ -88,6 +88,20 @@ impl ShardReader {
         trajectories: Range<u64>,
         columns: &[&str],
     ) -> Result<RecordBatch, StoreError> {
+        let parts = self.read_parts(trajectories, columns)?;
+        concatenate(parts.into_iter().map(|(_, rows)| rows).collect(), self.table.path())
+    }
+
+    /// The rows of `trajectories` as they lie in row groups: no value is copied after it was decoded.
+    /// With each part the trajectories that it holds.
+    ///
+    /// # Errors
+    /// When a column is not in the shard, or the file cannot be read.
+    pub fn read_parts(
+        &self,
+        trajectories: Range<u64>,
+        columns: &[&str],
+    ) -> Result<Vec<(Range<u64>, RecordBatch)>, StoreError> {
         let mut parts = Vec::new();
         for (i, group) in self.row_groups.iter().enumerate() {
             let part = overlap(&trajectories, group);
@@ -98,9 +112,9 @@ impl ShardReader {
             let skipped = (part.start - group.start) * self.samples;
             let taken = (part.end - part.start) * self.samples;
             let position = |rows: u64| usize::try_from(rows).unwrap_or(usize::MAX);
-            parts.push(rows.slice(position(skipped), position(taken)));
+            parts.push((part, rows.slice(position(skipped), position(taken))));
         }
-        concatenate(parts, self.table.path())
+        Ok(parts)
     }
 }
 

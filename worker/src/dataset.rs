@@ -6,7 +6,7 @@ use arrow::array::{AsArray, RecordBatch};
 use arrow::datatypes::Float32Type;
 use arrow::error::ArrowError;
 use series::{Columns, Series, Shape};
-use spec::{DataSource, DataSpec, JOINTS, JobSpec};
+use spec::{DataSource, DataSpec, JobSpec};
 use store::ShardReader;
 
 use crate::attempt::Attempt;
@@ -71,10 +71,10 @@ impl DatasetReader {
 
     /// The shape of so many trajectories.
     pub fn shape(&self, robots: usize) -> Shape {
-        Shape { robots, samples: self.spec.samples() as usize, joints: JOINTS }
+        Shape { robots, samples: self.spec.samples() as usize, joints: self.spec.joints() }
     }
 
-    /// The rows of trajectories within the dataset, decoded: a block per shard, in order.
+    /// The rows of trajectories within the dataset, decoded: a block per row group, in order.
     pub fn blocks(&self, trajectories: Range<u64>) -> Result<Vec<Block>, TaskError> {
         let names: Vec<&str> = TORQUES.into_iter().chain(POSITIONS).collect();
         let mut blocks = Vec::new();
@@ -82,9 +82,13 @@ impl DatasetReader {
         for (held, reader) in &self.shards {
             let part = trajectories.start.max(held.start)..trajectories.end.min(held.end);
             if !part.is_empty() {
-                let rows = reader.read_trajectories(part.clone(), &names)?;
                 let samples = self.spec.samples() as usize;
-                blocks.push(Block { trajectories: part, samples, rows });
+                let parts = reader.read_parts(part, &names)?.into_iter();
+                blocks.extend(parts.map(|(trajectories, rows)| Block {
+                    trajectories,
+                    samples,
+                    rows,
+                }));
             }
         }
         Ok(blocks)
@@ -111,7 +115,8 @@ impl Block {
             let not_f32 = || ArrowError::SchemaError("a channel is not f32".to_owned());
             column.map(|column| &column.values()[..]).ok_or_else(not_f32)
         });
-        let u = columns.by_ref().take(JOINTS).collect::<Result<_, _>>()?;
+        let joints = self.rows.num_columns() / 2;
+        let u = columns.by_ref().take(joints).collect::<Result<_, _>>()?;
         let y = columns.collect::<Result<_, _>>()?;
         Ok(Columns::new(self.samples, u, y)?)
     }

@@ -4,7 +4,7 @@ use std::ops::{ControlFlow, Range};
 
 use dynamics::{DynamicsError, InstructionSet, Trajectories};
 use series::{Series, Shape};
-use spec::{DataSpec, JOINTS, SimulateSpec};
+use spec::{DataSpec, SimulateSpec};
 
 use crate::attempt::Attempt;
 use crate::error::TaskError;
@@ -33,7 +33,7 @@ impl Stream {
 
     /// The shape of so many trajectories.
     pub fn shape(&self, robots: usize) -> Shape {
-        Shape { robots, samples: self.data.samples() as usize, joints: JOINTS }
+        Shape { robots, samples: self.data.samples() as usize, joints: self.data.joints() }
     }
 
     /// Simulates in the memory of trajectories that are no longer needed, unless told to stop.

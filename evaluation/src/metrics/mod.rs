@@ -18,4 +18,4 @@ pub use energy_score::energy_score;
 pub use interval::{central_interval, least_samples};
 pub use jitter::{JitterMeter, band_edge_hz};
 pub use low_pass::LowPass;
-pub use rmse::{joint_rmse_deg, rmse_deg, step_squares_deg2};
+pub use rmse::{joint_rmse_deg, rmse_deg, squares_deg2};

@@ -1,5 +1,4 @@
 use series::SeriesView;
-use spec::JOINTS;
 
 /// RMSE of each scenario in degrees: sqrt(mean over the horizon of e²) per joint, then the mean
 /// over joints (the paper's code).
@@ -11,43 +10,31 @@ use spec::JOINTS;
 pub fn rmse_deg(scenarios: &SeriesView<'_>, context: usize, predicted: &[f32]) -> Vec<f64> {
     let truth = scenarios.window(context..scenarios.samples()).copy_y();
     assert_eq!(predicted.len(), truth.len(), "[robot, horizon, joint] values");
-    let row = truth.len() / scenarios.robots().max(1);
-    truth
-        .chunks_exact(row.max(1))
-        .zip(predicted.chunks_exact(row.max(1)))
-        .map(|(truth, predicted)| mean_over_joints(&joint_rmse_deg(truth, predicted)))
-        .collect()
-}
-
-pub(crate) fn mean_over_joints(values: &[f64; JOINTS]) -> f64 {
-    values.iter().sum::<f64>() / JOINTS as f64
-}
-
-/// Of each joint of one scenario, degrees; both are `[horizon, 7]` in rad.
-pub fn joint_rmse_deg(truth: &[f32], predicted: &[f32]) -> [f64; JOINTS] {
-    let mut squares = [0.0; JOINTS];
-    let steps = truth.len() / JOINTS;
-    for step in step_squares_deg2(truth, predicted) {
-        for joint in 0..JOINTS {
-            squares[joint] += step[joint];
-        }
-    }
-    squares.map(|sum| (sum / steps as f64).sqrt())
-}
-
-/// Squared error of each step and joint of one scenario, degrees²; both are `[horizon, 7]` in rad.
-pub fn step_squares_deg2<'a>(
-    truth: &'a [f32],
-    predicted: &'a [f32],
-) -> impl Iterator<Item = [f64; JOINTS]> + 'a {
-    let truth = truth.as_chunks::<JOINTS>().0;
-    let predicted = predicted.as_chunks::<JOINTS>().0;
-    truth.iter().zip(predicted).map(|(truth, predicted)| {
-        std::array::from_fn(|joint| {
-            let error = f64::from(predicted[joint]) - f64::from(truth[joint]);
-            error.to_degrees().powi(2)
-        })
+    let row = (truth.len() / scenarios.robots().max(1)).max(1);
+    let each = truth.chunks_exact(row).zip(predicted.chunks_exact(row));
+    each.map(|(truth, predicted)| {
+        let of_joints = joint_rmse_deg(truth, predicted, scenarios.joints());
+        of_joints.iter().sum::<f64>() / of_joints.len() as f64
     })
+    .collect()
+}
+
+/// Of each joint of one scenario, degrees; both are `[horizon, joint]` in rad.
+pub fn joint_rmse_deg(truth: &[f32], predicted: &[f32], joints: usize) -> Vec<f64> {
+    let mut squares = vec![0.0; joints];
+    let steps = truth.len() / joints;
+    for (entry, square) in squares_deg2(truth, predicted).enumerate() {
+        squares[entry % joints] += square;
+    }
+    squares.iter().map(|sum| (sum / steps as f64).sqrt()).collect()
+}
+
+/// Squared error of each value, degrees²; both are in rad.
+pub fn squares_deg2(truth: &[f32], predicted: &[f32]) -> impl Iterator<Item = f64> {
+    truth
+        .iter()
+        .zip(predicted)
+        .map(|(truth, predicted)| (f64::from(*predicted) - f64::from(*truth)).to_degrees().powi(2))
 }
 
 #[cfg(test)]
@@ -55,6 +42,8 @@ mod tests {
     use series::{Series, Shape};
 
     use super::*;
+
+    const JOINTS: usize = 7;
 
     fn zeros(robots: usize, samples: usize) -> Series {
         let y = vec![0.0; robots * samples * JOINTS];
@@ -86,9 +75,11 @@ mod tests {
         let mut predicted = vec![0.0; 3 * JOINTS];
         predicted[JOINTS + 2] = -2.0_f32.to_radians();
         let truth = vec![0.0; 3 * JOINTS];
-        let steps: Vec<_> = step_squares_deg2(&truth, &predicted).collect();
-        assert!((steps[1][2] - 4.0).abs() < 1e-6);
-        assert!(steps.as_flattened().iter().sum::<f64>() - 4.0 < 1e-6);
-        assert!((joint_rmse_deg(&truth, &predicted)[2] - (4.0_f64 / 3.0).sqrt()).abs() < 1e-6);
+        let squares: Vec<f64> = squares_deg2(&truth, &predicted).collect();
+        assert!((squares[JOINTS + 2] - 4.0).abs() < 1e-6);
+        assert!(squares.iter().sum::<f64>() - 4.0 < 1e-6);
+        assert!(
+            (joint_rmse_deg(&truth, &predicted, JOINTS)[2] - (4.0_f64 / 3.0).sqrt()).abs() < 1e-6
+        );
     }
 }

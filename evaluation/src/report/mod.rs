@@ -40,6 +40,7 @@ pub(crate) mod tests {
             family: Some(Family::Multisine),
             frequency_hz: Some(frequency_hz),
             first: 2 * cell as u64,
+            joints: 7,
             predictors: vec![errors("baseline", baseline), errors("model", model)],
             measured_jitter_deg: None,
         }

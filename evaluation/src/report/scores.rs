@@ -1,7 +1,7 @@
 //! All that is measured besides the RMSE, put together over cells.
 
 use rayon::prelude::*;
-use spec::{Bootstrap, JOINTS};
+use spec::Bootstrap;
 use wire::{Calibration, Interval, IntervalSummary, PredictorInfo, PredictorScores};
 
 use super::summary::errors;
@@ -44,7 +44,7 @@ impl<'a> Measured<'a> {
 
     fn scores(&self, predictor: &str) -> Option<PredictorScores> {
         let of_joint = |joint: usize| self.mean(|errors| Some(f64::from(errors.rmse_deg[joint])));
-        let joint_rmse_deg: Vec<f64> = (0..JOINTS).map(of_joint).collect::<Option<_>>()?;
+        let joint_rmse_deg: Vec<f64> = (0..self.joints()).map(of_joint).collect::<Option<_>>()?;
         let jitter = |of: fn(&crate::Jitter) -> &PerJoint| {
             self.interval(|errors| errors.jitter.as_ref().map(|jitter| mean(of(jitter))))
         };
@@ -65,11 +65,15 @@ impl<'a> Measured<'a> {
         })
     }
 
+    fn joints(&self) -> usize {
+        self.strata.iter().flatten().next().map_or(0, |errors| errors.rmse_deg.len())
+    }
+
     fn step_rmse_deg(&self) -> Vec<f64> {
         let steps = self.cells.iter().map(|cell| cell.step_squares_deg2.len()).min().unwrap_or(0);
-        let entries = (self.strata.iter().map(Vec::len).sum::<usize>() * JOINTS) as f64;
+        let entries = (self.strata.iter().map(Vec::len).sum::<usize>() * self.joints()) as f64;
         let squares = |step: usize| {
-            self.cells.iter().flat_map(move |cell| cell.step_squares_deg2[step]).sum::<f64>()
+            self.cells.iter().flat_map(move |cell| &cell.step_squares_deg2[step]).sum::<f64>()
         };
         (0..steps).map(|step| (squares(step) / entries).sqrt()).collect()
     }
@@ -123,6 +127,6 @@ impl<'a> Measured<'a> {
     }
 }
 
-fn mean(values: &PerJoint) -> f64 {
-    values.iter().map(|value| f64::from(*value)).sum::<f64>() / JOINTS as f64
+fn mean(values: &[f32]) -> f64 {
+    values.iter().map(|value| f64::from(*value)).sum::<f64>() / values.len() as f64
 }

@@ -55,13 +55,14 @@ pub(super) fn cell(attempt: &Attempt, spec: &EvaluateSpec, index: usize) -> Resu
         family: cell.excitation.map(|(family, _)| family),
         frequency_hz: cell.excitation.map(|(_, frequency_hz)| frequency_hz),
         first: cell.first,
+        joints: scenarios.joints(),
         predictors: errors,
         measured_jitter_deg: measured_jitter_deg(&scenarios, &scoring),
     };
     let seed = data.spec().simulation().map(|spec| spec.seed);
     let artifact = format!("cell-{index:03}.parquet");
     let table = vec![rows::record_batch(&result, seed)?];
-    let footer = rows::footer(&attempt.task.spec);
+    let footer = rows::footer(&attempt.task.spec, scenarios.joints());
     let written = attempt.store.put_table(attempt.fence(), &artifact, table, &footer);
     let run = attempt.wait(written)?.0;
     for errors in &mut result.predictors {

@@ -50,7 +50,8 @@ pub(super) fn report(attempt: &Attempt, spec: &EvaluateSpec) -> Result<(), TaskE
         attempt.put(&format!("{name}.svg"), "image/svg+xml", svg.into_bytes())?;
         attempt.put(&format!("{name}.csv"), "text/csv", figure.to_csv().into_bytes())?;
     }
-    let footer = rows::footer(&attempt.task.spec);
+    let joints = data.spec().joints();
+    let footer = rows::footer(&attempt.task.spec, joints);
     let written = attempt.store.put_table(attempt.fence(), "scenarios.parquet", tables, &footer);
     attempt.wait(written)?;
     attempt.wait(attempt.store.complete(attempt.fence(), None))?;

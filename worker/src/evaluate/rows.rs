@@ -9,13 +9,13 @@ use arrow::array::{
 use arrow::error::ArrowError;
 use evaluation::{CellResult, MEASURES, Row};
 use serde_json::Value;
-use spec::{Column, ColumnType, JOINTS};
+use spec::{Column, ColumnType};
 use store::{TableReader, table_schema};
 
 const PREDICTOR: &str = "predictor";
 
 /// All columns, in order: what each row is about, and what was measured.
-pub(super) fn columns() -> Vec<Column> {
+pub(super) fn columns(joints: usize) -> Vec<Column> {
     let nullable = |column: Column| Column { nullable: true, ..column };
     let about = [
         Column::new("cell", ColumnType::Int32, "number of the cell, from 0"),
@@ -27,7 +27,7 @@ pub(super) fn columns() -> Vec<Column> {
         Column::trajectory(),
         nullable(Column::new("seed", ColumnType::Int64, "of the simulation that made it")),
         Column::new(PREDICTOR, ColumnType::Text, "as the report calls it"),
-        Column::new("joint", ColumnType::Int32, "1 to 7"),
+        Column::new("joint", ColumnType::Int32, &format!("1 to {joints}")),
     ];
     let measured = MEASURES.iter().map(|measure| {
         let column = Column::new(measure.name, ColumnType::Float32, measure.about);
@@ -38,8 +38,8 @@ pub(super) fn columns() -> Vec<Column> {
 }
 
 /// What the file says of itself.
-pub(super) fn footer(spec: &Value) -> BTreeMap<String, String> {
-    let columns = serde_json::to_string(&columns()).unwrap_or_default();
+pub(super) fn footer(spec: &Value, joints: usize) -> BTreeMap<String, String> {
+    let columns = serde_json::to_string(&columns(joints)).unwrap_or_default();
     BTreeMap::from([
         ("torqued.spec".to_owned(), spec.to_string()),
         ("torqued.columns".to_owned(), columns),
@@ -73,25 +73,25 @@ pub(super) fn record_batch(
         let values: Float32Array = rows.iter().map(|row| (measure.get)(row)).collect();
         Arc::new(values) as ArrayRef
     }));
-    RecordBatch::try_new(table_schema(&columns()), arrays)
+    RecordBatch::try_new(table_schema(&columns(result.joints)), arrays)
 }
 
 /// All rows of a table, in row groups.
 pub(super) fn read(table: &TableReader) -> Result<Vec<RecordBatch>, store::StoreError> {
-    let columns = columns();
-    let names: Vec<&str> = columns.iter().map(|column| column.name.as_str()).collect();
+    let names = table.columns();
     (0..table.row_groups().count()).map(|group| table.read_row_group(group, &names)).collect()
 }
 
 /// Puts the errors of scenarios back into a result that was stored without them.
 pub(super) fn complete(result: &mut CellResult, table: &[RecordBatch]) -> Result<(), ArrowError> {
+    let joints = result.joints.max(1);
     let mut rows = Vec::new();
     for batch in table {
         let predictors = column::<StringArray>(batch, PREDICTOR)?;
         let first = rows.len();
         rows.extend((0..batch.num_rows()).map(|k| Row {
             predictor: predictors.value(k),
-            joint: (first + k) % JOINTS + 1,
+            joint: (first + k) % joints + 1,
             ..Row::default()
         }));
         for measure in MEASURES {
@@ -122,6 +122,8 @@ mod tests {
 
     use super::*;
 
+    const JOINTS: usize = 7;
+
     fn result() -> CellResult {
         let y: Vec<f32> = (0..3 * 60 * JOINTS).map(|k| (0.01 * k as f32).sin()).collect();
         let shape = Shape { robots: 3, samples: 60, joints: JOINTS };
@@ -133,6 +135,7 @@ mod tests {
             family: Some(Family::Chirp),
             frequency_hz: Some(0.3),
             first: 200,
+            joints: JOINTS,
             predictors: evaluate_cell(&scenarios.view(), &scoring, &predictors),
             measured_jitter_deg: None,
         }
@@ -144,7 +147,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let object = ObjectWriter::in_folder(folder.path(), "cell.parquet").unwrap();
         let batch = record_batch(&made, Some(7)).unwrap();
-        let footer = footer(&Value::Null);
+        let footer = footer(&Value::Null, JOINTS);
         let mut writer = TableWriter::table(object, batch.schema(), &footer).unwrap();
         writer.write(batch).unwrap();
         writer.finish().unwrap();

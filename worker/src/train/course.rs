@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use models::{Statistics, StatisticsAccumulator};
 use series::Series;
-use spec::{DataSpec, JOINTS, TrainSpec};
+use spec::{DataSpec, TrainSpec};
 
 use super::batches::{self, Send};
 use super::order::Order;
@@ -94,7 +94,7 @@ impl Course {
     /// In the order of the trajectories, so that they come out the same every time.
     pub fn statistics(&self, attempt: &Attempt) -> Result<Statistics, TaskError> {
         attempt.progress.say("statistics of the dataset".to_owned());
-        let mut accumulator = StatisticsAccumulator::new(JOINTS);
+        let mut accumulator = StatisticsAccumulator::new(self.data().joints());
         let block = u64::from(store::trajectories_per_row_group(self.data().samples()));
         for part in parts(&self.statistics, block) {
             attempt.check_stop()?;
