@@ -199,6 +199,27 @@ fn every_violation_is_reported_at_once() {
     assert_eq!(error.violations.len(), 2 + 1, "rate, samples and Nyquist: {error}");
 }
 
+/// Whatever makes trajectories may stand behind `data`, and nothing else.
+#[test]
+fn a_member_reads_from_members_that_make_what_it_asks_for() {
+    let file = "0".repeat(64);
+    let joints = |name: &str| (1..=7).map(|joint| format!("{name}{joint}")).collect::<Vec<_>>();
+    let recordings = json!({
+        "kind": "import", "file": file, "format": "csv",
+        "columns": {"u": joints("u"), "q": joints("q")},
+    });
+    let jobs = json!({
+        "recordings": recordings,
+        "checked": {"kind": "verify", "data": {"job": "recordings"}},
+    });
+    let pipeline = json!({"kind": "pipeline", "name": "p", "jobs": jobs});
+    spec::parse(pipeline.to_string().as_bytes()).unwrap();
+
+    let again = json!({"kind": "verify", "data": {"job": "checked"}});
+    let expected = ["jobs.again.data.job", "a simulate or import job of this pipeline: recordings"];
+    check_refused(pipeline, "/jobs/again", again, &expected);
+}
+
 #[test]
 fn a_pipeline_names_the_member_that_is_wrong() {
     let pipeline = |jobs: Value| json!({"kind": "pipeline", "name": "p", "jobs": jobs});

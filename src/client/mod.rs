@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use reqwest::{Method, RequestBuilder, StatusCode, Url};
 use serde::de::DeserializeOwned;
-use wire::{Checkpoint, ControlReport, Dataset, Evaluation, Job, Jobs, Presets};
+use wire::{Checkpoint, ControlReport, Dataset, Evaluation, Job, Jobs, Presets, Tasks};
 
 pub use error::ClientError;
 pub use failure::failure;
@@ -70,6 +70,10 @@ impl Client {
 
     pub async fn job(&self, id: i64) -> Result<Job, ClientError> {
         self.get(&format!("/v1/jobs/{id}")).await
+    }
+
+    pub async fn tasks(&self, job: i64) -> Result<Tasks, ClientError> {
+        self.get(&format!("/v1/jobs/{job}/tasks")).await
     }
 
     /// The answer as the server wrote it.

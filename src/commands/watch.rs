@@ -22,7 +22,8 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     to_the_end(&client, arguments.id).await
 }
 
-/// Follows a job; only success is a success. Prints what its evaluations and control jobs found.
+/// Follows a job; only success is a success. Prints what its jobs found, except for those whose
+/// datasets and checkpoints speak for them.
 pub async fn to_the_end(client: &Client, id: i64) -> anyhow::Result<ExitCode> {
     let job = progress::follow(client, id).await?;
     let reason = job.error.as_ref().map(|error| format!(": {error}")).unwrap_or_default();
@@ -36,6 +37,11 @@ pub async fn to_the_end(client: &Client, id: i64) -> anyhow::Result<ExitCode> {
             }
             (JobKind::Control, Some(run)) => {
                 reports::print_closed_loop(&job.name, &client.control_report(run).await?);
+            }
+            _ if job.dataset.is_none() && job.checkpoints.is_empty() => {
+                if let Some(findings) = client.tasks(job.id).await?.findings() {
+                    println!("{}: {findings}", job.name);
+                }
             }
             _ => {}
         }

@@ -39,3 +39,58 @@ pub struct Task {
 pub struct Tasks {
     pub tasks: Vec<Task>,
 }
+
+impl Tasks {
+    /// What the task of the last stage reports, as far as it is plain numbers and words, e.g.
+    /// `trajectories 1000, samples 400`; `None` where that stage has several tasks.
+    pub fn findings(&self) -> Option<String> {
+        let last = self.tasks.last()?;
+        let of_stage = self.tasks.iter().filter(|task| task.stage == last.stage).count();
+        let entries = last.result.as_ref().filter(|_| of_stage == 1)?.as_object()?;
+        let plain = entries.iter().filter_map(|(name, value)| {
+            let value = match value {
+                Value::String(text) => text.clone(),
+                Value::Number(_) | Value::Bool(_) => value.to_string(),
+                Value::Null | Value::Array(_) | Value::Object(_) => return None,
+            };
+            Some(format!("{} {value}", name.replace('_', " ")))
+        });
+        Some(plain.collect::<Vec<_>>().join(", ")).filter(|text| !text.is_empty())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    fn tasks(results: &[(u32, Value)]) -> Tasks {
+        let task = |(stage, result): &(u32, Value)| Task {
+            id: 1,
+            stage: *stage,
+            ordinal: 0,
+            label: "task".to_owned(),
+            state: TaskState::Succeeded,
+            attempt: 1,
+            max_attempts: 3,
+            epoch: 1,
+            worker: None,
+            lease_until: None,
+            error: None,
+            progress: Progress::default(),
+            result: Some(result.clone()),
+            started_at: None,
+            finished_at: None,
+        };
+        Tasks { tasks: results.iter().map(task).collect() }
+    }
+
+    #[test]
+    fn the_only_task_of_the_last_stage_speaks_for_the_job() {
+        let count = json!({"shortest_s": 1.5, "trajectories": 7, "each": [1, 2]});
+        let found = tasks(&[(0, json!({"part": 1})), (1, count.clone())]).findings();
+        assert_eq!(found.as_deref(), Some("shortest s 1.5, trajectories 7"));
+        assert_eq!(tasks(&[(0, count.clone()), (0, count)]).findings(), None);
+    }
+}

@@ -6,14 +6,13 @@ use crate::app::App;
 use crate::error::ApiError;
 use crate::page::text;
 
-/// Figures, tables and files of a control job.
+/// Figures and tables of a control job.
 pub struct ClosedLoop {
     pub setting: String,
     /// Of all robots, then of the first.
     pub figures: Vec<FigureLink>,
     pub controllers: Vec<ControllerRow>,
     pub paired: Vec<PairedRow>,
-    pub files: Vec<FileLink>,
 }
 
 pub struct FigureLink {
@@ -39,12 +38,6 @@ pub struct PairedRow {
     pub against: String,
     pub mean: String,
     pub interval: String,
-}
-
-pub struct FileLink {
-    pub url: String,
-    pub name: String,
-    pub size: String,
 }
 
 impl ClosedLoop {
@@ -85,10 +78,6 @@ impl ClosedLoop {
                     mean: text::signed_degrees(pair.difference_deg.mean),
                     interval: signed_interval(pair.difference_deg),
                 })
-                .collect(),
-            files: artifacts
-                .into_iter()
-                .map(|it| FileLink { url: it.url, name: it.name, size: text::size(it.size) })
                 .collect(),
         }))
     }

@@ -5,16 +5,17 @@ use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::{IntoResponse, Redirect, Response};
 use spec::JobKind;
-use wire::{JobState, Task, TaskState};
+use wire::{Artifact, JobState, Task, TaskState};
 
 use crate::app::App;
 use crate::error::ApiError;
 use crate::extract::Path;
 use crate::page::control::ClosedLoop;
+use crate::page::kinds::{closed_loop, headline, own_page};
 use crate::page::parts::{Bar, Commands, Link, when};
 use crate::page::rows::{Row, results};
 use crate::page::spec_text::spec_text;
-use crate::page::{InPage, PageError, html};
+use crate::page::{InPage, PageError, html, text};
 
 /// Tasks shown; the rest is one link away.
 const TASKS: usize = 100;
@@ -38,11 +39,19 @@ struct JobPage {
     progress: Option<Bar>,
     results: Vec<Link>,
     closed_loop: Option<ClosedLoop>,
+    files: Vec<FileLink>,
     rows: Vec<Row>,
     tasks: Vec<TaskRow>,
     tasks_left_out: usize,
     spec: String,
     commands: Commands,
+}
+
+/// A file that the job left.
+struct FileLink {
+    url: String,
+    name: String,
+    size: String,
 }
 
 struct TaskRow {
@@ -62,13 +71,11 @@ pub async fn show(
     let job = app.job(id).await?;
     let rows = Row::of_members(&app, &job).await?;
     let tasks = app.tasks(id).await?;
-    let outcome = match job.kind {
-        JobKind::Pipeline => String::new(),
-        _ => Row::of_job(&app, &job).await?.metric,
-    };
-    let closed_loop = match job.kind {
-        JobKind::Control => ClosedLoop::of(&app, &job).await?,
-        _ => None,
+    let outcome = headline(&app, &job).await?;
+    let closed_loop = closed_loop(&app, &job).await?;
+    let files = match job.run {
+        Some(run) if own_page(job.kind, id, run).is_none() => app.run(run).await?.artifacts,
+        _ => Vec::new(),
     };
     let page = JobPage {
         id,
@@ -86,6 +93,7 @@ pub async fn show(
         progress: Bar::of(job.state, &job.progress),
         results: results(&job),
         closed_loop,
+        files: files.into_iter().map(FileLink::from).collect(),
         rows,
         tasks_left_out: tasks.len().saturating_sub(TASKS),
         tasks: tasks.into_iter().take(TASKS).map(TaskRow::from).collect(),
@@ -93,6 +101,12 @@ pub async fn show(
         commands: Commands::new(&app, &headers),
     };
     Ok(html(&page)?)
+}
+
+impl From<Artifact> for FileLink {
+    fn from(artifact: Artifact) -> Self {
+        Self { url: artifact.url, name: artifact.name, size: text::size(artifact.size) }
+    }
 }
 
 impl From<Task> for TaskRow {

@@ -8,6 +8,7 @@ mod dataset;
 mod evaluation;
 mod experiments;
 mod job;
+mod kinds;
 mod parts;
 mod recordings;
 mod report;

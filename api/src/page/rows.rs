@@ -5,11 +5,9 @@ use wire::{Job, JobState, Member};
 
 use crate::app::App;
 use crate::error::ApiError;
-use crate::page::control;
+use crate::page::kinds::{headline, own_page};
 use crate::page::parts::{Bar, Link};
-use crate::page::report::headline;
 use crate::page::text;
-use crate::page::verification::outcome;
 
 /// One job among others.
 pub struct Row {
@@ -35,7 +33,7 @@ impl Row {
             state: job.state,
             progress: Bar::of(job.state, &job.progress),
             remark: took.unwrap_or_default(),
-            metric: key_metric(app, job).await?,
+            metric: headline(app, job).await?,
             links: results(job),
         })
     }
@@ -69,46 +67,8 @@ pub fn results(job: &Job) -> Vec<Link> {
     let verified = job
         .verifies
         .map(|id| Link::new(format!("/datasets/{id}#verification"), format!("dataset {id}")));
-    let figure = match (job.kind, job.run.filter(|_| has_begun)) {
-        (JobKind::Train, Some(run)) => Some(Link::new(format!("/runs/{run}"), "loss curve")),
-        (JobKind::Evaluate, Some(_)) => {
-            Some(Link::new(format!("/evaluations/{}", job.id), "figure and table"))
-        }
-        _ => None,
-    };
+    let own = job.run.filter(|_| has_begun).and_then(|run| own_page(job.kind, job.id, run));
     let last = job.checkpoints.last();
     let checkpoint = last.map(|id| Link::new(format!("/checkpoints/{id}"), "checkpoint"));
-    dataset.into_iter().chain(verified).chain(figure).chain(checkpoint).collect()
-}
-
-/// The numbers that say how a job went.
-async fn key_metric(app: &App, job: &Job) -> Result<String, ApiError> {
-    match (job.kind, job.dataset) {
-        (JobKind::Simulate | JobKind::Import, Some(dataset))
-            if job.state == JobState::Succeeded =>
-        {
-            let dataset = app.dataset_without_files(dataset).await?;
-            let trajectories = text::count(dataset.trajectories);
-            Ok(format!("{trajectories} trajectories, {}", text::size(dataset.bytes)))
-        }
-        (JobKind::Verify, _) if job.state == JobState::Succeeded => {
-            Ok(outcome(&app.verification_by(job.id).await?))
-        }
-        (JobKind::Train, _) => {
-            let latest = app.latest_metric_of_job(job.id, "validation/rmse_deg").await?;
-            Ok(latest.map_or(String::new(), |latest| {
-                let rmse_deg = latest.value.unwrap_or(f64::NAN);
-                format!("validation RMSE {}°", text::degrees(rmse_deg))
-            }))
-        }
-        (JobKind::Evaluate, _) => {
-            let report = app.report(job.id).await?;
-            Ok(report.as_ref().map_or(String::new(), headline))
-        }
-        (JobKind::Control, _) => {
-            let report = app.report(job.id).await?;
-            Ok(report.as_ref().map_or(String::new(), control::headline))
-        }
-        _ => Ok(String::new()),
-    }
+    dataset.into_iter().chain(verified).chain(own).chain(checkpoint).collect()
 }

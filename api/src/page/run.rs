@@ -4,12 +4,13 @@ use askama::Template;
 use axum::extract::State;
 use axum::response::{IntoResponse, Redirect, Response};
 use figures::Size;
-use spec::{JobKind, ValidationMetric};
+use spec::ValidationMetric;
 use wire::{Checkpoint, JobState, LatestMetric};
 
 use crate::app::App;
 use crate::extract::Path;
 use crate::page::checkpoint::marks;
+use crate::page::kinds::own_page;
 use crate::page::parts::{Bar, Fact, when};
 use crate::page::spec_text::spec_text;
 use crate::page::{InPage, PageError, html, text};
@@ -46,11 +47,10 @@ pub async fn show(
     InPage(Path(id)): InPage<Path<i64>>,
 ) -> Result<Response, PageError> {
     let run = app.run(id).await?;
-    if run.kind == JobKind::Evaluate {
-        return Ok(Redirect::to(&format!("/evaluations/{}", run.job)).into_response());
-    }
-    if run.kind == JobKind::Control {
-        return Ok(Redirect::to(&format!("/jobs/{}", run.job)).into_response());
+    let page = own_page(run.kind, run.job, id).map(|link| link.href);
+    let page = page.unwrap_or_else(|| format!("/jobs/{}", run.job));
+    if page != format!("/runs/{id}") {
+        return Ok(Redirect::to(&page).into_response());
     }
     let job = app.job(run.job).await?;
     let loss = app.loss_figure(id).await?.to_svg(Size::PAGE)?;

@@ -2,6 +2,7 @@
 
 use axum::http::Method;
 use serde_json::json;
+use store::NewArtifact;
 
 use crate::fixture::{Server, small_pipeline, small_simulation};
 use crate::uploads;
@@ -79,6 +80,23 @@ async fn every_page_of_a_finished_experiment_is_there() {
     }
     let checkpoint = page(&server, "/checkpoints/1").await;
     assert!(checkpoint.contains("load_file") && checkpoint.contains("model.safetensors"));
+}
+
+#[tokio::test]
+async fn a_run_without_a_page_of_its_own_is_shown_with_its_job() {
+    let server = Server::start().await;
+    let robots = json!({"preset": "D1-multisine", "trajectories": 1});
+    let spec = json!({"kind": "control", "data": {"stream": robots}, "robots": 1});
+    let job = server.submitted(&spec).await;
+    let task = server.claim().await.unwrap();
+    let table = NewArtifact { name: "robot-00.csv", media_type: "text/csv", bytes: "t".into() };
+    server.store.put_artifact(task.fence, table).await.unwrap();
+
+    let path = format!("/jobs/{}", job["id"]);
+    let answer = server.get(&format!("/runs/{}", job["run"])).await;
+    assert_eq!((answer.status.as_u16(), answer.header("location")), (303, path.as_str()));
+    let page = page(&server, &path).await;
+    assert!(page.contains("/artifacts/robot-00.csv"), "{page}");
 }
 
 #[tokio::test]
