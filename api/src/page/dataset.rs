@@ -6,12 +6,12 @@ use axum::http::HeaderMap;
 use axum::response::{IntoResponse, Redirect, Response};
 use serde::Deserialize;
 use spec::JobKind;
-use wire::{Dataset, DatasetFile, FileKind, JobState};
+use wire::{Dataset, DatasetFile, FileKind};
 
 use crate::app::App;
 use crate::extract::{Path, Query};
 use crate::page::channels::ChannelRow;
-use crate::page::parts::{Commands, Fact, FileRow, when};
+use crate::page::parts::{Commands, Fact, FileRow, Standing};
 use crate::page::spec_text::spec_text;
 use crate::page::verification::Checked;
 use crate::page::viewer::Viewer;
@@ -27,10 +27,7 @@ pub struct View {
 #[template(path = "dataset.html")]
 struct DatasetPage {
     id: i64,
-    job: i64,
-    job_name: String,
-    state: JobState,
-    when: String,
+    job: Standing,
     settled: bool,
     digest: String,
     short_digest: String,
@@ -69,10 +66,7 @@ pub async fn show(
     }
     let page = DatasetPage {
         id,
-        job: job.id,
-        job_name: job.name.clone(),
-        state: job.state,
-        when: when(&job),
+        job: Standing::of(&job),
         settled: job.state.is_final() && checked.settled,
         digest: dataset.digest.to_string(),
         short_digest: dataset.digest.short(),

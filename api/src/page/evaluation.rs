@@ -7,7 +7,7 @@ use wire::{Artifact, CellTask, JobState};
 
 use crate::app::App;
 use crate::extract::Path;
-use crate::page::parts::{Bar, when};
+use crate::page::parts::Standing;
 use crate::page::report::ReportView;
 use crate::page::spec_text::spec_text;
 use crate::page::{InPage, PageError, html, text};
@@ -16,13 +16,7 @@ use crate::page::{InPage, PageError, html, text};
 #[template(path = "evaluation.html")]
 struct EvaluationPage {
     id: i64,
-    name: String,
-    state: JobState,
-    when: String,
-    settled: bool,
-    can_cancel: bool,
-    error: String,
-    progress: Option<Bar>,
+    job: Standing,
     report: Option<ReportView>,
     can_retry: bool,
     figures: Vec<FigureView>,
@@ -51,13 +45,7 @@ pub async fn show(
     let job = app.job(id).await?;
     let page = EvaluationPage {
         id,
-        name: job.name.clone(),
-        state: job.state,
-        when: when(&job),
-        settled: job.state.is_final(),
-        can_cancel: !job.state.is_final(),
-        error: job.error.clone().unwrap_or_default(),
-        progress: Bar::of(job.state, &job.progress),
+        job: Standing::of(&job),
         report: evaluation.report.as_ref().map(ReportView::new),
         can_retry: matches!(job.state, JobState::Failed | JobState::Cancelled),
         figures: figures(&evaluation.artifacts),

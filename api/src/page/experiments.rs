@@ -11,7 +11,7 @@ use wire::{Job, JobState};
 use crate::app::App;
 use crate::error::ApiError;
 use crate::extract::Query;
-use crate::page::parts::{Commands, when};
+use crate::page::parts::{Commands, Standing};
 use crate::page::rows::Row;
 use crate::page::{InPage, PageError, html};
 
@@ -42,15 +42,9 @@ struct Filter {
 }
 
 struct Experiment {
-    id: i64,
-    name: String,
-    kind: JobKind,
-    state: JobState,
+    job: Standing,
     /// Its only row says the same as its heading.
     is_single: bool,
-    when: String,
-    can_cancel: bool,
-    error: String,
     rows: Vec<Row>,
 }
 
@@ -100,15 +94,5 @@ async fn experiment(app: &App, job: &Job) -> Result<Experiment, ApiError> {
         JobKind::Pipeline => Row::of_members(app, job).await?,
         _ => vec![Row::of_job(app, job).await?],
     };
-    Ok(Experiment {
-        id: job.id,
-        name: job.name.clone(),
-        kind: job.kind,
-        state: job.state,
-        is_single: job.kind != JobKind::Pipeline,
-        when: when(job),
-        can_cancel: !job.state.is_final(),
-        error: job.error.clone().unwrap_or_default(),
-        rows,
-    })
+    Ok(Experiment { job: Standing::of(job), is_single: job.kind != JobKind::Pipeline, rows })
 }

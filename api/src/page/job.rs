@@ -5,14 +5,14 @@ use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::{IntoResponse, Redirect, Response};
 use spec::JobKind;
-use wire::{Artifact, JobState, Task, TaskState};
+use wire::{Artifact, Task, TaskState};
 
 use crate::app::App;
 use crate::error::ApiError;
 use crate::extract::Path;
 use crate::page::control::ClosedLoop;
 use crate::page::kinds::{closed_loop, headline, own_page};
-use crate::page::parts::{Bar, Commands, Link, when};
+use crate::page::parts::{Bar, Commands, Link, Standing};
 use crate::page::rows::{Row, results};
 use crate::page::spec_text::spec_text;
 use crate::page::{InPage, PageError, html, text};
@@ -23,20 +23,12 @@ const TASKS: usize = 100;
 #[derive(Template)]
 #[template(path = "job.html")]
 struct JobPage {
-    id: i64,
-    name: String,
-    kind: JobKind,
-    state: JobState,
-    when: String,
-    settled: bool,
-    can_cancel: bool,
-    error: String,
+    job: Standing,
     warnings: Vec<String>,
     /// What came of it, in words.
     outcome: String,
     digest: String,
     short_digest: String,
-    progress: Option<Bar>,
     results: Vec<Link>,
     closed_loop: Option<ClosedLoop>,
     files: Vec<FileLink>,
@@ -78,19 +70,11 @@ pub async fn show(
         _ => Vec::new(),
     };
     let page = JobPage {
-        id,
-        name: job.name.clone(),
-        kind: job.kind,
-        state: job.state,
-        when: when(&job),
-        settled: job.state.is_final(),
-        can_cancel: !job.state.is_final(),
-        error: job.error.clone().unwrap_or_default(),
+        job: Standing::of(&job),
         warnings: job.warnings.clone(),
         outcome,
         digest: job.digest.to_string(),
         short_digest: job.digest.short(),
-        progress: Bar::of(job.state, &job.progress),
         results: results(&job),
         closed_loop,
         files: files.into_iter().map(FileLink::from).collect(),

@@ -2,6 +2,7 @@
 
 use axum::http::HeaderMap;
 use axum::http::header::HOST;
+use spec::JobKind;
 use wire::{Job, JobState, Progress};
 
 use crate::app::App;
@@ -75,8 +76,36 @@ pub struct FileRow {
     pub sha256: String,
 }
 
+/// The job behind a page, and how far it is.
+pub struct Standing {
+    pub id: i64,
+    pub name: String,
+    pub kind: JobKind,
+    pub state: JobState,
+    pub when: String,
+    /// It has ended.
+    pub settled: bool,
+    pub error: String,
+    pub progress: Option<Bar>,
+}
+
+impl Standing {
+    pub fn of(job: &Job) -> Self {
+        Self {
+            id: job.id,
+            name: job.name.clone(),
+            kind: job.kind,
+            state: job.state,
+            when: when(job),
+            settled: job.state.is_final(),
+            error: job.error.clone().unwrap_or_default(),
+            progress: Bar::of(job.state, &job.progress),
+        }
+    }
+}
+
 /// When a job was submitted and how long it took.
-pub fn when(job: &Job) -> String {
+fn when(job: &Job) -> String {
     let submitted = text::instant(&job.created_at);
     match job.duration_seconds {
         Some(seconds) => format!("{submitted} · took {}", text::duration(seconds)),

@@ -5,13 +5,13 @@ use axum::extract::State;
 use axum::response::{IntoResponse, Redirect, Response};
 use figures::Size;
 use spec::ValidationMetric;
-use wire::{Checkpoint, JobState, LatestMetric};
+use wire::{Checkpoint, LatestMetric};
 
 use crate::app::App;
 use crate::extract::Path;
 use crate::page::checkpoint::marks;
 use crate::page::kinds::own_page;
-use crate::page::parts::{Bar, Fact, when};
+use crate::page::parts::{Fact, Standing};
 use crate::page::spec_text::spec_text;
 use crate::page::{InPage, PageError, html, text};
 
@@ -19,14 +19,7 @@ use crate::page::{InPage, PageError, html, text};
 #[template(path = "run.html")]
 struct RunPage {
     id: i64,
-    job: i64,
-    job_name: String,
-    state: JobState,
-    when: String,
-    settled: bool,
-    can_cancel: bool,
-    error: String,
-    progress: Option<Bar>,
+    job: Standing,
     loss: String,
     metrics: Vec<Fact>,
     checkpoints: Vec<CheckpointRow>,
@@ -57,14 +50,7 @@ pub async fn show(
     let checkpoints = app.checkpoints_of_job(run.job).await?;
     let page = RunPage {
         id,
-        job: job.id,
-        job_name: job.name.clone(),
-        state: job.state,
-        when: when(&job),
-        settled: job.state.is_final(),
-        can_cancel: !job.state.is_final(),
-        error: job.error.clone().unwrap_or_default(),
-        progress: Bar::of(job.state, &job.progress),
+        job: Standing::of(&job),
         loss,
         metrics: run.metrics.iter().map(|(key, latest)| fact(key, latest)).collect(),
         checkpoints: checkpoints.iter().rev().map(CheckpointRow::from).collect(),
