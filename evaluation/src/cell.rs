@@ -33,9 +33,9 @@ pub struct PredictorErrors {
     pub predictor: String,
     /// Mean over joints. `None` where there is no answer.
     pub rmse_deg: Vec<Option<f64>>,
-    /// `None` where there is no answer. Empty in results that hold means only, because the table of
-    /// [`Row`]s has the rest.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    /// `None` where there is no answer. They lie in the table of [`Row`]s and not in the JSON of a
+    /// result.
+    #[serde(skip)]
     pub scenarios: Vec<Option<ScenarioErrors>>,
     /// Squared error of each step of the horizon and each joint, summed over the scenarios with an answer.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]

@@ -1,7 +1,5 @@
 //! What one predictor's answer to one scenario is worth.
 
-use serde::{Deserialize, Serialize};
-
 use crate::metrics::{
     JitterMeter, central_interval, crps, energy_score, joint_rmse_deg, least_samples,
 };
@@ -16,17 +14,15 @@ pub const INTERVALS: [f64; 2] = [0.5, 0.9];
 pub const CALIBRATION: [f64; 9] = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9];
 
 /// One predictor's errors on one scenario. All errors are in degrees.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct ScenarioErrors {
     pub rmse_deg: PerJoint,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub jitter: Option<Jitter>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub samples: Option<SampleErrors>,
 }
 
 /// What a prediction has above the signal's band.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Jitter {
     /// Root mean square above the band.
     pub deg: PerJoint,
@@ -37,7 +33,7 @@ pub struct Jitter {
 }
 
 /// How good several samples are as a distribution.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct SampleErrors {
     /// RMSE of the mean of the samples.
     pub mean_rmse_deg: PerJoint,
@@ -49,12 +45,11 @@ pub struct SampleErrors {
     pub intervals: Vec<IntervalErrors>,
     /// Share of the horizon, all joints together, inside the central intervals of [`CALIBRATION`];
     /// as many of them as there are samples enough for.
-    #[serde(default)]
     pub calibration: Vec<f32>,
 }
 
 /// The central interval of one probability.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct IntervalErrors {
     pub nominal: f64,
     /// Share of the horizon inside.

@@ -149,7 +149,6 @@ fn without_details(result: Value) -> Option<Value> {
     entries.remove(ShardSummary::KEY);
     if let Some(Value::Array(predictors)) = entries.get_mut("predictors") {
         for errors in predictors.iter_mut().filter_map(Value::as_object_mut) {
-            errors.remove("scenarios");
             errors.remove("step_squares_deg2");
         }
     }

@@ -50,7 +50,7 @@ pub(super) fn cell(attempt: &Attempt, spec: &EvaluateSpec, index: usize) -> Resu
         errors.extend(evaluate_cell(&scenarios, &scoring, predictor));
         attempt.progress.set_done(attempt.task.total * done / asked.len() as u64);
     }
-    let mut result = CellResult {
+    let result = CellResult {
         cell: index,
         family: cell.excitation.map(|(family, _)| family),
         frequency_hz: cell.excitation.map(|(_, frequency_hz)| frequency_hz),
@@ -65,9 +65,6 @@ pub(super) fn cell(attempt: &Attempt, spec: &EvaluateSpec, index: usize) -> Resu
     let footer = rows::footer(&attempt.task.spec, scenarios.joints());
     let written = attempt.store.put_table(attempt.fence(), &artifact, table, &footer);
     let run = attempt.wait(written)?.0;
-    for errors in &mut result.predictors {
-        errors.scenarios.clear();
-    }
     attempt.complete(&CellRecord { result, table: TableAt { run, artifact } })
 }
 
