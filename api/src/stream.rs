@@ -10,8 +10,9 @@ use axum::extract::ws::{CloseFrame, Message, Utf8Bytes, WebSocket, close_code};
 use spec::SpecError;
 use tokio::sync::OwnedSemaphorePermit;
 use tokio::time::{Instant, timeout};
+use wire::StreamReply;
 
-use crate::app::{PredictionStream, Reply};
+use crate::app::PredictionStream;
 use crate::error::ApiError;
 use crate::limits::{STREAM_PING, STREAM_SILENCE, STREAM_WRITE};
 
@@ -73,7 +74,7 @@ async fn send(socket: &mut WebSocket, message: Message) -> Option<()> {
     timeout(STREAM_WRITE, socket.send(message)).await.ok()?.ok()
 }
 
-fn text_of(reply: &Reply) -> Utf8Bytes {
+fn text_of(reply: &StreamReply) -> Utf8Bytes {
     // Strings and finite numbers only, so this cannot fail.
     serde_json::to_string(reply).unwrap_or_default().into()
 }

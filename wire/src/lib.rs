@@ -13,11 +13,13 @@ mod datasets;
 mod evaluations;
 mod health;
 mod jobs;
+mod predictions;
 mod presets;
 mod problem;
 mod report;
 mod runs;
 mod states;
+mod streams;
 mod summaries;
 mod tasks;
 mod trajectories;
@@ -31,6 +33,10 @@ pub use datasets::{Dataset, DatasetFile, Datasets, FileKind};
 pub use evaluations::{CellTask, Evaluation, Evaluations};
 pub use health::Health;
 pub use jobs::{Job, Jobs, Member, Progress};
+pub use predictions::{
+    ObservedScenario, PredictedQuantile, PredictedScenario, PredictingModel, Prediction,
+    PredictionLatency, PredictionRequest, PredictionSampling,
+};
 pub use presets::Presets;
 pub use problem::Problem;
 pub use report::{
@@ -40,6 +46,10 @@ pub use report::{
 };
 pub use runs::{Artifact, LatestMetric, Metric, MetricPoint, Run, Runs};
 pub use states::{DatasetState, JobState, TaskState, UnknownState};
+pub use streams::{
+    FilledContext, Nothing, StreamLatency, StreamMessage, StreamOpened, StreamReply,
+    StreamSettings, StreamStep, StreamedPrediction,
+};
 pub use summaries::{ChannelSummary, SpectrumSummary, Summary};
 pub use tasks::{Task, Tasks};
 pub use trajectories::Trajectory;

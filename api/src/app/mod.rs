@@ -38,9 +38,8 @@ use crate::live::LiveModels;
 pub use checkpoints::Extents;
 pub use files::Download;
 pub use paging::Paging;
-pub use predictions::Prediction;
-pub use questions::{PredictionRequest, read as read_question};
-pub use streams::{PredictionStream, Reply};
+pub use questions::read as read_question;
+pub use streams::PredictionStream;
 pub use submission::{Reuse, Submitted};
 pub use trajectories::StoredTrajectory;
 

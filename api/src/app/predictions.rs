@@ -3,74 +3,18 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use serde::Serialize;
-use spec::{Digest, JOINTS, SpecError};
+use spec::{JOINTS, SpecError};
 use statistics::interpolated_quantile;
 use store::CheckpointId;
-use utoipa::ToSchema;
+use wire::{
+    PredictedQuantile, PredictedScenario, PredictingModel, Prediction, PredictionLatency,
+    PredictionRequest, PredictionSampling,
+};
 
 use crate::app::App;
-use crate::app::questions::{PredictionRequest, PredictionSampling, Row};
+use crate::app::questions::question;
 use crate::error::ApiError;
 use crate::live::{Answer, Lane, LiveModel};
-
-/// What a checkpoint predicts.
-#[derive(Clone, Debug, Serialize, ToSchema)]
-pub struct Prediction {
-    #[serde(flatten)]
-    pub model: PredictingModel,
-    /// Of each scenario, in their order.
-    pub scenarios: Vec<PredictedScenario>,
-    pub latency_ms: PredictionLatency,
-}
-
-/// Which model, and where it is computed.
-#[derive(Clone, Debug, Serialize, ToSchema)]
-pub struct PredictingModel {
-    pub checkpoint: i64,
-    /// Of the training's spec.
-    pub digest: Digest,
-    /// Of the file of the weights.
-    pub weights: Option<Digest>,
-    pub rate_hz: f64,
-    /// As `serve --device` takes it.
-    #[schema(example = "cpu")]
-    pub device: String,
-    /// That compute one prediction.
-    pub threads: usize,
-}
-
-#[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
-pub struct PredictedScenario {
-    /// Joint positions of the horizon `[horizon][7]`, rad: of several samples their mean.
-    #[schema(value_type = Vec<Vec<f32>>)]
-    pub y: Vec<Row>,
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub quantiles: Vec<PredictedQuantile>,
-    /// `[samples][horizon][7]`, rad, if they were asked for.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(value_type = Option<Vec<Vec<Vec<f32>>>>)]
-    pub samples: Option<Vec<Vec<Row>>>,
-}
-
-/// Of each position apart, over the samples, with linear interpolation between them.
-#[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
-pub struct PredictedQuantile {
-    pub quantile: f64,
-    /// Joint positions `[horizon][7]`, rad.
-    #[schema(value_type = Vec<Vec<f32>>)]
-    pub y: Vec<Row>,
-}
-
-/// Where the time went, ms.
-#[derive(Clone, Copy, Debug, Serialize, ToSchema)]
-pub struct PredictionLatency {
-    /// Until the model was loaded; next to nothing when it was before.
-    pub load: f64,
-    /// Until the computation's turn came.
-    pub queue: f64,
-    pub compute: f64,
-}
 
 /// A checkpoint's model, held for a question or for a stream of them.
 #[derive(Clone)]
@@ -113,7 +57,7 @@ impl App {
         let asked = Instant::now();
         let HeldModel { resource, model } = self.held_model(checkpoint).await?;
         let load = milliseconds(asked.elapsed());
-        let question = request.question(model.about())?;
+        let question = question(request, model.about())?;
         let answer = model.predict(question, Lane::Requests).await?;
         let horizon = model.about().horizon;
         let size = request.scenarios.len();
@@ -174,8 +118,9 @@ impl Answer {
     }
 }
 
-fn rows(positions: &[f32]) -> Vec<Row> {
-    positions.as_chunks().0.to_vec()
+/// A row per step of the horizon.
+fn rows(positions: &[f32]) -> Vec<Vec<f32>> {
+    positions.chunks_exact(JOINTS).map(<[f32]>::to_vec).collect()
 }
 
 fn mean(values: &[f64]) -> f64 {

@@ -2,61 +2,15 @@
 
 use std::fmt::Display;
 
+use serde::Deserialize;
 use serde::de::IgnoredAny;
-use serde::{Deserialize, Serialize};
 use series::{Series, Shape, ShapeError};
-use spec::{JOINTS, SamplerSpec, SpecError, Violation};
-use utoipa::ToSchema;
+use spec::{JOINTS, SpecError, Violation};
+use wire::{PredictionRequest, PredictionSampling};
 
 use crate::error::ApiError;
 use crate::limits::{PREDICTED_POSITIONS, QUANTILES, QUESTION_MAGNITUDE};
 use crate::live::{AboutModel, Question};
-
-/// A value per joint.
-pub type Row = [f32; JOINTS];
-
-/// Scenarios to predict, and how.
-#[derive(Clone, Debug, Deserialize, ToSchema)]
-#[serde(deny_unknown_fields)]
-pub struct PredictionRequest {
-    /// At least one; answered in this order.
-    pub scenarios: Vec<ObservedScenario>,
-    #[serde(default)]
-    pub sampling: PredictionSampling,
-}
-
-/// How a robot moved so far, and the torques that will come.
-#[derive(Clone, Debug, Deserialize, ToSchema)]
-#[serde(deny_unknown_fields)]
-pub struct ObservedScenario {
-    /// Torques of the context `[context][7]`, N·m.
-    #[schema(value_type = Vec<Vec<f32>>)]
-    pub u: Vec<Row>,
-    /// Joint positions of the context `[context][7]`, rad.
-    #[schema(value_type = Vec<Vec<f32>>)]
-    pub y: Vec<Row>,
-    /// Torques of the horizon `[horizon][7]`, N·m.
-    #[schema(value_type = Vec<Vec<f32>>)]
-    pub future_u: Vec<Row>,
-}
-
-/// How a model answers.
-#[derive(Clone, Debug, Default, Deserialize, Serialize, ToSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct PredictionSampling {
-    /// Of a model that removes noise; `null` is the checkpoint's.
-    pub sampler: Option<SamplerSpec>,
-    /// How many samples of each scenario, of a denoiser or a gaussian head; `y` is then their mean.
-    /// `null` is one answer: the mean of a gaussian head, one sample of a denoiser.
-    pub samples: Option<u32>,
-    /// Quantiles to tell, between 0 and 1, of at least 2 samples.
-    pub quantiles: Vec<f64>,
-    /// Whether the samples themselves are told, too.
-    pub return_samples: bool,
-    /// With the scenario's place in the request and the number of the sample, the key of all
-    /// randomness.
-    pub seed: u64,
-}
 
 /// JSON of a type, or an error that names the field.
 ///
@@ -72,14 +26,7 @@ pub fn read<'a, T: Deserialize<'a>>(bytes: &'a [u8]) -> Result<T, ApiError> {
         serde_path_to_error::deserialize(&mut json).map_err(|error| {
             let path = error.path().to_string();
             let path = if path == "." { "the message".to_owned() } else { path };
-            let reason = error.into_inner().to_string();
-            // What the parser says of a row that goes on.
-            let reason = if reason.starts_with("trailing characters") {
-                format!("a row has {JOINTS} values, here are more")
-            } else {
-                reason
-            };
-            ApiError::Question(SpecError::one(path, "", reason))
+            ApiError::Question(SpecError::one(path, "", error.into_inner().to_string()))
         })
     })
 }
@@ -102,16 +49,21 @@ impl Violations {
     }
 
     /// As many rows as there must be.
-    pub fn rows(&mut self, field: &str, rows: &[Row], expected: usize, why: &str) {
+    pub fn rows(&mut self, field: &str, rows: &[Vec<f32>], expected: usize, why: &str) {
         if rows.len() != expected {
             self.add(field, format!("{} rows", rows.len()), format!("{expected} rows, {why}"));
         }
     }
 
-    /// Of a bounded magnitude, which what is not a number has not.
-    pub fn values(&mut self, field: &str, rows: &[Row]) {
+    /// Every row has a value per joint, finite and within ±[`QUESTION_MAGNITUDE`].
+    pub fn values(&mut self, field: &str, rows: &[Vec<f32>]) {
         let allowed = -QUESTION_MAGNITUDE..=QUESTION_MAGNITUDE;
         for (index, row) in rows.iter().enumerate() {
+            if row.len() != JOINTS {
+                let found = format!("{} values", row.len());
+                let allowed = format!("{JOINTS} values, one per joint");
+                return self.add(format!("{field}[{index}]"), found, allowed);
+            }
             if let Some(joint) = row.iter().position(|value| !allowed.contains(value)) {
                 let allowed = format!("-{QUESTION_MAGNITUDE} to {QUESTION_MAGNITUDE}");
                 return self.add(format!("{field}[{index}][{joint}]"), row[joint], allowed);
@@ -150,39 +102,38 @@ impl Violations {
     }
 }
 
-impl PredictionRequest {
-    /// As a question to a model.
-    ///
-    /// # Errors
-    /// Every violation.
-    pub fn question(&self, about: &AboutModel) -> Result<Question, ApiError> {
-        let AboutModel { context, horizon, rate_hz, .. } = *about;
-        let mut violations = Violations::default();
-        let size = self.scenarios.len();
-        let most = PREDICTED_POSITIONS / (horizon * JOINTS);
-        if !(1..=most).contains(&size) {
-            violations.add("scenarios", format!("{size} of them"), format!("1 to {most}"));
-        }
-        for (index, scenario) in self.scenarios.iter().enumerate() {
-            let field = |name: &str| format!("scenarios[{index}].{name}");
-            let (u, y, future_u) = (field("u"), field("y"), field("future_u"));
-            let of_context = "the checkpoint's context";
-            violations.rows(&u, &scenario.u, context, of_context);
-            violations.rows(&y, &scenario.y, context, of_context);
-            violations.rows(&future_u, &scenario.future_u, horizon, "the checkpoint's horizon");
-            violations.values(&u, &scenario.u);
-            violations.values(&y, &scenario.y);
-            violations.values(&future_u, &scenario.future_u);
-        }
-        violations.sampling(&self.sampling, size, horizon);
-        violations.finish()?;
-        let u: Vec<&[Row]> =
-            self.scenarios.iter().flat_map(|it| [&it.u[..], &it.future_u[..]]).collect();
-        let y: Vec<&[Row]> = self.scenarios.iter().map(|it| &it.y[..]).collect();
-        let shape = Shape { robots: size, samples: context + horizon, joints: JOINTS };
-        let (u, y) = (u.concat().into_flattened(), y.concat().into_flattened());
-        Ok(self.sampling.question(series_of(shape, context, rate_hz, u, y)?))
+/// A request as a question to a model.
+///
+/// # Errors
+/// Every violation.
+pub fn question(request: &PredictionRequest, about: &AboutModel) -> Result<Question, ApiError> {
+    let PredictionRequest { scenarios, sampling } = request;
+    let AboutModel { context, horizon, rate_hz, .. } = *about;
+    let mut violations = Violations::default();
+    let size = scenarios.len();
+    let most = PREDICTED_POSITIONS / (horizon * JOINTS);
+    if !(1..=most).contains(&size) {
+        violations.add("scenarios", format!("{size} of them"), format!("1 to {most}"));
     }
+    for (index, scenario) in scenarios.iter().enumerate() {
+        let field = |name: &str| format!("scenarios[{index}].{name}");
+        let (u, y, future_u) = (field("u"), field("y"), field("future_u"));
+        let of_context = "the checkpoint's context";
+        violations.rows(&u, &scenario.u, context, of_context);
+        violations.rows(&y, &scenario.y, context, of_context);
+        violations.rows(&future_u, &scenario.future_u, horizon, "the checkpoint's horizon");
+        violations.values(&u, &scenario.u);
+        violations.values(&y, &scenario.y);
+        violations.values(&future_u, &scenario.future_u);
+    }
+    violations.sampling(sampling, size, horizon);
+    violations.finish()?;
+    let torques = scenarios.iter().flat_map(|it| it.u.iter().chain(&it.future_u));
+    let positions = scenarios.iter().flat_map(|it| &it.y);
+    let shape = Shape { robots: size, samples: context + horizon, joints: JOINTS };
+    let u = torques.flatten().copied().collect();
+    let y = positions.flatten().copied().collect();
+    Ok(asked(sampling, series_of(shape, context, rate_hz, u, y)?))
 }
 
 /// What a model is asked about. Rows were checked before, so that an error is one of this program.
@@ -199,14 +150,12 @@ pub fn series_of(
         .map_err(|error| ApiError::Question(refused(error)))
 }
 
-impl PredictionSampling {
-    pub fn question(&self, scenarios: Series) -> Question {
-        Question {
-            scenarios,
-            samples: self.samples.map(|samples| samples as usize),
-            sampler: self.sampler,
-            seed: self.seed,
-            previous: None,
-        }
+pub fn asked(sampling: &PredictionSampling, scenarios: Series) -> Question {
+    Question {
+        scenarios,
+        samples: sampling.samples.map(|samples| samples as usize),
+        sampler: sampling.sampler,
+        seed: sampling.seed,
+        previous: None,
     }
 }

@@ -5,109 +5,31 @@
 use std::collections::VecDeque;
 use std::time::Instant;
 
-use serde::{Deserialize, Serialize};
 use series::{Series, Shape};
 use spec::JOINTS;
 use tokio::time::timeout;
-use wire::Problem;
+use wire::{
+    FilledContext, Nothing, StreamLatency, StreamMessage, StreamOpened, StreamReply,
+    StreamSettings, StreamStep, StreamedPrediction,
+};
 
-use crate::app::predictions::{HeldModel, PredictedScenario, PredictingModel, milliseconds};
-use crate::app::questions::{PredictionSampling, Row, Violations, read, series_of};
+use crate::app::predictions::{HeldModel, milliseconds};
+use crate::app::questions::{Violations, asked, read, series_of};
 use crate::error::ApiError;
 use crate::limits::REQUEST_TIMEOUT;
 use crate::live::{AboutModel, Answer, Lane, Previous, Question};
 
-/// What a client sends.
-#[derive(Debug, Deserialize)]
-#[serde(rename_all = "snake_case")]
-enum Message {
-    Open(Settings),
-    Step(Step),
-    #[serde(rename = "reset")]
-    Reset(Nothing),
-}
-
-/// How the predictions that follow are made.
-#[derive(Clone, Debug, Default, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-struct Settings {
-    sampling: PredictionSampling,
-    /// Noise levels that a prediction which begins with the one before removes; `null` begins with
-    /// noise every time.
-    warm_start_steps: Option<u32>,
-}
-
-/// What was measured since the last message and, for a prediction, what is planned.
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Step {
-    u: Vec<Row>,
-    y: Vec<Row>,
-    #[serde(default)]
-    future_u: Option<Vec<Row>>,
-}
-
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Nothing {}
-
-/// What a client is told.
-#[derive(Debug, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Reply {
-    Opened(Opened),
-    Context(Filled),
-    Prediction(StreamedPrediction),
-    Error(Problem),
-}
-
-#[derive(Debug, Serialize)]
-pub struct Opened {
-    #[serde(flatten)]
-    model: PredictingModel,
-    #[serde(flatten)]
-    filled: Filled,
-    horizon: usize,
-}
-
-/// Samples in the context, and how many there have to be.
-#[derive(Debug, Serialize)]
-pub struct Filled {
-    filled: usize,
-    context: usize,
-}
-
-#[derive(Debug, Serialize)]
-pub struct StreamedPrediction {
-    /// Counted from 0.
-    number: u64,
-    #[serde(flatten)]
-    predicted: PredictedScenario,
-    /// Samples between the prediction that this one began with and this one; `null` if it began
-    /// with noise.
-    warm_start_shift: Option<usize>,
-    latency_ms: StreamLatency,
-}
-
-#[derive(Debug, Serialize)]
-struct StreamLatency {
-    queue: f64,
-    compute: f64,
-    /// From the message to the answer, both as text.
-    total: f64,
-}
-
 /// The samples seen last, at most a context of them.
 #[derive(Default)]
 struct Window {
-    u: VecDeque<Row>,
-    y: VecDeque<Row>,
+    u: VecDeque<Vec<f32>>,
+    y: VecDeque<Vec<f32>>,
 }
 
 impl Window {
-    fn push(&mut self, step: &Step, context: usize) {
+    fn push(&mut self, step: &StreamStep, context: usize) {
         for (window, rows) in [(&mut self.u, &step.u), (&mut self.y, &step.y)] {
-            window.extend(rows);
+            window.extend(rows.iter().cloned());
             window.drain(..window.len().saturating_sub(context));
         }
     }
@@ -122,7 +44,7 @@ struct Last {
 
 pub struct PredictionStream {
     held: HeldModel,
-    settings: Option<Settings>,
+    settings: Option<StreamSettings>,
     window: Window,
     last: Option<Last>,
     predictions: u64,
@@ -134,38 +56,38 @@ impl PredictionStream {
     }
 
     /// The answer to a message. One that cannot be accepted changes nothing.
-    pub async fn answer(&mut self, message: &[u8]) -> Reply {
+    pub async fn answer(&mut self, message: &[u8]) -> StreamReply {
         let arrived = Instant::now();
         let answered = match read(message) {
-            Ok(Message::Open(settings)) => {
+            Ok(StreamMessage::Open(settings)) => {
                 self.open(settings).await.map_err(|error| error.within("open"))
             }
-            Ok(Message::Step(step)) => self.step(step, arrived).await,
-            Ok(Message::Reset(Nothing {})) => {
+            Ok(StreamMessage::Step(step)) => self.step(step, arrived).await,
+            Ok(StreamMessage::Reset(Nothing {})) => {
                 self.window = Window::default();
                 self.last = None;
-                Ok(Reply::Context(self.filled()))
+                Ok(StreamReply::Context(self.filled()))
             }
             Err(error) => Err(error),
         };
         answered.unwrap_or_else(|error| Self::refusal(&error))
     }
 
-    pub fn refusal(error: &ApiError) -> Reply {
+    pub fn refusal(error: &ApiError) -> StreamReply {
         error.log();
-        Reply::Error(error.to_problem())
+        StreamReply::Error(error.to_problem())
     }
 
     /// Tries the settings before they are needed, which also makes the first prediction as fast as
     /// the others.
-    async fn open(&mut self, settings: Settings) -> Result<Reply, ApiError> {
+    async fn open(&mut self, settings: StreamSettings) -> Result<StreamReply, ApiError> {
         let AboutModel { context, horizon, .. } = *self.held.model.about();
         let mut violations = Violations::default();
         violations.sampling(&settings.sampling, 1, horizon);
         violations.finish()?;
         let rest = |samples: usize| vec![0.0; samples * JOINTS];
         let scenario = self.scenario(rest(context + horizon), rest(context))?;
-        let question = settings.sampling.question(scenario);
+        let question = asked(&settings.sampling, scenario);
         if let Some(steps) = settings.warm_start_steps {
             let previous = Some(Previous { positions: rest(horizon), shift: 1, steps });
             self.ask(Question { previous, ..question.clone() }).await?;
@@ -174,10 +96,10 @@ impl PredictionStream {
         self.settings = Some(settings);
         self.last = None;
         let model = self.held.resource.clone();
-        Ok(Reply::Opened(Opened { model, filled: self.filled(), horizon }))
+        Ok(StreamReply::Opened(StreamOpened { model, filled: self.filled(), horizon }))
     }
 
-    async fn step(&mut self, step: Step, arrived: Instant) -> Result<Reply, ApiError> {
+    async fn step(&mut self, step: StreamStep, arrived: Instant) -> Result<StreamReply, ApiError> {
         let AboutModel { context, horizon, .. } = *self.held.model.about();
         let Some(settings) = self.settings.clone() else {
             let mut violations = Violations::default();
@@ -190,7 +112,7 @@ impl PredictionStream {
         if let Some(last) = &mut self.last {
             last.age += seen;
         }
-        let Some(future_u) = step.future_u else { return Ok(Reply::Context(self.filled())) };
+        let Some(future_u) = step.future_u else { return Ok(StreamReply::Context(self.filled())) };
 
         let u = self.window.u.iter().chain(&future_u).flatten().copied().collect();
         let y = self.window.y.iter().flatten().copied().collect();
@@ -203,10 +125,10 @@ impl PredictionStream {
         });
         let warm_start_shift = previous.as_ref().map(|previous| previous.shift);
         let scenario = self.scenario(u, y)?;
-        let question = Question { previous, ..settings.sampling.question(scenario) };
+        let question = Question { previous, ..asked(&settings.sampling, scenario) };
         let answer = self.ask(question).await?;
         let predicted = answer.of(0, 1, horizon, &settings.sampling);
-        self.last = Some(Last { positions: predicted.y.as_flattened().to_vec(), age: 0 });
+        self.last = Some(Last { positions: predicted.y.concat(), age: 0 });
         let number = self.predictions;
         self.predictions += 1;
         let latency_ms = StreamLatency {
@@ -214,7 +136,7 @@ impl PredictionStream {
             compute: milliseconds(answer.computed),
             total: milliseconds(arrived.elapsed()),
         };
-        Ok(Reply::Prediction(StreamedPrediction {
+        Ok(StreamReply::Prediction(StreamedPrediction {
             number,
             predicted,
             warm_start_shift,
@@ -222,7 +144,7 @@ impl PredictionStream {
         }))
     }
 
-    fn check(&self, step: &Step, context: usize, horizon: usize) -> Result<(), ApiError> {
+    fn check(&self, step: &StreamStep, context: usize, horizon: usize) -> Result<(), ApiError> {
         let mut violations = Violations::default();
         let seen = step.u.len();
         if seen == 0 {
@@ -256,7 +178,7 @@ impl PredictionStream {
         Ok(timeout(REQUEST_TIMEOUT, answer).await.map_err(|_| ApiError::Timeout)??)
     }
 
-    fn filled(&self) -> Filled {
-        Filled { filled: self.window.u.len(), context: self.held.model.about().context }
+    fn filled(&self) -> FilledContext {
+        FilledContext { filled: self.window.u.len(), context: self.held.model.about().context }
     }
 }

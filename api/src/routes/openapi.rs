@@ -19,8 +19,10 @@ use wire::Problem;
     ),
     security((), ("token" = [])),
     // The schemas of a pipeline's member and of a job refer to each other, which the derive does not
-    // follow. The report of a control job is an artifact.
-    components(schemas(Problem, spec::PipelineMember, wire::ControlReport)),
+    // follow. The report of a control job is an artifact, and a stream speaks WebSocket.
+    components(schemas(
+        Problem, spec::PipelineMember, wire::ControlReport, wire::StreamMessage, wire::StreamReply,
+    )),
     modifiers(&TokenScheme),
 )]
 pub struct Document;

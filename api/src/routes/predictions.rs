@@ -7,8 +7,9 @@ use axum::extract::ws::rejection::WebSocketUpgradeRejection;
 use axum::http::HeaderMap;
 use axum::http::header::{HOST, ORIGIN};
 use axum::response::Response;
+use wire::{Prediction, PredictionRequest};
 
-use crate::app::{App, Prediction, PredictionRequest, PredictionStream, read_question};
+use crate::app::{App, PredictionStream, read_question};
 use crate::error::ApiError;
 use crate::extract::{JsonBytes, Path};
 use crate::limits::QUESTION_BYTES;
