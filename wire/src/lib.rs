@@ -53,4 +53,4 @@ pub use streams::{
 pub use summaries::{ChannelSummary, SpectrumSummary, Summary};
 pub use tasks::{Task, Tasks};
 pub use trajectories::Trajectory;
-pub use verifications::Verification;
+pub use verifications::{Verification, VerifiedShard};

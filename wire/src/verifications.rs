@@ -22,3 +22,15 @@ pub struct Verification {
     pub error: Option<String>,
     pub finished_at: Option<String>,
 }
+
+/// The result of a verification's task: how a shard agrees with the same trajectories made again.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct VerifiedShard {
+    pub shard: u32,
+    pub dataset: i64,
+    /// `equal`, or in words how the bytes differ or what they were compared with.
+    pub bytes: String,
+    /// How the values agree where the bytes differ.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub values: Option<String>,
+}

@@ -1,8 +1,9 @@
 //! Verifications: datasets made again and compared with what is stored.
 
+use serde::Deserialize;
 use spec::{DataSource, Execution, JobKind, JobSpec, VerifySpec};
 use store::{DatasetId, JobId, Reuse};
-use wire::{DatasetState, Job, TaskState, Verification};
+use wire::{DatasetState, Job, TaskState, Verification, VerifiedShard};
 
 use crate::app::App;
 use crate::app::jobs::text;
@@ -62,14 +63,18 @@ impl App {
             finished_at: text(job.finished_at),
         };
         for task in verified {
-            let word = |name: &str| task.result.as_ref().and_then(|it| it.get(name)?.as_str());
+            let result = task.result.as_ref();
+            let Some(VerifiedShard { bytes, values, .. }) =
+                result.and_then(|result| VerifiedShard::deserialize(result).ok())
+            else {
+                continue;
+            };
             verification.shards_verified += 1;
-            let bytes = word("bytes").unwrap_or("not compared");
             if bytes.starts_with("equal") {
                 verification.shards_identical += 1;
             }
             if bytes != "equal" && verification.remarks.len() < REMARKS {
-                let values = word("values").map(|it| format!(", values {it}"));
+                let values = values.map(|values| format!(", values {values}"));
                 let remark = format!("{}: bytes {bytes}{}", task.label, values.unwrap_or_default());
                 verification.remarks.push(remark);
             }

@@ -171,7 +171,7 @@ impl Server {
             }
             JobKind::Import => self.commit_import(task).await,
             JobKind::Verify => {
-                let result = json!({"shard": task.ordinal, "bytes": "equal"});
+                let result = json!({"shard": task.ordinal, "dataset": 1, "bytes": "equal"});
                 self.store.complete(task.fence, Some(&result)).await.unwrap();
             }
             _ => self.store.complete(task.fence, None).await.unwrap(),

@@ -158,7 +158,7 @@ async fn the_button_verifies_and_the_page_tells_the_outcome() {
     let outcome = "/datasets/1#verification";
     assert_eq!((answer.status.as_u16(), answer.header("location")), (303, outcome));
     let task = server.claim().await.unwrap();
-    let result = json!({"shard": 0, "bytes": "equal"});
+    let result = json!({"shard": 0, "dataset": 1, "bytes": "equal"});
     server.store.complete(task.fence, Some(&result)).await.unwrap();
     for path in ["/datasets/1", "/", &format!("/jobs/{}", task.job)] {
         let page = page(&server, path).await;

@@ -62,8 +62,8 @@ async fn a_dataset_tells_what_its_newest_verification_found() {
     let server = with_dataset().await;
     let job = server.post("/v1/datasets/1/verify").await.json();
     let results = [
-        json!({"shard": 0, "bytes": "equal"}),
-        json!({"shard": 1, "bytes": "differ, written by version 0.0.9", "values": "equal"}),
+        json!({"shard": 0, "dataset": 1, "bytes": "equal"}),
+        json!({"shard": 1, "dataset": 1, "bytes": "differ, written by version 0.0.9", "values": "equal"}),
     ];
     let task = server.claim().await.unwrap();
     server.store.complete(task.fence, Some(&results[0])).await.unwrap();

@@ -5,9 +5,9 @@ mod place;
 mod shard;
 
 use jobs::VerifyTask;
-use serde_json::{Value, json};
 use spec::{DataSource, DataSpec, ImportSpec, JobSpec, VerifySpec};
 use store::{Dataset, DatasetId, NewShard, ObjectWriter, Shard};
+use wire::VerifiedShard;
 
 use crate::attempt::Attempt;
 use crate::error::TaskError;
@@ -30,19 +30,17 @@ fn run(attempt: &Attempt) -> Result<(), TaskError> {
     let shards = attempt.wait(attempt.store.shards(dataset.id))?;
     let shard = shards.iter().find(|shard| shard.ordinal == ordinal).ok_or_else(missing)?;
     let job: JobSpec = serde_json::from_value(dataset.spec.clone())?;
-    let mut result = match DataSpec::of(&job) {
+    let (bytes, values) = match DataSpec::of(&job) {
         Some(DataSpec::Simulation(spec)) => {
             let simulated = SimulatedShard::new(&spec, dataset.digest, ordinal);
             let place = Place::Store(&attempt.store);
             let progress = |done: u64| attempt.show(done);
-            verify(&simulated, &recorded(shard), place, &progress)?.to_json()
+            verify(&simulated, &recorded(shard), place, &progress)?.words()
         }
         Some(DataSpec::Import(spec)) => verify_import(attempt, &spec, shard)?,
         None => return Err(missing()),
     };
-    result["shard"] = ordinal.into();
-    result["dataset"] = dataset.id.0.into();
-    attempt.complete(&result)
+    attempt.complete(&VerifiedShard { shard: ordinal, dataset: dataset.id.0, bytes, values })
 }
 
 /// The dataset that the task names, or else the newest of the digest.
@@ -71,7 +69,7 @@ fn recorded(shard: &Shard) -> NewShard {
 }
 
 /// Converts the upload again; without it, only the recorded digests are left to compare with.
-fn verify_import(attempt: &Attempt, spec: &ImportSpec, shard: &Shard) -> Result<Value, TaskError> {
+fn verify_import(attempt: &Attempt, spec: &ImportSpec, shard: &Shard) -> Result<Words, TaskError> {
     let place = Place::Store(&attempt.store);
     let recorded = [&shard.trajectories, &shard.robots];
     for recorded in recorded {
@@ -85,9 +83,8 @@ fn verify_import(attempt: &Attempt, spec: &ImportSpec, shard: &Shard) -> Result<
         }
     }
     let Some(upload) = attempt.wait(attempt.store.upload(spec.file))? else {
-        return Ok(json!({
-            "bytes": "equal to what was recorded; not converted again, as the upload is gone",
-        }));
+        let bytes = "equal to what was recorded; not converted again, as the upload is gone";
+        return Ok((bytes.to_owned(), None));
     };
     let rows = import::decode(attempt, &upload, spec)?;
     let [trajectories, table] = recorded.map(|it| ObjectWriter::digest_only(&it.path));
@@ -100,17 +97,20 @@ fn verify_import(attempt: &Attempt, spec: &ImportSpec, shard: &Shard) -> Result<
             )));
         }
     }
-    Ok(Agreement::Bytes.to_json())
+    Ok(Agreement::Bytes.words())
 }
 
+/// How bytes agree and, where they differ, values.
+type Words = (String, Option<String>);
+
 impl Agreement {
-    fn to_json(&self) -> Value {
+    fn words(&self) -> Words {
         match self {
-            Self::Bytes => json!({"bytes": "equal"}),
-            Self::Values { version, tolerance } => json!({
-                "bytes": format!("differ, written by version {version}"),
-                "values": format!("equal within {tolerance}"),
-            }),
+            Self::Bytes => ("equal".to_owned(), None),
+            Self::Values { version, tolerance } => (
+                format!("differ, written by version {version}"),
+                Some(format!("equal within {tolerance}")),
+            ),
         }
     }
 }
