@@ -3,8 +3,8 @@
 //! Memory does not grow with the file: a batch of rows, the samples of one trajectory, and the
 //! trajectories that were not handed on yet.
 
-use serde::Serialize;
 use spec::{ImportSpec, Split};
+use wire::ImportCounts;
 
 use crate::error::{ImportError, RowError};
 use crate::recording::Recording;
@@ -15,18 +15,6 @@ use crate::windows::Window;
 
 /// Trajectories of a dataset.
 const MAX_TRAJECTORIES: u64 = 10_000_000;
-
-/// What became of a file.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
-pub struct ImportCounts {
-    pub rows: u64,
-    pub recordings: u64,
-    /// Recordings that were too short for a trajectory.
-    pub dropped_recordings: u64,
-    pub trajectories: u64,
-    /// Samples, at the rate of the dataset, that are in no trajectory.
-    pub dropped_samples: u64,
-}
 
 /// Rows being made trajectories. What comes out is a function of the rows and the spec.
 pub struct Conversion<I> {

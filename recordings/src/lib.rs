@@ -18,7 +18,7 @@ mod tables;
 mod windows;
 
 pub use confinement::{BATCH_SECONDS, MEMORY_BYTES, TimedOutput, confine};
-pub use conversion::{Conversion, ImportCounts};
+pub use conversion::Conversion;
 pub use decoder::{Decoder, DecoderProgram};
 pub use decoding::{decode, decode_standard_input};
 pub use error::{ImportError, RowError};

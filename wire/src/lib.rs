@@ -12,6 +12,7 @@ mod closed_loop;
 mod datasets;
 mod evaluations;
 mod health;
+mod imports;
 mod jobs;
 mod predictions;
 mod presets;
@@ -32,6 +33,7 @@ pub use closed_loop::{
 pub use datasets::{Dataset, DatasetFile, Datasets, FileKind};
 pub use evaluations::{CellTask, Evaluation, Evaluations};
 pub use health::Health;
+pub use imports::ImportCounts;
 pub use jobs::{Job, Jobs, Member, Progress};
 pub use predictions::{
     ObservedScenario, PredictedQuantile, PredictedScenario, PredictingModel, Prediction,

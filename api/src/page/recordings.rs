@@ -1,27 +1,18 @@
 //! What became of a file that was imported.
 
 use serde::Deserialize;
-use wire::Job;
+use wire::{ImportCounts, Job};
 
 use crate::app::App;
 use crate::error::ApiError;
 use crate::page::parts::Fact;
 use crate::page::text;
 
-/// As an import's task tells it.
-#[derive(Deserialize)]
-struct Counts {
-    rows: u64,
-    recordings: u64,
-    dropped_recordings: u64,
-    dropped_samples: u64,
-}
-
 /// Nothing until the import has ended.
 pub async fn facts(app: &App, import: &Job) -> Result<Vec<Fact>, ApiError> {
     let tasks = app.tasks(import.id).await?;
     let result = tasks.first().and_then(|task| task.result.as_ref()?.get("import"));
-    let counts = result.and_then(|counts| Counts::deserialize(counts).ok());
+    let counts = result.and_then(|counts| ImportCounts::deserialize(counts).ok());
     Ok(counts.map_or(Vec::new(), |counts| {
         let too_short = match counts.dropped_recordings {
             0 => format!("in {} rows", text::count(counts.rows)),

@@ -15,9 +15,10 @@ use ::parquet::arrow::ArrowWriter;
 use ::parquet::file::properties::WriterProperties;
 use arrow::array::{ArrayRef, Float32Array, Float64Array, Int32Array, RecordBatch, StringArray};
 use arrow::compute::concat_batches;
-use recordings::{Conversion, ImportCounts, ImportError, Rows, TableSchemas};
+use recordings::{Conversion, ImportError, Rows, TableSchemas};
 use serde_json::{Value, json};
 use spec::{ImportSpec, JobSpec};
+use wire::ImportCounts;
 
 /// Recordings of an arm that sways, as one table.
 #[derive(Clone)]

@@ -2,8 +2,8 @@
 
 use arrow::array::AsArray;
 use arrow::datatypes::{Float32Type, Float64Type, Int32Type, Int64Type};
-use recordings::ImportCounts;
 use serde_json::json;
+use wire::ImportCounts;
 
 use super::{Imported, Recordings, channel_names, check_refused, import, spec};
 

@@ -5,9 +5,10 @@ mod tests;
 
 use std::collections::BTreeMap;
 
-use recordings::{Conversion, Decoder, ImportCounts, ImportError, Rows, TableSchemas};
+use recordings::{Conversion, Decoder, ImportError, Rows, TableSchemas};
 use spec::{Column, DataSpec, ImportSpec};
 use store::{FileContent, NewShard, ObjectWriter, ShardSummary, TableWriter, Upload, object_path};
+use wire::ImportCounts;
 
 use crate::attempt::Attempt;
 use crate::error::TaskError;

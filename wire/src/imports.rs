@@ -1,0 +1,16 @@
+//! What became of a file that was imported.
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// Counts in the result of an import's task, under `import`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct ImportCounts {
+    pub rows: u64,
+    pub recordings: u64,
+    /// Recordings that were too short for a trajectory.
+    pub dropped_recordings: u64,
+    pub trajectories: u64,
+    /// Samples, at the rate of the dataset, that are in no trajectory.
+    pub dropped_samples: u64,
+}
