@@ -1,7 +1,7 @@
 //! What the module of every kind says.
 
 use serde::Serialize;
-use spec::{Doubt, JobSpec, SpecError};
+use spec::{Doubt, JobSpec, SpecError, TrainSpec};
 use store::{JobReuse, Need, NewTask, Output};
 
 use crate::references::Inputs;
@@ -9,6 +9,11 @@ use crate::submission::Limits;
 
 /// Tasks of one job. Crossing it is a violation of the field that asks for so many.
 pub(crate) const TASKS_PER_JOB: u32 = 10_000;
+
+/// Why a training on trajectories of so many samples may not fit into the machine's memory.
+///
+/// Nothing that computes models is compiled for this crate; whoever composes the server brings it.
+pub type MemoryDoubts = dyn Fn(&TrainSpec, u32) -> Option<Doubt> + Send + Sync;
 
 /// A spec of one kind, as a job among others.
 pub(crate) trait Kind {
@@ -50,8 +55,8 @@ pub(crate) trait Kind {
         None
     }
 
-    /// Why it may not fit into `bytes` of memory with trajectories of `samples`.
-    fn memory_doubt(&self, _samples: u32, _bytes: u64) -> Option<Doubt> {
+    /// Why it may not fit into memory with trajectories of `samples`.
+    fn memory_doubt(&self, _samples: u32, _memory: &MemoryDoubts) -> Option<Doubt> {
         None
     }
 }

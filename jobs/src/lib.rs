@@ -24,6 +24,7 @@ pub use control::ControlTask;
 pub use description::describe_dataset;
 pub use error::SubmissionError;
 pub use evaluate::EvaluateTask;
+pub use kind::MemoryDoubts;
 pub use simulate::ShardTask;
 pub use submission::{Limits, retry, submit, submit_spec};
 pub use verify::VerifyTask;

@@ -2,7 +2,7 @@ use serde_json::json;
 use spec::{Doubt, SpecError, TrainSpec};
 use store::{DatasetState, NewTask, Output};
 
-use crate::kind::{Kind, task};
+use crate::kind::{Kind, MemoryDoubts, task};
 use crate::references::Inputs;
 
 impl Kind for TrainSpec {
@@ -30,7 +30,7 @@ impl Kind for TrainSpec {
         }
     }
 
-    fn memory_doubt(&self, samples: u32, bytes: u64) -> Option<Doubt> {
-        Self::memory_doubt(self, samples, bytes)
+    fn memory_doubt(&self, samples: u32, memory: &MemoryDoubts) -> Option<Doubt> {
+        memory(self, samples)
     }
 }

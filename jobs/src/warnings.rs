@@ -4,17 +4,17 @@ use serde_json::Value;
 use spec::{DataSource, DataSpec, JobSpec, Referred};
 use store::{JobState, Store, StoreError};
 
-use crate::kind::kind;
+use crate::kind::{MemoryDoubts, kind};
 
-/// Sentences about the values of a stored spec, those of a pipeline's jobs and of streams included,
-/// on a machine with `memory` bytes, if that is known. None about a spec of another version.
+/// Sentences about the values of a stored spec, those of a pipeline's jobs and of streams included, and
+/// about memory, if something is brought that doubts it. None about a spec of another version.
 ///
 /// # Errors
 /// When the store cannot say how long the trajectories are that a job reads.
 pub async fn warnings(
     store: &Store,
     spec: &Value,
-    memory: Option<u64>,
+    memory: Option<&MemoryDoubts>,
 ) -> Result<Vec<String>, StoreError> {
     let Ok(spec) = serde_json::from_value::<JobSpec>(spec.clone()) else {
         return Ok(Vec::new());

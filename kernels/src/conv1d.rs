@@ -3,6 +3,7 @@ use burn::tensor::{Tensor, module};
 
 use super::correlation::{Correlation, channel_sums};
 use super::fused::{Array, FusedOp, apply, operand};
+use super::winograd;
 
 /// Cross-correlation along the last dimension, zeros beyond the ends, as `torch.nn.Conv1d`:
 /// x `[batch, input, sample]` with weight `[output, input, kernel]` and bias `[output]` to
@@ -17,6 +18,12 @@ pub fn conv1d(
     let operands = [operand(&x), operand(&weight), operand(&bias)];
     apply(Conv1d { stride, padding }, operands)
         .unwrap_or_else(|| plain(x, weight, bias, stride, padding))
+}
+
+/// Numbers that [`conv1d`] with a weight of this shape and its derivative work with beside, at most,
+/// whatever the batch.
+pub fn scratch_of_conv1d(weight: [usize; 3]) -> usize {
+    winograd::scratch(weight)
 }
 
 pub(super) fn plain(

@@ -47,7 +47,7 @@ mod winograd;
 pub use adam_w::{AdamWStep, adam_w, is_fused, sum_of_squares};
 pub use attention::{Mask, attention, self_attention};
 pub use conv_transpose1d::conv_transpose1d;
-pub use conv1d::conv1d;
+pub use conv1d::{conv1d, scratch_of_conv1d};
 pub use dropout::{DropoutKeys, DropoutMask, dropout};
 pub use gelu_linear::gelu_linear_onto;
 pub use group_norm_mish::group_norm_mish;

@@ -51,9 +51,8 @@ fn main() -> Result<(), Box<dyn Error>> {
         }
     }
     if wanted.is_empty() {
-        let models =
-            spec::presets().into_iter().filter(|preset| preset.place == PresetPlace::Model);
-        wanted = models.map(|preset| preset.name).collect();
+        let models = spec::presets().iter().filter(|preset| preset.place == PresetPlace::Model);
+        wanted = models.map(|preset| preset.name.clone()).collect();
     }
     let mut all = Vec::new();
     for preset in wanted {

@@ -9,7 +9,7 @@ use std::error::Error;
 use std::process::Command;
 
 use mimalloc::MiMalloc;
-use models::{Device, Trainer, TrainingData};
+use models::{Device, Trainer, TrainingData, TrainingMemory};
 use serde_json::json;
 use series::{Series, Shape};
 use spec::{JOINTS, JobSpec, TrainSpec};
@@ -44,7 +44,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     }
     println!("{:<24} {:>12} {:>12} {:>8}", "", "said, MiB", "taken, MiB", "ratio");
     for training in arguments {
-        let said = mebibytes(spec_of(&training)?.memory(DATA.samples).peak_bytes);
+        let memory = TrainingMemory::of(&spec_of(&training)?, DATA.samples)?;
+        let said = mebibytes(memory.peak_bytes);
         let child = Command::new(std::env::current_exe()?).args(["--alone", &training]).output()?;
         if !child.status.success() {
             return Err(String::from_utf8_lossy(&child.stderr).into());

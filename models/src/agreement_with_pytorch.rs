@@ -12,15 +12,16 @@ use spec::{
     TrainSpec, ValidationMetric,
 };
 
+use crate::architecture::{Ask, Draw, ModelInput};
 use crate::checkpoint::{CONFIG_FILE, CheckpointFiles, MODEL_FILE};
-use crate::denoiser::Denoiser;
+use crate::device::host_values;
 use crate::frame::Framing;
 use crate::initialization::InitialWeights;
 use crate::normalization::{Normalizer, model_input, target};
 use crate::optimizer::{ModelOptimizer, NamedGradients};
-use crate::parameters::{NamedTensor, NamedTensors, host_values, parameters};
+use crate::parameters::{NamedTensor, NamedTensors, parameters};
 use crate::randomness::Noise;
-use crate::sequence_model::{ModelInput, SequenceModel};
+use crate::sequence_model::SequenceModel;
 use crate::{CheckpointConfig, Device, TrainedModel, Trainer, TrainingData, checkpoint};
 
 /// A folder of `tests/data`.
@@ -54,8 +55,7 @@ impl Peer {
     fn loaded(&self, device: &burn::tensor::Device) -> SequenceModel {
         let config = self.config();
         let mut weights = InitialWeights::new(0, device);
-        let model = SequenceModel::new(&config.model, config.context, config.horizon, &mut weights)
-            .unwrap();
+        let model = SequenceModel::new(&config.model, config.extents(), &mut weights).unwrap();
         checkpoint::load_weights(model, &self.read(MODEL_FILE)).unwrap()
     }
 
@@ -227,10 +227,9 @@ fn denoisers_answer_and_learn_alike() {
     for peer in DIFFUSIONS.into_iter().chain(FLOWS) {
         let device = Device::cpu().training();
         let model = peer.loaded(&device);
-        let SequenceModel::Denoiser(denoiser) = &model else { panic!("{} is none", peer.0) };
         let (input, _) = peer.seen(&device);
-        let known = denoiser.known(&input.u, &input.path);
-        let answer = denoiser.forward(series(&peer, "noisy", &device), &[3, 17, 0], known, None);
+        let noisy = series(&peer, "noisy", &device);
+        let answer = model.answer_to_noise(noisy, &[3, 17, 0], &input).unwrap();
         peer.check_close("answer", &host_values(answer.clone().inner()).unwrap(), 1e-5);
 
         let error = answer - series(&peer, "answer_wanted", &device);
@@ -252,21 +251,18 @@ fn whole_chains_of_samplers_agree() {
     for peer in DIFFUSIONS {
         let device = Device::cpu().inference();
         let model = peer.loaded(&device);
-        let SequenceModel::Denoiser(denoiser) = &model else { panic!("{} is none", peer.0) };
         for (name, kind, steps) in [
             ("ddim", SamplerKind::Ddim, None),
             ("ddim_7", SamplerKind::Ddim, Some(7)),
             ("dpm_solver_7", SamplerKind::DpmSolver, Some(7)),
         ] {
-            check_chain(&peer, denoiser, name, kind, steps);
+            check_chain(&peer, &model, name, kind, steps);
         }
-        let table = denoiser.process().steps(&SamplerSpec::default(), None);
-        let (input, _) = peer.seen(&device);
         let chunk = peer.expected("noise").len();
         let all = peer.expected("ddpm_noise");
-        let mut noise = Noise::given(all.chunks(chunk).map(<[f32]>::to_vec));
-        let found = denoiser.sample(&input, None, &table, &mut noise);
-        peer.check_close("chain.ddpm", &host_values(found).unwrap(), 1e-4);
+        let noise = Noise::given(all.chunks(chunk).map(<[f32]>::to_vec));
+        let found = chain(&peer, &model, &SamplerSpec::default(), noise);
+        peer.check_close("chain.ddpm", &found, 1e-4);
     }
 }
 
@@ -274,13 +270,12 @@ fn whole_chains_of_samplers_agree() {
 fn whole_chains_of_flows_agree() {
     for peer in FLOWS {
         let model = peer.loaded(&Device::cpu().inference());
-        let SequenceModel::Denoiser(denoiser) = &model else { panic!("{} is none", peer.0) };
         for (name, kind, steps) in [
             ("euler_1", SamplerKind::Euler, 1),
             ("euler_4", SamplerKind::Euler, 4),
             ("heun_3", SamplerKind::Heun, 3),
         ] {
-            check_chain(&peer, denoiser, name, kind, Some(steps));
+            check_chain(&peer, &model, name, kind, Some(steps));
         }
     }
 }
@@ -289,15 +284,19 @@ fn whole_chains_of_flows_agree() {
 #[track_caller]
 fn check_chain(
     peer: &Peer,
-    denoiser: &Denoiser,
+    model: &SequenceModel,
     name: &str,
     kind: SamplerKind,
     steps: Option<u32>,
 ) {
     let sampler = SamplerSpec { kind, steps, ..SamplerSpec::default() };
-    let table = denoiser.process().steps(&sampler, None);
+    let found = chain(peer, model, &sampler, Noise::given([peer.expected("noise")]));
+    peer.check_close(&format!("chain.{name}"), &found, 1e-4);
+}
+
+fn chain(peer: &Peer, model: &SequenceModel, sampler: &SamplerSpec, mut noise: Noise) -> Vec<f32> {
+    let steps = model.process().unwrap().steps(sampler, None);
     let (input, _) = peer.seen(&Device::cpu().inference());
-    let mut noise = Noise::given([peer.expected("noise")]);
-    let found = denoiser.sample(&input, None, &table, &mut noise);
-    peer.check_close(&format!("chain.{name}"), &host_values(found).unwrap(), 1e-4);
+    let ask = Ask { steps: &steps, warm: None, noise: &mut noise, draw: Draw::Mean };
+    host_values(model.answer(input, ask)).unwrap()
 }

@@ -2,6 +2,7 @@ use burn::module::Module;
 use burn::tensor::Tensor;
 use kernels::{Mask, PackedWeight};
 
+use crate::activations::Activations;
 use crate::dropout::Dropout;
 use crate::initialization::InitialWeights;
 use crate::layers::{LayerNorm, Linear};
@@ -21,9 +22,9 @@ pub(crate) struct Attention {
 
 /// Keys and values of tokens, `[batch, source, d_model]` each.
 #[derive(Clone, Debug)]
-pub(crate) struct Sources {
-    keys: Tensor<3>,
-    values: Tensor<3>,
+pub(crate) struct Sources<A = Tensor<3>> {
+    keys: A,
+    values: A,
 }
 
 impl Sources {
@@ -61,46 +62,50 @@ impl Attention {
     /// Every token of the normed `x` `[batch, token, d_model]` looks at those tokens of the same that `mask`
     /// lets it see. Gives the shape of `x`. Dropout leaves out some of what it looks at, and some of
     /// what comes of it.
-    pub fn forward(
+    pub fn forward<A: Activations>(
         &self,
-        x: Tensor<3>,
+        x: A,
         norm: &LayerNorm,
         mask: Mask,
         dropout: &mut Dropout,
-    ) -> Tensor<3> {
+    ) -> A {
+        let shape = x.dims();
         let maps = [&self.query, &self.key, &self.value];
         let projected = Linear::forward_three_normed(maps, x, norm, &self.packed);
-        let mixed = kernels::self_attention(projected, self.heads, mask, dropout.mask());
+        let left_out = dropout.mask();
+        let mixed = A::operation([projected], [true], shape, |[projected]| {
+            kernels::self_attention(projected, self.heads, mask, left_out)
+        });
         self.outcome(mixed, dropout)
     }
 
     /// The same of the tokens of `memory` `[batch, source, d_model]`, as they are.
-    pub fn forward_across(
+    pub fn forward_across<A: Activations>(
         &self,
-        x: Tensor<3>,
+        x: A,
         norm: &LayerNorm,
-        memory: Tensor<3>,
+        memory: A,
         mask: Mask,
         dropout: &mut Dropout,
-    ) -> Tensor<3> {
+    ) -> A {
         self.forward_to(&self.sources(memory), x, norm, mask, dropout)
     }
 
     /// The same of what is known of their tokens.
-    pub fn forward_to(
+    pub fn forward_to<A: Activations>(
         &self,
-        sources: &Sources,
-        x: Tensor<3>,
+        sources: &Sources<A>,
+        x: A,
         norm: &LayerNorm,
         mask: Mask,
         dropout: &mut Dropout,
-    ) -> Tensor<3> {
+    ) -> A {
         let query = self.query.forward_normed(x, norm);
         self.look(query, sources, mask, dropout)
     }
 
     /// What others see of the tokens of `memory`, as they are.
-    pub fn sources(&self, memory: Tensor<3>) -> Sources {
+    pub fn sources<A: Activations>(&self, memory: A) -> Sources<A> {
         let keys = self.key.forward(memory.clone());
         Sources { keys, values: self.value.forward(memory) }
     }
@@ -113,23 +118,23 @@ impl Attention {
     }
 
     /// What comes of looking at `sources`.
-    pub fn look(
+    pub fn look<A: Activations>(
         &self,
-        query: Tensor<3>,
-        sources: &Sources,
+        query: A,
+        sources: &Sources<A>,
         mask: Mask,
         dropout: &mut Dropout,
-    ) -> Tensor<3> {
+    ) -> A {
+        let shape = query.dims();
         let Sources { keys, values } = sources.clone();
-        let mixed = kernels::attention(query, keys, values, self.heads, mask, dropout.mask());
+        let left_out = dropout.mask();
+        let mixed = A::operation([query, keys, values], [true; 3], shape, |[q, k, v]| {
+            kernels::attention(q, k, v, self.heads, mask, left_out)
+        });
         self.outcome(mixed, dropout)
     }
 
-    fn outcome(&self, mixed: Tensor<3>, dropout: &mut Dropout) -> Tensor<3> {
-        kernels::dropout(self.output.forward(mixed), dropout.mask())
-    }
-
-    pub const fn parameter_count(d_model: u64) -> u64 {
-        4 * Linear::parameter_count(d_model, d_model)
+    fn outcome<A: Activations>(&self, mixed: A, dropout: &mut Dropout) -> A {
+        dropout.apply(self.output.forward(mixed))
     }
 }

@@ -1,22 +1,41 @@
+//! Models that make their answers of noise: a network, and what it was trained to do about the noise.
+
+use std::rc::Rc;
+
 use burn::module::{Module, ModuleMapper, ModuleVisitor};
 use burn::tensor::{Device, Tensor, TensorData};
 use kernels::DropoutKeys;
-use spec::{Generation, JOINTS, Known, ModelSpec};
+use spec::JOINTS;
 
-use crate::ModelError;
-use crate::cdcnn::Cdcnn;
-use crate::cdt::{Cdt, Chain};
-use crate::diffuser::Diffuser;
+use crate::activations::{Activations, Tally};
+use crate::architecture::{Ask, Extents, Model, ModelInput};
 use crate::diffusion::{Painted, Process, Step};
+use crate::loss::Loss;
 use crate::randomness::Noise;
-use crate::sequence_model::{Loss, ModelInput};
 
-/// A network that removes noise. A flow's is CDCNN's.
-#[derive(Clone, Debug)]
-pub(crate) enum Network {
-    Diffuser(Diffuser),
-    Cdcnn(Box<Cdcnn>),
-    Cdt(Cdt),
+/// What removes noise.
+pub(crate) trait Network: Module {
+    /// The answer at each row's noise level, in the shape of the noisy series `[batch, sample, channel]`.
+    /// Beside it the network is given what is `known` of each sample. A step of training has keys for
+    /// what it leaves out.
+    fn forward<A: Activations>(
+        &self,
+        noisy: A,
+        levels: &[usize],
+        known: A,
+        keys: Option<DropoutKeys>,
+    ) -> A;
+
+    /// Answers at one level after the other, `steps` in all, about the same trajectories, whose first
+    /// samples are `clean` `[batch, context, channel]`.
+    fn chain<'a>(
+        &'a self,
+        _clean: &Tensor<3>,
+        known: Tensor<3>,
+        _steps: &[Step],
+    ) -> impl FnMut(Tensor<3>, &[usize]) -> Tensor<3> + 'a {
+        move |noisy, levels| self.forward(noisy, levels, known.clone(), None)
+    }
 }
 
 /// A network with what it was trained to do about the noise.
@@ -24,18 +43,16 @@ pub(crate) enum Network {
 /// The series that is noised is y of the whole trajectory, for Diffuser u beside y. Its context
 /// enters clean, in training and at every step of sampling, and its errors never count.
 #[derive(Clone, Debug)]
-pub(crate) struct Denoiser {
-    network: Network,
-    process: Process,
-    /// Of Diffuser; the others are given u apart from the series.
-    torques: Torques,
-    /// Whether the path that answers are relative to is given beside u.
-    path: bool,
+pub(crate) struct Denoiser<N> {
+    pub network: N,
+    pub process: Process,
+    pub torques: Torques,
+    pub given: Given,
 }
 
 /// What becomes of u.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Torques {
+pub(crate) enum Torques {
     /// Not in the series.
     Apart,
     /// In the series, clean, without errors; the weight of y's errors.
@@ -44,36 +61,32 @@ enum Torques {
     Noised { weights: [f64; 2] },
 }
 
-impl Denoiser {
-    /// # Errors
-    /// [`ModelError::Spec`] for noise that cannot be.
-    pub fn new(network: Network, spec: &ModelSpec) -> Result<Self, ModelError> {
-        spec.check_options()?;
-        let process = match spec.generation().ok_or(ModelError::NotGenerative)? {
-            Generation::Diffusion(diffusion) => Process::diffusion(diffusion),
-            Generation::Flow(flow) => Process::flow(flow),
-        };
-        let torques = match spec {
-            ModelSpec::Diffuser(spec) => match (spec.known, spec.weights) {
-                (Known::CleanAndMasked, [_, y_weight]) => Torques::Clean { y_weight },
-                (Known::JointNoise, weights) => Torques::Noised { weights },
-            },
-            _ => Torques::Apart,
-        };
-        Ok(Self { network, process, torques, path: matches!(spec, ModelSpec::Flow(_)) })
-    }
+/// What a network is given beside the series.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Given {
+    Torques,
+    /// The path that answers are relative to beside u.
+    TorquesAndPath,
+}
 
-    pub fn process(&self) -> &Process {
-        &self.process
+impl Given {
+    /// `[batch, sample, channel]`.
+    fn of<A: Activations>(self, u: A, path: A) -> A {
+        match self {
+            Self::Torques => u,
+            Self::TorquesAndPath => u.and(path, 2),
+        }
     }
+}
 
-    pub fn loss(&self, input: ModelInput, target: Tensor<3>, noise: &mut Noise) -> Loss {
+impl<N: Network> Model for Denoiser<N> {
+    fn loss(&self, input: ModelInput, target: Tensor<3>, noise: &mut Noise) -> Loss {
         let [_, context, _] = input.seen_context.dims();
         let [_, horizon, _] = target.dims();
         let device = target.device();
         let y = Tensor::cat(vec![input.seen_context, target], 1);
         let series = self.series(&input.u, y);
-        let known = self.known(&input.u, &input.path);
+        let known = self.given.of(input.u, input.path);
         let shape = Shape { context, horizon, device: &device };
         let (clean, weights, counted) = match self.torques {
             Torques::Apart => {
@@ -92,23 +105,17 @@ impl Denoiser {
         };
         let keys = noise.dropout_keys();
         self.process.loss(&series, &clean, weights, counted, noise, |noisy, levels| {
-            self.forward(noisy, levels, known, keys)
+            self.network.forward(noisy, levels, known, keys)
         })
     }
 
-    /// y of the horizon `[batch, horizon, 7]`, from noise or from the guess `warm` of it.
-    pub fn sample(
-        &self,
-        input: &ModelInput,
-        warm: Option<Tensor<3>>,
-        steps: &[Step],
-        noise: &mut Noise,
-    ) -> Tensor<3> {
+    fn answer(&self, input: ModelInput, ask: Ask<'_>) -> Tensor<3> {
+        let Ask { steps, warm, noise, .. } = ask;
         let [batch, context, _] = input.seen_context.dims();
         let [_, samples, _] = input.u.dims();
         let horizon = samples - context;
         let device = input.u.device();
-        let unknown = |device: &Device| Tensor::zeros([batch, horizon, JOINTS], device);
+        let unknown = Tensor::zeros([batch, horizon, JOINTS], &device);
         let whole = |horizon: Tensor<3>| {
             self.series(&input.u, Tensor::cat(vec![input.seen_context.clone(), horizon], 1))
         };
@@ -120,80 +127,70 @@ impl Denoiser {
                 (shape.mask(&[(0.0, 0.0), (1.0, 0.0)]), Some(shape.mask(&[(1.0, 1.0), (0.0, 0.0)])))
             }
         };
-        let painted = Painted { values: whole(unknown(&device)), clean, noised };
+        let painted = Painted { values: whole(unknown), clean, noised };
         let warm = warm.map(whole);
-        let series = if let Network::Cdt(network) = &self.network {
-            let levels = steps.iter().map(|step| step.level).collect();
-            let clean = input.seen_context.clone();
-            let mut chain = Chain::new(network, clean.clone(), input.u.clone(), levels);
-            self.process.sample(warm, &painted, steps, noise, |noisy, _| {
-                let noisy = noisy.slice([0..batch, context..samples, 0..JOINTS]);
-                // Nobody asks for the context's.
-                Tensor::cat(vec![clean.zeros_like(), chain.answer(noisy)], 1)
-            })
-        } else {
-            let known = self.known(&input.u, &input.path);
-            self.process.sample(warm, &painted, steps, noise, |noisy, levels| {
-                self.forward(noisy, levels, known.clone(), None)
-            })
-        };
+        let known = self.given.of(input.u.clone(), input.path.clone());
+        let chain = self.network.chain(&input.seen_context, known, steps);
+        let series = self.process.sample(warm, &painted, steps, noise, chain);
         let [_, _, channels] = series.dims();
         series.slice([0..batch, context..samples, channels - JOINTS..channels])
     }
 
-    /// What the network is given beside the series, `[batch, sample, channel]`.
-    pub fn known(&self, u: &Tensor<3>, path: &Tensor<3>) -> Tensor<3> {
-        if self.path { Tensor::cat(vec![u.clone(), path.clone()], 2) } else { u.clone() }
+    fn count(&self, extents: Extents, tally: &Rc<Tally>) {
+        let samples = extents.samples() as usize;
+        let given = || tally.given([1, samples, JOINTS]);
+        let noisy = match self.torques {
+            Torques::Apart => given(),
+            Torques::Clean { .. } | Torques::Noised { .. } => tally.given([1, samples, 2 * JOINTS]),
+        };
+        let known = self.given.of(given(), given());
+        let [_, _, channels] = self.network.forward(noisy, &[0], known, None).dims();
+        tally.given([KEPT_BY_LOSS, samples, channels]).keep();
     }
 
-    /// The network's answer at each row's noise level, in the shape of the noisy series. A step of
-    /// training has keys for what it leaves out.
-    pub fn forward(
+    fn is_generative(&self) -> bool {
+        true
+    }
+
+    fn process(&self) -> Option<&Process> {
+        Some(&self.process)
+    }
+
+    #[cfg(test)]
+    fn answer_to_noise(
         &self,
         noisy: Tensor<3>,
         levels: &[usize],
-        known: Tensor<3>,
-        keys: Option<DropoutKeys>,
-    ) -> Tensor<3> {
-        match &self.network {
-            Network::Diffuser(network) => network.forward(noisy, levels),
-            Network::Cdcnn(network) => network.forward(noisy, levels, known),
-            Network::Cdt(network) => network.forward(noisy, levels, known, keys),
-        }
+        input: &ModelInput,
+    ) -> Option<Tensor<3>> {
+        let known = self.given.of(input.u.clone(), input.path.clone());
+        Some(self.network.forward(noisy, levels, known, None))
     }
 
+    fn for_inference(&self) -> Self {
+        Self { network: self.network.valid(), ..self.clone() }
+    }
+
+    fn visit<V: ModuleVisitor>(&self, visitor: &mut V) {
+        self.network.visit(visitor);
+    }
+
+    fn map<M: ModuleMapper>(self, mapper: &mut M) -> Self {
+        Self { network: self.network.map(mapper), ..self }
+    }
+}
+
+/// Arrays in the shape of the answer that the loss keeps: its differences from the target and their
+/// squares.
+const KEPT_BY_LOSS: usize = 2;
+
+impl<N> Denoiser<N> {
     /// What is noised.
     fn series(&self, u: &Tensor<3>, y: Tensor<3>) -> Tensor<3> {
         match self.torques {
             Torques::Apart => y,
             Torques::Clean { .. } | Torques::Noised { .. } => Tensor::cat(vec![u.clone(), y], 2),
         }
-    }
-
-    pub fn for_inference(&self) -> Self {
-        let network = match &self.network {
-            Network::Diffuser(network) => Network::Diffuser(network.valid()),
-            Network::Cdcnn(network) => Network::Cdcnn(Box::new(network.valid())),
-            Network::Cdt(network) => Network::Cdt(network.valid()),
-        };
-        Self { network, ..self.clone() }
-    }
-
-    pub fn visit<V: ModuleVisitor>(&self, visitor: &mut V) {
-        match &self.network {
-            Network::Diffuser(network) => network.visit(visitor),
-            Network::Cdcnn(network) => network.visit(visitor),
-            Network::Cdt(network) => network.visit(visitor),
-        }
-    }
-
-    pub fn map<M: ModuleMapper>(self, mapper: &mut M) -> Self {
-        let network = match self.network {
-            Network::Diffuser(network) => Network::Diffuser(network.map(mapper)),
-            Network::Cdcnn(network) => Network::Cdcnn(Box::new(network.map(mapper))),
-            Network::Cdt(network) => Network::Cdt(network.map(mapper)),
-        };
-        Self { network, ..self }
     }
 }
 

@@ -1,5 +1,7 @@
 use kernels::{DropoutKeys, DropoutMask};
 
+use crate::activations::Activations;
+
 /// Hands each place of a network its mask, in the order of a pass.
 pub(crate) struct Dropout {
     /// Of the trajectories; none where nothing is learned.
@@ -23,8 +25,20 @@ impl Dropout {
         self.mask_at(self.rate)
     }
 
+    /// `x` without what the next place in a block leaves out.
+    pub fn apply<A: Activations>(&mut self, x: A) -> A {
+        self.apply_at(self.rate, x)
+    }
+
+    /// `x` without what the next place leaves out.
+    pub fn apply_at<A: Activations>(&mut self, rate: f64, x: A) -> A {
+        let Some(mask) = self.mask_at(rate) else { return x };
+        let shape = x.dims();
+        A::operation([x], [false], shape, |[x]| kernels::dropout(x, Some(mask)))
+    }
+
     /// Of the next place.
-    pub fn mask_at(&mut self, rate: f64) -> Option<DropoutMask> {
+    fn mask_at(&mut self, rate: f64) -> Option<DropoutMask> {
         let place = self.places;
         self.places += 1;
         let keys = self.keys.as_ref().filter(|_| rate > 0.0)?;

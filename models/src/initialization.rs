@@ -1,4 +1,4 @@
-use burn::module::Param;
+use burn::module::{Param, ParamId};
 use burn::tensor::{Device, Tensor, TensorData};
 use random::{ChaCha12Rng, SeedableRng, unit_f32};
 
@@ -10,21 +10,24 @@ pub(crate) const POSITION_STANDARD_DEVIATION: f32 = 0.02;
 /// burn's own initializers draw from a generator that the whole process shares; weights must
 /// depend on nothing but the seed and the order in which the model asks for them.
 pub(crate) struct InitialWeights<'a> {
-    generator: ChaCha12Rng,
+    /// None of weights that are not drawn.
+    generator: Option<ChaCha12Rng>,
     device: &'a Device,
 }
 
 impl<'a> InitialWeights<'a> {
     pub fn new(seed: u64, device: &'a Device) -> Self {
-        Self { generator: ChaCha12Rng::seed_from_u64(seed), device }
+        Self { generator: Some(ChaCha12Rng::seed_from_u64(seed)), device }
+    }
+
+    /// Of a model whose weights come from elsewhere or are not needed: shapes, which take no memory.
+    pub fn none(device: &'a Device) -> Self {
+        Self { generator: None, device }
     }
 
     /// Uniform on `[-bound, bound)`.
     pub fn uniform<const D: usize>(&mut self, shape: [usize; D], bound: f32) -> Param<Tensor<D>> {
-        let values = (0..shape.iter().product())
-            .map(|_| (2.0 * unit_f32(&mut self.generator) - 1.0) * bound)
-            .collect();
-        self.parameter(values, shape)
+        self.parameter(shape, |generator| (2.0 * unit_f32(generator) - 1.0) * bound)
     }
 
     /// Normal with mean 0 (Box and Muller 1958, the cosine branch).
@@ -33,22 +36,34 @@ impl<'a> InitialWeights<'a> {
         shape: [usize; D],
         standard_deviation: f32,
     ) -> Param<Tensor<D>> {
-        let values = (0..shape.iter().product())
-            .map(|_| {
-                let radius = (-2.0 * (1.0 - unit_f32(&mut self.generator)).ln()).sqrt();
-                radius
-                    * (std::f32::consts::TAU * unit_f32(&mut self.generator)).cos()
-                    * standard_deviation
-            })
-            .collect();
-        self.parameter(values, shape)
+        self.parameter(shape, |generator| {
+            let radius = (-2.0 * (1.0 - unit_f32(generator)).ln()).sqrt();
+            radius * (std::f32::consts::TAU * unit_f32(generator)).cos() * standard_deviation
+        })
     }
 
-    pub fn constant<const D: usize>(&self, shape: [usize; D], value: f32) -> Param<Tensor<D>> {
-        self.parameter(vec![value; shape.iter().product()], shape)
+    pub fn constant<const D: usize>(&mut self, shape: [usize; D], value: f32) -> Param<Tensor<D>> {
+        self.parameter(shape, |_| value)
     }
 
-    fn parameter<const D: usize>(&self, values: Vec<f32>, shape: [usize; D]) -> Param<Tensor<D>> {
+    fn parameter<const D: usize>(
+        &mut self,
+        shape: [usize; D],
+        mut draw: impl FnMut(&mut ChaCha12Rng) -> f32,
+    ) -> Param<Tensor<D>> {
+        let Some(generator) = &mut self.generator else {
+            let zeros = move |device: &Device, is_tracked| {
+                Tensor::zeros(shape, device).set_require_grad(is_tracked)
+            };
+            return Param::uninitialized(
+                ParamId::new(),
+                zeros,
+                self.device.clone(),
+                true,
+                shape.into(),
+            );
+        };
+        let values: Vec<f32> = (0..shape.iter().product()).map(|_| draw(generator)).collect();
         Param::from_data(TensorData::new(values, shape), self.device)
     }
 }

@@ -2,6 +2,7 @@ use burn::module::{Module, Param};
 use burn::tensor::Tensor;
 use kernels::{DropoutMask, PackedWeight};
 
+use crate::activations::Activations;
 use crate::initialization::InitialWeights;
 
 /// `y = x Wᵀ + b`, with parameter names, layout and initial weights of `torch.nn.Linear`.
@@ -30,42 +31,62 @@ impl Linear {
     }
 
     /// `[batch, token, input]` to `[batch, token, output]`.
-    pub fn forward(&self, x: Tensor<3>) -> Tensor<3> {
-        kernels::linear(x, self.weight.val(), self.bias.val(), &self.packed)
+    pub fn forward<A: Activations>(&self, x: A) -> A {
+        let shape = self.shape_from(&x);
+        A::operation([x], [true], shape, |[x]| {
+            kernels::linear(x, self.weight.val(), self.bias.val(), &self.packed)
+        })
     }
 
     /// Of the normed x.
-    pub fn forward_normed(&self, x: Tensor<3>, norm: &LayerNorm) -> Tensor<3> {
-        let LayerNorm { weight, bias } = norm;
-        let norm = [weight.val(), bias.val()];
-        kernels::norm_linear(x, norm, self.weight.val(), self.bias.val(), &self.packed)
+    pub fn forward_normed<A: Activations>(&self, x: A, norm: &LayerNorm) -> A {
+        let shape = self.shape_from(&x);
+        A::operation([x], [true], shape, |[x]| {
+            let LayerNorm { weight, bias } = norm;
+            let norm = [weight.val(), bias.val()];
+            kernels::norm_linear(x, norm, self.weight.val(), self.bias.val(), &self.packed)
+        })
     }
 
     /// Three of the same normed x, their outputs side by side. `packed` is theirs together.
-    pub fn forward_three_normed(
+    pub fn forward_three_normed<A: Activations>(
         maps: [&Self; 3],
-        x: Tensor<3>,
+        x: A,
         norm: &LayerNorm,
         packed: &PackedWeight,
-    ) -> Tensor<3> {
-        let norm = [norm.weight.val(), norm.bias.val()];
-        let (weights, biases) = (maps.map(|map| map.weight.val()), maps.map(|map| map.bias.val()));
-        kernels::norm_linear_of_three(x, norm, weights, biases, packed)
+    ) -> A {
+        let [batch, tokens, _] = x.dims();
+        let outputs = maps.map(Self::output).iter().sum();
+        A::operation([x], [true], [batch, tokens, outputs], |[x]| {
+            let norm = [norm.weight.val(), norm.bias.val()];
+            let (weights, biases) =
+                (maps.map(|map| map.weight.val()), maps.map(|map| map.bias.val()));
+            kernels::norm_linear_of_three(x, norm, weights, biases, packed)
+        })
     }
 
     /// `residual` plus this of GELU of x; `masks` leave out numbers of GELU's and of this one's.
-    pub fn forward_gelu_onto(
+    pub fn forward_gelu_onto<A: Activations>(
         &self,
-        residual: Tensor<3>,
-        x: Tensor<3>,
+        residual: A,
+        x: A,
         masks: [Option<DropoutMask>; 2],
-    ) -> Tensor<3> {
-        let (weight, bias) = (self.weight.val(), self.bias.val());
-        kernels::gelu_linear_onto(residual, x, weight, bias, &self.packed, masks)
+    ) -> A {
+        let shape = self.shape_from(&x);
+        A::operation([residual, x], [true; 2], shape, |[residual, x]| {
+            let (weight, bias) = (self.weight.val(), self.bias.val());
+            kernels::gelu_linear_onto(residual, x, weight, bias, &self.packed, masks)
+        })
     }
 
-    pub const fn parameter_count(input: u64, output: u64) -> u64 {
-        input * output + output
+    fn output(&self) -> usize {
+        let [output, _] = self.weight.lazy_shape().dims();
+        output
+    }
+
+    fn shape_from(&self, x: &impl Activations) -> [usize; 3] {
+        let [batch, tokens, _] = x.dims();
+        [batch, tokens, self.output()]
     }
 }
 
@@ -80,16 +101,15 @@ pub(crate) struct LayerNorm {
 }
 
 impl LayerNorm {
-    pub fn new(width: usize, weights: &InitialWeights<'_>) -> Self {
+    pub fn new(width: usize, weights: &mut InitialWeights<'_>) -> Self {
         Self { weight: weights.constant([width], 1.0), bias: weights.constant([width], 0.0) }
     }
 
     /// `[batch, token, width]` to the same shape.
-    pub fn forward(&self, x: Tensor<3>) -> Tensor<3> {
-        kernels::layer_norm(x, self.weight.val(), self.bias.val())
-    }
-
-    pub const fn parameter_count(width: u64) -> u64 {
-        2 * width
+    pub fn forward<A: Activations>(&self, x: A) -> A {
+        let shape = x.dims();
+        A::operation([x], [true], shape, |[x]| {
+            kernels::layer_norm(x, self.weight.val(), self.bias.val())
+        })
     }
 }

@@ -8,8 +8,12 @@
 //!
 //! Answers are row-major `[trajectory, sample, joint]`, in rad, as [`series::Series`] are.
 
+mod activations;
 #[cfg(test)]
 mod agreement_with_pytorch;
+#[cfg(test)]
+mod allocations;
+mod architecture;
 mod attention;
 mod cdcnn;
 mod cdt;
@@ -21,10 +25,12 @@ mod diffusion;
 mod dropout;
 mod ema;
 mod error;
+mod flow;
 mod frame;
-mod gaussian;
 mod initialization;
 mod layers;
+mod loss;
+mod memory;
 mod normalization;
 mod optimizer;
 mod parameters;
@@ -49,6 +55,7 @@ pub use checkpoint::{
 pub use device::{Device, DeviceDescription, DeviceError, DeviceKind};
 pub use error::ModelError;
 pub use kernels::Interrupt;
+pub use memory::{TrainingMemory, memory_doubt};
 pub use normalization::{Normalizer, Statistics, StatisticsAccumulator};
 pub use sampling::{Sampling, WarmStart};
 pub use trained_model::TrainedModel;

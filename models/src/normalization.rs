@@ -4,8 +4,8 @@ use series::{Observed, SeriesView, Shape, Track};
 use spec::Normalization;
 
 use crate::ModelError;
+use crate::architecture::ModelInput;
 use crate::frame::Frame;
-use crate::sequence_model::ModelInput;
 
 /// Smaller standard deviations count as this one (N·m and rad): a joint that stands still is not
 /// to be magnified until rounding looks like motion. 1e-3 rad is 0.06°.

@@ -7,7 +7,8 @@ use kernels::AdamWStep;
 use spec::OptimizerSpec;
 
 use crate::ModelError;
-use crate::parameters::{NamedTensor, NamedTensors, Path, check_shapes, host_values, parameters};
+use crate::device::host_values;
+use crate::parameters::{NamedTensor, NamedTensors, Path, check_shapes, parameters};
 use crate::sequence_model::SequenceModel;
 
 /// Names of the moments in PyTorch's `Adam`.

@@ -6,6 +6,7 @@ use burn::module::{ModuleMapper, ModuleVisitor, Param};
 use burn::tensor::{Tensor, TensorData};
 
 use crate::ModelError;
+use crate::device::host_values;
 use crate::sequence_model::SequenceModel;
 
 #[derive(Clone, Debug, PartialEq)]
@@ -102,11 +103,6 @@ impl ModuleVisitor for Reader {
     }
 }
 
-/// The tensor's values in row-major order.
-pub(crate) fn host_values<const D: usize>(tensor: Tensor<D>) -> Result<Vec<f32>, ModelError> {
-    tensor.try_into_vec_as::<f32>().map_err(|error| ModelError::Device(error.to_string()))
-}
-
 #[derive(Default)]
 struct Shapes {
     path: Path,
@@ -123,7 +119,7 @@ impl ModuleVisitor for Shapes {
     }
 
     fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
-        self.found.insert(self.path.name(), param.val().dims().to_vec());
+        self.found.insert(self.path.name(), param.lazy_shape().to_vec());
     }
 }
 
@@ -144,7 +140,7 @@ impl ModuleMapper for Writer {
     fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
         match self.tensors.remove(&self.path.name()) {
             Some(NamedTensor { shape, values }) => {
-                let device = param.val().device();
+                let device = param.lazy_device();
                 Param::from_data(TensorData::new(values, shape), &device)
             }
             None => param,

@@ -5,13 +5,14 @@ use series::Observed;
 use spec::ModelSpec;
 
 use crate::ModelError;
+use crate::architecture::{Ask, Draw};
+use crate::device::host_values;
 use crate::diffusion::Step;
 use crate::frame::Framing;
 use crate::normalization::{Statistics, model_input};
-use crate::parameters::host_values;
 use crate::randomness::{Noise, Purpose, generator};
 use crate::sampling::Sampling;
-use crate::sequence_model::{Ask, Draw, SequenceModel};
+use crate::sequence_model::SequenceModel;
 
 /// Trajectories computed at once, so that memory does not grow with the question.
 const CHUNK: usize = 64;
@@ -48,7 +49,7 @@ impl Predictor<'_> {
     }
 
     fn steps(&self, sampling: &Sampling, observed: &Observed<'_>) -> Result<Vec<Step>, ModelError> {
-        let SequenceModel::Denoiser(denoiser) = self.model else {
+        let Some(process) = self.model.process() else {
             return match &sampling.warm_start {
                 Some(_) => Err(not_a_denoiser("warm_start")),
                 None if sampling.sampler.is_some() => Err(not_a_denoiser("sampler")),
@@ -66,7 +67,7 @@ impl Predictor<'_> {
                 Some(warm.steps as usize)
             }
         };
-        Ok(denoiser.process().steps(sampler, warm))
+        Ok(process.steps(sampler, warm))
     }
 
     fn rows(

@@ -95,7 +95,7 @@ mod tests {
     use burn::tensor::Device;
 
     use super::{Noise, Purpose, generator};
-    use crate::parameters::host_values;
+    use crate::device::host_values;
 
     fn row(purpose: Purpose, first: u64, second: u64) -> Vec<f32> {
         let mut noise = Noise::new([generator(9, purpose, first, second)]);

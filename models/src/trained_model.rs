@@ -1,12 +1,13 @@
 use series::{Observed, SeriesView};
 use spec::ModelSpec;
 
+use crate::architecture::Draw;
 use crate::checkpoint::{self, CheckpointConfig, CheckpointFiles};
 use crate::frame::Framing;
 use crate::initialization::InitialWeights;
 use crate::normalization::{Normalizer, Statistics};
 use crate::prediction::Predictor;
-use crate::sequence_model::{Draw, SequenceModel};
+use crate::sequence_model::SequenceModel;
 use crate::shapes::{check_batch, check_observed};
 use crate::{Device, ModelError, Sampling};
 
@@ -28,12 +29,8 @@ impl TrainedModel {
         let config = CheckpointConfig::parse(config)?;
         checkpoint::check_size(&config, weights)?;
         let inference = device.inference();
-        let model = SequenceModel::new(
-            &config.model,
-            config.context,
-            config.horizon,
-            &mut InitialWeights::new(config.seed, &inference),
-        )?;
+        let mut initial = InitialWeights::none(&inference);
+        let model = SequenceModel::new(&config.model, config.extents(), &mut initial)?;
         Ok(Self {
             model: checkpoint::load_weights(model, weights)?,
             normalizer: config.normalizer.clone(),

@@ -5,17 +5,20 @@ use random::ChaCha12Rng;
 use series::{Series, SeriesView};
 use spec::{DataSource, Digest, EmaSpec, JOINTS, ModelSpec, TrainSpec};
 
+use crate::architecture::{Draw, Extents};
 use crate::checkpoint::{self, CheckpointConfig, CheckpointFiles, TrainingState, Versions};
+use crate::device::host_values;
 use crate::ema::WeightAverage;
 use crate::frame::Framing;
 use crate::initialization::InitialWeights;
+use crate::loss::Loss;
+use crate::memory::parameter_count;
 use crate::normalization::{Normalizer, Statistics, model_input, target};
 use crate::optimizer::{ModelOptimizer, NamedGradients};
-use crate::parameters::host_values;
 use crate::prediction::Predictor;
 use crate::randomness::{Noise, Purpose, generator};
 use crate::schedule::Schedule;
-use crate::sequence_model::{Draw, Loss, SequenceModel};
+use crate::sequence_model::SequenceModel;
 use crate::shapes::check_batch;
 use crate::validation::{ValidationPart, ValidationReport};
 use crate::{Device, FORMAT_VERSION, ModelError, Sampling};
@@ -96,8 +99,8 @@ impl Trainer {
         let normalizer = Normalizer::new(spec.normalization, data.statistics.clone())?;
         let training = device.training();
         let mut weights = InitialWeights::new(spec.seed, &training);
-        let horizon = horizon(spec.context, data.samples)?;
-        let model = SequenceModel::new(&spec.model, spec.context, horizon, &mut weights)?;
+        let extents = Extents::new(spec.context, data.samples)?;
+        let model = SequenceModel::new(&spec.model, extents, &mut weights)?;
         let dataset_digest = match &spec.data {
             DataSource::Digest(digest) => Some(digest.to_string()),
             DataSource::Stream(_) => {
@@ -320,13 +323,13 @@ impl Trainer {
     pub fn checkpoint(&self) -> Result<CheckpointFiles, ModelError> {
         let Identity { model, context, data, seed, spec_digest, dataset_digest, ema } =
             &self.identity;
-        let horizon = horizon(*context, data.samples)?;
+        let extents = Extents::new(*context, data.samples)?;
         let config = CheckpointConfig {
             format_version: FORMAT_VERSION,
-            parameters: SequenceModel::parameter_count(model, *context, horizon)?,
+            parameters: parameter_count(model, extents)?,
             model: model.clone(),
             context: *context,
-            horizon,
+            horizon: extents.horizon,
             samples: data.samples,
             rate_hz: data.rate_hz,
             normalizer: self.normalizer.clone(),
@@ -373,18 +376,6 @@ impl Trainer {
             Some(weights) => loss.weighted(weights),
             None => loss,
         })
-    }
-}
-
-/// Samples after the context.
-pub(crate) fn horizon(context: u32, samples: u32) -> Result<u32, ModelError> {
-    match samples.checked_sub(context) {
-        Some(horizon) if horizon > 0 && context > 0 => Ok(horizon),
-        _ => Err(ModelError::Size {
-            field: "context",
-            value: context.into(),
-            allowed: format!("1 to {}, one less than the samples", samples.saturating_sub(1)),
-        }),
     }
 }
 

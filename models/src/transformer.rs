@@ -6,6 +6,7 @@ use burn::module::Module;
 use burn::tensor::Tensor;
 use kernels::Mask;
 
+use crate::activations::Activations;
 use crate::attention::{Attention, Sources};
 use crate::dropout::Dropout;
 use crate::initialization::InitialWeights;
@@ -27,13 +28,9 @@ impl FeedForward {
     }
 
     /// x plus what becomes of the normed x.
-    fn forward_onto(&self, x: Tensor<3>, norm: &LayerNorm, dropout: &mut Dropout) -> Tensor<3> {
+    fn forward_onto<A: Activations>(&self, x: A, norm: &LayerNorm, dropout: &mut Dropout) -> A {
         let hidden = self.expand.forward_normed(x.clone(), norm);
         self.contract.forward_gelu_onto(x, hidden, [dropout.mask(), dropout.mask()])
-    }
-
-    const fn parameter_count(d_model: u64, hidden: u64) -> u64 {
-        Linear::parameter_count(d_model, hidden) + Linear::parameter_count(hidden, d_model)
     }
 }
 
@@ -62,16 +59,10 @@ impl EncoderBlock {
     }
 
     /// `[batch, token, d_model]` to the same shape.
-    pub fn forward(&self, x: Tensor<3>, dropout: &mut Dropout) -> Tensor<3> {
+    pub fn forward<A: Activations>(&self, x: A, dropout: &mut Dropout) -> A {
         let norm = &self.attention_norm;
-        let x = x.clone() + self.attention.forward(x, norm, Mask::None, dropout);
+        let x = x.clone().plus(self.attention.forward(x, norm, Mask::None, dropout));
         self.feed_forward.forward_onto(x, &self.feed_forward_norm, dropout)
-    }
-
-    pub const fn parameter_count(d_model: u64, hidden: u64) -> u64 {
-        2 * LayerNorm::parameter_count(d_model)
-            + Attention::parameter_count(d_model)
-            + FeedForward::parameter_count(d_model, hidden)
     }
 }
 
@@ -122,18 +113,13 @@ impl DecoderBlock {
 
     /// `x` `[batch, token, d_model]` with what `mask` lets it see of `memory`
     /// `[batch, source, d_model]` to the shape of `x`.
-    pub fn forward(
-        &self,
-        x: Tensor<3>,
-        memory: Tensor<3>,
-        mask: Mask,
-        dropout: &mut Dropout,
-    ) -> Tensor<3> {
+    pub fn forward<A: Activations>(&self, x: A, memory: A, mask: Mask, dropout: &mut Dropout) -> A {
         let causal = Mask::Causal { ahead: 0 };
         let norm = &self.self_attention_norm;
-        let x = x.clone() + self.self_attention.forward(x, norm, causal, dropout);
+        let x = x.clone().plus(self.self_attention.forward(x, norm, causal, dropout));
         let norm = &self.cross_attention_norm;
-        let x = x.clone() + self.cross_attention.forward_across(x, norm, memory, mask, dropout);
+        let seen = self.cross_attention.forward_across(x.clone(), norm, memory, mask, dropout);
+        let x = x.plus(seen);
         self.feed_forward.forward_onto(x, &self.feed_forward_norm, dropout)
     }
 
@@ -176,11 +162,5 @@ impl DecoderBlock {
         let norm = &self.cross_attention_norm;
         let x = x.clone() + self.cross_attention.forward_to(memory, x, norm, of_memory, dropout);
         self.feed_forward.forward_onto(x, &self.feed_forward_norm, dropout)
-    }
-
-    pub const fn parameter_count(d_model: u64, hidden: u64) -> u64 {
-        3 * LayerNorm::parameter_count(d_model)
-            + 2 * Attention::parameter_count(d_model)
-            + FeedForward::parameter_count(d_model, hidden)
     }
 }

@@ -8,16 +8,27 @@ use models::{
     Device, ModelError, Sampling, TrainedModel, Trainer, ValidationPart, ValidationReport,
     WarmStart,
 };
+use serde_json::json;
 use series::{Observed, Series};
 use spec::{
-    CdtSpec, EmaSpec, JOINTS, Known, ModelSpec, Normalization, Residual, SamplerKind, SamplerSpec,
-    TrainSpec,
+    CdtSpec, EmaSpec, JOINTS, Known, ModelSpec, Normalization, SamplerKind, SamplerSpec, TrainSpec,
 };
 use synthetic::{CONTEXT, DATA, SAMPLES, batch, every_kind, train_spec};
 
 const CONTEXT_VALUES: usize = CONTEXT as usize * JOINTS;
 const HORIZON_VALUES: usize = (SAMPLES - CONTEXT) as usize * JOINTS;
 const ROW: usize = SAMPLES as usize * JOINTS;
+
+#[test]
+fn every_architecture_is_tested() {
+    let kinds = every_kind();
+    for architecture in ModelSpec::ARCHITECTURES {
+        assert!(
+            kinds.iter().any(|(_, model)| model.architecture() == *architecture),
+            "{architecture} is not among the kinds of `synthetic::every_kind`"
+        );
+    }
+}
 
 fn trainer(spec: &TrainSpec) -> Trainer {
     Trainer::new(spec, DATA, "digest", &Device::cpu()).unwrap()
@@ -430,16 +441,10 @@ fn a_residual_of_the_exact_integrator_starts_at_its_prediction() {
             y[i] = y[i - JOINTS] + u[i - JOINTS] / 10.0 / 60.0;
         }
     }
-    for (name, mut model) in every_kind() {
-        let residual = Residual::Integrator(spec::DampedIntegrator::default());
-        match &mut model {
-            ModelSpec::RoboMorph(model) => model.residual = residual,
-            ModelSpec::Diffuser(model) => model.residual = residual,
-            ModelSpec::Cdcnn(model) => model.residual = residual,
-            ModelSpec::Cdt(model) => model.residual = residual,
-            ModelSpec::Flow(model) => model.residual = residual,
-        }
-        let model = briefly_trained(model);
+    for (name, model) in every_kind() {
+        let mut spec = serde_json::to_value(model).unwrap();
+        spec["residual"] = json!("integrator");
+        let model = briefly_trained(serde_json::from_value(spec).unwrap());
         let answer = model.predict(&known(&exact)).unwrap();
         for (answer, truth) in answer.chunks(HORIZON_VALUES).zip(exact.y().chunks(ROW)) {
             for (a, b) in answer.iter().zip(&truth[CONTEXT_VALUES..]) {

@@ -32,3 +32,6 @@ class Cdcnn(nn.Module):
         else:
             local = self.local(known.transpose(1, 2), condition)
         return self.unet(noisy.transpose(1, 2), condition, local).transpose(1, 2)
+
+
+TWINS = {"cdcnn": Cdcnn}

@@ -1,4 +1,4 @@
-"""The PyTorch twin of `models/src/cdt.rs`."""
+"""The PyTorch twin of `models/src/cdt`."""
 
 import torch
 from torch import Tensor, nn
@@ -57,3 +57,6 @@ class Cdt(nn.Module):
         for block in self.decoder_blocks:
             x = block(x, memory, self.sees)
         return self.head(self.norm(x))
+
+
+TWINS = {"cdt": Cdt}

@@ -1,7 +1,10 @@
 """A checkpoint's `config.json` and `model.safetensors` as a model that predicts."""
 
+import inspect
 import json
+import pkgutil
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -9,22 +12,22 @@ import torch
 from safetensors.torch import load_file, save_file
 from torch import Tensor
 
-from .cdcnn import Cdcnn
-from .cdt import Cdt
-from .diffuser import Diffuser
 from .diffusion import NoiseLevels, Painted, sample
-from .flow import Flow, StraightLines
 from .frame import frames
-from .robomorph import RoboMorph
 
 FORMAT_VERSION = 2
 SMALLEST_STANDARD_DEVIATION = 1e-3
 """As in `models/src/normalization.rs`; N·m and rad."""
 
-NETWORKS = {"robomorph": RoboMorph, "diffuser": Diffuser, "cdcnn": Cdcnn, "cdt": Cdt, "flow": Flow}
-NOT_OF_THE_NETWORK = (
-    "architecture", "diffusion", "sampler", "residual", "known", "weights", "prediction", "warm_start_time"
-)
+
+
+def twins() -> dict[str, type[torch.nn.Module]]:
+    """The networks of this package by architecture: each module that has one says so in `TWINS`."""
+    found = {}
+    for module in pkgutil.iter_modules([str(Path(__file__).parent)]):
+        if module.name != "checkpoint":
+            found |= getattr(import_module(f".{module.name}", __package__), "TWINS", {})
+    return found
 
 
 class TrainedModel:
@@ -63,16 +66,14 @@ class TrainedModel:
         u = (u - u_mean) / u_std
         y = (y - y_mean) / y_std
         with torch.inference_mode():
-            if isinstance(self.network, RoboMorph):
-                predicted = self.network(torch.cat([u[:, :context], y], -1), u[:, context:])
-                if self.network.gaussian:
-                    predicted, _ = self.network.mean_and_log_variance(predicted)
+            if hasattr(self.network, "answer"):
+                predicted = self.network.answer(u, y)
             else:
                 if draw is None:
                     generator = torch.Generator().manual_seed(seed)
                     shape = (*u.shape[:2], self.network.channels)
                     draw = lambda: torch.randn(shape, generator=generator)  # noqa: E731
-                known = torch.cat([u, path], -1) if isinstance(self.network, Flow) else u
+                known = torch.cat([u, path], -1) if getattr(self.network, "given_path", False) else u
                 predicted = self._sample(known, seen, sampler or config["model"]["sampler"], draw)
         return (predicted * scale + center[:, context:]).numpy()
 
@@ -82,15 +83,14 @@ class TrainedModel:
         y_known = (torch.arange(samples) < context).float()[None, :, None].expand(1, samples, 7)
         values = torch.cat([seen, torch.zeros(len(known), samples - context, 7)], 1)
         clean, noised = y_known, torch.zeros_like(y_known)
-        if model["architecture"] == "diffuser":
+        if self.network.channels > 7:
             joint = model["known"] == "joint-noise"
             values = torch.cat([known, values], -1)
             ones, zeros = torch.ones_like(y_known), torch.zeros_like(y_known)
             clean = torch.cat([zeros if joint else ones, y_known], -1)
             noised = torch.cat([ones if joint else zeros, zeros], -1)
         painted = Painted(values, clean, noised)
-        is_flow = model["architecture"] == "flow"
-        mixing = StraightLines(model) if is_flow else NoiseLevels(model["diffusion"])
+        mixing = self.network.mixing(model) if hasattr(self.network, "mixing") else NoiseLevels(model["diffusion"])
         series = sample(lambda noisy, levels: self.network(noisy, levels, known), painted, mixing, sampler, draw)
         return series[:, context:, -7:]
 
@@ -132,15 +132,12 @@ def save(model: TrainedModel, directory: str | Path) -> None:
 
 def network_of(config: dict) -> torch.nn.Module:
     """The network that a checkpoint's config describes, with PyTorch's initial weights."""
-    architecture = config["model"]["architecture"]
-    sizes = {name: value for name, value in config["model"].items() if name not in NOT_OF_THE_NETWORK}
-    if architecture == "robomorph":
-        sizes |= {"context": config["context"], "horizon": config["horizon"]}
-    elif architecture != "diffuser":
-        sizes["samples"] = config["samples"]
-    if architecture not in NETWORKS:
-        raise ValueError(f"architecture {architecture!r} has no twin here, only {', '.join(NETWORKS)}")
-    return NETWORKS[architecture](**sizes)
+    architecture, networks = config["model"]["architecture"], twins()
+    if architecture not in networks:
+        raise ValueError(f"architecture {architecture!r} has no twin here, only {', '.join(networks)}")
+    network = networks[architecture]
+    sizes = {name: config[name] for name in ("context", "horizon", "samples")} | config["model"]
+    return network(**{name: sizes[name] for name in inspect.signature(network).parameters if name in sizes})
 
 
 def _mean_and_deviation(series: Tensor) -> tuple[Tensor, Tensor]:

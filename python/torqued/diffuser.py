@@ -20,3 +20,6 @@ class Diffuser(nn.Module):
     def forward(self, noisy: Tensor, levels: Tensor, u: Tensor) -> Tensor:
         """Noisy u and y [batch, sample, 14] at levels [batch]; `u` is already in it."""
         return self.unet(noisy.transpose(1, 2), self.embedding(levels)).transpose(1, 2)
+
+
+TWINS = {"diffuser": Diffuser}

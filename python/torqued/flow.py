@@ -12,12 +12,6 @@ STEPS = 2
 """Of a sampler that does not say how many."""
 
 
-class Flow(Cdcnn):
-    """CDCNN's network with the integrator's path beside u."""
-
-    known = 2 * JOINTS
-
-
 class StraightLines:
     """Level n is the time t = (n + 1) / 1000, at which the series is (1 - t) x0 + t epsilon."""
 
@@ -50,3 +44,14 @@ class StraightLines:
 
 def _time(level: int) -> float:
     return (level + 1) / LEVELS
+
+
+class Flow(Cdcnn):
+    """CDCNN's network with the integrator's path beside u."""
+
+    known = 2 * JOINTS
+    given_path = True
+    mixing = StraightLines
+
+
+TWINS = {"flow": Flow}

@@ -1,4 +1,4 @@
-"""The PyTorch twin of `models/src/robomorph.rs`: same names, same layouts, same numbers."""
+"""The PyTorch twin of `models/src/robomorph`: same names, same layouts, same numbers."""
 
 import torch
 import torch.nn.functional as F
@@ -57,6 +57,12 @@ class RoboMorph(nn.Module):
         batch, horizon, _ = future_u.shape
         return self.head(self.decoder_norm(x)).reshape(batch, horizon, -1)
 
+    def answer(self, u: Tensor, y_context: Tensor) -> Tensor:
+        """y of the horizon from u [batch, samples, 7] and y of the context; of a gaussian head the mean."""
+        context = y_context.shape[1]
+        numbers = self(torch.cat([u[:, :context], y_context], -1), u[:, context:])
+        return self.mean_and_log_variance(numbers)[0] if self.gaussian else numbers
+
     @staticmethod
     def mean_and_log_variance(numbers: Tensor) -> tuple[Tensor, Tensor]:
         """Of a gaussian head; the bounds of the log variance, -14 and 4, are soft."""
@@ -67,3 +73,6 @@ class RoboMorph(nn.Module):
     def _patches(self, series: Tensor) -> Tensor:
         batch, samples, channels = series.shape
         return series.reshape(batch, samples // self.patch, self.patch * channels)
+
+
+TWINS = {"robomorph": RoboMorph}

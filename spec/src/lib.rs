@@ -15,7 +15,6 @@ mod execution;
 mod import;
 mod job;
 mod kind;
-mod memory;
 mod model;
 mod parse;
 mod pipeline;
@@ -47,12 +46,7 @@ pub use import::{
     TimeUnit,
 };
 pub use job::{JobKind, JobSpec};
-pub use memory::TrainingMemory;
-pub use model::{
-    CdcnnSpec, CdtSpec, Conditioning, DampedIntegrator, DiffuserSpec, DiffusionSpec, FLOW_LEVELS,
-    FLOW_STEPS, FlowPrediction, FlowSpec, GROUPS, Generation, Head, Known, LossMean, ModelSpec,
-    NoiseSchedule, Prediction, Residual, RoboMorphSpec, SamplerKind, SamplerSpec, Spacing,
-};
+pub use model::*;
 pub use parse::parse;
 pub use pipeline::{PipelineMember, PipelineSpec};
 pub use preset::{Preset, PresetPlace, presets};

@@ -33,7 +33,7 @@ fn light_damping_is_doubted_wherever_the_simulation_is() {
 #[test]
 fn no_preset_is_doubted() {
     for preset in spec::presets() {
-        if let Ok(spec) = serde_json::from_value(preset.spec) {
+        if let Ok(spec) = serde_json::from_value(preset.spec.clone()) {
             assert_eq!(sentences(&spec), Vec::<String>::new(), "{}", preset.name);
         }
     }

@@ -9,7 +9,7 @@ use spec::{PresetPlace, parse, presets};
 /// One line per preset, by name: the name and the digest. A model's digest is that of a training of it.
 fn digests() -> String {
     let mut lines: Vec<String> = presets()
-        .into_iter()
+        .iter()
         .map(|preset| {
             let job = match preset.place {
                 PresetPlace::Job => json!({"preset": preset.name}),

@@ -17,6 +17,7 @@ use anyhow::Context;
 use api::App;
 use clap::Args;
 use live::Live;
+use spec::TrainSpec;
 use store::{Access, Store};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
@@ -107,11 +108,18 @@ impl Server {
                 token: options.token.clone(),
                 max_trajectories: options.max_trajectories,
                 max_upload_bytes: options.max_upload_bytes,
-                memory_bytes: memory::bytes(),
                 ..api::Options::default()
             },
         )
         .with_models(Arc::new(live(store.clone(), options)?));
+        let app = match memory::bytes() {
+            Some(bytes) => {
+                app.with_memory_doubts(Arc::new(move |training: &TrainSpec, samples| {
+                    models::memory_doubt(training, samples, bytes)
+                }))
+            }
+            None => app,
+        };
         let http = tokio::spawn(api::serve(listener, app, stop_http.clone().cancelled_owned()));
 
         let workers = TaskTracker::new();

@@ -73,7 +73,7 @@ impl App {
             state: row.state,
             error: row.error,
             digest: row.digest,
-            warnings: jobs::warnings(&self.store, &row.spec, self.memory_bytes).await?,
+            warnings: jobs::warnings(&self.store, &row.spec, self.memory_doubts.as_deref()).await?,
             spec: row.spec,
             progress: progress(row.progress),
             needs: needs.into_iter().map(|need| need.0).collect(),

@@ -24,6 +24,7 @@ mod verifications;
 use std::sync::Arc;
 use std::time::Duration;
 
+use ::jobs::MemoryDoubts;
 use store::Store;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, watch};
 
@@ -55,8 +56,6 @@ pub struct Options {
     pub max_upload_bytes: u64,
     /// How long a sender may take for the next bytes of a file.
     pub upload_stall: Duration,
-    /// Memory of the machine, above which a training is warned about; `None` warns of none.
-    pub memory_bytes: Option<u64>,
 }
 
 impl Default for Options {
@@ -66,7 +65,6 @@ impl Default for Options {
             max_trajectories: MAX_TRAJECTORIES,
             max_upload_bytes: MAX_UPLOAD_BYTES,
             upload_stall: UPLOAD_STALL,
-            memory_bytes: None,
         }
     }
 }
@@ -80,7 +78,7 @@ pub struct App {
     max_trajectories: u64,
     max_upload_bytes: u64,
     upload_stall: Duration,
-    memory_bytes: Option<u64>,
+    memory_doubts: Option<Arc<MemoryDoubts>>,
     /// For the files on their way in.
     upload_places: Arc<Semaphore>,
     models: Option<Arc<dyn LiveModels>>,
@@ -99,7 +97,7 @@ impl App {
             max_trajectories: options.max_trajectories,
             max_upload_bytes: options.max_upload_bytes,
             upload_stall: options.upload_stall,
-            memory_bytes: options.memory_bytes,
+            memory_doubts: None,
             upload_places: Arc::new(Semaphore::new(CONCURRENT_UPLOADS)),
             models: None,
             stream_places: Arc::new(Semaphore::new(STREAMS)),
@@ -110,6 +108,11 @@ impl App {
     /// The same with something that computes predictions.
     pub fn with_models(self, models: Arc<dyn LiveModels>) -> Self {
         Self { models: Some(models), ..self }
+    }
+
+    /// The same with something that knows what memory trainings need. Without it none is doubted.
+    pub fn with_memory_doubts(self, doubts: Arc<MemoryDoubts>) -> Self {
+        Self { memory_doubts: Some(doubts), ..self }
     }
 
     pub(crate) fn token(&self) -> Option<&Token> {

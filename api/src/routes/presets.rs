@@ -11,5 +11,5 @@ use wire::Presets;
     responses((status = 200, body = Presets)),
 )]
 pub async fn list() -> Json<Presets> {
-    Json(Presets { presets: spec::presets() })
+    Json(Presets { presets: spec::presets().to_vec() })
 }

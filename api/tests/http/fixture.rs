@@ -77,9 +77,14 @@ impl Server {
     }
 
     pub async fn start_with(options: &Options) -> Self {
+        Self::start_app(options, |app| app).await
+    }
+
+    /// One whose app is made ready by `prepare`.
+    pub async fn start_app(options: &Options, prepare: impl FnOnce(App) -> App) -> Self {
         let dir = tempfile::tempdir().unwrap();
         let store = Store::open(dir.path(), Access::Server).await.unwrap();
-        let router = api::router(App::new(store.clone(), options));
+        let router = api::router(prepare(App::new(store.clone(), options)));
         Self { store, router, dir }
     }
 

@@ -1,9 +1,11 @@
 //! Trainings: what is refused before anything is queued, what is warned about, what is kept.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
-use api::Options;
+use api::{App, Options};
 use serde_json::{Value, json};
+use spec::{Doubt, TrainSpec};
 use store::NewCheckpoint;
 
 use crate::fixture::{Server, small_pipeline, small_simulation, small_training};
@@ -127,45 +129,32 @@ async fn an_evaluation_of_other_data_than_the_model_is_for_is_refused_with_both_
     );
 }
 
-#[tokio::test]
-async fn a_training_that_will_not_fit_into_memory_is_warned_about_with_what_would() {
-    let options = Options { memory_bytes: Some(1 << 30), ..Options::default() };
-    let server = Server::start_with(&options).await;
-    let mut spec = small_training(&json!({"stream": {"preset": "D1-chirp"}}));
-    spec["batch_size"] = json!(64);
-    assert_eq!(server.submitted(&spec).await["warnings"], json!([]));
-
-    spec["model"] = json!({"preset": "cdcnn-paper"});
-    let large = server.submitted(&spec).await;
-    let warning = large["warnings"][0].as_str().unwrap();
-    for part in ["batch_size is 64 in 64 at once: ", "parameters", "has 1.00 GiB", "a worker"] {
-        assert!(warning.contains(part), "{warning:?} lacks {part:?}");
-    }
-    // The advice is followed, and the warning is gone.
-    let (_, advice) = warning.split_once("\"gradient_accumulation\": ").unwrap();
-    let parts: u32 = advice.split(' ').next().unwrap().parse().unwrap();
-    spec["gradient_accumulation"] = json!(parts);
-    assert_eq!(server.submitted(&spec).await["warnings"], json!([]));
+/// Doubts trainings of more than 8 trajectories at once.
+fn memory_doubts(app: App) -> App {
+    app.with_memory_doubts(Arc::new(|training: &TrainSpec, samples| {
+        (training.batch_size > 8).then(|| Doubt {
+            field: "batch_size".to_owned(),
+            value: training.batch_size.to_string(),
+            reason: format!("too many of {samples} samples"),
+        })
+    }))
 }
 
 #[tokio::test]
-async fn a_model_that_fits_in_no_parts_is_warned_about_in_a_pipeline_too() {
-    let options = Options { memory_bytes: Some(1 << 30), ..Options::default() };
-    let server = Server::start_with(&options).await;
-    let data = server.submitted(&small_simulation(1)).await;
-    let mut member = small_training(&json!({"dataset": data["dataset"]}));
-    member["model"] = json!({"preset": "diffuser-paper"});
-    let jobs = json!({"large": member});
-    let pipeline = json!({"kind": "pipeline", "name": "one", "jobs": jobs});
-    let pipeline = server.submitted(&pipeline).await;
-    let warning = pipeline["warnings"][0].as_str().unwrap();
-    assert!(warning.starts_with("jobs.large.batch_size is 4 in 4 at once: "), "{warning}");
-    assert!(warning.contains("a smaller model does"), "{warning}");
+async fn a_training_whose_memory_is_doubted_is_warned_about_in_a_pipeline_too() {
+    let server = Server::start_app(&Options::default(), memory_doubts).await;
+    let mut spec = small_training(&json!({"stream": {"preset": "D1-chirp"}}));
+    assert_eq!(server.submitted(&spec).await["warnings"], json!([]));
+    spec["batch_size"] = json!(64);
+    let warning = "batch_size is 64: too many of 400 samples";
+    assert_eq!(server.submitted(&spec).await["warnings"], json!([warning]));
 
-    let server = Server::start().await;
-    let unknown =
-        server.submitted(&small_training(&json!({"stream": {"preset": "D1-chirp"}}))).await;
-    assert_eq!(unknown["warnings"], json!([]), "nothing is said of a machine that says nothing");
+    let data = server.submitted(&small_simulation(1)).await;
+    spec["data"] = json!({"dataset": data["dataset"]});
+    let pipeline = json!({"kind": "pipeline", "name": "one", "jobs": {"large": spec}});
+    let pipeline = server.submitted(&pipeline).await;
+    let found = pipeline["warnings"][0].as_str().unwrap();
+    assert!(found.starts_with("jobs.large.batch_size is 64: too many of "), "{found}");
 }
 
 #[tokio::test]

@@ -51,6 +51,12 @@ pub(super) fn pays(windows: &Windows, outputs: usize, batch: usize) -> bool {
         && batch * count >= WINDOWS
 }
 
+/// Numbers at the points that a convolution with a kernel of this shape `[output, input, tap]` and its
+/// derivative work with, if they go by tiles.
+pub(super) fn scratch([outputs, inputs, taps]: [usize; 3]) -> usize {
+    if taps == TAPS { 2 * POINTS * outputs * inputs } else { 0 }
+}
+
 /// `kernel · windows + bias` of all trajectories, to `outputs` channels.
 pub(super) fn correlate(
     windows: &Windows,

@@ -13,7 +13,7 @@ const AT_ONCE: usize = 8;
 /// What the network makes of u and of the context depends on the level, but not on the noisy horizon: the
 /// encoder does not see it, and the decoder is causal. So that is computed for several levels together
 /// before the first of them, and of the last block's context only what later samples see of it. The
-/// answers are those of [`Cdt::forward`].
+/// answers are those of whole passes.
 pub(crate) struct Chain<'a> {
     network: &'a Cdt,
     /// Clean y, `[batch, context, 7]`.
@@ -95,10 +95,12 @@ mod tests {
     use burn::tensor::{Device, Tensor};
     use serde_json::json;
 
-    use super::super::CdtConfig;
+    use super::super::Cdt;
     use super::Chain;
+    use crate::architecture::Extents;
+    use crate::denoiser::Network;
+    use crate::device::host_values;
     use crate::initialization::InitialWeights;
-    use crate::parameters::host_values;
     use crate::sizes::CHANNELS;
 
     const SAMPLES: usize = 70;
@@ -108,11 +110,11 @@ mod tests {
     #[test]
     fn a_chain_gives_the_answers_of_whole_passes() {
         let sizes = json!({"d_model": 24, "heads": 3, "encoder_layers": 2, "decoder_layers": 3});
-        let samples = u32::try_from(SAMPLES).unwrap();
-        let config = CdtConfig::new(&serde_json::from_value(sizes).unwrap(), samples);
+        let extents = Extents { context: 53, horizon: 17 };
         let device = Device::flex();
         let mut weights = InitialWeights::new(3, &device);
-        let network = config.unwrap().init(&mut weights);
+        let spec = serde_json::from_value(sizes).unwrap();
+        let network = Cdt::new(&spec, extents, &mut weights).unwrap();
         let mut random =
             |batch, samples| -> Tensor<3> { weights.normal([batch, samples, CHANNELS], 1.0).val() };
         for (batch, count) in [(1, 1), (1, 3), (1, 8), (1, 11), (3, 5), (9, 2)] {

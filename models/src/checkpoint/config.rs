@@ -4,9 +4,9 @@ use serde::{Deserialize, Serialize};
 use spec::{EmaSpec, JOINTS, ModelSpec};
 
 use super::CONFIG_FILE;
+use crate::architecture::Extents;
+use crate::memory::parameter_count;
 use crate::normalization::Normalizer;
-use crate::sequence_model::SequenceModel;
-use crate::trainer::horizon;
 use crate::{DeviceDescription, ModelError};
 
 /// Raised with every change that an older torqued would misread. 2 brought other architectures
@@ -98,15 +98,20 @@ impl CheckpointConfig {
         Ok(json)
     }
 
+    pub(crate) fn extents(&self) -> Extents {
+        Extents { context: self.context, horizon: self.horizon }
+    }
+
     fn check(&self) -> Result<(), String> {
-        let expected = horizon(self.context, self.samples).map_err(|error| error.to_string())?;
-        if self.horizon != expected {
+        let Extents { horizon, .. } =
+            Extents::new(self.context, self.samples).map_err(|error| error.to_string())?;
+        if self.horizon != horizon {
             let found = self.horizon;
-            return Err(format!("horizon is {found}, samples less context are {expected}"));
+            return Err(format!("horizon is {found}, samples less context are {horizon}"));
         }
         self.model.check_options().map_err(|error| error.to_string())?;
-        let parameters = SequenceModel::parameter_count(&self.model, self.context, self.horizon)
-            .map_err(|error| error.to_string())?;
+        let parameters =
+            parameter_count(&self.model, self.extents()).map_err(|error| error.to_string())?;
         if self.parameters != parameters {
             let found = self.parameters;
             return Err(format!("parameters is {found}, a model of this spec has {parameters}"));

@@ -19,6 +19,7 @@ mod tensors;
 use spec::OptimizerSpec;
 
 use crate::ModelError;
+use crate::memory::parameter_count;
 use crate::optimizer::ModelOptimizer;
 use crate::parameters::{NamedTensor, NamedTensors, parameters, with_parameters};
 use crate::sequence_model::SequenceModel;
@@ -76,7 +77,7 @@ pub(crate) fn write(
 
 /// Whether `weights` can hold the parameters that `config` speaks of, before they are made.
 pub(crate) fn check_size(config: &CheckpointConfig, weights: &[u8]) -> Result<(), ModelError> {
-    let parameters = SequenceModel::parameter_count(&config.model, config.context, config.horizon)?;
+    let parameters = parameter_count(&config.model, config.extents())?;
     let needed = parameters * size_of::<f32>() as u64;
     if needed <= weights.len() as u64 {
         return Ok(());

@@ -3,7 +3,7 @@
 use burn::tensor::{Tensor, TensorData};
 
 use super::{Device, DeviceError};
-use crate::parameters::host_values;
+use crate::device::host_values;
 
 /// Extents of the matrices: more than one tile of any GPU, and no multiple of one.
 const ROWS: usize = 70;

@@ -7,8 +7,11 @@ mod check;
 mod gpu;
 mod kind;
 
+use burn::tensor::Tensor;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
+
+use crate::ModelError;
 
 pub use kind::DeviceKind;
 
@@ -36,6 +39,11 @@ pub struct DeviceDescription {
     /// Whether the adapter is a program that computes on the processor what a GPU would.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub is_software: bool,
+}
+
+/// The tensor's values in row-major order.
+pub(crate) fn host_values<const D: usize>(tensor: Tensor<D>) -> Result<Vec<f32>, ModelError> {
+    tensor.try_into_vec_as::<f32>().map_err(|error| ModelError::Device(error.to_string()))
 }
 
 /// Why a device cannot be used.

@@ -4,8 +4,9 @@
 
 use spec::{DiffusionSpec, NoiseSchedule as Schedule, SamplerKind, SamplerSpec, Spacing};
 
+use super::Step;
+use super::noise_schedule::NoiseSchedule;
 use super::sampler::steps;
-use super::{NoiseSchedule, Step};
 
 const MEAN: f64 = 0.7;
 const VARIANCE: f64 = 0.09;

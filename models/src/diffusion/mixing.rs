@@ -1,8 +1,9 @@
 use spec::{DiffusionSpec, FlowSpec, Prediction, SamplerSpec};
 
 use super::flow::Flow;
+use super::noise_schedule::NoiseSchedule;
 use super::prediction::{self, Mix};
-use super::{NoiseSchedule, Step, sampler};
+use super::sampler::{self, Step};
 
 /// How much noise each level has, what a network is to answer there, and how samplers go from level to
 /// level.

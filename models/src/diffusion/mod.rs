@@ -14,6 +14,5 @@ mod prediction;
 mod process;
 mod sampler;
 
-pub(crate) use noise_schedule::NoiseSchedule;
 pub(crate) use process::{Painted, Process};
 pub(crate) use sampler::Step;

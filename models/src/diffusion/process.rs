@@ -1,11 +1,11 @@
 use burn::tensor::{Device, Tensor, TensorData};
 use spec::{DiffusionSpec, FlowSpec, LossMean, SamplerSpec};
 
-use super::Step;
 use super::mixing::Mixing;
 use super::prediction::{CLEAN, Mix};
+use super::sampler::Step;
+use crate::loss::Loss;
 use crate::randomness::Noise;
-use crate::sequence_model::Loss;
 
 /// Adds noise in training and takes it away in sampling.
 #[derive(Clone, Debug)]

@@ -2,7 +2,7 @@
 
 use spec::{SamplerKind, SamplerSpec, Spacing};
 
-use super::NoiseSchedule;
+use super::noise_schedule::NoiseSchedule;
 
 /// Least variance of the noise that DDPM adds, as in the code of Ho et al. 2020.
 const LEAST_VARIANCE: f64 = 1e-20;
@@ -117,7 +117,7 @@ mod tests {
     use spec::{DiffusionSpec, SamplerKind, SamplerSpec, Spacing};
 
     use super::{steps, visited};
-    use crate::diffusion::NoiseSchedule;
+    use crate::diffusion::noise_schedule::NoiseSchedule;
 
     #[test]
     fn spacings_visit_the_levels_they_state() {

@@ -2,6 +2,7 @@ use burn::module::{Module, Param};
 use burn::tensor::Tensor;
 
 use super::convolution::Conv1d;
+use crate::activations::{Activations, mish};
 use crate::initialization::InitialWeights;
 use crate::layers::Linear;
 
@@ -54,14 +55,13 @@ impl ConvBlock {
     }
 
     /// `[batch, input, sample]` to `[batch, output, sample]`.
-    pub fn forward(&self, x: Tensor<3>) -> Tensor<3> {
-        let GroupNorm { weight, bias } = &self.norm;
-        let groups = spec::GROUPS as usize;
-        kernels::group_norm_mish(self.conv.forward(x), weight.val(), bias.val(), groups)
-    }
-
-    pub const fn parameter_count(input: usize, output: usize) -> u64 {
-        Conv1d::parameter_count(input, output, KERNEL) + 2 * output as u64
+    pub fn forward<A: Activations>(&self, x: A) -> A {
+        let x = self.conv.forward(x);
+        let shape = x.dims();
+        A::operation([x], [true], shape, |[x]| {
+            let GroupNorm { weight, bias } = &self.norm;
+            kernels::group_norm_mish(x, weight.val(), bias.val(), spec::GROUPS as usize)
+        })
     }
 }
 
@@ -98,36 +98,20 @@ impl ResidualBlock {
 
     /// x `[batch, input, sample]` with `condition` `[batch, 1, width]` to
     /// `[batch, output, sample]`.
-    pub fn forward(&self, x: Tensor<3>, condition: &Tensor<3>) -> Tensor<3> {
+    pub fn forward<A: Activations>(&self, x: A, condition: &A) -> A {
         let hidden = self.first.forward(x.clone());
-        let numbers = self.condition.forward(kernels::mish(condition.clone())).swap_dims(1, 2);
+        let numbers = self.condition.forward(mish(condition.clone())).transposed();
         let hidden = match self.modulation {
-            Modulation::Shift => hidden + numbers,
+            Modulation::Shift => hidden.plus(numbers),
             Modulation::ScaleAndShift => {
-                let halves = numbers.chunk(2, 1);
-                let [scale, shift] = <[Tensor<3>; 2]>::try_from(halves)
-                    .expect("twice as many numbers as channels are two halves");
-                hidden * scale + shift
+                let [scale, shift] = numbers.halves(1);
+                hidden.times(scale).plus(shift)
             }
         };
         let hidden = self.second.forward(hidden);
         match &self.skip {
-            None => hidden + x,
-            Some(skip) => hidden + skip.forward(x),
+            None => hidden.plus(x),
+            Some(skip) => hidden.plus(skip.forward(x)),
         }
-    }
-
-    pub const fn parameter_count(
-        input: usize,
-        output: usize,
-        condition: usize,
-        modulation: Modulation,
-    ) -> u64 {
-        let numbers = (modulation.numbers_per_channel() * output) as u64;
-        let skip = if input == output { 0 } else { Conv1d::parameter_count(input, output, 1) };
-        ConvBlock::parameter_count(input, output)
-            + ConvBlock::parameter_count(output, output)
-            + Linear::parameter_count(condition as u64, numbers)
-            + skip
     }
 }

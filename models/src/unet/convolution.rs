@@ -1,6 +1,7 @@
 use burn::module::{Module, Param};
 use burn::tensor::Tensor;
 
+use crate::activations::Activations;
 use crate::initialization::InitialWeights;
 
 /// With the parameter names, layout and initial weights of `torch.nn.Conv1d`.
@@ -34,12 +35,15 @@ impl Conv1d {
     }
 
     /// `[batch, input, sample]` to `[batch, output, sample / stride]`.
-    pub fn forward(&self, x: Tensor<3>) -> Tensor<3> {
-        kernels::conv1d(x, self.weight.val(), self.bias.val(), self.stride, self.padding)
-    }
-
-    pub const fn parameter_count(input: usize, output: usize, kernel: usize) -> u64 {
-        (input * output * kernel + output) as u64
+    pub fn forward<A: Activations>(&self, x: A) -> A {
+        let [batch, _, samples] = x.dims();
+        let [output, input, kernel] = self.weight.lazy_shape().dims();
+        let Self { stride, padding, .. } = *self;
+        let shape = [batch, output, (samples + 2 * padding - kernel) / stride + 1];
+        x.works_with(kernels::scratch_of_conv1d([output, input, kernel]));
+        A::operation([x], [true], shape, |[x]| {
+            kernels::conv1d(x, self.weight.val(), self.bias.val(), stride, padding)
+        })
     }
 }
 
@@ -74,12 +78,14 @@ impl ConvTranspose1d {
     }
 
     /// `[batch, input, sample]` to `[batch, output, sample · stride]`.
-    pub fn forward(&self, x: Tensor<3>) -> Tensor<3> {
-        let (weight, bias) = (self.weight.val(), self.bias.val());
-        kernels::conv_transpose1d(x, weight, bias, self.stride, self.padding)
-    }
-
-    pub const fn parameter_count(input: usize, output: usize, kernel: usize) -> u64 {
-        (input * output * kernel + output) as u64
+    pub fn forward<A: Activations>(&self, x: A) -> A {
+        let [batch, _, samples] = x.dims();
+        let [_, output, kernel] = self.weight.lazy_shape().dims();
+        let Self { stride, padding, .. } = *self;
+        let shape = [batch, output, (samples - 1) * stride + kernel - 2 * padding];
+        A::operation([x], [true], shape, |[x]| {
+            let (weight, bias) = (self.weight.val(), self.bias.val());
+            kernels::conv_transpose1d(x, weight, bias, stride, padding)
+        })
     }
 }

@@ -1,6 +1,7 @@
 use burn::module::Module;
-use burn::tensor::{Device, Tensor, TensorData};
+use burn::tensor::{Tensor, TensorData};
 
+use crate::activations::{Activations, mish};
 use crate::initialization::InitialWeights;
 use crate::layers::Linear;
 
@@ -9,8 +10,15 @@ const LONGEST_PERIOD: f64 = 10_000.0;
 
 /// Sines, then cosines, of each noise level at periods from 2π in geometric steps:
 /// `[batch, 1, width]`, width even.
+pub(crate) fn sinusoid<A: Activations>(levels: &[usize], width: usize, beside: &A) -> A {
+    let shape = [levels.len(), 1, width];
+    beside.constant(shape, |shape, device| {
+        Tensor::from_data(TensorData::new(waves(levels, width), shape), device)
+    })
+}
+
 #[expect(clippy::cast_possible_truncation, reason = "the network computes in f32")]
-pub(crate) fn sinusoid(levels: &[usize], width: usize, device: &Device) -> Tensor<3> {
+fn waves(levels: &[usize], width: usize) -> Vec<f32> {
     let half = width / 2;
     let rates = (0..half).map(|index| {
         let exponent = index as f64 / half.saturating_sub(1).max(1) as f64;
@@ -23,7 +31,7 @@ pub(crate) fn sinusoid(levels: &[usize], width: usize, device: &Device) -> Tenso
         values.extend(angles().map(|angle| angle.sin() as f32));
         values.extend(angles().map(|angle| angle.cos() as f32));
     }
-    Tensor::from_data(TensorData::new(values, [levels.len(), 1, width]), device)
+    values
 }
 
 /// What a U-Net is told of the noise: a sinusoid through two linear maps with Mish between.
@@ -43,13 +51,9 @@ impl LevelEmbedding {
         }
     }
 
-    /// `[batch, 1, width]`.
-    pub fn forward(&self, levels: &[usize], device: &Device) -> Tensor<3> {
-        let sinusoid = sinusoid(levels, self.width, device);
-        self.contract.forward(kernels::mish(self.expand.forward(sinusoid)))
-    }
-
-    pub const fn parameter_count(width: u64) -> u64 {
-        Linear::parameter_count(width, 4 * width) + Linear::parameter_count(4 * width, width)
+    /// `[batch, 1, width]`, where the noisy series is.
+    pub fn forward<A: Activations>(&self, levels: &[usize], noisy: &A) -> A {
+        let sinusoid = sinusoid(levels, self.width, noisy);
+        self.contract.forward(mish(self.expand.forward(sinusoid)))
     }
 }

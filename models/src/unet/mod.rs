@@ -8,9 +8,11 @@ mod convolution;
 mod level_embedding;
 
 use burn::module::Module;
-use burn::tensor::Tensor;
 
+use crate::ModelError;
+use crate::activations::Activations;
 use crate::initialization::InitialWeights;
+use crate::sizes::{MOST_SAMPLES, MOST_STAGES, divides, within};
 use block::ConvBlock;
 pub(crate) use block::{Modulation, ResidualBlock};
 use convolution::{Conv1d, ConvTranspose1d};
@@ -80,31 +82,20 @@ impl UNetConfig {
             output: Conv1d::new(first, self.channels, 1, 1, 0, weights),
         }
     }
+}
 
-    pub fn parameter_count(&self) -> u64 {
-        let stages = self.widths.len();
-        let block = |input: usize, output: usize| {
-            ResidualBlock::parameter_count(input, output, self.condition, self.modulation)
-        };
-        let mut count = 0;
-        for (stage, (input, &width)) in self.inputs().zip(&self.widths).enumerate() {
-            count += block(input, width) + block(width, width);
-            if stage + 1 < stages {
-                count += Conv1d::parameter_count(width, width, 3);
-            }
-        }
-        for pair in self.widths.windows(2) {
-            let (output, input) = (pair[0], pair[1]);
-            count += block(2 * input, output) + block(output, output);
-            count += ConvTranspose1d::parameter_count(output, output, 4);
-        }
-        let deepest = self.widths.last().copied().unwrap_or(self.channels);
-        let first = self.widths.first().copied().unwrap_or(self.channels);
-        count
-            + 2 * block(deepest, deepest)
-            + ConvBlock::parameter_count(first, first)
-            + Conv1d::parameter_count(first, self.channels, 1)
+/// That a U-Net has stages, and that all but the last can halve `samples`.
+pub(crate) fn check_stages(
+    field: &'static str,
+    stages: usize,
+    samples: u32,
+) -> Result<(), ModelError> {
+    if stages == 0 || stages > MOST_STAGES {
+        let allowed = format!("1 to {MOST_STAGES} stages");
+        return Err(ModelError::Size { field, value: stages as u64, allowed });
     }
+    within("samples", samples, 1, MOST_SAMPLES)?;
+    divides("the stride of all stages", 1 << (stages - 1), "samples", samples)
 }
 
 /// Two blocks, then half the samples.
@@ -137,17 +128,12 @@ pub(crate) struct UNet {
 impl UNet {
     /// x `[batch, channel, sample]` to the same shape, every block conditioned on `condition`
     /// `[batch, 1, width]`; `local` `[batch, first width, sample]` is added after the first block.
-    pub fn forward(
-        &self,
-        mut x: Tensor<3>,
-        condition: &Tensor<3>,
-        mut local: Option<Tensor<3>>,
-    ) -> Tensor<3> {
+    pub fn forward<A: Activations>(&self, mut x: A, condition: &A, mut local: Option<A>) -> A {
         let mut skips = Vec::with_capacity(self.down.len());
         for stage in &self.down {
             x = stage.first.forward(x, condition);
             if let Some(local) = local.take() {
-                x = x + local;
+                x = x.plus(local);
             }
             x = stage.second.forward(x, condition);
             skips.push(x.clone());
@@ -160,7 +146,7 @@ impl UNet {
         }
         // The first stage's series is left over: what it had to say went down with the others.
         for (stage, skip) in self.up.iter().zip(skips.into_iter().rev()) {
-            x = stage.first.forward(Tensor::cat(vec![x, skip], 1), condition);
+            x = stage.first.forward(x.and(skip, 1), condition);
             x = stage.upsample.forward(stage.second.forward(x, condition));
         }
         self.output.forward(self.last.forward(x))

@@ -4,7 +4,7 @@ use serde_json::{Map, Value, json};
 
 use super::{EvaluateSpec, HORIZON};
 use crate::parse::from_fields;
-use crate::{DataSource, SpecError, preset};
+use crate::{DataSource, SpecError};
 
 /// Its own, so that no training shares its robots.
 const SEED: u64 = 1_000_003;
@@ -25,8 +25,14 @@ pub(super) fn read(mut fields: Map<String, Value>) -> Result<EvaluateSpec, SpecE
     Ok(spec)
 }
 
+/// The frequencies of the test grids, Hz: of chirps, and of multisines.
+fn test_grids() -> [Vec<f64>; 2] {
+    let chirp = (1..=10).map(|k| f64::from(k) / 10.0).collect();
+    [chirp, vec![0.01, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5]]
+}
+
 fn stream_over_grid() -> Value {
-    let [chirp, multisine] = preset::test_grids();
+    let [chirp, multisine] = test_grids();
     json!({"stream": {
         "trajectories": 1,
         "seed": SEED,

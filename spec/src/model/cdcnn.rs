@@ -1,7 +1,11 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::{DiffusionSpec, Residual, SamplerSpec, check_unet};
+use super::architecture::ArchitectureSpec;
+use super::diffusion::{DiffusionSpec, SamplerSpec};
+use super::residual::Residual;
+use super::sampling::Generation;
+use super::sizes::check_unet;
 use crate::check::{Check, Report};
 
 /// U-Net that removes noise from y, given u (Chi et al. 2023, the paper's CDCNN).
@@ -36,5 +40,23 @@ pub enum Conditioning {
 impl Check for CdcnnSpec {
     fn check(&self, report: &mut Report) {
         check_unet(report, self.embedding, &self.widths);
+    }
+}
+
+impl ArchitectureSpec for CdcnnSpec {
+    fn halvings(&self) -> usize {
+        self.widths.len().saturating_sub(1)
+    }
+
+    fn residual(&self) -> Residual {
+        self.residual
+    }
+
+    fn generation(&self) -> Option<Generation<'_>> {
+        Some(Generation::Diffusion(&self.diffusion))
+    }
+
+    fn sampler(&self) -> Option<&SamplerSpec> {
+        Some(&self.sampler)
     }
 }

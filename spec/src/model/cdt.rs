@@ -1,7 +1,11 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::{DiffusionSpec, Residual, SamplerSpec, check_transformer, four};
+use super::architecture::ArchitectureSpec;
+use super::diffusion::{DiffusionSpec, SamplerSpec};
+use super::residual::Residual;
+use super::sampling::Generation;
+use super::sizes::{check_transformer, four};
 use crate::check::{Check, Report};
 
 /// Transformer that removes noise from y, given u through an encoder (Chi et al. 2023, the
@@ -44,8 +48,24 @@ impl Check for CdtSpec {
     }
 }
 
-impl CdtSpec {
-    pub(super) fn report_dropout(&self, report: &mut Report) {
+fn is_zero(share: &f64) -> bool {
+    *share == 0.0
+}
+
+impl ArchitectureSpec for CdtSpec {
+    fn residual(&self) -> Residual {
+        self.residual
+    }
+
+    fn generation(&self) -> Option<Generation<'_>> {
+        Some(Generation::Diffusion(&self.diffusion))
+    }
+
+    fn sampler(&self) -> Option<&SamplerSpec> {
+        Some(&self.sampler)
+    }
+
+    fn report_options(&self, report: &mut Report) {
         let shares = [("dropout", self.dropout), ("embedding_dropout", self.embedding_dropout)];
         for (field, share) in shares {
             if !(0.0..1.0).contains(&share) {
@@ -53,8 +73,4 @@ impl CdtSpec {
             }
         }
     }
-}
-
-fn is_zero(share: &f64) -> bool {
-    *share == 0.0
 }

@@ -1,7 +1,11 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::{DiffusionSpec, Residual, SamplerSpec, check_width};
+use super::architecture::ArchitectureSpec;
+use super::diffusion::{DiffusionSpec, SamplerSpec};
+use super::residual::Residual;
+use super::sampling::Generation;
+use super::sizes::check_width;
 use crate::check::{Check, Report};
 
 /// Temporal U-Net that removes noise from u and y of a whole trajectory at once, everything known
@@ -52,5 +56,23 @@ impl Check for DiffuserSpec {
             report.within(&format!("multipliers[{i}]"), multiplier, 1..=64);
         }
         report.all_within("weights", &self.weights, &(1e-6..=1e6));
+    }
+}
+
+impl ArchitectureSpec for DiffuserSpec {
+    fn halvings(&self) -> usize {
+        self.multipliers.len().saturating_sub(1)
+    }
+
+    fn residual(&self) -> Residual {
+        self.residual
+    }
+
+    fn generation(&self) -> Option<Generation<'_>> {
+        Some(Generation::Diffusion(&self.diffusion))
+    }
+
+    fn sampler(&self) -> Option<&SamplerSpec> {
+        Some(&self.sampler)
     }
 }

@@ -1,7 +1,11 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::{DampedIntegrator, Residual, SamplerKind, SamplerSpec, check_unet};
+use super::architecture::ArchitectureSpec;
+use super::diffusion::{SamplerKind, SamplerSpec};
+use super::residual::{DampedIntegrator, Residual};
+use super::sampling::Generation;
+use super::sizes::check_unet;
 use crate::check::{Check, Report};
 
 /// Times that a flow is trained at, evenly from 1 / this to 1.
@@ -69,14 +73,32 @@ impl FlowSpec {
     pub fn warm_levels(&self) -> u32 {
         (self.warm_start_time * f64::from(FLOW_LEVELS)).round() as u32
     }
-
-    pub(super) fn report_options(&self, report: &mut Report) {
-        report.within("warm_start_time", self.warm_start_time, 0.001..=1.0);
-    }
 }
 
 impl Check for FlowSpec {
     fn check(&self, report: &mut Report) {
         check_unet(report, self.embedding, &self.widths);
+    }
+}
+
+impl ArchitectureSpec for FlowSpec {
+    fn halvings(&self) -> usize {
+        self.widths.len().saturating_sub(1)
+    }
+
+    fn residual(&self) -> Residual {
+        self.residual
+    }
+
+    fn generation(&self) -> Option<Generation<'_>> {
+        Some(Generation::Flow(self))
+    }
+
+    fn sampler(&self) -> Option<&SamplerSpec> {
+        Some(&self.sampler)
+    }
+
+    fn report_options(&self, report: &mut Report) {
+        report.within("warm_start_time", self.warm_start_time, 0.001..=1.0);
     }
 }

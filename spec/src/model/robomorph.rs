@@ -1,7 +1,9 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::{Residual, check_transformer, four, one};
+use super::architecture::ArchitectureSpec;
+use super::residual::Residual;
+use super::sizes::{check_transformer, four, one};
 use crate::check::{Check, Report};
 
 /// Encoder-decoder Transformer that predicts the horizon in one pass (Bazzi et al. 2024).
@@ -48,5 +50,15 @@ impl Check for RoboMorphSpec {
         let layers = [self.encoder_layers, self.decoder_layers];
         check_transformer(report, self.d_model, self.heads, layers, self.mlp_ratio);
         report.within("patch", self.patch, 1..=1000);
+    }
+}
+
+impl ArchitectureSpec for RoboMorphSpec {
+    fn patch(&self) -> u32 {
+        self.patch
+    }
+
+    fn residual(&self) -> Residual {
+        self.residual
     }
 }

@@ -1,9 +1,7 @@
 //! What can be asked of a model that makes its answers of noise.
 
-use super::{
-    DiffusionSpec, FLOW_LEVELS, FLOW_STEPS, FlowSpec, ModelSpec, SamplerKind, SamplerSpec,
-};
-use crate::SpecError;
+use super::diffusion::{DiffusionSpec, SamplerKind, SamplerSpec};
+use super::flow::{FLOW_LEVELS, FLOW_STEPS, FlowSpec};
 use crate::check::Report;
 
 /// How such a model was trained to make them.
@@ -13,46 +11,6 @@ pub enum Generation<'a> {
     Diffusion(&'a DiffusionSpec),
     /// Noise moves along a velocity.
     Flow(&'a FlowSpec),
-}
-
-impl ModelSpec {
-    /// None of a model that answers in one pass.
-    pub const fn generation(&self) -> Option<Generation<'_>> {
-        match self {
-            Self::RoboMorph(_) => None,
-            Self::Diffuser(model) => Some(Generation::Diffusion(&model.diffusion)),
-            Self::Cdcnn(model) => Some(Generation::Diffusion(&model.diffusion)),
-            Self::Cdt(model) => Some(Generation::Diffusion(&model.diffusion)),
-            Self::Flow(model) => Some(Generation::Flow(model)),
-        }
-    }
-
-    /// Of a model that makes its answers of noise: how, unless asked otherwise.
-    pub const fn sampler(&self) -> Option<&SamplerSpec> {
-        match self {
-            Self::RoboMorph(_) => None,
-            Self::Diffuser(model) => Some(&model.sampler),
-            Self::Cdcnn(model) => Some(&model.sampler),
-            Self::Cdt(model) => Some(&model.sampler),
-            Self::Flow(model) => Some(&model.sampler),
-        }
-    }
-
-    /// Whether this model can be sampled with `sampler`.
-    ///
-    /// # Errors
-    /// Every violation, fields as `sampler.…`.
-    pub fn check_sampler(&self, sampler: &SamplerSpec) -> Result<(), SpecError> {
-        let mut report = Report::default();
-        match self.generation() {
-            Some(generation) => generation.report_sampler(sampler, &mut report),
-            None => {
-                let allowed = "none, for a model that answers in one pass";
-                report.violation("sampler", sampler.kind, allowed);
-            }
-        }
-        report.finish()
-    }
 }
 
 impl Generation<'_> {

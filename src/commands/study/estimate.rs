@@ -6,6 +6,7 @@ use std::fmt::{self, Display, Formatter};
 
 use anyhow::{Context, bail};
 use indicatif::BinaryBytes;
+use models::TrainingMemory;
 use reports::study::{Plan, Scale};
 use reports::{Align, Table};
 use spec::{
@@ -84,7 +85,7 @@ impl Rehearsal<'_> {
             }
             JobSpec::Train(spec) => {
                 let data = self.simulation_of(&spec.data)?;
-                let memory = spec.memory(data.samples);
+                let memory = TrainingMemory::of(spec, data.samples)?;
                 let seconds = self.training(spec)?.step * spec.steps as f64;
                 let what = format!(
                     "{} steps of {}, {:.1} M parameters",

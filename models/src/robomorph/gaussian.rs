@@ -3,7 +3,10 @@
 use burn::tensor::{Tensor, activation};
 
 /// Mean and logarithm of the variance.
-pub(crate) const NUMBERS: usize = 2;
+pub(super) const NUMBERS: usize = 2;
+
+/// Arrays in the shape of a head's numbers that [`negative_log_likelihood`] keeps.
+pub(super) const KEPT_BY_LOSS: usize = 8;
 
 /// Bounds of the logarithm of the variance: deviations from 9e-4 to 7.4 of the normalization's.
 /// Below is rounding, and a variance that falls without end on entries that are easy would drown
@@ -14,7 +17,7 @@ const LARGEST_LOG_VARIANCE: f32 = 4.0;
 /// Mean and logarithm of the variance `[batch, sample, channel]` from the numbers of a head
 /// `[batch, sample, 2 · channel]`. The bounds are soft (Chua et al. 2018), so that no entry is
 /// without a gradient.
-pub(crate) fn split(numbers: Tensor<3>) -> (Tensor<3>, Tensor<3>) {
+pub(super) fn split(numbers: Tensor<3>) -> (Tensor<3>, Tensor<3>) {
     let [batch, samples, width] = numbers.dims();
     let channels = width / NUMBERS;
     let mean = numbers.clone().slice([0..batch, 0..samples, 0..channels]);
@@ -28,7 +31,7 @@ pub(crate) fn split(numbers: Tensor<3>) -> (Tensor<3>, Tensor<3>) {
 }
 
 /// Negative logarithm of the likelihood of each entry, less the constant ½ ln 2π.
-pub(crate) fn negative_log_likelihood(numbers: Tensor<3>, truth: Tensor<3>) -> Tensor<3> {
+pub(super) fn negative_log_likelihood(numbers: Tensor<3>, truth: Tensor<3>) -> Tensor<3> {
     let (mean, log_variance) = split(numbers);
     let squares = (truth - mean).square() * log_variance.clone().neg().exp();
     (squares + log_variance) * 0.5
@@ -39,7 +42,7 @@ mod tests {
     use burn::tensor::{Device, Tensor, TensorData};
 
     use super::{negative_log_likelihood, split};
-    use crate::parameters::host_values;
+    use crate::device::host_values;
 
     fn numbers(mean: f32, raw: f32) -> Tensor<3> {
         Tensor::from_data(TensorData::new(vec![mean, raw], [1, 1, 2]), &Device::flex())

@@ -1,0 +1,118 @@
+//! What an architecture is to everything that trains, keeps and asks models.
+
+use std::fmt::Debug;
+use std::rc::Rc;
+
+use burn::module::{ModuleMapper, ModuleVisitor};
+use burn::tensor::Tensor;
+
+use crate::ModelError;
+use crate::activations::Tally;
+use crate::diffusion::{Process, Step};
+use crate::initialization::InitialWeights;
+use crate::loss::Loss;
+use crate::randomness::Noise;
+
+/// Samples of a trajectory: those that a model is given, and those that it predicts.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Extents {
+    pub context: u32,
+    pub horizon: u32,
+}
+
+impl Extents {
+    /// Of trajectories of `samples`.
+    pub fn new(context: u32, samples: u32) -> Result<Self, ModelError> {
+        match samples.checked_sub(context) {
+            Some(horizon) if horizon > 0 && context > 0 => Ok(Self { context, horizon }),
+            _ => Err(ModelError::Size {
+                field: "context",
+                value: context.into(),
+                allowed: format!("1 to {}, one less than the samples", samples.saturating_sub(1)),
+            }),
+        }
+    }
+
+    pub fn samples(self) -> u32 {
+        self.context.saturating_add(self.horizon)
+    }
+}
+
+/// A spec of an architecture, as what makes models.
+pub(crate) trait Architecture {
+    type Model: Model;
+
+    /// A model with initial weights.
+    ///
+    /// # Errors
+    /// [`ModelError::Size`] for sizes that do not fit each other.
+    fn init(
+        &self,
+        extents: Extents,
+        weights: &mut InitialWeights<'_>,
+    ) -> Result<Self::Model, ModelError>;
+}
+
+/// A network with what it was made to answer.
+pub(crate) trait Model: Clone + Debug {
+    /// The loss on `target`, y of the horizon `[batch, horizon, 7]`.
+    fn loss(&self, input: ModelInput, target: Tensor<3>, noise: &mut Noise) -> Loss;
+
+    /// y of the horizon `[batch, horizon, 7]`, as the frame sees it.
+    fn answer(&self, input: ModelInput, ask: Ask<'_>) -> Tensor<3>;
+
+    /// [`Model::loss`] of one trajectory, which keeps what `tally` counts.
+    fn count(&self, extents: Extents, tally: &Rc<Tally>);
+
+    /// Whether it can answer the same question in several ways.
+    fn is_generative(&self) -> bool;
+
+    /// How noise becomes an answer, for a model that makes its answers of noise.
+    fn process(&self) -> Option<&Process> {
+        None
+    }
+
+    /// The network's answer to a noisy series, for a model that makes its answers of noise.
+    #[cfg(test)]
+    fn answer_to_noise(&self, _: Tensor<3>, _: &[usize], _: &ModelInput) -> Option<Tensor<3>> {
+        None
+    }
+
+    /// The same weights, without what training needs.
+    fn for_inference(&self) -> Self;
+
+    fn visit<V: ModuleVisitor>(&self, visitor: &mut V);
+
+    fn map<M: ModuleMapper>(self, mapper: &mut M) -> Self;
+}
+
+/// What every architecture is given.
+#[derive(Clone, Debug)]
+pub(crate) struct ModelInput {
+    /// Normalized torques `[batch, sample, 7]`.
+    pub u: Tensor<3>,
+    /// Normalized positions `[batch, context, 7]`.
+    pub y_context: Tensor<3>,
+    /// The same positions as answers are given: [`crate::frame`].
+    pub seen_context: Tensor<3>,
+    /// What answers are relative to, as normalized positions `[batch, sample, 7]`.
+    pub path: Tensor<3>,
+}
+
+/// How an answer is come by.
+pub(crate) struct Ask<'a> {
+    /// Passes of a denoiser.
+    pub steps: &'a [Step],
+    /// A guess of y of the horizon for a denoiser to begin with.
+    pub warm: Option<Tensor<3>>,
+    pub noise: &'a mut Noise,
+    /// Whether a model that knows its uncertainty is to draw from it.
+    pub draw: Draw,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Draw {
+    /// The mean, of a model that has one in closed form.
+    Mean,
+    Sample,
+}

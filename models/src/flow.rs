@@ -1,0 +1,34 @@
+//! CDCNN's U-Net, trained to move noise to y along straight lines.
+//!
+//! What is a flow's own is the process ([`Process::flow`]) and that the network is given the integrator's
+//! path beside u.
+
+use spec::{Conditioning, FlowSpec};
+
+use crate::ModelError;
+use crate::architecture::{Architecture, Extents};
+use crate::cdcnn::{Cdcnn, CdcnnSizes};
+use crate::denoiser::{Denoiser, Given, Torques};
+use crate::diffusion::Process;
+use crate::initialization::InitialWeights;
+use crate::sizes::CHANNELS;
+
+impl Architecture for FlowSpec {
+    type Model = Denoiser<Cdcnn>;
+
+    fn init(
+        &self,
+        extents: Extents,
+        weights: &mut InitialWeights<'_>,
+    ) -> Result<Denoiser<Cdcnn>, ModelError> {
+        let sizes = CdcnnSizes {
+            embedding: self.embedding,
+            widths: &self.widths,
+            conditioning: Conditioning::Local,
+            known: 2 * CHANNELS,
+        };
+        let network = sizes.init(extents, weights)?;
+        let process = Process::flow(self);
+        Ok(Denoiser { network, process, torques: Torques::Apart, given: Given::TorquesAndPath })
+    }
+}

@@ -1,0 +1,295 @@
+//! How much memory a training needs, told before it begins.
+
+use std::rc::Rc;
+
+use burn::module::{ModuleVisitor, Param};
+use burn::tensor::Tensor;
+use spec::{Doubt, ModelSpec, TrainSpec};
+
+use crate::activations::Tally;
+use crate::architecture::Extents;
+use crate::initialization::InitialWeights;
+use crate::sequence_model::SequenceModel;
+use crate::{Device, ModelError};
+
+const F32: u64 = 4;
+
+/// Copies of the parameters while a step is taken: weights, gradients, both moments.
+const COPIES: u64 = 4;
+/// Copies in the making of a checkpoint: weights and both moments as they are, as lists of numbers
+/// and as the bytes of files, and what the last step left behind.
+const COPIES_OF_A_CHECKPOINT: u64 = 10;
+
+/// Program, threads, and batches that are read ahead.
+const BASE: u64 = 120 << 20;
+
+/// What the allocator holds beside what is in use, of 10.
+const HELD_BACK: u64 = 1;
+
+/// How many numbers a model of `spec` has to learn. None of them is made.
+pub(crate) fn parameter_count(spec: &ModelSpec, extents: Extents) -> Result<u64, ModelError> {
+    Ok(parameters_of(&without_weights(spec, extents)?))
+}
+
+fn without_weights(spec: &ModelSpec, extents: Extents) -> Result<SequenceModel, ModelError> {
+    let device = Device::cpu().inference();
+    SequenceModel::new(spec, extents, &mut InitialWeights::none(&device))
+}
+
+fn parameters_of(model: &SequenceModel) -> u64 {
+    struct Numbers(u64);
+
+    impl ModuleVisitor for Numbers {
+        fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
+            self.0 += param.lazy_shape().num_elements() as u64;
+        }
+    }
+
+    let mut numbers = Numbers(0);
+    model.visit(&mut numbers);
+    numbers.0
+}
+
+/// An estimate of what a training holds in memory at its most.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct TrainingMemory {
+    pub parameters: u64,
+    /// What follows from the parameters: weights, gradients, moments, averages.
+    pub state_bytes: u64,
+    /// What a step keeps of the trajectories that are computed at once.
+    pub activation_bytes: u64,
+    /// Resident in all, at the highest.
+    pub peak_bytes: u64,
+}
+
+impl TrainingMemory {
+    /// Of a training on trajectories of `samples`, on the CPU.
+    ///
+    /// # Errors
+    /// Sizes that do not fit each other.
+    pub fn of(spec: &TrainSpec, samples: u32) -> Result<Self, ModelError> {
+        Ok(Counts::of(spec, samples)?.memory(spec, spec.gradient_accumulation))
+    }
+}
+
+/// Numbers of a model, counted along the layers that run.
+struct Counts {
+    parameters: u64,
+    /// That a step keeps of one trajectory for its gradients.
+    kept: u64,
+    /// That a step works with beside, whatever its batch.
+    worked_with: u64,
+}
+
+impl Counts {
+    fn of(spec: &TrainSpec, samples: u32) -> Result<Self, ModelError> {
+        let extents = Extents::new(spec.context, samples)?;
+        let model = without_weights(&spec.model, extents)?;
+        let tally = Rc::new(Tally::default());
+        model.count(extents, &tally);
+        let (kept, worked_with) = (tally.kept(), tally.worked_with());
+        Ok(Self { parameters: parameters_of(&model), kept, worked_with })
+    }
+
+    /// With a batch computed in `parts`.
+    fn memory(&self, spec: &TrainSpec, parts: u32) -> TrainingMemory {
+        let at_once = u64::from(spec.batch_size.div_ceil(parts.max(1)));
+        let average = u64::from(spec.ema.is_some());
+        // Gradients of the parts of a batch are added up.
+        let sums = u64::from(parts > 1);
+        let of_parameters = |copies: u64| copies * self.parameters * F32;
+        let state_bytes = of_parameters(COPIES + average + sums);
+        let activation_bytes = at_once * self.kept * F32;
+        let used = (state_bytes + activation_bytes)
+            .max(of_parameters(COPIES_OF_A_CHECKPOINT + 3 * average))
+            + self.worked_with * F32;
+        TrainingMemory {
+            parameters: self.parameters,
+            state_bytes,
+            activation_bytes,
+            peak_bytes: BASE + used + used / 10 * HELD_BACK,
+        }
+    }
+}
+
+/// Why a training on trajectories of `samples` may not fit into `available` bytes. Nothing is said of a
+/// model that cannot be made: its training says why.
+pub fn memory_doubt(spec: &TrainSpec, samples: u32, available: u64) -> Option<Doubt> {
+    let counts = Counts::of(spec, samples).ok()?;
+    let needed = counts.memory(spec, spec.gradient_accumulation);
+    if needed.peak_bytes <= available {
+        return None;
+    }
+    let enough = (1..=spec.batch_size)
+        .filter(|parts| spec.batch_size.is_multiple_of(*parts))
+        .find(|&parts| counts.memory(spec, parts).peak_bytes <= available);
+    let advice = match enough {
+        Some(parts) => format!(
+            "with \"gradient_accumulation\": {parts} about {} would do, for the same steps",
+            gigabytes(counts.memory(spec, parts).peak_bytes)
+        ),
+        None => "no gradient_accumulation makes it fit; a smaller model does".to_owned(),
+    };
+    Some(Doubt {
+        field: "batch_size".to_owned(),
+        value: format!(
+            "{} in {} at once",
+            spec.batch_size,
+            spec.batch_size.div_ceil(spec.gradient_accumulation.max(1))
+        ),
+        reason: format!(
+            "the training needs about {} of memory, {} of it for what its {} parameters bring \
+                 along and {} for a step; the server's machine has {}, and if a worker has no more, \
+                 the system may end it; {advice}",
+            gigabytes(needed.peak_bytes),
+            gigabytes(needed.state_bytes),
+            needed.parameters,
+            gigabytes(needed.activation_bytes),
+            gigabytes(available),
+        ),
+    })
+}
+
+#[expect(clippy::cast_precision_loss, reason = "two digits are shown")]
+fn gigabytes(bytes: u64) -> String {
+    format!("{:.2} GiB", bytes as f64 / f64::from(1 << 30))
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::{Value, json};
+    use spec::JobSpec;
+
+    use super::*;
+    use crate::allocations::live_bytes;
+    use crate::architecture::ModelInput;
+    use crate::parameters::parameters;
+    use crate::randomness::{Noise, Purpose, generator};
+    use burn::tensor::TensorData;
+    use spec::JOINTS;
+
+    const EXTENTS: Extents = Extents { context: 320, horizon: 80 };
+
+    fn training(preset: &str, more: &Value) -> TrainSpec {
+        let mut model = json!({"preset": preset});
+        for (key, value) in more.as_object().unwrap() {
+            model[key] = value.clone();
+        }
+        let job = json!({
+            "kind": "train", "data": {"dataset": 1}, "model": model, "steps": 1, "batch_size": 32,
+        });
+        match spec::parse(job.to_string().as_bytes()).unwrap() {
+            JobSpec::Train(train) => train,
+            other => panic!("{other:?}"),
+        }
+    }
+
+    /// A model of every architecture, and every option that changes what is computed.
+    fn every_kind() -> Vec<(String, TrainSpec)> {
+        let options = [
+            ("robomorph", json!({"head": "gaussian"})),
+            ("diffuser", json!({"known": "joint-noise"})),
+            ("cdcnn", json!({"conditioning": "global"})),
+            ("cdt", json!({"dropout": 0.1, "embedding_dropout": 0.1})),
+        ];
+        let plain = ModelSpec::ARCHITECTURES.iter().map(|name| (*name, json!({})));
+        let all = plain.chain(options);
+        all.map(|(name, more)| (format!("{name} {more}"), training(&format!("{name}-tiny"), &more)))
+            .collect()
+    }
+
+    #[test]
+    fn models_have_the_parameters_that_they_are_said_to_have() {
+        let device = Device::cpu().inference();
+        for (name, spec) in every_kind() {
+            let mut weights = InitialWeights::new(0, &device);
+            let model = SequenceModel::new(&spec.model, EXTENTS, &mut weights).unwrap();
+            let found: usize =
+                parameters(&model).unwrap().values().map(|tensor| tensor.values.len()).sum();
+            assert_eq!(found as u64, parameter_count(&spec.model, EXTENTS).unwrap(), "{name}");
+        }
+    }
+
+    /// The counts that the published sizes imply; of CDCNN less its block without effect, 0.1 M.
+    #[test]
+    fn at_the_papers_sizes_there_are_as_many_parameters() {
+        for (name, more, millions) in [
+            ("robomorph-paper", json!({}), 49.9),
+            ("diffuser-paper", json!({}), 63.1),
+            ("cdcnn-paper", json!({}), 16.6),
+            ("cdcnn-paper", json!({"conditioning": "global"}), 36.4),
+            ("cdt-paper", json!({}), 35.8),
+            ("flow-paper", json!({}), 16.4),
+        ] {
+            let count = parameter_count(&training(name, &more).model, EXTENTS).unwrap();
+            let found = count as f64 / 1e6;
+            assert!((found / millions - 1.0).abs() < 0.01, "{name} {more}: {found} M");
+        }
+    }
+
+    /// A forward pass leaves in memory what is counted, each trajectory as much as the others.
+    #[test]
+    fn a_step_keeps_what_is_counted_of_every_architecture() {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+        let mut off = Vec::new();
+        for (name, spec) in every_kind() {
+            let counted = Counts::of(&spec, 400).unwrap().kept as f64;
+            let kept = pool.install(|| {
+                let device = Device::cpu().training();
+                let mut weights = InitialWeights::new(0, &device);
+                let model = SequenceModel::new(&spec.model, EXTENTS, &mut weights).unwrap();
+                // The first time, what is kept for operations to come is made.
+                let [_, few, many] = [20, 4, 20].map(|batch| kept_bytes(&model, batch));
+                (many - few) as f64 / 16.0 / F32 as f64
+            });
+            println!("{name}: {counted} counted, {kept} kept");
+            off.extend((counted / kept - 1.0).abs().gt(&0.01).then_some((name, counted, kept)));
+        }
+        assert!(off.is_empty(), "{off:?}");
+    }
+
+    /// Bytes that are in use after a forward pass and were not before.
+    fn kept_bytes(model: &SequenceModel, batch: usize) -> isize {
+        let before = live_bytes();
+        let series = |samples: u32| {
+            let shape = [batch, samples as usize, JOINTS];
+            let count = shape.iter().product();
+            let values: Vec<f32> = (0..count).map(|index| (0.1 * index as f32).sin()).collect();
+            Tensor::<3>::from_data(TensorData::new(values, shape), &Device::cpu().training())
+        };
+        let input = ModelInput {
+            u: series(400),
+            y_context: series(EXTENTS.context),
+            seen_context: series(EXTENTS.context),
+            path: series(400),
+        };
+        let rows = |purpose| (0..batch as u64).map(move |row| generator(0, purpose, 0, row));
+        let mut noise = Noise::new(rows(Purpose::Training)).with_dropout(rows(Purpose::Dropout));
+        let loss = model.loss(input, series(EXTENTS.horizon), &mut noise);
+        let mean = loss.tensor();
+        drop(noise);
+        let kept = live_bytes() - before;
+        drop((loss, mean));
+        kept
+    }
+
+    #[test]
+    fn the_advice_of_a_doubt_is_followed_and_the_doubt_is_gone() {
+        let large = TrainSpec { batch_size: 64, ..training("cdcnn-paper", &json!({})) };
+        let small = TrainSpec { batch_size: 64, ..training("cdcnn-tiny", &json!({})) };
+        assert_eq!(memory_doubt(&small, 400, 1 << 30), None);
+        let Doubt { field, value, reason } = memory_doubt(&large, 400, 1 << 30).unwrap();
+        assert_eq!((field.as_str(), value.as_str()), ("batch_size", "64 in 64 at once"));
+        for part in ["parameters", "has 1.00 GiB", "a worker"] {
+            assert!(reason.contains(part), "{reason:?} lacks {part:?}");
+        }
+        let (_, advice) = reason.split_once("\"gradient_accumulation\": ").unwrap();
+        let parts: u32 = advice.split(' ').next().unwrap().parse().unwrap();
+        let split = TrainSpec { gradient_accumulation: parts, ..large };
+        assert_eq!(memory_doubt(&split, 400, 1 << 30), None);
+
+        let too_large = training("diffuser-paper", &json!({}));
+        let doubt = memory_doubt(&too_large, 400, 1 << 30).unwrap();
+        assert!(doubt.reason.contains("a smaller model does"), "{}", doubt.reason);
+    }
+}

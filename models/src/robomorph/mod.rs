@@ -1,0 +1,187 @@
+//! Encoder-decoder Transformer that predicts the whole horizon in one pass.
+
+mod gaussian;
+
+use std::rc::Rc;
+
+use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
+use burn::tensor::Tensor;
+use kernels::Mask;
+use spec::{Head, JOINTS, RoboMorphSpec};
+
+use crate::ModelError;
+use crate::activations::{Activations, Tally};
+use crate::architecture::{Architecture, Ask, Draw, Extents, Model, ModelInput};
+use crate::dropout::Dropout;
+use crate::initialization::{InitialWeights, POSITION_STANDARD_DEVIATION};
+use crate::layers::{LayerNorm, Linear};
+use crate::loss::Loss;
+use crate::randomness::Noise;
+use crate::sizes::{LARGEST_RATIO, LARGEST_WIDTH, MOST_LAYERS, divides, within};
+use crate::transformer::{DecoderBlock, EncoderBlock};
+
+impl Architecture for RoboMorphSpec {
+    type Model = RoboMorph;
+
+    fn init(
+        &self,
+        Extents { context, horizon }: Extents,
+        weights: &mut InitialWeights<'_>,
+    ) -> Result<RoboMorph, ModelError> {
+        within("d_model", self.d_model, 1, LARGEST_WIDTH)?;
+        within("encoder_layers", self.encoder_layers, 1, MOST_LAYERS)?;
+        within("decoder_layers", self.decoder_layers, 1, MOST_LAYERS)?;
+        within("mlp_ratio", self.mlp_ratio, 1, LARGEST_RATIO)?;
+        divides("heads", self.heads, "d_model", self.d_model)?;
+        divides("patch", self.patch, "context", context)?;
+        divides("patch", self.patch, "horizon", horizon)?;
+        let [d_model, heads, patch] =
+            [self.d_model, self.heads, self.patch].map(|size| size as usize);
+        let hidden = d_model * self.mlp_ratio as usize;
+        let [context_tokens, horizon_tokens] =
+            [context, horizon].map(|samples| (samples / self.patch) as usize);
+        let numbers = match self.head {
+            Head::Point => 1,
+            Head::Gaussian => gaussian::NUMBERS,
+        };
+        Ok(RoboMorph {
+            encoder_input: Linear::new(2 * JOINTS * patch, d_model, weights),
+            encoder_positions: weights
+                .normal([context_tokens, d_model], POSITION_STANDARD_DEVIATION),
+            encoder_blocks: (0..self.encoder_layers)
+                .map(|_| EncoderBlock::new(d_model, heads, hidden, weights))
+                .collect(),
+            encoder_norm: LayerNorm::new(d_model, weights),
+            decoder_input: Linear::new(JOINTS * patch, d_model, weights),
+            decoder_positions: weights
+                .normal([horizon_tokens, d_model], POSITION_STANDARD_DEVIATION),
+            decoder_blocks: (0..self.decoder_layers)
+                .map(|_| DecoderBlock::new(d_model, heads, hidden, weights))
+                .collect(),
+            decoder_norm: LayerNorm::new(d_model, weights),
+            head: Linear::new(d_model, numbers * JOINTS * patch, weights),
+            patch,
+            kind: self.head,
+        })
+    }
+}
+
+/// Arrays in the shape of the answer that the loss keeps: the answer, its differences and their squares.
+const KEPT_BY_LOSS: usize = 3;
+
+/// Encoder-decoder Transformer that predicts the whole horizon in one pass
+/// (Bazzi et al. 2024, *RoboMorph*; block structure of its code, forgi86/sysid-transformers).
+///
+/// A token is `patch` consecutive samples, flattened; 1 in the paper. The encoder sees u and y of
+/// the context in both directions. The decoder sees u of the horizon, causally, and all of the
+/// encoder's output. It is given no past y of its own and predicts positions, not differences.
+#[derive(Module, Debug)]
+pub(crate) struct RoboMorph {
+    encoder_input: Linear,
+    /// `[token, d_model]`
+    encoder_positions: Param<Tensor<2>>,
+    encoder_blocks: Vec<EncoderBlock>,
+    encoder_norm: LayerNorm,
+    decoder_input: Linear,
+    /// `[token, d_model]`
+    decoder_positions: Param<Tensor<2>>,
+    decoder_blocks: Vec<DecoderBlock>,
+    decoder_norm: LayerNorm,
+    head: Linear,
+    patch: usize,
+    #[module(skip)]
+    kind: Head,
+}
+
+impl RoboMorph {
+    /// u of whole trajectories `[batch, sample, 7]` and y of their context `[batch, context, 7]`
+    /// to y of the horizon `[batch, horizon, 7]`; a gaussian head gives `[batch, horizon, 14]`,
+    /// mean and logarithm of the variance as [`gaussian::split`] takes them apart.
+    fn forward<A: Activations>(&self, u: A, y_context: A) -> A {
+        let [batch, samples, _] = u.dims();
+        let [_, context, _] = y_context.dims();
+        let past_u = u.clone().part(1, 0..context);
+        let future_u = u.part(1, context..samples);
+        let context = patches(past_u.and(y_context, 2), self.patch);
+        let future_u = patches(future_u, self.patch);
+        let [_, horizon_tokens, _] = future_u.dims();
+
+        let mut memory = self.encoder_input.forward(context).at_positions(&self.encoder_positions);
+        for block in &self.encoder_blocks {
+            memory = block.forward(memory, &mut Dropout::off());
+        }
+        let memory = self.encoder_norm.forward(memory);
+
+        let mut x = self.decoder_input.forward(future_u).at_positions(&self.decoder_positions);
+        for block in &self.decoder_blocks {
+            x = block.forward(x, memory.clone(), Mask::None, &mut Dropout::off());
+        }
+        let numbers = self.head.forward(self.decoder_norm.forward(x));
+        let [_, _, width] = numbers.dims();
+        numbers.reshaped([batch, horizon_tokens * self.patch, width / self.patch])
+    }
+}
+
+impl Model for RoboMorph {
+    fn loss(&self, input: ModelInput, target: Tensor<3>, _: &mut Noise) -> Loss {
+        let answer = self.forward(input.u, input.y_context);
+        let (errors, predicted) = match self.kind {
+            Head::Point => ((answer.clone() - target).square(), answer),
+            Head::Gaussian => {
+                let (mean, _) = gaussian::split(answer.clone());
+                (gaussian::negative_log_likelihood(answer, target), mean)
+            }
+        };
+        let count = errors.shape().num_elements();
+        Loss { errors, count, predicted: Some(predicted) }
+    }
+
+    fn answer(&self, input: ModelInput, ask: Ask<'_>) -> Tensor<3> {
+        let answer = self.forward(input.u, input.y_context);
+        if self.kind == Head::Point {
+            return answer;
+        }
+        let (mean, log_variance) = gaussian::split(answer);
+        match ask.draw {
+            Draw::Mean => mean,
+            Draw::Sample => {
+                let [_, horizon, channels] = mean.dims();
+                let noise = ask.noise.normal([horizon, channels], &mean.device());
+                mean + (log_variance * 0.5).exp() * noise
+            }
+        }
+    }
+
+    fn count(&self, extents: Extents, tally: &Rc<Tally>) {
+        let u = tally.given([1, extents.samples() as usize, JOINTS]);
+        let y_context = tally.given([1, extents.context as usize, JOINTS]);
+        let [_, horizon, channels] = self.forward(u, y_context).dims();
+        let arrays = match self.kind {
+            Head::Point => KEPT_BY_LOSS,
+            Head::Gaussian => gaussian::KEPT_BY_LOSS,
+        };
+        tally.given([arrays, horizon, channels]).keep();
+    }
+
+    fn is_generative(&self) -> bool {
+        self.kind == Head::Gaussian
+    }
+
+    fn for_inference(&self) -> Self {
+        self.valid()
+    }
+
+    fn visit<V: ModuleVisitor>(&self, visitor: &mut V) {
+        Module::visit(self, visitor);
+    }
+
+    fn map<M: ModuleMapper>(self, mapper: &mut M) -> Self {
+        Module::map(self, mapper)
+    }
+}
+
+/// `[batch, sample, channel]` to `[batch, sample / patch, patch * channel]`.
+fn patches<A: Activations>(series: A, patch: usize) -> A {
+    let [batch, samples, channels] = series.dims();
+    series.reshaped([batch, samples / patch, patch * channels])
+}

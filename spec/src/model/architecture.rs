@@ -1,0 +1,33 @@
+use super::diffusion::SamplerSpec;
+use super::residual::Residual;
+use super::sampling::Generation;
+use crate::check::{Check, Report};
+
+/// The spec of one architecture: sizes, defaults, and what jobs must know of it. [`Check`] is for the
+/// sizes.
+pub(super) trait ArchitectureSpec: Check {
+    /// Samples per token: context and horizon must be multiples of it.
+    fn patch(&self) -> u32 {
+        1
+    }
+
+    /// Times that samples are halved inside.
+    fn halvings(&self) -> usize {
+        0
+    }
+
+    fn residual(&self) -> Residual;
+
+    /// None of a model that answers in one pass.
+    fn generation(&self) -> Option<Generation<'_>> {
+        None
+    }
+
+    /// Of a model that makes its answers of noise: how, unless asked otherwise.
+    fn sampler(&self) -> Option<&SamplerSpec> {
+        None
+    }
+
+    /// Reports what is wrong with options of its own that are no sizes.
+    fn report_options(&self, _report: &mut Report) {}
+}

@@ -1,0 +1,53 @@
+//! Sizes that architectures have in common.
+
+use crate::check::Report;
+
+/// Channels that group normalization takes together are a width's share of this many.
+pub const GROUPS: u32 = 8;
+
+/// Sizes of a Transformer that are the same in RoboMorph and CDT.
+pub(super) fn check_transformer(
+    report: &mut Report,
+    d_model: u32,
+    heads: u32,
+    layers: [u32; 2],
+    ratio: u32,
+) {
+    report.within("d_model", d_model, 8..=4096);
+    report.within("heads", heads, 1..=64);
+    report.within("encoder_layers", layers[0], 1..=64);
+    report.within("decoder_layers", layers[1], 1..=64);
+    report.within("mlp_ratio", ratio, 1..=16);
+    if heads > 0 && !d_model.is_multiple_of(heads) {
+        report.violation("d_model", d_model, format!("a multiple of heads, which is {heads}"));
+    }
+}
+
+/// Sizes of a U-Net that are the same in CDCNN and flow.
+pub(super) fn check_unet(report: &mut Report, embedding: u32, widths: &[u32]) {
+    report.within("embedding", embedding, 4..=4096);
+    if !embedding.is_multiple_of(2) {
+        report.violation("embedding", embedding, "a multiple of 2, for sine and cosine");
+    }
+    report.within("widths.length", widths.len(), 1..=8);
+    for (i, &width) in widths.iter().enumerate() {
+        check_width(report, &format!("widths[{i}]"), width);
+    }
+}
+
+/// A width of a U-Net, which group normalization divides.
+pub(super) fn check_width(report: &mut Report, field: &str, width: u32) {
+    report.within(field, width, GROUPS..=4096);
+    if !width.is_multiple_of(GROUPS) {
+        let allowed = format!("a multiple of the groups of its normalization, which are {GROUPS}");
+        report.violation(field, width, allowed);
+    }
+}
+
+pub(super) const fn one() -> u32 {
+    1
+}
+
+pub(super) const fn four() -> u32 {
+    4
+}
