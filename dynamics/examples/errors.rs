@@ -7,7 +7,7 @@
 
 use std::ops::ControlFlow;
 
-use dynamics::{DynamicsError, JOINT_LIMITS_RAD, simulate};
+use dynamics::{DynamicsError, simulate};
 use serde_json::{Value, json};
 use spec::{Integrator, JOINTS, JobSpec, Precision, SimulateSpec};
 
@@ -92,9 +92,9 @@ fn positions(
 
 /// Trajectories that stay clear of the joint limits.
 fn kept(q: &[f32], spec: &SimulateSpec) -> Vec<usize> {
-    let inside = |sample: &[f32]| {
-        sample.iter().zip(JOINT_LIMITS_RAD).all(|(&q, limits)| limits.contains(q.into()))
-    };
+    let limits = spec.robot.description().per_joint(|joint| joint.position_rad);
+    let inside =
+        |sample: &[f32]| sample.iter().zip(&limits).all(|(&q, limits)| limits.contains(q.into()));
     let rows = q.chunks_exact(spec.samples as usize * JOINTS).enumerate();
     let clear = rows.filter(|(_, q)| q.chunks_exact(JOINTS).all(inside));
     clear.map(|(row, _)| row).collect()

@@ -7,16 +7,17 @@
 use std::ops::ControlFlow;
 
 use simd::MAX_LANES;
-use spec::{Gravity, JOINTS, Rejection};
+use spec::{Gravity, Rejection};
 
-use crate::forward_dynamics::{Dynamics, turns};
+use crate::forward_dynamics::Dynamics;
 use crate::integrators::{Scheme, State, advance};
 use crate::kernels::Kernels;
 use crate::kinematics::POSE;
 use crate::model::Model;
 use crate::rejection::Clearance;
 use crate::spatial::Turn;
-use crate::{ArmState, DynamicsError, Joints, Robot, Scenario, Scenarios};
+use crate::structure::Structure;
+use crate::{ArmState, DynamicsError, Joints, Scenario, Scenarios};
 
 /// Trajectories `first`, `first + 1`, .., one per element of `scenarios`.
 pub(crate) struct Block<'a> {
@@ -52,18 +53,22 @@ enum Lane {
 
 /// Fills the block's series. Returns early when `finished` says so.
 #[inline(always)]
-pub(crate) fn simulate<L: Kernels>(block: &mut Block<'_>) -> Result<(), DynamicsError> {
+pub(crate) fn simulate<L: Kernels, S: Structure<N>, const N: usize>(
+    structure: S,
+    block: &mut Block<'_>,
+) -> Result<(), DynamicsError> {
+    let joints = structure.joints();
     let spec = block.source.spec();
     let scheme = Scheme::from(spec.integrator);
     let period = 1.0 / spec.rate_hz;
     let samples = spec.samples as usize;
-    let row_len = samples * JOINTS;
-    let clearance = Clearance::<L>::new(&spec.rejection);
+    let row_len = samples * joints;
+    let clearance = Clearance::<L, N>::new(spec);
     let compensated = spec.robot.gravity == Gravity::Compensated;
     let records_velocities = block.qd.is_some();
 
-    let mut model = Model::splat(&Robot::nominal(&spec.robot));
-    let mut state = State::<L>::zero();
+    let mut model = Model::splat(structure, block.source.nominal());
+    let mut state = State::<L, N>::zero();
     let mut lanes = [Lane::Idle; MAX_LANES];
     let mut waiting = 0..block.scenarios.len();
 
@@ -79,7 +84,7 @@ pub(crate) fn simulate<L: Kernels>(block: &mut Block<'_>) -> Result<(), Dynamics
                 let scenario = &block.scenarios[row];
                 let u = &mut block.u[row * row_len..][..row_len];
                 scenario.torques.sample::<L::Double>(spec.rate_hz, u);
-                model.set_lane(lane, &scenario.robot);
+                model.set_lane(structure, lane, &scenario.robot);
                 state.set_lane(lane, &scenario.q0, &scenario.qd0);
                 lanes[lane] = Lane::Running { row, sample: 0 };
             }
@@ -89,26 +94,26 @@ pub(crate) fn simulate<L: Kernels>(block: &mut Block<'_>) -> Result<(), Dynamics
             return Ok(());
         }
 
-        let mut torques = [[0.0; MAX_LANES]; JOINTS];
+        let mut torques = [[0.0; MAX_LANES]; N];
         for lane in 0..L::LANES {
             let Lane::Running { row, sample } = lanes[lane] else { continue };
-            let u = &block.u[row * row_len + sample * JOINTS..][..JOINTS];
-            for joint in 0..JOINTS {
+            let u = &block.u[row * row_len + sample * joints..][..joints];
+            for joint in 0..joints {
                 torques[joint][lane] = u[joint];
             }
         }
         if compensated {
-            add_gravity_torques(&model, &state.q, &mut torques);
+            add_gravity_torques(structure, &model, &state.q, &mut torques);
         }
-        let mut positions = [[0.0; MAX_LANES]; JOINTS];
-        let mut velocities = [[0.0; MAX_LANES]; JOINTS];
+        let mut positions = [[0.0; MAX_LANES]; N];
+        let mut velocities = [[0.0; MAX_LANES]; N];
         let mut zeros = L::splat(0.0);
-        for joint in 0..JOINTS {
+        for joint in 0..joints {
             state.q[joint].store(&mut positions[joint]);
             zeros = zeros + times_zero::<L>(&positions[joint]);
         }
         if records_velocities {
-            for joint in 0..JOINTS {
+            for joint in 0..joints {
                 state.qd[joint].store(&mut velocities[joint]);
                 zeros = zeros + times_zero::<L>(&velocities[joint]);
             }
@@ -116,25 +121,25 @@ pub(crate) fn simulate<L: Kernels>(block: &mut Block<'_>) -> Result<(), Dynamics
         let mut zero_if_finite = [0.0; MAX_LANES];
         zeros.store(&mut zero_if_finite);
         let mut excess = [0.0; MAX_LANES];
-        clearance.excess(&state.q).store(&mut excess);
+        clearance.excess(joints, &state.q).store(&mut excess);
 
         let mut finished = 0;
         for lane in 0..L::LANES {
             let Lane::Running { row, sample } = lanes[lane] else { continue };
-            let at = row * row_len + sample * JOINTS;
-            let q = &mut block.q[at..][..JOINTS];
-            for joint in 0..JOINTS {
+            let at = row * row_len + sample * joints;
+            let q = &mut block.q[at..][..joints];
+            for joint in 0..joints {
                 q[joint] = positions[joint][lane];
             }
             if compensated {
-                let u = &mut block.u[at..][..JOINTS];
-                for joint in 0..JOINTS {
+                let u = &mut block.u[at..][..joints];
+                for joint in 0..joints {
                     u[joint] = torques[joint][lane];
                 }
             }
             if let Some(qd) = &mut block.qd {
-                let qd = &mut qd[at..][..JOINTS];
-                for joint in 0..JOINTS {
+                let qd = &mut qd[at..][..joints];
+                for joint in 0..joints {
                     qd[joint] = velocities[joint][lane];
                 }
             }
@@ -161,10 +166,10 @@ pub(crate) fn simulate<L: Kernels>(block: &mut Block<'_>) -> Result<(), Dynamics
         }
 
         let mut torque = state.qd;
-        for joint in 0..JOINTS {
+        for joint in 0..joints {
             torque[joint] = L::load(&torques[joint]);
         }
-        advance(scheme, period, &model, &torque, &mut state);
+        advance(structure, scheme, period, &model, &torque, &mut state);
     }
 }
 
@@ -176,33 +181,34 @@ fn times_zero<L: Kernels>(recorded: &[f32; MAX_LANES]) -> L {
 
 /// Adds g(q) of each lane's robot, so that what is recorded and what acts are the same f32.
 #[inline(always)]
-fn add_gravity_torques<L: Kernels>(
-    model: &Model<L>,
-    q: &Joints<L>,
-    torques: &mut [[f32; MAX_LANES]; JOINTS],
+fn add_gravity_torques<L: Kernels, S: Structure<N>, const N: usize>(
+    structure: S,
+    model: &Model<L, N>,
+    q: &[L; N],
+    torques: &mut [[f32; MAX_LANES]; N],
 ) {
     let mut at_rest = Dynamics::zero();
-    let mut at_q = [Turn::none(); JOINTS];
-    turns(q, &mut at_q);
-    L::mass_matrix_and_bias(model, &at_q, &[L::splat(0.0); JOINTS], &mut at_rest);
-    for joint in 0..JOINTS {
+    let mut at_q = [Turn::none(); N];
+    structure.turns(q, &mut at_q);
+    L::mass_matrix_and_bias(structure, model, &at_q, &[L::splat(0.0); N], &mut at_rest);
+    for joint in 0..structure.joints() {
         (L::load(&torques[joint]) + at_rest.bias[joint]).store(&mut torques[joint]);
     }
 }
 
-impl<L: Kernels> State<L> {
+impl<L: Kernels, const N: usize> State<L, N> {
     #[inline(always)]
     pub(crate) fn set_lane(&mut self, lane: usize, q: &Joints<f64>, qd: &Joints<f64>) {
         self.set_position(lane, q);
-        for joint in 0..JOINTS {
-            self.qd[joint].set_lane(lane, qd[joint]);
+        for (joint, &qd) in qd.iter().enumerate() {
+            self.qd[joint].set_lane(lane, qd);
         }
     }
 
     #[inline(always)]
-    pub(crate) fn of_lane(&self, lane: usize) -> ArmState {
-        let mut arm = ArmState::default();
-        for joint in 0..JOINTS {
+    pub(crate) fn of_lane(&self, joints: usize, lane: usize) -> ArmState {
+        let mut arm = ArmState { q: Joints::splat(joints, 0.0), qd: Joints::splat(joints, 0.0) };
+        for joint in 0..joints {
             arm.q[joint] = self.q[joint].lane(lane) + self.q_remainder[joint].lane(lane);
             arm.qd[joint] = self.qd[joint].lane(lane);
         }
@@ -211,8 +217,8 @@ impl<L: Kernels> State<L> {
 
     #[inline(always)]
     pub(crate) fn set_position(&mut self, lane: usize, q: &Joints<f64>) {
-        for joint in 0..JOINTS {
-            self.q[joint].set_lane(lane, q[joint]);
+        for (joint, &q) in q.iter().enumerate() {
+            self.q[joint].set_lane(lane, q);
             self.q_remainder[joint].set_lane(lane, 0.0);
         }
     }

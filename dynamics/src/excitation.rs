@@ -3,7 +3,7 @@
 use std::f64::consts::TAU;
 
 use simd::{Lanes, MAX_LANES};
-use spec::{Family, JOINTS};
+use spec::Family;
 
 use crate::Joints;
 use crate::draws::Draws;
@@ -39,6 +39,13 @@ impl Torques {
         match self {
             Self::Chirp(_) => Family::Chirp,
             Self::Multisine(_) => Family::Multisine,
+        }
+    }
+
+    pub fn joints(&self) -> usize {
+        match self {
+            Self::Chirp(joints) => joints.len(),
+            Self::Multisine(joints) => joints.len(),
         }
     }
 
@@ -78,10 +85,15 @@ impl Multisine {
     }
 }
 
-pub(crate) fn draw_chirps(spec: &spec::Chirp, frequency_hz: f64, draws: &mut Draws) -> Torques {
+pub(crate) fn draw_chirps(
+    spec: &spec::Chirp,
+    joints: usize,
+    frequency_hz: f64,
+    draws: &mut Draws,
+) -> Torques {
     let band = if frequency_hz < spec.band_split_hz { spec.low_band } else { spec.high_band };
-    let mut joints = [Chirp::default(); JOINTS];
-    for joint in &mut joints {
+    let mut joints = Joints::splat(joints, Chirp::default());
+    for joint in joints.iter_mut() {
         let sign = random_sign(spec.random_sign, draws);
         *joint = Chirp {
             offset_nm: draws.uniform(spec.offset_nm) / spec.torque_divisor,
@@ -100,8 +112,8 @@ pub(crate) fn draw_multisines(
     frequency_hz: f64,
     draws: &mut Draws,
 ) -> Torques {
-    let mut joints = [Multisine::default(); JOINTS];
-    for (joint, divisor) in joints.iter_mut().zip(spec.torque_divisor) {
+    let mut joints = Joints::splat(spec.torque_divisor.len(), Multisine::default());
+    for (joint, divisor) in joints.iter_mut().zip(&spec.torque_divisor) {
         let sign = random_sign(spec.random_sign, draws);
         let last_sign = random_sign(spec.random_sign, draws);
         let base_hz = frequency_hz * draws.uniform(spec.base);
@@ -146,7 +158,7 @@ impl<D: Lanes> Rotor<D> {
 
 #[inline(always)]
 fn sample_chirps<D: Lanes>(joints: &Joints<Chirp>, rate_hz: f64, u: &mut [f32]) {
-    for first in (0..JOINTS).step_by(D::LANES) {
+    for first in (0..joints.len()).step_by(D::LANES) {
         let of = |value: fn(&Chirp) -> f64| joints.map(|joint| value(&joint));
         let offset = gather::<D>(&of(|joint| joint.offset_nm), first);
         let amplitude = gather::<D>(&of(|joint| joint.amplitude_nm), first);
@@ -155,7 +167,7 @@ fn sample_chirps<D: Lanes>(joints: &Joints<Chirp>, rate_hz: f64, u: &mut [f32]) 
         let phase = gather::<D>(&of(|joint| joint.phase_rad), first);
         let mut modulation =
             Rotor::new(gather::<D>(&joints.map(|joint| TAU * joint.f2_hz / rate_hz), first));
-        for (k, sample) in u.chunks_exact_mut(JOINTS).enumerate() {
+        for (k, sample) in u.chunks_exact_mut(joints.len()).enumerate() {
             let t = D::splat(k as f64 / rate_hz);
             let factor = depth.mul_add(modulation.cos, D::splat(1.0));
             let (_, cos) = (angular_rate * factor).mul_add(t, phase).sin_cos();
@@ -167,7 +179,7 @@ fn sample_chirps<D: Lanes>(joints: &Joints<Chirp>, rate_hz: f64, u: &mut [f32]) 
 
 #[inline(always)]
 fn sample_multisines<D: Lanes>(joints: &Joints<Multisine>, rate_hz: f64, u: &mut [f32]) {
-    for first in (0..JOINTS).step_by(D::LANES) {
+    for first in (0..joints.len()).step_by(D::LANES) {
         let amplitude = |component: usize| joints.map(|joint| joint.amplitude_nm[component]);
         let step =
             |component: usize| joints.map(|joint| TAU * joint.frequency_hz[component] / rate_hz);
@@ -179,7 +191,7 @@ fn sample_multisines<D: Lanes>(joints: &Joints<Multisine>, rate_hz: f64, u: &mut
         let mut rotor1 = Rotor::new(gather::<D>(&step(1), first));
         let mut rotor2 = Rotor::new(gather::<D>(&step(2), first));
         let mut rotor3 = Rotor::new(gather::<D>(&step(3), first));
-        for sample in u.chunks_exact_mut(JOINTS) {
+        for sample in u.chunks_exact_mut(joints.len()) {
             let sines = a2.mul_add(rotor2.sin, a0 * rotor0.sin);
             let cosines = a3.mul_add(rotor3.cos, a1 * rotor1.cos);
             scatter(sines + cosines, first, sample);
@@ -206,7 +218,7 @@ fn gather<D: Lanes>(values: &Joints<f64>, first: usize) -> D {
 fn scatter<D: Lanes>(lanes: D, first: usize, sample: &mut [f32]) {
     let mut values = [0.0; MAX_LANES];
     lanes.store(&mut values);
-    let count = D::LANES.min(JOINTS - first);
+    let count = D::LANES.min(sample.len() - first);
     sample[first..first + count].copy_from_slice(&values[..count]);
 }
 
@@ -218,11 +230,11 @@ mod tests {
 
     /// The largest distance from the law evaluated directly, in units of the largest torque.
     fn sampling_error<D: Lanes>(torques: &Torques, samples: usize) -> f64 {
-        let mut u = vec![0.0; samples * JOINTS];
+        let mut u = vec![0.0; samples * torques.joints()];
         torques.sample::<D>(60.0, &mut u);
         let mut error: f64 = 0.0;
         let mut largest: f64 = 0.0;
-        for (k, sample) in u.chunks_exact(JOINTS).enumerate() {
+        for (k, sample) in u.chunks_exact(torques.joints()).enumerate() {
             for (expected, &torque) in torques.at(k as f64 / 60.0).iter().zip(sample) {
                 error = error.max((f64::from(torque) - expected).abs());
                 largest = largest.max(expected.abs());
@@ -233,7 +245,7 @@ mod tests {
 
     #[test]
     fn sampled_torques_are_the_law_rounded_to_f32() {
-        let chirps = Torques::Chirp(std::array::from_fn(|joint| Chirp {
+        let chirps = Torques::Chirp(Joints::from_fn(7, |joint| Chirp {
             offset_nm: 0.1 * joint as f64,
             amplitude_nm: 2.0 - 0.5 * joint as f64,
             f1_hz: 0.2 + 0.15 * joint as f64,
@@ -241,7 +253,7 @@ mod tests {
             depth: 0.25,
             phase_rad: joint as f64 - 3.0,
         }));
-        let multisines = Torques::Multisine(std::array::from_fn(|joint| Multisine {
+        let multisines = Torques::Multisine(Joints::from_fn(6, |joint| Multisine {
             amplitude_nm: [1.0, -2.0, 3.0, 0.5 * joint as f64],
             frequency_hz: [0.1, 0.15, 0.2, 0.3].map(|frequency| frequency * (1.0 + joint as f64)),
         }));

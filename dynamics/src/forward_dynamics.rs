@@ -7,47 +7,46 @@
 //! come with their inertias regrouped, see [`crate::regrouping`], which leaves many of them zero.
 
 use simd::Lanes;
-use spec::JOINTS;
 
-use crate::Joints;
+use crate::compiled::{Compiled, JOINTS, shifted};
 use crate::model::{Link, Model};
 use crate::spatial::{
-    Symmetric, Turn, Vector, add_cross, add_matrix_origin, add_origin_cross, shifted,
-    shifted_inertia, sum,
+    Symmetric, Turn, Vector, add_cross, add_matrix_origin, add_origin_cross, shifted_inertia, sum,
 };
+use crate::structure::Structure;
 
 /// The equation of motion at one state.
 #[derive(Clone, Copy)]
-pub(crate) struct Dynamics<L> {
+pub(crate) struct Dynamics<L, const N: usize> {
     /// M + A; only entries on and below the diagonal are set.
-    pub(crate) mass_matrix: Joints<Joints<L>>,
+    pub(crate) mass_matrix: [[L; N]; N],
     /// C q̇ + g.
-    pub(crate) bias: Joints<L>,
+    pub(crate) bias: [L; N],
 }
 
-impl<L: Lanes> Dynamics<L> {
+impl<L: Lanes, const N: usize> Dynamics<L, N> {
     #[inline(always)]
     pub(crate) fn zero() -> Self {
         let zero = L::splat(0.0);
-        Self { mass_matrix: [[zero; JOINTS]; JOINTS], bias: [zero; JOINTS] }
+        Self { mass_matrix: [[zero; N]; N], bias: [zero; N] }
     }
 }
 
 /// How a link moves when no joint accelerates, in the link's axes.
 #[derive(Clone, Copy)]
-struct Motion<L> {
-    angular_velocity: Vector<L>,
-    angular_acceleration: Vector<L>,
+pub(crate) struct Motion<L> {
+    pub(crate) angular_velocity: Vector<L>,
+    pub(crate) angular_acceleration: Vector<L>,
     /// Of the frame's origin, less that of free fall.
-    acceleration: Vector<L>,
+    pub(crate) acceleration: Vector<L>,
     /// The columns x and y of [ω̇] + [ω]²: the acceleration of a point of the link per distance from
-    /// the origin. Neither first moments nor origins of joints have a z.
-    gradient: [[L; 2]; 3],
+    /// the origin. First moments have no z, nor do origins of joints of the compiled structure.
+    pub(crate) gradient: [[L; 2]; 3],
 }
 
 impl<L: Lanes> Motion<L> {
     #[inline(always)]
-    fn new(w: Vector<L>, w_dot: Vector<L>, acceleration: Vector<L>) -> Self {
+    pub(crate) fn new(w: Vector<L>, w_dot: Vector<L>, acceleration: Vector<L>) -> Self {
         let minus_zz = w[2].neg_mul_add(w[2], L::splat(0.0));
         let gradient = [
             [w[1].neg_mul_add(w[1], minus_zz), w[0].mul_add(w[1], -w_dot[2])],
@@ -60,7 +59,7 @@ impl<L: Lanes> Motion<L> {
     /// The second link, carried by a first one that turns about the vertical, which is its own z, and
     /// on whose axis it sits.
     #[inline(always)]
-    fn of_second_link(base_acceleration: L, turn: Turn<L>, qd: &Joints<L>) -> Self {
+    fn of_second_link(base_acceleration: L, turn: Turn<L>, qd: &[L; JOINTS]) -> Self {
         const { assert!(!shifted::<1>(0) && !shifted::<1>(1) && !shifted::<1>(2)) };
         let [x, y, _] = turn.axis_to_child::<1>(qd[0]);
         let w_dot = [y * qd[1], -(x * qd[1]), L::splat(0.0)];
@@ -81,7 +80,7 @@ impl<L: Lanes> Motion<L> {
 
     /// The wrench about the frame's origin that moves `link` this way (Newton and Euler).
     #[inline(always)]
-    fn wrench(&self, link: &Link<L>) -> Wrench<L> {
+    pub(crate) fn wrench(&self, link: &Link<L>) -> Wrench<L> {
         let [mx, my] = link.first_moment;
         let [xx, xy, xz, yz, zz] = link.inertia;
         let ([wx, wy, wz], [ax, ay, az]) = (self.angular_velocity, self.acceleration);
@@ -108,9 +107,9 @@ impl<L: Lanes> Motion<L> {
 
 /// A force and a moment about a frame's origin.
 #[derive(Clone, Copy)]
-struct Wrench<L> {
-    force: Vector<L>,
-    moment: Vector<L>,
+pub(crate) struct Wrench<L> {
+    pub(crate) force: Vector<L>,
+    pub(crate) moment: Vector<L>,
 }
 
 impl<L: Lanes> Wrench<L> {
@@ -125,15 +124,15 @@ impl<L: Lanes> Wrench<L> {
 
 /// A link and everything beyond it, as one rigid body, with the wrench that moves it.
 #[derive(Clone, Copy)]
-struct Composite<L> {
-    first_moment: Vector<L>,
-    inertia: Symmetric<L>,
-    wrench: Wrench<L>,
+pub(crate) struct Composite<L> {
+    pub(crate) first_moment: Vector<L>,
+    pub(crate) inertia: Symmetric<L>,
+    pub(crate) wrench: Wrench<L>,
 }
 
 impl<L: Lanes> Composite<L> {
     #[inline(always)]
-    fn of_last_link(link: &Link<L>, wrench: Wrench<L>) -> Self {
+    pub(crate) fn of_last_link(link: &Link<L>, wrench: Wrench<L>) -> Self {
         let zero = L::splat(0.0);
         let ([mx, my], [xx, xy, xz, yz, zz]) = (link.first_moment, link.inertia);
         Self { first_moment: [mx, my, zero], inertia: [xx, xy, xz, zero, yz, zz], wrench }
@@ -152,6 +151,13 @@ impl<L: Lanes> Composite<L> {
         let inertia = turn.symmetric_to_parent::<J>(self.inertia);
         let inertia = shifted_inertia::<L, J>(origin, first_moment, inertia);
         let carried = self.wrench.to_parent::<J>(origin, turn);
+        Self { first_moment, inertia, wrench: carried }.with_link(link, wrench)
+    }
+
+    /// This composite together with a link, both in the link's frame.
+    #[inline(always)]
+    pub(crate) fn with_link(self, link: &Link<L>, wrench: Wrench<L>) -> Self {
+        let Self { first_moment, inertia, wrench: carried } = self;
         Self {
             first_moment: [
                 first_moment[0] + link.first_moment[0],
@@ -175,90 +181,132 @@ impl<L: Lanes> Composite<L> {
 
     /// The wrench of a unit acceleration about the frame's z from rest.
     #[inline(always)]
-    fn wrench_of_unit_acceleration(&self) -> Wrench<L> {
+    pub(crate) fn wrench_of_unit_acceleration(&self) -> Wrench<L> {
         let [x, y, _] = self.first_moment;
         let [_, _, xz, _, yz, zz] = self.inertia;
         Wrench { force: [-y, x, L::splat(0.0)], moment: [xz, yz, zz] }
     }
 }
 
-/// Sine and cosine of every joint's angle `q` (rad), except the first's, which changes nothing:
-/// gravity is along its axis.
-#[inline(always)]
-pub(crate) fn turns<L: Lanes>(q: &Joints<L>, turns: &mut Joints<Turn<L>>) {
-    for joint in 1..JOINTS {
-        turns[joint] = Turn::by(q[joint]);
-    }
-}
-
-/// As [`turns`], of angles that lie little beyond others whose turns are known.
-#[inline(always)]
-pub(crate) fn later_turns<L: Lanes>(
-    start: &Joints<Turn<L>>,
-    change: &Joints<L>,
-    turns: &mut Joints<Turn<L>>,
-) {
-    for joint in 1..JOINTS {
-        turns[joint] = start[joint].and_by(change[joint]);
-    }
-}
-
-/// M + A and C q̇ + g at the positions of `turns` and velocities `qd` (rad/s).
-#[inline(always)]
-pub(crate) fn mass_matrix_and_bias<L: Lanes>(
-    model: &Model<L>,
-    turns: &Joints<Turn<L>>,
-    qd: &Joints<L>,
-    dynamics: &mut Dynamics<L>,
-) {
-    let (links, origins) = (&model.links, &model.origins);
-
-    let motion2 = Motion::of_second_link(model.base_acceleration, turns[1], qd);
-    let motion3 = motion2.child::<2>(&origins[2], turns[2], qd[2]);
-    let motion4 = motion3.child::<3>(&origins[3], turns[3], qd[3]);
-    let motion5 = motion4.child::<4>(&origins[4], turns[4], qd[4]);
-    let motion6 = motion5.child::<5>(&origins[5], turns[5], qd[5]);
-    let motion7 = motion6.child::<6>(&origins[6], turns[6], qd[6]);
-
-    let still = Wrench { force: [L::splat(0.0); 3], moment: [L::splat(0.0); 3] };
-    let mut columns = [still; JOINTS];
-
-    // Takes in a composite at its joint: one diagonal entry, one bias force, one more column.
-    macro_rules! joint {
-        ($joint:literal, $composite:ident) => {
-            columns[$joint] = $composite.wrench_of_unit_acceleration();
-            let inertia = columns[$joint].moment[2];
-            dynamics.mass_matrix[$joint][$joint] = inertia + model.armature[$joint];
-            dynamics.bias[$joint] = $composite.wrench.moment[2];
-        };
-    }
-    // Carries a composite and the columns so far over joint `$joint` to the link before it.
-    macro_rules! inwards {
-        ($composite:ident over $joint:literal to $parent:literal, $wrench:expr) => {{
-            let origin = &origins[$joint];
-            for column in $joint..JOINTS {
-                columns[column] = columns[column].to_parent::<$joint>(origin, turns[$joint]);
-                dynamics.mass_matrix[column][$parent] = columns[column].moment[2];
-            }
-            $composite.with_parent::<$joint>(origin, turns[$joint], &links[$parent], $wrench)
-        }};
+impl Structure<JOINTS> for Compiled {
+    #[inline(always)]
+    fn joints(self) -> usize {
+        JOINTS
     }
 
-    let composite = Composite::of_last_link(&links[6], motion7.wrench(&links[6]));
-    joint!(6, composite);
-    let composite = inwards!(composite over 6 to 5, motion6.wrench(&links[5]));
-    joint!(5, composite);
-    let composite = inwards!(composite over 5 to 4, motion5.wrench(&links[4]));
-    joint!(4, composite);
-    let composite = inwards!(composite over 4 to 3, motion4.wrench(&links[3]));
-    joint!(3, composite);
-    let composite = inwards!(composite over 3 to 2, motion3.wrench(&links[2]));
-    joint!(2, composite);
-    let composite = inwards!(composite over 2 to 1, motion2.wrench(&links[1]));
-    joint!(1, composite);
-    // Of the first link only the inertia about the vertical matters; its own wrench has no moment there.
-    let composite = inwards!(composite over 1 to 0, still);
-    joint!(0, composite);
+    /// All but the first joint's, which changes nothing: gravity is along its axis.
+    #[inline(always)]
+    fn turns<L: Lanes>(self, q: &[L; JOINTS], turns: &mut [Turn<L>; JOINTS]) {
+        for joint in 1..JOINTS {
+            turns[joint] = Turn::by(q[joint]);
+        }
+    }
+
+    #[inline(always)]
+    fn later_turns<L: Lanes>(
+        self,
+        start: &[Turn<L>; JOINTS],
+        change: &[L; JOINTS],
+        turns: &mut [Turn<L>; JOINTS],
+    ) {
+        for joint in 1..JOINTS {
+            turns[joint] = start[joint].and_by(change[joint]);
+        }
+    }
+
+    #[inline(always)]
+    fn mass_matrix_and_bias<L: Lanes>(
+        self,
+        model: &Model<L, JOINTS>,
+        turns: &[Turn<L>; JOINTS],
+        qd: &[L; JOINTS],
+        dynamics: &mut Dynamics<L, JOINTS>,
+    ) {
+        let (links, origins) = (&model.links, &model.origins);
+
+        let motion2 = Motion::of_second_link(model.base_acceleration, turns[1], qd);
+        let motion3 = motion2.child::<2>(&origins[2], turns[2], qd[2]);
+        let motion4 = motion3.child::<3>(&origins[3], turns[3], qd[3]);
+        let motion5 = motion4.child::<4>(&origins[4], turns[4], qd[4]);
+        let motion6 = motion5.child::<5>(&origins[5], turns[5], qd[5]);
+        let motion7 = motion6.child::<6>(&origins[6], turns[6], qd[6]);
+
+        let still = Wrench { force: [L::splat(0.0); 3], moment: [L::splat(0.0); 3] };
+        let mut columns = [still; JOINTS];
+
+        // Takes in a composite at its joint: one diagonal entry, one bias force, one more column.
+        macro_rules! joint {
+            ($joint:literal, $composite:ident) => {
+                columns[$joint] = $composite.wrench_of_unit_acceleration();
+                let inertia = columns[$joint].moment[2];
+                dynamics.mass_matrix[$joint][$joint] = inertia + model.armature[$joint];
+                dynamics.bias[$joint] = $composite.wrench.moment[2];
+            };
+        }
+        // Carries a composite and the columns so far over joint `$joint` to the link before it.
+        macro_rules! inwards {
+            ($composite:ident over $joint:literal to $parent:literal, $wrench:expr) => {{
+                let origin = &origins[$joint];
+                for column in $joint..JOINTS {
+                    columns[column] = columns[column].to_parent::<$joint>(origin, turns[$joint]);
+                    dynamics.mass_matrix[column][$parent] = columns[column].moment[2];
+                }
+                $composite.with_parent::<$joint>(origin, turns[$joint], &links[$parent], $wrench)
+            }};
+        }
+
+        let composite = Composite::of_last_link(&links[6], motion7.wrench(&links[6]));
+        joint!(6, composite);
+        let composite = inwards!(composite over 6 to 5, motion6.wrench(&links[5]));
+        joint!(5, composite);
+        let composite = inwards!(composite over 5 to 4, motion5.wrench(&links[4]));
+        joint!(4, composite);
+        let composite = inwards!(composite over 4 to 3, motion4.wrench(&links[3]));
+        joint!(3, composite);
+        let composite = inwards!(composite over 3 to 2, motion3.wrench(&links[2]));
+        joint!(2, composite);
+        let composite = inwards!(composite over 2 to 1, motion2.wrench(&links[1]));
+        joint!(1, composite);
+        // Of the first link only the inertia about the vertical matters; its own wrench has no moment there.
+        let composite = inwards!(composite over 1 to 0, still);
+        joint!(0, composite);
+    }
+
+    #[inline(always)]
+    fn solve<L: Lanes>(
+        self,
+        m: &mut [[L; JOINTS]; JOINTS],
+        b: &mut [L; JOINTS],
+        qdd: &mut [L; JOINTS],
+    ) {
+        let mut inverse_pivots = [L::splat(0.0); JOINTS];
+        // From the tip inwards, so that joint 7, whose column is ready first, is eliminated first.
+        macro_rules! eliminate {
+            ($($pivot:literal)*) => {$(
+                inverse_pivots[$pivot] = m[$pivot][$pivot].recip();
+                for row in 0..$pivot {
+                    let factor = m[$pivot][row] * inverse_pivots[$pivot];
+                    for column in 0..=row {
+                        m[row][column] = factor.neg_mul_add(m[$pivot][column], m[row][column]);
+                    }
+                    b[row] = factor.neg_mul_add(b[$pivot], b[row]);
+                }
+            )*};
+        }
+        macro_rules! substitute {
+            ($($joint:literal)*) => {$(
+                let mut rest = b[$joint];
+                for inner in 0..$joint {
+                    rest = m[$joint][inner].neg_mul_add(qdd[inner], rest);
+                }
+                qdd[$joint] = rest * inverse_pivots[$joint];
+            )*};
+        }
+        eliminate!(6 5 4 3 2 1);
+        inverse_pivots[0] = m[0][0].recip();
+        qdd[0] = b[0] * inverse_pivots[0];
+        substitute!(1 2 3 4 5 6);
+    }
 }
 
 /// Solves (M + A + h D) q̈ = u − C q̇ − g − D q̇ − τ_f(q̇).
@@ -267,53 +315,27 @@ pub(crate) fn mass_matrix_and_bias<L: Lanes>(
 /// this is the acceleration at the given state. Friction always acts as at the step's start: it is
 /// bounded, and where a step crosses its bend its tangent leads further astray than its value.
 #[inline(always)]
-pub(crate) fn accelerations<L: Lanes>(
-    model: &Model<L>,
-    dynamics: &Dynamics<L>,
-    qd: &Joints<L>,
-    torque: &Joints<L>,
+pub(crate) fn accelerations<L: Lanes, S: Structure<N>, const N: usize>(
+    structure: S,
+    model: &Model<L, N>,
+    dynamics: &Dynamics<L, N>,
+    qd: &[L; N],
+    torque: &[L; N],
     step: L,
-    qdd: &mut Joints<L>,
+    qdd: &mut [L; N],
 ) {
     let mut m = dynamics.mass_matrix;
     let mut b = *torque;
-    for joint in 0..JOINTS {
+    for joint in 0..structure.joints() {
         m[joint][joint] = step.mul_add(model.damping[joint], m[joint][joint]);
         b[joint] =
             model.damping[joint].neg_mul_add(qd[joint], torque[joint] - dynamics.bias[joint]);
     }
     // All robots of a simulation have friction or none has: the branch is always the same.
     if let Some(friction) = &model.friction {
-        for joint in 0..JOINTS {
+        for joint in 0..structure.joints() {
             b[joint] = b[joint] - friction.torque(joint, qd[joint]);
         }
     }
-
-    let mut inverse_pivots = [L::splat(0.0); JOINTS];
-    // From the tip inwards, so that joint 7, whose column is ready first, is eliminated first.
-    macro_rules! eliminate {
-        ($($pivot:literal)*) => {$(
-            inverse_pivots[$pivot] = m[$pivot][$pivot].recip();
-            for row in 0..$pivot {
-                let factor = m[$pivot][row] * inverse_pivots[$pivot];
-                for column in 0..=row {
-                    m[row][column] = factor.neg_mul_add(m[$pivot][column], m[row][column]);
-                }
-                b[row] = factor.neg_mul_add(b[$pivot], b[row]);
-            }
-        )*};
-    }
-    macro_rules! substitute {
-        ($($joint:literal)*) => {$(
-            let mut rest = b[$joint];
-            for inner in 0..$joint {
-                rest = m[$joint][inner].neg_mul_add(qdd[inner], rest);
-            }
-            qdd[$joint] = rest * inverse_pivots[$joint];
-        )*};
-    }
-    eliminate!(6 5 4 3 2 1);
-    inverse_pivots[0] = m[0][0].recip();
-    qdd[0] = b[0] * inverse_pivots[0];
-    substitute!(1 2 3 4 5 6);
+    structure.solve(&mut m, &mut b, qdd);
 }

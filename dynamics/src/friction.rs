@@ -1,7 +1,6 @@
 //! Friction of the joints besides their viscous damping.
 
 use simd::Lanes;
-use spec::JOINTS;
 
 use crate::Joints;
 
@@ -20,29 +19,33 @@ pub struct Friction {
 
 impl Friction {
     pub(crate) fn nominal(spec: &spec::Friction) -> Self {
-        Self { phi1_nm: spec.phi1_nm, phi2_s_rad: spec.phi2_s_rad, phi3_rad_s: spec.phi3_rad_s }
+        Self {
+            phi1_nm: spec.phi1_nm.as_slice().into(),
+            phi2_s_rad: spec.phi2_s_rad.as_slice().into(),
+            phi3_rad_s: spec.phi3_rad_s.as_slice().into(),
+        }
     }
 }
 
 /// The friction of one robot per lane.
-pub(crate) struct Sigmoids<L> {
-    phi1: Joints<L>,
-    phi2: Joints<L>,
-    phi3: Joints<L>,
+pub(crate) struct Sigmoids<L, const N: usize> {
+    phi1: [L; N],
+    phi2: [L; N],
+    phi3: [L; N],
     /// φ1 / (1 + exp(−φ2 φ3)), computed as for a moving joint, so that friction at rest is exactly 0.
-    at_rest: Joints<L>,
+    at_rest: [L; N],
 }
 
-impl<L: Lanes> Sigmoids<L> {
+impl<L: Lanes, const N: usize> Sigmoids<L, N> {
     #[inline(always)]
     pub(crate) fn none() -> Self {
-        let zero = [L::splat(0.0); JOINTS];
+        let zero = [L::splat(0.0); N];
         Self { phi1: zero, phi2: zero, phi3: zero, at_rest: zero }
     }
 
     #[inline(always)]
-    pub(crate) fn set_lane(&mut self, lane: usize, friction: Option<&Friction>) {
-        for joint in 0..JOINTS {
+    pub(crate) fn set_lane(&mut self, joints: usize, lane: usize, friction: Option<&Friction>) {
+        for joint in 0..joints {
             let [phi1, phi2, phi3] = match friction {
                 Some(friction) => [
                     friction.phi1_nm[joint],
@@ -91,9 +94,9 @@ mod tests {
     fn check<L: Lanes>(tolerance_nm: f64) {
         let spec = spec::Friction::default();
         let friction = Friction::nominal(&spec);
-        let mut sigmoids = Sigmoids::<L>::none();
-        sigmoids.set_lane(0, Some(&friction));
-        for joint in 0..JOINTS {
+        let mut sigmoids = Sigmoids::<L, 7>::none();
+        sigmoids.set_lane(7, 0, Some(&friction));
+        for joint in 0..7 {
             let phi = [spec.phi1_nm[joint], spec.phi2_s_rad[joint], spec.phi3_rad_s[joint]];
             assert_eq!(sigmoids.torque(joint, L::splat(0.0)).lane(0), 0.0);
             for step in -3000..=3000 {

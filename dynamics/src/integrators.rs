@@ -4,13 +4,13 @@
 //! position kept with the rounding error of the last addition. In f32 this is what makes the result
 //! as accurate as f64: the increments are small, and their rounding with them.
 
-use spec::{Integrator, JOINTS};
+use spec::Integrator;
 
-use crate::Joints;
-use crate::forward_dynamics::{Dynamics, later_turns, turns};
+use crate::forward_dynamics::Dynamics;
 use crate::kernels::Kernels;
 use crate::model::Model;
 use crate::spatial::Turn;
+use crate::structure::Structure;
 
 /// A way through one sampling period.
 #[derive(Clone, Copy, Debug)]
@@ -37,38 +37,38 @@ impl From<Integrator> for Scheme {
 const MAX_ORDER: usize = 4;
 
 /// Positions and velocities of the joints.
-pub(crate) struct State<L> {
-    pub(crate) q: Joints<L>,
+pub(crate) struct State<L, const N: usize> {
+    pub(crate) q: [L; N],
     /// What rounding left out of `q` so far (Kahan summation).
-    pub(crate) q_remainder: Joints<L>,
-    pub(crate) qd: Joints<L>,
+    pub(crate) q_remainder: [L; N],
+    pub(crate) qd: [L; N],
 }
 
 #[derive(Clone, Copy)]
-struct Increment<L> {
-    q: Joints<L>,
-    qd: Joints<L>,
+struct Increment<L, const N: usize> {
+    q: [L; N],
+    qd: [L; N],
 }
 
-impl<L: Kernels> State<L> {
+impl<L: Kernels, const N: usize> State<L, N> {
     #[inline(always)]
     pub(crate) fn zero() -> Self {
-        let zero = [L::splat(0.0); JOINTS];
+        let zero = [L::splat(0.0); N];
         Self { q: zero, q_remainder: zero, qd: zero }
     }
 
     #[inline(always)]
-    fn velocity_after(&self, increment: &Increment<L>) -> Joints<L> {
+    fn velocity_after(&self, joints: usize, increment: &Increment<L, N>) -> [L; N] {
         let mut qd = self.qd;
-        for joint in 0..JOINTS {
+        for joint in 0..joints {
             qd[joint] = self.qd[joint] + increment.qd[joint];
         }
         qd
     }
 
     #[inline(always)]
-    fn add(&mut self, increment: &Increment<L>) {
-        for joint in 0..JOINTS {
+    fn add(&mut self, joints: usize, increment: &Increment<L, N>) {
+        for joint in 0..joints {
             let change = increment.q[joint] + self.q_remainder[joint];
             let q = self.q[joint] + change;
             self.q_remainder[joint] = change - (q - self.q[joint]);
@@ -78,16 +78,16 @@ impl<L: Kernels> State<L> {
     }
 }
 
-impl<L: Kernels> Increment<L> {
+impl<L: Kernels, const N: usize> Increment<L, N> {
     #[inline(always)]
     fn zero() -> Self {
-        Self { q: [L::splat(0.0); JOINTS], qd: [L::splat(0.0); JOINTS] }
+        Self { q: [L::splat(0.0); N], qd: [L::splat(0.0); N] }
     }
 
     /// Adds `factor` times the derivatives of position and velocity.
     #[inline(always)]
-    fn add_scaled(&mut self, factor: L, qd: &Joints<L>, qdd: &Joints<L>) {
-        for joint in 0..JOINTS {
+    fn add_scaled(&mut self, joints: usize, factor: L, qd: &[L; N], qdd: &[L; N]) {
+        for joint in 0..joints {
             self.q[joint] = factor.mul_add(qd[joint], self.q[joint]);
             self.qd[joint] = factor.mul_add(qdd[joint], self.qd[joint]);
         }
@@ -96,24 +96,25 @@ impl<L: Kernels> Increment<L> {
 
 /// Moves `state` over `period` seconds under `torque` (N·m).
 #[inline(always)]
-pub(crate) fn advance<L: Kernels>(
+pub(crate) fn advance<L: Kernels, S: Structure<N>, const N: usize>(
+    structure: S,
     scheme: Scheme,
     period: f64,
-    model: &Model<L>,
-    torque: &Joints<L>,
-    state: &mut State<L>,
+    model: &Model<L, N>,
+    torque: &[L; N],
+    state: &mut State<L, N>,
 ) {
     match scheme {
         Scheme::Extrapolated { order, substeps } => {
             let step = period / f64::from(substeps);
             for _ in 0..substeps {
-                extrapolated_step(order, step, model, torque, state);
+                extrapolated_step(structure, order, step, model, torque, state);
             }
         }
         Scheme::Rk4 { substeps } => {
             let step = period / f64::from(substeps);
             for _ in 0..substeps {
-                runge_kutta_step(step, model, torque, state);
+                runge_kutta_step(structure, step, model, torque, state);
             }
         }
     }
@@ -123,34 +124,36 @@ pub(crate) fn advance<L: Kernels>(
 /// "Solving Ordinary Differential Equations I", section II.9, harmonic sequence): order `order`
 /// from order · (order + 1) / 2 evaluations, however stiff the damping.
 #[inline(always)]
-fn extrapolated_step<L: Kernels>(
+fn extrapolated_step<L: Kernels, S: Structure<N>, const N: usize>(
+    structure: S,
     order: usize,
     step: f64,
-    model: &Model<L>,
-    torque: &Joints<L>,
-    state: &mut State<L>,
+    model: &Model<L, N>,
+    torque: &[L; N],
+    state: &mut State<L, N>,
 ) {
+    let joints = structure.joints();
     let mut table = [Increment::zero(); MAX_ORDER];
     let mut start = Dynamics::zero();
     let mut later = Dynamics::zero();
-    let mut start_turns = [Turn::none(); JOINTS];
-    let mut later_turn = [Turn::none(); JOINTS];
+    let mut start_turns = [Turn::none(); N];
+    let mut later_turn = [Turn::none(); N];
     let mut qdd = state.qd;
 
     // Every sequence starts from the same state and needs its dynamics only once.
-    turns(&state.q, &mut start_turns);
-    L::mass_matrix_and_bias(model, &start_turns, &state.qd, &mut start);
+    structure.turns(&state.q, &mut start_turns);
+    L::mass_matrix_and_bias(structure, model, &start_turns, &state.qd, &mut start);
     for steps in 1..=order {
         let h = L::splat(step / steps as f64);
         let increment = &mut table[steps - 1];
-        L::accelerations(model, &start, &state.qd, torque, h, &mut qdd);
-        euler_update(increment, state, h, &qdd);
+        L::accelerations(structure, model, &start, &state.qd, torque, h, &mut qdd);
+        euler_update(joints, increment, state, h, &qdd);
         for _ in 1..steps {
-            let qd = state.velocity_after(increment);
-            later_turns(&start_turns, &increment.q, &mut later_turn);
-            L::mass_matrix_and_bias(model, &later_turn, &qd, &mut later);
-            L::accelerations(model, &later, &qd, torque, h, &mut qdd);
-            euler_update(increment, state, h, &qdd);
+            let qd = state.velocity_after(joints, increment);
+            structure.later_turns(&start_turns, &increment.q, &mut later_turn);
+            L::mass_matrix_and_bias(structure, model, &later_turn, &qd, &mut later);
+            L::accelerations(structure, model, &later, &qd, torque, h, &mut qdd);
+            euler_update(joints, increment, state, h, &qdd);
         }
     }
 
@@ -161,20 +164,26 @@ fn extrapolated_step<L: Kernels>(
             let weight = L::splat(1.0 / (ratio - 1.0));
             let above = table[row - 1];
             let entry = &mut table[row];
-            for joint in 0..JOINTS {
+            for joint in 0..joints {
                 let (q, qd) = (entry.q[joint], entry.qd[joint]);
                 entry.q[joint] = weight.mul_add(q - above.q[joint], q);
                 entry.qd[joint] = weight.mul_add(qd - above.qd[joint], qd);
             }
         }
     }
-    state.add(&table[order - 1]);
+    state.add(joints, &table[order - 1]);
 }
 
 /// Semi-implicit Euler: the new velocity moves the position.
 #[inline(always)]
-fn euler_update<L: Kernels>(increment: &mut Increment<L>, state: &State<L>, h: L, qdd: &Joints<L>) {
-    for joint in 0..JOINTS {
+fn euler_update<L: Kernels, const N: usize>(
+    joints: usize,
+    increment: &mut Increment<L, N>,
+    state: &State<L, N>,
+    h: L,
+    qdd: &[L; N],
+) {
+    for joint in 0..joints {
         increment.qd[joint] = h.mul_add(qdd[joint], increment.qd[joint]);
         let qd = state.qd[joint] + increment.qd[joint];
         increment.q[joint] = h.mul_add(qd, increment.q[joint]);
@@ -182,33 +191,35 @@ fn euler_update<L: Kernels>(increment: &mut Increment<L>, state: &State<L>, h: L
 }
 
 #[inline(always)]
-fn runge_kutta_step<L: Kernels>(
+fn runge_kutta_step<L: Kernels, S: Structure<N>, const N: usize>(
+    structure: S,
     step: f64,
-    model: &Model<L>,
-    torque: &Joints<L>,
-    state: &mut State<L>,
+    model: &Model<L, N>,
+    torque: &[L; N],
+    state: &mut State<L, N>,
 ) {
     /// Weight of each stage's slope in the result, and how far along it the next stage lies.
     const STAGES: [(f64, f64); 4] =
         [(1.0 / 6.0, 0.5), (1.0 / 3.0, 0.5), (1.0 / 3.0, 1.0), (1.0 / 6.0, 0.0)];
 
+    let joints = structure.joints();
     let mut total = Increment::zero();
     let mut stage = Increment::zero();
     let mut dynamics = Dynamics::zero();
-    let mut start_turns = [Turn::none(); JOINTS];
-    let mut stage_turns = [Turn::none(); JOINTS];
+    let mut start_turns = [Turn::none(); N];
+    let mut stage_turns = [Turn::none(); N];
     let mut qdd = state.qd;
-    turns(&state.q, &mut start_turns);
+    structure.turns(&state.q, &mut start_turns);
     for (weight, reach) in STAGES {
-        let qd = state.velocity_after(&stage);
-        later_turns(&start_turns, &stage.q, &mut stage_turns);
-        L::mass_matrix_and_bias(model, &stage_turns, &qd, &mut dynamics);
-        L::accelerations(model, &dynamics, &qd, torque, L::splat(0.0), &mut qdd);
-        total.add_scaled(L::splat(step * weight), &qd, &qdd);
+        let qd = state.velocity_after(joints, &stage);
+        structure.later_turns(&start_turns, &stage.q, &mut stage_turns);
+        L::mass_matrix_and_bias(structure, model, &stage_turns, &qd, &mut dynamics);
+        L::accelerations(structure, model, &dynamics, &qd, torque, L::splat(0.0), &mut qdd);
+        total.add_scaled(joints, L::splat(step * weight), &qd, &qdd);
         stage = Increment::zero();
-        stage.add_scaled(L::splat(step * reach), &qd, &qdd);
+        stage.add_scaled(joints, L::splat(step * reach), &qd, &qdd);
     }
-    state.add(&total);
+    state.add(joints, &total);
 }
 
 #[cfg(test)]
@@ -216,22 +227,24 @@ mod tests {
     use simd::{F64Array, Lanes};
 
     use super::*;
-    use crate::{Robot, mass_matrix};
+    use crate::compiled::Compiled;
+    use crate::{Joints, Robot, mass_matrix};
 
     type Lane = F64Array<1>;
 
-    const TORQUE: Joints<f64> = [2.0, -3.0, 1.0, 2.0, -0.5, 0.4, 0.3];
-    const Q0: Joints<f64> = [0.3, -0.4, 0.2, -1.7, 0.1, 1.9, -0.2];
-    const QD0: Joints<f64> = [0.2, -0.5, 0.4, 0.3, -0.6, 0.5, 0.8];
+    const JOINTS: usize = 7;
+    const TORQUE: [f64; JOINTS] = [2.0, -3.0, 1.0, 2.0, -0.5, 0.4, 0.3];
+    const Q0: [f64; JOINTS] = [0.3, -0.4, 0.2, -1.7, 0.1, 1.9, -0.2];
+    const QD0: [f64; JOINTS] = [0.2, -0.5, 0.4, 0.3, -0.6, 0.5, 0.8];
 
     /// Position and velocity after `seconds` in periods of 1/60 s.
-    fn run(scheme: Scheme, robot: &Robot, torque: Joints<f64>, seconds: f64) -> Vec<f64> {
-        let model = Model::<Lane>::splat(robot);
+    fn run(scheme: Scheme, robot: &Robot, torque: [f64; JOINTS], seconds: f64) -> Vec<f64> {
+        let model = Model::<Lane, JOINTS>::splat(Compiled, robot);
         let mut state = State { q: Q0.map(Lane::splat), qd: QD0.map(Lane::splat), ..State::zero() };
         let torque = torque.map(Lane::splat);
         let mut time = 0.0;
         while time < seconds - 1e-9 {
-            advance(scheme, 1.0 / 60.0, &model, &torque, &mut state);
+            advance(Compiled, scheme, 1.0 / 60.0, &model, &torque, &mut state);
             time += 1.0 / 60.0;
         }
         state.q.iter().chain(&state.qd).map(|value| value.lane(0)).collect()
@@ -243,7 +256,7 @@ mod tests {
 
     /// The power of the step with which the error falls between `substeps` and twice as many.
     fn observed_order(scheme: impl Fn(u32) -> Scheme, substeps: u32) -> f64 {
-        let robot = Robot { gravity: 9.81, damping: [1.0; JOINTS], ..Robot::panda() };
+        let robot = Robot { gravity: 9.81, damping: Joints::splat(JOINTS, 1.0), ..Robot::panda() };
         let exact = run(Scheme::Rk4 { substeps: 200 }, &robot, TORQUE, 0.2);
         let error = |substeps| distance(&run(scheme(substeps), &robot, TORQUE, 0.2), &exact);
         (error(substeps) / error(2 * substeps)).log2()
@@ -267,19 +280,19 @@ mod tests {
 
     #[test]
     fn energy_is_conserved_without_damping_torque_and_gravity() {
-        let robot = Robot { damping: [0.0; JOINTS], ..Robot::panda() };
-        let kinetic_energy = |q: Joints<f64>, qd: Joints<f64>| -> f64 {
+        let robot = Robot { damping: Joints::splat(JOINTS, 0.0), ..Robot::panda() };
+        let kinetic_energy = |q: &[f64], qd: &[f64]| -> f64 {
             let m = mass_matrix(&robot, q);
             let momentum = m.map(|row| row.iter().zip(qd).map(|(m, qd)| m * qd).sum::<f64>());
             0.5 * momentum.iter().zip(qd).map(|(p, qd)| p * qd).sum::<f64>()
         };
-        let before = kinetic_energy(Q0, QD0);
+        let before = kinetic_energy(&Q0, &QD0);
         for scheme in
             [Scheme::Rk4 { substeps: 12 }, Scheme::Extrapolated { order: 4, substeps: 12 }]
         {
             let end = run(scheme, &robot, [0.0; JOINTS], 2.0);
             let (q, qd) = end.split_at(JOINTS);
-            let after = kinetic_energy(q.try_into().unwrap(), qd.try_into().unwrap());
+            let after = kinetic_energy(q, qd);
             assert!((after / before - 1.0).abs() < 1e-6, "{scheme:?}: {before} J, then {after} J");
         }
     }

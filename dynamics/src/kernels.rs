@@ -1,4 +1,4 @@
-//! The functions that are compiled once per lane type, for the instructions of that type.
+//! The functions that are compiled once per lane type and structure, for the instructions of that type.
 //!
 //! Everything else that is written over lanes is inlined into these. They are few and never inlined into each
 //! other, since one evaluation of the dynamics is about a thousand instructions and would otherwise
@@ -6,119 +6,138 @@
 
 use simd::{F32Array, F64Array, Lanes};
 
+use crate::DynamicsError;
 use crate::block::{self, Block};
 use crate::forward_dynamics::{self, Dynamics};
 use crate::model::Model;
 use crate::replay::{self, Together};
 use crate::spatial::Turn;
-use crate::{DynamicsError, Joints};
+use crate::structure::Structure;
 
 pub(crate) trait Kernels: Lanes {
-    /// See [`forward_dynamics::mass_matrix_and_bias`].
-    fn mass_matrix_and_bias(
-        model: &Model<Self>,
-        turns: &Joints<Turn<Self>>,
-        qd: &Joints<Self>,
-        dynamics: &mut Dynamics<Self>,
+    /// See [`Structure::mass_matrix_and_bias`].
+    fn mass_matrix_and_bias<S: Structure<N>, const N: usize>(
+        structure: S,
+        model: &Model<Self, N>,
+        turns: &[Turn<Self>; N],
+        qd: &[Self; N],
+        dynamics: &mut Dynamics<Self, N>,
     );
 
     /// See [`forward_dynamics::accelerations`].
-    fn accelerations(
-        model: &Model<Self>,
-        dynamics: &Dynamics<Self>,
-        qd: &Joints<Self>,
-        torque: &Joints<Self>,
+    fn accelerations<S: Structure<N>, const N: usize>(
+        structure: S,
+        model: &Model<Self, N>,
+        dynamics: &Dynamics<Self, N>,
+        qd: &[Self; N],
+        torque: &[Self; N],
         step: Self,
-        qdd: &mut Joints<Self>,
+        qdd: &mut [Self; N],
     );
 
     /// See [`block::simulate`].
-    fn simulate(block: &mut Block<'_>) -> Result<(), DynamicsError>;
+    fn simulate<S: Structure<N>, const N: usize>(
+        structure: S,
+        block: &mut Block<'_>,
+    ) -> Result<(), DynamicsError>;
 
     /// See [`replay::replay`].
-    fn replay(together: &mut Together<'_>);
+    fn replay<S: Structure<N>, const N: usize>(structure: S, together: &mut Together<'_>);
 }
 
 macro_rules! kernels {
     ($lanes:ty $(, $features:literal)?) => {
         impl Kernels for $lanes {
             #[inline(always)]
-            fn mass_matrix_and_bias(
-                model: &Model<Self>,
-                turns: &Joints<Turn<Self>>,
-                qd: &Joints<Self>,
-                dynamics: &mut Dynamics<Self>,
+            fn mass_matrix_and_bias<S: Structure<N>, const N: usize>(
+                structure: S,
+                model: &Model<Self, N>,
+                turns: &[Turn<Self>; N],
+                qd: &[Self; N],
+                dynamics: &mut Dynamics<Self, N>,
             ) {
                 $(#[target_feature(enable = $features)])?
                 #[inline(never)]
-                fn compiled(
-                    model: &Model<$lanes>,
-                    turns: &Joints<Turn<$lanes>>,
-                    qd: &Joints<$lanes>,
-                    dynamics: &mut Dynamics<$lanes>,
+                fn compiled<S: Structure<N>, const N: usize>(
+                    structure: S,
+                    model: &Model<$lanes, N>,
+                    turns: &[Turn<$lanes>; N],
+                    qd: &[$lanes; N],
+                    dynamics: &mut Dynamics<$lanes, N>,
                 ) {
-                    forward_dynamics::mass_matrix_and_bias(model, turns, qd, dynamics);
+                    structure.mass_matrix_and_bias(model, turns, qd, dynamics);
                 }
                 #[allow(unused_unsafe, reason = "array lanes need no instructions of their own")]
                 // SAFETY: `InstructionSet` lets only processors with the features come here.
                 unsafe {
-                    compiled(model, turns, qd, dynamics)
+                    compiled(structure, model, turns, qd, dynamics)
                 }
             }
 
             #[inline(always)]
-            fn accelerations(
-                model: &Model<Self>,
-                dynamics: &Dynamics<Self>,
-                qd: &Joints<Self>,
-                torque: &Joints<Self>,
+            fn accelerations<S: Structure<N>, const N: usize>(
+                structure: S,
+                model: &Model<Self, N>,
+                dynamics: &Dynamics<Self, N>,
+                qd: &[Self; N],
+                torque: &[Self; N],
                 step: Self,
-                qdd: &mut Joints<Self>,
+                qdd: &mut [Self; N],
             ) {
                 $(#[target_feature(enable = $features)])?
                 #[inline(never)]
-                fn compiled(
-                    model: &Model<$lanes>,
-                    dynamics: &Dynamics<$lanes>,
-                    qd: &Joints<$lanes>,
-                    torque: &Joints<$lanes>,
+                fn compiled<S: Structure<N>, const N: usize>(
+                    structure: S,
+                    model: &Model<$lanes, N>,
+                    dynamics: &Dynamics<$lanes, N>,
+                    qd: &[$lanes; N],
+                    torque: &[$lanes; N],
                     step: $lanes,
-                    qdd: &mut Joints<$lanes>,
+                    qdd: &mut [$lanes; N],
                 ) {
-                    forward_dynamics::accelerations(model, dynamics, qd, torque, step, qdd);
+                    forward_dynamics::accelerations(structure, model, dynamics, qd, torque, step, qdd);
                 }
                 #[allow(unused_unsafe, reason = "array lanes need no instructions of their own")]
                 // SAFETY: `InstructionSet` lets only processors with the features come here.
                 unsafe {
-                    compiled(model, dynamics, qd, torque, step, qdd)
+                    compiled(structure, model, dynamics, qd, torque, step, qdd)
                 }
             }
 
             #[inline(always)]
-            fn simulate(block: &mut Block<'_>) -> Result<(), DynamicsError> {
+            fn simulate<S: Structure<N>, const N: usize>(
+                structure: S,
+                block: &mut Block<'_>,
+            ) -> Result<(), DynamicsError> {
                 $(#[target_feature(enable = $features)])?
                 #[inline(never)]
-                fn compiled(block: &mut Block<'_>) -> Result<(), DynamicsError> {
-                    block::simulate::<$lanes>(block)
+                fn compiled<S: Structure<N>, const N: usize>(
+                    structure: S,
+                    block: &mut Block<'_>,
+                ) -> Result<(), DynamicsError> {
+                    block::simulate::<$lanes, S, N>(structure, block)
                 }
                 #[allow(unused_unsafe, reason = "array lanes need no instructions of their own")]
                 // SAFETY: `InstructionSet` lets only processors with the features come here.
                 unsafe {
-                    compiled(block)
+                    compiled(structure, block)
                 }
             }
 
             #[inline(always)]
-            fn replay(together: &mut Together<'_>) {
+            fn replay<S: Structure<N>, const N: usize>(structure: S, together: &mut Together<'_>) {
                 $(#[target_feature(enable = $features)])?
                 #[inline(never)]
-                fn compiled(together: &mut Together<'_>) {
-                    replay::replay::<$lanes>(together);
+                fn compiled<S: Structure<N>, const N: usize>(
+                    structure: S,
+                    together: &mut Together<'_>,
+                ) {
+                    replay::replay::<$lanes, S, N>(structure, together);
                 }
                 #[allow(unused_unsafe, reason = "array lanes need no instructions of their own")]
                 // SAFETY: `InstructionSet` lets only processors with the features come here.
                 unsafe {
-                    compiled(together)
+                    compiled(structure, together)
                 }
             }
         }

@@ -3,24 +3,25 @@
 use std::f64::consts::FRAC_1_SQRT_2;
 
 use simd::{F64Array, Lanes, MAX_LANES};
-use spec::JOINTS;
+use spec::MAX_JOINTS;
 
 use crate::Joints;
-use crate::panda::{TWISTS, Twist};
-use crate::spatial::{Turn, Vector, add_scaled_origin};
+use crate::angle::Angle;
+use crate::spatial::{Turn, Vector};
 
-/// Lengths of an arm's modified Denavit-Hartenberg table; twists are the Panda's.
-///
-/// Lengths that are zero in the Panda's table are zero in every arm's: only a4, a5, a7, d1, d3, d5 and
-/// the flange's are used.
+/// An arm's modified Denavit-Hartenberg table (Craig's), and its hand's frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Kinematics {
     /// Along x of the frame before the joint, m.
     pub a_m: Joints<f64>,
     /// Along the joint's own axis, m.
     pub d_m: Joints<f64>,
-    /// From the frame of link 7 to the hand's, along their z, m.
+    /// About x of the frame before the joint: α.
+    pub twists: Joints<Angle>,
+    /// From the last link's frame to the hand's, along their z, m.
     pub flange_m: f64,
+    /// Of the hand's frame, about its z.
+    pub hand_yaw: Angle,
 }
 
 /// Position and orientation of a frame in the base's.
@@ -38,61 +39,51 @@ pub(crate) const POSE: usize = 7;
 impl Kinematics {
     /// Origin of each joint's frame in the frame of the link before it (the base for the first), m.
     pub fn joint_origins(&self) -> Joints<[f64; 3]> {
-        std::array::from_fn(|joint| self.joint_origin(joint))
+        Joints::from_fn(self.a_m.len(), |joint| self.joint_origin(joint))
     }
 
     /// (a, −d sin α, d cos α).
-    pub(crate) const fn joint_origin(&self, joint: usize) -> [f64; 3] {
-        let (a, d) = (self.a_m[joint], self.d_m[joint]);
-        match TWISTS[joint] {
-            Twist::None => [a, 0.0, d],
-            Twist::Quarter => [a, -d, 0.0],
-            Twist::MinusQuarter => [a, d, 0.0],
-        }
+    pub(crate) fn joint_origin(&self, joint: usize) -> [f64; 3] {
+        let (a, d, twist) = (self.a_m[joint], self.d_m[joint], self.twists[joint]);
+        [a, -d * twist.sin, d * twist.cos]
     }
 
     /// Pose of the hand's frame in the base's at positions `q` (rad), with qw not negative.
     ///
     /// The hand's z points from the flange to the fingers, its y along their motion.
-    pub fn end_effector_pose(&self, q: Joints<f64>) -> Pose {
-        let pose = HandPose::<F64Array<1>>::new(&self.lanes(), &q.map(Lanes::splat));
+    pub fn end_effector_pose(&self, q: impl Into<Joints<f64>>) -> Pose {
+        let q = q.into();
+        let mut angles = [F64Array::<1>::splat(0.0); MAX_JOINTS];
+        for (angle, &q) in angles.iter_mut().zip(&q) {
+            *angle = Lanes::splat(q);
+        }
+        let pose = HandPose::new(self, &angles);
         let position_m = pose.position.map(|coordinate| coordinate.lane(0));
         let quaternion_xyzw = pose.quaternion.map(|component| component.lane(0));
         let sign = if quaternion_xyzw[3] < 0.0 { -1.0 } else { 1.0 };
         Pose { position_m, quaternion_xyzw: quaternion_xyzw.map(|component| sign * component) }
     }
 
-    #[inline(always)]
-    fn lanes<L: Lanes>(&self) -> (Joints<Vector<L>>, L) {
-        let mut origins = [[L::splat(0.0); 3]; JOINTS];
-        for joint in 0..JOINTS {
-            for axis in 0..3 {
-                origins[joint][axis] = L::splat(self.joint_origin(joint)[axis]);
-            }
-        }
-        (origins, L::splat(self.flange_m))
-    }
-
     /// Poses of the hand at recorded positions `q`, [sample, joint] in rad, into `poses`,
     /// [sample, 7]: the first with qw not negative, the others without jumps of sign.
     #[inline(always)]
     pub(crate) fn record_poses<D: Lanes>(&self, q: &[f32], poses: &mut [f32]) {
-        let arm = self.lanes::<D>();
+        let joints = self.a_m.len();
         let mut sign = None;
-        let chunks = q.chunks(D::LANES * JOINTS).zip(poses.chunks_mut(D::LANES * POSE));
+        let chunks = q.chunks(D::LANES * joints).zip(poses.chunks_mut(D::LANES * POSE));
         for (samples, poses) in chunks {
-            let mut by_joint = [[0.0; MAX_LANES]; JOINTS];
-            for (lane, sample) in samples.chunks_exact(JOINTS).enumerate() {
-                for joint in 0..JOINTS {
+            let mut by_joint = [[0.0; MAX_LANES]; MAX_JOINTS];
+            for (lane, sample) in samples.chunks_exact(joints).enumerate() {
+                for joint in 0..joints {
                     by_joint[joint][lane] = sample[joint];
                 }
             }
-            let mut angles = [D::splat(0.0); JOINTS];
-            for joint in 0..JOINTS {
+            let mut angles = [D::splat(0.0); MAX_JOINTS];
+            for joint in 0..joints {
                 angles[joint] = D::load(&by_joint[joint]);
             }
 
-            let hand = HandPose::<D>::new(&arm, &angles);
+            let hand = HandPose::<D>::new(self, &angles);
             let mut components = [[0.0; MAX_LANES]; POSE];
             for axis in 0..3 {
                 hand.position[axis].store(&mut components[axis]);
@@ -125,52 +116,72 @@ struct HandPose<L> {
 
 impl<L: Lanes> HandPose<L> {
     #[inline(always)]
-    fn new((origins, flange): &(Joints<Vector<L>>, L), q: &Joints<L>) -> Self {
+    fn new(arm: &Kinematics, q: &[L; MAX_JOINTS]) -> Self {
         let zero = L::splat(0.0);
         let one = L::splat(1.0);
-        let mut position = [zero, zero, *flange];
-        // Of the hand in link 7: a turn by −45° about z, halved.
-        let mut quaternion = [zero, zero, L::splat(-SIN_PI_8), L::splat(COS_PI_8)];
-        macro_rules! inwards {
-            ($($joint:literal)*) => {$(
-                let half = Turn::by(q[$joint] * L::splat(0.5));
-                let twice_sin = half.sin + half.sin;
-                let turn = Turn {
-                    sin: twice_sin * half.cos,
-                    cos: twice_sin.neg_mul_add(half.sin, one),
-                };
-                let turned = turn.to_parent::<$joint>(position);
-                position = add_scaled_origin::<L, $joint>(one, &origins[$joint], turned);
-                quaternion = half.quaternion_to_parent::<$joint>(quaternion);
-            )*};
+        let Angle { half_sin, half_cos, .. } = arm.hand_yaw;
+        let mut position = [zero, zero, L::splat(arm.flange_m)];
+        let mut quaternion = [zero, zero, L::splat(half_sin), L::splat(half_cos)];
+        for joint in (0..arm.a_m.len()).rev() {
+            let twist = arm.twists[joint];
+            let half = Turn::by(q[joint] * L::splat(0.5));
+            let twice_sin = half.sin + half.sin;
+            let turn =
+                Turn { sin: twice_sin * half.cos, cos: twice_sin.neg_mul_add(half.sin, one) };
+            position = position_to_parent(twist, turn, position);
+            let origin = arm.joint_origin(joint);
+            for axis in 0..3 {
+                if origin[axis] != 0.0 {
+                    position[axis] = L::splat(origin[axis]) + position[axis];
+                }
+            }
+            quaternion = quaternion_to_parent(twist, half, quaternion);
         }
-        inwards!(6 5 4 3 2 1 0);
         Self { position, quaternion }
     }
 }
 
-/// sin and cos of π/8.
-const SIN_PI_8: f64 = 0.382_683_432_365_089_8;
-const COS_PI_8: f64 = 0.923_879_532_511_286_7;
+/// A point of a joint's link, in the axes of the link before it.
+#[inline(always)]
+fn position_to_parent<L: Lanes>(twist: Angle, turn: Turn<L>, [x, y, z]: Vector<L>) -> Vector<L> {
+    let turned_x = turn.sin.neg_mul_add(y, turn.cos * x);
+    let turned_y = turn.sin.mul_add(x, turn.cos * y);
+    match (twist.sin, twist.cos) {
+        (0.0, 1.0) => [turned_x, turned_y, z],
+        (1.0, 0.0) => [turned_x, -z, turned_y],
+        (-1.0, 0.0) => [turned_x, z, -turned_y],
+        (sin, cos) => {
+            let (sin, cos) = (L::splat(sin), L::splat(cos));
+            [turned_x, sin.neg_mul_add(z, cos * turned_y), sin.mul_add(turned_y, cos * z)]
+        }
+    }
+}
 
-impl<L: Lanes> Turn<L> {
-    /// An orientation in joint `J`'s link, in the link before it; `self` holds half the joint's angle.
-    #[inline(always)]
-    fn quaternion_to_parent<const J: usize>(self, [x, y, z, w]: [L; 4]) -> [L; 4] {
-        let Self { sin, cos } = self;
-        let turned = [
-            sin.neg_mul_add(y, cos * x),
-            sin.mul_add(x, cos * y),
-            sin.mul_add(w, cos * z),
-            sin.neg_mul_add(z, cos * w),
-        ];
-        let [x, y, z, w] = turned;
-        // A quarter turn about x is the quaternion (√½, 0, 0, √½).
-        let half = L::splat(FRAC_1_SQRT_2);
-        match const { TWISTS[J] } {
-            Twist::None => turned,
-            Twist::Quarter => [(x + w) * half, (y - z) * half, (z + y) * half, (w - x) * half],
-            Twist::MinusQuarter => [(x - w) * half, (y + z) * half, (z - y) * half, (w + x) * half],
+/// An orientation in a joint's link, in the link before it; `half` holds half the joint's angle.
+#[inline(always)]
+fn quaternion_to_parent<L: Lanes>(twist: Angle, half: Turn<L>, [x, y, z, w]: [L; 4]) -> [L; 4] {
+    let Turn { sin, cos } = half;
+    let turned = [
+        sin.neg_mul_add(y, cos * x),
+        sin.mul_add(x, cos * y),
+        sin.mul_add(w, cos * z),
+        sin.neg_mul_add(z, cos * w),
+    ];
+    let [x, y, z, w] = turned;
+    // A quarter turn about x is the quaternion (√½, 0, 0, √½).
+    let root = L::splat(FRAC_1_SQRT_2);
+    match (twist.sin, twist.cos) {
+        (0.0, 1.0) => turned,
+        (1.0, 0.0) => [(x + w) * root, (y - z) * root, (z + y) * root, (w - x) * root],
+        (-1.0, 0.0) => [(x - w) * root, (y + z) * root, (z - y) * root, (w + x) * root],
+        _ => {
+            let (sin, cos) = (L::splat(twist.half_sin), L::splat(twist.half_cos));
+            [
+                sin.mul_add(w, cos * x),
+                sin.neg_mul_add(z, cos * y),
+                sin.mul_add(y, cos * z),
+                sin.neg_mul_add(x, cos * w),
+            ]
         }
     }
 }
@@ -181,7 +192,9 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::panda::KINEMATICS;
+    use crate::Robot;
+
+    const JOINTS: usize = 7;
 
     fn rounded(value: f64) -> f32 {
         let mut stored = [0.0; MAX_LANES];
@@ -190,62 +203,66 @@ mod tests {
     }
 
     /// The hand's pose from the modified DH table, with rotations and translations multiplied out.
-    fn multiplied_out(kinematics: &Kinematics, q: Joints<f64>) -> Isometry3<f64> {
-        let alpha = [0.0, -90.0, 90.0, 90.0, -90.0, 90.0, 90.0_f64];
+    fn multiplied_out(kinematics: &Kinematics, alpha: &[f64], q: &[f64]) -> Isometry3<f64> {
         let turn = |axis: Vector3<f64>, angle: f64| UnitQuaternion::from_scaled_axis(axis * angle);
         let shift = |x: f64, z: f64| Translation3::new(x, 0.0, z);
         let mut pose = Isometry3::identity();
-        for joint in 0..JOINTS {
+        for joint in 0..q.len() {
             pose *= turn(Vector3::x(), alpha[joint].to_radians());
             pose *= shift(kinematics.a_m[joint], kinematics.d_m[joint]);
             pose *= turn(Vector3::z(), q[joint]);
         }
-        pose * shift(0.0, kinematics.flange_m) * turn(Vector3::z(), -45f64.to_radians())
+        pose * shift(0.0, kinematics.flange_m)
+            * turn(Vector3::z(), kinematics.hand_yaw.sin.atan2(kinematics.hand_yaw.cos))
     }
 
-    fn lengths() -> impl Strategy<Value = Kinematics> {
-        prop::array::uniform7(0.5..1.5f64).prop_map(|factors| {
-            let [a4, a5, a7, d1, d3, d5, flange] = factors;
-            let mut kinematics = KINEMATICS;
-            for (length, factor) in [(3, a4), (4, a5), (6, a7)] {
-                kinematics.a_m[length] *= factor;
-            }
-            for (length, factor) in [(0, d1), (2, d3), (4, d5)] {
-                kinematics.d_m[length] *= factor;
-            }
-            kinematics.flange_m *= flange;
-            kinematics
+    /// Arms of 1 to 8 joints with twists in degrees, among them those that are exact.
+    fn arms() -> impl Strategy<Value = (Kinematics, Vec<f64>, Vec<f64>)> {
+        let twist = prop_oneof![
+            prop::sample::select(vec![-180.0, -90.0, -45.0, 0.0, 45.0, 90.0, 180.0]),
+            -180.0..180.0f64,
+        ];
+        let row = (-0.5..0.5f64, twist, -0.5..0.5f64, -3.0..3.0f64);
+        let rows = prop::collection::vec(row, 1..=MAX_JOINTS);
+        (rows, 0.0..0.3f64, -180.0..180.0f64).prop_map(|(rows, flange_m, yaw)| {
+            let alpha: Vec<f64> = rows.iter().map(|row| row.1).collect();
+            let kinematics = Kinematics {
+                a_m: rows.iter().map(|row| row.0).collect(),
+                d_m: rows.iter().map(|row| row.2).collect(),
+                twists: alpha.iter().map(|alpha| Angle::degrees(*alpha)).collect(),
+                flange_m,
+                hand_yaw: Angle::degrees(yaw),
+            };
+            (kinematics, alpha, rows.iter().map(|row| row.3).collect())
         })
     }
 
     proptest! {
         #[test]
-        fn the_hand_is_where_the_table_of_lengths_and_twists_says(
-            kinematics in lengths(),
-            q in prop::array::uniform7(-3.0..3.0f64),
-        ) {
-            let pose = kinematics.end_effector_pose(q);
-            let expected = multiplied_out(&kinematics, q);
+        fn the_hand_is_where_the_table_of_lengths_and_twists_says((kinematics, alpha, q) in arms()) {
+            let pose = kinematics.end_effector_pose(q.as_slice());
+            let expected = multiplied_out(&kinematics, &alpha, &q);
             let position = Vector3::from(pose.position_m);
-            prop_assert!((position - expected.translation.vector).norm() < 2e-15);
+            prop_assert!((position - expected.translation.vector).norm() < 5e-15);
             let [x, y, z, w] = pose.quaternion_xyzw;
             prop_assert!(w >= 0.0);
             let length = (x * x + y * y + z * z + w * w).sqrt();
-            prop_assert!((length - 1.0).abs() < 3e-15);
+            prop_assert!((length - 1.0).abs() < 5e-15);
             let expected = expected.rotation.coords;
             let along: f64 = expected.iter().zip([x, y, z, w]).map(|(a, b)| a * b).sum();
-            prop_assert!((along.abs() - 1.0).abs() < 3e-15);
+            prop_assert!((along.abs() - 1.0).abs() < 5e-15);
         }
     }
 
     #[test]
     fn recorded_poses_turn_without_jumps_through_several_revolutions() {
+        let panda = Robot::panda().kinematics;
         let samples = 1000;
         let angle = |k: usize, joint: usize| (k as f64 * 0.02 - 10.0) * (1.0 + 0.1 * joint as f64);
         let q: Vec<f32> =
             (0..samples * JOINTS).map(|at| rounded(angle(at / JOINTS, at % JOINTS))).collect();
         let mut poses = vec![0.0; samples * POSE];
-        KINEMATICS.record_poses::<F64Array<4>>(&q, &mut poses);
+        panda.record_poses::<F64Array<4>>(&q, &mut poses);
         assert!(poses[POSE - 1] >= 0.0);
         let mut negative = 0;
         for (k, pair) in poses.windows(2 * POSE).step_by(POSE).enumerate() {
@@ -256,7 +273,7 @@ mod tests {
         assert!(negative > 100, "the motion never left the hemisphere it began in");
         for (sample, recorded) in q.chunks_exact(JOINTS).zip(poses.chunks_exact(POSE)) {
             let pose =
-                KINEMATICS.end_effector_pose(std::array::from_fn(|joint| sample[joint].into()));
+                panda.end_effector_pose(Joints::from_fn(JOINTS, |joint| sample[joint].into()));
             for (recorded, exact) in recorded.iter().zip(pose.position_m) {
                 assert_eq!(*recorded, rounded(exact));
             }

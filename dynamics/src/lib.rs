@@ -15,20 +15,24 @@
     reason = "closures do not inline into functions compiled for other instructions; loops over indices do"
 )]
 
+mod angle;
 mod block;
+mod compiled;
 mod dispatch;
 mod draws;
 mod error;
 mod excitation;
 mod forward_dynamics;
 mod friction;
+mod general;
 mod inertia;
 mod initial_state;
 mod integrators;
+mod joints;
 mod kernels;
 mod kinematics;
 mod model;
-mod panda;
+mod nominal;
 #[cfg(test)]
 mod pinocchio;
 mod randomization;
@@ -40,11 +44,14 @@ mod scenario;
 mod simulate;
 mod single;
 mod spatial;
+mod structure;
 
+pub use angle::Angle;
 pub use error::DynamicsError;
 pub use excitation::{Chirp, Multisine, Torques};
 pub use friction::Friction;
 pub use inertia::RigidBody;
+pub use joints::Joints;
 pub use kinematics::{Kinematics, Pose};
 pub use replay::{Anchor, ArmState, Motion, Replay};
 pub use robot::{Payload, Robot};
@@ -52,7 +59,3 @@ pub use scenario::{Scenario, Scenarios};
 pub use simd::InstructionSet;
 pub use simulate::{Trajectories, simulate, simulate_into, simulate_on};
 pub use single::{bias_forces, forward_dynamics, gravity, mass_matrix};
-pub use spec::JOINT_LIMITS_RAD;
-
-/// One value per joint.
-pub type Joints<T> = [T; spec::JOINTS];

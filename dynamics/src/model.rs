@@ -1,25 +1,29 @@
 use simd::Lanes;
 
+use crate::Robot;
 use crate::friction::Sigmoids;
 use crate::regrouping::regrouped;
-use crate::{Joints, Robot};
+use crate::spatial::Turn;
+use crate::structure::Structure;
 
 /// What does not change while robots move: their parameters, one robot per lane.
-pub(crate) struct Model<L> {
-    pub(crate) links: Joints<Link<L>>,
+pub(crate) struct Model<L, const N: usize> {
+    pub(crate) links: [Link<L>; N],
     /// Of each joint, in the frame of the link before it.
-    pub(crate) origins: Joints<[L; 3]>,
-    pub(crate) damping: Joints<L>,
-    pub(crate) armature: Joints<L>,
+    pub(crate) origins: [[L; 3]; N],
+    /// About x of the frame before; not read where the structure is compiled.
+    pub(crate) twists: [Turn<L>; N],
+    pub(crate) damping: [L; N],
+    pub(crate) armature: [L; N],
     /// `None` when no robot has any.
-    pub(crate) friction: Option<Sigmoids<L>>,
+    pub(crate) friction: Option<Sigmoids<L, N>>,
     /// Of the base, upwards, which is what a still robot under gravity feels.
     pub(crate) base_acceleration: L,
 }
 
 /// Inertial parameters of a link with respect to the origin of its frame, in which spatial inertias add
 /// and the parallel-axis theorem is used up, and regrouped, so that the others are zero.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Default)]
 pub(crate) struct Link<L> {
     /// Mass times x and y of the centre of mass.
     pub(crate) first_moment: [L; 2],
@@ -27,35 +31,40 @@ pub(crate) struct Link<L> {
     pub(crate) inertia: [L; 5],
 }
 
-impl<L: Lanes> Model<L> {
+impl<L: Lanes, const N: usize> Model<L, N> {
     /// The same robot in every lane.
     #[inline(always)]
-    pub(crate) fn splat(robot: &Robot) -> Self {
+    pub(crate) fn splat(structure: impl Structure<N>, robot: &Robot) -> Self {
         let zero = L::splat(0.0);
         let link = Link { first_moment: [zero; 2], inertia: [zero; 5] };
         let mut model = Self {
-            links: [link; spec::JOINTS],
-            origins: [[zero; 3]; spec::JOINTS],
-            damping: [zero; spec::JOINTS],
-            armature: [zero; spec::JOINTS],
+            links: [link; N],
+            origins: [[zero; 3]; N],
+            twists: [Turn::none(); N],
+            damping: [zero; N],
+            armature: [zero; N],
             friction: None,
             base_acceleration: zero,
         };
         for lane in 0..L::LANES {
-            model.set_lane(lane, robot);
+            model.set_lane(structure, lane, robot);
         }
         model
     }
 
     #[inline(always)]
-    pub(crate) fn set_lane(&mut self, lane: usize, robot: &Robot) {
+    pub(crate) fn set_lane(&mut self, structure: impl Structure<N>, lane: usize, robot: &Robot) {
         self.base_acceleration.set_lane(lane, robot.gravity);
-        let origins = robot.kinematics.joint_origins();
         let regrouped = regrouped(robot);
-        for joint in 0..spec::JOINTS {
+        for joint in 0..structure.joints() {
+            let twist = robot.kinematics.twists[joint];
+            self.twists[joint].sin.set_lane(lane, twist.sin);
+            self.twists[joint].cos.set_lane(lane, twist.cos);
             self.damping[joint].set_lane(lane, robot.damping[joint]);
             self.armature[joint].set_lane(lane, robot.armature[joint]);
-            for (coordinate, value) in self.origins[joint].iter_mut().zip(origins[joint]) {
+            for (coordinate, value) in
+                self.origins[joint].iter_mut().zip(robot.kinematics.joint_origin(joint))
+            {
                 coordinate.set_lane(lane, value);
             }
             let (regrouped, link) = (&regrouped[joint], &mut self.links[joint]);
@@ -68,7 +77,7 @@ impl<L: Lanes> Model<L> {
         }
         if robot.friction.is_some() || self.friction.is_some() {
             let sigmoids = self.friction.get_or_insert_with(Sigmoids::none);
-            sigmoids.set_lane(lane, robot.friction.as_ref());
+            sigmoids.set_lane(structure.joints(), lane, robot.friction.as_ref());
         }
     }
 }

@@ -4,16 +4,21 @@ use std::ops::ControlFlow;
 
 use serde::Deserialize;
 use simd::{F32Array, F64Array};
-use spec::{Family, Gravity, Integrator, JOINTS, JobSpec, Precision, Rejection, SimulateSpec};
+use spec::{
+    Family, Gravity, Integrator, JobSpec, MAX_JOINTS, Precision, Rejection, RobotSpec, SimulateSpec,
+};
 
 use crate::block::Block;
+use crate::compiled::{Compiled, JOINTS};
 use crate::dispatch;
-use crate::forward_dynamics::{Dynamics, turns};
+use crate::forward_dynamics::Dynamics;
+use crate::general::General;
 use crate::kernels::Kernels;
 use crate::model::Model;
-use crate::panda::{Bodies, KINEMATICS};
+use crate::nominal::{Hand, Nominal};
 use crate::robot::Parts;
 use crate::spatial::Turn;
+use crate::structure::Structure;
 use crate::{
     Chirp, Friction, InstructionSet, Joints, Kinematics, Multisine, Payload, RigidBody, Robot,
     Scenario, Scenarios, Torques,
@@ -25,14 +30,16 @@ struct Reference {
     trajectories: Vec<Trajectory>,
 }
 
+type Seven<T> = [T; JOINTS];
+
 #[derive(Deserialize)]
 struct PandaState {
     lengths: [f64; 7],
     /// Mass, centre (3), radius.
     payload: Option<[f64; 5]>,
-    q: Joints<f64>,
+    q: Seven<f64>,
     mass_matrix: Vec<f64>,
-    gravity: Joints<f64>,
+    gravity: Seven<f64>,
     /// Position, then quaternion x, y, z, w.
     pose: [f64; 7],
 }
@@ -53,16 +60,16 @@ struct RandomRobot {
 struct Trajectory {
     family: Family,
     gravity: Gravity,
-    links: Joints<[f64; 10]>,
+    links: Seven<[f64; 10]>,
     lengths: [f64; 7],
-    armature: Joints<f64>,
-    damping: Joints<f64>,
+    armature: Seven<f64>,
+    damping: Seven<f64>,
     /// φ1, φ2, φ3.
-    friction: Option<[Joints<f64>; 3]>,
-    q0: Joints<f64>,
-    qd0: Joints<f64>,
-    coefficients: Joints<Vec<f64>>,
-    q: Vec<Joints<f64>>,
+    friction: Option<[Seven<f64>; 3]>,
+    q0: Seven<f64>,
+    qd0: Seven<f64>,
+    coefficients: Seven<Vec<f64>>,
+    q: Vec<Seven<f64>>,
 }
 
 /// Between the samples of [`Trajectory::q`].
@@ -74,9 +81,10 @@ fn reference() -> Reference {
 
 fn kinematics([a4, a5, a7, d1, d3, d5, flange_m]: [f64; 7]) -> Kinematics {
     Kinematics {
-        a_m: [0.0, 0.0, 0.0, a4, a5, 0.0, a7],
-        d_m: [d1, 0.0, d3, 0.0, d5, 0.0, 0.0],
+        a_m: [0.0, 0.0, 0.0, a4, a5, 0.0, a7].into(),
+        d_m: [d1, 0.0, d3, 0.0, d5, 0.0, 0.0].into(),
         flange_m,
+        ..Robot::panda().kinematics
     }
 }
 
@@ -84,8 +92,12 @@ fn body([mass, x, y, z, inertia @ ..]: [f64; 10]) -> RigidBody {
     RigidBody::new(mass, [x, y, z], inertia)
 }
 
-fn friction([phi1_nm, phi2_s_rad, phi3_rad_s]: [Joints<f64>; 3]) -> Friction {
-    Friction { phi1_nm, phi2_s_rad, phi3_rad_s }
+fn friction([phi1_nm, phi2_s_rad, phi3_rad_s]: [Seven<f64>; 3]) -> Friction {
+    Friction {
+        phi1_nm: phi1_nm.into(),
+        phi2_s_rad: phi2_s_rad.into(),
+        phi3_rad_s: phi3_rad_s.into(),
+    }
 }
 
 fn random_robots() -> Vec<RandomRobot> {
@@ -100,31 +112,31 @@ fn random_robots() -> Vec<RandomRobot> {
         let mut inputs =
             inputs.as_chunks().0.iter().map(|bytes| f64::from(f32::from_le_bytes(*bytes)));
         let mut results = results.as_chunks().0.iter().map(|bytes| f64::from_le_bytes(*bytes));
-        let mut joints = || -> Joints<f64> { std::array::from_fn(|_| inputs.next().unwrap()) };
+        let mut joints = || -> Seven<f64> { std::array::from_fn(|_| inputs.next().unwrap()) };
 
         let links: Vec<f64> = (0..10).flat_map(|_| joints()).collect();
-        let links = std::array::from_fn(|link| body(links.as_chunks().0[link]));
+        let links = Joints::from_fn(JOINTS, |link| body(links.as_chunks().0[link]));
         let kinematics = kinematics(joints());
         let (armature, damping) = (joints(), joints());
         let mut rest: Vec<f64> = (0..6).flat_map(|_| joints()).collect();
         let gravity = rest.remove(0);
         rest.push(inputs.next().unwrap());
-        let part = |at: usize| -> Joints<f64> { rest.as_chunks().0[at] };
+        let part = |at: usize| -> Seven<f64> { rest.as_chunks().0[at] };
         let phi = [part(0), part(1), part(2)];
         let has_friction = phi[0] != [0.0; JOINTS];
         RandomRobot {
             robot: Robot {
                 links,
-                damping,
-                armature,
+                damping: damping.into(),
+                armature: armature.into(),
                 kinematics,
                 friction: has_friction.then(|| friction(phi)),
                 payload: None,
                 gravity,
             },
-            q: part(3),
-            qd: part(4),
-            torque: part(5),
+            q: part(3).into(),
+            qd: part(4).into(),
+            torque: part(5).into(),
             mass_matrix: results.by_ref().take(28).collect(),
             bias: results.by_ref().take(JOINTS).collect(),
             qdd: results.collect(),
@@ -136,25 +148,33 @@ fn random_robots() -> Vec<RandomRobot> {
 impl Trajectory {
     fn scenario(&self) -> Scenario {
         let torques = match self.family {
-            Family::Chirp => Torques::Chirp(self.coefficients.each_ref().map(|c| Chirp {
-                offset_nm: c[0],
-                amplitude_nm: c[1],
-                f1_hz: c[2],
-                f2_hz: c[3],
-                depth: c[4],
-                phase_rad: c[5],
-            })),
-            Family::Multisine => {
-                Torques::Multisine(self.coefficients.each_ref().map(|c| Multisine {
-                    amplitude_nm: [c[0], c[1], c[2], c[3]],
-                    frequency_hz: [c[4], c[5], c[6], c[7]],
-                }))
-            }
+            Family::Chirp => Torques::Chirp(
+                self.coefficients
+                    .iter()
+                    .map(|c| Chirp {
+                        offset_nm: c[0],
+                        amplitude_nm: c[1],
+                        f1_hz: c[2],
+                        f2_hz: c[3],
+                        depth: c[4],
+                        phase_rad: c[5],
+                    })
+                    .collect(),
+            ),
+            Family::Multisine => Torques::Multisine(
+                self.coefficients
+                    .iter()
+                    .map(|c| Multisine {
+                        amplitude_nm: [c[0], c[1], c[2], c[3]],
+                        frequency_hz: [c[4], c[5], c[6], c[7]],
+                    })
+                    .collect(),
+            ),
         };
         let robot = Robot {
-            links: self.links.map(body),
-            damping: self.damping,
-            armature: self.armature,
+            links: self.links.map(body).into(),
+            damping: self.damping.into(),
+            armature: self.armature.into(),
             kinematics: kinematics(self.lengths),
             friction: self.friction.map(friction),
             payload: None,
@@ -166,8 +186,8 @@ impl Trajectory {
             robot,
             family: self.family,
             frequency_hz: 0.0,
-            q0: self.q0,
-            qd0: self.qd0,
+            q0: self.q0.into(),
+            qd0: self.qd0.into(),
             torques,
         }
     }
@@ -189,8 +209,9 @@ impl Trajectory {
 
         let row_len = spec.samples as usize * JOINTS;
         let (mut u, mut q) = (vec![0.0; row_len], vec![0.0; row_len]);
+        let source = Scenarios::new(&spec);
         let mut block = Block {
-            source: &Scenarios::new(&spec),
+            source: &source,
             scenarios: &mut [self.scenario()],
             u: &mut u,
             q: &mut q,
@@ -198,7 +219,7 @@ impl Trajectory {
             end_effector: None,
             finished: &|_| ControlFlow::Continue(()),
         };
-        dispatch::simulate(instructions, precision, &mut block).unwrap();
+        dispatch::simulate(instructions, precision, source.kind(), &mut block).unwrap();
 
         let mut worst: f64 = 0.0;
         for (expected, sample) in self.q.iter().zip(q.chunks_exact(JOINTS).step_by(STRIDE)) {
@@ -219,7 +240,7 @@ fn relative_error(values: &[f64], expected: &[f64]) -> f64 {
     error / largest(&mut expected.iter().map(|expected| expected.abs()))
 }
 
-fn lower_triangle(mass_matrix: Joints<Joints<f64>>) -> Vec<f64> {
+fn lower_triangle(mass_matrix: &[impl std::ops::Deref<Target = [f64]>]) -> Vec<f64> {
     (0..JOINTS).flat_map(|row| mass_matrix[row][..=row].to_vec()).collect()
 }
 
@@ -231,19 +252,23 @@ fn the_panda_has_the_mass_matrix_gravity_torques_and_hand_of_the_reference_bare_
             center_m: [x, y, z],
             radius_m,
         });
+        let spec = RobotSpec::default();
+        let nominal = Nominal::of(spec.description());
+        let hand = nominal.attached.iter();
         let parts = Parts {
-            bodies: Bodies::nominal(),
-            damping: [10.0; JOINTS],
-            armature: [0.01; JOINTS],
+            links: nominal.links,
+            hand: hand.fold(Hand::default(), |hand, (body, at)| hand.with(body, *at)),
+            damping: Joints::splat(JOINTS, 10.0),
+            armature: Joints::splat(JOINTS, 0.01),
             kinematics: kinematics(state.lengths),
             friction: None,
             payload,
         };
         if payload.is_none() {
-            assert_eq!(parts.kinematics, KINEMATICS);
+            assert_eq!(parts.kinematics, nominal.kinematics);
         }
         let panda = parts.assembled(Gravity::On);
-        let mass_matrix = lower_triangle(crate::mass_matrix(&panda, state.q));
+        let mass_matrix = lower_triangle(&crate::mass_matrix(&panda, state.q));
         assert!(relative_error(&mass_matrix, &state.mass_matrix) < 1e-14);
         assert!(relative_error(&crate::gravity(&panda, state.q), &state.gravity) < 1e-14);
 
@@ -260,7 +285,7 @@ fn the_panda_has_the_mass_matrix_gravity_torques_and_hand_of_the_reference_bare_
 fn single_robots_have_the_dynamics_of_the_reference() {
     for case in random_robots() {
         let robot = case.robot;
-        let mass_matrix = lower_triangle(crate::mass_matrix(&robot, case.q));
+        let mass_matrix = lower_triangle(&crate::mass_matrix(&robot, case.q));
         assert!(relative_error(&mass_matrix, &case.mass_matrix) < 1e-13);
         assert!(relative_error(&crate::bias_forces(&robot, case.q, case.qd), &case.bias) < 1e-12);
         let qdd = crate::forward_dynamics(&robot, case.q, case.qd, case.torque);
@@ -270,12 +295,17 @@ fn single_robots_have_the_dynamics_of_the_reference() {
 
 /// Different robots side by side, as in a simulation.
 fn check_lanes<L: Kernels>(tolerance: f64) {
+    check_structure::<L, Compiled, JOINTS>(Compiled, tolerance);
+    check_structure::<L, General, MAX_JOINTS>(General::new(JOINTS), tolerance);
+}
+
+fn check_structure<L: Kernels, S: Structure<N>, const N: usize>(structure: S, tolerance: f64) {
     for cases in random_robots().chunks_exact(L::LANES) {
-        let zero = [L::splat(0.0); JOINTS];
-        let mut model = Model::<L>::splat(&Robot::panda());
+        let zero = [L::splat(0.0); N];
+        let mut model = Model::<L, N>::splat(structure, &Robot::panda());
         let (mut q, mut qd, mut torque, mut qdd) = (zero, zero, zero, zero);
         for (lane, case) in cases.iter().enumerate() {
-            model.set_lane(lane, &case.robot);
+            model.set_lane(structure, lane, &case.robot);
             for joint in 0..JOINTS {
                 q[joint].set_lane(lane, case.q[joint]);
                 qd[joint].set_lane(lane, case.qd[joint]);
@@ -283,18 +313,19 @@ fn check_lanes<L: Kernels>(tolerance: f64) {
             }
         }
         let mut dynamics = Dynamics::zero();
-        let mut at_q = [Turn::none(); JOINTS];
-        turns(&q, &mut at_q);
-        L::mass_matrix_and_bias(&model, &at_q, &qd, &mut dynamics);
-        L::accelerations(&model, &dynamics, &qd, &torque, L::splat(0.0), &mut qdd);
+        let mut at_q = [Turn::none(); N];
+        structure.turns(&q, &mut at_q);
+        L::mass_matrix_and_bias(structure, &model, &at_q, &qd, &mut dynamics);
+        L::accelerations(structure, &model, &dynamics, &qd, &torque, L::splat(0.0), &mut qdd);
         for (lane, case) in cases.iter().enumerate() {
-            let mass_matrix =
-                lower_triangle(dynamics.mass_matrix.map(|row| row.map(|entry| entry.lane(lane))));
-            assert!(relative_error(&mass_matrix, &case.mass_matrix) < tolerance);
-            assert!(
-                relative_error(&dynamics.bias.map(|bias| bias.lane(lane)), &case.bias) < tolerance
-            );
-            let error = relative_error(&qdd.map(|qdd| qdd.lane(lane)), &case.qdd);
+            let lane_of = |values: &[L; N]| -> Joints<f64> {
+                values[..JOINTS].iter().map(|value| value.lane(lane)).collect()
+            };
+            let mass_matrix = dynamics.mass_matrix.each_ref().map(lane_of);
+            let error = relative_error(&lower_triangle(&mass_matrix), &case.mass_matrix);
+            assert!(error < tolerance, "{error:e}");
+            assert!(relative_error(&lane_of(&dynamics.bias), &case.bias) < tolerance);
+            let error = relative_error(&lane_of(&qdd), &case.qdd);
             assert!(error < tolerance, "{error:e}");
         }
     }

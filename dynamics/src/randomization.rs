@@ -3,45 +3,51 @@
 use spec::{InertiaScheme, RobotSpec};
 
 use crate::draws::{Draws, Purpose};
-use crate::panda::{Bodies, KINEMATICS};
+use crate::nominal::{Hand, Nominal};
 use crate::robot::Parts;
 use crate::{Friction, Joints, Kinematics, Payload, RigidBody, Robot};
 
 /// Draws one robot from the sequences of random numbers that `draws` has for each purpose.
 ///
-/// Bodies are drawn before hand and fingers are welded to link 7, as in the paper's simulator,
+/// Bodies are drawn before the hand is welded to the last link, as in the paper's simulator,
 /// which randomizes each body of the articulation. What the paper does not draw has a sequence of
 /// its own, so that asking for it leaves everything else of every robot as it was.
-pub(crate) fn draw_robot(spec: &RobotSpec, draws: impl Fn(Purpose) -> Draws) -> Robot {
+pub(crate) fn draw_robot(
+    spec: &RobotSpec,
+    nominal: &Nominal,
+    draws: impl Fn(Purpose) -> Draws,
+) -> Robot {
     let mut body_draws = draws(Purpose::Robot);
-    let mut bodies = Bodies::of(spec.model);
-    for body in bodies.each_mut() {
-        *body = draw_body(spec, body, &mut body_draws);
+    let links = nominal.links.map(|link| draw_body(spec, &link, &mut body_draws));
+    let mut hand = Hand::default();
+    for (body, position_m) in &nominal.attached {
+        hand = hand.with(&draw_body(spec, body, &mut body_draws), *position_m);
     }
-    let damping =
-        spec.damping_nm_s_rad.map(|nominal| nominal * body_draws.factor(spec.damping_fraction));
+    let damping = Joints::from(spec.damping_nm_s_rad.as_slice())
+        .map(|nominal| nominal * body_draws.factor(spec.damping_fraction));
 
-    let armature = scaled(spec.armature_kg_m2, spec.armature_fraction, &draws, Purpose::Armature);
+    let armature = scaled(&spec.armature_kg_m2, spec.armature_fraction, &draws, Purpose::Armature);
     let kinematics = match spec.geometry_fraction {
-        0.0 => KINEMATICS,
-        fraction => draw_kinematics(fraction, &mut draws(Purpose::Geometry)),
+        0.0 => nominal.kinematics,
+        fraction => draw_kinematics(&nominal.kinematics, fraction, &mut draws(Purpose::Geometry)),
     };
     let friction = spec.friction.as_ref().map(|friction| Friction {
-        phi1_nm: scaled(friction.phi1_nm, friction.phi1_fraction, &draws, Purpose::Friction),
+        phi1_nm: scaled(&friction.phi1_nm, friction.phi1_fraction, &draws, Purpose::Friction),
         ..Friction::nominal(friction)
     });
     let payload =
         spec.payload.as_ref().map(|payload| draw_payload(payload, &mut draws(Purpose::Payload)));
-    Parts { bodies, damping, armature, kinematics, friction, payload }.assembled(spec.gravity)
+    Parts { links, hand, damping, armature, kinematics, friction, payload }.assembled(spec.gravity)
 }
 
 /// Each value times a factor of its own.
 fn scaled(
-    nominal: Joints<f64>,
+    nominal: &[f64],
     fraction: f64,
     draws: impl Fn(Purpose) -> Draws,
     purpose: Purpose,
 ) -> Joints<f64> {
+    let nominal = Joints::from(nominal);
     if fraction == 0.0 {
         return nominal;
     }
@@ -50,9 +56,9 @@ fn scaled(
 }
 
 /// Every length that is not zero times a factor of its own.
-fn draw_kinematics(fraction: f64, draws: &mut Draws) -> Kinematics {
-    let mut kinematics = KINEMATICS;
-    let lengths = kinematics.a_m.iter_mut().chain(&mut kinematics.d_m);
+fn draw_kinematics(nominal: &Kinematics, fraction: f64, draws: &mut Draws) -> Kinematics {
+    let mut kinematics = *nominal;
+    let lengths = kinematics.a_m.iter_mut().chain(kinematics.d_m.iter_mut());
     for length in lengths.chain([&mut kinematics.flange_m]) {
         if *length != 0.0 {
             *length *= draws.factor(fraction);
@@ -102,13 +108,20 @@ mod tests {
     use super::*;
 
     fn draw(spec: &RobotSpec, seed: u64) -> Robot {
-        draw_robot(spec, |purpose| Draws::new(seed, 0, purpose, 1))
+        draw_robot(spec, &Nominal::of(spec.description()), |purpose| {
+            Draws::new(seed, 0, purpose, 1)
+        })
     }
 
     fn bodies_of_a_draw(spec: &RobotSpec, seed: u64) -> Vec<RigidBody> {
         let mut draws = Draws::new(seed, 0, Purpose::Robot, 1);
-        let mut bodies = Bodies::nominal();
-        bodies.each_mut().map(|body| draw_body(spec, body, &mut draws)).collect()
+        nominal_bodies().iter().map(|body| draw_body(spec, body, &mut draws)).collect()
+    }
+
+    fn nominal_bodies() -> Vec<RigidBody> {
+        let nominal = Nominal::of(RobotSpec::default().description());
+        let attached = nominal.attached.iter().map(|(body, _)| *body);
+        nominal.links.iter().copied().chain(attached).collect()
     }
 
     proptest! {
@@ -129,8 +142,7 @@ mod tests {
             let within = |value: f64, nominal: f64| {
                 (value - nominal).abs() <= nominal.abs() * fraction * (1.0 + 1e-12) + 1e-15
             };
-            let mut nominal = Bodies::nominal();
-            for (body, nominal) in bodies_of_a_draw(&spec, seed).iter().zip(nominal.each_mut()) {
+            for (body, nominal) in bodies_of_a_draw(&spec, seed).iter().zip(nominal_bodies()) {
                 // Rounding of a thin body's tensor may cost the last bits of its smallest moment.
                 let slack = 1e-12 * body.second_moments().trace();
                 prop_assert!(body.second_moments().symmetric_eigenvalues().min() >= -slack);
@@ -159,7 +171,7 @@ mod tests {
             ..RobotSpec::default()
         };
         let robot = draw(&spec, 7);
-        for (drawn, nominal) in robot.links.iter().zip(Robot::nominal(&spec).links) {
+        for (drawn, nominal) in robot.links.iter().zip(&Robot::nominal(&spec).links) {
             assert_eq!((drawn.mass, drawn.com), (nominal.mass, nominal.com));
             for (drawn, nominal) in
                 drawn.inertia.as_flattened().iter().zip(nominal.inertia.as_flattened())
@@ -189,7 +201,8 @@ mod tests {
             let (plain, all) = (draw(&paper, seed), draw(&more, seed));
             assert_eq!(plain.links[..6], all.links[..6]);
             assert_eq!(plain.damping, all.damping);
-            assert_eq!((plain.armature, plain.kinematics), ([0.01; 7], KINEMATICS));
+            assert_eq!(plain.armature, Joints::splat(7, 0.01));
+            assert_eq!(plain.kinematics, Robot::panda().kinematics);
             assert_eq!((&plain.friction, plain.payload), (&None, None));
 
             assert_eq!(draw(&only_payload, seed).payload, all.payload);
@@ -200,9 +213,9 @@ mod tests {
 
             let friction = all.friction.unwrap();
             let nominal = spec::Friction::default();
-            assert_eq!(friction.phi2_s_rad, nominal.phi2_s_rad);
-            for (phi1, nominal) in friction.phi1_nm.iter().zip(nominal.phi1_nm) {
-                assert!((phi1 / nominal - 1.0).abs() <= 0.1 && *phi1 != nominal);
+            assert_eq!(*friction.phi2_s_rad, *nominal.phi2_s_rad);
+            for (phi1, nominal) in friction.phi1_nm.iter().zip(&nominal.phi1_nm) {
+                assert!((phi1 / nominal - 1.0).abs() <= 0.1 && phi1 != nominal);
             }
             assert!(all.armature.iter().all(|a| (a / 0.01 - 1.0).abs() <= 0.2 && *a != 0.01));
         }
@@ -212,9 +225,13 @@ mod tests {
     fn every_length_is_drawn_on_its_own_and_zeros_stay() {
         let spec = RobotSpec { geometry_fraction: 0.1, ..RobotSpec::default() };
         let kinematics = draw(&spec, 3).kinematics;
-        let lengths = |k: Kinematics| k.a_m.into_iter().chain(k.d_m).chain([k.flange_m]);
+        let lengths = |k: Kinematics| -> Vec<f64> {
+            k.a_m.iter().chain(&k.d_m).copied().chain([k.flange_m]).collect()
+        };
         let mut factors = Vec::new();
-        for (drawn, nominal) in lengths(kinematics).zip(lengths(KINEMATICS)) {
+        for (drawn, nominal) in
+            lengths(kinematics).into_iter().zip(lengths(Robot::panda().kinematics))
+        {
             if nominal == 0.0 {
                 assert_eq!(drawn, 0.0);
             } else {

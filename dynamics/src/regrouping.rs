@@ -9,14 +9,12 @@
 //! takes a fifth fewer operations.
 
 use nalgebra::{Matrix3, Vector3};
-use spec::JOINTS;
 
 use crate::model::Link;
-use crate::panda::{TWISTS, Twist};
 use crate::{Joints, Robot};
 
 /// A body as seen from the origin of a frame.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Default)]
 struct Inertia {
     mass: f64,
     first_moment: Vector3<f64>,
@@ -34,7 +32,7 @@ pub(crate) fn regrouped(robot: &Robot) -> Joints<Link<f64>> {
             about_origin: Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz),
         }
     });
-    for joint in (1..JOINTS).rev() {
+    for joint in (1..links.len()).rev() {
         let link = &mut links[joint];
         let (mass, along) = (link.mass, link.first_moment.z);
         let across = link.about_origin.m22;
@@ -42,7 +40,7 @@ pub(crate) fn regrouped(robot: &Robot) -> Joints<Link<f64>> {
         link.first_moment.z = 0.0;
         link.about_origin -= Matrix3::from_diagonal(&Vector3::new(across, across, 0.0));
 
-        let axis = axis_in_parent(joint);
+        let axis = axis_in_parent(robot, joint);
         let moment = axis * along;
         let origin = Vector3::from(robot.kinematics.joint_origin(joint));
         let about_joint = (Matrix3::identity() - axis * axis.transpose()) * across;
@@ -61,10 +59,7 @@ pub(crate) fn regrouped(robot: &Robot) -> Joints<Link<f64>> {
 }
 
 /// The axis of a joint in the frame of the link before it.
-fn axis_in_parent(joint: usize) -> Vector3<f64> {
-    match TWISTS[joint] {
-        Twist::None => Vector3::z(),
-        Twist::Quarter => -Vector3::y(),
-        Twist::MinusQuarter => Vector3::y(),
-    }
+fn axis_in_parent(robot: &Robot, joint: usize) -> Vector3<f64> {
+    let twist = robot.kinematics.twists[joint];
+    Vector3::new(0.0, -twist.sin, twist.cos)
 }

@@ -1,22 +1,20 @@
 use simd::Lanes;
-use spec::{JOINT_LIMITS_RAD, Rejection};
-
-use crate::Joints;
+use spec::SimulateSpec;
 
 /// Positions that every sample of a trajectory must keep to.
-pub(crate) struct Clearance<L> {
-    lower: Joints<L>,
-    upper: Joints<L>,
+pub(crate) struct Clearance<L, const N: usize> {
+    lower: [L; N],
+    upper: [L; N],
 }
 
-impl<L: Lanes> Clearance<L> {
+impl<L: Lanes, const N: usize> Clearance<L, N> {
     #[inline(always)]
-    pub(crate) fn new(rejection: &Rejection) -> Self {
+    pub(crate) fn new(spec: &SimulateSpec) -> Self {
         let unlimited = L::splat(f64::INFINITY);
-        let mut clearance =
-            Self { lower: [-unlimited; spec::JOINTS], upper: [unlimited; spec::JOINTS] };
-        if let Some(margin) = rejection.position_margin_rad {
-            for (joint, limits) in JOINT_LIMITS_RAD.iter().enumerate() {
+        let mut clearance = Self { lower: [-unlimited; N], upper: [unlimited; N] };
+        if let Some(margin) = spec.rejection.position_margin_rad {
+            for (joint, description) in spec.robot.description().joints.iter().enumerate() {
+                let limits = description.position_rad;
                 clearance.lower[joint] = L::splat(limits.min + margin);
                 clearance.upper[joint] = L::splat(limits.max - margin);
             }
@@ -26,9 +24,9 @@ impl<L: Lanes> Clearance<L> {
 
     /// How far the worst joint lies outside, in rad; negative when all are inside.
     #[inline(always)]
-    pub(crate) fn excess(&self, q: &Joints<L>) -> L {
+    pub(crate) fn excess(&self, joints: usize, q: &[L; N]) -> L {
         let mut excess = (q[0] - self.upper[0]).max(self.lower[0] - q[0]);
-        for joint in 1..spec::JOINTS {
+        for joint in 1..joints {
             let beyond = (q[joint] - self.upper[joint]).max(self.lower[joint] - q[joint]);
             excess = excess.max(beyond);
         }

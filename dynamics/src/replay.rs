@@ -5,12 +5,13 @@
 
 use rayon::prelude::*;
 use simd::MAX_LANES;
-use spec::{Integrator, JOINTS, Precision, SimulateSpec};
+use spec::{Integrator, Precision, SimulateSpec};
 
 use crate::dispatch;
 use crate::integrators::{Scheme, State, advance};
 use crate::kernels::Kernels;
 use crate::model::Model;
+use crate::structure::{Kind, Structure};
 use crate::{InstructionSet, Joints, Robot};
 
 /// One robot and what moves it.
@@ -21,9 +22,9 @@ pub struct Motion<'a> {
     pub q0: Joints<f64>,
     /// Velocities at the first sample, rad/s.
     pub qd0: Joints<f64>,
-    /// All that acts, N·m: where an arm's controller compensates gravity, its torques too. Each is
+    /// All that acts, `[sample, joint]` in N·m: where an arm's controller compensates gravity, its torques too. Each is
     /// held until the next sample.
-    pub u: &'a [Joints<f32>],
+    pub u: &'a [f32],
     /// Where the arm is put on its way, in the order of samples.
     pub anchors: &'a [Anchor],
 }
@@ -61,8 +62,8 @@ pub struct Replay {
 pub(crate) struct Together<'a> {
     replay: &'a Replay,
     motions: &'a [Motion<'a>],
-    /// `[motion, sample]`.
-    q: &'a mut [Joints<f32>],
+    /// `[motion, sample, joint]`.
+    q: &'a mut [f32],
     /// `[motion]`.
     ends: &'a mut [ArmState],
 }
@@ -77,15 +78,15 @@ impl Replay {
         }
     }
 
-    /// Positions `[motion, sample]` at every torque's sample, before it acts and before an anchor holds,
+    /// Positions `[motion, sample, joint]` at every torque's sample, before it acts and before an anchor holds,
     /// in rad; on all threads of the current rayon pool.
     ///
     /// A motion that diverges has values that are not finite from some sample on and leaves the
     /// others alone.
     ///
     /// # Panics
-    /// When motions differ in their number of torques.
-    pub fn run(&self, motions: &[Motion<'_>]) -> Vec<Joints<f32>> {
+    /// When motions differ in their number of torques or joints.
+    pub fn run(&self, motions: &[Motion<'_>]) -> Vec<f32> {
         self.run_through(motions).0
     }
 
@@ -93,20 +94,24 @@ impl Replay {
     ///
     /// # Panics
     /// As [`Replay::run`].
-    pub fn run_through(&self, motions: &[Motion<'_>]) -> (Vec<Joints<f32>>, Vec<ArmState>) {
-        let samples = motions.first().map_or(0, |motion| motion.u.len());
-        assert!(motions.iter().all(|motion| motion.u.len() == samples), "motions of equal length");
-        let mut q = vec![[0.0; JOINTS]; motions.len() * samples];
+    pub fn run_through(&self, motions: &[Motion<'_>]) -> (Vec<f32>, Vec<ArmState>) {
+        let length = motions.first().map_or(0, |motion| motion.u.len());
+        let joints = motions.first().map_or(1, |motion| motion.robot.joints());
+        let alike =
+            |motion: &Motion<'_>| motion.u.len() == length && motion.robot.joints() == joints;
+        assert!(motions.iter().all(alike), "motions of equal length, of equally many joints");
+        let mut q = vec![0.0; motions.len() * length];
         let mut ends: Vec<ArmState> =
             motions.iter().map(|motion| ArmState { q: motion.q0, qd: motion.qd0 }).collect();
-        if samples == 0 {
+        if length == 0 {
             return (q, ends);
         }
+        let kind = Kind::of(motions.iter().map(|motion| motion.robot));
         let lanes = dispatch::lanes(self.instructions, self.precision);
-        let chunks = motions.par_chunks(lanes).zip(q.par_chunks_mut(lanes * samples));
+        let chunks = motions.par_chunks(lanes).zip(q.par_chunks_mut(lanes * length));
         chunks.zip(ends.par_chunks_mut(lanes)).for_each(|((motions, q), ends)| {
             let mut together = Together { replay: self, motions, q, ends };
-            dispatch::replay(self.instructions, self.precision, &mut together);
+            dispatch::replay(self.instructions, self.precision, kind, &mut together);
         });
         (q, ends)
     }
@@ -114,30 +119,34 @@ impl Replay {
 
 /// Fills the positions of at most as many motions as there are lanes.
 #[inline(always)]
-pub(crate) fn replay<L: Kernels>(together: &mut Together<'_>) {
+pub(crate) fn replay<L: Kernels, S: Structure<N>, const N: usize>(
+    structure: S,
+    together: &mut Together<'_>,
+) {
+    let joints = structure.joints();
     let Together { replay, motions, q, ends } = together;
     let scheme = Scheme::from(replay.integrator);
     let period = 1.0 / replay.rate_hz;
-    let samples = motions[0].u.len();
+    let samples = motions[0].u.len() / joints;
     // Lanes without a motion of their own repeat the first robot, at rest.
-    let mut model = Model::splat(motions[0].robot);
-    let mut state = State::<L>::zero();
+    let mut model = Model::splat(structure, motions[0].robot);
+    let mut state = State::<L, N>::zero();
     for lane in 0..motions.len() {
         let motion = &motions[lane];
-        model.set_lane(lane, motion.robot);
+        model.set_lane(structure, lane, motion.robot);
         state.set_lane(lane, &motion.q0, &motion.qd0);
     }
     let mut anchored = [0; MAX_LANES];
     for sample in 0..samples {
-        let mut positions = [[0.0; MAX_LANES]; JOINTS];
-        for joint in 0..JOINTS {
+        let mut positions = [[0.0; MAX_LANES]; N];
+        for joint in 0..joints {
             state.q[joint].store(&mut positions[joint]);
         }
-        let mut torques = [[0.0; MAX_LANES]; JOINTS];
+        let mut torques = [[0.0; MAX_LANES]; N];
         for lane in 0..motions.len() {
-            let u = &motions[lane].u[sample];
-            let q = &mut q[lane * samples + sample];
-            for joint in 0..JOINTS {
+            let u = &motions[lane].u[sample * joints..][..joints];
+            let q = &mut q[(lane * samples + sample) * joints..][..joints];
+            for joint in 0..joints {
                 q[joint] = positions[joint][lane];
                 torques[joint][lane] = u[joint];
             }
@@ -149,12 +158,12 @@ pub(crate) fn replay<L: Kernels>(together: &mut Together<'_>) {
             }
         }
         let mut torque = state.qd;
-        for joint in 0..JOINTS {
+        for joint in 0..joints {
             torque[joint] = L::load(&torques[joint]);
         }
-        advance(scheme, period, &model, &torque, &mut state);
+        advance(structure, scheme, period, &model, &torque, &mut state);
     }
     for lane in 0..motions.len() {
-        ends[lane] = state.of_lane(lane);
+        ends[lane] = state.of_lane(joints, lane);
     }
 }

@@ -1,12 +1,12 @@
-use spec::{Gravity, RobotModel, RobotSpec};
+use spec::{Gravity, RobotSpec};
 
-use crate::panda::{Bodies, KINEMATICS};
+use crate::nominal::{Hand, Nominal};
 use crate::{Friction, Joints, Kinematics, RigidBody};
 
-/// The physical parameters of one arm of the Panda's build.
+/// The physical parameters of one arm.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Robot {
-    /// Each in its link's frame (modified DH frame `i`); hand, fingers and payload are welded to the last.
+    /// Each in its link's frame (modified DH frame `i`); hand and payload are welded to the last.
     pub links: Joints<RigidBody>,
     /// Viscous friction of each joint, N·m·s/rad.
     pub damping: Joints<f64>,
@@ -34,6 +34,10 @@ pub struct Payload {
 const GRAVITY: f64 = 9.81;
 
 impl Robot {
+    pub fn joints(&self) -> usize {
+        self.links.len()
+    }
+
     /// The nominal Panda with damping, armature and gravity of the default spec.
     pub fn panda() -> Self {
         Self::nominal(&RobotSpec::default())
@@ -41,11 +45,14 @@ impl Robot {
 
     /// The arm that `spec` randomizes around; the hand holds the middle of the payload's ranges.
     pub fn nominal(spec: &RobotSpec) -> Self {
+        let Nominal { links, attached, kinematics } = Nominal::of(spec.description());
+        let hand = attached.iter().fold(Hand::default(), |hand, (body, at)| hand.with(body, *at));
         let parts = Parts {
-            bodies: Bodies::of(spec.model),
-            damping: spec.damping_nm_s_rad,
-            armature: spec.armature_kg_m2,
-            kinematics: KINEMATICS,
+            links,
+            hand,
+            damping: spec.damping_nm_s_rad.as_slice().into(),
+            armature: spec.armature_kg_m2.as_slice().into(),
+            kinematics,
             friction: spec.friction.as_ref().map(Friction::nominal),
             payload: spec.payload.as_ref().map(Payload::nominal),
         };
@@ -53,9 +60,10 @@ impl Robot {
     }
 }
 
-/// What a robot is made of, before anything is welded.
+/// What a robot is made of, before hand and payload are welded to the last link.
 pub(crate) struct Parts {
-    pub(crate) bodies: Bodies,
+    pub(crate) links: Joints<RigidBody>,
+    pub(crate) hand: Hand,
     pub(crate) damping: Joints<f64>,
     pub(crate) armature: Joints<f64>,
     pub(crate) kinematics: Kinematics,
@@ -64,10 +72,15 @@ pub(crate) struct Parts {
 }
 
 impl Parts {
-    pub(crate) fn assembled(self, gravity: Gravity) -> Robot {
-        let held = self.payload.map(|payload| payload.body());
+    pub(crate) fn assembled(mut self, gravity: Gravity) -> Robot {
+        if let Some(payload) = &self.payload {
+            self.hand = self.hand.with(&payload.body(), [0.0; 3]);
+        }
+        if let Some(last) = self.links.last_mut() {
+            *last = self.hand.welded_to(last, &self.kinematics);
+        }
         Robot {
-            links: self.bodies.welded(self.kinematics.flange_m, held.as_ref()),
+            links: self.links,
             damping: self.damping,
             armature: self.armature,
             kinematics: self.kinematics,
@@ -94,13 +107,5 @@ impl Payload {
     fn body(&self) -> RigidBody {
         let moment = 0.4 * self.mass_kg * self.radius_m * self.radius_m;
         RigidBody::new(self.mass_kg, self.center_m, [moment, 0.0, 0.0, moment, 0.0, moment])
-    }
-}
-
-impl Bodies {
-    pub(crate) fn of(model: RobotModel) -> Self {
-        match model {
-            RobotModel::Panda => Self::nominal(),
-        }
     }
 }

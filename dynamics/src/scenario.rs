@@ -3,7 +3,9 @@ use spec::{Cell, Family, Frequency, SimulateSpec};
 use crate::draws::{Draws, Purpose};
 use crate::excitation::{Torques, draw_chirps, draw_multisines};
 use crate::initial_state::draw_initial_state;
+use crate::nominal::Nominal;
 use crate::randomization::draw_robot;
+use crate::structure::Kind;
 use crate::{Joints, Robot};
 
 /// Everything that makes one trajectory.
@@ -28,11 +30,24 @@ pub struct Scenario {
 pub struct Scenarios<'a> {
     spec: &'a SimulateSpec,
     cells: Vec<Cell>,
+    parts: Nominal,
+    nominal: Robot,
 }
 
 impl<'a> Scenarios<'a> {
     pub fn new(spec: &'a SimulateSpec) -> Self {
-        Self { spec, cells: spec.cells() }
+        let parts = Nominal::of(spec.robot.description());
+        Self { spec, cells: spec.cells(), parts, nominal: Robot::nominal(&spec.robot) }
+    }
+
+    /// The arm that all robots are drawn around.
+    pub(crate) fn nominal(&self) -> &Robot {
+        &self.nominal
+    }
+
+    /// The kernels for all robots: lengths that are zero stay so.
+    pub(crate) fn kind(&self) -> Kind {
+        Kind::of([&self.nominal])
     }
 
     pub fn spec(&self) -> &'a SimulateSpec {
@@ -49,12 +64,16 @@ impl<'a> Scenarios<'a> {
     pub fn draw(&self, index: u64, draw: u32) -> Scenario {
         let draws = |purpose, draw| Draws::new(self.spec.seed, index, purpose, draw);
         let (excitation, frequency_hz) = self.design(index, &mut draws(Purpose::Design, 0));
-        let robot = draw_robot(&self.spec.robot, |purpose| draws(purpose, draw));
-        let (q0, qd0) =
-            draw_initial_state(&self.spec.initial_state, &mut draws(Purpose::InitialState, draw));
+        let robot = draw_robot(&self.spec.robot, &self.parts, |purpose| draws(purpose, draw));
+        let joint1 = self.spec.robot.description().joints[0].position_rad;
+        let (q0, qd0) = draw_initial_state(
+            &self.spec.initial_state,
+            joint1,
+            &mut draws(Purpose::InitialState, draw),
+        );
         let mut draws = draws(Purpose::Excitation, draw);
         let torques = match excitation {
-            Law::Chirp(chirp) => draw_chirps(chirp, frequency_hz, &mut draws),
+            Law::Chirp(chirp) => draw_chirps(chirp, self.spec.joints(), frequency_hz, &mut draws),
             Law::Multisine(multisine) => draw_multisines(multisine, frequency_hz, &mut draws),
         };
         let family = torques.family();

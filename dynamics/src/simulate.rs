@@ -2,7 +2,7 @@ use std::ops::{ControlFlow, Range};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use rayon::prelude::*;
-use spec::{JOINTS, SimulateSpec};
+use spec::SimulateSpec;
 
 use crate::block::Block;
 use crate::dispatch;
@@ -15,6 +15,8 @@ pub struct Trajectories {
     /// Index of the first.
     pub first: u64,
     pub count: usize,
+    /// Joints of every robot.
+    pub joints: usize,
     /// Samples per trajectory.
     pub samples: usize,
     /// Torques in N·m, [trajectory, sample, joint]. `u[k]` is held from sample k to k + 1, and is to
@@ -81,7 +83,7 @@ pub fn simulate_into(
 ) -> Result<(), DynamicsError> {
     let result = fill(instructions, spec, range, progress, trajectories);
     if result.is_err() {
-        trajectories.resize(0, 0)?;
+        trajectories.resize(0, 0, 0)?;
         trajectories.scenarios.clear();
     }
     result
@@ -95,7 +97,7 @@ fn fill(
     trajectories: &mut Trajectories,
 ) -> Result<(), DynamicsError> {
     let samples = spec.samples as usize;
-    let row_len = samples * JOINTS;
+    let row_len = samples * spec.joints();
     let pose_len = samples * POSE;
     trajectories.first = range.start;
     trajectories.qd =
@@ -104,10 +106,11 @@ fn fill(
         .observations
         .end_effector_pose
         .then(|| trajectories.end_effector.take().unwrap_or_default());
-    trajectories.resize(range.end.saturating_sub(range.start), spec.samples)?;
+    trajectories.resize(range.end.saturating_sub(range.start), spec.samples, spec.joints())?;
     let Trajectories { count, u, q, qd, end_effector, scenarios, rejected, .. } = trajectories;
 
     let source = Scenarios::new(spec);
+    let kind = source.kind();
     let drawn = (0..*count).into_par_iter().map(|row| source.draw(range.start + row as u64, 1));
     drawn.collect_into_vec(scenarios);
 
@@ -143,7 +146,7 @@ fn fill(
         if cancelled.load(Ordering::Relaxed) {
             return Ok(());
         }
-        dispatch::simulate(instructions, spec.precision, &mut block)
+        dispatch::simulate(instructions, spec.precision, kind, &mut block)
     })?;
     if cancelled.into_inner() {
         return Err(DynamicsError::Cancelled { range });
@@ -154,12 +157,18 @@ fn fill(
 
 impl Trajectories {
     /// Makes room for so many trajectories and samples, whose values are to be overwritten.
-    fn resize(&mut self, trajectories: u64, samples: u32) -> Result<(), DynamicsError> {
+    fn resize(
+        &mut self,
+        trajectories: u64,
+        samples: u32,
+        joints: usize,
+    ) -> Result<(), DynamicsError> {
         let too_large = || DynamicsError::TooLarge { trajectories, samples };
         self.samples = samples as usize;
+        self.joints = joints;
         self.count = usize::try_from(trajectories).map_err(|_| too_large())?;
         let values = self.count.checked_mul(self.samples).ok_or_else(too_large)?;
-        let joints = values.checked_mul(JOINTS).ok_or_else(too_large)?;
+        let joints = values.checked_mul(joints).ok_or_else(too_large)?;
         let poses = values.checked_mul(POSE).ok_or_else(too_large)?;
         self.rejected = 0;
         resize(&mut self.u, joints);

@@ -3,63 +3,83 @@
 //! The same code as on vectors, with one lane.
 
 use simd::{F64Array, Lanes};
-use spec::JOINTS;
 
-use crate::forward_dynamics::{Dynamics, turns};
+use crate::forward_dynamics::Dynamics;
 use crate::kernels::Kernels;
 use crate::model::Model;
 use crate::spatial::Turn;
+use crate::structure::{Kind, Structure, with_structure};
 use crate::{Joints, Robot};
 
 type Lane = F64Array<1>;
 
 /// M(q) + A, symmetric positive definite, kg·m²; `q` in rad.
-pub fn mass_matrix(robot: &Robot, q: Joints<f64>) -> Joints<Joints<f64>> {
-    let dynamics = dynamics(robot, q, [0.0; JOINTS]);
-    std::array::from_fn(|row| {
-        std::array::from_fn(|column| dynamics.mass_matrix[row.max(column)][row.min(column)].lane(0))
+pub fn mass_matrix(robot: &Robot, q: impl Into<Joints<f64>>) -> Joints<Joints<f64>> {
+    let q = q.into();
+    let at_rest = Joints::splat(q.len(), 0.0);
+    with_structure!(Kind::of([robot]), |structure| {
+        let Dynamics { mass_matrix, .. } = dynamics(structure, robot, &q, &at_rest);
+        let entry =
+            |row: usize, column: usize| mass_matrix[row.max(column)][row.min(column)].lane(0);
+        Joints::from_fn(q.len(), |row| Joints::from_fn(q.len(), |column| entry(row, column)))
     })
 }
 
 /// C(q, q̇) q̇ + g(q), N·m; `q` in rad, `qd` in rad/s. Damping and friction are not part of it.
-pub fn bias_forces(robot: &Robot, q: Joints<f64>, qd: Joints<f64>) -> Joints<f64> {
-    dynamics(robot, q, qd).bias.map(|bias| bias.lane(0))
+pub fn bias_forces(
+    robot: &Robot,
+    q: impl Into<Joints<f64>>,
+    qd: impl Into<Joints<f64>>,
+) -> Joints<f64> {
+    let (q, qd) = (q.into(), qd.into());
+    with_structure!(Kind::of([robot]), |structure| {
+        let dynamics = dynamics(structure, robot, &q, &qd);
+        Joints::from_fn(q.len(), |joint| dynamics.bias[joint].lane(0))
+    })
 }
 
 /// g(q), N·m: the torques that hold the arm still at `q` (rad).
-pub fn gravity(robot: &Robot, q: Joints<f64>) -> Joints<f64> {
-    bias_forces(robot, q, [0.0; JOINTS])
+pub fn gravity(robot: &Robot, q: impl Into<Joints<f64>>) -> Joints<f64> {
+    bias_forces(robot, q, Joints::splat(robot.joints(), 0.0))
 }
 
 /// q̈ in rad/s² under `torque` (N·m), damping and friction included.
 pub fn forward_dynamics(
     robot: &Robot,
-    q: Joints<f64>,
-    qd: Joints<f64>,
-    torque: Joints<f64>,
+    q: impl Into<Joints<f64>>,
+    qd: impl Into<Joints<f64>>,
+    torque: impl Into<Joints<f64>>,
 ) -> Joints<f64> {
-    let mut qdd = lanes(qd);
-    let dynamics = dynamics(robot, q, qd);
-    let explicit = Lane::splat(0.0);
-    Lane::accelerations(
-        &Model::splat(robot),
-        &dynamics,
-        &lanes(qd),
-        &lanes(torque),
-        explicit,
-        &mut qdd,
-    );
-    qdd.map(|qdd| qdd.lane(0))
+    let (q, qd, torque) = (q.into(), qd.into(), torque.into());
+    with_structure!(Kind::of([robot]), |structure| {
+        let dynamics = dynamics(structure, robot, &q, &qd);
+        let qd = lanes(&qd);
+        let explicit = Lane::splat(0.0);
+        let mut qdd = qd;
+        let model = Model::splat(structure, robot);
+        Lane::accelerations(structure, &model, &dynamics, &qd, &lanes(&torque), explicit, &mut qdd);
+        Joints::from_fn(q.len(), |joint| qdd[joint].lane(0))
+    })
 }
 
-fn dynamics(robot: &Robot, q: Joints<f64>, qd: Joints<f64>) -> Dynamics<Lane> {
+fn dynamics<S: Structure<N>, const N: usize>(
+    structure: S,
+    robot: &Robot,
+    q: &Joints<f64>,
+    qd: &Joints<f64>,
+) -> Dynamics<Lane, N> {
     let mut dynamics = Dynamics::zero();
-    let mut at_q = [Turn::none(); JOINTS];
-    turns(&lanes(q), &mut at_q);
-    Lane::mass_matrix_and_bias(&Model::splat(robot), &at_q, &lanes(qd), &mut dynamics);
+    let mut at_q = [Turn::none(); N];
+    structure.turns(&lanes(q), &mut at_q);
+    let model = Model::splat(structure, robot);
+    Lane::mass_matrix_and_bias(structure, &model, &at_q, &lanes(qd), &mut dynamics);
     dynamics
 }
 
-fn lanes(values: Joints<f64>) -> Joints<Lane> {
-    values.map(Lane::splat)
+fn lanes<const N: usize>(values: &Joints<f64>) -> [Lane; N] {
+    let mut lanes = [Lane::splat(0.0); N];
+    for (lane, &value) in lanes.iter_mut().zip(values) {
+        *lane = Lane::splat(value);
+    }
+    lanes
 }

@@ -1,13 +1,13 @@
 //! Vectors and inertias of the recursion, moved between the frames of neighbouring links.
 //!
 //! A child's frame is the parent's, shifted by the joint's origin, turned by its twist about x and
-//! by its angle about z. Origins differ from robot to robot, but which of their coordinates are zero
-//! does not, nor do twists, so that zeros and quarter turns cost nothing: every `J` below is a
-//! joint whose constants the compiler sees.
+//! by its angle about z. What has a `J` below is for the structure of [`crate::compiled`]:
+//! origins differ from robot to robot, but which of their coordinates are zero does not, nor do twists, so
+//! that zeros and quarter turns cost nothing.
 
 use simd::Lanes;
 
-use crate::panda::{KINEMATICS, TWISTS, Twist};
+use crate::compiled::{TWISTS, Twist, shifted};
 
 pub(crate) type Vector<L> = [L; 3];
 /// Entries xx, xy, xz, yy, yz, zz of a symmetric matrix.
@@ -97,12 +97,6 @@ impl<L: Lanes> Turn<L> {
     }
 }
 
-/// Whether the origin of joint `J` is shifted along `axis` of the frame before it.
-#[inline(always)]
-pub(crate) const fn shifted<const J: usize>(axis: usize) -> bool {
-    KINEMATICS.joint_origin(J)[axis] != 0.0
-}
-
 /// `sum + origin × v` with the origin of joint `J`.
 #[inline(always)]
 pub(crate) fn add_origin_cross<L: Lanes, const J: usize>(
@@ -122,22 +116,6 @@ pub(crate) fn add_origin_cross<L: Lanes, const J: usize>(
     if const { shifted::<J>(2) } {
         sum[0] = origin[2].neg_mul_add(v[1], sum[0]);
         sum[1] = origin[2].mul_add(v[0], sum[1]);
-    }
-    sum
-}
-
-/// `sum + factor · origin` with the origin of joint `J`.
-#[inline(always)]
-pub(crate) fn add_scaled_origin<L: Lanes, const J: usize>(
-    factor: L,
-    origin: &Vector<L>,
-    sum: Vector<L>,
-) -> Vector<L> {
-    let mut sum = sum;
-    for axis in 0..3 {
-        if shifted::<J>(axis) {
-            sum[axis] = factor.mul_add(origin[axis], sum[axis]);
-        }
     }
     sum
 }

@@ -1,5 +1,4 @@
 use burn::tensor::{Tensor, TensorData};
-use spec::JOINTS;
 
 use crate::ModelError;
 use crate::device::host_values;
@@ -17,9 +16,9 @@ pub(crate) struct Loss {
 impl Loss {
     /// The errors of y, the last channels, times the weight of their joint.
     #[expect(clippy::cast_possible_truncation, reason = "losses are computed in f32")]
-    pub fn weighted(self, weights: &[f64; JOINTS]) -> Self {
+    pub fn weighted(self, weights: &[f64]) -> Self {
         let [.., channels] = self.errors.dims();
-        let others = std::iter::repeat_n(1.0, channels - JOINTS);
+        let others = std::iter::repeat_n(1.0, channels - weights.len());
         let values: Vec<f32> = others.chain(weights.iter().map(|&weight| weight as f32)).collect();
         let data = TensorData::new(values, [1, 1, channels]);
         let weights = Tensor::from_data(data, &self.errors.device());

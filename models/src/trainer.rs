@@ -3,7 +3,7 @@ use std::collections::BTreeMap;
 use kernels::Interrupt;
 use random::ChaCha12Rng;
 use series::{Series, SeriesView};
-use spec::{DataSource, Digest, EmaSpec, JOINTS, ModelSpec, TrainSpec};
+use spec::{DataSource, Digest, EmaSpec, ModelSpec, TrainSpec};
 
 use crate::architecture::{Draw, Extents};
 use crate::checkpoint::{self, CheckpointConfig, CheckpointFiles, TrainingState, Versions};
@@ -49,7 +49,7 @@ pub struct Trainer {
     /// Parts that a batch is computed in.
     parts: usize,
     /// Of each joint's errors in the loss.
-    loss_weights: Option<[f64; JOINTS]>,
+    loss_weights: Option<Vec<f64>>,
     interrupt: Interrupt,
     metrics: BTreeMap<String, f64>,
     device: Device,
@@ -122,7 +122,7 @@ impl Trainer {
                 rate_hz: data.rate_hz,
             },
             parts: spec.gradient_accumulation.max(1) as usize,
-            loss_weights: spec.loss_weights,
+            loss_weights: spec.loss_weights.clone(),
             interrupt: Interrupt::default(),
             metrics: BTreeMap::new(),
             identity: Identity {

@@ -3,7 +3,7 @@
 use std::fmt::{Debug, Display};
 use std::ops::RangeInclusive;
 
-use crate::{Range, SpecError, Violation};
+use crate::{JOINTS, Range, SpecError, Violation};
 
 /// A spec, or a part of one, that can say what is wrong with its values.
 pub(crate) trait Check {
@@ -62,6 +62,21 @@ impl Report {
     pub fn all_within(&mut self, field: &str, values: &[f64], allowed: &RangeInclusive<f64>) {
         for (i, value) in values.iter().enumerate() {
             self.within(&format!("{field}[{i}]"), *value, allowed.clone());
+        }
+    }
+
+    /// Models take arms of seven joints.
+    pub fn seven_joints(&mut self, joints: usize) {
+        if joints != JOINTS {
+            self.violation("data", format!("robots of {joints} joints"), "robots of 7 joints");
+        }
+    }
+
+    /// A list with one number for each of a robot's `joints`.
+    pub fn one_per_joint(&mut self, field: &str, values: &[f64], joints: usize) {
+        if values.len() != joints {
+            let allowed = format!("{joints} numbers, one for each joint of the robot");
+            self.violation(field, format!("{} numbers", values.len()), allowed);
         }
     }
 

@@ -9,8 +9,8 @@ use utoipa::ToSchema;
 use crate::check::{Check, Report};
 use crate::kind::KindSpec;
 use crate::{
-    Bootstrap, CheckpointRef, DataSource, DataSpec, Doubt, Execution, Gravity, JOINT_LIMITS_RAD,
-    JOINTS, Normalization, Reference, SpecError, Training,
+    Bootstrap, CheckpointRef, DataSource, DataSpec, Doubt, Execution, Gravity, Normalization,
+    Reference, RobotDescription, SpecError, Training,
 };
 
 /// Move robots along a path by model predictive control, once through every predictor.
@@ -95,9 +95,9 @@ pub enum ControlPath {
 #[serde(deny_unknown_fields, default)]
 pub struct Swing {
     /// a of each joint, rad.
-    pub amplitude_rad: [f64; JOINTS],
+    pub amplitude_rad: Vec<f64>,
     /// f of each joint, Hz.
-    pub frequency_hz: [f64; JOINTS],
+    pub frequency_hz: Vec<f64>,
 }
 
 /// q(t) = q(0) ± d (10 s³ − 15 s⁴ + 6 s⁵) with s = t / T up to T: of least jerk (Flash and Hogan 1985,
@@ -106,7 +106,7 @@ pub struct Swing {
 #[serde(deny_unknown_fields)]
 pub struct PointToPoint {
     /// d of each joint, rad.
-    pub displacement_rad: [f64; JOINTS],
+    pub displacement_rad: Vec<f64>,
     /// T, s.
     pub duration_s: f64,
 }
@@ -118,23 +118,30 @@ impl Default for ControlPath {
 }
 
 impl Default for Swing {
-    /// What q̇ = u / D asks for lies within the torques of the training set D1.
+    /// For the Panda: what q̇ = u / D asks for lies within the torques of the training set D1.
     fn default() -> Self {
-        Self { amplitude_rad: [0.4; JOINTS], frequency_hz: [0.15, 0.2, 0.25, 0.15, 0.2, 0.25, 0.3] }
+        Self {
+            amplitude_rad: vec![0.4; 7],
+            frequency_hz: vec![0.15, 0.2, 0.25, 0.15, 0.2, 0.25, 0.3],
+        }
     }
 }
 
 impl ControlPath {
     /// How far each joint is from where it began after `t` seconds, rad; not negative.
-    pub fn displacement(&self, t: f64) -> [f64; JOINTS] {
+    pub fn displacement(&self, t: f64) -> Vec<f64> {
         match self {
-            Self::Swing(Swing { amplitude_rad, frequency_hz }) => std::array::from_fn(|joint| {
-                0.5 * amplitude_rad[joint] * (1.0 - (TAU * frequency_hz[joint] * t).cos())
-            }),
+            Self::Swing(Swing { amplitude_rad, frequency_hz }) => {
+                let joints = amplitude_rad.iter().zip(frequency_hz);
+                let swung = |(amplitude, frequency): (&f64, &f64)| {
+                    0.5 * amplitude * (1.0 - (TAU * frequency * t).cos())
+                };
+                joints.map(swung).collect()
+            }
             Self::PointToPoint(PointToPoint { displacement_rad, duration_s }) => {
                 let s = (t / duration_s).clamp(0.0, 1.0);
                 let share = s * s * s * (10.0 + s * (6.0 * s - 15.0));
-                displacement_rad.map(|displacement| displacement * share)
+                displacement_rad.iter().map(|displacement| displacement * share).collect()
             }
         }
     }
@@ -159,7 +166,7 @@ pub struct Planner {
     /// Samples of a plan that are carried out before the next is made.
     pub replan_every: u32,
     /// Standard deviation of the noise at its knots, N·m.
-    pub noise_nm: [f64; JOINTS],
+    pub noise_nm: Vec<f64>,
     /// Samples between two knots of the noise.
     pub knot_every: u32,
     /// Factor on the noise from one iteration to the next.
@@ -190,7 +197,7 @@ impl Default for Planner {
             iterations: 2,
             horizon: 30,
             replan_every: 4,
-            noise_nm: [2.0; JOINTS],
+            noise_nm: vec![2.0; 7],
             knot_every: 15,
             noise_decay: 0.5,
             temperature: 0.1,
@@ -211,9 +218,6 @@ mod defaults {
         4.0
     }
 }
-
-/// Rated torques of the joints, N·m. Source: franka_description, robots/fer/joint_limits.yaml.
-pub const TORQUE_LIMITS_NM: [f64; JOINTS] = [87.0, 87.0, 87.0, 87.0, 12.0, 12.0, 12.0];
 
 /// What a path keeps from a joint's limit, wherever it begins, rad.
 const CLEARANCE_RAD: f64 = 0.1;
@@ -249,6 +253,16 @@ impl ControlSpec {
                 "a simulation, whose robots can move",
             ));
         };
+        let robot = simulation.robot.description();
+        self.path.check_robot(robot, &mut report);
+        report.one_per_joint("planner.noise_nm", &self.planner.noise_nm, robot.joints.len());
+        let strongest = robot.joints.iter().map(|joint| joint.torque_nm).fold(0.0, f64::max);
+        for (i, noise) in self.planner.noise_nm.iter().enumerate() {
+            if *noise > strongest {
+                let allowed = format!("at most {strongest}, the largest torque of any joint");
+                report.violation(&format!("planner.noise_nm[{i}]"), noise, allowed);
+            }
+        }
         if u64::from(self.robots) > simulation.trajectories {
             let allowed = format!("at most the data's trajectories, {}", simulation.trajectories);
             report.violation("robots", self.robots, allowed);
@@ -277,6 +291,11 @@ impl ControlSpec {
             if (rate_hz - simulation.rate_hz).abs() > f64::EPSILON {
                 let asked = format!("rate_hz {}, as the data has", simulation.rate_hz);
                 report.violation(&field, format!("trained with rate_hz {rate_hz}"), asked);
+            }
+            let joints = training.data.joints();
+            if joints != robot.joints.len() {
+                let asked = format!("{} joints, as the data's robots have", robot.joints.len());
+                report.violation(&field, format!("trained with {joints} joints"), asked);
             }
             let foreseen = training.data.samples().saturating_sub(context);
             if self.planner.horizon > foreseen {
@@ -328,29 +347,45 @@ impl Check for ControlSpec {
     }
 }
 
-impl Check for ControlPath {
-    fn check(&self, report: &mut Report) {
-        match self {
+impl ControlPath {
+    /// Whether an arm can follow it from wherever it begins.
+    fn check_robot(&self, robot: &RobotDescription, report: &mut Report) {
+        let joints = robot.joints.len();
+        let (field, displacement) = match self {
             Self::Swing(Swing { amplitude_rad, frequency_hz }) => {
-                check_displacement("swing.amplitude_rad", amplitude_rad, report);
-                report.all_within("swing.frequency_hz", frequency_hz, &(0.001..=100.0));
+                report.one_per_joint("path.swing.frequency_hz", frequency_hz, joints);
+                ("path.swing.amplitude_rad", amplitude_rad)
             }
-            Self::PointToPoint(PointToPoint { displacement_rad, duration_s }) => {
-                check_displacement("point-to-point.displacement_rad", displacement_rad, report);
-                report.within("point-to-point.duration_s", *duration_s, 0.01..=600.0);
+            Self::PointToPoint(PointToPoint { displacement_rad, .. }) => {
+                ("path.point-to-point.displacement_rad", displacement_rad)
+            }
+        };
+        report.one_per_joint(field, displacement, joints);
+        for (i, (value, joint)) in displacement.iter().zip(&robot.joints).enumerate() {
+            // From anywhere within its limits, half a joint's range is free on one side.
+            let limits = joint.position_rad;
+            let free = 0.5 * (limits.max - limits.min) - CLEARANCE_RAD;
+            if *value > free {
+                let allowed =
+                    format!("0 to {free:.4}, which stays within the joint's limits from anywhere");
+                report.violation(&format!("{field}[{i}]"), value, allowed);
             }
         }
     }
 }
 
-/// From anywhere within its limits, half a joint's range is free on one side.
-fn check_displacement(field: &str, displacement: &[f64; JOINTS], report: &mut Report) {
-    for (joint, (value, limits)) in displacement.iter().zip(JOINT_LIMITS_RAD).enumerate() {
-        let free = 0.5 * (limits.max - limits.min) - CLEARANCE_RAD;
-        if !(0.0..=free).contains(value) {
-            let allowed =
-                format!("0 to {free:.4}, which stays within the joint's limits from anywhere");
-            report.violation(&format!("{field}[{joint}]"), value, allowed);
+impl Check for ControlPath {
+    fn check(&self, report: &mut Report) {
+        match self {
+            Self::Swing(Swing { amplitude_rad, frequency_hz }) => {
+                report.all_within("swing.amplitude_rad", amplitude_rad, &(0.0..=100.0));
+                report.all_within("swing.frequency_hz", frequency_hz, &(0.001..=100.0));
+            }
+            Self::PointToPoint(PointToPoint { displacement_rad, duration_s }) => {
+                let field = "point-to-point.displacement_rad";
+                report.all_within(field, displacement_rad, &(0.0..=100.0));
+                report.within("point-to-point.duration_s", *duration_s, 0.01..=600.0);
+            }
         }
     }
 }
@@ -363,7 +398,7 @@ impl Check for Planner {
         let horizon = self.horizon.clamp(1, 1000);
         report.within("replan_every", self.replan_every, 1..=horizon);
         report.within("knot_every", self.knot_every, 1..=horizon);
-        report.all_within("noise_nm", &self.noise_nm, &(0.001..=87.0));
+        report.all_within("noise_nm", &self.noise_nm, &(0.001..=1e5));
         report.within("noise_decay", self.noise_decay, 0.01..=1.0);
         report.within("temperature", self.temperature, 1e-4..=1e4);
         report.within("effort_rad2_nm2", self.effort_rad2_nm2, 0.0..=1.0);
@@ -376,9 +411,9 @@ mod tests {
 
     #[test]
     fn a_path_begins_at_rest_and_goes_as_far_as_it_says() {
-        let point = PointToPoint { displacement_rad: [0.7; JOINTS], duration_s: 2.0 };
+        let point = PointToPoint { displacement_rad: vec![0.7; 7], duration_s: 2.0 };
         for path in [ControlPath::default(), ControlPath::PointToPoint(point.clone())] {
-            assert_eq!(path.displacement(0.0), [0.0; JOINTS]);
+            assert_eq!(path.displacement(0.0), [0.0; 7]);
             assert!(path.displacement(1e-3).iter().all(|it| (0.0..1e-5).contains(it)));
         }
         let there = ControlPath::PointToPoint(point);

@@ -42,7 +42,8 @@ impl DataSpec {
     /// Joints of the robot: channels of u, and of y.
     pub fn joints(&self) -> usize {
         match self {
-            Self::Simulation(_) | Self::Import(_) => JOINTS,
+            Self::Simulation(spec) => spec.joints(),
+            Self::Import(_) => JOINTS,
         }
     }
 

@@ -186,9 +186,9 @@ impl ImportSpec {
     /// Of the table with a row per time step.
     pub fn trajectory_columns(&self) -> Vec<Column> {
         let mut columns = vec![Column::trajectory(), Column::step()];
-        columns.extend(Column::torques().chain(Column::positions()));
+        columns.extend(Column::torques(JOINTS).chain(Column::positions(JOINTS)));
         if self.columns.qd.is_some() {
-            columns.extend(Column::velocities());
+            columns.extend(Column::velocities(JOINTS));
         }
         columns
     }

@@ -21,6 +21,7 @@ mod pipeline;
 mod preset;
 mod range;
 mod reference;
+mod robot;
 mod simulate;
 mod stream;
 mod train;
@@ -32,7 +33,6 @@ pub const JOINTS: usize = 7;
 pub use canonical::{Digest, ParseDigestError};
 pub use control::{
     ControlBaseline, ControlPath, ControlSpec, PlanWeights, Planner, PointToPoint, Swing,
-    TORQUE_LIMITS_NM,
 };
 pub use data::DataSpec;
 pub use error::{SpecError, Violation};
@@ -54,11 +54,14 @@ pub use range::Range;
 pub use reference::{
     CheckpointRef, DataSource, Product, Reference, Referred, TrainingRef, TrainingStep,
 };
+pub use robot::{
+    AttachedBody, BodyDescription, BuiltInRobot, HandDescription, JointDescription, JointFriction,
+    MAX_JOINTS, Randomization, RobotDescription, RobotModel,
+};
 pub use simulate::{
     Cell, Chirp, ChirpBand, Column, ColumnType, Doubt, Excitation, Family, Frequency, Friction,
-    Gravity, InertiaScheme, InitialState, Integrator, JOINT_LIMITS_RAD, LEAST_INERTIA_KG_M2,
-    MAX_TRAJECTORIES, Multisine, Observations, Payload, Precision, Rejection, RobotModel,
-    RobotSpec, SimulateSpec,
+    Gravity, InertiaScheme, InitialState, Integrator,  MAX_TRAJECTORIES,
+    Multisine, Observations, Payload, Precision, Rejection, RobotSpec, SimulateSpec,
 };
 pub use train::{
     EarlyStopSpec, EmaSpec, Normalization, OptimizerSpec, TrainSpec, Training, ValidationMetric,

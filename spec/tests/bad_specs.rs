@@ -286,8 +286,7 @@ fn a_training_without_checkpoints_or_with_an_early_stop_but_no_validation_is_ref
 }
 
 #[test]
-fn loss_weights_are_seven_of_which_one_counts() {
-    check_refused(train(), "/loss_weights", json!([1, 1]), &["loss_weights", "7"]);
+fn loss_weights_are_not_negative_and_one_counts() {
     let negative = json!([1, 1, 1, -1, 1, 1, 1]);
     check_refused(train(), "/loss_weights", negative, &["loss_weights[3] is -1", "0 to 1000000"]);
     check_refused(train(), "/loss_weights", json!([0, 0, 0, 0, 0, 0, 0]), &["one above 0"]);
@@ -369,13 +368,9 @@ fn control() -> Value {
 }
 
 #[test]
-fn a_path_that_could_leave_a_joints_limits_is_refused() {
-    let amplitude = json!({"swing": {"amplitude_rad": [0.4, 0.4, 0.4, 1.5, 0.4, 0.4, 0.4]}});
-    let expected = ["path.swing.amplitude_rad[3] is 1.5", "0 to 1.4010", "limits"];
-    check_refused(control(), "/path", amplitude, &expected);
-    let point = json!({"point-to-point": {"displacement_rad": [0.1, 2.0, 0, 0, 0, 0, -0.1], "duration_s": 1}});
-    let expected = ["displacement_rad[1] is 2", "0 to 1.6628", "displacement_rad[6] is -0.1"];
-    check_refused(control(), "/path", point, &expected);
+fn a_path_that_is_none_is_refused() {
+    let point = json!({"point-to-point": {"displacement_rad": [0, 0, -0.1], "duration_s": 1}});
+    check_refused(control(), "/path", point, &["displacement_rad[2] is -0.1", "0 to 100"]);
     check_refused(control(), "/path", json!({"circle": {}}), &["path", "circle", "swing"]);
 }
 

@@ -3,7 +3,7 @@
 #![expect(clippy::unwrap_used, reason = "a test may panic")]
 
 use serde_json::{Value, json};
-use spec::{DataSpec, EvaluateSpec, JobSpec, TrainSpec, Training};
+use spec::{ControlSpec, DataSpec, EvaluateSpec, JobSpec, TrainSpec, Training};
 
 fn data(samples: u32) -> DataSpec {
     let job = json!({"preset": "D1-chirp", "trajectories": 1000, "samples": samples});
@@ -105,4 +105,63 @@ fn samplers_need_a_denoiser_with_as_many_steps() {
     let twice = json!({"samplers": [{"steps": 5}, {"steps": [1, 5]}]});
     let error = refusal(&twice, 400, &["cdt-tiny"]);
     assert!(error.contains("5 cold twice"), "{error}");
+}
+
+fn arms_of_six() -> DataSpec {
+    let model: Value =
+        serde_json::from_str(include_str!("../../tests/data/arm_of_six.json")).unwrap();
+    let job = json!({"preset": "D1-chirp", "trajectories": 1000, "robot": {"model": model}});
+    DataSpec::of(&spec::parse(job.to_string().as_bytes()).unwrap()).unwrap()
+}
+
+#[test]
+fn loss_weights_are_one_for_each_joint_of_the_data() {
+    let weighted =
+        |count: usize| TrainSpec { loss_weights: Some(vec![1.0; count]), ..train("cdt-tiny") };
+    weighted(7).check_data(&data(400)).unwrap();
+    let error = weighted(2).check_data(&data(400)).unwrap_err().to_string();
+    assert!(error.contains("loss_weights is 2 numbers") && error.contains("7 numbers"), "{error}");
+}
+
+fn control(extra: &Value) -> ControlSpec {
+    let mut job = json!({"kind": "control", "data": {"dataset": 1}});
+    for (key, value) in extra.as_object().unwrap() {
+        job[key] = value.clone();
+    }
+    match spec::parse(job.to_string().as_bytes()).unwrap() {
+        JobSpec::Control(control) => control,
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn a_path_that_could_leave_a_joint_s_limits_is_refused() {
+    let refusal = |path: &Value| {
+        let control = control(&json!({"path": path}));
+        control.check_inputs(&data(400), &[]).unwrap_err().to_string()
+    };
+    let swing = json!({"swing": {"amplitude_rad": [0.4, 0.4, 0.4, 1.5, 0.4, 0.4, 0.4]}});
+    let error = refusal(&swing);
+    for part in ["path.swing.amplitude_rad[3] is 1.5", "0 to 1.4010", "limits"] {
+        assert!(error.contains(part), "{error}");
+    }
+    let point = json!({"displacement_rad": [0.1, 2.0, 0, 0, 0, 0, 0], "duration_s": 1});
+    let error = refusal(&json!({"point-to-point": point}));
+    assert!(error.contains("displacement_rad[1] is 2") && error.contains("0 to 1.6628"), "{error}");
+}
+
+#[test]
+fn paths_and_noise_have_one_number_for_each_joint_and_noise_no_more_than_a_joint_can() {
+    let error = control(&json!({})).check_inputs(&arms_of_six(), &[]).unwrap_err().to_string();
+    for part in [
+        "path.swing.amplitude_rad is 7 numbers",
+        "path.swing.frequency_hz is 7 numbers",
+        "planner.noise_nm is 7 numbers",
+        "6 numbers, one for each joint",
+    ] {
+        assert!(error.contains(part), "{error}");
+    }
+    let loud = control(&json!({"planner": {"noise_nm": [2, 2, 2, 2, 2, 2, 88]}}));
+    let error = loud.check_inputs(&data(400), &[]).unwrap_err().to_string();
+    assert!(error.contains("planner.noise_nm[6] is 88") && error.contains("at most 87"), "{error}");
 }

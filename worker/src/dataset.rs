@@ -6,12 +6,11 @@ use arrow::array::{AsArray, RecordBatch};
 use arrow::datatypes::Float32Type;
 use arrow::error::ArrowError;
 use series::{Columns, Series, Shape};
-use spec::{DataSource, DataSpec, JobSpec};
+use spec::{Column, DataSource, DataSpec, JobSpec};
 use store::ShardReader;
 
 use crate::attempt::Attempt;
 use crate::error::TaskError;
-use crate::simulate::{POSITIONS, TORQUES};
 
 /// A complete dataset, open for reading from any thread.
 #[derive(Clone, Debug)]
@@ -76,7 +75,10 @@ impl DatasetReader {
 
     /// The rows of trajectories within the dataset, decoded: a block per row group, in order.
     pub fn blocks(&self, trajectories: Range<u64>) -> Result<Vec<Block>, TaskError> {
-        let names: Vec<&str> = TORQUES.into_iter().chain(POSITIONS).collect();
+        let joints = self.spec.joints();
+        let columns = Column::torques(joints).chain(Column::positions(joints));
+        let names: Vec<String> = columns.map(|column| column.name).collect();
+        let names: Vec<&str> = names.iter().map(String::as_str).collect();
         let mut blocks = Vec::new();
         // The shards of a complete dataset hold all its trajectories, in order.
         for (held, reader) in &self.shards {

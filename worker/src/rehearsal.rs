@@ -8,7 +8,7 @@ use evaluation::{NominalArm, baseline};
 use models::{Device, DeviceKind, ModelError, Sampling, TrainedModel, Trainer, TrainingData};
 use series::{Observed, Series, Shape, ShapeError};
 use spec::{
-    Baseline, DataSource, DataSpec, JOINTS, Normalization, SamplerSpec, SimulateSpec, TrainSpec,
+    Baseline, DataSource, DataSpec, Normalization, SamplerSpec, SimulateSpec, TrainSpec,
 };
 
 use crate::error::RehearsalError;
@@ -99,8 +99,8 @@ pub fn baseline_seconds(
 fn trajectories(spec: &SimulateSpec, count: u64) -> Result<Series, RehearsalError> {
     let go_on = |_| ControlFlow::Continue(());
     let simulated = dynamics::simulate(spec, 0..count.min(spec.trajectories), &go_on)?;
-    let Trajectories { count: robots, samples, u, q, .. } = simulated;
-    Ok(Series::new(Shape { robots, samples, joints: JOINTS }, spec.rate_hz, u, q)?)
+    let Trajectories { count: robots, samples, joints, u, q, .. } = simulated;
+    Ok(Series::new(Shape { robots, samples, joints }, spec.rate_hz, u, q)?)
 }
 
 /// The first trajectories over and over, as many as are asked for.

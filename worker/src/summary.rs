@@ -4,10 +4,7 @@ use arrow::array::{Array, Float32Array, RecordBatch};
 use arrow::datatypes::Float32Type;
 use rayon::prelude::*;
 use realfft::RealFftPlanner;
-use spec::JOINTS;
 use store::{ChannelSummary, ShardSummary, Spectrum};
-
-use crate::simulate::{POSITIONS, TORQUES};
 
 /// Trajectories whose spectra are taken: enough for a smooth mean, and few enough to cost nothing.
 const SPECTRA_OF: usize = 64;
@@ -64,9 +61,10 @@ impl SummaryBuilder {
             all.merge(&new);
         }
         self.rows += rows.num_rows() as u64;
-        for (spectrum, names) in [(&mut self.torques, TORQUES), (&mut self.positions, POSITIONS)] {
-            let columns = names.map(|name| rows.column_by_name(name).and_then(f32_column));
-            spectrum.add(columns);
+        for (spectrum, signal) in [(&mut self.torques, "u"), (&mut self.positions, "q")] {
+            let column = |joint: u32| rows.column_by_name(&format!("{signal}{joint}"));
+            let joints = (1..).map_while(|joint| column(joint).and_then(f32_column));
+            spectrum.add(&joints.collect::<Vec<_>>());
         }
     }
 
@@ -176,12 +174,14 @@ impl Moments {
     }
 }
 
-/// Power of seven joints, summed over trajectories.
+/// Power of all joints, summed over trajectories.
 struct PowerSpectrum {
     samples: usize,
     /// Hann's.
     window: Vec<f64>,
     trajectories: usize,
+    /// Of joints and trajectories together.
+    transformed: usize,
     power: Vec<f64>,
 }
 
@@ -189,19 +189,19 @@ impl PowerSpectrum {
     fn new(samples: usize) -> Self {
         let turn = std::f64::consts::TAU / samples as f64;
         let window = (0..samples).map(|k| 0.5 - 0.5 * (turn * k as f64).cos()).collect();
-        Self { samples, window, trajectories: 0, power: vec![0.0; samples / 2 + 1] }
+        Self { samples, window, trajectories: 0, transformed: 0, power: vec![0.0; samples / 2 + 1] }
     }
 
     /// Adds the first trajectories, until there are enough.
-    fn add(&mut self, columns: [Option<&Float32Array>; JOINTS]) {
-        let Some(rows) = columns[0].map(Float32Array::len) else { return };
+    fn add(&mut self, joints: &[&Float32Array]) {
+        let Some(rows) = joints.first().map(|values| values.len()) else { return };
         let count = (rows / self.samples).min(SPECTRA_OF - self.trajectories);
         if count == 0 {
             return;
         }
         let transform = RealFftPlanner::<f64>::new().plan_fft_forward(self.samples);
         let (mut input, mut output) = (transform.make_input_vec(), transform.make_output_vec());
-        for values in columns.into_iter().flatten() {
+        for values in joints {
             for trajectory in values.values().chunks_exact(self.samples).take(count) {
                 let mean = trajectory.iter().copied().map(f64::from).sum::<f64>();
                 let mean = mean / self.samples as f64;
@@ -216,11 +216,12 @@ impl PowerSpectrum {
             }
         }
         self.trajectories += count;
+        self.transformed += count * joints.len();
     }
 
     /// One-sided density, in bands of equal width.
     fn finish(self, signal: &str, rate_hz: f64) -> Spectrum {
-        let taken = (self.trajectories * JOINTS).max(1) as f64;
+        let taken = self.transformed.max(1) as f64;
         let energy: f64 = self.window.iter().map(|window| window * window).sum();
         let last = self.power.len() - 1;
         let density = |(k, power): (usize, &f64)| {
@@ -260,7 +261,8 @@ mod tests {
         let column = || -> ArrayRef {
             Arc::new(Float32Array::from_iter_values((0..200 * trajectories).map(value)))
         };
-        let names = TORQUES.into_iter().chain(POSITIONS);
+        let names = ["u", "q"].into_iter();
+        let names = names.flat_map(|signal| (1..=7).map(move |joint| format!("{signal}{joint}")));
         RecordBatch::try_from_iter(names.map(|name| (name, column()))).unwrap()
     }
 

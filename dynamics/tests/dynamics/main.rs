@@ -11,6 +11,7 @@ mod calibration;
 mod determinism;
 mod equations;
 mod observations;
+mod other_arms;
 mod replay;
 mod scenarios;
 mod stability;

@@ -2,7 +2,9 @@
 
 use std::ops::ControlFlow;
 
-use dynamics::{InstructionSet, Robot, Trajectories, forward_dynamics, gravity, simulate_into};
+use dynamics::{
+    InstructionSet, Joints, Robot, Trajectories, forward_dynamics, gravity, simulate_into,
+};
 use serde_json::json;
 use spec::{JOINTS, SimulateSpec};
 
@@ -75,13 +77,16 @@ fn one_period_later(
         std::array::from_fn(|joint| from[joint] + h * by[joint])
     };
     for _ in 0..64 {
-        let a1 = forward_dynamics(robot, q, qd, u);
+        let slope = |q: [f64; 7], qd: [f64; 7]| -> [f64; 7] {
+            forward_dynamics(robot, q, qd, u)[..].try_into().unwrap()
+        };
+        let a1 = slope(q, qd);
         let v2 = moved(qd, a1, h / 2.0);
-        let a2 = forward_dynamics(robot, moved(q, qd, h / 2.0), v2, u);
+        let a2 = slope(moved(q, qd, h / 2.0), v2);
         let v3 = moved(qd, a2, h / 2.0);
-        let a3 = forward_dynamics(robot, moved(q, v2, h / 2.0), v3, u);
+        let a3 = slope(moved(q, v2, h / 2.0), v3);
         let v4 = moved(qd, a3, h);
-        let a4 = forward_dynamics(robot, moved(q, v3, h), v4, u);
+        let a4 = slope(moved(q, v3, h), v4);
         for joint in 0..JOINTS {
             q[joint] += h / 6.0 * (qd[joint] + 2.0 * (v2[joint] + v3[joint]) + v4[joint]);
             qd[joint] += h / 6.0 * (a1[joint] + 2.0 * (a2[joint] + a3[joint]) + a4[joint]);
@@ -111,7 +116,7 @@ fn each_sample_follows_from_the_one_before_under_the_recorded_torque() {
             }
         }
         assert_eq!(
-            sample(qd, row, 0, trajectories.samples),
+            Joints::from(sample(qd, row, 0, trajectories.samples)),
             scenario.qd0.map(|qd| f64::from(qd as f32))
         );
     }

@@ -25,7 +25,7 @@ fn with_everything(precision: &str) -> SimulateSpec {
 }
 
 fn motions(trajectories: &Trajectories) -> Vec<Motion<'_>> {
-    let torques = trajectories.u.as_chunks::<JOINTS>().0.chunks_exact(trajectories.samples);
+    let torques = trajectories.u.chunks_exact(trajectories.samples * JOINTS);
     trajectories
         .scenarios
         .iter()
@@ -48,7 +48,7 @@ fn a_drawn_robot_moves_again_to_the_same_bits_on_every_instruction_set() {
             for instructions in InstructionSet::available() {
                 let replay = Replay { instructions, ..Replay::of(&spec) };
                 let q = replay.run(&motions(&trajectories));
-                assert!(q.as_flattened() == trajectories.q, "{instructions}, {precision}");
+                assert!(q == trajectories.q, "{instructions}, {precision}");
             }
         }
     }
@@ -58,17 +58,17 @@ fn a_drawn_robot_moves_again_to_the_same_bits_on_every_instruction_set() {
 fn a_motion_that_diverges_leaves_its_neighbours_alone() {
     let spec = spec(&mixed(), &json!({}));
     let trajectories = run(&spec, 0..5);
-    let absurd: Joints<f64> = [f64::NAN; JOINTS];
+    let absurd = Joints::splat(JOINTS, f64::NAN);
     let mut motions = motions(&trajectories);
     motions[2].qd0 = absurd;
     let q = Replay::of(&spec).run(&motions);
     let samples = trajectories.samples;
-    for (row, q) in q.chunks_exact(samples).enumerate() {
+    for (row, q) in q.chunks_exact(samples * JOINTS).enumerate() {
         let expected = &trajectories.q[row * samples * JOINTS..][..samples * JOINTS];
         if row == 2 {
-            assert!(q[samples - 1].iter().all(|q| q.is_nan()));
+            assert!(q[(samples - 1) * JOINTS..].iter().all(|q| q.is_nan()));
         } else {
-            assert!(q.as_flattened() == expected, "motion {row}");
+            assert!(q == expected, "motion {row}");
         }
     }
 }
@@ -78,8 +78,8 @@ fn no_motions_and_no_torques_have_no_positions() {
     let replay = Replay::of(&spec(&mixed(), &json!({})));
     assert!(replay.run(&[]).is_empty());
     let robot = Robot::panda();
-    let still =
-        Motion { robot: &robot, q0: [0.0; JOINTS], qd0: [0.0; JOINTS], u: &[], anchors: &[] };
+    let zero = Joints::splat(JOINTS, 0.0);
+    let still = Motion { robot: &robot, q0: zero, qd0: zero, u: &[], anchors: &[] };
     assert!(replay.run(&[still]).is_empty());
 }
 
@@ -89,19 +89,19 @@ fn an_arm_that_is_put_elsewhere_goes_on_from_there_with_its_velocity() {
     let spec = spec(&mixed(), &fields);
     let trajectories = run(&spec, 0..3);
     let velocities = trajectories.qd.as_ref().unwrap().as_chunks::<JOINTS>().0;
-    let (sample, elsewhere) = (70, [0.1, -0.2, 0.3, -1.4, 0.2, 1.7, 0.4]);
+    let (sample, elsewhere) = (70, Joints::from([0.1, -0.2, 0.3, -1.4, 0.2, 1.7, 0.4]));
     let anchors = [Anchor { sample, q: elsewhere }];
     let samples = trajectories.samples;
     for (row, motion) in motions(&trajectories).into_iter().enumerate() {
         let anchored = Replay::of(&spec).run(&[Motion { anchors: &anchors, ..motion }]);
         let before = &trajectories.q[row * samples * JOINTS..][..(sample + 1) * JOINTS];
-        assert!(anchored[..=sample].as_flattened() == before);
+        assert!(&anchored[..(sample + 1) * JOINTS] == before);
 
-        let qd0 = velocities[row * samples + sample].map(f64::from);
-        let from_there = Motion { q0: elsewhere, qd0, u: &motion.u[sample..], ..motion };
+        let qd0 = velocities[row * samples + sample].map(f64::from).into();
+        let from_there = Motion { q0: elsewhere, qd0, u: &motion.u[sample * JOINTS..], ..motion };
         let expected = Replay::of(&spec).run(&[from_there]);
-        let later = anchored[sample + 1..].as_flattened().iter();
-        for (anchored, expected) in later.zip(expected[1..].as_flattened()) {
+        let later = anchored[(sample + 1) * JOINTS..].iter();
+        for (anchored, expected) in later.zip(&expected[JOINTS..]) {
             assert!((anchored - expected).abs() < 1e-5, "{anchored} {expected}");
         }
     }
@@ -115,18 +115,26 @@ fn a_motion_goes_on_from_the_state_that_its_first_half_ended_in() {
         let motions = motions(&trajectories);
         let replay = Replay::of(&spec);
         let half = trajectories.samples / 2;
-        let first: Vec<_> =
-            motions.iter().map(|motion| Motion { u: &motion.u[..half], ..*motion }).collect();
+        let first: Vec<_> = motions
+            .iter()
+            .map(|motion| Motion { u: &motion.u[..half * JOINTS], ..*motion })
+            .collect();
         let (_, ends) = replay.run_through(&first);
         let second: Vec<_> = motions
             .iter()
             .zip(&ends)
-            .map(|(motion, end)| Motion { q0: end.q, qd0: end.qd, u: &motion.u[half..], ..*motion })
+            .map(|(motion, end)| Motion {
+                q0: end.q,
+                qd0: end.qd,
+                u: &motion.u[half * JOINTS..],
+                ..*motion
+            })
             .collect();
         let later = replay.run(&second);
-        let whole = trajectories.q.as_chunks::<JOINTS>().0.chunks_exact(trajectories.samples);
-        for (later, whole) in later.chunks_exact(trajectories.samples - half).zip(whole) {
-            for (later, whole) in later.as_flattened().iter().zip(whole[half..].as_flattened()) {
+        let whole = trajectories.q.chunks_exact(trajectories.samples * JOINTS);
+        for (later, whole) in later.chunks_exact((trajectories.samples - half) * JOINTS).zip(whole)
+        {
+            for (later, whole) in later.iter().zip(&whole[half * JOINTS..]) {
                 assert!((later - whole).abs() < 2e-6, "{precision}: {later} {whole}");
             }
         }

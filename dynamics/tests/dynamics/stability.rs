@@ -1,20 +1,24 @@
-//! Where explicit damping diverges, which the spec refuses on the word of seven constants.
+//! Where explicit damping diverges, which the spec refuses on the word of the robot's description.
 
 use std::ops::ControlFlow;
 
-use dynamics::{JOINT_LIMITS_RAD, Robot, mass_matrix, simulate};
+use dynamics::{Robot, mass_matrix, simulate};
 use nalgebra::SMatrix;
 use proptest::test_runner::{Config, RngAlgorithm, TestRng, TestRunner};
 use serde_json::json;
-use spec::{Integrator, JOINTS, LEAST_INERTIA_KG_M2, Range, RobotSpec, SimulateSpec};
+use spec::{Integrator, JOINTS, Range, RobotSpec, SimulateSpec};
 
 use super::{chirp, spec};
 
 #[test]
 fn the_least_inertias_that_stability_is_judged_by_are_those_of_the_nominal_arm() {
-    let bare = RobotSpec { armature_kg_m2: [0.0; JOINTS], ..RobotSpec::default() };
+    let bare = RobotSpec { armature_kg_m2: vec![0.0; JOINTS], ..RobotSpec::default() };
     let panda = Robot::nominal(&bare);
-    let configurations = JOINT_LIMITS_RAD.map(|Range { min, max }| min..max);
+    let description = bare.description();
+    let configurations: Vec<_> = description.per_joint(|joint| {
+        let Range { min, max } = joint.position_rad;
+        min..max
+    });
     let mut least = [f64::INFINITY; JOINTS];
     let mut runner = TestRunner::new_with_rng(
         Config::with_cases(20_000),
@@ -23,7 +27,7 @@ fn the_least_inertias_that_stability_is_judged_by_are_those_of_the_nominal_arm()
     let least_found = std::cell::RefCell::new(&mut least);
     runner
         .run(&configurations, |q| {
-            let m = mass_matrix(&panda, q);
+            let m = mass_matrix(&panda, q.as_slice());
             let m = SMatrix::<f64, 7, 7>::from_fn(|row, column| m[row][column]);
             let inverse = m.try_inverse().unwrap();
             let mut least = least_found.borrow_mut();
@@ -34,7 +38,8 @@ fn the_least_inertias_that_stability_is_judged_by_are_those_of_the_nominal_arm()
             Ok(())
         })
         .unwrap();
-    for (joint, (found, constant)) in least.iter().zip(LEAST_INERTIA_KG_M2).enumerate() {
+    let stated = description.per_joint(|joint| joint.least_inertia_kg_m2.unwrap());
+    for (joint, (found, constant)) in least.iter().zip(stated).enumerate() {
         let ratio = found / constant;
         assert!((0.98..1.1).contains(&ratio), "joint {}: {found} kg·m²", joint + 1);
     }

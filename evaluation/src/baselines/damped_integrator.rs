@@ -1,14 +1,13 @@
 use series::Observed;
-use spec::JOINTS;
 
 use super::rollout::rollout;
 use crate::{EvaluationError, Predictor};
 
 /// q̇ = u / D: the arm as seven dampers, from the last context position.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct DampedIntegrator {
     /// Nominal, not each robot's own. A joint without damping is held.
-    pub damping_nm_s_rad: [f64; JOINTS],
+    pub damping_nm_s_rad: Vec<f64>,
 }
 
 impl Predictor for DampedIntegrator {
@@ -32,7 +31,7 @@ mod tests {
 
     #[test]
     fn the_damped_integrator_is_exact_for_a_massless_arm_of_that_damping() {
-        let predictor = DampedIntegrator { damping_nm_s_rad: [10.0; JOINTS] };
+        let predictor = DampedIntegrator { damping_nm_s_rad: vec![10.0; 7] };
         assert!(error_of(&predictor, &first_order_robot(0.0, 0.1)) < 1e-4);
         assert!(error_of(&predictor, &first_order_robot(0.0, 0.2)) > 0.1);
     }

@@ -4,7 +4,7 @@ use dynamics::{Anchor, InstructionSet, Joints, Motion, Replay, RigidBody, Robot}
 use nalgebra::{Cholesky, DMatrix, DVector};
 use rayon::prelude::*;
 use series::Observed;
-use spec::{JOINTS, RobotSpec};
+use spec::RobotSpec;
 
 use super::NominalArm;
 use crate::{EvaluationError, Predictor};
@@ -12,7 +12,7 @@ use crate::{EvaluationError, Predictor};
 /// Gauss-Newton on each robot's dynamic parameters through our own simulator, fitted to the
 /// positions of the context; the horizon is then simulated.
 ///
-/// The estimate is the maximum a posteriori of [`PARAMETERS`] numbers: of every link the mass, the three
+/// The estimate is the maximum a posteriori of some numbers ([`Layout`]): of every link the mass, the three
 /// coordinates of its centre and the stretch along its three axes (so that every robot that is tried
 /// is physical), of every joint the damping and the velocity at the first sample. The position there
 /// is the measured one. A priori each parameter lies around the nominal arm's as far as
@@ -25,7 +25,7 @@ use crate::{EvaluationError, Predictor};
 /// that gravity makes unstable depends on its parameters too sharply to be fitted. Residuals are taken to be
 /// as noisy as they are at the moment, at least [`NOISE`]: far from the robot the prior keeps steps short.
 ///
-/// Derivatives are forward differences: the arm and its [`PARAMETERS`] neighbours are lanes of one
+/// Derivatives are forward differences: the arm and its neighbours in every parameter are lanes of one
 /// simulation, and so are the steps of all [`DAMPINGS`] that are tried (Levenberg and Marquardt), of
 /// which the best is taken. It ends when none lowers the cost by the share [`LEAST_DECREASE`], and
 /// after [`ITERATIONS`].
@@ -52,10 +52,27 @@ struct Spread {
 type Parameters = DVector<f64>;
 
 const PER_LINK: usize = 7;
-const DAMPING: usize = PER_LINK * JOINTS;
-const VELOCITY: usize = DAMPING + JOINTS;
-/// With the arm itself, 64 robots: a whole number of vectors.
-const PARAMETERS: usize = VELOCITY + JOINTS;
+
+/// Where the parameters of an arm are: those of links, then dampings, then velocities.
+#[derive(Clone, Copy, Debug)]
+struct Layout {
+    joints: usize,
+}
+
+impl Layout {
+    fn damping(self) -> usize {
+        PER_LINK * self.joints
+    }
+
+    fn velocity(self) -> usize {
+        self.damping() + self.joints
+    }
+
+    /// With seven joints and the arm itself, 64 robots: a whole number of vectors.
+    fn parameters(self) -> usize {
+        self.velocity() + self.joints
+    }
+}
 
 /// About the estimate from the first three samples, rad/s. A light joint forgets its velocity within
 /// a sample or two, so that these cannot tell.
@@ -95,34 +112,44 @@ impl Identification {
         }
     }
 
-    fn predict_one(&self, observed: &Observed<'_>, scenario: usize) -> Vec<[f32; JOINTS]> {
-        let context = observed.context();
-        let torques = observed.u(scenario).values().as_chunks().0;
-        let positions = observed.y(scenario).values().as_chunks().0;
+    fn layout(&self) -> Layout {
+        Layout { joints: self.nominal.joints() }
+    }
+
+    /// Positions `[sample, joint]` of the horizon.
+    fn predict_one(&self, observed: &Observed<'_>, scenario: usize) -> Vec<f32> {
+        let joints = self.nominal.joints();
+        let torques = observed.u(scenario).values();
+        let positions = observed.y(scenario).values();
+        let known = positions.len();
         let fit = Fit {
             arm: self,
-            torques: &torques[..context],
+            torques: &torques[..known],
             positions,
-            start: Start::of(positions, observed.rate_hz()),
-            anchors: anchors(positions, whole(observed.rate_hz() * STRETCH_S)),
+            start: Start::of(positions, joints, observed.rate_hz()),
+            anchors: anchors(positions, joints, whole(observed.rate_hz() * STRETCH_S)),
             stride: whole(observed.rate_hz() / COMPARED_HZ),
         };
         let fitted = fit.solve();
-        let candidates = [fitted, Parameters::zeros(PARAMETERS)].map(|p| fit.arm_at(&p));
+        let nominal = Parameters::zeros(self.layout().parameters());
+        let candidates = [fitted, nominal].map(|p| fit.arm_at(&p));
         let q = self.replay.run(&candidates.each_ref().map(|arm| fit.motion(arm, torques)));
-        let is_finite = |q: &&[Joints<f32>]| q.as_flattened().iter().all(|q| q.is_finite());
-        match q.chunks_exact(observed.samples()).find(is_finite) {
-            Some(q) => q[context..].to_vec(),
-            None => vec![positions[context - 1]; observed.horizon()],
+        let is_finite = |q: &&[f32]| q.iter().all(|q| q.is_finite());
+        match q.chunks_exact(torques.len()).find(is_finite) {
+            Some(q) => q[known..].to_vec(),
+            None => positions[known - joints..].repeat((torques.len() - known) / joints),
         }
     }
 }
 
 /// The last measured position and every `stride`th before it.
-fn anchors(positions: &[Joints<f32>], stride: usize) -> Vec<Anchor> {
-    let samples = (0..positions.len()).rev().step_by(stride);
-    let anchor = |sample: usize| Anchor { sample, q: positions[sample].map(f64::from) };
-    let mut anchors: Vec<Anchor> = samples.map(anchor).collect();
+fn anchors(positions: &[f32], joints: usize, stride: usize) -> Vec<Anchor> {
+    let measured = positions.chunks_exact(joints).enumerate().rev().step_by(stride);
+    let anchor = |(sample, q): (usize, &[f32])| Anchor {
+        sample,
+        q: q.iter().copied().map(f64::from).collect(),
+    };
+    let mut anchors: Vec<Anchor> = measured.map(anchor).collect();
     anchors.reverse();
     anchors
 }
@@ -133,11 +160,10 @@ impl Predictor for Identification {
     }
 
     fn predict(&self, observed: &Observed<'_>) -> Result<Vec<f32>, EvaluationError> {
-        let predicted: Vec<_> = (0..observed.robots())
+        Ok((0..observed.robots())
             .into_par_iter()
             .flat_map_iter(|scenario| self.predict_one(observed, scenario))
-            .collect();
-        Ok(predicted.into_flattened())
+            .collect())
     }
 }
 
@@ -170,12 +196,13 @@ struct Start {
 }
 
 impl Start {
-    fn of(positions: &[[f32; JOINTS]], rate_hz: f64) -> Self {
-        let at = |k: usize, joint: usize| f64::from(positions[k.min(positions.len() - 1)][joint]);
+    fn of(positions: &[f32], joints: usize, rate_hz: f64) -> Self {
+        let samples = positions.len() / joints;
+        let at = |k: usize, joint: usize| f64::from(positions[k.min(samples - 1) * joints + joint]);
         Self {
-            q: std::array::from_fn(|joint| at(0, joint)),
+            q: Joints::from_fn(joints, |joint| at(0, joint)),
             // The parabola through three samples.
-            qd: std::array::from_fn(|joint| {
+            qd: Joints::from_fn(joints, |joint| {
                 0.5 * rate_hz * (4.0 * at(1, joint) - 3.0 * at(0, joint) - at(2, joint))
             }),
         }
@@ -192,9 +219,9 @@ struct Arm {
 /// The estimation for one scenario.
 struct Fit<'a> {
     arm: &'a Identification,
-    /// Of the context, as are positions.
-    torques: &'a [[f32; JOINTS]],
-    positions: &'a [[f32; JOINTS]],
+    /// `[sample, joint]` of the context, as are positions.
+    torques: &'a [f32],
+    positions: &'a [f32],
     start: Start,
     anchors: Vec<Anchor>,
     /// Samples between two that are compared.
@@ -204,8 +231,9 @@ struct Fit<'a> {
 impl Fit<'_> {
     /// As far as it gets; zeros, the nominal arm, when that cannot be simulated.
     fn solve(&self) -> Parameters {
-        let mut estimate = Parameters::zeros(PARAMETERS);
-        let mut differences = [LARGEST_DIFFERENCE / 10.0; PARAMETERS];
+        let parameters = self.arm.layout().parameters();
+        let mut estimate = Parameters::zeros(parameters);
+        let mut differences = vec![LARGEST_DIFFERENCE / 10.0; parameters];
         for _ in 0..ITERATIONS {
             let linearized = self.linearized(&estimate, &differences);
             let Some((residuals, jacobian)) = linearized else { break };
@@ -217,12 +245,12 @@ impl Fit<'_> {
             let noise = NOISE.max((squares / residuals.len() as f64).sqrt());
             let weight = 1.0 / (noise * noise);
             let curvature = &jacobian * jacobian.transpose() * weight
-                + DMatrix::<f64>::identity(PARAMETERS, PARAMETERS);
+                + DMatrix::<f64>::identity(parameters, parameters);
             let downhill = &jacobian * &residuals * weight - &estimate;
             let cost = squares * weight + estimate.norm_squared();
             let steps = DAMPINGS.iter().filter_map(|damping| {
                 let mut damped = curvature.clone();
-                for k in 0..PARAMETERS {
+                for k in 0..parameters {
                     damped[(k, k)] *= 1.0 + damping;
                 }
                 Some(&estimate + Cholesky::new(damped)?.solve(&downhill))
@@ -243,21 +271,22 @@ impl Fit<'_> {
     fn linearized(
         &self,
         at: &Parameters,
-        differences: &[f64; PARAMETERS],
+        differences: &[f64],
     ) -> Option<(DVector<f64>, DMatrix<f64>)> {
-        let neighbours = (0..PARAMETERS).map(|k| {
+        let parameters = differences.len();
+        let neighbours = (0..parameters).map(|k| {
             let mut neighbour = at.clone();
             neighbour[k] += differences[k];
             neighbour
         });
         let robots: Vec<Parameters> = std::iter::once(at.clone()).chain(neighbours).collect();
         let simulated = self.simulate(&robots);
-        if simulated.as_flattened().iter().any(|q| !q.is_finite()) {
+        if simulated.iter().any(|q| !q.is_finite()) {
             return None;
         }
         let (center, neighbours) = simulated.split_at(self.positions.len());
         let residuals: Vec<f64> = self.residuals(center).collect();
-        let mut jacobian = DMatrix::zeros(PARAMETERS, residuals.len());
+        let mut jacobian = DMatrix::zeros(parameters, residuals.len());
         for (parameter, neighbour) in neighbours.chunks_exact(self.positions.len()).enumerate() {
             for (k, (ahead, behind)) in self.kept(neighbour).zip(self.kept(center)).enumerate() {
                 jacobian[(parameter, k)] = (ahead - behind) / differences[parameter];
@@ -281,31 +310,33 @@ impl Fit<'_> {
             .min_by(|(_, a), (_, b)| a.total_cmp(b))
     }
 
-    fn residuals(&self, simulated: &[Joints<f32>]) -> impl Iterator<Item = f64> {
+    fn residuals(&self, simulated: &[f32]) -> impl Iterator<Item = f64> {
         self.kept(self.positions).zip(self.kept(simulated)).map(|(y, q)| y - q)
     }
 
     /// The positions that are compared: the last sample and every [`Fit::stride`]th before it.
-    fn kept<'q>(&self, positions: &'q [Joints<f32>]) -> impl Iterator<Item = f64> + use<'q> {
-        positions.iter().rev().step_by(self.stride).flatten().map(|q| f64::from(*q))
+    fn kept<'q>(&self, positions: &'q [f32]) -> impl Iterator<Item = f64> + use<'q> {
+        let samples = positions.chunks_exact(self.arm.nominal.joints());
+        samples.rev().step_by(self.stride).flatten().map(|q| f64::from(*q))
     }
 
-    /// Positions `[robot, sample]` over the context.
-    fn simulate(&self, robots: &[Parameters]) -> Vec<Joints<f32>> {
+    /// Positions `[robot, sample, joint]` over the context.
+    fn simulate(&self, robots: &[Parameters]) -> Vec<f32> {
         let arms: Vec<Arm> = robots.iter().map(|parameters| self.arm_at(parameters)).collect();
         let motions: Vec<Motion<'_>> =
             arms.iter().map(|arm| self.motion(arm, self.torques)).collect();
         self.arm.replay.run(&motions)
     }
 
-    fn motion<'m>(&'m self, arm: &'m Arm, u: &'m [Joints<f32>]) -> Motion<'m> {
+    fn motion<'m>(&'m self, arm: &'m Arm, u: &'m [f32]) -> Motion<'m> {
         let Start { q, qd } = &self.start;
-        let qd0 = std::array::from_fn(|joint| qd[joint] + arm.extra_velocity[joint]);
+        let qd0 = Joints::from_fn(qd.len(), |joint| qd[joint] + arm.extra_velocity[joint]);
         Motion { robot: &arm.robot, q0: *q, qd0, u, anchors: &self.anchors }
     }
 
     fn arm_at(&self, parameters: &Parameters) -> Arm {
         let Identification { nominal, spread, .. } = self.arm;
+        let layout = self.arm.layout();
         let parameters = parameters.as_slice();
         let mut robot = nominal.clone();
         for (link, of_link) in robot.links.iter_mut().zip(parameters.chunks_exact(PER_LINK)) {
@@ -316,11 +347,15 @@ impl Fit<'_> {
                 ..link.stretched(stretch)
             };
         }
-        for (damping, of_joint) in robot.damping.iter_mut().zip(&parameters[DAMPING..VELOCITY]) {
+        for (damping, of_joint) in
+            robot.damping.iter_mut().zip(&parameters[layout.damping()..layout.velocity()])
+        {
             *damping *= (spread.damping * of_joint).exp();
         }
-        let extra_velocity =
-            std::array::from_fn(|joint| VELOCITY_SPREAD * parameters[VELOCITY + joint]);
+        let extra_velocity = parameters[layout.velocity()..]
+            .iter()
+            .map(|velocity| VELOCITY_SPREAD * velocity)
+            .collect();
         Arm { robot, extra_velocity }
     }
 }

@@ -58,7 +58,7 @@ pub fn baseline(baseline: Baseline, arm: &NominalArm) -> Box<dyn Predictor> {
     match baseline {
         Baseline::HoldLast => Box::new(HoldLast),
         Baseline::DampedIntegrator => {
-            Box::new(DampedIntegrator { damping_nm_s_rad: arm.robot.damping_nm_s_rad })
+            Box::new(DampedIntegrator { damping_nm_s_rad: arm.robot.damping_nm_s_rad.clone() })
         }
         Baseline::FittedDamping => Box::new(FittedDamping),
         Baseline::LeastSquares => Box::new(LeastSquares),

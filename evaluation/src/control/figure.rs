@@ -5,9 +5,6 @@ use wire::{ControlReport, PredictorKind};
 
 use super::{RobotTrials, Trace};
 
-/// Joints of [`robot_figure`]: the first, one in the middle and the last.
-const JOINTS_SHOWN: [usize; 3] = [0, 3, 6];
-
 /// Tracking error over time: at each sample the mean over robots, of controllers that did not fail.
 pub fn tracking_figure(report: &ControlReport, robots: &[RobotTrials]) -> Figure {
     let series = report.controllers.iter().filter(|it| it.failed == 0).map(|controller| {
@@ -44,7 +41,8 @@ pub fn tracking_figure(report: &ControlReport, robots: &[RobotTrials]) -> Figure
     }
 }
 
-/// The positions of three joints beside their path, one panel each; `traces` by controller.
+/// The positions of the first joint, one in the middle and the last beside their path, one panel each;
+/// `traces` by controller.
 ///
 /// # Errors
 /// As [`figures::stacked`].
@@ -57,7 +55,11 @@ pub fn robot_figure(
         let times = (1_u32..).map(|step| f64::from(step) / rate_hz);
         times.zip(degrees).map(|(time, degrees)| Point::new(time, degrees)).collect()
     };
-    let panels = JOINTS_SHOWN.map(|joint| {
+    let joints = traces.iter().flat_map(|(_, trace)| trace.path.first()).map(|q| q.len()).max();
+    let last = joints.unwrap_or(1) - 1;
+    let mut shown = vec![0, last / 2, last];
+    shown.dedup();
+    let panels = shown.into_iter().map(|joint| {
         let longest = traces.iter().map(|(_, trace)| &trace.path).max_by_key(|path| path.len());
         let path = longest.map(|path| {
             let points = over_time(&mut path.iter().map(|q| q[joint].to_degrees()));
@@ -77,5 +79,5 @@ pub fn robot_figure(
         }
     });
     let size = Size { width: 760, height: 260 };
-    stacked(&format!("Robot {robot} in closed loop"), &panels, size)
+    stacked(&format!("Robot {robot} in closed loop"), &panels.collect::<Vec<_>>(), size)
 }

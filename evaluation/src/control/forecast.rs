@@ -2,7 +2,7 @@
 
 use dynamics::{ArmState, Joints, Motion, Replay, Robot};
 use series::{Series, Shape};
-use spec::{ControlBaseline, JOINTS, SimulateSpec};
+use spec::{ControlBaseline, SimulateSpec};
 
 use crate::baselines::to_f32;
 use crate::{DampedIntegrator, EvaluationError, Predictor};
@@ -47,7 +47,7 @@ impl Controller<'_> {
         let forecast: Option<Box<dyn Forecast>> = match baseline {
             ControlBaseline::ZeroTorque => None,
             ControlBaseline::DampedIntegrator => {
-                let damping_nm_s_rad = simulation.robot.damping_nm_s_rad;
+                let damping_nm_s_rad = simulation.robot.damping_nm_s_rad.clone();
                 let predictor = DampedIntegrator { damping_nm_s_rad };
                 let rate_hz = simulation.rate_hz;
                 Some(Box::new(Foreseen { predictor, context: 1, horizon: None, rate_hz }))
@@ -76,13 +76,16 @@ impl Forecast for Simulated {
         steps: usize,
     ) -> Result<Vec<Joints<f32>>, EvaluationError> {
         let ArmState { q: q0, qd: qd0 } = *now.state;
+        let joints = self.robot.joints();
+        let u: Vec<f32> = plans.iter().flatten().copied().collect();
         let motion = |u| Motion { robot: &self.robot, q0, qd0, u, anchors: &[] };
-        let motions: Vec<Motion<'_>> = plans.chunks_exact(steps).map(motion).collect();
+        let motions: Vec<Motion<'_>> = u.chunks_exact(steps * joints).map(motion).collect();
         let (positions, ends) = self.replay.run_through(&motions);
-        let after = positions
-            .chunks_exact(steps)
-            .zip(ends)
-            .flat_map(|(positions, end)| positions[1..].iter().copied().chain([end.q.map(to_f32)]));
+        let after =
+            positions.chunks_exact(steps * joints).zip(ends).flat_map(|(positions, end)| {
+                let later = positions.chunks_exact(joints).skip(1).map(Joints::from);
+                later.chain([end.q.map(to_f32)])
+            });
         Ok(after.collect())
     }
 }
@@ -109,25 +112,26 @@ impl<P: Predictor> Forecast for Foreseen<P> {
         // The context ends now, and the first torque of a plan is that of its last sample.
         let past = &now.u[now.u.len() - (self.context - 1)..];
         let known = &now.y[now.y.len() - self.context..];
+        let joints = known[0].len();
         let plans = plans.chunks_exact(steps);
         let samples = self.context + horizon;
-        let shape = Shape { robots: plans.len(), samples, joints: JOINTS };
+        let shape = Shape { robots: plans.len(), samples, joints };
         let mut u = Vec::with_capacity(shape.values()?);
-        let mut y = Vec::with_capacity(shape.robots * self.context * JOINTS);
+        let mut y = Vec::with_capacity(shape.robots * self.context * joints);
         for plan in plans {
-            u.extend_from_slice(past.as_flattened());
-            u.extend_from_slice(plan.as_flattened());
-            u.extend_from_slice(vec![plan[steps - 1]; horizon + 1 - steps].as_flattened());
-            y.extend_from_slice(known.as_flattened());
+            let held = std::iter::repeat_n(&plan[steps - 1], horizon + 1 - steps);
+            u.extend(past.iter().chain(plan).chain(held).flatten());
+            y.extend(known.iter().flatten());
         }
-        let expected = shape.robots * horizon * JOINTS;
+        let expected = shape.robots * horizon * joints;
         let question = Series::question(shape, self.context, self.rate_hz, u, y)?;
         let predicted = self.predictor.predict(&question.observed(self.context))?;
         if predicted.len() != expected {
             let predictor = self.predictor.name().to_owned();
             return Err(EvaluationError::WrongLength { predictor, got: predicted.len(), expected });
         }
-        let rows = predicted.as_chunks::<JOINTS>().0.chunks_exact(horizon);
-        Ok(rows.flat_map(|row| &row[..steps]).copied().collect())
+        let rows = predicted.chunks_exact(horizon * joints);
+        let planned = rows.flat_map(|row| row[..steps * joints].chunks_exact(joints));
+        Ok(planned.map(Joints::from).collect())
     }
 }

@@ -2,7 +2,7 @@
 
 use dynamics::Joints;
 use random::ChaCha8Rng;
-use spec::{JOINTS, PlanWeights, Planner, TORQUE_LIMITS_NM};
+use spec::{PlanWeights, Planner};
 
 use crate::EvaluationError;
 use crate::baselines::to_f32;
@@ -16,12 +16,13 @@ pub(super) struct Key {
     pub step: u64,
 }
 
-/// Improves `plan` (N·m, one per step) so that what `foresee` says of it comes nearer to `path` (rad).
+/// Improves `plan` (N·m, one per step, none beyond `limits_nm`) so that what `foresee` says of it comes nearer to `path` (rad).
 ///
 /// # Errors
 /// When `foresee` fails, or says something that is not finite.
 pub(super) fn improve(
     planner: &Planner,
+    limits_nm: &Joints<f64>,
     key: Key,
     plan: &mut [Joints<f64>],
     path: &[Joints<f64>],
@@ -30,9 +31,10 @@ pub(super) fn improve(
     let steps = plan.len();
     let mut scale = 1.0;
     for iteration in 0..planner.iterations {
-        let candidates = candidates(planner, &mut generator(key, iteration), scale, plan);
+        let candidates =
+            candidates(planner, limits_nm, &mut generator(key, iteration), scale, plan);
         let positions = foresee(&candidates)?;
-        let unfit = |row: &&[Joints<f32>]| row.as_flattened().iter().any(|q| !q.is_finite());
+        let unfit = |row: &&[Joints<f32>]| row.iter().flatten().any(|q| !q.is_finite());
         let failed = positions.chunks_exact(steps).filter(unfit).count();
         if failed > 0 {
             let plans = planner.samples as usize;
@@ -44,10 +46,10 @@ pub(super) fn improve(
             .map(|(torques, positions)| cost(planner, torques, positions, path))
             .collect();
         let weights = weights(planner, &costs);
-        plan.fill([0.0; JOINTS]);
+        plan.fill(Joints::splat(limits_nm.len(), 0.0));
         for (torques, weights) in candidates.chunks_exact(steps).zip(&weights) {
             for (plan, torques) in plan.iter_mut().zip(torques) {
-                for joint in 0..JOINTS {
+                for joint in 0..plan.len() {
                     plan[joint] += weights[joint] * f64::from(torques[joint]);
                 }
             }
@@ -60,6 +62,7 @@ pub(super) fn improve(
 /// Torque sequences `[candidate, step]`, within the torques that the joints can have.
 fn candidates(
     planner: &Planner,
+    limits_nm: &Joints<f64>,
     generator: &mut ChaCha8Rng,
     scale: f64,
     plan: &[Joints<f64>],
@@ -70,14 +73,17 @@ fn candidates(
     for candidate in 0..planner.samples {
         let deviation = if candidate == 0 { 0.0 } else { scale };
         let noise: Vec<Joints<f64>> = (0..knots)
-            .map(|_| planner.noise_nm.map(|noise| deviation * noise * random::normal(generator)))
+            .map(|_| {
+                let noise = Joints::from(planner.noise_nm.as_slice());
+                noise.map(|noise| deviation * noise * random::normal(generator))
+            })
             .collect();
         candidates.extend(plan.iter().enumerate().map(|(step, torques)| {
             let (knot, share) = (step / every, (step % every) as f64 / every as f64);
             let (before, after) = (&noise[knot], &noise[(knot + 1).min(knots - 1)]);
-            std::array::from_fn(|joint| {
+            Joints::from_fn(torques.len(), |joint| {
                 let noise = before[joint] + share * (after[joint] - before[joint]);
-                let limit = TORQUE_LIMITS_NM[joint];
+                let limit = limits_nm[joint];
                 to_f32((torques[joint] + noise).clamp(-limit, limit))
             })
         }));
@@ -92,9 +98,10 @@ fn cost(
     positions: &[Joints<f32>],
     path: &[Joints<f64>],
 ) -> Joints<f64> {
-    let mut cost = [0.0; JOINTS];
+    let joints = path[0].len();
+    let mut cost = Joints::splat(joints, 0.0);
     for ((torques, positions), path) in torques.iter().zip(positions).zip(path) {
-        for joint in 0..JOINTS {
+        for joint in 0..joints {
             let error = f64::from(positions[joint]) - path[joint];
             let effort = f64::from(torques[joint]);
             cost[joint] += error * error + planner.effort_rad2_nm2 * effort * effort;
@@ -105,14 +112,15 @@ fn cost(
 
 /// Of each candidate and joint; those of a joint add up to 1.
 fn weights(planner: &Planner, costs: &[Joints<f64>]) -> Vec<Joints<f64>> {
-    let mut weights = vec![[0.0; JOINTS]; costs.len()];
+    let joints = costs[0].len();
+    let mut weights = vec![Joints::splat(joints, 0.0); costs.len()];
     let mut spread_over = |joint: usize, cost: &dyn Fn(&Joints<f64>) -> f64| {
         let costs: Vec<f64> = costs.iter().map(cost).collect();
         for (weights, weight) in weights.iter_mut().zip(softmin(&costs, planner.temperature)) {
             weights[joint] = weight;
         }
     };
-    for joint in 0..JOINTS {
+    for joint in 0..joints {
         match planner.weights {
             PlanWeights::Joint => spread_over(joint, &|cost| cost[joint]),
             PlanWeights::Sequence => spread_over(joint, &|cost| cost.iter().sum()),
@@ -139,12 +147,17 @@ fn generator(key: Key, iteration: u32) -> ChaCha8Rng {
 mod tests {
     use super::*;
 
+    const JOINTS: usize = 7;
     const KEY: Key = Key { seed: 1, robot: 2, step: 3 };
+
+    fn limits_nm() -> Joints<f64> {
+        [87.0, 87.0, 87.0, 87.0, 12.0, 12.0, 12.0].into()
+    }
 
     /// Positions that follow the sum of torques so far, as a massless arm's would.
     fn integrate(plans: &[Joints<f32>], steps: usize) -> Vec<Joints<f32>> {
         let followed = |plan: &[Joints<f32>]| {
-            let mut q = [0.0; JOINTS];
+            let mut q = Joints::splat(JOINTS, 0.0);
             let step = |torques: &Joints<f32>| {
                 q.iter_mut().zip(torques).for_each(|(q, torque)| *q += torque);
                 q
@@ -166,12 +179,15 @@ mod tests {
                 ..Planner::default()
             };
             // Ever further at 0.7 N·m for joint 1, at 0.1 N·m more for each that follows.
-            let torque: Joints<f64> = std::array::from_fn(|joint| 0.7 + 0.1 * joint as f64);
+            let torque = Joints::from_fn(JOINTS, |joint| 0.7 + 0.1 * joint as f64);
             let path: Vec<Joints<f64>> =
                 (1..=12).map(|step| torque.map(|torque| torque * f64::from(step))).collect();
-            let mut plan = vec![[0.0; JOINTS]; 12];
-            improve(&planner, KEY, &mut plan, &path, |plans| Ok(integrate(plans, 12))).unwrap();
-            for (found, torque) in plan[5].iter().zip(torque) {
+            let mut plan = vec![Joints::splat(JOINTS, 0.0); 12];
+            improve(&planner, &limits_nm(), KEY, &mut plan, &path, |plans| {
+                Ok(integrate(plans, 12))
+            })
+            .unwrap();
+            for (found, torque) in plan[5].iter().zip(&torque) {
                 assert!((found - torque).abs() < 0.3, "{weights:?}: {plan:?}");
             }
         }
@@ -179,11 +195,11 @@ mod tests {
 
     #[test]
     fn torques_never_leave_what_the_joints_can_have() {
-        let planner = Planner { noise_nm: [80.0; JOINTS], ..Planner::default() };
-        let plan = vec![[11.0; JOINTS]; 40];
-        let candidates = candidates(&planner, &mut generator(KEY, 0), 1.0, &plan);
+        let planner = Planner { noise_nm: vec![80.0; JOINTS], ..Planner::default() };
+        let plan = vec![Joints::splat(JOINTS, 11.0); 40];
+        let candidates = candidates(&planner, &limits_nm(), &mut generator(KEY, 0), 1.0, &plan);
         assert_eq!(candidates.len(), 64 * 40);
-        assert_eq!(candidates[0], [11.0; JOINTS]);
+        assert_eq!(candidates[0], Joints::splat(JOINTS, 11.0));
         let largest = |joint: usize| candidates.iter().map(|u| u[joint].abs()).fold(0.0, f32::max);
         assert!((12.0..=87.0).contains(&largest(0)));
         assert!(largest(6) <= 12.0);
@@ -192,14 +208,14 @@ mod tests {
     #[test]
     fn a_forecast_that_is_not_finite_is_an_error_that_counts_it() {
         let planner = Planner { samples: 4, ..Planner::default() };
-        let path = vec![[0.0; JOINTS]; 3];
+        let path = vec![Joints::splat(JOINTS, 0.0); 3];
         let mut plan = path.clone();
         let broken = |plans: &[Joints<f32>]| {
             let mut positions = plans.to_vec();
             positions[7][2] = f32::NAN;
             Ok(positions)
         };
-        let error = improve(&planner, KEY, &mut plan, &path, broken).unwrap_err();
+        let error = improve(&planner, &limits_nm(), KEY, &mut plan, &path, broken).unwrap_err();
         assert!(error.to_string().contains("1 of 4"), "{error}");
     }
 

@@ -1,7 +1,7 @@
 use std::ops::ControlFlow;
 
 use dynamics::{ArmState, DynamicsError, Joints, Motion, Replay, Robot};
-use spec::{JOINTS, SimulateSpec};
+use spec::SimulateSpec;
 
 use super::Now;
 use crate::baselines::to_f32;
@@ -36,7 +36,8 @@ impl Plant {
             u: Vec::new(),
             y: vec![scenario.q0.map(to_f32)],
         };
-        plant.apply(&recorded.u.as_chunks::<JOINTS>().0[..samples]);
+        let torques = recorded.u.chunks_exact(recorded.joints).take(samples).map(Joints::from);
+        plant.apply(&torques.collect::<Vec<_>>());
         Ok(plant)
     }
 
@@ -56,11 +57,13 @@ impl Plant {
     /// Lets torques act one after the other, N·m.
     pub fn apply(&mut self, torques: &[Joints<f32>]) {
         let ArmState { q: q0, qd: qd0 } = self.state;
-        let motion = Motion { robot: &self.robot, q0, qd0, u: torques, anchors: &[] };
+        let u: Vec<f32> = torques.iter().flatten().copied().collect();
+        let motion = Motion { robot: &self.robot, q0, qd0, u: &u, anchors: &[] };
         let (positions, ends) = self.replay.run_through(&[motion]);
         self.state = ends[0];
         self.u.extend(torques);
-        self.y.extend(positions.iter().skip(1));
+        let positions = positions.chunks_exact(self.robot.joints()).skip(1);
+        self.y.extend(positions.map(Joints::from));
         if !torques.is_empty() {
             self.y.push(self.state.q.map(to_f32));
         }

@@ -1,5 +1,5 @@
-use dynamics::{JOINT_LIMITS_RAD, Joints};
-use spec::ControlPath;
+use dynamics::Joints;
+use spec::{ControlPath, Range};
 
 /// Where a robot is to be, from the moment control begins.
 #[derive(Clone, Debug, PartialEq)]
@@ -11,18 +11,19 @@ pub struct Reference {
 }
 
 impl Reference {
-    /// `start` in rad.
-    pub fn new(path: &ControlPath, start: Joints<f64>) -> Self {
-        let side = std::array::from_fn(|joint| {
-            let limits = JOINT_LIMITS_RAD[joint];
-            if start[joint] <= 0.5 * (limits.min + limits.max) { 1.0 } else { -1.0 }
+    /// `start` and `limits` of the joints in rad.
+    pub fn new(path: &ControlPath, start: Joints<f64>, limits: &[Range]) -> Self {
+        let sides = start.iter().zip(limits).map(|(start, limits)| {
+            if *start <= 0.5 * (limits.min + limits.max) { 1.0 } else { -1.0 }
         });
-        Self { path: path.clone(), start, side }
+        Self { path: path.clone(), start, side: sides.collect() }
     }
 
     /// Positions `t` seconds after control began, rad.
     pub fn at(&self, t: f64) -> Joints<f64> {
         let displacement = self.path.displacement(t);
-        std::array::from_fn(|joint| self.start[joint] + self.side[joint] * displacement[joint])
+        Joints::from_fn(self.start.len(), |joint| {
+            self.start[joint] + self.side[joint] * displacement[joint]
+        })
     }
 }

@@ -1,9 +1,9 @@
 use std::ops::ControlFlow;
 use std::time::Instant;
 
-use dynamics::{JOINT_LIMITS_RAD, Joints, Scenarios};
+use dynamics::{Joints, Scenarios};
 use serde::{Deserialize, Serialize};
-use spec::{ControlSpec, JOINTS, SimulateSpec};
+use spec::{ControlSpec, Range, SimulateSpec};
 
 use super::mppi::{self, Key};
 use super::{Controller, Forecast, Plant, Reference};
@@ -24,6 +24,7 @@ pub struct Experiment<'a> {
 pub struct RobotTrials {
     /// Its trajectory in the simulation.
     pub robot: u64,
+    pub joints: usize,
     /// That computed.
     pub threads: usize,
     pub trials: Vec<Trial>,
@@ -51,7 +52,7 @@ pub struct Tracking {
     /// Mean over joints of `joint_rms_deg`.
     pub rms_deg: f64,
     /// Root mean square over time.
-    pub joint_rms_deg: Joints<f64>,
+    pub joint_rms_deg: Vec<f64>,
     /// The largest of any joint.
     pub peak_deg: f64,
     /// Root mean square over time and joints.
@@ -104,11 +105,11 @@ impl<'a> Experiment<'a> {
     ) -> Option<(Trial, Trace)> {
         let begin = plant.now().u.len();
         let steps = self.steps() as usize;
-        let reference = Reference::new(&self.spec.path, plant.state().q);
+        let reference = Reference::new(&self.spec.path, plant.state().q, &self.limits_rad());
         // The path after `step` samples of control.
         let path = |step: usize| reference.at(step as f64 / self.simulation.rate_hz);
         let horizon = self.spec.planner.horizon as usize;
-        let mut plan = vec![[0.0; JOINTS]; horizon];
+        let mut plan = vec![Joints::splat(self.simulation.joints(), 0.0); horizon];
         let mut plan_ms = Vec::new();
         let mut failure = None;
         let mut step = 0;
@@ -165,35 +166,39 @@ impl<'a> Experiment<'a> {
     ) -> Result<(), EvaluationError> {
         let now = plant.now();
         let steps = plan.len();
-        mppi::improve(&self.spec.planner, key, plan, ahead, |plans| {
+        let joints = &self.simulation.robot.description().joints;
+        let limits_nm = joints.iter().map(|joint| joint.torque_nm).collect();
+        mppi::improve(&self.spec.planner, &limits_nm, key, plan, ahead, |plans| {
             forecast.foresee(&now, plans, steps)
         })
     }
 
+    fn limits_rad(&self) -> Vec<Range> {
+        self.simulation.robot.description().per_joint(|joint| joint.position_rad)
+    }
+
     fn tracking(&self, trace: &Trace) -> Tracking {
         let errors: Vec<Joints<f64>> = trace.errors().collect();
-        let joint_rms_deg: Joints<f64> = std::array::from_fn(|joint| {
+        let joints = self.simulation.joints();
+        let joint_rms_deg = (0..joints).map(|joint| {
             let of_joint: Vec<f64> = errors.iter().map(|errors| errors[joint]).collect();
             rms(&of_joint).to_degrees()
         });
-        let torques: Vec<f64> = trace.torques.as_flattened().iter().map(|&u| u.into()).collect();
-        let beyond = trace.torques.iter().flat_map(|torques| torques.iter().zip(self.excited_nm));
-        let beyond = beyond.filter(|(u, excited)| f64::from(u.abs()) > *excited).count();
+        let joint_rms_deg: Vec<f64> = joint_rms_deg.collect();
+        let torques: Vec<f64> = trace.torques.iter().flatten().map(|&u| u.into()).collect();
+        let beyond = trace.torques.iter().flat_map(|torques| torques.iter().zip(&self.excited_nm));
+        let beyond = beyond.filter(|(u, excited)| f64::from(u.abs()) > **excited).count();
+        let limits = self.limits_rad();
         let clearance = trace.positions.iter().flat_map(|positions| {
-            positions.iter().zip(JOINT_LIMITS_RAD).map(|(&q, limits)| {
+            positions.iter().zip(&limits).map(|(&q, limits)| {
                 let q = f64::from(q);
                 (q - limits.min).min(limits.max - q)
             })
         });
         Tracking {
-            rms_deg: joint_rms_deg.iter().sum::<f64>() / JOINTS as f64,
+            rms_deg: joint_rms_deg.iter().sum::<f64>() / joints as f64,
             joint_rms_deg,
-            peak_deg: errors
-                .as_flattened()
-                .iter()
-                .map(|e| e.abs())
-                .fold(0.0, f64::max)
-                .to_degrees(),
+            peak_deg: errors.iter().flatten().map(|e| e.abs()).fold(0.0, f64::max).to_degrees(),
             torque_rms_nm: rms(&torques),
             beyond_excitation: beyond as f64 / torques.len() as f64,
             clearance_rad: clearance.fold(f64::INFINITY, f64::min),
@@ -205,7 +210,7 @@ impl Trace {
     /// Positions less the path, rad.
     fn errors(&self) -> impl Iterator<Item = Joints<f64>> {
         self.positions.iter().zip(&self.path).map(|(positions, path)| {
-            std::array::from_fn(|joint| f64::from(positions[joint]) - path[joint])
+            Joints::from_fn(path.len(), |joint| f64::from(positions[joint]) - path[joint])
         })
     }
 }
@@ -230,7 +235,7 @@ fn excited_nm(simulation: &SimulateSpec) -> Joints<f64> {
         let law = scenarios.draw(index, 1).torques;
         torques.extend((0..TIMES).map(|k| law.at(duration_s * f64::from(k) / f64::from(TIMES))));
     }
-    std::array::from_fn(|joint| {
+    Joints::from_fn(simulation.joints(), |joint| {
         let mut sizes: Vec<f64> = torques.iter().map(|torques| torques[joint].abs()).collect();
         let position = sizes.len() * 99 / 100;
         *sizes.select_nth_unstable_by(position, f64::total_cmp).1

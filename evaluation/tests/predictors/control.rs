@@ -2,6 +2,7 @@
 
 use std::ops::ControlFlow;
 
+use dynamics::Joints;
 use evaluation::control::{
     Controller, Experiment, Foreseen, Plant, RobotTrials, Trace, Trial, summarize,
 };
@@ -77,13 +78,13 @@ fn a_trial_has_the_same_bits_with_any_number_of_threads() {
 fn the_robot_goes_on_from_its_excitation_as_if_nothing_had_happened() {
     let arms = arms();
     let recorded = dynamics::simulate(&arms, 3..4, &|_| ControlFlow::Continue(())).unwrap();
-    let torques = recorded.u.as_chunks::<JOINTS>().0;
+    let torques: Vec<_> = recorded.u.chunks_exact(JOINTS).map(Joints::from).collect();
     let mut plant = Plant::excited(&arms, 3, 20).unwrap();
     assert_eq!(plant.now().y.len(), 21);
     for torques in torques[20..59].chunks(7) {
         plant.apply(torques);
     }
-    let positions = plant.now().y.as_flattened();
+    let positions: Vec<f32> = plant.now().y.iter().flatten().copied().collect();
     assert_eq!(positions.len(), recorded.q.len());
     for (replayed, recorded) in positions.iter().zip(&recorded.q) {
         assert!((replayed - recorded).abs() < 2e-6, "{replayed} {recorded}");
@@ -122,11 +123,11 @@ impl Predictor for Probe {
 fn a_predictor_is_asked_about_the_latest_samples_and_heard_as_far_as_the_plan_goes() {
     use dynamics::ArmState;
     use evaluation::control::{Forecast, Now};
-    let u: Vec<_> = (0..10_u8).map(|k| [f32::from(k); JOINTS]).collect();
-    let y: Vec<_> = (0..11_u8).map(|k| [100.0 * f32::from(k); JOINTS]).collect();
+    let u: Vec<_> = (0..10_u8).map(|k| Joints::splat(JOINTS, f32::from(k))).collect();
+    let y: Vec<_> = (0..11_u8).map(|k| Joints::splat(JOINTS, 100.0 * f32::from(k))).collect();
     let now = Now { u: &u, y: &y, state: &ArmState::default() };
     let forecast = Foreseen { predictor: Probe, context: 4, horizon: Some(6), rate_hz: 60.0 };
-    let plans = [[1.0; JOINTS], [2.0; JOINTS], [3.0; JOINTS], [4.0; JOINTS]];
+    let plans = [1.0, 2.0, 3.0, 4.0].map(|torque| Joints::splat(JOINTS, torque));
     let answer = forecast.foresee(&now, &plans, 2).unwrap();
     let firsts: Vec<f32> = answer.iter().map(|q| q[0]).collect();
     assert_eq!(firsts, [1001., 1002., 1003., 1004.]);
@@ -162,7 +163,7 @@ fn a_predictor_without_an_answer_is_reported_and_averaged_with_nothing() {
     assert!(reason.contains("sample 0") && reason.contains("not finite"), "{reason}");
 
     let (oracle, _) = run(&spec, 0, ControlBaseline::Oracle);
-    let robots = [RobotTrials { robot: 0, threads: 1, trials: vec![oracle, broken] }];
+    let robots = [RobotTrials { robot: 0, joints: JOINTS, threads: 1, trials: vec![oracle, broken] }];
     let info = |name: &str| ControllerInfo {
         name: name.to_owned(),
         kind: PredictorKind::Baseline,

@@ -31,6 +31,7 @@ impl EvaluateSpec {
                 same("samples", f64::from(training.data.samples()), f64::from(samples));
             }
             same("rate_hz", training.data.rate_hz(), data.rate_hz());
+            same("joints", training.data.joints() as f64, data.joints() as f64);
             self.check_runs(&field, training.spec, &mut report);
         }
         for (i, sampler) in self.samplers.iter().enumerate() {

@@ -2,6 +2,7 @@
 
 use super::{Chirp, Excitation, Frequency, Friction, InitialState, Integrator, MAX_TRAJECTORIES};
 use super::{Multisine, Payload, Rejection, RobotSpec, SimulateSpec};
+use crate::RobotModel;
 use crate::check::{Check, Report};
 
 /// The most frequencies one grid may have.
@@ -22,6 +23,12 @@ impl Check for SimulateSpec {
         report.part("rejection", &self.rejection);
         report.part("integrator", &self.integrator);
         report.part("execution", &self.execution);
+        let joints = self.joints();
+        report.one_per_joint("initial_state.center_rad", &self.initial_state.center_rad, joints);
+        if let Some(multisine) = &self.excitation.multisine {
+            let field = "excitation.multisine.torque_divisor";
+            report.one_per_joint(field, &multisine.torque_divisor, joints);
+        }
         self.check_nyquist(report);
         self.check_stability(report);
         let grid = self.excitation.grid();
@@ -146,6 +153,17 @@ impl Multisine {
 
 impl Check for RobotSpec {
     fn check(&self, report: &mut Report) {
+        if let RobotModel::Described(description) = &self.model {
+            report.part("model", description.as_ref());
+        }
+        let joints = self.joints();
+        report.one_per_joint("damping_nm_s_rad", &self.damping_nm_s_rad, joints);
+        report.one_per_joint("armature_kg_m2", &self.armature_kg_m2, joints);
+        if let Some(friction) = &self.friction {
+            report.one_per_joint("friction.phi1_nm", &friction.phi1_nm, joints);
+            report.one_per_joint("friction.phi2_s_rad", &friction.phi2_s_rad, joints);
+            report.one_per_joint("friction.phi3_rad_s", &friction.phi3_rad_s, joints);
+        }
         let fraction = 0.0..=0.9;
         report.within("mass_fraction", self.mass_fraction, fraction.clone());
         report.within("com_fraction", self.com_fraction, fraction.clone());

@@ -1,13 +1,13 @@
 //! The columns of a dataset's two tables: names, units and frames.
 //!
-//! Columns of a joint or link end in its number, 1 to 7. The tables are written from these lists,
+//! Columns of a joint or link end in its number, from 1. The tables are written from these lists,
 //! so what is said here is what the files have.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::SimulateSpec;
-use crate::JOINTS;
+use crate::RobotDescription;
 
 /// A column of a table.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
@@ -39,7 +39,6 @@ pub enum ColumnType {
 
 const BASE: &str = "base: origin at the foot of the arm, z up";
 const LINK: &str = "modified DH frame of the link, which moves with it";
-const HAND: &str = "hand: origin at the flange, z towards the fingers, turned by -π/4 about it";
 
 impl Column {
     pub fn new(name: impl Into<String>, data_type: ColumnType, about: impl Into<String>) -> Self {
@@ -75,35 +74,36 @@ impl Column {
         Self::new("step", ColumnType::Int32, "index of the sample, which is at step / rate_hz")
     }
 
-    /// Torques `u1` to `u7`.
-    pub fn torques() -> impl Iterator<Item = Self> {
-        numbered("u", ColumnType::Float32, "N·m", |joint| {
+    /// Torques `u1`, `u2`, ...
+    pub fn torques(joints: usize) -> impl Iterator<Item = Self> {
+        numbered(joints, "u", ColumnType::Float32, "N·m", |joint| {
             format!("torque of joint {joint}, held from this sample to the next")
         })
     }
 
-    /// Positions `q1` to `q7`.
-    pub fn positions() -> impl Iterator<Item = Self> {
-        numbered("q", ColumnType::Float32, "rad", |joint| {
+    /// Positions `q1`, `q2`, ...
+    pub fn positions(joints: usize) -> impl Iterator<Item = Self> {
+        numbered(joints, "q", ColumnType::Float32, "rad", |joint| {
             format!("position of joint {joint}, before the torque of this sample acts")
         })
     }
 
-    /// Velocities `qd1` to `qd7`.
-    pub fn velocities() -> impl Iterator<Item = Self> {
-        numbered("qd", ColumnType::Float32, "rad/s", |joint| {
+    /// Velocities `qd1`, `qd2`, ...
+    pub fn velocities(joints: usize) -> impl Iterator<Item = Self> {
+        numbered(joints, "qd", ColumnType::Float32, "rad/s", |joint| {
             format!("velocity of joint {joint}, before the torque of this sample acts")
         })
     }
 }
 
 fn numbered(
+    joints: usize,
     prefix: &str,
     data_type: ColumnType,
     unit: &str,
     about: impl Fn(usize) -> String,
 ) -> impl Iterator<Item = Column> {
-    (1..=JOINTS).map(move |joint| {
+    (1..=joints).map(move |joint| {
         Column::new(format!("{prefix}{joint}"), data_type, about(joint)).unit(unit)
     })
 }
@@ -111,10 +111,11 @@ fn numbered(
 impl SimulateSpec {
     /// Of the table with a row per time step.
     pub fn trajectory_columns(&self) -> Vec<Column> {
+        let joints = self.joints();
         let mut columns = vec![Column::trajectory(), Column::step()];
-        columns.extend(Column::torques().chain(Column::positions()));
+        columns.extend(Column::torques(joints).chain(Column::positions(joints)));
         if self.observations.joint_velocities {
-            columns.extend(Column::velocities());
+            columns.extend(Column::velocities(joints));
         }
         if self.observations.end_effector_pose {
             columns.extend(end_effector_pose());
@@ -124,14 +125,16 @@ impl SimulateSpec {
 
     /// Of the table with a row per trajectory: all that another simulator needs to make it again.
     pub fn robot_columns(&self) -> Vec<Column> {
+        let robot = self.robot.description();
+        let joints = robot.joints.len();
         let mut columns = design();
-        columns.extend(initial_state());
-        columns.extend(kinematics());
-        (1..=JOINTS).for_each(|link| columns.extend(body(link)));
-        columns.extend(friction());
-        columns.extend(payload());
-        columns.extend(chirps());
-        columns.extend(multisines());
+        columns.extend(initial_state(joints));
+        columns.extend(kinematics(robot));
+        (1..=joints).for_each(|link| columns.extend(body(robot, link)));
+        columns.extend(friction(joints));
+        columns.extend(payload(robot));
+        columns.extend(chirps(joints));
+        columns.extend(multisines(joints));
         columns
     }
 }
@@ -171,33 +174,50 @@ fn design() -> Vec<Column> {
     ]
 }
 
-fn initial_state() -> impl Iterator<Item = Column> {
+fn initial_state(joints: usize) -> impl Iterator<Item = Column> {
     let joint = |prefix: &str, unit: &str, what: &str| {
         let (prefix, unit, what) = (prefix.to_owned(), unit.to_owned(), what.to_owned());
-        (1..=JOINTS).map(move |joint| {
+        (1..=joints).map(move |joint| {
             number(format!("{prefix}_{joint}"), &unit, format!("{what} of joint {joint} at t = 0"))
         })
     };
     joint("q0", "rad", "position").chain(joint("qd0", "rad/s", "velocity"))
 }
 
-/// Twists α of the modified DH table are never drawn.
-const TWISTS: &str = "α = 0, -π/2, π/2, π/2, -π/2, π/2, π/2";
-
-fn kinematics() -> impl Iterator<Item = Column> {
-    let a = (1..=JOINTS).map(|joint| {
-        let about = format!("modified DH: length a before joint {joint}; {TWISTS}");
-        number(format!("a_{joint}"), "m", about)
-    });
-    let d = (1..=JOINTS).map(|joint| {
-        number(format!("d_{joint}"), "m", format!("modified DH: offset d of joint {joint}"))
-    });
-    let flange = number("flange", "m", "from the origin of link 7 along its z to the hand's");
-    a.chain(d).chain([flange])
+/// An angle in words: multiples of 45° as fractions of π, others in rad.
+fn angle(degrees: f64) -> String {
+    let sign = if degrees < 0.0 { "-" } else { "" };
+    match degrees.abs() {
+        0.0 => "0".to_owned(),
+        45.0 => format!("{sign}π/4"),
+        90.0 => format!("{sign}π/2"),
+        180.0 => format!("{sign}π"),
+        _ => format!("{}", degrees.to_radians()),
+    }
 }
 
-fn body(link: usize) -> Vec<Column> {
-    let welded = if link == JOINTS { ", hand, fingers and payload included" } else { "" };
+fn kinematics(robot: &RobotDescription) -> Vec<Column> {
+    // Twists of the modified DH table are never drawn.
+    let twists: Vec<String> = robot.per_joint(|joint| angle(joint.alpha_deg));
+    let twists = twists.join(", ");
+    let joints = robot.joints.len();
+    let a = (1..=joints).map(|joint| {
+        let about = format!("modified DH: length a before joint {joint}; α = {twists}");
+        number(format!("a_{joint}"), "m", about)
+    });
+    let d = (1..=joints).map(|joint| {
+        number(format!("d_{joint}"), "m", format!("modified DH: offset d of joint {joint}"))
+    });
+    let about = format!("from the origin of link {joints} along its z to the hand's");
+    a.chain(d).chain([number("flange", "m", about)]).collect()
+}
+
+fn body(robot: &RobotDescription, link: usize) -> Vec<Column> {
+    let welded = match robot.hand.contents.as_str() {
+        _ if link < robot.joints.len() => String::new(),
+        "" => ", payload included".to_owned(),
+        contents => format!(", {contents} and payload included"),
+    };
     let mut columns = vec![number(format!("mass_{link}"), "kg", format!("of link {link}{welded}"))];
     for axis in ["x", "y", "z"] {
         let about = format!("{axis} of the centre of mass of link {link}{welded}");
@@ -214,29 +234,35 @@ fn body(link: usize) -> Vec<Column> {
     columns
 }
 
-fn friction() -> impl Iterator<Item = Column> {
-    [("phi1", "N·m"), ("phi2", "s/rad"), ("phi3", "rad/s")].into_iter().flat_map(|(name, unit)| {
-        (1..=JOINTS).map(move |joint| {
+fn friction(joints: usize) -> impl Iterator<Item = Column> {
+    [("phi1", "N·m"), ("phi2", "s/rad"), ("phi3", "rad/s")].into_iter().flat_map(
+        move |(name, unit)| {
+            (1..=joints).map(move |joint| {
             let about = format!(
                 "of joint {joint}: φ1 / (1 + exp(-φ2 (q̇ + φ3))) - φ1 / (1 + exp(-φ2 φ3)) opposes \
                  the motion; null without friction"
             );
             number(format!("friction_{name}_{joint}"), unit, about).nullable()
         })
-    })
+        },
+    )
 }
 
-fn payload() -> impl Iterator<Item = Column> {
+fn payload(robot: &RobotDescription) -> impl Iterator<Item = Column> {
+    let hand = format!(
+        "hand: origin at the flange, z towards the fingers, turned by {} about it",
+        angle(robot.hand.yaw_deg)
+    );
     let mass = number("payload_mass", "kg", "of the solid sphere in the hand; null without one");
     let center = ["x", "y", "z"].map(|axis| {
         let about = format!("{axis} of the sphere's centre; null without one");
-        number(format!("payload_{axis}"), "m", about).frame(HAND).nullable()
+        number(format!("payload_{axis}"), "m", about).frame(&hand).nullable()
     });
     let radius = number("payload_radius", "m", "of the sphere; null without one").nullable();
     [mass.nullable()].into_iter().chain(center).chain([radius])
 }
 
-fn chirps() -> impl Iterator<Item = Column> {
+fn chirps(joints: usize) -> impl Iterator<Item = Column> {
     const COEFFICIENTS: [(&str, &str); 6] = [
         ("chirp_offset_nm", "N·m"),
         ("chirp_amplitude_nm", "N·m"),
@@ -245,8 +271,8 @@ fn chirps() -> impl Iterator<Item = Column> {
         ("chirp_depth", "1"),
         ("chirp_phase_rad", "rad"),
     ];
-    COEFFICIENTS.into_iter().flat_map(|(name, unit)| {
-        (1..=JOINTS).map(move |joint| {
+    COEFFICIENTS.into_iter().flat_map(move |(name, unit)| {
+        (1..=joints).map(move |joint| {
             let about = format!(
                 "of joint {joint}: offset + amplitude · cos(2π f1 (1 + depth · cos(2π f2 t)) t + \
                  phase); null unless a chirp"
@@ -256,9 +282,9 @@ fn chirps() -> impl Iterator<Item = Column> {
     })
 }
 
-fn multisines() -> impl Iterator<Item = Column> {
-    (0..4).flat_map(|part| {
-        (1..=JOINTS).flat_map(move |joint| {
+fn multisines(joints: usize) -> impl Iterator<Item = Column> {
+    (0..4).flat_map(move |part| {
+        (1..=joints).flat_map(move |joint| {
             let wave = if part % 2 == 0 { "sin" } else { "cos" };
             let about = format!(
                 "of joint {joint}: its part {part} is amplitude · {wave}(2π f t); null unless a \

@@ -4,7 +4,7 @@ use std::fmt;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use crate::{JOINTS, Range};
+use crate::Range;
 
 /// Joint torques that excite the arm, drawn independently per joint.
 ///
@@ -133,7 +133,7 @@ pub struct Multisine {
     pub random_sign: bool,
     /// κ of each joint.
     #[serde(default = "multisine::torque_divisor")]
-    pub torque_divisor: [f64; JOINTS],
+    pub torque_divisor: Vec<f64>,
 }
 
 impl Excitation {
@@ -199,7 +199,8 @@ mod chirp {
 }
 
 mod multisine {
-    use super::{JOINTS, Range};
+    use super::Range;
+    use crate::RobotModel;
 
     pub const fn amplitude_nm_per_hz() -> Range {
         Range::new(-30.0, 30.0)
@@ -210,7 +211,7 @@ mod multisine {
     pub const fn multiples() -> [f64; 4] {
         [1.0, 1.5, 2.0, 3.0]
     }
-    pub const fn torque_divisor() -> [f64; JOINTS] {
-        [1.6, 1.3, 1.6, 1.6, 1.6, 1.6, 1.6]
+    pub fn torque_divisor() -> Vec<f64> {
+        RobotModel::panda().description().per_joint(|joint| joint.multisine_divisor)
     }
 }

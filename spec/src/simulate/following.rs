@@ -10,7 +10,6 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::{Gravity, Integrator, RobotSpec, SimulateSpec};
-use crate::JOINTS;
 use crate::check::Report;
 
 /// A value that is allowed and that a reader of the results should know about.
@@ -39,11 +38,6 @@ impl fmt::Display for Doubt {
         write!(f, "{field} is {value}: {reason}")
     }
 }
-
-/// The least inertia that the nominal Panda's joints have, over all configurations within their limits,
-/// where all other joints swing freely, kg·m². Armature comes on top.
-pub const LEAST_INERTIA_KG_M2: [f64; JOINTS] =
-    [0.0373, 0.4, 0.0178, 0.0994, 0.0118, 0.0224, 0.00466];
 
 /// Runge-Kutta of order 4 is stable while a step is shorter than this many time constants of the
 /// fastest decay (the method's interval of stability on the negative real axis).
@@ -143,6 +137,13 @@ impl SimulateSpec {
         /// Of the limit; the least inertias are those of joints, and arms have slightly less.
         const SAFE: f64 = 0.95;
 
+        if !self.robot.knows_least_inertias() {
+            return Some(
+                "the robot's description has no least_inertia_kg_m2 for every joint, so that nothing tells \
+                 whether explicit steps are stable; one unstable arm fails its shard"
+                    .to_owned(),
+            );
+        }
         let (joint, rate) = self.robot.fastest_decay(Draw::Extreme);
         let step = 1.0 / (self.rate_hz * f64::from(substeps));
         (rate * step > SAFE * RUNGE_KUTTA_LIMIT).then(|| {
@@ -220,7 +221,8 @@ impl RobotSpec {
         nominal * (1.0 - self.damping_fraction)
     }
 
-    /// The joint whose damping slows it down fastest, from 0, and the rate per second.
+    /// The joint whose damping slows it down fastest, from 0, and the rate per second; a rate of 0 where
+    /// the least inertias are not known.
     fn fastest_decay(&self, draw: Draw) -> (usize, f64) {
         let fraction = |fraction: f64| match draw {
             Draw::Nominal => 0.0,
@@ -228,14 +230,21 @@ impl RobotSpec {
         };
         // Measured, inertia falls by less than the largest fraction of its ingredients.
         let lighter = self.mass_fraction.max(self.com_fraction).max(self.inertia_fraction);
-        let rate = |joint: usize| {
-            let damping = self.damping_nm_s_rad[joint] * (1.0 + fraction(self.damping_fraction));
-            let armature = self.armature_kg_m2[joint] * (1.0 - fraction(self.armature_fraction));
-            damping / (LEAST_INERTIA_KG_M2[joint] * (1.0 - fraction(lighter)) + armature)
-        };
-        (0..JOINTS)
-            .map(|joint| (joint, rate(joint)))
+        let nominal = self.damping_nm_s_rad.iter().zip(&self.armature_kg_m2);
+        let joints = nominal.zip(&self.description().joints);
+        let rates = joints.map(|((damping, armature), joint)| {
+            let Some(least_inertia) = joint.least_inertia_kg_m2 else { return 0.0 };
+            let damping = damping * (1.0 + fraction(self.damping_fraction));
+            let armature = armature * (1.0 - fraction(self.armature_fraction));
+            damping / (least_inertia * (1.0 - fraction(lighter)) + armature)
+        });
+        rates
+            .enumerate()
             .fold((0, 0.0), |fastest, next| if next.1 > fastest.1 { next } else { fastest })
+    }
+
+    fn knows_least_inertias(&self) -> bool {
+        self.description().joints.iter().all(|joint| joint.least_inertia_kg_m2.is_some())
     }
 }
 
@@ -269,7 +278,7 @@ mod tests {
 
     #[test]
     fn the_paper_s_arm_is_beyond_doubt_and_light_damping_is_not() {
-        let damping = |damping: f64| json!({"damping_nm_s_rad": vec![damping; JOINTS]});
+        let damping = |damping: f64| json!({"damping_nm_s_rad": vec![damping; 7]});
         check_doubts(&json!({}), &[]);
         check_doubts(&json!({"robot": damping(7.0)}), &[]);
         check_doubts(&json!({"robot": damping(3.0)}), &["integrator"]);
@@ -323,7 +332,7 @@ mod tests {
         assert!(doubts[0].reason.contains("use 6 substeps"), "{}", doubts[0].reason);
         check_doubts(
             &json!({
-                "robot": {"damping_nm_s_rad": vec![3.0; JOINTS]},
+                "robot": {"damping_nm_s_rad": vec![3.0; 7]},
                 "integrator": {"scheme": "rk4", "substeps": 3},
             }),
             &["integrator"],

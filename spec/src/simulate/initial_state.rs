@@ -1,19 +1,19 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use crate::{JOINTS, Range};
+use crate::Range;
 
 /// How the state at t = 0 is drawn (source: the paper's code).
 ///
-/// q1 = k·(±1)·U(q1min, q1max) with k from `joint1_scale`; q2..7 = center + s·spread·U(0, 1) with
+/// q1 = k·(±1)·U(q1min, q1max) with k from `joint1_scale`; q2, q3, .. = center + s·spread·U(0, 1) with
 /// one sign s for all. Velocities: g from `velocity_scale`; q̇1 = g·(±1)·joint1_velocity·U(0, 1);
-/// q̇2..7 = g·s'·velocity·U(0, 1) with one sign s' for all. Positions in rad, velocities in rad/s.
+/// q̇2, q̇3, .. = g·s'·velocity·U(0, 1) with one sign s' for all. Positions in rad, velocities in rad/s.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct InitialState {
     pub joint1_scale: Range,
-    /// Centers of joints 1 to 7; that of joint 1 is unused.
-    pub center_rad: [f64; JOINTS],
+    /// Centers of all joints; that of joint 1 is unused.
+    pub center_rad: Vec<f64>,
     pub spread_rad: f64,
     pub velocity_scale: Range,
     pub joint1_velocity_rad_s: f64,
@@ -25,7 +25,7 @@ impl Default for InitialState {
     fn default() -> Self {
         Self {
             joint1_scale: Range::new(0.2, 0.8),
-            center_rad: [0.0, 0.0, 0.0, -1.5708, 0.0, 1.8675, 0.0],
+            center_rad: vec![0.0, 0.0, 0.0, -1.5708, 0.0, 1.8675, 0.0],
             spread_rad: 0.25,
             velocity_scale: Range::new(0.2, 0.8),
             joint1_velocity_rad_s: 0.5,

@@ -7,25 +7,25 @@ mod following;
 mod initial_state;
 mod integrator;
 mod observations;
-mod robot;
+mod robot_spec;
 
 pub use columns::{Column, ColumnType};
 pub use excitation::{Chirp, ChirpBand, Excitation, Family, Frequency, Multisine};
-pub use following::{Doubt, LEAST_INERTIA_KG_M2};
+pub use following::Doubt;
 pub use initial_state::InitialState;
 pub use integrator::{Integrator, Precision};
 pub use observations::Observations;
-pub use robot::{
-    Friction, Gravity, InertiaScheme, JOINT_LIMITS_RAD, Payload, RobotModel, RobotSpec,
-};
+pub use robot_spec::{Friction, Gravity, InertiaScheme, Payload, RobotSpec};
 
 use std::ops::Range as IndexRange;
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
 use utoipa::ToSchema;
 
 use crate::kind::KindSpec;
-use crate::{DataSpec, Execution, Product};
+use crate::parse::from_fields;
+use crate::{DataSpec, Execution, Product, SpecError, robot};
 
 /// The largest dataset there can be: trajectories are numbered in 32 bits. A server's own limit is
 /// lower.
@@ -98,6 +98,11 @@ pub struct Cell {
 }
 
 impl SimulateSpec {
+    /// Joints of the robot.
+    pub fn joints(&self) -> usize {
+        self.robot.joints()
+    }
+
     pub fn shard_count(&self) -> u64 {
         self.trajectories.div_ceil(u64::from(self.shard_trajectories))
     }
@@ -127,6 +132,11 @@ impl SimulateSpec {
 }
 
 impl KindSpec for SimulateSpec {
+    fn read(mut fields: Map<String, Value>) -> Result<Self, SpecError> {
+        robot::complete(&mut fields)?;
+        from_fields(fields)
+    }
+
     fn makes() -> Option<Product> {
         Some(Product::Trajectories)
     }

@@ -11,8 +11,8 @@ use crate::check::{Check, Report};
 use crate::kind::KindSpec;
 use crate::parse::from_fields;
 use crate::{
-    DataSource, DataSpec, Doubt, Execution, JOINTS, ModelSpec, Product, Reference, SpecError,
-    preset, stream,
+    DataSource, DataSpec, Doubt, Execution, ModelSpec, Product, Reference, SpecError, preset,
+    stream,
 };
 
 pub use early_stop::{EarlyStopSpec, ValidationMetric};
@@ -41,7 +41,7 @@ pub struct TrainSpec {
     pub ema: Option<EmaSpec>,
     /// Weights of the errors of each joint's position in the loss; `null` is 1 for all.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub loss_weights: Option<[f64; JOINTS]>,
+    pub loss_weights: Option<Vec<f64>>,
     /// Optimizer steps, unless `early_stop` ends the training before.
     pub steps: u64,
     /// Key of initial weights and batch order, 0 to 2^53 - 1.

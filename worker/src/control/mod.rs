@@ -58,7 +58,12 @@ fn robot(attempt: &Attempt, spec: &ControlSpec, index: u64) -> Result<(), TaskEr
     attempt.put(&name("csv"), "text/csv", table::csv(rate_hz, &traces)?)?;
     let figure = robot_figure(index, rate_hz, &traces)?;
     attempt.put(&name("svg"), "image/svg+xml", figure.into_bytes())?;
-    attempt.complete(&RobotTrials { robot: index, threads: rayon::current_num_threads(), trials })
+    attempt.complete(&RobotTrials {
+        robot: index,
+        joints: simulation.joints(),
+        threads: rayon::current_num_threads(),
+        trials,
+    })
 }
 
 /// A denoiser is asked for one sample, by the sampler of its checkpoint.

@@ -1,13 +1,14 @@
 //! Tables of closed loops.
 
 use evaluation::control::{RobotTrials, Trace};
-use spec::JOINTS;
 
 /// A row per controller and sample: time, path and positions after the torque, torques.
 pub(super) fn csv(rate_hz: f64, traces: &[(String, Trace)]) -> Result<Vec<u8>, csv::Error> {
     let mut table = csv::Writer::from_writer(Vec::new());
+    let joints = traces.iter().flat_map(|(_, trace)| trace.path.first()).map(|q| q.len()).max();
+    let joints = joints.unwrap_or(0);
     let of_joints =
-        |name: &str, unit: &str| (1..=JOINTS).map(|k| format!("{name}{k}_{unit}")).collect();
+        |name: &str, unit: &str| (1..=joints).map(|k| format!("{name}{k}_{unit}")).collect();
     let columns: [Vec<String>; 3] =
         [of_joints("path", "rad"), of_joints("q", "rad"), of_joints("u", "nm")];
     let names = ["controller", "time_s"].map(str::to_owned).into_iter();
@@ -29,19 +30,20 @@ pub(super) fn trials_csv(robots: &[RobotTrials]) -> Result<Vec<u8>, csv::Error> 
     let mut table = csv::Writer::from_writer(Vec::new());
     let names =
         ["robot", "controller", "rms_deg", "peak_deg", "torque_rms_nm", "beyond_excitation"];
-    let joints = (1..=JOINTS).map(|joint| format!("rms{joint}_deg"));
-    let names = names.map(str::to_owned).into_iter().chain(joints);
+    let joints = robots.first().map_or(0, |robot| robot.joints);
+    let of_joints = (1..=joints).map(|joint| format!("rms{joint}_deg"));
+    let names = names.map(str::to_owned).into_iter().chain(of_joints);
     table.write_record(names.chain(["clearance_rad".to_owned(), "failure".to_owned()]))?;
     for robot in robots {
         for trial in &robot.trials {
             let mut row = vec![robot.robot.to_string(), trial.controller.clone()];
             let numbers = trial.tracking.as_ref().map(|it| {
                 let of_all = [it.rms_deg, it.peak_deg, it.torque_rms_nm, it.beyond_excitation];
-                of_all.into_iter().chain(it.joint_rms_deg).chain([it.clearance_rad])
+                of_all.into_iter().chain(it.joint_rms_deg.iter().copied()).chain([it.clearance_rad])
             });
             match numbers {
                 Some(numbers) => row.extend(numbers.map(|number| number.to_string())),
-                None => row.extend(std::iter::repeat_n(String::new(), 5 + JOINTS)),
+                None => row.extend(std::iter::repeat_n(String::new(), 5 + joints)),
             }
             row.push(trial.failure.clone().unwrap_or_default());
             table.write_record(row)?;

@@ -12,7 +12,6 @@ use crate::attempt::Attempt;
 use crate::error::TaskError;
 use crate::kinds::KindModule;
 
-pub(crate) use series::{POSITIONS, TORQUES};
 pub(crate) use shard::{ProgressOf, SimulatedShard, VERSION, VERSION_KEY};
 
 pub(crate) const MODULE: KindModule = KindModule { run, computes_models: false };

@@ -7,7 +7,7 @@ use arrow::array::{RecordBatch, StringArray};
 use arrow::datatypes::SchemaRef;
 use arrow::error::ArrowError;
 use dynamics::{Scenario, Torques};
-use spec::{Gravity, JOINTS, SimulateSpec};
+use spec::{Gravity, SimulateSpec};
 
 /// Arrays of the same length, each with the name of its column.
 #[derive(Default)]
@@ -25,13 +25,14 @@ pub(super) fn record_batch(
 ) -> Result<RecordBatch, ArrowError> {
     let mut arrays = Arrays::default();
     arrays.design(spec, scenarios)?;
-    arrays.initial_state(scenarios);
-    arrays.kinematics(scenarios);
-    (0..JOINTS).for_each(|link| arrays.body(link, scenarios));
-    arrays.friction(scenarios);
+    let joints = spec.joints();
+    arrays.initial_state(joints, scenarios);
+    arrays.kinematics(joints, scenarios);
+    (0..joints).for_each(|link| arrays.body(link, scenarios));
+    arrays.friction(joints, scenarios);
     arrays.payload(scenarios);
-    arrays.chirps(scenarios);
-    arrays.multisines(scenarios);
+    arrays.chirps(joints, scenarios);
+    arrays.multisines(joints, scenarios);
     let named = schema.fields().iter().map(|field| field.name());
     if !named.eq(&arrays.names) {
         let detail = "robots have not the columns that their spec names".to_owned();
@@ -94,21 +95,21 @@ impl Arrays {
         Ok(())
     }
 
-    fn initial_state(&mut self, scenarios: &[Scenario]) {
-        for joint in 0..JOINTS {
+    fn initial_state(&mut self, joints: usize, scenarios: &[Scenario]) {
+        for joint in 0..joints {
             self.number(format!("q0_{}", joint + 1), scenarios, |s| s.q0[joint]);
         }
-        for joint in 0..JOINTS {
+        for joint in 0..joints {
             self.number(format!("qd0_{}", joint + 1), scenarios, |s| s.qd0[joint]);
         }
     }
 
-    fn kinematics(&mut self, scenarios: &[Scenario]) {
-        for joint in 0..JOINTS {
+    fn kinematics(&mut self, joints: usize, scenarios: &[Scenario]) {
+        for joint in 0..joints {
             let name = format!("a_{}", joint + 1);
             self.number(name, scenarios, |s| s.robot.kinematics.a_m[joint]);
         }
-        for joint in 0..JOINTS {
+        for joint in 0..joints {
             let name = format!("d_{}", joint + 1);
             self.number(name, scenarios, |s| s.robot.kinematics.d_m[joint]);
         }
@@ -138,15 +139,15 @@ impl Arrays {
         self.number(format!("armature_{number}"), scenarios, |s| s.robot.armature[link]);
     }
 
-    fn friction(&mut self, scenarios: &[Scenario]) {
-        type Coefficient = (&'static str, fn(&dynamics::Friction) -> [f64; JOINTS]);
+    fn friction(&mut self, joints: usize, scenarios: &[Scenario]) {
+        type Coefficient = (&'static str, fn(&dynamics::Friction) -> dynamics::Joints<f64>);
         const COEFFICIENTS: [Coefficient; 3] = [
             ("phi1", |friction| friction.phi1_nm),
             ("phi2", |friction| friction.phi2_s_rad),
             ("phi3", |friction| friction.phi3_rad_s),
         ];
         for (name, coefficient) in COEFFICIENTS {
-            for joint in 0..JOINTS {
+            for joint in 0..joints {
                 let name = format!("friction_{name}_{}", joint + 1);
                 self.number_or_null(name, scenarios, |s| {
                     s.robot.friction.as_ref().map(|friction| coefficient(friction)[joint])
@@ -165,7 +166,7 @@ impl Arrays {
         self.number_or_null("payload_radius", scenarios, |s| of(s).map(|it| it.radius_m));
     }
 
-    fn chirps(&mut self, scenarios: &[Scenario]) {
+    fn chirps(&mut self, joints: usize, scenarios: &[Scenario]) {
         type Coefficient = (&'static str, fn(&dynamics::Chirp) -> f64);
         const COEFFICIENTS: [Coefficient; 6] = [
             ("chirp_offset_nm", |chirp| chirp.offset_nm),
@@ -176,7 +177,7 @@ impl Arrays {
             ("chirp_phase_rad", |chirp| chirp.phase_rad),
         ];
         for (name, coefficient) in COEFFICIENTS {
-            for joint in 0..JOINTS {
+            for joint in 0..joints {
                 let name = format!("{name}_{}", joint + 1);
                 self.number_or_null(name, scenarios, |s| match &s.torques {
                     Torques::Chirp(joints) => Some(coefficient(&joints[joint])),
@@ -186,9 +187,9 @@ impl Arrays {
         }
     }
 
-    fn multisines(&mut self, scenarios: &[Scenario]) {
+    fn multisines(&mut self, joints: usize, scenarios: &[Scenario]) {
         for component in 0..4 {
-            for joint in 0..JOINTS {
+            for joint in 0..joints {
                 let of = |s: &Scenario| match &s.torques {
                     Torques::Multisine(joints) => Some(joints[joint]),
                     Torques::Chirp(_) => None,

@@ -7,15 +7,9 @@ use arrow::datatypes::SchemaRef;
 use arrow::error::ArrowError;
 use dynamics::Trajectories;
 use rayon::prelude::*;
-use spec::JOINTS;
 
-/// Columns of the joints' torques, N·m.
-pub(crate) const TORQUES: [&str; JOINTS] = ["u1", "u2", "u3", "u4", "u5", "u6", "u7"];
-/// Columns of the joints' positions, rad.
-pub(crate) const POSITIONS: [&str; JOINTS] = ["q1", "q2", "q3", "q4", "q5", "q6", "q7"];
-
-/// Numbers of a pose: as many as there are joints, so that all series lie alike.
-const WIDTH: usize = JOINTS;
+/// Numbers of a pose.
+const POSE: usize = 7;
 
 /// The rows of `simulated`, with the columns of `schema`: those that its spec asks for.
 pub(super) fn record_batch(
@@ -23,10 +17,16 @@ pub(super) fn record_batch(
     simulated: &Trajectories,
 ) -> Result<RecordBatch, ArrowError> {
     let mut columns = ids(simulated)?.to_vec();
-    let recorded = [Some(&simulated.u), Some(&simulated.q)].into_iter();
-    let recorded = recorded.chain([simulated.qd.as_ref(), simulated.end_effector.as_ref()]);
-    for series in recorded.flatten() {
-        columns.par_extend((0..WIDTH).into_par_iter().map(|place| column(series, place)));
+    let joints = simulated.joints;
+    let recorded = [
+        (Some(&simulated.u), joints),
+        (Some(&simulated.q), joints),
+        (simulated.qd.as_ref(), joints),
+        (simulated.end_effector.as_ref(), POSE),
+    ];
+    for (series, width) in recorded {
+        let Some(series) = series else { continue };
+        columns.par_extend((0..width).into_par_iter().map(|place| column(series, width, place)));
     }
     RecordBatch::try_new(Arc::clone(schema), columns)
 }
@@ -47,9 +47,9 @@ fn ids(simulated: &Trajectories) -> Result<[ArrayRef; 2], ArrowError> {
     Ok([trajectory, step].map(|ids| Arc::new(Int32Array::from(ids)) as ArrayRef))
 }
 
-/// One of the seven columns of `[.., 7]`.
-fn column(series: &[f32], place: usize) -> ArrayRef {
-    let samples = series.as_chunks::<WIDTH>().0;
-    let values: Vec<f32> = samples.iter().map(|sample| sample[place]).collect();
+/// One of the columns of `[.., width]`.
+fn column(series: &[f32], width: usize, place: usize) -> ArrayRef {
+    let samples = series.chunks_exact(width);
+    let values: Vec<f32> = samples.map(|sample| sample[place]).collect();
     Arc::new(Float32Array::from(values))
 }

@@ -4,7 +4,7 @@ use serde_json::json;
 use spec::{Column, ColumnType};
 use store::TableReader;
 
-use super::fixture::{description, make, rows, spec_with};
+use super::fixture::{description, make, rows, spec_with, verify};
 
 /// Everything that can be recorded, of robots with everything that can be drawn.
 fn rich() -> spec::SimulateSpec {
@@ -20,10 +20,21 @@ fn rich() -> spec::SimulateSpec {
     }))
 }
 
+/// Arms of six joints, by a description.
+fn arms_of_six() -> spec::SimulateSpec {
+    let model: serde_json::Value =
+        serde_json::from_str(include_str!("../../../tests/data/arm_of_six.json")).unwrap();
+    spec_with(&json!({
+        "seed": 13,
+        "observations": {"joint_velocities": true, "end_effector_pose": true},
+        "robot": {"model": model, "friction": {}, "payload": {"mass_kg": [0.1, 1.0]}},
+    }))
+}
+
 #[test]
 fn files_have_the_columns_that_the_spec_and_dataset_json_name() {
     let dir = tempfile::tempdir().unwrap();
-    for spec in [rich(), spec_with(&json!({}))] {
+    for spec in [rich(), spec_with(&json!({})), arms_of_six()] {
         let dir = dir.path().join(spec.seed.to_string());
         make(&dir, &spec);
         let description = description(&dir);
@@ -60,6 +71,7 @@ fn files_have_the_columns_that_the_spec_and_dataset_json_name() {
                 assert_eq!(rows.num_columns(), columns.len());
             }
         }
+        verify(&dir).unwrap();
     }
 }
 

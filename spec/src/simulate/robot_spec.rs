@@ -1,7 +1,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use crate::{JOINTS, Range};
+use crate::{Range, RobotDescription, RobotModel};
 
 /// The arm and how far each robot's parameters lie from the nominal ones.
 ///
@@ -9,6 +9,7 @@ use crate::{JOINTS, Range};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct RobotSpec {
+    /// What is left out below is what its description says.
     pub model: RobotModel,
     /// Of each body's mass.
     pub mass_fraction: f64,
@@ -19,12 +20,12 @@ pub struct RobotSpec {
     pub inertia_scheme: InertiaScheme,
     /// Of each joint's damping.
     pub damping_fraction: f64,
-    /// Nominal viscous damping, N·m·s/rad.
-    pub damping_nm_s_rad: [f64; JOINTS],
+    /// Nominal viscous damping of each joint, N·m·s/rad.
+    pub damping_nm_s_rad: Vec<f64>,
     /// Of each joint's armature.
     pub armature_fraction: f64,
-    /// Nominal reflected rotor inertia, kg·m².
-    pub armature_kg_m2: [f64; JOINTS],
+    /// Nominal reflected rotor inertia of each joint, kg·m².
+    pub armature_kg_m2: Vec<f64>,
     /// Of each length of the kinematics: every a and d of the modified DH table that is not zero,
     /// and the flange's distance. Twists stay as they are.
     pub geometry_fraction: f64,
@@ -37,41 +38,19 @@ pub struct RobotSpec {
 
 impl Default for RobotSpec {
     fn default() -> Self {
-        Self {
-            model: RobotModel::Panda,
-            mass_fraction: 0.1,
-            com_fraction: 0.1,
-            inertia_fraction: 0.1,
-            inertia_scheme: InertiaScheme::PseudoInertia,
-            damping_fraction: 0.1,
-            damping_nm_s_rad: [10.0; JOINTS],
-            armature_fraction: 0.0,
-            armature_kg_m2: [0.01; JOINTS],
-            geometry_fraction: 0.0,
-            friction: None,
-            payload: None,
-            gravity: Gravity::Off,
-        }
+        Self::of(RobotModel::panda())
     }
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum RobotModel {
-    /// Franka Emika Panda with hand and fingers, parameters of Gaz et al. 2019.
-    Panda,
-}
+impl RobotSpec {
+    pub fn description(&self) -> &RobotDescription {
+        self.model.description()
+    }
 
-/// Position limits of the joints, rad. Source: franka_description, robots/fer/joint_limits.yaml.
-pub const JOINT_LIMITS_RAD: [Range; JOINTS] = [
-    Range::new(-2.8973, 2.8973),
-    Range::new(-1.7628, 1.7628),
-    Range::new(-2.8973, 2.8973),
-    Range::new(-3.0718, -0.0698),
-    Range::new(-2.8973, 2.8973),
-    Range::new(-0.0175, 3.7525),
-    Range::new(-2.8973, 2.8973),
-];
+    pub fn joints(&self) -> usize {
+        self.description().joints.len()
+    }
+}
 
 /// How inertia tensors are randomized.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
@@ -97,28 +76,24 @@ pub enum Gravity {
 
 /// τ_f(q̇) = φ1 / (1 + exp(-φ2 (q̇ + φ3))) - φ1 / (1 + exp(-φ2 φ3)), one triple per joint.
 ///
-/// Source: Gaz et al. 2019, equation 19 and table IV; the defaults are their estimates.
+/// Source: Gaz et al. 2019, equation 19. Values left out are those of the robot's description.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Friction {
     /// φ1, N·m.
-    pub phi1_nm: [f64; JOINTS],
+    pub phi1_nm: Vec<f64>,
     /// φ2, s/rad.
-    pub phi2_s_rad: [f64; JOINTS],
+    pub phi2_s_rad: Vec<f64>,
     /// φ3, rad/s.
-    pub phi3_rad_s: [f64; JOINTS],
+    pub phi3_rad_s: Vec<f64>,
     /// Half-width of each joint's φ1, as a fraction of the nominal one.
     pub phi1_fraction: f64,
 }
 
 impl Default for Friction {
     fn default() -> Self {
-        Self {
-            phi1_nm: [0.54615, 0.87224, 0.64068, 1.2794, 0.83904, 0.30301, 0.56489],
-            phi2_s_rad: [5.1181, 9.0657, 10.136, 5.5903, 8.3469, 17.133, 10.336],
-            phi3_rad_s: [0.039533, 0.025882, -0.04607, 0.036194, 0.026226, -0.021047, 0.0035526],
-            phi1_fraction: 0.1,
-        }
+        let friction = RobotModel::panda().description().friction();
+        friction.expect("the description of the Panda has friction")
     }
 }
 

@@ -1,0 +1,256 @@
+//! Any chain of revolute joints: twists and offsets of every robot's own.
+//!
+//! The same algorithms as [`crate::forward_dynamics`], in loops over the joints that there are. Links come
+//! regrouped as well; the first one's remainder needs no mass of its own either, since the base does not
+//! move.
+
+use simd::Lanes;
+use spec::MAX_JOINTS;
+
+use crate::forward_dynamics::{Composite, Dynamics, Motion, Wrench};
+use crate::model::Model;
+use crate::spatial::{Symmetric, Turn, Vector, add_cross};
+use crate::structure::Structure;
+
+/// An arm of any structure.
+#[derive(Clone, Copy)]
+pub(crate) struct General {
+    joints: usize,
+}
+
+impl General {
+    pub(crate) fn new(joints: usize) -> Self {
+        Self { joints }
+    }
+}
+
+/// Where a joint's frame lies in the frame of the link before it.
+#[derive(Clone, Copy)]
+struct Place<L> {
+    origin: Vector<L>,
+    /// About x.
+    twist: Turn<L>,
+    /// About z.
+    turn: Turn<L>,
+}
+
+impl<L: Lanes> Place<L> {
+    /// A vector of the joint's link, in the parent's axes.
+    #[inline(always)]
+    fn to_parent(self, [x, y, z]: Vector<L>) -> Vector<L> {
+        let Self { twist, turn, .. } = self;
+        let turned_x = turn.sin.neg_mul_add(y, turn.cos * x);
+        let turned_y = turn.sin.mul_add(x, turn.cos * y);
+        [
+            turned_x,
+            twist.sin.neg_mul_add(z, twist.cos * turned_y),
+            twist.sin.mul_add(turned_y, twist.cos * z),
+        ]
+    }
+
+    /// A vector of the parent, in the axes of the joint's link.
+    #[inline(always)]
+    fn to_child(self, [x, y, z]: Vector<L>) -> Vector<L> {
+        let Self { twist, turn, .. } = self;
+        let turned_y = twist.sin.mul_add(z, twist.cos * y);
+        let turned_z = twist.sin.neg_mul_add(y, twist.cos * z);
+        [
+            turn.sin.mul_add(turned_y, turn.cos * x),
+            turn.sin.neg_mul_add(x, turn.cos * turned_y),
+            turned_z,
+        ]
+    }
+
+    /// A symmetric matrix of the joint's link, in the parent's axes: R A Rᵀ.
+    #[inline(always)]
+    fn symmetric_to_parent(self, [xx, xy, xz, yy, yz, zz]: Symmetric<L>) -> Symmetric<L> {
+        let Self { twist, turn, .. } = self;
+        let ([xx, xy, yy], [xz, yz]) = turned(turn, [xx, xy, yy], [xz, yz]);
+        // About x, the axes y and z play the part that x and y play about z.
+        let ([yy, yz, zz], [xy, xz]) = turned(twist, [yy, yz, zz], [xy, xz]);
+        [xx, xy, xz, yy, yz, zz]
+    }
+
+    #[inline(always)]
+    fn wrench_to_parent(self, wrench: Wrench<L>) -> Wrench<L> {
+        let force = self.to_parent(wrench.force);
+        let moment = self.to_parent(wrench.moment);
+        Wrench { force, moment: add_cross(self.origin, force, moment) }
+    }
+}
+
+/// A symmetric matrix turned about an axis: its block across the axis (entries 11, 12, 22) and its
+/// entries between the block and the axis (1, 2).
+#[inline(always)]
+fn turned<L: Lanes>(turn: Turn<L>, block: [L; 3], mixed: [L; 2]) -> ([L; 3], [L; 2]) {
+    let Turn { sin, cos } = turn;
+    let [a, b, c] = block;
+    let first = sin.neg_mul_add(b, cos * a);
+    let second = sin.neg_mul_add(c, cos * b);
+    let turned_a = sin.neg_mul_add(second, cos * first);
+    let turned_b = cos.mul_add(second, sin * first);
+    // The trace of the turned block is that of the block.
+    let turned_c = (a + c) - turned_a;
+    let [p, q] = mixed;
+    ([turned_a, turned_b, turned_c], [sin.neg_mul_add(q, cos * p), cos.mul_add(q, sin * p)])
+}
+
+/// Inertia about the parent's origin of a massless body whose inertia about the joint's is given:
+/// I − [t][h] − [h][t] with t the joint's origin and h the first moment.
+#[inline(always)]
+fn shifted<L: Lanes>(t: Vector<L>, h: Vector<L>, inertia: Symmetric<L>) -> Symmetric<L> {
+    let [xx, xy, xz, yy, yz, zz] = inertia;
+    let twice = [h[0] + h[0], h[1] + h[1], h[2] + h[2]];
+    let [x, y, z] = [0, 1, 2];
+    [
+        t[y].mul_add(twice[y], t[z].mul_add(twice[z], xx)),
+        t[x].neg_mul_add(h[y], t[y].neg_mul_add(h[x], xy)),
+        t[x].neg_mul_add(h[z], t[z].neg_mul_add(h[x], xz)),
+        t[x].mul_add(twice[x], t[z].mul_add(twice[z], yy)),
+        t[y].neg_mul_add(h[z], t[z].neg_mul_add(h[y], yz)),
+        t[x].mul_add(twice[x], t[y].mul_add(twice[y], zz)),
+    ]
+}
+
+impl<L: Lanes> Motion<L> {
+    /// The base, which feels only that it does not fall.
+    #[inline(always)]
+    fn of_base(base_acceleration: L) -> Self {
+        let zero = L::splat(0.0);
+        Self::new([zero; 3], [zero; 3], [zero, zero, base_acceleration])
+    }
+
+    /// The motion of the link beyond a joint, given that of the link before it.
+    #[inline(always)]
+    fn beyond(&self, place: Place<L>, qd: L) -> Self {
+        let [w, w_dot] = [self.angular_velocity, self.angular_acceleration];
+        let minus_xx = w[0].neg_mul_add(w[0], L::splat(0.0));
+        let third = [
+            w[0].mul_add(w[2], w_dot[1]),
+            w[1].mul_add(w[2], -w_dot[0]),
+            w[1].neg_mul_add(w[1], minus_xx),
+        ];
+        let [x, y, z] = place.origin;
+        let mut acceleration = self.acceleration;
+        for row in 0..3 {
+            let [first, second] = self.gradient[row];
+            let along = second.mul_add(y, first.mul_add(x, acceleration[row]));
+            acceleration[row] = third[row].mul_add(z, along);
+        }
+        let mut w = place.to_child(w);
+        let mut w_dot = place.to_child(w_dot);
+        w_dot[0] = w[1].mul_add(qd, w_dot[0]);
+        w_dot[1] = w[0].neg_mul_add(qd, w_dot[1]);
+        w[2] = w[2] + qd;
+        Self::new(w, w_dot, place.to_child(acceleration))
+    }
+}
+
+impl Structure<MAX_JOINTS> for General {
+    #[inline(always)]
+    fn joints(self) -> usize {
+        // Says to the compiler that no index is out of bounds.
+        self.joints.min(MAX_JOINTS)
+    }
+
+    #[inline(always)]
+    fn turns<L: Lanes>(self, q: &[L; MAX_JOINTS], turns: &mut [Turn<L>; MAX_JOINTS]) {
+        for joint in 0..self.joints() {
+            turns[joint] = Turn::by(q[joint]);
+        }
+    }
+
+    #[inline(always)]
+    fn later_turns<L: Lanes>(
+        self,
+        start: &[Turn<L>; MAX_JOINTS],
+        change: &[L; MAX_JOINTS],
+        turns: &mut [Turn<L>; MAX_JOINTS],
+    ) {
+        for joint in 0..self.joints() {
+            turns[joint] = start[joint].and_by(change[joint]);
+        }
+    }
+
+    #[inline(always)]
+    fn mass_matrix_and_bias<L: Lanes>(
+        self,
+        model: &Model<L, MAX_JOINTS>,
+        turns: &[Turn<L>; MAX_JOINTS],
+        qd: &[L; MAX_JOINTS],
+        dynamics: &mut Dynamics<L, MAX_JOINTS>,
+    ) {
+        let joints = self.joints();
+        let still = Wrench { force: [L::splat(0.0); 3], moment: [L::splat(0.0); 3] };
+
+        let mut wrenches = [still; MAX_JOINTS];
+        let mut motion = Motion::of_base(model.base_acceleration);
+        for joint in 0..joints {
+            motion = motion.beyond(place(model, turns, joint), qd[joint]);
+            wrenches[joint] = motion.wrench(&model.links[joint]);
+        }
+
+        let mut columns = [still; MAX_JOINTS];
+        let last = joints - 1;
+        let mut composite = Composite::of_last_link(&model.links[last], wrenches[last]);
+        let mut joint = last;
+        loop {
+            columns[joint] = composite.wrench_of_unit_acceleration();
+            dynamics.mass_matrix[joint][joint] = columns[joint].moment[2] + model.armature[joint];
+            dynamics.bias[joint] = composite.wrench.moment[2];
+            if joint == 0 {
+                return;
+            }
+            let place = place(model, turns, joint);
+            let parent = joint - 1;
+            for column in joint..joints {
+                columns[column] = place.wrench_to_parent(columns[column]);
+                dynamics.mass_matrix[column][parent] = columns[column].moment[2];
+            }
+            let first_moment = place.to_parent(composite.first_moment);
+            let inertia = place.symmetric_to_parent(composite.inertia);
+            let inertia = shifted(place.origin, first_moment, inertia);
+            let wrench = place.wrench_to_parent(composite.wrench);
+            composite = Composite { first_moment, inertia, wrench }
+                .with_link(&model.links[parent], wrenches[parent]);
+            joint = parent;
+        }
+    }
+
+    #[inline(always)]
+    fn solve<L: Lanes>(
+        self,
+        m: &mut [[L; MAX_JOINTS]; MAX_JOINTS],
+        b: &mut [L; MAX_JOINTS],
+        qdd: &mut [L; MAX_JOINTS],
+    ) {
+        let joints = self.joints();
+        let mut inverse_pivots = [L::splat(0.0); MAX_JOINTS];
+        for pivot in (0..joints).rev() {
+            inverse_pivots[pivot] = m[pivot][pivot].recip();
+            for row in 0..pivot {
+                let factor = m[pivot][row] * inverse_pivots[pivot];
+                for column in 0..=row {
+                    m[row][column] = factor.neg_mul_add(m[pivot][column], m[row][column]);
+                }
+                b[row] = factor.neg_mul_add(b[pivot], b[row]);
+            }
+        }
+        for joint in 0..joints {
+            let mut rest = b[joint];
+            for inner in 0..joint {
+                rest = m[joint][inner].neg_mul_add(qdd[inner], rest);
+            }
+            qdd[joint] = rest * inverse_pivots[joint];
+        }
+    }
+}
+
+#[inline(always)]
+fn place<L: Lanes>(
+    model: &Model<L, MAX_JOINTS>,
+    turns: &[Turn<L>; MAX_JOINTS],
+    joint: usize,
+) -> Place<L> {
+    Place { origin: model.origins[joint], twist: model.twists[joint], turn: turns[joint] }
+}

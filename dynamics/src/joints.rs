@@ -1,0 +1,96 @@
+use std::fmt;
+use std::ops::{Deref, DerefMut};
+
+use spec::MAX_JOINTS;
+
+/// One value per joint of an arm, in place: there are at most [`MAX_JOINTS`]. A slice in all but its type.
+#[derive(Clone, Copy)]
+pub struct Joints<T> {
+    values: [T; MAX_JOINTS],
+    count: usize,
+}
+
+impl<T: Copy + Default> Joints<T> {
+    /// # Panics
+    /// When there are more than [`MAX_JOINTS`]; as for all that make one.
+    pub fn from_fn(count: usize, value: impl FnMut(usize) -> T) -> Self {
+        (0..count).map(value).collect()
+    }
+
+    /// The same value for each of `count` joints.
+    pub fn splat(count: usize, value: T) -> Self {
+        Self::from_fn(count, |_| value)
+    }
+
+    /// Every value changed.
+    #[must_use]
+    pub fn map<U: Copy + Default>(&self, change: impl FnMut(T) -> U) -> Joints<U> {
+        self.iter().copied().map(change).collect()
+    }
+}
+
+impl<T: Copy + Default> FromIterator<T> for Joints<T> {
+    fn from_iter<I: IntoIterator<Item = T>>(values: I) -> Self {
+        let mut joints = Self::default();
+        for value in values {
+            assert!(joints.count < MAX_JOINTS, "an arm has at most {MAX_JOINTS} joints");
+            joints.values[joints.count] = value;
+            joints.count += 1;
+        }
+        joints
+    }
+}
+
+impl<T: Copy + Default> Default for Joints<T> {
+    /// No joints.
+    fn default() -> Self {
+        Self { values: [T::default(); MAX_JOINTS], count: 0 }
+    }
+}
+
+impl<T: Copy + Default> From<&[T]> for Joints<T> {
+    fn from(values: &[T]) -> Self {
+        values.iter().copied().collect()
+    }
+}
+
+impl<T: Copy + Default, const N: usize> From<[T; N]> for Joints<T> {
+    fn from(values: [T; N]) -> Self {
+        values.into_iter().collect()
+    }
+}
+
+impl<T> Deref for Joints<T> {
+    type Target = [T];
+
+    fn deref(&self) -> &[T] {
+        &self.values[..self.count]
+    }
+}
+
+impl<T> DerefMut for Joints<T> {
+    fn deref_mut(&mut self) -> &mut [T] {
+        &mut self.values[..self.count]
+    }
+}
+
+impl<T: PartialEq> PartialEq for Joints<T> {
+    fn eq(&self, other: &Self) -> bool {
+        **self == **other
+    }
+}
+
+impl<T: fmt::Debug> fmt::Debug for Joints<T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        (**self).fmt(f)
+    }
+}
+
+impl<'a, T> IntoIterator for &'a Joints<T> {
+    type Item = &'a T;
+    type IntoIter = std::slice::Iter<'a, T>;
+
+    fn into_iter(self) -> Self::IntoIter {
+        self.iter()
+    }
+}

@@ -1,0 +1,147 @@
+//! Which descriptions are robots.
+
+use super::{BodyDescription, HandDescription, JointDescription, JointFriction, MAX_JOINTS};
+use super::{Randomization, RobotDescription};
+use crate::check::{Check, Report};
+
+const LENGTH_M: std::ops::RangeInclusive<f64> = -10.0..=10.0;
+const FRACTION: std::ops::RangeInclusive<f64> = 0.0..=0.9;
+const NAME: std::ops::RangeInclusive<usize> = 1..=200;
+
+impl Check for RobotDescription {
+    fn check(&self, report: &mut Report) {
+        report.within("name.length", self.name.len(), NAME);
+        if !(1..=MAX_JOINTS).contains(&self.joints.len()) {
+            let allowed = format!("1 to {MAX_JOINTS} joints");
+            report.violation("joints", format!("{} joints", self.joints.len()), allowed);
+        }
+        for (i, joint) in self.joints.iter().enumerate() {
+            report.part(&format!("joints[{i}]"), joint);
+        }
+        let names = self.per_joint(|joint| &joint.name);
+        report.each_once("joints.name", &names);
+        report.part("hand", &self.hand);
+        report.part("randomization", &self.randomization);
+        report.part("initial_state", &self.initial_state);
+        report.one_per_joint(
+            "initial_state.center_rad",
+            &self.initial_state.center_rad,
+            self.joints.len(),
+        );
+    }
+}
+
+impl Check for JointDescription {
+    fn check(&self, report: &mut Report) {
+        report.within("name.length", self.name.len(), NAME);
+        report.within("a_m", self.a_m, LENGTH_M);
+        report.within("alpha_deg", self.alpha_deg, -360.0..=360.0);
+        report.within("d_m", self.d_m, LENGTH_M);
+        report.interval("position_rad", self.position_rad, &(-100.0..=100.0));
+        if self.position_rad.max - self.position_rad.min < 1e-3 {
+            let range = self.position_rad.max - self.position_rad.min;
+            report.violation("position_rad", format!("{range} rad wide"), "at least 0.001 rad");
+        }
+        report.within("velocity_rad_s", self.velocity_rad_s, 1e-3..=1000.0);
+        report.within("torque_nm", self.torque_nm, 1e-3..=1e5);
+        report.within("damping_nm_s_rad", self.damping_nm_s_rad, 0.0..=1000.0);
+        report.within("armature_kg_m2", self.armature_kg_m2, 0.0..=10.0);
+        report.within("multisine_divisor", self.multisine_divisor, 0.01..=100.0);
+        if let Some(inertia) = self.least_inertia_kg_m2 {
+            report.within("least_inertia_kg_m2", inertia, 1e-9..=1e4);
+        }
+        if let Some(friction) = &self.friction {
+            report.part("friction", friction);
+        }
+        report.part("link", &self.link);
+    }
+}
+
+impl Check for JointFriction {
+    fn check(&self, report: &mut Report) {
+        report.within("phi1_nm", self.phi1_nm, 0.0..=100.0);
+        report.within("phi2_s_rad", self.phi2_s_rad, 0.0..=1000.0);
+        report.within("phi3_rad_s", self.phi3_rad_s, -10.0..=10.0);
+    }
+}
+
+impl Check for HandDescription {
+    fn check(&self, report: &mut Report) {
+        report.within("contents.length", self.contents.len(), 0..=200);
+        report.within("flange_m", self.flange_m, LENGTH_M);
+        report.within("yaw_deg", self.yaw_deg, -360.0..=360.0);
+        report.within("bodies", self.bodies.len(), 0..=16);
+        for (i, body) in self.bodies.iter().enumerate() {
+            report.within(&format!("bodies[{i}].name.length"), body.name.len(), NAME);
+            report.all_within(&format!("bodies[{i}].position_m"), &body.position_m, &LENGTH_M);
+            report.part(&format!("bodies[{i}].body"), &body.body);
+        }
+    }
+}
+
+impl Check for Randomization {
+    fn check(&self, report: &mut Report) {
+        report.within("mass_fraction", self.mass_fraction, FRACTION);
+        report.within("com_fraction", self.com_fraction, FRACTION);
+        report.within("inertia_fraction", self.inertia_fraction, FRACTION);
+        report.within("damping_fraction", self.damping_fraction, FRACTION);
+        report.within("armature_fraction", self.armature_fraction, FRACTION);
+        report.within("geometry_fraction", self.geometry_fraction, 0.0..=0.5);
+    }
+}
+
+impl Check for BodyDescription {
+    fn check(&self, report: &mut Report) {
+        let before = report.count();
+        report.within("mass_kg", self.mass_kg, 1e-6..=1e4);
+        report.all_within("center_m", &self.center_m, &LENGTH_M);
+        report.all_within("inertia_kg_m2", &self.inertia_kg_m2, &(-1e4..=1e4));
+        if report.count() == before && !self.nearest_physical && !self.has_second_moments() {
+            report.violation(
+                "inertia_kg_m2",
+                format!("{:?}", self.inertia_kg_m2),
+                "[xx, xy, xz, yy, yz, zz] of a body: positive definite, no principal moment above the sum of \
+                 the other two; \"nearest_physical\": true takes the nearest that is",
+            );
+        }
+    }
+}
+
+impl BodyDescription {
+    /// Whether Σ = ½ tr(I) 1 − I, the second moments of the mass, is positive definite, which bodies that
+    /// are not flat have and others have not (Wensing, Kim and Slotine 2018): by its leading minors.
+    fn has_second_moments(&self) -> bool {
+        let [xx, xy, xz, yy, yz, zz] = self.inertia_kg_m2;
+        let half_trace = 0.5 * (xx + yy + zz);
+        let [a, b, c] = [half_trace - xx, half_trace - yy, half_trace - zz];
+        let minor = a * b - xy * xy;
+        // The entries off the diagonal of Σ are those of I with the opposite sign.
+        let determinant = c * minor - a * yz * yz - b * xz * xz - 2.0 * xy * xz * yz;
+        a > 0.0 && minor > 0.0 && determinant > 0.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn body(inertia_kg_m2: [f64; 6]) -> BodyDescription {
+        BodyDescription { mass_kg: 1.0, center_m: [0.0; 3], inertia_kg_m2, nearest_physical: false }
+    }
+
+    #[test]
+    fn inertias_of_bodies_pass_and_others_do_not() {
+        assert!(body([1.0, 0.0, 0.0, 1.0, 0.0, 1.9]).has_second_moments());
+        assert!(
+            body([0.70337, -0.000139, 0.006772, 0.70661, 0.019169, 0.009117]).has_second_moments()
+        );
+        assert!(!body([1.0, 0.0, 0.0, 1.0, 0.0, 2.1]).has_second_moments(), "triangle inequality");
+        assert!(
+            !body([1.0, 1.1, 0.0, 1.0, 0.0, 1.0]).has_second_moments(),
+            "not positive definite"
+        );
+        assert!(!body([-1.0, 0.0, 0.0, -1.0, 0.0, -1.0]).has_second_moments(), "negative");
+        // The Panda's hand as published.
+        assert!(!body([0.002462, -2e-6, -1e-6, 0.000492, -1.5e-5, 0.000691]).has_second_moments());
+    }
+}

@@ -1,0 +1,109 @@
+//! A robot's description as the defaults of the specs that have it.
+
+use serde::Serialize;
+use serde_json::{Map, Value};
+
+use super::{JointDescription, RobotDescription, RobotModel};
+use crate::parse::from_fields;
+use crate::{Friction, Gravity, RobotSpec, SpecError};
+
+impl RobotDescription {
+    /// One value per joint.
+    pub fn per_joint<'a, T>(&'a self, value: impl Fn(&'a JointDescription) -> T) -> Vec<T> {
+        self.joints.iter().map(value).collect()
+    }
+
+    /// Friction of all joints; `None` unless every one has it.
+    pub fn friction(&self) -> Option<Friction> {
+        let joints: Option<Vec<_>> = self.joints.iter().map(|joint| joint.friction).collect();
+        let joints = joints?;
+        Some(Friction {
+            phi1_nm: joints.iter().map(|friction| friction.phi1_nm).collect(),
+            phi2_s_rad: joints.iter().map(|friction| friction.phi2_s_rad).collect(),
+            phi3_rad_s: joints.iter().map(|friction| friction.phi3_rad_s).collect(),
+            phi1_fraction: 0.1,
+        })
+    }
+}
+
+impl RobotSpec {
+    /// `model` with its own nominal values and law of randomization, without gravity.
+    pub fn of(model: RobotModel) -> Self {
+        let description = model.description();
+        let law = description.randomization;
+        Self {
+            mass_fraction: law.mass_fraction,
+            com_fraction: law.com_fraction,
+            inertia_fraction: law.inertia_fraction,
+            inertia_scheme: law.inertia_scheme,
+            damping_fraction: law.damping_fraction,
+            damping_nm_s_rad: description.per_joint(|joint| joint.damping_nm_s_rad),
+            armature_fraction: law.armature_fraction,
+            armature_kg_m2: description.per_joint(|joint| joint.armature_kg_m2),
+            geometry_fraction: law.geometry_fraction,
+            friction: None,
+            payload: None,
+            gravity: Gravity::Off,
+            model,
+        }
+    }
+}
+
+/// Completes a simulation's fields with what the description of its robot says. The defaults of the types
+/// are the Panda's, so that a spec of it needs nothing.
+pub(crate) fn complete(fields: &mut Map<String, Value>) -> Result<(), SpecError> {
+    let Some(robot) = fields.get_mut("robot").and_then(Value::as_object_mut) else {
+        return Ok(());
+    };
+    let Some(model) = robot.get("model") else { return Ok(()) };
+    #[derive(serde::Deserialize)]
+    struct Named {
+        model: RobotModel,
+    }
+    let named = Map::from_iter([("model".to_owned(), model.clone())]);
+    let Named { model } = from_fields(named).map_err(|error| error.within("robot"))?;
+    if model == RobotModel::panda() {
+        return Ok(());
+    }
+
+    if let Some(Value::Object(friction)) = robot.get_mut("friction") {
+        let nominal = model.description().friction();
+        match nominal {
+            Some(nominal) => add_missing(friction, &nominal),
+            None => {
+                if let Some(missing) = ["phi1_nm", "phi2_s_rad", "phi3_rad_s"]
+                    .iter()
+                    .find(|it| !friction.contains_key(**it))
+                {
+                    let field = format!("robot.friction.{missing}");
+                    let allowed = "one number per joint: the robot's description has no friction";
+                    return Err(SpecError::one(field, "missing", allowed));
+                }
+            }
+        }
+    }
+    add_missing(robot, &RobotSpec::of(model.clone()));
+
+    let description = model.description();
+    let initial_state = fields.entry("initial_state").or_insert_with(|| Map::new().into());
+    if let Value::Object(initial_state) = initial_state {
+        add_missing(initial_state, &description.initial_state);
+    }
+    if let Some(multisine) = fields
+        .get_mut("excitation")
+        .and_then(|excitation| excitation.get_mut("multisine"))
+        .and_then(Value::as_object_mut)
+    {
+        let divisors = description.per_joint(|joint| joint.multisine_divisor);
+        multisine.entry("torque_divisor").or_insert_with(|| divisors.into());
+    }
+    Ok(())
+}
+
+/// Adds the fields of `defaults` that are not given.
+fn add_missing(given: &mut Map<String, Value>, defaults: &impl Serialize) {
+    let Ok(Value::Object(defaults)) = serde_json::to_value(defaults) else { return };
+    for (field, value) in defaults {
+        given.entry(field).or_insert(value);
+    }
+}

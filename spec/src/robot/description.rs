@@ -1,0 +1,146 @@
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use crate::{InertiaScheme, InitialState, Range};
+
+/// An arm on a fixed, upright base: a chain of 1 to 8 revolute joints, each of which turns one link.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct RobotDescription {
+    /// What it is, in one line.
+    pub name: String,
+    /// Where numbers come from, by block.
+    #[serde(default)]
+    pub sources: BTreeMap<String, String>,
+    /// From the base outwards.
+    #[schema(min_items = 1, max_items = 8)]
+    pub joints: Vec<JointDescription>,
+    #[serde(default)]
+    pub hand: HandDescription,
+    /// How far robots lie from these numbers where a spec does not say.
+    #[serde(default)]
+    pub randomization: Randomization,
+    /// How motions begin where a spec does not say.
+    pub initial_state: InitialState,
+}
+
+/// A joint, its row of the modified Denavit-Hartenberg table (Craig's), and the link that it turns.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct JointDescription {
+    pub name: String,
+    /// Along x of the frame before, m.
+    pub a_m: f64,
+    /// About x of the frame before, degrees; multiples of 45 are exact.
+    pub alpha_deg: f64,
+    /// Along the joint's own axis, m.
+    pub d_m: f64,
+    /// Limits of the position, rad.
+    pub position_rad: Range,
+    /// Limit of the speed, rad/s.
+    pub velocity_rad_s: f64,
+    /// Rated torque, N·m.
+    pub torque_nm: f64,
+    /// Nominal viscous damping, N·m·s/rad.
+    pub damping_nm_s_rad: f64,
+    /// Nominal reflected rotor inertia, kg·m².
+    #[serde(default)]
+    pub armature_kg_m2: f64,
+    /// Friction besides the damping, for specs that ask for it; `null` when it is not known.
+    #[serde(default)]
+    pub friction: Option<JointFriction>,
+    /// κ of this joint in a multisine, where a spec does not say.
+    #[serde(default = "one")]
+    pub multisine_divisor: f64,
+    /// The least inertia of the nominal arm's joint, over all configurations within the limits, where all
+    /// other joints swing freely, without armature, kg·m². It tells which explicit steps are stable;
+    /// `null` when it is not known.
+    #[serde(default)]
+    pub least_inertia_kg_m2: Option<f64>,
+    /// In the joint's frame, which moves with it.
+    pub link: BodyDescription,
+}
+
+const fn one() -> f64 {
+    1.0
+}
+
+/// Nominal values of [`Friction`](crate::Friction).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct JointFriction {
+    /// φ1, N·m.
+    pub phi1_nm: f64,
+    /// φ2, s/rad.
+    pub phi2_s_rad: f64,
+    /// φ3, rad/s.
+    pub phi3_rad_s: f64,
+}
+
+/// A rigid body in a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct BodyDescription {
+    pub mass_kg: f64,
+    /// Centre of mass, m.
+    pub center_m: [f64; 3],
+    /// xx, xy, xz, yy, yz, zz about the centre of mass, kg·m².
+    pub inertia_kg_m2: [f64; 6],
+    /// Takes the nearest inertia that a body can have; otherwise one that no body has is refused.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub nearest_physical: bool,
+}
+
+/// The hand's frame, and what is welded to the last link there.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct HandDescription {
+    /// What `bodies` are, in words, for descriptions of columns.
+    #[serde(skip_serializing_if = "String::is_empty")]
+    pub contents: String,
+    /// From the last link's frame to the hand's, along their z, m.
+    pub flange_m: f64,
+    /// The hand's frame is turned by this about its z, degrees; multiples of 45 are exact.
+    pub yaw_deg: f64,
+    pub bodies: Vec<AttachedBody>,
+}
+
+/// A body that is part of the hand.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct AttachedBody {
+    pub name: String,
+    /// Origin of the body's frame in the hand's, m; their axes are parallel.
+    #[serde(default)]
+    pub position_m: [f64; 3],
+    pub body: BodyDescription,
+}
+
+/// Half-widths as a spec's `robot` has them.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Randomization {
+    pub mass_fraction: f64,
+    pub com_fraction: f64,
+    pub inertia_fraction: f64,
+    pub inertia_scheme: InertiaScheme,
+    pub damping_fraction: f64,
+    pub armature_fraction: f64,
+    pub geometry_fraction: f64,
+}
+
+impl Default for Randomization {
+    fn default() -> Self {
+        Self {
+            mass_fraction: 0.1,
+            com_fraction: 0.1,
+            inertia_fraction: 0.1,
+            inertia_scheme: InertiaScheme::PseudoInertia,
+            damping_fraction: 0.1,
+            armature_fraction: 0.0,
+            geometry_fraction: 0.0,
+        }
+    }
+}

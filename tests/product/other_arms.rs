@@ -1,0 +1,79 @@
+//! An arm of six joints that no code knows: from its description to closed loops.
+
+use serde_json::{Value, json};
+
+use crate::product::{Product, member};
+
+fn arm_of_six() -> Value {
+    serde_json::from_str(include_str!("../data/arm_of_six.json")).unwrap()
+}
+
+fn simulation(trajectories: u32, seed: u32) -> Value {
+    json!({
+        "kind": "simulate", "trajectories": trajectories, "samples": 60, "seed": seed,
+        "robot": {"model": arm_of_six()},
+        "excitation": {"multisine": {"frequency_hz": {"fixed": 0.15}}},
+    })
+}
+
+#[tokio::test]
+async fn an_arm_of_six_is_simulated_evaluated_and_controlled() {
+    let data = tempfile::tempdir().unwrap();
+    let product = Product::start(data.path());
+    let pipeline = json!({
+        "kind": "pipeline", "name": "six joints",
+        "jobs": {
+            "simulate": simulation(40, 1),
+            "evaluate": {
+                "kind": "evaluate", "data": {"job": "simulate"}, "context": 40, "scenarios": 10,
+                "bootstrap": {"resamples": 200},
+            },
+            "control": {
+                "kind": "control", "data": {"stream": simulation(2, 7)}, "robots": 2,
+                "context": 40, "duration_s": 0.5, "bootstrap": {"resamples": 200},
+                "path": {"point-to-point": {"displacement_rad": vec![0.2; 6], "duration_s": 0.4}},
+                "planner": {
+                    "samples": 16, "horizon": 12, "knot_every": 6,
+                    "noise_nm": [3, 3, 2, 1, 1, 1],
+                },
+            },
+        },
+    });
+    let id = product.submit(&pipeline).await;
+    let pipeline = product.succeeded(id).await;
+
+    let simulated = product.get(&format!("/v1/jobs/{}", member(&pipeline, "simulate"))).await;
+    let dataset = product.get(&format!("/v1/datasets/{}", simulated["dataset"])).await;
+    let shown = dataset.to_string();
+    assert!(shown.contains("\"u6\"") && !shown.contains("\"u7\""), "{dataset:#}");
+
+    for (name, list, field) in [
+        ("evaluate", "predictors", "joint_rmse_deg"),
+        ("control", "controllers", "joint_rms_deg"),
+    ] {
+        let job = product.get(&format!("/v1/jobs/{}", member(&pipeline, name))).await;
+        let path = format!("/v1/runs/{}/artifacts/report.json", job["run"]);
+        let report = product.get(&path).await;
+        let text = report.to_string();
+        assert!(text.contains(list), "{report:#}");
+        let joints = lists(&report, field);
+        assert!(!joints.is_empty() && joints.iter().all(|count| *count == 6), "{report:#}");
+        let page = product.get(&format!("/jobs/{}", job["id"])).await;
+        assert!(page.as_str().unwrap().contains("oracle") == (name == "control"));
+    }
+}
+
+/// Lengths of all lists called `field`, wherever they are.
+fn lists(value: &Value, field: &str) -> Vec<usize> {
+    let mut found = Vec::new();
+    if let Some(list) = value.get(field).and_then(Value::as_array) {
+        found.push(list.len());
+    }
+    let inner: Vec<&Value> = match value {
+        Value::Object(fields) => fields.values().collect(),
+        Value::Array(items) => items.iter().collect(),
+        _ => Vec::new(),
+    };
+    found.extend(inner.into_iter().flat_map(|inner| lists(inner, field)));
+    found
+}
