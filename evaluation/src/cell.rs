@@ -345,7 +345,7 @@ mod tests {
 
     #[test]
     fn the_table_has_a_row_per_scenario_joint_and_predictor() {
-        let integrator = DampedIntegrator { damping_nm_s_rad: [10.0; JOINTS] };
+        let integrator = DampedIntegrator { damping_nm_s_rad: vec![10.0; JOINTS] };
         let found = result(&[Box::new(Several), Box::new(integrator)]);
         let rows: Vec<Row<'_>> = found.rows().collect();
         assert_eq!(rows.len(), 2 * 3 * JOINTS);

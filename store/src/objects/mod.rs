@@ -78,7 +78,7 @@ enum Place {
 
 impl Objects {
     /// In the data folder.
-    pub fn open(dir: &DataDir) -> Result<Self, StoreError> {
+    pub fn in_folder(dir: &DataDir) -> Result<Self, StoreError> {
         let local = LocalFileSystem::new_with_prefix(dir.objects())
             .map_err(|error| dir.unusable(io::Error::other(error)))?
             .with_fsync(true);
