@@ -60,8 +60,8 @@ pub use robot::{
 };
 pub use simulate::{
     Cell, Chirp, ChirpBand, Column, ColumnType, Doubt, Excitation, Family, Frequency, Friction,
-    Gravity, InertiaScheme, InitialState, Integrator,  MAX_TRAJECTORIES,
-    Multisine, Observations, Payload, Precision, Rejection, RobotSpec, SimulateSpec,
+    Gravity, InertiaScheme, InitialState, Integrator, MAX_TRAJECTORIES, Multisine, Observations,
+    Payload, Precision, Rejection, RobotSpec, SimulateSpec,
 };
 pub use train::{
     EarlyStopSpec, EmaSpec, Normalization, OptimizerSpec, TrainSpec, Training, ValidationMetric,

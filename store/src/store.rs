@@ -28,7 +28,7 @@ impl Store {
     /// When the folder cannot be written, is served by another process, has no store yet (for a
     /// worker), comes from a newer version or is damaged. Nothing is changed in the last two.
     pub async fn open(dir: &Path, access: Access) -> Result<Self, StoreError> {
-        Self::open_with(DataDir::new(dir), access, Objects::open).await
+        Self::open_with(DataDir::new(dir), access, Objects::in_folder).await
     }
 
     /// The same with objects that lie in `objects` instead of the folder.

@@ -47,10 +47,9 @@ async fn an_arm_of_six_is_simulated_evaluated_and_controlled() {
     let shown = dataset.to_string();
     assert!(shown.contains("\"u6\"") && !shown.contains("\"u7\""), "{dataset:#}");
 
-    for (name, list, field) in [
-        ("evaluate", "predictors", "joint_rmse_deg"),
-        ("control", "controllers", "joint_rms_deg"),
-    ] {
+    for (name, list, field) in
+        [("evaluate", "predictors", "joint_rmse_deg"), ("control", "controllers", "joint_rms_deg")]
+    {
         let job = product.get(&format!("/v1/jobs/{}", member(&pipeline, name))).await;
         let path = format!("/v1/runs/{}/artifacts/report.json", job["run"]);
         let report = product.get(&path).await;

@@ -7,9 +7,7 @@ use dynamics::Trajectories;
 use evaluation::{NominalArm, baseline};
 use models::{Device, DeviceKind, ModelError, Sampling, TrainedModel, Trainer, TrainingData};
 use series::{Observed, Series, Shape, ShapeError};
-use spec::{
-    Baseline, DataSource, DataSpec, Normalization, SamplerSpec, SimulateSpec, TrainSpec,
-};
+use spec::{Baseline, DataSource, DataSpec, Normalization, SamplerSpec, SimulateSpec, TrainSpec};
 
 use crate::error::RehearsalError;
 

@@ -4,7 +4,6 @@ use askama::Template;
 use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::{IntoResponse, Redirect, Response};
-use spec::JobKind;
 use wire::{Artifact, Task, TaskState};
 
 use crate::app::App;

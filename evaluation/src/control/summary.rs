@@ -63,7 +63,9 @@ fn of(info: ControllerInfo, robots: &[RobotTrials], bootstrap: Bootstrap) -> Con
     let failures = || trials.iter().filter_map(|(trial, _)| trial.failure.as_ref());
     ControllerSummary {
         rms_deg,
-        joint_rms_deg: (0..robots.first().map_or(0, |robot| robot.joints)).map(|joint| mean(&|it| it.joint_rms_deg[joint])).collect(),
+        joint_rms_deg: (0..robots.first().map_or(0, |robot| robot.joints))
+            .map(|joint| mean(&|it| it.joint_rms_deg[joint]))
+            .collect(),
         peak_deg: mean(&|it| it.peak_deg),
         torque_rms_nm: mean(&|it| it.torque_rms_nm),
         beyond_excitation: mean(&|it| it.beyond_excitation),
