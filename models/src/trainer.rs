@@ -146,7 +146,7 @@ impl Trainer {
     /// Damaged files, and [`ModelError::OtherTraining`] when they are another training's.
     pub fn resume(
         spec: &TrainSpec,
-        data: TrainingData,
+        mut data: TrainingData,
         spec_digest: &str,
         files: &CheckpointFiles,
         device: &Device,
@@ -163,12 +163,11 @@ impl Trainer {
             let (found, expected) = (format!("{:?}", config.model), format!("{:?}", spec.model));
             return Err(ModelError::OtherTraining { field: "model", found, expected });
         }
-        let statistics = match config.normalizer {
+        data.statistics = match config.normalizer {
             Normalizer::Dataset(statistics) => Some(statistics),
             Normalizer::Context | Normalizer::PaperLeaky => None,
         };
-        let mut trainer =
-            Self::new(spec, TrainingData { statistics, ..data }, spec_digest, device)?;
+        let mut trainer = Self::new(spec, data, spec_digest, device)?;
         let kept = checkpoint::load_weights(trainer.model, &files.model)?;
         let mut state = TrainingState::read(&files.optimizer)?;
         trainer.average = spec.ema.map(|ema| WeightAverage::new(ema, &kept));

@@ -52,7 +52,7 @@ impl<I: Iterator<Item = Result<Rows, ImportError>>> Conversion<I> {
     ///
     /// # Errors
     /// When the file is damaged, or holds what the spec does not allow.
-    pub fn next(&mut self) -> Result<Option<ImportedTrajectories>, ImportError> {
+    pub fn next_trajectories(&mut self) -> Result<Option<ImportedTrajectories>, ImportError> {
         while !self.tables.is_full() && (self.cut()? || self.accept_row()?) {}
         if !self.tables.is_full() && !self.read_rows()? {
             self.end_recording()?;
@@ -62,7 +62,7 @@ impl<I: Iterator<Item = Result<Rows, ImportError>>> Conversion<I> {
         self.tables.take().map(Some).map_err(unarranged)
     }
 
-    /// What became of the file, once [`Self::next`] has come to its end.
+    /// What became of the file, once [`Self::next_trajectories`] has come to its end.
     ///
     /// # Errors
     /// When no trajectory came out of it.

@@ -125,8 +125,8 @@ mod tests {
             ),
         ) {
             let (single, double) = (bits::<F32Array<1>>(&numbers), bits::<F64Array<1>>(&numbers));
-            prop_assert_eq!(bits::<F32Array<8>>(&numbers), single.clone());
-            prop_assert_eq!(bits::<F64Array<4>>(&numbers), double.clone());
+            prop_assert_eq!(&bits::<F32Array<8>>(&numbers), &single);
+            prop_assert_eq!(&bits::<F64Array<4>>(&numbers), &double);
             for set in InstructionSet::available() {
                 match set {
                     #[cfg(target_arch = "x86_64")]

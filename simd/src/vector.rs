@@ -102,13 +102,13 @@ unsafe fn folded<V: Vector>(vector: V, operation: fn(f32, f32) -> f32) -> f32 {
 pub struct Unfused([f32; 4]);
 
 macro_rules! lane_by_lane {
-    ($($trait:ident $method:ident $operator:tt),*) => {$(
+    ($($trait:ident $method:ident $assignment:tt),*) => {$(
         impl $trait for Unfused {
             type Output = Self;
             #[inline(always)]
             fn $method(mut self, other: Self) -> Self {
                 for lane in 0..4 {
-                    self.0[lane] = self.0[lane] $operator other.0[lane];
+                    self.0[lane] $assignment other.0[lane];
                 }
                 self
             }
@@ -116,7 +116,7 @@ macro_rules! lane_by_lane {
     )*};
 }
 
-lane_by_lane!(Add add +, Sub sub -, Mul mul *);
+lane_by_lane!(Add add +=, Sub sub -=, Mul mul *=);
 
 impl Vector for Unfused {
     const LANES: usize = 4;

@@ -1,7 +1,6 @@
 use crate::{Cell, Column, Execution, ImportSpec, JOINTS, JobSpec, SimulateSpec};
 
 /// What makes trajectories: the spec behind a dataset or a stream.
-#[expect(clippy::large_enum_variant, reason = "a handful exist at a time")]
 #[derive(Clone, Debug, PartialEq)]
 pub enum DataSpec {
     Simulation(SimulateSpec),

@@ -326,7 +326,8 @@ async fn take_over_tasks(tx: &mut Transaction, job: JobId, new: &NewJob) -> Resu
         let same_place =
             |task: &&NewTask| (task.stage, task.ordinal) == (place.stage, place.ordinal);
         let Some(at_place) = new.tasks.iter().find(same_place) else { continue };
-        if takes_over(place, last_stage, at_place.payload.to_string() == payload) {
+        let asked = at_place.payload.to_string();
+        if takes_over(place, last_stage, asked == payload) {
             sql!(tx, take_over(job, place, task))?;
         }
     }

@@ -138,7 +138,7 @@ fn convert(
     };
     let mut conversion = Conversion::new(rows, spec, schemas);
     let (mut samples, mut table) = (Vec::new(), Vec::new());
-    while let Some(imported) = conversion.next()? {
+    while let Some(imported) = conversion.next_trajectories()? {
         samples.push(imported.samples);
         table.push(imported.table);
     }

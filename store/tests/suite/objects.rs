@@ -84,7 +84,7 @@ pub async fn a_table_is_written_and_read_wherever_it_lies(f: Fixture) {
     let names = names.map(|it| it.unwrap().file_name()).filter(|it| it != "a");
     assert_eq!(names.count(), 0, "a copy has no name");
 
-    let absent = StoredObject { path: "a/absent".to_owned(), ..object.clone() };
+    let absent = StoredObject { path: "a/absent".to_owned(), ..object };
     assert!(f.store.open_table(&absent).unwrap_err().is_missing_file());
     let other = StoredObject { sha256: Digest::of(b"other"), ..object };
     assert!(f.store.open_table(&other).unwrap_err().to_string().contains("checking"));

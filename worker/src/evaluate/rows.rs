@@ -27,7 +27,7 @@ pub(super) fn columns(joints: usize) -> Vec<Column> {
         Column::trajectory(),
         nullable(Column::new("seed", ColumnType::Int64, "of the simulation that made it")),
         Column::new(PREDICTOR, ColumnType::Text, "as the report calls it"),
-        Column::new("joint", ColumnType::Int32, &format!("1 to {joints}")),
+        Column::new("joint", ColumnType::Int32, format!("1 to {joints}")),
     ];
     let measured = MEASURES.iter().map(|measure| {
         let column = Column::new(measure.name, ColumnType::Float32, measure.about);

@@ -77,7 +77,7 @@ pub(crate) fn convert(
 
     let mut summary = SummaryBuilder::new(spec.samples, spec.rate_hz);
     let mut conversion = Conversion::new(rows, spec, schemas);
-    while let Some(imported) = conversion.next()? {
+    while let Some(imported) = conversion.next_trajectories()? {
         if progress(conversion.trajectories()).is_break() {
             return Err(TaskError::Stopped);
         }
