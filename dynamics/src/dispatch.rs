@@ -1,4 +1,4 @@
-//! From an instruction set to the kernels that are compiled for it.
+//! From an instruction set to the simulations that are compiled for it.
 
 use simd::{F32Array, F64Array, InstructionSet};
 #[cfg(target_arch = "x86_64")]
@@ -6,12 +6,78 @@ use simd::{F32x8, F32x16, F64x4, F64x8};
 use spec::Precision;
 
 use crate::DynamicsError;
-use crate::block::Block;
+use crate::block::{self, Block};
 use crate::kernels::Kernels;
-use crate::replay::Together;
-use crate::structure::{Kind, with_structure};
+use crate::replay::{self, Together};
+use crate::structure::{Kind, Structure, with_structure};
 
-/// Calls a function of [`Kernels`] on the lanes of an instruction set and a precision. The choice never
+/// The whole simulations, compiled once per lane type and structure.
+trait Simulations: Kernels {
+    /// See [`block::simulate`].
+    fn simulate<S: Structure<N>, const N: usize>(
+        structure: S,
+        block: &mut Block<'_>,
+    ) -> Result<(), DynamicsError>;
+
+    /// See [`replay::replay`].
+    fn replay<S: Structure<N>, const N: usize>(structure: S, together: &mut Together<'_>);
+}
+
+macro_rules! simulations {
+    ($lanes:ty $(, $features:literal)?) => {
+        impl Simulations for $lanes {
+            #[inline(always)]
+            fn simulate<S: Structure<N>, const N: usize>(
+                structure: S,
+                block: &mut Block<'_>,
+            ) -> Result<(), DynamicsError> {
+                $(#[target_feature(enable = $features)])?
+                #[inline(never)]
+                fn compiled<S: Structure<N>, const N: usize>(
+                    structure: S,
+                    block: &mut Block<'_>,
+                ) -> Result<(), DynamicsError> {
+                    block::simulate::<$lanes, S, N>(structure, block)
+                }
+                #[allow(unused_unsafe, reason = "array lanes need no instructions of their own")]
+                // SAFETY: `InstructionSet` lets only processors with the features come here.
+                unsafe {
+                    compiled(structure, block)
+                }
+            }
+
+            #[inline(always)]
+            fn replay<S: Structure<N>, const N: usize>(structure: S, together: &mut Together<'_>) {
+                $(#[target_feature(enable = $features)])?
+                #[inline(never)]
+                fn compiled<S: Structure<N>, const N: usize>(
+                    structure: S,
+                    together: &mut Together<'_>,
+                ) {
+                    replay::replay::<$lanes, S, N>(structure, together);
+                }
+                #[allow(unused_unsafe, reason = "array lanes need no instructions of their own")]
+                // SAFETY: `InstructionSet` lets only processors with the features come here.
+                unsafe {
+                    compiled(structure, together)
+                }
+            }
+        }
+    };
+}
+
+#[cfg(target_arch = "x86_64")]
+simulations!(F32x16, "avx512f,avx512dq,avx512vl,avx2,fma");
+#[cfg(target_arch = "x86_64")]
+simulations!(F64x8, "avx512f,avx512dq,avx512vl,avx2,fma");
+#[cfg(target_arch = "x86_64")]
+simulations!(F32x8, "avx2,fma");
+#[cfg(target_arch = "x86_64")]
+simulations!(F64x4, "avx2,fma");
+simulations!(F32Array<8>);
+simulations!(F64Array<4>);
+
+/// Calls a function of [`Simulations`] on the lanes of an instruction set and a precision. The choice never
 /// shows in a result, only in the time it takes.
 macro_rules! on_lanes {
     ($instructions:expr, $precision:expr, $function:ident($($argument:expr),*)) => {

@@ -9,7 +9,8 @@
 use simd::Lanes;
 
 use crate::compiled::{Compiled, JOINTS, shifted};
-use crate::model::{Link, Model};
+use crate::model::Model;
+use crate::regrouping::Link;
 use crate::spatial::{
     Symmetric, Turn, Vector, add_cross, add_matrix_origin, add_origin_cross, shifted_inertia, sum,
 };

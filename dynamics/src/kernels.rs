@@ -1,4 +1,5 @@
-//! The functions that are compiled once per lane type and structure, for the instructions of that type.
+//! The functions of one evaluation that are compiled once per lane type and structure, for the instructions
+//! of that type.
 //!
 //! Everything else that is written over lanes is inlined into these. They are few and never inlined into each
 //! other, since one evaluation of the dynamics is about a thousand instructions and would otherwise
@@ -6,11 +7,8 @@
 
 use simd::{F32Array, F64Array, Lanes};
 
-use crate::DynamicsError;
-use crate::block::{self, Block};
 use crate::forward_dynamics::{self, Dynamics};
 use crate::model::Model;
-use crate::replay::{self, Together};
 use crate::spatial::Turn;
 use crate::structure::Structure;
 
@@ -34,15 +32,6 @@ pub(crate) trait Kernels: Lanes {
         step: Self,
         qdd: &mut [Self; N],
     );
-
-    /// See [`block::simulate`].
-    fn simulate<S: Structure<N>, const N: usize>(
-        structure: S,
-        block: &mut Block<'_>,
-    ) -> Result<(), DynamicsError>;
-
-    /// See [`replay::replay`].
-    fn replay<S: Structure<N>, const N: usize>(structure: S, together: &mut Together<'_>);
 }
 
 macro_rules! kernels {
@@ -101,43 +90,6 @@ macro_rules! kernels {
                 // SAFETY: `InstructionSet` lets only processors with the features come here.
                 unsafe {
                     compiled(structure, model, dynamics, qd, torque, step, qdd)
-                }
-            }
-
-            #[inline(always)]
-            fn simulate<S: Structure<N>, const N: usize>(
-                structure: S,
-                block: &mut Block<'_>,
-            ) -> Result<(), DynamicsError> {
-                $(#[target_feature(enable = $features)])?
-                #[inline(never)]
-                fn compiled<S: Structure<N>, const N: usize>(
-                    structure: S,
-                    block: &mut Block<'_>,
-                ) -> Result<(), DynamicsError> {
-                    block::simulate::<$lanes, S, N>(structure, block)
-                }
-                #[allow(unused_unsafe, reason = "array lanes need no instructions of their own")]
-                // SAFETY: `InstructionSet` lets only processors with the features come here.
-                unsafe {
-                    compiled(structure, block)
-                }
-            }
-
-            #[inline(always)]
-            fn replay<S: Structure<N>, const N: usize>(structure: S, together: &mut Together<'_>) {
-                $(#[target_feature(enable = $features)])?
-                #[inline(never)]
-                fn compiled<S: Structure<N>, const N: usize>(
-                    structure: S,
-                    together: &mut Together<'_>,
-                ) {
-                    replay::replay::<$lanes, S, N>(structure, together);
-                }
-                #[allow(unused_unsafe, reason = "array lanes need no instructions of their own")]
-                // SAFETY: `InstructionSet` lets only processors with the features come here.
-                unsafe {
-                    compiled(structure, together)
                 }
             }
         }

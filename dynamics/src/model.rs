@@ -2,7 +2,7 @@ use simd::Lanes;
 
 use crate::Robot;
 use crate::friction::Sigmoids;
-use crate::regrouping::regrouped;
+use crate::regrouping::{Link, regrouped};
 use crate::spatial::Turn;
 use crate::structure::Structure;
 
@@ -19,16 +19,6 @@ pub(crate) struct Model<L, const N: usize> {
     pub(crate) friction: Option<Sigmoids<L, N>>,
     /// Of the base, upwards, which is what a still robot under gravity feels.
     pub(crate) base_acceleration: L,
-}
-
-/// Inertial parameters of a link with respect to the origin of its frame, in which spatial inertias add
-/// and the parallel-axis theorem is used up, and regrouped, so that the others are zero.
-#[derive(Clone, Copy, Default)]
-pub(crate) struct Link<L> {
-    /// Mass times x and y of the centre of mass.
-    pub(crate) first_moment: [L; 2],
-    /// Entries xx, xy, xz, yz, zz.
-    pub(crate) inertia: [L; 5],
 }
 
 impl<L: Lanes, const N: usize> Model<L, N> {

@@ -10,8 +10,17 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::model::Link;
 use crate::{Joints, Robot};
+
+/// Inertial parameters of a link with respect to the origin of its frame, in which spatial inertias add
+/// and the parallel-axis theorem is used up, and regrouped, so that the others are zero.
+#[derive(Clone, Copy, Default)]
+pub(crate) struct Link<L> {
+    /// Mass times x and y of the centre of mass.
+    pub(crate) first_moment: [L; 2],
+    /// Entries xx, xy, xz, yz, zz.
+    pub(crate) inertia: [L; 5],
+}
 
 /// A body as seen from the origin of a frame.
 #[derive(Clone, Copy, Default)]

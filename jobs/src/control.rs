@@ -2,8 +2,8 @@ use serde::{Deserialize, Serialize};
 use spec::{ControlSpec, SpecError};
 use store::{NewTask, Output};
 
+use crate::inputs::Inputs;
 use crate::kind::{Kind, task};
-use crate::references::Inputs;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -41,8 +41,8 @@ impl Kind for ControlSpec {
 mod tests {
     use serde_json::json;
 
+    use crate::inputs::tests::{inputs_of, parse};
     use crate::kind::kind;
-    use crate::references::tests::{inputs_of, parse};
 
     #[test]
     fn a_closed_loop_has_a_task_per_robot_that_counts_every_controllers_samples() {

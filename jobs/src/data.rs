@@ -1,36 +1,11 @@
 //! The trajectories and files that jobs read.
 
-use spec::{DataSource, DataSpec, Digest, JobKind, JobSpec, Product, SpecError, TrainSpec};
-use store::{Dataset, DatasetId, JobState, Need, StoreError};
+use spec::{DataSource, DataSpec, JobKind, JobSpec, Product, SpecError, TrainSpec};
+use store::{Dataset, DatasetId, JobState, StoreError};
 
 use crate::SubmissionError;
+use crate::inputs::FoundData;
 use crate::references::{Found, References, newest, no_such, stored};
-
-/// The trajectories that a job reads.
-pub(crate) struct FoundData {
-    /// By digest, or a stream.
-    pub source: DataSource,
-    pub spec: DataSpec,
-    /// The job that makes them, unless they are a stream.
-    pub need: Option<Need>,
-    /// What that job fills, if it exists already.
-    pub dataset: Option<Dataset>,
-    /// The dataset that the spec named by its id.
-    pub asked: Option<Dataset>,
-}
-
-impl FoundData {
-    /// The one dataset to look at where it matters which.
-    pub fn this_dataset(&self) -> Option<&Dataset> {
-        self.asked.as_ref().or(self.dataset.as_ref())
-    }
-
-    #[cfg(test)]
-    pub fn unmade(digest: Digest, spec: DataSpec) -> Self {
-        let source = DataSource::Digest(digest);
-        Self { source, spec, need: None, dataset: None, asked: None }
-    }
-}
 
 impl References<'_> {
     pub async fn data(

@@ -2,8 +2,8 @@ use serde::{Deserialize, Serialize};
 use spec::{EvaluateSpec, SpecError};
 use store::{JobReuse, NewTask, Output};
 
+use crate::inputs::Inputs;
 use crate::kind::{Kind, task};
-use crate::references::Inputs;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -53,8 +53,8 @@ impl Kind for EvaluateSpec {
 mod tests {
     use serde_json::json;
 
+    use crate::inputs::tests::{inputs_of, parse};
     use crate::kind::kind;
-    use crate::references::tests::{inputs_of, parse};
 
     #[test]
     fn an_evaluation_has_a_task_per_cell_and_a_report_after_them() {

@@ -2,8 +2,8 @@ use serde_json::json;
 use spec::{ImportSpec, SpecError};
 use store::{NewTask, Output};
 
+use crate::inputs::Inputs;
 use crate::kind::{Kind, task};
-use crate::references::Inputs;
 
 impl Kind for ImportSpec {
     fn unit(&self) -> &'static str {

@@ -4,8 +4,7 @@ use serde::Serialize;
 use spec::{Doubt, JobSpec, SpecError, TrainSpec};
 use store::{JobReuse, Need, NewTask, Output};
 
-use crate::references::Inputs;
-use crate::submission::Limits;
+use crate::inputs::Inputs;
 
 /// Tasks of one job. Crossing it is a violation of the field that asks for so many.
 pub(crate) const TASKS_PER_JOB: u32 = 10_000;
@@ -14,6 +13,13 @@ pub(crate) const TASKS_PER_JOB: u32 = 10_000;
 ///
 /// Nothing that computes models is compiled for this crate; whoever composes the server brings it.
 pub type MemoryDoubts = dyn Fn(&TrainSpec, u32) -> Option<Doubt> + Send + Sync;
+
+/// What a server takes.
+#[derive(Clone, Copy, Debug)]
+pub struct Limits {
+    /// Trajectories of one simulation.
+    pub max_trajectories: u64,
+}
 
 /// A spec of one kind, as a job among others.
 pub(crate) trait Kind {

@@ -4,8 +4,8 @@ use spec::{JobSpec, PipelineMember, PipelineSpec, SpecError};
 use store::{Need, NewJob, NewMember, NewPipeline};
 
 use crate::SubmissionError;
+use crate::plan::plan;
 use crate::references::{References, Resolved};
-use crate::submission::plan;
 
 pub(crate) async fn plan_pipeline(
     mut references: References<'_>,

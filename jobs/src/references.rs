@@ -2,15 +2,11 @@
 
 use std::collections::BTreeMap;
 
-use spec::{
-    CheckpointRef, DataSpec, Digest, JobKind, JobSpec, Product, Reference, Referred, SpecError,
-    TrainSpec, Training,
-};
+use spec::{Digest, JobKind, JobSpec, Product, Reference, Referred, SpecError, TrainSpec};
 use store::{DatasetId, Job, JobFilter, JobState, Need, Page, Store};
 
 use crate::SubmissionError;
-use crate::data::FoundData;
-use crate::kind::kind;
+use crate::inputs::Inputs;
 
 /// How many ids an error names as what exists.
 const EXISTING_SHOWN: u32 = 10;
@@ -39,17 +35,6 @@ pub(crate) struct Resolved {
     pub inputs: Inputs,
 }
 
-/// What a job refers to.
-#[derive(Default)]
-pub(crate) struct Inputs {
-    data: Vec<FoundData>,
-    checkpoints: Vec<CheckpointRef>,
-    /// Of each checkpoint, with what it was trained on.
-    trainings: Vec<(TrainSpec, DataSpec)>,
-    /// Jobs that must succeed first.
-    pub needs: Vec<Need>,
-}
-
 /// Something that a job needs: the digest of its spec, and the job that makes it.
 pub(crate) struct Found {
     pub digest: Digest,
@@ -57,20 +42,6 @@ pub(crate) struct Found {
     pub spec: JobSpec,
     /// What that job fills, if it fills one and exists already.
     pub dataset: Option<DatasetId>,
-}
-
-impl Inputs {
-    /// The trajectories that the job reads.
-    ///
-    /// # Errors
-    /// When it reads none.
-    pub fn data(&self) -> Result<&FoundData, SpecError> {
-        self.data.first().ok_or_else(|| SpecError::one("data", "", "a dataset"))
-    }
-
-    pub fn trainings(&self) -> Vec<Training<'_>> {
-        self.trainings.iter().map(|(spec, data)| Training { spec, data }).collect()
-    }
 }
 
 impl<'a> References<'a> {
@@ -90,8 +61,7 @@ impl<'a> References<'a> {
     }
 
     /// # Errors
-    /// [`SubmissionError::Spec`] when something that `spec` refers to does not exist, has failed, or
-    /// does not fit.
+    /// [`SubmissionError::Spec`] when something that `spec` refers to does not exist or has failed.
     pub async fn resolve(&self, spec: &JobSpec) -> Result<Resolved, SubmissionError> {
         let mut spec = spec.clone();
         let mut inputs = Inputs::default();
@@ -119,9 +89,6 @@ impl<'a> References<'a> {
                 }
                 Referred::File(file) => self.check_sent(*file, &field).await?,
             }
-        }
-        if let Some(kind) = kind(&spec) {
-            kind.check_inputs(&inputs)?;
         }
         Ok(Resolved { spec, inputs })
     }
@@ -241,22 +208,5 @@ pub(crate) fn training(spec: &JobSpec, field: &str) -> Result<TrainSpec, SpecErr
     match spec {
         JobSpec::Train(spec) => Ok(spec.clone()),
         other => Err(SpecError::one(field, other.kind().as_str(), JobKind::Train.as_str())),
-    }
-}
-
-#[cfg(test)]
-pub(crate) mod tests {
-    use serde_json::Value;
-
-    use super::*;
-
-    pub fn parse(spec: &Value) -> JobSpec {
-        spec::parse(spec.to_string().as_bytes()).unwrap()
-    }
-
-    /// Of a job that reads what `simulation` makes.
-    pub fn inputs_of(simulation: &JobSpec) -> Inputs {
-        let spec = DataSpec::of(simulation).unwrap();
-        Inputs { data: vec![FoundData::unmade(simulation.digest(), spec)], ..Inputs::default() }
     }
 }

@@ -2,9 +2,9 @@ use serde::{Deserialize, Serialize};
 use spec::{SimulateSpec, SpecError};
 use store::{NewTask, Output};
 
+use crate::inputs::Inputs;
+use crate::kind::Limits;
 use crate::kind::{Kind, TASKS_PER_JOB, task};
-use crate::references::Inputs;
-use crate::submission::Limits;
 
 /// One shard.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
@@ -56,7 +56,7 @@ mod tests {
     use serde_json::json;
 
     use super::*;
-    use crate::references::tests::parse;
+    use crate::inputs::tests::parse;
 
     fn tasks(shard_trajectories: u32) -> Result<Vec<NewTask>, SpecError> {
         let spec = json!({

@@ -3,19 +3,13 @@
 use serde::de::IgnoredAny;
 use serde_json::json;
 use spec::{Digest, JobSpec, SpecError};
-use store::{Idempotency, JobId, JobState, NewJob, Reuse, Store, Submission, Submitted};
+use store::{Idempotency, JobId, JobState, Reuse, Store, Submission, Submitted};
 
 use crate::SubmissionError;
-use crate::kind::kind;
+use crate::kind::{Limits, kind};
 use crate::pipeline::plan_pipeline;
-use crate::references::{References, Resolved};
-
-/// What a server takes.
-#[derive(Clone, Copy, Debug)]
-pub struct Limits {
-    /// Trajectories of one simulation.
-    pub max_trajectories: u64,
-}
+use crate::plan::plan;
+use crate::references::References;
 
 /// Submits the spec in `text`: a job, or a pipeline with all its jobs, in one transaction.
 ///
@@ -92,27 +86,4 @@ fn check_limits(spec: &JobSpec, limits: &Limits) -> Result<(), SpecError> {
         }
     }
     if violations.is_empty() { Ok(()) } else { Err(SpecError { violations }) }
-}
-
-/// `name` is what a pipeline calls it.
-pub(crate) fn plan(name: Option<&str>, resolved: &Resolved) -> Result<NewJob, SpecError> {
-    let Resolved { spec, inputs } = resolved;
-    let kind = kind(spec)
-        .ok_or_else(|| SpecError::one("kind", spec.kind().as_str(), "any other kind of job"))?;
-    let digest = spec.digest();
-    let execution = spec.execution();
-    let name = name.map(str::to_owned).or_else(|| kind.name(inputs));
-    Ok(NewJob {
-        name: name.unwrap_or_else(|| format!("{}-{}", spec.kind(), digest.short())),
-        kind: spec.kind().to_string(),
-        spec: spec.to_json(),
-        digest,
-        unit: kind.unit().to_owned(),
-        priority: execution.priority,
-        max_attempts: execution.max_attempts,
-        output: kind.output(),
-        reuse: kind.reuse(),
-        tasks: kind.tasks(inputs)?,
-        needs: kind.needs(inputs),
-    })
 }

@@ -2,8 +2,8 @@ use serde_json::json;
 use spec::{Doubt, SpecError, TrainSpec};
 use store::{DatasetState, NewTask, Output};
 
+use crate::inputs::Inputs;
 use crate::kind::{Kind, MemoryDoubts, task};
-use crate::references::Inputs;
 
 impl Kind for TrainSpec {
     fn unit(&self) -> &'static str {

@@ -2,8 +2,8 @@ use serde::{Deserialize, Serialize};
 use spec::{SpecError, VerifySpec};
 use store::{JobReuse, Need, NewTask, Output};
 
+use crate::inputs::Inputs;
 use crate::kind::{Kind, task};
-use crate::references::Inputs;
 
 /// One shard, of a dataset that was there when the job was submitted: others may have its digest.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]

@@ -1,0 +1,73 @@
+//! What the references of a job led to.
+
+use spec::{CheckpointRef, DataSource, DataSpec, SpecError, TrainSpec, Training};
+use store::{Dataset, Need};
+
+/// What a job refers to.
+#[derive(Default)]
+pub(crate) struct Inputs {
+    pub data: Vec<FoundData>,
+    pub checkpoints: Vec<CheckpointRef>,
+    /// The training of each checkpoint, with the data it was trained on.
+    pub trainings: Vec<(TrainSpec, DataSpec)>,
+    /// Jobs that must succeed first.
+    pub needs: Vec<Need>,
+}
+
+impl Inputs {
+    /// The trajectories that the job reads.
+    ///
+    /// # Errors
+    /// When it reads none.
+    pub fn data(&self) -> Result<&FoundData, SpecError> {
+        self.data.first().ok_or_else(|| SpecError::one("data", "", "a dataset"))
+    }
+
+    pub fn trainings(&self) -> Vec<Training<'_>> {
+        self.trainings.iter().map(|(spec, data)| Training { spec, data }).collect()
+    }
+}
+
+/// The trajectories that a job reads.
+pub(crate) struct FoundData {
+    /// By digest, or a stream.
+    pub source: DataSource,
+    pub spec: DataSpec,
+    /// The job that makes them, unless they are a stream.
+    pub need: Option<Need>,
+    /// What that job fills, if it exists already.
+    pub dataset: Option<Dataset>,
+    /// The dataset that the spec named by its id.
+    pub asked: Option<Dataset>,
+}
+
+impl FoundData {
+    /// The one dataset to look at where it matters which.
+    pub fn this_dataset(&self) -> Option<&Dataset> {
+        self.asked.as_ref().or(self.dataset.as_ref())
+    }
+
+    #[cfg(test)]
+    pub fn unmade(digest: spec::Digest, spec: DataSpec) -> Self {
+        let source = DataSource::Digest(digest);
+        Self { source, spec, need: None, dataset: None, asked: None }
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use serde_json::Value;
+    use spec::JobSpec;
+
+    use super::*;
+
+    pub fn parse(spec: &Value) -> JobSpec {
+        spec::parse(spec.to_string().as_bytes()).unwrap()
+    }
+
+    /// Of a job that reads what `simulation` makes.
+    pub fn inputs_of(simulation: &JobSpec) -> Inputs {
+        let spec = DataSpec::of(simulation).unwrap();
+        Inputs { data: vec![FoundData::unmade(simulation.digest(), spec)], ..Inputs::default() }
+    }
+}

@@ -1,0 +1,34 @@
+//! A job with its tasks, from a spec whose references are resolved.
+
+use spec::SpecError;
+use store::NewJob;
+
+use crate::kind::kind;
+use crate::references::Resolved;
+
+/// Plans a resolved spec; `name` is what a pipeline calls it.
+///
+/// # Errors
+/// When what it refers to does not fit it, or it needs more tasks than a job may have.
+pub(crate) fn plan(name: Option<&str>, resolved: &Resolved) -> Result<NewJob, SpecError> {
+    let Resolved { spec, inputs } = resolved;
+    let kind = kind(spec)
+        .ok_or_else(|| SpecError::one("kind", spec.kind().as_str(), "any other kind of job"))?;
+    kind.check_inputs(inputs)?;
+    let digest = spec.digest();
+    let execution = spec.execution();
+    let name = name.map(str::to_owned).or_else(|| kind.name(inputs));
+    Ok(NewJob {
+        name: name.unwrap_or_else(|| format!("{}-{}", spec.kind(), digest.short())),
+        kind: spec.kind().to_string(),
+        spec: spec.to_json(),
+        digest,
+        unit: kind.unit().to_owned(),
+        priority: execution.priority,
+        max_attempts: execution.max_attempts,
+        output: kind.output(),
+        reuse: kind.reuse(),
+        tasks: kind.tasks(inputs)?,
+        needs: kind.needs(inputs),
+    })
+}
