@@ -55,8 +55,7 @@ pub enum ModelError {
     CheckpointFile { file: &'static str, reason: String },
 
     #[error(
-        "{file} has format version {found}, this program reads {supported} and older; \
-         use a newer torqued"
+        "{file} has format version {found}, this program reads {supported}; use a newer torqued"
     )]
     NewerCheckpoint { file: &'static str, found: u64, supported: u32 },
 

@@ -72,7 +72,7 @@ fn a_newer_format_is_named_as_such() {
         config["format_version"] = json!(3);
         config["something_new"] = json!(true);
     });
-    check_refused(&newer, "format version 3, this program reads 2 and older");
+    check_refused(&newer, "format version 3, this program reads 2");
 }
 
 #[test]
@@ -223,8 +223,8 @@ fn weights_of_another_type_are_refused_by_name() {
 fn a_format_before_the_first_is_refused() {
     let files = files();
     check_refused(
-        &with_config(&files, |config| config["format_version"] = json!(0)),
-        "format_version 0, the first was 1",
+        &with_config(&files, |config| config["format_version"] = json!(1)),
+        "format_version 1, the first that was released is 2",
     );
     check_refused(
         &with_config(&files, |config| config["format_version"] = json!("2")),

@@ -108,10 +108,10 @@ def load(directory: str | Path) -> TrainedModel:
     """The checkpoint in `directory`, of any architecture."""
     directory = Path(directory)
     config = json.loads((directory / "config.json").read_text())
-    if config["format_version"] > FORMAT_VERSION:
+    if config["format_version"] != FORMAT_VERSION:
         raise ValueError(
             f"config.json has format version {config['format_version']}, "
-            f"this package reads {FORMAT_VERSION} and older"
+            f"this package reads {FORMAT_VERSION}"
         )
     network = network_of(config)
     network.load_state_dict(load_file(directory / "model.safetensors"))

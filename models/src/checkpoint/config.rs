@@ -9,8 +9,7 @@ use crate::memory::parameter_count;
 use crate::normalization::Normalizer;
 use crate::{DeviceDescription, ModelError};
 
-/// Raised with every change that an older torqued would misread. 2 brought other architectures
-/// than RoboMorph, averaged weights, `dataset_digest`, `metrics` and `device`.
+/// Raised with every change that an older torqued would misread. No other version was released.
 pub const FORMAT_VERSION: u32 = 2;
 
 /// The burn release that computes the models, for readers of old checkpoints.
@@ -47,7 +46,7 @@ pub struct CheckpointConfig {
     /// The newest value of each.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub metrics: BTreeMap<String, f64>,
-    /// What computed it; checkpoints of before there was a choice do not say.
+    /// What computed it, if a device of torqued did.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub device: Option<DeviceDescription>,
     pub versions: Versions,
@@ -68,7 +67,7 @@ impl Versions {
 
 impl CheckpointConfig {
     /// # Errors
-    /// Anything but the JSON of a consistent config of this format version or an older one.
+    /// Anything but the JSON of a consistent config of this format version.
     pub fn parse(bytes: &[u8]) -> Result<Self, ModelError> {
         let damaged = |reason| ModelError::CheckpointFile { file: CONFIG_FILE, reason };
         let value: serde_json::Value = serde_json::from_slice(bytes)
@@ -81,7 +80,11 @@ impl CheckpointConfig {
                 let supported = FORMAT_VERSION;
                 return Err(ModelError::NewerCheckpoint { file: CONFIG_FILE, found, supported });
             }
-            Some(0) => return Err(damaged("has format_version 0, the first was 1".to_owned())),
+            Some(found) if found < u64::from(FORMAT_VERSION) => {
+                return Err(damaged(format!(
+                    "has format_version {found}, the first that was released is {FORMAT_VERSION}"
+                )));
+            }
             Some(_) => {}
         }
         let config: Self =
