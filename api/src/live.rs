@@ -39,6 +39,8 @@ pub struct AboutModel {
     pub context: usize,
     /// Samples it predicts.
     pub horizon: usize,
+    /// Of the arm.
+    pub joints: usize,
     pub rate_hz: f64,
     /// Whether its normalization looks into the horizon, so that it cannot be asked.
     pub needs_future: bool,

@@ -21,6 +21,7 @@ impl Loaded {
         let about = AboutModel {
             context: model.context(),
             horizon: model.horizon(),
+            joints: model.joints(),
             rate_hz: model.rate_hz(),
             needs_future: model.needs_leak(),
             device: device.name().to_owned(),

@@ -22,7 +22,8 @@ use spec::{JOINTS, JobSpec, PresetPlace, SamplerKind, SamplerSpec};
 use statistics::measured_quantile;
 
 const BATCH: usize = 64;
-const DATA: TrainingData = TrainingData { samples: 400, rate_hz: 60.0, statistics: None };
+const DATA: TrainingData =
+    TrainingData { samples: 400, joints: JOINTS, rate_hz: 60.0, statistics: None };
 
 /// Predictions whose times are collected for each step asked for.
 const PASSES: usize = 20;

@@ -18,7 +18,8 @@ use spec::{JOINTS, JobSpec, TrainSpec};
 #[global_allocator]
 static ALLOCATOR: MiMalloc = MiMalloc;
 
-const DATA: TrainingData = TrainingData { samples: 400, rate_hz: 60.0, statistics: None };
+const DATA: TrainingData =
+    TrainingData { samples: 400, joints: JOINTS, rate_hz: 60.0, statistics: None };
 
 const USUAL: [&str; 9] = [
     "robomorph-tiny:256",

@@ -182,7 +182,12 @@ fn check_optimizer_steps(peer: &Peer) {
         keep_checkpoints: 1,
         execution: Execution::default(),
     };
-    let data = TrainingData { samples: config.samples, rate_hz: 60.0, statistics: None };
+    let data = TrainingData {
+        samples: config.samples,
+        joints: config.joints,
+        rate_hz: 60.0,
+        statistics: None,
+    };
     let mut trainer =
         Trainer::resume(&spec, data, "pytorch", &untrained(peer, &spec), &Device::cpu()).unwrap();
     for step in 0..4 {

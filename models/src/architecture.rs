@@ -13,18 +13,20 @@ use crate::initialization::InitialWeights;
 use crate::loss::Loss;
 use crate::randomness::Noise;
 
-/// Samples of a trajectory: those that a model is given, and those that it predicts.
+/// Samples of a trajectory, those that a model is given and those that it predicts, and joints of its arm.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Extents {
     pub context: u32,
     pub horizon: u32,
+    /// Channels of u, and of y.
+    pub joints: usize,
 }
 
 impl Extents {
-    /// Of trajectories of `samples`.
-    pub fn new(context: u32, samples: u32) -> Result<Self, ModelError> {
+    /// Of trajectories of `samples` of an arm of `joints`.
+    pub fn new(context: u32, samples: u32, joints: usize) -> Result<Self, ModelError> {
         match samples.checked_sub(context) {
-            Some(horizon) if horizon > 0 && context > 0 => Ok(Self { context, horizon }),
+            Some(horizon) if horizon > 0 && context > 0 => Ok(Self { context, horizon, joints }),
             _ => Err(ModelError::Size {
                 field: "context",
                 value: context.into(),
@@ -55,10 +57,10 @@ pub(crate) trait Architecture {
 
 /// A network with what it was made to answer.
 pub(crate) trait Model: Clone + Debug {
-    /// The loss on `target`, y of the horizon `[batch, horizon, 7]`.
+    /// The loss on `target`, y of the horizon `[batch, horizon, joint]`.
     fn loss(&self, input: ModelInput, target: Tensor<3>, noise: &mut Noise) -> Loss;
 
-    /// y of the horizon `[batch, horizon, 7]`, as the frame sees it.
+    /// y of the horizon `[batch, horizon, joint]`, as the frame sees it.
     fn answer(&self, input: ModelInput, ask: Ask<'_>) -> Tensor<3>;
 
     /// [`Model::loss`] of one trajectory, which keeps what `tally` counts.
@@ -89,13 +91,13 @@ pub(crate) trait Model: Clone + Debug {
 /// What every architecture is given.
 #[derive(Clone, Debug)]
 pub(crate) struct ModelInput {
-    /// Normalized torques `[batch, sample, 7]`.
+    /// Normalized torques `[batch, sample, joint]`.
     pub u: Tensor<3>,
-    /// Normalized positions `[batch, context, 7]`.
+    /// Normalized positions `[batch, context, joint]`.
     pub y_context: Tensor<3>,
     /// The same positions as answers are given: [`crate::frame`].
     pub seen_context: Tensor<3>,
-    /// What answers are relative to, as normalized positions `[batch, sample, 7]`.
+    /// What answers are relative to, as normalized positions `[batch, sample, joint]`.
     pub path: Tensor<3>,
 }
 

@@ -10,7 +10,7 @@ use crate::architecture::{Architecture, Extents};
 use crate::denoiser::{Denoiser, Given, Network, Torques};
 use crate::diffusion::Process;
 use crate::initialization::InitialWeights;
-use crate::sizes::{CHANNELS, LARGEST_WIDTH, multiple, within};
+use crate::sizes::{LARGEST_WIDTH, multiple, within};
 use crate::unet::{LevelEmbedding, Modulation, ResidualBlock, UNet, UNetConfig, check_stages};
 
 impl Architecture for CdcnnSpec {
@@ -25,7 +25,7 @@ impl Architecture for CdcnnSpec {
             embedding: self.embedding,
             widths: &self.widths,
             conditioning: self.conditioning,
-            known: CHANNELS,
+            known: extents.joints,
         };
         let network = sizes.init(extents, weights)?;
         let process = Process::diffusion(&self.diffusion);
@@ -63,8 +63,8 @@ impl CdcnnSizes<'_> {
         };
         let modulation = Modulation::ScaleAndShift;
         let widths: Vec<usize> = widths.iter().map(|&width| width as usize).collect();
-        let first = widths.first().copied().unwrap_or(CHANNELS);
-        let unet = UNetConfig { channels: CHANNELS, widths, condition, modulation };
+        let first = widths.first().copied().unwrap_or(extents.joints);
+        let unet = UNetConfig { channels: extents.joints, widths, condition, modulation };
         Ok(Cdcnn {
             embedding: LevelEmbedding::new(embedding, weights),
             unet: unet.init(weights),

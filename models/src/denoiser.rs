@@ -5,7 +5,6 @@ use std::rc::Rc;
 use burn::module::{Module, ModuleMapper, ModuleVisitor};
 use burn::tensor::{Device, Tensor, TensorData};
 use kernels::DropoutKeys;
-use spec::JOINTS;
 
 use crate::activations::{Activations, Tally};
 use crate::architecture::{Ask, Extents, Model, ModelInput};
@@ -82,24 +81,24 @@ impl Given {
 impl<N: Network> Model for Denoiser<N> {
     fn loss(&self, input: ModelInput, target: Tensor<3>, noise: &mut Noise) -> Loss {
         let [_, context, _] = input.seen_context.dims();
-        let [_, horizon, _] = target.dims();
+        let [_, horizon, joints] = target.dims();
         let device = target.device();
         let y = Tensor::cat(vec![input.seen_context, target], 1);
         let series = self.series(&input.u, y);
         let known = self.given.of(input.u, input.path);
-        let shape = Shape { context, horizon, device: &device };
+        let shape = Shape { context, horizon, joints, device: &device };
         let (clean, weights, counted) = match self.torques {
             Torques::Apart => {
                 let weights = shape.mask(&[(0.0, 1.0)]);
-                (shape.mask(&[(1.0, 0.0)]), weights, horizon * JOINTS)
+                (shape.mask(&[(1.0, 0.0)]), weights, horizon * joints)
             }
             Torques::Clean { y_weight } => {
                 let weights = shape.mask(&[(0.0, 0.0), (0.0, y_weight)]);
-                (shape.mask(&[(1.0, 1.0), (1.0, 0.0)]), weights, horizon * JOINTS)
+                (shape.mask(&[(1.0, 1.0), (1.0, 0.0)]), weights, horizon * joints)
             }
             Torques::Noised { weights: [of_u, of_y] } => {
                 let weights = shape.mask(&[(of_u, of_u), (0.0, of_y)]);
-                let counted = (context + 2 * horizon) * JOINTS;
+                let counted = (context + 2 * horizon) * joints;
                 (shape.mask(&[(0.0, 0.0), (1.0, 0.0)]), weights, counted)
             }
         };
@@ -111,15 +110,15 @@ impl<N: Network> Model for Denoiser<N> {
 
     fn answer(&self, input: ModelInput, ask: Ask<'_>) -> Tensor<3> {
         let Ask { steps, warm, noise, .. } = ask;
-        let [batch, context, _] = input.seen_context.dims();
+        let [batch, context, joints] = input.seen_context.dims();
         let [_, samples, _] = input.u.dims();
         let horizon = samples - context;
         let device = input.u.device();
-        let unknown = Tensor::zeros([batch, horizon, JOINTS], &device);
+        let unknown = Tensor::zeros([batch, horizon, joints], &device);
         let whole = |horizon: Tensor<3>| {
             self.series(&input.u, Tensor::cat(vec![input.seen_context.clone(), horizon], 1))
         };
-        let shape = Shape { context, horizon, device: &device };
+        let shape = Shape { context, horizon, joints, device: &device };
         let (clean, noised) = match self.torques {
             Torques::Apart => (shape.mask(&[(1.0, 0.0)]), None),
             Torques::Clean { .. } => (shape.mask(&[(1.0, 1.0), (1.0, 0.0)]), None),
@@ -133,15 +132,15 @@ impl<N: Network> Model for Denoiser<N> {
         let chain = self.network.chain(&input.seen_context, known, steps);
         let series = self.process.sample(warm, &painted, steps, noise, chain);
         let [_, _, channels] = series.dims();
-        series.slice([0..batch, context..samples, channels - JOINTS..channels])
+        series.slice([0..batch, context..samples, channels - joints..channels])
     }
 
     fn count(&self, extents: Extents, tally: &Rc<Tally>) {
-        let samples = extents.samples() as usize;
-        let given = || tally.given([1, samples, JOINTS]);
+        let (samples, joints) = (extents.samples() as usize, extents.joints);
+        let given = || tally.given([1, samples, joints]);
         let noisy = match self.torques {
             Torques::Apart => given(),
-            Torques::Clean { .. } | Torques::Noised { .. } => tally.given([1, samples, 2 * JOINTS]),
+            Torques::Clean { .. } | Torques::Noised { .. } => tally.given([1, samples, 2 * joints]),
         };
         let known = self.given.of(given(), given());
         let [_, _, channels] = self.network.forward(noisy, &[0], known, None).dims();
@@ -198,16 +197,18 @@ impl<N> Denoiser<N> {
 struct Shape<'a> {
     context: usize,
     horizon: usize,
+    joints: usize,
     device: &'a Device,
 }
 
 impl Shape<'_> {
-    /// `[1, sample, channel]` of, for each group of 7 channels, a value in the context and one in
+    /// `[1, sample, channel]` of, for each group of as many channels as joints, a value in the context and one in
     /// the horizon.
     #[expect(clippy::cast_possible_truncation, reason = "series are computed in f32")]
     fn mask(&self, groups: &[(f64, f64)]) -> Tensor<3> {
         let row = |pick: fn(&(f64, f64)) -> f64| {
-            groups.iter().flat_map(move |group| [pick(group) as f32; JOINTS])
+            let values = |group| std::iter::repeat_n(pick(group) as f32, self.joints);
+            groups.iter().flat_map(values)
         };
         let mut values: Vec<f32> = Vec::new();
         for _ in 0..self.context {
@@ -216,7 +217,7 @@ impl Shape<'_> {
         for _ in 0..self.horizon {
             values.extend(row(|group| group.1));
         }
-        let shape = [1, self.context + self.horizon, groups.len() * JOINTS];
+        let shape = [1, self.context + self.horizon, groups.len() * self.joints];
         Tensor::from_data(TensorData::new(values, shape), self.device)
     }
 }

@@ -10,7 +10,7 @@ use crate::architecture::{Architecture, Extents};
 use crate::denoiser::{Denoiser, Given, Network, Torques};
 use crate::diffusion::Process;
 use crate::initialization::InitialWeights;
-use crate::sizes::{CHANNELS, LARGEST_RATIO, LARGEST_WIDTH, multiple, within};
+use crate::sizes::{LARGEST_RATIO, LARGEST_WIDTH, multiple, within};
 use crate::unet::{LevelEmbedding, Modulation, UNet, UNetConfig, check_stages};
 
 impl Architecture for DiffuserSpec {
@@ -29,7 +29,7 @@ impl Architecture for DiffuserSpec {
         check_stages("multipliers", self.multipliers.len(), extents.samples())?;
         let width = self.width as usize;
         let unet = UNetConfig {
-            channels: 2 * CHANNELS,
+            channels: 2 * extents.joints,
             widths: self.multipliers.iter().map(|&by| width * by as usize).collect(),
             condition: width,
             modulation: Modulation::Shift,
@@ -54,7 +54,7 @@ pub(crate) struct Diffuser {
 }
 
 impl Network for Diffuser {
-    /// The noisy series is u, then y, `[batch, sample, 14]`, so that nothing is known beside it.
+    /// The noisy series is u, then y, `[batch, sample, 2 · joint]`, so that nothing is known beside it.
     fn forward<A: Activations>(
         &self,
         noisy: A,

@@ -11,7 +11,6 @@ use crate::cdcnn::{Cdcnn, CdcnnSizes};
 use crate::denoiser::{Denoiser, Given, Torques};
 use crate::diffusion::Process;
 use crate::initialization::InitialWeights;
-use crate::sizes::CHANNELS;
 
 impl Architecture for FlowSpec {
     type Model = Denoiser<Cdcnn>;
@@ -25,7 +24,7 @@ impl Architecture for FlowSpec {
             embedding: self.embedding,
             widths: &self.widths,
             conditioning: Conditioning::Local,
-            known: 2 * CHANNELS,
+            known: 2 * extents.joints,
         };
         let network = sizes.init(extents, weights)?;
         let process = Process::flow(self);

@@ -14,6 +14,9 @@ use crate::{Device, ModelError};
 
 const F32: u64 = 4;
 
+/// Joints that are counted with: another arm changes a first layer and a last one, which are small.
+const JOINTS: usize = 7;
+
 /// Copies of the parameters while a step is taken: weights, gradients, both moments.
 const COPIES: u64 = 4;
 /// Copies in the making of a checkpoint: weights and both moments as they are, as lists of numbers
@@ -83,7 +86,7 @@ struct Counts {
 
 impl Counts {
     fn of(spec: &TrainSpec, samples: u32) -> Result<Self, ModelError> {
-        let extents = Extents::new(spec.context, samples)?;
+        let extents = Extents::new(spec.context, samples, JOINTS)?;
         let model = without_weights(&spec.model, extents)?;
         let tally = Rc::new(Tally::default());
         model.count(extents, &tally);
@@ -166,9 +169,8 @@ mod tests {
     use crate::parameters::parameters;
     use crate::randomness::{Noise, Purpose, generator};
     use burn::tensor::TensorData;
-    use spec::JOINTS;
 
-    const EXTENTS: Extents = Extents { context: 320, horizon: 80 };
+    const EXTENTS: Extents = Extents { context: 320, horizon: 80, joints: JOINTS };
 
     fn training(preset: &str, more: &Value) -> TrainSpec {
         let mut model = json!({"preset": preset});

@@ -1,15 +1,18 @@
 //! That series are what a model takes.
 
 use series::{Observed, SeriesView};
-use spec::JOINTS;
 
 use crate::ModelError;
 
 /// Whole trajectories of `samples` samples, at least one.
-pub(crate) fn check_batch(batch: &SeriesView<'_>, samples: usize) -> Result<(), ModelError> {
+pub(crate) fn check_batch(
+    batch: &SeriesView<'_>,
+    samples: usize,
+    joints: usize,
+) -> Result<(), ModelError> {
     expect("samples of u", batch.samples(), samples)?;
     expect("samples of y", batch.known(), samples)?;
-    expect("joints", batch.joints(), JOINTS)?;
+    expect("joints", batch.joints(), joints)?;
     if batch.robots() == 0 {
         return expect("trajectories", 0, 1);
     }
@@ -24,10 +27,11 @@ pub(crate) fn check_observed(
     observed: &Observed<'_>,
     samples: usize,
     context: usize,
+    joints: usize,
 ) -> Result<(), ModelError> {
     expect("samples of u", observed.samples(), samples)?;
     expect("samples of y", observed.context(), context)?;
-    expect("joints", observed.joints(), JOINTS)?;
+    expect("joints", observed.joints(), joints)?;
     (0..observed.robots()).try_for_each(|robot| {
         check_finite("u", robot, observed.u(robot).values())?;
         check_finite("y", robot, observed.y(robot).values())

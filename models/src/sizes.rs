@@ -1,7 +1,5 @@
 //! Sizes that a model cannot have, told before it is made.
 
-use spec::JOINTS;
-
 use crate::ModelError;
 
 /// Sizes beyond these are no model but a mistake; below them no count computed here overflows.
@@ -10,9 +8,6 @@ pub(crate) const MOST_LAYERS: u32 = 1 << 8;
 pub(crate) const LARGEST_RATIO: u32 = 1 << 6;
 pub(crate) const MOST_STAGES: usize = 8;
 pub(crate) const MOST_SAMPLES: u32 = 1 << 20;
-
-/// Channels of a series of positions or torques.
-pub(crate) const CHANNELS: usize = JOINTS;
 
 pub(crate) fn within(
     field: &'static str,

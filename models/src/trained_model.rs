@@ -87,7 +87,7 @@ impl TrainedModel {
     /// from the whole trajectory, the horizon's y included, as the paper's code does. No other
     /// use is made of the horizon's y.
     pub fn predict_with_leak(&self, batch: &SeriesView<'_>) -> Result<Vec<f32>, ModelError> {
-        check_batch(batch, self.samples())?;
+        check_batch(batch, self.samples(), self.joints())?;
         let statistics = self.normalizer.statistics_of_batch(batch, self.context());
         let observed = batch.observed(0, self.context());
         self.answer(&observed, &statistics, &Sampling::default(), Draw::Mean)
@@ -118,6 +118,11 @@ impl TrainedModel {
         self.config.samples as usize
     }
 
+    /// Of the arm that it was trained on.
+    pub fn joints(&self) -> usize {
+        self.config.joints
+    }
+
     pub fn rate_hz(&self) -> f64 {
         self.config.rate_hz
     }
@@ -136,7 +141,7 @@ impl TrainedModel {
         sampling: &Sampling,
         draw: Draw,
     ) -> Result<Vec<f32>, ModelError> {
-        check_observed(observed, self.samples(), self.context())?;
+        check_observed(observed, self.samples(), self.context(), self.joints())?;
         let statistics = self.normalizer.statistics_of_observed(observed)?;
         self.answer(observed, &statistics, sampling, draw)
     }

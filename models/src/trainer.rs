@@ -31,6 +31,8 @@ const TRAIN_LOSS: &str = "train/loss";
 pub struct TrainingData {
     /// Samples of every trajectory, context and horizon.
     pub samples: u32,
+    /// Of the arm.
+    pub joints: usize,
     pub rate_hz: f64,
     /// Of the trajectories trained on; needed for [`spec::Normalization::Dataset`] only.
     pub statistics: Option<Statistics>,
@@ -44,6 +46,8 @@ pub struct Trainer {
     optimizer: ModelOptimizer,
     schedule: Schedule,
     normalizer: Normalizer,
+    /// Of the arm.
+    joints: usize,
     framing: Framing,
     identity: Identity,
     /// Parts that a batch is computed in.
@@ -97,9 +101,15 @@ impl Trainer {
         device: &Device,
     ) -> Result<Self, ModelError> {
         let normalizer = Normalizer::new(spec.normalization, data.statistics.clone())?;
+        if let Some(weights) = &spec.loss_weights
+            && weights.len() != data.joints
+        {
+            let (actual, expected) = (weights.len(), data.joints);
+            return Err(ModelError::Length { what: "loss_weights", actual, expected });
+        }
         let training = device.training();
         let mut weights = InitialWeights::new(spec.seed, &training);
-        let extents = Extents::new(spec.context, data.samples)?;
+        let extents = Extents::new(spec.context, data.samples, data.joints)?;
         let model = SequenceModel::new(&spec.model, extents, &mut weights)?;
         let dataset_digest = match &spec.data {
             DataSource::Digest(digest) => Some(digest.to_string()),
@@ -115,6 +125,7 @@ impl Trainer {
             model,
             schedule: Schedule::new(spec),
             normalizer,
+            joints: data.joints,
             framing: Framing {
                 residual: spec.model.residual(),
                 samples: data.samples as usize,
@@ -155,6 +166,7 @@ impl Trainer {
         agree("spec", config.spec_digest.as_str(), spec_digest)?;
         agree("samples", &config.samples, &data.samples)?;
         agree("context", &config.context, &spec.context)?;
+        agree("joints", &config.joints, &data.joints)?;
         if config.ema != spec.ema {
             let (found, expected) = (format!("{:?}", config.ema), format!("{:?}", spec.ema));
             return Err(ModelError::OtherTraining { field: "ema", found, expected });
@@ -225,7 +237,7 @@ impl Trainer {
 
     /// Of the step that comes next, and its loss.
     fn gradients(&self, batch: &Series) -> Result<(NamedGradients, f64), ModelError> {
-        check_batch(&batch.view(), self.framing.samples)?;
+        check_batch(&batch.view(), self.framing.samples, self.joints)?;
         let step = self.step + 1;
         let device = self.device.training();
         let mut gradients = Vec::with_capacity(self.parts);
@@ -277,7 +289,7 @@ impl Trainer {
 
     fn validated(&self, part: &ValidationPart<'_>) -> Result<ValidationReport, ModelError> {
         let ValidationPart { batch, first, predicted } = part;
-        check_batch(batch, self.framing.samples)?;
+        check_batch(batch, self.framing.samples, self.joints)?;
         let model = self.kept_model();
         let device = self.device.inference();
         let context = self.framing.context;
@@ -322,7 +334,7 @@ impl Trainer {
     pub fn checkpoint(&self) -> Result<CheckpointFiles, ModelError> {
         let Identity { model, context, data, seed, spec_digest, dataset_digest, ema } =
             &self.identity;
-        let extents = Extents::new(*context, data.samples)?;
+        let extents = Extents::new(*context, data.samples, data.joints)?;
         let config = CheckpointConfig {
             format_version: FORMAT_VERSION,
             parameters: parameter_count(model, extents)?,
@@ -330,6 +342,7 @@ impl Trainer {
             context: *context,
             horizon: extents.horizon,
             samples: data.samples,
+            joints: data.joints,
             rate_hz: data.rate_hz,
             normalizer: self.normalizer.clone(),
             step: self.step,

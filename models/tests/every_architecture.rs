@@ -5,11 +5,11 @@
 mod synthetic;
 
 use models::{
-    Device, ModelError, Sampling, TrainedModel, Trainer, ValidationPart, ValidationReport,
-    WarmStart,
+    Device, ModelError, Sampling, TrainedModel, Trainer, TrainingData, ValidationPart,
+    ValidationReport, WarmStart,
 };
 use serde_json::json;
-use series::{Observed, Series};
+use series::{Observed, Series, Shape};
 use spec::{
     CdtSpec, EmaSpec, JOINTS, Known, ModelSpec, Normalization, SamplerKind, SamplerSpec, TrainSpec,
 };
@@ -136,6 +136,43 @@ fn flow_learns() {
 #[test]
 fn flow_that_answers_velocities_learns() {
     check_learning("flow, velocity", 0.6);
+}
+
+/// Torques and positions of an arm with one joint less than the others here.
+fn six_joints(robots: usize) -> Series {
+    let shape = Shape { robots, samples: SAMPLES as usize, joints: 6 };
+    let values = shape.values().unwrap();
+    let wave = |rate: f32| (0..values).map(|k| (rate * k as f32).sin()).collect();
+    Series::new(shape, DATA.rate_hz, wave(0.37), wave(0.11)).unwrap()
+}
+
+#[test]
+fn an_arm_of_six_joints_is_trained_kept_and_predicted() {
+    let (batch, seven) = (six_joints(8), batch(0, 8));
+    for (name, model) in every_kind() {
+        let data = || TrainingData { joints: 6, ..DATA };
+        let spec = TrainSpec { model, ..train_spec() };
+        let mut trained = Trainer::new(&spec, data(), "digest", &Device::cpu()).unwrap();
+        trained.step(&batch).unwrap();
+        let files = trained.checkpoint().unwrap();
+        let mut resumed = Trainer::resume(&spec, data(), "digest", &files, &Device::cpu()).unwrap();
+        assert!(resumed.checkpoint().unwrap() == files, "{name}");
+        assert_eq!(resumed.step(&batch).unwrap(), trained.step(&batch).unwrap(), "{name}");
+        assert!(Trainer::resume(&spec, DATA, "digest", &files, &Device::cpu()).is_err(), "{name}");
+
+        let model = TrainedModel::from_files(&files, &Device::cpu()).unwrap();
+        let answer = model.predict(&known(&batch)).unwrap();
+        assert_eq!(answer.len(), 8 * (SAMPLES - CONTEXT) as usize * 6, "{name}");
+        assert!(answer.iter().all(|value| value.is_finite()), "{name}");
+        let error = model.predict(&known(&seven)).unwrap_err().to_string();
+        assert_eq!(error, "the model was given 7 joints, expected 6");
+
+        // A Panda's checkpoints say what they always said.
+        let config = String::from_utf8(files.config).unwrap();
+        assert!(config.contains("\"joints\": 6"), "{config}");
+        let config = trainer(&spec).checkpoint().unwrap().config;
+        assert!(!String::from_utf8(config).unwrap().contains("joints"), "{name}");
+    }
 }
 
 #[test]

@@ -60,10 +60,15 @@ pub fn training_times(
         ..spec.clone()
     };
     let device = &Device::open(device)?;
-    let training = TrainingData { samples: data.samples, rate_hz: data.rate_hz, statistics: None };
-    let mut trainer = Trainer::new(&spec, training, "", device)?;
     let full = spec.batch_size as usize;
     let batch = repeated(&trajectories(data, full as u64)?, full)?;
+    let training = TrainingData {
+        samples: data.samples,
+        joints: batch.joints(),
+        rate_hz: data.rate_hz,
+        statistics: None,
+    };
+    let mut trainer = Trainer::new(&spec, training, "", device)?;
     let one = step_seconds(&mut trainer, &repeated(&batch, 1)?)?;
     let step = if one * full as f64 <= SHORT_SECONDS || full <= 3 {
         step_seconds(&mut trainer, &batch)?

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use spec::{JOINTS, SpecError};
+use spec::SpecError;
 use statistics::interpolated_quantile;
 use store::CheckpointId;
 use wire::{
@@ -83,7 +83,9 @@ impl Answer {
         horizon: usize,
         sampling: &PredictionSampling,
     ) -> PredictedScenario {
-        let row = horizon * JOINTS;
+        let row = self.positions.len() / (self.samples * size).max(1);
+        let joints = row / horizon.max(1);
+        let rows = |positions: &[f32]| rows(positions, joints);
         let samples: Vec<&[f32]> =
             self.positions.chunks_exact(row).skip(index).step_by(size.max(1)).collect();
         let over_samples = |of: &dyn Fn(&mut [f64]) -> f64| {
@@ -119,8 +121,8 @@ impl Answer {
 }
 
 /// A row per step of the horizon.
-fn rows(positions: &[f32]) -> Vec<Vec<f32>> {
-    positions.chunks_exact(JOINTS).map(<[f32]>::to_vec).collect()
+fn rows(positions: &[f32], joints: usize) -> Vec<Vec<f32>> {
+    positions.chunks_exact(joints.max(1)).map(<[f32]>::to_vec).collect()
 }
 
 fn mean(values: &[f64]) -> f64 {
@@ -135,6 +137,8 @@ const fn narrow(position: f64) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    const JOINTS: usize = 7;
 
     fn sampling(quantiles: &[f64], return_samples: bool) -> PredictionSampling {
         PredictionSampling {

@@ -5,7 +5,7 @@ use std::fmt::Display;
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 use series::{Series, Shape, ShapeError};
-use spec::{JOINTS, SpecError, Violation};
+use spec::{SpecError, Violation};
 use wire::{PredictionRequest, PredictionSampling};
 
 use crate::error::ApiError;
@@ -56,12 +56,12 @@ impl Violations {
     }
 
     /// Every row has a value per joint, finite and within ±[`QUESTION_MAGNITUDE`].
-    pub fn values(&mut self, field: &str, rows: &[Vec<f32>]) {
+    pub fn values(&mut self, field: &str, rows: &[Vec<f32>], joints: usize) {
         let allowed = -QUESTION_MAGNITUDE..=QUESTION_MAGNITUDE;
         for (index, row) in rows.iter().enumerate() {
-            if row.len() != JOINTS {
+            if row.len() != joints {
                 let found = format!("{} values", row.len());
-                let allowed = format!("{JOINTS} values, one per joint");
+                let allowed = format!("{joints} values, one per joint");
                 return self.add(format!("{field}[{index}]"), found, allowed);
             }
             if let Some(joint) = row.iter().position(|value| !allowed.contains(value)) {
@@ -71,9 +71,15 @@ impl Violations {
         }
     }
 
-    pub fn sampling(&mut self, sampling: &PredictionSampling, scenarios: usize, horizon: usize) {
+    pub fn sampling(
+        &mut self,
+        sampling: &PredictionSampling,
+        scenarios: usize,
+        about: &AboutModel,
+    ) {
         let samples = sampling.samples;
-        let positions = scenarios.saturating_mul(horizon).saturating_mul(JOINTS).max(1);
+        let values = about.horizon * about.joints;
+        let positions = scenarios.saturating_mul(values).max(1);
         let most = PREDICTED_POSITIONS / positions;
         if let Some(samples) = samples
             && !(1..=most.max(1)).contains(&(samples as usize))
@@ -108,10 +114,10 @@ impl Violations {
 /// Every violation.
 pub fn question(request: &PredictionRequest, about: &AboutModel) -> Result<Question, ApiError> {
     let PredictionRequest { scenarios, sampling } = request;
-    let AboutModel { context, horizon, rate_hz, .. } = *about;
+    let AboutModel { context, horizon, joints, rate_hz, .. } = *about;
     let mut violations = Violations::default();
     let size = scenarios.len();
-    let most = PREDICTED_POSITIONS / (horizon * JOINTS);
+    let most = PREDICTED_POSITIONS / (horizon * joints);
     if !(1..=most).contains(&size) {
         violations.add("scenarios", format!("{size} of them"), format!("1 to {most}"));
     }
@@ -122,15 +128,15 @@ pub fn question(request: &PredictionRequest, about: &AboutModel) -> Result<Quest
         violations.rows(&u, &scenario.u, context, of_context);
         violations.rows(&y, &scenario.y, context, of_context);
         violations.rows(&future_u, &scenario.future_u, horizon, "the checkpoint's horizon");
-        violations.values(&u, &scenario.u);
-        violations.values(&y, &scenario.y);
-        violations.values(&future_u, &scenario.future_u);
+        violations.values(&u, &scenario.u, joints);
+        violations.values(&y, &scenario.y, joints);
+        violations.values(&future_u, &scenario.future_u, joints);
     }
-    violations.sampling(sampling, size, horizon);
+    violations.sampling(sampling, size, about);
     violations.finish()?;
     let torques = scenarios.iter().flat_map(|it| it.u.iter().chain(&it.future_u));
     let positions = scenarios.iter().flat_map(|it| &it.y);
-    let shape = Shape { robots: size, samples: context + horizon, joints: JOINTS };
+    let shape = Shape { robots: size, samples: context + horizon, joints };
     let u = torques.flatten().copied().collect();
     let y = positions.flatten().copied().collect();
     Ok(asked(sampling, series_of(shape, context, rate_hz, u, y)?))

@@ -6,7 +6,6 @@ use std::collections::VecDeque;
 use std::time::Instant;
 
 use series::{Series, Shape};
-use spec::JOINTS;
 use tokio::time::timeout;
 use wire::{
     FilledContext, Nothing, StreamLatency, StreamMessage, StreamOpened, StreamReply,
@@ -81,11 +80,12 @@ impl PredictionStream {
     /// Tries the settings before they are needed, which also makes the first prediction as fast as
     /// the others.
     async fn open(&mut self, settings: StreamSettings) -> Result<StreamReply, ApiError> {
-        let AboutModel { context, horizon, .. } = *self.held.model.about();
+        let about = self.held.model.about();
+        let AboutModel { context, horizon, joints, .. } = *about;
         let mut violations = Violations::default();
-        violations.sampling(&settings.sampling, 1, horizon);
+        violations.sampling(&settings.sampling, 1, about);
         violations.finish()?;
-        let rest = |samples: usize| vec![0.0; samples * JOINTS];
+        let rest = |samples: usize| vec![0.0; samples * joints];
         let scenario = self.scenario(rest(context + horizon), rest(context))?;
         let question = asked(&settings.sampling, scenario);
         if let Some(steps) = settings.warm_start_steps {
@@ -146,16 +146,17 @@ impl PredictionStream {
 
     fn check(&self, step: &StreamStep, context: usize, horizon: usize) -> Result<(), ApiError> {
         let mut violations = Violations::default();
+        let joints = self.held.model.about().joints;
         let seen = step.u.len();
         if seen == 0 {
             violations.add("step.u", "0 rows", "at least one row");
         }
         violations.rows("step.y", &step.y, seen, "as many as u");
-        violations.values("step.u", &step.u);
-        violations.values("step.y", &step.y);
+        violations.values("step.u", &step.u, joints);
+        violations.values("step.y", &step.y, joints);
         if let Some(future_u) = &step.future_u {
             violations.rows("step.future_u", future_u, horizon, "the checkpoint's horizon");
-            violations.values("step.future_u", future_u);
+            violations.values("step.future_u", future_u, joints);
             let filled = self.window.u.len() + seen;
             if filled < context {
                 let found = format!("given after {filled} samples");
@@ -168,8 +169,8 @@ impl PredictionStream {
 
     /// One robot: torques of context and horizon, positions of the context.
     fn scenario(&self, u: Vec<f32>, y: Vec<f32>) -> Result<Series, ApiError> {
-        let AboutModel { context, horizon, rate_hz, .. } = *self.held.model.about();
-        let shape = Shape { robots: 1, samples: context + horizon, joints: JOINTS };
+        let AboutModel { context, horizon, joints, rate_hz, .. } = *self.held.model.about();
+        let shape = Shape { robots: 1, samples: context + horizon, joints };
         series_of(shape, context, rate_hz, u, y)
     }
 

@@ -79,8 +79,8 @@ fn every_kind() -> Vec<(&'static str, Value)> {
 /// Trained for a few steps, which is enough for every weight to have moved.
 fn trained(model: &Value, normalization: &str) -> TrainedModel {
     let spec = train_spec(model, normalization);
-    let data =
-        TrainingData { samples: u32::try_from(SAMPLES).unwrap(), rate_hz: 60.0, statistics: None };
+    let samples = u32::try_from(SAMPLES).unwrap();
+    let data = TrainingData { samples, joints: JOINTS, rate_hz: 60.0, statistics: None };
     let mut trainer = Trainer::new(&spec, data, "digest", &Device::cpu()).unwrap();
     let batch = scenarios(&simulation(SAMPLES, &json!({"seed": 12})), 8);
     for _ in 0..3 {

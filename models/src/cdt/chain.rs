@@ -101,8 +101,8 @@ mod tests {
     use crate::denoiser::Network;
     use crate::device::host_values;
     use crate::initialization::InitialWeights;
-    use crate::sizes::CHANNELS;
 
+    const JOINTS: usize = 7;
     const SAMPLES: usize = 70;
     const CONTEXT: usize = 53;
 
@@ -110,13 +110,13 @@ mod tests {
     #[test]
     fn a_chain_gives_the_answers_of_whole_passes() {
         let sizes = json!({"d_model": 24, "heads": 3, "encoder_layers": 2, "decoder_layers": 3});
-        let extents = Extents { context: 53, horizon: 17 };
+        let extents = Extents { context: 53, horizon: 17, joints: JOINTS };
         let device = Device::flex();
         let mut weights = InitialWeights::new(3, &device);
         let spec = serde_json::from_value(sizes).unwrap();
         let network = Cdt::new(&spec, extents, &mut weights).unwrap();
         let mut random =
-            |batch, samples| -> Tensor<3> { weights.normal([batch, samples, CHANNELS], 1.0).val() };
+            |batch, samples| -> Tensor<3> { weights.normal([batch, samples, JOINTS], 1.0).val() };
         for (batch, count) in [(1, 1), (1, 3), (1, 8), (1, 11), (3, 5), (9, 2)] {
             let levels: Vec<usize> = (0..count).rev().collect();
             let (context, u) = (random(batch, CONTEXT), random(batch, SAMPLES));
@@ -125,7 +125,7 @@ mod tests {
                 let noisy = random(batch, SAMPLES - CONTEXT);
                 let whole = Tensor::cat(vec![context.clone(), noisy.clone()], 1);
                 let expected = network.forward(whole, &vec![level; batch], u.clone(), None);
-                let expected = expected.slice([0..batch, CONTEXT..SAMPLES, 0..CHANNELS]);
+                let expected = expected.slice([0..batch, CONTEXT..SAMPLES, 0..JOINTS]);
                 let (found, expected) = (chain.answer(noisy), expected);
                 let found = host_values(found).unwrap();
                 for (found, expected) in found.iter().zip(host_values(expected).unwrap()) {

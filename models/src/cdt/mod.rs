@@ -16,7 +16,7 @@ use crate::dropout::Dropout;
 use crate::initialization::{InitialWeights, POSITION_STANDARD_DEVIATION};
 use crate::layers::{LayerNorm, Linear};
 use crate::sizes::{
-    CHANNELS, LARGEST_RATIO, LARGEST_WIDTH, MOST_LAYERS, MOST_SAMPLES, divides, multiple, within,
+    LARGEST_RATIO, LARGEST_WIDTH, MOST_LAYERS, MOST_SAMPLES, divides, multiple, within,
 };
 use crate::transformer::{DecoderBlock, EncoderBlock};
 use crate::unet::sinusoid;
@@ -80,19 +80,19 @@ impl Cdt {
             [spec.d_model, spec.heads, extents.samples()].map(|size| size as usize);
         let hidden = d_model * spec.mlp_ratio as usize;
         Ok(Self {
-            condition_input: Linear::new(CHANNELS, d_model, weights),
+            condition_input: Linear::new(extents.joints, d_model, weights),
             condition_positions: weights
                 .normal([samples + 1, d_model], POSITION_STANDARD_DEVIATION),
             encoder_blocks: (0..spec.encoder_layers)
                 .map(|_| EncoderBlock::new(d_model, heads, hidden, weights))
                 .collect(),
-            input: Linear::new(CHANNELS, d_model, weights),
+            input: Linear::new(extents.joints, d_model, weights),
             positions: weights.normal([samples, d_model], POSITION_STANDARD_DEVIATION),
             decoder_blocks: (0..spec.decoder_layers)
                 .map(|_| DecoderBlock::new(d_model, heads, hidden, weights))
                 .collect(),
             norm: LayerNorm::new(d_model, weights),
-            head: Linear::new(d_model, CHANNELS, weights),
+            head: Linear::new(d_model, extents.joints, weights),
             d_model,
             dropout: spec.dropout,
             embedding_dropout: spec.embedding_dropout,

@@ -1,7 +1,7 @@
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
-use spec::{EmaSpec, JOINTS, ModelSpec};
+use spec::{EmaSpec, ModelSpec};
 
 use super::CONFIG_FILE;
 use crate::architecture::Extents;
@@ -27,6 +27,9 @@ pub struct CheckpointConfig {
     pub horizon: u32,
     /// Both together.
     pub samples: u32,
+    /// Joints of the arm, which a checkpoint does not say when it has seven.
+    #[serde(default = "seven", skip_serializing_if = "is_seven")]
+    pub joints: usize,
     pub rate_hz: f64,
     /// With the statistics where they are fixed.
     pub normalizer: Normalizer,
@@ -50,6 +53,14 @@ pub struct CheckpointConfig {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub device: Option<DeviceDescription>,
     pub versions: Versions,
+}
+
+const fn seven() -> usize {
+    7
+}
+
+const fn is_seven(joints: &usize) -> bool {
+    *joints == seven()
 }
 
 /// The programs that made the checkpoint.
@@ -102,12 +113,12 @@ impl CheckpointConfig {
     }
 
     pub(crate) fn extents(&self) -> Extents {
-        Extents { context: self.context, horizon: self.horizon }
+        Extents { context: self.context, horizon: self.horizon, joints: self.joints }
     }
 
     fn check(&self) -> Result<(), String> {
-        let Extents { horizon, .. } =
-            Extents::new(self.context, self.samples).map_err(|error| error.to_string())?;
+        let Extents { horizon, .. } = Extents::new(self.context, self.samples, self.joints)
+            .map_err(|error| error.to_string())?;
         if self.horizon != horizon {
             let found = self.horizon;
             return Err(format!("horizon is {found}, samples less context are {horizon}"));
@@ -123,8 +134,9 @@ impl CheckpointConfig {
             return Err(format!("rate_hz is {}, expected a positive number", self.rate_hz));
         }
         match &self.normalizer {
-            Normalizer::Dataset(statistics) if !statistics.is_usable(JOINTS) => Err(format!(
-                "normalizer needs finite means and deviations above 0 of {JOINTS} joints"
+            Normalizer::Dataset(statistics) if !statistics.is_usable(self.joints) => Err(format!(
+                "normalizer needs finite means and deviations above 0 of {} joints",
+                self.joints
             )),
             _ => Ok(()),
         }

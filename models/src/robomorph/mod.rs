@@ -7,7 +7,7 @@ use std::rc::Rc;
 use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
 use burn::tensor::Tensor;
 use kernels::Mask;
-use spec::{Head, JOINTS, RoboMorphSpec};
+use spec::{Head, RoboMorphSpec};
 
 use crate::ModelError;
 use crate::activations::{Activations, Tally};
@@ -25,7 +25,7 @@ impl Architecture for RoboMorphSpec {
 
     fn init(
         &self,
-        Extents { context, horizon }: Extents,
+        Extents { context, horizon, joints }: Extents,
         weights: &mut InitialWeights<'_>,
     ) -> Result<RoboMorph, ModelError> {
         within("d_model", self.d_model, 1, LARGEST_WIDTH)?;
@@ -45,21 +45,21 @@ impl Architecture for RoboMorphSpec {
             Head::Gaussian => gaussian::NUMBERS,
         };
         Ok(RoboMorph {
-            encoder_input: Linear::new(2 * JOINTS * patch, d_model, weights),
+            encoder_input: Linear::new(2 * joints * patch, d_model, weights),
             encoder_positions: weights
                 .normal([context_tokens, d_model], POSITION_STANDARD_DEVIATION),
             encoder_blocks: (0..self.encoder_layers)
                 .map(|_| EncoderBlock::new(d_model, heads, hidden, weights))
                 .collect(),
             encoder_norm: LayerNorm::new(d_model, weights),
-            decoder_input: Linear::new(JOINTS * patch, d_model, weights),
+            decoder_input: Linear::new(joints * patch, d_model, weights),
             decoder_positions: weights
                 .normal([horizon_tokens, d_model], POSITION_STANDARD_DEVIATION),
             decoder_blocks: (0..self.decoder_layers)
                 .map(|_| DecoderBlock::new(d_model, heads, hidden, weights))
                 .collect(),
             decoder_norm: LayerNorm::new(d_model, weights),
-            head: Linear::new(d_model, numbers * JOINTS * patch, weights),
+            head: Linear::new(d_model, numbers * joints * patch, weights),
             patch,
             kind: self.head,
         })
@@ -94,8 +94,8 @@ pub(crate) struct RoboMorph {
 }
 
 impl RoboMorph {
-    /// u of whole trajectories `[batch, sample, 7]` and y of their context `[batch, context, 7]`
-    /// to y of the horizon `[batch, horizon, 7]`; a gaussian head gives `[batch, horizon, 14]`,
+    /// u of whole trajectories `[batch, sample, joint]` and y of their context `[batch, context, joint]`
+    /// to y of the horizon `[batch, horizon, joint]`; a gaussian head gives `[batch, horizon, 2 · joint]`,
     /// mean and logarithm of the variance as [`gaussian::split`] takes them apart.
     fn forward<A: Activations>(&self, u: A, y_context: A) -> A {
         let [batch, samples, _] = u.dims();
@@ -153,8 +153,8 @@ impl Model for RoboMorph {
     }
 
     fn count(&self, extents: Extents, tally: &Rc<Tally>) {
-        let u = tally.given([1, extents.samples() as usize, JOINTS]);
-        let y_context = tally.given([1, extents.context as usize, JOINTS]);
+        let u = tally.given([1, extents.samples() as usize, extents.joints]);
+        let y_context = tally.given([1, extents.context as usize, extents.joints]);
         let [_, horizon, channels] = self.forward(u, y_context).dims();
         let arrays = match self.kind {
             Head::Point => KEPT_BY_LOSS,

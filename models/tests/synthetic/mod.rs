@@ -14,7 +14,8 @@ use spec::{
 
 pub const SAMPLES: u32 = 24;
 pub const CONTEXT: u32 = 16;
-pub const DATA: TrainingData = TrainingData { samples: SAMPLES, rate_hz: 60.0, statistics: None };
+pub const DATA: TrainingData =
+    TrainingData { samples: SAMPLES, joints: JOINTS, rate_hz: 60.0, statistics: None };
 
 /// A training of a model of some two thousand parameters.
 pub fn train_spec() -> TrainSpec {

@@ -79,7 +79,8 @@ fn trainer(
     let digest = attempt.task.digest.to_string();
     let device = &attempt.device;
     let (samples, rate_hz) = (course.data().samples(), course.data().rate_hz());
-    let data_of = |statistics| TrainingData { samples, rate_hz, statistics };
+    let joints = course.data().joints();
+    let data_of = |statistics| TrainingData { samples, joints, rate_hz, statistics };
     if let Some(checkpoint) = latest {
         let files = read_checkpoint(attempt, checkpoint)?;
         return Ok(Trainer::resume(spec, data_of(None), &digest, &files, device)?);
