@@ -1,6 +1,6 @@
 //! The trajectories and files that jobs read.
 
-use spec::{DataSource, DataSpec, JobKind, JobSpec, Product, SpecError, TrainSpec};
+use spec::{DataSource, DataSpec, Digest, JobKind, JobSpec, Product, SpecError, TrainSpec};
 use store::{Dataset, DatasetId, JobState, StoreError};
 
 use crate::SubmissionError;

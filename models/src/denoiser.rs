@@ -207,7 +207,7 @@ impl Shape<'_> {
     #[expect(clippy::cast_possible_truncation, reason = "series are computed in f32")]
     fn mask(&self, groups: &[(f64, f64)]) -> Tensor<3> {
         let row = |pick: fn(&(f64, f64)) -> f64| {
-            let values = |group| std::iter::repeat_n(pick(group) as f32, self.joints);
+            let values = move |group| std::iter::repeat_n(pick(group) as f32, self.joints);
             groups.iter().flat_map(values)
         };
         let mut values: Vec<f32> = Vec::new();
