@@ -2,7 +2,7 @@
 
     import torqued
     model = torqued.load("checkpoint/")          # model.safetensors and config.json
-    y = model.predict(u, y_context)              # [batch, horizon, 7], rad
+    y = model.predict(u, y_context)              # [batch, horizon, joint], rad
     model.network                                # a torch.nn.Module
     torqued.save(model, "checkpoint/")           # for torqued to predict with
 """

@@ -5,26 +5,27 @@ from torch import Tensor, nn
 
 from .unet import LevelEmbedding, ResidualBlock, UNet
 
-JOINTS = 7
-
 
 class Cdcnn(nn.Module):
     """Conditional U-Net on y (Chi et al. 2023); what is known of each sample, u, enters locally, or
     flattened through FiLM."""
 
-    channels = JOINTS
-    known = JOINTS
+    known_per_joint = 1
 
-    def __init__(self, *, embedding: int, widths: list[int], conditioning: str = "local", samples: int):
+    def __init__(
+        self, *, embedding: int, widths: list[int], conditioning: str = "local", samples: int, joints: int = 7
+    ):
         super().__init__()
+        self.channels = joints
+        known = self.known_per_joint * joints
         self.embedding = LevelEmbedding(embedding)
         is_global = conditioning == "global"
-        condition = embedding + (samples * self.known if is_global else 0)
+        condition = embedding + (samples * known if is_global else 0)
         self.unet = UNet(self.channels, widths, condition, film=True)
-        self.local = None if is_global else ResidualBlock(self.known, widths[0], condition, film=True)
+        self.local = None if is_global else ResidualBlock(known, widths[0], condition, film=True)
 
     def forward(self, noisy: Tensor, levels: Tensor, known: Tensor) -> Tensor:
-        """Noisy y [batch, sample, 7] at levels [batch] with what is known [batch, sample, channel]."""
+        """Noisy y [batch, sample, joint] at levels [batch] with what is known [batch, sample, channel]."""
         condition = self.embedding(levels)
         local = None
         if self.local is None:

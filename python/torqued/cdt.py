@@ -6,13 +6,9 @@ from torch import Tensor, nn
 from .transformer import DecoderBlock, EncoderBlock
 from .unet import sinusoid
 
-JOINTS = 7
-
 
 class Cdt(nn.Module):
     """Diffusion Transformer with a condition encoder (Chi et al. 2023)."""
-
-    channels = JOINTS
 
     def __init__(
         self,
@@ -25,29 +21,31 @@ class Cdt(nn.Module):
         dropout: float = 0.0,
         embedding_dropout: float = 0.0,
         samples: int,
+        joints: int = 7,
     ):
         super().__init__()
+        self.channels = joints
         hidden = mlp_ratio * d_model
         self.d_model = d_model
-        self.condition_input = nn.Linear(JOINTS, d_model)
+        self.condition_input = nn.Linear(joints, d_model)
         self.condition_positions = nn.Parameter(0.02 * torch.randn(samples + 1, d_model))
         self.encoder_blocks = nn.ModuleList(
             EncoderBlock(d_model, heads, hidden, dropout) for _ in range(encoder_layers)
         )
-        self.input = nn.Linear(JOINTS, d_model)
+        self.input = nn.Linear(joints, d_model)
         self.positions = nn.Parameter(0.02 * torch.randn(samples, d_model))
         self.decoder_blocks = nn.ModuleList(
             DecoderBlock(d_model, heads, hidden, dropout) for _ in range(decoder_layers)
         )
         self.norm = nn.LayerNorm(d_model)
         self.embedding_dropout = nn.Dropout(embedding_dropout)
-        self.head = nn.Linear(d_model, JOINTS)
+        self.head = nn.Linear(d_model, joints)
         # Sample t sees the noise level, which is source 0, and u up to its own.
         sees = torch.ones(samples, samples + 1, dtype=torch.bool).tril(1)
         self.register_buffer("sees", sees, persistent=False)
 
     def forward(self, noisy: Tensor, levels: Tensor, u: Tensor) -> Tensor:
-        """Noisy y [batch, sample, 7] at levels [batch] with u [batch, sample, 7]."""
+        """Noisy y [batch, sample, joint] at levels [batch] with u [batch, sample, joint]."""
         level = sinusoid(levels, self.d_model).to(noisy.dtype)[:, None]
         condition = torch.cat([level, self.condition_input(u)], 1)
         memory = self.embedding_dropout(condition + self.condition_positions)

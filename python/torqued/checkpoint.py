@@ -46,15 +46,16 @@ class TrainedModel:
         seed: int = 0,
         draw: Callable[[], Tensor] | None = None,
     ) -> np.ndarray:
-        """Joint positions of the horizon in rad, [batch, horizon, 7].
+        """Joint positions of the horizon in rad, [batch, horizon, joint].
 
-        `u` [batch, samples, 7] in N·m, `y_context` [batch, context, 7] in rad. A denoiser makes
+        `u` [batch, samples, joint] in N·m, `y_context` [batch, context, joint] in rad. A denoiser makes
         them with `sampler`, the checkpoint's unless given, of noise [batch, samples, channels]
         that `draw` gives or else PyTorch draws from `seed`; torqued draws other numbers.
         """
         config = self.config
         context = config["context"]
-        expected = (len(u), config["samples"], 7), (len(u), context, 7)
+        joints = joints_of(config)
+        expected = (len(u), config["samples"], joints), (len(u), context, joints)
         if (u.shape, y_context.shape) != expected:
             raise ValueError(f"u and y_context have shapes {u.shape} and {y_context.shape}, expected {expected}")
         u = torch.as_tensor(u, dtype=torch.float32)
@@ -79,11 +80,11 @@ class TrainedModel:
 
     def _sample(self, known: Tensor, seen: Tensor, sampler: dict, draw: Callable[[], Tensor]) -> Tensor:
         model, context = self.config["model"], self.config["context"]
-        samples = known.shape[1]
-        y_known = (torch.arange(samples) < context).float()[None, :, None].expand(1, samples, 7)
-        values = torch.cat([seen, torch.zeros(len(known), samples - context, 7)], 1)
+        samples, joints = known.shape[1], joints_of(self.config)
+        y_known = (torch.arange(samples) < context).float()[None, :, None].expand(1, samples, joints)
+        values = torch.cat([seen, torch.zeros(len(known), samples - context, joints)], 1)
         clean, noised = y_known, torch.zeros_like(y_known)
-        if self.network.channels > 7:
+        if self.network.channels > joints:
             joint = model["known"] == "joint-noise"
             values = torch.cat([known, values], -1)
             ones, zeros = torch.ones_like(y_known), torch.zeros_like(y_known)
@@ -92,7 +93,7 @@ class TrainedModel:
         painted = Painted(values, clean, noised)
         mixing = self.network.mixing(model) if hasattr(self.network, "mixing") else NoiseLevels(model["diffusion"])
         series = sample(lambda noisy, levels: self.network(noisy, levels, known), painted, mixing, sampler, draw)
-        return series[:, context:, -7:]
+        return series[:, context:, -joints:]
 
     def _statistics(self, u: Tensor, y: Tensor) -> list[Tensor]:
         match self.config["normalizer"]:
@@ -130,18 +131,24 @@ def save(model: TrainedModel, directory: str | Path) -> None:
     (directory / "config.json").write_text(json.dumps(model.config, indent=2) + "\n")
 
 
+def joints_of(config: dict) -> int:
+    """Joints of the arm; a config does not say seven."""
+    return config.get("joints", 7)
+
+
 def network_of(config: dict) -> torch.nn.Module:
     """The network that a checkpoint's config describes, with PyTorch's initial weights."""
     architecture, networks = config["model"]["architecture"], twins()
     if architecture not in networks:
         raise ValueError(f"architecture {architecture!r} has no twin here, only {', '.join(networks)}")
     network = networks[architecture]
-    sizes = {name: config[name] for name in ("context", "horizon", "samples")} | config["model"]
+    sizes = {name: config[name] for name in ("context", "horizon", "samples")}
+    sizes |= {"joints": joints_of(config)} | config["model"]
     return network(**{name: sizes[name] for name in inspect.signature(network).parameters if name in sizes})
 
 
 def _mean_and_deviation(series: Tensor) -> tuple[Tensor, Tensor]:
-    """Of each trajectory and channel, [batch, 1, 7]; population deviation, not below the smallest."""
+    """Of each trajectory and channel, [batch, 1, joint]; population deviation, not below the smallest."""
     series = series.double()
     deviation = series.std(dim=1, keepdim=True, correction=0).clamp(min=SMALLEST_STANDARD_DEVIATION)
     return series.mean(dim=1, keepdim=True).float(), deviation.float()

@@ -4,7 +4,7 @@ import math
 
 from torch import Tensor
 
-from .cdcnn import JOINTS, Cdcnn
+from .cdcnn import Cdcnn
 from .diffusion import Step, visited_levels
 
 LEVELS = 1000
@@ -49,7 +49,7 @@ def _time(level: int) -> float:
 class Flow(Cdcnn):
     """CDCNN's network with the integrator's path beside u."""
 
-    known = 2 * JOINTS
+    known_per_joint = 2
     given_path = True
     mixing = StraightLines
 

@@ -7,7 +7,7 @@ SMALLEST_SCALE = 1e-3
 
 
 def frames(config: dict, u: Tensor, y_context: Tensor, y_mean: Tensor, y_std: Tensor) -> tuple[Tensor, Tensor]:
-    """Center [batch, samples, 7] and scale [.., 1, 7], from u in N·m and y of the context in rad."""
+    """Center [batch, samples, joint] and scale [.., 1, 7], from u in N·m and y of the context in rad."""
     residual = config["model"].get("residual", "none")
     if residual == "none":
         return y_mean.expand(u.shape), y_std

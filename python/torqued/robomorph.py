@@ -6,8 +6,6 @@ from torch import Tensor, nn
 
 from .transformer import DecoderBlock, EncoderBlock
 
-JOINTS = 7
-
 
 class RoboMorph(nn.Module):
     """Predicts the horizon in one pass. A token is `patch` consecutive samples, flattened."""
@@ -24,29 +22,30 @@ class RoboMorph(nn.Module):
         head: str = "point",
         context: int,
         horizon: int,
+        joints: int = 7,
     ):
         super().__init__()
         hidden = mlp_ratio * d_model
         self.patch = patch
         self.gaussian = head == "gaussian"
-        self.encoder_input = nn.Linear(2 * JOINTS * patch, d_model)
+        self.encoder_input = nn.Linear(2 * joints * patch, d_model)
         self.encoder_positions = nn.Parameter(0.02 * torch.randn(context // patch, d_model))
         self.encoder_blocks = nn.ModuleList(
             EncoderBlock(d_model, heads, hidden) for _ in range(encoder_layers)
         )
         self.encoder_norm = nn.LayerNorm(d_model)
-        self.decoder_input = nn.Linear(JOINTS * patch, d_model)
+        self.decoder_input = nn.Linear(joints * patch, d_model)
         self.decoder_positions = nn.Parameter(0.02 * torch.randn(horizon // patch, d_model))
         self.decoder_blocks = nn.ModuleList(
             DecoderBlock(d_model, heads, hidden) for _ in range(decoder_layers)
         )
         self.decoder_norm = nn.LayerNorm(d_model)
-        self.head = nn.Linear(d_model, JOINTS * patch * (2 if self.gaussian else 1))
+        self.head = nn.Linear(d_model, joints * patch * (2 if self.gaussian else 1))
 
     def forward(self, context: Tensor, future_u: Tensor) -> Tensor:
-        """Normalized u and y of the context [batch, context, 14] and u of the horizon
-        [batch, horizon, 7] to y of the horizon [batch, horizon, 7]; with a gaussian head
-        [batch, horizon, 14], see `mean_and_log_variance`."""
+        """Predicts y of the horizon [batch, horizon, joint] from normalized u and y of the context
+        [batch, context, 2 * joint] and u of the horizon [batch, horizon, joint]. A gaussian head gives
+        [batch, horizon, 2 * joint], see `mean_and_log_variance`."""
         memory = self.encoder_input(self._patches(context)) + self.encoder_positions
         for block in self.encoder_blocks:
             memory = block(memory)
@@ -58,7 +57,7 @@ class RoboMorph(nn.Module):
         return self.head(self.decoder_norm(x)).reshape(batch, horizon, -1)
 
     def answer(self, u: Tensor, y_context: Tensor) -> Tensor:
-        """y of the horizon from u [batch, samples, 7] and y of the context; of a gaussian head the mean."""
+        """y of the horizon from u [batch, samples, joint] and y of the context; of a gaussian head the mean."""
         context = y_context.shape[1]
         numbers = self(torch.cat([u[:, :context], y_context], -1), u[:, context:])
         return self.mean_and_log_variance(numbers)[0] if self.gaussian else numbers

@@ -3,7 +3,7 @@
 use std::fmt::{Debug, Display};
 use std::ops::RangeInclusive;
 
-use crate::{JOINTS, Range, SpecError, Violation};
+use crate::{Range, SpecError, Violation};
 
 /// A spec, or a part of one, that can say what is wrong with its values.
 pub(crate) trait Check {
@@ -62,13 +62,6 @@ impl Report {
     pub fn all_within(&mut self, field: &str, values: &[f64], allowed: &RangeInclusive<f64>) {
         for (i, value) in values.iter().enumerate() {
             self.within(&format!("{field}[{i}]"), *value, allowed.clone());
-        }
-    }
-
-    /// Models take arms of seven joints.
-    pub fn seven_joints(&mut self, joints: usize) {
-        if joints != JOINTS {
-            self.violation("data", format!("robots of {joints} joints"), "robots of 7 joints");
         }
     }
 

@@ -1,5 +1,6 @@
 //! An arm of six joints that no code knows: from its description to closed loops.
 
+use reqwest::StatusCode;
 use serde_json::{Value, json};
 
 use crate::product::{Product, member};
@@ -17,19 +18,24 @@ fn simulation(trajectories: u32, seed: u32) -> Value {
 }
 
 #[tokio::test]
-async fn an_arm_of_six_is_simulated_evaluated_and_controlled() {
+async fn an_arm_of_six_goes_from_simulation_to_control() {
     let data = tempfile::tempdir().unwrap();
     let product = Product::start(data.path());
     let pipeline = json!({
         "kind": "pipeline", "name": "six joints",
         "jobs": {
             "simulate": simulation(40, 1),
+            "train": {
+                "kind": "train", "data": {"job": "simulate"}, "context": 40, "batch_size": 8,
+                "steps": 4, "optimizer": {"warmup_steps": 0}, "model": {"preset": "robomorph-tiny"},
+            },
             "evaluate": {
-                "kind": "evaluate", "data": {"job": "simulate"}, "context": 40, "scenarios": 10,
-                "bootstrap": {"resamples": 200},
+                "kind": "evaluate", "data": {"stream": simulation(10, 9)}, "context": 40,
+                "checkpoints": [{"job": "train"}], "bootstrap": {"resamples": 200},
             },
             "control": {
                 "kind": "control", "data": {"stream": simulation(2, 7)}, "robots": 2,
+                "checkpoints": [{"job": "train"}],
                 "context": 40, "duration_s": 0.5, "bootstrap": {"resamples": 200},
                 "path": {"point-to-point": {"displacement_rad": vec![0.2; 6], "duration_s": 0.4}},
                 "planner": {
@@ -47,6 +53,22 @@ async fn an_arm_of_six_is_simulated_evaluated_and_controlled() {
     let shown = dataset.to_string();
     assert!(shown.contains("\"u6\"") && !shown.contains("\"u7\""), "{dataset:#}");
 
+    let trained = product.get(&format!("/v1/jobs/{}", member(&pipeline, "train"))).await;
+    let path = format!("/v1/checkpoints/{}/predict", trained["checkpoints"][0]);
+    let rows = |count: usize, joints: usize| vec![vec![0.1; joints]; count];
+    let question = |joints: usize| {
+        let scenario = json!({
+            "u": rows(40, joints), "y": rows(40, joints), "future_u": rows(20, joints),
+        });
+        json!({"scenarios": [scenario]}).to_string()
+    };
+    let (status, answer) = product.post(&path, question(6)).await;
+    assert_eq!(status, StatusCode::OK, "{answer}");
+    let predicted = answer["scenarios"][0]["y"].as_array().unwrap();
+    assert_eq!((predicted.len(), predicted[0].as_array().unwrap().len()), (20, 6));
+    let (status, problem) = product.post(&path, question(7)).await;
+    assert_eq!(status, StatusCode::UNPROCESSABLE_ENTITY, "{problem}");
+
     for (name, list, field) in
         [("evaluate", "predictors", "joint_rmse_deg"), ("control", "controllers", "joint_rms_deg")]
     {
@@ -54,7 +76,7 @@ async fn an_arm_of_six_is_simulated_evaluated_and_controlled() {
         let path = format!("/v1/runs/{}/artifacts/report.json", job["run"]);
         let report = product.get(&path).await;
         let text = report.to_string();
-        assert!(text.contains(list), "{report:#}");
+        assert!(text.contains(list) && text.contains("robomorph"), "{report:#}");
         let joints = lists(&report, field);
         assert!(!joints.is_empty() && joints.iter().all(|count| *count == 6), "{report:#}");
         let page = product.get(&format!("/jobs/{}", job["id"])).await;

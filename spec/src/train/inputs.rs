@@ -25,7 +25,6 @@ impl TrainSpec {
     /// Names each field that does not fit `data`, with both numbers.
     pub fn check_data(&self, data: &DataSpec) -> Result<(), SpecError> {
         let mut report = Report::default();
-        report.seven_joints(data.joints());
         if let Some(weights) = &self.loss_weights {
             report.one_per_joint("loss_weights", weights, data.joints());
         }
