@@ -396,9 +396,12 @@ mod tests {
     }
 
     #[test]
-    fn a_result_reads_back_from_its_json() {
-        let found = result(&[Box::new(Several), Box::new(TooShort)]);
+    fn a_result_without_its_scenarios_reads_back_from_its_json() {
+        let mut found = result(&[Box::new(Several), Box::new(TooShort)]);
         let text = serde_json::to_string(&found).unwrap();
+        for errors in &mut found.predictors {
+            errors.scenarios.clear();
+        }
         assert_eq!(serde_json::from_str::<CellResult>(&text).unwrap(), found);
     }
 }

@@ -127,7 +127,7 @@ async fn a_control_job_that_does_not_fit_its_checkpoint_or_its_robots_is_refused
         (json!({"robots": 3}), "at most the data's trajectories, 2"),
         (json!({"duration_s": 0.001}), "duration_s"),
         (json!({"path": {"swing": {"amplitude_rad": vec![3.0; 7]}}}), "limits"),
-        (json!({"data": {"job": "train"}}), "a simulate job"),
+        (json!({"data": {"job": "train"}}), "a simulate or import job"),
         (
             json!({"data": {"stream": {"preset": "D1-multisine", "robot": {"gravity": "compensated"}}}}),
             "off or on",

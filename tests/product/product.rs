@@ -120,8 +120,9 @@ impl Product {
     pub async fn kill_worker(&self) {
         let started = Instant::now();
         loop {
-            if let Some(worker) = self.workers().first() {
-                return signal("KILL", *worker);
+            // A child that only tries the device may have ended since it was listed.
+            if self.workers().first().is_some_and(|worker| sent("KILL", *worker)) {
+                return;
             }
             assert!(started.elapsed() < PATIENCE, "no worker to kill");
             tokio::time::sleep(Duration::from_millis(5)).await;
@@ -158,8 +159,13 @@ impl Drop for Product {
 
 /// Sends a signal by its name.
 pub fn signal(name: &str, pid: u32) {
-    let sent = Command::new("sh").args(["-c", &format!("kill -{name} {pid}")]).status().unwrap();
-    assert!(sent.success(), "kill -{name} {pid}");
+    assert!(sent(name, pid), "kill -{name} {pid}");
+}
+
+/// Whether there was a process to send the signal to.
+fn sent(name: &str, pid: u32) -> bool {
+    let command = format!("kill -{name} {pid}");
+    Command::new("sh").args(["-c", &command]).status().unwrap().success()
 }
 
 /// Whether a process is there and is no zombie.

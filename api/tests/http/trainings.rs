@@ -149,7 +149,9 @@ async fn a_training_whose_memory_is_doubted_is_warned_about_in_a_pipeline_too() 
     let warning = "batch_size is 64: too many of 400 samples";
     assert_eq!(server.submitted(&spec).await["warnings"], json!([warning]));
 
-    let data = server.submitted(&small_simulation(1)).await;
+    let mut simulation = small_simulation(1);
+    simulation["trajectories"] = json!(80);
+    let data = server.submitted(&simulation).await;
     spec["data"] = json!({"dataset": data["dataset"]});
     let pipeline = json!({"kind": "pipeline", "name": "one", "jobs": {"large": spec}});
     let pipeline = server.submitted(&pipeline).await;
