@@ -39,7 +39,7 @@ pub struct AboutModel {
     pub context: usize,
     /// Samples it predicts.
     pub horizon: usize,
-    /// Of the arm.
+    /// Joints of the arm.
     pub joints: usize,
     pub rate_hz: f64,
     /// Whether its normalization looks into the horizon, so that it cannot be asked.

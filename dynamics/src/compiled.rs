@@ -17,7 +17,7 @@ pub(crate) enum Twist {
 
 pub(crate) const JOINTS: usize = 7;
 
-/// Of each joint, from the link before it.
+/// The twist of each joint, from the link before it.
 pub(crate) const TWISTS: [Twist; JOINTS] = [
     Twist::None,
     Twist::MinusQuarter,

@@ -268,7 +268,7 @@ impl Structure<JOINTS> for Compiled {
         joint!(2, composite);
         let composite = inwards!(composite over 2 to 1, motion2.wrench(&links[1]));
         joint!(1, composite);
-        // Of the first link only the inertia about the vertical matters; its own wrench has no moment there.
+        // Only the first link's inertia about the vertical matters; its own wrench has no moment there.
         let composite = inwards!(composite over 1 to 0, still);
         joint!(0, composite);
     }

@@ -20,7 +20,7 @@ pub struct Kinematics {
     pub twists: Joints<Angle>,
     /// From the last link's frame to the hand's, along their z, m.
     pub flange_m: f64,
-    /// Of the hand's frame, about its z.
+    /// Rotation of the hand's frame about its z.
     pub hand_yaw: Angle,
 }
 

@@ -6,7 +6,7 @@ use spec::{BodyDescription, RobotDescription};
 use crate::angle::Angle;
 use crate::{Joints, Kinematics, RigidBody};
 
-/// What robots of a description are drawn around.
+/// The nominal robot, around which those of a description are drawn.
 #[derive(Clone, Debug)]
 pub(crate) struct Nominal {
     /// Each in its link's frame.

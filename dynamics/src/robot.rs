@@ -60,7 +60,7 @@ impl Robot {
     }
 }
 
-/// What a robot is made of, before hand and payload are welded to the last link.
+/// The parts of a robot, before hand and payload are welded to the last link.
 pub(crate) struct Parts {
     pub(crate) links: Joints<RigidBody>,
     pub(crate) hand: Hand,

@@ -8,7 +8,7 @@ use crate::forward_dynamics::Dynamics;
 use crate::model::Model;
 use crate::spatial::Turn;
 
-/// What differs between kernels for arms of one structure and those for all: `N` is the length of their
+/// The difference between kernels for arms of one structure and those for all: `N` is the length of their
 /// arrays. Every method is `#[inline(always)]`, as those of [`Lanes`].
 pub(crate) trait Structure<const N: usize>: Copy + Send + Sync {
     /// Joints that there are; at most `N`.

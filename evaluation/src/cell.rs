@@ -19,7 +19,7 @@ pub struct CellResult {
     pub frequency_hz: Option<f64>,
     /// Index of the first scenario in the dataset; the others follow.
     pub first: u64,
-    /// Of every robot.
+    /// Joints of every robot.
     pub joints: usize,
     pub predictors: Vec<PredictorErrors>,
     /// What the measured motions themselves have above the band, see [`measured_jitter_deg`].

@@ -1,4 +1,4 @@
-//! What errors and panics say, for people to read.
+//! The text of errors and panics, for people to read.
 
 use std::any::Any;
 use std::error::Error;

@@ -129,7 +129,7 @@ where
     }
 }
 
-/// What a document has inside its root element.
+/// The content of a document's root element.
 fn inside(document: &str) -> Option<&str> {
     let (root, rest) = document.split_once(">\n")?;
     rest.strip_suffix("</svg>\n").filter(|_| root.starts_with("<svg "))

@@ -177,7 +177,7 @@ pub enum FigureError {
     /// The drawing backend failed.
     #[error("drawing the {layer} failed")]
     Drawing {
-        /// What was being drawn.
+        /// The figure that was being drawn.
         layer: &'static str,
         /// What the backend says.
         source: Box<dyn std::error::Error + Send + Sync>,
@@ -185,7 +185,7 @@ pub enum FigureError {
     /// The drawing backend wrote something else than a document of its own kind.
     #[error("drawing the {layer} failed: not understood: {found:?}, expected an <svg> element")]
     NoSvg {
-        /// What was being drawn.
+        /// The figure that was being drawn.
         layer: &'static str,
         /// How the text begins and ends.
         found: String,

@@ -57,7 +57,7 @@ impl References<'_> {
         }
     }
 
-    /// What a training was trained on.
+    /// The data that a training was trained on.
     pub async fn trained_on(
         &self,
         training: &TrainSpec,

@@ -1,9 +1,9 @@
-//! What the references of a job led to.
+//! The inputs that the references of a job led to.
 
 use spec::{CheckpointRef, DataSource, DataSpec, SpecError, TrainSpec, Training};
 use store::{Dataset, Need};
 
-/// What a job refers to.
+/// The data and checkpoints that a job refers to.
 #[derive(Default)]
 pub(crate) struct Inputs {
     pub data: Vec<FoundData>,
@@ -35,7 +35,7 @@ pub(crate) struct FoundData {
     pub spec: DataSpec,
     /// The job that makes them, unless they are a stream.
     pub need: Option<Need>,
-    /// What that job fills, if it exists already.
+    /// The dataset that this job fills, if it exists already.
     pub dataset: Option<Dataset>,
     /// The dataset that the spec named by its id.
     pub asked: Option<Dataset>,
@@ -65,7 +65,7 @@ pub(crate) mod tests {
         spec::parse(spec.to_string().as_bytes()).unwrap()
     }
 
-    /// Of a job that reads what `simulation` makes.
+    /// The inputs of a job that reads what `simulation` makes.
     pub fn inputs_of(simulation: &JobSpec) -> Inputs {
         let spec = DataSpec::of(simulation).unwrap();
         Inputs { data: vec![FoundData::unmade(simulation.digest(), spec)], ..Inputs::default() }

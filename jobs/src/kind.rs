@@ -1,4 +1,4 @@
-//! What the module of every kind says.
+//! The trait that the module of every kind implements.
 
 use serde::Serialize;
 use spec::{Doubt, JobSpec, SpecError, TrainSpec};
@@ -14,7 +14,7 @@ pub(crate) const TASKS_PER_JOB: u32 = 10_000;
 /// Nothing that computes models is compiled for this crate; whoever composes the server brings it.
 pub type MemoryDoubts = dyn Fn(&TrainSpec, u32) -> Option<Doubt> + Send + Sync;
 
-/// What a server takes.
+/// The largest requests that a server takes.
 #[derive(Clone, Copy, Debug)]
 pub struct Limits {
     /// Trajectories of one simulation.
@@ -23,10 +23,10 @@ pub struct Limits {
 
 /// A spec of one kind, as a job among others.
 pub(crate) trait Kind {
-    /// What its progress counts.
+    /// The unit that its progress counts.
     fn unit(&self) -> &'static str;
 
-    /// What workers lease.
+    /// The tasks that workers lease.
     ///
     /// # Errors
     /// When there would be more than [`TASKS_PER_JOB`], or data that is needed is missing.
@@ -56,7 +56,7 @@ pub(crate) trait Kind {
         inputs.needs.clone()
     }
 
-    /// What it is called outside a pipeline; `None` is its kind with the begin of its digest.
+    /// Its name outside a pipeline; `None` is its kind with the beginning of its digest.
     fn name(&self, _inputs: &Inputs) -> Option<String> {
         None
     }

@@ -1,4 +1,4 @@
-//! What a spec refers to: found, checked to be usable, and replaced by its digest.
+//! References of a spec: found, checked to be usable, and replaced by digests.
 
 use std::collections::BTreeMap;
 
@@ -40,7 +40,7 @@ pub(crate) struct Found {
     pub digest: Digest,
     pub need: Need,
     pub spec: JobSpec,
-    /// What that job fills, if it fills one and exists already.
+    /// The dataset that this job fills, if it fills one and exists already.
     pub dataset: Option<DatasetId>,
 }
 

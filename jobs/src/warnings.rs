@@ -1,4 +1,4 @@
-//! What is doubtful of a spec that was accepted.
+//! Warnings about a spec that was accepted.
 
 use serde_json::Value;
 use spec::{DataSource, DataSpec, JobSpec, Referred};
@@ -31,7 +31,7 @@ pub async fn warnings(
     Ok(warnings)
 }
 
-/// Of each trajectory that `job` reads; `None` when nothing is known of them.
+/// Samples of each trajectory that `job` reads; `None` when they are not known.
 async fn samples(store: &Store, job: &JobSpec) -> Result<Option<u32>, StoreError> {
     let mut job = job.clone();
     let data = job.references().into_iter().find_map(|reference| match reference.to {

@@ -1,4 +1,4 @@
-//! What passes through a network: numbers, or the count of them.
+//! The values that pass through a network: numbers, or the count of them.
 
 use std::cell::Cell;
 use std::ops::Range;
@@ -138,7 +138,7 @@ struct Array {
     kept: Cell<bool>,
 }
 
-/// What [`Counted`] activations have come to.
+/// The sums that [`Counted`] activations have come to.
 #[derive(Debug, Default)]
 pub(crate) struct Tally {
     kept: Cell<u64>,

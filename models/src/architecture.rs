@@ -1,4 +1,4 @@
-//! What an architecture is to everything that trains, keeps and asks models.
+//! The traits of an architecture, for everything that trains, keeps and asks models.
 
 use std::fmt::Debug;
 use std::rc::Rc;
@@ -23,7 +23,7 @@ pub(crate) struct Extents {
 }
 
 impl Extents {
-    /// Of trajectories of `samples` of an arm of `joints`.
+    /// The extents of trajectories of `samples` of an arm of `joints`.
     pub fn new(context: u32, samples: u32, joints: usize) -> Result<Self, ModelError> {
         match samples.checked_sub(context) {
             Some(horizon) if horizon > 0 && context > 0 => Ok(Self { context, horizon, joints }),
@@ -88,7 +88,7 @@ pub(crate) trait Model: Clone + Debug {
     fn map<M: ModuleMapper>(self, mapper: &mut M) -> Self;
 }
 
-/// What every architecture is given.
+/// The input of every architecture.
 #[derive(Clone, Debug)]
 pub(crate) struct ModelInput {
     /// Normalized torques `[batch, sample, joint]`.

@@ -12,7 +12,7 @@ use crate::diffusion::{Painted, Process, Step};
 use crate::loss::Loss;
 use crate::randomness::Noise;
 
-/// What removes noise.
+/// A network that removes noise.
 pub(crate) trait Network: Module {
     /// The answer at each row's noise level, in the shape of the noisy series `[batch, sample, channel]`.
     /// Beside it the network is given what is `known` of each sample. A step of training has keys for
@@ -60,7 +60,7 @@ pub(crate) enum Torques {
     Noised { weights: [f64; 2] },
 }
 
-/// What a network is given beside the series.
+/// The input of a network beside the series.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Given {
     Torques,
@@ -184,7 +184,7 @@ impl<N: Network> Model for Denoiser<N> {
 const KEPT_BY_LOSS: usize = 2;
 
 impl<N> Denoiser<N> {
-    /// What is noised.
+    /// The series that is noised.
     fn series(&self, u: &Tensor<3>, y: Tensor<3>) -> Tensor<3> {
         match self.torques {
             Torques::Apart => y,

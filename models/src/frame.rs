@@ -11,7 +11,7 @@ use crate::normalization::{SMALLEST_STANDARD_DEVIATION, Statistics};
 pub(crate) struct Frame {
     /// `[sample, joint]`, context and horizon, rad.
     center: Vec<f32>,
-    /// Of each joint.
+    /// The scale of each joint.
     scale: Vec<f32>,
 }
 
@@ -25,7 +25,7 @@ pub(crate) struct Framing {
 }
 
 impl Framing {
-    /// Of every trajectory that is observed.
+    /// The frame of every trajectory that is observed.
     pub fn frames(&self, observed: &Observed<'_>, statistics: &[Statistics]) -> Vec<Frame> {
         let frame = |(robot, statistics): (usize, &Statistics)| match self.residual {
             Residual::None => Frame {

@@ -20,7 +20,7 @@ impl<'a> InitialWeights<'a> {
         Self { generator: Some(ChaCha12Rng::seed_from_u64(seed)), device }
     }
 
-    /// Of a model whose weights come from elsewhere or are not needed: shapes, which take no memory.
+    /// Shapes without memory, for a model whose weights come from elsewhere or are not needed.
     pub fn none(device: &'a Device) -> Self {
         Self { generator: None, device }
     }

@@ -5,9 +5,9 @@ use crate::device::host_values;
 
 /// The loss of a training step, entry by entry.
 pub(crate) struct Loss {
-    /// Of each entry, `[batch, sample, channel]`, 0 where it does not count.
+    /// The error of each entry, `[batch, sample, channel]`, 0 where it does not count.
     pub errors: Tensor<3>,
-    /// What their sum is divided by.
+    /// The number that their sum is divided by.
     pub count: usize,
     /// y of the horizon, where the loss is that of a prediction.
     pub predicted: Option<Tensor<3>>,

@@ -26,7 +26,7 @@ const COPIES_OF_A_CHECKPOINT: u64 = 10;
 /// Program, threads, and batches that are read ahead.
 const BASE: u64 = 120 << 20;
 
-/// What the allocator holds beside what is in use, of 10.
+/// Tenths that the allocator holds beside the memory in use.
 const HELD_BACK: u64 = 1;
 
 /// How many numbers a model of `spec` has to learn. None of them is made.
@@ -57,16 +57,16 @@ fn parameters_of(model: &SequenceModel) -> u64 {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TrainingMemory {
     pub parameters: u64,
-    /// What follows from the parameters: weights, gradients, moments, averages.
+    /// Bytes that follow from the parameters: weights, gradients, moments, averages.
     pub state_bytes: u64,
-    /// What a step keeps of the trajectories that are computed at once.
+    /// Bytes that a step keeps of the trajectories that are computed at once.
     pub activation_bytes: u64,
     /// Resident in all, at the highest.
     pub peak_bytes: u64,
 }
 
 impl TrainingMemory {
-    /// Of a training on trajectories of `samples`, on the CPU.
+    /// The memory of a training on trajectories of `samples`, on the CPU.
     ///
     /// # Errors
     /// Sizes that do not fit each other.

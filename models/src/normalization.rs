@@ -32,7 +32,7 @@ impl Statistics {
             && deviations.all(|&deviation| deviation.is_finite() && deviation > 0.0)
     }
 
-    /// Of the first `samples` samples of one trajectory.
+    /// The statistics of the first `samples` samples of one trajectory.
     fn of(u: Track<'_>, y: Track<'_>, samples: usize) -> Self {
         let (mut of_u, mut of_y) = (ChannelSums::new(u.joints()), ChannelSums::new(y.joints()));
         of_u.add(u.iter().take(samples));

@@ -22,7 +22,7 @@ pub(crate) fn check_batch(
     })
 }
 
-/// What a model of `samples` samples is asked, `context` of them known.
+/// Checks the question to a model of `samples` samples, `context` of them known.
 pub(crate) fn check_observed(
     observed: &Observed<'_>,
     samples: usize,

@@ -118,7 +118,7 @@ impl TrainedModel {
         self.config.samples as usize
     }
 
-    /// Of the arm that it was trained on.
+    /// Joints of the arm that it was trained on.
     pub fn joints(&self) -> usize {
         self.config.joints
     }

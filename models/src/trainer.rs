@@ -31,7 +31,7 @@ const TRAIN_LOSS: &str = "train/loss";
 pub struct TrainingData {
     /// Samples of every trajectory, context and horizon.
     pub samples: u32,
-    /// Of the arm.
+    /// Joints of the arm.
     pub joints: usize,
     pub rate_hz: f64,
     /// Of the trajectories trained on; needed for [`spec::Normalization::Dataset`] only.
@@ -46,7 +46,7 @@ pub struct Trainer {
     optimizer: ModelOptimizer,
     schedule: Schedule,
     normalizer: Normalizer,
-    /// Of the arm.
+    /// Joints of the arm.
     joints: usize,
     framing: Framing,
     identity: Identity,

@@ -70,7 +70,7 @@ type Resource = libc::__rlimit_resource_t;
 #[cfg(not(target_env = "gnu"))]
 type Resource = libc::c_int;
 
-/// What is enforced, and up to what that may be raised; the largest number is no limit.
+/// The enforced limit and its ceiling; the largest number is no limit.
 struct Limit {
     soft: u64,
     hard: u64,

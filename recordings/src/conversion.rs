@@ -62,7 +62,7 @@ impl<I: Iterator<Item = Result<Rows, ImportError>>> Conversion<I> {
         self.tables.take().map(Some).map_err(unarranged)
     }
 
-    /// What became of the file, once [`Self::next_trajectories`] has come to its end.
+    /// The outcome of the file, once [`Self::next_trajectories`] has come to its end.
     ///
     /// # Errors
     /// When no trajectory came out of it.

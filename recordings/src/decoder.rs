@@ -16,7 +16,7 @@ use crate::rows::Rows;
 #[derive(Clone, Debug)]
 pub struct DecoderProgram {
     pub program: PathBuf,
-    /// What comes before the spec.
+    /// The arguments before the spec.
     pub arguments: Vec<String>,
 }
 

@@ -55,7 +55,7 @@ impl ImportError {
     }
 }
 
-/// What is wrong in one row.
+/// The fault of one row.
 #[derive(Debug, Error)]
 pub struct RowError {
     /// The recording, if the file names them.

@@ -160,7 +160,7 @@ fn malformed() -> ImportError {
     io::Error::new(ErrorKind::InvalidData, "the process that reads the file said no frame").into()
 }
 
-/// What is left of a frame.
+/// The rest of a frame.
 struct Content<'a>(&'a [u8]);
 
 impl<'a> Content<'a> {

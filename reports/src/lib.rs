@@ -1,4 +1,4 @@
-//! What jobs found, for people to read: tables and sentences for the terminal, and the report of the
+//! The results of jobs, for people to read: tables and sentences for the terminal, and the report of the
 //! paper's study.
 
 mod closed_loop;

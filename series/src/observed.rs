@@ -1,6 +1,6 @@
 use crate::{Shape, Track};
 
-/// What a predictor is given: every torque, and the positions of the context only.
+/// The input of a predictor: every torque, and the positions of the context only.
 ///
 /// This type is why no position of the horizon reaches a predictor. It borrows, of each robot, one
 /// slice of y, and that slice ends with the context; [`crate::SeriesView::observed`] cuts it there and
@@ -22,7 +22,7 @@ pub struct Observed<'a> {
 }
 
 impl<'a> Observed<'a> {
-    /// Of the window: context and horizon.
+    /// Samples of the window: context and horizon.
     pub fn shape(&self) -> Shape {
         Shape { robots: self.robots(), samples: self.samples, joints: self.joints }
     }

@@ -94,7 +94,7 @@ impl Series {
         self.shape.robots
     }
 
-    /// Of each robot.
+    /// Samples of each robot.
     pub fn samples(&self) -> usize {
         self.shape.samples
     }

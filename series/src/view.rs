@@ -24,7 +24,7 @@ impl<'a> SeriesView<'a> {
         self.u.len()
     }
 
-    /// Of each robot.
+    /// Samples of each robot.
     pub fn samples(&self) -> usize {
         self.samples
     }
@@ -87,7 +87,7 @@ impl<'a> SeriesView<'a> {
         self.y.concat()
     }
 
-    /// What a predictor may know of the window that begins after `pre_roll` samples: its torques, and
+    /// The part that a predictor may know of the window that begins after `pre_roll` samples: its torques, and
     /// the positions of its first `context` samples. This is the only way to an [`Observed`].
     ///
     /// # Panics

@@ -10,7 +10,7 @@ pub enum InstructionSet {
     /// AVX2 with fused multiply-adds.
     #[cfg(target_arch = "x86_64")]
     Avx2(Detected),
-    /// What every processor of the architecture has.
+    /// The instructions that every processor of the architecture has.
     Portable,
 }
 

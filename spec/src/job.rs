@@ -193,7 +193,7 @@ impl JobSpec {
 /// Another job of the same pipeline, and where a spec names it.
 pub(crate) struct NamedJob {
     pub field: String,
-    /// What is asked of that job.
+    /// The product that is asked of that job.
     pub product: Product,
     pub name: String,
 }

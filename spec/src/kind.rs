@@ -1,4 +1,4 @@
-//! What the spec of every kind of job can say of itself.
+//! The trait that the spec of every kind of job implements.
 
 use serde::de::DeserializeOwned;
 use serde_json::{Map, Value};
@@ -32,12 +32,12 @@ pub(crate) trait KindSpec: Check {
         Vec::new()
     }
 
-    /// What its trajectories are, if it makes any.
+    /// The trajectories that it makes, if it makes any.
     fn data(&self) -> Option<DataSpec> {
         None
     }
 
-    /// What is allowed and yet probably no intention.
+    /// Values that are allowed and yet probably not intended.
     fn doubts(&self) -> Vec<Doubt> {
         Vec::new()
     }

@@ -122,7 +122,7 @@ impl<'a> Reference<'a> {
 }
 
 impl Referred<'_> {
-    /// What the job behind it must make; no job makes a file.
+    /// The product of the job behind it; no job makes a file.
     pub const fn product(&self) -> Option<Product> {
         match self {
             Self::Data(_) => Some(Product::Trajectories),
@@ -171,7 +171,7 @@ impl Referred<'_> {
 }
 
 impl DataSource {
-    /// What is doubtful of a stream.
+    /// Doubts about a stream.
     pub(crate) fn doubts(&self) -> Vec<Doubt> {
         let Self::Stream(stream) = self else { return Vec::new() };
         stream.doubts().into_iter().map(|doubt| doubt.within("data.stream")).collect()

@@ -22,7 +22,7 @@ pub struct Job {
     pub max_attempts: u32,
     pub cancel_requested: bool,
     pub progress: JobProgress,
-    /// What it fills, if it fills one.
+    /// The dataset that it fills, if it fills one.
     pub dataset: Option<DatasetId>,
     /// Its record, if it leaves one.
     pub run: Option<RunId>,

@@ -39,14 +39,14 @@ pub struct NewJob {
     pub needs: Vec<Need>,
 }
 
-/// What a job leaves beside the results of its tasks.
+/// The product of a job beside the results of its tasks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Output {
     /// One that its tasks fill with shards.
     Dataset {
         /// 0 when only the task that fills it learns how many there are.
         trajectories: u64,
-        /// Of each trajectory.
+        /// Samples of each trajectory.
         samples: u32,
     },
     /// A record of parameters, metrics, artifacts and checkpoints.
@@ -128,7 +128,7 @@ pub struct Submitted {
     pub reused: bool,
 }
 
-/// What the row of a job is made from.
+/// The values of a job's row.
 pub(crate) struct JobRow<'a> {
     pub kind: &'a str,
     pub name: &'a str,

@@ -115,7 +115,7 @@ fn folder_simulation(place: &Path) -> std::path::PathBuf {
     spec
 }
 
-/// What lies in a folder: no file that is not whole, each of which begins with a dot.
+/// The files of a folder: no file that is not whole, each of which begins with a dot.
 fn whole_files(folder: &Path) -> usize {
     let names: Vec<_> =
         std::fs::read_dir(folder).unwrap().map(|it| it.unwrap().file_name()).collect();

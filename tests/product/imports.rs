@@ -137,7 +137,7 @@ async fn a_file_beyond_the_limit_is_refused_and_leaves_nothing() {
     assert!(uploads(data.path()).is_empty());
 }
 
-/// Of a file of kilobytes come gigabytes: a name of 4 MiB in each of 1000 rows.
+/// A file of kilobytes becomes gigabytes: a name of 4 MiB in each of 1000 rows.
 #[tokio::test]
 async fn a_file_that_takes_too_much_memory_ends_its_import_alone() {
     let data = tempfile::tempdir().unwrap();

@@ -19,7 +19,7 @@ pub(crate) struct Attempt {
     pub store: Store,
     /// What models are computed on.
     pub device: Device,
-    /// What reads the files of others.
+    /// The decoder of foreign files.
     pub decoder: DecoderProgram,
     pub task: ClaimedTask,
     pub progress: Arc<ProgressCell>,

@@ -28,7 +28,7 @@ pub struct WorkerOptions {
     pub lease: Duration,
     /// What models are computed on.
     pub device: DeviceKind,
-    /// What reads the files of others.
+    /// The decoder of foreign files.
     pub decoder: DecoderProgram,
 }
 

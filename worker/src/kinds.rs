@@ -5,7 +5,7 @@ use spec::JobKind;
 use crate::attempt::Attempt;
 use crate::error::TaskError;
 
-/// What the module of a kind says of itself.
+/// The entry that the module of a kind registers.
 #[derive(Clone, Copy)]
 pub(crate) struct KindModule {
     /// Executes one task and commits what came of it.

@@ -180,7 +180,7 @@ struct PowerSpectrum {
     /// Hann's.
     window: Vec<f64>,
     trajectories: usize,
-    /// Of joints and trajectories together.
+    /// The number of joints and trajectories together.
     transformed: usize,
     power: Vec<f64>,
 }

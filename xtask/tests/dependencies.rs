@@ -1,4 +1,4 @@
-//! What this program is built from: licences, sources, and the crates that must be there only once.
+//! The crates that this program is built from: licences, sources, and the crates that must be there only once.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 

@@ -142,7 +142,7 @@ pub fn question(request: &PredictionRequest, about: &AboutModel) -> Result<Quest
     Ok(asked(sampling, series_of(shape, context, rate_hz, u, y)?))
 }
 
-/// What a model is asked about. Rows were checked before, so that an error is one of this program.
+/// The question to a model. Rows were checked before, so that an error is one of this program.
 pub fn series_of(
     shape: Shape,
     context: usize,

@@ -9,7 +9,7 @@ use crate::app::App;
 use crate::app::jobs::text;
 use crate::error::ApiError;
 
-/// What its job is called.
+/// The name of its job.
 const KIND: &str = JobKind::Verify.as_str();
 
 /// Remarks shown of a verification; a dataset of another version has one per shard.

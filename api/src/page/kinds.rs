@@ -1,4 +1,4 @@
-//! What the page knows of single kinds of jobs. Any other kind is shown by its tasks, what the last of
+//! Parts of the page that belong to single kinds of jobs. Any other kind is shown by its tasks, what the last of
 //! them reports, and the files that it left.
 
 use spec::JobKind;
@@ -20,7 +20,7 @@ pub fn own_page(kind: JobKind, job: i64, run: i64) -> Option<Link> {
     }
 }
 
-/// What the page of a job shows of what it found, besides files.
+/// The findings that the page of a job shows, besides files.
 pub async fn closed_loop(app: &App, job: &Job) -> Result<Option<ClosedLoop>, ApiError> {
     match job.kind {
         JobKind::Control => ClosedLoop::of(app, job).await,

@@ -19,7 +19,7 @@ pub fn rmse_deg(scenarios: &SeriesView<'_>, context: usize, predicted: &[f32]) -
     .collect()
 }
 
-/// Of each joint of one scenario, degrees; both are `[horizon, joint]` in rad.
+/// The RMSE of each joint of one scenario, degrees; both are `[horizon, joint]` in rad.
 pub fn joint_rmse_deg(truth: &[f32], predicted: &[f32], joints: usize) -> Vec<f64> {
     let mut squares = vec![0.0; joints];
     let steps = truth.len() / joints;

@@ -99,7 +99,7 @@ impl Cdt {
         })
     }
 
-    /// What the encoder begins with, `[batch, 1 + sample, d_model]`.
+    /// The input of the encoder, `[batch, 1 + sample, d_model]`.
     fn condition<A: Activations>(&self, levels: &[usize], u: A) -> A {
         let level = sinusoid(levels, self.d_model, &u);
         level.and(self.condition_input.forward(u), 1)

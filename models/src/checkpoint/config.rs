@@ -49,7 +49,7 @@ pub struct CheckpointConfig {
     /// The newest value of each.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub metrics: BTreeMap<String, f64>,
-    /// What computed it, if a device of torqued did.
+    /// The device that computed it, if it was one of torqued.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub device: Option<DeviceDescription>,
     pub versions: Versions,

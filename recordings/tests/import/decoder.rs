@@ -82,7 +82,7 @@ fn program() -> DecoderProgram {
     DecoderProgram { program: PathBuf::from(PROGRAM), arguments: Vec::new() }
 }
 
-/// What the product's way to decode makes of a file.
+/// A file, decoded as the product does.
 pub fn import_alone(file: &[u8], spec: &ImportSpec) -> Result<Imported, ImportError> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("file");
@@ -120,7 +120,7 @@ fn a_program_that_cannot_be_started_may_be_there_at_the_next_attempt() {
     assert!(matches!(error, ImportError::Start(_)) && error.may_pass(), "{error:?}");
 }
 
-/// What becomes of the child `sh -c SCRIPT`.
+/// How the child `sh -c SCRIPT` ends.
 fn end_of(script: &str) -> ImportError {
     let arguments = vec!["-c".to_owned(), script.to_owned()];
     let program = DecoderProgram { program: "/bin/sh".into(), arguments };

@@ -127,7 +127,7 @@ struct Imported {
     parts: Vec<usize>,
 }
 
-/// What comes out of rows, or the error with all its causes.
+/// The trajectories of rows, or the error with all its causes.
 fn convert(
     rows: impl Iterator<Item = Result<Rows, ImportError>>,
     spec: &ImportSpec,
@@ -148,7 +148,7 @@ fn convert(
     Ok(Imported { samples: whole(&samples), table: whole(&table), counts, parts })
 }
 
-/// What comes out of a file, or the error; decoded by a process that stays for the next file.
+/// The trajectories of a file, or the error; decoded by a process that stays for the next file.
 fn import(file: impl Into<Vec<u8>>, spec: &ImportSpec) -> Result<Imported, String> {
     decoder::reused(&file.into(), spec, |rows| convert(rows, spec))
         .map_err(|error| error.to_string())

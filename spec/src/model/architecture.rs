@@ -23,7 +23,7 @@ pub(super) trait ArchitectureSpec: Check {
         None
     }
 
-    /// Of a model that makes its answers of noise: how, unless asked otherwise.
+    /// The sampler of a model that makes its answers from noise, unless asked otherwise.
     fn sampler(&self) -> Option<&SamplerSpec> {
         None
     }

@@ -94,7 +94,7 @@ impl ModelSpec {
         self.spec().generation()
     }
 
-    /// Of a model that makes its answers of noise: how, unless asked otherwise.
+    /// The sampler of a model that makes its answers from noise, unless asked otherwise.
     pub fn sampler(&self) -> Option<&SamplerSpec> {
         self.spec().sampler()
     }

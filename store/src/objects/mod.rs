@@ -51,7 +51,7 @@ pub struct StoredObject {
 
 /// An object, or a range of it, as it is downloaded.
 pub struct ObjectBytes {
-    /// Of the whole object, in bytes.
+    /// Size of the whole object, in bytes.
     pub size: u64,
     /// The bytes that follow.
     pub range: Range<u64>,
@@ -71,7 +71,7 @@ enum Place {
     Elsewhere {
         /// The folder for copies.
         spool: PathBuf,
-        /// What waits for the network while a thread blocks.
+        /// Runtime that waits for the network while a thread blocks.
         runtime: Handle,
     },
 }

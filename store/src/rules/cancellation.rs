@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use crate::{JobId, JobState};
 
-/// What decides about a member.
+/// The facts that decide about a member.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Candidate {
     pub job: JobId,

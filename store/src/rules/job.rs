@@ -13,7 +13,7 @@ pub(crate) struct TaskTally {
     pub open_stage: Option<u32>,
 }
 
-/// What follows for a job.
+/// The consequence for a job.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Step {
     Nothing,

@@ -1,4 +1,4 @@
-//! What becomes of tasks, jobs and pipelines: functions of plain values, which know no database.
+//! The fate of tasks, jobs and pipelines: functions of plain values, which know no database.
 //!
 //! The operations of [`Store`](crate::Store) read rows, ask these functions, and write what they
 //! answer. The only conditions that SQL holds by itself are those of time (which task may be claimed,

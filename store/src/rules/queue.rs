@@ -25,7 +25,7 @@ struct Job {
     asked_alone: bool,
     needs: Vec<usize>,
     tasks: Range<usize>,
-    /// Of a pipeline.
+    /// Members of a pipeline.
     members: Vec<usize>,
 }
 
@@ -297,7 +297,7 @@ impl Queue {
         (0..self.tasks.len()).filter(is_queued).collect()
     }
 
-    /// What must be so at any time.
+    /// The laws of every moment.
     fn check(&self) {
         for task in &self.tasks {
             let (job, standing) = (&self.jobs[task.job], &task.standing);
@@ -342,7 +342,7 @@ impl Queue {
         }
     }
 
-    /// What must be so of two moments, the second after one step.
+    /// The laws of two moments, the second after one step.
     fn check_since(&self, before: &Self) {
         for (now, before) in self.tasks.iter().zip(&before.tasks) {
             let (now, before) = (now.standing, before.standing);

@@ -1,4 +1,4 @@
-//! What of earlier work does for a new job of the same digest.
+//! Earlier work that stands in for a new job of the same digest.
 
 use crate::{JobId, JobState};
 

@@ -49,7 +49,7 @@ impl TaskStanding {
         self.state == TaskState::Running && self.epoch == epoch
     }
 
-    /// What a running task becomes, and how long nobody may claim it if it is queued again.
+    /// The next state of a running task, and how long nobody may claim it if it is queued again.
     #[must_use]
     pub fn after(self, ending: Ending) -> (Self, Duration) {
         let ended = |state| (Self { state, ..self }, Duration::ZERO);

@@ -72,7 +72,7 @@ impl Database {
         shards_from_rows(&rows)
     }
 
-    /// What the tasks of a dataset's shards were completed with, as text.
+    /// The results of the tasks of a dataset's shards, as text.
     pub async fn shard_results(&self, dataset: DatasetId) -> Result<Vec<String>, sqlx::Error> {
         let results: Vec<Option<String>> = sqlx::query_scalar(
             "SELECT task.result FROM shard JOIN task ON task.id = shard.task \

@@ -107,7 +107,7 @@ pub(crate) struct Transaction {
 }
 
 impl Transaction {
-    /// What it is for; completes "while ..." in an error.
+    /// The purpose; completes "while ..." in an error.
     pub const fn operation(&self) -> &'static str {
         self.operation
     }

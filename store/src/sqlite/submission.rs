@@ -10,7 +10,7 @@ use crate::submission::{CompletedTask, JobRow};
 use crate::{JobId, JobState, NewTask, Submitted, TaskId};
 
 impl Transaction {
-    /// What a request with this key did, and its digest.
+    /// The outcome of a request with this key, and the request's digest.
     pub async fn request(&mut self, key: &str) -> Result<Option<(String, Submitted)>, sqlx::Error> {
         let known: Option<(String, JobId, bool)> =
             sqlx::query_as("SELECT request, job, reused FROM idempotency_key WHERE key = ?")

@@ -51,7 +51,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         }
         record(installation.name, Counts::one(result.is_ok()));
     }
-    // Of an earlier run; there may be none.
+    // A list of an earlier run; there may be none.
     let _ = std::fs::remove_file(skipped_tests());
     for step in steps(arguments) {
         record(step.name, take(step));
