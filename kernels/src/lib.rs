@@ -5,7 +5,7 @@
 //! Mish in serial scalar loops, fuses softmax, norms and attention only where no gradient is
 //! recorded, and writes every intermediate to memory; see `fused`.
 //!
-//! What takes the time are products of matrices. All are made of the tiles of `product`, whose
+//! Products of matrices take most of the time. All are made of the tiles of `product`, whose
 //! instructions are chosen at run time and which need no copy of what they multiply; the crate `gemm`
 //! copies both factors first and was half as fast at these sizes.
 //!

@@ -97,7 +97,7 @@ pub(crate) struct ModelInput {
     pub y_context: Tensor<3>,
     /// The same positions as answers are given: [`crate::frame`].
     pub seen_context: Tensor<3>,
-    /// What answers are relative to, as normalized positions `[batch, sample, joint]`.
+    /// The path that answers are relative to, as normalized positions `[batch, sample, joint]`.
     pub path: Tensor<3>,
 }
 

@@ -80,7 +80,7 @@ impl CdcnnSizes<'_> {
 
 /// Conditional U-Net on y (Chi et al. 2023, *Diffusion Policy*; the network of its code).
 ///
-/// What is known of each sample is u, for a flow the integrator's path beside it. With local
+/// Each sample's known part is u; a flow has the integrator's path beside it. With local
 /// conditioning it passes a block of its own and is added after the first block of the first stage, so
 /// that it enters additively and FiLM carries the noise level alone. That code has a second such block
 /// whose output a condition that is never true would add at the end; it has no effect there and is not
@@ -89,7 +89,7 @@ impl CdcnnSizes<'_> {
 pub(crate) struct Cdcnn {
     embedding: LevelEmbedding,
     unet: UNet,
-    /// Of what is known; without it that is part of every block's condition.
+    /// The block of the known part, which without it belongs to every block's condition.
     local: Option<ResidualBlock>,
 }
 

@@ -1,7 +1,7 @@
 //! CDCNN's U-Net, trained to move noise to y along straight lines.
 //!
-//! What is a flow's own is the process ([`Process::flow`]) and that the network is given the integrator's
-//! path beside u.
+//! A flow differs in two things: it has a process of its own ([`Process::flow`]), and its network is given the
+//! integrator's path beside u.
 
 use spec::{Conditioning, FlowSpec};
 

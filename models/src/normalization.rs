@@ -168,7 +168,7 @@ impl Normalizer {
     }
 }
 
-/// What the model sees of `observed`, each trajectory by its own statistics and frame. This is the one
+/// The model's view of `observed`, each trajectory by its own statistics and frame. This is the one
 /// copy between a batch and its tensors.
 pub(crate) fn model_input(
     observed: &Observed<'_>,

@@ -58,7 +58,7 @@ macro_rules! job_specs {
                 }
             }
 
-            /// What a job of this kind leaves for others to refer to.
+            /// The product of a job of this kind, which others may refer to.
             pub fn makes(self) -> Option<Product> {
                 match self {
                     $(Self::$Kind => $Spec::makes(),)*

@@ -17,7 +17,7 @@ pub(crate) trait KindSpec: Check {
         from_fields(fields)
     }
 
-    /// What a job of this kind leaves for others to refer to.
+    /// The product of a job of this kind, which others may refer to.
     fn makes() -> Option<Product>
     where
         Self: Sized,

@@ -73,7 +73,7 @@ impl CheckpointRef {
     }
 }
 
-/// What a job leaves for others to refer to.
+/// The product of a job, which others may refer to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Product {
     Trajectories,
