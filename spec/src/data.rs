@@ -1,4 +1,4 @@
-use crate::{Cell, Column, Execution, ImportSpec, JOINTS, JobSpec, SimulateSpec};
+use crate::{Cell, Column, ImportSpec, JOINTS, SimulateSpec};
 
 /// What makes trajectories: the spec behind a dataset or a stream.
 #[derive(Clone, Debug, PartialEq)]
@@ -8,20 +8,6 @@ pub enum DataSpec {
 }
 
 impl DataSpec {
-    /// The data that `job` makes; `None` for jobs that make none.
-    pub fn of(job: &JobSpec) -> Option<Self> {
-        job.fields().data()
-    }
-
-    /// The job that makes this data, without how it is run: what a file says of itself.
-    pub fn job(&self) -> JobSpec {
-        let execution = Execution::default();
-        match self {
-            Self::Simulation(spec) => JobSpec::Simulate(SimulateSpec { execution, ..spec.clone() }),
-            Self::Import(spec) => JobSpec::Import(ImportSpec { execution, ..spec.clone() }),
-        }
-    }
-
     /// Of the table with a row per time step.
     pub fn trajectory_columns(&self) -> Vec<Column> {
         match self {

@@ -8,10 +8,11 @@ use serde_json::{Map, Value};
 use utoipa::ToSchema;
 
 use crate::check::{Check, Report};
+use crate::fields::shorten;
 use crate::kind::KindSpec;
 use crate::{
-    ControlSpec, Digest, Doubt, EvaluateSpec, Execution, ImportSpec, PipelineSpec, Product,
-    Reference, SimulateSpec, SpecError, TrainSpec, VerifySpec,
+    ControlSpec, DataSpec, Digest, Doubt, EvaluateSpec, Execution, ImportSpec, PipelineSpec,
+    Product, Reference, SimulateSpec, SpecError, TrainSpec, VerifySpec, preset, stream,
 };
 
 /// Hands every kind of job but the pipeline to `$callback!`, as `name => Variant(Spec)`.
@@ -137,6 +138,20 @@ impl Check for JobSpec {
 }
 
 impl JobSpec {
+    /// Deserializes one job, by `kind`, without checking its values.
+    pub(crate) fn from_json(value: Value) -> Result<Self, SpecError> {
+        let Value::Object(fields) = value else {
+            return Err(SpecError::one("", shorten(&value), "a JSON object"));
+        };
+        let mut fields = preset::resolve_job(fields)?;
+        let kind: JobKind = match fields.remove("kind") {
+            Some(Value::String(kind)) => kind.parse()?,
+            Some(other) => return Err(SpecError::one("kind", shorten(&other), JobKind::names())),
+            None => return Err(SpecError::one("kind", "missing", JobKind::names())),
+        };
+        Self::read(kind, stream::resolve(fields)?)
+    }
+
     /// How to run it; a pipeline's members have their own.
     pub fn execution(&self) -> Execution {
         self.fields().execution()
@@ -187,6 +202,22 @@ impl JobSpec {
             Some(NamedJob { field: reference.field, product, name })
         };
         spec.references().into_iter().filter_map(named).collect()
+    }
+}
+
+impl DataSpec {
+    /// The data that `job` makes; `None` for jobs that make none.
+    pub fn of(job: &JobSpec) -> Option<Self> {
+        job.fields().data()
+    }
+
+    /// The job that makes this data, without how it is run: what a file says of itself.
+    pub fn job(&self) -> JobSpec {
+        let execution = Execution::default();
+        match self {
+            Self::Simulation(spec) => JobSpec::Simulate(SimulateSpec { execution, ..spec.clone() }),
+            Self::Import(spec) => JobSpec::Import(ImportSpec { execution, ..spec.clone() }),
+        }
     }
 }
 

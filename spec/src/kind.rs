@@ -4,7 +4,7 @@ use serde::de::DeserializeOwned;
 use serde_json::{Map, Value};
 
 use crate::check::Check;
-use crate::parse::from_fields;
+use crate::fields::from_fields;
 use crate::{DataSpec, Doubt, Execution, Product, Reference, SpecError};
 
 /// The fields of one kind of job.

@@ -12,6 +12,7 @@ mod data;
 mod error;
 mod evaluate;
 mod execution;
+mod fields;
 mod import;
 mod job;
 mod kind;
@@ -55,13 +56,13 @@ pub use reference::{
     CheckpointRef, DataSource, Product, Reference, Referred, TrainingRef, TrainingStep,
 };
 pub use robot::{
-    AttachedBody, BodyDescription, BuiltInRobot, HandDescription, JointDescription, JointFriction,
-    MAX_JOINTS, Randomization, RobotDescription, RobotModel,
+    AttachedBody, BodyDescription, BuiltInRobot, HandDescription, InertiaScheme, InitialState,
+    JointDescription, JointFriction, MAX_JOINTS, Randomization, RobotDescription, RobotModel,
 };
 pub use simulate::{
     Cell, Chirp, ChirpBand, Column, ColumnType, Doubt, Excitation, Family, Frequency, Friction,
-    Gravity, InertiaScheme, InitialState, Integrator, MAX_TRAJECTORIES, Multisine, Observations,
-    Payload, Precision, Rejection, RobotSpec, SimulateSpec,
+    Gravity, Integrator, MAX_TRAJECTORIES, Multisine, Observations, Payload, Precision, Rejection,
+    RobotSpec, SimulateSpec,
 };
 pub use train::{
     EarlyStopSpec, EmaSpec, Normalization, OptimizerSpec, TrainSpec, Training, ValidationMetric,

@@ -5,8 +5,8 @@ use serde_json::{Map, Value};
 use utoipa::ToSchema;
 
 use crate::check::{Check, Report};
+use crate::fields::{from_fields, shorten};
 use crate::kind::KindSpec;
-use crate::parse::{from_fields, read, shorten};
 use crate::{Digest, Doubt, Execution, JobKind, JobSpec, SpecError};
 
 /// The most jobs one pipeline may have.
@@ -63,7 +63,8 @@ impl KindSpec for PipelineSpec {
                 })?,
                 None => Vec::new(),
             };
-            let spec = read(Value::Object(member)).map_err(|error| error.within(&path))?;
+            let spec =
+                JobSpec::from_json(Value::Object(member)).map_err(|error| error.within(&path))?;
             pipeline.jobs.insert(name, PipelineMember { needs, spec });
         }
         Ok(pipeline)

@@ -3,8 +3,8 @@
 use serde_json::{Map, Value};
 
 use crate::check::{Check, Report};
-use crate::parse::shorten;
-use crate::{DataSource, MAX_TRAJECTORIES, SpecError, preset, robot};
+use crate::fields::shorten;
+use crate::{DataSource, MAX_TRAJECTORIES, SpecError, preset, simulate};
 
 /// Resolves the preset of a stream, and takes the `kind` that a copied job may have.
 pub(crate) fn resolve(mut fields: Map<String, Value>) -> Result<Map<String, Value>, SpecError> {
@@ -28,8 +28,8 @@ fn stream_of(fields: &mut Map<String, Value>) -> Option<&mut Map<String, Value>>
 fn resolve_fields(stream: &mut Map<String, Value>) -> Result<(), SpecError> {
     *stream = preset::resolve_job(std::mem::take(stream))?;
     match stream.remove("kind") {
-        None => robot::complete(stream),
-        Some(kind) if kind == "simulate" => robot::complete(stream),
+        None => simulate::complete(stream),
+        Some(kind) if kind == "simulate" => simulate::complete(stream),
         Some(other) => Err(SpecError::one("kind", shorten(&other), "simulate")),
     }
 }

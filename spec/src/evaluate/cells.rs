@@ -1,6 +1,7 @@
 use std::fmt;
 
-use crate::{DataSpec, EvaluateSpec, Family};
+use super::spec::EvaluateSpec;
+use crate::{DataSpec, Family};
 
 /// Scenarios of data without a frequency grid, unless a spec asks for another number.
 pub const UNGRIDDED_SCENARIOS: u32 = 1000;

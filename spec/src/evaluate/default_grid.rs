@@ -2,9 +2,12 @@
 
 use serde_json::{Map, Value, json};
 
-use super::{EvaluateSpec, HORIZON};
-use crate::parse::from_fields;
+use super::spec::EvaluateSpec;
+use crate::fields::from_fields;
 use crate::{DataSource, SpecError};
+
+/// Samples in the horizon where neither the spec nor its data says how many.
+const HORIZON: u32 = 80;
 
 /// Its own, so that no training shares its robots.
 const SEED: u64 = 1_000_003;

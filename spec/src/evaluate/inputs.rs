@@ -1,6 +1,8 @@
 //! Whether an evaluation fits the data and the checkpoints it refers to.
 
-use super::{EvaluateSpec, SamplingRun, Start, first_repeated};
+use super::check::first_repeated;
+use super::sampler::{SamplingRun, Start};
+use super::spec::EvaluateSpec;
 use crate::check::Report;
 use crate::{DataSpec, SpecError, TrainSpec, Training};
 

@@ -5,8 +5,9 @@ use std::fmt;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use super::spec::EvaluateSpec;
 use crate::check::{Check, Report};
-use crate::{EvaluateSpec, ModelSpec, SamplerKind, SamplerSpec, Spacing};
+use crate::{ModelSpec, SamplerKind, SamplerSpec, Spacing};
 
 /// What each denoiser, flows included, is asked with if its kind suits it, once for each number of
 /// steps. What is left out is as its training says.

@@ -7,7 +7,7 @@ use serde::de::{Error, MapAccess, Visitor, value::MapAccessDeserializer};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use utoipa::ToSchema;
 
-use super::RobotDescription;
+use super::description::RobotDescription;
 
 /// Name and text of each file; a test holds the list against the folder.
 const FILES: [(&str, &str); 1] = [("panda", include_str!("../../robots/panda.json"))];

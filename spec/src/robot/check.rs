@@ -1,7 +1,8 @@
 //! Which descriptions are robots.
 
-use super::{BodyDescription, HandDescription, JointDescription, JointFriction, MAX_JOINTS};
-use super::{Randomization, RobotDescription};
+use super::description::{BodyDescription, HandDescription, JointDescription, JointFriction};
+use super::description::{MAX_JOINTS, Randomization, RobotDescription};
+use super::initial_state::InitialState;
 use crate::check::{Check, Report};
 
 const LENGTH_M: std::ops::RangeInclusive<f64> = -10.0..=10.0;
@@ -87,6 +88,17 @@ impl Check for Randomization {
         report.within("damping_fraction", self.damping_fraction, FRACTION);
         report.within("armature_fraction", self.armature_fraction, FRACTION);
         report.within("geometry_fraction", self.geometry_fraction, 0.0..=0.5);
+    }
+}
+
+impl Check for InitialState {
+    fn check(&self, report: &mut Report) {
+        report.interval("joint1_scale", self.joint1_scale, &(0.0..=1.0));
+        report.all_within("center_rad", &self.center_rad, &(-4.0..=4.0));
+        report.within("spread_rad", self.spread_rad, 0.0..=3.0);
+        report.interval("velocity_scale", self.velocity_scale, &(0.0..=10.0));
+        report.within("joint1_velocity_rad_s", self.joint1_velocity_rad_s, 0.0..=10.0);
+        report.within("velocity_rad_s", self.velocity_rad_s, 0.0..=10.0);
     }
 }
 

@@ -3,7 +3,11 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use crate::{InertiaScheme, InitialState, Range};
+use super::initial_state::InitialState;
+use crate::Range;
+
+/// The most joints that a robot may have.
+pub const MAX_JOINTS: usize = 8;
 
 /// An arm on a fixed, upright base: a chain of 1 to 8 revolute joints, each of which turns one link.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -24,6 +28,13 @@ pub struct RobotDescription {
     pub randomization: Randomization,
     /// How motions begin where a spec does not say.
     pub initial_state: InitialState,
+}
+
+impl RobotDescription {
+    /// One value per joint.
+    pub fn per_joint<'a, T>(&'a self, value: impl Fn(&'a JointDescription) -> T) -> Vec<T> {
+        self.joints.iter().map(value).collect()
+    }
 }
 
 /// A joint, its row of the modified Denavit-Hartenberg table (Craig's), and the link that it turns.
@@ -143,4 +154,14 @@ impl Default for Randomization {
             geometry_fraction: 0.0,
         }
     }
+}
+
+/// How inertia tensors are randomized.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum InertiaScheme {
+    /// Congruence of the second-moment matrix: always physical.
+    PseudoInertia,
+    /// The paper's code: every entry on its own, then projected onto physical tensors.
+    PerEntry,
 }

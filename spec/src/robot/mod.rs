@@ -2,15 +2,12 @@
 
 mod built_in;
 mod check;
-mod defaults;
 mod description;
+mod initial_state;
 
 pub use built_in::{BuiltInRobot, RobotModel};
-pub(crate) use defaults::complete;
 pub use description::{
-    AttachedBody, BodyDescription, HandDescription, JointDescription, JointFriction, Randomization,
-    RobotDescription,
+    AttachedBody, BodyDescription, HandDescription, InertiaScheme, JointDescription, JointFriction,
+    MAX_JOINTS, Randomization, RobotDescription,
 };
-
-/// The most joints that a robot may have.
-pub const MAX_JOINTS: usize = 8;
+pub use initial_state::InitialState;

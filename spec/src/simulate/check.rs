@@ -1,7 +1,9 @@
 //! What values a simulation may have.
 
-use super::{Chirp, Excitation, Frequency, Friction, InitialState, Integrator, MAX_TRAJECTORIES};
-use super::{Multisine, Payload, Rejection, RobotSpec, SimulateSpec};
+use super::excitation::{Chirp, Excitation, Frequency, Multisine};
+use super::integrator::Integrator;
+use super::robot_spec::{Friction, Payload, RobotSpec};
+use super::spec::{MAX_TRAJECTORIES, Rejection, SimulateSpec};
 use crate::RobotModel;
 use crate::check::{Check, Report};
 
@@ -198,17 +200,6 @@ impl Check for Payload {
             report.interval(&format!("center_m.{axis}"), range, &(-1.0..=1.0));
         }
         report.interval("radius_m", self.radius_m, &(0.001..=1.0));
-    }
-}
-
-impl Check for InitialState {
-    fn check(&self, report: &mut Report) {
-        report.interval("joint1_scale", self.joint1_scale, &(0.0..=1.0));
-        report.all_within("center_rad", &self.center_rad, &(-4.0..=4.0));
-        report.within("spread_rad", self.spread_rad, 0.0..=3.0);
-        report.interval("velocity_scale", self.velocity_scale, &(0.0..=10.0));
-        report.within("joint1_velocity_rad_s", self.joint1_velocity_rad_s, 0.0..=10.0);
-        report.within("velocity_rad_s", self.velocity_rad_s, 0.0..=10.0);
     }
 }
 

@@ -6,7 +6,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::SimulateSpec;
+use super::spec::SimulateSpec;
 use crate::RobotDescription;
 
 /// A column of a table.

@@ -9,7 +9,9 @@ use std::fmt;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::{Gravity, Integrator, RobotSpec, SimulateSpec};
+use super::integrator::Integrator;
+use super::robot_spec::{Gravity, RobotSpec};
+use super::spec::SimulateSpec;
 use crate::check::Report;
 
 /// A value that is allowed and that a reader of the results should know about.

@@ -1,7 +1,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use crate::{Range, RobotDescription, RobotModel};
+use crate::{InertiaScheme, Range, RobotDescription, RobotModel};
 
 /// The arm and how far each robot's parameters lie from the nominal ones.
 ///
@@ -43,6 +43,27 @@ impl Default for RobotSpec {
 }
 
 impl RobotSpec {
+    /// `model` with its own nominal values and law of randomization, without gravity.
+    pub fn of(model: RobotModel) -> Self {
+        let description = model.description();
+        let law = description.randomization;
+        Self {
+            mass_fraction: law.mass_fraction,
+            com_fraction: law.com_fraction,
+            inertia_fraction: law.inertia_fraction,
+            inertia_scheme: law.inertia_scheme,
+            damping_fraction: law.damping_fraction,
+            damping_nm_s_rad: description.per_joint(|joint| joint.damping_nm_s_rad),
+            armature_fraction: law.armature_fraction,
+            armature_kg_m2: description.per_joint(|joint| joint.armature_kg_m2),
+            geometry_fraction: law.geometry_fraction,
+            friction: None,
+            payload: None,
+            gravity: Gravity::Off,
+            model,
+        }
+    }
+
     pub fn description(&self) -> &RobotDescription {
         self.model.description()
     }
@@ -50,16 +71,6 @@ impl RobotSpec {
     pub fn joints(&self) -> usize {
         self.description().joints.len()
     }
-}
-
-/// How inertia tensors are randomized.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum InertiaScheme {
-    /// Congruence of the second-moment matrix: always physical.
-    PseudoInertia,
-    /// The paper's code: every entry on its own, then projected onto physical tensors.
-    PerEntry,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
@@ -92,8 +103,22 @@ pub struct Friction {
 
 impl Default for Friction {
     fn default() -> Self {
-        let friction = RobotModel::panda().description().friction();
+        let friction = Self::nominal(RobotModel::panda().description());
         friction.expect("the description of the Panda has friction")
+    }
+}
+
+impl Friction {
+    /// What `robot` says of all its joints; `None` unless it says so of every one.
+    pub(super) fn nominal(robot: &RobotDescription) -> Option<Self> {
+        let joints: Option<Vec<_>> = robot.joints.iter().map(|joint| joint.friction).collect();
+        let joints = joints?;
+        Some(Self {
+            phi1_nm: joints.iter().map(|friction| friction.phi1_nm).collect(),
+            phi2_s_rad: joints.iter().map(|friction| friction.phi2_s_rad).collect(),
+            phi3_rad_s: joints.iter().map(|friction| friction.phi3_rad_s).collect(),
+            phi1_fraction: 0.1,
+        })
     }
 }
 

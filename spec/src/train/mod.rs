@@ -8,8 +8,8 @@ use serde_json::{Map, Value};
 use utoipa::ToSchema;
 
 use crate::check::{Check, Report};
+use crate::fields::from_fields;
 use crate::kind::KindSpec;
-use crate::parse::from_fields;
 use crate::{
     DataSource, DataSpec, Doubt, Execution, ModelSpec, Product, Reference, SpecError, preset,
     stream,

@@ -1,53 +1,11 @@
-//! A robot's description as the defaults of the specs that have it.
+//! A robot's description as the defaults of a simulation.
 
 use serde::Serialize;
 use serde_json::{Map, Value};
 
-use super::{JointDescription, RobotDescription, RobotModel};
-use crate::parse::from_fields;
-use crate::{Friction, Gravity, RobotSpec, SpecError};
-
-impl RobotDescription {
-    /// One value per joint.
-    pub fn per_joint<'a, T>(&'a self, value: impl Fn(&'a JointDescription) -> T) -> Vec<T> {
-        self.joints.iter().map(value).collect()
-    }
-
-    /// Friction of all joints; `None` unless every one has it.
-    pub fn friction(&self) -> Option<Friction> {
-        let joints: Option<Vec<_>> = self.joints.iter().map(|joint| joint.friction).collect();
-        let joints = joints?;
-        Some(Friction {
-            phi1_nm: joints.iter().map(|friction| friction.phi1_nm).collect(),
-            phi2_s_rad: joints.iter().map(|friction| friction.phi2_s_rad).collect(),
-            phi3_rad_s: joints.iter().map(|friction| friction.phi3_rad_s).collect(),
-            phi1_fraction: 0.1,
-        })
-    }
-}
-
-impl RobotSpec {
-    /// `model` with its own nominal values and law of randomization, without gravity.
-    pub fn of(model: RobotModel) -> Self {
-        let description = model.description();
-        let law = description.randomization;
-        Self {
-            mass_fraction: law.mass_fraction,
-            com_fraction: law.com_fraction,
-            inertia_fraction: law.inertia_fraction,
-            inertia_scheme: law.inertia_scheme,
-            damping_fraction: law.damping_fraction,
-            damping_nm_s_rad: description.per_joint(|joint| joint.damping_nm_s_rad),
-            armature_fraction: law.armature_fraction,
-            armature_kg_m2: description.per_joint(|joint| joint.armature_kg_m2),
-            geometry_fraction: law.geometry_fraction,
-            friction: None,
-            payload: None,
-            gravity: Gravity::Off,
-            model,
-        }
-    }
-}
+use super::robot_spec::{Friction, RobotSpec};
+use crate::fields::from_fields;
+use crate::{RobotModel, SpecError};
 
 /// Completes a simulation's fields with what the description of its robot says. The defaults of the types
 /// are the Panda's, so that a spec of it needs nothing.
@@ -67,7 +25,7 @@ pub(crate) fn complete(fields: &mut Map<String, Value>) -> Result<(), SpecError>
     }
 
     if let Some(Value::Object(friction)) = robot.get_mut("friction") {
-        let nominal = model.description().friction();
+        let nominal = Friction::nominal(model.description());
         match nominal {
             Some(nominal) => add_missing(friction, &nominal),
             None => {

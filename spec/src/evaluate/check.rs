@@ -1,0 +1,54 @@
+//! What values an evaluation may have.
+
+use super::spec::EvaluateSpec;
+use crate::check::{Check, Report};
+
+/// Samples of one scenario and predictor, at most.
+const MAX_SAMPLES: u32 = 256;
+
+impl Check for EvaluateSpec {
+    fn check(&self, report: &mut Report) {
+        report.part("data", &self.data);
+        if self.checkpoints.is_empty() && self.baselines.is_empty() {
+            report.violation("checkpoints", "[]", "at least one checkpoint or baseline");
+        }
+        report.within("checkpoints", self.checkpoints.len(), 0..=50);
+        if let Some(twice) = first_repeated(&self.checkpoints) {
+            report.violation("checkpoints", format!("{twice:?} twice"), "each once");
+        }
+        if let Some(twice) = first_repeated(&self.baselines) {
+            report.violation("baselines", format!("{twice:?} twice"), "each once");
+        }
+        report.within("context", self.context, 1..=9_999);
+        if let Some(horizon) = self.horizon {
+            report.within("horizon", horizon, 1..=9_999);
+        }
+        if let Some(rounds) = self.rounds {
+            report.within("rounds", rounds, 0..=1000);
+            if rounds == 0 && self.starts_shifted() {
+                let allowed =
+                    "1 to 1000 where a sampler starts shifted: its first window starts cold";
+                report.violation("rounds", rounds, allowed);
+            }
+        }
+        if let Some(scenarios) = self.scenarios {
+            report.within("scenarios", scenarios, 1..=10_000);
+        }
+        report.within("samplers", self.samplers.len(), 0..=50);
+        for (i, sampler) in self.samplers.iter().enumerate() {
+            report.part(&format!("samplers[{i}]"), sampler);
+        }
+        report.within("samples", self.samples, 1..=MAX_SAMPLES);
+        report.seed("seed", self.seed);
+        if let Some(latency) = &self.latency {
+            report.within("latency.repeats", latency.repeats, 20..=10_000);
+        }
+        report.within("bootstrap.resamples", self.bootstrap.resamples, 100..=100_000);
+        report.seed("bootstrap.seed", self.bootstrap.seed);
+        report.part("execution", &self.execution);
+    }
+}
+
+pub(super) fn first_repeated<T: PartialEq>(items: &[T]) -> Option<&T> {
+    items.iter().enumerate().find(|(i, item)| items[..*i].contains(item)).map(|(_, item)| item)
+}

@@ -1,0 +1,29 @@
+//! An evaluation as a kind of job.
+
+use std::iter;
+
+use serde_json::{Map, Value};
+
+use super::default_grid;
+use super::spec::EvaluateSpec;
+use crate::kind::KindSpec;
+use crate::{Doubt, Execution, Reference, SpecError};
+
+impl KindSpec for EvaluateSpec {
+    fn read(fields: Map<String, Value>) -> Result<Self, SpecError> {
+        default_grid::read(fields)
+    }
+
+    fn execution(&self) -> Execution {
+        self.execution
+    }
+
+    fn references(&mut self) -> Vec<Reference<'_>> {
+        let checkpoints = Reference::checkpoints(&mut self.checkpoints);
+        iter::once(Reference::data(&mut self.data)).chain(checkpoints).collect()
+    }
+
+    fn doubts(&self) -> Vec<Doubt> {
+        self.data.doubts()
+    }
+}

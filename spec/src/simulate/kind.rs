@@ -1,0 +1,33 @@
+//! A simulation as a kind of job.
+
+use serde_json::{Map, Value};
+
+use super::completion::complete;
+use super::following::Doubt;
+use super::spec::SimulateSpec;
+use crate::fields::from_fields;
+use crate::kind::KindSpec;
+use crate::{DataSpec, Execution, Product, SpecError};
+
+impl KindSpec for SimulateSpec {
+    fn read(mut fields: Map<String, Value>) -> Result<Self, SpecError> {
+        complete(&mut fields)?;
+        from_fields(fields)
+    }
+
+    fn makes() -> Option<Product> {
+        Some(Product::Trajectories)
+    }
+
+    fn execution(&self) -> Execution {
+        self.execution
+    }
+
+    fn data(&self) -> Option<DataSpec> {
+        Some(DataSpec::Simulation(self.clone()))
+    }
+
+    fn doubts(&self) -> Vec<Doubt> {
+        Self::doubts(self)
+    }
+}
