@@ -1,7 +1,6 @@
-//! What can be typed: commands, the flags they share, logging.
+//! What can be typed: commands, logging.
 
-use ::worker::DeviceKind;
-use clap::{Args, Parser, Subcommand};
+use clap::{Parser, Subcommand};
 use tracing_subscriber::EnvFilter;
 
 use crate::commands::{
@@ -55,28 +54,6 @@ pub enum Command {
     #[command(hide = true)]
     DecodeRecording(decode_recording::Arguments),
 }
-
-/// Where the commands that talk to a server find it.
-#[derive(Debug, Args)]
-pub struct ServerArguments {
-    /// The server's address
-    #[arg(long, env = "TORQUED_SERVER", value_name = "URL", default_value = DEFAULT_SERVER)]
-    pub server: String,
-
-    /// The server's token, if it asks for one
-    #[arg(long, env = "TORQUED_TOKEN", value_name = "TOKEN", hide_env_values = true)]
-    pub token: Option<String>,
-}
-
-/// What the commands that compute models are told about it.
-#[derive(Debug, Args)]
-pub struct DeviceArguments {
-    /// Device to compute models on; `torqued devices` lists them
-    #[arg(long, env = "TORQUED_DEVICE", value_name = "NAME", default_value_t)]
-    pub device: DeviceKind,
-}
-
-const DEFAULT_SERVER: &str = "http://127.0.0.1:7070";
 
 /// Sends log lines to stderr. What a user waits for is shown by the command itself, so only the
 /// long-running commands log what they do. Returns the filter in use, for child processes.

@@ -1,6 +1,7 @@
 //! `torqued`: the command line, and the composition of server and workers into one program.
 
 mod allocator;
+mod arguments;
 mod cli;
 mod client;
 mod commands;

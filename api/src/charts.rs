@@ -4,7 +4,7 @@ use figures::{Axis, Figure, FigureError, Point, Series, Size};
 use store::SeriesPoint;
 use wire::Summary;
 
-use crate::app::StoredTrajectory;
+use crate::app::trajectories::StoredTrajectory;
 
 /// One of several panels on a sheet.
 const PANEL: Size = Size { width: 760, height: 300 };

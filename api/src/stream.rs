@@ -12,7 +12,7 @@ use tokio::sync::OwnedSemaphorePermit;
 use tokio::time::{Instant, timeout};
 use wire::StreamReply;
 
-use crate::app::PredictionStream;
+use crate::app::streams::PredictionStream;
 use crate::error::ApiError;
 use crate::limits::{STREAM_PING, STREAM_SILENCE, STREAM_WRITE};
 

@@ -5,7 +5,7 @@ use anyhow::{Context, ensure};
 use clap::Args;
 use serde_json::Value;
 
-use crate::cli::ServerArguments;
+use crate::arguments::ServerArguments;
 use crate::client::{Client, Reuse, Submitted};
 use crate::commands::watch;
 

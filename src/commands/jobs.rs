@@ -7,7 +7,7 @@ use reports::{Align, Table};
 use spec::JobKind;
 use wire::{Job, Progress};
 
-use crate::cli::ServerArguments;
+use crate::arguments::ServerArguments;
 use crate::client::Client;
 use crate::progress::measure;
 

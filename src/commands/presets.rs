@@ -4,7 +4,7 @@ use anyhow::bail;
 use clap::Args;
 use reports::{Align, Table};
 
-use crate::cli::ServerArguments;
+use crate::arguments::ServerArguments;
 use crate::client::Client;
 
 #[derive(Debug, Args)]

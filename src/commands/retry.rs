@@ -2,7 +2,7 @@ use std::process::ExitCode;
 
 use clap::Args;
 
-use crate::cli::ServerArguments;
+use crate::arguments::ServerArguments;
 use crate::client::{Client, Submitted};
 use crate::commands::watch;
 

@@ -5,7 +5,7 @@ use std::process::ExitCode;
 use anyhow::{Context, ensure};
 use clap::Args;
 
-use crate::cli::ServerArguments;
+use crate::arguments::ServerArguments;
 use crate::client::{Client, Reuse, Submitted};
 use crate::commands::watch;
 

@@ -5,7 +5,7 @@ use std::process::ExitCode;
 use clap::Args;
 use worker::{DatasetFolder, Verified};
 
-use crate::cli::ServerArguments;
+use crate::arguments::ServerArguments;
 use crate::client::Client;
 use crate::commands::simulate::compute_with;
 use crate::commands::watch;

@@ -4,7 +4,7 @@ use clap::Args;
 use spec::JobKind;
 use wire::{Job, JobState};
 
-use crate::cli::ServerArguments;
+use crate::arguments::ServerArguments;
 use crate::client::Client;
 use crate::progress;
 

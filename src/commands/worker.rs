@@ -9,7 +9,7 @@ use tokio_util::sync::CancellationToken;
 use worker::WorkerOptions;
 
 use crate::allocator;
-use crate::cli::DeviceArguments;
+use crate::arguments::DeviceArguments;
 use crate::commands::decode_recording;
 use crate::device;
 use crate::server::Interrupts;

@@ -1,6 +1,6 @@
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 
-use super::Row;
+use super::row::Row;
 
 /// For a terminal: one bar per row, redrawn in place.
 pub struct Bars {

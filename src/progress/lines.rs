@@ -2,7 +2,7 @@ use std::time::{Duration, Instant};
 
 use wire::JobState;
 
-use super::Row;
+use super::row::Row;
 
 /// For logs and pipes: a line when a state changes, and now and then while something runs.
 #[derive(Debug, Default)]
@@ -51,7 +51,7 @@ impl Lines {
 
 #[cfg(test)]
 mod tests {
-    use super::super::row;
+    use super::super::row::row;
     use super::*;
 
     #[test]

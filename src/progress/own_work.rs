@@ -9,7 +9,8 @@ use anyhow::Context;
 use wire::{JobState, Progress};
 
 use super::rate::Rate;
-use super::{Display, POLL_EVERY, Row};
+use super::row::Row;
+use super::{Display, POLL_EVERY};
 use crate::server::Interrupts;
 
 /// Called with how much is done; breaks when the work is to stop.

@@ -22,7 +22,7 @@ use store::{Access, Store};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
-use crate::cli::DeviceArguments;
+use crate::arguments::DeviceArguments;
 use crate::{allocator, device};
 pub use interrupt::Interrupts;
 use worker_processes::WorkerProcesses;

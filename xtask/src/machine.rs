@@ -25,7 +25,8 @@ pub fn description() -> String {
 
 /// The first line that a program prints.
 pub fn said_by(program: &str, arguments: &[&str]) -> String {
-    let output = Command::new(program).args(arguments).current_dir(crate::repository()).output();
+    let output =
+        Command::new(program).args(arguments).current_dir(crate::places::repository()).output();
     let text = output.map(|output| String::from_utf8_lossy(&output.stdout).into_owned());
     let text = text.unwrap_or_default();
     text.lines().next().map_or_else(|| format!("{program} unknown"), str::to_owned)

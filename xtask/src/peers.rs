@@ -7,9 +7,9 @@ use std::process::{Command, ExitCode};
 use anyhow::{Context, ensure};
 use clap::Args;
 
+use crate::places::{repository, target};
 use crate::process::{self, command, succeed};
 use crate::product;
-use crate::{repository, target};
 
 #[derive(Debug, Args)]
 pub struct Arguments {

@@ -7,7 +7,7 @@ use std::thread;
 
 use anyhow::{Context, ensure};
 
-use crate::repository;
+use crate::places::repository;
 
 /// What a program that ran to its end printed, and whether it succeeded.
 #[derive(Debug)]

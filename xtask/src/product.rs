@@ -9,8 +9,8 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, ensure};
 
+use crate::places::{repository, target};
 use crate::process::{self, command};
-use crate::{repository, target};
 
 /// Builds the program in the profile it is shipped in.
 pub fn build() -> anyhow::Result<PathBuf> {

@@ -3,21 +3,21 @@
 //! One file per resource, with the methods of [`App`] that read or change it and answer with the
 //! types of [`wire`]. Routes and page call these, and nothing else calls the store.
 
-mod checkpoints;
+pub mod checkpoints;
 mod datasets;
 mod evaluations;
 mod experiments;
-mod files;
+pub mod files;
 mod jobs;
 mod paging;
 mod predictions;
 mod questions;
 mod runs;
 mod shards;
-mod streams;
-mod submission;
+pub mod streams;
+pub mod submission;
 mod summaries;
-mod trajectories;
+pub mod trajectories;
 mod uploads;
 mod verifications;
 
@@ -36,13 +36,8 @@ use crate::limits::{
 };
 use crate::live::LiveModels;
 
-pub use checkpoints::Extents;
-pub use files::Download;
 pub use paging::Paging;
 pub use questions::read as read_question;
-pub use streams::PredictionStream;
-pub use submission::{Reuse, Submitted};
-pub use trajectories::StoredTrajectory;
 
 /// How the server is to behave.
 #[derive(Clone, Debug)]

@@ -6,11 +6,13 @@ use axum::http::HeaderMap;
 use axum::response::Response;
 use wire::{Checkpoint, StoredFile};
 
-use crate::app::{App, Extents};
+use crate::app::App;
+use crate::app::checkpoints::Extents;
 use crate::extract::Path;
+use crate::page::answer::{InPage, PageError, html};
 use crate::page::parts::{Commands, Fact, FileRow};
 use crate::page::spec_text::spec_text;
-use crate::page::{InPage, PageError, html, text};
+use crate::page::text;
 
 #[derive(Template)]
 #[template(path = "checkpoint.html")]

@@ -10,12 +10,13 @@ use wire::{Dataset, DatasetFile, FileKind};
 
 use crate::app::App;
 use crate::extract::{Path, Query};
+use crate::page::answer::{InPage, PageError, html};
 use crate::page::channels::ChannelRow;
 use crate::page::parts::{Commands, Fact, FileRow, Standing};
 use crate::page::spec_text::spec_text;
 use crate::page::verification::Checked;
 use crate::page::viewer::Viewer;
-use crate::page::{InPage, PageError, html, recordings, text};
+use crate::page::{recordings, text};
 
 #[derive(Deserialize)]
 pub struct View {

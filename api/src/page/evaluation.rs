@@ -7,10 +7,11 @@ use wire::{Artifact, CellTask, JobState};
 
 use crate::app::App;
 use crate::extract::Path;
+use crate::page::answer::{InPage, PageError, html};
 use crate::page::parts::Standing;
 use crate::page::report::ReportView;
 use crate::page::spec_text::spec_text;
-use crate::page::{InPage, PageError, html, text};
+use crate::page::text;
 
 #[derive(Template)]
 #[template(path = "evaluation.html")]

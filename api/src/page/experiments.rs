@@ -11,9 +11,9 @@ use wire::{Job, JobState};
 use crate::app::App;
 use crate::error::ApiError;
 use crate::extract::Query;
+use crate::page::answer::{InPage, PageError, html};
 use crate::page::parts::{Commands, Standing};
 use crate::page::rows::Row;
-use crate::page::{InPage, PageError, html};
 
 /// Experiments of one page; each shows all its jobs.
 const PAGE: u32 = 20;

@@ -9,12 +9,13 @@ use wire::{Artifact, Task, TaskState};
 use crate::app::App;
 use crate::error::ApiError;
 use crate::extract::Path;
+use crate::page::answer::{InPage, PageError, html};
 use crate::page::control::ClosedLoop;
 use crate::page::kinds::{closed_loop, headline, own_page};
 use crate::page::parts::{Bar, Commands, Link, Standing};
 use crate::page::rows::{Row, results};
 use crate::page::spec_text::spec_text;
-use crate::page::{InPage, PageError, html, text};
+use crate::page::text;
 
 /// Tasks shown; the rest is one link away.
 const TASKS: usize = 100;

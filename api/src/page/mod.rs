@@ -1,5 +1,6 @@
 //! The page: HTML that works without scripts, from the same data that the API answers with.
 
+mod answer;
 mod assets;
 mod channels;
 mod checkpoint;
@@ -19,18 +20,16 @@ mod text;
 mod verification;
 mod viewer;
 
-use askama::Template;
 use axum::Router;
-use axum::extract::{FromRequestParts, Request};
+use axum::extract::Request;
 use axum::http::HeaderMap;
-use axum::http::header::{ACCEPT, CACHE_CONTROL, CONTENT_TYPE};
-use axum::http::request::Parts;
+use axum::http::header::ACCEPT;
 use axum::response::{IntoResponse, Response};
 use axum::routing::{get, post};
-use wire::Problem;
 
 use crate::app::App;
 use crate::error::ApiError;
+use crate::page::answer::PageError;
 
 pub fn routes() -> Router<App> {
     Router::new()
@@ -43,56 +42,6 @@ pub fn routes() -> Router<App> {
         .route("/datasets/{id}/verify", post(dataset::verify))
         .route("/checkpoints/{id}", get(checkpoint::show))
         .route("/static/{name}", get(assets::show))
-}
-
-/// An error, told in HTML.
-struct PageError(ApiError);
-
-impl<E: Into<ApiError>> From<E> for PageError {
-    fn from(error: E) -> Self {
-        Self(error.into())
-    }
-}
-
-/// An extractor of the API whose rejection is told in HTML.
-struct InPage<E>(E);
-
-impl<E, S> FromRequestParts<S> for InPage<E>
-where
-    E: FromRequestParts<S, Rejection = ApiError>,
-    S: Send + Sync,
-{
-    type Rejection = PageError;
-
-    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, PageError> {
-        Ok(Self(E::from_request_parts(parts, state).await?))
-    }
-}
-
-#[derive(Template)]
-#[template(path = "problem.html")]
-struct ProblemPage {
-    problem: Problem,
-}
-
-impl IntoResponse for PageError {
-    fn into_response(self) -> Response {
-        let Self(error) = self;
-        error.log();
-        let page = ProblemPage { problem: error.to_problem() };
-        let mut response = match html(&page) {
-            Ok(body) => (error.status(), body).into_response(),
-            Err(_) => error.to_json(),
-        };
-        error.add_headers(&mut response);
-        response
-    }
-}
-
-/// A page, never kept by the browser: it shows what is the case now.
-fn html(page: &impl Template) -> Result<Response, ApiError> {
-    let headers = [(CONTENT_TYPE, "text/html; charset=utf-8"), (CACHE_CONTROL, "no-store")];
-    Ok((headers, page.render()?).into_response())
 }
 
 /// Answers what no route does: in HTML to a browser, as a problem to everyone else.

@@ -9,11 +9,12 @@ use wire::{Checkpoint, LatestMetric};
 
 use crate::app::App;
 use crate::extract::Path;
+use crate::page::answer::{InPage, PageError, html};
 use crate::page::checkpoint::marks;
 use crate::page::kinds::own_page;
 use crate::page::parts::{Fact, Standing};
 use crate::page::spec_text::spec_text;
-use crate::page::{InPage, PageError, html, text};
+use crate::page::text;
 
 #[derive(Template)]
 #[template(path = "run.html")]

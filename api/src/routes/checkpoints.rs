@@ -9,7 +9,9 @@ use wire::{Checkpoint, Checkpoints};
 use crate::app::App;
 use crate::error::ApiError;
 use crate::extract::{Path, Query};
-use crate::routes::{FileResponses, ListParameters, send};
+use crate::routes::files::send;
+use crate::routes::lists::ListParameters;
+use crate::routes::openapi::FileResponses;
 
 /// Checkpoints, newest first.
 #[utoipa::path(

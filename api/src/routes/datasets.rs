@@ -10,7 +10,9 @@ use wire::{Dataset, Datasets, Job};
 use crate::app::App;
 use crate::error::ApiError;
 use crate::extract::{Path, Query};
-use crate::routes::{FileResponses, ListParameters, send};
+use crate::routes::files::send;
+use crate::routes::lists::ListParameters;
+use crate::routes::openapi::FileResponses;
 
 /// Datasets, newest first.
 #[utoipa::path(

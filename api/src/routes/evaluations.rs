@@ -7,7 +7,7 @@ use wire::{Evaluation, Evaluations};
 use crate::app::App;
 use crate::error::ApiError;
 use crate::extract::{Path, Query};
-use crate::routes::ListParameters;
+use crate::routes::lists::ListParameters;
 
 /// Evaluations, newest first.
 #[utoipa::path(

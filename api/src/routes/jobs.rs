@@ -11,7 +11,8 @@ use store::JobFilter;
 use utoipa::IntoParams;
 use wire::{Job, JobState, Jobs, Tasks};
 
-use crate::app::{App, Paging, Reuse, Submitted};
+use crate::app::submission::{Reuse, Submitted};
+use crate::app::{App, Paging};
 use crate::error::ApiError;
 use crate::extract::{IdempotencyKey, JsonBytes, Path, Query};
 

@@ -3,8 +3,10 @@
 mod checkpoints;
 mod datasets;
 mod evaluations;
+mod files;
 mod health;
 mod jobs;
+mod lists;
 mod openapi;
 mod predictions;
 mod presets;
@@ -12,60 +14,25 @@ mod runs;
 mod trajectories;
 mod uploads;
 
-use axum::body::Body;
 use axum::extract::{DefaultBodyLimit, Request};
-use axum::http::{HeaderMap, Method};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 use axum::{Json, Router, middleware};
-use serde::Deserialize;
 use tower::ServiceBuilder;
 use tower_http::catch_panic::CatchPanicLayer;
 use tower_http::csrf::{CsrfLayer, ProtectionError};
 use tower_http::trace::TraceLayer;
-use utoipa::{IntoParams, OpenApi as _};
+use utoipa::OpenApi as _;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
-use crate::app::{App, Download, Paging};
-use crate::download::Answer;
+use crate::app::App;
 use crate::error::ApiError;
 use crate::guard::Crowd;
 use crate::limits::BODY_BYTES;
 use crate::parameters::KnownParameters;
-use crate::routes::openapi::{Document, FileResponses};
+use crate::routes::openapi::Document;
 use crate::{auth, guard, page, parameters};
-
-/// Which part of a list is asked for.
-#[derive(Deserialize, IntoParams)]
-#[into_params(parameter_in = Query)]
-struct ListParameters {
-    /// Items at most, 1 to 500; 50 when left out.
-    limit: Option<u32>,
-    /// Only items with a smaller id.
-    before: Option<i64>,
-}
-
-impl ListParameters {
-    fn paging(&self) -> Result<Paging, ApiError> {
-        Paging::new(self.limit, self.before)
-    }
-}
-
-/// Sends a file, or the part of it that the request asks for.
-async fn send(
-    app: &App,
-    method: &Method,
-    headers: &HeaderMap,
-    file: Download,
-) -> Result<Response, ApiError> {
-    let answer = Answer::new(method, headers, &file.info);
-    let body = match answer.part.clone() {
-        Some(part) => app.read(&file, part).await?,
-        None => Body::empty(),
-    };
-    Ok(answer.with_body(body))
-}
 
 fn documented() -> OpenApiRouter<App> {
     let mut router = operations();

@@ -9,7 +9,8 @@ use axum::http::header::{HOST, ORIGIN};
 use axum::response::Response;
 use wire::{Prediction, PredictionRequest};
 
-use crate::app::{App, PredictionStream, read_question};
+use crate::app::streams::PredictionStream;
+use crate::app::{App, read_question};
 use crate::error::ApiError;
 use crate::extract::{JsonBytes, Path};
 use crate::limits::QUESTION_BYTES;

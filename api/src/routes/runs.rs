@@ -14,7 +14,9 @@ use crate::app::App;
 use crate::error::ApiError;
 use crate::extract::{Path, Query};
 use crate::limits::{POINTS_DEFAULT, POINTS_MAXIMUM};
-use crate::routes::{FileResponses, ListParameters, send};
+use crate::routes::files::send;
+use crate::routes::lists::ListParameters;
+use crate::routes::openapi::FileResponses;
 
 #[derive(Deserialize, IntoParams)]
 #[into_params(parameter_in = Query)]

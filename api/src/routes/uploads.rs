@@ -10,7 +10,8 @@ use spec::ImportSpec;
 use utoipa::{IntoParams, ToSchema};
 use wire::Job;
 
-use crate::app::{App, Reuse};
+use crate::app::App;
+use crate::app::submission::Reuse;
 use crate::error::ApiError;
 use crate::extract::{IdempotencyKey, Query};
 use crate::upload::IncomingFile;

@@ -3,7 +3,7 @@
 use figures::{Axis, Figure, FigureError, Mark, Point, Series, Size, Stroke, stacked};
 use wire::{ControlReport, PredictorKind};
 
-use super::{RobotTrials, Trace};
+use super::trial::{RobotTrials, Trace};
 
 /// Tracking error over time: at each sample the mean over robots, of controllers that did not fail.
 pub fn tracking_figure(report: &ControlReport, robots: &[RobotTrials]) -> Figure {

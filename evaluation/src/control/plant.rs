@@ -3,7 +3,7 @@ use std::ops::ControlFlow;
 use dynamics::{ArmState, DynamicsError, Joints, Motion, Replay, Robot};
 use spec::SimulateSpec;
 
-use super::Now;
+use super::forecast::Now;
 use crate::baselines::to_f32;
 
 /// A simulated robot with everything that was recorded of it.

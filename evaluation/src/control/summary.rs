@@ -6,7 +6,7 @@ use wire::{
     PredictorKind,
 };
 
-use super::{RobotTrials, Tracking, Trial};
+use super::trial::{RobotTrials, Tracking, Trial};
 use crate::stratified_mean;
 
 /// Puts the robots of a job together; `controllers` in the order of its tables, in which every robot

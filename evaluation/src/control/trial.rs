@@ -5,8 +5,10 @@ use dynamics::{Joints, Scenarios};
 use serde::{Deserialize, Serialize};
 use spec::{ControlSpec, Range, SimulateSpec};
 
+use super::forecast::{Controller, Forecast};
 use super::mppi::{self, Key};
-use super::{Controller, Forecast, Plant, Reference};
+use super::plant::Plant;
+use super::reference::Reference;
 use crate::EvaluationError;
 use crate::baselines::to_f32;
 

@@ -11,8 +11,9 @@ use serde_json::{Value, json};
 use statistics::measured_quantile;
 use tungstenite::{Message, WebSocket, client};
 
+use super::measurement::{Goal, Measurement};
 use super::serving::Serving;
-use super::{Goal, Measurement, Peers, Report, Wanted};
+use super::wanted::{Peers, Report, Wanted};
 use crate::{process, product};
 
 /// Passes of a network that each prediction takes.

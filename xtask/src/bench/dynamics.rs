@@ -16,7 +16,9 @@ use serde_json::{Value, json};
 use statistics::median;
 use tempfile::TempDir;
 
-use super::{Goal, Measurement, Peer, Peers, Report, Wanted, million};
+use super::measurement::{Goal, Measurement, Peer};
+use super::million;
+use super::wanted::{Peers, Report, Wanted};
 use crate::{machine, peers, product};
 
 const ROUNDS: usize = 5;
@@ -138,7 +140,7 @@ fn mujoco_rates(python: &Path, what: &str, dataset: &Path) -> Command {
 
 /// Runs a program that prints JSON.
 pub(super) fn answer<T: DeserializeOwned>(command: &mut Command) -> anyhow::Result<T> {
-    command.current_dir(crate::repository());
+    command.current_dir(crate::places::repository());
     let program = command.get_program().to_string_lossy().into_owned();
     let output = command.output().with_context(|| format!("cannot run {program}"))?;
     ensure!(output.status.success(), "{program}: {}", String::from_utf8_lossy(&output.stderr));

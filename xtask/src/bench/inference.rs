@@ -1,7 +1,8 @@
 //! Predictions of a single trajectory: a pass of the network, and whole chains of samplers.
 
+use super::measurement::{Goal, Measurement};
 use super::networks::{self, Network, Rounds, Subject, Twin};
-use super::{Goal, Measurement, Report, Wanted};
+use super::wanted::{Report, Wanted};
 
 const SUBJECT: Subject = Subject {
     name: "inference",

@@ -2,8 +2,10 @@
 
 use std::path::Path;
 
-use super::{Goal, Measurement, dynamics};
-use crate::{product, target};
+use super::dynamics;
+use super::measurement::{Goal, Measurement};
+use crate::places::target;
+use crate::product;
 
 pub(super) const TRAJECTORIES: u64 = 1_000_000;
 /// Simulated before, to see whether memory grows with the number.

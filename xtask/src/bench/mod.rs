@@ -10,16 +10,17 @@ mod parquet;
 mod quickstart;
 mod serving;
 mod training;
+mod wanted;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
 
 use anyhow::Context;
+use clap::Args;
 use clap::builder::PossibleValuesParser;
-use clap::{Args, ValueEnum};
 
 use crate::machine;
-use measurement::{Goal, Measurement, Peer};
+use wanted::{Peers, Report, Size, Wanted};
 
 #[derive(Debug, Args)]
 pub struct Arguments {
@@ -44,35 +45,6 @@ struct Benchmark {
     name: &'static str,
     about: &'static str,
     run: fn(Wanted) -> anyhow::Result<Report>,
-}
-
-/// What a benchmark has to say.
-struct Report {
-    /// What was run, in which version, on what.
-    notes: Vec<String>,
-    measurements: Vec<Measurement>,
-}
-
-/// What of a benchmark is asked for.
-#[derive(Clone, Copy, Debug)]
-struct Wanted {
-    peers: Peers,
-    /// All unless given.
-    size: Option<Size>,
-}
-
-/// Of the presets of networks.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum Size {
-    Small,
-    Paper,
-}
-
-/// Whether other programs are measured beside ours.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Peers {
-    LeftOut,
-    Measured,
 }
 
 const ALL: [Benchmark; 6] = [

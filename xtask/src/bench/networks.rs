@@ -10,8 +10,10 @@ use serde::de::DeserializeOwned;
 use serde_json::{Value, json};
 use statistics::median;
 
-use super::{Peer, Peers, Report, Size, Wanted};
-use crate::{peers, product, repository};
+use super::measurement::Peer;
+use super::wanted::{Peers, Report, Size, Wanted};
+use crate::places::repository;
+use crate::{peers, product};
 
 const ARCHITECTURES: [&str; 4] = ["robomorph", "cdt", "diffuser", "cdcnn"];
 
@@ -102,7 +104,7 @@ impl Network {
 pub(super) fn run(
     subject: &Subject,
     wanted: Wanted,
-    table: fn(&Network) -> Vec<super::Measurement>,
+    table: fn(&Network) -> Vec<super::measurement::Measurement>,
 ) -> anyhow::Result<Report> {
     let example = product::build_example("model_rates")?;
     let python = match wanted.peers {

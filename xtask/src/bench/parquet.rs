@@ -11,8 +11,10 @@ use serde_json::json;
 use statistics::median;
 
 use super::dynamics::answer;
-use super::{Measurement, Peer, Peers, Report, Wanted};
-use crate::{peers, product, target};
+use super::measurement::{Measurement, Peer};
+use super::wanted::{Peers, Report, Wanted};
+use crate::places::target;
+use crate::{peers, product};
 
 const ROUNDS: usize = 5;
 

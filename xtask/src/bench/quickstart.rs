@@ -7,8 +7,9 @@ use std::time::Instant;
 use anyhow::{Context, bail, ensure};
 use serde::Deserialize;
 
+use super::measurement::{Goal, Measurement};
 use super::serving::Serving;
-use super::{Goal, Measurement, Peers, Report, Wanted};
+use super::wanted::{Peers, Report, Wanted};
 use crate::{process, product};
 
 /// The whole quickstart on two cores without a GPU, in seconds.

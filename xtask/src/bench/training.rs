@@ -1,7 +1,8 @@
 //! Training steps, 64 trajectories each, and the memory that they take.
 
+use super::measurement::{Goal, Measurement};
 use super::networks::{self, Network, Rounds, Subject, Twin};
-use super::{Goal, Measurement, Report, Wanted};
+use super::wanted::{Report, Wanted};
 
 const SUBJECT: Subject = Subject {
     name: "training",

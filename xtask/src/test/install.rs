@@ -3,8 +3,8 @@
 use std::fs;
 use std::process::Command;
 
+use crate::places::repository;
 use crate::process::{self, command, succeed};
-use crate::repository;
 
 /// Interpreter of the environment that the reader tests run in.
 pub const PYTHON: &str = ".venv/bin/python";

@@ -8,8 +8,8 @@ use std::time::Instant;
 
 use clap::Args;
 
+use crate::places::repository;
 use crate::process::{self, command};
-use crate::repository;
 use counts::Counts;
 
 #[derive(Debug, Args)]

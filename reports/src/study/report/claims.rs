@@ -7,10 +7,10 @@ use wire::{Interval, Latency, PredictorInfo, Report};
 
 use crate::{Standing, degrees};
 
-use super::super::{DENOISERS, MODELS, REFERENCE, Set, Study};
+use super::super::results::{DENOISERS, MODELS, REFERENCE, Set, Study};
+use super::errors::{IN_DISTRIBUTION, OUT_OF_DISTRIBUTION, difference, rmse};
 use super::figures::{baselines, error};
 use super::text::{markdown, with_interval};
-use super::{IN_DISTRIBUTION, OUT_OF_DISTRIBUTION, difference, rmse};
 
 /// What the paper allows one prediction to take.
 const BUDGET_MS: f64 = 40.0;

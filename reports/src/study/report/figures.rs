@@ -3,8 +3,8 @@
 use figures::{Axis, Figure, Point, Series, Size};
 use wire::{Interval, PredictorKind};
 
-use super::super::{Evaluation, File, Set, Study};
-use super::{IN_DISTRIBUTION, OUT_OF_DISTRIBUTION, rmse};
+use super::super::results::{Evaluation, File, MODELS, Set, Study};
+use super::errors::{IN_DISTRIBUTION, OUT_OF_DISTRIBUTION, rmse};
 
 /// Baselines to compare with; all others are in the tables.
 const BASELINES: [&str; 2] = ["damped-integrator", "arx"];
@@ -33,7 +33,7 @@ fn drawn(evaluation: &Evaluation) -> impl Iterator<Item = File> {
 
 /// RMSE of every model on what each training set makes in or out of distribution.
 fn over_training_sets(study: &Study, group: &str) -> Figure {
-    let mut names: Vec<&str> = super::super::MODELS.to_vec();
+    let mut names: Vec<&str> = MODELS.to_vec();
     names.extend(BASELINES);
     let series = names.iter().map(|&name| {
         let points = study.sets.iter().enumerate().filter_map(|(k, set)| {

@@ -5,8 +5,9 @@ use serde_json::{Value, json};
 use spec::Digest;
 use wire::Report;
 
-use super::super::{Evaluation, File, JobRecord, MODELS, Plan, Scale, Set, Study, Training};
-use super::{IN_DISTRIBUTION, OUT_OF_DISTRIBUTION};
+use super::super::plan::{Plan, Scale};
+use super::super::results::{Evaluation, File, JobRecord, MODELS, Set, Study, Training};
+use super::errors::{IN_DISTRIBUTION, OUT_OF_DISTRIBUTION};
 
 pub fn study() -> Study {
     Study {

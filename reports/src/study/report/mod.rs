@@ -1,6 +1,7 @@
 //! The folder that says what a study found: text, tables, figures, and where each number comes from.
 
 mod claims;
+mod errors;
 mod figures;
 mod folder;
 mod tables;
@@ -10,14 +11,10 @@ use std::path::Path;
 
 use anyhow::Context;
 use spec::JobSpec;
-use wire::{Interval, Report};
 
-use super::{Set, Study};
+use super::results::{Evaluation, Set, Study};
 use folder::Folder;
 pub use folder::check_replaceable;
-
-pub const IN_DISTRIBUTION: &str = "in distribution";
-pub const OUT_OF_DISTRIBUTION: &str = "out of distribution";
 
 /// Writes the report of a study into `out`, which it replaces when it is such a report.
 ///
@@ -70,7 +67,7 @@ fn provenance(study: &Study) -> anyhow::Result<Vec<u8>> {
 }
 
 impl Study {
-    fn evaluations(&self) -> impl Iterator<Item = &super::Evaluation> {
+    fn evaluations(&self) -> impl Iterator<Item = &Evaluation> {
         let of_sets = self.sets.iter().flat_map(|set| [&set.sweep, &set.samples]);
         of_sets.chain([&self.warm_start])
     }
@@ -90,30 +87,12 @@ impl Set {
     }
 }
 
-/// Mean RMSE of a predictor over a group of cells.
-fn rmse(report: &Report, group: &str, predictor: &str) -> Option<Interval> {
-    let group = report.groups.iter().find(|found| found.name == group)?;
-    let error = group.rmse_deg.iter().find(|error| error.predictor == predictor)?;
-    Some(error.interval)
-}
-
-/// RMSE of `predictor` less that of `against` on the same scenarios; below 0 is better.
-fn difference(report: &Report, group: &str, predictor: &str, against: &str) -> Option<Interval> {
-    let find = |predictor: &str, against: &str| {
-        let mut of_group = report.paired.iter().filter(|paired| paired.group == group);
-        of_group.find(|paired| paired.predictor == predictor && paired.against == against)
-    };
-    find(predictor, against).map(|paired| paired.difference_deg).or_else(|| {
-        let Interval { mean, low, high } = find(against, predictor)?.difference_deg;
-        Some(Interval { mean: -mean, low: -high, high: -low })
-    })
-}
-
 #[cfg(test)]
 mod fixture;
 
 #[cfg(test)]
 mod tests {
+    use super::errors::{IN_DISTRIBUTION, difference};
     use super::*;
 
     #[test]

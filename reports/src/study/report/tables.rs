@@ -2,7 +2,7 @@
 
 use wire::{Interval, Latency, PredictorInfo, PredictorScores};
 
-use super::super::{Evaluation, Set, Study};
+use super::super::results::{Evaluation, Set, Study};
 
 /// Rows under names.
 #[derive(Debug)]

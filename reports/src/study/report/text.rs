@@ -6,7 +6,9 @@ use wire::Interval;
 
 use crate::degrees;
 
-use super::super::{Scale, Study, machine};
+use super::super::machine;
+use super::super::plan::Scale;
+use super::super::results::Study;
 use super::{claims, tables};
 
 /// What a reader opens first.

@@ -1,0 +1,26 @@
+//! The flags that several commands share.
+
+use clap::Args;
+use worker::DeviceKind;
+
+/// Where the commands that talk to a server find it.
+#[derive(Debug, Args)]
+pub struct ServerArguments {
+    /// The server's address
+    #[arg(long, env = "TORQUED_SERVER", value_name = "URL", default_value = DEFAULT_SERVER)]
+    pub server: String,
+
+    /// The server's token, if it asks for one
+    #[arg(long, env = "TORQUED_TOKEN", value_name = "TOKEN", hide_env_values = true)]
+    pub token: Option<String>,
+}
+
+/// What the commands that compute models are told about it.
+#[derive(Debug, Args)]
+pub struct DeviceArguments {
+    /// Device to compute models on; `torqued devices` lists them
+    #[arg(long, env = "TORQUED_DEVICE", value_name = "NAME", default_value_t)]
+    pub device: DeviceKind,
+}
+
+const DEFAULT_SERVER: &str = "http://127.0.0.1:7070";
