@@ -1,7 +1,7 @@
 //! The trait that the module of every kind implements.
 
 use serde::Serialize;
-use spec::{Doubt, JobSpec, SpecError, TrainSpec};
+use spec::{DataSpec, Doubt, JobSpec, SpecError, TrainSpec};
 use store::{JobReuse, Need, NewTask, Output};
 
 use crate::inputs::Inputs;
@@ -9,10 +9,10 @@ use crate::inputs::Inputs;
 /// Tasks of one job. Crossing it is a violation of the field that asks for so many.
 pub(crate) const TASKS_PER_JOB: u32 = 10_000;
 
-/// Why a training on trajectories of so many samples may not fit into the machine's memory.
+/// Why a training on data may not fit into the machine's memory.
 ///
 /// Nothing that computes models is compiled for this crate; whoever composes the server brings it.
-pub type MemoryDoubts = dyn Fn(&TrainSpec, u32) -> Option<Doubt> + Send + Sync;
+pub type MemoryDoubts = dyn Fn(&TrainSpec, &DataSpec) -> Option<Doubt> + Send + Sync;
 
 /// The largest requests that a server takes.
 #[derive(Clone, Copy, Debug)]
@@ -61,8 +61,8 @@ pub(crate) trait Kind {
         None
     }
 
-    /// Why it may not fit into memory with trajectories of `samples`.
-    fn memory_doubt(&self, _samples: u32, _memory: &MemoryDoubts) -> Option<Doubt> {
+    /// Why it may not fit into memory with the `data` that it reads.
+    fn memory_doubt(&self, _data: &DataSpec, _memory: &MemoryDoubts) -> Option<Doubt> {
         None
     }
 }

@@ -1,5 +1,5 @@
 use serde_json::json;
-use spec::{Doubt, SpecError, TrainSpec};
+use spec::{DataSpec, Doubt, SpecError, TrainSpec};
 use store::{DatasetState, NewTask, Output};
 
 use crate::inputs::Inputs;
@@ -30,7 +30,7 @@ impl Kind for TrainSpec {
         }
     }
 
-    fn memory_doubt(&self, samples: u32, memory: &MemoryDoubts) -> Option<Doubt> {
-        memory(self, samples)
+    fn memory_doubt(&self, data: &DataSpec, memory: &MemoryDoubts) -> Option<Doubt> {
+        memory(self, data)
     }
 }

@@ -12,7 +12,10 @@ use mimalloc::MiMalloc;
 use models::{Device, Trainer, TrainingData, TrainingMemory};
 use serde_json::json;
 use series::{Series, Shape};
-use spec::{JOINTS, JobSpec, TrainSpec};
+use spec::{JobSpec, TrainSpec};
+
+/// Joints of the Panda.
+const JOINTS: usize = 7;
 
 /// As the product has it.
 #[global_allocator]
@@ -45,7 +48,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     }
     println!("{:<24} {:>12} {:>12} {:>8}", "", "said, MiB", "taken, MiB", "ratio");
     for training in arguments {
-        let memory = TrainingMemory::of(&spec_of(&training)?, DATA.samples)?;
+        let memory = TrainingMemory::of(&spec_of(&training)?, DATA.samples, JOINTS)?;
         let said = mebibytes(memory.peak_bytes);
         let child = Command::new(std::env::current_exe()?).args(["--alone", &training]).output()?;
         if !child.status.success() {

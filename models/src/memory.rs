@@ -4,7 +4,7 @@ use std::rc::Rc;
 
 use burn::module::{ModuleVisitor, Param};
 use burn::tensor::Tensor;
-use spec::{Doubt, ModelSpec, TrainSpec};
+use spec::{DataSpec, Doubt, ModelSpec, TrainSpec};
 
 use crate::activations::Tally;
 use crate::architecture::Extents;
@@ -13,9 +13,6 @@ use crate::sequence_model::SequenceModel;
 use crate::{Device, ModelError};
 
 const F32: u64 = 4;
-
-/// Joints that are counted with: another arm changes a first layer and a last one, which are small.
-const JOINTS: usize = 7;
 
 /// Copies of the parameters while a step is taken: weights, gradients, both moments.
 const COPIES: u64 = 4;
@@ -66,12 +63,12 @@ pub struct TrainingMemory {
 }
 
 impl TrainingMemory {
-    /// The memory of a training on trajectories of `samples`, on the CPU.
+    /// The memory of a training on trajectories of `samples` of an arm with `joints`, on the CPU.
     ///
     /// # Errors
     /// Sizes that do not fit each other.
-    pub fn of(spec: &TrainSpec, samples: u32) -> Result<Self, ModelError> {
-        Ok(Counts::of(spec, samples)?.memory(spec, spec.gradient_accumulation))
+    pub fn of(spec: &TrainSpec, samples: u32, joints: usize) -> Result<Self, ModelError> {
+        Ok(Counts::of(spec, samples, joints)?.memory(spec, spec.gradient_accumulation))
     }
 }
 
@@ -85,8 +82,8 @@ struct Counts {
 }
 
 impl Counts {
-    fn of(spec: &TrainSpec, samples: u32) -> Result<Self, ModelError> {
-        let extents = Extents::new(spec.context, samples, JOINTS)?;
+    fn of(spec: &TrainSpec, samples: u32, joints: usize) -> Result<Self, ModelError> {
+        let extents = Extents::new(spec.context, samples, joints)?;
         let model = without_weights(&spec.model, extents)?;
         let tally = Rc::new(Tally::default());
         model.count(extents, &tally);
@@ -115,10 +112,10 @@ impl Counts {
     }
 }
 
-/// Why a training on trajectories of `samples` may not fit into `available` bytes. Nothing is said of a
-/// model that cannot be made: its training says why.
-pub fn memory_doubt(spec: &TrainSpec, samples: u32, available: u64) -> Option<Doubt> {
-    let counts = Counts::of(spec, samples).ok()?;
+/// Why a training on `data` may not fit into `available` bytes. Nothing is said of a model that cannot be
+/// made: its training says why.
+pub fn memory_doubt(spec: &TrainSpec, data: &DataSpec, available: u64) -> Option<Doubt> {
+    let counts = Counts::of(spec, data.samples(), data.joints()).ok()?;
     let needed = counts.memory(spec, spec.gradient_accumulation);
     if needed.peak_bytes <= available {
         return None;
@@ -164,12 +161,14 @@ mod tests {
     use spec::JobSpec;
 
     use super::*;
+
     use crate::allocations::live_bytes;
     use crate::architecture::ModelInput;
     use crate::parameters::parameters;
     use crate::randomness::{Noise, Purpose, generator};
     use burn::tensor::TensorData;
 
+    const JOINTS: usize = 7;
     const EXTENTS: Extents = Extents { context: 320, horizon: 80, joints: JOINTS };
 
     fn training(preset: &str, more: &Value) -> TrainSpec {
@@ -235,7 +234,7 @@ mod tests {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
         let mut off = Vec::new();
         for (name, spec) in every_kind() {
-            let counted = Counts::of(&spec, 400).unwrap().kept as f64;
+            let counted = Counts::of(&spec, 400, JOINTS).unwrap().kept as f64;
             let kept = pool.install(|| {
                 let device = Device::cpu().training();
                 let mut weights = InitialWeights::new(0, &device);
@@ -276,11 +275,21 @@ mod tests {
     }
 
     #[test]
+    fn an_arm_of_fewer_joints_needs_less_memory() {
+        let spec = training("robomorph-tiny", &json!({}));
+        let [six, seven] = [6, 7].map(|joints| TrainingMemory::of(&spec, 400, joints).unwrap());
+        assert!(six.parameters < seven.parameters, "{six:?} {seven:?}");
+        assert!(six.activation_bytes < seven.activation_bytes, "{six:?} {seven:?}");
+    }
+
+    #[test]
     fn the_advice_of_a_doubt_is_followed_and_the_doubt_is_gone() {
+        let data = spec::parse(br#"{"preset": "D1-chirp"}"#).unwrap();
+        let data = DataSpec::of(&data).unwrap();
         let large = TrainSpec { batch_size: 64, ..training("cdcnn-paper", &json!({})) };
         let small = TrainSpec { batch_size: 64, ..training("cdcnn-tiny", &json!({})) };
-        assert_eq!(memory_doubt(&small, 400, 1 << 30), None);
-        let Doubt { field, value, reason } = memory_doubt(&large, 400, 1 << 30).unwrap();
+        assert_eq!(memory_doubt(&small, &data, 1 << 30), None);
+        let Doubt { field, value, reason } = memory_doubt(&large, &data, 1 << 30).unwrap();
         assert_eq!((field.as_str(), value.as_str()), ("batch_size", "64 in 64 at once"));
         for part in ["parameters", "has 1.00 GiB", "a worker"] {
             assert!(reason.contains(part), "{reason:?} lacks {part:?}");
@@ -288,10 +297,10 @@ mod tests {
         let (_, advice) = reason.split_once("\"gradient_accumulation\": ").unwrap();
         let parts: u32 = advice.split(' ').next().unwrap().parse().unwrap();
         let split = TrainSpec { gradient_accumulation: parts, ..large };
-        assert_eq!(memory_doubt(&split, 400, 1 << 30), None);
+        assert_eq!(memory_doubt(&split, &data, 1 << 30), None);
 
         let too_large = training("diffuser-paper", &json!({}));
-        let doubt = memory_doubt(&too_large, 400, 1 << 30).unwrap();
+        let doubt = memory_doubt(&too_large, &data, 1 << 30).unwrap();
         assert!(doubt.reason.contains("a smaller model does"), "{}", doubt.reason);
     }
 }

@@ -17,7 +17,7 @@ use anyhow::Context;
 use api::App;
 use clap::Args;
 use live::Live;
-use spec::TrainSpec;
+use spec::{DataSpec, TrainSpec};
 use store::{Access, Store};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
@@ -114,8 +114,8 @@ impl Server {
         .with_models(Arc::new(live(store.clone(), options)?));
         let app = match memory::bytes() {
             Some(bytes) => {
-                app.with_memory_doubts(Arc::new(move |training: &TrainSpec, samples| {
-                    models::memory_doubt(training, samples, bytes)
+                app.with_memory_doubts(Arc::new(move |training: &TrainSpec, data: &DataSpec| {
+                    models::memory_doubt(training, data, bytes)
                 }))
             }
             None => app,

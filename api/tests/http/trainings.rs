@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use api::{App, Options};
 use serde_json::{Value, json};
-use spec::{Doubt, TrainSpec};
+use spec::{DataSpec, Doubt, TrainSpec};
 use store::NewCheckpoint;
 
 use crate::fixture::{Server, small_pipeline, small_simulation, small_training};
@@ -131,11 +131,11 @@ async fn an_evaluation_of_other_data_than_the_model_is_for_is_refused_with_both_
 
 /// Doubts trainings of more than 8 trajectories at once.
 fn memory_doubts(app: App) -> App {
-    app.with_memory_doubts(Arc::new(|training: &TrainSpec, samples| {
+    app.with_memory_doubts(Arc::new(|training: &TrainSpec, data: &DataSpec| {
         (training.batch_size > 8).then(|| Doubt {
             field: "batch_size".to_owned(),
             value: training.batch_size.to_string(),
-            reason: format!("too many of {samples} samples"),
+            reason: format!("too many of {} samples", data.samples()),
         })
     }))
 }

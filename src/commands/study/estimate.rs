@@ -85,7 +85,7 @@ impl Rehearsal<'_> {
             }
             JobSpec::Train(spec) => {
                 let data = self.simulation_of(&spec.data)?;
-                let memory = TrainingMemory::of(spec, data.samples)?;
+                let memory = TrainingMemory::of(spec, data.samples, data.joints())?;
                 let seconds = self.training(spec)?.step * spec.steps as f64;
                 let what = format!(
                     "{} steps of {}, {:.1} M parameters",
