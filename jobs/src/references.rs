@@ -90,6 +90,9 @@ impl<'a> References<'a> {
                 Referred::File(file) => self.check_sent(*file, &field).await?,
             }
         }
+        if let Some(data) = inputs.data.first() {
+            spec.fit_to_data(&data.spec);
+        }
         Ok(Resolved { spec, inputs })
     }
 

@@ -9,8 +9,8 @@ use utoipa::ToSchema;
 use crate::check::{Check, Report};
 use crate::kind::KindSpec;
 use crate::{
-    Bootstrap, CheckpointRef, DataSource, DataSpec, Doubt, Execution, Gravity, Normalization,
-    Reference, RobotDescription, SpecError, Training,
+    Bootstrap, CheckpointRef, DataSource, DataSpec, Doubt, Execution, Gravity, JointDescription,
+    MAX_JOINTS, Normalization, Range, Reference, RobotDescription, RobotModel, SpecError, Training,
 };
 
 /// Move robots along a path by model predictive control, once through every predictor.
@@ -94,9 +94,9 @@ pub enum ControlPath {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Swing {
-    /// a of each joint, rad.
+    /// a of each joint, rad; left out, as far as 0.4 rad is free.
     pub amplitude_rad: Vec<f64>,
-    /// f of each joint, Hz.
+    /// f of each joint, Hz; left out, 0.15 to 0.3.
     pub frequency_hz: Vec<f64>,
 }
 
@@ -118,13 +118,28 @@ impl Default for ControlPath {
 }
 
 impl Default for Swing {
-    /// For the Panda: what q̇ = u / D asks for lies within the torques of the training set D1.
     fn default() -> Self {
+        Self::of(RobotModel::panda().description())
+    }
+}
+
+impl Swing {
+    /// For `robot`: what q̇ = u / D asks of a Panda lies within the torques of the training set D1.
+    fn of(robot: &RobotDescription) -> Self {
+        const AMPLITUDE_RAD: f64 = 0.4;
+        const FREQUENCY_HZ: [f64; MAX_JOINTS] = [0.15, 0.2, 0.25, 0.15, 0.2, 0.25, 0.3, 0.15];
+        let frequency_hz = FREQUENCY_HZ.into_iter().take(robot.joints.len()).collect();
         Self {
-            amplitude_rad: vec![0.4; 7],
-            frequency_hz: vec![0.15, 0.2, 0.25, 0.15, 0.2, 0.25, 0.3],
+            amplitude_rad: robot.per_joint(|joint| AMPLITUDE_RAD.min(free(joint))),
+            frequency_hz,
         }
     }
+}
+
+/// How far a joint can go from anywhere within its limits, rad: half its range is free on one side.
+fn free(joint: &JointDescription) -> f64 {
+    let Range { min, max } = joint.position_rad;
+    0.5 * (max - min) - CLEARANCE_RAD
 }
 
 impl ControlPath {
@@ -165,7 +180,8 @@ pub struct Planner {
     pub horizon: u32,
     /// Samples of a plan that are carried out before the next is made.
     pub replan_every: u32,
-    /// Standard deviation of the noise at its knots, N·m.
+    /// Standard deviation of the noise at its knots of each joint, N·m; left out, 2, or a sixth of the rated
+    /// torque where that is less.
     pub noise_nm: Vec<f64>,
     /// Samples between two knots of the noise.
     pub knot_every: u32,
@@ -197,7 +213,7 @@ impl Default for Planner {
             iterations: 2,
             horizon: 30,
             replan_every: 4,
-            noise_nm: vec![2.0; 7],
+            noise_nm: usual_noise_nm(RobotModel::panda().description()),
             knot_every: 15,
             noise_decay: 0.5,
             temperature: 0.1,
@@ -205,6 +221,11 @@ impl Default for Planner {
             effort_rad2_nm2: 1e-7,
         }
     }
+}
+
+/// 2 N·m at every joint of a Panda; less where a joint's rated torque is below the Panda's least, 12 N·m.
+fn usual_noise_nm(robot: &RobotDescription) -> Vec<f64> {
+    robot.per_joint(|joint| f64::min(2.0, joint.torque_nm / 6.0))
 }
 
 mod defaults {
@@ -312,6 +333,24 @@ impl ControlSpec {
 }
 
 impl KindSpec for ControlSpec {
+    /// Lists as they are left out, the Panda's, become those of the data's robot where that has another
+    /// number of joints.
+    fn fit_to_data(&mut self, data: &DataSpec) {
+        let Some(simulation) = data.simulation() else { return };
+        let robot = simulation.robot.description();
+        if robot.joints.len() == RobotModel::panda().description().joints.len() {
+            return;
+        }
+        let fitting = Swing::of(robot);
+        if let ControlPath::Swing(swing) = &mut self.path {
+            let usual = Swing::default();
+            replace_usual(&mut swing.amplitude_rad, &usual.amplitude_rad, fitting.amplitude_rad);
+            replace_usual(&mut swing.frequency_hz, &usual.frequency_hz, fitting.frequency_hz);
+        }
+        let usual = Planner::default().noise_nm;
+        replace_usual(&mut self.planner.noise_nm, &usual, usual_noise_nm(robot));
+    }
+
     fn execution(&self) -> Execution {
         self.execution
     }
@@ -323,6 +362,12 @@ impl KindSpec for ControlSpec {
 
     fn doubts(&self) -> Vec<Doubt> {
         self.data.doubts()
+    }
+}
+
+fn replace_usual(list: &mut Vec<f64>, usual: &[f64], fitting: Vec<f64>) {
+    if list == usual {
+        *list = fitting;
     }
 }
 
@@ -362,9 +407,7 @@ impl ControlPath {
         };
         report.one_per_joint(field, displacement, joints);
         for (i, (value, joint)) in displacement.iter().zip(&robot.joints).enumerate() {
-            // From anywhere within its limits, half a joint's range is free on one side.
-            let limits = joint.position_rad;
-            let free = 0.5 * (limits.max - limits.min) - CLEARANCE_RAD;
+            let free = free(joint);
             if *value > free {
                 let allowed =
                     format!("0 to {free:.4}, which stays within the joint's limits from anywhere");

@@ -162,6 +162,11 @@ impl JobSpec {
         self.fields_mut().references()
     }
 
+    /// Puts what was left out, and depends on the robot, as the `data` that its references led to asks for.
+    pub fn fit_to_data(&mut self, data: &DataSpec) {
+        self.fields_mut().fit_to_data(data);
+    }
+
     /// Sentences about values that are allowed and yet probably no intention, those of streams and of
     /// a pipeline's members included.
     pub fn doubts(&self) -> Vec<Doubt> {

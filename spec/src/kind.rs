@@ -32,6 +32,9 @@ pub(crate) trait KindSpec: Check {
         Vec::new()
     }
 
+    /// Puts what was left out, and depends on the robot, as the `data` that its references led to asks for.
+    fn fit_to_data(&mut self, _data: &DataSpec) {}
+
     /// The trajectories that it makes, if it makes any.
     fn data(&self) -> Option<DataSpec> {
         None

@@ -3,7 +3,7 @@
 #![expect(clippy::unwrap_used, reason = "a test may panic")]
 
 use serde_json::{Value, json};
-use spec::{ControlSpec, DataSpec, EvaluateSpec, JobSpec, TrainSpec, Training};
+use spec::{ControlPath, ControlSpec, DataSpec, EvaluateSpec, JobSpec, TrainSpec, Training};
 
 fn data(samples: u32) -> DataSpec {
     let job = json!({"preset": "D1-chirp", "trajectories": 1000, "samples": samples});
@@ -152,11 +152,15 @@ fn a_path_that_could_leave_a_joint_s_limits_is_refused() {
 
 #[test]
 fn paths_and_noise_have_one_number_for_each_joint_and_noise_no_more_than_a_joint_can() {
-    let error = control(&json!({})).check_inputs(&arms_of_six(), &[]).unwrap_err().to_string();
+    let lists = json!({
+        "path": {"swing": {"amplitude_rad": vec![0.1; 7], "frequency_hz": vec![0.1; 5]}},
+        "planner": {"noise_nm": [1]},
+    });
+    let error = control(&lists).check_inputs(&arms_of_six(), &[]).unwrap_err().to_string();
     for part in [
         "path.swing.amplitude_rad is 7 numbers",
-        "path.swing.frequency_hz is 7 numbers",
-        "planner.noise_nm is 7 numbers",
+        "path.swing.frequency_hz is 5 numbers",
+        "planner.noise_nm is 1 numbers",
         "6 numbers, one for each joint",
     ] {
         assert!(error.contains(part), "{error}");
@@ -164,4 +168,29 @@ fn paths_and_noise_have_one_number_for_each_joint_and_noise_no_more_than_a_joint
     let loud = control(&json!({"planner": {"noise_nm": [2, 2, 2, 2, 2, 2, 88]}}));
     let error = loud.check_inputs(&data(400), &[]).unwrap_err().to_string();
     assert!(error.contains("planner.noise_nm[6] is 88") && error.contains("at most 87"), "{error}");
+}
+
+#[test]
+fn paths_and_noise_that_are_left_out_fit_the_robot_of_the_data() {
+    let fitted = |extra: &Value, data: &DataSpec| {
+        let mut job = JobSpec::Control(control(extra));
+        job.fit_to_data(data);
+        match job {
+            JobSpec::Control(control) => control,
+            other => panic!("{other:?}"),
+        }
+    };
+    let of_panda = fitted(&json!({}), &data(400));
+    assert_eq!(of_panda, control(&json!({})));
+    assert_eq!(of_panda.planner.noise_nm, [2.0; 7]);
+
+    let of_six = fitted(&json!({"context": 30}), &arms_of_six());
+    of_six.check_inputs(&arms_of_six(), &[]).unwrap();
+    let ControlPath::Swing(swing) = &of_six.path else { panic!("{of_six:?}") };
+    assert_eq!(swing.amplitude_rad, [0.4; 6]);
+    assert_eq!(swing.frequency_hz, [0.15, 0.2, 0.25, 0.15, 0.2, 0.25]);
+    assert_eq!(of_six.planner.noise_nm.len(), 6);
+
+    let given = json!({"context": 30, "planner": {"noise_nm": vec![0.5; 6]}});
+    assert_eq!(fitted(&given, &arms_of_six()).planner.noise_nm, [0.5; 6]);
 }
