@@ -9,7 +9,10 @@ use std::ops::ControlFlow;
 
 use dynamics::{DynamicsError, simulate};
 use serde_json::{Value, json};
-use spec::{Integrator, JOINTS, JobSpec, Precision, SimulateSpec};
+use spec::{Integrator, JobSpec, Precision, SimulateSpec};
+
+/// Joints of the Panda.
+const JOINTS: usize = 7;
 
 /// Close enough to call the solution where any scheme can follow; [`CONTROL`] shows where none can.
 const SOLUTION: Integrator = Integrator::Rk4 { substeps: 64 };

@@ -14,7 +14,10 @@ use dynamics::Trajectories;
 use evaluation::{NominalArm, baseline, rmse_deg};
 use serde_json::json;
 use series::{Series, Shape};
-use spec::{Baseline, DataSpec, JOINTS, JobSpec, SimulateSpec};
+use spec::{Baseline, DataSpec, JobSpec, SimulateSpec};
+
+/// Joints of the Panda.
+const JOINTS: usize = 7;
 
 const BASELINES: [Baseline; 6] = [
     Baseline::HoldLast,

@@ -18,8 +18,11 @@ use std::time::Instant;
 use models::{Device, ModelError, Sampling, TrainedModel, Trainer, TrainingData};
 use serde_json::{Value, json};
 use series::{Series, Shape, ShapeError};
-use spec::{JOINTS, JobSpec, PresetPlace, SamplerKind, SamplerSpec};
+use spec::{JobSpec, PresetPlace, SamplerKind, SamplerSpec};
 use statistics::measured_quantile;
+
+/// Joints of the Panda.
+const JOINTS: usize = 7;
 
 const BATCH: usize = 64;
 const DATA: TrainingData =

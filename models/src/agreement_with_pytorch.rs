@@ -8,8 +8,8 @@ use burn::tensor::{Tensor, TensorData};
 use safetensors::SafeTensors;
 use series::{Series, Shape};
 use spec::{
-    DataSource, Execution, JOINTS, Normalization, OptimizerSpec, SamplerKind, SamplerSpec,
-    TrainSpec, ValidationMetric,
+    DataSource, Execution, Normalization, OptimizerSpec, SamplerKind, SamplerSpec, TrainSpec,
+    ValidationMetric,
 };
 
 use crate::architecture::{Ask, Draw, ModelInput};
@@ -23,6 +23,9 @@ use crate::parameters::{NamedTensor, NamedTensors, parameters};
 use crate::randomness::Noise;
 use crate::sequence_model::SequenceModel;
 use crate::{CheckpointConfig, Device, TrainedModel, Trainer, TrainingData, checkpoint};
+
+/// Joints of the Panda.
+const JOINTS: usize = 7;
 
 /// A folder of `tests/data`.
 struct Peer(&'static str);

@@ -12,8 +12,11 @@ use models::{
     ValidationPart,
 };
 use safetensors::SafeTensors;
-use spec::{EmaSpec, JOINTS, ModelSpec, RoboMorphSpec, SamplerKind, SamplerSpec, TrainSpec};
+use spec::{EmaSpec, ModelSpec, RoboMorphSpec, SamplerKind, SamplerSpec, TrainSpec};
 use synthetic::{CONTEXT, DATA, SAMPLES, batch, every_kind, train_spec};
+
+/// Joints of the Panda.
+const JOINTS: usize = 7;
 
 /// Of the largest gradient of the same parameter.
 const GRADIENT_TOLERANCE: f32 = 5e-5;

@@ -11,9 +11,12 @@ use models::{
 use serde_json::json;
 use series::{Observed, Series, Shape};
 use spec::{
-    CdtSpec, EmaSpec, JOINTS, Known, ModelSpec, Normalization, SamplerKind, SamplerSpec, TrainSpec,
+    CdtSpec, EmaSpec, Known, ModelSpec, Normalization, SamplerKind, SamplerSpec, TrainSpec,
 };
 use synthetic::{CONTEXT, DATA, SAMPLES, batch, every_kind, train_spec};
+
+/// Joints of the Panda.
+const JOINTS: usize = 7;
 
 const CONTEXT_VALUES: usize = CONTEXT as usize * JOINTS;
 const HORIZON_VALUES: usize = (SAMPLES - CONTEXT) as usize * JOINTS;

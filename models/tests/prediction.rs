@@ -7,8 +7,11 @@ mod synthetic;
 use models::{Device, ModelError, TrainedModel, Trainer, TrainingData};
 use models::{Statistics, StatisticsAccumulator, ValidationPart};
 use series::{Observed, Series, Shape};
-use spec::{JOINTS, Normalization, TrainSpec};
+use spec::{Normalization, TrainSpec};
 use synthetic::{CONTEXT, DATA, SAMPLES, batch, train_spec};
+
+/// Joints of the Panda.
+const JOINTS: usize = 7;
 
 const CONTEXT_VALUES: usize = CONTEXT as usize * JOINTS;
 const ROW: usize = SAMPLES as usize * JOINTS;

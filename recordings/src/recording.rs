@@ -1,6 +1,6 @@
 //! One recording: its timing checked, or its samples put where the dataset wants them.
 
-use spec::{ImportSpec, JOINTS, Resampling, TimeUnit};
+use spec::{ImportSpec, Resampling, TimeUnit};
 
 use crate::error::RowError;
 use crate::samples::Sample;
@@ -63,7 +63,11 @@ impl Recording {
             return None;
         }
         self.samples += 1;
-        Some(if at >= next.time_s - tolerance { next } else { between(&last, &next, at) })
+        Some(if at >= next.time_s - tolerance {
+            next
+        } else {
+            between(&last, &next, at, spec.joints())
+        })
     }
 
     fn check_period(&self, period: f64, row: u64, spec: &ImportSpec) -> Result<(), RowError> {
@@ -131,11 +135,11 @@ impl Recording {
     }
 }
 
-/// Positions and velocities on the line between two samples; torques are held.
-fn between(last: &Sample, next: &Sample, at: f64) -> Sample {
+/// Positions and velocities on the line between two samples; torques, of which there are `joints`, are held.
+fn between(last: &Sample, next: &Sample, at: f64, joints: usize) -> Sample {
     let share = (at - last.time_s) / (next.time_s - last.time_s);
     let mut sample = Sample { time_s: at, ..*last };
-    for (value, next) in sample.values.iter_mut().zip(next.values).skip(JOINTS) {
+    for (value, next) in sample.values.iter_mut().zip(next.values).skip(joints) {
         *value += share * (next - *value);
     }
     sample

@@ -1,6 +1,6 @@
 //! Rows as both formats give them: some at a time, in the order of the file.
 
-use spec::{ImportColumns, JOINTS};
+use spec::{ImportColumns, MAX_JOINTS};
 
 use crate::RowError;
 
@@ -38,7 +38,7 @@ pub(crate) fn channel_columns(columns: &ImportColumns) -> Vec<&str> {
 }
 
 /// Channels of a sample at most: torques, positions, velocities.
-pub(crate) const MAX_CHANNELS: usize = 3 * JOINTS;
+pub(crate) const MAX_CHANNELS: usize = 3 * MAX_JOINTS;
 
 /// Finds each column that `columns` asks for among those of the file, once.
 ///

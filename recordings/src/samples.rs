@@ -1,6 +1,6 @@
 //! Rows as samples: in SI units, each value checked.
 
-use spec::{AngleUnit, ImportSpec, Range};
+use spec::{AngleUnit, ImportRanges, ImportSpec, JointDescription, Range};
 
 use crate::error::RowError;
 use crate::rows::{MAX_CHANNELS, Rows, TimeColumn};
@@ -30,8 +30,8 @@ struct Channel {
     factor: f64,
     unit: &'static str,
     range: Range,
-    /// The field of the spec with that range.
-    range_field: &'static str,
+    /// Where that range comes from.
+    range_source: String,
     /// Whether the file may in truth be in degrees.
     maybe_degrees: bool,
 }
@@ -48,17 +48,18 @@ impl Sampling {
     pub fn new(spec: &ImportSpec) -> Self {
         let radians = spec.units.angle == AngleUnit::Rad;
         let angle = if radians { 1.0 } else { 1f64.to_radians() };
-        let ImportSpec { columns, ranges, .. } = spec;
+        let columns = &spec.columns;
+        let [u_limits, q_limits, qd_limits] = limits(spec);
         let groups = [
-            (Some(&columns.u), 1.0, "N·m", ranges.u_nm, "ranges.u_nm", false),
-            (Some(&columns.q), angle, "rad", ranges.q_rad, "ranges.q_rad", radians),
-            (columns.qd.as_ref(), angle, "rad/s", ranges.qd_rad_s, "ranges.qd_rad_s", radians),
+            (Some(&columns.u), 1.0, "N·m", u_limits, false),
+            (Some(&columns.q), angle, "rad", q_limits, radians),
+            (columns.qd.as_ref(), angle, "rad/s", qd_limits, radians),
         ];
         let mut channels = Vec::new();
-        for (names, factor, unit, range, range_field, maybe_degrees) in groups {
-            for column in names.into_iter().flatten() {
+        for (names, factor, unit, limits, maybe_degrees) in groups {
+            for (column, (range, range_source)) in names.into_iter().flatten().zip(limits) {
                 let column = column.clone();
-                channels.push(Channel { column, factor, unit, range, range_field, maybe_degrees });
+                channels.push(Channel { column, factor, unit, range, range_source, maybe_degrees });
             }
         }
         let unit_s = spec.units.time.seconds();
@@ -100,6 +101,37 @@ impl Sampling {
     }
 }
 
+/// What torques, positions and velocities of each joint may lie in, and where that is said: in `ranges`, or
+/// in the description of the robot.
+fn limits(spec: &ImportSpec) -> [Vec<(Range, String)>; 3] {
+    let robot = spec.robot();
+    let joints = &robot.description().joints;
+    let limits = |range: Option<Range>, range_field: &str, limit_field: &str, limit: Limit| {
+        let of_joint = |(number, joint)| match range {
+            Some(range) => (range, range_field.to_owned()),
+            None => {
+                let source = format!(
+                    "{limit_field} of joint {number} in robot.model; {range_field} replaces it"
+                );
+                (limit(joint), source)
+            }
+        };
+        (1..).zip(joints).map(of_joint).collect()
+    };
+    let both_ways = |limit: f64| Range::new(-limit, limit);
+    let ImportRanges { u_nm, q_rad, qd_rad_s } = spec.ranges;
+    [
+        limits(u_nm, "ranges.u_nm", "torque_nm", &|joint| both_ways(joint.torque_nm)),
+        limits(q_rad, "ranges.q_rad", "position_rad", &|joint| joint.position_rad),
+        limits(qd_rad_s, "ranges.qd_rad_s", "velocity_rad_s", &|joint| {
+            both_ways(joint.velocity_rad_s)
+        }),
+    ]
+}
+
+/// A limit of a joint.
+type Limit<'a> = &'a dyn Fn(&JointDescription) -> Range;
+
 impl Channel {
     fn convert(&self, written: f64, row: u64) -> Result<f64, RowError> {
         let value = written * self.factor;
@@ -108,7 +140,7 @@ impl Channel {
         }
         let Range { min, max } = self.range;
         let unit = self.unit;
-        let mut allowed = format!("{min} to {max} {unit} ({})", self.range_field);
+        let mut allowed = format!("{min} to {max} {unit} ({})", self.range_source);
         if !value.is_finite() {
             allowed = format!("a finite number, {allowed}");
         } else if self.maybe_degrees && self.range.contains(value.to_radians()) {

@@ -1,4 +1,4 @@
-use crate::{Cell, Column, ImportSpec, JOINTS, SimulateSpec};
+use crate::{Cell, Column, ImportSpec, SimulateSpec};
 
 /// What makes trajectories: the spec behind a dataset or a stream.
 #[derive(Clone, Debug, PartialEq)]
@@ -28,7 +28,7 @@ impl DataSpec {
     pub fn joints(&self) -> usize {
         match self {
             Self::Simulation(spec) => spec.joints(),
-            Self::Import(_) => JOINTS,
+            Self::Import(spec) => spec.joints(),
         }
     }
 

@@ -28,9 +28,6 @@ mod stream;
 mod train;
 mod verify;
 
-/// Joints of the arm; every `u` and `y` has this many channels.
-pub const JOINTS: usize = 7;
-
 pub use canonical::{Digest, ParseDigestError};
 pub use control::{
     ControlBaseline, ControlPath, ControlSpec, PlanWeights, Planner, PointToPoint, Swing,

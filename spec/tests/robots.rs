@@ -168,3 +168,52 @@ fn explicit_steps_are_in_doubt_where_nothing_tells_whether_they_are_stable() {
     assert_eq!(doubts.len(), 1);
     assert!(doubts[0].reason.contains("least_inertia_kg_m2"), "{}", doubts[0].reason);
 }
+
+/// An import of recordings with a column for each of `joints` joints.
+fn import(joints: usize, fields: &Value) -> Value {
+    let columns = |prefix: &str| -> Vec<String> {
+        (1..=joints).map(|joint| format!("{prefix}{joint}")).collect()
+    };
+    let mut spec = json!({
+        "kind": "import", "file": "0".repeat(64), "format": "csv",
+        "columns": {"u": columns("u"), "q": columns("q")},
+    });
+    spec.as_object_mut().unwrap().extend(fields.as_object().unwrap().clone());
+    spec
+}
+
+#[test]
+fn a_recording_has_the_joints_of_its_robot_and_its_limits_unless_ranges_are_given() {
+    let robot = json!({"robot": {"model": arm_of_six()}, "ranges": {"u_nm": [-5, 5]}});
+    let job = parse(import(6, &robot).to_string().as_bytes()).unwrap();
+    let JobSpec::Import(spec) = &job else { panic!("{job:?}") };
+    assert_eq!(spec.joints(), 6);
+    assert_eq!(spec.robot().damping_nm_s_rad, [12.0, 12.0, 9.0, 4.0, 4.0, 2.0]);
+    let stored = job.to_json();
+    assert_eq!(stored["ranges"], json!({"u_nm": [-5.0, 5.0], "q_rad": null, "qd_rad_s": null}));
+    assert_eq!(parse(stored.to_string().as_bytes()).unwrap(), job);
+    let columns: Vec<String> = spec.trajectory_columns().into_iter().map(|it| it.name).collect();
+    assert_eq!(columns[2..8], ["u1", "u2", "u3", "u4", "u5", "u6"]);
+    assert_eq!(columns.len(), 2 + 12);
+
+    let unnamed = parse(import(7, &json!({})).to_string().as_bytes()).unwrap().to_json();
+    assert_eq!(unnamed.get("robot"), None);
+    assert_eq!(unnamed["ranges"]["q_rad"], json!([-6.5, 6.5]));
+}
+
+#[test]
+fn a_recording_with_columns_for_another_number_of_joints_is_refused() {
+    let refusal = |joints, fields: &Value| {
+        parse(import(joints, fields).to_string().as_bytes()).unwrap_err().to_string()
+    };
+    let six = refusal(6, &json!({}));
+    let seven = refusal(7, &json!({"robot": {"model": arm_of_six()}}));
+    let null = refusal(7, &json!({"ranges": {"q_rad": null}}));
+    for (error, parts) in [
+        (six, ["columns.u is 6 columns", "7 columns, one for each joint"]),
+        (seven, ["columns.q is 7 columns", "6 columns, one for each joint"]),
+        (null, ["ranges.q_rad is null", "where no robot is given"]),
+    ] {
+        assert!(parts.iter().all(|part| error.contains(part)), "{error}");
+    }
+}

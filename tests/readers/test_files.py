@@ -2,6 +2,8 @@
 
 import hashlib
 import json
+import pathlib
+import subprocess
 import tempfile
 import unittest
 
@@ -10,7 +12,7 @@ import polars
 import pyarrow.parquet
 import safetensors.numpy
 
-from product import Product
+from product import REPOSITORY, TORQUED, Product
 
 CHANNELS = [f"u{k}" for k in range(1, 8)] + [f"q{k}" for k in range(1, 8)]
 
@@ -102,6 +104,29 @@ class Files(unittest.TestCase):
         footer = pyarrow.parquet.ParquetFile(path).metadata.metadata
         columns = [column["name"] for column in json.loads(footer[b"torqued.columns"])]
         self.assertEqual(columns, frame.columns)
+
+
+class ArmOfSix(unittest.TestCase):
+    def test_polars_finds_six_torques_and_six_positions(self):
+        spec = {
+            "kind": "simulate",
+            "trajectories": 4,
+            "samples": 60,
+            "robot": {"model": json.loads((REPOSITORY / "tests/data/arm_of_six.json").read_text())},
+            "excitation": {"multisine": {"frequency_hz": {"fixed": 0.15}}},
+        }
+        with tempfile.TemporaryDirectory(prefix="torqued-six-") as folder:
+            folder = pathlib.Path(folder)
+            (folder / "spec.json").write_text(json.dumps(spec))
+            command = [TORQUED, "simulate", "--spec", folder / "spec.json", "--out", folder / "six"]
+            subprocess.run(command, check=True, capture_output=True)
+            frame = polars.read_parquet(folder / "six" / "trajectories-00000.parquet")
+            robots = pyarrow.parquet.read_table(folder / "six" / "robots-00000.parquet")
+        channels = [f"u{k}" for k in range(1, 7)] + [f"q{k}" for k in range(1, 7)]
+        self.assertEqual(frame.columns, ["trajectory", "step", *channels])
+        self.assertEqual(frame.height, 4 * 60)
+        self.assertTrue(numpy.isfinite(frame.select(channels).to_numpy()).all())
+        self.assertEqual(robots.num_rows, 4)
 
 
 if __name__ == "__main__":

@@ -1,9 +1,10 @@
 //! How far the default integrator in f32 is from the solution, over whole trajectories.
 
 use serde_json::{Value, json};
-use spec::JOINTS;
 
 use super::{chirp, multisine, run, spec};
+
+use crate::JOINTS;
 
 /// The largest position error of each of 256 trajectories, rad, ascending.
 fn errors(excitation: &Value, robot: &Value, integrator: &Value) -> Vec<f32> {

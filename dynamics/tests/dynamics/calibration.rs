@@ -5,9 +5,10 @@
 //! row; the statistical error of those is about 15 %.
 
 use serde_json::Value;
-use spec::JOINTS;
 
 use super::{chirp, multisine, run, spec};
+
+use crate::JOINTS;
 
 const CONTEXT: usize = 320;
 

@@ -9,9 +9,11 @@ use std::ops::ControlFlow;
 use dynamics::{InstructionSet, Trajectories, simulate_on};
 use serde_json::json;
 use sha2::{Digest, Sha256};
-use spec::{JOINTS, SimulateSpec};
+use spec::SimulateSpec;
 
 use super::{mixed, run, spec};
+
+use crate::JOINTS;
 
 fn small(precision: &str) -> SimulateSpec {
     spec(

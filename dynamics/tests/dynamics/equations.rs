@@ -11,9 +11,11 @@ use dynamics::{
 use nalgebra::{DMatrix, DVector, Matrix3, Rotation3, Vector3};
 use proptest::prelude::*;
 use serde_json::{Value, json};
-use spec::{JOINTS, MAX_JOINTS};
+use spec::MAX_JOINTS;
 
 use super::{run, spec};
+
+use crate::JOINTS;
 
 /// A link in the base's frame.
 struct Body {

@@ -22,6 +22,9 @@ use dynamics::{DynamicsError, Trajectories, simulate};
 use serde_json::{Value, json};
 use spec::{JobSpec, SimulateSpec};
 
+/// Joints of the Panda.
+const JOINTS: usize = 7;
+
 /// A checked spec: `fields` over a small simulation with the given excitation.
 fn spec(excitation: &Value, fields: &Value) -> SimulateSpec {
     let mut spec =

@@ -6,10 +6,12 @@ use dynamics::{
     InstructionSet, Joints, Robot, Trajectories, forward_dynamics, gravity, simulate_into,
 };
 use serde_json::json;
-use spec::{JOINTS, SimulateSpec};
+use spec::SimulateSpec;
 
 use super::determinism::digest;
 use super::{mixed, run, spec};
+
+use crate::JOINTS;
 
 /// Everything that can be asked for.
 fn complete(precision: &str) -> SimulateSpec {

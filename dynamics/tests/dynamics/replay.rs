@@ -2,9 +2,11 @@
 
 use dynamics::{Anchor, InstructionSet, Joints, Motion, Replay, Robot, Trajectories};
 use serde_json::json;
-use spec::{JOINTS, SimulateSpec};
+use spec::SimulateSpec;
 
 use super::{mixed, run, spec};
+
+use crate::JOINTS;
 
 fn with_everything(precision: &str) -> SimulateSpec {
     spec(

@@ -3,9 +3,11 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use dynamics::{DynamicsError, simulate};
 use serde_json::json;
-use spec::{Family, Integrator, JOINTS, Range, SimulateSpec};
+use spec::{Family, Integrator, Range, SimulateSpec};
 
 use super::{chirp, failure, mixed, multisine, run, spec};
+
+use crate::JOINTS;
 
 #[test]
 fn recorded_torques_are_those_of_the_scenario_and_recorded_positions_begin_at_its_start() {

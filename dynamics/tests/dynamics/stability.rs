@@ -6,9 +6,11 @@ use dynamics::{Robot, mass_matrix, simulate};
 use nalgebra::SMatrix;
 use proptest::test_runner::{Config, RngAlgorithm, TestRng, TestRunner};
 use serde_json::json;
-use spec::{Integrator, JOINTS, Range, RobotSpec, SimulateSpec};
+use spec::{Integrator, Range, RobotSpec, SimulateSpec};
 
 use super::{chirp, spec};
+
+use crate::JOINTS;
 
 #[test]
 fn the_least_inertias_that_stability_is_judged_by_are_those_of_the_nominal_arm() {

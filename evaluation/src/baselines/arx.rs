@@ -221,11 +221,13 @@ fn damp(a: &mut [f64]) {
 mod tests {
     use proptest::prelude::*;
     use series::Series;
-    use spec::JOINTS;
 
     use super::*;
     use crate::baselines::LeastSquares;
     use crate::baselines::fixture::{error_of, first_order_robot};
+
+    /// Joints of the Panda.
+    const JOINTS: usize = 7;
 
     fn largest_pole(a: &[f64]) -> f64 {
         // Power iteration in the plain: how much the free response grows over many steps.

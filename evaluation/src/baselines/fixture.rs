@@ -1,8 +1,10 @@
 use series::{Series, Shape};
-use spec::JOINTS;
 
 use super::rollout::to_f32;
 use crate::{Predictor, rmse_deg};
+
+/// Joints of the Panda.
+const JOINTS: usize = 7;
 
 /// One robot whose joints obey v' = a·v + g·u exactly.
 pub(crate) fn first_order_robot(a: f64, g: f64) -> Series {

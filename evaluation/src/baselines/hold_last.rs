@@ -19,10 +19,12 @@ impl Predictor for HoldLast {
 
 #[cfg(test)]
 mod tests {
-    use spec::JOINTS;
 
     use super::*;
     use crate::baselines::fixture::first_order_robot;
+
+    /// Joints of the Panda.
+    const JOINTS: usize = 7;
 
     #[test]
     fn hold_last_repeats_the_last_context_position() {

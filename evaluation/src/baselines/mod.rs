@@ -33,19 +33,18 @@ pub struct NominalArm {
 }
 
 impl NominalArm {
-    /// Of recordings from elsewhere nothing is known but that they are of a Panda: it is the one of
-    /// the default spec, ±10 %.
+    /// Of recordings, the arm that their import names, by default the Panda of the default spec, ±10 %.
     pub fn of(data: &DataSpec) -> Self {
-        match data.simulation() {
-            Some(spec) => Self {
+        match data {
+            DataSpec::Simulation(spec) => Self {
                 robot: spec.robot.clone(),
                 rate_hz: spec.rate_hz,
                 integrator: spec.integrator,
                 precision: spec.precision,
             },
-            None => Self {
-                robot: RobotSpec::default(),
-                rate_hz: data.rate_hz(),
+            DataSpec::Import(spec) => Self {
+                robot: spec.robot(),
+                rate_hz: spec.rate_hz,
                 integrator: Integrator::default(),
                 precision: Precision::default(),
             },

@@ -60,9 +60,11 @@ pub fn occupied_band_hz(scenarios: &SeriesView<'_>) -> Option<f64> {
 mod tests {
     use serde_json::json;
     use series::{Series, Shape};
-    use spec::JOINTS;
 
     use super::*;
+
+    /// Joints of the Panda.
+    const JOINTS: usize = 7;
 
     #[test]
     fn the_band_of_a_multisine_is_its_highest_multiple() {

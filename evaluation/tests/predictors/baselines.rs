@@ -5,6 +5,8 @@ use spec::{DataSpec, ImportSpec, JobSpec, RobotSpec};
 
 use super::{arm, scenarios, simulation};
 
+use crate::JOINTS;
+
 /// Mean RMSE in degrees after `context` samples.
 fn error(predictor: &dyn Predictor, scenarios: &Series, context: usize) -> f64 {
     let predicted = predictor.predict(&scenarios.observed(context)).unwrap();
@@ -49,7 +51,7 @@ fn where_the_simulation_diverges_the_last_position_is_held() {
     let scenarios = scenarios(&spec, 2);
     let observed = scenarios.observed(110);
     let predicted = Identification::new(&unstable).predict(&observed).unwrap();
-    let held = predicted[..30 * spec::JOINTS].chunks(spec::JOINTS);
+    let held = predicted[..30 * JOINTS].chunks(JOINTS);
     assert!(held.into_iter().all(|q| *q == observed.y(0)[109]));
 }
 
@@ -60,7 +62,7 @@ fn a_short_context_still_has_an_answer() {
     for context in [1, 2, 3, 10] {
         let observed = scenarios.observed(context);
         let predicted = Identification::new(&arm(&spec)).predict(&observed).unwrap();
-        assert_eq!(predicted.len(), 2 * (60 - context) * spec::JOINTS);
+        assert_eq!(predicted.len(), 2 * (60 - context) * JOINTS);
         assert!(predicted.iter().all(|q| q.is_finite()));
     }
 }

@@ -9,10 +9,12 @@ use evaluation::control::{
 use evaluation::{EvaluationError, Predictor};
 use serde_json::{Value, json};
 use series::Observed;
-use spec::{ControlBaseline, ControlSpec, JOINTS, JobSpec, SimulateSpec};
+use spec::{ControlBaseline, ControlSpec, JobSpec, SimulateSpec};
 use wire::{ControllerInfo, PredictorKind};
 
 use super::simulation;
+
+use crate::JOINTS;
 
 /// A second of control after a third of a second of excitation.
 fn control(fields: &Value) -> ControlSpec {

@@ -4,6 +4,8 @@ use serde_json::json;
 
 use super::{CONTEXT, SAMPLES, bits, every_kind, scenarios, simulation, trained};
 
+use crate::JOINTS;
+
 #[test]
 fn a_receding_horizon_goes_on_from_its_own_prediction() {
     let (_, cdcnn) = every_kind().remove(4);
@@ -72,7 +74,7 @@ fn only_models_with_several_answers_have_samples() {
         assert_eq!(samples.is_some(), model.is_generative(), "{name}");
         if let Some(samples) = samples {
             assert_eq!(samples.count, 4);
-            assert_eq!(samples.positions.len(), 4 * 2 * (SAMPLES - CONTEXT) * spec::JOINTS);
+            assert_eq!(samples.positions.len(), 4 * 2 * (SAMPLES - CONTEXT) * JOINTS);
         }
     }
 }

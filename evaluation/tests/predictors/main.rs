@@ -13,7 +13,10 @@ use evaluation::NominalArm;
 use models::{Device, TrainedModel, Trainer, TrainingData};
 use serde_json::{Value, json};
 use series::{Series, Shape};
-use spec::{DataSpec, JOINTS, JobSpec, SimulateSpec, TrainSpec};
+use spec::{DataSpec, JobSpec, SimulateSpec, TrainSpec};
+
+/// Joints of the Panda.
+const JOINTS: usize = 7;
 
 /// A checked simulation of `samples` samples with `fields` merged over it.
 fn simulation(samples: usize, fields: &Value) -> SimulateSpec {

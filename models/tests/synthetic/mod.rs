@@ -7,10 +7,12 @@ use random::{ChaCha8Rng, Rng, SeedableRng};
 use series::{Series, Shape};
 use spec::{
     CdcnnSpec, CdtSpec, Conditioning, DampedIntegrator, DataSource, DiffuserSpec, DiffusionSpec,
-    Execution, FlowPrediction, FlowSpec, Head, JOINTS, Known, ModelSpec, Normalization,
-    OptimizerSpec, Prediction, Residual, RoboMorphSpec, SamplerKind, SamplerSpec, TrainSpec,
-    ValidationMetric,
+    Execution, FlowPrediction, FlowSpec, Head, Known, ModelSpec, Normalization, OptimizerSpec,
+    Prediction, Residual, RoboMorphSpec, SamplerKind, SamplerSpec, TrainSpec, ValidationMetric,
 };
+
+/// Joints of the Panda.
+const JOINTS: usize = 7;
 
 pub const SAMPLES: u32 = 24;
 pub const CONTEXT: u32 = 16;

@@ -9,7 +9,7 @@ use recordings::ImportError;
 use serde_json::json;
 
 use super::decoder::import_alone;
-use super::{Recordings, parquet_of, spec};
+use super::{Recordings, channel_names, check_refused, import, parquet_of, spec};
 
 fn error(file: &[u8]) -> ImportError {
     import_alone(file, &spec("parquet", &json!({}))).err().unwrap()
@@ -40,6 +40,32 @@ fn a_file_of_which_too_much_comes_out_is_refused_at_the_limit() {
     let text = error.to_string();
     assert!(text.contains("\"arm.parquet\" cannot be imported"), "{text}");
     assert!(text.contains("more than 1024 MiB of memory"), "{text}");
+}
+
+/// Positions sway from -1 to 1 rad, and joint 2 of this arm may go from -2.6 to 0.4.
+#[test]
+fn a_recording_that_leaves_the_limits_of_its_robot_is_refused_unless_ranges_allow_it() {
+    let arm: serde_json::Value =
+        serde_json::from_str(include_str!("../../../tests/data/arm_of_six.json")).unwrap();
+    let names = channel_names();
+    let columns = json!({"time": "t", "recording": "arm", "u": names[..6], "q": names[7..13]});
+    let mut fields = json!({"columns": columns, "robot": {"model": arm}});
+    let file = Recordings::of(&[80]).csv();
+    check_refused(
+        file.clone(),
+        &spec("csv", &fields),
+        &[
+            "recording \"arm 0\", row ",
+            "column \"pos_2\": 0.",
+            "allowed: -2.6 to 0.4 rad (position_rad of joint 2 in robot.model; ranges.q_rad replaces it)",
+        ],
+    );
+    fields["ranges"] = json!({"q_rad": [-2, 2]});
+    fields["split"] = json!({"kind": "windows", "stride": 40});
+    let imported = import(file, &spec("csv", &fields)).unwrap();
+    assert_eq!(imported.counts.trajectories, 2);
+    assert!(imported.samples.column_by_name("q6").is_some());
+    assert!(imported.samples.column_by_name("u7").is_none());
 }
 
 /// `FileMetaData` whose field 2, the tree of columns, has `claimed` elements: these.

@@ -10,10 +10,31 @@ use crate::{RobotModel, SpecError};
 /// Completes a simulation's fields with what the description of its robot says. The defaults of the types
 /// are the Panda's, so that a spec of it needs nothing.
 pub(crate) fn complete(fields: &mut Map<String, Value>) -> Result<(), SpecError> {
+    let Some(model) = complete_robot(fields)? else { return Ok(()) };
+    let description = model.description();
+    let initial_state = fields.entry("initial_state").or_insert_with(|| Map::new().into());
+    if let Value::Object(initial_state) = initial_state {
+        add_missing(initial_state, &description.initial_state);
+    }
+    if let Some(multisine) = fields
+        .get_mut("excitation")
+        .and_then(|excitation| excitation.get_mut("multisine"))
+        .and_then(Value::as_object_mut)
+    {
+        let divisors = description.per_joint(|joint| joint.multisine_divisor);
+        multisine.entry("torque_divisor").or_insert_with(|| divisors.into());
+    }
+    Ok(())
+}
+
+/// Completes the field `robot` alone. Returns its model, unless that is the Panda.
+pub(crate) fn complete_robot(
+    fields: &mut Map<String, Value>,
+) -> Result<Option<RobotModel>, SpecError> {
     let Some(robot) = fields.get_mut("robot").and_then(Value::as_object_mut) else {
-        return Ok(());
+        return Ok(None);
     };
-    let Some(model) = robot.get("model") else { return Ok(()) };
+    let Some(model) = robot.get("model") else { return Ok(None) };
     #[derive(serde::Deserialize)]
     struct Named {
         model: RobotModel,
@@ -21,7 +42,7 @@ pub(crate) fn complete(fields: &mut Map<String, Value>) -> Result<(), SpecError>
     let named = Map::from_iter([("model".to_owned(), model.clone())]);
     let Named { model } = from_fields(named).map_err(|error| error.within("robot"))?;
     if model == RobotModel::panda() {
-        return Ok(());
+        return Ok(None);
     }
 
     if let Some(Value::Object(friction)) = robot.get_mut("friction") {
@@ -41,21 +62,7 @@ pub(crate) fn complete(fields: &mut Map<String, Value>) -> Result<(), SpecError>
         }
     }
     add_missing(robot, &RobotSpec::of(model.clone()));
-
-    let description = model.description();
-    let initial_state = fields.entry("initial_state").or_insert_with(|| Map::new().into());
-    if let Value::Object(initial_state) = initial_state {
-        add_missing(initial_state, &description.initial_state);
-    }
-    if let Some(multisine) = fields
-        .get_mut("excitation")
-        .and_then(|excitation| excitation.get_mut("multisine"))
-        .and_then(Value::as_object_mut)
-    {
-        let divisors = description.per_joint(|joint| joint.multisine_divisor);
-        multisine.entry("torque_divisor").or_insert_with(|| divisors.into());
-    }
-    Ok(())
+    Ok(Some(model))
 }
 
 /// Adds the fields of `defaults` that are not given.

@@ -12,7 +12,7 @@ mod robot_spec;
 mod spec;
 
 pub use columns::{Column, ColumnType};
-pub(crate) use completion::complete;
+pub(crate) use completion::{complete, complete_robot};
 pub use excitation::{Chirp, ChirpBand, Excitation, Family, Frequency, Multisine};
 pub use following::Doubt;
 pub use integrator::{Integrator, Precision};

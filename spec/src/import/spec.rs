@@ -1,13 +1,7 @@
-//! An import: somebody's own recordings, made a dataset like any other.
-
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use crate::check::{Check, Report};
-use crate::kind::KindSpec;
-use crate::{
-    Column, ColumnType, DataSpec, Digest, Execution, JOINTS, Product, Range, Reference, Referred,
-};
+use crate::{Digest, Execution, Range, RobotModel, RobotSpec};
 
 /// Turn an uploaded file into a dataset.
 ///
@@ -20,6 +14,10 @@ pub struct ImportSpec {
     pub file: Digest,
     pub format: FileFormat,
     pub columns: ImportColumns,
+    /// The arm that was recorded, as a simulation has it; baselines know this much of it. Left out, it is a
+    /// Panda whose limits are not checked.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub robot: Option<RobotSpec>,
     #[serde(default)]
     pub units: ImportUnits,
     #[serde(default)]
@@ -79,13 +77,13 @@ pub struct ImportColumns {
     /// Rows that follow each other with the same value are one recording. Without it, the file is one.
     #[serde(default)]
     pub recording: Option<String>,
-    /// Torques of joints 1 to 7: `u` at a sample is held until the next.
-    pub u: [String; JOINTS],
-    /// Positions of joints 1 to 7.
-    pub q: [String; JOINTS],
-    /// Velocities of joints 1 to 7.
+    /// Torques, a column for each joint from the base: `u` at a sample is held until the next.
+    pub u: Vec<String>,
+    /// Positions, a column for each joint.
+    pub q: Vec<String>,
+    /// Velocities, a column for each joint.
     #[serde(default)]
-    pub qd: Option<[String; JOINTS]>,
+    pub qd: Option<Vec<String>>,
 }
 
 /// In what the file's numbers are written. The dataset has s, N·m, rad and rad/s.
@@ -138,21 +136,22 @@ pub enum AngleUnit {
 }
 
 /// What values may lie in, after conversion: one outside is refused, which catches wrong units and
-/// wrong columns.
+/// wrong columns. `null`, the default where `robot` is given, takes the limits of each joint from the
+/// description of the robot.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ImportRanges {
-    pub u_nm: Range,
-    pub q_rad: Range,
-    pub qd_rad_s: Range,
+    pub u_nm: Option<Range>,
+    pub q_rad: Option<Range>,
+    pub qd_rad_s: Option<Range>,
 }
 
 impl Default for ImportRanges {
     fn default() -> Self {
         Self {
-            u_nm: Range::new(-200.0, 200.0),
-            q_rad: Range::new(-6.5, 6.5),
-            qd_rad_s: Range::new(-20.0, 20.0),
+            u_nm: Some(Range::new(-200.0, 200.0)),
+            q_rad: Some(Range::new(-6.5, 6.5)),
+            qd_rad_s: Some(Range::new(-20.0, 20.0)),
         }
     }
 }
@@ -183,86 +182,17 @@ pub enum Split {
 }
 
 impl ImportSpec {
-    /// Of the table with a row per time step.
-    pub fn trajectory_columns(&self) -> Vec<Column> {
-        let mut columns = vec![Column::trajectory(), Column::step()];
-        columns.extend(Column::torques(JOINTS).chain(Column::positions(JOINTS)));
-        if self.columns.qd.is_some() {
-            columns.extend(Column::velocities(JOINTS));
+    /// The arm that was recorded, a Panda unless the spec says otherwise.
+    pub fn robot(&self) -> RobotSpec {
+        self.robot.clone().unwrap_or_default()
+    }
+
+    /// Joints of the robot.
+    pub fn joints(&self) -> usize {
+        match &self.robot {
+            Some(robot) => robot.joints(),
+            None => RobotModel::panda().description().joints.len(),
         }
-        columns
-    }
-
-    /// Of the table with a row per trajectory: where in the file it comes from.
-    pub fn table_columns(&self) -> Vec<Column> {
-        vec![
-            Column::trajectory(),
-            Column::new(
-                "recording",
-                ColumnType::Text,
-                "name of its recording in the file; empty when the file names none",
-            ),
-            Column::new(
-                "first_time_s",
-                ColumnType::Float64,
-                "time of its first sample in the file",
-            )
-            .unit("s"),
-            Column::new(
-                "first_row",
-                ColumnType::Int64,
-                "row of the file at or before its first sample",
-            ),
-        ]
-    }
-}
-
-mod defaults {
-    pub const fn rate_hz() -> f64 {
-        60.0
-    }
-    pub const fn max_gap_s() -> f64 {
-        0.1
-    }
-    pub const fn samples() -> u32 {
-        400
-    }
-}
-
-impl KindSpec for ImportSpec {
-    fn makes() -> Option<Product> {
-        Some(Product::Trajectories)
-    }
-
-    fn execution(&self) -> Execution {
-        self.execution
-    }
-
-    fn references(&mut self) -> Vec<Reference<'_>> {
-        vec![Reference { field: "file".to_owned(), to: Referred::File(&mut self.file) }]
-    }
-
-    fn data(&self) -> Option<DataSpec> {
-        Some(DataSpec::Import(self.clone()))
-    }
-}
-
-impl Check for ImportSpec {
-    fn check(&self, report: &mut Report) {
-        report.part("columns", &self.columns);
-        report.interval("ranges.u_nm", self.ranges.u_nm, &(-1e6..=1e6));
-        report.interval("ranges.q_rad", self.ranges.q_rad, &(-1e6..=1e6));
-        report.interval("ranges.qd_rad_s", self.ranges.qd_rad_s, &(-1e6..=1e6));
-        report.within("rate_hz", self.rate_hz, 1.0..=1000.0);
-        report.within("max_gap_s", self.max_gap_s, 0.001..=1.0);
-        report.within("samples", self.samples, 2..=10_000);
-        if let Split::Windows { stride } = self.split {
-            report.within("split.stride", stride, 1..=1_000_000);
-        }
-        if self.resampling == Resampling::Linear && self.columns.time.is_none() {
-            report.violation("columns.time", "missing", "a column, which resampling needs");
-        }
-        report.part("execution", &self.execution);
     }
 }
 
@@ -283,20 +213,14 @@ impl ImportColumns {
     }
 }
 
-impl Check for ImportColumns {
-    fn check(&self, report: &mut Report) {
-        let named = self.named();
-        for (i, (field, name)) in named.iter().enumerate() {
-            if name.is_empty() || name.len() > 200 {
-                report.violation(field, format!("{name:?}"), "a name of 1 to 200 bytes");
-            }
-            if let Some((other, _)) = named[..i].iter().find(|(_, earlier)| earlier == name) {
-                report.violation(
-                    field,
-                    format!("{name:?}"),
-                    format!("another column than {other}"),
-                );
-            }
-        }
+mod defaults {
+    pub const fn rate_hz() -> f64 {
+        60.0
+    }
+    pub const fn max_gap_s() -> f64 {
+        0.1
+    }
+    pub const fn samples() -> u32 {
+        400
     }
 }

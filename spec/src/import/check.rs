@@ -1,0 +1,72 @@
+//! What values an import may have.
+
+use super::spec::{ImportColumns, ImportRanges, ImportSpec, Resampling, Split};
+use crate::check::{Check, Report};
+
+impl Check for ImportSpec {
+    fn check(&self, report: &mut Report) {
+        if let Some(robot) = &self.robot {
+            report.part("robot", robot);
+        }
+        self.check_columns(report);
+        self.check_ranges(report);
+        report.within("rate_hz", self.rate_hz, 1.0..=1000.0);
+        report.within("max_gap_s", self.max_gap_s, 0.001..=1.0);
+        report.within("samples", self.samples, 2..=10_000);
+        if let Split::Windows { stride } = self.split {
+            report.within("split.stride", stride, 1..=1_000_000);
+        }
+        if self.resampling == Resampling::Linear && self.columns.time.is_none() {
+            report.violation("columns.time", "missing", "a column, which resampling needs");
+        }
+        report.part("execution", &self.execution);
+    }
+}
+
+impl ImportSpec {
+    fn check_columns(&self, report: &mut Report) {
+        let joints = self.joints();
+        let ImportColumns { u, q, qd, .. } = &self.columns;
+        let before = report.count();
+        for (quantity, names) in [("u", Some(u)), ("q", Some(q)), ("qd", qd.as_ref())] {
+            if let Some(names) = names.filter(|names| names.len() != joints) {
+                let found = format!("{} columns", names.len());
+                let allowed = format!("{joints} columns, one for each joint of the robot");
+                report.violation(&format!("columns.{quantity}"), found, allowed);
+            }
+        }
+        if report.count() == before {
+            report.part("columns", &self.columns);
+        }
+    }
+
+    fn check_ranges(&self, report: &mut Report) {
+        let ImportRanges { u_nm, q_rad, qd_rad_s } = self.ranges;
+        for (quantity, range) in [("u_nm", u_nm), ("q_rad", q_rad), ("qd_rad_s", qd_rad_s)] {
+            let field = format!("ranges.{quantity}");
+            match range {
+                Some(range) => report.interval(&field, range, &(-1e6..=1e6)),
+                None if self.robot.is_some() => {}
+                None => report.violation(&field, "null", "[min, max] where no robot is given"),
+            }
+        }
+    }
+}
+
+impl Check for ImportColumns {
+    fn check(&self, report: &mut Report) {
+        let named = self.named();
+        for (i, (field, name)) in named.iter().enumerate() {
+            if name.is_empty() || name.len() > 200 {
+                report.violation(field, format!("{name:?}"), "a name of 1 to 200 bytes");
+            }
+            if let Some((other, _)) = named[..i].iter().find(|(_, earlier)| earlier == name) {
+                report.violation(
+                    field,
+                    format!("{name:?}"),
+                    format!("another column than {other}"),
+                );
+            }
+        }
+    }
+}

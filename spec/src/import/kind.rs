@@ -1,0 +1,44 @@
+//! An import as a kind of job.
+
+use serde_json::{Map, Value};
+
+use super::spec::ImportSpec;
+use crate::fields::from_fields;
+use crate::kind::KindSpec;
+use crate::simulate::complete_robot;
+use crate::{DataSpec, Execution, Product, Reference, Referred, SpecError};
+
+impl KindSpec for ImportSpec {
+    fn read(mut fields: Map<String, Value>) -> Result<Self, SpecError> {
+        complete_robot(&mut fields)?;
+        if fields.get("robot").is_some_and(|robot| !robot.is_null()) {
+            leave_ranges_to_robot(&mut fields);
+        }
+        from_fields(fields)
+    }
+
+    fn makes() -> Option<Product> {
+        Some(Product::Trajectories)
+    }
+
+    fn execution(&self) -> Execution {
+        self.execution
+    }
+
+    fn references(&mut self) -> Vec<Reference<'_>> {
+        vec![Reference { field: "file".to_owned(), to: Referred::File(&mut self.file) }]
+    }
+
+    fn data(&self) -> Option<DataSpec> {
+        Some(DataSpec::Import(self.clone()))
+    }
+}
+
+/// A recording of a robot that is named has its limits wherever `ranges` says nothing else.
+fn leave_ranges_to_robot(fields: &mut Map<String, Value>) {
+    let ranges = fields.entry("ranges").or_insert_with(|| Map::new().into());
+    let Value::Object(ranges) = ranges else { return };
+    for quantity in ["u_nm", "q_rad", "qd_rad_s"] {
+        ranges.entry(quantity).or_insert(Value::Null);
+    }
+}

@@ -1,0 +1,11 @@
+//! An import: somebody's own recordings, made a dataset like any other.
+
+mod check;
+mod columns;
+mod kind;
+mod spec;
+
+pub use spec::{
+    AngleUnit, FileFormat, ImportColumns, ImportRanges, ImportSpec, ImportUnits, Resampling, Split,
+    TimeUnit,
+};
