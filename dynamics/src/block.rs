@@ -83,7 +83,7 @@ pub(crate) fn simulate<L: Kernels, S: Structure<N>, const N: usize>(
             if let Lane::Starting { row } = lanes[lane] {
                 let scenario = &block.scenarios[row];
                 let u = &mut block.u[row * row_len..][..row_len];
-                scenario.torques.sample::<L::Double>(spec.rate_hz, u);
+                scenario.torques.sample::<L::Double>(joints, spec.rate_hz, u);
                 model.set_lane(structure, lane, &scenario.robot);
                 state.set_lane(lane, &scenario.q0, &scenario.qd0);
                 lanes[lane] = Lane::Running { row, sample: 0 };

@@ -60,11 +60,13 @@ impl Torques {
     /// Samples k / `rate_hz` for k = 0, 1, .. into `u`, of shape [samples, joint].
     ///
     /// Always in f64, whatever the precision of the simulation, with joints side by side in lanes.
+    /// `count` is the number of joints; where the compiler knows it, no loop over joints is left.
     #[inline(always)]
-    pub(crate) fn sample<D: Lanes>(&self, rate_hz: f64, u: &mut [f32]) {
+    pub(crate) fn sample<D: Lanes>(&self, count: usize, rate_hz: f64, u: &mut [f32]) {
+        assert_eq!(count, self.joints(), "each joint has its torque");
         match self {
-            Self::Chirp(joints) => sample_chirps::<D>(joints, rate_hz, u),
-            Self::Multisine(joints) => sample_multisines::<D>(joints, rate_hz, u),
+            Self::Chirp(joints) => sample_chirps::<D>(joints, count, rate_hz, u),
+            Self::Multisine(joints) => sample_multisines::<D>(joints, count, rate_hz, u),
         }
     }
 }
@@ -157,8 +159,8 @@ impl<D: Lanes> Rotor<D> {
 }
 
 #[inline(always)]
-fn sample_chirps<D: Lanes>(joints: &Joints<Chirp>, rate_hz: f64, u: &mut [f32]) {
-    for first in (0..joints.len()).step_by(D::LANES) {
+fn sample_chirps<D: Lanes>(joints: &Joints<Chirp>, count: usize, rate_hz: f64, u: &mut [f32]) {
+    for first in (0..count).step_by(D::LANES) {
         let of = |value: fn(&Chirp) -> f64| joints.map(|joint| value(&joint));
         let offset = gather::<D>(&of(|joint| joint.offset_nm), first);
         let amplitude = gather::<D>(&of(|joint| joint.amplitude_nm), first);
@@ -167,19 +169,24 @@ fn sample_chirps<D: Lanes>(joints: &Joints<Chirp>, rate_hz: f64, u: &mut [f32]) 
         let phase = gather::<D>(&of(|joint| joint.phase_rad), first);
         let mut modulation =
             Rotor::new(gather::<D>(&joints.map(|joint| TAU * joint.f2_hz / rate_hz), first));
-        for (k, sample) in u.chunks_exact_mut(joints.len()).enumerate() {
+        for (k, sample) in u.chunks_exact_mut(count).enumerate() {
             let t = D::splat(k as f64 / rate_hz);
             let factor = depth.mul_add(modulation.cos, D::splat(1.0));
             let (_, cos) = (angular_rate * factor).mul_add(t, phase).sin_cos();
-            scatter(amplitude.mul_add(cos, offset), first, sample);
+            scatter(amplitude.mul_add(cos, offset), first, count, sample);
             modulation.advance();
         }
     }
 }
 
 #[inline(always)]
-fn sample_multisines<D: Lanes>(joints: &Joints<Multisine>, rate_hz: f64, u: &mut [f32]) {
-    for first in (0..joints.len()).step_by(D::LANES) {
+fn sample_multisines<D: Lanes>(
+    joints: &Joints<Multisine>,
+    count: usize,
+    rate_hz: f64,
+    u: &mut [f32],
+) {
+    for first in (0..count).step_by(D::LANES) {
         let amplitude = |component: usize| joints.map(|joint| joint.amplitude_nm[component]);
         let step =
             |component: usize| joints.map(|joint| TAU * joint.frequency_hz[component] / rate_hz);
@@ -191,10 +198,10 @@ fn sample_multisines<D: Lanes>(joints: &Joints<Multisine>, rate_hz: f64, u: &mut
         let mut rotor1 = Rotor::new(gather::<D>(&step(1), first));
         let mut rotor2 = Rotor::new(gather::<D>(&step(2), first));
         let mut rotor3 = Rotor::new(gather::<D>(&step(3), first));
-        for sample in u.chunks_exact_mut(joints.len()) {
+        for sample in u.chunks_exact_mut(count) {
             let sines = a2.mul_add(rotor2.sin, a0 * rotor0.sin);
             let cosines = a3.mul_add(rotor3.cos, a1 * rotor1.cos);
-            scatter(sines + cosines, first, sample);
+            scatter(sines + cosines, first, count, sample);
             rotor0.advance();
             rotor1.advance();
             rotor2.advance();
@@ -215,10 +222,10 @@ fn gather<D: Lanes>(values: &Joints<f64>, first: usize) -> D {
 
 /// The inverse of [`gather`], into one sample of all joints.
 #[inline(always)]
-fn scatter<D: Lanes>(lanes: D, first: usize, sample: &mut [f32]) {
+fn scatter<D: Lanes>(lanes: D, first: usize, joints: usize, sample: &mut [f32]) {
     let mut values = [0.0; MAX_LANES];
     lanes.store(&mut values);
-    let count = D::LANES.min(sample.len() - first);
+    let count = D::LANES.min(joints - first);
     sample[first..first + count].copy_from_slice(&values[..count]);
 }
 
@@ -231,7 +238,7 @@ mod tests {
     /// The largest distance from the law evaluated directly, in units of the largest torque.
     fn sampling_error<D: Lanes>(torques: &Torques, samples: usize) -> f64 {
         let mut u = vec![0.0; samples * torques.joints()];
-        torques.sample::<D>(60.0, &mut u);
+        torques.sample::<D>(torques.joints(), 60.0, &mut u);
         let mut error: f64 = 0.0;
         let mut largest: f64 = 0.0;
         for (k, sample) in u.chunks_exact(torques.joints()).enumerate() {
