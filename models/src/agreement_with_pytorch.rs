@@ -8,8 +8,8 @@ use burn::tensor::{Tensor, TensorData};
 use safetensors::SafeTensors;
 use series::{Series, Shape};
 use spec::{
-    DataSource, Execution, Normalization, OptimizerSpec, SamplerKind, SamplerSpec, TrainSpec,
-    ValidationMetric,
+    DataSource, Execution, Generation, ModelSpec, Normalization, OptimizerSpec, SamplerKind,
+    SamplerSpec, TrainSpec, ValidationMetric,
 };
 
 use crate::architecture::{Ask, Draw, ModelInput};
@@ -28,11 +28,45 @@ use crate::{CheckpointConfig, Device, TrainedModel, Trainer, TrainingData, check
 const JOINTS: usize = 7;
 
 /// A folder of `tests/data`.
-struct Peer(&'static str);
+struct Peer(String);
+
+/// Every folder of `tests/data` with a model for which `is_wanted`.
+fn peers(is_wanted: impl Fn(&ModelSpec) -> bool) -> Vec<Peer> {
+    let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/data");
+    let names =
+        std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().into_string());
+    let mut peers: Vec<Peer> = names.map(|name| Peer(name.unwrap())).collect();
+    peers.retain(|peer| is_wanted(&peer.config().model));
+    peers.sort_by(|a, b| a.0.cmp(&b.0));
+    peers
+}
+
+fn answering_in_one_pass() -> Vec<Peer> {
+    peers(|model| model.generation().is_none())
+}
+
+fn diffusions() -> Vec<Peer> {
+    peers(|model| matches!(model.generation(), Some(Generation::Diffusion(_))))
+}
+
+fn flows() -> Vec<Peer> {
+    peers(|model| matches!(model.generation(), Some(Generation::Flow(_))))
+}
+
+#[test]
+fn every_architecture_has_a_peer() {
+    for architecture in ModelSpec::ARCHITECTURES {
+        let found = peers(|model| model.architecture() == *architecture);
+        assert!(
+            !found.is_empty(),
+            "tests/data has nothing of PyTorch's about {architecture}; tests/peers makes it"
+        );
+    }
+}
 
 impl Peer {
     fn read(&self, file: &str) -> Vec<u8> {
-        let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/data").join(self.0);
+        let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/data").join(&self.0);
         std::fs::read(folder.join(file)).unwrap()
     }
 
@@ -96,12 +130,9 @@ fn relative_difference(a: &[f32], b: &[f32]) -> f64 {
     norm(&mut a.iter().zip(b).map(|(a, b)| a - b)) / norm(&mut b.iter().copied())
 }
 
-/// With either head.
-const ROBOMORPHS: [Peer; 2] = [Peer("robomorph"), Peer("robomorph_gaussian")];
-
 #[test]
-fn predictions_of_robomorph_agree() {
-    for peer in ROBOMORPHS {
+fn predictions_in_one_pass_agree() {
+    for peer in answering_in_one_pass() {
         let fixed = peer.config().normalizer;
         for (name, normalizer) in [("context", Normalizer::Context), ("dataset", fixed)] {
             let config = CheckpointConfig { normalizer, ..peer.config() };
@@ -133,8 +164,8 @@ fn check_gradients(peer: &Peer, model: &SequenceModel, gradients: &NamedGradient
 }
 
 #[test]
-fn gradients_of_robomorph_agree() {
-    for peer in ROBOMORPHS {
+fn gradients_of_models_that_answer_in_one_pass_agree() {
+    for peer in answering_in_one_pass() {
         let device = Device::cpu().training();
         let model = peer.loaded(&device);
         let (input, target) = peer.seen(&device);
@@ -146,7 +177,7 @@ fn gradients_of_robomorph_agree() {
 
 #[test]
 fn steps_of_the_optimizer_agree() {
-    for peer in ROBOMORPHS {
+    for peer in answering_in_one_pass() {
         check_optimizer_steps(&peer);
     }
 }
@@ -218,9 +249,6 @@ fn untrained(peer: &Peer, spec: &TrainSpec) -> CheckpointFiles {
     checkpoint::write(&model, None, &optimizer, &peer.config()).unwrap()
 }
 
-const DIFFUSIONS: [Peer; 4] = [Peer("diffuser"), Peer("cdcnn"), Peer("cdcnn_global"), Peer("cdt")];
-const FLOWS: [Peer; 2] = [Peer("flow"), Peer("flow_velocity")];
-
 fn series(peer: &Peer, name: &str, device: &burn::tensor::Device) -> Tensor<3> {
     let values = peer.expected(name);
     let Shape { robots: size, samples, .. } = peer.batch().shape();
@@ -232,7 +260,7 @@ fn series(peer: &Peer, name: &str, device: &burn::tensor::Device) -> Tensor<3> {
 /// and a step of Adam along them.
 #[test]
 fn denoisers_answer_and_learn_alike() {
-    for peer in DIFFUSIONS.into_iter().chain(FLOWS) {
+    for peer in peers(|model| model.generation().is_some()) {
         let device = Device::cpu().training();
         let model = peer.loaded(&device);
         let (input, _) = peer.seen(&device);
@@ -256,7 +284,7 @@ fn denoisers_answer_and_learn_alike() {
 
 #[test]
 fn whole_chains_of_samplers_agree() {
-    for peer in DIFFUSIONS {
+    for peer in diffusions() {
         let device = Device::cpu().inference();
         let model = peer.loaded(&device);
         for (name, kind, steps) in [
@@ -276,7 +304,7 @@ fn whole_chains_of_samplers_agree() {
 
 #[test]
 fn whole_chains_of_flows_agree() {
-    for peer in FLOWS {
+    for peer in flows() {
         let model = peer.loaded(&Device::cpu().inference());
         for (name, kind, steps) in [
             ("euler_1", SamplerKind::Euler, 1),

@@ -13,10 +13,7 @@ use models::{
 };
 use safetensors::SafeTensors;
 use spec::{EmaSpec, ModelSpec, RoboMorphSpec, SamplerKind, SamplerSpec, TrainSpec};
-use synthetic::{CONTEXT, DATA, SAMPLES, batch, every_kind, train_spec};
-
-/// Joints of the Panda.
-const JOINTS: usize = 7;
+use synthetic::{CONTEXT, DATA, JOINTS, SAMPLES, batch, every_kind, kind, train_spec};
 
 /// Of the largest gradient of the same parameter.
 const GRADIENT_TOLERANCE: f32 = 5e-5;
@@ -26,12 +23,11 @@ const SCALAR_TOLERANCE: f64 = 2e-6;
 const POSITION_TOLERANCE: f32 = 5e-5;
 
 /// Every architecture with its options, and the Transformer that takes samples one by one.
-fn every_model() -> Vec<(&'static str, ModelSpec)> {
+fn every_model() -> Vec<(String, ModelSpec)> {
     let mut kinds = every_kind();
-    let ModelSpec::RoboMorph(robomorph) = kinds[0].1.clone() else { panic!("not a RoboMorph") };
-    kinds.push(("robomorph, patch 1", {
-        ModelSpec::RoboMorph(RoboMorphSpec { patch: 1, ..robomorph })
-    }));
+    let ModelSpec::RoboMorph(robomorph) = kind("robomorph") else { panic!("not a RoboMorph") };
+    let every_sample = ModelSpec::RoboMorph(RoboMorphSpec { patch: 1, ..robomorph });
+    kinds.push(("robomorph, patch 1".to_owned(), every_sample));
     kinds
 }
 

@@ -7,11 +7,6 @@
     torqued.save(model, "checkpoint/")           # for torqued to predict with
 """
 
-from .cdcnn import Cdcnn
-from .cdt import Cdt
 from .checkpoint import FORMAT_VERSION, TrainedModel, load, save
-from .diffuser import Diffuser
-from .flow import Flow
-from .robomorph import RoboMorph
 
-__all__ = ["FORMAT_VERSION", "Cdcnn", "Cdt", "Diffuser", "Flow", "RoboMorph", "TrainedModel", "load", "save"]
+__all__ = ["FORMAT_VERSION", "TrainedModel", "load", "save"]

@@ -58,9 +58,20 @@ class RoboMorph(nn.Module):
 
     def answer(self, u: Tensor, y_context: Tensor) -> Tensor:
         """y of the horizon from u [batch, samples, joint] and y of the context; of a gaussian head the mean."""
-        context = y_context.shape[1]
-        numbers = self(torch.cat([u[:, :context], y_context], -1), u[:, context:])
+        numbers = self._numbers(u, y_context)
         return self.mean_and_log_variance(numbers)[0] if self.gaussian else numbers
+
+    def loss(self, u: Tensor, y_context: Tensor, y_horizon: Tensor) -> Tensor:
+        """The mean squared error; with a gaussian head the mean negative logarithm of the likelihood."""
+        numbers = self._numbers(u, y_context)
+        if not self.gaussian:
+            return F.mse_loss(numbers, y_horizon)
+        mean, log_variance = self.mean_and_log_variance(numbers)
+        return 0.5 * ((y_horizon - mean) ** 2 * torch.exp(-log_variance) + log_variance).mean()
+
+    def _numbers(self, u: Tensor, y_context: Tensor) -> Tensor:
+        context = y_context.shape[1]
+        return self(torch.cat([u[:, :context], y_context], -1), u[:, context:])
 
     @staticmethod
     def mean_and_log_variance(numbers: Tensor) -> tuple[Tensor, Tensor]:

@@ -2,14 +2,13 @@ use evaluation::{EvaluationError, Learned, Predictor, Start};
 use models::Sampling;
 use serde_json::json;
 
-use super::{CONTEXT, SAMPLES, bits, every_kind, scenarios, simulation, trained};
+use super::{CONTEXT, SAMPLES, bits, scenarios, simulation, smallest, trained};
 
 use crate::JOINTS;
 
 #[test]
 fn a_receding_horizon_goes_on_from_its_own_prediction() {
-    let (_, cdcnn) = every_kind().remove(4);
-    let model = trained(&cdcnn, "context");
+    let model = trained(&smallest::model("cdcnn"), "context");
     let predictor = |start| Learned {
         name: "cdcnn".to_owned(),
         model: &model,
@@ -45,8 +44,7 @@ fn a_receding_horizon_goes_on_from_its_own_prediction() {
 
 #[test]
 fn a_receding_horizon_without_a_past_is_an_error_that_says_so() {
-    let (_, cdcnn) = every_kind().remove(4);
-    let model = trained(&cdcnn, "context");
+    let model = trained(&smallest::model("cdcnn"), "context");
     let recording = scenarios(&simulation(SAMPLES + 1, &json!({})), 2);
     for shift in [0, 2] {
         let start = Start::Shifted { shift, steps: 2 };
@@ -61,10 +59,10 @@ fn a_receding_horizon_without_a_past_is_an_error_that_says_so() {
 #[test]
 fn only_models_with_several_answers_have_samples() {
     let recording = scenarios(&simulation(SAMPLES, &json!({})), 2);
-    for (name, model) in every_kind() {
+    for (name, model) in smallest::models() {
         let model = trained(&model, "context");
         let predictor = Learned {
-            name: name.to_owned(),
+            name: name.clone(),
             model: &model,
             sampling: Sampling::default(),
             start: Start::Cold,

@@ -6,6 +6,8 @@ mod baselines;
 mod control;
 mod learned;
 mod no_leak;
+#[path = "../../../models/tests/smallest/mod.rs"]
+mod smallest;
 
 use std::ops::ControlFlow;
 
@@ -44,40 +46,8 @@ fn scenarios(spec: &SimulateSpec, count: u64) -> Series {
 
 const CONTEXT: usize = 16;
 const SAMPLES: usize = 24;
-/// A number of steps that the smallest models below can be sampled in.
+/// A number of steps that the smallest models can be sampled in.
 const STEPS: u32 = 3;
-
-/// The smallest of every kind of model.
-fn every_kind() -> Vec<(&'static str, Value)> {
-    let diffusion = json!({"steps": 10, "prediction": "x0"});
-    let sampler = json!({"kind": "ddim", "steps": STEPS});
-    let robomorph = |head: &str| {
-        json!({"architecture": "robomorph", "d_model": 16, "heads": 2, "encoder_layers": 1,
-               "decoder_layers": 1, "patch": 4, "head": head})
-    };
-    let denoiser = |mut model: Value| {
-        model["diffusion"] = diffusion.clone();
-        model["sampler"] = sampler.clone();
-        model
-    };
-    let diffuser = json!({"architecture": "diffuser", "width": 16, "multipliers": [1, 2]});
-    let cdcnn = json!({"architecture": "cdcnn", "embedding": 16, "widths": [16, 32]});
-    let cdt = json!({"architecture": "cdt", "d_model": 16, "heads": 2, "encoder_layers": 1,
-                     "decoder_layers": 1});
-    let residual = |mut model: Value| {
-        model["residual"] = json!({"integrator": {"damping": 10.0}});
-        model
-    };
-    vec![
-        ("robomorph", robomorph("point")),
-        ("robomorph, residual", residual(robomorph("point"))),
-        ("robomorph, gaussian", robomorph("gaussian")),
-        ("diffuser", denoiser(diffuser)),
-        ("cdcnn", denoiser(cdcnn)),
-        ("cdt", denoiser(cdt)),
-        ("flow", json!({"architecture": "flow", "embedding": 16, "widths": [16, 32]})),
-    ]
-}
 
 /// Trained for a few steps, which is enough for every weight to have moved.
 fn trained(model: &Value, normalization: &str) -> TrainedModel {

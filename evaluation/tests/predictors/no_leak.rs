@@ -6,8 +6,9 @@ use serde_json::json;
 use series::Series;
 use spec::{Baseline, SamplerKind, SamplerSpec};
 
-use super::{CONTEXT, SAMPLES, STEPS, arm, bits, every_kind, scenarios, simulation};
-use super::{trained, with_horizon};
+use super::{
+    CONTEXT, SAMPLES, STEPS, arm, bits, scenarios, simulation, smallest, trained, with_horizon,
+};
 
 /// The recording with another horizon: of noise, and of no number at all.
 fn others(scenarios: &Series, known: usize) -> [Series; 2] {
@@ -73,18 +74,18 @@ fn learned<'a>(
 fn noise_in_the_horizon_changes_no_bit_of_any_model_however_it_is_sampled() {
     let pre_roll = 4;
     let scenarios = scenarios(&simulation(SAMPLES + pre_roll, &json!({})), 3);
-    for (name, model) in every_kind() {
+    for (name, model) in smallest::models() {
         let model = trained(&model, "context");
         let generation = model.architecture().generation();
         let kinds = generation.map_or(&[SamplerKind::Ddpm][..], |it| it.samplers());
         for &kind in kinds {
-            let cold = learned(name, &model, kind, Start::Cold);
+            let cold = learned(&name, &model, kind, Start::Cold);
             assert!(is_blind(&cold, &scenarios, [pre_roll, CONTEXT]), "{}", cold.name);
         }
         if generation.is_some() {
             for shift in [1, 2] {
                 let start = Start::Shifted { shift, steps: 2 };
-                let shifted = learned(name, &model, kinds[1], start);
+                let shifted = learned(&name, &model, kinds[1], start);
                 assert!(is_blind(&shifted, &scenarios, [pre_roll, CONTEXT]), "{}", shifted.name);
             }
         }
@@ -97,9 +98,7 @@ fn predictors_that_are_handed_the_horizon_are_found_out() {
     let scenarios = scenarios(&simulation(SAMPLES, &json!({})), 3);
     let noisy = with_horizon(&scenarios, CONTEXT, |k| (12.9898 * k as f32).sin());
     let observed = scenarios.observed(CONTEXT);
-    let kinds = every_kind();
-    let (_, robomorph) = &kinds[0];
-    let leaky = trained(robomorph, "paper-leaky");
+    let leaky = trained(&smallest::model("robomorph"), "paper-leaky");
     let predict_leaky = |scenarios: &Series| {
         let scenarios = &scenarios.view();
         let predictor = LeakyLearned { name: "leaky".to_owned(), model: &leaky, scenarios };
@@ -107,8 +106,7 @@ fn predictors_that_are_handed_the_horizon_are_found_out() {
     };
     assert_ne!(predict_leaky(&scenarios), predict_leaky(&noisy));
 
-    let (_, diffuser) = &kinds[3];
-    let diffuser = trained(diffuser, "context");
+    let diffuser = trained(&smallest::model("diffuser"), "context");
     let predict_oracle = |scenarios: &Series| {
         let scenarios = &scenarios.view();
         let (name, sampling) = ("oracle".to_owned(), Sampling::default());

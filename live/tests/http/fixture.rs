@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::net::SocketAddr;
 use std::num::NonZero;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -34,10 +34,19 @@ pub struct Server {
     _folder: TempDir,
 }
 
-/// Of a PyTorch twin, with random weights.
-fn twin(architecture: &str, file: &str) -> Vec<u8> {
-    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../models/tests/data");
-    std::fs::read(data.join(architecture).join(file)).unwrap()
+/// Checkpoints of PyTorch twins with random weights, one of each architecture at least.
+fn twins_folder() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../models/tests/data")
+}
+
+/// The names of all twins.
+pub fn twins() -> Vec<String> {
+    let names = std::fs::read_dir(twins_folder()).unwrap().map(|entry| entry.unwrap().file_name());
+    names.map(|name| name.into_string().unwrap()).collect()
+}
+
+fn twin(name: &str, file: &str) -> Vec<u8> {
+    std::fs::read(twins_folder().join(name).join(file)).unwrap()
 }
 
 /// The model that a checkpoint of [`Server::checkpoint`] is.

@@ -6,7 +6,7 @@ use series::{Series, Shape};
 use spec::{SamplerKind, SamplerSpec};
 
 use crate::fixture::{
-    CONTEXT, HORIZON, JOINTS, Server, fields, model, numbers, rows, scenario, scenario_of,
+    CONTEXT, HORIZON, JOINTS, Server, fields, model, numbers, rows, scenario, scenario_of, twins,
 };
 
 /// Two scenarios as the model itself is asked.
@@ -31,9 +31,9 @@ fn two_of(model: &TrainedModel) -> Value {
 #[tokio::test]
 async fn what_is_answered_is_what_the_model_says() {
     let server = Server::start().await;
-    for architecture in ["robomorph", "robomorph_gaussian", "cdt", "diffuser", "cdcnn", "flow"] {
-        let model = model(architecture);
-        let checkpoint = server.checkpoint(architecture).await;
+    for twin in twins() {
+        let model = model(&twin);
+        let checkpoint = server.checkpoint(&twin).await;
         let (status, answer) = server.predict(checkpoint, &two_of(&model)).await;
         assert_eq!(status, 200, "{answer}");
         let input = input(model.context(), model.horizon());
@@ -44,11 +44,11 @@ async fn what_is_answered_is_what_the_model_says() {
             .iter()
             .flat_map(|scenario| numbers(&scenario["y"]))
             .collect();
-        assert_eq!(found, expected, "{architecture}");
+        assert_eq!(found, expected, "{twin}");
         assert_eq!(answer["checkpoint"], checkpoint);
         assert_eq!(answer["weights"].as_str().unwrap().len(), 64);
         assert_eq!((&answer["device"], &answer["threads"]), (&json!("cpu"), &json!(2)));
-        assert!(answer["latency_ms"]["compute"].as_f64().unwrap() > 0.0, "{architecture}");
+        assert!(answer["latency_ms"]["compute"].as_f64().unwrap() > 0.0, "{twin}");
         assert!(answer["scenarios"][0].get("samples").is_none());
     }
 }

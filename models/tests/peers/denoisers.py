@@ -1,11 +1,14 @@
-"""Makes ../data/{diffuser,cdcnn,cdcnn_global,cdt,flow,flow_velocity}/: small denoisers of PyTorch's, what they
-answer, gradients, weights after a step of Adam, and what whole chains of samplers make of given
-noise. `src/agreement_with_pytorch.rs` must get the same.
+"""Makes the files of ../data/NAME/ whose model is a denoiser: weights of PyTorch's, what they answer, gradients,
+the weights after a step of Adam, and what whole chains of samplers make of given noise.
+`src/agreement_with_pytorch.rs` must get the same.
 
-    pip install ../../../python && python denoisers.py
+    pip install ../../../python && python denoisers.py [NAME ...]
+
+Begin a new one with ../data/NAME/config.json, of which `model` alone is read. Without names all are made.
 """
 
 import json
+import sys
 from pathlib import Path
 
 import torch
@@ -16,37 +19,10 @@ from torqued.checkpoint import network_of
 DATA = Path(__file__).parent.parent / "data"
 CONTEXT, HORIZON, BATCH = 16, 8, 3
 SAMPLES = CONTEXT + HORIZON
-DIFFUSION = {"steps": 20, "schedule": "cosine", "prediction": "noise", "clip": 6.0, "loss_mean": "unknown"}
+NOISE_LEVELS = 20
+"""Of every diffusion here."""
 SAMPLER = {"kind": "ddpm", "steps": None, "eta": 0.0, "spacing": "trailing"}
-NOISE = {"diffusion": DIFFUSION, "sampler": SAMPLER}
 LEVELS = torch.tensor([3, 17, 0])
-MODELS = {
-    "diffuser": {
-        "architecture": "diffuser", "width": 8, "multipliers": [1, 1, 2],
-        "known": "clean-and-masked", "weights": [1.0, 3.0], **NOISE,
-    },
-    "cdcnn": {
-        "architecture": "cdcnn", "embedding": 6, "widths": [8, 16], "conditioning": "local",
-        "diffusion": {**DIFFUSION, "prediction": "x0"}, "sampler": SAMPLER,
-    },
-    "cdcnn_global": {
-        "architecture": "cdcnn", "embedding": 6, "widths": [8, 8], "conditioning": "global",
-        "residual": {"integrator": {"damping": 8.0}},
-        "diffusion": {**DIFFUSION, "prediction": "v"}, "sampler": SAMPLER,
-    },
-    "cdt": {
-        "architecture": "cdt", "d_model": 8, "heads": 2, "encoder_layers": 2, "decoder_layers": 2,
-        "mlp_ratio": 2, **NOISE,
-    },
-    "flow": {
-        "architecture": "flow", "embedding": 6, "widths": [8, 16], "prediction": "x0", "warm_start_time": 0.3,
-        "sampler": {**SAMPLER, "kind": "euler", "steps": 2}, "residual": {"integrator": {"damping": 8.0}},
-    },
-    "flow_velocity": {
-        "architecture": "flow", "embedding": 6, "widths": [8, 8], "prediction": "v", "warm_start_time": 0.5,
-        "sampler": {**SAMPLER, "kind": "heun", "steps": 2}, "residual": "none",
-    },
-}
 CHAINS = {
     "ddpm": {},
     "ddim": {"kind": "ddim"},
@@ -60,7 +36,7 @@ FLOW_CHAINS = {
 }
 
 
-def main(name: str, model: dict) -> None:
+def main(folder: Path, model: dict) -> None:
     torch.manual_seed(2)
     y_mean, y_std = torch.linspace(-0.3, 0.4, 7), torch.linspace(0.2, 0.9, 7)
     u_mean, u_std = torch.full((7,), 0.1), torch.linspace(0.5, 2.0, 7)
@@ -91,14 +67,12 @@ def main(name: str, model: dict) -> None:
     y = 0.3 * torch.randn(BATCH, 1, 7) + torch.cumsum(u, 1) / 100.0
     shape = (BATCH, SAMPLES, network.channels)
     noise = torch.randn(shape)
-    ddpm_noise = torch.stack([noise, *(torch.randn(shape) for _ in range(DIFFUSION["steps"] - 1))])
+    ddpm_noise = torch.stack([noise, *(torch.randn(shape) for _ in range(NOISE_LEVELS - 1))])
     expected = {"u": u, "y": y, "noise": noise}
-    is_flow = model["architecture"] == "flow"
+    is_flow = "diffusion" not in model
     if not is_flow:
         expected["ddpm_noise"] = ddpm_noise
 
-    folder = DATA / name
-    folder.mkdir(parents=True, exist_ok=True)
     (folder / "config.json").write_text(json.dumps(config, indent=1) + "\n")
     weights = {key: tensor.clone() for key, tensor in network.state_dict().items()}
     save_file(weights, folder / "model.safetensors", {"format": "pt"})
@@ -130,5 +104,7 @@ def main(name: str, model: dict) -> None:
     save_file({key: t.float().contiguous() for key, t in expected.items()}, folder / "expected.safetensors")
 
 
-for name, model in MODELS.items():
-    main(name, model)
+for folder in [DATA / name for name in sys.argv[1:]] or sorted(DATA.iterdir()):
+    model = json.loads((folder / "config.json").read_text())["model"]
+    if "sampler" in model:
+        main(folder, model)

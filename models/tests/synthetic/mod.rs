@@ -2,18 +2,19 @@
 
 #![allow(dead_code, reason = "each test file uses its own part")]
 
+#[path = "../smallest/mod.rs"]
+mod smallest;
+
 use models::TrainingData;
 use random::{ChaCha8Rng, Rng, SeedableRng};
 use series::{Series, Shape};
 use spec::{
-    CdcnnSpec, CdtSpec, Conditioning, DampedIntegrator, DataSource, DiffuserSpec, DiffusionSpec,
-    Execution, FlowPrediction, FlowSpec, Head, Known, ModelSpec, Normalization, OptimizerSpec,
-    Prediction, Residual, RoboMorphSpec, SamplerKind, SamplerSpec, TrainSpec, ValidationMetric,
+    DataSource, Execution, Head, ModelSpec, Normalization, OptimizerSpec, Residual, RoboMorphSpec,
+    TrainSpec, ValidationMetric,
 };
 
 /// Joints of the Panda.
-const JOINTS: usize = 7;
-
+pub const JOINTS: usize = 7;
 pub const SAMPLES: u32 = 24;
 pub const CONTEXT: u32 = 16;
 pub const DATA: TrainingData =
@@ -85,100 +86,13 @@ pub fn batch(index: u64, size: usize) -> Series {
     Series::new(shape, DATA.rate_hz, u, y).expect("values of this shape")
 }
 
-/// A model of every kind, the smallest that can learn.
-pub fn every_kind() -> Vec<(&'static str, ModelSpec)> {
-    let robomorph = RoboMorphSpec {
-        d_model: 16,
-        heads: 2,
-        encoder_layers: 1,
-        decoder_layers: 1,
-        patch: 4,
-        mlp_ratio: 2,
-        head: Head::Point,
-        residual: Residual::None,
-    };
-    let diffusion = DiffusionSpec {
-        steps: 20,
-        prediction: Prediction::Clean,
-        clip: Some(8.0),
-        ..DiffusionSpec::default()
-    };
-    let sampler = SamplerSpec { kind: SamplerKind::Ddim, steps: Some(5), ..SamplerSpec::default() };
-    let diffuser = DiffuserSpec {
-        width: 16,
-        multipliers: vec![1, 2],
-        known: Known::CleanAndMasked,
-        weights: [1.0, 3.0],
-        diffusion,
-        sampler,
-        residual: Residual::None,
-    };
-    let cdcnn = CdcnnSpec {
-        embedding: 16,
-        widths: vec![16, 32],
-        conditioning: Conditioning::Local,
-        diffusion,
-        sampler,
-        residual: Residual::None,
-    };
-    let cdt = CdtSpec {
-        d_model: 16,
-        heads: 2,
-        encoder_layers: 1,
-        decoder_layers: 2,
-        mlp_ratio: 2,
-        dropout: 0.0,
-        embedding_dropout: 0.0,
-        diffusion,
-        sampler,
-        residual: Residual::None,
-    };
-    let flow = FlowSpec {
-        embedding: 16,
-        widths: vec![16, 32],
-        prediction: FlowPrediction::Clean,
-        // As many levels for warm starts as the others have.
-        warm_start_time: 0.02,
-        sampler: SamplerSpec { kind: SamplerKind::Euler, ..SamplerSpec::default() },
-        residual: Residual::None,
-    };
-    let integrator = Residual::Integrator(DampedIntegrator { damping: 7.0 });
-    let velocity = DiffusionSpec { prediction: Prediction::Velocity, ..diffusion };
-    vec![
-        ("robomorph", ModelSpec::RoboMorph(robomorph.clone())),
-        ("robomorph, gaussian", {
-            ModelSpec::RoboMorph(RoboMorphSpec { head: Head::Gaussian, ..robomorph })
-        }),
-        ("robomorph, residual", {
-            ModelSpec::RoboMorph(RoboMorphSpec { residual: integrator, ..robomorph })
-        }),
-        ("diffuser", ModelSpec::Diffuser(diffuser.clone())),
-        ("diffuser, joint noise", {
-            ModelSpec::Diffuser(DiffuserSpec {
-                known: Known::JointNoise,
-                diffusion: velocity,
-                ..diffuser
-            })
-        }),
-        ("cdcnn", ModelSpec::Cdcnn(cdcnn.clone())),
-        ("cdcnn, global", {
-            ModelSpec::Cdcnn(CdcnnSpec {
-                conditioning: Conditioning::Global,
-                residual: integrator,
-                ..cdcnn
-            })
-        }),
-        ("cdt", ModelSpec::Cdt(cdt.clone())),
-        ("cdt, dropout", {
-            ModelSpec::Cdt(CdtSpec { dropout: 0.1, embedding_dropout: 0.1, ..cdt })
-        }),
-        ("flow", ModelSpec::Flow(flow.clone())),
-        ("flow, velocity", {
-            ModelSpec::Flow(FlowSpec {
-                prediction: FlowPrediction::Velocity,
-                residual: integrator,
-                ..flow
-            })
-        }),
-    ]
+/// A model of every architecture, plain and with each of its options, the smallest that learn.
+pub fn every_kind() -> Vec<(String, ModelSpec)> {
+    let models = smallest::models().into_iter();
+    models.map(|(name, model)| (name, serde_json::from_value(model).unwrap())).collect()
+}
+
+/// That of [`every_kind`] with this name.
+pub fn kind(name: &str) -> ModelSpec {
+    serde_json::from_value(smallest::model(name)).unwrap()
 }

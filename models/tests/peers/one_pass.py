@@ -1,37 +1,39 @@
-"""Makes ../data/robomorph/ and ../data/robomorph_gaussian/: a small RoboMorph of PyTorch's, what it
-predicts, its gradients, and its weights after four optimizer steps, with either head.
-`src/agreement_with_pytorch.rs` must get the same.
+"""Makes the files of ../data/NAME/ whose model answers in one pass: weights of PyTorch's, what they predict,
+gradients, and the weights after four optimizer steps. `src/agreement_with_pytorch.rs` must get the same.
 
-    pip install ../../../python && python robomorph.py
+    pip install ../../../python && python one_pass.py [NAME ...]
+
+Begin a new one with ../data/NAME/config.json, of which `model` alone is read. Without names all are made.
 """
 
 import json
+import sys
 from pathlib import Path
 
 import torch
+import torch.nn.functional as F
 from safetensors.torch import save_file
-from torqued import FORMAT_VERSION, RoboMorph, TrainedModel
+from torqued import FORMAT_VERSION, TrainedModel
+from torqued.checkpoint import network_of
 
 DATA = Path(__file__).parent.parent / "data"
-SIZES = dict(d_model=8, heads=2, encoder_layers=2, decoder_layers=2, patch=2, mlp_ratio=2)
 CONTEXT, HORIZON, BATCH = 8, 6, 3
 LEARNING_RATES = [5e-3, 1e-2, 1e-2, 1e-2 * (0.1 + 0.9 * 0.5)]
 """Two steps of warmup to 1e-2, then a cosine that would reach a tenth of it after four."""
 
 
-def make(folder: Path, head: str) -> None:
+def main(folder: Path, model: dict) -> None:
     torch.manual_seed(1)
-    sizes = {**SIZES, **({"head": head} if head != "point" else {})}
-    network = RoboMorph(**sizes, context=CONTEXT, horizon=HORIZON)
+    samples = CONTEXT + HORIZON
+    network = network_of({"model": model, "context": CONTEXT, "horizon": HORIZON, "samples": samples})
     for parameter in network.parameters():
         # Norm weights of 1, biases of 0 and near-uniform attention would hide mistakes.
         parameter.data += 0.3 * torch.randn_like(parameter)
-    if network.gaussian:
+    if model.get("head") == "gaussian":
         # Else few entries, of small variance, make the loss: sums that cancel, in PyTorch's single
         # precision as in any.
         network.head.weight.data *= 0.3
 
-    samples = CONTEXT + HORIZON
     time = torch.arange(samples) / 60.0
     amplitude = torch.randn(BATCH, 1, 7)
     u = 3.0 * amplitude * torch.sin(9.0 * torch.rand(BATCH, 1, 7) * time[None, :, None]) + 0.3 * torch.randn(BATCH, 1, 7)
@@ -42,7 +44,7 @@ def make(folder: Path, head: str) -> None:
     statistics = {"u_mean": u_mean, "u_std": u_std, "y_mean": y_mean, "y_std": y_std}
     config = {
         "format_version": FORMAT_VERSION,
-        "model": {"architecture": "robomorph", **sizes},
+        "model": model,
         "context": CONTEXT,
         "horizon": HORIZON,
         "samples": samples,
@@ -55,30 +57,27 @@ def make(folder: Path, head: str) -> None:
         "versions": {"torqued": "0.1.0", "burn": f"none, torch {torch.__version__}"},
     }
 
-    folder.mkdir(parents=True, exist_ok=True)
     (folder / "config.json").write_text(json.dumps(config, indent=1) + "\n")
     weights = {name: tensor.clone() for name, tensor in network.state_dict().items()}
     save_file(weights, folder / "model.safetensors", {"format": "pt"})
     expected = {"u": u, "y": y}
 
     for normalizer in ["context", config["normalizer"]]:
-        model = TrainedModel(network, {**config, "normalizer": normalizer})
-        name = normalizer if isinstance(normalizer, str) else "dataset"
-        expected[f"prediction.{name}"] = torch.tensor(model.predict(u.numpy(), y[:, :CONTEXT].numpy()))
+        trained = TrainedModel(network, {**config, "normalizer": normalizer})
+        kind = normalizer if isinstance(normalizer, str) else "dataset"
+        expected[f"prediction.{kind}"] = torch.tensor(trained.predict(u.numpy(), y[:, :CONTEXT].numpy()))
 
     # From here on in double precision, so that the differences found are torqued's alone.
     network.double()
     u_normal, y_normal = ((u - u_mean) / u_std).double(), ((y - y_mean) / y_std).double()
-    known = torch.cat([u_normal[:, :CONTEXT], y_normal[:, :CONTEXT]], -1)
     optimizer = torch.optim.AdamW(network.parameters(), betas=(0.9, 0.95), eps=1e-3, weight_decay=0.05)
     for step, learning_rate in enumerate(LEARNING_RATES):
         optimizer.zero_grad()
-        answer, truth = network(known, u_normal[:, CONTEXT:]), y_normal[:, CONTEXT:]
-        if network.gaussian:
-            mean, log_variance = network.mean_and_log_variance(answer)
-            loss = 0.5 * ((truth - mean) ** 2 * torch.exp(-log_variance) + log_variance).mean()
+        past, truth = y_normal[:, :CONTEXT], y_normal[:, CONTEXT:]
+        if hasattr(network, "loss"):
+            loss = network.loss(u_normal, past, truth)
         else:
-            loss = torch.nn.functional.mse_loss(answer, truth)
+            loss = F.mse_loss(network.answer(u_normal, past), truth)
         loss.backward()
         expected[f"loss.{step}"] = loss.detach().reshape(1)
         if step == 0:
@@ -92,5 +91,7 @@ def make(folder: Path, head: str) -> None:
     save_file({name: tensor.float() for name, tensor in expected.items()}, folder / "expected.safetensors")
 
 
-make(DATA / "robomorph", "point")
-make(DATA / "robomorph_gaussian", "gaussian")
+for folder in [DATA / name for name in sys.argv[1:]] or sorted(DATA.iterdir()):
+    model = json.loads((folder / "config.json").read_text())["model"]
+    if "sampler" not in model:
+        main(folder, model)

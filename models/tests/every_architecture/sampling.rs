@@ -1,0 +1,172 @@
+//! Answers and samples: their keys, their starts, and what is refused.
+
+use models::{Device, ModelError, Sampling, TrainedModel, ValidationPart, WarmStart};
+use spec::{EmaSpec, SamplerKind, SamplerSpec, TrainSpec};
+
+use crate::synthetic::{JOINTS, batch, every_kind, kind, train_spec};
+use crate::{CONTEXT_VALUES, HORIZON_VALUES, ROW, briefly_trained, known, train, trainer};
+
+fn generative_kinds() -> impl Iterator<Item = (String, TrainedModel)> {
+    every_kind()
+        .into_iter()
+        .map(|(name, model)| (name, briefly_trained(model)))
+        .filter(|(_, model)| model.is_generative())
+}
+
+fn kinds_with_samplers() -> impl Iterator<Item = (String, TrainedModel)> {
+    generative_kinds().filter(|(_, model)| model.architecture().sampler().is_some())
+}
+
+#[test]
+fn a_model_predicts_what_its_trainer_validated() {
+    for (name, model) in every_kind() {
+        for ema in [None, Some(EmaSpec { decay: 0.5, power: 1.0 })] {
+            let mut trainer = trainer(&TrainSpec { model: model.clone(), ema, ..train_spec() });
+            train(&mut trainer, 0..3);
+            let files = trainer.checkpoint().unwrap();
+            let model = TrainedModel::from_files(&files, &Device::cpu()).unwrap();
+            let batch = batch(50, 5);
+            let predicted = model.predict(&known(&batch)).unwrap();
+            let mut total = 0.0;
+            for (predicted, truth) in predicted.chunks(HORIZON_VALUES).zip(batch.y().chunks(ROW)) {
+                for joint in 0..JOINTS {
+                    let pairs = predicted.iter().zip(&truth[CONTEXT_VALUES..]);
+                    let squares: f64 = pairs
+                        .skip(joint)
+                        .step_by(JOINTS)
+                        .map(|(a, b)| f64::from(a - b).powi(2))
+                        .sum();
+                    total += (squares / (HORIZON_VALUES / JOINTS) as f64).sqrt();
+                }
+            }
+            let rmse = total / (5 * JOINTS) as f64;
+            let reported = trainer.validate(&ValidationPart::whole(&batch)).unwrap().rmse_rad();
+            assert!((rmse - reported).abs() < 1e-6 * reported, "{name}: {rmse} {reported}");
+        }
+    }
+}
+
+#[test]
+fn no_answer_depends_on_the_positions_of_the_horizon() {
+    let batch = batch(53, 3);
+    let mut other = batch.clone();
+    for y in other.y_mut().chunks_exact_mut(ROW) {
+        for value in &mut y[CONTEXT_VALUES..] {
+            *value = 100.0 - *value;
+        }
+    }
+    for (name, model) in every_kind() {
+        let model = briefly_trained(model);
+        let answer = model.predict_with_leak(&batch.view()).unwrap();
+        assert_eq!(answer, model.predict_with_leak(&other.view()).unwrap(), "{name}");
+        assert_eq!(answer, model.predict(&known(&batch)).unwrap(), "{name}");
+        assert!(answer.iter().all(|value| value.is_finite()), "{name}");
+    }
+}
+
+#[test]
+fn a_sample_is_the_same_whatever_it_is_asked_together_with() {
+    let batch = batch(60, 5);
+    let question = known(&batch);
+    for (name, model) in generative_kinds() {
+        let all = Sampling { samples: 30, seed: 4, ..Sampling::default() };
+        let many = model.sample(&question, &all).unwrap();
+        assert_eq!(many.len(), 30 * 5 * HORIZON_VALUES);
+        let alone = question.pick(&[3]);
+        let one = Sampling { samples: 2, first_scenario: 3, ..all };
+        let few = model.sample(&alone, &one).unwrap();
+        for sample in 0..2 {
+            let among = &many[(sample * 5 + 3) * HORIZON_VALUES..][..HORIZON_VALUES];
+            let alone = &few[sample * HORIZON_VALUES..][..HORIZON_VALUES];
+            let largest = among.iter().zip(alone).fold(0.0, |a: f32, (b, c)| a.max((b - c).abs()));
+            assert!(largest < 1e-4, "{name}: {largest}");
+        }
+        assert_ne!(few[..HORIZON_VALUES], few[HORIZON_VALUES..], "{name} has one answer only");
+    }
+}
+
+#[test]
+fn every_sampler_gives_finite_positions() {
+    let batch = batch(61, 2);
+    let question = known(&batch);
+    for (name, model) in kinds_with_samplers() {
+        for &kind in model.architecture().generation().unwrap().samplers() {
+            for steps in [Some(1), Some(7), None] {
+                let sampler = Some(SamplerSpec { kind, steps, ..SamplerSpec::default() });
+                let sampling = Sampling { sampler, ..Sampling::default() };
+                let answer = model.sample(&question, &sampling).unwrap();
+                let finite = answer.iter().all(|value| value.is_finite());
+                assert!(finite, "{name}, {kind:?}, {steps:?} steps");
+            }
+        }
+    }
+}
+
+/// One step from level 0, at which there is next to no noise, cannot move far from where it began;
+/// from pure noise it lands elsewhere.
+#[test]
+fn a_warm_start_stays_near_the_previous_prediction() {
+    let batch = batch(62, 2);
+    let question = known(&batch);
+    let previous: Vec<f32> =
+        batch.y().chunks_exact(ROW).flat_map(|y| &y[CONTEXT_VALUES..]).copied().collect();
+    let warm_start = |steps| WarmStart { previous: previous.clone(), shift: 0, steps };
+    for (name, model) in kinds_with_samplers() {
+        let from = |warm_start| {
+            let sampling = Sampling { warm_start, ..Sampling::default() };
+            model.sample(&question, &sampling).unwrap()
+        };
+        let distance = |answer: &[f32]| {
+            let squares = answer.iter().zip(&previous).map(|(a, b)| (a - b).powi(2));
+            (squares.sum::<f32>() / previous.len() as f32).sqrt()
+        };
+        let (warm, cold) = (from(Some(warm_start(1))), from(None));
+        assert!(warm != cold, "{name}");
+        assert!(distance(&warm).is_finite() && distance(&cold).is_finite(), "{name}");
+
+        let error = model
+            .sample(
+                &question,
+                &Sampling { warm_start: Some(warm_start(21)), ..Sampling::default() },
+            )
+            .unwrap_err();
+        assert!(error.to_string().contains("warm_start.steps is 21"), "{error}");
+        let short = WarmStart { previous: vec![0.0; 3], shift: 1, steps: 1 };
+        let error = model
+            .sample(&question, &Sampling { warm_start: Some(short), ..Sampling::default() })
+            .unwrap_err();
+        assert!(matches!(error, ModelError::Length { .. }), "{error}");
+    }
+}
+
+#[test]
+fn what_a_model_cannot_do_is_refused_by_name() {
+    let batch = batch(63, 1);
+    let question = known(&batch);
+    let point = briefly_trained(kind("robomorph"));
+    let error = point.sample(&question, &Sampling::default()).unwrap_err();
+    assert!(matches!(error, ModelError::NotGenerative), "{error}");
+
+    let gaussian = briefly_trained(kind("robomorph, gaussian"));
+    let sampler = Some(SamplerSpec::default());
+    let error =
+        gaussian.sample(&question, &Sampling { sampler, ..Sampling::default() }).unwrap_err();
+    assert!(error.to_string().contains("sampler is given"), "{error}");
+
+    let diffuser = briefly_trained(kind("diffuser"));
+    let sampler = Some(SamplerSpec { steps: Some(21), ..SamplerSpec::default() });
+    let error =
+        diffuser.sample(&question, &Sampling { sampler, ..Sampling::default() }).unwrap_err();
+    assert!(error.to_string().contains("sampler.steps is 21"), "{error}");
+    assert!(error.to_string().contains("diffusion.steps, which is 20"), "{error}");
+
+    let refused = |model: &TrainedModel, kind| {
+        let sampler = Some(SamplerSpec { kind, ..SamplerSpec::default() });
+        let sampling = Sampling { sampler, ..Sampling::default() };
+        model.sample(&question, &sampling).unwrap_err().to_string()
+    };
+    let error = refused(&diffuser, SamplerKind::Euler);
+    assert!(error.contains("sampler.kind is euler") && error.contains("dpm-solver++"), "{error}");
+    let error = refused(&briefly_trained(kind("flow")), SamplerKind::Ddpm);
+    assert!(error.contains("sampler.kind is ddpm") && error.contains("euler, heun"), "{error}");
+}
