@@ -15,13 +15,13 @@ pub struct Checkpoint {
     pub run: i64,
     /// Optimizer steps taken.
     pub step: u64,
-    /// Whether training ended with it.
+    /// True of the checkpoint that training ended with.
     #[serde(rename = "final")]
     pub is_final: bool,
-    /// Whether its validation is the best so far, by the training's `monitor`.
+    /// True of the checkpoint with the best validation so far, by the training's `monitor`.
     #[serde(rename = "best")]
     pub is_best: bool,
-    /// Whether there is none after it.
+    /// True of the newest checkpoint of its training.
     #[serde(rename = "last")]
     pub is_last: bool,
     /// Newest values when it was written, `validation/rmse_deg` among them once there was one.
@@ -46,7 +46,7 @@ pub struct Checkpoints {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct StoredFile {
     pub name: String,
-    /// In bytes.
+    /// Size in bytes.
     pub size: u64,
     pub sha256: Digest,
     /// Path of the download.

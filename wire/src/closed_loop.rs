@@ -26,7 +26,7 @@ pub struct ControlReport {
     pub paired: Vec<ControlDifference>,
 }
 
-/// Who a controller is.
+/// The name of a controller, its kind and its training.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ControllerInfo {
     pub name: String,
@@ -69,7 +69,7 @@ pub struct ControllerSummary {
     pub failure: Option<String>,
 }
 
-/// How long plans took, with whatever else the machine had to do.
+/// Times that plans took, beside whatever else the machine had to do.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct PlanTime {
     pub median_ms: f64,
@@ -78,7 +78,7 @@ pub struct PlanTime {
     pub threads: u64,
 }
 
-/// How two controllers differ on the same robots.
+/// The difference between two controllers on the same robots.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ControlDifference {
     pub controller: String,

@@ -19,7 +19,7 @@ pub struct Dataset {
     pub state: DatasetState,
     #[schema(value_type = JobSpec)]
     pub spec: Value,
-    /// How many there are when it is complete; 0 for an import that has not ended.
+    /// Trajectories of the complete dataset; 0 for an import that has not ended.
     pub trajectories: u64,
     /// Samples of each trajectory.
     pub samples: u32,
@@ -27,9 +27,9 @@ pub struct Dataset {
     pub rejected: u64,
     /// Size of all files so far.
     pub bytes: u64,
-    /// Those that exist so far; in a list of datasets, none.
+    /// The files that exist so far; in a list of datasets, none.
     pub files: Vec<DatasetFile>,
-    /// The newest one; in a list of datasets, left out.
+    /// The newest verification; in a list of datasets, left out.
     pub verification: Option<Verification>,
     pub created_at: String,
     pub completed_at: Option<String>,
@@ -44,14 +44,14 @@ pub struct DatasetFile {
     pub shard: Option<u32>,
     /// Rows of a table.
     pub rows: Option<u64>,
-    /// In bytes.
+    /// Size in bytes.
     pub size: u64,
     pub sha256: Digest,
     /// Path of the download.
     pub url: String,
 }
 
-/// What a file of a dataset holds.
+/// The content of a file of a dataset.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum FileKind {

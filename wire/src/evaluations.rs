@@ -26,14 +26,14 @@ pub struct Evaluation {
     pub created_at: String,
 }
 
-/// How far one excitation at one frequency is.
+/// The task of one cell: an excitation at one frequency, or all of data without a frequency grid.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct CellTask {
     pub task: i64,
     #[schema(example = "multisine 0.15 Hz")]
     pub label: String,
     pub state: TaskState,
-    /// Why it failed, or its last attempt did.
+    /// The reason why it failed, or its last attempt did.
     pub error: Option<String>,
 }
 

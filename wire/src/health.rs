@@ -1,4 +1,4 @@
-//! Whether the server answers.
+//! The health of the server.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;

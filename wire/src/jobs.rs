@@ -14,10 +14,10 @@ pub struct Job {
     pub kind: JobKind,
     pub name: String,
     pub state: JobState,
-    /// Why it failed or was cancelled.
+    /// The reason why it failed or was cancelled.
     pub error: Option<String>,
     pub digest: Digest,
-    /// With every default filled in and every reference resolved to a digest.
+    /// The spec with every default filled in and every reference resolved to a digest.
     #[schema(value_type = JobSpec)]
     pub spec: Value,
     /// Doubtful values of the spec that are allowed all the same: field, value and reason.
@@ -44,7 +44,7 @@ pub struct Job {
     pub created_at: String,
     pub started_at: Option<String>,
     pub finished_at: Option<String>,
-    /// From start to end.
+    /// Seconds from start to end.
     pub duration_seconds: Option<f64>,
 }
 
@@ -54,7 +54,7 @@ pub struct Progress {
     pub done: u64,
     /// 0 as long as it is not known.
     pub total: u64,
-    /// What is counted, e.g. `trajectories`.
+    /// The things counted, e.g. `trajectories`.
     pub unit: String,
     pub rate_per_second: Option<f64>,
     pub message: Option<String>,

@@ -10,13 +10,13 @@ use utoipa::ToSchema;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PredictionRequest {
-    /// At least one; answered in this order.
+    /// At least one scenario; they are answered in this order.
     pub scenarios: Vec<ObservedScenario>,
     #[serde(default)]
     pub sampling: PredictionSampling,
 }
 
-/// How a robot moved so far, and the torques that will come.
+/// The motion of a robot so far, and the torques to come.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ObservedScenario {
@@ -28,35 +28,35 @@ pub struct ObservedScenario {
     pub future_u: Vec<Vec<f32>>,
 }
 
-/// How a model answers.
+/// The form of the answer: one, or samples with their quantiles.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct PredictionSampling {
     /// The sampler of a model that removes noise; `null` is the checkpoint's.
     pub sampler: Option<SamplerSpec>,
-    /// How many samples of each scenario, from a denoiser or a gaussian head; `y` is then their mean.
+    /// Samples per scenario, from a denoiser or a gaussian head; `y` is then their mean.
     /// `null` is one answer: the mean of a gaussian head, one sample of a denoiser.
     pub samples: Option<u32>,
     /// Quantiles to answer with, between 0 and 1, of at least 2 samples.
     pub quantiles: Vec<f64>,
-    /// Whether to answer with the samples themselves, too.
+    /// `true` adds the samples themselves to the answer.
     pub return_samples: bool,
-    /// With the scenario's place in the request and the number of the sample, the key of all
-    /// randomness.
+    /// The key of all randomness, with the scenario's place in the request and the number of the
+    /// sample.
     pub seed: u64,
 }
 
-/// What a checkpoint predicts.
+/// The answer of a checkpoint.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Prediction {
     #[serde(flatten)]
     pub model: PredictingModel,
-    /// One for each scenario of the request, in their order.
+    /// One answer for each scenario of the request, in their order.
     pub scenarios: Vec<PredictedScenario>,
     pub latency_ms: PredictionLatency,
 }
 
-/// Which model, and where it is computed.
+/// The model that answers, and the device that computes it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct PredictingModel {
     pub checkpoint: i64,
@@ -65,7 +65,7 @@ pub struct PredictingModel {
     /// The digest of the file of the weights.
     pub weights: Option<Digest>,
     pub rate_hz: f64,
-    /// As `serve --device` takes it.
+    /// The name of the device, as `serve --device` takes it.
     #[schema(example = "cpu")]
     pub device: String,
     /// Threads that compute one prediction.
@@ -93,12 +93,12 @@ pub struct PredictedQuantile {
     pub y: Vec<Vec<f32>>,
 }
 
-/// Where the time went, ms.
+/// The time of each part of the answer, ms.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct PredictionLatency {
-    /// Until the model was loaded; next to nothing when it was before.
+    /// The time until the model was loaded; next to nothing when it was before.
     pub load: f64,
-    /// Until the computation's turn came.
+    /// The wait for the computation's turn.
     pub queue: f64,
     pub compute: f64,
 }

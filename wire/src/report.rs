@@ -17,7 +17,7 @@ pub struct Report {
     pub bootstrap: Bootstrap,
     /// Samples that each predictor with several was asked for.
     pub samples: u32,
-    /// In the order of every table.
+    /// The predictors, in the order of every table.
     pub predictors: Vec<PredictorInfo>,
     /// The frequencies that all checkpoints were trained on; cells inside are in distribution.
     pub in_distribution: Vec<TrainedOn>,
@@ -34,7 +34,7 @@ pub struct Report {
     pub worst: Vec<WorstCase>,
 }
 
-/// Who a predictor is.
+/// The name of a predictor, its kind and its training.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct PredictorInfo {
     pub name: String,
@@ -44,7 +44,7 @@ pub struct PredictorInfo {
     pub digest: Option<Digest>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub normalization: Option<Normalization>,
-    /// How a denoiser was sampled.
+    /// The sampling of a denoiser.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sampling: Option<SamplingInfo>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -52,7 +52,7 @@ pub struct PredictorInfo {
 }
 
 impl PredictorInfo {
-    /// Whether it was told something of what it is to predict.
+    /// `true` if it was told something of the horizon that it predicts.
     pub fn sees_the_future(&self) -> bool {
         self.normalization == Some(Normalization::PaperLeaky)
             || self.sampling.as_ref().is_some_and(|sampling| sampling.start == Start::Oracle)
@@ -66,10 +66,10 @@ pub enum PredictorKind {
     Checkpoint,
 }
 
-/// How a denoiser was sampled.
+/// The sampling of a denoiser.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct SamplingInfo {
-    /// Names the curve in figures over steps: predictors that differ in `steps` alone share it.
+    /// The name of the curve in figures over steps: predictors that differ in `steps` alone share it.
     pub curve: String,
     pub kind: SamplerKind,
     /// Passes through the network.
@@ -186,7 +186,7 @@ pub struct Calibration {
     pub coverage: f64,
 }
 
-/// How two predictors differ on the same scenarios.
+/// The difference between two predictors on the same scenarios.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct PairedDifference {
     pub group: String,
@@ -204,7 +204,7 @@ pub struct FailureSummary {
     pub family: Option<Family>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub frequency_hz: Option<f64>,
-    /// How many.
+    /// The number of those scenarios.
     pub scenarios: u64,
     /// Index of the first in the dataset.
     pub first: u64,

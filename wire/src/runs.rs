@@ -41,7 +41,7 @@ pub struct LatestMetric {
 pub struct Artifact {
     pub name: String,
     pub media_type: String,
-    /// In bytes.
+    /// Size in bytes.
     pub size: u64,
     pub sha256: Digest,
     /// Path of the download.
@@ -60,7 +60,7 @@ pub struct Runs {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Metric {
     pub key: String,
-    /// By step.
+    /// The points in the order of their steps.
     pub points: Vec<MetricPoint>,
     /// Points before thinning out.
     pub recorded: u64,

@@ -44,9 +44,9 @@ macro_rules! states {
 }
 
 states! {
-    /// How far a job is. Final states never change.
+    /// The state of a job. Final states never change.
     JobState {
-        /// For jobs that it needs.
+        /// It waits for jobs that it needs.
         Waiting = "waiting",
         Queued = "queued",
         Running = "running",
@@ -57,9 +57,9 @@ states! {
 }
 
 states! {
-    /// How far a task is.
+    /// The state of a task.
     TaskState {
-        /// For tasks of earlier stages, or for jobs that its job needs.
+        /// It waits for tasks of earlier stages, or for jobs that its job needs.
         Waiting = "waiting",
         Queued = "queued",
         Running = "running",
@@ -70,7 +70,7 @@ states! {
 }
 
 states! {
-    /// Whether a dataset is whole.
+    /// The state of a dataset.
     DatasetState {
         /// Shards are missing.
         Building = "building",
@@ -79,7 +79,7 @@ states! {
 }
 
 impl JobState {
-    /// Whether the job has ended.
+    /// True of a job that has ended.
     pub const fn is_final(self) -> bool {
         matches!(self, Self::Succeeded | Self::Failed | Self::Cancelled)
     }

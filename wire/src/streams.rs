@@ -16,7 +16,7 @@ pub enum StreamMessage {
     Reset(Nothing),
 }
 
-/// How the predictions that follow are made.
+/// The settings of the predictions that follow.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct StreamSettings {
@@ -76,7 +76,7 @@ pub struct FilledContext {
 /// A prediction on a stream.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct StreamedPrediction {
-    /// Counted from 0.
+    /// The number of the prediction, counted from 0.
     pub number: u64,
     #[serde(flatten)]
     pub predicted: PredictedScenario,
@@ -86,12 +86,12 @@ pub struct StreamedPrediction {
     pub latency_ms: StreamLatency,
 }
 
-/// Where the time went, ms.
+/// The time of each part of the answer, ms.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct StreamLatency {
-    /// Until the computation's turn came.
+    /// The wait for the computation's turn.
     pub queue: f64,
     pub compute: f64,
-    /// From the message to the answer, both as text.
+    /// The time from the message to the answer, both as text.
     pub total: f64,
 }

@@ -1,4 +1,4 @@
-//! What a dataset holds, in a few numbers.
+//! The contents of a dataset in a few numbers.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -7,7 +7,7 @@ use utoipa::ToSchema;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Summary {
     pub dataset: i64,
-    /// In the shards that are finished.
+    /// Trajectories in the shards that are finished.
     pub trajectories: u64,
     /// Index of the first of them.
     pub first: u64,

@@ -20,14 +20,14 @@ pub struct Task {
     pub max_attempts: u32,
     /// The fencing number of its lease.
     pub epoch: i64,
-    /// Who has it, or had it last.
+    /// The worker that has it, or had it last.
     pub worker: Option<String>,
     pub lease_until: Option<String>,
-    /// Why the last attempt that failed did.
+    /// The error of the last attempt that failed.
     pub error: Option<String>,
     pub progress: Progress,
-    /// What it reports of its work: a verification how a shard agrees, an import what became of the
-    /// file. The resource that it made has the rest.
+    /// Its report: of a verification the agreement of a shard, of an import the counts of the file.
+    /// The resource that it made has the rest.
     #[schema(value_type = Option<Object>)]
     pub result: Option<Value>,
     pub started_at: Option<String>,
@@ -41,7 +41,7 @@ pub struct Tasks {
 }
 
 impl Tasks {
-    /// What the task of the last stage reports, as far as it is plain numbers and words, e.g.
+    /// The plain numbers and words that the task of the last stage reports, e.g.
     /// `trajectories 1000, samples 400`; `None` where that stage has several tasks.
     pub fn findings(&self) -> Option<String> {
         let last = self.tasks.last()?;

@@ -30,7 +30,7 @@ pub struct VerifiedShard {
     pub dataset: i64,
     /// `equal`, or in words how the bytes differ or what they were compared with.
     pub bytes: String,
-    /// How the values agree where the bytes differ.
+    /// The agreement of the values where the bytes differ.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub values: Option<String>,
 }

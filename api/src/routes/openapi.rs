@@ -65,7 +65,7 @@ impl IntoResponses for FileResponses {
 pub fn add_problems(document: &mut openapi::OpenApi) {
     let content = ContentBuilder::new().schema(Some(Ref::from_schema_name("Problem"))).build();
     let problem = ResponseBuilder::new()
-        .description("What was wrong, where, and what is allowed")
+        .description("An error: the fault, its place, and what is allowed")
         .content("application/problem+json", content)
         .build();
     for item in document.paths.paths.values_mut() {
