@@ -12,7 +12,7 @@ use models::{
     ValidationPart,
 };
 use safetensors::SafeTensors;
-use spec::{EmaSpec, ModelSpec, RoboMorphSpec, SamplerKind, SamplerSpec, TrainSpec};
+use spec::{EmaSpec, ModelSpec, RoboMorphSpec, SamplerSpec, TrainSpec};
 use synthetic::{CONTEXT, DATA, JOINTS, SAMPLES, batch, every_kind, kind, train_spec};
 
 /// Of the largest gradient of the same parameter.
@@ -110,8 +110,8 @@ fn check_gradients(kind: DeviceKind) {
 /// Answers of weights that were trained for a moment, and whole chains of every sampler.
 fn check_answers(kind: DeviceKind) {
     let device = Device::open(kind).unwrap();
-    let batch = batch(50, 3);
-    let question = batch.observed(CONTEXT as usize);
+    let held_out = batch(50, 3);
+    let question = held_out.observed(CONTEXT as usize);
     for (name, model) in every_model() {
         let mut trainer = trainer(&unclipped(model), &Device::cpu());
         for step in 0..5 {
