@@ -102,6 +102,26 @@ vectorized! {
 }
 
 vectorized! {
+    /// y = tanh x.
+    fn tanh(x: &[f32], y: &mut [f32]) {
+        for (y, &x) in y.iter_mut().zip(x) {
+            *y = 1.0 - 2.0 / (exponential::<FUSED>(2.0 * x) + 1.0);
+        }
+    }
+}
+
+vectorized! {
+    /// dx = (1 - tanh² x) dy, without the difference, which would lose the tails.
+    fn tanh_gradient(x: &[f32], dy: &[f32], dx: &mut [f32]) {
+        for ((dx, &x), &dy) in dx.iter_mut().zip(x).zip(dy) {
+            // It is even; the power of a great |x| would have a square that is infinite.
+            let power = exponential::<FUSED>(-2.0 * x.abs());
+            *dx = 4.0 * power / ((power + 1.0) * (power + 1.0)) * dy;
+        }
+    }
+}
+
+vectorized! {
     /// y = mish(x̂ weight + bias) with x̂ = (x - mean) / deviation over all of x, which has as many
     /// equally long channels as `weight`.
     fn group_norm_mish(x: &[f32], weight: &[f32], bias: &[f32], epsilon: f32, y: &mut [f32]) {

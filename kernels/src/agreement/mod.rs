@@ -1,6 +1,7 @@
 //! The fused operations agree with burn's own, value and gradients, at sizes that do and do not
 //! divide vectors and tasks.
 
+mod tanh;
 mod unets;
 
 use burn::tensor::{Device, Tensor, TensorData};
