@@ -19,14 +19,6 @@ use spec::{Baseline, DataSpec, JobSpec, SimulateSpec};
 /// Joints of the Panda.
 const JOINTS: usize = 7;
 
-const BASELINES: [Baseline; 6] = [
-    Baseline::HoldLast,
-    Baseline::DampedIntegrator,
-    Baseline::FittedDamping,
-    Baseline::LeastSquares,
-    Baseline::Arx,
-    Baseline::Identification,
-];
 const CONTEXT: usize = 320;
 
 fn main() {
@@ -52,13 +44,13 @@ fn main() {
     let cells: Vec<Series> =
         spec.cells().iter().map(|cell| scenarios(&spec, cell.first, cell.count)).collect();
 
-    print!("{:<18}", "Hz");
+    print!("{:<26}", "Hz");
     grid.iter().for_each(|frequency| print!("{frequency:>9}"));
     println!("{:>14}", "ms/scenario");
-    for name in BASELINES {
+    for name in Baseline::all() {
         let predictor = baseline(name, &arm);
         let begin = Instant::now();
-        print!("{:<18}", predictor.name());
+        print!("{:<26}", predictor.name());
         for cell in &cells {
             let predicted = predictor.predict(&cell.observed(CONTEXT)).unwrap();
             let errors = rmse_deg(&cell.view(), CONTEXT, &predicted);

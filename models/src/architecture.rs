@@ -99,6 +99,7 @@ pub(crate) struct ModelInput {
     pub seen_context: Tensor<3>,
     /// The path that answers are relative to, as normalized positions `[batch, sample, joint]`.
     pub path: Tensor<3>,
+    pub rate_hz: f64,
 }
 
 /// How an answer is come by.

@@ -46,6 +46,16 @@ impl<'a> InitialWeights<'a> {
         self.parameter(shape, |_| value)
     }
 
+    /// These values, in row-major order.
+    pub fn given<const D: usize>(
+        &mut self,
+        shape: [usize; D],
+        values: impl IntoIterator<Item = f32>,
+    ) -> Param<Tensor<D>> {
+        let mut values = values.into_iter();
+        self.parameter(shape, |_| values.next().unwrap_or_default())
+    }
+
     fn parameter<const D: usize>(
         &mut self,
         shape: [usize; D],

@@ -30,6 +30,25 @@ impl Linear {
         }
     }
 
+    /// Biases as given and weights uniform on ±`bound`, so that outputs begin near the biases.
+    pub fn near(
+        biases: &[f32],
+        input: usize,
+        bound: f32,
+        weights: &mut InitialWeights<'_>,
+    ) -> Self {
+        Self {
+            weight: weights.uniform([biases.len(), input], bound),
+            bias: weights.given([biases.len()], biases.iter().copied()),
+            packed: PackedWeight::default(),
+        }
+    }
+
+    /// The weight `[output, input]` and the bias `[output]`.
+    pub fn parameters(&self) -> (Tensor<2>, Tensor<1>) {
+        (self.weight.val(), self.bias.val())
+    }
+
     /// `[batch, token, input]` to `[batch, token, output]`.
     pub fn forward<A: Activations>(&self, x: A) -> A {
         let shape = self.shape_from(&x);

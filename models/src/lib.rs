@@ -28,6 +28,7 @@ mod error;
 mod flow;
 mod frame;
 mod initialization;
+mod lagrangian;
 mod layers;
 mod loss;
 mod memory;

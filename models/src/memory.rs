@@ -239,8 +239,11 @@ mod tests {
                 let device = Device::cpu().training();
                 let mut weights = InitialWeights::new(0, &device);
                 let model = SequenceModel::new(&spec.model, EXTENTS, &mut weights).unwrap();
-                // The first time, what is kept for operations to come is made.
-                let [_, few, many] = [20, 4, 20].map(|batch| kept_bytes(&model, batch));
+                // The first pass makes what is kept for operations to come. Tables of burn's grow in
+                // some passes, not in the one that leaves least.
+                kept_bytes(&model, 20);
+                let least = |batch| (0..3).map(|_| kept_bytes(&model, batch)).min().unwrap();
+                let [few, many] = [4, 20].map(least);
                 (many - few) as f64 / 16.0 / F32 as f64
             });
             println!("{name}: {counted} counted, {kept} kept");
@@ -263,6 +266,7 @@ mod tests {
             y_context: series(EXTENTS.context),
             seen_context: series(EXTENTS.context),
             path: series(400),
+            rate_hz: 60.0,
         };
         let rows = |purpose| (0..batch as u64).map(move |row| generator(0, purpose, 0, row));
         let mut noise = Noise::new(rows(Purpose::Training)).with_dropout(rows(Purpose::Dropout));

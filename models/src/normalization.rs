@@ -32,6 +32,12 @@ impl Statistics {
             && deviations.all(|&deviation| deviation.is_finite() && deviation > 0.0)
     }
 
+    /// Mean 0 and deviation 1: what is seen is N·m and rad.
+    fn identity(joints: usize) -> Self {
+        let [zeros, ones] = [0.0, 1.0].map(|value| vec![value; joints]);
+        Self { u_mean: zeros.clone(), u_std: ones.clone(), y_mean: zeros, y_std: ones }
+    }
+
     /// The statistics of the first `samples` samples of one trajectory.
     fn of(u: Track<'_>, y: Track<'_>, samples: usize) -> Self {
         let (mut of_u, mut of_y) = (ChannelSums::new(u.joints()), ChannelSums::new(y.joints()));
@@ -121,6 +127,8 @@ pub enum Normalizer {
     Dataset(Statistics),
     /// By each trajectory's own context and horizon, as in the paper's code.
     PaperLeaky,
+    /// Not at all: N·m and rad.
+    None,
 }
 
 impl Normalizer {
@@ -131,6 +139,7 @@ impl Normalizer {
         match (normalization, dataset) {
             (Normalization::Context, _) => Ok(Self::Context),
             (Normalization::PaperLeaky, _) => Ok(Self::PaperLeaky),
+            (Normalization::None, _) => Ok(Self::None),
             (Normalization::Dataset, Some(statistics)) => Ok(Self::Dataset(statistics)),
             (Normalization::Dataset, None) => Err(ModelError::MissingStatistics),
         }
@@ -146,6 +155,7 @@ impl Normalizer {
             Self::Context => context,
             Self::PaperLeaky => batch.samples(),
             Self::Dataset(statistics) => return vec![statistics.clone(); batch.robots()],
+            Self::None => return vec![Statistics::identity(batch.joints()); batch.robots()],
         };
         let robots = 0..batch.robots();
         robots.map(|robot| Statistics::of(batch.u(robot), batch.y(robot), seen)).collect()
@@ -160,6 +170,7 @@ impl Normalizer {
         match self {
             Self::Dataset(statistics) => Ok(vec![statistics.clone(); robots]),
             Self::PaperLeaky => Err(ModelError::LeakRequired),
+            Self::None => Ok(vec![Statistics::identity(observed.joints()); robots]),
             Self::Context => {
                 let of = |robot| Statistics::of(observed.u(robot), observed.y(robot), context);
                 Ok((0..robots).map(of).collect())
@@ -203,6 +214,7 @@ pub(crate) fn model_input(
         y_context: tensor(y_context, context),
         seen_context: tensor(seen_context, context),
         path: tensor(path, samples),
+        rate_hz: observed.rate_hz(),
     }
 }
 

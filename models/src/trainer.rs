@@ -80,7 +80,8 @@ pub struct StepReport {
     /// What the architecture makes small, before the step: of one that predicts positions their
     /// mean squared error, normalized; of a gaussian head the negative logarithm of the likelihood;
     /// of a denoiser the weighted mean squared error of what it predicts of the noise; of a flow the
-    /// mean squared error of what it predicts.
+    /// mean squared error of what it predicts; of equations of motion the negative logarithm of the
+    /// likelihood of a torque, less a constant.
     pub loss: f64,
     /// Euclidean norm over all parameters, before clipping.
     pub gradient_norm: f64,
@@ -177,7 +178,7 @@ impl Trainer {
         }
         data.statistics = match config.normalizer {
             Normalizer::Dataset(statistics) => Some(statistics),
-            Normalizer::Context | Normalizer::PaperLeaky => None,
+            Normalizer::Context | Normalizer::PaperLeaky | Normalizer::None => None,
         };
         let mut trainer = Self::new(spec, data, spec_digest, device)?;
         let kept = checkpoint::load_weights(trainer.model, &files.model)?;

@@ -20,7 +20,6 @@ SMALLEST_STANDARD_DEVIATION = 1e-3
 """As in `models/src/normalization.rs`; N·m and rad."""
 
 
-
 def twins() -> dict[str, type[torch.nn.Module]]:
     """The networks of this package by architecture: each module that has one says so in `TWINS`."""
     found = {}
@@ -101,6 +100,9 @@ class TrainedModel:
                 return [*_mean_and_deviation(u), *_mean_and_deviation(y)]
             case {"dataset": fixed}:
                 return [torch.tensor(fixed[name]) for name in ("u_mean", "u_std", "y_mean", "y_std")]
+            case "none":
+                joints = joints_of(self.config)
+                return [torch.zeros(joints), torch.ones(joints)] * 2
             case other:
                 raise ValueError(f"normalizer {other!r} needs the horizon it predicts")
 
@@ -142,7 +144,7 @@ def network_of(config: dict) -> torch.nn.Module:
     if architecture not in networks:
         raise ValueError(f"architecture {architecture!r} has no twin here, only {', '.join(networks)}")
     network = networks[architecture]
-    sizes = {name: config[name] for name in ("context", "horizon", "samples")}
+    sizes = {name: config[name] for name in ("context", "horizon", "samples", "rate_hz")}
     sizes |= {"joints": joints_of(config)} | config["model"]
     return network(**{name: sizes[name] for name in inspect.signature(network).parameters if name in sizes})
 

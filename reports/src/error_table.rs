@@ -4,17 +4,21 @@ use wire::{CellSummary, Interval, PredictorInfo, PredictorSummary, Report};
 use super::{degrees, label};
 use crate::table::{Align, Table};
 
-/// RMSE of every predictor in and out of distribution.
+/// RMSE of every predictor in and out of distribution, and what the predictor is told of the arms.
 pub fn by_group(report: &Report) -> String {
     let groups = report.groups.iter().map(|group| {
         let count = group.scenarios;
         (format!("{} ({count} scenarios)", group.name), Align::Right)
     });
-    let mut table = Table::new([(String::new(), Align::Left)].into_iter().chain(groups));
+    let tells = report.predictors.iter().any(|predictor| predictor.told.is_some());
+    let told = tells.then(|| ("told".to_owned(), Align::Left));
+    let mut table =
+        Table::new([(String::new(), Align::Left)].into_iter().chain(groups).chain(told));
     for predictor in &report.predictors {
         let errors = report.groups.iter().map(|group| error(predictor, &group.rmse_deg));
         let errors = errors.map(|error| error.map_or_else(none, interval));
-        table.push(std::iter::once(label(predictor)).chain(errors).collect());
+        let told = tells.then(|| predictor.told.clone().unwrap_or_default());
+        table.push(std::iter::once(label(predictor)).chain(errors).chain(told).collect());
     }
     table.render()
 }
@@ -79,6 +83,17 @@ mod tests {
                 "robomorph                        2.50 [2.00, 3.00]                    2.50 [2.00, 3.00]",
             ]
         );
+    }
+
+    #[test]
+    fn what_predictors_are_told_is_the_last_column() {
+        let mut report = example();
+        report.predictors[1].told = Some("the nominal damping".to_owned());
+        let text = by_group(&report);
+        let lines: Vec<&str> = text.lines().collect();
+        assert!(lines[0].ends_with("  told"), "{text}");
+        assert!(lines[2].ends_with("2.00 [1.50, 2.50]  the nominal damping"), "{text}");
+        assert!(lines[3].ends_with("2.50 [2.00, 3.00]"), "{text}");
     }
 
     #[test]

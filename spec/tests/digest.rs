@@ -44,7 +44,17 @@ fn the_digest_of_a_known_spec_is_pinned() {
 /// What an evaluation can be asked since has not changed those that do not ask for it.
 #[test]
 fn the_digest_of_an_evaluation_is_pinned() {
-    let spec = json!({"kind": "evaluate", "data": {"digest": "0".repeat(64)}});
+    let baselines = [
+        "hold-last",
+        "damped-integrator",
+        "fitted-damping",
+        "least-squares",
+        "arx",
+        "identification",
+    ];
+    let spec = json!({
+        "kind": "evaluate", "data": {"digest": "0".repeat(64)}, "baselines": baselines,
+    });
     assert_eq!(
         parse(spec.to_string().as_bytes()).unwrap().digest().to_string(),
         "cec17b66cf57e14aafc51b5833610b63d0b754834472945959ff85f1d4d4fb22"

@@ -39,6 +39,9 @@ pub struct Report {
 pub struct PredictorInfo {
     pub name: String,
     pub kind: PredictorKind,
+    /// What it knows of the arms before it sees a context.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub told: Option<String>,
     /// The digest of the spec that a checkpoint was trained by.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub digest: Option<Digest>,

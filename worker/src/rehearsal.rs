@@ -54,7 +54,7 @@ pub fn training_times(
 ) -> Result<TrainingTimes, RehearsalError> {
     let spec = TrainSpec {
         // Saves the statistics, whose time does not count.
-        normalization: Normalization::Context,
+        normalization: Normalization::default_for(&spec.model),
         gradient_accumulation: 1,
         data: DataSource::Stream(Box::new(data.clone())),
         ..spec.clone()

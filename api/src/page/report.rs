@@ -258,7 +258,7 @@ fn transpose(predictors: &[PredictorInfo], by_group: Vec<Vec<Cell>>) -> Vec<Summ
         .iter()
         .map(|it| SummaryRow {
             predictor: it.name.clone(),
-            remark: remark(it).to_owned(),
+            remark: remark(it),
             values: Vec::with_capacity(by_group.len()),
         })
         .collect();
@@ -270,15 +270,19 @@ fn transpose(predictors: &[PredictorInfo], by_group: Vec<Vec<Cell>>) -> Vec<Summ
     rows
 }
 
-fn remark(predictor: &PredictorInfo) -> &'static str {
-    match predictor.kind {
-        PredictorKind::Baseline => "baseline",
+fn remark(predictor: &PredictorInfo) -> String {
+    let told = predictor.told.as_ref();
+    let remark = match predictor.kind {
+        PredictorKind::Baseline => {
+            return told.map_or("baseline".to_owned(), |told| format!("baseline, told {told}"));
+        }
         PredictorKind::Checkpoint if !predictor.sees_the_future() => "",
         PredictorKind::Checkpoint if predictor.normalization == Some(Normalization::PaperLeaky) => {
             "sees the future: paper-leaky normalization"
         }
         PredictorKind::Checkpoint => "sees the future: starts with the truth",
-    }
+    };
+    remark.to_owned()
 }
 
 impl PairedRow {

@@ -290,17 +290,27 @@ pub fn bytes_of(size: usize, seed: u8) -> Bytes {
     (0..size).map(|i| u8::try_from(i % 251).unwrap() ^ seed).collect()
 }
 
-/// The preset `quickstart` with 2 shards, 2 cells and 100 steps.
+/// A pipeline of simulations with 2 shards and 2 cells, a training of 100 steps and its evaluation.
 pub fn small_pipeline() -> Value {
     json!({
-        "preset": "quickstart",
+        "kind": "pipeline",
+        "name": "quickstart",
         "jobs": {
-            "train-set": {"trajectories": 200, "shard_trajectories": 100},
+            "train-set": {
+                "preset": "D1-multisine", "trajectories": 200, "shard_trajectories": 100,
+            },
             "test-grid": {
-                "trajectories": 20,
+                "preset": "grid-multisine", "trajectories": 20,
                 "excitation": {"multisine": {"frequency_hz": {"grid": [0.15, 0.3]}}},
             },
-            "train": {"steps": 100, "optimizer": {"warmup_steps": 0}},
+            "train": {
+                "kind": "train", "data": {"job": "train-set"},
+                "model": {"preset": "robomorph-tiny"}, "batch_size": 32, "steps": 100,
+            },
+            "evaluate": {
+                "kind": "evaluate", "data": {"job": "test-grid"},
+                "checkpoints": [{"job": "train"}],
+            },
         },
     })
 }

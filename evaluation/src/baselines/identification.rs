@@ -37,6 +37,16 @@ pub struct Identification {
     nominal: Robot,
     spread: Spread,
     replay: Replay,
+    freedom: Freedom,
+}
+
+/// What of the nominal arm is fitted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Freedom {
+    Nothing,
+    /// Dampings, and velocities at the first sample.
+    Dampings,
+    Everything,
 }
 
 /// Standard deviation of each parameter a priori: that of a uniform law is its half-width / √3.
@@ -57,20 +67,30 @@ const PER_LINK: usize = 7;
 #[derive(Clone, Copy, Debug)]
 struct Layout {
     joints: usize,
+    freedom: Freedom,
 }
 
 impl Layout {
     fn damping(self) -> usize {
-        PER_LINK * self.joints
+        match self.freedom {
+            Freedom::Everything => PER_LINK * self.joints,
+            Freedom::Nothing | Freedom::Dampings => 0,
+        }
     }
 
     fn velocity(self) -> usize {
-        self.damping() + self.joints
+        match self.freedom {
+            Freedom::Everything | Freedom::Dampings => self.damping() + self.joints,
+            Freedom::Nothing => 0,
+        }
     }
 
-    /// With seven joints and the arm itself, 64 robots: a whole number of vectors.
+    /// With seven joints, all fitted, and the arm itself, 64 robots: a whole number of vectors.
     fn parameters(self) -> usize {
-        self.velocity() + self.joints
+        match self.freedom {
+            Freedom::Everything | Freedom::Dampings => self.velocity() + self.joints,
+            Freedom::Nothing => 0,
+        }
     }
 }
 
@@ -98,7 +118,23 @@ const DAMPINGS: [f64; 16] = [
 ];
 
 impl Identification {
+    /// All of the arm is fitted.
     pub fn new(arm: &NominalArm) -> Self {
+        Self::with(arm, Freedom::Everything)
+    }
+
+    /// The nominal arm, of which nothing is fitted. It has the velocity at the end of the context that the
+    /// context's torques give it.
+    pub fn nothing(arm: &NominalArm) -> Self {
+        Self::with(arm, Freedom::Nothing)
+    }
+
+    /// Dampings alone are fitted.
+    pub fn dampings(arm: &NominalArm) -> Self {
+        Self::with(arm, Freedom::Dampings)
+    }
+
+    fn with(arm: &NominalArm, freedom: Freedom) -> Self {
         let NominalArm { robot, rate_hz, integrator, precision } = arm;
         Self {
             nominal: Robot::nominal(robot),
@@ -109,11 +145,12 @@ impl Identification {
                 precision: *precision,
                 instructions: InstructionSet::best(),
             },
+            freedom,
         }
     }
 
     fn layout(&self) -> Layout {
-        Layout { joints: self.nominal.joints() }
+        Layout { joints: self.nominal.joints(), freedom: self.freedom }
     }
 
     /// Positions `[sample, joint]` of the horizon.
@@ -156,7 +193,11 @@ fn anchors(positions: &[f32], joints: usize, stride: usize) -> Vec<Anchor> {
 
 impl Predictor for Identification {
     fn name(&self) -> &'static str {
-        "identification"
+        match self.freedom {
+            Freedom::Nothing => "nominal-simulator",
+            Freedom::Dampings => "simulator-fitted-damping",
+            Freedom::Everything => "identification",
+        }
     }
 
     fn predict(&self, observed: &Observed<'_>) -> Result<Vec<f32>, EvaluationError> {
@@ -233,6 +274,9 @@ impl Fit<'_> {
     fn solve(&self) -> Parameters {
         let parameters = self.arm.layout().parameters();
         let mut estimate = Parameters::zeros(parameters);
+        if parameters == 0 {
+            return estimate;
+        }
         let mut differences = vec![LARGEST_DIFFERENCE / 10.0; parameters];
         for _ in 0..ITERATIONS {
             let linearized = self.linearized(&estimate, &differences);
@@ -339,7 +383,8 @@ impl Fit<'_> {
         let layout = self.arm.layout();
         let parameters = parameters.as_slice();
         let mut robot = nominal.clone();
-        for (link, of_link) in robot.links.iter_mut().zip(parameters.chunks_exact(PER_LINK)) {
+        let of_links = parameters[..layout.damping()].chunks_exact(PER_LINK);
+        for (link, of_link) in robot.links.iter_mut().zip(of_links) {
             let stretch = [4, 5, 6].map(|k| (spread.stretch * of_link[k]).exp());
             *link = RigidBody {
                 mass: link.mass * (spread.mass * of_link[0]).exp(),
@@ -352,10 +397,10 @@ impl Fit<'_> {
         {
             *damping *= (spread.damping * of_joint).exp();
         }
-        let extra_velocity = parameters[layout.velocity()..]
-            .iter()
-            .map(|velocity| VELOCITY_SPREAD * velocity)
-            .collect();
+        let mut extra_velocity = Joints::splat(layout.joints, 0.0);
+        for (extra, velocity) in extra_velocity.iter_mut().zip(&parameters[layout.velocity()..]) {
+            *extra = VELOCITY_SPREAD * velocity;
+        }
         Arm { robot, extra_velocity }
     }
 }

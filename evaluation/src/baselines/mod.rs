@@ -62,6 +62,8 @@ pub fn baseline(baseline: Baseline, arm: &NominalArm) -> Box<dyn Predictor> {
         Baseline::FittedDamping => Box::new(FittedDamping),
         Baseline::LeastSquares => Box::new(LeastSquares),
         Baseline::Arx => Box::new(Arx),
+        Baseline::NominalSimulator => Box::new(Identification::nothing(arm)),
+        Baseline::SimulatorFittedDamping => Box::new(Identification::dampings(arm)),
         Baseline::Identification => Box::new(Identification::new(arm)),
     }
 }

@@ -22,6 +22,7 @@ pub(crate) mod tests {
         PredictorInfo {
             name,
             kind,
+            told: None,
             digest: None,
             normalization: None,
             sampling: None,

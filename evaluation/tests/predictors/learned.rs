@@ -8,7 +8,7 @@ use crate::JOINTS;
 
 #[test]
 fn a_receding_horizon_goes_on_from_its_own_prediction() {
-    let model = trained(&smallest::model("cdcnn"), "context");
+    let model = trained(&smallest::model("cdcnn"));
     let predictor = |start| Learned {
         name: "cdcnn".to_owned(),
         model: &model,
@@ -44,7 +44,7 @@ fn a_receding_horizon_goes_on_from_its_own_prediction() {
 
 #[test]
 fn a_receding_horizon_without_a_past_is_an_error_that_says_so() {
-    let model = trained(&smallest::model("cdcnn"), "context");
+    let model = trained(&smallest::model("cdcnn"));
     let recording = scenarios(&simulation(SAMPLES + 1, &json!({})), 2);
     for shift in [0, 2] {
         let start = Start::Shifted { shift, steps: 2 };
@@ -60,7 +60,7 @@ fn a_receding_horizon_without_a_past_is_an_error_that_says_so() {
 fn only_models_with_several_answers_have_samples() {
     let recording = scenarios(&simulation(SAMPLES, &json!({})), 2);
     for (name, model) in smallest::models() {
-        let model = trained(&model, "context");
+        let model = trained(&model);
         let predictor = Learned {
             name: name.clone(),
             model: &model,

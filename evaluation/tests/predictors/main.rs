@@ -50,8 +50,13 @@ const SAMPLES: usize = 24;
 const STEPS: u32 = 3;
 
 /// Trained for a few steps, which is enough for every weight to have moved.
-fn trained(model: &Value, normalization: &str) -> TrainedModel {
-    let spec = train_spec(model, normalization);
+fn trained(model: &Value) -> TrainedModel {
+    trained_with(model, &json!({}))
+}
+
+/// The same with `fields` merged over the training.
+fn trained_with(model: &Value, fields: &Value) -> TrainedModel {
+    let spec = train_spec(model, fields);
     let samples = u32::try_from(SAMPLES).unwrap();
     let data = TrainingData { samples, joints: JOINTS, rate_hz: 60.0, statistics: None };
     let mut trainer = Trainer::new(&spec, data, "digest", &Device::cpu()).unwrap();
@@ -62,12 +67,13 @@ fn trained(model: &Value, normalization: &str) -> TrainedModel {
     TrainedModel::from_files(&trainer.checkpoint().unwrap(), &Device::cpu()).unwrap()
 }
 
-fn train_spec(model: &Value, normalization: &str) -> TrainSpec {
-    let text = json!({
+fn train_spec(model: &Value, fields: &Value) -> TrainSpec {
+    let mut text = json!({
         "kind": "train", "data": {"dataset": 1}, "model": model, "context": CONTEXT,
-        "normalization": normalization, "steps": 3, "batch_size": 8, "seed": 1,
+        "steps": 3, "batch_size": 8, "seed": 1,
         "optimizer": {"learning_rate": 1e-3, "warmup_steps": 0},
     });
+    text.as_object_mut().unwrap().extend(fields.as_object().unwrap().clone());
     match spec::parse(text.to_string().as_bytes()).unwrap() {
         JobSpec::Train(spec) => spec,
         _ => panic!("not a training"),

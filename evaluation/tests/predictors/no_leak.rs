@@ -7,7 +7,8 @@ use series::Series;
 use spec::{Baseline, SamplerKind, SamplerSpec};
 
 use super::{
-    CONTEXT, SAMPLES, STEPS, arm, bits, scenarios, simulation, smallest, trained, with_horizon,
+    CONTEXT, SAMPLES, STEPS, arm, bits, scenarios, simulation, smallest, trained, trained_with,
+    with_horizon,
 };
 
 /// The recording with another horizon: of noise, and of no number at all.
@@ -40,14 +41,7 @@ fn noise_in_the_horizon_changes_no_bit_of_any_baseline() {
     let spec = simulation(140, &json!({}));
     let scenarios = scenarios(&spec, 3);
     for pre_roll in [0, 10] {
-        for name in [
-            Baseline::HoldLast,
-            Baseline::DampedIntegrator,
-            Baseline::FittedDamping,
-            Baseline::LeastSquares,
-            Baseline::Arx,
-            Baseline::Identification,
-        ] {
+        for name in Baseline::all() {
             let predictor = baseline(name, &arm(&spec));
             assert!(is_blind(&*predictor, &scenarios, [pre_roll, 110]), "{}", predictor.name());
         }
@@ -75,7 +69,7 @@ fn noise_in_the_horizon_changes_no_bit_of_any_model_however_it_is_sampled() {
     let pre_roll = 4;
     let scenarios = scenarios(&simulation(SAMPLES + pre_roll, &json!({})), 3);
     for (name, model) in smallest::models() {
-        let model = trained(&model, "context");
+        let model = trained(&model);
         let generation = model.architecture().generation();
         let kinds = generation.map_or(&[SamplerKind::Ddpm][..], |it| it.samplers());
         for &kind in kinds {
@@ -98,7 +92,8 @@ fn predictors_that_are_handed_the_horizon_are_found_out() {
     let scenarios = scenarios(&simulation(SAMPLES, &json!({})), 3);
     let noisy = with_horizon(&scenarios, CONTEXT, |k| (12.9898 * k as f32).sin());
     let observed = scenarios.observed(CONTEXT);
-    let leaky = trained(&smallest::model("robomorph"), "paper-leaky");
+    let leaky =
+        trained_with(&smallest::model("robomorph"), &json!({"normalization": "paper-leaky"}));
     let predict_leaky = |scenarios: &Series| {
         let scenarios = &scenarios.view();
         let predictor = LeakyLearned { name: "leaky".to_owned(), model: &leaky, scenarios };
@@ -106,7 +101,7 @@ fn predictors_that_are_handed_the_horizon_are_found_out() {
     };
     assert_ne!(predict_leaky(&scenarios), predict_leaky(&noisy));
 
-    let diffuser = trained(&smallest::model("diffuser"), "context");
+    let diffuser = trained(&smallest::model("diffuser"));
     let predict_oracle = |scenarios: &Series| {
         let scenarios = &scenarios.view();
         let (name, sampling) = ("oracle".to_owned(), Sampling::default());

@@ -11,7 +11,7 @@ mod training;
 use models::{Device, TrainedModel, Trainer};
 use series::{Observed, Series};
 use spec::{ModelSpec, TrainSpec};
-use synthetic::{CONTEXT, DATA, JOINTS, SAMPLES, batch, train_spec};
+use synthetic::{CONTEXT, DATA, JOINTS, SAMPLES, batch, training_of};
 
 const CONTEXT_VALUES: usize = CONTEXT as usize * JOINTS;
 const HORIZON_VALUES: usize = (SAMPLES - CONTEXT) as usize * JOINTS;
@@ -32,7 +32,7 @@ fn known(batch: &Series) -> Observed<'_> {
 }
 
 fn briefly_trained(model: ModelSpec) -> TrainedModel {
-    let mut trainer = trainer(&TrainSpec { model, ..train_spec() });
+    let mut trainer = trainer(&training_of(model));
     train(&mut trainer, 0..3);
     TrainedModel::from_files(&trainer.checkpoint().unwrap(), &Device::cpu()).unwrap()
 }

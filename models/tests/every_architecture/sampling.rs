@@ -3,7 +3,7 @@
 use models::{Device, ModelError, Sampling, TrainedModel, ValidationPart, WarmStart};
 use spec::{EmaSpec, SamplerKind, SamplerSpec, TrainSpec};
 
-use crate::synthetic::{JOINTS, batch, every_kind, kind, train_spec};
+use crate::synthetic::{JOINTS, batch, every_kind, kind, training_of};
 use crate::{CONTEXT_VALUES, HORIZON_VALUES, ROW, briefly_trained, known, train, trainer};
 
 fn generative_kinds() -> impl Iterator<Item = (String, TrainedModel)> {
@@ -21,7 +21,7 @@ fn kinds_with_samplers() -> impl Iterator<Item = (String, TrainedModel)> {
 fn a_model_predicts_what_its_trainer_validated() {
     for (name, model) in every_kind() {
         for ema in [None, Some(EmaSpec { decay: 0.5, power: 1.0 })] {
-            let mut trainer = trainer(&TrainSpec { model: model.clone(), ema, ..train_spec() });
+            let mut trainer = trainer(&TrainSpec { ema, ..training_of(model.clone()) });
             train(&mut trainer, 0..3);
             let files = trainer.checkpoint().unwrap();
             let model = TrainedModel::from_files(&files, &Device::cpu()).unwrap();

@@ -4,7 +4,7 @@ use models::{Device, TrainedModel, Trainer, TrainingData, ValidationPart, Valida
 use series::{Series, Shape};
 use spec::{CdtSpec, EmaSpec, Known, ModelSpec, TrainSpec};
 
-use crate::synthetic::{CONTEXT, DATA, SAMPLES, batch, every_kind, kind, train_spec};
+use crate::synthetic::{CONTEXT, DATA, SAMPLES, batch, every_kind, kind, train_spec, training_of};
 use crate::{known, train, trainer};
 
 /// Torques and positions of an arm with one joint less than the others here.
@@ -20,7 +20,7 @@ fn an_arm_of_six_joints_is_trained_kept_and_predicted() {
     let (batch, seven) = (six_joints(8), batch(0, 8));
     for (name, model) in every_kind() {
         let data = || TrainingData { joints: 6, ..DATA };
-        let spec = TrainSpec { model, ..train_spec() };
+        let spec = training_of(model);
         let mut trained = Trainer::new(&spec, data(), "digest", &Device::cpu()).unwrap();
         trained.step(&batch).unwrap();
         let files = trained.checkpoint().unwrap();
@@ -48,8 +48,7 @@ fn an_arm_of_six_joints_is_trained_kept_and_predicted() {
 fn a_resumed_training_equals_an_uninterrupted_one_bit_for_bit() {
     for (name, model) in every_kind() {
         for (ema, gradient_accumulation) in [(None, 1), (Some(EmaSpec::default()), 4)] {
-            let spec =
-                TrainSpec { model: model.clone(), ema, gradient_accumulation, ..train_spec() };
+            let spec = TrainSpec { ema, gradient_accumulation, ..training_of(model.clone()) };
             let mut uninterrupted = trainer(&spec);
             train(&mut uninterrupted, 0..7);
 
@@ -73,7 +72,7 @@ fn a_training_is_the_same_bit_for_bit_on_any_number_of_threads() {
         let trained_on = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             pool.install(|| {
-                let spec = TrainSpec { model: model.clone(), ..train_spec() };
+                let spec = training_of(model.clone());
                 let mut trainer = trainer(&spec);
                 for step in 0..3 {
                     trainer.step(&batch(step, 40)).unwrap();
@@ -94,8 +93,7 @@ fn a_training_is_the_same_bit_for_bit_on_any_number_of_threads() {
 fn gradients_of_parts_of_a_batch_add_up_to_those_of_the_whole() {
     for (name, model) in every_kind() {
         let report = |parts| {
-            let spec =
-                TrainSpec { model: model.clone(), gradient_accumulation: parts, ..train_spec() };
+            let spec = TrainSpec { gradient_accumulation: parts, ..training_of(model.clone()) };
             trainer(&spec).step(&batch(0, 8)).unwrap()
         };
         let (whole, parts) = (report(1), report(4));
@@ -110,7 +108,7 @@ fn what_is_left_out_is_left_out_in_training_alone_and_of_each_trajectory_apart()
     let ModelSpec::Cdt(without) = kind("cdt") else { panic!("cdt is a CDT") };
     let report = |dropout: f64, embedding_dropout: f64| {
         let model = ModelSpec::Cdt(CdtSpec { dropout, embedding_dropout, ..without.clone() });
-        let mut trainer = trainer(&TrainSpec { model, ..train_spec() });
+        let mut trainer = trainer(&training_of(model));
         let validated = trainer.validate(&ValidationPart::whole(&batch(9, 8))).unwrap();
         (trainer.step(&batch(0, 8)).unwrap().loss, validated.loss(), validated.rmse_rad())
     };
@@ -128,7 +126,7 @@ fn readings_of_the_papers_weights_differ_as_they_should() {
     let ModelSpec::Diffuser(diffuser) = kind("diffuser") else { panic!("not a diffuser") };
     let loss = |known, weights| {
         let model = ModelSpec::Diffuser(spec::DiffuserSpec { known, weights, ..diffuser.clone() });
-        trainer(&TrainSpec { model, ..train_spec() }).step(&batch(0, 8)).unwrap().loss
+        trainer(&training_of(model)).step(&batch(0, 8)).unwrap().loss
     };
     // Known u has no errors, whatever their weight; y's weight is a scale.
     let masked = loss(Known::CleanAndMasked, [1.0, 3.0]);
@@ -161,7 +159,7 @@ fn averaged_weights_are_kept_apart_from_those_in_training() {
 #[test]
 fn a_validation_is_the_same_in_any_parts() {
     for (name, model) in every_kind() {
-        let trainer = trainer(&TrainSpec { model, ..train_spec() });
+        let trainer = trainer(&training_of(model));
         let all = batch(7, 12);
         let whole = trainer.validate(&ValidationPart::whole(&all)).unwrap();
         let mut parts = ValidationReport::default();
@@ -179,8 +177,8 @@ fn a_validation_is_the_same_in_any_parts() {
 #[test]
 fn a_denoiser_predicts_as_many_trajectories_as_it_is_asked_to() {
     for (name, model) in every_kind() {
-        let in_one_pass = model.sampler().is_none();
-        let trainer = trainer(&TrainSpec { model, ..train_spec() });
+        let in_one_pass = model.sampler().is_none() && !model.is_physical();
+        let trainer = trainer(&training_of(model));
         let all = batch(7, 6);
         let part = ValidationPart { batch: all.view(), first: 0, predicted: 2 };
         let report = trainer.validate(&part).unwrap();

@@ -7,6 +7,7 @@ Begin a new one with ../data/NAME/config.json, of which `model` alone is read. W
 """
 
 import json
+import math
 import sys
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from torqued.checkpoint import network_of
 
 DATA = Path(__file__).parent.parent / "data"
 CONTEXT, HORIZON, BATCH = 8, 6, 3
+RATE_HZ = 60.0
 LEARNING_RATES = [5e-3, 1e-2, 1e-2, 1e-2 * (0.1 + 0.9 * 0.5)]
 """Two steps of warmup to 1e-2, then a cosine that would reach a tenth of it after four."""
 
@@ -25,31 +27,33 @@ LEARNING_RATES = [5e-3, 1e-2, 1e-2, 1e-2 * (0.1 + 0.9 * 0.5)]
 def main(folder: Path, model: dict) -> None:
     torch.manual_seed(1)
     samples = CONTEXT + HORIZON
-    network = network_of({"model": model, "context": CONTEXT, "horizon": HORIZON, "samples": samples})
+    sizes = {"context": CONTEXT, "horizon": HORIZON, "samples": samples, "rate_hz": RATE_HZ}
+    network = network_of({"model": model, **sizes})
+    is_physical = getattr(network, "is_physical", False)
     for parameter in network.parameters():
         # Norm weights of 1, biases of 0 and near-uniform attention would hide mistakes.
-        parameter.data += 0.3 * torch.randn_like(parameter)
+        parameter.data += 0.3 / getattr(network, "pace", 1.0) * torch.randn_like(parameter)
     if model.get("head") == "gaussian":
         # Else few entries, of small variance, make the loss: sums that cancel, in PyTorch's single
         # precision as in any.
         network.head.weight.data *= 0.3
 
-    time = torch.arange(samples) / 60.0
+    time = torch.arange(samples) / RATE_HZ
     amplitude = torch.randn(BATCH, 1, 7)
     u = 3.0 * amplitude * torch.sin(9.0 * torch.rand(BATCH, 1, 7) * time[None, :, None]) + 0.3 * torch.randn(BATCH, 1, 7)
     y = torch.randn(BATCH, 1, 7) + torch.cumsum(u, 1) / 10.0
+    if is_physical:
+        u, y = damped_swings(samples)
 
     u_mean, u_std = torch.full((7,), 0.1), torch.linspace(0.5, 2.0, 7)
     y_mean, y_std = torch.linspace(-0.3, 0.4, 7), torch.linspace(0.2, 0.9, 7)
     statistics = {"u_mean": u_mean, "u_std": u_std, "y_mean": y_mean, "y_std": y_std}
+    dataset = {"dataset": {name: value.tolist() for name, value in statistics.items()}}
     config = {
         "format_version": FORMAT_VERSION,
         "model": model,
-        "context": CONTEXT,
-        "horizon": HORIZON,
-        "samples": samples,
-        "rate_hz": 60.0,
-        "normalizer": {"dataset": {name: value.tolist() for name, value in statistics.items()}},
+        **sizes,
+        "normalizer": "none" if is_physical else dataset,
         "parameters": sum(parameter.numel() for parameter in network.parameters()),
         "step": 0,
         "seed": 0,
@@ -62,7 +66,7 @@ def main(folder: Path, model: dict) -> None:
     save_file(weights, folder / "model.safetensors", {"format": "pt"})
     expected = {"u": u, "y": y}
 
-    for normalizer in ["context", config["normalizer"]]:
+    for normalizer in ["none"] if is_physical else ["context", dataset]:
         trained = TrainedModel(network, {**config, "normalizer": normalizer})
         kind = normalizer if isinstance(normalizer, str) else "dataset"
         expected[f"prediction.{kind}"] = torch.tensor(trained.predict(u.numpy(), y[:, :CONTEXT].numpy()))
@@ -70,6 +74,8 @@ def main(folder: Path, model: dict) -> None:
     # From here on in double precision, so that the differences found are torqued's alone.
     network.double()
     u_normal, y_normal = ((u - u_mean) / u_std).double(), ((y - y_mean) / y_std).double()
+    if is_physical:
+        u_normal, y_normal = u.double(), y.double()
     optimizer = torch.optim.AdamW(network.parameters(), betas=(0.9, 0.95), eps=1e-3, weight_decay=0.05)
     for step, learning_rate in enumerate(LEARNING_RATES):
         optimizer.zero_grad()
@@ -88,7 +94,21 @@ def main(folder: Path, model: dict) -> None:
             group["lr"] = learning_rate
         optimizer.step()
     expected |= {f"after.{name}": tensor.clone() for name, tensor in network.state_dict().items()}
-    save_file({name: tensor.float() for name, tensor in expected.items()}, folder / "expected.safetensors")
+    save_file({name: tensor.float().contiguous() for name, tensor in expected.items()}, folder / "expected.safetensors")
+
+
+def damped_swings(samples: int) -> tuple[torch.Tensor, torch.Tensor]:
+    """u and y of joints that swing at about 1 rad/s and 20 rad/s², so that inertia and damping show."""
+    time = torch.arange(samples + 1)[None, :, None] / RATE_HZ
+
+    def wave() -> torch.Tensor:
+        frequency_hz, turns = 2.0 + 3.0 * torch.rand(BATCH, 1, 7), torch.rand(BATCH, 1, 7)
+        return torch.randn(BATCH, 1, 7) * torch.sin(2.0 * math.pi * (frequency_hz * time + turns))
+
+    y = torch.randn(BATCH, 1, 7) + 0.05 * wave()
+    damping = 0.5 + 3.0 * torch.rand(BATCH, 1, 7)
+    u = damping * RATE_HZ * y.diff(dim=1) + 0.3 * wave()[:, :samples]
+    return u, y[:, :samples]
 
 
 for folder in [DATA / name for name in sys.argv[1:]] or sorted(DATA.iterdir()):

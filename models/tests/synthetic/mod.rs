@@ -62,6 +62,11 @@ pub fn train_spec() -> TrainSpec {
     }
 }
 
+/// The same of `model`, normalized as it asks.
+pub fn training_of(model: ModelSpec) -> TrainSpec {
+    TrainSpec { normalization: Normalization::default_for(&model), model, ..train_spec() }
+}
+
 /// Batch number `index`, always the same.
 pub fn batch(index: u64, size: usize) -> Series {
     let samples = SAMPLES as usize;

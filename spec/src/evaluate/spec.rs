@@ -83,6 +83,10 @@ pub enum Baseline {
     /// As `least-squares`, of a higher order and coupled to the torques of all joints where that
     /// predicts the end of the context better.
     Arx,
+    /// The nominal arm, simulated.
+    NominalSimulator,
+    /// The same with the dampings of each robot fitted to its context through the simulator.
+    SimulatorFittedDamping,
     /// The dynamic parameters of each robot fitted to its context through the simulator, from those of
     /// the nominal arm: what an expert with a model at hand would do.
     Identification,
@@ -97,8 +101,21 @@ impl Baseline {
             Self::FittedDamping,
             Self::LeastSquares,
             Self::Arx,
+            Self::NominalSimulator,
+            Self::SimulatorFittedDamping,
             Self::Identification,
         ]
+    }
+
+    /// What it knows of the arms before it sees a context.
+    pub const fn told(self) -> &'static str {
+        match self {
+            Self::HoldLast | Self::FittedDamping | Self::LeastSquares | Self::Arx => "nothing",
+            Self::DampedIntegrator => "the nominal damping",
+            Self::NominalSimulator => "the nominal arm",
+            Self::SimulatorFittedDamping => "the nominal arm, how dampings vary",
+            Self::Identification => "the nominal arm, how all of it varies",
+        }
     }
 }
 

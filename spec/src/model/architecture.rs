@@ -18,6 +18,11 @@ pub(super) trait ArchitectureSpec: Check {
 
     fn residual(&self) -> Residual;
 
+    /// Whether it computes in N·m and rad, so that nothing is normalized.
+    fn is_physical(&self) -> bool {
+        false
+    }
+
     /// None of a model that answers in one pass.
     fn generation(&self) -> Option<Generation<'_>> {
         None

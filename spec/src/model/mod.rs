@@ -6,6 +6,7 @@ mod cdt;
 mod diffuser;
 mod diffusion;
 mod flow;
+mod lagrangian;
 mod residual;
 mod robomorph;
 mod sampling;
@@ -24,6 +25,7 @@ pub use diffusion::{
     DiffusionSpec, LossMean, NoiseSchedule, Prediction, SamplerKind, SamplerSpec, Spacing,
 };
 pub use flow::{FLOW_LEVELS, FLOW_STEPS, FlowPrediction, FlowSpec};
+pub use lagrangian::LagrangianSpec;
 pub use residual::{DampedIntegrator, Residual};
 pub use robomorph::{Head, RoboMorphSpec};
 pub use sampling::Generation;
@@ -42,6 +44,7 @@ macro_rules! architectures {
             Cdcnn(CdcnnSpec) = "cdcnn",
             Cdt(CdtSpec) = "cdt",
             Flow(FlowSpec) = "flow",
+            Lagrangian(LagrangianSpec) = "lagrangian",
         }
     };
 }
@@ -87,6 +90,11 @@ impl ModelSpec {
 
     pub fn residual(&self) -> Residual {
         self.spec().residual()
+    }
+
+    /// Whether it computes in N·m and rad, so that nothing is normalized.
+    pub fn is_physical(&self) -> bool {
+        self.spec().is_physical()
     }
 
     /// None of a model that answers in one pass.

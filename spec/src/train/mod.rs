@@ -26,6 +26,7 @@ pub struct TrainSpec {
     /// Samples the model is given (the paper's m); the rest of the trajectory is the horizon.
     #[serde(default = "defaults::context")]
     pub context: u32,
+    /// `context` unless given, and `none` for a model that computes in N·m and rad.
     #[serde(default)]
     pub normalization: Normalization,
     #[serde(default)]
@@ -99,6 +100,24 @@ pub enum Normalization {
     Dataset,
     /// Each trajectory's own context *and horizon*, as in the paper's code: leaks the future.
     PaperLeaky,
+    /// Nowhere: a model sees N·m and rad.
+    None,
+}
+
+impl Normalization {
+    /// Of a training that names none.
+    pub fn default_for(model: &ModelSpec) -> Self {
+        if model.is_physical() { Self::None } else { Self::default() }
+    }
+
+    const fn name(self) -> &'static str {
+        match self {
+            Self::Context => "context",
+            Self::Dataset => "dataset",
+            Self::PaperLeaky => "paper-leaky",
+            Self::None => "none",
+        }
+    }
 }
 
 /// AdamW with an optional linear warmup and a cosine to a fraction of the learning rate.
@@ -198,7 +217,13 @@ mod defaults {
 impl KindSpec for TrainSpec {
     fn read(mut fields: Map<String, Value>) -> Result<Self, SpecError> {
         stream::make_endless(&mut fields);
-        from_fields(preset::resolve_model(fields)?)
+        let fields = preset::resolve_model(fields)?;
+        let is_given = fields.contains_key("normalization");
+        let mut spec: Self = from_fields(fields)?;
+        if !is_given {
+            spec.normalization = Normalization::default_for(&spec.model);
+        }
+        Ok(spec)
     }
 
     fn makes() -> Option<Product> {
@@ -231,6 +256,10 @@ impl Check for TrainSpec {
             );
         }
         report.part("model", &self.model);
+        if self.model.is_physical() && self.normalization != Normalization::None {
+            let allowed = "none, for a model that computes in N·m and rad";
+            report.violation("normalization", self.normalization.name(), allowed);
+        }
         report.within("context", self.context, 1..=9_999);
         report.part("optimizer", &self.optimizer);
         report.within("batch_size", self.batch_size, 1..=4096);

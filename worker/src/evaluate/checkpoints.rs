@@ -77,12 +77,13 @@ impl LoadedCheckpoint {
         };
         let leaky = match training.normalization {
             Normalization::PaperLeaky => " (paper-leaky)",
-            Normalization::Context | Normalization::Dataset => "",
+            Normalization::Context | Normalization::Dataset | Normalization::None => "",
         };
         let marks = format!("{mark}{leaky}");
         let info = PredictorInfo {
             name: format!("{}{marks}", training.model.architecture()),
             kind: PredictorKind::Checkpoint,
+            told: Some("the robots it was trained on".to_owned()),
             digest: Some(*digest),
             normalization: Some(training.normalization),
             sampling: None,

@@ -55,6 +55,7 @@ impl<'a> Predictors<'a> {
         let baselines = self.spec.baselines.iter().map(|&name| PredictorInfo {
             name: baseline(name, &self.arm).name().to_owned(),
             kind: PredictorKind::Baseline,
+            told: Some(name.told().to_owned()),
             digest: None,
             normalization: None,
             sampling: None,

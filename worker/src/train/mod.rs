@@ -87,7 +87,7 @@ fn trainer(
     }
     let statistics = match spec.normalization {
         Normalization::Dataset => Some(course.statistics(attempt)?),
-        Normalization::Context | Normalization::PaperLeaky => None,
+        Normalization::Context | Normalization::PaperLeaky | Normalization::None => None,
     };
     Ok(Trainer::new(spec, data_of(statistics), &digest, device)?)
 }

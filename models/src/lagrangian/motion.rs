@@ -1,0 +1,67 @@
+//! Velocities, accelerations and torques around one sample of a trajectory.
+//!
+//! Positions are sampled; everything else is a difference. The mean velocity over the time from sample
+//! k - 1 to k is (q_k - q_{k-1}) / h, with the sampling time h. From there to the next it changes by h times
+//! the acceleration at sample k.
+
+/// What the law is told of one joint at one sample.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Motion {
+    /// Mean velocity over the sampling time before, rad/s.
+    pub velocity: f32,
+    /// By how much that over the sampling time after is more, rad/s.
+    pub change: f32,
+    /// Torque over the sampling time before, N·m.
+    pub torque: f32,
+    /// By how much that over the sampling time after is more, N·m.
+    pub step: f32,
+}
+
+/// Torques of a trajectory, and positions of its context, `[sample, joint]`.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Recorded<'a> {
+    pub u: &'a [f32],
+    pub y: &'a [f32],
+    pub joints: usize,
+    pub rate_hz: f32,
+}
+
+impl Recorded<'_> {
+    /// Samples that have a position.
+    pub fn samples(&self) -> usize {
+        self.y.len() / self.joints
+    }
+
+    /// Whether `other` has the same past, so that it is the same robot. The torque at the last position is
+    /// no past: it has yet to act.
+    pub fn has_the_past_of(&self, other: &Self) -> bool {
+        let past = self.y.len() - self.joints;
+        self.y == other.y && self.u[..past] == other.u[..past]
+    }
+
+    pub fn motion(&self, sample: usize, joint: usize) -> Motion {
+        let at = sample * self.joints + joint;
+        let [before, here, after] = [at - self.joints, at, at + self.joints];
+        let velocity = self.rate_hz * (self.y[here] - self.y[before]);
+        Motion {
+            velocity,
+            change: self.rate_hz * (self.y[after] - self.y[here]) - velocity,
+            torque: self.u[before],
+            step: self.u[here] - self.u[before],
+        }
+    }
+
+    /// The last mean velocity that the positions tell, rad/s; 0 of a single position.
+    pub fn last_velocity(&self, joint: usize) -> f32 {
+        let last = self.y.len() - self.joints + joint;
+        match last.checked_sub(self.joints) {
+            Some(before) => self.rate_hz * (self.y[last] - self.y[before]),
+            None => 0.0,
+        }
+    }
+}
+
+/// Products of two velocities, each pair once: (0, 0), (0, 1), .., (1, 1), ...
+pub(super) const fn products(joints: usize) -> usize {
+    joints * (joints + 1) / 2
+}

@@ -1,0 +1,60 @@
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::architecture::ArchitectureSpec;
+use super::residual::Residual;
+use crate::check::{Check, Report};
+
+/// The equations of motion of an arm with joints, learned from many robots, with the dampings of each
+/// robot fitted to its own context (after deep Lagrangian networks, Lutter et al. 2019, and Bayesian
+/// regression on learned features, Harrison et al. 2018). It computes in N·m, rad and s.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct LagrangianSpec {
+    /// Width of every hidden layer.
+    #[serde(default = "defaults::width")]
+    pub width: u32,
+    /// Hidden layers.
+    #[serde(default = "defaults::layers")]
+    pub layers: u32,
+    /// Samples of each trajectory's context that a step of training looks at.
+    #[serde(default = "defaults::points")]
+    pub points: u32,
+    /// Whether the angle of the first joint is left out: turning it moves the whole arm and changes no
+    /// inertia.
+    #[serde(default = "defaults::turns_freely")]
+    pub turns_freely: bool,
+}
+
+mod defaults {
+    pub const fn width() -> u32 {
+        96
+    }
+    pub const fn layers() -> u32 {
+        2
+    }
+    pub const fn points() -> u32 {
+        24
+    }
+    pub const fn turns_freely() -> bool {
+        true
+    }
+}
+
+impl Check for LagrangianSpec {
+    fn check(&self, report: &mut Report) {
+        report.within("width", self.width, 1..=4096);
+        report.within("layers", self.layers, 1..=16);
+        report.within("points", self.points, 1..=1000);
+    }
+}
+
+impl ArchitectureSpec for LagrangianSpec {
+    fn residual(&self) -> Residual {
+        Residual::None
+    }
+
+    fn is_physical(&self) -> bool {
+        true
+    }
+}
