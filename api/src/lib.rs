@@ -20,9 +20,6 @@ mod server;
 mod stream;
 mod upload;
 
-/// Of the server, as /healthz and the page show it.
-const VERSION: &str = env!("CARGO_PKG_VERSION");
-
 pub use app::{App, Options};
 pub use routes::{openapi, router};
 pub use server::{ServeError, serve};

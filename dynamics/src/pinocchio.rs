@@ -3,7 +3,7 @@
 use std::ops::ControlFlow;
 
 use serde::Deserialize;
-use simd::{F32Array, F64Array};
+use simd::{F32Array, F64Array, InstructionSet};
 use spec::{
     Family, Gravity, Integrator, JobSpec, MAX_JOINTS, Precision, Rejection, RobotSpec, SimulateSpec,
 };
@@ -20,8 +20,8 @@ use crate::robot::Parts;
 use crate::spatial::Turn;
 use crate::structure::Structure;
 use crate::{
-    Chirp, Friction, InstructionSet, Joints, Kinematics, Multisine, Payload, RigidBody, Robot,
-    Scenario, Scenarios, Torques,
+    Chirp, Friction, Joints, Kinematics, Multisine, Payload, RigidBody, Robot, Scenario, Scenarios,
+    Torques,
 };
 
 #[derive(Deserialize)]

@@ -4,7 +4,7 @@
 //! rejected or compensated.
 
 use rayon::prelude::*;
-use simd::MAX_LANES;
+use simd::{InstructionSet, MAX_LANES};
 use spec::{Integrator, Precision, SimulateSpec};
 
 use crate::dispatch;
@@ -12,7 +12,7 @@ use crate::integrators::{Scheme, State, advance};
 use crate::kernels::Kernels;
 use crate::model::Model;
 use crate::structure::{Kind, Structure};
-use crate::{InstructionSet, Joints, Robot};
+use crate::{Joints, Robot};
 
 /// One robot and what moves it.
 #[derive(Clone, Copy, Debug)]

@@ -2,12 +2,13 @@ use std::ops::{ControlFlow, Range};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use rayon::prelude::*;
+use simd::InstructionSet;
 use spec::SimulateSpec;
 
 use crate::block::Block;
 use crate::dispatch;
 use crate::kinematics::POSE;
-use crate::{DynamicsError, InstructionSet, Scenario, Scenarios};
+use crate::{DynamicsError, Scenario, Scenarios};
 
 /// Simulated trajectories with consecutive indices.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -5,11 +5,11 @@ use std::fmt;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use spec::Digest;
+use wire::DatasetState;
 
 use crate::database::sql;
 use crate::{
-    DatasetId, DatasetState, Fence, JobId, Page, Store, StoreError, StoredObject, Timestamp,
-    leases, task_end,
+    DatasetId, Fence, JobId, Page, Store, StoreError, StoredObject, Timestamp, leases, task_end,
 };
 
 #[derive(Clone, Debug)]

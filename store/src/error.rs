@@ -5,8 +5,9 @@ use std::io;
 use std::path::PathBuf;
 
 use thiserror::Error;
+use wire::JobState;
 
-use crate::{Epoch, JobId, JobState, TaskId};
+use crate::{Epoch, JobId, TaskId};
 
 #[derive(Debug, Error)]
 #[non_exhaustive]

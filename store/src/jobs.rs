@@ -2,9 +2,10 @@
 
 use serde_json::Value;
 use spec::Digest;
+use wire::JobState;
 
 use crate::database::sql;
-use crate::{DatasetId, JobId, JobState, RunId, Store, StoreError, Timestamp};
+use crate::{DatasetId, JobId, RunId, Store, StoreError, Timestamp};
 
 #[derive(Clone, Debug)]
 pub struct Job {

@@ -7,12 +7,11 @@ use std::time::Duration;
 
 use serde_json::Value;
 use spec::Digest;
+use wire::TaskState;
 
 use crate::database::{Transaction, sql};
 use crate::rules::task::{Ending, TaskStanding};
-use crate::{
-    Epoch, JobId, Retry, RunId, Store, StoreError, TaskId, TaskState, pipelines, task_end,
-};
+use crate::{Epoch, JobId, Retry, RunId, Store, StoreError, TaskId, pipelines, task_end};
 
 /// A task and the epoch at which it was claimed: what gives a write its right.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

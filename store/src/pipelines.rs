@@ -1,9 +1,11 @@
 //! Pipelines: jobs whose members are jobs, and whose state is theirs.
 
+use wire::JobState;
+
 use crate::database::{Transaction, sql};
 use crate::rules::job::is_unsuccessful;
 use crate::rules::pipeline::{MemberStanding, culprit, settled};
-use crate::{Job, JobId, JobState, Store, StoreError};
+use crate::{Job, JobId, Store, StoreError};
 
 #[derive(Clone, Debug)]
 pub struct Member {

@@ -1,9 +1,11 @@
 //! What follows when a task ends: its job moves on, jobs that need it are queued or cancelled,
 //! pipelines settle. Always inside the transaction that ended the task.
 
+use wire::JobState;
+
 use crate::database::{Transaction, sql};
 use crate::rules::job::{Step, after_task, before_start};
-use crate::{JobId, JobState, StoreError, pipelines};
+use crate::{JobId, StoreError, pipelines};
 
 /// Moves a job on after it was queued, or after tasks of it ended.
 pub(crate) async fn advance(tx: &mut Transaction, job: JobId) -> Result<(), StoreError> {

@@ -2,9 +2,10 @@
 
 use serde_json::Value;
 use spec::Digest;
+use wire::JobState;
 
 use crate::database::sql;
-use crate::{JobId, JobState, Page, RunId, Store, StoreError, Timestamp};
+use crate::{JobId, Page, RunId, Store, StoreError, Timestamp};
 
 #[derive(Clone, Debug)]
 pub struct Run {

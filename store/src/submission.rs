@@ -2,12 +2,13 @@
 
 use serde_json::Value;
 use spec::Digest;
+use wire::JobState;
 
 use crate::database::{Transaction, sql};
 use crate::propagation::{advance, state_of};
 use crate::rules::job::{before_start, is_unsuccessful};
 use crate::rules::reuse::{TaskPlace, stand_in, takes_over};
-use crate::{JobId, JobState, Store, StoreError, TaskId, pipelines};
+use crate::{JobId, Store, StoreError, TaskId, pipelines};
 
 /// What is asked for at once.
 #[derive(Clone, Debug)]

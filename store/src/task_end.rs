@@ -2,11 +2,12 @@
 //! follows for the job, the jobs that need it and the pipelines it is in.
 
 use serde_json::Value;
+use wire::TaskState;
 
 use crate::database::{Transaction, sql};
 use crate::propagation::advance;
 use crate::rules::task::{Ending, TaskStanding};
-use crate::{Fence, JobId, Retry, Store, StoreError, TaskId, TaskState, leases};
+use crate::{Fence, JobId, Retry, Store, StoreError, TaskId, leases};
 
 impl Store {
     /// The task succeeded, with an optional result.

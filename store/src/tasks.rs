@@ -1,9 +1,10 @@
 //! Tasks, as they are looked up; see `leases` for how they are worked on.
 
 use serde_json::Value;
+use wire::TaskState;
 
 use crate::database::sql;
-use crate::{Epoch, JobId, Progress, Store, StoreError, TaskId, TaskState, Timestamp};
+use crate::{Epoch, JobId, Progress, Store, StoreError, TaskId, Timestamp};
 
 #[derive(Clone, Debug)]
 pub struct Task {

@@ -39,6 +39,9 @@ use crate::live::LiveModels;
 pub use paging::Paging;
 pub use questions::read as read_question;
 
+/// The server's version, as `/healthz` and the page show it.
+pub(crate) const VERSION: &str = env!("CARGO_PKG_VERSION");
+
 /// How the server is to behave.
 #[derive(Clone, Debug)]
 pub struct Options {

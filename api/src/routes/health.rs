@@ -4,8 +4,7 @@ use axum::Json;
 use axum::extract::State;
 use wire::Health;
 
-use crate::VERSION;
-use crate::app::App;
+use crate::app::{App, VERSION};
 use crate::error::ApiError;
 
 /// Answers when the database does; needs no token.

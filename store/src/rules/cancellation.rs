@@ -2,7 +2,9 @@
 
 use std::collections::BTreeSet;
 
-use crate::{JobId, JobState};
+use wire::JobState;
+
+use crate::JobId;
 
 /// The facts that decide about a member.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -1,6 +1,6 @@
 //! A job, as its tasks end and as the jobs that it needs do.
 
-use crate::JobState;
+use wire::JobState;
 
 /// The tasks of a job, counted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

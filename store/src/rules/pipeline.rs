@@ -1,6 +1,6 @@
 //! A pipeline, whose state follows from its members'.
 
-use crate::JobState;
+use wire::JobState;
 
 /// The columns of a member that decide about its pipeline.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -4,11 +4,13 @@
 use std::ops::Range;
 use std::time::Duration;
 
+use wire::{JobState, TaskState};
+
 use super::cancellation::{Candidate, members_to_cancel};
 use super::job::{Step, TaskTally, after_task, before_start, is_unsuccessful};
 use super::pipeline::{MemberStanding, settled};
 use super::task::{Ending, TaskStanding};
-use crate::{Epoch, JobId, JobState, Retry, TaskState};
+use crate::{Epoch, JobId, Retry};
 
 mod agreement;
 

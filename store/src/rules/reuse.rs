@@ -1,6 +1,8 @@
 //! Earlier work that stands in for a new job of the same digest.
 
-use crate::{JobId, JobState};
+use wire::JobState;
+
+use crate::JobId;
 
 /// A job of the digest that is asked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

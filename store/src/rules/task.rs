@@ -2,7 +2,9 @@
 
 use std::time::Duration;
 
-use crate::{Epoch, TaskState};
+use wire::TaskState;
+
+use crate::Epoch;
 
 /// Whether a failed task may be tried again.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -3,13 +3,11 @@ use std::collections::BTreeMap;
 use spec::Digest;
 use sqlx::sqlite::SqliteRow;
 use sqlx::{FromRow, Row};
+use wire::DatasetState;
 
 use super::rows::{digest, json, state, stored_object};
 use super::{Database, Transaction, integer};
-use crate::{
-    Dataset, DatasetId, DatasetState, Fence, FileContent, JobId, NewShard, Page, Shard,
-    StoredObject,
-};
+use crate::{Dataset, DatasetId, Fence, FileContent, JobId, NewShard, Page, Shard, StoredObject};
 
 macro_rules! select_dataset {
     ($rest:literal) => {

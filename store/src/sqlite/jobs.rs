@@ -4,10 +4,11 @@ use spec::Digest;
 use sqlx::sqlite::SqliteRow;
 use sqlx::types::Text;
 use sqlx::{FromRow, QueryBuilder, Row, Sqlite};
+use wire::JobState;
 
 use super::rows::{digest, json, state};
 use super::{Database, Transaction};
-use crate::{DatasetId, Job, JobFilter, JobId, JobProgress, JobState, Page};
+use crate::{DatasetId, Job, JobFilter, JobId, JobProgress, Page};
 
 /// Completed by a condition.
 pub(super) const SELECT_JOB: &str = "SELECT job.*, dataset.id AS dataset, run.id AS run FROM job \

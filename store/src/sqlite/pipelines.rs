@@ -1,13 +1,14 @@
 use sqlx::sqlite::SqliteRow;
 use sqlx::types::Text;
 use sqlx::{FromRow, QueryBuilder, Row};
+use wire::JobState;
 
 use super::jobs::SELECT_JOB;
 use super::rows::state;
 use super::{Database, Transaction};
 use crate::pipelines::MemberRow;
 use crate::rules::cancellation::Candidate;
-use crate::{Job, JobId, JobState, Member};
+use crate::{Job, JobId, Member};
 
 impl Database {
     /// In the order of submission.

@@ -2,12 +2,13 @@ use std::collections::BTreeMap;
 
 use spec::Digest;
 use sqlx::Row;
+use wire::JobState;
 
 use super::rows::state;
 use super::{Transaction, integer};
 use crate::rules::reuse::{Earlier, TaskPlace};
 use crate::submission::{CompletedTask, JobRow};
-use crate::{JobId, JobState, NewTask, Submitted, TaskId};
+use crate::{JobId, NewTask, Submitted, TaskId};
 
 impl Transaction {
     /// The outcome of a request with this key, and the request's digest.

@@ -4,12 +4,13 @@ use std::time::Duration;
 
 use serde_json::json;
 use spec::Digest;
+use wire::{JobState, TaskState};
 
 use super::{Action, Dice, Queue};
 use crate::rules::task::Ending;
 use crate::{
-    Access, ClaimedTask, JobId, JobReuse, JobState, NewJob, NewMember, NewPipeline, NewTask,
-    Output, Page, Retry, Reuse, Store, Submission, TaskState,
+    Access, ClaimedTask, JobId, JobReuse, NewJob, NewMember, NewPipeline, NewTask, Output, Page,
+    Retry, Reuse, Store, Submission,
 };
 
 const WALKS: u64 = 8;
