@@ -37,11 +37,7 @@ pub struct Pose {
 pub(crate) const POSE: usize = 7;
 
 impl Kinematics {
-    /// Origin of each joint's frame in the frame of the link before it (the base for the first), m.
-    pub fn joint_origins(&self) -> Joints<[f64; 3]> {
-        Joints::from_fn(self.a_m.len(), |joint| self.joint_origin(joint))
-    }
-
+    /// Origin of a joint's frame in the frame of the link before it (the base for the first), m:
     /// (a, −d sin α, d cos α).
     pub(crate) fn joint_origin(&self, joint: usize) -> [f64; 3] {
         let (a, d, twist) = (self.a_m[joint], self.d_m[joint], self.twists[joint]);

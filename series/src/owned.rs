@@ -1,6 +1,6 @@
 use std::ops::Range;
 
-use crate::{Columns, Observed, SeriesView, Shape, ShapeError, Track};
+use crate::{Columns, Observed, SeriesView, Shape, ShapeError};
 
 /// Torques and positions of robots that all have the same samples, joints and rate.
 ///
@@ -125,11 +125,6 @@ impl Series {
         &mut self.y
     }
 
-    /// Both at once, to be filled side by side.
-    pub fn both_mut(&mut self) -> (&mut [f32], &mut [f32]) {
-        (&mut self.u, &mut self.y)
-    }
-
     /// All robots and samples.
     pub fn view(&self) -> SeriesView<'_> {
         self.part(0..self.shape.robots)
@@ -151,18 +146,6 @@ impl Series {
             u: rows(&self.u[..], shape.samples * joints).collect(),
             y: rows(&self.y[..], known * joints).collect(),
         }
-    }
-
-    /// u of one robot, `[sample, joint]`.
-    pub fn u_of(&self, robot: usize) -> Track<'_> {
-        let width = self.shape.values_per_robot();
-        Track::new(row(&self.u, robot, width), self.shape.joints)
-    }
-
-    /// y of one robot, `[sample, joint]`.
-    pub fn y_of(&self, robot: usize) -> Track<'_> {
-        let joints = self.shape.joints;
-        Track::new(row(&self.y, robot, self.known * joints), joints)
     }
 
     /// As [`SeriesView::observed`].
@@ -211,8 +194,8 @@ mod tests {
         gathered.gather(&columns, 0..2);
         assert_eq!(gathered.shape(), SHAPE);
         for (place, robot) in [2, 0, 1].into_iter().enumerate() {
-            assert_eq!(gathered.u_of(place), series.u_of(robot));
-            assert_eq!(gathered.y_of(place), series.y_of(robot));
+            assert_eq!(gathered.view().u(place), series.view().u(robot));
+            assert_eq!(gathered.view().y(place), series.view().y(robot));
         }
     }
 

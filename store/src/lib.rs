@@ -54,9 +54,7 @@ pub use jobs::{Job, JobFilter, JobProgress, Page};
 pub use leases::{ClaimedTask, Fence, Lease, Progress, Reaped};
 pub use metrics::{Metric, Series, SeriesPoint};
 pub use objects::{ObjectBytes, ObjectWriter, StoredObject, measure_file, path as object_path};
-pub use parquet_layout::{
-    STEP, TRAJECTORY, table_schema, trajectories_per_row_group, trajectory_schema,
-};
+pub use parquet_layout::{STEP, TRAJECTORY, table_schema, trajectories_per_row_group};
 pub use pipelines::Member;
 pub use rules::Retry;
 pub use runs::Run;

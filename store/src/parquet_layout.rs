@@ -37,13 +37,6 @@ pub fn trajectories_per_row_group(samples: u32) -> u32 {
     (ROWS_PER_ROW_GROUP / samples.max(1)).clamp(1, MAX_TRAJECTORIES_PER_ROW_GROUP)
 }
 
-/// `trajectory` and `step`, then `channels` as f32.
-pub fn trajectory_schema<'a>(channels: impl IntoIterator<Item = &'a str>) -> SchemaRef {
-    let ids = [TRAJECTORY, STEP].map(|name| Field::new(name, DataType::Int32, false));
-    let channels = channels.into_iter().map(|name| Field::new(name, DataType::Float32, false));
-    Arc::new(Schema::new(ids.into_iter().chain(channels).collect::<Vec<_>>()))
-}
-
 /// A table with these columns.
 pub fn table_schema(columns: &[Column]) -> SchemaRef {
     let field = |column: &Column| {

@@ -52,20 +52,6 @@ pub struct EncodedRows {
 }
 
 impl Store {
-    /// Begins the trajectories of a shard; see [`TableWriter::trajectories`].
-    ///
-    /// # Errors
-    /// When the disk is full or fails.
-    pub async fn write_trajectories(
-        &self,
-        path: &str,
-        schema: SchemaRef,
-        samples: u32,
-        footer: &BTreeMap<String, String>,
-    ) -> Result<TableWriter, StoreError> {
-        TableWriter::trajectories(self.write_object(path).await?, schema, samples, footer)
-    }
-
     /// Begins a table with a row per trajectory, or any other.
     ///
     /// # Errors
@@ -81,8 +67,8 @@ impl Store {
 }
 
 impl TableWriter {
-    /// Trajectories: `schema` as [`crate::trajectory_schema`] or [`crate::table_schema`] makes it,
-    /// each trajectory with `samples` rows. `footer` goes into the file's key-value metadata.
+    /// Trajectories, each with `samples` rows; `schema` is [`crate::table_schema`]'s. `footer` goes
+    /// into the file's key-value metadata.
     ///
     /// # Errors
     /// When the disk is full or fails.

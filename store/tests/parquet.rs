@@ -9,13 +9,13 @@ use arrow::array::{
     ArrayRef, AsArray, BooleanArray, Float32Array, Float64Array, Int32Array, Int64Array,
     RecordBatch, StringArray,
 };
-use arrow::datatypes::Int32Type;
+use arrow::datatypes::{Int32Type, SchemaRef};
 use parquet::basic::{Compression, Encoding, Type};
 use parquet::file::reader::{FileReader, SerializedFileReader};
-use spec::Digest;
+use spec::{Column, ColumnType, Digest};
 use store::{
-    Access, DatasetId, Shard, Store, StoreError, StoredObject, trajectories_per_row_group,
-    trajectory_schema,
+    Access, DatasetId, Shard, Store, StoreError, StoredObject, TableWriter, table_schema,
+    trajectories_per_row_group,
 };
 use tempfile::TempDir;
 
@@ -26,6 +26,13 @@ const SAMPLES: u32 = 5000;
 async fn store() -> (Store, TempDir) {
     let dir = tempfile::tempdir().unwrap();
     (Store::open(dir.path(), Access::Server).await.unwrap(), dir)
+}
+
+fn schema() -> SchemaRef {
+    let channels = CHANNELS.map(|name| Column::new(name, ColumnType::Float32, "a channel"));
+    let columns: Vec<Column> =
+        [Column::trajectory(), Column::step()].into_iter().chain(channels).collect();
+    table_schema(&columns)
 }
 
 /// Any value that depends on all three and is not smooth.
@@ -46,7 +53,7 @@ fn trajectories(range: std::ops::Range<i32>) -> RecordBatch {
         Arc::new(rows().map(|(i, step)| value(i, step, c)).collect::<Float32Array>())
     });
     let columns = ids.into_iter().chain(channels).collect();
-    RecordBatch::try_new(trajectory_schema(CHANNELS), columns).unwrap()
+    RecordBatch::try_new(schema(), columns).unwrap()
 }
 
 fn footer() -> BTreeMap<String, String> {
@@ -57,8 +64,8 @@ fn footer() -> BTreeMap<String, String> {
 
 /// Writes `batches` as one file.
 async fn write(store: &Store, path: &str, batches: Vec<RecordBatch>) -> StoredObject {
-    let schema = trajectory_schema(CHANNELS);
-    let mut writer = store.write_trajectories(path, schema, SAMPLES, &footer()).await.unwrap();
+    let object = store.write_object(path).await.unwrap();
+    let mut writer = TableWriter::trajectories(object, schema(), SAMPLES, &footer()).unwrap();
     tokio::task::spawn_blocking(move || {
         for batch in batches {
             writer.write(batch).unwrap();
@@ -223,9 +230,8 @@ async fn a_file_with_any_bit_changed_is_refused_before_it_is_decoded() {
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_file_that_is_not_finished_leaves_nothing() {
     let (store, dir) = store().await;
-    let schema = trajectory_schema(CHANNELS);
-    let mut writer =
-        store.write_trajectories("d/a.parquet", schema, SAMPLES, &footer()).await.unwrap();
+    let object = store.write_object("d/a.parquet").await.unwrap();
+    let mut writer = TableWriter::trajectories(object, schema(), SAMPLES, &footer()).unwrap();
     tokio::task::spawn_blocking(move || {
         writer.write(trajectories(0..50)).unwrap();
         drop(writer);

@@ -10,7 +10,7 @@ use arrow::array::{
 };
 use spec::{Column, ColumnType, DataSpec};
 use store::{ChannelSummary, ClaimedTask, FileContent, ShardSummary, Spectrum, Store, object_path};
-use store::{StoredObject, table_schema};
+use store::{StoredObject, TableWriter, table_schema};
 
 /// What the column at `position` has for `trajectory` at `step`.
 #[expect(clippy::cast_precision_loss, reason = "small numbers")]
@@ -40,7 +40,8 @@ pub async fn write(
     let footer = BTreeMap::new();
     let mut table = match content {
         FileContent::Trajectories => {
-            store.write_trajectories(&path, schema, data.samples(), &footer).await.unwrap()
+            let object = store.write_object(&path).await.unwrap();
+            TableWriter::trajectories(object, schema, data.samples(), &footer).unwrap()
         }
         FileContent::Robots => store.write_table(&path, schema, &footer).await.unwrap(),
     };

@@ -6,8 +6,8 @@ use std::time::Duration;
 use arrow::array::{ArrayRef, Float32Array, Int32Array, RecordBatch};
 use bytes::Bytes;
 use futures::TryStreamExt;
-use spec::Digest;
-use store::{STEP, StoredObject, TRAJECTORY, trajectory_schema};
+use spec::{Column, ColumnType, Digest};
+use store::{STEP, StoredObject, TRAJECTORY, TableWriter, table_schema};
 
 use super::{Fixture, simulate};
 
@@ -58,7 +58,8 @@ pub async fn damaged_bytes_are_refused(f: Fixture) {
 }
 
 pub async fn a_table_is_written_and_read_wherever_it_lies(f: Fixture) {
-    let schema = trajectory_schema(["u1"]);
+    let u1 = Column::new("u1", ColumnType::Float32, "a channel");
+    let schema = table_schema(&[Column::trajectory(), Column::step(), u1]);
     let (ids, steps) = (vec![0, 0, 1, 1], vec![0, 1, 0, 1]);
     let columns: [ArrayRef; 3] = [
         Arc::new(Int32Array::from(ids)),
@@ -67,7 +68,8 @@ pub async fn a_table_is_written_and_read_wherever_it_lies(f: Fixture) {
     ];
     let batch = RecordBatch::try_new(schema.clone(), columns.to_vec()).unwrap();
     let footer = BTreeMap::new();
-    let mut writer = f.store.write_trajectories("a/table", schema, 2, &footer).await.unwrap();
+    let object = f.store.write_object("a/table").await.unwrap();
+    let mut writer = TableWriter::trajectories(object, schema, 2, &footer).unwrap();
     let rows = batch.clone();
     let written = tokio::task::spawn_blocking(move || {
         writer.write(rows).unwrap();
