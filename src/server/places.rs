@@ -12,7 +12,7 @@ impl Server {
     pub async fn dataset_folder(&self, dataset: i64) -> anyhow::Result<PathBuf> {
         let shards = self.store.shards(DatasetId(dataset)).await?;
         let shard = shards.first().with_context(|| format!("dataset {dataset} has no shards"))?;
-        Ok(self.folder_of(&shard.trajectories))
+        Ok(self.folder_of(&shard.contents.trajectories))
     }
 
     /// The folder of a checkpoint's files.

@@ -1,6 +1,7 @@
 //! Datasets and their shards. A job whose output is one fills it, and has it from its submission on.
 
 use std::fmt;
+use std::ops::Range;
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -78,10 +79,17 @@ impl fmt::Display for FileContent {
     }
 }
 
+/// A committed shard.
 #[derive(Clone, Debug)]
 pub struct Shard {
     pub dataset: DatasetId,
     pub ordinal: u32,
+    pub contents: ShardContents,
+}
+
+/// The trajectories of a shard and the files that hold them.
+#[derive(Clone, Debug)]
+pub struct ShardContents {
     /// Index of the first trajectory.
     pub first: u64,
     /// Number of trajectories.
@@ -91,7 +99,12 @@ pub struct Shard {
     pub robots: StoredObject,
 }
 
-impl Shard {
+impl ShardContents {
+    /// Indices of the trajectories.
+    pub const fn range(&self) -> Range<u64> {
+        self.first..self.first + self.count
+    }
+
     pub const fn file(&self, content: FileContent) -> &StoredObject {
         match content {
             FileContent::Trajectories => &self.trajectories,
@@ -99,9 +112,8 @@ impl Shard {
         }
     }
 
-    /// The name under which a file is downloaded, e.g. `trajectories-00003.parquet`.
-    pub fn file_name(&self, content: FileContent) -> String {
-        content.file_name(self.ordinal)
+    pub fn files(&self) -> [(FileContent, &StoredObject); 2] {
+        FileContent::ALL.map(|content| (content, self.file(content)))
     }
 }
 
@@ -114,15 +126,6 @@ enum Count {
     OfShard,
 }
 
-#[derive(Clone, Debug)]
-pub struct NewShard {
-    pub first: u64,
-    pub count: u64,
-    pub rejected: u64,
-    pub trajectories: StoredObject,
-    pub robots: StoredObject,
-}
-
 impl Store {
     /// Commits the shard of the fence's task, whose ordinal it has, and completes the task; the
     /// last shard completes dataset and job in the same transaction. Harmless when repeated.
@@ -132,7 +135,7 @@ impl Store {
     pub async fn commit_shard(
         &self,
         fence: Fence,
-        shard: &NewShard,
+        shard: &ShardContents,
         result: Option<&Value>,
     ) -> Result<(), StoreError> {
         self.commit(fence, shard, result, Count::Submitted).await
@@ -145,7 +148,7 @@ impl Store {
     pub async fn commit_import(
         &self,
         fence: Fence,
-        shard: &NewShard,
+        shard: &ShardContents,
         result: &Value,
     ) -> Result<(), StoreError> {
         self.commit(fence, shard, Some(result), Count::OfShard).await
@@ -154,12 +157,13 @@ impl Store {
     async fn commit(
         &self,
         fence: Fence,
-        shard: &NewShard,
+        shard: &ShardContents,
         result: Option<&Value>,
         trajectories: Count,
     ) -> Result<(), StoreError> {
-        self.objects().verify_published(&shard.trajectories).await?;
-        self.objects().verify_published(&shard.robots).await?;
+        for (_, file) in shard.files() {
+            self.objects().verify_published(file).await?;
+        }
         let mut tx = self.begin("committing a shard").await?;
         let held = leases::held(&mut tx, fence).await;
         if let Err(StoreError::LeaseLost { .. }) = held

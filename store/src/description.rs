@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use spec::{Column, Digest};
 
-use crate::{FileContent, NewShard, Shard, StoredObject};
+use crate::{FileContent, ShardContents, StoredObject};
 
 /// A function of the spec and the shards alone: the same bytes wherever they were made.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -73,8 +73,8 @@ impl DatasetDescription {
 }
 
 impl ShardDescription {
-    pub fn new(ordinal: u32, shard: &NewShard, samples: u32) -> Self {
-        let file = |content: FileContent, object: &StoredObject| FileDescription {
+    pub fn new(ordinal: u32, shard: &ShardContents, samples: u32) -> Self {
+        let file = |(content, object): (FileContent, &StoredObject)| FileDescription {
             name: content.file_name(ordinal),
             content,
             rows: content.rows(shard.count, samples),
@@ -86,23 +86,8 @@ impl ShardDescription {
             first: shard.first,
             trajectories: shard.count,
             rejected: shard.rejected,
-            files: vec![
-                file(FileContent::Trajectories, &shard.trajectories),
-                file(FileContent::Robots, &shard.robots),
-            ],
+            files: shard.files().map(file).into(),
         }
-    }
-
-    /// Of a stored shard.
-    pub fn of(shard: &Shard, samples: u32) -> Self {
-        let content = NewShard {
-            first: shard.first,
-            count: shard.count,
-            rejected: shard.rejected,
-            trajectories: shard.trajectories.clone(),
-            robots: shard.robots.clone(),
-        };
-        Self::new(shard.ordinal, &content, samples)
     }
 
     pub fn file(&self, content: FileContent) -> Option<&FileDescription> {

@@ -46,7 +46,7 @@ pub use artifacts::{Artifact, NewArtifact};
 pub use checkpoints::{Checkpoint, CheckpointFile, NewCheckpoint, WhichCheckpoint};
 pub use clock::Timestamp;
 pub use data_dir::Access;
-pub use datasets::{Dataset, FileContent, NewShard, Shard};
+pub use datasets::{Dataset, FileContent, Shard, ShardContents};
 pub use description::{DatasetDescription, FileDescription, ShardDescription, TableColumns};
 pub use error::StoreError;
 pub use identifiers::{CheckpointId, DatasetId, Epoch, JobId, RunId, TaskId};

@@ -6,7 +6,7 @@ use arrow::array::RecordBatch;
 use arrow::compute::concat_batches;
 use parquet::errors::ParquetError;
 
-use crate::{Shard, Store, StoreError, TableReader};
+use crate::{ShardContents, Store, StoreError, TableReader};
 
 /// The trajectories of a shard, open. Threads may share it.
 #[derive(Clone, Debug)]
@@ -24,11 +24,8 @@ impl Store {
     ///
     /// # Errors
     /// When the file cannot be read or does not hold what its row says.
-    pub fn open_shard(&self, shard: &Shard) -> Result<ShardReader, StoreError> {
-        let path = &shard.trajectories.path;
-        let file = self.objects().open_verified(&shard.trajectories)?;
-        let table = TableReader::new(file, path.clone())?;
-        ShardReader::new(table, shard.first..shard.first + shard.count)
+    pub fn open_shard(&self, shard: &ShardContents) -> Result<ShardReader, StoreError> {
+        ShardReader::new(self.open_table(&shard.trajectories)?, shard.range())
     }
 }
 

@@ -14,7 +14,7 @@ use parquet::basic::{Compression, Encoding, Type};
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use spec::{Column, ColumnType, Digest};
 use store::{
-    Access, DatasetId, Shard, Store, StoreError, StoredObject, TableWriter, table_schema,
+    Access, ShardContents, Store, StoreError, StoredObject, TableWriter, table_schema,
     trajectories_per_row_group,
 };
 use tempfile::TempDir;
@@ -76,16 +76,8 @@ async fn write(store: &Store, path: &str, batches: Vec<RecordBatch>) -> StoredOb
     .unwrap()
 }
 
-fn shard(first: u64, count: u64, file: StoredObject) -> Shard {
-    Shard {
-        dataset: DatasetId(1),
-        ordinal: 0,
-        first,
-        count,
-        rejected: 0,
-        robots: file.clone(),
-        trajectories: file,
-    }
+fn shard(first: u64, count: u64, file: StoredObject) -> ShardContents {
+    ShardContents { first, count, rejected: 0, robots: file.clone(), trajectories: file }
 }
 
 #[tokio::test]

@@ -34,8 +34,8 @@ impl DatasetReader {
         for shard in attempt.wait(attempt.store.shards(dataset.id))? {
             attempt.check_stop()?;
             // Checks the bytes against their digest, so that what is read below is what was written.
-            let reader = attempt.store.open_shard(&shard)?;
-            shards.push((shard.first..shard.first + shard.count, reader));
+            let reader = attempt.store.open_shard(&shard.contents)?;
+            shards.push((shard.contents.range(), reader));
         }
         let job: JobSpec = serde_json::from_value(dataset.spec)?;
         let spec = DataSpec::of(&job).ok_or_else(|| missing(digest.to_string()))?;

@@ -10,8 +10,8 @@ use std::path::{Path, PathBuf};
 
 use spec::{DataSpec, Digest, JobSpec, SimulateSpec};
 use store::{
-    DatasetDescription, FileContent, FileDescription, NewShard, ObjectWriter, ShardDescription,
-    StoreError, StoredObject,
+    DatasetDescription, FileContent, FileDescription, ObjectWriter, ShardContents,
+    ShardDescription, StoreError, StoredObject,
 };
 use thiserror::Error;
 
@@ -174,7 +174,7 @@ impl DatasetFolder {
         self.write_description()
     }
 
-    fn make(&self, ordinal: u32, progress: ProgressOf<'_>) -> Result<NewShard, FolderError> {
+    fn make(&self, ordinal: u32, progress: ProgressOf<'_>) -> Result<ShardContents, FolderError> {
         let begin =
             |content: FileContent| ObjectWriter::in_folder(&self.dir, &content.file_name(ordinal));
         let (trajectories, robots) =
@@ -226,7 +226,11 @@ impl DatasetFolder {
     }
 
     /// What `dataset.json` says of a shard, as far as it can be true.
-    fn recorded(&self, ordinal: u32, shard: &ShardDescription) -> Result<NewShard, FolderError> {
+    fn recorded(
+        &self,
+        ordinal: u32,
+        shard: &ShardDescription,
+    ) -> Result<ShardContents, FolderError> {
         let unreadable = |detail: String| FolderError::Unreadable { dir: self.dir.clone(), detail };
         let expected = self.spec.shard(u64::from(ordinal));
         let count = expected.end - expected.start;
@@ -240,7 +244,7 @@ impl DatasetFolder {
                 unreadable(format!("its shard {ordinal} has no {}", content.file_name(ordinal)))
             })
         };
-        Ok(NewShard {
+        Ok(ShardContents {
             first: shard.first,
             count,
             rejected: shard.rejected,

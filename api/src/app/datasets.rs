@@ -43,8 +43,9 @@ impl App {
             return Ok(Download::made(saved_as, "application/json", json));
         }
         let file = shards.iter().find_map(|shard| {
-            let content = FileContent::ALL.into_iter().find(|it| shard.file_name(*it) == name)?;
-            Some(shard.file(content))
+            let mut files = shard.contents.files().into_iter();
+            let (_, file) = files.find(|(content, _)| content.file_name(shard.ordinal) == name)?;
+            Some(file)
         });
         let file =
             file.ok_or_else(|| ApiError::not_found("file", format!("{name:?} in dataset {id}")))?;
@@ -55,7 +56,9 @@ impl App {
 /// `dataset.json` as it is now; `None` when the spec is of another version.
 fn description(dataset: &store::Dataset, shards: &[Shard]) -> Option<Vec<u8>> {
     let spec: JobSpec = serde_json::from_value(dataset.spec.clone()).ok()?;
-    let shards = shards.iter().map(|shard| ShardDescription::of(shard, dataset.samples)).collect();
+    let described =
+        |shard: &Shard| ShardDescription::new(shard.ordinal, &shard.contents, dataset.samples);
+    let shards = shards.iter().map(described).collect();
     Some(jobs::describe_dataset(&DataSpec::of(&spec)?, dataset.digest, shards).to_json())
 }
 
@@ -73,9 +76,8 @@ fn described(dataset: i64, json: &[u8]) -> DatasetFile {
 }
 
 fn files(shard: &Shard, samples: u32) -> [DatasetFile; 2] {
-    FileContent::ALL.map(|content| {
-        let object = shard.file(content);
-        let name = shard.file_name(content);
+    shard.contents.files().map(|(content, object)| {
+        let name = content.file_name(shard.ordinal);
         DatasetFile {
             url: format!("/v1/datasets/{}/files/{name}", shard.dataset),
             name,
@@ -84,7 +86,7 @@ fn files(shard: &Shard, samples: u32) -> [DatasetFile; 2] {
                 FileContent::Robots => FileKind::Robots,
             },
             shard: Some(shard.ordinal),
-            rows: Some(content.rows(shard.count, samples)),
+            rows: Some(content.rows(shard.contents.count, samples)),
             size: object.size,
             sha256: object.sha256,
         }

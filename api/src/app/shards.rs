@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use store::{Shard, ShardReader, Store, StoreError, TableReader};
+use store::{Shard, ShardContents, ShardReader, Store, StoreError, TableReader};
 use tokio::sync::Semaphore;
 
 use crate::error::ApiError;
@@ -55,12 +55,12 @@ impl OpenShards {
         };
         let place = Arc::clone(&self.places).acquire_owned().await;
         let place = place.map_err(|_| ApiError::Internal)?;
-        let slot = self.slot(&shard.trajectories.path);
-        let (store, row) = (store.clone(), shard.clone());
+        let slot = self.slot(&shard.contents.trajectories.path);
+        let (store, contents) = (store.clone(), shard.contents.clone());
         let reading = tokio::task::spawn_blocking(move || {
             // Held to the end, even when nobody waits for it any more.
             let _place = place;
-            let open = slot.open(&store, &row)?;
+            let open = slot.open(&store, &contents)?;
             read(&open)
         });
         // The decoder may panic on a page that it does not understand.
@@ -83,7 +83,7 @@ impl OpenShards {
 
 impl Slot {
     /// Opens the shard once; whoever comes meanwhile waits for that.
-    fn open(&self, store: &Store, shard: &Shard) -> Result<OpenShard, StoreError> {
+    fn open(&self, store: &Store, shard: &ShardContents) -> Result<OpenShard, StoreError> {
         let mut open = lock(&self.shard);
         if let Some(open) = &*open {
             return Ok(open.clone());

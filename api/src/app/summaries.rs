@@ -15,16 +15,16 @@ impl App {
         let shards = self.store.shards(row.id).await?;
         let ShardSummary { trajectories: summarized, channels, spectra, .. } =
             self.store.dataset_summary(row.id).await?.unwrap_or_default();
-        let trajectories: u64 = shards.iter().map(|shard| shard.count).sum();
+        let trajectories: u64 = shards.iter().map(|shard| shard.contents.count).sum();
         let spec = serde_json::from_value::<JobSpec>(row.spec).ok();
         let data = spec.as_ref().and_then(DataSpec::of);
         let columns = data.map(|data| data.trajectory_columns()).unwrap_or_default();
         Ok(Summary {
             dataset,
             trajectories,
-            first: shards.first().map_or(0, |shard| shard.first),
+            first: shards.first().map_or(0, |shard| shard.contents.first),
             samples: trajectories * u64::from(row.samples),
-            rejected: shards.iter().map(|shard| shard.rejected).sum(),
+            rejected: shards.iter().map(|shard| shard.contents.rejected).sum(),
             summarized,
             channels: channels.into_iter().map(|channel| described(channel, &columns)).collect(),
             spectra: spectra.into_iter().map(spectrum).collect(),

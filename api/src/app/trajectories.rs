@@ -1,6 +1,7 @@
 //! Single trajectories of a dataset.
 
 use std::collections::HashMap;
+use std::ops::Range;
 use std::sync::Arc;
 
 use arrow::array::{Array, AsArray, RecordBatch};
@@ -50,7 +51,7 @@ impl App {
         let Place { shard, spec } = self.place(dataset, index).await?;
         let columns = spec.trajectory_columns();
         let names: Vec<String> = columns.iter().map(|column| column.name.clone()).collect();
-        let first = shard.first;
+        let first = shard.contents.first;
         let read = self.open_shards.read(&self.store, &shard, move |open| {
             let names: Vec<&str> = names.iter().map(String::as_str).collect();
             let samples = open.trajectories.read_trajectories(index..index + 1, &names)?;
@@ -74,14 +75,14 @@ impl App {
     /// When there is no such trajectory, or its shard cannot be read.
     pub async fn robot(&self, dataset: i64, index: u64) -> Result<Map<String, Value>, ApiError> {
         let Place { shard, .. } = self.place(dataset, index).await?;
-        let row = index - shard.first;
+        let row = index - shard.contents.first;
         self.open_shards.read(&self.store, &shard, move |open| robot(&open.robots, row)).await
     }
 
     async fn place(&self, dataset: i64, index: u64) -> Result<Place, ApiError> {
         let row = self.store.dataset(DatasetId(dataset)).await?;
         let shards = self.store.shards(row.id).await?;
-        let holds = |shard: &&Shard| (shard.first..shard.first + shard.count).contains(&index);
+        let holds = |shard: &&Shard| shard.contents.range().contains(&index);
         let Some(shard) = shards.iter().find(holds).cloned() else {
             let there = there_are(row.state, row.trajectories, &shards);
             let id = format!("{index} in dataset {dataset}: {there}");
@@ -102,12 +103,11 @@ fn there_are(state: DatasetState, trajectories: u64, shards: &[Shard]) -> String
         (DatasetState::Complete, _) => format!("there are 0 to {}", trajectories.saturating_sub(1)),
         (DatasetState::Building, []) => "no shard is finished yet".to_owned(),
         (DatasetState::Building, shards) => {
-            let ranges: Vec<String> = shards
-                .chunk_by(|a, b| a.first + a.count == b.first)
-                .map(|run| {
-                    let last = &run[run.len() - 1];
-                    format!("{} to {}", run[0].first, last.first + last.count - 1)
-                })
+            let ranges: Vec<Range<u64>> =
+                shards.iter().map(|shard| shard.contents.range()).collect();
+            let ranges: Vec<String> = ranges
+                .chunk_by(|a, b| a.end == b.start)
+                .map(|run| format!("{} to {}", run[0].start, run[run.len() - 1].end - 1))
                 .collect();
             format!("the shards that are finished hold {}", ranges.join(", "))
         }

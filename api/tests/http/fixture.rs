@@ -14,8 +14,8 @@ use http_body_util::BodyExt;
 use serde_json::{Value, json};
 use spec::{DataSpec, JobKind, JobSpec};
 use store::{
-    Access, CheckpointFile, ClaimedTask, FileContent, Metric, NewArtifact, NewCheckpoint, NewShard,
-    Retry, Store, object_path,
+    Access, CheckpointFile, ClaimedTask, FileContent, Metric, NewArtifact, NewCheckpoint, Retry,
+    ShardContents, Store, object_path,
 };
 use tempfile::TempDir;
 use tower::ServiceExt;
@@ -208,9 +208,9 @@ impl Server {
         task: &ClaimedTask,
         data: &DataSpec,
         trajectories: Range<u64>,
-    ) -> NewShard {
+    ) -> ShardContents {
         let file = |content| tables::write(&self.store, task, data, trajectories.clone(), content);
-        NewShard {
+        ShardContents {
             first: trajectories.start,
             count: trajectories.end - trajectories.start,
             rejected: if task.kind == JobKind::Simulate.as_str() { 3 } else { 0 },

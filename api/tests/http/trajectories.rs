@@ -145,12 +145,12 @@ async fn a_summary_covers_all_shards() {
 async fn a_damaged_shard_is_told_as_such_and_the_others_can_still_be_read() {
     let server = with_dataset().await;
     let shards = server.store.shards(store::DatasetId(1)).await.unwrap();
-    let path = server.object(&shards[0].trajectories.path);
+    let path = server.object(&shards[0].contents.trajectories.path);
     let mut bytes = std::fs::read(&path).unwrap();
     let middle = bytes.len() / 2;
     bytes[middle] ^= 0xff;
     std::fs::write(&path, bytes).unwrap();
-    std::fs::remove_file(server.object(&shards[1].robots.path)).unwrap();
+    std::fs::remove_file(server.object(&shards[1].contents.robots.path)).unwrap();
     for index in [0, 10] {
         let problem =
             server.get(&format!("/v1/datasets/1/trajectories/{index}")).await.problem(500);

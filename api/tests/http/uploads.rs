@@ -10,7 +10,7 @@ use axum::http::{Request, StatusCode};
 use futures::stream;
 use serde_json::{Value, json};
 use spec::{Digest, JobKind};
-use store::{FileContent, NewShard, object_path};
+use store::{FileContent, ShardContents, object_path};
 
 use crate::fixture::{Answer, Server, bytes_of, small_training};
 
@@ -264,7 +264,7 @@ async fn an_imported_dataset_can_be_trained_on_and_evaluated_on() {
         let path = object_path::shard(task.job, task.ordinal, task.fence.epoch, content);
         server.store.put_object(&path, bytes_of(1000, content as u8)).await.unwrap()
     };
-    let shard = NewShard {
+    let shard = ShardContents {
         first: 0,
         count: 12,
         rejected: 0,

@@ -7,7 +7,9 @@ use wire::DatasetState;
 
 use super::rows::{digest, json, state, stored_object};
 use super::{Database, Transaction, integer};
-use crate::{Dataset, DatasetId, Fence, FileContent, JobId, NewShard, Page, Shard, StoredObject};
+use crate::{
+    Dataset, DatasetId, Fence, FileContent, JobId, Page, Shard, ShardContents, StoredObject,
+};
 
 macro_rules! select_dataset {
     ($rest:literal) => {
@@ -129,7 +131,7 @@ impl Transaction {
     pub async fn insert_shard(
         &mut self,
         fence: Fence,
-        shard: &NewShard,
+        shard: &ShardContents,
     ) -> Result<(), sqlx::Error> {
         let (dataset, ordinal): (DatasetId, u32) = sqlx::query_as(
             "INSERT INTO shard (dataset, ordinal, first, count, rejected, task, epoch) \
@@ -143,11 +145,7 @@ impl Transaction {
         .bind(fence.task)
         .fetch_one(self.connection())
         .await?;
-        let files = [
-            (FileContent::Trajectories, &shard.trajectories),
-            (FileContent::Robots, &shard.robots),
-        ];
-        for (content, object) in files {
+        for (content, object) in shard.files() {
             sqlx::query(
                 "INSERT INTO shard_file (dataset, ordinal, content, path, size, sha256) \
                  VALUES (?, ?, ?, ?, ?, ?)",
@@ -204,11 +202,13 @@ fn shards_from_rows(rows: &[SqliteRow]) -> Result<Vec<Shard>, sqlx::Error> {
         shards.push(Shard {
             dataset: row.try_get("dataset")?,
             ordinal: row.try_get("ordinal")?,
-            first: row.try_get("first")?,
-            count: row.try_get("count")?,
-            rejected: row.try_get("rejected")?,
-            trajectories: take(FileContent::Trajectories)?,
-            robots: take(FileContent::Robots)?,
+            contents: ShardContents {
+                first: row.try_get("first")?,
+                count: row.try_get("count")?,
+                rejected: row.try_get("rejected")?,
+                trajectories: take(FileContent::Trajectories)?,
+                robots: take(FileContent::Robots)?,
+            },
         });
     }
     Ok(shards)

@@ -1,8 +1,8 @@
 use serde_json::json;
 use spec::Digest;
 use store::{
-    ChannelSummary, DatasetState, FileContent, JobState, NewShard, Page, ShardSummary, StoreError,
-    StoredObject,
+    ChannelSummary, DatasetState, FileContent, JobState, Page, ShardContents, ShardSummary,
+    StoreError, StoredObject,
 };
 
 use super::{Fixture, assert_lost, digest_of, simulate};
@@ -23,10 +23,11 @@ pub async fn the_last_shard_completes_dataset_and_job(f: Fixture) {
     assert_eq!(f.state(job).await, JobState::Succeeded);
 
     let shards = f.store.shards(id).await.unwrap();
-    let ranges: Vec<_> = shards.iter().map(|s| (s.ordinal, s.first, s.count)).collect();
+    let ranges: Vec<_> =
+        shards.iter().map(|s| (s.ordinal, s.contents.first, s.contents.count)).collect();
     assert_eq!(ranges, [(0, 0, 2), (1, 2, 2), (2, 4, 2)]);
-    assert_eq!(shards[1].file_name(FileContent::Robots), "robots-00001.parquet");
-    assert_eq!(shards[1].file(FileContent::Robots).sha256, Digest::of(b"robots 1"));
+    assert_eq!(FileContent::Robots.file_name(shards[1].ordinal), "robots-00001.parquet");
+    assert_eq!(shards[1].contents.file(FileContent::Robots).sha256, Digest::of(b"robots 1"));
     assert_eq!(f.store.datasets(None, Page::default()).await.unwrap().len(), 1);
     let building = f.store.datasets(Some(DatasetState::Building), Page::default()).await.unwrap();
     assert!(building.is_empty());
@@ -64,8 +65,8 @@ pub async fn a_zombie_neither_commits_nor_overwrites_a_shard(f: Fixture) {
     let id = f.store.job(job).await.unwrap().dataset.unwrap();
     let shards = f.store.shards(id).await.unwrap();
     assert_eq!(shards.len(), 1);
-    assert_eq!(shards[0].trajectories, shard.trajectories);
-    assert_ne!(shards[0].trajectories.path, late.trajectories.path);
+    assert_eq!(shards[0].contents.trajectories, shard.trajectories);
+    assert_ne!(shards[0].contents.trajectories.path, late.trajectories.path);
 }
 
 pub async fn a_row_never_comes_before_its_bytes(f: Fixture) {
@@ -75,7 +76,7 @@ pub async fn a_row_never_comes_before_its_bytes(f: Fixture) {
     let absent = StoredObject { path: "datasets/1/absent".into(), ..published.robots.clone() };
     let short = StoredObject { size: 3, ..published.robots.clone() };
     for robots in [absent, short] {
-        let shard = NewShard { robots, ..published.clone() };
+        let shard = ShardContents { robots, ..published.clone() };
         let error = f.store.commit_shard(task.fence, &shard, None).await.unwrap_err();
         let named = matches!(error, StoreError::Object { .. } | StoreError::ObjectFile { .. });
         assert!(named, "{error}");

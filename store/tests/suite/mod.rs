@@ -18,7 +18,7 @@ use serde_json::{Value, json};
 use spec::Digest;
 use store::{
     ClaimedTask, Fence, FileContent, JobId, JobReuse, JobState, Need, NewJob, NewMember,
-    NewPipeline, NewShard, NewTask, Output, Reuse, Store, StoreError, Submission, Submitted,
+    NewPipeline, NewTask, Output, Reuse, ShardContents, Store, StoreError, Submission, Submitted,
     object_path,
 };
 use tempfile::TempDir;
@@ -177,7 +177,7 @@ impl Fixture {
     }
 
     /// Publishes both files of the shard of a claimed task.
-    pub async fn publish_shard(&self, task: &ClaimedTask) -> NewShard {
+    pub async fn publish_shard(&self, task: &ClaimedTask) -> ShardContents {
         let mut files = Vec::new();
         for content in FileContent::ALL {
             let path = object_path::shard(task.job, task.ordinal, task.fence.epoch, content);
@@ -186,7 +186,13 @@ impl Fixture {
         }
         let robots = files.pop().unwrap();
         let trajectories = files.pop().unwrap();
-        NewShard { first: u64::from(task.ordinal) * 2, count: 2, rejected: 1, trajectories, robots }
+        ShardContents {
+            first: u64::from(task.ordinal) * 2,
+            count: 2,
+            rejected: 1,
+            trajectories,
+            robots,
+        }
     }
 }
 

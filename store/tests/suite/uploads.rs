@@ -1,7 +1,7 @@
 use std::time::Duration;
 
 use spec::Digest;
-use store::{DatasetState, JobState, NewShard, Upload};
+use store::{DatasetState, JobState, ShardContents, Upload};
 
 use super::{Fixture, alone, assert_lost, import};
 
@@ -89,7 +89,8 @@ pub async fn an_import_tells_how_many_trajectories_there_are(f: Fixture) {
     let late = f.publish_shard(&dead).await;
     f.store.reap().await.unwrap();
     let claimed = f.must_claim().await;
-    let shard = NewShard { first: 0, count: 7, rejected: 0, ..f.publish_shard(&claimed).await };
+    let shard =
+        ShardContents { first: 0, count: 7, rejected: 0, ..f.publish_shard(&claimed).await };
     let result = serde_json::json!({"rows": 30});
     assert_lost(f.store.commit_import(dead.fence, &late, &result).await, dead.fence);
     assert_eq!(f.store.dataset(id).await.unwrap().trajectories, 0);

@@ -7,7 +7,9 @@ use std::collections::BTreeMap;
 
 use recordings::{Conversion, Decoder, ImportError, Rows, TableSchemas};
 use spec::{Column, DataSpec, ImportSpec};
-use store::{FileContent, NewShard, ObjectWriter, ShardSummary, TableWriter, Upload, object_path};
+use store::{
+    FileContent, ObjectWriter, ShardContents, ShardSummary, TableWriter, Upload, object_path,
+};
 use wire::ImportCounts;
 
 use crate::attempt::Attempt;
@@ -49,7 +51,7 @@ pub(crate) fn decode(
 
 /// A file that became the one shard of a dataset.
 pub(crate) struct WrittenImport {
-    pub shard: NewShard,
+    pub shard: ShardContents,
     pub counts: ImportCounts,
     pub summary: ShardSummary,
 }
@@ -88,7 +90,7 @@ pub(crate) fn convert(
         }
     }
     let counts = conversion.finish()?;
-    let shard = NewShard {
+    let shard = ShardContents {
         first: 0,
         count: counts.trajectories,
         rejected: 0,

@@ -9,7 +9,7 @@ use arrow::datatypes::SchemaRef;
 use dynamics::{DynamicsError, InstructionSet, Trajectories};
 use spec::{Column, DataSpec, Digest, SimulateSpec};
 use store::{
-    EncodedRows, NewShard, ObjectWriter, ShardSummary, TableEncoder, TableFile, TableWriter,
+    EncodedRows, ObjectWriter, ShardContents, ShardSummary, TableEncoder, TableFile, TableWriter,
 };
 
 use super::{robots, series};
@@ -38,7 +38,7 @@ pub(crate) struct SimulatedShard<'a> {
 
 /// A shard that was written.
 pub(crate) struct WrittenShard {
-    pub shard: NewShard,
+    pub shard: ShardContents,
     pub summary: ShardSummary,
 }
 
@@ -112,7 +112,7 @@ impl<'a> SimulatedShard<'a> {
         let (trajectory_file, robot_file) = files?;
         let summary = made?;
         let Range { start, end } = self.trajectories;
-        let shard = NewShard {
+        let shard = ShardContents {
             first: start,
             count: end - start,
             rejected: summary.rejected,

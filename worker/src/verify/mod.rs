@@ -6,7 +6,7 @@ mod shard;
 
 use jobs::VerifyTask;
 use spec::{DataSource, DataSpec, ImportSpec, JobSpec, VerifySpec};
-use store::{Dataset, DatasetId, NewShard, ObjectWriter, Shard};
+use store::{Dataset, DatasetId, ObjectWriter, ShardContents};
 use wire::VerifiedShard;
 
 use crate::attempt::Attempt;
@@ -35,9 +35,9 @@ fn run(attempt: &Attempt) -> Result<(), TaskError> {
             let simulated = SimulatedShard::new(&spec, dataset.digest, ordinal);
             let place = Place::Store(&attempt.store);
             let progress = |done: u64| attempt.show(done);
-            verify(&simulated, &recorded(shard), place, &progress)?.words()
+            verify(&simulated, &shard.contents, place, &progress)?.words()
         }
-        Some(DataSpec::Import(spec)) => verify_import(attempt, &spec, shard)?,
+        Some(DataSpec::Import(spec)) => verify_import(attempt, &spec, &shard.contents)?,
         None => return Err(missing()),
     };
     attempt.complete(&VerifiedShard { shard: ordinal, dataset: dataset.id.0, bytes, values })
@@ -57,22 +57,14 @@ fn dataset(attempt: &Attempt, spec: &VerifySpec, id: Option<i64>) -> Result<Data
     found.ok_or_else(|| missing(digest.to_string()))
 }
 
-/// What the database says of a shard.
-fn recorded(shard: &Shard) -> NewShard {
-    NewShard {
-        first: shard.first,
-        count: shard.count,
-        rejected: shard.rejected,
-        trajectories: shard.trajectories.clone(),
-        robots: shard.robots.clone(),
-    }
-}
-
 /// Converts the upload again; without it, only the recorded digests are left to compare with.
-fn verify_import(attempt: &Attempt, spec: &ImportSpec, shard: &Shard) -> Result<Words, TaskError> {
+fn verify_import(
+    attempt: &Attempt,
+    spec: &ImportSpec,
+    recorded: &ShardContents,
+) -> Result<Words, TaskError> {
     let place = Place::Store(&attempt.store);
-    let recorded = [&shard.trajectories, &shard.robots];
-    for recorded in recorded {
+    for (_, recorded) in recorded.files() {
         attempt.check_stop()?;
         let stored = shard::measure(place, recorded)?;
         if stored.sha256 != recorded.sha256 {
@@ -87,9 +79,11 @@ fn verify_import(attempt: &Attempt, spec: &ImportSpec, shard: &Shard) -> Result<
         return Ok((bytes.to_owned(), None));
     };
     let rows = import::decode(attempt, &upload, spec)?;
-    let [trajectories, table] = recorded.map(|it| ObjectWriter::digest_only(&it.path));
+    let [trajectories, table] =
+        recorded.files().map(|(_, file)| ObjectWriter::digest_only(&file.path));
     let made = import::convert(rows, spec, trajectories, table, &|done| attempt.show(done))?.shard;
-    for (recorded, made) in recorded.into_iter().zip([&made.trajectories, &made.robots]) {
+    for (content, recorded) in recorded.files() {
+        let made = made.file(content);
         if recorded.sha256 != made.sha256 {
             return Err(TaskError::Differs(format!(
                 "{} has SHA-256 {}, but {} when it is converted again by version {VERSION}",

@@ -5,7 +5,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use arrow::array::RecordBatch;
 use dynamics::Trajectories;
-use store::{FileContent, NewShard, ObjectWriter, ShardReader, StoredObject, TableReader};
+use store::{FileContent, ObjectWriter, ShardContents, ShardReader, StoredObject, TableReader};
 
 use super::difference::{Difference, Tolerance, first_difference};
 use super::place::Place;
@@ -41,14 +41,11 @@ const fn tolerance_between_versions(content: FileContent) -> Tolerance {
 /// [`TaskError::Differs`] names the first difference; [`TaskError::Stopped`] when `progress` breaks.
 pub(crate) fn verify(
     shard: &SimulatedShard<'_>,
-    recorded: &NewShard,
+    recorded: &ShardContents,
     place: Place<'_>,
     progress: ProgressOf<'_>,
 ) -> Result<Agreement, TaskError> {
-    let files = [
-        (FileContent::Trajectories, &recorded.trajectories),
-        (FileContent::Robots, &recorded.robots),
-    ];
+    let files = recorded.files();
     // What is missing or damaged is known at once.
     let mut stored = Vec::new();
     for (content, recorded) in files {
@@ -59,10 +56,7 @@ pub(crate) fn verify(
     let made = shard.write(trajectories, robots, progress)?.shard;
     let mut agreement = Agreement::Bytes;
     for (content, recorded, stored) in stored {
-        let made = match content {
-            FileContent::Trajectories => &made.trajectories,
-            FileContent::Robots => &made.robots,
-        };
+        let made = made.file(content);
         if stored.sha256 == recorded.sha256 && stored.sha256 == made.sha256 {
             continue;
         }
