@@ -139,17 +139,15 @@ impl Transaction {
         checkpoint: CheckpointId,
         file: &CheckpointFile,
     ) -> Result<(), sqlx::Error> {
-        sqlx::query(
+        let statement = sqlx::query(
             "INSERT INTO checkpoint_file (checkpoint, name, path, size, sha256) VALUES (?, ?, ?, ?, ?)",
         )
         .bind(checkpoint)
         .bind(&file.name)
         .bind(&file.object.path)
         .bind(integer(file.object.size))
-        .bind(file.object.sha256.to_string())
-        .execute(self.connection())
-        .await?;
-        Ok(())
+        .bind(file.object.sha256.to_string());
+        self.execute(statement).await
     }
 
     /// Returns the paths of the objects that the rows named.
@@ -180,11 +178,8 @@ impl Transaction {
     }
 
     pub async fn delete_checkpoint(&mut self, id: CheckpointId) -> Result<(), sqlx::Error> {
-        sqlx::query("DELETE FROM checkpoint WHERE id = ?")
-            .bind(id)
-            .execute(self.connection())
-            .await?;
-        Ok(())
+        let statement = sqlx::query("DELETE FROM checkpoint WHERE id = ?").bind(id);
+        self.execute(statement).await
     }
 }
 

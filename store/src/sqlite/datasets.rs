@@ -93,7 +93,7 @@ impl Transaction {
         trajectories: u64,
         samples: u32,
     ) -> Result<(), sqlx::Error> {
-        sqlx::query(concat!(
+        let statement = sqlx::query(concat!(
             "INSERT INTO dataset (job, digest, state, trajectories, samples, created_at) ",
             "VALUES (?, ?, 'building', ?, ?, ",
             now!(),
@@ -102,10 +102,8 @@ impl Transaction {
         .bind(job)
         .bind(digest.to_string())
         .bind(integer(trajectories))
-        .bind(samples)
-        .execute(self.connection())
-        .await?;
-        Ok(())
+        .bind(samples);
+        self.execute(statement).await
     }
 
     /// Whether the shard with these bytes was committed at the fence's epoch.
@@ -167,26 +165,22 @@ impl Transaction {
         job: JobId,
         trajectories: u64,
     ) -> Result<(), sqlx::Error> {
-        sqlx::query("UPDATE dataset SET trajectories = ? WHERE job = ?")
+        let statement = sqlx::query("UPDATE dataset SET trajectories = ? WHERE job = ?")
             .bind(integer(trajectories))
-            .bind(job)
-            .execute(self.connection())
-            .await?;
-        Ok(())
+            .bind(job);
+        self.execute(statement).await
     }
 
     /// Completes the dataset of a job, if it has one and all its trajectories are there.
     pub async fn complete_dataset(&mut self, job: JobId) -> Result<(), sqlx::Error> {
-        sqlx::query(concat!(
+        let statement = sqlx::query(concat!(
             "UPDATE dataset SET state = 'complete', completed_at = ",
             now!(),
             " WHERE job = ? AND trajectories = \
               (SELECT SUM(shard.count) FROM shard WHERE shard.dataset = dataset.id)"
         ))
-        .bind(job)
-        .execute(self.connection())
-        .await?;
-        Ok(())
+        .bind(job);
+        self.execute(statement).await
     }
 }
 

@@ -159,11 +159,8 @@ impl Transaction {
     }
 
     pub async fn queue_job(&mut self, job: JobId) -> Result<(), sqlx::Error> {
-        sqlx::query("UPDATE job SET state = 'queued' WHERE id = ?")
-            .bind(job)
-            .execute(self.connection())
-            .await?;
-        Ok(())
+        let statement = sqlx::query("UPDATE job SET state = 'queued' WHERE id = ?").bind(job);
+        self.execute(statement).await
     }
 
     /// Whether the job was still queued.
@@ -185,25 +182,20 @@ impl Transaction {
         state: JobState,
         error: Option<&str>,
     ) -> Result<(), sqlx::Error> {
-        sqlx::query(concat!(
+        let statement = sqlx::query(concat!(
             "UPDATE job SET state = ?, error = ?, finished_at = ",
             now!(),
             " WHERE id = ?"
         ))
         .bind(state.as_str())
         .bind(error)
-        .bind(job)
-        .execute(self.connection())
-        .await?;
-        Ok(())
+        .bind(job);
+        self.execute(statement).await
     }
 
     pub async fn request_cancellation(&mut self, job: JobId) -> Result<(), sqlx::Error> {
-        sqlx::query("UPDATE job SET cancel_requested = 1 WHERE id = ?")
-            .bind(job)
-            .execute(self.connection())
-            .await?;
-        Ok(())
+        let statement = sqlx::query("UPDATE job SET cancel_requested = 1 WHERE id = ?").bind(job);
+        self.execute(statement).await
     }
 }
 

@@ -105,7 +105,7 @@ impl Transaction {
 
     /// Brings the latest value of a key up to date.
     pub async fn set_latest(&mut self, run: RunId, key: &str) -> Result<(), sqlx::Error> {
-        sqlx::query(
+        let statement = sqlx::query(
             "INSERT INTO metric_latest (run, key, step, time, value) \
              SELECT run, key, step, time, value FROM metric WHERE run = ? AND key = ? \
              ORDER BY step DESC LIMIT 1 \
@@ -113,10 +113,8 @@ impl Transaction {
              value = excluded.value",
         )
         .bind(run)
-        .bind(key)
-        .execute(self.connection())
-        .await?;
-        Ok(())
+        .bind(key);
+        self.execute(statement).await
     }
 
     /// Returns the keys whose latest value is gone.

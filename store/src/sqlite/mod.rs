@@ -25,7 +25,10 @@ mod uploads;
 use std::time::Duration;
 
 use sqlx::migrate::{Migrate, Migrator};
-use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions, SqliteSynchronous};
+use sqlx::query::Query;
+use sqlx::sqlite::{
+    SqliteArguments, SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions, SqliteSynchronous,
+};
 use sqlx::{ConnectOptions, Connection, Sqlite, SqliteConnection, SqlitePool};
 
 use crate::data_dir::DataDir;
@@ -114,6 +117,15 @@ impl Transaction {
 
     pub async fn commit(self) -> Result<(), StoreError> {
         self.inner.commit().await.map_err(StoreError::database(self.operation))
+    }
+
+    /// Executes a statement that answers nothing.
+    async fn execute(
+        &mut self,
+        statement: Query<'_, Sqlite, SqliteArguments>,
+    ) -> Result<(), sqlx::Error> {
+        statement.execute(self.connection()).await?;
+        Ok(())
     }
 
     fn connection(&mut self) -> &mut SqliteConnection {

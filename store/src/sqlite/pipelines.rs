@@ -40,7 +40,7 @@ impl Transaction {
         job: JobId,
         reused: bool,
     ) -> Result<(), sqlx::Error> {
-        sqlx::query(
+        let statement = sqlx::query(
             "INSERT INTO pipeline_member (pipeline, name, ordinal, job, reused) \
              VALUES (?, ?, ?, ?, ?)",
         )
@@ -48,10 +48,8 @@ impl Transaction {
         .bind(name)
         .bind(ordinal)
         .bind(job)
-        .bind(reused)
-        .execute(self.connection())
-        .await?;
-        Ok(())
+        .bind(reused);
+        self.execute(statement).await
     }
 
     pub async fn pipelines_of(&mut self, job: JobId) -> Result<Vec<JobId>, sqlx::Error> {
@@ -97,7 +95,7 @@ impl Transaction {
         state: JobState,
         error: Option<&str>,
     ) -> Result<(), sqlx::Error> {
-        sqlx::query(concat!(
+        let statement = sqlx::query(concat!(
             "UPDATE job SET state = ?1, error = ?2, started_at = COALESCE(started_at, ",
             now!(),
             "), finished_at = CASE WHEN ?1 = 'running' THEN NULL ELSE ",
@@ -106,10 +104,8 @@ impl Transaction {
         ))
         .bind(state.as_str())
         .bind(error)
-        .bind(pipeline)
-        .execute(self.connection())
-        .await?;
-        Ok(())
+        .bind(pipeline);
+        self.execute(statement).await
     }
 
     /// The members of a pipeline, without the jobs that wait for them.

@@ -42,11 +42,10 @@ impl Database {
 
 impl Transaction {
     pub async fn insert_run(&mut self, job: JobId) -> Result<(), sqlx::Error> {
-        sqlx::query(concat!("INSERT INTO run (job, created_at) VALUES (?, ", now!(), ")"))
-            .bind(job)
-            .execute(self.connection())
-            .await?;
-        Ok(())
+        let statement =
+            sqlx::query(concat!("INSERT INTO run (job, created_at) VALUES (?, ", now!(), ")"))
+                .bind(job);
+        self.execute(statement).await
     }
 
     pub async fn run_id(&mut self, job: JobId) -> Result<Option<RunId>, sqlx::Error> {

@@ -22,11 +22,10 @@ impl Transaction {
     }
 
     pub async fn forget_requests(&mut self, older_than_ms: i64) -> Result<(), sqlx::Error> {
-        sqlx::query(concat!("DELETE FROM idempotency_key WHERE created_at < ", now!(), " - ?"))
-            .bind(older_than_ms)
-            .execute(self.connection())
-            .await?;
-        Ok(())
+        let statement =
+            sqlx::query(concat!("DELETE FROM idempotency_key WHERE created_at < ", now!(), " - ?"))
+                .bind(older_than_ms);
+        self.execute(statement).await
     }
 
     pub async fn remember_request(
@@ -35,7 +34,7 @@ impl Transaction {
         request: Digest,
         submitted: &Submitted,
     ) -> Result<(), sqlx::Error> {
-        sqlx::query(concat!(
+        let statement = sqlx::query(concat!(
             "INSERT INTO idempotency_key (key, request, job, reused, created_at) ",
             "VALUES (?, ?, ?, ?, ",
             now!(),
@@ -44,10 +43,8 @@ impl Transaction {
         .bind(key)
         .bind(request.to_string())
         .bind(submitted.job)
-        .bind(submitted.reused)
-        .execute(self.connection())
-        .await?;
-        Ok(())
+        .bind(submitted.reused);
+        self.execute(statement).await
     }
 
     /// All jobs of a digest that did not fail and were not cancelled.
@@ -99,20 +96,16 @@ impl Transaction {
     }
 
     pub async fn mark_asked_alone(&mut self, job: JobId) -> Result<(), sqlx::Error> {
-        sqlx::query("UPDATE job SET asked_alone = 1 WHERE id = ? AND asked_alone = 0")
-            .bind(job)
-            .execute(self.connection())
-            .await?;
-        Ok(())
+        let statement =
+            sqlx::query("UPDATE job SET asked_alone = 1 WHERE id = ? AND asked_alone = 0")
+                .bind(job);
+        self.execute(statement).await
     }
 
     pub async fn insert_need(&mut self, job: JobId, needs: JobId) -> Result<(), sqlx::Error> {
-        sqlx::query("INSERT INTO job_need (job, needs) VALUES (?, ?)")
-            .bind(job)
-            .bind(needs)
-            .execute(self.connection())
-            .await?;
-        Ok(())
+        let statement =
+            sqlx::query("INSERT INTO job_need (job, needs) VALUES (?, ?)").bind(job).bind(needs);
+        self.execute(statement).await
     }
 
     /// Waiting; the job's priority and attempts are theirs.
@@ -165,7 +158,7 @@ impl Transaction {
         place: TaskPlace,
         from: TaskId,
     ) -> Result<(), sqlx::Error> {
-        sqlx::query(
+        let statement = sqlx::query(
             "UPDATE task SET state = 'succeeded', done = task.total, result = made.result, \
              worker = made.worker, started_at = made.started_at, finished_at = made.finished_at \
              FROM (SELECT result, worker, started_at, finished_at FROM task WHERE id = ?1) AS made \
@@ -174,9 +167,7 @@ impl Transaction {
         .bind(from)
         .bind(job)
         .bind(place.stage)
-        .bind(place.ordinal)
-        .execute(self.connection())
-        .await?;
-        Ok(())
+        .bind(place.ordinal);
+        self.execute(statement).await
     }
 }

@@ -71,7 +71,7 @@ impl Transaction {
         worker: &str,
         ttl: Duration,
     ) -> Result<(), sqlx::Error> {
-        sqlx::query(concat!(
+        let statement = sqlx::query(concat!(
             "UPDATE task SET state = ?, attempt = ?, epoch = ?, worker = ?, lease_until = ",
             now!(),
             " + ?, started_at = COALESCE(started_at, ",
@@ -83,10 +83,8 @@ impl Transaction {
         .bind(standing.epoch)
         .bind(worker)
         .bind(milliseconds(ttl))
-        .bind(task)
-        .execute(self.connection())
-        .await?;
-        Ok(())
+        .bind(task);
+        self.execute(statement).await
     }
 
     /// A task's job and where it stands. Another database must lock the row here, for every write
@@ -111,7 +109,7 @@ impl Transaction {
         ttl: Duration,
         progress: &Progress,
     ) -> Result<(), sqlx::Error> {
-        sqlx::query(concat!(
+        let statement = sqlx::query(concat!(
             "UPDATE task SET lease_until = ",
             now!(),
             " + ?, done = ?, rate = ?, message = ? WHERE id = ?"
@@ -120,10 +118,8 @@ impl Transaction {
         .bind(integer(progress.done))
         .bind(progress.rate_per_second)
         .bind(&progress.message)
-        .bind(task)
-        .execute(self.connection())
-        .await?;
-        Ok(())
+        .bind(task);
+        self.execute(statement).await
     }
 
     /// The tasks whose leases have run out, with the worker that had each.
@@ -137,12 +133,9 @@ impl Transaction {
     }
 
     pub async fn set_total(&mut self, task: TaskId, total: u64) -> Result<(), sqlx::Error> {
-        sqlx::query("UPDATE task SET total = ? WHERE id = ?")
-            .bind(integer(total))
-            .bind(task)
-            .execute(self.connection())
-            .await?;
-        Ok(())
+        let statement =
+            sqlx::query("UPDATE task SET total = ? WHERE id = ?").bind(integer(total)).bind(task);
+        self.execute(statement).await
     }
 
     /// A task that succeeded has no error left.
@@ -152,7 +145,7 @@ impl Transaction {
         standing: &TaskStanding,
         result: Option<&Value>,
     ) -> Result<(), sqlx::Error> {
-        sqlx::query(concat!(
+        let statement = sqlx::query(concat!(
             "UPDATE task SET state = ?, done = total, result = ?, error = NULL, \
               lease_until = NULL, rate = NULL, message = NULL, finished_at = ",
             now!(),
@@ -160,10 +153,8 @@ impl Transaction {
         ))
         .bind(standing.state.as_str())
         .bind(result.map(Value::to_string))
-        .bind(task)
-        .execute(self.connection())
-        .await?;
-        Ok(())
+        .bind(task);
+        self.execute(statement).await
     }
 
     /// Without an `error` it keeps that of the last attempt.
@@ -173,7 +164,7 @@ impl Transaction {
         standing: &TaskStanding,
         error: Option<&str>,
     ) -> Result<(), sqlx::Error> {
-        sqlx::query(concat!(
+        let statement = sqlx::query(concat!(
             "UPDATE task SET state = ?, error = COALESCE(?, error), lease_until = NULL, \
               rate = NULL, message = NULL, finished_at = ",
             now!(),
@@ -181,10 +172,8 @@ impl Transaction {
         ))
         .bind(standing.state.as_str())
         .bind(error)
-        .bind(task)
-        .execute(self.connection())
-        .await?;
-        Ok(())
+        .bind(task);
+        self.execute(statement).await
     }
 
     /// Nobody may claim it before `delay` has passed.
@@ -195,7 +184,7 @@ impl Transaction {
         delay: Duration,
         error: Option<&str>,
     ) -> Result<(), sqlx::Error> {
-        sqlx::query(concat!(
+        let statement = sqlx::query(concat!(
             "UPDATE task SET state = ?, attempt = ?, error = COALESCE(?, error), \
               lease_until = NULL, rate = NULL, message = NULL, run_at = ",
             now!(),
@@ -205,10 +194,8 @@ impl Transaction {
         .bind(standing.attempt)
         .bind(error)
         .bind(milliseconds(delay))
-        .bind(task)
-        .execute(self.connection())
-        .await?;
-        Ok(())
+        .bind(task);
+        self.execute(statement).await
     }
 
     pub async fn tally(&mut self, job: JobId) -> Result<TaskTally, sqlx::Error> {
@@ -241,16 +228,14 @@ impl Transaction {
 
     /// Queues the tasks of a stage that wait; they all do at once.
     pub async fn queue_stage(&mut self, job: JobId, stage: u32) -> Result<(), sqlx::Error> {
-        sqlx::query(concat!(
+        let statement = sqlx::query(concat!(
             "UPDATE task SET state = 'queued', run_at = ",
             now!(),
             " WHERE job = ? AND stage = ? AND state = 'waiting'"
         ))
         .bind(job)
-        .bind(stage)
-        .execute(self.connection())
-        .await?;
-        Ok(())
+        .bind(stage);
+        self.execute(statement).await
     }
 
     /// Cancels tasks that nobody has and asks for the end of those that somebody has. The tests of
