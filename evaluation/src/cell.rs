@@ -242,7 +242,7 @@ mod tests {
     use series::{Series, Shape};
 
     use super::*;
-    use crate::{DampedIntegrator, HoldLast, Row, Samples};
+    use crate::{DampedIntegrator, HoldLast, Row};
 
     const JOINTS: usize = 7;
 
@@ -297,14 +297,10 @@ mod tests {
             HoldLast.predict(observed)
         }
 
-        fn sample(
-            &self,
-            observed: &Observed<'_>,
-            count: usize,
-        ) -> Result<Option<Samples>, EvaluationError> {
+        fn answer(&self, observed: &Observed<'_>, count: usize) -> Result<Answer, EvaluationError> {
             let held = HoldLast.predict(observed)?;
             let positions = (0..count).flat_map(|k| held.iter().map(move |q| q + 0.1 * k as f32));
-            Ok(Some(Samples { count, positions: positions.collect() }))
+            Ok(Answer::of_samples(count, positions.collect()))
         }
     }
 

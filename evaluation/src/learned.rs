@@ -66,28 +66,10 @@ impl Predictor for Learned<'_> {
             .map_err(|failure| failure.of(&self.name))
     }
 
-    fn sample(
-        &self,
-        observed: &Observed<'_>,
-        count: usize,
-    ) -> Result<Option<Samples>, EvaluationError> {
-        if !self.model.is_generative() {
-            return Ok(None);
-        }
-        self.warm_start(observed)
-            .and_then(|warm_start| {
-                let sampling = Sampling { samples: count, warm_start, ..self.sampling.clone() };
-                Ok(self.model.sample(observed, &sampling)?)
-            })
-            .map(|positions| Some(Samples { count, positions }))
-            .map_err(|failure| failure.of(&self.name))
-    }
-
     fn answer(&self, observed: &Observed<'_>, count: usize) -> Result<Answer, EvaluationError> {
         if !self.is_denoiser() {
             let positions = self.predict(observed)?;
-            let samples = if count < 2 { None } else { self.sample(observed, count)? };
-            return Ok(Answer { positions, samples });
+            return Ok(Answer { positions, samples: self.samples_around_mean(observed, count)? });
         }
         let count = count.max(1);
         self.warm_start(observed)
@@ -100,6 +82,21 @@ impl Predictor for Learned<'_> {
 impl Learned<'_> {
     fn is_denoiser(&self) -> bool {
         self.model.architecture().sampler().is_some()
+    }
+
+    /// From 2 on, of a gaussian head.
+    fn samples_around_mean(
+        &self,
+        observed: &Observed<'_>,
+        count: usize,
+    ) -> Result<Option<Samples>, EvaluationError> {
+        if count < 2 || !self.model.is_generative() {
+            return Ok(None);
+        }
+        let sampling = Sampling { samples: count, ..self.sampling.clone() };
+        let positions = self.model.sample(observed, &sampling);
+        let positions = positions.map_err(|source| Failure::from(source).of(&self.name))?;
+        Ok(Some(Samples { count, positions }))
     }
 
     /// What is asked `back` windows before the last has noise of its own: predictions that go on from
@@ -164,14 +161,6 @@ impl Predictor for OracleStarted<'_> {
 
     fn predict(&self, observed: &Observed<'_>) -> Result<Vec<f32>, EvaluationError> {
         self.ask(observed, 1)
-    }
-
-    fn sample(
-        &self,
-        observed: &Observed<'_>,
-        count: usize,
-    ) -> Result<Option<Samples>, EvaluationError> {
-        Ok(Some(Samples { count, positions: self.ask(observed, count)? }))
     }
 
     fn answer(&self, observed: &Observed<'_>, count: usize) -> Result<Answer, EvaluationError> {

@@ -40,20 +40,10 @@ pub trait Predictor {
     /// A scenario without an answer has values that are not finite; it is reported as such.
     fn predict(&self, observed: &Observed<'_>) -> Result<Vec<f32>, EvaluationError>;
 
-    /// `count` samples of what it holds possible; `None` from a predictor that has one answer only.
-    fn sample(
-        &self,
-        observed: &Observed<'_>,
-        count: usize,
-    ) -> Result<Option<Samples>, EvaluationError> {
-        let _ = (observed, count);
-        Ok(None)
-    }
-
-    /// The prediction, and `count` samples from 2 on.
+    /// The prediction, and `count` samples of what it holds possible, from 2 on. A predictor that has
+    /// one answer only has no samples.
     fn answer(&self, observed: &Observed<'_>, count: usize) -> Result<Answer, EvaluationError> {
-        let positions = self.predict(observed)?;
-        let samples = if count < 2 { None } else { self.sample(observed, count)? };
-        Ok(Answer { positions, samples })
+        let _ = count;
+        Ok(Answer { positions: self.predict(observed)?, samples: None })
     }
 }

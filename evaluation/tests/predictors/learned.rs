@@ -68,7 +68,7 @@ fn only_models_with_several_answers_have_samples() {
             start: Start::Cold,
             first: None,
         };
-        let samples = predictor.sample(&recording.observed(CONTEXT), 4).unwrap();
+        let samples = predictor.answer(&recording.observed(CONTEXT), 4).unwrap().samples;
         assert_eq!(samples.is_some(), model.is_generative(), "{name}");
         if let Some(samples) = samples {
             assert_eq!(samples.count, 4);

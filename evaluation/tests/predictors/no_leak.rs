@@ -29,7 +29,7 @@ fn is_blind(
         let observed = scenarios.view().observed(pre_roll, context);
         let predicted = predictor.predict(&observed).unwrap();
         assert!(predicted.iter().all(|value| value.is_finite()), "{}", predictor.name());
-        let samples = predictor.sample(&observed, 3).unwrap();
+        let samples = predictor.answer(&observed, 3).unwrap().samples;
         (bits(&predicted), samples.map(|samples| bits(&samples.positions)))
     };
     let plain = answers(scenarios);
