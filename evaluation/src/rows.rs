@@ -1,7 +1,5 @@
 //! The result table: one row per scenario, joint and predictor.
 
-use spec::Family;
-
 use crate::scores::{IntervalErrors, Jitter, PerJoint, SampleErrors, ScenarioErrors};
 use crate::{CellResult, INTERVALS, PredictorErrors};
 
@@ -9,9 +7,6 @@ use crate::{CellResult, INTERVALS, PredictorErrors};
 /// measured or needs more samples is too.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Row<'a> {
-    pub cell: usize,
-    pub family: Option<Family>,
-    pub frequency_hz: Option<f64>,
     /// Index in the dataset.
     pub trajectory: u64,
     /// From 1.
@@ -110,9 +105,6 @@ impl CellResult {
         };
         let of_joint = |values: &PerJoint| values[joint];
         Row {
-            cell: self.cell,
-            family: self.family,
-            frequency_hz: self.frequency_hz,
             trajectory: self.first + scenario as u64,
             joint: joint + 1,
             predictor: &errors.predictor,
