@@ -3,7 +3,7 @@
 mod over_frequency;
 mod over_steps;
 
-use figures::{Axis, Figure, Mark, Point, SERIES_ALLOWED, Scale, Series, Stroke};
+use figures::{Axis, Figure, Mark, Point, SERIES_ALLOWED, Series, Stroke};
 
 pub use over_frequency::{crps_figure, rmse_figure};
 pub use over_steps::{latency_figure, sampler_steps_figure};
@@ -17,8 +17,8 @@ pub fn horizon_figure(report: &Report, group: &GroupSummary) -> Figure {
     });
     Figure {
         title: format!("Prediction error along the horizon, {}", group.name),
-        x: axis("Time since the last known position", "s", Scale::Linear),
-        y: axis("RMSE", "deg", Scale::Log),
+        x: Axis::linear("Time since the last known position").in_unit("s"),
+        y: Axis::log("RMSE").in_unit("deg"),
         series,
         bands: Vec::new(),
     }
@@ -32,12 +32,7 @@ pub fn calibration_figure(report: &Report, group: &GroupSummary) -> Figure {
     });
     let ideal = vec![Point::new(0.0, 0.0), Point::new(1.0, 1.0)];
     series.push(Series::line("calibrated", ideal).dashed());
-    let share = |label: &str| Axis {
-        label: label.to_owned(),
-        unit: None,
-        scale: Scale::Linear,
-        range: Some((0.0, 1.0)),
-    };
+    let share = |label: &str| Axis { range: Some((0.0, 1.0)), ..Axis::linear(label) };
     Figure {
         title: format!("Calibration, {}", group.name),
         x: share("Probability of the central interval"),
@@ -45,10 +40,6 @@ pub fn calibration_figure(report: &Report, group: &GroupSummary) -> Figure {
         series,
         bands: Vec::new(),
     }
-}
-
-fn axis(label: &str, unit: &str, scale: Scale) -> Axis {
-    Axis { label: label.to_owned(), unit: Some(unit.to_owned()), scale, range: None }
 }
 
 /// A series for each predictor that has points, as many as a figure may have. Of those that differ in

@@ -1,8 +1,8 @@
-use figures::{Band, Figure, Point, SERIES_ALLOWED, Scale, Series};
+use figures::{Axis, Band, Figure, Point, SERIES_ALLOWED, Series};
 use spec::Family;
 use wire::{CellSummary, Interval, PredictorInfo, Report};
 
-use super::{axis, drawn, line, point};
+use super::{drawn, line, point};
 
 /// RMSE over frequency of one excitation family, the training's frequencies shaded.
 pub fn rmse_figure(report: &Report, family: Family) -> Figure {
@@ -44,8 +44,8 @@ fn over_frequency(
         });
     Figure {
         title: format!("{title} over {family} frequency"),
-        x: axis("Master frequency", "Hz", Scale::Linear),
-        y: axis(label, "deg", Scale::Log),
+        x: Axis::linear("Master frequency").in_unit("Hz"),
+        y: Axis::log(label).in_unit("deg"),
         series: series
             .filter(|series: &Series| !series.points.is_empty())
             .take(SERIES_ALLOWED)

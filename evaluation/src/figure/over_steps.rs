@@ -1,7 +1,7 @@
-use figures::{Figure, Mark, Point, SERIES_ALLOWED, Scale, Series, Stroke};
+use figures::{Axis, Figure, Point, SERIES_ALLOWED, Series};
 use wire::{GroupSummary, PredictorInfo, Report, SamplingInfo};
 
-use super::{axis, point};
+use super::point;
 
 /// RMSE over the sampler's steps on the scenarios of one group, a curve for each set of predictors
 /// that differ in nothing else.
@@ -12,8 +12,8 @@ pub fn sampler_steps_figure(report: &Report, group: &GroupSummary) -> Figure {
     });
     Figure {
         title: format!("Prediction error over sampler steps, {}", group.name),
-        x: steps(),
-        y: axis("RMSE", "deg", Scale::Log),
+        x: Axis::log(STEPS),
+        y: Axis::log("RMSE").in_unit("deg"),
         series,
         bands: Vec::new(),
     }
@@ -28,16 +28,14 @@ pub fn latency_figure(report: &Report) -> Figure {
     });
     Figure {
         title: "Latency over sampler steps".to_owned(),
-        x: steps(),
-        y: axis("Latency of one prediction, median to p99", "ms", Scale::Log),
+        x: Axis::log(STEPS),
+        y: Axis::log("Latency of one prediction, median to p99").in_unit("ms"),
         series,
         bands: Vec::new(),
     }
 }
 
-fn steps() -> figures::Axis {
-    figures::Axis::log("Steps of the sampler")
-}
+const STEPS: &str = "Steps of the sampler";
 
 fn curves(
     report: &Report,
@@ -49,12 +47,7 @@ fn curves(
         let Some(point) = at(info, sampling) else { continue };
         match curves.iter_mut().find(|curve| curve.name == sampling.curve) {
             Some(curve) => curve.points.push(point),
-            None => curves.push(Series {
-                name: sampling.curve.clone(),
-                points: vec![point],
-                mark: Mark::LineAndMarkers,
-                stroke: Stroke::Solid,
-            }),
+            None => curves.push(Series::line(&sampling.curve, vec![point]).with_markers()),
         }
     }
     curves.truncate(SERIES_ALLOWED);
