@@ -4,7 +4,7 @@ use rayon::prelude::*;
 use super::dropout::{self, DropoutMask};
 use super::fused::{Array, FusedOp, apply, operand};
 use super::panels::Panels;
-use super::parts::in_parts;
+use super::parts::{each_part, in_parts};
 use super::product::{Left, Onto, Right, multiply};
 use super::softmax::{softmax, softmax_gradient};
 use super::vectorized;
@@ -214,26 +214,21 @@ impl Extents<'_> {
     ) -> Array {
         let Self { tokens, sources, d_model, width, strides, .. } = *self;
         let part = tokens * d_model;
-        let (output, _) = in_parts(
-            batch * part,
-            part,
-            || (),
-            |(), index, output| {
-                let [query, key, value] = of(index);
-                let keys: Vec<Panels> = (0..d_model)
-                    .step_by(width)
-                    .map(|head| Panels::of_columns(&key[head..], width, sources, strides[1]))
-                    .collect();
-                output
-                    .par_chunks_mut(TOKENS * d_model)
-                    .zip(query.par_chunks(TOKENS * strides[0]))
-                    .enumerate()
-                    .for_each_init(Vec::new, |probabilities, (part, (output, query))| {
-                        let first = [index, part * TOKENS];
-                        self.rows(query, value, &keys, first, output, probabilities);
-                    });
-            },
-        );
+        let output = each_part(batch * part, part, |index, output| {
+            let [query, key, value] = of(index);
+            let keys: Vec<Panels> = (0..d_model)
+                .step_by(width)
+                .map(|head| Panels::of_columns(&key[head..], width, sources, strides[1]))
+                .collect();
+            output
+                .par_chunks_mut(TOKENS * d_model)
+                .zip(query.par_chunks(TOKENS * strides[0]))
+                .enumerate()
+                .for_each_init(Vec::new, |probabilities, (part, (output, query))| {
+                    let first = [index, part * TOKENS];
+                    self.rows(query, value, &keys, first, output, probabilities);
+                });
+        });
         Array::new(output, &[batch, tokens, d_model])
     }
 

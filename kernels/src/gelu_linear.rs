@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use super::dropout::{self, DropoutMask};
 use super::fused::{Array, FusedOp, apply, operand};
 use super::packed::{PackedWeight, Packing};
-use super::parts::in_parts;
+use super::parts::each_part;
 use super::{affine, linear, vectorized};
 
 /// Elements of a task: 64 KiB, which stay in the cache between read and write.
@@ -99,14 +99,9 @@ impl FusedOp<4> for GeluLinear {
         };
         let mut d_weight = vec![0.0; weight.values().len()];
         let mut d_bias = vec![0.0; bias.width()];
-        let (mut between, _) = in_parts(
-            x.values().len(),
-            TASK,
-            || (),
-            |(), index, g| {
-                vectorized::gelu(&x.values()[index * TASK..][..g.len()], g);
-            },
-        );
+        let mut between = each_part(x.values().len(), TASK, |index, g| {
+            vectorized::gelu(&x.values()[index * TASK..][..g.len()], g);
+        });
         if let Some(mask) = of_gelu {
             mask.apply_to_all(&mut between, width, rows);
         }

@@ -1,7 +1,7 @@
 use burn::tensor::Tensor;
 
 use super::fused::{Array, FusedOp, apply, operand};
-use super::parts::in_parts;
+use super::parts::{each_part, in_parts};
 use super::{mish, vectorized};
 
 /// PyTorch's default, added to the variance.
@@ -41,18 +41,13 @@ impl FusedOp<3> for GroupNormMish {
     fn forward(&self, [x, weight, bias]: &[Array; 3]) -> Array {
         let channels = weight.width() / self.groups;
         let task = channels * x.width();
-        let (y, _) = in_parts(
-            x.values().len(),
-            task,
-            || (),
-            |(), index, y| {
-                let x = &x.values()[index * task..][..y.len()];
-                let group = index % self.groups * channels;
-                let weight = &weight.values()[group..group + channels];
-                let bias = &bias.values()[group..group + channels];
-                vectorized::group_norm_mish(x, weight, bias, EPSILON, y);
-            },
-        );
+        let y = each_part(x.values().len(), task, |index, y| {
+            let x = &x.values()[index * task..][..y.len()];
+            let group = index % self.groups * channels;
+            let weight = &weight.values()[group..group + channels];
+            let bias = &bias.values()[group..group + channels];
+            vectorized::group_norm_mish(x, weight, bias, EPSILON, y);
+        });
         Array::new(y, x.shape())
     }
 

@@ -1,7 +1,7 @@
 use burn::tensor::{Tensor, module};
 
 use super::fused::{Array, FusedOp, apply, operand};
-use super::parts::in_parts;
+use super::parts::{each_part, in_parts};
 use super::vectorized;
 
 /// PyTorch's default, added to the variance.
@@ -27,15 +27,10 @@ pub(super) struct LayerNorm;
 impl FusedOp<3> for LayerNorm {
     fn forward(&self, [x, weight, bias]: &[Array; 3]) -> Array {
         let task = TASK_ROWS * weight.width();
-        let (y, _) = in_parts(
-            x.values().len(),
-            task,
-            || (),
-            |(), index, y| {
-                let x = &x.values()[index * task..][..y.len()];
-                vectorized::layer_norm(x, weight.values(), bias.values(), EPSILON, y);
-            },
-        );
+        let y = each_part(x.values().len(), task, |index, y| {
+            let x = &x.values()[index * task..][..y.len()];
+            vectorized::layer_norm(x, weight.values(), bias.values(), EPSILON, y);
+        });
         Array::new(y, x.shape())
     }
 

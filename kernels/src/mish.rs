@@ -1,7 +1,7 @@
 use burn::tensor::{Tensor, activation};
 
 use super::fused::{Array, FusedOp, apply, operand};
-use super::parts::in_parts;
+use super::parts::each_part;
 use super::vectorized;
 
 /// Elements of a task: 64 KiB, which stay in the cache between read and write.
@@ -22,27 +22,17 @@ struct Mish;
 
 impl FusedOp<1> for Mish {
     fn forward(&self, [x]: &[Array; 1]) -> Array {
-        let (y, _) = in_parts(
-            x.values().len(),
-            TASK,
-            || (),
-            |(), index, y| {
-                vectorized::mish(&x.values()[index * TASK..][..y.len()], y);
-            },
-        );
+        let y = each_part(x.values().len(), TASK, |index, y| {
+            vectorized::mish(&x.values()[index * TASK..][..y.len()], y);
+        });
         Array::new(y, x.shape())
     }
 
     fn backward(&self, [x]: &[Array; 1], dy: &Array) -> [Array; 1] {
-        let (dx, _) = in_parts(
-            x.values().len(),
-            TASK,
-            || (),
-            |(), index, dx| {
-                let here = index * TASK..index * TASK + dx.len();
-                vectorized::mish_gradient(&x.values()[here.clone()], &dy.values()[here], dx);
-            },
-        );
+        let dx = each_part(x.values().len(), TASK, |index, dx| {
+            let here = index * TASK..index * TASK + dx.len();
+            vectorized::mish_gradient(&x.values()[here.clone()], &dy.values()[here], dx);
+        });
         [Array::new(dx, x.shape())]
     }
 }

@@ -2,6 +2,17 @@ use std::mem::MaybeUninit;
 
 use rayon::prelude::*;
 
+/// `length` numbers, of which `write` makes parts of `part` numbers each, on all threads. It is given
+/// a part's index and its place, which holds zeros.
+pub(super) fn each_part(
+    length: usize,
+    part: usize,
+    write: impl Fn(usize, &mut [f32]) + Send + Sync,
+) -> Vec<f32> {
+    let (values, _) = in_parts(length, part, || (), |(), index, place| write(index, place));
+    values
+}
+
 /// `length` numbers, of which `write` makes parts of `part` numbers each, on all threads, and what it
 /// gives for each of them. It is given what `scratch` makes, shared by parts that follow each other, a
 /// part's index and its place.

@@ -14,7 +14,7 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 use super::panels::Panels;
-use super::parts::in_parts;
+use super::parts::each_part;
 use super::product::{Left, Onto, Right, multiply};
 use super::windows::Windows;
 use points::{
@@ -71,19 +71,13 @@ pub(super) fn correlate(
     let together = tiles.together().min(batch.div_ceil(rayon::current_num_threads()));
     let kernel = kernel_at_points(kernel, outputs, channels);
     let correlation = TiledCorrelation { tiles, kernel, bias, outputs };
-    let (output, _) = in_parts(
-        batch * outputs * count,
-        together * outputs * count,
-        || (),
-        |(), index, output| {
-            let first = index * together * channels * samples;
-            let length = output.len() / (outputs * count) * channels * samples;
-            with_scratch(|scratch| {
-                correlation.write(&series[first..first + length], output, scratch);
-            });
-        },
-    );
-    output
+    each_part(batch * outputs * count, together * outputs * count, |index, output| {
+        let first = index * together * channels * samples;
+        let length = output.len() / (outputs * count) * channels * samples;
+        with_scratch(|scratch| {
+            correlation.write(&series[first..first + length], output, scratch);
+        });
+    })
 }
 
 /// One whose kernel is known at the points.
