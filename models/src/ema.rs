@@ -1,10 +1,10 @@
 use std::collections::BTreeMap;
 
-use burn::module::{ModuleMapper, ModuleVisitor, Param};
+use burn::module::{ModuleMapper, Param};
 use burn::tensor::Tensor;
 use spec::EmaSpec;
 
-use crate::parameters::Path;
+use crate::parameters::{Path, for_each_parameter};
 use crate::sequence_model::SequenceModel;
 
 /// Moving average of the weights of a model in training.
@@ -18,17 +18,21 @@ pub(crate) struct WeightAverage {
 impl WeightAverage {
     /// The weights of `model`, averaged over nothing yet.
     pub fn new(spec: EmaSpec, model: &SequenceModel) -> Self {
-        let mut copy = Average { path: Path::default(), keep: 0.0, averages: BTreeMap::new() };
-        model.visit(&mut copy);
-        Self { spec, averages: copy.averages }
+        let mut averages = BTreeMap::new();
+        for_each_parameter(model, |name, weight| {
+            averages.insert(name, weight.numbers());
+        });
+        Self { spec, averages }
     }
 
     /// Takes in the weights after `step` steps.
     pub fn update(&mut self, model: &SequenceModel, step: u64) {
-        let averages = std::mem::take(&mut self.averages);
-        let mut update = Average { path: Path::default(), keep: self.decay(step), averages };
-        model.visit(&mut update);
-        self.averages = update.averages;
+        let keep = self.decay(step);
+        for_each_parameter(model, |name, weight| {
+            let Some(average) = self.averages.remove(&name) else { return };
+            let updated = average.mul_scalar(keep) + weight.numbers().mul_scalar(1.0 - keep);
+            self.averages.insert(name, updated);
+        });
     }
 
     /// min(decay, 1 - n^-power): 0 after the first step, so that initial weights do not linger.
@@ -40,34 +44,6 @@ impl WeightAverage {
     pub fn model(&self, model: &SequenceModel) -> SequenceModel {
         let mut replace = Replace { path: Path::default(), averages: &self.averages };
         model.for_inference().map(&mut replace)
-    }
-}
-
-struct Average {
-    path: Path,
-    keep: f64,
-    averages: BTreeMap<String, Tensor<1>>,
-}
-
-impl ModuleVisitor for Average {
-    fn enter_module(&mut self, name: &str, _container: &str) {
-        self.path.enter(name);
-    }
-
-    fn exit_module(&mut self, _name: &str, _container: &str) {
-        self.path.leave();
-    }
-
-    fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
-        let name = self.path.name();
-        let weight = param.val().inner();
-        let length = weight.shape().num_elements();
-        let weight = weight.reshape([length]);
-        let average = match self.averages.remove(&name) {
-            Some(average) => average.mul_scalar(self.keep) + weight.mul_scalar(1.0 - self.keep),
-            None => weight,
-        };
-        self.averages.insert(name, average);
     }
 }
 

@@ -2,13 +2,12 @@
 
 use std::rc::Rc;
 
-use burn::module::{ModuleVisitor, Param};
-use burn::tensor::Tensor;
 use spec::{DataSpec, Doubt, ModelSpec, TrainSpec};
 
 use crate::activations::Tally;
 use crate::architecture::Extents;
 use crate::initialization::InitialWeights;
+use crate::parameters::for_each_parameter;
 use crate::sequence_model::SequenceModel;
 use crate::{Device, ModelError};
 
@@ -37,17 +36,11 @@ fn without_weights(spec: &ModelSpec, extents: Extents) -> Result<SequenceModel, 
 }
 
 fn parameters_of(model: &SequenceModel) -> u64 {
-    struct Numbers(u64);
-
-    impl ModuleVisitor for Numbers {
-        fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
-            self.0 += param.lazy_shape().num_elements() as u64;
-        }
-    }
-
-    let mut numbers = Numbers(0);
-    model.visit(&mut numbers);
-    numbers.0
+    let mut numbers = 0;
+    for_each_parameter(model, |_, parameter| {
+        numbers += parameter.shape().iter().product::<usize>() as u64;
+    });
+    numbers
 }
 
 /// An estimate of what a training holds in memory at its most.
@@ -166,7 +159,7 @@ mod tests {
     use crate::architecture::ModelInput;
     use crate::parameters::parameters;
     use crate::randomness::{Noise, Purpose, generator};
-    use burn::tensor::TensorData;
+    use burn::tensor::{Tensor, TensorData};
 
     const JOINTS: usize = 7;
     const EXTENTS: Extents = Extents { context: 320, horizon: 80, joints: JOINTS };

@@ -1,6 +1,6 @@
 use std::collections::BTreeMap;
 
-use burn::module::{ModuleMapper, ModuleVisitor, Param};
+use burn::module::{ModuleMapper, Param};
 use burn::optim::{AdamW, AdamWConfig, AdamWState, AdaptiveMomentumState, Optimizer};
 use burn::tensor::{Gradients, Tensor, TensorData};
 use kernels::AdamWStep;
@@ -8,7 +8,9 @@ use spec::OptimizerSpec;
 
 use crate::ModelError;
 use crate::device::host_values;
-use crate::parameters::{NamedTensor, NamedTensors, Path, check_shapes, parameters};
+use crate::parameters::{
+    NamedTensor, NamedTensors, Path, check_shapes, for_each_parameter, parameters,
+};
 use crate::sequence_model::SequenceModel;
 
 /// Names of the moments in PyTorch's `Adam`.
@@ -38,9 +40,13 @@ pub(crate) struct NamedGradients {
 
 impl ModelOptimizer {
     pub fn new(spec: &OptimizerSpec, model: &SequenceModel) -> Self {
-        let mut zeros = ZeroMoments { path: Path::default(), moments: BTreeMap::new() };
-        model.visit(&mut zeros);
-        Self { rule: rule(spec), spec: *spec, moments: zeros.moments }
+        let mut moments = BTreeMap::new();
+        for_each_parameter(model, |name, parameter| {
+            let zeros = parameter.numbers().zeros_like();
+            let momentum = AdaptiveMomentumState::new(0, zeros.clone(), zeros);
+            moments.insert(name, AdamWState::new(momentum));
+        });
+        Self { rule: rule(spec), spec: *spec, moments }
     }
 
     /// The optimizer that [`ModelOptimizer::state`] was read from after `steps` steps.
@@ -132,17 +138,15 @@ impl NamedGradients {
     /// batch, and adds them up in order.
     pub fn of(model: &SequenceModel, parts: Vec<Gradients>) -> Result<Self, ModelError> {
         let mut sums: BTreeMap<String, Tensor<1>> = BTreeMap::new();
-        for from in parts {
-            let mut collector =
-                Collector { path: Path::default(), from, gradients: BTreeMap::new() };
-            model.visit(&mut collector);
-            for (name, gradient) in collector.gradients {
+        for mut part in parts {
+            for_each_parameter(model, |name, parameter| {
+                let Some(gradient) = parameter.gradient(&mut part) else { return };
                 let sum = match sums.remove(&name) {
                     Some(sum) => sum + gradient,
                     None => gradient,
                 };
                 sums.insert(name, sum);
-            }
+            });
         }
         Ok(Self { norm: sum_of_squares(&sums)?.sqrt(), gradients: sums })
     }
@@ -181,51 +185,6 @@ fn fill(moment: &mut Tensor<1>, from: Option<NamedTensor>) {
     if let Some(NamedTensor { values, .. }) = from {
         let length = values.len();
         *moment = Tensor::from_data(TensorData::new(values, [length]), &moment.device());
-    }
-}
-
-struct ZeroMoments {
-    path: Path,
-    moments: BTreeMap<String, AdamWState<1>>,
-}
-
-impl ModuleVisitor for ZeroMoments {
-    fn enter_module(&mut self, name: &str, _container: &str) {
-        self.path.enter(name);
-    }
-
-    fn exit_module(&mut self, _name: &str, _container: &str) {
-        self.path.leave();
-    }
-
-    fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
-        let tensor = param.val().inner();
-        let zeros = Tensor::<1>::zeros([tensor.shape().num_elements()], &tensor.device());
-        let momentum = AdaptiveMomentumState::new(0, zeros.clone(), zeros);
-        self.moments.insert(self.path.name(), AdamWState::new(momentum));
-    }
-}
-
-struct Collector {
-    path: Path,
-    from: Gradients,
-    gradients: BTreeMap<String, Tensor<1>>,
-}
-
-impl ModuleVisitor for Collector {
-    fn enter_module(&mut self, name: &str, _container: &str) {
-        self.path.enter(name);
-    }
-
-    fn exit_module(&mut self, _name: &str, _container: &str) {
-        self.path.leave();
-    }
-
-    fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
-        let Some(gradient) = param.val().grad_remove(&mut self.from) else { return };
-        let length = gradient.shape().num_elements();
-        let flat = gradient.reshape([length]);
-        self.gradients.insert(self.path.name(), flat);
     }
 }
 

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use burn::module::{ModuleMapper, ModuleVisitor, Param};
-use burn::tensor::{Tensor, TensorData};
+use burn::tensor::{Gradients, Tensor, TensorData};
 
 use crate::ModelError;
 use crate::device::host_values;
@@ -18,11 +18,54 @@ pub(crate) struct NamedTensor {
 /// By the path of the parameter in its module, such as `encoder_blocks.0.attention.query.weight`.
 pub(crate) type NamedTensors = BTreeMap<String, NamedTensor>;
 
+/// A parameter, whatever its rank.
+pub(crate) trait Parameter {
+    fn shape(&self) -> Vec<usize>;
+
+    /// Its numbers in a row.
+    fn numbers(&self) -> Tensor<1>;
+
+    /// Its gradient, taken out of `gradients`, in a row.
+    fn gradient(&self, gradients: &mut Gradients) -> Option<Tensor<1>>;
+}
+
+impl<const D: usize> Parameter for Param<Tensor<D>> {
+    fn shape(&self) -> Vec<usize> {
+        self.lazy_shape().to_vec()
+    }
+
+    fn numbers(&self) -> Tensor<1> {
+        in_a_row(self.val().inner())
+    }
+
+    fn gradient(&self, gradients: &mut Gradients) -> Option<Tensor<1>> {
+        self.val().grad_remove(gradients).map(in_a_row)
+    }
+}
+
+fn in_a_row<const D: usize>(tensor: Tensor<D>) -> Tensor<1> {
+    let length = tensor.shape().num_elements();
+    tensor.reshape([length])
+}
+
+/// Hands every parameter to `visit` with its name.
+pub(crate) fn for_each_parameter(model: &SequenceModel, visit: impl FnMut(String, &dyn Parameter)) {
+    model.visit(&mut Walk { path: Path::default(), visit });
+}
+
 /// A copy of every parameter.
 pub(crate) fn parameters(model: &SequenceModel) -> Result<NamedTensors, ModelError> {
-    let mut reader = Reader { path: Path::default(), tensors: Ok(NamedTensors::new()) };
-    model.visit(&mut reader);
-    reader.tensors
+    let mut tensors = Ok(NamedTensors::new());
+    for_each_parameter(model, |name, parameter| {
+        let Ok(copied) = &mut tensors else { return };
+        match host_values(parameter.numbers()) {
+            Ok(values) => {
+                copied.insert(name, NamedTensor { shape: parameter.shape(), values });
+            }
+            Err(error) => tensors = Err(error),
+        }
+    });
+    tensors
 }
 
 /// The model with every parameter replaced by the tensor of its name.
@@ -40,9 +83,11 @@ pub(crate) fn with_parameters(
 
 /// Whether `tensors` has exactly the names and shapes of the model's parameters.
 pub(crate) fn check_shapes(model: &SequenceModel, tensors: &NamedTensors) -> Result<(), String> {
-    let mut shapes = Shapes::default();
-    model.visit(&mut shapes);
-    for (name, shape) in &shapes.found {
+    let mut shapes = BTreeMap::new();
+    for_each_parameter(model, |name, parameter| {
+        shapes.insert(name, parameter.shape());
+    });
+    for (name, shape) in &shapes {
         match tensors.get(name) {
             None => return Err(format!("tensor `{name}` is missing")),
             Some(tensor) if tensor.shape != *shape => {
@@ -52,7 +97,7 @@ pub(crate) fn check_shapes(model: &SequenceModel, tensors: &NamedTensors) -> Res
             Some(_) => {}
         }
     }
-    match tensors.keys().find(|name| !shapes.found.contains_key(*name)) {
+    match tensors.keys().find(|name| !shapes.contains_key(*name)) {
         Some(name) => Err(format!("tensor `{name}` is no parameter of this model")),
         None => Ok(()),
     }
@@ -76,12 +121,12 @@ impl Path {
     }
 }
 
-struct Reader {
+struct Walk<V> {
     path: Path,
-    tensors: Result<NamedTensors, ModelError>,
+    visit: V,
 }
 
-impl ModuleVisitor for Reader {
+impl<V: FnMut(String, &dyn Parameter)> ModuleVisitor for Walk<V> {
     fn enter_module(&mut self, name: &str, _container: &str) {
         self.path.enter(name);
     }
@@ -91,35 +136,7 @@ impl ModuleVisitor for Reader {
     }
 
     fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
-        let Ok(tensors) = &mut self.tensors else { return };
-        let tensor = param.val().inner();
-        let shape = tensor.dims().to_vec();
-        match host_values(tensor) {
-            Ok(values) => {
-                tensors.insert(self.path.name(), NamedTensor { shape, values });
-            }
-            Err(error) => self.tensors = Err(error),
-        }
-    }
-}
-
-#[derive(Default)]
-struct Shapes {
-    path: Path,
-    found: BTreeMap<String, Vec<usize>>,
-}
-
-impl ModuleVisitor for Shapes {
-    fn enter_module(&mut self, name: &str, _container: &str) {
-        self.path.enter(name);
-    }
-
-    fn exit_module(&mut self, _name: &str, _container: &str) {
-        self.path.leave();
-    }
-
-    fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
-        self.found.insert(self.path.name(), param.lazy_shape().to_vec());
+        (self.visit)(self.path.name(), param);
     }
 }
 
