@@ -6,7 +6,7 @@ mod upload;
 
 use std::time::Duration;
 
-use reqwest::{Method, RequestBuilder, StatusCode, Url};
+use reqwest::{Method, RequestBuilder, Response, StatusCode, Url};
 use serde::de::DeserializeOwned;
 use wire::{Checkpoint, ControlReport, Dataset, Evaluation, Job, Jobs, Presets, Tasks};
 
@@ -64,8 +64,7 @@ impl Client {
         };
         let request =
             self.request(Method::POST, path).header("content-type", "application/json").body(text);
-        let (status, job) = self.send(request).await?;
-        Ok(Submitted { job: self.read(&job)?, existed: status == StatusCode::OK })
+        self.submitted(request).await
     }
 
     pub async fn job(&self, id: i64) -> Result<Job, ClientError> {
@@ -78,8 +77,7 @@ impl Client {
 
     /// The answer as the server wrote it.
     pub async fn raw(&self, path: &str) -> Result<String, ClientError> {
-        let (_, body) = self.send(self.request(Method::GET, path)).await?;
-        Ok(body)
+        self.text(self.request(Method::GET, path)).await
     }
 
     pub async fn jobs(&self, path: &str) -> Result<Jobs, ClientError> {
@@ -87,23 +85,17 @@ impl Client {
     }
 
     pub async fn cancel(&self, id: i64) -> Result<Job, ClientError> {
-        let request = self.request(Method::POST, &format!("/v1/jobs/{id}/cancel"));
-        let (_, job) = self.send(request).await?;
-        self.read(&job)
+        self.post(&format!("/v1/jobs/{id}/cancel")).await
     }
 
     /// Submits the spec of a job that failed again.
     pub async fn retry(&self, id: i64) -> Result<Submitted, ClientError> {
-        let request = self.request(Method::POST, &format!("/v1/jobs/{id}/retry"));
-        let (status, job) = self.send(request).await?;
-        Ok(Submitted { job: self.read(&job)?, existed: status == StatusCode::OK })
+        self.submitted(self.request(Method::POST, &format!("/v1/jobs/{id}/retry"))).await
     }
 
     /// Asks for a dataset to be verified; returns the job.
     pub async fn verify(&self, dataset: i64) -> Result<Job, ClientError> {
-        let request = self.request(Method::POST, &format!("/v1/datasets/{dataset}/verify"));
-        let (_, job) = self.send(request).await?;
-        self.read(&job)
+        self.post(&format!("/v1/datasets/{dataset}/verify")).await
     }
 
     pub async fn presets(&self) -> Result<Presets, ClientError> {
@@ -129,14 +121,8 @@ impl Client {
 
     /// A file, by the path that an answer gave.
     pub async fn download(&self, path: &str) -> Result<Vec<u8>, ClientError> {
-        let unreachable =
-            |reason| ClientError::Unreachable { server: self.base.to_string(), reason };
-        let response = self.request(Method::GET, path).send().await.map_err(unreachable)?;
-        let status = response.status();
-        if !status.is_success() {
-            return Err(ClientError::refused(status, &response.text().await.map_err(unreachable)?));
-        }
-        Ok(response.bytes().await.map_err(unreachable)?.to_vec())
+        let response = self.answer(self.request(Method::GET, path)).await?;
+        Ok(response.bytes().await.map_err(self.unreachable())?.to_vec())
     }
 
     /// The address of a page or download, for people.
@@ -145,8 +131,11 @@ impl Client {
     }
 
     async fn get<T: DeserializeOwned>(&self, path: &str) -> Result<T, ClientError> {
-        let (_, body) = self.send(self.request(Method::GET, path)).await?;
-        self.read(&body)
+        self.read(&self.text(self.request(Method::GET, path)).await?)
+    }
+
+    async fn post<T: DeserializeOwned>(&self, path: &str) -> Result<T, ClientError> {
+        self.read(&self.text(self.request(Method::POST, path)).await?)
     }
 
     fn request(&self, method: Method, path: &str) -> RequestBuilder {
@@ -157,17 +146,31 @@ impl Client {
         }
     }
 
-    async fn send(&self, request: RequestBuilder) -> Result<(StatusCode, String), ClientError> {
-        let unreachable =
-            |reason| ClientError::Unreachable { server: self.base.to_string(), reason };
-        let response = request.send().await.map_err(unreachable)?;
+    async fn submitted(&self, request: RequestBuilder) -> Result<Submitted, ClientError> {
+        let response = self.answer(request).await?;
+        let existed = response.status() == StatusCode::OK;
+        let job = response.text().await.map_err(self.unreachable())?;
+        Ok(Submitted { job: self.read(&job)?, existed })
+    }
+
+    async fn text(&self, request: RequestBuilder) -> Result<String, ClientError> {
+        self.answer(request).await?.text().await.map_err(self.unreachable())
+    }
+
+    /// The answer to a request that the server did not refuse.
+    async fn answer(&self, request: RequestBuilder) -> Result<Response, ClientError> {
+        let response = request.send().await.map_err(self.unreachable())?;
         let status = response.status();
-        let body = response.text().await.map_err(unreachable)?;
         if status.is_success() {
-            Ok((status, body))
-        } else {
-            Err(ClientError::refused(status, &body))
+            return Ok(response);
         }
+        let problem = response.text().await.map_err(self.unreachable())?;
+        Err(ClientError::refused(status, &problem))
+    }
+
+    fn unreachable(&self) -> impl FnOnce(reqwest::Error) -> ClientError {
+        let server = self.base.to_string();
+        |reason| ClientError::Unreachable { server, reason }
     }
 
     fn read<T: DeserializeOwned>(&self, body: &str) -> Result<T, ClientError> {

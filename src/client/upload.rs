@@ -4,7 +4,7 @@ use std::io;
 use std::path::Path;
 use std::time::Duration;
 
-use reqwest::{Body, Method, StatusCode, Url};
+use reqwest::{Body, Method, Url};
 use serde::Deserialize;
 use serde_json::{Value, json};
 use sha2::{Digest as _, Sha256};
@@ -64,8 +64,7 @@ impl Client {
             .header("content-type", media_type)
             .header("content-length", size)
             .body(Body::wrap_stream(ReaderStream::with_capacity(file, PIECE)));
-        let (status, job) = self.send(request).await?;
-        Ok(Submitted { job: self.read(&job)?, existed: status == StatusCode::OK })
+        self.submitted(request).await
     }
 }
 
