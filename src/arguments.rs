@@ -3,16 +3,24 @@
 use clap::Args;
 use worker::DeviceKind;
 
+use crate::client::{Client, ClientError};
+
 /// Where the commands that talk to a server find it.
 #[derive(Debug, Args)]
 pub struct ServerArguments {
     /// The server's address
     #[arg(long, env = "TORQUED_SERVER", value_name = "URL", default_value = DEFAULT_SERVER)]
-    pub server: String,
+    server: String,
 
     /// The server's token, if it asks for one
     #[arg(long, env = "TORQUED_TOKEN", value_name = "TOKEN", hide_env_values = true)]
-    pub token: Option<String>,
+    token: Option<String>,
+}
+
+impl ServerArguments {
+    pub fn client(&self) -> Result<Client, ClientError> {
+        Client::new(&self.server, self.token.clone())
+    }
 }
 
 /// What the commands that compute models are told about it.

@@ -3,7 +3,6 @@ use std::process::ExitCode;
 use clap::Args;
 
 use crate::arguments::ServerArguments;
-use crate::client::Client;
 
 #[derive(Debug, Args)]
 pub struct Arguments {
@@ -15,7 +14,7 @@ pub struct Arguments {
 }
 
 pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
-    let client = Client::new(&arguments.server.server, arguments.server.token)?;
+    let client = arguments.server.client()?;
     let job = client.cancel(arguments.id).await?;
     if job.state.is_final() {
         println!("job {} {}", job.id, job.state);

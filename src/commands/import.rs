@@ -6,7 +6,7 @@ use clap::Args;
 use serde_json::Value;
 
 use crate::arguments::ServerArguments;
-use crate::client::{Client, Reuse, Submitted};
+use crate::client::{Reuse, Submitted};
 use crate::commands::watch;
 
 #[derive(Debug, Args)]
@@ -33,7 +33,7 @@ pub struct Arguments {
 
 pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     let spec = read_spec(&arguments.spec, &arguments.file)?;
-    let client = Client::new(&arguments.server.server, arguments.server.token)?;
+    let client = arguments.server.client()?;
     let reuse = if arguments.force { Reuse::ComputeAnew } else { Reuse::ByDigest };
     let Submitted { job, existed } = client.import(&arguments.file, &spec, reuse).await?;
     let note = if existed { ", imported before" } else { "" };

@@ -5,16 +5,15 @@ use clap::Args;
 use clap::builder::PossibleValuesParser;
 use reports::{Align, Table};
 use spec::JobKind;
-use wire::{Job, Progress};
+use wire::{Job, JobState, Progress};
 
 use crate::arguments::ServerArguments;
-use crate::client::Client;
 use crate::progress::measure;
 
 #[derive(Debug, Args)]
 pub struct Arguments {
     /// Only jobs in this state
-    #[arg(long, value_name = "STATE", value_parser = ["waiting", "queued", "running", "succeeded", "failed", "cancelled"])]
+    #[arg(long, value_name = "STATE", value_parser = states())]
     state: Option<String>,
 
     /// Only jobs of this kind
@@ -39,7 +38,7 @@ pub struct Arguments {
 
 pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     let path = path(&arguments);
-    let client = Client::new(&arguments.server.server, arguments.server.token)?;
+    let client = arguments.server.client()?;
     if arguments.json {
         println!("{}", client.raw(&path).await?);
         return Ok(ExitCode::SUCCESS);
@@ -62,6 +61,10 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
         println!("older ones: torqued jobs --before {next}");
     }
     Ok(ExitCode::SUCCESS)
+}
+
+fn states() -> PossibleValuesParser {
+    PossibleValuesParser::new(JobState::ALL.map(JobState::as_str))
 }
 
 fn kinds() -> PossibleValuesParser {

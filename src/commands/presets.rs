@@ -5,7 +5,6 @@ use clap::Args;
 use reports::{Align, Table};
 
 use crate::arguments::ServerArguments;
-use crate::client::Client;
 
 #[derive(Debug, Args)]
 pub struct Arguments {
@@ -17,7 +16,7 @@ pub struct Arguments {
 }
 
 pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
-    let client = Client::new(&arguments.server.server, arguments.server.token)?;
+    let client = arguments.server.client()?;
     let presets = client.presets().await?.presets;
     let Some(name) = arguments.name else {
         let mut table = Table::new(["name", "of a", "about"].map(|name| (name, Align::Left)));

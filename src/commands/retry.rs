@@ -3,7 +3,7 @@ use std::process::ExitCode;
 use clap::Args;
 
 use crate::arguments::ServerArguments;
-use crate::client::{Client, Submitted};
+use crate::client::Submitted;
 use crate::commands::watch;
 
 #[derive(Debug, Args)]
@@ -20,7 +20,7 @@ pub struct Arguments {
 }
 
 pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
-    let client = Client::new(&arguments.server.server, arguments.server.token)?;
+    let client = arguments.server.client()?;
     let Submitted { job, existed } = client.retry(arguments.id).await?;
     let note = if existed { ", tried again before" } else { "" };
     println!("job {} {}{note}: {}", job.id, job.state, client.url(&format!("/jobs/{}", job.id)));

@@ -6,7 +6,7 @@ use anyhow::{Context, ensure};
 use clap::Args;
 
 use crate::arguments::ServerArguments;
-use crate::client::{Client, Reuse, Submitted};
+use crate::client::{Reuse, Submitted};
 use crate::commands::watch;
 
 #[derive(Debug, Args)]
@@ -32,7 +32,7 @@ const MAX_SPEC_BYTES: u64 = 1 << 20;
 
 pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     let spec = read_spec(&arguments.spec)?;
-    let client = Client::new(&arguments.server.server, arguments.server.token)?;
+    let client = arguments.server.client()?;
     let reuse = if arguments.force { Reuse::ComputeAnew } else { Reuse::ByDigest };
     let Submitted { job, existed } = client.submit(spec, reuse).await?;
     let note = if existed { ", submitted before" } else { "" };

@@ -6,7 +6,6 @@ use clap::Args;
 use worker::{DatasetFolder, Verified};
 
 use crate::arguments::ServerArguments;
-use crate::client::Client;
 use crate::commands::simulate::compute_with;
 use crate::commands::watch;
 use crate::progress::{self, measure};
@@ -42,7 +41,7 @@ impl Target {
 pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     match Target::of(&arguments.dataset) {
         Target::Server(id) => {
-            let client = Client::new(&arguments.server.server, arguments.server.token)?;
+            let client = arguments.server.client()?;
             let job = client.verify(id).await?;
             println!("job {} {}: {}", job.id, job.state, client.url(&format!("/jobs/{}", job.id)));
             watch::to_the_end(&client, job.id).await

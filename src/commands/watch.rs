@@ -18,7 +18,7 @@ pub struct Arguments {
 }
 
 pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
-    let client = Client::new(&arguments.server.server, arguments.server.token)?;
+    let client = arguments.server.client()?;
     to_the_end(&client, arguments.id).await
 }
 
