@@ -67,6 +67,19 @@ pub struct RowError {
     pub allowed: String,
 }
 
+impl RowError {
+    /// The fault of a value, of a recording that is not known here.
+    pub(crate) fn value(
+        row: u64,
+        column: &str,
+        found: impl Into<String>,
+        allowed: impl Into<String>,
+    ) -> Self {
+        let (found, allowed) = (found.into(), allowed.into());
+        Self { recording: None, row, column: Some(column.to_owned()), found, allowed }
+    }
+}
+
 impl fmt::Display for RowError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if let Some(recording) = &self.recording {

@@ -80,24 +80,13 @@ fn listed(names: &[&str]) -> String {
 
 /// A value that is not there.
 pub(crate) fn absent(row: u64, column: &str) -> RowError {
-    RowError {
-        recording: None,
-        row,
-        column: Some(column.to_owned()),
-        found: "nothing".to_owned(),
-        allowed: "a value in every row".to_owned(),
-    }
+    RowError::value(row, column, "nothing", "a value in every row")
 }
 
 pub(crate) fn check_name(name: &str, row: u64, column: &str) -> Result<(), RowError> {
     if name.len() <= MAX_NAME_BYTES {
         return Ok(());
     }
-    Err(RowError {
-        recording: None,
-        row,
-        column: Some(column.to_owned()),
-        found: format!("a name of {} bytes", name.len()),
-        allowed: format!("at most {MAX_NAME_BYTES}"),
-    })
+    let found = format!("a name of {} bytes", name.len());
+    Err(RowError::value(row, column, found, format!("at most {MAX_NAME_BYTES}")))
 }

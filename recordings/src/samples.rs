@@ -147,7 +147,7 @@ impl Channel {
             allowed.push_str("; if the file is in degrees, say so in units.angle");
         }
         let found = format!("{value} {unit}");
-        Err(RowError { recording: None, row, column: Some(self.column.clone()), found, allowed })
+        Err(RowError::value(row, &self.column, found, allowed))
     }
 }
 
@@ -159,13 +159,7 @@ impl Time {
             TimeColumn::Decimal(times) => (0, times[index]),
         };
         if !part.is_finite() {
-            return Err(RowError {
-                recording: None,
-                row,
-                column: Some(self.column.clone()),
-                found: format!("{part}"),
-                allowed: "a finite number".to_owned(),
-            });
+            return Err(RowError::value(row, &self.column, part.to_string(), "a finite number"));
         }
         let origin = *self.origin.get_or_insert(whole);
         let since_origin = (i128::from(whole) - i128::from(origin)) as f64;

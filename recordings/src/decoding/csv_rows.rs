@@ -104,13 +104,8 @@ impl CsvRows {
     fn text(&self, column: &Column, row: u64) -> Result<&str, RowError> {
         // The reader has refused records of other lengths than the header's.
         let bytes = self.record.get(column.place).unwrap_or_default();
-        let text = std::str::from_utf8(bytes).map_err(|_| RowError {
-            recording: None,
-            row,
-            column: Some(column.name.clone()),
-            found: "bytes that are no text".to_owned(),
-            allowed: "UTF-8".to_owned(),
-        })?;
+        let text = std::str::from_utf8(bytes)
+            .map_err(|_| RowError::value(row, &column.name, "bytes that are no text", "UTF-8"))?;
         let text = text.trim();
         if text.is_empty() { Err(absent(row, &column.name)) } else { Ok(text) }
     }
@@ -142,13 +137,7 @@ fn number(text: &str, row: u64, column: &str) -> Result<f64, RowError> {
 fn no_number(text: &str, row: u64, column: &str) -> RowError {
     const SHOWN: usize = 40;
     let shown: String = text.chars().take(SHOWN).collect();
-    RowError {
-        recording: None,
-        row,
-        column: Some(column.to_owned()),
-        found: format!("{shown:?}"),
-        allowed: "a number such as -0.25 or 1e-3".to_owned(),
-    }
+    RowError::value(row, column, format!("{shown:?}"), "a number such as -0.25 or 1e-3")
 }
 
 /// Times as they come, whole as long as all of them are.
