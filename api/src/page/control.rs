@@ -1,6 +1,6 @@
 //! What a control job found, on its page: figures, and numbers with their intervals.
 
-use wire::{ControlReport, ControllerSummary, Interval, Job};
+use wire::{ControlReport, ControllerSummary, Job};
 
 use crate::app::App;
 use crate::error::ApiError;
@@ -76,7 +76,7 @@ impl ClosedLoop {
                     controller: pair.controller.clone(),
                     against: pair.against.clone(),
                     mean: text::signed_degrees(pair.difference_deg.mean),
-                    interval: signed_interval(pair.difference_deg),
+                    interval: text::signed_interval(pair.difference_deg),
                 })
                 .collect(),
         }))
@@ -124,7 +124,7 @@ impl ControllerRow {
                 format!("failed on {} robots: {reason}", controller.failed)
             }),
             rms: number(controller.rms_deg.map(|rms| rms.mean)),
-            interval: controller.rms_deg.map_or(String::new(), interval),
+            interval: controller.rms_deg.map_or(String::new(), text::interval),
             peak: number(controller.peak_deg),
             joints: joints.unwrap_or_else(none),
             torque: number(controller.torque_rms_nm),
@@ -136,14 +136,6 @@ impl ControllerRow {
             }),
         }
     }
-}
-
-fn interval(Interval { low, high, .. }: Interval) -> String {
-    format!("[{}, {}]", text::degrees(low), text::degrees(high))
-}
-
-fn signed_interval(Interval { low, high, .. }: Interval) -> String {
-    format!("[{}, {}]", text::signed_degrees(low), text::signed_degrees(high))
 }
 
 fn none() -> String {

@@ -8,10 +8,9 @@ use wire::{Artifact, CellTask, JobState};
 use crate::app::App;
 use crate::extract::Path;
 use crate::page::answer::{InPage, PageError, html};
-use crate::page::parts::Standing;
+use crate::page::parts::{FileLink, Standing};
 use crate::page::report::ReportView;
 use crate::page::spec_text::spec_text;
-use crate::page::text;
 
 #[derive(Template)]
 #[template(path = "evaluation.html")]
@@ -21,7 +20,7 @@ struct EvaluationPage {
     report: Option<ReportView>,
     can_retry: bool,
     figures: Vec<FigureView>,
-    artifacts: Vec<ArtifactLink>,
+    artifacts: Vec<FileLink>,
     cells: Vec<CellTask>,
     spec: String,
 }
@@ -30,12 +29,6 @@ struct EvaluationPage {
 struct FigureView {
     url: String,
     alt: String,
-}
-
-struct ArtifactLink {
-    url: String,
-    name: String,
-    size: String,
 }
 
 pub async fn show(
@@ -50,15 +43,7 @@ pub async fn show(
         report: evaluation.report.as_ref().map(ReportView::new),
         can_retry: matches!(job.state, JobState::Failed | JobState::Cancelled),
         figures: figures(&evaluation.artifacts),
-        artifacts: evaluation
-            .artifacts
-            .into_iter()
-            .map(|artifact| ArtifactLink {
-                url: artifact.url,
-                name: artifact.name,
-                size: text::size(artifact.size),
-            })
-            .collect(),
+        artifacts: evaluation.artifacts.into_iter().map(FileLink::from).collect(),
         cells: evaluation.cells,
         spec: spec_text(&job.spec),
     };

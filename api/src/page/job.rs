@@ -4,7 +4,7 @@ use askama::Template;
 use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::{IntoResponse, Redirect, Response};
-use wire::{Artifact, Task, TaskState};
+use wire::{Task, TaskState};
 
 use crate::app::App;
 use crate::error::ApiError;
@@ -12,10 +12,9 @@ use crate::extract::Path;
 use crate::page::answer::{InPage, PageError, html};
 use crate::page::control::ClosedLoop;
 use crate::page::kinds::{closed_loop, headline, own_page};
-use crate::page::parts::{Bar, Commands, Link, Standing};
+use crate::page::parts::{Bar, Commands, FileLink, Link, Standing};
 use crate::page::rows::{Row, results};
 use crate::page::spec_text::spec_text;
-use crate::page::text;
 
 /// Tasks shown; the rest is one link away.
 const TASKS: usize = 100;
@@ -37,13 +36,6 @@ struct JobPage {
     tasks_left_out: usize,
     spec: String,
     commands: Commands,
-}
-
-/// A file that the job left.
-struct FileLink {
-    url: String,
-    name: String,
-    size: String,
 }
 
 struct TaskRow {
@@ -85,12 +77,6 @@ pub async fn show(
         commands: Commands::new(&app, &headers),
     };
     Ok(html(&page)?)
-}
-
-impl From<Artifact> for FileLink {
-    fn from(artifact: Artifact) -> Self {
-        Self { url: artifact.url, name: artifact.name, size: text::size(artifact.size) }
-    }
 }
 
 impl From<Task> for TaskRow {

@@ -3,7 +3,7 @@
 use axum::http::HeaderMap;
 use axum::http::header::HOST;
 use spec::JobKind;
-use wire::{Job, JobState, Progress};
+use wire::{Artifact, Job, JobState, Progress};
 
 use crate::app::App;
 use crate::page::text;
@@ -64,6 +64,19 @@ pub struct Fact {
 impl Fact {
     pub fn new(name: impl Into<String>, value: impl Into<String>, note: impl Into<String>) -> Self {
         Self { name: name.into(), value: value.into(), note: note.into() }
+    }
+}
+
+/// A file that a job left.
+pub struct FileLink {
+    pub url: String,
+    pub name: String,
+    pub size: String,
+}
+
+impl From<Artifact> for FileLink {
+    fn from(artifact: Artifact) -> Self {
+        Self { url: artifact.url, name: artifact.name, size: text::size(artifact.size) }
     }
 }
 

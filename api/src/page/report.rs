@@ -241,16 +241,12 @@ fn row(predictors: &[PredictorInfo], found: &[PredictorSummary]) -> Vec<Cell> {
         .map(|predictor| match of(predictor) {
             Some(rmse) => Cell {
                 mean: text::degrees(rmse.interval.mean),
-                interval: interval(rmse.interval),
+                interval: text::interval(rmse.interval),
                 best: rmse.interval.mean <= lowest && !predictor.sees_the_future(),
             },
             None => Cell { mean: "–".to_owned(), interval: String::new(), best: false },
         })
         .collect()
-}
-
-fn interval(Interval { low, high, .. }: Interval) -> String {
-    format!("[{}, {}]", text::degrees(low), text::degrees(high))
 }
 
 fn transpose(predictors: &[PredictorInfo], by_group: Vec<Vec<Cell>>) -> Vec<SummaryRow> {
@@ -300,7 +296,7 @@ impl PairedRow {
             against: paired.against.clone(),
             group: paired.group.clone(),
             mean: text::signed_degrees(mean),
-            interval: format!("[{}, {}]", text::signed_degrees(low), text::signed_degrees(high)),
+            interval: text::signed_interval(paired.difference_deg),
             verdict,
         }
     }

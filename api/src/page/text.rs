@@ -1,5 +1,7 @@
 //! Numbers, times and sizes as people read them.
 
+use wire::Interval;
+
 /// A whole number with its digits in groups of three, set apart by thin spaces.
 pub fn count(n: u64) -> String {
     let digits = n.to_string();
@@ -99,6 +101,16 @@ pub fn degrees(x: f64) -> String {
 /// A difference of angles in degrees, with its sign.
 pub fn signed_degrees(x: f64) -> String {
     format!("{x:+.*}", decimals(x)).replace('-', "\u{2212}")
+}
+
+/// The ends of an interval of angles.
+pub fn interval(Interval { low, high, .. }: Interval) -> String {
+    format!("[{}, {}]", degrees(low), degrees(high))
+}
+
+/// The ends of an interval of differences of angles.
+pub fn signed_interval(Interval { low, high, .. }: Interval) -> String {
+    format!("[{}, {}]", signed_degrees(low), signed_degrees(high))
 }
 
 /// Two, and as many more as a value below 0.1 needs to show two digits, up to six.
