@@ -4,7 +4,7 @@ use std::path::Path;
 use std::process::Command;
 use std::time::Instant;
 
-use anyhow::{Context, bail, ensure};
+use anyhow::{Context, ensure};
 use serde::Deserialize;
 
 use super::measurement::{Goal, Measurement};
@@ -53,8 +53,7 @@ struct JobList {
 struct Job {
     id: i64,
     kind: String,
-    started_at: Option<String>,
-    finished_at: Option<String>,
+    duration_seconds: Option<f64>,
     #[serde(default)]
     members: Vec<Member>,
 }
@@ -68,29 +67,18 @@ struct Member {
 /// Seconds that each job of the pipeline took.
 fn stages(torqued: &Path, data: &Path) -> anyhow::Result<Vec<(String, f64)>> {
     let server = Serving::start(torqued, data, 0)?;
-    let output = Command::new(torqued)
-        .args(["jobs", "--json", "--server", &server.url])
-        .output()
-        .context("cannot run torqued jobs")?;
-    ensure!(output.status.success(), "torqued jobs: {}", String::from_utf8_lossy(&output.stderr));
-    let list: JobList = serde_json::from_slice(&output.stdout).context("unexpected job list")?;
+    let mut jobs = Command::new(torqued);
+    let list: JobList =
+        super::dynamics::answer(jobs.args(["jobs", "--json", "--server", &server.url]))?;
     let pipeline = list.jobs.iter().find(|job| job.kind == "pipeline").context("no pipeline")?;
     pipeline
         .members
         .iter()
         .map(|member| {
             let job = list.jobs.iter().find(|job| job.id == member.job);
-            let job = job.with_context(|| format!("no job {}", member.job))?;
-            Ok((member.name.clone(), seconds(job)?))
+            let seconds = job.and_then(|job| job.duration_seconds);
+            let seconds = seconds.with_context(|| format!("job {} did not finish", member.job))?;
+            Ok((member.name.clone(), seconds))
         })
         .collect()
-}
-
-fn seconds(job: &Job) -> anyhow::Result<f64> {
-    let (Some(started), Some(finished)) = (&job.started_at, &job.finished_at) else {
-        bail!("job {} did not finish", job.id);
-    };
-    let started = humantime::parse_rfc3339_weak(started)?;
-    let finished = humantime::parse_rfc3339_weak(finished)?;
-    Ok(finished.duration_since(started)?.as_secs_f64())
 }
