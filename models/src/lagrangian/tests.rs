@@ -1,3 +1,5 @@
+#![expect(clippy::cast_possible_truncation, reason = "small numbers")]
+
 use burn::tensor::Device;
 use random::{ChaCha8Rng, Rng, SeedableRng};
 use simd::InstructionSet;
@@ -22,8 +24,8 @@ fn spec() -> LagrangianSpec {
 fn model(joints: usize) -> Lagrangian {
     let device = Device::flex();
     let mut weights = InitialWeights::new(3, &device);
-    let (context, horizon) = (CONTEXT as u32, (SAMPLES - CONTEXT) as u32);
-    spec().init(Extents { context, horizon, joints }, &mut weights).unwrap()
+    let extents = Extents::new(CONTEXT as u32, SAMPLES as u32, joints).unwrap();
+    spec().init(extents, &mut weights).unwrap()
 }
 
 /// Smooth torques and positions of a few robots, one after the other.
