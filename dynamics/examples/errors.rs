@@ -90,7 +90,7 @@ fn positions(
     precision: Precision,
 ) -> Result<Vec<f32>, DynamicsError> {
     let spec = SimulateSpec { integrator, precision, ..spec.clone() };
-    Ok(simulate(&spec, 0..spec.trajectories, &|_| ControlFlow::Continue(()))?.q)
+    Ok(simulate(&spec, 0..spec.trajectories, &|_| ControlFlow::Continue(()))?.series.y().to_vec())
 }
 
 /// Trajectories that stay clear of the joint limits.

@@ -2,6 +2,7 @@ use std::ops::{ControlFlow, Range};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use rayon::prelude::*;
+use series::{Series, Shape};
 use simd::InstructionSet;
 use spec::SimulateSpec;
 
@@ -15,17 +16,10 @@ use crate::{DynamicsError, Scenario, Scenarios};
 pub struct Trajectories {
     /// Index of the first.
     pub first: u64,
-    pub count: usize,
-    /// Joints of every robot.
-    pub joints: usize,
-    /// Samples per trajectory.
-    pub samples: usize,
-    /// Torques in N·m, [trajectory, sample, joint]. `u[k]` is held from sample k to k + 1, and is to
-    /// the last bit what acted: the excitation, plus g(q\[k\]) where gravity is compensated.
-    pub u: Vec<f32>,
-    /// Positions in rad, [trajectory, sample, joint]. `q[k]` is the state at k / rate, before `u[k]`
-    /// acts.
-    pub q: Vec<f32>,
+    /// Torques in N·m and positions in rad. Torque k is held from sample k to k + 1, and is to the last bit
+    /// what acted: the excitation, plus g(q\[k\]) where gravity is compensated. Position k is the state at
+    /// k / rate, before torque k acts.
+    pub series: Series,
     /// Velocities in rad/s, [trajectory, sample, joint], when the spec asks for them.
     pub qd: Option<Vec<f32>>,
     /// Pose of the hand's frame in the base's at the recorded positions, [trajectory, sample, 7], when
@@ -84,7 +78,7 @@ pub fn simulate_into(
 ) -> Result<(), DynamicsError> {
     let result = fill(instructions, spec, range, progress, trajectories);
     if result.is_err() {
-        trajectories.resize(0, 0, 0)?;
+        trajectories.resize(spec, 0)?;
         trajectories.scenarios.clear();
     }
     result
@@ -107,12 +101,13 @@ fn fill(
         .observations
         .end_effector_pose
         .then(|| trajectories.end_effector.take().unwrap_or_default());
-    trajectories.resize(range.end.saturating_sub(range.start), spec.samples, spec.joints())?;
-    let Trajectories { count, u, q, qd, end_effector, scenarios, rejected, .. } = trajectories;
+    trajectories.resize(spec, range.end.saturating_sub(range.start))?;
+    let Trajectories { series, qd, end_effector, scenarios, rejected, .. } = trajectories;
+    let count = series.robots();
 
     let source = Scenarios::new(spec);
     let kind = source.kind();
-    let drawn = (0..*count).into_par_iter().map(|row| source.draw(range.start + row as u64, 1));
+    let drawn = (0..count).into_par_iter().map(|row| source.draw(range.start + row as u64, 1));
     drawn.collect_into_vec(scenarios);
 
     let done = AtomicU64::new(0);
@@ -126,7 +121,8 @@ fn fill(
         ControlFlow::Continue(())
     };
 
-    let rows = block_rows(*count, dispatch::lanes(instructions, spec.precision));
+    let rows = block_rows(count, dispatch::lanes(instructions, spec.precision));
+    let (u, q) = series.both_mut();
     let mut u = u.chunks_mut(rows * row_len);
     let mut q = q.chunks_mut(rows * row_len);
     let mut qd = qd.as_mut().map(|qd| qd.chunks_mut(rows * row_len));
@@ -157,28 +153,19 @@ fn fill(
 }
 
 impl Trajectories {
-    /// Makes room for so many trajectories and samples, whose values are to be overwritten.
-    fn resize(
-        &mut self,
-        trajectories: u64,
-        samples: u32,
-        joints: usize,
-    ) -> Result<(), DynamicsError> {
-        let too_large = || DynamicsError::TooLarge { trajectories, samples };
-        self.samples = samples as usize;
-        self.joints = joints;
-        self.count = usize::try_from(trajectories).map_err(|_| too_large())?;
-        let values = self.count.checked_mul(self.samples).ok_or_else(too_large)?;
-        let joints = values.checked_mul(joints).ok_or_else(too_large)?;
-        let poses = values.checked_mul(POSE).ok_or_else(too_large)?;
+    /// Makes room for so many trajectories of `spec`, whose values are to be overwritten.
+    fn resize(&mut self, spec: &SimulateSpec, trajectories: u64) -> Result<(), DynamicsError> {
+        let too_large = || DynamicsError::TooLarge { trajectories, samples: spec.samples };
+        let robots = usize::try_from(trajectories).map_err(|_| too_large())?;
+        let shape = Shape { robots, samples: spec.samples as usize, joints: spec.joints() };
         self.rejected = 0;
-        resize(&mut self.u, joints);
-        resize(&mut self.q, joints);
+        self.series.reshape(shape, spec.rate_hz).map_err(|_| too_large())?;
         if let Some(qd) = &mut self.qd {
-            resize(qd, joints);
+            resize(qd, self.series.y().len());
         }
         if let Some(end_effector) = &mut self.end_effector {
-            resize(end_effector, poses);
+            let poses = Shape { joints: POSE, ..shape };
+            resize(end_effector, poses.values().map_err(|_| too_large())?);
         }
         Ok(())
     }

@@ -10,14 +10,10 @@
 use std::ops::ControlFlow;
 use std::time::Instant;
 
-use dynamics::Trajectories;
 use evaluation::{NominalArm, baseline, rmse_deg};
 use serde_json::json;
-use series::{Series, Shape};
+use series::Series;
 use spec::{Baseline, DataSpec, JobSpec, SimulateSpec};
-
-/// Joints of the Panda.
-const JOINTS: usize = 7;
 
 const CONTEXT: usize = 320;
 
@@ -63,7 +59,5 @@ fn main() {
 
 fn scenarios(spec: &SimulateSpec, first: u64, count: u64) -> Series {
     let go_on = |_| ControlFlow::Continue(());
-    let simulated = dynamics::simulate(spec, first..first + count, &go_on).unwrap();
-    let Trajectories { count: robots, samples, u, q, .. } = simulated;
-    Series::new(Shape { robots, samples, joints: JOINTS }, spec.rate_hz, u, q).unwrap()
+    dynamics::simulate(spec, first..first + count, &go_on).unwrap().series
 }

@@ -125,6 +125,11 @@ impl Series {
         &mut self.y
     }
 
+    /// u and y, to be written together.
+    pub fn both_mut(&mut self) -> (&mut [f32], &mut [f32]) {
+        (&mut self.u, &mut self.y)
+    }
+
     /// All robots and samples.
     pub fn view(&self) -> SeriesView<'_> {
         self.part(0..self.shape.robots)

@@ -3,7 +3,6 @@
 use std::ops::ControlFlow;
 use std::time::Instant;
 
-use dynamics::Trajectories;
 use evaluation::{NominalArm, baseline};
 use models::{Device, DeviceKind, ModelError, Sampling, TrainedModel, Trainer, TrainingData};
 use series::{Observed, Series, Shape, ShapeError};
@@ -102,8 +101,7 @@ pub fn baseline_seconds(
 fn trajectories(spec: &SimulateSpec, count: u64) -> Result<Series, RehearsalError> {
     let go_on = |_| ControlFlow::Continue(());
     let simulated = dynamics::simulate(spec, 0..count.min(spec.trajectories), &go_on)?;
-    let Trajectories { count: robots, samples, joints, u, q, .. } = simulated;
-    Ok(Series::new(Shape { robots, samples, joints }, spec.rate_hz, u, q)?)
+    Ok(simulated.series)
 }
 
 /// The first trajectories over and over, as many as are asked for.

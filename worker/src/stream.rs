@@ -27,8 +27,7 @@ impl Stream {
     pub fn read(&self, attempt: &Attempt, range: Range<u64>) -> Result<Series, TaskError> {
         let mut simulated = Trajectories::default();
         self.simulate(range, &|| attempt.stop.get().is_some(), &mut simulated)?;
-        let Trajectories { count, u, q, .. } = simulated;
-        Ok(Series::new(self.shape(count), self.data.rate_hz(), u, q)?)
+        Ok(simulated.series)
     }
 
     /// The shape of so many trajectories.

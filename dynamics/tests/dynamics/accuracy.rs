@@ -17,7 +17,7 @@ fn errors(excitation: &Value, robot: &Value, integrator: &Value) -> Vec<f32> {
         });
         let spec = spec(excitation, &fields);
         let row = spec.samples as usize * JOINTS;
-        (run(&spec, 0..256).q, row)
+        (run(&spec, 0..256).series.y().to_vec(), row)
     };
     let (q, row) = with("f32", integrator);
     let (exact, _) = with("f64", &json!({"scheme": "rk4", "substeps": 24}));

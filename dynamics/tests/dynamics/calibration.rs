@@ -18,7 +18,9 @@ fn rmse_deg(excitation: &Value, predict: impl Fn(f64, &[f64]) -> Vec<f64>) -> f6
     let trajectories = run(&spec, 0..400);
     let row = spec.samples as usize * JOINTS;
     let mut sum = 0.0;
-    for (u, q) in trajectories.u.chunks_exact(row).zip(trajectories.q.chunks_exact(row)) {
+    for (u, q) in
+        trajectories.series.u().chunks_exact(row).zip(trajectories.series.y().chunks_exact(row))
+    {
         for joint in 0..JOINTS {
             let channel = |values: &[f32]| -> Vec<f64> {
                 values.chunks_exact(JOINTS).map(|sample| f64::from(sample[joint])).collect()
@@ -29,7 +31,7 @@ fn rmse_deg(excitation: &Value, predict: impl Fn(f64, &[f64]) -> Vec<f64>) -> f6
             sum += (squares.sum::<f64>() / (q.len() - CONTEXT) as f64).sqrt();
         }
     }
-    (sum / (JOINTS * trajectories.count) as f64).to_degrees()
+    (sum / (JOINTS * trajectories.series.robots()) as f64).to_degrees()
 }
 
 fn hold_last(last: f64, u: &[f64]) -> Vec<f64> {

@@ -293,7 +293,7 @@ fn energy_drift(integrator: &Value, gravity: &str) -> f64 {
             let at = |series: &[f32]| -> Joints<f64> {
                 series.as_chunks::<JOINTS>().0[row * 31 + k].map(f64::from).into()
             };
-            energies(&scenario.robot, at(&trajectories.q), at(qd))
+            energies(&scenario.robot, at(trajectories.series.y()), at(qd))
         };
         let (kinetic, potential) = energies_at(0);
         let moving = (0..31).map(|k| energies_at(k).0).fold(0.0, f64::max);

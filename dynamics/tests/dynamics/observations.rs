@@ -101,11 +101,11 @@ fn one_period_later(
 fn each_sample_follows_from_the_one_before_under_the_recorded_torque() {
     let spec = complete("f64");
     let trajectories = run(&spec, 0..6);
-    let (u, q) = (&trajectories.u, &trajectories.q);
+    let (u, q) = (trajectories.series.u(), trajectories.series.y());
     let qd = trajectories.qd.as_ref().unwrap();
     for (row, scenario) in trajectories.scenarios.iter().enumerate() {
-        for k in (0..trajectories.samples - 1).step_by(11) {
-            let at = |series: &[f32], k| sample(series, row, k, trajectories.samples);
+        for k in (0..trajectories.series.samples() - 1).step_by(11) {
+            let at = |series: &[f32], k| sample(series, row, k, trajectories.series.samples());
             let [later_q, later_qd] =
                 one_period_later(&scenario.robot, at(q, k), at(qd, k), at(u, k));
             for joint in 0..JOINTS {
@@ -118,7 +118,7 @@ fn each_sample_follows_from_the_one_before_under_the_recorded_torque() {
             }
         }
         assert_eq!(
-            Joints::from(sample(qd, row, 0, trajectories.samples)),
+            Joints::from(sample(qd, row, 0, trajectories.series.samples())),
             scenario.qd0.map(|qd| f64::from(qd as f32))
         );
     }
@@ -129,9 +129,9 @@ fn compensated_torques_are_the_excitation_and_the_gravity_of_this_robot_at_every
     for precision in ["f32", "f64"] {
         let trajectories = run(&complete(precision), 0..40);
         for (row, scenario) in trajectories.scenarios.iter().enumerate() {
-            for k in 0..trajectories.samples {
-                let at = |series: &[f32]| sample(series, row, k, trajectories.samples);
-                let (u, q) = (at(&trajectories.u), at(&trajectories.q));
+            for k in 0..trajectories.series.samples() {
+                let at = |series: &[f32]| sample(series, row, k, trajectories.series.samples());
+                let (u, q) = (at(trajectories.series.u()), at(trajectories.series.y()));
                 let excitation = scenario.torques.at(k as f64 / 60.0);
                 for (joint, g) in gravity(&scenario.robot, q).iter().enumerate() {
                     let error = (u[joint] - excitation[joint] - g).abs();
@@ -148,9 +148,9 @@ fn recorded_poses_are_those_of_the_recorded_positions_without_jumps_of_sign() {
     let poses = trajectories.end_effector.as_ref().unwrap();
     for (row, scenario) in trajectories.scenarios.iter().enumerate() {
         let mut before = None;
-        for k in 0..trajectories.samples {
-            let q = sample(&trajectories.q, row, k, trajectories.samples);
-            let [x, y, z, quaternion @ ..] = sample(poses, row, k, trajectories.samples);
+        for k in 0..trajectories.series.samples() {
+            let q = sample(trajectories.series.y(), row, k, trajectories.series.samples());
+            let [x, y, z, quaternion @ ..] = sample(poses, row, k, trajectories.series.samples());
             let expected = scenario.robot.kinematics.end_effector_pose(q);
             assert_eq!([x, y, z], expected.position_m.map(|meters| f64::from(meters as f32)));
             let dot =
@@ -167,7 +167,7 @@ fn recording_more_changes_neither_torques_nor_positions() {
     let more = complete("f32");
     let less = SimulateSpec { observations: spec::Observations::default(), ..more.clone() };
     let (more, less) = (run(&more, 0..40), run(&less, 0..40));
-    assert!((more.u, more.q, more.scenarios) == (less.u, less.q, less.scenarios));
+    assert!((more.series, more.scenarios) == (less.series, less.scenarios));
     assert_eq!((less.qd, less.end_effector), (None, None));
 }
 
@@ -191,5 +191,8 @@ fn a_cancelled_simulation_leaves_no_trajectories_behind() {
     let mut used = run(&spec, 0..20);
     let stop = |_| ControlFlow::Break(());
     assert!(simulate_into(InstructionSet::best(), &spec, 0..20, &stop, &mut used).is_err());
-    assert_eq!((used.count, used.u.len(), used.q.len(), used.scenarios.len()), (0, 0, 0, 0));
+    assert_eq!(
+        (used.series.robots(), used.series.u().len(), used.series.y().len(), used.scenarios.len()),
+        (0, 0, 0, 0)
+    );
 }

@@ -32,11 +32,11 @@ fn an_arm_of_six_has_the_same_bits_on_every_instruction_set_and_when_it_moves_ag
     for precision in ["f32", "f64"] {
         let spec = spec_of(&arm_of_six(), &json!({"precision": precision}));
         let best = run(&spec, 0..40);
-        assert_eq!((best.joints, best.q.len()), (6, 40 * 80 * 6));
+        assert_eq!((best.series.joints(), best.series.y().len()), (6, 40 * 80 * 6));
         let motions: Vec<Motion<'_>> = best
             .scenarios
             .iter()
-            .zip(best.u.chunks_exact(80 * 6))
+            .zip(best.series.u().chunks_exact(80 * 6))
             .map(|(scenario, u)| Motion {
                 robot: &scenario.robot,
                 q0: scenario.q0,
@@ -50,7 +50,7 @@ fn an_arm_of_six_has_the_same_bits_on_every_instruction_set_and_when_it_moves_ag
             let again = simulate_on(instructions, &spec, 0..40, &go_on).unwrap();
             assert!(again == best, "{instructions}, {precision}");
             let replay = Replay { instructions, ..Replay::of(&spec) };
-            assert!(replay.run(&motions) == best.q, "{instructions}, {precision}");
+            assert!(replay.run(&motions) == best.series.y(), "{instructions}, {precision}");
         }
     }
 }
@@ -65,7 +65,13 @@ fn single_precision_follows_double_precision() {
         run(&spec, 0..20)
     };
     let (single, double) = (of("f32"), of("f64"));
-    let largest = single.q.iter().zip(&double.q).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+    let largest = single
+        .series
+        .y()
+        .iter()
+        .zip(double.series.y())
+        .map(|(a, b)| (a - b).abs())
+        .fold(0.0, f32::max);
     assert!(largest < 1e-4, "{largest}");
 }
 
@@ -84,8 +90,9 @@ fn the_general_kernel_moves_the_panda_as_the_specialized_one_does() {
         });
         run(&spec_of(&model, &fields), 0..30)
     });
-    assert!(specialized.u == general.u);
-    let differences = specialized.q.iter().zip(&general.q).map(|(a, b)| (a - b).abs());
+    assert!(specialized.series.u() == general.series.u());
+    let differences =
+        specialized.series.y().iter().zip(general.series.y()).map(|(a, b)| (a - b).abs());
     let largest = differences.fold(0.0, f32::max);
     assert!(largest < 1e-5, "{largest}");
 }

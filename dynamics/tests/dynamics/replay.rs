@@ -27,7 +27,7 @@ fn with_everything(precision: &str) -> SimulateSpec {
 }
 
 fn motions(trajectories: &Trajectories) -> Vec<Motion<'_>> {
-    let torques = trajectories.u.chunks_exact(trajectories.samples * JOINTS);
+    let torques = trajectories.series.u().chunks_exact(trajectories.series.samples() * JOINTS);
     trajectories
         .scenarios
         .iter()
@@ -50,7 +50,7 @@ fn a_drawn_robot_moves_again_to_the_same_bits_on_every_instruction_set() {
             for instructions in InstructionSet::available() {
                 let replay = Replay { instructions, ..Replay::of(&spec) };
                 let q = replay.run(&motions(&trajectories));
-                assert!(q == trajectories.q, "{instructions}, {precision}");
+                assert!(q == trajectories.series.y(), "{instructions}, {precision}");
             }
         }
     }
@@ -64,9 +64,9 @@ fn a_motion_that_diverges_leaves_its_neighbours_alone() {
     let mut motions = motions(&trajectories);
     motions[2].qd0 = absurd;
     let q = Replay::of(&spec).run(&motions);
-    let samples = trajectories.samples;
+    let samples = trajectories.series.samples();
     for (row, q) in q.chunks_exact(samples * JOINTS).enumerate() {
-        let expected = &trajectories.q[row * samples * JOINTS..][..samples * JOINTS];
+        let expected = &trajectories.series.y()[row * samples * JOINTS..][..samples * JOINTS];
         if row == 2 {
             assert!(q[(samples - 1) * JOINTS..].iter().all(|q| q.is_nan()));
         } else {
@@ -93,10 +93,10 @@ fn an_arm_that_is_put_elsewhere_goes_on_from_there_with_its_velocity() {
     let velocities = trajectories.qd.as_ref().unwrap().as_chunks::<JOINTS>().0;
     let (sample, elsewhere) = (70, Joints::from([0.1, -0.2, 0.3, -1.4, 0.2, 1.7, 0.4]));
     let anchors = [Anchor { sample, q: elsewhere }];
-    let samples = trajectories.samples;
+    let samples = trajectories.series.samples();
     for (row, motion) in motions(&trajectories).into_iter().enumerate() {
         let anchored = Replay::of(&spec).run(&[Motion { anchors: &anchors, ..motion }]);
-        let before = &trajectories.q[row * samples * JOINTS..][..(sample + 1) * JOINTS];
+        let before = &trajectories.series.y()[row * samples * JOINTS..][..(sample + 1) * JOINTS];
         assert!(&anchored[..(sample + 1) * JOINTS] == before);
 
         let qd0 = velocities[row * samples + sample].map(f64::from).into();
@@ -116,7 +116,7 @@ fn a_motion_goes_on_from_the_state_that_its_first_half_ended_in() {
         let trajectories = run(&spec, 0..20);
         let motions = motions(&trajectories);
         let replay = Replay::of(&spec);
-        let half = trajectories.samples / 2;
+        let half = trajectories.series.samples() / 2;
         let first: Vec<_> = motions
             .iter()
             .map(|motion| Motion { u: &motion.u[..half * JOINTS], ..*motion })
@@ -133,8 +133,9 @@ fn a_motion_goes_on_from_the_state_that_its_first_half_ended_in() {
             })
             .collect();
         let later = replay.run(&second);
-        let whole = trajectories.q.chunks_exact(trajectories.samples * JOINTS);
-        for (later, whole) in later.chunks_exact((trajectories.samples - half) * JOINTS).zip(whole)
+        let whole = trajectories.series.y().chunks_exact(trajectories.series.samples() * JOINTS);
+        for (later, whole) in
+            later.chunks_exact((trajectories.series.samples() - half) * JOINTS).zip(whole)
         {
             for (later, whole) in later.iter().zip(&whole[half * JOINTS..]) {
                 assert!((later - whole).abs() < 2e-6, "{precision}: {later} {whole}");

@@ -14,11 +14,9 @@ fn recorded_torques_are_those_of_the_scenario_and_recorded_positions_begin_at_it
     let spec = spec(&mixed(), &json!({}));
     let trajectories = run(&spec, 10..40);
     let row = spec.samples as usize * JOINTS;
-    for (scenario, (u, q)) in trajectories
-        .scenarios
-        .iter()
-        .zip(trajectories.u.chunks_exact(row).zip(trajectories.q.chunks_exact(row)))
-    {
+    for (scenario, (u, q)) in trajectories.scenarios.iter().zip(
+        trajectories.series.u().chunks_exact(row).zip(trajectories.series.y().chunks_exact(row)),
+    ) {
         for (k, sample) in u.chunks_exact(JOINTS).enumerate() {
             for (expected, &torque) in scenario.torques.at(k as f64 / 60.0).iter().zip(sample) {
                 assert!((f64::from(torque) - expected).abs() < 1e-6 * expected.abs().max(1.0));
@@ -34,7 +32,7 @@ fn recorded_torques_are_those_of_the_scenario_and_recorded_positions_begin_at_it
 fn no_sample_comes_closer_to_a_limit_than_the_margin() {
     let spec = spec(&chirp(0.1), &json!({"rejection": {"position_margin_rad": 0.05}}));
     let trajectories = run(&spec, 0..200);
-    for sample in trajectories.q.chunks_exact(JOINTS) {
+    for sample in trajectories.series.y().chunks_exact(JOINTS) {
         for (&q, limit) in
             sample.iter().zip(spec.robot.description().per_joint(|joint| joint.position_rad))
         {
@@ -155,5 +153,8 @@ fn progress_counts_up_and_can_cancel() {
 #[test]
 fn an_empty_range_has_no_trajectories() {
     let trajectories = run(&spec(&multisine(0.1), &json!({})), 5..5);
-    assert_eq!((trajectories.count, trajectories.u.len(), trajectories.scenarios.len()), (0, 0, 0));
+    assert_eq!(
+        (trajectories.series.robots(), trajectories.series.u().len(), trajectories.scenarios.len()),
+        (0, 0, 0)
+    );
 }

@@ -36,7 +36,12 @@ impl Plant {
             u: Vec::new(),
             y: vec![scenario.q0.map(to_f32)],
         };
-        let torques = recorded.u.chunks_exact(recorded.joints).take(samples).map(Joints::from);
+        let torques = recorded
+            .series
+            .u()
+            .chunks_exact(recorded.series.joints())
+            .take(samples)
+            .map(Joints::from);
         plant.apply(&torques.collect::<Vec<_>>());
         Ok(plant)
     }

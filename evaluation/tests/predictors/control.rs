@@ -80,15 +80,15 @@ fn a_trial_has_the_same_bits_with_any_number_of_threads() {
 fn the_robot_goes_on_from_its_excitation_as_if_nothing_had_happened() {
     let arms = arms();
     let recorded = dynamics::simulate(&arms, 3..4, &|_| ControlFlow::Continue(())).unwrap();
-    let torques: Vec<_> = recorded.u.chunks_exact(JOINTS).map(Joints::from).collect();
+    let torques: Vec<_> = recorded.series.u().chunks_exact(JOINTS).map(Joints::from).collect();
     let mut plant = Plant::excited(&arms, 3, 20).unwrap();
     assert_eq!(plant.now().y.len(), 21);
     for torques in torques[20..59].chunks(7) {
         plant.apply(torques);
     }
     let positions: Vec<f32> = plant.now().y.iter().flatten().copied().collect();
-    assert_eq!(positions.len(), recorded.q.len());
-    for (replayed, recorded) in positions.iter().zip(&recorded.q) {
+    assert_eq!(positions.len(), recorded.series.y().len());
+    for (replayed, recorded) in positions.iter().zip(recorded.series.y()) {
         assert!((replayed - recorded).abs() < 2e-6, "{replayed} {recorded}");
     }
 }

@@ -14,7 +14,7 @@ use std::ops::ControlFlow;
 use evaluation::NominalArm;
 use models::{Device, TrainedModel, Trainer, TrainingData};
 use serde_json::{Value, json};
-use series::{Series, Shape};
+use series::Series;
 use spec::{DataSpec, JobSpec, SimulateSpec, TrainSpec};
 
 /// Joints of the Panda.
@@ -40,8 +40,7 @@ fn arm(spec: &SimulateSpec) -> NominalArm {
 /// The first `count` trajectories.
 fn scenarios(spec: &SimulateSpec, count: u64) -> Series {
     let simulated = dynamics::simulate(spec, 0..count, &|_| ControlFlow::Continue(())).unwrap();
-    let shape = Shape { robots: simulated.count, samples: simulated.samples, joints: JOINTS };
-    Series::new(shape, spec.rate_hz, simulated.u, simulated.q).unwrap()
+    simulated.series
 }
 
 const CONTEXT: usize = 16;

@@ -17,12 +17,12 @@ pub(super) fn record_batch(
     simulated: &Trajectories,
 ) -> Result<RecordBatch, ArrowError> {
     let mut columns = ids(simulated)?.to_vec();
-    let joints = simulated.joints;
+    let joints = simulated.series.joints();
     let recorded = [
-        (Some(&simulated.u), joints),
-        (Some(&simulated.q), joints),
-        (simulated.qd.as_ref(), joints),
-        (simulated.end_effector.as_ref(), POSE),
+        (Some(simulated.series.u()), joints),
+        (Some(simulated.series.y()), joints),
+        (simulated.qd.as_deref(), joints),
+        (simulated.end_effector.as_deref(), POSE),
     ];
     for (series, width) in recorded {
         let Some(series) = series else { continue };
@@ -33,14 +33,14 @@ pub(super) fn record_batch(
 
 /// `trajectory` and `step`.
 fn ids(simulated: &Trajectories) -> Result<[ArrayRef; 2], ArrowError> {
-    let steps = simulated.samples;
+    let (robots, steps) = (simulated.series.robots(), simulated.series.samples());
     let id = |value: u64| {
         i32::try_from(value).map_err(|_| ArrowError::ArithmeticOverflow(format!("id {value}")))
     };
     let numbers = (0..steps as u64).map(id).collect::<Result<Vec<_>, _>>()?;
-    let mut trajectory = Vec::with_capacity(simulated.count * steps);
-    let mut step = Vec::with_capacity(simulated.count * steps);
-    for (index, _) in (simulated.first..).zip(0..simulated.count) {
+    let mut trajectory = Vec::with_capacity(robots * steps);
+    let mut step = Vec::with_capacity(robots * steps);
+    for (index, _) in (simulated.first..).zip(0..robots) {
         trajectory.resize(trajectory.len() + steps, id(index)?);
         step.extend_from_slice(&numbers);
     }

@@ -62,7 +62,7 @@ fn send_stream(
         pool.install(|| stream.simulate(range, stopped, &mut simulated))?;
         let shape = stream.shape(size);
         let values = shape.values()?;
-        let parts = simulated.u.chunks(values).zip(simulated.q.chunks(values));
+        let parts = simulated.series.u().chunks(values).zip(simulated.series.y().chunks(values));
         for (step, (u, q)) in (step..last).zip(parts) {
             let series = Series::new(shape, stream.data.rate_hz(), u.to_vec(), q.to_vec())?;
             let trajectories = (step * size as u64..(step + 1) * size as u64).collect();
@@ -197,8 +197,8 @@ mod tests {
         for (step, TrainingBatch { series, trajectories }) in whole.iter().enumerate() {
             let values = series.shape().values().unwrap();
             assert_eq!((series.robots(), series.samples()), (100, 30));
-            assert_eq!(series.u(), &simulated.u[step * values..][..values], "step {step}");
-            assert_eq!(series.y(), &simulated.q[step * values..][..values], "step {step}");
+            assert_eq!(series.u(), &simulated.series.u()[step * values..][..values], "step {step}");
+            assert_eq!(series.y(), &simulated.series.y()[step * values..][..values], "step {step}");
             let first = 100 * step as u64;
             assert_eq!(*trajectories, (first..first + 100).collect::<Vec<_>>());
         }
