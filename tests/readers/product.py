@@ -17,7 +17,7 @@ SPEC = {
     "preset": "quickstart",
     "jobs": {
         "train-set": {"trajectories": 2048, "shard_trajectories": 1024},
-        "train": {"steps": 30, "optimizer": {"warmup_steps": 0}, "checkpoint_every_steps": 2},
+        "train": {"steps": 30, "optimizer": {"warmup_steps": 0}, "checkpoint_every_steps": 5},
     },
 }
 

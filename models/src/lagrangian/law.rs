@@ -114,6 +114,7 @@ impl Law {
         self.predict_with(InstructionSet::best(), robots)
     }
 
+    /// As [`Law::predict`], with instructions of one's choice and the same result.
     pub fn predict_with(&self, instructions: InstructionSet, robots: &[Recorded<'_>]) -> Vec<f32> {
         let damping = self.dampings(instructions, robots);
         let starts: Vec<Start<'_>> = robots
@@ -134,8 +135,8 @@ impl Law {
         groups.concat()
     }
 
-    /// The dampings of each robot, N·m·s/rad. Questions that follow one another with the same context, as a
-    /// planner asks them, are fitted once.
+    /// The dampings of each robot, N·m·s/rad. Questions after one past that follow one another, as a planner
+    /// asks them, are fitted once.
     pub fn dampings(
         &self,
         instructions: InstructionSet,
