@@ -24,7 +24,7 @@ pub struct Figure {
     pub bands: Vec<Band>,
 }
 
-/// What an axis measures and how values become positions.
+/// An axis: the quantity that it measures, and how values become positions.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Axis {
     /// The quantity, such as `RMSE`.
@@ -133,7 +133,7 @@ pub enum FigureError {
         low: f64,
         /// The upper end asked for.
         high: f64,
-        /// What would have been possible.
+        /// The values that are possible.
         allowed: &'static str,
     },
     /// More series or bands than a reader could tell apart.
@@ -149,7 +149,7 @@ pub enum FigureError {
     Drawing {
         /// The figure that was being drawn.
         layer: &'static str,
-        /// What the backend says.
+        /// The reason that the backend gives.
         source: Box<dyn std::error::Error + Send + Sync>,
     },
     /// The drawing backend wrote something else than a document of its own kind.

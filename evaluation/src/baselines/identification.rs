@@ -40,7 +40,7 @@ pub struct Identification {
     freedom: Freedom,
 }
 
-/// What of the nominal arm is fitted.
+/// The parameters of the nominal arm that are fitted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Freedom {
     Nothing,

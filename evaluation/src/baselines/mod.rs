@@ -33,7 +33,8 @@ pub struct NominalArm {
 }
 
 impl NominalArm {
-    /// Of recordings, the arm that their import names, by default the Panda of the default spec, ±10 %.
+    /// The arm that a simulation draws robots around. For recordings it is the one that their import names, by
+    /// default the Panda of the default spec, ±10 %.
     pub fn of(data: &DataSpec) -> Self {
         match data {
             DataSpec::Simulation(spec) => Self {

@@ -1,8 +1,8 @@
-//! What the context of a robot tells of its dampings: Bayesian linear regression, in closed form.
+//! The fit of a robot's dampings to its context: Bayesian linear regression, in closed form.
 
 use super::motion::Motion;
 
-/// What is known of a joint before its robot is seen.
+/// Knowledge of a joint before its robot is seen.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Prior {
     /// How far torque and velocity lie towards the newer of two values, 0 to 1.

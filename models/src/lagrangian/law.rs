@@ -15,68 +15,18 @@ use simd::{F32Array, InstructionSet, Lanes, MAX_LANES};
 use simd::{F32x8, F32x16};
 use spec::MAX_JOINTS;
 
+use super::dense::{Dense, TILE, bounded, tanh};
+use super::factored::Factored;
 use super::fit::{Prior, Sums};
 use super::motion::{Recorded, products};
 
-/// Times that the products of velocities are computed anew within a sampling time, from the velocity after
-/// it: a fixed point, whose error is multiplied with about a hundredth each time.
+/// Times that the products of velocities are computed anew within a sampling time, each time from the
+/// velocity after it that the last time gave.
 const SWEEPS: usize = 3;
 
 /// The fastest that a joint is let turn, rad/s, ten times what arms do: of a motion that the law does not
 /// know, products of velocities could drive it on and on.
 const FASTEST: f32 = 50.0;
-
-/// Outputs of a layer that are computed together.
-const TILE: usize = 8;
-
-/// A layer, packed for lanes.
-#[derive(Debug)]
-pub(super) struct Dense {
-    inputs: usize,
-    outputs: usize,
-    /// `[tile, input, output of the tile]`; 0 beyond the last output.
-    weights: Vec<[f32; TILE]>,
-    /// `[tile, output of the tile]`
-    biases: Vec<[f32; TILE]>,
-}
-
-impl Dense {
-    /// From a weight `[output, input]` and a bias `[output]`.
-    pub fn new(weight: &[f32], bias: &[f32]) -> Self {
-        let outputs = bias.len();
-        let inputs = weight.len() / outputs;
-        let tiles = outputs.div_ceil(TILE);
-        let mut weights = vec![[0.0; TILE]; tiles * inputs];
-        let mut biases = vec![[0.0; TILE]; tiles];
-        for (output, (row, &bias)) in weight.chunks_exact(inputs).zip(bias).enumerate() {
-            let (tile, lane) = (output / TILE, output % TILE);
-            biases[tile][lane] = bias;
-            for (input, &weight) in row.iter().enumerate() {
-                weights[tile * inputs + input][lane] = weight;
-            }
-        }
-        Self { inputs, outputs, weights, biases }
-    }
-
-    /// `y = W x + b`; `y` has room for whole tiles.
-    #[inline(always)]
-    fn apply<L: Lanes>(&self, x: &[L], y: &mut [L]) {
-        let tiles = self.weights.chunks_exact(self.inputs).zip(&self.biases);
-        for ((weights, biases), y) in tiles.zip(y.as_chunks_mut::<TILE>().0) {
-            let mut sums = [L::splat(0.0); TILE];
-            for output in 0..TILE {
-                sums[output] = L::splat(f64::from(biases[output]));
-            }
-            for input in 0..self.inputs {
-                for output in 0..TILE {
-                    let weight = L::splat(f64::from(weights[input][output]));
-                    sums[output] = weight.mul_add(x[input], sums[output]);
-                }
-            }
-            *y = sums;
-        }
-    }
-}
 
 /// A trained law, ready to predict.
 #[derive(Debug)]
@@ -344,7 +294,7 @@ impl Law {
             for step in 0..horizon {
                 self.look(&q, &mut pose);
                 let factored = self.factored(&pose, rate, &damping);
-                // What changes the velocity, but for products of velocities.
+                // All torques that change the velocity, but for products of velocities.
                 let mut driving = [L::splat(0.0); MAX_JOINTS];
                 for joint in 0..joints {
                     let share = L::splat(f64::from(self.priors[joint].share));
@@ -397,67 +347,6 @@ impl<L> Pose<L> {
     fn coefficients(&self, joints: usize) -> &[L] {
         &self.layers[self.last][joints * joints..][..joints * products(joints)]
     }
-}
-
-/// A positive definite matrix as L D Lᵀ, with ones on the diagonal of L.
-struct Factored<L> {
-    /// Entries of L below the diagonal.
-    lower: [[L; MAX_JOINTS]; MAX_JOINTS],
-    /// 1 / D.
-    inverse: [L; MAX_JOINTS],
-}
-
-impl<L: Lanes> Factored<L> {
-    /// From the lower triangle.
-    #[inline(always)]
-    fn new(joints: usize, mut matrix: [[L; MAX_JOINTS]; MAX_JOINTS]) -> Self {
-        let mut inverse = [L::splat(0.0); MAX_JOINTS];
-        for column in 0..joints {
-            inverse[column] = matrix[column][column].recip();
-            let mut entries = [L::splat(0.0); MAX_JOINTS];
-            for row in column + 1..joints {
-                entries[row] = matrix[row][column];
-            }
-            for row in column + 1..joints {
-                let share = entries[row] * inverse[column];
-                for other in column + 1..=row {
-                    matrix[row][other] = share.neg_mul_add(entries[other], matrix[row][other]);
-                }
-                matrix[row][column] = share;
-            }
-        }
-        Self { lower: matrix, inverse }
-    }
-
-    #[inline(always)]
-    fn solve(&self, joints: usize, x: &mut [L; MAX_JOINTS]) {
-        for row in 0..joints {
-            for column in 0..row {
-                x[row] = self.lower[row][column].neg_mul_add(x[column], x[row]);
-            }
-        }
-        for row in (0..joints).rev() {
-            x[row] = x[row] * self.inverse[row];
-            for below in row + 1..joints {
-                x[row] = self.lower[below][row].neg_mul_add(x[below], x[row]);
-            }
-        }
-    }
-}
-
-/// The nearest number from -`most` to `most`.
-#[inline(always)]
-fn bounded<L: Lanes>(x: L, most: f32) -> L {
-    let least = L::splat(f64::from(-most));
-    -((-x.max(least)).max(least))
-}
-
-/// tanh x = 1 - 2 / (e²ˣ + 1), to about 10⁻⁷; beyond ±20 it is ±1 in single precision.
-#[inline(always)]
-fn tanh<L: Lanes>(x: L) -> L {
-    let x = bounded(x, 20.0);
-    let power = (x + x).exp();
-    (power + L::splat(1.0)).recip().mul_add(L::splat(-2.0), L::splat(1.0))
 }
 
 /// The computations that are compiled once per lane type.

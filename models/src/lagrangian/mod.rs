@@ -18,6 +18,8 @@
 //! (variable projection, Golub and Pereyra 1973). A prediction fits the dampings to the whole context and
 //! integrates the equations over the horizon ([`law`]).
 
+mod dense;
+mod factored;
 mod fit;
 mod law;
 mod motion;
@@ -31,8 +33,9 @@ use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
 use burn::tensor::{Tensor, TensorData, activation};
 use spec::{LagrangianSpec, MAX_JOINTS};
 
+use self::dense::Dense;
 use self::fit::Prior;
-use self::law::{Dense, Law};
+use self::law::Law;
 use self::motion::{Recorded, products};
 use self::points::{Fitted, Points};
 use crate::ModelError;
@@ -158,10 +161,10 @@ impl Lagrangian {
         let log_noise = paced(&self.noise);
         let precision = (log_noise.clone() * -2.0).exp();
         let log_spread = paced(&self.damping_spread);
-        let spread = (log_spread.clone() * -2.0).exp();
+        let spread_precision = (log_spread.clone() * -2.0).exp();
         let unlikely = (fitted.damping(joints, &device) - paced(&self.damping).exp()).square();
-        let told = fitted.squares(joints, &device) * precision.clone() + spread.clone();
-        let dampings = unlikely * spread * 0.5 + log_spread + told.log() * 0.5;
+        let told = fitted.squares(joints, &device) * precision.clone() + spread_precision.clone();
+        let dampings = unlikely * spread_precision * 0.5 + log_spread + told.log() * 0.5;
         residual.square() * precision * 0.5 + log_noise + dampings / count as f64
     }
 
@@ -181,7 +184,7 @@ impl Lagrangian {
             .collect()
     }
 
-    /// What predicts.
+    /// The same law, ready to predict.
     fn law(&self) -> Law {
         let layers = self.hidden.iter().chain([&self.head]).map(|layer| {
             let (weight, bias) = layer.parameters();
@@ -231,8 +234,7 @@ impl Model for Lagrangian {
         let acceleration = tally.given([points, joints, 1]);
         let products = tally.given([points, 1, products(joints)]);
         let _ = self.inertial(pose, acceleration, products);
-        // What the torque that is left over is made of, itself, and its square; as much of a robot's
-        // dampings, which are one more row.
+        // The loss keeps arrays of torques, and as many of a robot's dampings, which are one more row.
         tally.given([KEPT_BY_LOSS, points + 1, joints]).keep();
     }
 

@@ -5,8 +5,9 @@ use random::{ChaCha8Rng, Rng, SeedableRng};
 use simd::InstructionSet;
 use spec::LagrangianSpec;
 
+use super::dense::Dense;
 use super::fit::Prior;
-use super::law::{Dense, Law};
+use super::law::Law;
 use super::motion::{Recorded, products};
 use super::points::Points;
 use super::{LEAST_INERTIA, Lagrangian, values};

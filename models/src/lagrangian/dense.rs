@@ -1,0 +1,70 @@
+//! The layers of the network, in lanes.
+
+use simd::Lanes;
+
+/// Outputs of a layer that are computed together.
+pub(super) const TILE: usize = 8;
+
+/// A layer, packed for lanes.
+#[derive(Debug)]
+pub(super) struct Dense {
+    pub inputs: usize,
+    pub outputs: usize,
+    /// `[tile, input, output of the tile]`; 0 beyond the last output.
+    weights: Vec<[f32; TILE]>,
+    /// `[tile, output of the tile]`
+    biases: Vec<[f32; TILE]>,
+}
+
+impl Dense {
+    /// From a weight `[output, input]` and a bias `[output]`.
+    pub fn new(weight: &[f32], bias: &[f32]) -> Self {
+        let outputs = bias.len();
+        let inputs = weight.len() / outputs;
+        let tiles = outputs.div_ceil(TILE);
+        let mut weights = vec![[0.0; TILE]; tiles * inputs];
+        let mut biases = vec![[0.0; TILE]; tiles];
+        for (output, (row, &bias)) in weight.chunks_exact(inputs).zip(bias).enumerate() {
+            let (tile, lane) = (output / TILE, output % TILE);
+            biases[tile][lane] = bias;
+            for (input, &weight) in row.iter().enumerate() {
+                weights[tile * inputs + input][lane] = weight;
+            }
+        }
+        Self { inputs, outputs, weights, biases }
+    }
+
+    /// `y = W x + b`; `y` has room for whole tiles.
+    #[inline(always)]
+    pub fn apply<L: Lanes>(&self, x: &[L], y: &mut [L]) {
+        let tiles = self.weights.chunks_exact(self.inputs).zip(&self.biases);
+        for ((weights, biases), y) in tiles.zip(y.as_chunks_mut::<TILE>().0) {
+            let mut sums = [L::splat(0.0); TILE];
+            for output in 0..TILE {
+                sums[output] = L::splat(f64::from(biases[output]));
+            }
+            for input in 0..self.inputs {
+                for output in 0..TILE {
+                    let weight = L::splat(f64::from(weights[input][output]));
+                    sums[output] = weight.mul_add(x[input], sums[output]);
+                }
+            }
+            *y = sums;
+        }
+    }
+}
+
+/// tanh x = 1 - 2 / (e²ˣ + 1), to about 10⁻⁷; beyond ±20 it is ±1 in single precision.
+#[inline(always)]
+pub(super) fn tanh<L: Lanes>(x: L) -> L {
+    let x = bounded(x, 20.0);
+    let power = (x + x).exp();
+    (power + L::splat(1.0)).recip().mul_add(L::splat(-2.0), L::splat(1.0))
+}
+
+/// The nearest number from -`most` to `most`.
+#[inline(always)]
+pub(super) fn bounded<L: Lanes>(x: L, most: f32) -> L {
+    let least = L::splat(f64::from(-most));
+    -((-x.max(least)).max(least))
+}
