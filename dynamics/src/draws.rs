@@ -16,6 +16,10 @@ pub(crate) enum Purpose {
     Geometry = 5,
     Friction = 6,
     Payload = 7,
+    PositionNoise = 8,
+    TorqueNoise = 9,
+    /// Noise that is added to positions after they were recorded.
+    AddedPositionNoise = 10,
 }
 
 /// A sequence of random numbers keyed by (seed, trajectory, purpose, draw).
@@ -38,6 +42,11 @@ impl Draws {
     /// A factor from 1 − `fraction` to 1 + `fraction`.
     pub(crate) fn factor(&mut self, fraction: f64) -> f64 {
         self.uniform(Range::new(1.0 - fraction, 1.0 + fraction))
+    }
+
+    /// Normal numbers of mean 0 and variance 1.
+    pub(crate) fn fill_normal(&mut self, values: &mut [f64]) {
+        random::fill_normal_portably(values, &mut self.0);
     }
 
     /// −1 or 1.

@@ -31,6 +31,7 @@ mod integrators;
 mod joints;
 mod kernels;
 mod kinematics;
+mod measurement;
 mod model;
 mod nominal;
 #[cfg(test)]
@@ -53,6 +54,7 @@ pub use friction::Friction;
 pub use inertia::RigidBody;
 pub use joints::Joints;
 pub use kinematics::{Kinematics, Pose};
+pub use measurement::add_position_noise;
 pub use replay::{Anchor, ArmState, Motion, Replay};
 pub use robot::{Payload, Robot};
 pub use scenario::{Scenario, Scenarios};

@@ -9,6 +9,7 @@ use spec::SimulateSpec;
 use crate::block::Block;
 use crate::dispatch;
 use crate::kinematics::POSE;
+use crate::measurement::measure;
 use crate::{DynamicsError, Scenario, Scenarios};
 
 /// Simulated trajectories with consecutive indices.
@@ -18,7 +19,8 @@ pub struct Trajectories {
     pub first: u64,
     /// Torques in N·m and positions in rad. Torque k is held from sample k to k + 1, and is to the last bit
     /// what acted: the excitation, plus g(q\[k\]) where gravity is compensated. Position k is the state at
-    /// k / rate, before torque k acts.
+    /// k / rate, before torque k acts. Where the spec asks for noise, these are the true values and those
+    /// that are measured lie beside them.
     pub series: Series,
     /// Velocities in rad/s, [trajectory, sample, joint], when the spec asks for them.
     pub qd: Option<Vec<f32>>,
@@ -148,6 +150,7 @@ fn fill(
     if cancelled.into_inner() {
         return Err(DynamicsError::Cancelled { range });
     }
+    measure(series, spec, range.start);
     *rejected = scenarios.iter().map(|scenario| u64::from(scenario.draws - 1)).sum();
     Ok(())
 }

@@ -118,7 +118,7 @@ fn meter(observed: &Observed<'_>, scoring: &Scoring) -> Option<JitterMeter> {
 impl Scoring {
     /// Positions of the horizon, `[robot, horizon, joint]`, rad.
     fn truth(&self, scenarios: &SeriesView<'_>) -> Vec<f32> {
-        scenarios.window(self.pre_roll + self.context..scenarios.samples()).copy_y()
+        scenarios.window(self.pre_roll + self.context..scenarios.samples()).copy_true_y()
     }
 }
 

@@ -172,7 +172,7 @@ impl Predictor for OracleStarted<'_> {
 impl OracleStarted<'_> {
     fn ask(&self, observed: &Observed<'_>, samples: usize) -> Result<Vec<f32>, EvaluationError> {
         let first = observed.pre_roll() + observed.context();
-        let previous = self.scenarios.window(first..self.scenarios.samples()).copy_y();
+        let previous = self.scenarios.window(first..self.scenarios.samples()).copy_true_y();
         let warm_start = Some(WarmStart { previous, shift: 0, steps: self.steps });
         let sampling = Sampling { samples, warm_start, ..self.sampling.clone() };
         let answer = self.model.sample(observed, &sampling);

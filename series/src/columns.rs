@@ -9,6 +9,8 @@ pub struct Columns<'a> {
     samples: usize,
     u: Vec<&'a [f32]>,
     y: Vec<&'a [f32]>,
+    /// True u and y, where those above are measured.
+    truth: Option<[Vec<&'a [f32]>; 2]>,
 }
 
 impl<'a> Columns<'a> {
@@ -30,7 +32,21 @@ impl<'a> Columns<'a> {
                 return Err(ShapeError::Rows { name, column, actual, samples });
             }
         }
-        Ok(Self { samples, u, y })
+        Ok(Self { samples, u, y, truth: None })
+    }
+
+    /// With the true values of what is measured, in columns of the same form.
+    ///
+    /// # Errors
+    /// As [`Columns::new`].
+    pub fn with_truth(mut self, u: Vec<&'a [f32]>, y: Vec<&'a [f32]>) -> Result<Self, ShapeError> {
+        let truth = Self::new(self.samples, u, y)?;
+        if truth.robots() != self.robots() || truth.joints() != self.joints() {
+            let (actual, joints) = (truth.joints(), self.joints());
+            return Err(ShapeError::Columns { name: "true y", actual, joints });
+        }
+        self.truth = Some([truth.u, truth.y]);
+        Ok(self)
     }
 
     pub fn robots(&self) -> usize {
@@ -45,13 +61,27 @@ impl<'a> Columns<'a> {
         self.u.len()
     }
 
-    /// Appends u of `robots`, `[robot, sample, joint]`.
-    pub(crate) fn append_u(&self, robots: Range<usize>, u: &mut Vec<f32>) {
-        interleave(&self.u, robots.start * self.samples..robots.end * self.samples, u);
+    /// Appends u and y of `robots`, each `[robot, sample, joint]`.
+    pub(crate) fn append(&self, robots: Range<usize>, u: &mut Vec<f32>, y: &mut Vec<f32>) {
+        let rows = self.rows(robots);
+        interleave(&self.u, rows.clone(), u);
+        interleave(&self.y, rows, y);
     }
 
-    pub(crate) fn append_y(&self, robots: Range<usize>, y: &mut Vec<f32>) {
-        interleave(&self.y, robots.start * self.samples..robots.end * self.samples, y);
+    pub(crate) fn has_truth(&self) -> bool {
+        self.truth.is_some()
+    }
+
+    /// As [`Columns::append`], of the true values; nothing where there are none.
+    pub(crate) fn append_truth(&self, robots: Range<usize>, u: &mut Vec<f32>, y: &mut Vec<f32>) {
+        let Some([true_u, true_y]) = &self.truth else { return };
+        let rows = self.rows(robots);
+        interleave(true_u, rows.clone(), u);
+        interleave(true_y, rows, y);
+    }
+
+    fn rows(&self, robots: Range<usize>) -> Range<usize> {
+        robots.start * self.samples..robots.end * self.samples
     }
 }
 

@@ -7,10 +7,14 @@
 //!
 //! `y[k]` is the position at sample k, before `u[k]` acts; `u[k]` is held until sample k + 1.
 //!
+//! u and y are as they were measured. A series may hold the true values beside them, for scores and
+//! losses; an [`Observed`] never does.
+//!
 //! Two copies lie between a decoded row group and a tensor: [`Series::gather`] takes the robots of a
 //! batch out of [`Columns`], and a model normalizes the batch into the tensor. Views copy nothing.
 
 mod columns;
+mod noise;
 mod observed;
 mod owned;
 mod shape;
@@ -18,6 +22,7 @@ mod track;
 mod view;
 
 pub use columns::Columns;
+pub use noise::MeasurementNoise;
 pub use observed::Observed;
 pub use owned::Series;
 pub use shape::{Shape, ShapeError};

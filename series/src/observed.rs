@@ -1,11 +1,12 @@
-use crate::{Shape, Track};
+use crate::{MeasurementNoise, Shape, Track};
 
 /// The input of a predictor: every torque, and the positions of the context only.
 ///
 /// This type is why no position of the horizon reaches a predictor. It borrows, of each robot, one
 /// slice of y, and that slice ends with the context; [`crate::SeriesView::observed`] cuts it there and
 /// is the only constructor. A predictor, a model and its normalization are handed this type and
-/// nothing else, so that they cannot look further even by mistake. What was recorded before the window,
+/// nothing else, so that they cannot look further even by mistake. True values of what was measured have
+/// no place here either: u and y are the measured ones, with the deviation of their noise. What was recorded before the window,
 /// the pre-roll, is known too; predictors see it as earlier windows, which end earlier.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Observed<'a> {
@@ -15,6 +16,7 @@ pub struct Observed<'a> {
     pub(crate) pre_roll: usize,
     pub(crate) joints: usize,
     pub(crate) rate_hz: f64,
+    pub(crate) noise: MeasurementNoise,
     /// `[pre_roll + samples, joint]` of each robot.
     pub(crate) u: Vec<&'a [f32]>,
     /// `[pre_roll + context, joint]` of each robot.
@@ -57,6 +59,11 @@ impl<'a> Observed<'a> {
 
     pub fn rate_hz(&self) -> f64 {
         self.rate_hz
+    }
+
+    /// Of the positions, and of the torques of the context.
+    pub fn noise(&self) -> MeasurementNoise {
+        self.noise
     }
 
     /// Torques of one robot over context and horizon, N·m.

@@ -1,6 +1,6 @@
 use std::ops::Range;
 
-use crate::{Columns, Observed, SeriesView, Shape, ShapeError};
+use crate::{Columns, MeasurementNoise, Observed, SeriesView, Shape, ShapeError};
 
 /// Torques and positions of robots that all have the same samples, joints and rate.
 ///
@@ -12,6 +12,15 @@ pub struct Series {
     /// Samples of y.
     known: usize,
     rate_hz: f64,
+    u: Vec<f32>,
+    y: Vec<f32>,
+    noise: MeasurementNoise,
+    /// What u and y were measured of; `None` where they are all that is known.
+    truth: Option<Truth>,
+}
+
+#[derive(Clone, Debug, Default, PartialEq)]
+struct Truth {
     u: Vec<f32>,
     y: Vec<f32>,
 }
@@ -38,7 +47,14 @@ impl Series {
     ) -> Result<Self, ShapeError> {
         shape.check("u", u.len())?;
         Shape { samples: known, ..shape }.check("y", y.len())?;
-        Ok(Self { shape, known, rate_hz, u, y })
+        let noise = MeasurementNoise::default();
+        Ok(Self { shape, known, rate_hz, u, y, noise, truth: None })
+    }
+
+    /// The same values, said to be measured with `noise`.
+    #[must_use]
+    pub fn with_noise(self, noise: MeasurementNoise) -> Self {
+        Self { noise, ..self }
     }
 
     /// No robots yet, and memory for those of `shape`.
@@ -53,6 +69,8 @@ impl Series {
             rate_hz,
             u: Vec::with_capacity(values),
             y: Vec::with_capacity(values),
+            noise: MeasurementNoise::default(),
+            truth: None,
         })
     }
 
@@ -63,8 +81,11 @@ impl Series {
     pub fn gather(&mut self, columns: &Columns<'_>, robots: Range<usize>) {
         let Shape { samples, joints, .. } = self.shape;
         assert_eq!((columns.samples(), columns.joints()), (samples, joints), "samples and joints");
-        columns.append_u(robots.clone(), &mut self.u);
-        columns.append_y(robots.clone(), &mut self.y);
+        columns.append(robots.clone(), &mut self.u, &mut self.y);
+        if columns.has_truth() {
+            let Truth { u, y } = self.truth.get_or_insert_default();
+            columns.append_truth(robots.clone(), u, y);
+        }
         self.shape.robots += robots.len();
     }
 
@@ -83,7 +104,33 @@ impl Series {
             }
         }
         (self.shape, self.known, self.rate_hz) = (shape, shape.samples, rate_hz);
+        (self.noise, self.truth) = (MeasurementNoise::default(), None);
         Ok(())
+    }
+
+    /// u and y, to have `noise` added to what they have. What they were before the first time stays as
+    /// the truth.
+    pub fn add_noise(&mut self, noise: MeasurementNoise) -> (&mut [f32], &mut [f32]) {
+        let Self { u, y, truth, .. } = self;
+        truth.get_or_insert_with(|| Truth { u: u.clone(), y: y.clone() });
+        self.noise = self.noise.and(noise);
+        (u, y)
+    }
+
+    /// From `sample` on, torques are planned and not measured: they become the true ones.
+    ///
+    /// # Panics
+    /// When there are fewer samples.
+    pub fn plan_from(&mut self, sample: usize) {
+        let Some(truth) = &self.truth else { return };
+        let row = self.shape.samples * self.shape.joints;
+        if row == 0 {
+            return;
+        }
+        let planned = sample * self.shape.joints..row;
+        for (u, true_u) in self.u.chunks_exact_mut(row).zip(truth.u.chunks_exact(row)) {
+            u[planned.clone()].copy_from_slice(&true_u[planned.clone()]);
+        }
     }
 
     pub fn shape(&self) -> Shape {
@@ -105,6 +152,21 @@ impl Series {
 
     pub fn rate_hz(&self) -> f64 {
         self.rate_hz
+    }
+
+    /// Of positions and torques.
+    pub fn noise(&self) -> MeasurementNoise {
+        self.noise
+    }
+
+    /// True torques, in the form of [`Series::u`]; the same where nothing else is known.
+    pub fn true_u(&self) -> &[f32] {
+        self.truth.as_ref().map_or(&self.u, |truth| &truth.u)
+    }
+
+    /// True positions, in the form of [`Series::y`]; the same where nothing else is known.
+    pub fn true_y(&self) -> &[f32] {
+        self.truth.as_ref().map_or(&self.y, |truth| &truth.y)
     }
 
     /// Torques `[robot, sample, joint]`, N·m.
@@ -135,12 +197,32 @@ impl Series {
         self.part(0..self.shape.robots)
     }
 
+    /// Consecutive robots in memory of their own.
+    ///
+    /// # Panics
+    /// When there are no such robots.
+    #[must_use]
+    pub fn copy(&self, robots: Range<usize>) -> Self {
+        let row = self.shape.samples * self.shape.joints;
+        let known = self.known * self.shape.joints;
+        let cut =
+            |values: &[f32], row: usize| values[robots.start * row..robots.end * row].to_vec();
+        let truth = self.truth.as_ref();
+        Self {
+            shape: Shape { robots: robots.len(), ..self.shape },
+            u: cut(&self.u, row),
+            y: cut(&self.y, known),
+            truth: truth.map(|truth| Truth { u: cut(&truth.u, row), y: cut(&truth.y, known) }),
+            ..*self
+        }
+    }
+
     /// Consecutive robots.
     ///
     /// # Panics
     /// When there are no such robots.
     pub fn part(&self, robots: Range<usize>) -> SeriesView<'_> {
-        let Self { shape, known, rate_hz, .. } = *self;
+        let Self { shape, known, rate_hz, noise, .. } = *self;
         let rows = |values, samples| robots.clone().map(move |robot| row(values, robot, samples));
         let joints = shape.joints;
         SeriesView {
@@ -148,8 +230,10 @@ impl Series {
             known,
             joints,
             rate_hz,
+            noise,
             u: rows(&self.u[..], shape.samples * joints).collect(),
             y: rows(&self.y[..], known * joints).collect(),
+            true_y: rows(self.true_y(), known * joints).collect(),
         }
     }
 

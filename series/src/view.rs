@@ -1,6 +1,6 @@
 use std::ops::Range;
 
-use crate::{Observed, Shape, Track};
+use crate::{MeasurementNoise, Observed, Shape, Track};
 
 /// Some robots and some samples of a [`crate::Series`]: a slice of each robot, nothing copied.
 #[derive(Clone, Debug, PartialEq)]
@@ -10,9 +10,12 @@ pub struct SeriesView<'a> {
     pub(crate) known: usize,
     pub(crate) joints: usize,
     pub(crate) rate_hz: f64,
+    pub(crate) noise: MeasurementNoise,
     /// `[sample, joint]` of each robot.
     pub(crate) u: Vec<&'a [f32]>,
     pub(crate) y: Vec<&'a [f32]>,
+    /// Those of `y` where nothing else is known.
+    pub(crate) true_y: Vec<&'a [f32]>,
 }
 
 impl<'a> SeriesView<'a> {
@@ -42,14 +45,25 @@ impl<'a> SeriesView<'a> {
         self.rate_hz
     }
 
+    /// Of positions and torques.
+    pub fn noise(&self) -> MeasurementNoise {
+        self.noise
+    }
+
     /// Torques of one robot, N·m.
     pub fn u(&self, robot: usize) -> Track<'a> {
         Track::new(self.u[robot], self.joints)
     }
 
-    /// Known positions of one robot, rad.
+    /// Known positions of one robot as they were measured, rad.
     pub fn y(&self, robot: usize) -> Track<'a> {
         Track::new(self.y[robot], self.joints)
+    }
+
+    /// Known positions of one robot without noise, rad: for scores and losses. They are the measured ones
+    /// where no others are known, as of recordings.
+    pub fn true_y(&self, robot: usize) -> Track<'a> {
+        Track::new(self.true_y[robot], self.joints)
     }
 
     /// Consecutive robots.
@@ -58,7 +72,8 @@ impl<'a> SeriesView<'a> {
     /// When there are no such robots.
     #[must_use]
     pub fn part(&self, robots: Range<usize>) -> Self {
-        Self { u: self.u[robots.clone()].to_vec(), y: self.y[robots].to_vec(), ..*self }
+        let part = |rows: &[&'a [f32]]| rows[robots.clone()].to_vec();
+        Self { u: part(&self.u), y: part(&self.y), true_y: part(&self.true_y), ..*self }
     }
 
     /// The same robots over `samples` only.
@@ -67,7 +82,7 @@ impl<'a> SeriesView<'a> {
     /// When there are no such samples.
     #[must_use]
     pub fn window(&self, samples: Range<usize>) -> Self {
-        let Self { joints, rate_hz, .. } = *self;
+        let Self { joints, rate_hz, noise, .. } = *self;
         let known = samples.start.min(self.known)..samples.end.min(self.known);
         let cut = |rows: &[&'a [f32]], samples: &Range<usize>| {
             rows.iter().map(|row| &row[samples.start * joints..samples.end * joints]).collect()
@@ -77,14 +92,16 @@ impl<'a> SeriesView<'a> {
             known: known.len(),
             joints,
             rate_hz,
+            noise,
             u: cut(&self.u, &samples),
             y: cut(&self.y, &known),
+            true_y: cut(&self.true_y, &known),
         }
     }
 
-    /// Known positions of all robots in memory of their own, `[robot, sample, joint]`, rad.
-    pub fn copy_y(&self) -> Vec<f32> {
-        self.y.concat()
+    /// Known positions of all robots without noise in memory of their own, `[robot, sample, joint]`, rad.
+    pub fn copy_true_y(&self) -> Vec<f32> {
+        self.true_y.concat()
     }
 
     /// The part that a predictor may know of the window that begins after `pre_roll` samples: its torques, and
@@ -93,7 +110,7 @@ impl<'a> SeriesView<'a> {
     /// # Panics
     /// When y is known for fewer samples, or the context is longer than the window.
     pub fn observed(&self, pre_roll: usize, context: usize) -> Observed<'a> {
-        let Self { samples, known, joints, rate_hz, .. } = *self;
+        let Self { samples, known, joints, rate_hz, noise, .. } = *self;
         let end = pre_roll + context;
         assert!(end <= known && known <= samples, "y is known for {known} samples, not for {end}");
         Observed {
@@ -102,6 +119,7 @@ impl<'a> SeriesView<'a> {
             pre_roll,
             joints,
             rate_hz,
+            noise,
             u: self.u.clone(),
             y: self.y.iter().map(|row| &row[..end * joints]).collect(),
         }

@@ -58,8 +58,8 @@ pub use robot::{
 };
 pub use simulate::{
     Cell, Chirp, ChirpBand, Column, ColumnType, Doubt, Excitation, Family, Frequency, Friction,
-    Gravity, Integrator, MAX_TRAJECTORIES, Multisine, Observations, Payload, Precision, Rejection,
-    RobotSpec, SimulateSpec,
+    Gravity, Integrator, MAX_POSITION_NOISE_RAD, MAX_TRAJECTORIES, Multisine, Observations,
+    Payload, Precision, Rejection, RobotSpec, SimulateSpec,
 };
 pub use train::{
     EarlyStopSpec, EmaSpec, Normalization, OptimizerSpec, TrainSpec, Training, ValidationMetric,

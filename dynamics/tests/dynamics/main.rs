@@ -10,6 +10,7 @@ mod accuracy;
 mod calibration;
 mod determinism;
 mod equations;
+mod measurement;
 mod observations;
 mod other_arms;
 mod replay;

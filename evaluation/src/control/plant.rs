@@ -38,7 +38,7 @@ impl Plant {
         };
         let torques = recorded
             .series
-            .u()
+            .true_u()
             .chunks_exact(recorded.series.joints())
             .take(samples)
             .map(Joints::from);

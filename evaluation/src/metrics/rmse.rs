@@ -8,7 +8,7 @@ use series::SeriesView;
 /// # Panics
 /// When `predicted` has another length.
 pub fn rmse_deg(scenarios: &SeriesView<'_>, context: usize, predicted: &[f32]) -> Vec<f64> {
-    let truth = scenarios.window(context..scenarios.samples()).copy_y();
+    let truth = scenarios.window(context..scenarios.samples()).copy_true_y();
     assert_eq!(predicted.len(), truth.len(), "[robot, horizon, joint] values");
     let row = (truth.len() / scenarios.robots().max(1)).max(1);
     let each = truth.chunks_exact(row).zip(predicted.chunks_exact(row));

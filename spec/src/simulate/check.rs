@@ -22,6 +22,7 @@ impl Check for SimulateSpec {
         report.part("excitation", &self.excitation);
         report.part("robot", &self.robot);
         report.part("initial_state", &self.initial_state);
+        report.part("observations", &self.observations);
         report.part("rejection", &self.rejection);
         report.part("integrator", &self.integrator);
         report.part("execution", &self.execution);

@@ -88,6 +88,20 @@ impl Column {
         })
     }
 
+    /// Torques with their noise, `u_measured1`, `u_measured2`, ...
+    pub fn measured_torques(joints: usize) -> impl Iterator<Item = Self> {
+        numbered(joints, "u_measured", ColumnType::Float32, "N·m", |joint| {
+            format!("torque of joint {joint} as it is measured, with noise")
+        })
+    }
+
+    /// Positions with their noise, `q_measured1`, `q_measured2`, ...
+    pub fn measured_positions(joints: usize) -> impl Iterator<Item = Self> {
+        numbered(joints, "q_measured", ColumnType::Float32, "rad", |joint| {
+            format!("position of joint {joint} as it is measured, with noise and rounded")
+        })
+    }
+
     /// Velocities `qd1`, `qd2`, ...
     pub fn velocities(joints: usize) -> impl Iterator<Item = Self> {
         numbered(joints, "qd", ColumnType::Float32, "rad/s", |joint| {
@@ -119,6 +133,12 @@ impl SimulateSpec {
         }
         if self.observations.end_effector_pose {
             columns.extend(end_effector_pose());
+        }
+        if self.observations.measures_torques() {
+            columns.extend(Column::measured_torques(joints));
+        }
+        if self.observations.measures_positions() {
+            columns.extend(Column::measured_positions(joints));
         }
         columns
     }

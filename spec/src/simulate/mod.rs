@@ -16,6 +16,6 @@ pub(crate) use completion::{complete, complete_robot};
 pub use excitation::{Chirp, ChirpBand, Excitation, Family, Frequency, Multisine};
 pub use following::Doubt;
 pub use integrator::{Integrator, Precision};
-pub use observations::Observations;
+pub use observations::{MAX_POSITION_NOISE_RAD, Observations};
 pub use robot_spec::{Friction, Gravity, Payload, RobotSpec};
 pub use spec::{Cell, MAX_TRAJECTORIES, Rejection, SimulateSpec};

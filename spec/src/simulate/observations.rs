@@ -1,8 +1,10 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use crate::check::{Check, Report};
+
 /// What is recorded besides torques and joint positions, as further columns.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Observations {
     /// Joint velocities `qd1` to `qd7`, rad/s.
@@ -10,4 +12,55 @@ pub struct Observations {
     /// Pose of the hand's frame in the base's: position `ee_x`, `ee_y`, `ee_z` in m and unit
     /// quaternion `ee_qx`, `ee_qy`, `ee_qz`, `ee_qw`, whose sign is continuous in time.
     pub end_effector_pose: bool,
+    /// Standard deviation of the Gaussian noise of measured positions, rad, 0 to 0.1. Models and
+    /// baselines then see `q_measured1`, ..; their errors are those against the positions `q1`, ..
+    #[serde(skip_serializing_if = "is_zero")]
+    pub position_noise_rad: f64,
+    /// Step of the encoders, rad, 0 to 0.1: measured positions are multiples of it, after noise was
+    /// added. 0 rounds nothing.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub position_resolution_rad: f64,
+    /// Standard deviation of the Gaussian noise of measured torques, N·m, 0 to 100. Models and
+    /// baselines then see `u_measured1`, .. over the context. The torques of the horizon are planned
+    /// and not measured.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub torque_noise_nm: f64,
+}
+
+/// The largest noise and resolution of positions, rad: 5.7 degrees.
+pub const MAX_POSITION_NOISE_RAD: f64 = 0.1;
+
+/// The largest noise of torques, N·m.
+const MAX_TORQUE_NOISE_NM: f64 = 100.0;
+
+impl Observations {
+    /// Whether measured positions differ from true ones.
+    pub fn measures_positions(&self) -> bool {
+        self.position_noise_rad > 0.0 || self.position_resolution_rad > 0.0
+    }
+
+    /// Whether measured torques differ from true ones.
+    pub fn measures_torques(&self) -> bool {
+        self.torque_noise_nm > 0.0
+    }
+
+    /// Standard deviation of the error of a measured position, rad. Rounding to multiples of r has an
+    /// error of standard deviation r / √12.
+    pub fn position_deviation_rad(&self) -> f64 {
+        self.position_noise_rad.hypot(self.position_resolution_rad / 12.0_f64.sqrt())
+    }
+}
+
+impl Check for Observations {
+    fn check(&self, report: &mut Report) {
+        let position = 0.0..=MAX_POSITION_NOISE_RAD;
+        report.within("position_noise_rad", self.position_noise_rad, position.clone());
+        report.within("position_resolution_rad", self.position_resolution_rad, position);
+        report.within("torque_noise_nm", self.torque_noise_nm, 0.0..=MAX_TORQUE_NOISE_NM);
+    }
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
+fn is_zero(value: &f64) -> bool {
+    *value == 0.0
 }

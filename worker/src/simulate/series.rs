@@ -18,11 +18,17 @@ pub(super) fn record_batch(
 ) -> Result<RecordBatch, ArrowError> {
     let mut columns = ids(simulated)?.to_vec();
     let joints = simulated.series.joints();
+    let series = &simulated.series;
+    let measured = |prefix: &str, values| {
+        schema.field_with_name(&format!("{prefix}1")).is_ok().then_some(values)
+    };
     let recorded = [
-        (Some(simulated.series.u()), joints),
-        (Some(simulated.series.y()), joints),
+        (Some(series.true_u()), joints),
+        (Some(series.true_y()), joints),
         (simulated.qd.as_deref(), joints),
         (simulated.end_effector.as_deref(), POSE),
+        (measured("u_measured", series.u()), joints),
+        (measured("q_measured", series.y()), joints),
     ];
     for (series, width) in recorded {
         let Some(series) = series else { continue };

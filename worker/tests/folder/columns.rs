@@ -10,7 +10,10 @@ use super::fixture::{description, make, rows, spec_with, verify};
 fn rich() -> spec::SimulateSpec {
     spec_with(&json!({
         "seed": 12,
-        "observations": {"joint_velocities": true, "end_effector_pose": true},
+        "observations": {
+            "joint_velocities": true, "end_effector_pose": true,
+            "position_noise_rad": 1e-3, "torque_noise_nm": 0.2,
+        },
         "robot": {
             "gravity": "compensated",
             "geometry_fraction": 0.05,
@@ -100,6 +103,21 @@ fn what_is_off_is_null_and_what_is_on_is_told() {
     assert_eq!((compensated(&plain), compensated(&rich)), (0, 40));
     let seed = rich.column_by_name("seed").unwrap().as_primitive::<Int64Type>();
     assert!(seed.values().iter().all(|&seed| seed == 12));
+}
+
+/// What is not asked for has no columns: a simulation without noise is what it was.
+#[test]
+fn measured_values_have_columns_where_there_is_noise() {
+    let names = |observations: serde_json::Value| {
+        let columns = spec_with(&json!({"observations": observations})).trajectory_columns();
+        columns.into_iter().map(|column| column.name).skip(16).collect::<Vec<_>>()
+    };
+    let numbered = |prefix: &str| (1..=7).map(move |k| format!("{prefix}{k}")).collect::<Vec<_>>();
+    assert!(names(json!({})).is_empty());
+    assert_eq!(names(json!({"position_resolution_rad": 1e-4})), numbered("q_measured"));
+    assert_eq!(names(json!({"torque_noise_nm": 0.1})), numbered("u_measured"));
+    let both = [numbered("u_measured"), numbered("q_measured")].concat();
+    assert_eq!(names(json!({"torque_noise_nm": 0.1, "position_noise_rad": 1e-3})), both);
 }
 
 #[test]
