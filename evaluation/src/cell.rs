@@ -17,6 +17,9 @@ pub struct CellResult {
     pub family: Option<Family>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub frequency_hz: Option<f64>,
+    /// Standard deviation of the noise that was added to the positions of contexts, rad.
+    #[serde(default)]
+    pub position_noise_rad: f64,
     /// Index of the first scenario in the dataset; the others follow.
     pub first: u64,
     /// Joints of every robot.
@@ -116,7 +119,7 @@ fn meter(observed: &Observed<'_>, scoring: &Scoring) -> Option<JitterMeter> {
 }
 
 impl Scoring {
-    /// Positions of the horizon, `[robot, horizon, joint]`, rad.
+    /// True positions of the horizon, `[robot, horizon, joint]`, rad.
     fn truth(&self, scenarios: &SeriesView<'_>) -> Vec<f32> {
         scenarios.window(self.pre_roll + self.context..scenarios.samples()).copy_true_y()
     }
@@ -309,6 +312,7 @@ mod tests {
             cell: 1,
             family: Some(Family::Chirp),
             frequency_hz: Some(0.3),
+            position_noise_rad: 0.0,
             first: 200,
             joints: JOINTS,
             predictors: evaluate_cell(&scenarios().view(), &SCORING, predictors),

@@ -68,6 +68,19 @@ mod tests {
     }
 
     #[test]
+    fn every_cell_comes_at_every_level_of_noise() {
+        let inputs = inputs_of(&parse(&json!({"preset": "grid-chirp"})));
+        let spec = json!({
+            "kind": "evaluate", "data": {"digest": "0".repeat(64)}, "position_noise_rad": [0, 1e-3],
+        });
+        let tasks = kind(&parse(&spec)).unwrap().tasks(&inputs).unwrap();
+        let labels: Vec<&str> = tasks.iter().map(|task| task.label.as_str()).collect();
+        assert_eq!(labels.len(), 21);
+        assert_eq!([labels[2], labels[12]], ["chirp 0.3 Hz", "chirp 0.3 Hz at 0.001 rad"]);
+        assert_eq!(tasks[12].payload, json!({"cell": 12}));
+    }
+
+    #[test]
     fn latencies_are_measured_between_the_cells_and_the_report() {
         let inputs = inputs_of(&parse(&json!({"preset": "grid-chirp"})));
         let spec = json!({"kind": "evaluate", "data": {"digest": "0".repeat(64)}, "latency": {}});

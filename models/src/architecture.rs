@@ -5,6 +5,7 @@ use std::rc::Rc;
 
 use burn::module::{ModuleMapper, ModuleVisitor};
 use burn::tensor::Tensor;
+use series::MeasurementNoise;
 
 use crate::ModelError;
 use crate::activations::Tally;
@@ -100,6 +101,8 @@ pub(crate) struct ModelInput {
     /// The path that answers are relative to, as normalized positions `[batch, sample, joint]`.
     pub path: Tensor<3>,
     pub rate_hz: f64,
+    /// Of positions, in rad, and of the torques of the context, in N·m.
+    pub measurement_noise: MeasurementNoise,
 }
 
 /// How an answer is come by.

@@ -260,6 +260,7 @@ mod tests {
             seen_context: series(EXTENTS.context),
             path: series(400),
             rate_hz: 60.0,
+            measurement_noise: series::MeasurementNoise::default(),
         };
         let rows = |purpose| (0..batch as u64).map(move |row| generator(0, purpose, 0, row));
         let mut noise = Noise::new(rows(Purpose::Training)).with_dropout(rows(Purpose::Dropout));

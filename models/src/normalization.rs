@@ -215,10 +215,11 @@ pub(crate) fn model_input(
         seen_context: tensor(seen_context, context),
         path: tensor(path, samples),
         rate_hz: observed.rate_hz(),
+        measurement_noise: observed.noise(),
     }
 }
 
-/// Positions of the horizon as the frames see them, `[robot, horizon, joint]`.
+/// True positions of the horizon as the frames see them, `[robot, horizon, joint]`.
 pub(crate) fn target(
     batch: &SeriesView<'_>,
     frames: &[Frame],
@@ -229,7 +230,7 @@ pub(crate) fn target(
     let horizon = samples - context;
     let mut target = Vec::with_capacity(robots * horizon * joints);
     for (robot, frame) in frames.iter().enumerate() {
-        frame.extend_seen(&batch.y(robot).values()[context * joints..], context, &mut target);
+        frame.extend_seen(&batch.true_y(robot).values()[context * joints..], context, &mut target);
     }
     Tensor::from_data(TensorData::new(target, [robots, horizon, joints]), device)
 }

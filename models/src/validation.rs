@@ -73,7 +73,7 @@ fn rmse_sum(predicted: &[f32], batch: &SeriesView<'_>, context: usize) -> f64 {
     let mut total = 0.0;
     for (robot, predicted) in predicted.chunks_exact(horizon * joints).enumerate() {
         let mut squares = vec![0.0; joints];
-        let truth = batch.y(robot).iter().skip(context);
+        let truth = batch.true_y(robot).iter().skip(context);
         for (predicted, truth) in predicted.chunks_exact(joints).zip(truth) {
             for joint in 0..joints {
                 squares[joint] += f64::from(predicted[joint] - truth[joint]).powi(2);

@@ -1,5 +1,5 @@
 use spec::Family;
-use wire::{CellSummary, Interval, PredictorInfo, PredictorSummary, Report};
+use wire::{CellSummary, Interval, PredictorInfo, PredictorSummary, Report, at_noise};
 
 use super::{degrees, label};
 use crate::table::{Align, Table};
@@ -26,14 +26,23 @@ pub fn by_group(report: &Report) -> String {
 /// Mean RMSE of every predictor at every frequency, family by family; in distribution is marked by
 /// an asterisk.
 pub fn by_frequency(report: &Report) -> String {
+    let mut levels: Vec<f64> = Vec::new();
+    for cell in &report.cells {
+        if !levels.contains(&cell.position_noise_rad) {
+            levels.push(cell.position_noise_rad);
+        }
+    }
     let families = [Family::Chirp, Family::Multisine];
-    let tables = families.into_iter().filter_map(|family| family_by_frequency(report, family));
+    let tables = families.into_iter().flat_map(|family| {
+        levels.iter().filter_map(move |&level| family_by_frequency(report, family, level))
+    });
     tables.collect::<Vec<_>>().join("\n")
 }
 
-fn family_by_frequency(report: &Report, family: Family) -> Option<String> {
-    let cells: Vec<&CellSummary> =
-        report.cells.iter().filter(|cell| cell.family == Some(family)).collect();
+fn family_by_frequency(report: &Report, family: Family, level: f64) -> Option<String> {
+    let is_here =
+        |cell: &&CellSummary| cell.family == Some(family) && cell.position_noise_rad == level;
+    let cells: Vec<&CellSummary> = report.cells.iter().filter(is_here).collect();
     if cells.is_empty() {
         return None;
     }
@@ -41,8 +50,9 @@ fn family_by_frequency(report: &Report, family: Family) -> Option<String> {
         let mark = if cell.in_distribution { "*" } else { " " };
         (format!("{:.2}{mark}", cell.frequency_hz.unwrap_or_default()), Align::Right)
     });
-    let mut table =
-        Table::new([(format!("{family}, Hz"), Align::Left)].into_iter().chain(frequencies));
+    let mut table = Table::new(
+        [(format!("{family}{}, Hz", at_noise(level)), Align::Left)].into_iter().chain(frequencies),
+    );
     for predictor in &report.predictors {
         // In line with the frequencies, whose last place is the mark's.
         let errors = cells.iter().map(|cell| error(predictor, &cell.rmse_deg));

@@ -1,4 +1,4 @@
-use crate::{Cell, Column, ImportSpec, SimulateSpec};
+use crate::{Cell, Column, ImportSpec, Observations, SimulateSpec};
 
 /// What makes trajectories: the spec behind a dataset or a stream.
 #[derive(Clone, Debug, PartialEq)]
@@ -66,6 +66,11 @@ impl DataSpec {
     /// The cells of a simulation's frequency grid, in order; none without one.
     pub fn cells(&self) -> Vec<Cell> {
         self.simulation().map(SimulateSpec::cells).unwrap_or_default()
+    }
+
+    /// What is recorded besides torques and positions, and with which noise; of an import nothing is known.
+    pub fn observations(&self) -> Observations {
+        self.simulation().map(|spec| spec.observations).unwrap_or_default()
     }
 
     pub fn simulation(&self) -> Option<&SimulateSpec> {

@@ -53,6 +53,35 @@ fn a_number_out_of_range_is_named_with_its_range() {
     check_refused(train(), "/model/heads", json!(7), &["model.d_model", "a multiple of heads"]);
 }
 
+#[test]
+fn noise_that_no_sensor_has_is_refused() {
+    for (field, value, expected) in [
+        ("position_noise_rad", json!(-1e-3), "observations.position_noise_rad is -0.001: 0 to 0.1"),
+        ("position_noise_rad", json!(3.0), "observations.position_noise_rad is 3: 0 to 0.1"),
+        ("position_resolution_rad", json!(0.2), "position_resolution_rad is 0.2: 0 to 0.1"),
+        ("torque_noise_nm", json!(101), "observations.torque_noise_nm is 101: 0 to 100"),
+        ("torque_noise_nm", json!(null), "observations.torque_noise_nm"),
+    ] {
+        let mut base = simulate();
+        base["observations"] = json!({});
+        let at = format!("/observations/{field}");
+        let error = error_of(base, &at, value);
+        for part in expected.split(": ") {
+            assert!(error.contains(part), "{error:?} lacks {part:?}");
+        }
+    }
+    let evaluate = json!({"kind": "evaluate"});
+    for (levels, expected) in [
+        (json!([]), "position_noise_rad is 0"),
+        (json!([0, -1e-4]), "position_noise_rad[1] is -0.0001"),
+        (json!([0.2]), "position_noise_rad[0] is 0.2"),
+        (json!([1e-3, 1e-3]), "position_noise_rad is 0.001 twice"),
+        (json!(1e-3), "position_noise_rad"),
+    ] {
+        check_refused(evaluate.clone(), "/position_noise_rad", levels, &[expected]);
+    }
+}
+
 fn train_a(preset: &str) -> Value {
     let mut base = train();
     base["model"] = json!({"preset": preset});

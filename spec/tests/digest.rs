@@ -91,3 +91,27 @@ proptest! {
         let _ = parse(text.as_bytes());
     }
 }
+
+/// Noise came later: what does not ask for it means what it meant before.
+#[test]
+fn noise_at_its_default_is_not_part_of_a_spec() {
+    let simulate = json!({
+        "kind": "simulate", "trajectories": 1, "excitation": {"chirp": {"frequency_hz": {"fixed": 0.5}}}
+    });
+    let with = |observations: serde_json::Value| {
+        let mut spec = simulate.clone();
+        spec["observations"] = observations;
+        spec::parse(spec.to_string().as_bytes()).unwrap().digest()
+    };
+    let zeros =
+        json!({"position_noise_rad": 0, "position_resolution_rad": 0.0, "torque_noise_nm": 0});
+    assert_eq!(with(zeros), with(json!({})));
+    assert_ne!(with(json!({"position_noise_rad": 1e-3})), with(json!({})));
+    let evaluate = |fields: serde_json::Value| {
+        let mut spec = json!({"kind": "evaluate"});
+        spec.as_object_mut().unwrap().extend(fields.as_object().unwrap().clone());
+        spec::parse(spec.to_string().as_bytes()).unwrap().digest()
+    };
+    assert_eq!(evaluate(json!({"position_noise_rad": [0]})), evaluate(json!({})));
+    assert_ne!(evaluate(json!({"position_noise_rad": [0, 1e-3]})), evaluate(json!({})));
+}

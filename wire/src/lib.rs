@@ -42,9 +42,9 @@ pub use predictions::{
 pub use presets::Presets;
 pub use problem::Problem;
 pub use report::{
-    Calibration, CellSummary, FailureSummary, GroupSummary, Interval, IntervalSummary, Latency,
-    PairedDifference, PredictorInfo, PredictorKind, PredictorScores, PredictorSummary, Report,
-    SamplingInfo, TrainedOn, WorstCase,
+    Calibration, CellSummary, DataNoise, FailureSummary, GroupSummary, Interval, IntervalSummary,
+    Latency, PairedDifference, PredictorInfo, PredictorKind, PredictorScores, PredictorSummary,
+    Report, SamplingInfo, TrainedOn, WorstCase, at_noise,
 };
 pub use runs::{Artifact, LatestMetric, Metric, MetricPoint, Run, Runs};
 pub use states::{DatasetState, JobState, TaskState, UnknownState};

@@ -14,6 +14,9 @@ pub struct PredictionRequest {
     pub scenarios: Vec<ObservedScenario>,
     #[serde(default)]
     pub sampling: PredictionSampling,
+    /// Standard deviation of the noise of `y`, rad, 0 to 0.1: models that fit motions filter them by it.
+    #[serde(default)]
+    pub position_noise_rad: f64,
 }
 
 /// The motion of a robot so far, and the torques to come.

@@ -17,6 +17,9 @@ pub struct Report {
     pub bootstrap: Bootstrap,
     /// Samples that each predictor with several was asked for.
     pub samples: u32,
+    /// The noise of the data itself; none of data without.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub data_noise: Option<DataNoise>,
     /// The predictors, in the order of every table.
     pub predictors: Vec<PredictorInfo>,
     /// The frequencies that all checkpoints were trained on; cells inside are in distribution.
@@ -113,6 +116,9 @@ pub struct CellSummary {
     pub family: Option<Family>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub frequency_hz: Option<f64>,
+    /// Standard deviation of the noise that was added to the positions of contexts, rad.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub position_noise_rad: f64,
     pub in_distribution: bool,
     pub scenarios: u64,
     pub rmse_deg: Vec<PredictorSummary>,
@@ -128,6 +134,9 @@ pub struct CellSummary {
 pub struct GroupSummary {
     pub name: String,
     pub scenarios: u64,
+    /// Standard deviation of the noise that was added to the positions of contexts, rad.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub position_noise_rad: f64,
     pub rmse_deg: Vec<PredictorSummary>,
     #[serde(default)]
     pub scores: Vec<PredictorScores>,
@@ -194,6 +203,9 @@ pub struct Calibration {
 pub struct PairedDifference {
     pub group: String,
     pub predictor: String,
+    /// Standard deviation of the noise that was added to the positions of contexts, rad.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub position_noise_rad: f64,
     pub against: String,
     /// RMSE of `predictor` less that of `against`; negative is better.
     pub difference_deg: Interval,
@@ -207,6 +219,9 @@ pub struct FailureSummary {
     pub family: Option<Family>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub frequency_hz: Option<f64>,
+    /// Standard deviation of the noise that was added to the positions of contexts, rad.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub position_noise_rad: f64,
     /// The number of those scenarios.
     pub scenarios: u64,
     /// Index of the first in the dataset.
@@ -222,6 +237,9 @@ pub struct WorstCase {
     pub family: Option<Family>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub frequency_hz: Option<f64>,
+    /// Standard deviation of the noise that was added to the positions of contexts, rad.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub position_noise_rad: f64,
     /// Index in the dataset.
     pub trajectory: u64,
     /// The seed of the dataset's simulation; recordings have none.
@@ -236,4 +254,21 @@ pub struct Interval {
     pub mean: f64,
     pub low: f64,
     pub high: f64,
+}
+
+/// Standard deviations of the errors of measured values.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct DataNoise {
+    pub position_rad: f64,
+    pub torque_nm: f64,
+}
+
+/// How tables name a level of noise, after what they name a cell or a group: nothing at 0.
+pub fn at_noise(position_noise_rad: f64) -> String {
+    if position_noise_rad > 0.0 { format!(" at {position_noise_rad} rad") } else { String::new() }
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
+fn is_zero(value: &f64) -> bool {
+    *value == 0.0
 }

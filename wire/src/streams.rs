@@ -24,6 +24,9 @@ pub struct StreamSettings {
     /// Noise levels that a prediction which begins with the one before removes; `null` begins with
     /// noise every time.
     pub warm_start_steps: Option<u32>,
+    /// Standard deviation of the noise of positions, rad, 0 to 0.1: models that fit motions filter them
+    /// by it.
+    pub position_noise_rad: f64,
 }
 
 /// Samples measured since the last message and, for a prediction, the torques that are planned.

@@ -5,7 +5,7 @@ use std::ops::Range;
 use arrow::array::{AsArray, RecordBatch};
 use arrow::datatypes::Float32Type;
 use arrow::error::ArrowError;
-use series::{Columns, Series, Shape};
+use series::{Columns, MeasurementNoise, Series, Shape};
 use spec::{Column, DataSource, DataSpec, JobSpec};
 use store::ShardReader;
 
@@ -61,11 +61,21 @@ impl DatasetReader {
     pub fn read(&self, trajectories: Range<u64>) -> Result<Series, TaskError> {
         let blocks = self.blocks(trajectories)?;
         let robots = blocks.iter().map(Block::robots).sum();
-        let mut series = Series::with_capacity(self.shape(robots), self.spec.rate_hz())?;
+        let mut series = self.empty(robots)?;
         for block in &blocks {
             series.gather(&block.columns()?, 0..block.robots());
         }
         Ok(series)
+    }
+
+    /// No trajectories yet, and memory for so many.
+    pub fn empty(&self, robots: usize) -> Result<Series, TaskError> {
+        let observations = self.spec.observations();
+        let noise = MeasurementNoise {
+            position_rad: observations.position_deviation_rad(),
+            torque_nm: observations.torque_noise_nm,
+        };
+        Ok(Series::with_capacity(self.shape(robots), self.spec.rate_hz())?.with_noise(noise))
     }
 
     /// The shape of so many trajectories.
@@ -76,8 +86,20 @@ impl DatasetReader {
     /// The rows of trajectories within the dataset, decoded: a block per row group, in order.
     pub fn blocks(&self, trajectories: Range<u64>) -> Result<Vec<Block>, TaskError> {
         let joints = self.spec.joints();
-        let columns = Column::torques(joints).chain(Column::positions(joints));
-        let names: Vec<String> = columns.map(|column| column.name).collect();
+        let observations = self.spec.observations();
+        let measures = Measures {
+            torques: observations.measures_torques(),
+            positions: observations.measures_positions(),
+        };
+        let mut columns: Vec<Column> =
+            Column::torques(joints).chain(Column::positions(joints)).collect();
+        if measures.torques {
+            columns.extend(Column::measured_torques(joints));
+        }
+        if measures.positions {
+            columns.extend(Column::measured_positions(joints));
+        }
+        let names: Vec<String> = columns.into_iter().map(|column| column.name).collect();
         let names: Vec<&str> = names.iter().map(String::as_str).collect();
         let mut blocks = Vec::new();
         // The shards of a complete dataset hold all its trajectories, in order.
@@ -89,6 +111,8 @@ impl DatasetReader {
                 blocks.extend(parts.map(|(trajectories, rows)| Block {
                     trajectories,
                     samples,
+                    joints,
+                    measures,
                     rows,
                 }));
             }
@@ -97,11 +121,21 @@ impl DatasetReader {
     }
 }
 
-/// Consecutive trajectories as they were decoded: a column per joint, first of u, then of y.
+/// Which values have columns of their own as they were measured.
+#[derive(Clone, Copy, Debug)]
+struct Measures {
+    torques: bool,
+    positions: bool,
+}
+
+/// Consecutive trajectories as they were decoded: a column per joint, first of u, then of y, then of those
+/// that were measured.
 #[derive(Clone, Debug)]
 pub(crate) struct Block {
     pub trajectories: Range<u64>,
     samples: usize,
+    joints: usize,
+    measures: Measures,
     rows: RecordBatch,
 }
 
@@ -112,14 +146,67 @@ impl Block {
 
     /// Borrows the columns, from which batches are gathered.
     pub fn columns(&self) -> Result<Columns<'_>, TaskError> {
-        let mut columns = self.rows.columns().iter().map(|column| {
+        let columns = self.rows.columns().iter().map(|column| {
             let column = column.as_primitive_opt::<Float32Type>();
             let not_f32 = || ArrowError::SchemaError("a channel is not f32".to_owned());
             column.map(|column| &column.values()[..]).ok_or_else(not_f32)
         });
-        let joints = self.rows.num_columns() / 2;
-        let u = columns.by_ref().take(joints).collect::<Result<_, _>>()?;
-        let y = columns.collect::<Result<_, _>>()?;
-        Ok(Columns::new(self.samples, u, y)?)
+        let columns = columns.collect::<Result<Vec<&[f32]>, ArrowError>>()?;
+        let mut channels = columns.chunks(self.joints.max(1)).map(<[&[f32]]>::to_vec);
+        let [true_u, true_y] = [(); 2].map(|()| channels.next().unwrap_or_default());
+        let Measures { torques, positions } = self.measures;
+        let measured_u = if torques { channels.next() } else { None };
+        let measured_y = if positions { channels.next() } else { None };
+        if measured_u.is_none() && measured_y.is_none() {
+            return Ok(Columns::new(self.samples, true_u, true_y)?);
+        }
+        let u = measured_u.unwrap_or_else(|| true_u.clone());
+        let y = measured_y.unwrap_or_else(|| true_y.clone());
+        Ok(Columns::new(self.samples, u, y)?.with_truth(true_u, true_y)?)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use arrow::array::{ArrayRef, Float32Array};
+
+    use super::*;
+
+    /// Two joints; column k holds 10 k, 10 k + 1, ..
+    fn block(measures: Measures) -> Block {
+        let groups = 2 + usize::from(measures.torques) + usize::from(measures.positions);
+        let column = |k: usize| {
+            let values: Float32Array =
+                (0..6_u8).map(|row| f32::from(row) + 10.0 * k as f32).collect();
+            (format!("c{k}"), Arc::new(values) as ArrayRef)
+        };
+        let rows = RecordBatch::try_from_iter((0..2 * groups).map(column)).unwrap();
+        Block { trajectories: 0..2, samples: 3, joints: 2, measures, rows }
+    }
+
+    fn gathered(measures: Measures) -> Series {
+        let block = block(measures);
+        let shape = Shape { robots: 2, samples: 3, joints: 2 };
+        let mut series = Series::with_capacity(shape, 60.0).unwrap();
+        series.gather(&block.columns().unwrap(), 0..2);
+        series
+    }
+
+    #[test]
+    fn predictors_get_what_was_measured_and_the_truth_lies_beside_it() {
+        let first = |values: &[f32]| values[0];
+        for (torques, positions, u, y) in [
+            (false, false, 0.0, 20.0),
+            (true, false, 40.0, 20.0),
+            (false, true, 0.0, 40.0),
+            (true, true, 40.0, 60.0),
+        ] {
+            let series = gathered(Measures { torques, positions });
+            assert_eq!((first(series.u()), first(series.y())), (u, y));
+            assert_eq!((first(series.true_u()), first(series.true_y())), (0.0, 20.0));
+            assert_eq!(first(series.observed(2).y(1).values()), y + 3.0);
+        }
     }
 }

@@ -3,7 +3,7 @@
 use std::ops::{ControlFlow, Range};
 
 use dynamics::{DynamicsError, InstructionSet, Trajectories};
-use series::{Series, Shape};
+use series::Series;
 use spec::{DataSpec, SimulateSpec};
 
 use crate::attempt::Attempt;
@@ -28,11 +28,6 @@ impl Stream {
         let mut simulated = Trajectories::default();
         self.simulate(range, &|| attempt.stop.get().is_some(), &mut simulated)?;
         Ok(simulated.series)
-    }
-
-    /// The shape of so many trajectories.
-    pub fn shape(&self, robots: usize) -> Shape {
-        Shape { robots, samples: self.data.samples() as usize, joints: self.data.joints() }
     }
 
     /// Simulates in the memory of trajectories that are no longer needed, unless told to stop.

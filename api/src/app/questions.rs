@@ -4,8 +4,8 @@ use std::fmt::Display;
 
 use serde::Deserialize;
 use serde::de::IgnoredAny;
-use series::{Series, Shape, ShapeError};
-use spec::{SpecError, Violation};
+use series::{MeasurementNoise, Series, Shape, ShapeError};
+use spec::{MAX_POSITION_NOISE_RAD, SpecError, Violation};
 use wire::{PredictionRequest, PredictionSampling};
 
 use crate::error::ApiError;
@@ -71,6 +71,13 @@ impl Violations {
         }
     }
 
+    pub fn position_noise(&mut self, position_noise_rad: f64) {
+        if !(0.0..=MAX_POSITION_NOISE_RAD).contains(&position_noise_rad) {
+            let allowed = format!("0 to {MAX_POSITION_NOISE_RAD}");
+            self.add("position_noise_rad", position_noise_rad, allowed);
+        }
+    }
+
     pub fn sampling(
         &mut self,
         sampling: &PredictionSampling,
@@ -113,7 +120,7 @@ impl Violations {
 /// # Errors
 /// Every violation.
 pub fn question(request: &PredictionRequest, about: &AboutModel) -> Result<Question, ApiError> {
-    let PredictionRequest { scenarios, sampling } = request;
+    let PredictionRequest { scenarios, sampling, position_noise_rad } = request;
     let AboutModel { context, horizon, joints, rate_hz, .. } = *about;
     let mut violations = Violations::default();
     let size = scenarios.len();
@@ -133,13 +140,20 @@ pub fn question(request: &PredictionRequest, about: &AboutModel) -> Result<Quest
         violations.values(&future_u, &scenario.future_u, joints);
     }
     violations.sampling(sampling, size, about);
+    violations.position_noise(*position_noise_rad);
     violations.finish()?;
     let torques = scenarios.iter().flat_map(|it| it.u.iter().chain(&it.future_u));
     let positions = scenarios.iter().flat_map(|it| &it.y);
     let shape = Shape { robots: size, samples: context + horizon, joints };
     let u = torques.flatten().copied().collect();
     let y = positions.flatten().copied().collect();
-    Ok(asked(sampling, series_of(shape, context, rate_hz, u, y)?))
+    let series = series_of(shape, context, rate_hz, u, y)?;
+    Ok(asked(sampling, series.with_noise(noise_of_positions(*position_noise_rad))))
+}
+
+/// Nothing is known of torques.
+pub fn noise_of_positions(position_rad: f64) -> MeasurementNoise {
+    MeasurementNoise { position_rad, torque_nm: 0.0 }
 }
 
 /// The question to a model. Rows were checked before, so that an error is one of this program.

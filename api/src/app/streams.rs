@@ -13,7 +13,7 @@ use wire::{
 };
 
 use crate::app::predictions::{HeldModel, milliseconds};
-use crate::app::questions::{Violations, asked, read, series_of};
+use crate::app::questions::{Violations, asked, noise_of_positions, read, series_of};
 use crate::error::ApiError;
 use crate::limits::REQUEST_TIMEOUT;
 use crate::live::{AboutModel, Answer, Lane, Previous, Question};
@@ -84,10 +84,12 @@ impl PredictionStream {
         let AboutModel { context, horizon, joints, .. } = *about;
         let mut violations = Violations::default();
         violations.sampling(&settings.sampling, 1, about);
+        violations.position_noise(settings.position_noise_rad);
         violations.finish()?;
         let rest = |samples: usize| vec![0.0; samples * joints];
         let scenario = self.scenario(rest(context + horizon), rest(context))?;
-        let question = asked(&settings.sampling, scenario);
+        let noise = noise_of_positions(settings.position_noise_rad);
+        let question = asked(&settings.sampling, scenario.with_noise(noise));
         if let Some(steps) = settings.warm_start_steps {
             let previous = Some(Previous { positions: rest(horizon), shift: 1, steps });
             self.ask(Question { previous, ..question.clone() }).await?;
@@ -124,7 +126,8 @@ impl PredictionStream {
             steps,
         });
         let warm_start_shift = previous.as_ref().map(|previous| previous.shift);
-        let scenario = self.scenario(u, y)?;
+        let noise = noise_of_positions(settings.position_noise_rad);
+        let scenario = self.scenario(u, y)?.with_noise(noise);
         let question = Question { previous, ..asked(&settings.sampling, scenario) };
         let answer = self.ask(question).await?;
         let predicted = answer.of(0, 1, horizon, &settings.sampling);

@@ -2,8 +2,8 @@
 
 use spec::{Family, Normalization};
 use wire::{
-    FailureSummary, Interval, PairedDifference, PredictorInfo, PredictorKind, PredictorSummary,
-    Report,
+    DataNoise, FailureSummary, Interval, PairedDifference, PredictorInfo, PredictorKind,
+    PredictorSummary, Report, at_noise,
 };
 
 use crate::page::text;
@@ -111,7 +111,8 @@ impl ReportView {
                 .cells
                 .iter()
                 .map(|cell| CellRow {
-                    family: cell.family.map_or("all".to_owned(), |family| family.to_string()),
+                    family: cell.family.map_or("all".to_owned(), |family| family.to_string())
+                        + &at_noise(cell.position_noise_rad),
                     frequency_hz: cell.frequency_hz.map_or("–".to_owned(), |hz| hz.to_string()),
                     in_distribution: cell.in_distribution,
                     scenarios: cell.scenarios,
@@ -138,8 +139,14 @@ fn setting(report: &Report) -> String {
         [] => "no checkpoint, so nothing is in distribution".to_owned(),
         bands => format!("in distribution: {}", bands.join(", ")),
     };
+    let noise = report.data_noise.map_or(String::new(), |noise| {
+        let DataNoise { position_rad, torque_nm } = noise;
+        format!(
+            " The data's own noise has standard deviations of {position_rad} rad and {torque_nm} N·m."
+        )
+    });
     format!(
-        "Every predictor is given {} samples ({} s) and predicts the next {} ({} s) at {} Hz; {trained}.",
+        "Every predictor is given {} samples ({} s) and predicts the next {} ({} s) at {} Hz; {trained}.{noise}",
         report.context,
         seconds(report.context),
         report.horizon,
@@ -198,7 +205,7 @@ fn worst(report: &Report) -> Vec<WorstRow> {
         let case = report.worst.iter().find(|case| case.predictor == info.name)?;
         Some(WorstRow {
             predictor: case.predictor.clone(),
-            cell: cell_name(case.family, case.frequency_hz),
+            cell: cell_name(case.family, case.frequency_hz) + &at_noise(case.position_noise_rad),
             trajectory: case.trajectory,
             seed: case.seed.map_or("recorded".to_owned(), |seed| seed.to_string()),
             rmse: text::degrees(case.rmse_deg),
@@ -212,7 +219,8 @@ impl FailureRow {
         let FailureSummary { scenarios, first, reason, .. } = failure;
         Self {
             predictor: failure.predictor.clone(),
-            cell: cell_name(failure.family, failure.frequency_hz),
+            cell: cell_name(failure.family, failure.frequency_hz)
+                + &at_noise(failure.position_noise_rad),
             text: format!("no answer to {scenarios} scenarios, first trajectory {first}: {reason}"),
         }
     }

@@ -97,6 +97,7 @@ mod tests {
         };
         let group = GroupSummary {
             name: "in distribution".to_owned(),
+            position_noise_rad: 0.0,
             scenarios: 100,
             rmse_deg: predictors.iter().map(rmse).collect(),
             scores,
@@ -106,6 +107,7 @@ mod tests {
             horizon: 3,
             rate_hz: 60.0,
             samples: 1,
+            data_noise: None,
             bootstrap: spec::Bootstrap::default(),
             predictors,
             in_distribution: Vec::new(),

@@ -1,35 +1,45 @@
 use figures::{Axis, Band, Figure, Point, SERIES_ALLOWED, Series};
 use spec::Family;
-use wire::{CellSummary, Interval, PredictorInfo, Report};
+use wire::{CellSummary, Interval, PredictorInfo, Report, at_noise};
 
 use super::{drawn, line, point};
 
-/// RMSE over frequency of one excitation family, the training's frequencies shaded.
-pub fn rmse_figure(report: &Report, family: Family) -> Figure {
+/// RMSE over frequency of one excitation family at one level of noise, the training's frequencies shaded.
+pub fn rmse_figure(report: &Report, family: Family, position_noise_rad: f64) -> Figure {
     let found = |cell: &CellSummary, info: &PredictorInfo| {
         let summary = cell.rmse_deg.iter().find(|it| it.predictor == info.name);
         summary.map(|it| it.interval)
     };
-    over_frequency(report, family, "Prediction error", "RMSE", found)
+    over_frequency(report, (family, position_noise_rad), "Prediction error", "RMSE", found)
 }
 
-/// CRPS over frequency of one excitation family, of the predictors with samples.
-pub fn crps_figure(report: &Report, family: Family) -> Figure {
+/// CRPS over frequency of one excitation family at one level of noise, of the predictors with samples.
+pub fn crps_figure(report: &Report, family: Family, position_noise_rad: f64) -> Figure {
     let found = |cell: &CellSummary, info: &PredictorInfo| {
         let scores = cell.scores.iter().find(|it| it.predictor == info.name);
         scores.and_then(|it| it.crps_deg)
     };
-    over_frequency(report, family, "Continuous ranked probability score", "CRPS", found)
+    over_frequency(
+        report,
+        (family, position_noise_rad),
+        "Continuous ranked probability score",
+        "CRPS",
+        found,
+    )
 }
 
 fn over_frequency(
     report: &Report,
-    family: Family,
+    (family, position_noise_rad): (Family, f64),
     title: &str,
     label: &str,
     found: impl Fn(&CellSummary, &PredictorInfo) -> Option<Interval>,
 ) -> Figure {
-    let cells = || report.cells.iter().filter(move |cell| cell.family == Some(family));
+    let cells = || {
+        report.cells.iter().filter(move |cell| {
+            cell.family == Some(family) && cell.position_noise_rad == position_noise_rad
+        })
+    };
     let series = drawn(report).map(|info| {
         let points: Vec<Point> = cells()
             .filter_map(|cell| Some(point(cell.frequency_hz?, found(cell, info)?)))
@@ -43,7 +53,7 @@ fn over_frequency(
             label: "in distribution".to_owned(),
         });
     Figure {
-        title: format!("{title} over {family} frequency"),
+        title: format!("{title} over {family} frequency{}", at_noise(position_noise_rad)),
         x: Axis::linear("Master frequency").in_unit("Hz"),
         y: Axis::log(label).in_unit("deg"),
         series: series

@@ -40,6 +40,7 @@ pub(crate) mod tests {
             cell,
             family: Some(Family::Multisine),
             frequency_hz: Some(frequency_hz),
+            position_noise_rad: 0.0,
             first: 2 * cell as u64,
             joints: 7,
             predictors: vec![errors("baseline", baseline), errors("model", model)],
@@ -55,6 +56,7 @@ pub(crate) mod tests {
             horizon: 80,
             rate_hz: 60.0,
             samples: 1,
+            data_noise: None,
             seed: Some(7),
             bootstrap: Bootstrap::default(),
             predictors: vec![
@@ -78,6 +80,38 @@ pub(crate) mod tests {
         };
         assert_eq!(report.groups[0].name, "in distribution");
         assert_eq!([mean(0, 0), mean(0, 1), mean(1, 0), mean(1, 1)], [2.0, 1.0, 4.0, 5.0]);
+    }
+
+    #[test]
+    fn levels_of_noise_are_groups_apart() {
+        let noisy = |index, frequency_hz, model| CellResult {
+            position_noise_rad: 1e-3,
+            ..cell(index, frequency_hz, model, 4.0)
+        };
+        let results = [
+            cell(0, 0.15, 1.0, 2.0),
+            cell(1, 0.3, 5.0, 4.0),
+            noisy(2, 0.15, 2.0),
+            noisy(3, 0.3, 6.0),
+        ];
+        let report = report(&results).unwrap();
+        let names: Vec<&str> = report.groups.iter().map(|group| group.name.as_str()).collect();
+        let expected = [
+            "in distribution",
+            "out of distribution",
+            "in distribution at 0.001 rad",
+            "out of distribution at 0.001 rad",
+        ];
+        assert_eq!(names, expected);
+        let model = |group: usize| report.groups[group].rmse_deg[1].interval.mean.round();
+        assert_eq!([model(0), model(1), model(2), model(3)], [1.0, 5.0, 2.0, 6.0]);
+        assert_eq!(report.groups[2].position_noise_rad, 1e-3);
+        assert_eq!(report.cells[3].position_noise_rad, 1e-3);
+        let levels = |group: &str| {
+            let of_group = report.paired.iter().filter(|paired| paired.group == group);
+            of_group.map(|paired| paired.position_noise_rad).collect::<Vec<_>>()
+        };
+        assert_eq!((levels(expected[0]), levels(expected[3])), (vec![0.0], vec![1e-3]));
     }
 
     #[test]
@@ -118,6 +152,7 @@ pub(crate) mod tests {
             predictor: "model".to_owned(),
             family: Some(Family::Multisine),
             frequency_hz: Some(0.3),
+            position_noise_rad: 0.0,
             scenarios: 1,
             first: 3,
             reason,

@@ -1,8 +1,8 @@
 use rayon::prelude::*;
 use spec::{Bootstrap, Excitation, Family, Range};
 use wire::{
-    CellSummary, FailureSummary, GroupSummary, Interval, PairedDifference, PredictorInfo,
-    PredictorKind, PredictorSummary, Report, TrainedOn, WorstCase,
+    CellSummary, DataNoise, FailureSummary, GroupSummary, Interval, PairedDifference,
+    PredictorInfo, PredictorKind, PredictorSummary, Report, TrainedOn, WorstCase, at_noise,
 };
 
 use super::scores::scores;
@@ -19,6 +19,8 @@ pub struct Setting {
     pub rate_hz: f64,
     /// Asked of each predictor that has several.
     pub samples: u32,
+    /// Of the data itself; `None` without.
+    pub data_noise: Option<DataNoise>,
     /// Of the dataset's simulation; none for recordings.
     pub seed: Option<u64>,
     pub bootstrap: Bootstrap,
@@ -65,13 +67,19 @@ pub fn summarize(setting: Setting, results: &[CellResult]) -> Result<Report, Eva
         gridded.into_iter().partition(|cell| is_seen(cell));
     let groups =
         [("in distribution", inside), ("out of distribution", outside), ("all scenarios", others)];
-    let groups: Vec<_> = groups.into_iter().filter(|(_, cells)| !cells.is_empty()).collect();
+    let levels = levels(results);
+    let groups: Vec<Group<'_>> = levels
+        .iter()
+        .flat_map(|&level| groups.iter().map(move |(name, cells)| Group::new(name, cells, level)))
+        .filter(|group| !group.cells.is_empty())
+        .collect();
 
     let cells = results
         .par_iter()
         .map(|cell| CellSummary {
             family: cell.family,
             frequency_hz: cell.frequency_hz,
+            position_noise_rad: cell.position_noise_rad,
             in_distribution: is_seen(cell),
             scenarios: scenarios(cell),
             rmse_deg: means(&predictors, &[cell], bootstrap),
@@ -79,22 +87,23 @@ pub fn summarize(setting: Setting, results: &[CellResult]) -> Result<Report, Eva
             measured_jitter_deg: cell.measured_jitter_deg,
         })
         .collect();
-    let paired =
-        groups.iter().flat_map(|(name, cells)| paired(name, &predictors, cells, bootstrap));
+    let paired = groups.iter().flat_map(|group| paired(group, &predictors, bootstrap));
     let worst = predictors.iter().flat_map(|info| worst(&info.name, results, setting.seed));
     Ok(Report {
         context: setting.context,
         horizon: setting.horizon,
         rate_hz: setting.rate_hz,
         samples: setting.samples,
+        data_noise: setting.data_noise,
         bootstrap,
         in_distribution: common(&trained_on),
         cells,
         paired: paired.collect(),
         groups: groups
             .par_iter()
-            .map(|(name, cells)| GroupSummary {
-                name: (*name).to_owned(),
+            .map(|Group { name, position_noise_rad, cells }| GroupSummary {
+                name: name.clone(),
+                position_noise_rad: *position_noise_rad,
                 scenarios: cells.iter().map(|cell| scenarios(cell)).sum(),
                 rmse_deg: means(&predictors, cells, bootstrap),
                 scores: scores(&predictors, cells, bootstrap),
@@ -104,6 +113,35 @@ pub fn summarize(setting: Setting, results: &[CellResult]) -> Result<Report, Eva
         worst: worst.collect(),
         predictors,
     })
+}
+
+/// Cells at one level of noise that are summarized together.
+struct Group<'a> {
+    name: String,
+    position_noise_rad: f64,
+    cells: Vec<&'a CellResult>,
+}
+
+impl<'a> Group<'a> {
+    /// Those of `cells` at `level`.
+    fn new(name: &str, cells: &[&'a CellResult], level: f64) -> Self {
+        Self {
+            name: format!("{name}{}", at_noise(level)),
+            position_noise_rad: level,
+            cells: cells.iter().copied().filter(|it| it.position_noise_rad == level).collect(),
+        }
+    }
+}
+
+/// The levels of noise, in the order in which they come.
+fn levels(results: &[CellResult]) -> Vec<f64> {
+    let mut levels = Vec::new();
+    for cell in results {
+        if !levels.contains(&cell.position_noise_rad) {
+            levels.push(cell.position_noise_rad);
+        }
+    }
+    levels
 }
 
 /// Mean RMSE of `predictor` less that of `against` over the scenarios of `cells`; below 0 is better.
@@ -146,9 +184,8 @@ fn means(
 /// rest is the same, and with its longest chain from noise: all pairs of a sweep over steps would be
 /// thousands.
 fn paired(
-    group: &str,
+    group: &Group<'_>,
     predictors: &[PredictorInfo],
-    cells: &[&CellResult],
     bootstrap: Bootstrap,
 ) -> Vec<PairedDifference> {
     let is_checkpoint = |info: &PredictorInfo| info.kind == PredictorKind::Checkpoint;
@@ -164,10 +201,16 @@ fn paired(
         .into_par_iter()
         .filter_map(|(ours, theirs)| {
             Some(PairedDifference {
-                group: group.to_owned(),
+                group: group.name.clone(),
+                position_noise_rad: group.position_noise_rad,
                 predictor: ours.name.clone(),
                 against: theirs.name.clone(),
-                difference_deg: paired_difference(cells, &ours.name, &theirs.name, bootstrap)?,
+                difference_deg: paired_difference(
+                    &group.cells,
+                    &ours.name,
+                    &theirs.name,
+                    bootstrap,
+                )?,
             })
         })
         .collect()
@@ -207,6 +250,7 @@ fn failures(cell: &CellResult) -> impl Iterator<Item = FailureSummary> {
             predictor: errors.predictor.clone(),
             family: cell.family,
             frequency_hz: cell.frequency_hz,
+            position_noise_rad: cell.position_noise_rad,
             scenarios: failure.scenarios as u64,
             first: cell.first + failure.first as u64,
             reason: failure.reason.clone(),
@@ -224,6 +268,7 @@ fn worst(predictor: &str, results: &[CellResult], seed: Option<u64>) -> Vec<Wors
                     predictor: predictor.to_owned(),
                     family: cell.family,
                     frequency_hz: cell.frequency_hz,
+                    position_noise_rad: cell.position_noise_rad,
                     trajectory: cell.first + scenario as u64,
                     seed,
                     rmse_deg: (*rmse)?,

@@ -15,24 +15,32 @@ pub struct ScenarioCell {
     pub first: u64,
     /// Number of trajectories; of recordings at most, since only their file tells how many there are.
     pub count: u64,
+    /// Standard deviation of the noise that is added to the positions of contexts, rad.
+    pub position_noise_rad: f64,
 }
 
 impl EvaluateSpec {
     /// What is evaluated of `data`, in order: one cell per family and frequency of its grid, or one
-    /// of all.
+    /// of all. They come once for each level of noise, level after level.
     pub fn cells(&self, data: &DataSpec) -> Vec<ScenarioCell> {
+        let levels = self.position_noise_rad.iter();
+        levels.flat_map(|&level| self.cells_at(data, level)).collect()
+    }
+
+    fn cells_at(&self, data: &DataSpec, position_noise_rad: f64) -> Vec<ScenarioCell> {
         let limit = self.scenarios.map(u64::from);
         let grid = data.cells();
         if grid.is_empty() {
             let limit = limit.unwrap_or(u64::from(UNGRIDDED_SCENARIOS));
             let count = data.trajectories().unwrap_or(limit).min(limit);
-            return vec![ScenarioCell { excitation: None, first: 0, count }];
+            return vec![ScenarioCell { excitation: None, first: 0, count, position_noise_rad }];
         }
         grid.into_iter()
             .map(|cell| ScenarioCell {
                 excitation: Some((cell.family, cell.frequency_hz)),
                 first: cell.first,
                 count: limit.map_or(cell.count, |limit| limit.min(cell.count)),
+                position_noise_rad,
             })
             .collect()
     }
@@ -42,8 +50,12 @@ impl EvaluateSpec {
 impl fmt::Display for ScenarioCell {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.excitation {
-            Some((family, frequency_hz)) => write!(f, "{family} {frequency_hz} Hz"),
-            None => f.write_str("all scenarios"),
+            Some((family, frequency_hz)) => write!(f, "{family} {frequency_hz} Hz")?,
+            None => f.write_str("all scenarios")?,
         }
+        if self.position_noise_rad > 0.0 {
+            write!(f, " at {} rad", self.position_noise_rad)?;
+        }
+        Ok(())
     }
 }

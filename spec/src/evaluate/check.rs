@@ -1,10 +1,14 @@
 //! What values an evaluation may have.
 
 use super::spec::EvaluateSpec;
+use crate::MAX_POSITION_NOISE_RAD;
 use crate::check::{Check, Report};
 
 /// Samples of one scenario and predictor, at most.
 const MAX_SAMPLES: u32 = 256;
+
+/// Levels of noise, each of which asks all there is to ask.
+const MAX_LEVELS: usize = 10;
 
 impl Check for EvaluateSpec {
     fn check(&self, report: &mut Report) {
@@ -39,6 +43,12 @@ impl Check for EvaluateSpec {
             report.part(&format!("samplers[{i}]"), sampler);
         }
         report.within("samples", self.samples, 1..=MAX_SAMPLES);
+        report.within("position_noise_rad", self.position_noise_rad.len(), 1..=MAX_LEVELS);
+        let allowed = 0.0..=MAX_POSITION_NOISE_RAD;
+        report.all_within("position_noise_rad", &self.position_noise_rad, &allowed);
+        if let Some(twice) = first_repeated(&self.position_noise_rad) {
+            report.violation("position_noise_rad", format!("{twice} twice"), "each once");
+        }
         report.seed("seed", self.seed);
         if let Some(latency) = &self.latency {
             report.within("latency.repeats", latency.repeats, 20..=10_000);

@@ -41,7 +41,12 @@ pub struct EvaluateSpec {
     /// scored as a distribution.
     #[serde(default = "one", skip_serializing_if = "is_one")]
     pub samples: u32,
-    /// Key of the samples' noise.
+    /// Standard deviations of Gaussian noise that is added to the positions of contexts, rad: 1 to 10 of
+    /// them, 0 to 0.1. Every predictor is asked at each, and knows which. The noise of the data itself
+    /// comes on top. Errors are those against the true positions.
+    #[serde(default = "noiseless", skip_serializing_if = "is_noiseless")]
+    pub position_noise_rad: Vec<f64>,
+    /// Key of the samples' noise and of that of positions.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub seed: u64,
     /// Also measure how long one prediction takes. What comes out depends on the machine and its load,
@@ -135,6 +140,14 @@ impl Default for Bootstrap {
 
 const fn context() -> u32 {
     320
+}
+
+fn noiseless() -> Vec<f64> {
+    vec![0.0]
+}
+
+fn is_noiseless(levels: &[f64]) -> bool {
+    levels == [0.0]
 }
 
 const fn one() -> u32 {

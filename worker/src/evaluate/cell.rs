@@ -33,7 +33,7 @@ pub(super) fn cell(attempt: &Attempt, spec: &EvaluateSpec, index: usize) -> Resu
     let cells = spec.cells(data.spec());
     let missing = || TaskError::Missing { what: "cell", name: index.to_string() };
     let cell = cells.get(index).ok_or_else(missing)?;
-    let recorded = scenarios(attempt, &data, cell)?;
+    let recorded = scenarios(attempt, &data, spec, cell)?;
     let scenarios = asked_about(spec, &recorded);
     let checkpoints = LoadedCheckpoint::load_all(attempt, &spec.checkpoints)?;
     attempt.check_stop()?;
@@ -54,6 +54,7 @@ pub(super) fn cell(attempt: &Attempt, spec: &EvaluateSpec, index: usize) -> Resu
         cell: index,
         family: cell.excitation.map(|(family, _)| family),
         frequency_hz: cell.excitation.map(|(_, frequency_hz)| frequency_hz),
+        position_noise_rad: cell.position_noise_rad,
         first: cell.first,
         joints: scenarios.joints(),
         predictors: errors,
@@ -68,14 +69,21 @@ pub(super) fn cell(attempt: &Attempt, spec: &EvaluateSpec, index: usize) -> Resu
     attempt.complete(&CellRecord { result, table: TableAt { run, artifact } })
 }
 
-/// The trajectories of a cell, or as many of them as there are.
+/// The trajectories of a cell, or as many of them as there are, with the cell's noise on the positions of
+/// their contexts. Torques after those are planned.
 pub(super) fn scenarios(
     attempt: &Attempt,
     data: &TrajectorySource,
+    spec: &EvaluateSpec,
     cell: &ScenarioCell,
 ) -> Result<Series, TaskError> {
     let end = data.count().map_or(cell.first + cell.count, |all| all.min(cell.first + cell.count));
-    data.read(attempt, cell.first..end)
+    let mut recorded = data.read(attempt, cell.first..end)?;
+    let known = (spec.rounds() + spec.context) as usize;
+    let level = cell.position_noise_rad;
+    dynamics::add_position_noise(&mut recorded, level, known, spec.seed, cell.first);
+    recorded.plan_from(known);
+    Ok(recorded)
 }
 
 /// The samples of trajectories that an evaluation looks at: pre-roll, context and horizon.

@@ -4,18 +4,17 @@ use evaluation::{
 };
 use figures::Figure;
 use spec::Family;
-use wire::{GroupSummary, PredictorInfo, Report};
+use wire::{GroupSummary, PredictorInfo, Report, at_noise};
 
 /// The figures that a report has something for, by the name of their files.
 pub(super) fn all(report: &Report) -> Vec<(String, Figure)> {
     let mut figures = Vec::new();
     let has_samples = scores(report).any(|scores| scores.crps_deg.is_some());
-    for family in [Family::Chirp, Family::Multisine] {
-        if report.cells.iter().any(|cell| cell.family == Some(family)) {
-            figures.push((format!("rmse-{family}"), rmse_figure(report, family)));
-            if has_samples {
-                figures.push((format!("crps-{family}"), crps_figure(report, family)));
-            }
+    for (family, level) in families(report) {
+        let place = format!("{family}{}", at_noise(level)).replace(' ', "-");
+        figures.push((format!("rmse-{place}"), rmse_figure(report, family, level)));
+        if has_samples {
+            figures.push((format!("crps-{place}"), crps_figure(report, family, level)));
         }
     }
     for group in &report.groups {
@@ -33,6 +32,19 @@ pub(super) fn all(report: &Report) -> Vec<(String, Figure)> {
         figures.push(("latency".to_owned(), latency_figure(report)));
     }
     figures
+}
+
+/// The families that cells have, each with its levels of noise.
+fn families(report: &Report) -> Vec<(Family, f64)> {
+    let mut found = Vec::new();
+    for family in [Family::Chirp, Family::Multisine] {
+        for cell in report.cells.iter().filter(|cell| cell.family == Some(family)) {
+            if !found.contains(&(family, cell.position_noise_rad)) {
+                found.push((family, cell.position_noise_rad));
+            }
+        }
+    }
+    found
 }
 
 fn scores(report: &Report) -> impl Iterator<Item = &wire::PredictorScores> {

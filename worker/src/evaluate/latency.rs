@@ -33,7 +33,7 @@ pub(super) fn latency(attempt: &Attempt, spec: &EvaluateSpec) -> Result<(), Task
     let missing = || TaskError::Missing { what: "cell", name: "0".to_owned() };
     let mut cell = cells.into_iter().next().ok_or_else(missing)?;
     cell.count = 1;
-    let recorded = scenarios(attempt, &data, &cell)?;
+    let recorded = scenarios(attempt, &data, spec, &cell)?;
     let (pre_roll, context) = (spec.rounds() as usize, spec.context as usize);
     let observed = asked_about(spec, &recorded).observed(pre_roll, context);
     // Windows in the order of time; where they end, the loop begins again with the first.

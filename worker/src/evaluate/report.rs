@@ -3,8 +3,9 @@ use evaluation::{CellResult, Setting, summarize};
 use jobs::EvaluateTask;
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
-use spec::EvaluateSpec;
+use spec::{EvaluateSpec, Observations};
 use store::{RunId, Task};
+use wire::DataNoise;
 
 use super::cell::{CellRecord, TableAt};
 use super::checkpoints::LoadedCheckpoint;
@@ -36,6 +37,7 @@ pub(super) fn report(attempt: &Attempt, spec: &EvaluateSpec) -> Result<(), TaskE
         horizon: spec.horizon(data.spec().samples()),
         rate_hz: data.spec().rate_hz(),
         samples: spec.samples,
+        data_noise: data_noise(&data.spec().observations()),
         seed: data.spec().simulation().map(|spec| spec.seed),
         bootstrap: spec.bootstrap,
         predictors,
@@ -56,6 +58,14 @@ pub(super) fn report(attempt: &Attempt, spec: &EvaluateSpec) -> Result<(), TaskE
     attempt.wait(written)?;
     attempt.wait(attempt.store.complete(attempt.fence(), None))?;
     Ok(())
+}
+
+fn data_noise(observations: &Observations) -> Option<DataNoise> {
+    let noise = DataNoise {
+        position_rad: observations.position_deviation_rad(),
+        torque_nm: observations.torque_noise_nm,
+    };
+    (noise.position_rad > 0.0 || noise.torque_nm > 0.0).then_some(noise)
 }
 
 /// The results of the cells in order, and the rows of their tables.

@@ -24,6 +24,12 @@ pub(super) fn columns(joints: usize) -> Vec<Column> {
             Column::new("frequency_hz", ColumnType::Float64, "master frequency of the cell")
                 .unit("Hz"),
         ),
+        Column::new(
+            "position_noise_rad",
+            ColumnType::Float64,
+            "standard deviation of the noise that was added to the positions of the context",
+        )
+        .unit("rad"),
         Column::trajectory(),
         nullable(Column::new("seed", ColumnType::Int64, "of the simulation that made it")),
         Column::new(PREDICTOR, ColumnType::Text, "as the report calls it"),
@@ -64,6 +70,7 @@ pub(super) fn record_batch(
         Arc::new(Int32Array::from(vec![int(result.cell as u64)?; count])),
         Arc::new(StringArray::from(vec![family; count])),
         Arc::new(Float64Array::from(vec![result.frequency_hz; count])),
+        Arc::new(Float64Array::from(vec![result.position_noise_rad; count])),
         Arc::new(Int32Array::from(trajectories)),
         Arc::new(Int64Array::from(vec![seed; count])),
         Arc::new(StringArray::from_iter_values(rows.iter().map(|row| row.predictor))),
@@ -134,6 +141,7 @@ mod tests {
             cell: 4,
             family: Some(Family::Chirp),
             frequency_hz: Some(0.3),
+            position_noise_rad: 1e-3,
             first: 200,
             joints: JOINTS,
             predictors: evaluate_cell(&scenarios.view(), &scoring, &predictors),

@@ -60,11 +60,8 @@ fn send_stream(
         let last = (step + at_once).min(end);
         let range = step * size as u64..last * size as u64;
         pool.install(|| stream.simulate(range, stopped, &mut simulated))?;
-        let shape = stream.shape(size);
-        let values = shape.values()?;
-        let parts = simulated.series.u().chunks(values).zip(simulated.series.y().chunks(values));
-        for (step, (u, q)) in (step..last).zip(parts) {
-            let series = Series::new(shape, stream.data.rate_hz(), u.to_vec(), q.to_vec())?;
+        for (step, first) in (step..last).zip((0..).step_by(size)) {
+            let series = simulated.series.copy(first..first + size);
             let trajectories = (step * size as u64..(step + 1) * size as u64).collect();
             if send.send(Ok(TrainingBatch { series, trajectories })).is_err() {
                 return Ok(());
@@ -105,7 +102,7 @@ fn send_epoch(
     let size = order.batch_size();
     let mut to_skip = usize::try_from(skipped).unwrap_or(usize::MAX).saturating_mul(size);
     let mut left = count;
-    let empty = || Series::with_capacity(data.shape(size), data.spec.rate_hz());
+    let empty = || data.empty(size);
     let mut series = empty()?;
     let mut trajectories = Vec::with_capacity(size);
     for window in order.epoch(epoch).windows {
@@ -204,6 +201,23 @@ mod tests {
         }
         for (resumed, batch) in batches(100, 4, 7).iter().zip(&whole[4..]) {
             assert_eq!(resumed, batch);
+        }
+    }
+
+    #[test]
+    fn batches_of_a_noisy_stream_hold_what_is_measured_and_the_truth() {
+        let mut noisy = spec();
+        noisy.observations.position_noise_rad = 1e-3;
+        let stream = Stream::new(&noisy);
+        let (send, receive) = sync_channel(1);
+        let found: Vec<TrainingBatch> = thread::scope(|scope| {
+            scope.spawn(|| simulate_ahead(&stream, 20, 0, 3, &|| false, &{ send }));
+            receive.into_iter().map(Result::unwrap).collect()
+        });
+        for (batch, clean) in found.iter().zip(batches(20, 0, 3)) {
+            assert_eq!(batch.series.true_y(), clean.series.y());
+            assert_ne!(batch.series.y(), clean.series.y());
+            assert_eq!(batch.series.noise().position_rad, 1e-3);
         }
     }
 

@@ -43,9 +43,10 @@ impl<'a> Training<'a> {
         attempt: &'a Attempt,
         spec: TrainSpec,
         trainer: Trainer,
-        validation: Vec<Series>,
+        mut validation: Vec<Series>,
         kept: Option<(CheckpointId, u64)>,
     ) -> Result<Self, TaskError> {
+        validation.iter_mut().for_each(|series| series.plan_from(spec.context as usize));
         let mut improvement = Improvement::new(spec.early_stop);
         let mut validated = None;
         // What was recorded after the checkpoint was deleted before.
@@ -84,7 +85,8 @@ impl<'a> Training<'a> {
     }
 
     /// One step, and what is due after it; breaks after the last one.
-    pub fn step(&mut self, batch: TrainingBatch) -> Result<ControlFlow<()>, TaskError> {
+    pub fn step(&mut self, mut batch: TrainingBatch) -> Result<ControlFlow<()>, TaskError> {
+        batch.series.plan_from(self.spec.context as usize);
         self.stop_if_asked()?;
         let began = Instant::now();
         self.batch = batch.trajectories;
