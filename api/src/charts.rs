@@ -42,9 +42,11 @@ struct Panel {
     called: &'static str,
 }
 
-const PANELS: [Panel; 5] = [
+const PANELS: [Panel; 7] = [
     Panel { title: "Torques", quantity: "u", prefix: "u", called: "joint " },
     Panel { title: "Positions", quantity: "q", prefix: "q", called: "joint " },
+    Panel { title: "Measured torques", quantity: "u", prefix: "u_measured", called: "joint " },
+    Panel { title: "Measured positions", quantity: "q", prefix: "q_measured", called: "joint " },
     Panel { title: "Velocities", quantity: "q\u{307}", prefix: "qd", called: "joint " },
     Panel { title: "Position of the hand", quantity: "position", prefix: "ee_", called: "" },
     Panel { title: "Orientation of the hand", quantity: "quaternion", prefix: "ee_q", called: "q" },

@@ -1,6 +1,7 @@
 use crate::{Cell, Column, ImportSpec, Observations, SimulateSpec};
 
 /// What makes trajectories: the spec behind a dataset or a stream.
+#[expect(clippy::large_enum_variant, reason = "few exist at a time")]
 #[derive(Clone, Debug, PartialEq)]
 pub enum DataSpec {
     Simulation(SimulateSpec),

@@ -35,6 +35,7 @@ macro_rules! for_each_kind {
 macro_rules! job_specs {
     ($($name:ident => $Kind:ident($Spec:ident),)*) => {
         /// Anything a user can ask for.
+        #[expect(clippy::large_enum_variant, reason = "few exist at a time")]
         #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
         #[serde(tag = "kind", rename_all = "snake_case")]
         pub enum JobSpec {

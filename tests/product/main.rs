@@ -10,6 +10,7 @@ mod full_disk;
 mod imports;
 mod killed_server;
 mod killed_worker;
+mod noise;
 mod other_arms;
 mod pipeline;
 mod predictions;

@@ -3,6 +3,7 @@
 use nalgebra::{DMatrix, DVector};
 use series::{Observed, Track};
 
+use super::filtered::smoothed;
 use super::rollout::{mean_velocities, to_f32};
 use crate::{EvaluationError, Predictor};
 
@@ -13,6 +14,10 @@ use crate::{EvaluationError, Predictor};
 /// Order, ridge, and whether a joint listens to the torques of all joints or its own are chosen for
 /// each joint by what predicts the last quarter of the context best, rolled out freely from the first
 /// three; then all of the context is fitted with them.
+///
+/// With noise, predictions begin with the position and the velocities of the smoothed context. Smoothing
+/// takes from fast motions what a fit could have used, and leaves to slow ones what a fit takes for motion:
+/// laws are fitted to the velocities as they were measured and to smoothed ones, and the choice is made among all.
 ///
 /// A fit with poles outside the circle of radius [`LARGEST_POLE`] has them all moved in, in proportion
 /// (a_i times the i-th power of one factor): a damped arm does not run away.
@@ -36,15 +41,23 @@ impl Predictor for Arx {
         let (horizon, joints) = (observed.horizon(), observed.joints());
         let period = 1.0 / observed.rate_hz();
         let mut predicted = vec![0.0; observed.robots() * horizon * joints];
+        let smoothed = smoothed(observed)?;
+        let smoothed = smoothed.as_ref().map(|series| series.observed(observed.context()));
         for scenario in 0..observed.robots() {
-            let positions = observed.y(scenario);
+            let measured = observed.y(scenario);
+            let positions = smoothed.as_ref().map_or(measured, |smoothed| smoothed.y(scenario));
             let torques = observed.u(scenario);
             let last = observed.context() - 1;
             for joint in 0..joints {
                 let velocities: Vec<f64> = mean_velocities(positions, joint, period).collect();
                 let series = JointSeries { velocities: &velocities, torques, joint };
                 let mut position = f64::from(positions[last][joint]);
-                let law = series.choose();
+                let law = if smoothed.is_some() {
+                    let velocities: Vec<f64> = mean_velocities(measured, joint, period).collect();
+                    series.choose(&[series, JointSeries { velocities: &velocities, ..series }])
+                } else {
+                    series.choose(&[series])
+                };
                 let future = series.rollout(law.as_ref(), last, horizon);
                 for (step, velocity) in future.into_iter().enumerate() {
                     position += velocity * period;
@@ -57,6 +70,7 @@ impl Predictor for Arx {
 }
 
 /// What is known of one joint.
+#[derive(Clone, Copy)]
 struct JointSeries<'a> {
     /// Over each period of the context.
     velocities: &'a [f64],
@@ -80,27 +94,29 @@ struct Law {
 }
 
 impl JointSeries<'_> {
-    /// The law that predicts the end of the context best, fitted to all of it. `None`, which holds
-    /// the joint, when the context is too short or too still to tell.
-    fn choose(&self) -> Option<Law> {
+    /// The law that predicts the end of the context best, fitted to all of one of `sources`. `None`, which
+    /// holds the joint, when the context is too short or too still to tell.
+    fn choose(&self, sources: &[JointSeries<'_>]) -> Option<Law> {
         let known = self.velocities.len();
         let held_out = share(known);
         let first = known - held_out;
         let mut best = (self.squared_error(None, first, held_out), None);
-        for inputs in [Inputs::Own, Inputs::All] {
-            for order in ORDERS {
-                let Some(normal) = Normal::of(self, order, inputs, first) else { continue };
-                for ridge in RIDGES {
-                    let law = normal.solve(ridge);
-                    let error = self.squared_error(law.as_ref(), first, held_out);
-                    if law.is_some() && error < best.0 {
-                        best = (error, Some((order, inputs, ridge)));
+        for source in sources {
+            for inputs in [Inputs::Own, Inputs::All] {
+                for order in ORDERS {
+                    let Some(normal) = Normal::of(source, order, inputs, first) else { continue };
+                    for ridge in RIDGES {
+                        let law = normal.solve(ridge);
+                        let error = self.squared_error(law.as_ref(), first, held_out);
+                        if law.is_some() && error < best.0 {
+                            best = (error, Some((source, order, inputs, ridge)));
+                        }
                     }
                 }
             }
         }
-        let (order, inputs, ridge) = best.1?;
-        Normal::of(self, order, inputs, known)?.solve(ridge)
+        let (source, order, inputs, ridge) = best.1?;
+        Normal::of(source, order, inputs, known)?.solve(ridge)
     }
 
     /// Of positions, with velocities known up to `first`, in periods of 1 s.
@@ -296,6 +312,16 @@ mod tests {
         let (arx, first_order) = (error_of(&Arx, &robot), error_of(&LeastSquares, &robot));
         assert!(arx < 0.01, "{arx}");
         assert!(first_order > 10.0 * arx, "{first_order}");
+    }
+
+    #[test]
+    fn noise_of_a_milliradian_leaves_most_of_what_is_identified() {
+        let mut robot = coupled_robot();
+        let held = error_of(&crate::HoldLast, &robot);
+        dynamics::add_position_noise(&mut robot, 1e-3, 320, 7, 0);
+        let arx = error_of(&Arx, &robot);
+        assert!(arx < 0.25 * held, "{arx} {held}");
+        assert_eq!(Arx.predict(&robot.observed(320)).unwrap().len(), 80 * JOINTS);
     }
 
     #[test]

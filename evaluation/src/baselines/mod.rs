@@ -2,6 +2,7 @@
 
 mod arx;
 mod damped_integrator;
+mod filtered;
 mod fitted_damping;
 #[cfg(test)]
 pub(crate) mod fixture;
@@ -12,6 +13,7 @@ mod rollout;
 
 use spec::{Baseline, DataSpec, Integrator, Precision, RobotSpec};
 
+use self::filtered::Filtered;
 use crate::Predictor;
 
 pub use arx::Arx;
@@ -53,8 +55,17 @@ impl NominalArm {
     }
 }
 
-/// The predictor that `baseline` names.
+/// The predictor that `baseline` names. With noise, all but `least-squares` look at smoothed positions; `arx`
+/// looks at both.
 pub fn baseline(baseline: Baseline, arm: &NominalArm) -> Box<dyn Predictor> {
+    match baseline {
+        Baseline::Arx => Box::new(Arx),
+        Baseline::LeastSquares => Box::new(LeastSquares),
+        other => Box::new(Filtered(unfiltered(other, arm))),
+    }
+}
+
+fn unfiltered(baseline: Baseline, arm: &NominalArm) -> Box<dyn Predictor> {
     match baseline {
         Baseline::HoldLast => Box::new(HoldLast),
         Baseline::DampedIntegrator => {

@@ -48,6 +48,42 @@ fn noise_in_the_horizon_changes_no_bit_of_any_baseline() {
     }
 }
 
+/// Filters smooth over the context alone, and see nothing of what was measured with noise but that.
+#[test]
+fn neither_the_horizon_nor_the_truth_changes_a_bit_of_what_is_filtered() {
+    let noise = json!({"observations": {"position_noise_rad": 1e-3, "torque_noise_nm": 0.05}});
+    let recorded = scenarios(&simulation(140, &noise), 3);
+    for name in Baseline::all() {
+        let predictor = baseline(name, &arm(&simulation(140, &noise)));
+        assert!(is_blind(&*predictor, &recorded, [10, 110]), "{}", predictor.name());
+        assert!(is_blind_to_truth(&*predictor, &recorded, 110), "{}", predictor.name());
+    }
+    let recorded = scenarios(&simulation(SAMPLES + 4, &noise), 3);
+    for (name, model) in smallest::models() {
+        let model = trained(&model);
+        let cold = learned(&name, &model, SamplerKind::Ddim, Start::Cold);
+        let cold = Learned { sampling: Sampling::default(), ..cold };
+        assert!(is_blind(&cold, &recorded, [4, CONTEXT]), "{}", cold.name);
+        assert!(is_blind_to_truth(&cold, &recorded.copy(0..2), CONTEXT), "{}", cold.name);
+    }
+}
+
+/// Whether a prediction is the same where the truth behind what was measured is another.
+fn is_blind_to_truth(predictor: &dyn Predictor, recorded: &Series, context: usize) -> bool {
+    let nowhere = vec![f32::NAN; recorded.y().len()];
+    let mut other =
+        Series::new(recorded.shape(), recorded.rate_hz(), nowhere.clone(), nowhere).unwrap();
+    let (u, y) = other.add_noise(recorded.noise());
+    u.copy_from_slice(recorded.u());
+    y.copy_from_slice(recorded.y());
+    assert!(other.true_y()[0].is_nan());
+    let pre_roll = recorded.samples() - if context == CONTEXT { SAMPLES } else { 140 };
+    let answer = |series: &Series| {
+        bits(&predictor.predict(&series.view().observed(pre_roll, context)).unwrap())
+    };
+    answer(recorded) == answer(&other)
+}
+
 fn learned<'a>(
     name: &str,
     model: &'a TrainedModel,

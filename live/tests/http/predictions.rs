@@ -128,10 +128,34 @@ async fn everything_that_is_wrong_with_a_question_is_named() {
     let question = sampling(json!({"sampler": {"kind": "ddim", "steps": 21}}));
     check(question, &["sampling.sampler.steps"]).await;
 
+    for noise in [-1e-3, 0.2, 1e300] {
+        let mut question = two();
+        question["position_noise_rad"] = json!(noise);
+        check(question, &["position_noise_rad"]).await;
+    }
+
     let (status, problem) = server.predict(checkpoint, &json!([])).await;
     assert!(status == 422, "{problem}");
     let (status, problem) = server.predict(999, &two()).await;
     assert_eq!((status.as_u16(), &problem["title"]), (404, &json!("There is no such thing")));
+}
+
+#[tokio::test]
+async fn a_model_that_filters_is_told_the_noise() {
+    let server = Server::start().await;
+    let checkpoint = server.checkpoint("lagrangian").await;
+    let answer = async |noise: Option<f64>| {
+        let mut question = two_of(&model("lagrangian"));
+        if let Some(noise) = noise {
+            question["position_noise_rad"] = json!(noise);
+        }
+        let (status, answer) = server.predict(checkpoint, &question).await;
+        assert_eq!(status, 200, "{answer}");
+        numbers(&answer["scenarios"][0]["y"])
+    };
+    let plain = answer(None).await;
+    assert_eq!(plain, answer(Some(0.0)).await);
+    assert_ne!(plain, answer(Some(1e-3)).await);
 }
 
 #[tokio::test]

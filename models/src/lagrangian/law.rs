@@ -67,6 +67,16 @@ impl Law {
     /// As [`Law::predict`], with instructions of one's choice and the same result.
     pub fn predict_with(&self, instructions: InstructionSet, robots: &[Recorded<'_>]) -> Vec<f32> {
         let damping = self.dampings(instructions, robots);
+        self.roll_out(instructions, robots, damping)
+    }
+
+    /// As [`Law::predict_with`], of robots whose dampings are known.
+    pub fn roll_out(
+        &self,
+        instructions: InstructionSet,
+        robots: &[Recorded<'_>],
+        damping: Vec<[f32; MAX_JOINTS]>,
+    ) -> Vec<f32> {
         let starts: Vec<Start<'_>> = robots
             .iter()
             .zip(damping)
@@ -105,6 +115,10 @@ impl Law {
             .collect();
         let each = asked.iter().zip(fitted);
         each.flat_map(|(same, damping)| std::iter::repeat_n(damping, same.len())).collect()
+    }
+
+    pub fn priors(&self) -> &[Prior] {
+        &self.priors
     }
 
     fn joints(&self) -> usize {

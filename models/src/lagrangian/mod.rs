@@ -18,8 +18,10 @@
 //! (variable projection, Golub and Pereyra 1973). A prediction fits the dampings to the whole context and
 //! integrates the equations over the horizon ([`law`]).
 
+mod belief;
 mod dense;
 mod factored;
+mod filtering;
 mod fit;
 mod law;
 mod motion;
@@ -31,9 +33,12 @@ use std::rc::Rc;
 
 use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
 use burn::tensor::{Tensor, TensorData, activation};
+use rayon::prelude::*;
+use series::MeasurementNoise;
 use spec::{LagrangianSpec, MAX_JOINTS};
 
 use self::dense::Dense;
+use self::filtering::smoother;
 use self::fit::Prior;
 use self::law::Law;
 use self::motion::{Recorded, products};
@@ -198,7 +203,8 @@ impl Model for Lagrangian {
     fn loss(&self, input: ModelInput, _: Tensor<3>, noise: &mut Noise) -> Loss {
         let device = input.u.device();
         let [robots, context, joints] = input.y_context.dims();
-        let batch = HostBatch::new(&input);
+        let mut batch = HostBatch::new(&input);
+        batch.smooth(input.measurement_noise);
         let stride = (context - 2) / self.points;
         let mut points = Points::new([robots, joints, self.points]);
         for (robot, offset) in noise.below(stride).into_iter().enumerate() {
@@ -223,7 +229,7 @@ impl Model for Lagrangian {
         let [_, context, _] = input.y_context.dims();
         let batch = HostBatch::new(&input);
         let recorded: Vec<Recorded<'_>> = (0..robots).map(|robot| batch.robot(robot)).collect();
-        let answer = self.law().predict(&recorded);
+        let answer = self.law().predict_noisy(&recorded, input.measurement_noise);
         let shape = [robots, samples - context, joints];
         Tensor::from_data(TensorData::new(answer, shape), &input.u.device())
     }
@@ -281,6 +287,19 @@ impl HostBatch {
             joints,
             rate_hz: input.rate_hz as f32,
         }
+    }
+
+    /// Takes the noise out of positions: what is regressed are their differences.
+    fn smooth(&mut self, noise: MeasurementNoise) {
+        if noise.position_rad <= 0.0 || self.y.is_empty() {
+            return;
+        }
+        let smoother = smoother(&self.robot(0), noise);
+        let (joints, row) = (self.joints, self.context * self.joints);
+        self.y.par_chunks_exact_mut(row).for_each(|y| {
+            let smoothed = smoother.smooth_robot(y, joints);
+            y.copy_from_slice(&smoothed);
+        });
     }
 
     fn robot(&self, robot: usize) -> Recorded<'_> {

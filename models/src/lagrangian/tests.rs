@@ -2,6 +2,7 @@
 
 use burn::tensor::Device;
 use random::{ChaCha8Rng, Rng, SeedableRng};
+use series::MeasurementNoise;
 use simd::InstructionSet;
 use spec::LagrangianSpec;
 
@@ -185,5 +186,109 @@ fn a_robot_that_stands_still_or_was_hardly_seen_has_the_mean_damping() {
         let answer = law.predict(&[robot]);
         assert_eq!(answer.len(), (40 - context) * 3);
         assert!(answer.iter().all(|value| value.is_finite()));
+    }
+}
+
+/// Joints that do not feel each other, moved by waves, and their positions with noise of 1 mrad.
+struct Noisy {
+    law: Law,
+    u: Vec<f32>,
+    truth: Vec<f32>,
+    measured: Vec<f32>,
+}
+
+const NOISE: MeasurementNoise = MeasurementNoise { position_rad: 1e-3, torque_nm: 0.0 };
+const LONG: usize = 320;
+
+impl Noisy {
+    fn new(seed: u64) -> Self {
+        let (masses, dampings) = ([1.2, 0.02], [9.0, 11.5]);
+        let prior = Prior { share: 1.0, mean: 10.0, spread: 1.0, noise: 1e-3 };
+        let samples = LONG + SAMPLES;
+        let u: Vec<f32> = (0..samples * 2).map(|index| 4.0 * (0.03 * index as f32).sin()).collect();
+        let mut truth = vec![0.0_f32; samples * 2];
+        let mut velocity = [0.0_f64; 2];
+        for sample in 1..samples {
+            for joint in 0..2 {
+                let [mass, damping] = [masses[joint] * RATE_HZ, dampings[joint]].map(f64::from);
+                let torque = f64::from(u[(sample - 1) * 2 + joint]);
+                velocity[joint] = (torque + mass * velocity[joint]) / (mass + damping);
+                truth[sample * 2 + joint] =
+                    truth[(sample - 1) * 2 + joint] + (velocity[joint] / f64::from(RATE_HZ)) as f32;
+            }
+        }
+        let mut noise = vec![0.0; LONG * 2];
+        random::fill_normal_portably(&mut noise, &mut ChaCha8Rng::seed_from_u64(seed));
+        let measured =
+            truth.iter().zip(noise).map(|(q, n)| q + (NOISE.position_rad * n) as f32).collect();
+        Self { law: separate(&masses, vec![prior; 2]), u, truth, measured }
+    }
+
+    fn robot(&self) -> Recorded<'_> {
+        Recorded { u: &self.u, y: &self.measured, joints: 2, rate_hz: RATE_HZ }
+    }
+
+    /// Root mean square over the horizon, rad.
+    fn error(&self, predicted: &[f32]) -> f64 {
+        let truth = &self.truth[LONG * 2..];
+        assert_eq!(predicted.len(), truth.len());
+        let squares = predicted.iter().zip(truth).map(|(a, b)| f64::from(a - b).powi(2));
+        (squares.sum::<f64>() / truth.len() as f64).sqrt()
+    }
+}
+
+#[test]
+fn a_filter_that_knows_the_noise_predicts_well_below_it() {
+    let (mut filtered, mut raw) = (0.0, 0.0);
+    for seed in 0..8 {
+        let robot = Noisy::new(seed);
+        filtered += robot.error(&robot.law.predict_noisy(&[robot.robot()], NOISE)) / 8.0;
+        raw += robot.error(&robot.law.predict(&[robot.robot()])) / 8.0;
+    }
+    assert!(filtered < 0.4 * NOISE.position_rad, "{filtered}");
+    assert!(raw > 10.0 * filtered, "{raw} {filtered}");
+}
+
+#[test]
+fn without_noise_a_prediction_is_not_filtered() {
+    let law = model(7).law();
+    let motions = Motions::new(5, 7);
+    let robots = motions.robots();
+    let none = MeasurementNoise { position_rad: 0.0, torque_nm: 0.3 };
+    assert_eq!(law.predict_noisy(&robots, none), law.predict(&robots));
+}
+
+#[test]
+fn filtered_predictions_have_the_same_bits_in_every_company() {
+    for joints in [2, 7] {
+        let law = model(joints).law();
+        let motions = Motions::new(7, joints);
+        let mut robots = motions.robots();
+        let mut planned = robots[1].u.to_vec();
+        planned[(CONTEXT - 1) * joints..].fill(0.5);
+        robots.insert(2, Recorded { u: &planned, ..robots[1] });
+        let together = law.predict_noisy(&robots, NOISE);
+        assert!(together.iter().all(|position| position.is_finite()));
+        let answers = together.chunks_exact((SAMPLES - CONTEXT) * joints);
+        for (robot, answer) in robots.iter().zip(answers) {
+            assert_eq!(law.predict_noisy(&[*robot], NOISE), answer);
+        }
+    }
+}
+
+#[test]
+fn a_context_too_short_or_still_to_filter_has_a_finite_answer() {
+    let prior = Prior { share: 0.7, mean: 3.0, spread: 0.5, noise: 0.1 };
+    let law = separate(&[0.2; 3], vec![prior; 3]);
+    let u = vec![0.0; 40 * 3];
+    for context in [1, 2, 3, 8, 30] {
+        for position_rad in [1e-9, 1e-3, 0.1] {
+            let y = vec![0.4; context * 3];
+            let robot = Recorded { u: &u, y: &y, joints: 3, rate_hz: RATE_HZ };
+            let noise = MeasurementNoise { position_rad, torque_nm: 0.0 };
+            let answer = law.predict_noisy(&[robot], noise);
+            assert_eq!(answer.len(), (40 - context) * 3);
+            assert!(answer.iter().all(|value| (value - 0.4).abs() < 1e-3), "{answer:?}");
+        }
     }
 }

@@ -1,0 +1,98 @@
+use series::{Observed, Series, Shape, ShapeError};
+use smoothing::Smoother;
+
+use crate::{EvaluationError, Predictor};
+
+/// A baseline that is told positions without their noise, as far as smoothing takes it out.
+///
+/// The positions of the context are smoothed joint by joint by a filter that knows their noise
+/// ([`smoothing`]). Velocities, the fit and the position that the prediction starts from are then
+/// those of the smoothed motion. Positions without noise are handed on as they are.
+pub(super) struct Filtered(pub Box<dyn Predictor>);
+
+impl Predictor for Filtered {
+    fn name(&self) -> &str {
+        self.0.name()
+    }
+
+    fn predict(&self, observed: &Observed<'_>) -> Result<Vec<f32>, EvaluationError> {
+        match smoothed(observed)? {
+            Some(smoothed) => self.0.predict(&smoothed.observed(observed.context())),
+            None => self.0.predict(observed),
+        }
+    }
+}
+
+/// The window of `observed` with smoothed positions over its context, which are the last that it knows.
+/// `None` where positions have no noise.
+pub(super) fn smoothed(observed: &Observed<'_>) -> Result<Option<Series>, ShapeError> {
+    let deviation_rad = observed.noise().position_rad;
+    if deviation_rad <= 0.0 {
+        return Ok(None);
+    }
+    let Shape { robots, joints, .. } = observed.shape();
+    let (context, rate_hz) = (observed.context(), observed.rate_hz());
+    let smoother = Smoother::new(context, rate_hz, deviation_rad);
+    let mut u = Vec::new();
+    let mut y = Vec::new();
+    for robot in 0..robots {
+        u.extend_from_slice(observed.u(robot).values());
+        y.extend(smoother.smooth_robot(observed.y(robot).values(), joints));
+    }
+    Series::question(observed.shape(), context, rate_hz, u, y).map(Some)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::baselines::fixture::first_order_robot;
+    use crate::{FittedDamping, HoldLast};
+
+    const NOISE_RAD: f64 = 2e-3;
+    const CONTEXT: usize = 320;
+
+    fn noisy(seed: u64) -> Series {
+        let mut robot = first_order_robot(0.8, 0.03);
+        dynamics::add_position_noise(&mut robot, NOISE_RAD, CONTEXT, seed, 0);
+        robot
+    }
+
+    /// Root mean square of the first predicted position less the last true one of the context, rad.
+    fn error_at_start(predictor: &dyn Predictor) -> f64 {
+        let squares = (0..20).map(|seed| {
+            let robot = noisy(seed);
+            let predicted = predictor.predict(&robot.observed(CONTEXT)).unwrap();
+            let view = robot.view();
+            let truth = &view.true_y(0)[CONTEXT - 1];
+            predicted.iter().zip(truth).map(|(a, b)| f64::from(a - b).powi(2)).sum::<f64>() / 7.0
+        });
+        (squares.sum::<f64>() / 20.0).sqrt()
+    }
+
+    #[test]
+    fn a_prediction_starts_nearer_to_the_truth_than_what_was_measured() {
+        let (filtered, raw) =
+            (error_at_start(&Filtered(Box::new(HoldLast))), error_at_start(&HoldLast));
+        assert!((raw / NOISE_RAD - 1.0).abs() < 0.2, "{raw}");
+        assert!(filtered < 0.75 * raw, "{filtered} {raw}");
+    }
+
+    #[test]
+    fn positions_without_noise_are_handed_on_to_the_bit() {
+        let robot = first_order_robot(0.8, 0.03);
+        let observed = robot.observed(CONTEXT);
+        let filtered = Filtered(Box::new(FittedDamping)).predict(&observed).unwrap();
+        assert_eq!(filtered, FittedDamping.predict(&observed).unwrap());
+    }
+
+    /// Nothing after the context is smoothed into it.
+    #[test]
+    fn the_filter_ends_with_the_context() {
+        let robot = noisy(3);
+        let mut other = robot.clone();
+        other.y_mut()[CONTEXT * 7..].fill(9.0);
+        let predictor = Filtered(Box::new(FittedDamping));
+        let answers = [&robot, &other].map(|it| predictor.predict(&it.observed(CONTEXT)).unwrap());
+        assert_eq!(answers[0], answers[1]);
+    }
+}

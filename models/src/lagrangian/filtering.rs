@@ -1,0 +1,263 @@
+//! Predictions from noisy positions: a Kalman filter with the learned law as its motion.
+//!
+//! Positions are smoothed first, joint by joint and without the law ([`smoothing`]), and the dampings
+//! fitted to that. Around this motion the law is linear: how the state at the next sample changes with
+//! angles, velocities, dampings and torques comes from forward differences, which are lanes of one call.
+//! A Kalman filter over the context then estimates angles, velocities and dampings together, from the measured
+//! positions. Where it ends, the prediction begins.
+//!
+//! What the law leaves over is taken to be white noise of torques in proportion to that of training. By how
+//! much more it is for this robot is chosen by the likelihood of the context: errors of a law are not
+//! white, and larger where it was not trained.
+
+use rayon::prelude::*;
+use series::MeasurementNoise;
+use simd::InstructionSet;
+use smoothing::Smoother;
+use spec::MAX_JOINTS;
+
+use super::belief::{Belief, Step};
+use super::law::Law;
+use super::motion::Recorded;
+
+/// Noise below this, rad, counts as this one: positions are computed in f32.
+const LEAST_NOISE: f64 = 1e-6;
+/// A context of fewer samples is taken as it is.
+const LEAST_SAMPLES: usize = 8;
+
+/// Forward differences: rad, rad/s, share of the mean damping, N·m. Far above rounding, which is 1e-5 rad/s.
+const ANGLE: f32 = 0.01;
+const VELOCITY: f32 = 0.05;
+const DAMPING: f32 = 0.05;
+const TORQUE: f32 = 0.1;
+
+/// Standard deviation of the velocity at the first sample about that of the smoothed positions, rad/s.
+const INITIAL_VELOCITY: f64 = 1.0;
+/// That of the angle, in deviations of the measurement.
+const INITIAL_ANGLE: f64 = 10.0;
+
+/// Between two deviations of the law that are tried, and how many there are on both sides of training's.
+const RATIO: f64 = 3.0;
+const STEPS: i32 = 6;
+
+/// Where a robot is at the end of its context, and its dampings.
+pub(super) struct Estimate {
+    /// At the last two samples `[sample, joint]`, rad.
+    y: Vec<f32>,
+    damping: [f32; MAX_JOINTS],
+}
+
+impl Law {
+    /// As [`Law::predict`], of positions with noise.
+    pub fn predict_noisy(&self, robots: &[Recorded<'_>], noise: MeasurementNoise) -> Vec<f32> {
+        let Some(first) = robots.first() else { return Vec::new() };
+        if noise.position_rad <= 0.0 || first.samples() < LEAST_SAMPLES {
+            return self.predict(robots);
+        }
+        let instructions = InstructionSet::best();
+        let smoother = smoother(first, noise);
+        let pasts: Vec<&[Recorded<'_>]> = robots.chunk_by(Recorded::has_the_past_of).collect();
+        let estimates: Vec<Estimate> = pasts
+            .par_iter()
+            .map(|same| self.estimate(instructions, &same[0], &smoother, noise))
+            .collect();
+        let each = pasts.iter().zip(&estimates);
+        let each =
+            each.flat_map(|(same, estimate)| same.iter().map(move |robot| (robot, estimate)));
+        let (starts, dampings) = each
+            .map(|(robot, estimate)| {
+                let before = (robot.samples() - 2) * robot.joints;
+                let u = &robot.u[before..];
+                (Recorded { u, y: &estimate.y, ..*robot }, estimate.damping)
+            })
+            .unzip::<_, _, Vec<_>, Vec<_>>();
+        self.roll_out(instructions, &starts, dampings)
+    }
+
+    fn estimate(
+        &self,
+        instructions: InstructionSet,
+        robot: &Recorded<'_>,
+        smoother: &Smoother,
+        noise: MeasurementNoise,
+    ) -> Estimate {
+        let smoothed = smoother.smooth_robot(robot.y, robot.joints);
+        let path = Recorded { y: &smoothed, ..*robot };
+        let fitted = self.dampings(instructions, &[path]);
+        let damping = fitted.first().copied().unwrap_or([0.0; MAX_JOINTS]);
+        let steps = self.linearized(instructions, &path, damping);
+        let filter =
+            Filter { law: self, measured: robot, path: &path, damping, steps: &steps, noise };
+        filter.most_likely()
+    }
+
+    /// The steps from sample 1 to the last, each around the path.
+    fn linearized(
+        &self,
+        instructions: InstructionSet,
+        path: &Recorded<'_>,
+        damping: [f32; MAX_JOINTS],
+    ) -> Vec<Step> {
+        let joints = path.joints;
+        let variants = 1 + 4 * joints;
+        let steps = 1..path.samples() - 1;
+        let mut u = Vec::with_capacity(steps.len() * variants * 3 * joints);
+        let mut y = Vec::with_capacity(steps.len() * variants * 2 * joints);
+        let mut dampings = Vec::with_capacity(steps.len() * variants);
+        for sample in steps {
+            let before = (sample - 1) * joints;
+            let torques = &path.u[before..before + 2 * joints];
+            let positions = &path.y[before..before + 2 * joints];
+            for variant in 0..variants {
+                let (u_at, y_at) = (u.len(), y.len());
+                u.extend_from_slice(torques);
+                u.extend_from_slice(&torques[joints..]);
+                y.extend_from_slice(positions);
+                let mut damping = damping;
+                if let Some(change) = variant.checked_sub(1) {
+                    let joint = change % joints;
+                    match change / joints {
+                        // The same velocity elsewhere.
+                        0 => {
+                            y[y_at + joint] += ANGLE;
+                            y[y_at + joints + joint] += ANGLE;
+                        }
+                        1 => y[y_at + joint] -= VELOCITY / path.rate_hz,
+                        2 => damping[joint] += DAMPING * self.priors()[joint].mean,
+                        _ => {
+                            u[u_at + joint] += TORQUE;
+                            u[u_at + joints + joint] += TORQUE;
+                        }
+                    }
+                }
+                dampings.push(damping);
+            }
+        }
+        let starts = u.chunks_exact(3 * joints).zip(y.chunks_exact(2 * joints));
+        let starts: Vec<Recorded<'_>> = starts.map(|(u, y)| Recorded { u, y, ..*path }).collect();
+        let next = self.roll_out(instructions, &starts, dampings);
+        let each = y.chunks_exact(variants * 2 * joints).zip(next.chunks_exact(variants * joints));
+        let changes = |variant: usize| match variant / joints {
+            0 => f64::from(ANGLE),
+            1 => f64::from(VELOCITY),
+            2 => f64::from(DAMPING) * f64::from(self.priors()[variant % joints].mean),
+            _ => f64::from(TORQUE),
+        };
+        each.map(|(y, next)| Step::new(y, next, joints, f64::from(path.rate_hz), changes)).collect()
+    }
+}
+
+/// A smoother for the context of `robot`.
+pub(super) fn smoother(robot: &Recorded<'_>, noise: MeasurementNoise) -> Smoother {
+    let deviation = noise.position_rad.max(LEAST_NOISE);
+    Smoother::new(robot.samples(), f64::from(robot.rate_hz), deviation)
+}
+
+/// The filter of a robot's context.
+struct Filter<'a> {
+    law: &'a Law,
+    measured: &'a Recorded<'a>,
+    /// What steps are linear about.
+    path: &'a Recorded<'a>,
+    damping: [f32; MAX_JOINTS],
+    steps: &'a [Step],
+    noise: MeasurementNoise,
+}
+
+impl Filter<'_> {
+    /// The estimate with the deviation of the law under which the context is most likely.
+    fn most_likely(&self) -> Estimate {
+        let mut step = 0;
+        let mut best = self.run(RATIO.powi(step));
+        for direction in [1, -1] {
+            while (step + direction).abs() <= STEPS {
+                let found = self.run(RATIO.powi(step + direction));
+                if found.surprise >= best.surprise || found.surprise.is_nan() {
+                    break;
+                }
+                (step, best) = (step + direction, found);
+            }
+        }
+        self.estimate(&best)
+    }
+
+    /// With the law's torque noise `scale` times that of training.
+    fn run(&self, scale: f64) -> Belief {
+        let joints = self.measured.joints;
+        let mut belief = self.prior();
+        belief.measure(&self.innovations(1), joints, self.variance());
+        let deviations: Vec<f64> = self.law.priors()[..joints]
+            .iter()
+            .map(|prior| (scale * f64::from(prior.noise)).hypot(self.noise.torque_nm))
+            .collect();
+        let mut room = vec![0.0; 6 * joints * joints];
+        for (sample, step) in (2..).zip(self.steps) {
+            belief.advance(
+                step,
+                &self.at(sample),
+                &deviations,
+                f64::from(self.path.rate_hz),
+                &mut room,
+            );
+            belief.measure(&self.innovations(sample), joints, self.variance());
+        }
+        belief
+    }
+
+    fn variance(&self) -> f64 {
+        self.noise.position_rad.max(LEAST_NOISE).powi(2)
+    }
+
+    fn prior(&self) -> Belief {
+        let joints = self.measured.joints;
+        let width = 3 * joints;
+        let mut belief =
+            Belief { mean: vec![0.0; width], covariance: vec![0.0; width * width], surprise: 0.0 };
+        for (joint, prior) in self.law.priors()[..joints].iter().enumerate() {
+            belief.mean[2 * joints + joint] = f64::from(prior.mean - self.damping[joint]);
+            let variances = [
+                INITIAL_ANGLE.powi(2) * self.variance(),
+                INITIAL_VELOCITY.powi(2),
+                f64::from(prior.spread).powi(2),
+            ];
+            for (group, variance) in variances.into_iter().enumerate() {
+                belief.covariance[(group * joints + joint) * (width + 1)] = variance;
+            }
+        }
+        belief
+    }
+
+    /// Measured positions less those of the path.
+    fn innovations(&self, sample: usize) -> Vec<f64> {
+        let joints = self.measured.joints;
+        let at = sample * joints..(sample + 1) * joints;
+        let pairs = self.measured.y[at.clone()].iter().zip(&self.path.y[at]);
+        pairs.map(|(measured, path)| f64::from(*measured) - f64::from(*path)).collect()
+    }
+
+    /// Angles and velocities of the path.
+    fn at(&self, sample: usize) -> Vec<f64> {
+        let joints = self.path.joints;
+        let angle = |sample: usize, joint: usize| f64::from(self.path.y[sample * joints + joint]);
+        let rate_hz = f64::from(self.path.rate_hz);
+        let velocity = |joint| rate_hz * (angle(sample, joint) - angle(sample - 1, joint));
+        (0..joints).map(|joint| angle(sample, joint)).chain((0..joints).map(velocity)).collect()
+    }
+
+    #[expect(clippy::cast_possible_truncation, reason = "the law is computed in f32")]
+    fn estimate(&self, belief: &Belief) -> Estimate {
+        let joints = self.measured.joints;
+        let path = self.at(self.path.samples() - 1);
+        let finite = belief.mean.iter().all(|more| more.is_finite());
+        let mean = if finite { belief.mean.clone() } else { vec![0.0; belief.mean.len()] };
+        let state: Vec<f64> = path.iter().zip(&mean).map(|(path, more)| path + more).collect();
+        let period = 1.0 / f64::from(self.path.rate_hz);
+        let before = (0..joints).map(|joint| state[joint] - period * state[joints + joint]);
+        let y: Vec<f32> = before.chain(state[..joints].iter().copied()).map(|q| q as f32).collect();
+        let mut damping = self.damping;
+        for (damping, more) in damping.iter_mut().zip(&mean[2 * joints..]) {
+            *damping = (*damping + *more as f32).max(0.0);
+        }
+        Estimate { y, damping }
+    }
+}
