@@ -1,5 +1,7 @@
 use spec::Family;
-use wire::{CellSummary, Interval, PredictorInfo, PredictorSummary, Report, at_noise};
+use wire::{
+    CellSummary, GroupSummary, Interval, PredictorInfo, PredictorSummary, Report, at_noise,
+};
 
 use super::{degrees, label};
 use crate::table::{Align, Table};
@@ -7,8 +9,12 @@ use crate::table::{Align, Table};
 /// RMSE of every predictor in and out of distribution, and what the predictor is told of the arms.
 pub fn by_group(report: &Report) -> String {
     let groups = report.groups.iter().map(|group| {
-        let count = group.scenarios;
-        (format!("{} ({count} scenarios)", group.name), Align::Right)
+        let GroupSummary { name, scenarios, position_noise_rad, .. } = group;
+        // Levels of noise ask about the same scenarios.
+        let is_noisy = *position_noise_rad > 0.0;
+        let heading =
+            if is_noisy { name.clone() } else { format!("{name} ({scenarios} scenarios)") };
+        (heading, Align::Right)
     });
     let tells = report.predictors.iter().any(|predictor| predictor.told.is_some());
     let told = tells.then(|| ("told".to_owned(), Align::Left));
@@ -92,6 +98,29 @@ mod tests {
                 "damped-integrator                2.00 [1.50, 2.50]                    2.00 [1.50, 2.50]",
                 "robomorph                        2.50 [2.00, 3.00]                    2.50 [2.00, 3.00]",
             ]
+        );
+    }
+
+    #[test]
+    fn levels_of_noise_stand_beside_each_other() {
+        let mut report = example();
+        let mut noisy = report.groups[0].clone();
+        noisy.name = "in distribution at 0.001 rad".to_owned();
+        noisy.position_noise_rad = 1e-3;
+        report.groups.push(noisy);
+        let cells = report
+            .cells
+            .iter()
+            .map(|cell| CellSummary { position_noise_rad: 1e-3, ..cell.clone() });
+        let noisy: Vec<CellSummary> = cells.collect();
+        report.cells.extend(noisy);
+        let text = by_group(&report);
+        assert!(text.lines().next().unwrap().ends_with("  in distribution at 0.001 rad"), "{text}");
+        let text = by_frequency(&report);
+        let headings = text.lines().filter(|line| line.starts_with("multisine"));
+        assert_eq!(
+            headings.collect::<Vec<_>>(),
+            ["multisine, Hz      0.05   0.15*", "multisine at 0.001 rad, Hz  0.05   0.15*"]
         );
     }
 

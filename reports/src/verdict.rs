@@ -5,7 +5,7 @@ use super::{Standing, degrees, models, signed_degrees};
 /// How each trained model stands against the strongest baseline, against the damped integrator and
 /// against holding the last position, from differences on the same scenarios: a sentence each.
 ///
-/// Models that were told the future have none. A difference counts when its 95 % interval leaves zero out.
+/// With several levels of noise, at the first. Models that were told the future have none. A difference counts when its 95 % interval leaves zero out.
 pub fn verdicts(report: &Report) -> Vec<String> {
     let honest = models(report).filter(|model| !model.sees_the_future());
     honest.filter_map(|model| verdict(report, &model.name)).collect()
@@ -39,10 +39,12 @@ fn verdict(report: &Report, model: &str) -> Option<String> {
 
 /// For example "better than hold-last in distribution (by 5.50°, 95 % CI 5.00° to 6.00°)".
 fn clause(report: &Report, model: &str, against: &str) -> Option<String> {
+    let level = report.groups.first().map(|group| group.position_noise_rad);
     let differences: Vec<&PairedDifference> = report
         .paired
         .iter()
         .filter(|paired| paired.predictor == model && paired.against == against)
+        .filter(|paired| Some(paired.position_noise_rad) == level)
         .collect();
     let stands = |paired: &&PairedDifference| Standing::of(paired.difference_deg);
     let first = differences.first().map(stands)?;

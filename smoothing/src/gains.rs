@@ -13,15 +13,16 @@ const INITIAL_DEVIATION: State = [1.0, 10.0, 1000.0];
 pub(crate) struct Gains {
     /// Sampling time, s.
     period: f64,
+    /// The sum of the logarithms of the innovations' variances.
+    log_variances: f64,
     samples: Vec<Sample>,
 }
 
 #[derive(Clone, Copy, Debug)]
 struct Sample {
     gain: State,
-    /// Variance of the innovation, rad², and its logarithm.
-    variance: f64,
-    log_variance: f64,
+    /// 1 / variance of the innovation, rad⁻².
+    precision: f64,
     /// Covariance of the state given everything up to here.
     covariance: Matrix,
 }
@@ -35,6 +36,7 @@ impl Gains {
             covariance[place][place] = deviation * deviation;
         }
         let noise = deviation_rad * deviation_rad;
+        let mut log_variances = 0.0;
         let samples = (0..samples).map(|sample| {
             if sample > 0 {
                 covariance = predicted(&covariance, period, &drift);
@@ -42,16 +44,18 @@ impl Gains {
             let variance = covariance[0][0] + noise;
             let gain = covariance.map(|row| row[0] / variance);
             covariance = measured(&covariance, gain, noise, variance);
-            Sample { gain, variance, log_variance: variance.ln(), covariance }
+            log_variances += variance.ln();
+            Sample { gain, precision: variance.recip(), covariance }
         });
-        Self { period, samples: samples.collect() }
+        let samples = samples.collect();
+        Self { period, log_variances, samples }
     }
 
     /// The negative logarithm of the likelihood of what was measured, less a constant.
     pub fn surprise(&self, measured: &[f64]) -> f64 {
-        let mut surprise = 0.0;
+        let mut surprise = self.log_variances;
         self.pass(measured, |sample, filtered| {
-            surprise += sample.log_variance + filtered.innovation.powi(2) / sample.variance;
+            surprise += filtered.innovation * filtered.innovation * sample.precision;
         });
         surprise / 2.0
     }
@@ -87,7 +91,7 @@ impl Gains {
             }
             smoothed.push(state);
             // Back over the measurement, then over the time to the sample before.
-            adjoint[0] -= dot(&sample.gain, &adjoint) + innovation / sample.variance;
+            adjoint[0] -= dot(&sample.gain, &adjoint) + innovation * sample.precision;
             let [q, v, a] = adjoint;
             let h = self.period;
             adjoint = [q, h.mul_add(q, v), (0.5 * h * h).mul_add(q, h.mul_add(v, a))];
