@@ -10,6 +10,7 @@ use series::Series;
 use spec::{SamplerSpec, SpecError};
 use store::{Checkpoint, StoreError};
 use thiserror::Error;
+use wire::Warning;
 
 /// The models of checkpoints, kept loaded.
 pub trait LiveModels: Send + Sync {
@@ -87,6 +88,8 @@ pub struct Answer {
     /// Joint positions `[samples, size, horizon, 7]`, rad; all finite.
     pub positions: Vec<f32>,
     pub samples: usize,
+    /// What its asker should know of the question or the answer.
+    pub warnings: Vec<Warning>,
     /// Until its turn came.
     pub queued: Duration,
     pub computed: Duration,

@@ -1,11 +1,12 @@
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use series::{Observed, SeriesView};
-use spec::Family;
+use spec::{Family, Range};
+use wire::Warning;
 
-use crate::metrics::{JitterMeter, squares_deg2};
+use crate::metrics::{JitterMeter, beyond_limits_deg, has_diverged, squares_deg2};
 use crate::predictor::Answer;
-use crate::scores::{ScenarioErrors, degrees};
+use crate::scores::{ScenarioErrors, ScoredAs, degrees};
 use crate::{EvaluationError, Predictor};
 
 /// The errors of every predictor on the same scenarios of one cell.
@@ -28,6 +29,12 @@ pub struct CellResult {
     /// What the measured motions themselves have above the band, see [`measured_jitter_deg`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub measured_jitter_deg: Option<f64>,
+    /// Share of the scenarios whose measured motions leave the joints' limits themselves.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub measured_left_limits: Option<f64>,
+    /// Data that checkpoints were not trained on, and contexts that tell nothing.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub warnings: Vec<Warning>,
 }
 
 /// One predictor's errors on the scenarios of a cell, in order.
@@ -48,6 +55,18 @@ pub struct PredictorErrors {
     pub calibration: Vec<f64>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub failure: Option<Failure>,
+    /// `None` where the predictor failed on the cell as a whole.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rollouts: Option<Rollouts>,
+}
+
+/// Where the predictions of a cell went; those that are not finite count.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Rollouts {
+    /// Scenarios in which some joint leaves its limits; `None` where they are not known.
+    pub left_limits: Option<usize>,
+    /// Scenarios that [`has_diverged`] is said of.
+    pub diverged: usize,
 }
 
 /// Scenarios of a cell that a predictor has no answer to.
@@ -61,7 +80,7 @@ pub struct Failure {
 }
 
 /// How predictors are asked and scored.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Scoring {
     /// Samples of the recording before the window that is asked about. Only predictors that go on from
     /// predictions of their own, made earlier, use them.
@@ -72,6 +91,8 @@ pub struct Scoring {
     /// Above which a prediction's power is jitter, see [`crate::metrics::band_edge_hz`]; `None`
     /// measures none.
     pub band_edge_hz: Option<f64>,
+    /// Limits of each joint's position; empty where they are not known.
+    pub limits_rad: Vec<Range>,
 }
 
 /// Asks each predictor the same question and scores the answers.
@@ -91,6 +112,7 @@ pub fn evaluate_cell(
         truth: &scoring.truth(scenarios),
         row: observed.horizon() * observed.joints(),
         joints: observed.joints(),
+        limits_rad: &scoring.limits_rad,
         meter: meter(&observed, scoring),
     };
     predictors.iter().map(|predictor| scorer.errors(&**predictor, &observed, scoring)).collect()
@@ -114,6 +136,24 @@ pub fn measured_jitter_deg(scenarios: &SeriesView<'_>, scoring: &Scoring) -> Opt
     (scenarios.robots() > 0).then(|| total / (scenarios.robots() * joints) as f64)
 }
 
+/// The share of scenarios whose measured horizon leaves the joints' limits: no predictor's doing.
+///
+/// # Panics
+/// As [`SeriesView::observed`].
+pub fn measured_left_limits(scenarios: &SeriesView<'_>, scoring: &Scoring) -> Option<f64> {
+    if scoring.limits_rad.is_empty() || scenarios.robots() == 0 {
+        return None;
+    }
+    let truth = scoring.truth(scenarios);
+    let rows = truth.chunks_exact(truth.len() / scenarios.robots());
+    let left = rows.filter(|row| has_left(row, &scoring.limits_rad)).count();
+    Some(left as f64 / scenarios.robots() as f64)
+}
+
+fn has_left(positions: &[f32], limits_rad: &[Range]) -> bool {
+    beyond_limits_deg(positions, limits_rad).iter().any(|&beyond| beyond > 0.0)
+}
+
 fn meter(observed: &Observed<'_>, scoring: &Scoring) -> Option<JitterMeter> {
     JitterMeter::new(observed.horizon(), scoring.band_edge_hz?, observed.rate_hz())
 }
@@ -131,6 +171,7 @@ struct Scorer<'a> {
     /// Values per scenario.
     row: usize,
     joints: usize,
+    limits_rad: &'a [Range],
     meter: Option<JitterMeter>,
 }
 
@@ -155,8 +196,9 @@ impl Scorer<'_> {
                 };
             }
         };
+        let patch = predictor.patch();
         let scenarios: Vec<Option<ScenarioErrors>> =
-            (0..size).into_par_iter().map(|scenario| self.score(&answer, scenario)).collect();
+            (0..size).into_par_iter().map(|k| self.score(&answer, patch, k)).collect();
         let mut squares = vec![0.0; self.row];
         for scenario in (0..size).filter(|&scenario| scenarios[scenario].is_some()) {
             let of_scenario = scenario * self.row..(scenario + 1) * self.row;
@@ -178,6 +220,7 @@ impl Scorer<'_> {
             }),
             calibration: calibration(&scenarios),
             scenarios,
+            rollouts: Some(self.rollouts(&answer)),
             step_squares_deg2: squares.chunks(self.joints).map(<[f64]>::to_vec).collect(),
         }
     }
@@ -203,8 +246,22 @@ impl Scorer<'_> {
         Ok(answer)
     }
 
+    fn rollouts(&self, answer: &Answer) -> Rollouts {
+        let each = || self.truth.chunks(self.row).zip(answer.positions.chunks(self.row));
+        let left = || each().filter(|(_, predicted)| has_left(predicted, self.limits_rad)).count();
+        Rollouts {
+            left_limits: (!self.limits_rad.is_empty()).then(left),
+            diverged: each().filter(|(truth, predicted)| has_diverged(truth, predicted)).count(),
+        }
+    }
+
     /// `None` where something that was answered is not finite.
-    fn score(&self, answer: &Answer, scenario: usize) -> Option<ScenarioErrors> {
+    fn score(
+        &self,
+        answer: &Answer,
+        patch: Option<usize>,
+        scenario: usize,
+    ) -> Option<ScenarioErrors> {
         let of_scenario = scenario * self.row..(scenario + 1) * self.row;
         let truth = &self.truth[of_scenario.clone()];
         let predicted = &answer.positions[of_scenario.clone()];
@@ -218,7 +275,13 @@ impl Scorer<'_> {
         };
         let mut answered = samples.iter().copied().chain([predicted]).flatten();
         answered.all(|value| value.is_finite()).then(|| {
-            ScenarioErrors::new(truth, predicted, &samples, self.joints, self.meter.as_ref())
+            let scored_as = ScoredAs {
+                joints: self.joints,
+                patch,
+                limits_rad: self.limits_rad,
+                meter: self.meter.as_ref(),
+            };
+            ScenarioErrors::new(truth, predicted, &samples, scored_as)
         })
     }
 }
@@ -249,8 +312,15 @@ mod tests {
 
     const JOINTS: usize = 7;
 
-    const SCORING: Scoring =
-        Scoring { pre_roll: 0, context: 20, samples: 4, band_edge_hz: Some(8.0) };
+    fn scoring() -> Scoring {
+        Scoring {
+            pre_roll: 0,
+            context: 20,
+            samples: 4,
+            band_edge_hz: Some(8.0),
+            limits_rad: vec![Range::new(-2.0, 2.0); JOINTS],
+        }
+    }
 
     fn scenarios() -> Series {
         let y: Vec<f32> = (0..3 * 60 * JOINTS).map(|k| (0.01 * k as f32).sin()).collect();
@@ -315,8 +385,10 @@ mod tests {
             position_noise_rad: 0.0,
             first: 200,
             joints: JOINTS,
-            predictors: evaluate_cell(&scenarios().view(), &SCORING, predictors),
-            measured_jitter_deg: measured_jitter_deg(&scenarios().view(), &SCORING),
+            predictors: evaluate_cell(&scenarios().view(), &scoring(), predictors),
+            measured_jitter_deg: measured_jitter_deg(&scenarios().view(), &scoring()),
+            measured_left_limits: measured_left_limits(&scenarios().view(), &scoring()),
+            warnings: Vec::new(),
         }
     }
 
@@ -332,6 +404,28 @@ mod tests {
             assert_eq!(broken.rmse_deg[..2], held.rmse_deg[..2]);
             assert!(held.failure.is_none() && held.rmse_deg.iter().all(Option::is_some));
         }
+    }
+
+    #[test]
+    fn rollouts_that_leave_the_limits_and_those_that_diverge_are_counted() {
+        let row = 40 * JOINTS;
+        // In range of the measured position, and not: of the second scenario, and of the third.
+        let found = result(&[
+            Box::new(Broken { value: 2.5, at: row + 5 }),
+            Box::new(Broken { value: 7.0, at: 2 * row + 5 }),
+            Box::new(Broken { value: f32::NAN, at: 5 }),
+            Box::new(HoldLast),
+        ]);
+        let rollouts: Vec<Rollouts> =
+            found.predictors.iter().map(|it| it.rollouts.unwrap()).collect();
+        let expected = [(1, 0), (1, 1), (1, 1), (0, 0)]
+            .map(|(left, diverged)| Rollouts { left_limits: Some(left), diverged });
+        assert_eq!(rollouts, expected);
+        assert_eq!(found.measured_left_limits, Some(0.0));
+        let scenario = found.predictors[0].scenarios[1].as_ref().unwrap();
+        let beyond = scenario.beyond_limits_deg.as_ref().unwrap();
+        assert!((f64::from(beyond[5]) - 0.5_f64.to_degrees()).abs() < 1e-4, "{beyond:?}");
+        assert_eq!(beyond[4], 0.0);
     }
 
     #[test]

@@ -54,9 +54,19 @@ pub struct OracleStarted<'a> {
     pub scenarios: &'a SeriesView<'a>,
 }
 
+/// Of an architecture that predicts several samples at a time.
+fn patch(model: &TrainedModel) -> Option<usize> {
+    let patch = model.architecture().patch() as usize;
+    (patch > 1).then_some(patch)
+}
+
 impl Predictor for Learned<'_> {
     fn name(&self) -> &str {
         &self.name
+    }
+
+    fn patch(&self) -> Option<usize> {
+        patch(self.model)
     }
 
     /// Of a gaussian head the mean, of a denoiser its first sample.
@@ -147,6 +157,10 @@ impl Predictor for LeakyLearned<'_> {
         &self.name
     }
 
+    fn patch(&self) -> Option<usize> {
+        patch(self.model)
+    }
+
     fn predict(&self, observed: &Observed<'_>) -> Result<Vec<f32>, EvaluationError> {
         let window = self.scenarios.window(observed.pre_roll()..self.scenarios.samples());
         let predicted = self.model.predict_with_leak(&window);
@@ -157,6 +171,10 @@ impl Predictor for LeakyLearned<'_> {
 impl Predictor for OracleStarted<'_> {
     fn name(&self) -> &str {
         &self.name
+    }
+
+    fn patch(&self) -> Option<usize> {
+        patch(self.model)
     }
 
     fn predict(&self, observed: &Observed<'_>) -> Result<Vec<f32>, EvaluationError> {

@@ -22,7 +22,10 @@ pub use baselines::{
     baseline,
 };
 pub use bootstrap::stratified_mean;
-pub use cell::{CellResult, Failure, PredictorErrors, Scoring, evaluate_cell, measured_jitter_deg};
+pub use cell::{
+    CellResult, Failure, PredictorErrors, Rollouts, Scoring, evaluate_cell, measured_jitter_deg,
+    measured_left_limits,
+};
 pub use error::EvaluationError;
 pub use figure::{
     calibration_figure, crps_figure, horizon_figure, latency_figure, rmse_figure,
@@ -34,5 +37,6 @@ pub use predictor::{Answer, Predictor, Samples};
 pub use report::{Setting, paired_difference, summarize, trained_on};
 pub use rows::{MEASURES, Measure, Row};
 pub use scores::{
-    CALIBRATION, INTERVALS, IntervalErrors, Jitter, PerJoint, SampleErrors, ScenarioErrors,
+    CALIBRATION, ContinuityErrors, INTERVALS, IntervalErrors, Jitter, PerJoint, SampleErrors,
+    ScenarioErrors, ScoredAs,
 };

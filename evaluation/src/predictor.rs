@@ -40,6 +40,12 @@ pub trait Predictor {
     /// A scenario without an answer has values that are not finite; it is reported as such.
     fn predict(&self, observed: &Observed<'_>) -> Result<Vec<f32>, EvaluationError>;
 
+    /// Samples that it says at a time, of one whose answers have seams between them; counted from the
+    /// first sample of the horizon.
+    fn patch(&self) -> Option<usize> {
+        None
+    }
+
     /// The prediction, and `count` samples of what it holds possible, from 2 on. A predictor that has
     /// one answer only has no samples.
     fn answer(&self, observed: &Observed<'_>, count: usize) -> Result<Answer, EvaluationError> {

@@ -1,6 +1,8 @@
 //! The result table: one row per scenario, joint and predictor.
 
-use crate::scores::{IntervalErrors, Jitter, PerJoint, SampleErrors, ScenarioErrors};
+use crate::scores::{
+    ContinuityErrors, IntervalErrors, Jitter, PerJoint, SampleErrors, ScenarioErrors,
+};
 use crate::{CellResult, INTERVALS, PredictorErrors};
 
 /// One scenario, joint and predictor. Errors are `None` where there is no answer, and what was not
@@ -13,6 +15,11 @@ pub struct Row<'a> {
     pub joint: usize,
     pub predictor: &'a str,
     pub rmse_deg: Option<f32>,
+    pub first_sample_deg: Option<f32>,
+    pub jump_deg: Option<f32>,
+    pub seam_jump_deg: Option<f32>,
+    pub largest_jump_deg: Option<f32>,
+    pub beyond_limits_deg: Option<f32>,
     pub jitter_deg: Option<f32>,
     pub smoothed_jitter_deg: Option<f32>,
     pub smoothed_rmse_deg: Option<f32>,
@@ -48,6 +55,11 @@ macro_rules! measures {
 
 measures! {
     rmse_deg: "root mean square error over the horizon",
+    first_sample_deg: "size of the error of the first sample of the horizon",
+    jump_deg: "root mean square of the change of the error from one sample to the next, seams left out",
+    seam_jump_deg: "the same over the seams between the patches that a model predicts one by one",
+    largest_jump_deg: "the largest change of the error from one sample to the next",
+    beyond_limits_deg: "how far the prediction lies beyond the limits of the joint at most; 0 within",
     jitter_deg: "root mean square of the prediction above the band of the excitation",
     smoothed_jitter_deg: "the same after a zero-phase low-pass at the edge of the band",
     smoothed_rmse_deg: "root mean square error after that low-pass",
@@ -98,6 +110,7 @@ impl CellResult {
         scores: Option<&ScenarioErrors>,
         joint: usize,
     ) -> Row<'a> {
+        let continuity = scores.and_then(|scores| scores.continuity.as_ref());
         let jitter = scores.and_then(|scores| scores.jitter.as_ref());
         let samples = scores.and_then(|scores| scores.samples.as_ref());
         let interval = |nominal: f64| {
@@ -109,6 +122,11 @@ impl CellResult {
             joint: joint + 1,
             predictor: &errors.predictor,
             rmse_deg: scores.map(|it| of_joint(&it.rmse_deg)),
+            first_sample_deg: continuity.map(|it| of_joint(&it.first_sample_deg)),
+            jump_deg: continuity.map(|it| of_joint(&it.jump_deg)),
+            seam_jump_deg: continuity.and_then(|it| it.seam_jump_deg.as_ref().map(of_joint)),
+            largest_jump_deg: continuity.map(|it| of_joint(&it.largest_jump_deg)),
+            beyond_limits_deg: scores.and_then(|it| it.beyond_limits_deg.as_ref().map(of_joint)),
             jitter_deg: jitter.map(|it| of_joint(&it.deg)),
             smoothed_jitter_deg: jitter.map(|it| of_joint(&it.smoothed_deg)),
             smoothed_rmse_deg: jitter.map(|it| of_joint(&it.smoothed_rmse_deg)),
@@ -133,8 +151,18 @@ impl ScenarioErrors {
                 smoothed_rmse_deg: of_joints(rows, |row| row.smoothed_rmse_deg)?,
             })
         };
+        let continuity = || {
+            Some(ContinuityErrors {
+                first_sample_deg: of_joints(rows, |row| row.first_sample_deg)?,
+                jump_deg: of_joints(rows, |row| row.jump_deg)?,
+                largest_jump_deg: of_joints(rows, |row| row.largest_jump_deg)?,
+                seam_jump_deg: of_joints(rows, |row| row.seam_jump_deg),
+            })
+        };
         Some(Self {
             rmse_deg: of_joints(rows, |row| row.rmse_deg)?,
+            continuity: continuity(),
+            beyond_limits_deg: of_joints(rows, |row| row.beyond_limits_deg),
             jitter: jitter(),
             samples: SampleErrors::of_rows(rows),
         })

@@ -1,7 +1,10 @@
 //! What one predictor's answer to one scenario is worth.
 
+use spec::Range;
+
 use crate::metrics::{
-    JitterMeter, central_interval, crps, energy_score, joint_rmse_deg, least_samples,
+    JitterMeter, beyond_limits_deg, central_interval, continuity, crps, energy_score,
+    joint_rmse_deg, least_samples,
 };
 
 /// A number per joint; f32, as in the table that holds it.
@@ -17,8 +20,34 @@ pub const CALIBRATION: [f64; 9] = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9];
 #[derive(Clone, Debug, PartialEq)]
 pub struct ScenarioErrors {
     pub rmse_deg: PerJoint,
+    /// `None` of tables that were written before there was one.
+    pub continuity: Option<ContinuityErrors>,
+    /// How far the prediction leaves the limits of each joint at most; 0 within. `None` where they are not
+    /// known.
+    pub beyond_limits_deg: Option<PerJoint>,
     pub jitter: Option<Jitter>,
     pub samples: Option<SampleErrors>,
+}
+
+/// How a prediction goes on from what was measured, see [`continuity`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct ContinuityErrors {
+    pub first_sample_deg: PerJoint,
+    pub jump_deg: PerJoint,
+    pub largest_jump_deg: PerJoint,
+    /// `None` without seams.
+    pub seam_jump_deg: Option<PerJoint>,
+}
+
+/// What scoring must know besides the truth and the answer.
+#[derive(Clone, Copy)]
+pub struct ScoredAs<'a> {
+    pub joints: usize,
+    /// Samples that the predictor says at a time, of one that has seams.
+    pub patch: Option<usize>,
+    /// Of each joint; empty where they are not known.
+    pub limits_rad: &'a [Range],
+    pub meter: Option<&'a JitterMeter>,
 }
 
 /// What a prediction has above the signal's band.
@@ -64,14 +93,32 @@ impl ScenarioErrors {
         truth: &[f32],
         predicted: &[f32],
         samples: &[&[f32]],
-        joints: usize,
-        meter: Option<&JitterMeter>,
+        scored_as: ScoredAs<'_>,
     ) -> Self {
+        let ScoredAs { joints, patch, limits_rad, meter } = scored_as;
         let rmse_deg = joint_rmse_deg(truth, predicted, joints);
+        let beyond = (!limits_rad.is_empty()).then(|| beyond_limits_deg(predicted, limits_rad));
         Self {
             rmse_deg: rmse_deg.into_iter().map(to_f32).collect(),
+            continuity: Some(ContinuityErrors::new(truth, predicted, joints, patch)),
+            beyond_limits_deg: beyond.map(|beyond| beyond.into_iter().map(to_f32).collect()),
             jitter: meter.map(|meter| Jitter::new(truth, predicted, joints, meter)),
             samples: SampleErrors::new(truth, samples, joints),
+        }
+    }
+}
+
+impl ContinuityErrors {
+    fn new(truth: &[f32], predicted: &[f32], joints: usize, patch: Option<usize>) -> Self {
+        let of_joint = |joint: usize| {
+            continuity(&degrees(truth, joint, joints), &degrees(predicted, joint, joints), patch)
+        };
+        let found: Vec<_> = (0..joints).map(of_joint).collect();
+        Self {
+            first_sample_deg: found.iter().map(|it| to_f32(it.first_sample_deg)).collect(),
+            jump_deg: found.iter().map(|it| to_f32(it.jump_deg)).collect(),
+            largest_jump_deg: found.iter().map(|it| to_f32(it.largest_jump_deg)).collect(),
+            seam_jump_deg: found.iter().map(|it| it.seam_jump_deg.map(to_f32)).collect(),
         }
     }
 }
@@ -178,10 +225,12 @@ mod tests {
         (series(1000), (0..count).map(series).collect())
     }
 
+    const AS: ScoredAs<'_> = ScoredAs { joints: JOINTS, patch: None, limits_rad: &[], meter: None };
+
     fn errors(count: usize) -> ScenarioErrors {
         let (truth, samples) = calibrated(count);
         let views: Vec<&[f32]> = samples.iter().map(Vec::as_slice).collect();
-        ScenarioErrors::new(&truth, &vec![0.0; STEPS * JOINTS], &views, JOINTS, None)
+        ScenarioErrors::new(&truth, &vec![0.0; STEPS * JOINTS], &views, AS)
     }
 
     #[test]
@@ -219,7 +268,8 @@ mod tests {
             predicted[usize::try_from(step).unwrap() * JOINTS + 4] = to_f32(at);
         }
         let meter = JitterMeter::new(80, 5.0, 60.0).unwrap();
-        let errors = ScenarioErrors::new(&truth, &predicted, &[], JOINTS, Some(&meter));
+        let errors =
+            ScenarioErrors::new(&truth, &predicted, &[], ScoredAs { meter: Some(&meter), ..AS });
         let jitter = errors.jitter.unwrap();
         let expected = std::f32::consts::FRAC_1_SQRT_2;
         assert!((jitter.deg[4] - expected).abs() < 0.02, "{jitter:?}");

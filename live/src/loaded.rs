@@ -5,8 +5,12 @@ use std::sync::Arc;
 use api::live::{AboutModel, Answer, Lane, LiveError, LiveModel, Question};
 use futures::FutureExt;
 use futures::future::BoxFuture;
-use models::{DeviceKind, Interrupt, ModelError, Sampling, TrainedModel, WarmStart};
+use models::{
+    DeviceKind, Interrupt, ModelError, Sampling, TrainedModel, WarmStart, context_warnings,
+    limit_warnings,
+};
 use spec::SpecError;
+use wire::Warning;
 
 use crate::lane::{Done, Lanes, Panic};
 
@@ -46,24 +50,30 @@ impl LiveModel for Loaded {
             let samples = question.samples.unwrap_or(1);
             let work = move |interrupt: &Interrupt| ask(&model, question, interrupt);
             let Done { result, queued, computed } = lanes.of(lane).run(work).await?;
-            let positions = result
+            let Asked { positions, warnings } = result
                 .map_err(|Panic(reason)| LiveError::Failed { reason })?
                 .map_err(live_error)?;
             if positions.iter().any(|position| !position.is_finite()) {
                 let reason = "it predicts positions that are not finite".to_owned();
                 return Err(LiveError::Failed { reason });
             }
-            Ok(Answer { positions, samples, queued, computed })
+            Ok(Answer { positions, samples, warnings, queued, computed })
         }
         .boxed()
     }
+}
+
+/// Positions, and what is to be known of the question and of them.
+struct Asked {
+    positions: Vec<f32>,
+    warnings: Vec<Warning>,
 }
 
 fn ask(
     model: &TrainedModel,
     question: Question,
     interrupt: &Interrupt,
-) -> Result<Vec<f32>, ModelError> {
+) -> Result<Asked, ModelError> {
     let Question { scenarios, samples, sampler, seed, previous } = question;
     let observed = scenarios.observed(model.context());
     let warm_start = previous.map(|previous| WarmStart {
@@ -73,10 +83,18 @@ fn ask(
     });
     let sampling =
         Sampling { sampler, seed, samples: samples.unwrap_or(1), first_scenario: 0, warm_start };
-    interrupt.guard(|| match samples {
+    let positions = interrupt.guard(|| match samples {
         None => model.predict_with(&observed, &sampling),
         Some(_) => model.sample(&observed, &sampling),
-    })
+    })?;
+    let config = model.config();
+    let mut warnings = context_warnings(&observed);
+    if let Some(ranges) = &config.ranges {
+        warnings.extend(ranges.warnings(&observed));
+    }
+    let (robots, horizon) = (observed.robots(), observed.horizon());
+    warnings.extend(limit_warnings(&positions, robots, horizon, &config.limits_rad));
+    Ok(Asked { positions, warnings })
 }
 
 /// What a question asked for in vain, or how the model failed.

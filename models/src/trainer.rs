@@ -3,7 +3,7 @@ use std::collections::BTreeMap;
 use kernels::Interrupt;
 use random::ChaCha12Rng;
 use series::{Series, SeriesView};
-use spec::{DataSource, Digest, EmaSpec, ModelSpec, TrainSpec};
+use spec::{DataSource, Digest, EmaSpec, ModelSpec, Range, TrainSpec};
 
 use crate::architecture::{Draw, Extents};
 use crate::checkpoint::{self, CheckpointConfig, CheckpointFiles, TrainingState, Versions};
@@ -17,6 +17,7 @@ use crate::normalization::{Normalizer, Statistics, model_input, target};
 use crate::optimizer::{ModelOptimizer, NamedGradients};
 use crate::prediction::Predictor;
 use crate::randomness::{Noise, Purpose, generator};
+use crate::ranges::DataRanges;
 use crate::schedule::Schedule;
 use crate::sequence_model::SequenceModel;
 use crate::shapes::check_batch;
@@ -56,6 +57,10 @@ pub struct Trainer {
     loss_weights: Option<Vec<f64>>,
     interrupt: Interrupt,
     metrics: BTreeMap<String, f64>,
+    /// Of all batches so far; `None` before the first, and after checkpoints that have none.
+    ranges: Option<DataRanges>,
+    /// Of each joint, for those who will ask the checkpoint.
+    limits_rad: Vec<Range>,
     device: Device,
     /// Steps taken.
     step: u64,
@@ -137,6 +142,8 @@ impl Trainer {
             loss_weights: spec.loss_weights.clone(),
             interrupt: Interrupt::default(),
             metrics: BTreeMap::new(),
+            ranges: None,
+            limits_rad: Vec::new(),
             identity: Identity {
                 model: spec.model.clone(),
                 context: spec.context,
@@ -187,6 +194,7 @@ impl Trainer {
         trainer.model = if spec.ema.is_some() { state.weights(kept)? } else { kept };
         trainer.optimizer = state.optimizer(&spec.optimizer, &trainer.model, config.step)?;
         trainer.metrics = config.metrics;
+        trainer.ranges = config.ranges;
         trainer.step = config.step;
         Ok(trainer)
     }
@@ -195,6 +203,13 @@ impl Trainer {
     #[must_use]
     pub fn interrupted_by(self, interrupt: Interrupt) -> Self {
         Self { interrupt, ..self }
+    }
+
+    /// Writes the limits of the robot's joints, rad, into checkpoints, so that a prediction that leaves them
+    /// can be told. The model never sees them.
+    #[must_use]
+    pub fn with_limits(self, limits_rad: Vec<Range>) -> Self {
+        Self { limits_rad, ..self }
     }
 
     /// Steps taken.
@@ -222,6 +237,11 @@ impl Trainer {
                 average.update(&self.model, step);
             }
         });
+        // What came before a checkpoint without ranges is not known.
+        if self.step == 0 || self.ranges.is_some() {
+            let seen = self.ranges.take().into_iter().chain(DataRanges::of(&batch.view()));
+            self.ranges = seen.reduce(DataRanges::and);
+        }
         self.step = step;
         self.note(TRAIN_LOSS, loss);
         Ok(StepReport { step, loss, gradient_norm, learning_rate })
@@ -350,6 +370,8 @@ impl Trainer {
             seed: *seed,
             spec_digest: spec_digest.clone(),
             dataset_digest: dataset_digest.clone(),
+            ranges: self.ranges.clone(),
+            limits_rad: self.limits_rad.clone(),
             ema: *ema,
             metrics: self.metrics.clone(),
             device: Some(self.device.description().clone()),

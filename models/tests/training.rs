@@ -8,8 +8,8 @@ use std::thread;
 use std::time::Duration;
 
 use models::{
-    CheckpointFiles, Device, Interrupt, ModelError, StatisticsAccumulator, Trainer, TrainingData,
-    ValidationPart,
+    CheckpointConfig, CheckpointFiles, DataRanges, Device, Interrupt, ModelError,
+    StatisticsAccumulator, Trainer, TrainingData, ValidationPart,
 };
 use series::{Series, Shape};
 use spec::{Normalization, OptimizerSpec, TrainSpec};
@@ -75,6 +75,29 @@ fn a_resumed_training_equals_an_uninterrupted_one_bit_for_bit() {
 
         assert_eq!(resumed.checkpoint().unwrap(), uninterrupted.checkpoint().unwrap());
     }
+}
+
+fn ranges(files: &CheckpointFiles) -> Option<DataRanges> {
+    CheckpointConfig::parse(&files.config).unwrap().ranges
+}
+
+#[test]
+fn a_checkpoint_says_the_ranges_of_all_that_it_was_trained_on() {
+    let seen = (0..6).map(|step| DataRanges::of(&batch(step, 8).view()).unwrap());
+    assert_eq!(ranges(&checkpoint_after(&train_spec(), 6)), seen.reduce(DataRanges::and));
+    assert_eq!(ranges(&checkpoint_after(&train_spec(), 0)), None);
+}
+
+#[test]
+fn a_training_that_goes_on_from_a_checkpoint_without_ranges_does_not_make_them_up() {
+    let mut files = checkpoint_after(&train_spec(), 2);
+    let mut config: serde_json::Value = serde_json::from_slice(&files.config).unwrap();
+    config.as_object_mut().unwrap().remove("ranges").unwrap();
+    files.config = serde_json::to_vec(&config).unwrap();
+    let mut resumed =
+        Trainer::resume(&train_spec(), DATA, "digest", &files, &Device::cpu()).unwrap();
+    train(&mut resumed, 2, 4);
+    assert_eq!(ranges(&resumed.checkpoint().unwrap()), None);
 }
 
 #[test]

@@ -11,6 +11,7 @@ pub fn print_closed_loop(name: &str, report: &ControlReport) {
         report.robots
     );
     println!("{}", table(report));
+    crate::print_warnings(&report.warnings, report.robots, "robots");
 }
 
 fn table(report: &ControlReport) -> String {

@@ -3,6 +3,7 @@
 
 mod closed_loop;
 mod error_table;
+mod rollout_table;
 mod standing;
 pub mod study;
 mod table;
@@ -10,11 +11,12 @@ mod verdict;
 
 pub use closed_loop::print_closed_loop;
 use error_table::{by_frequency, by_group};
+use rollout_table::by_rollout;
 pub use standing::Standing;
 pub use table::{Align, Table};
 use verdict::verdicts;
 
-use wire::{PredictorInfo, PredictorKind, Report};
+use wire::{PredictorInfo, PredictorKind, Report, Warning};
 
 /// Tables of the errors, and in a sentence what to make of each model.
 pub fn print(report: &Report) {
@@ -25,9 +27,31 @@ pub fn print(report: &Report) {
         report.rate_hz
     );
     println!("{}", by_group(report));
-    println!("{}* trained at this frequency\n", by_frequency(report));
+    let by_frequency = by_frequency(report);
+    if !by_frequency.is_empty() {
+        println!("{by_frequency}* trained at this frequency\n");
+    }
+    let rollouts = by_rollout(report);
+    if !rollouts.is_empty() {
+        println!(
+            "Error of the first sample, its change from sample to sample, at the seams of patches, and the \
+             largest, in degrees;\nshare of predictions that leave the joints' limits, and that get more than \
+             180° off\n\n{rollouts}"
+        );
+    }
+    print_warnings(&report.warnings, report.scenarios(), "scenarios");
     for verdict in verdicts(report) {
         println!("{verdict}\n");
+    }
+}
+
+/// A line for each predictor and kind of warning.
+fn print_warnings(warnings: &[Warning], all: u64, each: &str) {
+    for sentence in Warning::sentences(warnings, all, each) {
+        println!("warning: {sentence}");
+    }
+    if !warnings.is_empty() {
+        println!();
     }
 }
 

@@ -65,7 +65,10 @@ fn clause(report: &Report, model: &str, against: &str) -> Option<String> {
 
 fn in_group(paired: &PairedDifference, standing: Standing) -> String {
     let Interval { mean, low, high } = paired.difference_deg;
-    let group = &paired.group;
+    let group = match paired.group.as_str() {
+        "all scenarios" => "over all scenarios",
+        group => group,
+    };
     let (mean, low, high) = match standing {
         Standing::Better => (-mean, -high, -low),
         Standing::Worse | Standing::NotClear => (mean, low, high),

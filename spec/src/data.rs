@@ -1,4 +1,4 @@
-use crate::{Cell, Column, ImportSpec, Observations, SimulateSpec};
+use crate::{Cell, Column, ImportSpec, Observations, Range, RobotSpec, SimulateSpec};
 
 /// What makes trajectories: the spec behind a dataset or a stream.
 #[expect(clippy::large_enum_variant, reason = "few exist at a time")]
@@ -30,6 +30,16 @@ impl DataSpec {
         match self {
             Self::Simulation(spec) => spec.joints(),
             Self::Import(spec) => spec.joints(),
+        }
+    }
+
+    /// Limits of each joint's position, rad, from the robot's description. A recording whose import names no
+    /// robot has those of the default one.
+    pub fn limits_rad(&self) -> Vec<Range> {
+        let limits = |robot: &RobotSpec| robot.description().per_joint(|joint| joint.position_rad);
+        match self {
+            Self::Simulation(spec) => limits(&spec.robot),
+            Self::Import(spec) => limits(&spec.robot()),
         }
     }
 

@@ -98,4 +98,48 @@ async fn an_evaluation_on_a_stream_equals_the_one_on_its_dataset() {
     for cell in report["cells"].as_array().unwrap() {
         assert_eq!(cell["in_distribution"], cell["frequency_hz"] == 0.15);
     }
+    // A multisine's torques grow with its frequency.
+    let outside = report["warnings"].as_array().unwrap().iter();
+    let outside: Vec<&Value> = outside.filter(|it| it["kind"] == "torque-range").collect();
+    assert!(!outside.is_empty(), "{report}");
+    for warning in outside {
+        assert_eq!(warning["predictor"], "robomorph");
+        let (reached, most) = (&warning["reached"], &warning["range"][1]);
+        assert!(reached.as_f64().unwrap().abs() > most.as_f64().unwrap(), "{warning}");
+    }
+}
+
+#[tokio::test]
+async fn a_stream_and_a_dataset_of_the_same_robots_have_the_same_ranges() {
+    let data = tempfile::tempdir().unwrap();
+    let product = Product::start(data.path());
+    let robots = json!({"preset": "D1-multisine", "samples": 60, "trajectories": 160});
+    // Ten batches of 16 are all of them once.
+    let train = |data: Value| {
+        let mut training = training();
+        training["data"] = data;
+        training["steps"] = json!(10);
+        training["validation_fraction"] = json!(0.0);
+        training["optimizer"] = json!({"warmup_steps": 0});
+        training
+    };
+    let stored = json!({
+        "kind": "pipeline", "name": "stored",
+        "jobs": {"robots": robots, "train": train(json!({"job": "robots"}))},
+    });
+    let stored = product.submit(&stored).await;
+    let stored = crate::product::member(&product.succeeded(stored).await, "train");
+    let streamed = product.submit(&train(json!({"stream": robots}))).await;
+    product.succeeded(streamed).await;
+    let mut ranges = Vec::new();
+    for job in [stored, streamed] {
+        let job = product.get(&format!("/v1/jobs/{job}")).await;
+        let last = job["checkpoints"].as_array().unwrap().iter().filter_map(Value::as_i64).max();
+        let path = format!("/v1/checkpoints/{}/files/config.json", last.unwrap());
+        let config = product.get(&path).await;
+        assert_eq!(config["limits_rad"][1], json!([-1.7628, 1.7628]));
+        ranges.push(config["ranges"].clone());
+    }
+    assert_eq!(ranges[0]["u_nm"].as_array().unwrap().len(), 7);
+    assert_eq!(ranges[0], ranges[1]);
 }

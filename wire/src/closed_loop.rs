@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use spec::{Bootstrap, ControlPath, Digest, Planner};
 use utoipa::ToSchema;
 
-use crate::{Interval, PredictorKind};
+use crate::{Interval, PredictorKind, Warning};
 
 /// The result of a control job, as it is stored, shown and downloaded.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -24,6 +24,10 @@ pub struct ControlReport {
     /// Each checkpoint against each controller before it, and each other controller against the one
     /// before it.
     pub paired: Vec<ControlDifference>,
+    /// Torques, positions and rates of the excitation and of the motions that a checkpoint led to, outside of
+    /// what it was trained on. None of checkpoints that do not say what they were trained on.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub warnings: Vec<Warning>,
 }
 
 /// The name of a controller, its kind and its training.

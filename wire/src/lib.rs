@@ -1,7 +1,8 @@
 //! The answers of the HTTP API and the reports that jobs leave, declared once.
 //!
 //! The server writes these types, the command line reads them, and the OpenAPI document is
-//! generated from them. One file per resource. Nothing is computed here.
+//! generated from them. One file per resource. Nothing is computed here but the sentences
+//! of warnings, which the server, its page and the command line share.
 //!
 //! Ids are those of the database. Times are RFC 3339 in UTC. Lists are newest first; `next` is the
 //! `before` of the following page and missing on the last one. Readers ignore fields that they do
@@ -25,6 +26,7 @@ mod summaries;
 mod tasks;
 mod trajectories;
 mod verifications;
+mod warnings;
 
 pub use checkpoints::{Checkpoint, Checkpoints, StoredFile};
 pub use closed_loop::{
@@ -44,7 +46,7 @@ pub use problem::Problem;
 pub use report::{
     Calibration, CellSummary, DataNoise, FailureSummary, GroupSummary, Interval, IntervalSummary,
     Latency, PairedDifference, PredictorInfo, PredictorKind, PredictorScores, PredictorSummary,
-    Report, SamplingInfo, TrainedOn, WorstCase, at_noise,
+    Report, RolloutSummary, SamplingInfo, TrainedOn, WorstCase, at_noise,
 };
 pub use runs::{Artifact, LatestMetric, Metric, MetricPoint, Run, Runs};
 pub use states::{DatasetState, JobState, TaskState, UnknownState};
@@ -56,3 +58,4 @@ pub use summaries::{ChannelSummary, SpectrumSummary, Summary};
 pub use tasks::{Task, Tasks};
 pub use trajectories::Trajectory;
 pub use verifications::{Verification, VerifiedShard};
+pub use warnings::{Warning, WarningKind};

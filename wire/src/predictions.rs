@@ -6,6 +6,8 @@ use serde::{Deserialize, Serialize};
 use spec::{Digest, SamplerSpec};
 use utoipa::ToSchema;
 
+use crate::Warning;
+
 /// Scenarios to predict, and how.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
@@ -57,6 +59,10 @@ pub struct Prediction {
     /// One answer for each scenario of the request, in their order.
     pub scenarios: Vec<PredictedScenario>,
     pub latency_ms: PredictionLatency,
+    /// Data outside of what the checkpoint was trained on, contexts that tell nothing, predictions beyond the
+    /// joints' limits.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub warnings: Vec<Warning>,
 }
 
 /// The model that answers, and the device that computes it.

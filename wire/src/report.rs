@@ -6,6 +6,8 @@ use serde::{Deserialize, Serialize};
 use spec::{Bootstrap, Digest, Family, Normalization, Range, SamplerKind, Start};
 use utoipa::ToSchema;
 
+use crate::Warning;
+
 /// RMSE of every predictor in every cell and over the cells in and out of distribution.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Report {
@@ -35,6 +37,18 @@ pub struct Report {
     /// seed and its index, a trajectory can be made again.
     #[serde(default)]
     pub worst: Vec<WorstCase>,
+    /// Torques, positions and rates that a checkpoint was not trained on, of the data that it was asked
+    /// about, and contexts that nothing can be identified from. None of checkpoints that do not say what they
+    /// were trained on.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub warnings: Vec<Warning>,
+}
+
+impl Report {
+    /// All scenarios that were asked about.
+    pub fn scenarios(&self) -> u64 {
+        self.cells.iter().map(|cell| cell.scenarios).sum()
+    }
 }
 
 /// The name of a predictor, its kind and its training.
@@ -124,9 +138,14 @@ pub struct CellSummary {
     pub rmse_deg: Vec<PredictorSummary>,
     #[serde(default)]
     pub scores: Vec<PredictorScores>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub rollouts: Vec<RolloutSummary>,
     /// Root mean square of the measured motions above the band that jitter is measured from.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub measured_jitter_deg: Option<f64>,
+    /// Share of the scenarios whose measured motions leave the joints' limits themselves.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub measured_left_limits: Option<f64>,
 }
 
 /// All cells in distribution, all out of it, or all that have no frequency.
@@ -140,6 +159,21 @@ pub struct GroupSummary {
     pub rmse_deg: Vec<PredictorSummary>,
     #[serde(default)]
     pub scores: Vec<PredictorScores>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub rollouts: Vec<RolloutSummary>,
+}
+
+/// Where the predictions of one predictor went. Predictions that are not finite count in both.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct RolloutSummary {
+    pub predictor: String,
+    /// Share of the scenarios in which the prediction leaves the limits of some joint; missing where the
+    /// limits are not known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub left_limits: Option<f64>,
+    /// Share of the scenarios in which the prediction is not finite, or more than 180° from the measured
+    /// position.
+    pub diverged: f64,
 }
 
 /// Mean RMSE over scenarios with its interval, in degrees.
@@ -159,6 +193,19 @@ pub struct PredictorScores {
     pub joint_rmse_deg: Vec<f64>,
     /// Root mean square over scenarios and joints, a value per step of the horizon.
     pub step_rmse_deg: Vec<f64>,
+    /// Error of the first sample of the horizon: root mean square over scenarios and joints.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub first_sample_deg: Option<Interval>,
+    /// Change of the error from one sample of the horizon to the next, seams left out: root mean square over
+    /// scenarios, joints and samples.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub jump_deg: Option<Interval>,
+    /// The same at the seams of a model that predicts several samples at a time.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub seam_jump_deg: Option<Interval>,
+    /// The largest change of the error from one sample to the next, mean over scenarios and joints.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub largest_jump_deg: Option<Interval>,
     /// Root mean square of what a prediction has above the signal's band.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub jitter_deg: Option<Interval>,

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use crate::{PredictedScenario, PredictingModel, PredictionSampling, Problem};
+use crate::{PredictedScenario, PredictingModel, PredictionSampling, Problem, Warning};
 
 /// A message to the server.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -87,6 +87,9 @@ pub struct StreamedPrediction {
     /// with noise.
     pub warm_start_shift: Option<usize>,
     pub latency_ms: StreamLatency,
+    /// As of one question, each kind and joint once in a connection.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub warnings: Vec<Warning>,
 }
 
 /// The time of each part of the answer, ms.

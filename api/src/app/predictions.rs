@@ -66,7 +66,8 @@ impl App {
         let queue = milliseconds(answer.queued);
         let compute = milliseconds(answer.computed);
         let latency_ms = PredictionLatency { load, queue, compute };
-        Ok(Prediction { model: resource, scenarios, latency_ms })
+        let warnings = answer.warnings;
+        Ok(Prediction { model: resource, scenarios, latency_ms, warnings })
     }
 }
 
@@ -155,7 +156,13 @@ mod tests {
             .flat_map(|value| [value; 2 * JOINTS])
             .collect();
         let none = Duration::ZERO;
-        Answer { positions, samples: samples.into(), queued: none, computed: none }
+        Answer {
+            positions,
+            samples: samples.into(),
+            warnings: Vec::new(),
+            queued: none,
+            computed: none,
+        }
     }
 
     #[test]

@@ -2,14 +2,14 @@
 //!
 //! What it says is documented in docs/prediction.md.
 
-use std::collections::VecDeque;
+use std::collections::{HashSet, VecDeque};
 use std::time::Instant;
 
 use series::{Series, Shape};
 use tokio::time::timeout;
 use wire::{
     FilledContext, Nothing, StreamLatency, StreamMessage, StreamOpened, StreamReply,
-    StreamSettings, StreamStep, StreamedPrediction,
+    StreamSettings, StreamStep, StreamedPrediction, WarningKind,
 };
 
 use crate::app::predictions::{HeldModel, milliseconds};
@@ -47,11 +47,20 @@ pub struct PredictionStream {
     window: Window,
     last: Option<Last>,
     predictions: u64,
+    /// Kinds and joints that this connection was warned of.
+    warned: HashSet<(WarningKind, Option<u32>)>,
 }
 
 impl PredictionStream {
     pub fn new(held: HeldModel) -> Self {
-        Self { held, settings: None, window: Window::default(), last: None, predictions: 0 }
+        Self {
+            held,
+            settings: None,
+            window: Window::default(),
+            last: None,
+            predictions: 0,
+            warned: HashSet::new(),
+        }
     }
 
     /// The answer to a message. One that cannot be accepted changes nothing.
@@ -139,11 +148,14 @@ impl PredictionStream {
             compute: milliseconds(answer.computed),
             total: milliseconds(arrived.elapsed()),
         };
+        let mut warnings = answer.warnings;
+        warnings.retain(|warning| self.warned.insert((warning.kind, warning.joint)));
         Ok(StreamReply::Prediction(StreamedPrediction {
             number,
             predicted,
             warm_start_shift,
             latency_ms,
+            warnings,
         }))
     }
 

@@ -1,6 +1,6 @@
 //! What a control job found, on its page: figures, and numbers with their intervals.
 
-use wire::{ControlReport, ControllerSummary, Job};
+use wire::{ControlReport, ControllerSummary, Job, Warning};
 
 use crate::app::App;
 use crate::error::ApiError;
@@ -9,6 +9,8 @@ use crate::page::text;
 /// Figures and tables of a control job.
 pub struct ClosedLoop {
     pub setting: String,
+    /// Data that checkpoints were not trained on, a sentence each.
+    pub warnings: Vec<String>,
     /// Of all robots, then of the first.
     pub figures: Vec<FigureLink>,
     pub controllers: Vec<ControllerRow>,
@@ -67,6 +69,7 @@ impl ClosedLoop {
         });
         Ok(Some(Self {
             setting: setting(&report),
+            warnings: Warning::sentences(&report.warnings, report.robots, "robots"),
             figures: figures.collect(),
             controllers: report.controllers.iter().map(ControllerRow::new).collect(),
             paired: report

@@ -2,8 +2,8 @@
 
 use spec::{Family, Normalization};
 use wire::{
-    DataNoise, FailureSummary, Interval, PairedDifference, PredictorInfo, PredictorKind,
-    PredictorSummary, Report, at_noise,
+    DataNoise, FailureSummary, GroupSummary, Interval, PairedDifference, PredictorInfo,
+    PredictorKind, PredictorSummary, Report, Warning, at_noise,
 };
 
 use crate::page::text;
@@ -13,8 +13,12 @@ pub struct ReportView {
     /// That there are latencies, and what they depend on.
     pub latency_note: String,
     pub failures: Vec<FailureRow>,
+    /// Data that checkpoints were not trained on, a sentence each.
+    pub warnings: Vec<String>,
     /// Rows of what several samples are worth, by group.
     pub distributions: Vec<DistributionRow>,
+    /// Rows of how predictions begin, jump and where they went, by group.
+    pub rollouts: Vec<RolloutRow>,
     pub latencies: Vec<LatencyRow>,
     pub worst: Vec<WorstRow>,
     pub predictors: Vec<String>,
@@ -45,6 +49,17 @@ pub struct DistributionRow {
     pub mean_rmse: String,
     /// Coverage and width of each interval.
     pub intervals: Vec<String>,
+}
+
+pub struct RolloutRow {
+    pub predictor: String,
+    pub group: String,
+    pub first_sample: String,
+    pub jump: String,
+    pub seam_jump: String,
+    pub largest_jump: String,
+    pub left_limits: String,
+    pub diverged: String,
 }
 
 pub struct LatencyRow {
@@ -96,7 +111,9 @@ impl ReportView {
             setting: setting(report),
             latency_note: latency_note(report),
             failures: report.failures.iter().map(FailureRow::new).collect(),
+            warnings: Warning::sentences(&report.warnings, report.scenarios(), "scenarios"),
             distributions: distributions(report),
+            rollouts: rollouts(report),
             latencies: report.predictors.iter().filter_map(LatencyRow::of).collect(),
             worst: worst(report),
             predictors: report.predictors.iter().map(|it| it.name.clone()).collect(),
@@ -197,6 +214,37 @@ fn distributions(report: &Report) -> Vec<DistributionRow> {
         })
     });
     rows.collect()
+}
+
+/// Empty for a report that was written before this was measured.
+fn rollouts(report: &Report) -> Vec<RolloutRow> {
+    let row = |group: &GroupSummary, info: &PredictorInfo| {
+        let scores = group.scores.iter().find(|it| it.predictor == info.name);
+        let scores = scores.filter(|it| it.first_sample_deg.is_some());
+        let rollouts = group.rollouts.iter().find(|it| it.predictor == info.name);
+        if scores.is_none() && rollouts.is_none() {
+            return None;
+        }
+        let degrees = |it: Option<Interval>| {
+            it.map_or("–".to_owned(), |Interval { mean, .. }| text::degrees(mean))
+        };
+        let share = |it: Option<f64>| {
+            it.map_or("–".to_owned(), |share| format!("{:.1} %", 100.0 * share))
+        };
+        Some(RolloutRow {
+            predictor: info.name.clone(),
+            group: group.name.clone(),
+            first_sample: degrees(scores.and_then(|it| it.first_sample_deg)),
+            jump: degrees(scores.and_then(|it| it.jump_deg)),
+            seam_jump: degrees(scores.and_then(|it| it.seam_jump_deg)),
+            largest_jump: degrees(scores.and_then(|it| it.largest_jump_deg)),
+            left_limits: share(rollouts.and_then(|it| it.left_limits)),
+            diverged: share(rollouts.map(|it| it.diverged)),
+        })
+    };
+    let of_group =
+        |group| report.predictors.iter().filter_map(move |predictor| row(group, predictor));
+    report.groups.iter().flat_map(of_group).collect()
 }
 
 /// Of each predictor the worst, which comes first.
@@ -385,6 +433,41 @@ mod tests {
             .map(|row| row.values.iter().map(|cell| cell.best).collect())
             .collect();
         assert_eq!(best, [[false, true], [true, false]]);
+    }
+
+    #[test]
+    fn jumps_rollouts_and_data_never_seen_are_shown_where_they_were_measured() {
+        let mut report = report();
+        let view = ReportView::new(&report);
+        assert!(view.rollouts.is_empty() && view.warnings.is_empty(), "an older report");
+
+        let interval = |mean: f64| Some(Interval { mean, low: mean, high: mean });
+        report.groups[0].scores = vec![wire::PredictorScores {
+            predictor: "robomorph".to_owned(),
+            first_sample_deg: interval(0.35),
+            jump_deg: interval(0.19),
+            seam_jump_deg: interval(0.39),
+            ..wire::PredictorScores::default()
+        }];
+        report.groups[0].rollouts = vec![wire::RolloutSummary {
+            predictor: "robomorph".to_owned(),
+            left_limits: None,
+            diverged: 0.25,
+        }];
+        let range = spec::Range::new(-2.8, 2.8);
+        let kind = wire::WarningKind::TorqueRange;
+        report.warnings = vec![Warning::outside(kind, 2, -30.1, range, 40).of("robomorph")];
+        let view = ReportView::new(&report);
+        let [row] = &view.rollouts[..] else { panic!("one predictor of one group") };
+        assert_eq!(
+            [&row.first_sample, &row.jump, &row.seam_jump, &row.left_limits, &row.diverged],
+            ["0.35", "0.19", "0.39", "–", "25.0 %"]
+        );
+        assert_eq!(
+            view.warnings,
+            ["robomorph: u of joint 2 reaches -30.1 N·m; the checkpoint was trained on -2.80 to \
+              2.80 N·m (40 of 100 scenarios)"]
+        );
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use spec::{Bootstrap, ControlSpec};
 use wire::{
     ControlDifference, ControlReport, ControllerInfo, ControllerSummary, Interval, PlanTime,
-    PredictorKind,
+    PredictorKind, Warning,
 };
 
 use super::trial::{RobotTrials, Tracking, Trial};
@@ -40,6 +40,7 @@ pub fn summarize(
         bootstrap: spec.bootstrap,
         controllers: controllers.into_iter().map(|info| of(info, robots, spec.bootstrap)).collect(),
         paired,
+        warnings: Warning::merge(robots.iter().flat_map(|robot| robot.warnings.iter().cloned())),
     }
 }
 

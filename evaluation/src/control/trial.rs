@@ -3,7 +3,9 @@ use std::time::Instant;
 
 use dynamics::{Joints, Scenarios};
 use serde::{Deserialize, Serialize};
+use series::{Series, Shape};
 use spec::{ControlSpec, Range, SimulateSpec};
+use wire::Warning;
 
 use super::forecast::{Controller, Forecast};
 use super::mppi::{self, Key};
@@ -30,6 +32,9 @@ pub struct RobotTrials {
     /// That computed.
     pub threads: usize,
     pub trials: Vec<Trial>,
+    /// What checkpoints were not trained on, of the motions that they led to.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub warnings: Vec<Warning>,
 }
 
 /// One controller on one robot.
@@ -209,6 +214,20 @@ impl<'a> Experiment<'a> {
 }
 
 impl Trace {
+    /// Torques and positions from the excitation that `plant` went through before on; `None` where they left
+    /// the finite numbers.
+    pub fn recorded_after(&self, plant: &Plant, rate_hz: f64) -> Option<Series> {
+        let before = plant.now();
+        let u: Vec<f32> = before.u.iter().chain(&self.torques).flatten().copied().collect();
+        let mut y: Vec<f32> = before.y.iter().chain(&self.positions).flatten().copied().collect();
+        // There is a position after the last torque as well.
+        y.truncate(u.len());
+        let joints = before.y.first()?.len();
+        let shape = Shape { robots: 1, samples: u.len() / joints, joints };
+        let is_finite = u.iter().chain(&y).all(|value| value.is_finite());
+        Series::new(shape, rate_hz, u, y).ok().filter(|_| is_finite)
+    }
+
     /// Positions less the path, rad.
     fn errors(&self) -> impl Iterator<Item = Joints<f64>> {
         self.positions.iter().zip(&self.path).map(|(positions, path)| {

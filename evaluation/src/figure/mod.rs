@@ -96,6 +96,7 @@ mod tests {
             interval: Interval { mean: 2.0, low: 1.5, high: 2.5 },
         };
         let group = GroupSummary {
+            rollouts: Vec::new(),
             name: "in distribution".to_owned(),
             position_noise_rad: 0.0,
             scenarios: 100,
@@ -116,6 +117,7 @@ mod tests {
             paired: Vec::new(),
             failures: Vec::new(),
             worst: Vec::new(),
+            warnings: Vec::new(),
         }
     }
 

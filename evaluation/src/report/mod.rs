@@ -45,6 +45,8 @@ pub(crate) mod tests {
             joints: 7,
             predictors: vec![errors("baseline", baseline), errors("model", model)],
             measured_jitter_deg: None,
+            measured_left_limits: None,
+            warnings: Vec::new(),
         }
     }
 

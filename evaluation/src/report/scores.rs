@@ -5,7 +5,7 @@ use spec::Bootstrap;
 use wire::{Calibration, Interval, IntervalSummary, PredictorInfo, PredictorScores};
 
 use super::summary::errors;
-use crate::scores::{PerJoint, SampleErrors, ScenarioErrors};
+use crate::scores::{ContinuityErrors, PerJoint, SampleErrors, ScenarioErrors};
 use crate::{CALIBRATION, CellResult, INTERVALS, PredictorErrors, stratified_mean};
 
 /// Of the predictors that answered everything, where it was measured at all.
@@ -54,6 +54,11 @@ impl<'a> Measured<'a> {
             predictor: predictor.to_owned(),
             joint_rmse_deg,
             step_rmse_deg: self.step_rmse_deg(),
+            first_sample_deg: self.root_mean_square(|it| Some(&it.first_sample_deg)),
+            jump_deg: self.root_mean_square(|it| Some(&it.jump_deg)),
+            seam_jump_deg: self.root_mean_square(|it| it.seam_jump_deg.as_ref()),
+            largest_jump_deg: self
+                .interval(|errors| Some(mean(&errors.continuity.as_ref()?.largest_jump_deg))),
             jitter_deg: jitter(|it| &it.deg),
             smoothed_jitter_deg: jitter(|it| &it.smoothed_deg),
             smoothed_rmse_deg: jitter(|it| &it.smoothed_rmse_deg),
@@ -118,6 +123,20 @@ impl<'a> Measured<'a> {
 
     fn interval(&self, of: impl Fn(&ScenarioErrors) -> Option<f64>) -> Option<Interval> {
         Some(stratified_mean(&self.values(of)?, self.bootstrap))
+    }
+
+    /// Over scenarios and joints. Its interval is that of the mean square, whose root is as monotonic.
+    fn root_mean_square(
+        &self,
+        of: impl Fn(&ContinuityErrors) -> Option<&PerJoint>,
+    ) -> Option<Interval> {
+        let square = |errors: &ScenarioErrors| {
+            let values = of(errors.continuity.as_ref()?)?;
+            let squares = values.iter().map(|value| f64::from(*value).powi(2));
+            Some(squares.sum::<f64>() / values.len() as f64)
+        };
+        let Interval { mean, low, high } = self.interval(square)?;
+        Some(Interval { mean: mean.sqrt(), low: low.sqrt(), high: high.sqrt() })
     }
 
     fn mean(&self, of: impl Fn(&ScenarioErrors) -> Option<f64>) -> Option<f64> {

@@ -2,11 +2,12 @@ use rayon::prelude::*;
 use spec::{Bootstrap, Excitation, Family, Range};
 use wire::{
     CellSummary, DataNoise, FailureSummary, GroupSummary, Interval, PairedDifference,
-    PredictorInfo, PredictorKind, PredictorSummary, Report, TrainedOn, WorstCase, at_noise,
+    PredictorInfo, PredictorKind, PredictorSummary, Report, RolloutSummary, TrainedOn, Warning,
+    WorstCase, at_noise,
 };
 
 use super::scores::scores;
-use crate::{CellResult, EvaluationError, PredictorErrors, stratified_mean};
+use crate::{CellResult, EvaluationError, PredictorErrors, Rollouts, stratified_mean};
 
 /// Scenarios of each predictor that are listed as its worst.
 const WORST: usize = 10;
@@ -84,7 +85,9 @@ pub fn summarize(setting: Setting, results: &[CellResult]) -> Result<Report, Eva
             scenarios: scenarios(cell),
             rmse_deg: means(&predictors, &[cell], bootstrap),
             scores: scores(&predictors, &[cell], bootstrap),
+            rollouts: rollouts(&predictors, &[cell]),
             measured_jitter_deg: cell.measured_jitter_deg,
+            measured_left_limits: cell.measured_left_limits,
         })
         .collect();
     let paired = groups.iter().flat_map(|group| paired(group, &predictors, bootstrap));
@@ -107,10 +110,12 @@ pub fn summarize(setting: Setting, results: &[CellResult]) -> Result<Report, Eva
                 scenarios: cells.iter().map(|cell| scenarios(cell)).sum(),
                 rmse_deg: means(&predictors, cells, bootstrap),
                 scores: scores(&predictors, cells, bootstrap),
+                rollouts: rollouts(&predictors, cells),
             })
             .collect(),
         failures: results.iter().flat_map(failures).collect(),
         worst: worst.collect(),
+        warnings: Warning::merge(results.iter().flat_map(|cell| cell.warnings.iter().cloned())),
         predictors,
     })
 }
@@ -241,6 +246,24 @@ fn rmse_deg(cells: &[&CellResult], predictor: &str) -> Option<Vec<Vec<f64>>> {
 
 pub(super) fn errors<'a>(cell: &'a CellResult, predictor: &str) -> Option<&'a PredictorErrors> {
     cell.predictors.iter().find(|errors| errors.predictor == predictor)
+}
+
+/// Of the predictors that were asked in all cells and failed on none as a whole.
+fn rollouts(predictors: &[PredictorInfo], cells: &[&CellResult]) -> Vec<RolloutSummary> {
+    let summary = |info: &PredictorInfo| {
+        let asked: Vec<&PredictorErrors> =
+            cells.iter().map(|cell| errors(cell, &info.name)).collect::<Option<_>>()?;
+        let found: Vec<Rollouts> = asked.iter().map(|it| it.rollouts).collect::<Option<_>>()?;
+        let scenarios: usize = asked.iter().map(|it| it.rmse_deg.len()).sum();
+        let share = |count: usize| count as f64 / scenarios.max(1) as f64;
+        let left: Option<usize> = found.iter().map(|it| it.left_limits).sum();
+        Some(RolloutSummary {
+            predictor: info.name.clone(),
+            left_limits: left.map(share),
+            diverged: share(found.iter().map(|it| it.diverged).sum()),
+        })
+    };
+    predictors.iter().filter_map(summary).collect()
 }
 
 fn failures(cell: &CellResult) -> impl Iterator<Item = FailureSummary> {

@@ -165,8 +165,13 @@ fn a_predictor_without_an_answer_is_reported_and_averaged_with_nothing() {
     assert!(reason.contains("sample 0") && reason.contains("not finite"), "{reason}");
 
     let (oracle, _) = run(&spec, 0, ControlBaseline::Oracle);
-    let robots =
-        [RobotTrials { robot: 0, joints: JOINTS, threads: 1, trials: vec![oracle, broken] }];
+    let robots = [RobotTrials {
+        robot: 0,
+        joints: JOINTS,
+        threads: 1,
+        trials: vec![oracle, broken],
+        warnings: Vec::new(),
+    }];
     let info = |name: &str| ControllerInfo {
         name: name.to_owned(),
         kind: PredictorKind::Baseline,

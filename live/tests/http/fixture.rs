@@ -101,6 +101,24 @@ impl Server {
         self.keep(&twin(architecture, MODEL_FILE), config.to_string().as_bytes()).await
     }
 
+    /// One that says the ranges it was trained on: `u_nm` and `y_rad` of each joint, rates within 100 rad/s,
+    /// and joints limited to ±`limit_rad`.
+    pub async fn checkpoint_of_ranges(
+        &self,
+        architecture: &str,
+        u_nm: [f64; 2],
+        y_rad: [f64; 2],
+        limit_rad: f64,
+    ) -> i64 {
+        let mut config: Value = serde_json::from_slice(&twin(architecture, CONFIG_FILE)).unwrap();
+        config["ranges"] = json!({
+            "u_nm": ([u_nm; JOINTS]), "y_rad": ([y_rad; JOINTS]),
+            "rate_rad_s": ([[-100.0, 100.0]; JOINTS]),
+        });
+        config["limits_rad"] = json!(([[-limit_rad, limit_rad]; JOINTS]));
+        self.keep(&twin(architecture, MODEL_FILE), config.to_string().as_bytes()).await
+    }
+
     /// Commits files as the checkpoint of a training of its own.
     pub async fn keep(&self, weights: &[u8], config: &[u8]) -> i64 {
         let trainings = self.store.checkpoints(store::Page { before: None, limit: 100 }).await;

@@ -4,3 +4,4 @@
 mod fixture;
 mod predictions;
 mod streams;
+mod warnings;

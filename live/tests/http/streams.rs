@@ -45,7 +45,7 @@ async fn next(socket: &mut Socket) -> Message {
     tokio::time::timeout(patience, socket.next()).await.unwrap().unwrap().unwrap()
 }
 
-async fn ask(socket: &mut Socket, message: &Value) -> Value {
+pub async fn ask(socket: &mut Socket, message: &Value) -> Value {
     socket.send(Message::text(message.to_string())).await.unwrap();
     serde_json::from_str(next(socket).await.to_text().unwrap()).unwrap()
 }
@@ -57,7 +57,7 @@ fn seen(first: usize, count: usize) -> (Vec<[f32; JOINTS]>, Vec<[f32; JOINTS]>) 
 }
 
 /// The message that brings `count` samples from `first` on and asks for a prediction.
-fn step(first: usize, count: usize) -> Value {
+pub fn step(first: usize, count: usize) -> Value {
     let (u, y) = seen(first, count);
     json!({"step": {"u": u, "y": y, "future_u": seen(first + count, HORIZON).0}})
 }

@@ -1,12 +1,13 @@
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
-use spec::{EmaSpec, ModelSpec};
+use spec::{EmaSpec, ModelSpec, Range};
 
 use super::CONFIG_FILE;
 use crate::architecture::Extents;
 use crate::memory::parameter_count;
 use crate::normalization::Normalizer;
+use crate::ranges::DataRanges;
 use crate::{DeviceDescription, ModelError};
 
 /// Raised with every change that an older torqued would misread. No other version was released.
@@ -42,6 +43,13 @@ pub struct CheckpointConfig {
     /// Digest of the spec that the training's data came from, where it is known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub dataset_digest: Option<String>,
+    /// Of all that was trained on so far; missing of checkpoints that were trained before it was recorded.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub ranges: Option<DataRanges>,
+    /// Limits of each joint's position, rad, of the robot that the training's data describes; empty where
+    /// they are not known.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub limits_rad: Vec<Range>,
     /// Where the parameters are an average of the weights: how. The weights themselves are then in
     /// the optimizer's file.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -132,6 +140,14 @@ impl CheckpointConfig {
         }
         if !(self.rate_hz.is_finite() && self.rate_hz > 0.0) {
             return Err(format!("rate_hz is {}, expected a positive number", self.rate_hz));
+        }
+        if !self.ranges.as_ref().is_none_or(|ranges| ranges.is_usable(self.joints)) {
+            let joints = self.joints;
+            return Err(format!("ranges needs [min, max] of {joints} joints, finite and in order"));
+        }
+        if ![0, self.joints].contains(&self.limits_rad.len()) {
+            let (found, joints) = (self.limits_rad.len(), self.joints);
+            return Err(format!("limits_rad has {found} ranges, the arm has {joints} joints"));
         }
         match &self.normalizer {
             Normalizer::Dataset(statistics) if !statistics.is_usable(self.joints) => Err(format!(

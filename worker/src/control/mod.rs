@@ -8,7 +8,7 @@ use std::ops::ControlFlow;
 use evaluation::control::{Controller, Experiment, Foreseen, RobotTrials, Trace, robot_figure};
 use evaluation::{Learned, Start};
 use jobs::ControlTask;
-use models::Sampling;
+use models::{DataRanges, Sampling};
 use spec::{ControlSpec, SimulateSpec};
 use wire::{ControllerInfo, PredictorKind};
 
@@ -41,6 +41,7 @@ fn robot(attempt: &Attempt, spec: &ControlSpec, index: u64) -> Result<(), TaskEr
         .map(|&baseline| Controller::baseline(baseline, &simulation, plant.robot()));
     let learned = checkpoints.iter().map(learned);
     let mut trials = Vec::new();
+    let mut warnings = Vec::new();
     let mut traces: Vec<(String, Trace)> = Vec::new();
     let mut done = 0;
     for controller in baselines.chain(learned) {
@@ -49,6 +50,13 @@ fn robot(attempt: &Attempt, spec: &ControlSpec, index: u64) -> Result<(), TaskEr
             |samples: u32| -> ControlFlow<()> { attempt.show(done + u64::from(samples)) };
         let ran = experiment.run(index, plant.clone(), &controller, &progress);
         let (trial, trace) = ran.ok_or(TaskError::Stopped)?;
+        let checkpoint = checkpoints.iter().find(|it| it.info.name == controller.name);
+        if let Some(trained) = checkpoint.and_then(|it| it.model.config().ranges.as_ref()) {
+            let recorded = trace.recorded_after(&plant, simulation.rate_hz);
+            let found = recorded.and_then(|series| DataRanges::of(&series.view()));
+            let outside = found.map(|found| trained.warnings_of(&found)).unwrap_or_default();
+            warnings.extend(outside.into_iter().map(|it| it.of(&controller.name)));
+        }
         trials.push(trial);
         traces.push((controller.name, trace));
         done += u64::from(experiment.steps());
@@ -63,6 +71,7 @@ fn robot(attempt: &Attempt, spec: &ControlSpec, index: u64) -> Result<(), TaskEr
         joints: simulation.joints(),
         threads: rayon::current_num_threads(),
         trials,
+        warnings,
     })
 }
 

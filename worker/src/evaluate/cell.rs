@@ -1,10 +1,12 @@
 //! Asks every predictor for the scenarios of one cell, and keeps their errors.
 
 use evaluation::metrics::{band_edge_hz, highest_component_hz, occupied_band_hz};
-use evaluation::{CellResult, Scoring, evaluate_cell, measured_jitter_deg};
+use evaluation::{CellResult, Scoring, evaluate_cell, measured_jitter_deg, measured_left_limits};
+use models::context_warnings;
 use serde::{Deserialize, Serialize};
-use series::{Series, SeriesView};
+use series::{Observed, Series, SeriesView};
 use spec::{DataSpec, EvaluateSpec, ScenarioCell};
+use wire::Warning;
 
 use super::checkpoints::LoadedCheckpoint;
 use super::predictors::Predictors;
@@ -41,7 +43,8 @@ pub(super) fn cell(attempt: &Attempt, spec: &EvaluateSpec, index: usize) -> Resu
     let (pre_roll, context) = (spec.rounds() as usize, spec.context as usize);
     let band_edge_hz = band_edge(data.spec(), cell, &scenarios, pre_roll + context);
     let samples = spec.samples as usize;
-    let scoring = Scoring { pre_roll, context, samples, band_edge_hz };
+    let limits_rad = data.spec().limits_rad();
+    let scoring = Scoring { pre_roll, context, samples, band_edge_hz, limits_rad };
     let predictors = Predictors::new(spec, data.spec(), &checkpoints);
     let asked = predictors.of_cell(&scenarios, cell.first);
     let mut errors = Vec::with_capacity(asked.len());
@@ -59,6 +62,8 @@ pub(super) fn cell(attempt: &Attempt, spec: &EvaluateSpec, index: usize) -> Resu
         joints: scenarios.joints(),
         predictors: errors,
         measured_jitter_deg: measured_jitter_deg(&scenarios, &scoring),
+        measured_left_limits: measured_left_limits(&scenarios, &scoring),
+        warnings: warnings(&checkpoints, &scenarios.observed(pre_roll, context)),
     };
     let seed = data.spec().simulation().map(|spec| spec.seed);
     let artifact = format!("cell-{index:03}.parquet");
@@ -67,6 +72,17 @@ pub(super) fn cell(attempt: &Attempt, spec: &EvaluateSpec, index: usize) -> Resu
     let written = attempt.store.put_table(attempt.fence(), &artifact, table, &footer);
     let run = attempt.wait(written)?.0;
     attempt.complete(&CellRecord { result, table: TableAt { run, artifact } })
+}
+
+/// Of each checkpoint that says what it was trained on, and of the contexts of all.
+fn warnings(checkpoints: &[LoadedCheckpoint], observed: &Observed<'_>) -> Vec<Warning> {
+    let of_checkpoint = |checkpoint: &LoadedCheckpoint| {
+        let ranges = checkpoint.model.config().ranges.as_ref();
+        let found = ranges.map(|ranges| ranges.warnings(observed)).unwrap_or_default();
+        found.into_iter().map(|it| it.of(&checkpoint.info.name)).collect::<Vec<_>>()
+    };
+    let of_checkpoints = checkpoints.iter().flat_map(of_checkpoint);
+    context_warnings(observed).into_iter().chain(of_checkpoints).collect()
 }
 
 /// The trajectories of a cell, or as many of them as there are, with the cell's noise on the positions of

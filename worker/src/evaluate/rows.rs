@@ -102,6 +102,10 @@ pub(super) fn complete(result: &mut CellResult, table: &[RecordBatch]) -> Result
             ..Row::default()
         }));
         for measure in MEASURES {
+            if batch.column_by_name(measure.name).is_none() {
+                // A cell that was evaluated before this was measured.
+                continue;
+            }
             let values = column::<Float32Array>(batch, measure.name)?;
             for (row, value) in rows[first..].iter_mut().zip(values) {
                 (measure.set)(row, value);
@@ -135,7 +139,13 @@ mod tests {
         let y: Vec<f32> = (0..3 * 60 * JOINTS).map(|k| (0.01 * k as f32).sin()).collect();
         let shape = Shape { robots: 3, samples: 60, joints: JOINTS };
         let scenarios = Series::new(shape, 60.0, y.clone(), y).unwrap();
-        let scoring = Scoring { pre_roll: 0, context: 20, samples: 1, band_edge_hz: Some(8.0) };
+        let scoring = Scoring {
+            pre_roll: 0,
+            context: 20,
+            samples: 1,
+            band_edge_hz: Some(8.0),
+            limits_rad: vec![spec::Range::new(-1.0, 1.0); JOINTS],
+        };
         let predictors: [Box<dyn Predictor>; 1] = [Box::new(HoldLast)];
         CellResult {
             cell: 4,
@@ -146,6 +156,8 @@ mod tests {
             joints: JOINTS,
             predictors: evaluate_cell(&scenarios.view(), &scoring, &predictors),
             measured_jitter_deg: None,
+            measured_left_limits: None,
+            warnings: Vec::new(),
         }
     }
 

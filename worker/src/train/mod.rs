@@ -83,13 +83,15 @@ fn trainer(
     let data_of = |statistics| TrainingData { samples, joints, rate_hz, statistics };
     if let Some(checkpoint) = latest {
         let files = read_checkpoint(attempt, checkpoint)?;
-        return Ok(Trainer::resume(spec, data_of(None), &digest, &files, device)?);
+        let trainer = Trainer::resume(spec, data_of(None), &digest, &files, device)?;
+        return Ok(trainer.with_limits(course.data().limits_rad()));
     }
     let statistics = match spec.normalization {
         Normalization::Dataset => Some(course.statistics(attempt)?),
         Normalization::Context | Normalization::PaperLeaky | Normalization::None => None,
     };
-    Ok(Trainer::new(spec, data_of(statistics), &digest, device)?)
+    let trainer = Trainer::new(spec, data_of(statistics), &digest, device)?;
+    Ok(trainer.with_limits(course.data().limits_rad()))
 }
 
 fn read_checkpoint(

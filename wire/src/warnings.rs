@@ -1,0 +1,270 @@
+//! What whoever reads a report or a prediction should know of the data behind it.
+
+use serde::{Deserialize, Serialize};
+use spec::Range;
+use utoipa::ToSchema;
+
+/// Data that a checkpoint was not trained on, a context that tells nothing, or a prediction that leaves the
+/// joints' limits.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Warning {
+    pub kind: WarningKind,
+    /// The predictor or controller that is concerned; missing where all are, or where only one answers.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub predictor: Option<String>,
+    /// From 1; missing where it is about the robot as a whole.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub joint: Option<u32>,
+    /// The value that lies furthest outside: N·m, rad or rad/s; of a short context its samples.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reached: Option<f64>,
+    /// The range that it lies outside of.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub range: Option<Range>,
+    /// Scenarios that it is true of; in closed loop, robots.
+    pub scenarios: u64,
+    /// The same in a sentence.
+    pub message: String,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum WarningKind {
+    /// Torques outside those of the training.
+    TorqueRange,
+    /// Positions outside those of the training.
+    PositionRange,
+    /// Rates of positions outside those of the training.
+    RateRange,
+    /// No joint moves during the context.
+    NoMotion,
+    /// The context has too few samples to identify anything from.
+    ShortContext,
+    /// The prediction leaves the limits of a joint.
+    JointLimits,
+}
+
+impl WarningKind {
+    /// The quantity and its unit.
+    const fn quantity(self) -> (&'static str, &'static str) {
+        match self {
+            Self::TorqueRange => ("u", "N·m"),
+            Self::PositionRange | Self::NoMotion | Self::ShortContext => ("q", "rad"),
+            Self::RateRange => ("the rate of q", "rad/s"),
+            Self::JointLimits => ("the predicted q", "rad"),
+        }
+    }
+}
+
+impl Warning {
+    /// A value of joint `joint`, from 1, outside of `range`, in `scenarios` scenarios.
+    pub fn outside(
+        kind: WarningKind,
+        joint: u32,
+        reached: f64,
+        range: Range,
+        scenarios: u64,
+    ) -> Self {
+        let (quantity, unit) = kind.quantity();
+        let bounds = match kind {
+            WarningKind::JointLimits => "its limits are",
+            _ => "the checkpoint was trained on",
+        };
+        let (low, high) = (number(range.min), number(range.max));
+        Self {
+            kind,
+            predictor: None,
+            joint: Some(joint),
+            reached: Some(reached),
+            range: Some(range),
+            scenarios,
+            message: format!(
+                "{quantity} of joint {joint} reaches {} {unit}; {bounds} {low} to {high} {unit}",
+                number(reached)
+            ),
+        }
+    }
+
+    /// No joint moves by more than `least_rad` during the context.
+    pub fn no_motion(least_rad: f64, scenarios: u64) -> Self {
+        Self::of_context(
+            WarningKind::NoMotion,
+            None,
+            scenarios,
+            format!(
+                "no joint moves by more than {least_rad} rad during the context, so that nothing of the \
+                 robot can be identified from it"
+            ),
+        )
+    }
+
+    /// The context has `samples` samples, fewer than `fewest`.
+    pub fn short_context(samples: u32, fewest: u32, scenarios: u64) -> Self {
+        Self::of_context(
+            WarningKind::ShortContext,
+            Some(f64::from(samples)),
+            scenarios,
+            format!(
+                "the context has {samples} samples; below {fewest} little of the robot can be \
+                 identified from it"
+            ),
+        )
+    }
+
+    fn of_context(
+        kind: WarningKind,
+        reached: Option<f64>,
+        scenarios: u64,
+        message: String,
+    ) -> Self {
+        Self { kind, predictor: None, joint: None, reached, range: None, scenarios, message }
+    }
+
+    /// The same, said of one predictor.
+    #[must_use]
+    pub fn of(self, predictor: &str) -> Self {
+        Self { predictor: Some(predictor.to_owned()), ..self }
+    }
+
+    /// How far beyond its range it lies, in widths of the range.
+    fn excess(&self) -> f64 {
+        let (Some(reached), Some(Range { min, max })) = (self.reached, self.range) else {
+            return 0.0;
+        };
+        (min - reached).max(reached - max) / (max - min).max(f64::MIN_POSITIVE)
+    }
+
+    /// Puts what was found in several places together: one warning for each predictor, kind and joint,
+    /// with the value furthest outside, in the order in which they come first.
+    pub fn merge(found: impl IntoIterator<Item = Self>) -> Vec<Self> {
+        let mut merged: Vec<Self> = Vec::new();
+        for warning in found {
+            let same = |it: &&mut Self| {
+                (it.kind, it.joint, &it.predictor)
+                    == (warning.kind, warning.joint, &warning.predictor)
+            };
+            match merged.iter_mut().find(same) {
+                Some(first) => {
+                    let scenarios = first.scenarios + warning.scenarios;
+                    if warning.excess() > first.excess() {
+                        *first = warning;
+                    }
+                    first.scenarios = scenarios;
+                }
+                None => merged.push(warning),
+            }
+        }
+        merged
+    }
+
+    /// A sentence for each kind and predictor: the joint that is furthest outside, and which others are.
+    /// Predictors of which the same is true share one. `all` are the scenarios there are, and `each` their
+    /// name.
+    pub fn sentences(warnings: &[Self], all: u64, each: &str) -> Vec<String> {
+        let mut sentences: Vec<(Vec<&str>, String)> = Vec::new();
+        for (k, warning) in warnings.iter().enumerate() {
+            let is_alike =
+                |it: &&Self| (&it.predictor, it.kind) == (&warning.predictor, warning.kind);
+            if warnings[..k].iter().any(|it| is_alike(&it)) {
+                continue;
+            }
+            let alike: Vec<&Self> = warnings[k..].iter().filter(is_alike).collect();
+            let rest = Self::of_worst(&alike, all, each);
+            let name = warning.predictor.as_deref();
+            match sentences.iter_mut().find(|(_, sentence)| *sentence == rest) {
+                Some((names, _)) => names.extend(name),
+                None => sentences.push((name.into_iter().collect(), rest)),
+            }
+        }
+        let told = |(names, rest): (Vec<&str>, String)| match names.as_slice() {
+            [] => rest,
+            names => format!("{}: {rest}", names.join(", ")),
+        };
+        sentences.into_iter().map(told).collect()
+    }
+
+    fn of_worst(alike: &[&Self], all: u64, each: &str) -> String {
+        let worst = alike.iter().max_by(|a, b| a.excess().total_cmp(&b.excess()));
+        let Some(worst) = worst else { return String::new() };
+        let others = alike.iter().filter(|it| it.joint != worst.joint).filter_map(|it| it.joint);
+        let mut others: Vec<u32> = others.collect();
+        others.sort_unstable();
+        let (message, scenarios) = (&worst.message, worst.scenarios);
+        format!("{message}{} ({scenarios} of {all} {each})", joints(&others))
+    }
+}
+
+fn joints(others: &[u32]) -> String {
+    let numbers: Vec<String> = others.iter().map(u32::to_string).collect();
+    match numbers.as_slice() {
+        [] => String::new(),
+        [only] => format!("; joint {only} lies outside as well"),
+        [first @ .., last] => {
+            format!("; joints {} and {last} lie outside as well", first.join(", "))
+        }
+    }
+}
+
+/// Three significant digits, and no more than three decimals.
+fn number(value: f64) -> String {
+    let decimals = match value.abs() {
+        100.0.. => 0,
+        10.0.. => 1,
+        1.0.. => 2,
+        _ => 3,
+    };
+    let text = format!("{value:.decimals$}");
+    if text.trim_start_matches('-').bytes().all(|digit| matches!(digit, b'0' | b'.')) {
+        "0".to_owned()
+    } else {
+        text
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn torque(joint: u32, reached: f64, scenarios: u64) -> Warning {
+        let range = Range::new(-2.8, 2.8);
+        Warning::outside(WarningKind::TorqueRange, joint, reached, range, scenarios).of("flow")
+    }
+
+    #[test]
+    fn a_warning_says_both_numbers() {
+        assert_eq!(
+            torque(2, -30.1, 1).message,
+            "u of joint 2 reaches -30.1 N·m; the checkpoint was trained on -2.80 to 2.80 N·m"
+        );
+        let limits = Range::new(-3.0718, -0.0698);
+        let warning = Warning::outside(WarningKind::JointLimits, 4, 0.3, limits, 1);
+        assert_eq!(
+            warning.message,
+            "the predicted q of joint 4 reaches 0.300 rad; its limits are -3.07 to -0.070 rad"
+        );
+    }
+
+    #[test]
+    fn what_several_cells_found_is_told_once_by_the_value_furthest_outside() {
+        let still = Warning::no_motion(1e-3, 2);
+        let merged =
+            Warning::merge([torque(2, -30.1, 4), still, torque(2, 31.0, 5), torque(4, 21.9, 5)]);
+        let found: Vec<_> = merged.iter().map(|it| (it.joint, it.reached, it.scenarios)).collect();
+        let expected = [(Some(2), Some(31.0), 9), (None, None, 2), (Some(4), Some(21.9), 5)];
+        assert_eq!(found, expected);
+        let sentences = Warning::sentences(&merged, 10, "scenarios");
+        assert_eq!(
+            sentences[0],
+            "flow: u of joint 2 reaches 31.0 N·m; the checkpoint was trained on -2.80 to 2.80 N·m; \
+             joint 4 lies outside as well (9 of 10 scenarios)"
+        );
+        assert!(sentences[1].starts_with("no joint moves by more than 0.001 rad"), "{sentences:?}");
+        assert_eq!(sentences.len(), 2);
+
+        let both = [torque(3, 4.0, 1).of("arx"), torque(3, 4.0, 1)];
+        let [sentence] = &Warning::sentences(&both, 10, "scenarios")[..] else {
+            panic!("{both:?}")
+        };
+        assert!(sentence.starts_with("arx, flow: u of joint 3 reaches 4.00 N·m"), "{sentence}");
+    }
+}
