@@ -83,6 +83,9 @@ test("an evaluation shows its error over frequency and every predictor", async (
   for (const predictor of ["hold-last", "damped-integrator", "least-squares", "robomorph"]) {
     assert.ok(text.includes(predictor), `${predictor} is not on the page`);
   }
+  // Its grid goes beyond the one frequency of the training.
+  assert.match(text, /u of joint \d reaches -?[\d.]+ N·m; the checkpoint was trained on/);
+  assert.match(text, /From sample to sample/);
   assertClean();
 });
 

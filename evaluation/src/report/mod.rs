@@ -7,14 +7,17 @@ pub use summary::{Setting, paired_difference, summarize, trained_on};
 
 #[cfg(test)]
 pub(crate) mod tests {
+    use series::{Series, Shape};
     use spec::{Bootstrap, Family, Range, SamplerKind};
     use wire::{
         FailureSummary, PredictorInfo, PredictorKind, PredictorSummary, Report, SamplingInfo,
-        TrainedOn, WorstCase,
+        TrainedOn, Warning, WorstCase,
     };
 
     use super::*;
-    use crate::{CellResult, EvaluationError, Failure};
+    use crate::{
+        CellResult, EvaluationError, Failure, HoldLast, Predictor, Scoring, evaluate_cell,
+    };
 
     /// A predictor of which no more is known.
     pub(crate) fn named(name: &str, kind: PredictorKind) -> PredictorInfo {
@@ -121,6 +124,37 @@ pub(crate) mod tests {
         let report = report(&[cell(0, 0.15, 1.0, 2.0)]).unwrap();
         let difference = &report.paired[0].difference_deg;
         assert!((difference.low + 1.0).abs() < 1e-9 && (difference.high + 1.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn the_error_of_the_first_sample_is_that_of_the_first_step() {
+        const JOINTS: usize = 7;
+        let y: Vec<f32> = (0..3 * 60 * JOINTS).map(|k| (0.01 * k as f32).sin()).collect();
+        let shape = Shape { robots: 3, samples: 60, joints: JOINTS };
+        let scenarios = Series::new(shape, 60.0, y.clone(), y).unwrap();
+        let scoring = Scoring {
+            pre_roll: 0,
+            context: 20,
+            samples: 1,
+            band_edge_hz: None,
+            limits_rad: vec![Range::new(-2.0, 2.0); JOINTS],
+        };
+        let predictors: [Box<dyn Predictor>; 1] = [Box::new(HoldLast)];
+        let cell = CellResult {
+            predictors: evaluate_cell(&scenarios.view(), &scoring, &predictors),
+            warnings: vec![Warning::no_motion(1e-3, 2)],
+            ..cell(0, 0.15, 1.0, 2.0)
+        };
+        let predictors = vec![named("hold-last", PredictorKind::Baseline)];
+        let report = summarize(Setting { predictors, ..setting() }, &[cell]).unwrap();
+        let group = &report.groups[0];
+        let first = group.scores[0].first_sample_deg.unwrap();
+        assert!((first.mean - group.scores[0].step_rmse_deg[0]).abs() < 1e-5, "{first:?}");
+        assert!(first.low <= first.mean && first.mean <= first.high, "{first:?}");
+        assert_eq!(group.scores[0].seam_jump_deg, None);
+        let rollouts = &group.rollouts[0];
+        assert_eq!((rollouts.left_limits, rollouts.diverged), (Some(0.0), 0.0));
+        assert_eq!((report.warnings.len(), report.scenarios()), (1, 3));
     }
 
     #[test]
