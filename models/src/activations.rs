@@ -63,6 +63,13 @@ pub(crate) trait Activations: Clone {
         })
     }
 
+    /// Of `[batch, sample, channel]` the sum of each sample and all before it, times `scale`: 1 over the root of
+    /// their number keeps it as large as independent samples are.
+    fn running_sum(self, scale: f64) -> Self {
+        let shape = self.dims();
+        Self::operation([self], [false], shape, |[x]| x.cumsum(1) * scale)
+    }
+
     fn part(self, dimension: usize, range: Range<usize>) -> Self {
         let mut ranges = self.dims().map(|extent| 0..extent);
         ranges[dimension] = range;

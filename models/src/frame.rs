@@ -1,8 +1,10 @@
 //! From where a model sees positions, and how its answers become positions again.
 
+use rayon::prelude::*;
 use series::{Observed, Track};
 use spec::Residual;
 
+use crate::lag::LaggedPath;
 use crate::normalization::{SMALLEST_STANDARD_DEVIATION, Statistics};
 
 /// y = center + scale · what the model sees, for one trajectory. From its torques and the
@@ -11,8 +13,9 @@ use crate::normalization::{SMALLEST_STANDARD_DEVIATION, Statistics};
 pub(crate) struct Frame {
     /// `[sample, joint]`, context and horizon, rad.
     center: Vec<f32>,
-    /// The scale of each joint.
+    /// `[sample, joint]`, as the center.
     scale: Vec<f32>,
+    joints: usize,
 }
 
 /// What frames depend on besides the trajectory.
@@ -30,13 +33,17 @@ impl Framing {
         let frame = |(robot, statistics): (usize, &Statistics)| match self.residual {
             Residual::None => Frame {
                 center: statistics.y_mean.repeat(self.samples),
-                scale: statistics.y_std.clone(),
+                scale: statistics.y_std.repeat(self.samples),
+                joints: statistics.y_std.len(),
             },
             Residual::Integrator(integrator) => {
                 self.integrated(observed.u(robot), observed.y(robot), integrator.damping)
             }
+            Residual::LaggedIntegrator(integrator) => {
+                self.lagged(observed.u(robot), observed.y(robot), integrator.damping)
+            }
         };
-        statistics.iter().enumerate().map(frame).collect()
+        statistics.par_iter().enumerate().map(frame).collect()
     }
 
     /// The damped integrator through the last sample of the context, forwards and backwards, and
@@ -48,8 +55,8 @@ impl Framing {
         let gain = 1.0 / (damping * self.rate_hz);
         let joints = u.joints();
         let mut center = vec![0.0; u.values().len()];
-        let mut scale = vec![0.0; joints];
-        for (joint, scale) in scale.iter_mut().enumerate() {
+        let mut scale = vec![0.0; u.values().len()];
+        for joint in 0..joints {
             let at = |sample: usize| sample * joints + joint;
             let start = f64::from(y[last][joint]);
             center[at(last)] = start as f32;
@@ -68,9 +75,28 @@ impl Framing {
             let count = seen.len().max(1) as f64;
             let squares: f64 =
                 seen.map(|sample| f64::from(y[sample][joint] - center[at(sample)]).powi(2)).sum();
-            *scale = ((squares / count).sqrt() as f32).max(SMALLEST_STANDARD_DEVIATION);
+            let of_joint = ((squares / count).sqrt() as f32).max(SMALLEST_STANDARD_DEVIATION);
+            scale.iter_mut().skip(joint).step_by(joints).for_each(|scale| *scale = of_joint);
         }
-        Frame { center, scale }
+        Frame { center, scale, joints }
+    }
+
+    /// The context as [`Framing::integrated`] sees it, and over the horizon the lagged path with the error
+    /// that it has in the context after as many samples.
+    #[expect(clippy::cast_possible_truncation, reason = "series are computed in f32")]
+    fn lagged(&self, u: Track<'_>, y: Track<'_>, damping: f64) -> Frame {
+        let mut frame = self.integrated(u, y, damping);
+        let joints = u.joints();
+        for joint in 0..joints {
+            let path = LaggedPath::fit(u, y, joint, damping, self.rate_hz);
+            let ahead = path.ahead(self.samples - self.context);
+            let at = (self.context * joints + joint..).step_by(joints);
+            for (at, (position, error)) in at.zip(ahead) {
+                frame.center[at] = position as f32;
+                frame.scale[at] = error as f32;
+            }
+        }
+        frame
     }
 }
 
@@ -82,8 +108,7 @@ impl Frame {
 
     /// Appends `y` `[sample, joint]`, the first of which is sample `first`, as the model sees it.
     pub fn extend_seen(&self, y: &[f32], first: usize, seen: &mut Vec<f32>) {
-        let center = &self.center[first * self.scale.len()..];
-        let scales = self.scale.iter().cycle();
+        let (center, scales) = self.from(first);
         seen.extend(
             y.iter()
                 .zip(center)
@@ -92,10 +117,15 @@ impl Frame {
         );
     }
 
+    /// Center and scale of the samples from `first` on.
+    fn from(&self, first: usize) -> (&[f32], &[f32]) {
+        let values = first * self.joints..;
+        (&self.center[values.clone()], &self.scale[values])
+    }
+
     /// Turns what a model says of the samples from `first` on into rad.
     pub fn restore(&self, y: &mut [f32], first: usize) {
-        let center = &self.center[first * self.scale.len()..];
-        let scales = self.scale.iter().cycle();
+        let (center, scales) = self.from(first);
         for ((value, center), scale) in y.iter_mut().zip(center).zip(scales) {
             *value = *value * scale + center;
         }
@@ -162,7 +192,8 @@ mod tests {
     fn what_a_model_sees_becomes_the_position_again() {
         let arm = arm(7.0);
         let y = &arm.y()[8 * JOINTS..];
-        for residual in [FRAMING.residual, Residual::None] {
+        let lagged = Residual::LaggedIntegrator(DampedIntegrator { damping: 10.0 });
+        for residual in [FRAMING.residual, lagged, Residual::None] {
             let frames = Framing { residual, ..FRAMING }.frames(&arm.observed(8), &[statistics()]);
             let mut seen = Vec::new();
             frames[0].extend_seen(y, 8, &mut seen);

@@ -28,6 +28,7 @@ mod error;
 mod flow;
 mod frame;
 mod initialization;
+mod lag;
 mod lagrangian;
 mod layers;
 mod loss;

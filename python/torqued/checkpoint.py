@@ -61,7 +61,7 @@ class TrainedModel:
         y = torch.as_tensor(y_context, dtype=torch.float32)
         u_mean, u_std, y_mean, y_std = self._statistics(u[:, :context], y)
         center, scale = frames(config, u, y, y_mean, y_std)
-        seen = (y - center[:, :context]) / scale
+        seen = (y - center[:, :context]) / scale[:, :context]
         path = (center - y_mean) / y_std
         u = (u - u_mean) / u_std
         y = (y - y_mean) / y_std
@@ -75,7 +75,7 @@ class TrainedModel:
                     draw = lambda: torch.randn(shape, generator=generator)  # noqa: E731
                 known = torch.cat([u, path], -1) if getattr(self.network, "given_path", False) else u
                 predicted = self._sample(known, seen, sampler or config["model"]["sampler"], draw)
-        return (predicted * scale + center[:, context:]).numpy()
+        return (predicted * scale[:, context:] + center[:, context:]).numpy()
 
     def _sample(self, known: Tensor, seen: Tensor, sampler: dict, draw: Callable[[], Tensor]) -> Tensor:
         model, context = self.config["model"], self.config["context"]

@@ -5,14 +5,22 @@ from torch import Tensor
 
 SMALLEST_SCALE = 1e-3
 
+STRIDE = 8
+"""Between two starts of a lagged path in the context, samples."""
+
+LEAST_ERROR_RAD = 1e-5
+LEAST_ERROR = 0.02
+"""Of the way that a lagged path makes itself."""
+
 
 def frames(config: dict, u: Tensor, y_context: Tensor, y_mean: Tensor, y_std: Tensor) -> tuple[Tensor, Tensor]:
-    """Center [batch, samples, joint] and scale [.., 1, 7], from u in N·m and y of the context in rad."""
+    """Center and scale [batch, samples, joint], from u in N·m and y of the context in rad."""
     residual = config["model"].get("residual", "none")
     if residual == "none":
-        return y_mean.expand(u.shape), y_std
+        return y_mean.expand(u.shape), y_std.expand(u.shape)
+    [(kind, integrator)] = residual.items()
     context, samples = config["context"], config["samples"]
-    gain = 1.0 / (residual["integrator"]["damping"] * config["rate_hz"])
+    gain = 1.0 / (integrator["damping"] * config["rate_hz"])
     travelled = torch.zeros(u.shape, dtype=torch.float64)
     travelled[:, 1:] = gain * u[:, :-1].double().cumsum(1)
     last = context - 1
@@ -21,4 +29,44 @@ def frames(config: dict, u: Tensor, y_context: Tensor, y_mean: Tensor, y_std: Te
     first = max(last - (samples - context), 0)
     errors = (y_context.double() - center[:, :context])[:, first:last]
     scale = errors.square().sum(1, keepdim=True).div(max(last - first, 1)).sqrt()
-    return center.float(), scale.clamp(min=SMALLEST_SCALE).float()
+    scale = scale.clamp(min=SMALLEST_SCALE).expand(u.shape).clone()
+    if kind == "lagged-integrator":
+        ahead, error = lagged_path(gain * u.double(), y_context.double(), samples - context)
+        center[:, context:], scale[:, context:] = ahead, error
+    return center.float(), scale.float()
+
+
+def lagged_path(driven: Tensor, y: Tensor, horizon: int) -> tuple[Tensor, Tensor]:
+    """The path over the horizon and its error after as many samples of the context, [batch, horizon, joint].
+
+    `driven` [batch, samples, joint] is the way in a sample without a lag, `y` that of the context, rad: the
+    twin of `models/src/lag.rs`.
+    """
+    known = y.shape[1]
+    last = known - 1
+    moved = torch.zeros_like(y)
+    moved[:, 1:] = y[:, 1:] - y[:, :-1]
+    left = driven[:, 1:last] - moved[:, 1:last]
+    products = (left * (moved[:, 2:] - moved[:, 1:last])).sum(1)
+    squares = left.square().sum(1)
+    share = torch.where(squares > 0, (products / squares).clamp(0.01, 1.0), 1.0)
+
+    def path(start: int, count: int) -> Tensor:
+        position, step = y[:, start], moved[:, start] if start > 0 else driven[:, 0]
+        positions = []
+        for sample in range(start, start + count):
+            step = step + share * (driven[:, sample] - step)
+            position = position + step
+            positions.append(position)
+        return torch.stack(positions, 1)
+
+    sums, counts = torch.zeros_like(driven[:, :horizon]), torch.zeros(horizon)
+    for start in range(1, last, STRIDE):
+        count = min(horizon, last - start)
+        sums[:, :count] += (path(start, count) - y[:, start + 1 : start + 1 + count]).square()
+        counts[:count] += 1
+    center = path(last, horizon)
+    seen = (sums / counts.clamp(min=1)[None, :, None]).sqrt()
+    way = LEAST_ERROR * (center - y[:, last:]).abs()
+    error = torch.maximum(seen, way).clamp(min=LEAST_ERROR_RAD)
+    return center, error.cummax(1).values

@@ -20,6 +20,7 @@ class RoboMorph(nn.Module):
         patch: int = 1,
         mlp_ratio: int = 4,
         head: str = "point",
+        output: str = "positions",
         context: int,
         horizon: int,
         joints: int = 7,
@@ -28,6 +29,7 @@ class RoboMorph(nn.Module):
         hidden = mlp_ratio * d_model
         self.patch = patch
         self.gaussian = head == "gaussian"
+        self.sums = output == "displacements"
         self.encoder_input = nn.Linear(2 * joints * patch, d_model)
         self.encoder_positions = nn.Parameter(0.02 * torch.randn(context // patch, d_model))
         self.encoder_blocks = nn.ModuleList(
@@ -44,7 +46,8 @@ class RoboMorph(nn.Module):
 
     def forward(self, context: Tensor, future_u: Tensor) -> Tensor:
         """Predicts y of the horizon [batch, horizon, joint] from normalized u and y of the context
-        [batch, context, 2 * joint] and u of the horizon [batch, horizon, joint]. A gaussian head gives
+        [batch, context, 2 * joint] and u of the horizon [batch, horizon, joint]; with output `displacements` as
+        their running sum. A gaussian head gives
         [batch, horizon, 2 * joint], see `mean_and_log_variance`."""
         memory = self.encoder_input(self._patches(context)) + self.encoder_positions
         for block in self.encoder_blocks:
@@ -54,7 +57,8 @@ class RoboMorph(nn.Module):
         for block in self.decoder_blocks:
             x = block(x, memory)
         batch, horizon, _ = future_u.shape
-        return self.head(self.decoder_norm(x)).reshape(batch, horizon, -1)
+        numbers = self.head(self.decoder_norm(x)).reshape(batch, horizon, -1)
+        return numbers.cumsum(1) / horizon**0.5 if self.sums else numbers
 
     def answer(self, u: Tensor, y_context: Tensor) -> Tensor:
         """y of the horizon from u [batch, samples, joint] and y of the context; of a gaussian head the mean."""

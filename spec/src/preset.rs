@@ -93,7 +93,8 @@ fn resolve(
 }
 
 /// Fields that hold one of several choices: merging would mix two of them.
-const REPLACED_WHOLE: [&str; 5] = ["frequency_hz", "data", "integrator", "checkpoints", "path"];
+const REPLACED_WHOLE: [&str; 6] =
+    ["frequency_hz", "data", "integrator", "checkpoints", "path", "residual"];
 
 /// Merges objects field by field; everything else replaces. `null` does too: it is a value of specs, and
 /// removes nothing.
@@ -168,6 +169,17 @@ mod tests {
         for name in ["train-set", "robomorph", "cdt"] {
             assert_eq!(job("control", name), job("four-models", name));
         }
+    }
+
+    #[test]
+    fn another_residual_replaces_that_of_the_preset() {
+        let residual = json!({"lagged-integrator": {"damping": 8.0}});
+        let text = json!({
+            "kind": "train", "data": {"dataset": 1}, "steps": 1,
+            "model": {"preset": "flow-tiny", "residual": residual},
+        });
+        let parsed = parse(text.to_string().as_bytes()).unwrap();
+        assert_eq!(parsed.to_json()["model"]["residual"], residual);
     }
 
     #[test]

@@ -161,7 +161,7 @@ fn a_sampler_longer_than_the_noise_is_named_with_both_numbers() {
         train_a("cdt-tiny"),
         "/model/residual",
         json!("integrated"),
-        &["model", r#""none", "integrator" or"#],
+        &["model", r#""none", "integrator", "lagged-integrator""#],
     );
     check_refused(
         train_a("cdt-tiny"),
@@ -183,6 +183,11 @@ fn a_residual_is_named_alone_or_with_its_damping() {
     assert_eq!(
         parsed(json!({"integrator": {"damping": 7}})),
         json!({"integrator": {"damping": 7.0}})
+    );
+    assert_eq!(parsed(json!("lagged-integrator")), json!({"lagged-integrator": {"damping": 10.0}}));
+    assert_eq!(
+        parsed(json!({"lagged-integrator": {"damping": 7}})),
+        json!({"lagged-integrator": {"damping": 7.0}})
     );
     assert_eq!(parsed(json!("none")), Value::Null, "the default is not written");
 }

@@ -7,7 +7,7 @@ use std::rc::Rc;
 use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
 use burn::tensor::Tensor;
 use kernels::Mask;
-use spec::{Head, RoboMorphSpec};
+use spec::{Head, Output, RoboMorphSpec};
 
 use crate::ModelError;
 use crate::activations::{Activations, Tally};
@@ -62,6 +62,7 @@ impl Architecture for RoboMorphSpec {
             head: Linear::new(d_model, numbers * joints * patch, weights),
             patch,
             kind: self.head,
+            output: self.output,
         })
     }
 }
@@ -74,7 +75,8 @@ const KEPT_BY_LOSS: usize = 3;
 ///
 /// A token is `patch` consecutive samples, flattened; 1 in the paper. The encoder sees u and y of
 /// the context in both directions. The decoder sees u of the horizon, causally, and all of the
-/// encoder's output. It is given no past y of its own and predicts positions, not differences.
+/// encoder's output. It is given no past y of its own and predicts positions, or on request the
+/// displacements whose sums they are.
 #[derive(Module, Debug)]
 pub(crate) struct RoboMorph {
     encoder_input: Linear,
@@ -91,6 +93,8 @@ pub(crate) struct RoboMorph {
     patch: usize,
     #[module(skip)]
     kind: Head,
+    #[module(skip)]
+    output: Output,
 }
 
 impl RoboMorph {
@@ -118,7 +122,12 @@ impl RoboMorph {
         }
         let numbers = self.head.forward(self.decoder_norm.forward(x));
         let [_, _, width] = numbers.dims();
-        numbers.reshaped([batch, horizon_tokens * self.patch, width / self.patch])
+        let horizon = horizon_tokens * self.patch;
+        let numbers = numbers.reshaped([batch, horizon, width / self.patch]);
+        match self.output {
+            Output::Positions => numbers,
+            Output::Displacements => numbers.running_sum(1.0 / (horizon as f64).sqrt()),
+        }
     }
 }
 

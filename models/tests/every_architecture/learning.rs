@@ -91,6 +91,34 @@ fn a_residual_of_the_exact_integrator_starts_at_its_prediction() {
 }
 
 #[test]
+fn over_a_lagged_integrator_any_weights_go_on_where_the_arm_is() {
+    // A mass behind a damping of 10, of which the network has seen nothing.
+    let mut lagged = batch(64, 4);
+    let u = lagged.u().to_vec();
+    for (u, y) in u.chunks_exact(ROW).zip(lagged.y_mut().chunks_exact_mut(ROW)) {
+        for joint in 0..JOINTS {
+            let mut step = 0.0;
+            for i in (JOINTS..ROW).skip(joint).step_by(JOINTS) {
+                step += 0.4 * (u[i - JOINTS] / 10.0 / 60.0 - step);
+                y[i] = y[i - JOINTS] + step;
+            }
+        }
+    }
+    for (name, model) in normalized_kinds() {
+        let mut spec = serde_json::to_value(model).unwrap();
+        spec["residual"] = json!("lagged-integrator");
+        let model = briefly_trained(serde_json::from_value(spec).unwrap());
+        let answer = model.predict(&known(&lagged)).unwrap();
+        for (answer, truth) in answer.chunks(HORIZON_VALUES).zip(lagged.y().chunks(ROW)) {
+            let first = answer.iter().zip(&truth[CONTEXT_VALUES..]).take(JOINTS);
+            for (a, b) in first {
+                assert!((a - b).abs() < 1e-3, "{name}: {a} {b}");
+            }
+        }
+    }
+}
+
+#[test]
 fn all_normalizations_train_every_architecture() {
     for (name, model) in normalized_kinds() {
         let spec = TrainSpec { normalization: Normalization::PaperLeaky, ..training_of(model) };

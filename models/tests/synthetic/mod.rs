@@ -32,6 +32,7 @@ pub fn train_spec() -> TrainSpec {
             patch: 4,
             mlp_ratio: 2,
             head: Head::Point,
+            output: spec::Output::Positions,
             residual: Residual::None,
         }),
         context: CONTEXT,

@@ -27,7 +27,7 @@ pub use diffusion::{
 pub use flow::{FLOW_LEVELS, FLOW_STEPS, FlowPrediction, FlowSpec};
 pub use lagrangian::LagrangianSpec;
 pub use residual::{DampedIntegrator, Residual};
-pub use robomorph::{Head, RoboMorphSpec};
+pub use robomorph::{Head, Output, RoboMorphSpec};
 pub use sampling::Generation;
 pub use sizes::GROUPS;
 

@@ -12,17 +12,23 @@ pub enum Residual {
     None,
     /// The damped integrator q̇ = u / D from the last sample of the context on.
     Integrator(DampedIntegrator),
+    /// The same from the last measured position *and* velocity, which turns into u / D with the lag that the
+    /// context shows. Its scale grows from nothing as the path's own errors grow in the context, so that a
+    /// prediction goes on where the arm is.
+    LaggedIntegrator(DampedIntegrator),
 }
 
 /// How a residual may be written: `"integrator"` alone is the one with the default damping.
 #[derive(Deserialize)]
 #[serde(
     untagged,
-    expecting = "expected \"none\", \"integrator\" or {\"integrator\": {\"damping\": D}}"
+    expecting = "expected \"none\", \"integrator\", \"lagged-integrator\", {\"integrator\": {\"damping\": D}} or \
+                 {\"lagged-integrator\": {\"damping\": D}}"
 )]
 enum Written {
     Name(Name),
     WithDamping(WithDamping),
+    LaggedWithDamping(LaggedWithDamping),
 }
 
 #[derive(Deserialize)]
@@ -30,6 +36,7 @@ enum Written {
 enum Name {
     None,
     Integrator,
+    LaggedIntegrator,
 }
 
 #[derive(Deserialize)]
@@ -38,12 +45,24 @@ struct WithDamping {
     integrator: DampedIntegrator,
 }
 
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "kebab-case")]
+struct LaggedWithDamping {
+    lagged_integrator: DampedIntegrator,
+}
+
 impl From<Written> for Residual {
     fn from(written: Written) -> Self {
         match written {
             Written::Name(Name::None) => Self::None,
             Written::Name(Name::Integrator) => Self::Integrator(DampedIntegrator::default()),
+            Written::Name(Name::LaggedIntegrator) => {
+                Self::LaggedIntegrator(DampedIntegrator::default())
+            }
             Written::WithDamping(WithDamping { integrator }) => Self::Integrator(integrator),
+            Written::LaggedWithDamping(LaggedWithDamping { lagged_integrator }) => {
+                Self::LaggedIntegrator(lagged_integrator)
+            }
         }
     }
 }
@@ -70,8 +89,11 @@ impl Residual {
 
 impl Check for Residual {
     fn check(&self, report: &mut Report) {
-        if let Self::Integrator(integrator) = self {
-            report.within("integrator.damping", integrator.damping, 1e-3..=1e6);
-        }
+        let (field, integrator) = match self {
+            Self::None => return,
+            Self::Integrator(integrator) => ("integrator.damping", integrator),
+            Self::LaggedIntegrator(integrator) => ("lagged-integrator.damping", integrator),
+        };
+        report.within(field, integrator.damping, 1e-3..=1e6);
     }
 }

@@ -23,8 +23,28 @@ pub struct RoboMorphSpec {
     pub mlp_ratio: u32,
     #[serde(default, skip_serializing_if = "Head::is_default")]
     pub head: Head,
+    #[serde(default, skip_serializing_if = "Output::is_default")]
+    pub output: Output,
     #[serde(default, skip_serializing_if = "Residual::is_none")]
     pub residual: Residual,
+}
+
+/// The numbers that the head of a RoboMorph gives.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Output {
+    /// Of each sample its position, as in the paper. Nothing ties a patch to the one before.
+    #[default]
+    Positions,
+    /// Of each sample the displacement from the one before; positions are their running sum, so that a
+    /// seam between patches is no more than a step between samples. With a point head.
+    Displacements,
+}
+
+impl Output {
+    fn is_default(&self) -> bool {
+        *self == Self::Positions
+    }
 }
 
 /// What a model says of each position.
@@ -60,5 +80,11 @@ impl ArchitectureSpec for RoboMorphSpec {
 
     fn residual(&self) -> Residual {
         self.residual
+    }
+
+    fn report_options(&self, report: &mut Report) {
+        if self.output == Output::Displacements && self.head != Head::Point {
+            report.violation("output", "displacements", "positions, with a gaussian head");
+        }
     }
 }

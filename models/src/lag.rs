@@ -1,0 +1,138 @@
+//! The damped integrator whose velocity follows u / D with a lag, and how far it is off in a context.
+
+use series::Track;
+
+/// Between two starts of a path in the context, samples.
+const STRIDE: usize = 8;
+
+/// The path is not trusted further than this, rad: what a good encoder resolves.
+const LEAST_ERROR_RAD: f64 = 1e-5;
+
+/// And no further than this share of the way that it makes itself: a context at rest says nothing of errors.
+const LEAST_ERROR: f64 = 0.02;
+
+/// v' = v + α (u / D - v), q' = q + v' h: a mass M behind a damping D, α = h D / M where that is small and 1
+/// where the mass is none. For one joint of one robot.
+pub(crate) struct LaggedPath {
+    /// The measured positions, rad.
+    measured: Vec<f64>,
+    /// The way in each sample of context and horizon without a lag, rad.
+    driven: Vec<f64>,
+    /// α.
+    share: f64,
+}
+
+impl LaggedPath {
+    /// The share by which the velocity moves towards u / D in a sample is fitted to the context, in closed form:
+    /// the regression of its changes on its distance from u / D. 1, no lag, where nothing moves.
+    pub fn fit(u: Track<'_>, y: Track<'_>, joint: usize, damping: f64, rate_hz: f64) -> Self {
+        let gain = 1.0 / (damping * rate_hz);
+        let measured: Vec<f64> = y.joint(joint).map(f64::from).collect();
+        let driven: Vec<f64> = u.joint(joint).map(|torque| gain * f64::from(torque)).collect();
+        let (mut products, mut squares) = (0.0, 0.0);
+        for (three, driven) in measured.windows(3).zip(&driven[1..]) {
+            let (moved, moves) = (three[1] - three[0], three[2] - three[1]);
+            let left = driven - moved;
+            products += left * (moves - moved);
+            squares += left * left;
+        }
+        let share = if squares > 0.0 { (products / squares).clamp(0.01, 1.0) } else { 1.0 };
+        Self { measured, driven, share }
+    }
+
+    /// Positions of the path after 1, 2, .. samples from `start`, a sample with a measured position, rad.
+    fn from(&self, start: usize) -> impl Iterator<Item = f64> {
+        let mut position = self.measured[start];
+        // Without a sample before there is no velocity, and none is made up.
+        let before = start.checked_sub(1).map(|before| position - self.measured[before]);
+        let mut step = before.unwrap_or(self.driven[start]);
+        self.driven[start..].iter().map(move |driven| {
+            step += self.share * (driven - step);
+            position += step;
+            position
+        })
+    }
+
+    /// The path over the `horizon` samples after the context, and the error that it has after as many
+    /// samples of the context, root mean square over starts; never smaller than after fewer.
+    pub fn ahead(&self, horizon: usize) -> Vec<(f64, f64)> {
+        let last = self.measured.len() - 1;
+        let mut squares = vec![(0.0, 0_u32); horizon];
+        for start in (1..last).step_by(STRIDE) {
+            let measured = self.from(start).zip(&self.measured[start + 1..]);
+            for ((sum, count), (position, measured)) in squares.iter_mut().zip(measured) {
+                *sum += (position - measured).powi(2);
+                *count += 1;
+            }
+        }
+        let begin = self.measured[last];
+        let mut error = LEAST_ERROR_RAD;
+        let ahead = self.from(last).zip(squares).map(|(position, (sum, count))| {
+            if count > 0 {
+                error = error.max((sum / f64::from(count)).sqrt());
+            }
+            error = error.max(LEAST_ERROR * (position - begin).abs());
+            (position, error)
+        });
+        ahead.collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use series::{Series, Shape};
+
+    use super::*;
+
+    /// A joint of damping 10 whose velocity follows with `share`, pushed by a wave.
+    fn arm(share: f32) -> Series {
+        let u: Vec<f32> = (0..120).map(|k| 5.0 * (0.1 * k as f32).sin()).collect();
+        let (mut y, mut step) = (vec![0.3], 0.0);
+        for torque in &u[..119] {
+            step += share * (torque / 600.0 - step);
+            y.push(y[y.len() - 1] + step);
+        }
+        Series::new(Shape { robots: 1, samples: 120, joints: 1 }, 60.0, u, y).unwrap()
+    }
+
+    fn path(observed: &series::Observed<'_>) -> Vec<(f64, f64)> {
+        LaggedPath::fit(observed.u(0), observed.y(0), 0, 10.0, 60.0).ahead(20)
+    }
+
+    #[test]
+    fn an_arm_with_a_lag_is_followed_and_its_error_is_known_to_be_small() {
+        for share in [0.05, 0.3, 1.0] {
+            let arm = arm(share);
+            for (k, (position, error)) in path(&arm.observed(100)).into_iter().enumerate() {
+                let truth = f64::from(arm.y()[100 + k]);
+                assert!((position - truth).abs() < 2e-4, "{share}: {k}, {position} {truth}");
+                // A fiftieth of the way, which is about 0.1 rad.
+                assert!(error < 3e-3, "{share}: {k}, {error}");
+            }
+        }
+    }
+
+    #[test]
+    fn errors_begin_small_and_grow_with_the_way() {
+        // A damping of 8, which the path does not know of.
+        let mut arm = arm(0.3);
+        let start = arm.y()[0];
+        arm.y_mut().iter_mut().for_each(|y| *y = start + (*y - start) / 0.8);
+        let ahead = path(&arm.observed(100));
+        assert!(ahead[0].1 < 0.1 * ahead[19].1, "{ahead:?}");
+        assert!(ahead.windows(2).all(|pair| pair[0].1 <= pair[1].1), "{ahead:?}");
+        let first = f64::from(arm.y()[100]) - ahead[0].0;
+        assert!(first.abs() < 3.0 * ahead[0].1, "{first} {ahead:?}");
+    }
+
+    #[test]
+    fn a_context_at_rest_leaves_room_for_a_share_of_the_way() {
+        let u: Vec<f32> = (0..120).map(|k| if k < 100 { 0.0 } else { 5.0 }).collect();
+        let shape = Shape { robots: 1, samples: 120, joints: 1 };
+        let arm = Series::new(shape, 60.0, u, vec![0.3; 120]).unwrap();
+        let ahead = path(&arm.observed(100));
+        assert!(ahead[0].1 >= LEAST_ERROR_RAD, "{ahead:?}");
+        assert!(ahead[19].1 > 1e-3, "{ahead:?}");
+        assert!(ahead.iter().all(|(position, error)| position.is_finite() && error.is_finite()));
+    }
+}
