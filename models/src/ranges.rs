@@ -1,5 +1,6 @@
 //! The ranges of the data that a model was trained on, and what of a question lies outside of them.
 
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use series::{Observed, SeriesView, Track};
 use spec::Range;
@@ -35,20 +36,22 @@ impl DataRanges {
     /// Of all robots and samples; `None` without any.
     pub fn of(data: &SeriesView<'_>) -> Option<Self> {
         let of = |robot| Self::of_tracks(data.u(robot), data.y(robot), data.rate_hz());
-        (0..data.robots()).map(of).reduce(Self::and)
+        (0..data.robots()).into_par_iter().map(of).reduce_with(Self::and)
     }
 
     fn of_tracks(u: Track<'_>, y: Track<'_>, rate_hz: f64) -> Self {
-        let joints = 0..u.joints();
-        let values = |track: Track<'_>, joint| range(track.joint(joint).map(f64::from));
-        let rates = |joint| {
-            let pairs = y.joint(joint).zip(y.joint(joint).skip(1));
-            range(pairs.map(|(before, after)| (f64::from(after) - f64::from(before)) * rate_hz))
-        };
+        let mut of_u = Ends::new(u.joints());
+        u.iter().for_each(|sample| of_u.add(sample.iter().map(|&value| f64::from(value))));
+        let (mut of_y, mut of_steps) = (Ends::new(y.joints()), Ends::new(y.joints()));
+        y.iter().for_each(|sample| of_y.add(sample.iter().map(|&value| f64::from(value))));
+        for (before, after) in y.iter().zip(y.iter().skip(1)) {
+            let pairs = before.iter().zip(after);
+            of_steps.add(pairs.map(|(&before, &after)| f64::from(after) - f64::from(before)));
+        }
         Self {
-            u_nm: joints.clone().map(|joint| values(u, joint)).collect(),
-            y_rad: joints.clone().map(|joint| values(y, joint)).collect(),
-            rate_rad_s: joints.map(rates).collect(),
+            u_nm: of_u.ranges(1.0),
+            y_rad: of_y.ranges(1.0),
+            rate_rad_s: of_steps.ranges(rate_hz),
         }
     }
 
@@ -101,6 +104,29 @@ impl DataRanges {
             }
         }
         warnings
+    }
+}
+
+/// Least and largest value of each joint, sample by sample: a batch of training is looked through at every
+/// step.
+struct Ends(Vec<[f64; 2]>);
+
+impl Ends {
+    fn new(joints: usize) -> Self {
+        Self(vec![[f64::INFINITY, f64::NEG_INFINITY]; joints])
+    }
+
+    fn add(&mut self, sample: impl Iterator<Item = f64>) {
+        for ([least, largest], value) in self.0.iter_mut().zip(sample) {
+            *least = least.min(value);
+            *largest = largest.max(value);
+        }
+    }
+
+    /// Times `scale`; 0 of nothing. Adding 0 makes one zero of two, which know an order that others do not.
+    fn ranges(&self, scale: f64) -> Vec<Range> {
+        let end = |value: f64| if value.is_finite() { scale * value + 0.0 } else { 0.0 };
+        self.0.iter().map(|&[least, largest]| Range::new(end(least), end(largest))).collect()
     }
 }
 
