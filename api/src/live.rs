@@ -88,7 +88,7 @@ pub struct Answer {
     /// Joint positions `[samples, size, horizon, 7]`, rad; all finite.
     pub positions: Vec<f32>,
     pub samples: usize,
-    /// What its asker should know of the question or the answer.
+    /// Doubts about the question and the answer.
     pub warnings: Vec<Warning>,
     /// Until its turn came.
     pub queued: Duration,

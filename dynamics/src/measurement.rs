@@ -1,4 +1,4 @@
-//! What sensors say of a motion: Gaussian noise on positions and torques, and encoders that round.
+//! Measured motions: Gaussian noise on positions and torques, and encoders that round.
 
 use rayon::prelude::*;
 use series::{MeasurementNoise, Series};

@@ -54,7 +54,7 @@ pub struct OracleStarted<'a> {
     pub scenarios: &'a SeriesView<'a>,
 }
 
-/// Of an architecture that predicts several samples at a time.
+/// Samples of a patch, where the architecture predicts several samples at a time.
 fn patch(model: &TrainedModel) -> Option<usize> {
     let patch = model.architecture().patch() as usize;
     (patch > 1).then_some(patch)

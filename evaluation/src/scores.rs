@@ -39,13 +39,13 @@ pub struct ContinuityErrors {
     pub seam_jump_deg: Option<PerJoint>,
 }
 
-/// What scoring must know besides the truth and the answer.
+/// The robot and the measures that scores are made with.
 #[derive(Clone, Copy)]
 pub struct ScoredAs<'a> {
     pub joints: usize,
     /// Samples that the predictor says at a time, of one that has seams.
     pub patch: Option<usize>,
-    /// Of each joint; empty where they are not known.
+    /// Position limits of each joint; empty where they are not known.
     pub limits_rad: &'a [Range],
     pub meter: Option<&'a JitterMeter>,
 }

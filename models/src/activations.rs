@@ -63,7 +63,7 @@ pub(crate) trait Activations: Clone {
         })
     }
 
-    /// Of `[batch, sample, channel]` the sum of each sample and all before it, times `scale`: 1 over the root of
+    /// The sum of each sample of `[batch, sample, channel]` and all before it, times `scale`: 1 over the root of
     /// their number keeps it as large as independent samples are.
     fn running_sum(self, scale: f64) -> Self {
         let shape = self.dims();

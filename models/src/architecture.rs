@@ -101,7 +101,7 @@ pub(crate) struct ModelInput {
     /// The path that answers are relative to, as normalized positions `[batch, sample, joint]`.
     pub path: Tensor<3>,
     pub rate_hz: f64,
-    /// Of positions, in rad, and of the torques of the context, in N·m.
+    /// Noise of positions, in rad, and of the torques of the context, in N·m.
     pub measurement_noise: MeasurementNoise,
 }
 

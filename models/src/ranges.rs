@@ -33,7 +33,7 @@ pub struct DataRanges {
 }
 
 impl DataRanges {
-    /// Of all robots and samples; `None` without any.
+    /// The ranges of all robots and samples; `None` without any.
     pub fn of(data: &SeriesView<'_>) -> Option<Self> {
         let of = |robot| Self::of_tracks(data.u(robot), data.y(robot), data.rate_hz());
         (0..data.robots()).into_par_iter().map(of).reduce_with(Self::and)
@@ -88,7 +88,7 @@ impl DataRanges {
         Warning::merge((0..observed.robots()).flat_map(of))
     }
 
-    /// What of the ranges of one robot's data lies outside.
+    /// Warnings of those ranges of one robot's data that lie outside.
     pub fn warnings_of(&self, found: &Self) -> Vec<Warning> {
         let quantities = [
             (WarningKind::TorqueRange, &self.u_nm, &found.u_nm),

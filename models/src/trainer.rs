@@ -57,9 +57,9 @@ pub struct Trainer {
     loss_weights: Option<Vec<f64>>,
     interrupt: Interrupt,
     metrics: BTreeMap<String, f64>,
-    /// Of all batches so far; `None` before the first, and after checkpoints that have none.
+    /// Ranges of all batches so far; `None` before the first, and after checkpoints that have none.
     ranges: Option<DataRanges>,
-    /// Of each joint, for those who will ask the checkpoint.
+    /// Position limits of each joint, for those who will ask the checkpoint.
     limits_rad: Vec<Range>,
     device: Device,
     /// Steps taken.
@@ -237,7 +237,7 @@ impl Trainer {
                 average.update(&self.model, step);
             }
         });
-        // What came before a checkpoint without ranges is not known.
+        // A checkpoint without ranges does not tell those of the batches before it.
         if self.step == 0 || self.ranges.is_some() {
             let seen = self.ranges.take().into_iter().chain(DataRanges::of(&batch.view()));
             self.ranges = seen.reduce(DataRanges::and);

@@ -10,7 +10,7 @@ STRIDE = 8
 
 LEAST_ERROR_RAD = 1e-5
 LEAST_ERROR = 0.02
-"""Of the way that a lagged path makes itself."""
+"""The least unit of a lagged path, as a part of the way that it makes itself."""
 
 
 def frames(config: dict, u: Tensor, y_context: Tensor, y_mean: Tensor, y_std: Tensor) -> tuple[Tensor, Tensor]:

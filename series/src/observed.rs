@@ -61,7 +61,7 @@ impl<'a> Observed<'a> {
         self.rate_hz
     }
 
-    /// Of the positions, and of the torques of the context.
+    /// Noise of the positions, and of the torques of the context.
     pub fn noise(&self) -> MeasurementNoise {
         self.noise
     }

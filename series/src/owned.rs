@@ -15,7 +15,7 @@ pub struct Series {
     u: Vec<f32>,
     y: Vec<f32>,
     noise: MeasurementNoise,
-    /// What u and y were measured of; `None` where they are all that is known.
+    /// The true values behind u and y; `None` where u and y are all that is known.
     truth: Option<Truth>,
 }
 
@@ -154,7 +154,7 @@ impl Series {
         self.rate_hz
     }
 
-    /// Of positions and torques.
+    /// Noise of positions and torques.
     pub fn noise(&self) -> MeasurementNoise {
         self.noise
     }

@@ -14,7 +14,7 @@ pub struct SeriesView<'a> {
     /// `[sample, joint]` of each robot.
     pub(crate) u: Vec<&'a [f32]>,
     pub(crate) y: Vec<&'a [f32]>,
-    /// Those of `y` where nothing else is known.
+    /// True positions; those of `y` where nothing else is known.
     pub(crate) true_y: Vec<&'a [f32]>,
 }
 
@@ -45,7 +45,7 @@ impl<'a> SeriesView<'a> {
         self.rate_hz
     }
 
-    /// Of positions and torques.
+    /// Noise of positions and torques.
     pub fn noise(&self) -> MeasurementNoise {
         self.noise
     }

@@ -131,7 +131,7 @@ fn measured(covariance: &Matrix, gain: State, noise: f64, variance: f64) -> Matr
     })
 }
 
-/// What white jerk adds over a sampling time (Bar-Shalom, Li and Kirubarajan 2001, section 6.2.3).
+/// Covariance that white jerk adds over a sampling time (Bar-Shalom, Li and Kirubarajan 2001, section 6.2.3).
 fn drift(h: f64, intensity: f64) -> Matrix {
     let [two, three, four, five] = [h * h, h.powi(3), h.powi(4), h.powi(5)];
     let entries = [

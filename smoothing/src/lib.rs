@@ -76,7 +76,7 @@ impl Smoother {
     }
 }
 
-/// What the filter knows after a sample: its estimate, and how far the measured position was from what was
+/// The filter's knowledge after a sample: its estimate, and how far the measured position was from what was
 /// expected.
 #[derive(Clone, Copy, Debug)]
 struct Filtered {

@@ -79,7 +79,7 @@ impl DataSpec {
         self.simulation().map(SimulateSpec::cells).unwrap_or_default()
     }
 
-    /// What is recorded besides torques and positions, and with which noise; of an import nothing is known.
+    /// Columns beside torques and positions, and the noise of measurements; of an import nothing is known.
     pub fn observations(&self) -> Observations {
         self.simulation().map(|spec| spec.observations).unwrap_or_default()
     }

@@ -1,4 +1,4 @@
-//! What whoever reads a report or a prediction should know of the data behind it.
+//! Warnings to readers of a report or a prediction about the data behind it.
 
 use serde::{Deserialize, Serialize};
 use spec::Range;

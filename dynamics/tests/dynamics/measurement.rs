@@ -1,4 +1,4 @@
-//! What sensors say: noise of a purpose of its own, beside a truth that it does not change.
+//! Measurements: noise of a purpose of its own, beside a truth that it does not change.
 
 use dynamics::add_position_noise;
 use serde_json::json;

@@ -32,7 +32,7 @@ pub struct RobotTrials {
     /// That computed.
     pub threads: usize,
     pub trials: Vec<Trial>,
-    /// What checkpoints were not trained on, of the motions that they led to.
+    /// Ranges of the motions that lie outside those of the checkpoints' trainings.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<Warning>,
 }

@@ -20,7 +20,7 @@ pub struct Setting {
     pub rate_hz: f64,
     /// Asked of each predictor that has several.
     pub samples: u32,
-    /// Of the data itself; `None` without.
+    /// The noise that the data has itself; `None` without.
     pub data_noise: Option<DataNoise>,
     /// Of the dataset's simulation; none for recordings.
     pub seed: Option<u64>,
@@ -128,7 +128,7 @@ struct Group<'a> {
 }
 
 impl<'a> Group<'a> {
-    /// Those of `cells` at `level`.
+    /// The group of those `cells` that are at `level`.
     fn new(name: &str, cells: &[&'a CellResult], level: f64) -> Self {
         Self {
             name: format!("{name}{}", at_noise(level)),
@@ -248,7 +248,7 @@ pub(super) fn errors<'a>(cell: &'a CellResult, predictor: &str) -> Option<&'a Pr
     cell.predictors.iter().find(|errors| errors.predictor == predictor)
 }
 
-/// Of the predictors that were asked in all cells and failed on none as a whole.
+/// Summaries of the predictors that were asked in all cells and failed on none as a whole.
 fn rollouts(predictors: &[PredictorInfo], cells: &[&CellResult]) -> Vec<RolloutSummary> {
     let summary = |info: &PredictorInfo| {
         let asked: Vec<&PredictorErrors> =

@@ -1,4 +1,4 @@
-//! What is said of data that a checkpoint was never trained on.
+//! Warnings of data that a checkpoint was never trained on.
 
 use serde_json::{Value, json};
 

@@ -43,7 +43,7 @@ pub struct CheckpointConfig {
     /// Digest of the spec that the training's data came from, where it is known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub dataset_digest: Option<String>,
-    /// Of all that was trained on so far; missing of checkpoints that were trained before it was recorded.
+    /// Ranges of all that was trained on so far; missing in checkpoints that were trained before they were recorded.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ranges: Option<DataRanges>,
     /// Limits of each joint's position, rad, of the robot that the training's data describes; empty where

@@ -33,7 +33,7 @@ const TORQUE: f32 = 0.1;
 
 /// Standard deviation of the velocity at the first sample about that of the smoothed positions, rad/s.
 const INITIAL_VELOCITY: f64 = 1.0;
-/// That of the angle, in deviations of the measurement.
+/// Standard deviation of the angle at the first sample, in deviations of the measurement.
 const INITIAL_ANGLE: f64 = 10.0;
 
 /// Between two deviations of the law that are tried, and how many there are on both sides of training's.
@@ -157,7 +157,7 @@ pub(super) fn smoother(robot: &Recorded<'_>, noise: MeasurementNoise) -> Smoothe
 struct Filter<'a> {
     law: &'a Law,
     measured: &'a Recorded<'a>,
-    /// What steps are linear about.
+    /// The motion that steps are linear about.
     path: &'a Recorded<'a>,
     damping: [f32; MAX_JOINTS],
     steps: &'a [Step],

@@ -33,10 +33,10 @@ pub struct RoboMorphSpec {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Output {
-    /// Of each sample its position, as in the paper. Nothing ties a patch to the one before.
+    /// The position of each sample, as in the paper. Nothing ties a patch to the one before.
     #[default]
     Positions,
-    /// Of each sample the displacement from the one before; positions are their running sum, so that a
+    /// The displacement of each sample from the one before; positions are their running sum, so that a
     /// seam between patches is no more than a step between samples. With a point head.
     Displacements,
 }

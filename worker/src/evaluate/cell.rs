@@ -74,7 +74,7 @@ pub(super) fn cell(attempt: &Attempt, spec: &EvaluateSpec, index: usize) -> Resu
     attempt.complete(&CellRecord { result, table: TableAt { run, artifact } })
 }
 
-/// Of each checkpoint that says what it was trained on, and of the contexts of all.
+/// Warnings of each checkpoint that tells its training's ranges, and of the contexts of all.
 fn warnings(checkpoints: &[LoadedCheckpoint], observed: &Observed<'_>) -> Vec<Warning> {
     let of_checkpoint = |checkpoint: &LoadedCheckpoint| {
         let ranges = checkpoint.model.config().ranges.as_ref();

@@ -105,7 +105,7 @@ fn what_is_off_is_null_and_what_is_on_is_told() {
     assert!(seed.values().iter().all(|&seed| seed == 12));
 }
 
-/// What is not asked for has no columns: a simulation without noise is what it was.
+/// A simulation without noise has no columns of measurements: it is what it was.
 #[test]
 fn measured_values_have_columns_where_there_is_noise() {
     let names = |observations: serde_json::Value| {

@@ -1,0 +1,192 @@
+use series::{Series, Shape};
+
+use super::*;
+use crate::{DampedIntegrator, HoldLast, Row};
+
+const JOINTS: usize = 7;
+
+fn scoring() -> Scoring {
+    Scoring {
+        pre_roll: 0,
+        context: 20,
+        samples: 4,
+        band_edge_hz: Some(8.0),
+        limits_rad: vec![Range::new(-2.0, 2.0); JOINTS],
+    }
+}
+
+fn scenarios() -> Series {
+    let y: Vec<f32> = (0..3 * 60 * JOINTS).map(|k| (0.01 * k as f32).sin()).collect();
+    let shape = Shape { robots: 3, samples: 60, joints: JOINTS };
+    Series::new(shape, 60.0, y.clone(), y).unwrap()
+}
+
+/// Holds the last position, but for one value.
+struct Broken {
+    value: f32,
+    at: usize,
+}
+
+impl Predictor for Broken {
+    fn name(&self) -> &'static str {
+        "broken"
+    }
+
+    fn predict(&self, observed: &Observed<'_>) -> Result<Vec<f32>, EvaluationError> {
+        let mut predicted = HoldLast.predict(observed)?;
+        predicted[self.at] = self.value;
+        Ok(predicted)
+    }
+}
+
+struct TooShort;
+
+impl Predictor for TooShort {
+    fn name(&self) -> &'static str {
+        "too-short"
+    }
+
+    fn predict(&self, _: &Observed<'_>) -> Result<Vec<f32>, EvaluationError> {
+        Ok(vec![0.0; 3])
+    }
+}
+
+/// The last position and its neighbours.
+struct Several;
+
+impl Predictor for Several {
+    fn name(&self) -> &'static str {
+        "several"
+    }
+
+    fn predict(&self, observed: &Observed<'_>) -> Result<Vec<f32>, EvaluationError> {
+        HoldLast.predict(observed)
+    }
+
+    fn answer(&self, observed: &Observed<'_>, count: usize) -> Result<Answer, EvaluationError> {
+        let held = HoldLast.predict(observed)?;
+        let positions = (0..count).flat_map(|k| held.iter().map(move |q| q + 0.1 * k as f32));
+        Ok(Answer::of_samples(count, positions.collect()))
+    }
+}
+
+fn result(predictors: &[Box<dyn Predictor>]) -> CellResult {
+    CellResult {
+        cell: 1,
+        family: Some(Family::Chirp),
+        frequency_hz: Some(0.3),
+        position_noise_rad: 0.0,
+        first: 200,
+        joints: JOINTS,
+        predictors: evaluate_cell(&scenarios().view(), &scoring(), predictors),
+        measured_jitter_deg: measured_jitter_deg(&scenarios().view(), &scoring()),
+        measured_left_limits: measured_left_limits(&scenarios().view(), &scoring()),
+        warnings: Vec::new(),
+    }
+}
+
+#[test]
+fn a_value_that_is_not_finite_is_reported_with_its_scenario_and_not_averaged_away() {
+    let row = 40 * JOINTS;
+    for value in [f32::NAN, f32::INFINITY] {
+        let broken = result(&[Box::new(Broken { value, at: 2 * row + 5 }), Box::new(HoldLast)]);
+        let [broken, held] = &broken.predictors[..] else { panic!("two predictors") };
+        let failure = broken.failure.as_ref().unwrap();
+        assert_eq!((failure.scenarios, failure.first), (1, 2));
+        assert_eq!(broken.rmse_deg[2], None);
+        assert_eq!(broken.rmse_deg[..2], held.rmse_deg[..2]);
+        assert!(held.failure.is_none() && held.rmse_deg.iter().all(Option::is_some));
+    }
+}
+
+#[test]
+fn rollouts_that_leave_the_limits_and_those_that_diverge_are_counted() {
+    let row = 40 * JOINTS;
+    // In range of the measured position, and not: of the second scenario, and of the third.
+    let found = result(&[
+        Box::new(Broken { value: 2.5, at: row + 5 }),
+        Box::new(Broken { value: 7.0, at: 2 * row + 5 }),
+        Box::new(Broken { value: f32::NAN, at: 5 }),
+        Box::new(HoldLast),
+    ]);
+    let rollouts: Vec<Rollouts> = found.predictors.iter().map(|it| it.rollouts.unwrap()).collect();
+    let expected = [(1, 0), (1, 1), (1, 1), (0, 0)]
+        .map(|(left, diverged)| Rollouts { left_limits: Some(left), diverged });
+    assert_eq!(rollouts, expected);
+    assert_eq!(found.measured_left_limits, Some(0.0));
+    let scenario = found.predictors[0].scenarios[1].as_ref().unwrap();
+    let beyond = scenario.beyond_limits_deg.as_ref().unwrap();
+    assert!((f64::from(beyond[5]) - 0.5_f64.to_degrees()).abs() < 1e-4, "{beyond:?}");
+    assert_eq!(beyond[4], 0.0);
+}
+
+#[test]
+fn a_predictor_that_fails_leaves_the_others_of_the_cell_alone() {
+    let found = result(&[Box::new(TooShort), Box::new(HoldLast)]);
+    let failure = found.predictors[0].failure.as_ref().unwrap();
+    assert_eq!((failure.scenarios, failure.first), (3, 0));
+    assert!(failure.reason.contains("3 values, 840 were asked for"), "{}", failure.reason);
+    assert!(found.predictors[1].rmse_deg.iter().all(Option::is_some));
+}
+
+#[test]
+fn the_table_has_a_row_per_scenario_joint_and_predictor() {
+    let integrator = DampedIntegrator { damping_nm_s_rad: vec![10.0; JOINTS] };
+    let found = result(&[Box::new(Several), Box::new(integrator)]);
+    let rows: Vec<Row<'_>> = found.rows().collect();
+    assert_eq!(rows.len(), 2 * 3 * JOINTS);
+    let last = &rows[2 * JOINTS + 6];
+    assert_eq!((last.predictor, last.trajectory, last.joint), ("several", 202, 7));
+    let of_scenario = &rows[2 * JOINTS..3 * JOINTS];
+    let mean = of_scenario.iter().map(|row| f64::from(row.rmse_deg.unwrap())).sum::<f64>();
+    assert!((mean / 7.0 - found.predictors[0].rmse_deg[2].unwrap()).abs() < 1e-6);
+    assert!(last.crps_deg.is_some() && last.coverage_50.is_some() && last.jitter_deg.is_some());
+    // Four samples reach no further.
+    assert_eq!(last.coverage_90, None);
+    assert_eq!(rows[3 * JOINTS].crps_deg, None);
+}
+
+#[test]
+fn the_rows_of_a_scenario_hold_its_errors() {
+    let found = result(&[Box::new(Several), Box::new(HoldLast), Box::new(TooShort)]);
+    let rows: Vec<Row<'_>> = found.rows().collect();
+    let mut read = found.clone();
+    for errors in &mut read.predictors {
+        errors.scenarios.clear();
+    }
+    assert!(read.take_rows(&rows), "rows of this cell");
+    for (read, made) in read.predictors.iter().zip(&found.predictors) {
+        let mut made = made.scenarios.clone();
+        for samples in made.iter_mut().flatten().filter_map(|it| it.samples.as_mut()) {
+            // Kept for the cell as a whole.
+            samples.calibration.clear();
+        }
+        assert_eq!(read.scenarios, made);
+    }
+    assert!(!read.take_rows(&rows[7..]), "a scenario is missing");
+}
+
+#[test]
+fn errors_of_steps_and_of_joints_are_the_same_errors() {
+    let found = result(&[Box::new(HoldLast)]);
+    let errors = &found.predictors[0];
+    for joint in 0..JOINTS {
+        let by_step: f64 = errors.step_squares_deg2.iter().map(|step| step[joint]).sum();
+        let by_scenario: f64 = errors
+            .scenarios
+            .iter()
+            .map(|it| f64::from(it.as_ref().unwrap().rmse_deg[joint]).powi(2) * 40.0)
+            .sum();
+        assert!((by_step / by_scenario - 1.0).abs() < 1e-5, "{by_step} {by_scenario}");
+    }
+}
+
+#[test]
+fn a_result_without_its_scenarios_reads_back_from_its_json() {
+    let mut found = result(&[Box::new(Several), Box::new(TooShort)]);
+    let text = serde_json::to_string(&found).unwrap();
+    for errors in &mut found.predictors {
+        errors.scenarios.clear();
+    }
+    assert_eq!(serde_json::from_str::<CellResult>(&text).unwrap(), found);
+}
