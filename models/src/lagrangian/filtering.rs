@@ -6,9 +6,9 @@
 //! A Kalman filter over the context then estimates angles, velocities and dampings together, from the measured
 //! positions. Where it ends, the prediction begins.
 //!
-//! What the law leaves over is taken to be white noise of torques in proportion to that of training. By how
-//! much more it is for this robot is chosen by the likelihood of the context: errors of a law are not
-//! white, and larger where it was not trained.
+//! The filter takes the law's errors for white noise of torques, a multiple of the noise that training found. The
+//! likelihood of the context chooses the multiple for each robot: errors of a law are not white, and they are
+//! larger where it was not trained.
 
 use rayon::prelude::*;
 use series::MeasurementNoise;
