@@ -42,6 +42,15 @@ impl<'a> InitialWeights<'a> {
         })
     }
 
+    /// So many numbers, uniform on `[-bound, bound)`, from which a parameter is made.
+    pub fn draws(&mut self, count: usize, bound: f32) -> Vec<f32> {
+        let draw = |generator: &mut ChaCha12Rng| (2.0 * unit_f32(generator) - 1.0) * bound;
+        match &mut self.generator {
+            Some(generator) => (0..count).map(|_| draw(generator)).collect(),
+            None => vec![0.0; count],
+        }
+    }
+
     pub fn constant<const D: usize>(&mut self, shape: [usize; D], value: f32) -> Param<Tensor<D>> {
         self.parameter(shape, |_| value)
     }

@@ -57,6 +57,16 @@ impl Linear {
         })
     }
 
+    /// The product with the weight alone: how fast outputs change where inputs do by `x`.
+    pub fn forward_without_bias<A: Activations>(&self, x: A) -> A {
+        let shape = self.shape_from(&x);
+        A::operation([x], [true], shape, |[x]| {
+            let none = self.bias.val().inner().zeros_like();
+            let none = Tensor::from_inner(none);
+            kernels::linear(x, self.weight.val(), none, &self.packed)
+        })
+    }
+
     /// Of the normed x.
     pub fn forward_normed<A: Activations>(&self, x: A, norm: &LayerNorm) -> A {
         let shape = self.shape_from(&x);

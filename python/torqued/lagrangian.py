@@ -6,13 +6,21 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
-LEAST_INERTIA = 1e-3
-"""Added to the diagonal of the mass matrix, kg m²."""
-SWEEPS = 3
-"""Times that the products of velocities are computed within a sampling time."""
+SWEEPS = 2
+"""Times that friction is linearized within a sampling time."""
 FASTEST = 50.0
 """The fastest that a joint is let turn, rad/s."""
-INITIAL_DIAGONAL, INITIAL_HEAD, INITIAL_NOISE, INITIAL_SHARE = 0.3, 0.35, 0.3, 0.75
+ROUNDS = 8
+"""Times that numbers below 0 are held there and the others fitted again."""
+FORCE_UNIT = 10.0
+"""The unit of learned forces, N·m."""
+LEAST_SHARE = 0.5
+"""Of the newer value: with less, a step of a joint without inertia would swing ever wider."""
+DIRECTIONS = 3
+"""In which a particle can move."""
+INITIAL_JACOBIAN, INITIAL_HEAD, INITIAL_ARMATURE, INITIAL_NOISE = 0.9, 0.35, 0.1, 0.3
+INITIAL_SLOPE = 4.0
+INITIAL_SHARED_SPREAD, INITIAL_DAMPING_SPREAD, INITIAL_FRICTION_SPREAD = 0.1, 1.0, 0.1
 """As in `models/src/lagrangian/mod.rs`."""
 
 
@@ -46,7 +54,8 @@ class Motions:
 
 
 class Lagrangian(nn.Module):
-    """The equations of motion of an arm. The dampings of each robot are fitted to its context."""
+    """The equations of motion of an arm. Masses, forces, damping and friction of each robot are fitted to its
+    context."""
 
     is_physical = True
     """It is given N·m and rad, and answers in rad."""
@@ -59,6 +68,8 @@ class Lagrangian(nn.Module):
         width: int = 96,
         layers: int = 2,
         points: int = 24,
+        particles: int = 12,
+        forces: int = 12,
         turns_freely: bool = True,
         context: int,
         rate_hz: float,
@@ -69,38 +80,62 @@ class Lagrangian(nn.Module):
         self.rate_hz = rate_hz
         self.points = min(points, context - 2)
         self.first = int(turns_freely)
-        pairs = joints * (joints + 1) // 2
+        self.counts = [particles, forces, joints, joints]
         inputs = [2 * (joints - self.first)] + [width] * (layers - 1)
         self.hidden = nn.ModuleList(nn.Linear(size, width) for size in inputs)
-        self.head = nn.Linear(width, joints * (joints + pairs))
-        nn.init.uniform_(self.head.weight, -INITIAL_HEAD / width**0.5, INITIAL_HEAD / width**0.5)
-        nn.init.zeros_(self.head.bias)
-        self.head.bias.data[: joints * joints : joints + 1] = INITIAL_DIAGONAL
-        share = math.log(INITIAL_SHARE / (1 - INITIAL_SHARE))
-        self.share = nn.Parameter(torch.full((joints,), share / self.pace))
-        self.damping = nn.Parameter(torch.zeros(joints))
-        self.damping_spread = nn.Parameter(torch.zeros(joints))
-        self.noise = nn.Parameter(torch.full((joints,), math.log(INITIAL_NOISE) / self.pace))
+        self.particles = nn.Linear(width, DIRECTIONS * particles * joints)
+        self.forces = nn.Linear(width, (1 + forces) * joints) if forces else None
+        for layer in self.hidden:
+            nn.init.xavier_uniform_(layer.weight)
+            nn.init.zeros_(layer.bias)
+        for head in filter(None, [self.particles, self.forces]):
+            nn.init.uniform_(head.weight, -INITIAL_HEAD / width**0.5, INITIAL_HEAD / width**0.5)
+            nn.init.zeros_(head.bias)
+        bound = INITIAL_JACOBIAN / (DIRECTIONS * particles) ** 0.5
+        nn.init.uniform_(self.particles.bias, -bound, bound)
+
+        def of_joints(value: float) -> nn.Parameter:
+            return nn.Parameter(torch.full((joints,), value / self.pace))
+
+        self.share = of_joints(0.0)
+        self.armature = of_joints(math.log(INITIAL_ARMATURE))
+        self.damping = of_joints(0.0)
+        self.friction = of_joints(0.0)
+        self.friction_slope = of_joints(math.log(INITIAL_SLOPE))
+        self.friction_shift = of_joints(0.0)
+        shared = [INITIAL_SHARED_SPREAD] * (particles + forces)
+        spread = shared + [INITIAL_DAMPING_SPREAD] * joints + [INITIAL_FRICTION_SPREAD] * joints
+        self.spread = nn.Parameter(torch.tensor(spread).log() / self.pace)
+        self.noise = of_joints(math.log(INITIAL_NOISE))
 
     def answer(self, u: Tensor, y_context: Tensor) -> Tensor:
         """y of the horizon, rad, from u [batch, samples, joint] in N·m and y of the context in rad."""
         context, rate = y_context.shape[1], self.rate_hz
         motions = Motions.of(u, y_context, rate)
-        damping, _ = self.fit(motions, self.inertial(motions))
+        weight = min(self.points / (context - 2), 1.0)
+        numbers = self.most_likely(*self.equations(motions), weight).to(u)
+        weights, strengths, damping, friction = numbers.split(self.counts, -1)
         share = self._share()
+        armature = rate * (self.pace * self.armature).exp()
         q = y_context[:, -1]
         velocity = rate * (q - y_context[:, -2])
+        change = torch.zeros_like(velocity)
         answer = []
         for sample in range(context - 1, u.shape[1] - 1):
-            factor, coefficients = self.numbers(q)
-            matrix = rate * (factor @ factor.mT + LEAST_INERTIA * torch.eye(self.joints).to(q))
-            lower = torch.linalg.cholesky(matrix + torch.diag_embed(share * damping))
+            jacobian, carried, forces = self.pose(q, velocity + 0.5 * change)
+            weighted = weights.repeat(1, DIRECTIONS)[:, :, None] * jacobian
+            bias = _times(weighted.mT, carried)
+            if forces is not None:
+                bias = bias + forces[:, 0] + _times(forces[:, 1:].mT, strengths)
             torque = u[:, sample - 1] + share * (u[:, sample] - u[:, sample - 1])
-            driving = torque - damping * velocity
-            change = torch.zeros_like(velocity)
+            driving = torque - damping * velocity - bias
+            inertia = rate * weighted.mT @ jacobian + torch.diag_embed(armature + share * damping)
             for _ in range(SWEEPS):
-                coriolis = _times(coefficients, _products(velocity + 0.5 * change))
-                change = torch.cholesky_solve((driving - coriolis)[..., None], lower)[..., 0]
+                shape, slope = self.friction_of(velocity + share * change)
+                shape, slope = friction * shape, friction * slope
+                lower = torch.linalg.cholesky(inertia + torch.diag_embed(share * slope))
+                right = driving - shape + slope * share * change
+                change = torch.cholesky_solve(right[..., None], lower)[..., 0]
                 change = (velocity + change).clamp(-FASTEST, FASTEST) - velocity
             velocity = velocity + change
             q = q + velocity / rate
@@ -117,63 +152,111 @@ class Lagrangian(nn.Module):
         stride = (context - 2) // self.points
         offsets = torch.randint(stride, (batch, 1), device=u.device)
         points = offsets + stride * torch.arange(self.points, device=u.device)
-        motions = Motions.of(u, y_context, self.rate_hz).at(points)
-        inertial = self.inertial(motions)
-        # The likelihood does not change with the fitted dampings to first order.
-        damping, squares = (fitted.detach()[:, None] for fitted in self.fit(motions, inertial))
-        residual = inertial + damping * motions.velocity - motions.torque
-        residual = residual + self._share() * (damping * motions.change - motions.step)
-        log_noise, log_spread = self.pace * self.noise, self.pace * self.damping_spread
-        precision, spread_precision = (-2 * log_noise).exp(), (-2 * log_spread).exp()
-        unlikely = 0.5 * (damping - (self.pace * self.damping).exp()).square() * spread_precision
-        narrow = 0.5 * (squares * precision + spread_precision).log()
-        of_dampings = (unlikely + log_spread + narrow) / self.points
-        return (0.5 * residual.square() * precision + log_noise + of_dampings).mean()
+        factors, torque = self.equations(Motions.of(u, y_context, self.rate_hz).at(points))
+        # Given the distribution of the numbers: its change does not change the likelihood to first order.
+        with torch.no_grad():
+            mean, root, told = self.posterior(factors, torque, 1.0)
+        own, common = factors[..., :-1], factors[..., -1]
+        rows = torque.shape[1] * torque.shape[2]
+        off = (_times(own, mean[:, None]) + common - torque).square()
+        unknown = (own @ root[:, None]).square().sum(-1)
+        log_noise, log_spread = self.pace * self.noise, self.pace * self.spread
+        squares = (mean - self._means()).square() + root.square().sum(-1)
+        unlikely = (0.5 * squares * (-2 * log_spread).exp() + log_spread).sum(-1)
+        of_numbers = unlikely + told - (log_spread.detach().sum() + 0.5 * mean.shape[-1])
+        of_torques = 0.5 * (off + unknown) * (-2 * log_noise).exp() + log_noise
+        return (of_torques + of_numbers[:, None, None] / rows).mean()
 
-    def numbers(self, q: Tensor) -> tuple[Tensor, Tensor]:
-        """The factor A [.., joint, joint] of the mass matrix A Aᵀ + ε and the coefficients C
-        [.., joint, product] of the products of velocities, at the angles q [.., joint]."""
-        seen = q[..., self.first :]
+    def pose(self, q: Tensor, velocity: Tensor) -> tuple[Tensor, Tensor, Tensor | None]:
+        """Jacobians [.., direction · particle, joint] at the angles q [.., joint], the acceleration of each
+        particle while the joints' velocities stay, and forces [.., 1 + force, joint] in N·m."""
+        seen, rate = q[..., self.first :], velocity[..., self.first :]
         x = torch.cat([seen.sin(), seen.cos()], -1)
+        moving = torch.cat([seen.cos() * rate, -seen.sin() * rate], -1)
         for layer in self.hidden:
             x = layer(x).tanh()
-        numbers, squares = self.head(x), self.joints**2
-        factor, coefficients = numbers[..., :squares], numbers[..., squares:]
-        return factor.unflatten(-1, (self.joints, -1)), coefficients.unflatten(-1, (self.joints, -1))
+            moving = (moving @ layer.weight.mT) * (1 - x.square())
+        shape = (-1, self.joints)
+        jacobian = self.particles(x).unflatten(-1, shape)
+        carried = _times((moving @ self.particles.weight.mT).unflatten(-1, shape), velocity)
+        if self.first:
+            # The frame turns with the first joint about the third axis.
+            along_x, along_y, _ = _times(jacobian, velocity).chunk(DIRECTIONS, -1)
+            turned = torch.cat([-along_y, along_x, torch.zeros_like(along_x)], -1)
+            carried = carried + velocity[..., :1] * turned
+        forces = None if self.forces is None else FORCE_UNIT * self.forces(x).unflatten(-1, shape)
+        return jacobian, carried, forces
 
-    def inertial(self, motions: Motions) -> Tensor:
-        """The torques that inertia takes, N·m, [batch, point, joint]."""
-        factor, coefficients = self.numbers(motions.q)
-        acceleration = self.rate_hz * motions.change
-        inertia = _times(factor, _times(factor.mT, acceleration)) + LEAST_INERTIA * acceleration
-        return inertia + _times(coefficients, _products(motions.velocity + 0.5 * motions.change))
-
-    def fit(self, motions: Motions, inertial: Tensor) -> tuple[Tensor, Tensor]:
-        """The most likely damping of each joint, N·m·s/rad and 0 at least, and the sum of the squared
-        velocities that tell it, each [batch, joint]."""
+    def equations(self, motions: Motions) -> tuple[Tensor, Tensor]:
+        """The factor of each number and that of the force that acts on every robot,
+        [batch, point, joint, number + 1]; the torques that they add up to, N·m, [batch, point, joint]."""
         share = self._share()
-        velocity = (motions.velocity + share * motions.change).double()
+        acceleration = self.rate_hz * motions.change
+        jacobian, carried, forces = self.pose(motions.q, motions.velocity + 0.5 * motions.change)
+        accelerated = _times(jacobian, acceleration) + carried
+        particles = sum((jacobian * accelerated[..., None]).chunk(DIRECTIONS, -2)).mT
+        velocity = motions.velocity + share * motions.change
+        own = [torch.diag_embed(velocity), torch.diag_embed(self.friction_of(velocity)[0])]
+        if forces is None:
+            columns = [particles, *own, torch.zeros_like(particles[..., :1])]
+        else:
+            columns = [particles, forces[..., 1:, :].mT, *own, forces[..., :1, :].mT]
         torque = motions.torque + share * motions.step
-        squares = velocity.square().sum(1)
-        products = (velocity * (torque - inertial)).sum(1)
-        mean = (self.pace * self.damping).exp()
-        weight = (2 * self.pace * (self.noise - self.damping_spread)).exp().double()
-        damping = ((weight * mean + products) / (weight + squares)).clamp(min=0)
-        return damping.to(inertial.dtype), squares.to(inertial.dtype)
+        return torch.cat(columns, -1), torque - (self.pace * self.armature).exp() * acceleration
+
+    def posterior(
+        self, factors: Tensor, torque: Tensor, weight: float, held: Tensor | None = None
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        """The normal distribution of each robot's numbers: the mean [batch, number], a root of the covariance
+        [batch, number, number], and by how much the logarithm of its width is less than the prior's. Numbers
+        that are `held` [batch, number] are 0."""
+        precision = (-2 * self.pace * self.noise).exp().double()
+        own, common = factors[..., :-1].double(), factors[..., -1].double()
+        spread, mean = (self.pace * self.spread).exp().double(), self._means().double()
+        free = torch.ones_like(own[:, 0, 0]) if held is None else (~held).double()
+        scaled = own * (spread * free)[:, None, None]
+        squares = weight * torch.einsum("bpjn,j,bpjm->bnm", scaled, precision, scaled)
+        right = weight * torch.einsum("bpjn,j,bpj->bn", scaled, precision, torque.double() - common)
+        lower = torch.linalg.cholesky(squares + torch.eye(squares.shape[-1]).to(squares))
+        right = right + free * mean / spread
+        found = spread * free * torch.cholesky_solve(right[..., None], lower)[..., 0]
+        one = torch.eye(squares.shape[-1]).to(squares).expand_as(squares)
+        root = spread[:, None] * torch.linalg.solve_triangular(lower.mT, one, upper=True)
+        told = lower.diagonal(dim1=-2, dim2=-1).log().sum(-1)
+        return found.to(factors), root.to(factors), told.to(factors)
+
+    def most_likely(self, factors: Tensor, torque: Tensor, weight: float) -> Tensor:
+        """The most likely numbers of each robot [batch, number]. Masses, damping and friction are 0 at least."""
+        bounded = torch.ones(sum(self.counts), dtype=torch.bool, device=factors.device)
+        bounded[self.counts[0] : self.counts[0] + self.counts[1]] = False
+        held = bounded.logical_not()[None].expand(len(factors), -1).logical_and(torch.tensor(False))
+        for _ in range(ROUNDS):
+            found, _, _ = self.posterior(factors, torque, weight, held)
+            below = bounded & (found < 0)
+            if not below.any():
+                break
+            held = held | below
+        return torch.where(bounded, found.clamp(min=0), found)
+
+    def friction_of(self, velocity: Tensor) -> tuple[Tensor, Tensor]:
+        """Friction of strength 1 at a velocity in rad/s, and its slope."""
+        slope = (self.pace * self.friction_slope).exp()
+        value = ((velocity + self.friction_shift) * slope).tanh()
+        return value - (slope * self.friction_shift).tanh(), slope * (1 - value.square())
+
+    def _means(self) -> Tensor:
+        """Of each number over robots."""
+        particles, forces, *_ = self.counts
+        shared = [self.damping.new_ones(particles), self.damping.new_zeros(forces)]
+        return torch.cat([*shared, (self.pace * self.damping).exp(), self.pace * self.friction])
 
     def _share(self) -> Tensor:
         """How far torque and velocity lie towards the newer of two values, [joint]."""
-        return (self.pace * self.share).sigmoid()
+        return LEAST_SHARE + (1 - LEAST_SHARE) * (self.pace * self.share).sigmoid()
 
 
 def _times(matrix: Tensor, vector: Tensor) -> Tensor:
     return (matrix @ vector[..., None])[..., 0]
-
-
-def _products(velocity: Tensor) -> Tensor:
-    """Products of two velocities, each pair once: (0, 0), (0, 1), .., (1, 1), ..."""
-    first, second = torch.triu_indices(velocity.shape[-1], velocity.shape[-1])
-    return velocity[..., first] * velocity[..., second]
 
 
 TWINS = {"lagrangian": Lagrangian}

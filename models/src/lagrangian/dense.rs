@@ -52,6 +52,31 @@ impl Dense {
             *y = sums;
         }
     }
+
+    /// [`Dense::apply`], and how fast the outputs change with the inputs: of `[values, rates]`.
+    #[inline(always)]
+    pub fn apply_moving<L: Lanes>(&self, x: [&[L]; 2], y: [&mut [L]; 2]) {
+        let ([x, rates], [y, rates_after]) = (x, y);
+        let tiles = self.weights.chunks_exact(self.inputs).zip(&self.biases);
+        let places =
+            y.as_chunks_mut::<TILE>().0.iter_mut().zip(rates_after.as_chunks_mut::<TILE>().0);
+        for ((weights, biases), (y, rates_after)) in tiles.zip(places) {
+            let mut sums = [L::splat(0.0); TILE];
+            let mut changes = [L::splat(0.0); TILE];
+            for output in 0..TILE {
+                sums[output] = L::splat(f64::from(biases[output]));
+            }
+            for input in 0..self.inputs {
+                for output in 0..TILE {
+                    let weight = L::splat(f64::from(weights[input][output]));
+                    sums[output] = weight.mul_add(x[input], sums[output]);
+                    changes[output] = weight.mul_add(rates[input], changes[output]);
+                }
+            }
+            *y = sums;
+            *rates_after = changes;
+        }
+    }
 }
 
 /// tanh x = 1 - 2 / (e²ˣ + 1), to about 10⁻⁷; beyond ±20 it is ±1 in single precision.

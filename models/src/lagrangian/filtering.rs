@@ -1,7 +1,7 @@
 //! Predictions from noisy positions: a Kalman filter with the learned law as its motion.
 //!
-//! Positions are smoothed first, joint by joint and without the law ([`smoothing`]), and the dampings
-//! fitted to that. Around this motion the law is linear: how the state at the next sample changes with
+//! Positions are smoothed first, joint by joint and without the law ([`smoothing`]), and the robot's numbers
+//! fitted to that. All but the dampings stay as they are. Around this motion the law is linear: how the state at the next sample changes with
 //! angles, velocities, dampings and torques comes from forward differences, which are lanes of one call.
 //! A Kalman filter over the context then estimates angles, velocities and dampings together, from the measured
 //! positions. Where it ends, the prediction begins.
@@ -14,10 +14,9 @@ use rayon::prelude::*;
 use series::MeasurementNoise;
 use simd::InstructionSet;
 use smoothing::Smoother;
-use spec::MAX_JOINTS;
 
 use super::belief::{Belief, Step};
-use super::law::Law;
+use super::law::{Law, Start};
 use super::motion::Recorded;
 
 /// Noise below this, rad, counts as this one: positions are computed in f32.
@@ -40,11 +39,11 @@ const INITIAL_ANGLE: f64 = 10.0;
 const RATIO: f64 = 3.0;
 const STEPS: i32 = 6;
 
-/// Where a robot is at the end of its context, and its dampings.
+/// Where a robot is at the end of its context, and its numbers.
 pub(super) struct Estimate {
     /// At the last two samples `[sample, joint]`, rad.
     y: Vec<f32>,
-    damping: [f32; MAX_JOINTS],
+    numbers: Vec<f32>,
 }
 
 impl Law {
@@ -64,14 +63,15 @@ impl Law {
         let each = pasts.iter().zip(&estimates);
         let each =
             each.flat_map(|(same, estimate)| same.iter().map(move |robot| (robot, estimate)));
-        let (starts, dampings) = each
+        let starts: Vec<Start<'_>> = each
             .map(|(robot, estimate)| {
                 let before = (robot.samples() - 2) * robot.joints;
                 let u = &robot.u[before..];
-                (Recorded { u, y: &estimate.y, ..*robot }, estimate.damping)
+                let recorded = Recorded { u, y: &estimate.y, ..*robot };
+                Start { recorded, numbers: &estimate.numbers }
             })
-            .unzip::<_, _, Vec<_>, Vec<_>>();
-        self.roll_out(instructions, &starts, dampings)
+            .collect();
+        self.roll_out(instructions, &starts)
     }
 
     fn estimate(
@@ -83,11 +83,10 @@ impl Law {
     ) -> Estimate {
         let smoothed = smoother.smooth_robot(robot.y, robot.joints);
         let path = Recorded { y: &smoothed, ..*robot };
-        let fitted = self.dampings(instructions, &[path]);
-        let damping = fitted.first().copied().unwrap_or([0.0; MAX_JOINTS]);
-        let steps = self.linearized(instructions, &path, damping);
+        let numbers = self.fit(instructions, &path);
+        let steps = self.linearized(instructions, &path, &numbers);
         let filter =
-            Filter { law: self, measured: robot, path: &path, damping, steps: &steps, noise };
+            Filter { law: self, measured: robot, path: &path, numbers, steps: &steps, noise };
         filter.most_likely()
     }
 
@@ -96,14 +95,22 @@ impl Law {
         &self,
         instructions: InstructionSet,
         path: &Recorded<'_>,
-        damping: [f32; MAX_JOINTS],
+        numbers: &[f32],
     ) -> Vec<Step> {
         let joints = path.joints;
         let variants = 1 + 4 * joints;
         let steps = 1..path.samples() - 1;
         let mut u = Vec::with_capacity(steps.len() * variants * 3 * joints);
         let mut y = Vec::with_capacity(steps.len() * variants * 2 * joints);
-        let mut dampings = Vec::with_capacity(steps.len() * variants);
+        // The robot as it is, and with more damping at each joint.
+        let damped = |joint: usize| {
+            let mut numbers = numbers.to_vec();
+            numbers[self.numbers.dampings()][joint] += DAMPING * self.mean_damping(joint);
+            numbers
+        };
+        let robots: Vec<Vec<f32>> =
+            std::iter::once(numbers.to_vec()).chain((0..joints).map(damped)).collect();
+        let mut of_variants = Vec::with_capacity(steps.len() * variants);
         for sample in steps {
             let before = (sample - 1) * joints;
             let torques = &path.u[before..before + 2 * joints];
@@ -113,7 +120,7 @@ impl Law {
                 u.extend_from_slice(torques);
                 u.extend_from_slice(&torques[joints..]);
                 y.extend_from_slice(positions);
-                let mut damping = damping;
+                let mut robot = 0;
                 if let Some(change) = variant.checked_sub(1) {
                     let joint = change % joints;
                     match change / joints {
@@ -123,27 +130,39 @@ impl Law {
                             y[y_at + joints + joint] += ANGLE;
                         }
                         1 => y[y_at + joint] -= VELOCITY / path.rate_hz,
-                        2 => damping[joint] += DAMPING * self.priors()[joint].mean,
+                        2 => robot = 1 + joint,
                         _ => {
                             u[u_at + joint] += TORQUE;
                             u[u_at + joints + joint] += TORQUE;
                         }
                     }
                 }
-                dampings.push(damping);
+                of_variants.push(robot);
             }
         }
         let starts = u.chunks_exact(3 * joints).zip(y.chunks_exact(2 * joints));
-        let starts: Vec<Recorded<'_>> = starts.map(|(u, y)| Recorded { u, y, ..*path }).collect();
-        let next = self.roll_out(instructions, &starts, dampings);
+        let starts: Vec<Start<'_>> = starts
+            .zip(of_variants)
+            .map(|((u, y), robot)| Start {
+                recorded: Recorded { u, y, ..*path },
+                numbers: &robots[robot],
+            })
+            .collect();
+        let next = self.roll_out(instructions, &starts);
         let each = y.chunks_exact(variants * 2 * joints).zip(next.chunks_exact(variants * joints));
         let changes = |variant: usize| match variant / joints {
             0 => f64::from(ANGLE),
             1 => f64::from(VELOCITY),
-            2 => f64::from(DAMPING) * f64::from(self.priors()[variant % joints].mean),
+            2 => f64::from(DAMPING * self.mean_damping(variant % joints)),
             _ => f64::from(TORQUE),
         };
         each.map(|(y, next)| Step::new(y, next, joints, f64::from(path.rate_hz), changes)).collect()
+    }
+
+    /// Over robots, N·m·s/rad.
+    #[expect(clippy::cast_possible_truncation, reason = "the law is computed in f32")]
+    fn mean_damping(&self, joint: usize) -> f32 {
+        self.prior.mean[self.numbers.dampings()][joint] as f32
     }
 }
 
@@ -159,7 +178,7 @@ struct Filter<'a> {
     measured: &'a Recorded<'a>,
     /// The motion that steps are linear about.
     path: &'a Recorded<'a>,
-    damping: [f32; MAX_JOINTS],
+    numbers: Vec<f32>,
     steps: &'a [Step],
     noise: MeasurementNoise,
 }
@@ -186,9 +205,11 @@ impl Filter<'_> {
         let joints = self.measured.joints;
         let mut belief = self.prior();
         belief.measure(&self.innovations(1), joints, self.variance());
-        let deviations: Vec<f64> = self.law.priors()[..joints]
+        let deviations: Vec<f64> = self
+            .law
+            .joints
             .iter()
-            .map(|prior| (scale * f64::from(prior.noise)).hypot(self.noise.torque_nm))
+            .map(|joint| (scale * f64::from(joint.noise)).hypot(self.noise.torque_nm))
             .collect();
         let mut room = vec![0.0; 6 * joints * joints];
         for (sample, step) in (2..).zip(self.steps) {
@@ -213,12 +234,15 @@ impl Filter<'_> {
         let width = 3 * joints;
         let mut belief =
             Belief { mean: vec![0.0; width], covariance: vec![0.0; width * width], surprise: 0.0 };
-        for (joint, prior) in self.law.priors()[..joints].iter().enumerate() {
-            belief.mean[2 * joints + joint] = f64::from(prior.mean - self.damping[joint]);
+        let dampings = self.law.numbers.dampings();
+        let fitted = &self.numbers[dampings.clone()];
+        for (joint, number) in dampings.enumerate() {
+            let prior = &self.law.prior;
+            belief.mean[2 * joints + joint] = prior.mean[number] - f64::from(fitted[joint]);
             let variances = [
                 INITIAL_ANGLE.powi(2) * self.variance(),
                 INITIAL_VELOCITY.powi(2),
-                f64::from(prior.spread).powi(2),
+                prior.spread[number].powi(2),
             ];
             for (group, variance) in variances.into_iter().enumerate() {
                 belief.covariance[(group * joints + joint) * (width + 1)] = variance;
@@ -254,10 +278,11 @@ impl Filter<'_> {
         let period = 1.0 / f64::from(self.path.rate_hz);
         let before = (0..joints).map(|joint| state[joint] - period * state[joints + joint]);
         let y: Vec<f32> = before.chain(state[..joints].iter().copied()).map(|q| q as f32).collect();
-        let mut damping = self.damping;
-        for (damping, more) in damping.iter_mut().zip(&mean[2 * joints..]) {
+        let mut numbers = self.numbers.clone();
+        let dampings = &mut numbers[self.law.numbers.dampings()];
+        for (damping, more) in dampings.iter_mut().zip(&mean[2 * joints..]) {
             *damping = (*damping + *more as f32).max(0.0);
         }
-        Estimate { y, damping }
+        Estimate { y, numbers }
     }
 }

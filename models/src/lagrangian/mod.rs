@@ -1,48 +1,55 @@
 //! The equations of motion of an arm, learned from many robots, with what is particular to one robot fitted
 //! to its context in closed form.
 //!
-//! A network of the pose gives a factor A of the mass matrix M = A Aᵀ + ε and coefficients C of the products
-//! of velocities. At each sample
+//! The arm is a set of particles. A network of the pose gives the Jacobian B_pᵀ of each, and forces G_k that
+//! depend on the pose alone, as gravity does. At each sample
 //!
 //! ```text
-//! M(q) Δv / h + C(q) [v̄ v̄] + D v = u
+//! Σ_p w_p B_p (B_pᵀ Δv / h + Ḃ_pᵀ v̄) + J Δv / h + G_0 + Σ_k z_k G_k + D v + F φ(v) = u
 //! ```
 //!
 //! where Δv is the change of the mean velocity from one sampling time h to the next, v̄ their mean, and v
 //! and u lie between both as a learned share says: in the middle for a heavy joint, at the newer one for a
-//! light joint, whose velocity settles within the sampling time. Each robot has dampings D of its own,
-//! normally distributed over robots.
+//! light joint, whose velocity settles within the sampling time. J is a learned inertia of each joint and φ the
+//! learned shape of its friction. Weights w ≥ 0, strengths z, dampings D and frictions F are a robot's own,
+//! independent and normal over robots. The mass matrix Σ w B Bᵀ + J is positive definite for all of them.
 //!
-//! Training maximizes the likelihood of the context's torques, with the dampings at their most likely
-//! values. No gradient passes through those: there the likelihood does not change with them to first order
-//! (variable projection, Golub and Pereyra 1973). A prediction fits the dampings to the whole context and
-//! integrates the equations over the horizon ([`law`]).
+//! The equation is linear in a robot's numbers: given its torques they are normal, too, in closed form
+//! ([`regression`]). Training maximizes the likelihood of the context's torques by expectation-maximization
+//! (Dempster, Laird and Rubin 1977), a step of the optimizer for each batch. A prediction fits the numbers to the whole context and integrates the equation over the horizon
+//! ([`law`]).
 
+mod batch;
 mod belief;
 mod dense;
 mod factored;
+mod features;
 mod filtering;
-mod fit;
+mod fitting;
 mod law;
 mod motion;
+mod numbers;
 mod points;
+mod pose;
+mod regression;
+mod rollout;
 #[cfg(test)]
 mod tests;
 
 use std::rc::Rc;
 
 use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
-use burn::tensor::{Tensor, TensorData, activation};
-use rayon::prelude::*;
-use series::MeasurementNoise;
+use burn::tensor::{Device, Tensor, TensorData, activation};
 use spec::{LagrangianSpec, MAX_JOINTS};
 
+use self::batch::HostBatch;
 use self::dense::Dense;
-use self::filtering::smoother;
-use self::fit::Prior;
-use self::law::Law;
-use self::motion::{Recorded, products};
+use self::features::{DIRECTIONS, Samples, combined};
+use self::law::{JointLaw, Law};
+use self::motion::{Motion, Recorded};
+use self::numbers::Numbers;
 use self::points::{Fitted, Points};
+use self::regression::Prior;
 use crate::ModelError;
 use crate::activations::{Activations, Tally};
 use crate::architecture::{Architecture, Ask, Extents, Model, ModelInput};
@@ -52,21 +59,31 @@ use crate::loss::Loss;
 use crate::randomness::Noise;
 use crate::sizes::{LARGEST_WIDTH, MOST_LAYERS, MOST_SAMPLES, within};
 
-/// Added to the diagonal of the mass matrix, kg m².
-const LEAST_INERTIA: f32 = 1e-3;
-
 /// The learned numbers that stand alone are multiplied with this: at the pace of weights, the logarithm of
 /// a noise would take a whole training to get from 0.3 N·m to 0.3 mN·m.
 const PACE: f32 = 10.0;
 
-/// Initial diagonal of A, √(kg m²).
-const INITIAL_DIAGONAL: f32 = 0.3;
-/// Largest initial weight of the head, times √width.
+/// Most particles, and most forces.
+const MOST_PARTS: u32 = 64;
+
+/// Initial Jacobians are uniform on ± this over the root of their columns, √(kg m²).
+const INITIAL_JACOBIAN: f32 = 0.9;
+/// Largest initial weight of the heads, times √width.
 const INITIAL_HEAD: f32 = 0.35;
+/// Initial inertia of a joint, kg m².
+const INITIAL_ARMATURE: f32 = 0.1;
 /// Initial standard deviation of the torque that is left over, N·m.
 const INITIAL_NOISE: f32 = 0.3;
-/// Initial share of the newer value.
-const INITIAL_SHARE: f32 = 0.75;
+/// Least share of the newer value: with less, a step of a joint without inertia would swing ever wider.
+const LEAST_SHARE: f32 = 0.5;
+/// Initial slope of friction at rest, s/rad.
+const INITIAL_SLOPE: f32 = 4.0;
+/// Initial spread of weights and strengths over robots.
+const INITIAL_SHARED_SPREAD: f32 = 0.1;
+/// That of dampings, N·m·s/rad.
+const INITIAL_DAMPING_SPREAD: f32 = 1.0;
+/// That of friction, N·m.
+const INITIAL_FRICTION_SPREAD: f32 = 0.1;
 /// A sample with one before it and one after it.
 const LEAST_CONTEXT: u32 = 3;
 
@@ -81,27 +98,51 @@ impl Architecture for LagrangianSpec {
         within("width", self.width, 1, LARGEST_WIDTH)?;
         within("layers", self.layers, 1, MOST_LAYERS)?;
         within("points", self.points, 1, MOST_SAMPLES)?;
+        within("particles", self.particles, 1, MOST_PARTS)?;
+        within("forces", self.forces, 0, MOST_PARTS)?;
         within("context", context, LEAST_CONTEXT, MOST_SAMPLES)?;
         let joints_of = |count: usize| u32::try_from(count).unwrap_or(u32::MAX);
         let fewest = u32::from(self.turns_freely) + 1;
         within("joints", joints_of(joints), fewest, joints_of(MAX_JOINTS))?;
         let first = usize::from(self.turns_freely);
         let width = self.width as usize;
+        let [particles, forces] = [self.particles, self.forces].map(|count| count as usize);
+        let numbers = Numbers { particles, forces, joints };
         let inputs = |layer: u32| if layer == 0 { 2 * (joints - first) } else { width };
-        let mut biases = vec![0.0; joints * (joints + products(joints))];
-        for joint in 0..joints {
-            biases[joint * (joints + 1)] = INITIAL_DIAGONAL;
-        }
+        let bound = INITIAL_HEAD / (width as f32).sqrt();
+        let paced = |value: f32| value.ln() / PACE;
+        let spreads = (0..numbers.count()).map(|number| {
+            paced(if numbers.dampings().contains(&number) {
+                INITIAL_DAMPING_SPREAD
+            } else if numbers.frictions().contains(&number) {
+                INITIAL_FRICTION_SPREAD
+            } else {
+                INITIAL_SHARED_SPREAD
+            })
+        });
+        let hidden = (0..self.layers).map(|layer| {
+            let bound = (6.0 / (inputs(layer) + width) as f32).sqrt();
+            Linear::near(&vec![0.0; width], inputs(layer), bound, weights)
+        });
+        let hidden = hidden.collect();
+        let jacobians = DIRECTIONS * particles * joints;
+        let columns = (DIRECTIONS * particles) as f32;
+        let biases = weights.draws(jacobians, INITIAL_JACOBIAN / columns.sqrt());
         Ok(Lagrangian {
-            hidden: (0..self.layers)
-                .map(|layer| Linear::new(inputs(layer), width, weights))
-                .collect(),
-            head: Linear::near(&biases, width, INITIAL_HEAD / (width as f32).sqrt(), weights),
-            share: weights.constant([joints], (INITIAL_SHARE / (1.0 - INITIAL_SHARE)).ln() / PACE),
+            hidden,
+            particles: Linear::near(&biases, width, bound, weights),
+            forces: (forces > 0)
+                .then(|| Linear::near(&vec![0.0; (1 + forces) * joints], width, bound, weights)),
+            share: weights.constant([joints], 0.0),
+            armature: weights.constant([joints], paced(INITIAL_ARMATURE)),
             damping: weights.constant([joints], 0.0),
-            damping_spread: weights.constant([joints], 0.0),
-            noise: weights.constant([joints], INITIAL_NOISE.ln() / PACE),
+            friction: weights.constant([joints], 0.0),
+            friction_slope: weights.constant([joints], paced(INITIAL_SLOPE)),
+            friction_shift: weights.constant([joints], 0.0),
+            spread: weights.given([numbers.count()], spreads),
+            noise: weights.constant([joints], paced(INITIAL_NOISE)),
             first,
+            numbers,
             points: self.points.min(context - 2) as usize,
         })
     }
@@ -111,91 +152,147 @@ impl Architecture for LagrangianSpec {
 #[derive(Module, Debug)]
 pub(crate) struct Lagrangian {
     hidden: Vec<Linear>,
-    /// A row by row, then C row by row.
-    head: Linear,
-    /// Logit of each joint's share of the newer value, over [`PACE`].
+    /// Jacobians, `[direction, particle, joint]`, √kg m.
+    particles: Linear,
+    /// `[1 + force, joint]`, in [`features::FORCE_UNIT`]; the first acts on every robot.
+    forces: Option<Linear>,
+    /// Logit of where each joint's share of the newer value lies from [`LEAST_SHARE`] to 1, over [`PACE`].
     share: Param<Tensor<1>>,
+    /// Logarithm of each joint's inertia that no pose changes, kg m², over [`PACE`].
+    armature: Param<Tensor<1>>,
     /// Logarithm of the mean of each joint's damping over robots, N·m·s/rad, over [`PACE`].
     damping: Param<Tensor<1>>,
-    /// The same of its standard deviation over robots.
-    damping_spread: Param<Tensor<1>>,
-    /// The same of the standard deviation of the torque that is left over at a sample, N·m.
+    /// Mean of each joint's friction over robots, N·m, over [`PACE`].
+    friction: Param<Tensor<1>>,
+    /// Logarithm of the slope of its shape, s/rad, over [`PACE`].
+    friction_slope: Param<Tensor<1>>,
+    /// The velocity at which its shape is steepest, negated, rad/s.
+    friction_shift: Param<Tensor<1>>,
+    /// Logarithm of the standard deviation over robots of each number of a robot, over [`PACE`].
+    spread: Param<Tensor<1>>,
+    /// Logarithm of the standard deviation of the torque that is left over at a sample, N·m, over [`PACE`].
     noise: Param<Tensor<1>>,
     /// The first joint whose angle the network sees.
     #[module(skip)]
     first: usize,
+    #[module(skip)]
+    numbers: Numbers,
     /// Samples of a trajectory that a step looks at.
     #[module(skip)]
     points: usize,
 }
 
 impl Lagrangian {
-    /// The torques that inertia takes, N·m, `[robot, point, joint]`: from poses `[robot, point, 2 · input]`,
-    /// accelerations `[robot · point, joint, 1]` and products of velocities `[robot · point, 1, product]`.
-    fn inertial<A: Activations>(&self, pose: A, acceleration: A, products: A) -> A {
-        let [robots, points, _] = pose.dims();
-        let [rows, joints, _] = acceleration.dims();
-        let [_, _, pairs] = products.dims();
-        let mut x = pose;
-        for layer in &self.hidden {
-            x = tanh(layer.forward(x));
-        }
-        let numbers = self.head.forward(x);
-        let squares = joints * joints;
-        let factor = numbers.clone().part(2, 0..squares).reshaped([rows, joints, joints]);
-        let coefficients =
-            numbers.part(2, squares..squares + joints * pairs).reshaped([rows, joints, pairs]);
-        let along = sum(weighted(factor.clone(), acceleration.clone()), 1);
-        let inertia = sum(factor.times(along), 2);
-        let coriolis = sum(weighted(coefficients, products), 2);
-        let shape = [rows, joints, 1];
-        let least = A::operation([acceleration], [false], shape, |[a]| a * LEAST_INERTIA);
-        inertia.plus(coriolis).plus(least).reshaped([robots, points, joints])
+    /// The equations of points: the factor of each number and that of the force that acts on every robot,
+    /// `[robot, point · joint, number + 1]`; the torques that they are to add up to, N·m, `[robot, point, joint]`.
+    fn equations(&self, points: &Points, device: &Device) -> [Tensor<3>; 2] {
+        let more = activation::sigmoid(self.paced(&self.share)) * (1.0 - LEAST_SHARE);
+        let share = more + LEAST_SHARE;
+        let between = |older: fn(&Motion) -> f32, more: fn(&Motion) -> f32| {
+            points.of_joints(older, device) + points.of_joints(more, device) * share.clone()
+        };
+        let velocity = between(|motion| motion.velocity, |motion| motion.change);
+        let torque = between(|motion| motion.torque, |motion| motion.step);
+        let shape @ [robots, count, joints] = velocity.dims();
+        let rows = [robots * count, joints, 1];
+        let each = Tensor::<2>::eye(joints, device).unsqueeze::<3>();
+        let own = |factor: Tensor<3>| factor.reshape(rows) * each.clone();
+        let (shared, common) = self.features(points.samples(device));
+        let common = common.unwrap_or_else(|| Tensor::zeros(rows, device));
+        let friction = self.friction(velocity.clone());
+        let factors = Tensor::cat(vec![shared, own(velocity), own(friction), common], 2);
+        let inertia = points.acceleration(device) * self.paced(&self.armature).exp();
+        let width = self.numbers.count() + 1;
+        [factors.reshape([robots, count * joints, width]), (torque - inertia).reshape(shape)]
     }
 
-    /// The negative logarithm of the likelihood of the torques, less a constant, `[robot, point, joint]`.
-    ///
-    /// That of each entry given the dampings, and a point's part of what the dampings cost: how unlikely
-    /// they are among robots, and how narrowly the points tell them.
-    fn surprise(&self, inertial: Tensor<3>, points: &Points, fitted: &Fitted) -> Tensor<3> {
-        let device = inertial.device();
-        let [_, count, joints] = inertial.dims();
-        let paced = |param: &Param<Tensor<1>>| (param.val() * PACE).unsqueeze::<3>();
-        let [older, more] = points.missing(fitted, &device);
-        let residual = inertial + older + more * activation::sigmoid(paced(&self.share));
-        let log_noise = paced(&self.noise);
+    /// The negative logarithm of the likelihood of the torques, less a constant, `[robot, point, joint]`. Its
+    /// gradient is exact, though the fit is given: it is what expectation-maximization climbs.
+    fn surprise(&self, equations: [Tensor<3>; 2], fitted: &Fitted) -> Tensor<3> {
+        let [factors, torque] = equations;
+        let shape @ [_, count, joints] = torque.dims();
+        let device = torque.device();
+        let combined = combined(factors, fitted.combinations(&device));
+        let expected = combined.clone().narrow(2, 0, 1).reshape(shape);
+        let unknown = combined.narrow(2, 1, self.numbers.count()).square().sum_dim(2);
+        let squares = (expected - torque).square() + unknown.reshape(shape);
+        let log_noise = self.paced(&self.noise);
         let precision = (log_noise.clone() * -2.0).exp();
-        let log_spread = paced(&self.damping_spread);
-        let spread_precision = (log_spread.clone() * -2.0).exp();
-        let unlikely = (fitted.damping(joints, &device) - paced(&self.damping).exp()).square();
-        let told = fitted.squares(joints, &device) * precision.clone() + spread_precision.clone();
-        let dampings = unlikely * spread_precision * 0.5 + log_spread + told.log() * 0.5;
-        residual.square() * precision * 0.5 + log_noise + dampings / count as f64
+        let of_numbers = self.surprise_of_numbers(fitted) / (count * joints) as f64;
+        squares * precision * 0.5 + log_noise + of_numbers
     }
 
-    /// The share of the newer value, and dampings, of each joint.
-    fn priors(&self) -> Vec<Prior> {
-        let [share, damping, spread, noise] =
-            [&self.share, &self.damping, &self.damping_spread, &self.noise]
+    /// How unlikely a robot's numbers are among robots, and how narrowly its points tell them,
+    /// `[robot, 1, 1]`.
+    fn surprise_of_numbers(&self, fitted: &Fitted) -> Tensor<3> {
+        let device = self.spread.val().device();
+        let Numbers { particles, forces, .. } = self.numbers;
+        let constant = |value: f32, count: usize| {
+            Tensor::<3>::from_data(TensorData::new(vec![value; count], [1, 1, count]), &device)
+        };
+        let mut means = vec![constant(1.0, particles)];
+        if forces > 0 {
+            means.push(constant(0.0, forces));
+        }
+        means.extend([self.paced(&self.damping).exp(), self.paced(&self.friction)]);
+        let log_spread = self.paced(&self.spread);
+        let off = fitted.mean(&device) - Tensor::cat(means, 2);
+        let squares = off.square() + fitted.variance(&device);
+        let unlikely = squares * (log_spread.clone() * -2.0).exp() * 0.5 + log_spread.clone();
+        // How narrow the fit is, is given: it does not change with the spreads.
+        let known: f32 = values(log_spread).into_iter().sum();
+        let given = f64::from(known) + 0.5 * self.numbers.count() as f64;
+        unlikely.sum_dim(2) + fitted.told(&device) - given
+    }
+
+    fn paced(&self, param: &Param<Tensor<1>>) -> Tensor<3> {
+        (param.val() * PACE).unsqueeze()
+    }
+
+    /// What each joint has of its own, on every robot.
+    fn joint_laws(&self) -> Vec<JointLaw> {
+        let [share, armature, noise, slope, shift] =
+            [&self.share, &self.armature, &self.noise, &self.friction_slope, &self.friction_shift]
                 .map(|param| values(param.val()));
         let paced = |value: f32| (PACE * value).exp();
         (0..share.len())
-            .map(|joint| Prior {
-                share: 1.0 / (1.0 + (-PACE * share[joint]).exp()),
-                mean: paced(damping[joint]),
-                spread: paced(spread[joint]),
+            .map(|joint| JointLaw {
+                share: LEAST_SHARE + (1.0 - LEAST_SHARE) / (1.0 + (-PACE * share[joint]).exp()),
+                armature: paced(armature[joint]),
                 noise: paced(noise[joint]),
+                friction_slope: paced(slope[joint]),
+                friction_shift: shift[joint],
             })
             .collect()
     }
 
+    fn prior(&self) -> Prior {
+        let [damping, friction, spread] = [&self.damping, &self.friction, &self.spread]
+            .map(|param| values(param.val() * PACE).into_iter().map(f64::from));
+        let shared = std::iter::repeat_n(1.0, self.numbers.particles)
+            .chain(std::iter::repeat_n(0.0, self.numbers.forces));
+        Prior {
+            mean: shared.chain(damping.map(f64::exp)).chain(friction).collect(),
+            spread: spread.map(f64::exp).collect(),
+        }
+    }
+
     /// The same law, ready to predict.
     fn law(&self) -> Law {
-        let layers = self.hidden.iter().chain([&self.head]).map(|layer| {
+        let dense = |layer: &Linear| {
             let (weight, bias) = layer.parameters();
             Dense::new(&values(weight), &values(bias))
-        });
-        Law::new(layers.collect(), self.priors(), self.first, LEAST_INERTIA)
+        };
+        Law {
+            hidden: self.hidden.iter().map(dense).collect(),
+            particles: dense(&self.particles),
+            forces: self.forces.as_ref().map(dense),
+            joints: self.joint_laws(),
+            prior: self.prior(),
+            numbers: self.numbers,
+            first: self.first,
+            points: self.points,
+        }
     }
 }
 
@@ -206,20 +303,18 @@ impl Model for Lagrangian {
         let mut batch = HostBatch::new(&input);
         batch.smooth(input.measurement_noise);
         let stride = (context - 2) / self.points;
-        let mut points = Points::new([robots, joints, self.points]);
+        let mut points = Points::new([robots, joints, self.points], self.first);
         for (robot, offset) in noise.below(stride).into_iter().enumerate() {
             let recorded = batch.robot(robot);
             for point in 0..self.points {
-                points.push(&recorded, 1 + offset + point * stride, self.first);
+                points.push(&recorded, 1 + offset + point * stride);
             }
         }
-        let inertial = self.inertial(
-            points.pose(&device),
-            points.acceleration(&device),
-            points.products(&device),
-        );
-        let fitted = points.fit(&values(inertial.clone()), &self.priors());
-        let errors = self.surprise(inertial, &points, &fitted);
+        let equations = self.equations(&points, &device);
+        let [factors, torques] = equations.each_ref().map(|tensor| values(tensor.clone()));
+        let (laws, prior) = (self.joint_laws(), self.prior());
+        let fitted = points.fit(&factors, &torques, &laws, &prior, self.numbers);
+        let errors = self.surprise(equations, &fitted);
         let count = errors.shape().num_elements();
         Loss { errors, count, predicted: None }
     }
@@ -236,12 +331,23 @@ impl Model for Lagrangian {
 
     fn count(&self, extents: Extents, tally: &Rc<Tally>) {
         let (points, joints) = (self.points, extents.joints);
-        let pose = tally.given([1, points, 2 * (joints - self.first)]);
-        let acceleration = tally.given([points, joints, 1]);
-        let products = tally.given([points, 1, products(joints)]);
-        let _ = self.inertial(pose, acceleration, products);
-        // The loss keeps arrays of torques, and as many of a robot's dampings, which are one more row.
-        tally.given([KEPT_BY_LOSS, points + 1, joints]).keep();
+        let pose = [1, points, 2 * (joints - self.first)];
+        let row = [points, 1, joints];
+        let (shared, common) = self.features(Samples {
+            pose: tally.given(pose),
+            rate: tally.given(pose),
+            velocity: tally.given(row),
+            acceleration: tally.given(row),
+            turning: tally.given([points, 1, 1]),
+        });
+        let own = tally.given([points, joints, 2 * joints]);
+        let common = common.unwrap_or_else(|| tally.given([points, joints, 1]));
+        let width = self.numbers.count() + 1;
+        let factors = shared.and(own, 2).and(common, 2).reshaped([1, points * joints, width]);
+        let combined = combined(factors, tally.given([1, width, width]));
+        // The loss squares it, and keeps arrays of torques.
+        combined.keep();
+        tally.given([KEPT_BY_LOSS, points, joints]).keep();
     }
 
     fn is_generative(&self) -> bool {
@@ -261,76 +367,10 @@ impl Model for Lagrangian {
     }
 }
 
-/// Arrays in the shape of the torques that the loss keeps; of the dampings as many.
-const KEPT_BY_LOSS: usize = 4;
-
-/// Torques and positions of a batch where regressions are computed.
-struct HostBatch {
-    u: Vec<f32>,
-    y: Vec<f32>,
-    samples: usize,
-    context: usize,
-    joints: usize,
-    rate_hz: f32,
-}
-
-impl HostBatch {
-    #[expect(clippy::cast_possible_truncation, reason = "the law is computed in f32")]
-    fn new(input: &ModelInput) -> Self {
-        let [_, samples, joints] = input.u.dims();
-        let [_, context, _] = input.y_context.dims();
-        Self {
-            u: values(input.u.clone()),
-            y: values(input.y_context.clone()),
-            samples,
-            context,
-            joints,
-            rate_hz: input.rate_hz as f32,
-        }
-    }
-
-    /// Takes the noise out of positions: what is regressed are their differences.
-    fn smooth(&mut self, noise: MeasurementNoise) {
-        if noise.position_rad <= 0.0 || self.y.is_empty() {
-            return;
-        }
-        let smoother = smoother(&self.robot(0), noise);
-        let (joints, row) = (self.joints, self.context * self.joints);
-        self.y.par_chunks_exact_mut(row).for_each(|y| {
-            let smoothed = smoother.smooth_robot(y, joints);
-            y.copy_from_slice(&smoothed);
-        });
-    }
-
-    fn robot(&self, robot: usize) -> Recorded<'_> {
-        let &Self { samples, context, joints, rate_hz, .. } = self;
-        Recorded {
-            u: &self.u[robot * samples * joints..][..samples * joints],
-            y: &self.y[robot * context * joints..][..context * joints],
-            joints,
-            rate_hz,
-        }
-    }
-}
+/// Arrays in the shape of the torques that the loss keeps.
+const KEPT_BY_LOSS: usize = 8;
 
 /// The numbers of a tensor, whether or not gradients are asked of it.
 fn values<const D: usize>(tensor: Tensor<D>) -> Vec<f32> {
     tensor.inner().into_data().iter().collect()
-}
-
-fn tanh<A: Activations>(x: A) -> A {
-    let shape = x.dims();
-    A::operation([x], [true], shape, |[x]| kernels::tanh(x))
-}
-
-/// The product with numbers that nothing is learned from, which may have extents of 1.
-fn weighted<A: Activations>(x: A, weights: A) -> A {
-    let shape = x.dims();
-    A::operation([x, weights], [false, true], shape, |[x, weights]| x * weights)
-}
-
-fn sum<A: Activations>(x: A, dimension: usize) -> A {
-    let mut shape = x.dims();
-    shape[dimension] = 1;
-    A::operation([x], [false], shape, |[x]| x.sum_dim(dimension))
 }

@@ -17,6 +17,23 @@ pub(super) struct Motion {
     pub step: f32,
 }
 
+impl Motion {
+    /// The velocity between both sampling times, rad/s.
+    pub fn middle(&self) -> f32 {
+        0.5_f32.mul_add(self.change, self.velocity)
+    }
+
+    /// The velocity at a share of the way to the newer one, rad/s.
+    pub fn velocity_at(&self, share: f32) -> f32 {
+        share.mul_add(self.change, self.velocity)
+    }
+
+    /// The torque at a share of the way to the newer one, N·m.
+    pub fn torque_at(&self, share: f32) -> f32 {
+        share.mul_add(self.step, self.torque)
+    }
+}
+
 /// Torques of a trajectory, and positions of its context, `[sample, joint]`.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Recorded<'a> {
@@ -59,9 +76,4 @@ impl Recorded<'_> {
             None => 0.0,
         }
     }
-}
-
-/// Products of two velocities, each pair once: (0, 0), (0, 1), .., (1, 1), ...
-pub(super) const fn products(joints: usize) -> usize {
-    joints * (joints + 1) / 2
 }

@@ -1,52 +1,66 @@
 use burn::tensor::{Device, Tensor, TensorData};
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
 use spec::MAX_JOINTS;
 
-use super::fit::{Prior, Sums};
-use super::motion::{Motion, Recorded, products};
+use super::features::Samples;
+use super::law::JointLaw;
+use super::motion::{Motion, Recorded};
+use super::numbers::Numbers;
+use super::regression::{Equation, Posterior, Prior, Regression};
 
 /// Samples of a batch that a step of training looks at: so many of each robot.
 pub(super) struct Points {
     robots: usize,
     joints: usize,
+    /// The first joint whose angle the network sees.
+    first: usize,
     /// Sines and then cosines of each sample's angles.
     pose: Vec<f32>,
+    /// 1/s.
+    pose_rate: Vec<f32>,
+    /// rad/s.
+    velocity: Vec<f32>,
     /// rad/s².
     acceleration: Vec<f32>,
-    /// rad²/s².
-    products: Vec<f32>,
     motions: Vec<Motion>,
 }
 
 impl Points {
-    /// Of arms of `joints`, with room for `count` points of each of `robots`.
-    pub fn new([robots, joints, count]: [usize; 3]) -> Self {
+    /// Of arms of `joints`, with room for `count` points of each of `robots`. The network sees joints from
+    /// `first` on.
+    pub fn new([robots, joints, count]: [usize; 3], first: usize) -> Self {
         let points = robots * count;
+        let room = || Vec::with_capacity(points * joints);
         Self {
             robots,
             joints,
+            first,
             pose: Vec::with_capacity(points * 2 * joints),
-            acceleration: Vec::with_capacity(points * joints),
-            products: Vec::with_capacity(points * products(joints)),
+            pose_rate: Vec::with_capacity(points * 2 * joints),
+            velocity: room(),
+            acceleration: room(),
             motions: Vec::with_capacity(points * joints),
         }
     }
 
-    /// Appends a sample of the robot that is next. The pose is that of the joints from `first` on.
-    pub fn push(&mut self, recorded: &Recorded<'_>, sample: usize, first: usize) {
-        let angles = &recorded.y[sample * self.joints..][first..self.joints];
-        self.pose.extend(angles.iter().map(|angle| angle.sin()));
-        self.pose.extend(angles.iter().map(|angle| angle.cos()));
+    /// Appends a sample of the robot that is next.
+    pub fn push(&mut self, recorded: &Recorded<'_>, sample: usize) {
         let mut velocities = [0.0; MAX_JOINTS];
         for (joint, velocity) in velocities.iter_mut().enumerate().take(self.joints) {
             let motion = recorded.motion(sample, joint);
-            *velocity = 0.5_f32.mul_add(motion.change, motion.velocity);
+            *velocity = motion.middle();
             self.acceleration.push(motion.change * recorded.rate_hz);
             self.motions.push(motion);
         }
-        for (first, velocity) in velocities.iter().enumerate().take(self.joints) {
-            let others = &velocities[first..self.joints];
-            self.products.extend(others.iter().map(|other| velocity * other));
-        }
+        self.velocity.extend(&velocities[..self.joints]);
+        let angles = &recorded.y[sample * self.joints..][self.first..self.joints];
+        let seen = &velocities[self.first..self.joints];
+        self.pose.extend(angles.iter().map(|angle| angle.sin()));
+        self.pose.extend(angles.iter().map(|angle| angle.cos()));
+        let each = || angles.iter().zip(seen);
+        self.pose_rate.extend(each().map(|(angle, velocity)| angle.cos() * velocity));
+        self.pose_rate.extend(each().map(|(angle, velocity)| -angle.sin() * velocity));
     }
 
     /// Points of each robot.
@@ -54,84 +68,143 @@ impl Points {
         self.motions.len() / (self.robots * self.joints).max(1)
     }
 
-    /// `[robot, point, 2 · input]`.
-    pub fn pose(&self, device: &Device) -> Tensor<3> {
-        let width = self.pose.len() / (self.robots * self.count()).max(1);
-        tensor(self.pose.clone(), [self.robots, self.count(), width], device)
+    fn rows(&self) -> usize {
+        self.robots * self.count()
     }
 
-    /// `[robot · point, joint, 1]`.
+    pub fn samples(&self, device: &Device) -> Samples<Tensor<3>> {
+        let width = self.pose.len() / self.rows().max(1);
+        let pose = [self.robots, self.count(), width];
+        let row = [self.rows(), 1, self.joints];
+        let turning: Vec<f32> = match self.first {
+            0 => vec![0.0; self.rows()],
+            _ => self.velocity.iter().copied().step_by(self.joints).collect(),
+        };
+        Samples {
+            pose: tensor(self.pose.clone(), pose, device),
+            rate: tensor(self.pose_rate.clone(), pose, device),
+            velocity: tensor(self.velocity.clone(), row, device),
+            acceleration: tensor(self.acceleration.clone(), row, device),
+            turning: tensor(turning, [self.rows(), 1, 1], device),
+        }
+    }
+
+    /// A number of each joint at each point, `[robot, point, joint]`.
+    pub fn of_joints(&self, number: impl Fn(&Motion) -> f32, device: &Device) -> Tensor<3> {
+        let values = self.motions.iter().map(number).collect();
+        tensor(values, [self.robots, self.count(), self.joints], device)
+    }
+
+    /// rad/s², `[robot, point, joint]`.
     pub fn acceleration(&self, device: &Device) -> Tensor<3> {
-        let shape = [self.robots * self.count(), self.joints, 1];
+        let shape = [self.robots, self.count(), self.joints];
         tensor(self.acceleration.clone(), shape, device)
     }
 
-    /// `[robot · point, 1, product]`.
-    pub fn products(&self, device: &Device) -> Tensor<3> {
-        let shape = [self.robots * self.count(), 1, products(self.joints)];
-        tensor(self.products.clone(), shape, device)
-    }
-
-    /// Fits the damping of each joint of each robot, given the torques that inertia takes
-    /// `[robot, point, joint]`.
-    pub fn fit(&self, inertial: &[f32], priors: &[Prior]) -> Fitted {
-        let (robots, joints, count) = (self.robots, self.joints, self.count());
-        let mut fitted = Fitted::default();
-        for robot in 0..robots {
-            let here = robot * count * joints..(robot + 1) * count * joints;
-            let (motions, inertial) = (&self.motions[here.clone()], &inertial[here]);
-            for (joint, prior) in priors.iter().enumerate() {
-                let mut sums = Sums::default();
-                for (&motion, &inertial) in motions.iter().zip(inertial).skip(joint).step_by(joints)
+    /// Fits the numbers of each robot. `equations` has the factor of each number and that of the force that acts on
+    /// every robot, `[robot, point · joint, number + 1]`; `torques` those that they are to add up to, N·m.
+    pub fn fit(
+        &self,
+        equations: &[f32],
+        torques: &[f32],
+        joints: &[JointLaw],
+        prior: &Prior,
+        numbers: Numbers,
+    ) -> Fitted {
+        let rows = self.count() * self.joints;
+        let width = numbers.count() + 1;
+        let posteriors: Vec<Option<Posterior>> = equations
+            .par_chunks_exact(rows * width)
+            .zip(torques.par_chunks_exact(rows))
+            .map(|(equations, torques)| {
+                let mut regression = Regression::new(numbers);
+                for (row, (factors, torque)) in
+                    equations.chunks_exact(width).zip(torques).enumerate()
                 {
-                    sums.add(prior.share, motion, inertial);
+                    let joint = row % self.joints;
+                    regression.add(&Equation {
+                        joint,
+                        shared: &factors[numbers.shared()],
+                        velocity: factors[numbers.dampings()][joint],
+                        friction: factors[numbers.frictions()][joint],
+                        torque: torque - factors[width - 1],
+                        precision: joints[joint].precision(),
+                    });
                 }
-                fitted.damping.push(prior.damping(&sums));
-                fitted.squares.push(sums.squares);
-            }
+                regression.posterior(prior, 1.0)
+            })
+            .collect();
+        let mut fitted = Fitted { count: numbers.count(), ..Fitted::default() };
+        for posterior in posteriors {
+            fitted.push(posterior, prior);
         }
         fitted
     }
-
-    /// The torque that is missing at the older value and by how much more at the newer one, N·m, each
-    /// `[robot, point, joint]`: damping times velocity less torque.
-    pub fn missing(&self, fitted: &Fitted, device: &Device) -> [Tensor<3>; 2] {
-        let per_robot = self.count() * self.joints;
-        let mut older = Vec::with_capacity(self.motions.len());
-        let mut more = Vec::with_capacity(self.motions.len());
-        for (index, motion) in self.motions.iter().enumerate() {
-            let of = index / per_robot * self.joints + index % self.joints;
-            let damping = fitted.damping[of];
-            older.push(damping.mul_add(motion.velocity, -motion.torque));
-            more.push(damping.mul_add(motion.change, -motion.step));
-        }
-        let shape = [self.robots, self.count(), self.joints];
-        [older, more].map(|values| tensor(values, shape, device))
-    }
 }
 
-/// The dampings of each robot, `[robot, joint]`.
+/// The distribution of each robot's numbers.
 #[derive(Default)]
 pub(super) struct Fitted {
-    /// N·m·s/rad.
-    damping: Vec<f32>,
-    /// Sums of squared velocities that tell it, rad²/s².
-    squares: Vec<f64>,
+    /// Numbers of a robot.
+    count: usize,
+    /// `[robot, number]`.
+    pub mean: Vec<f32>,
+    /// `[robot, number]`.
+    variance: Vec<f32>,
+    /// `[robot, number + 1, 1 + number]`: the means in the first column, with a 1 for the force that acts on every
+    /// robot; then a root of the covariance.
+    combinations: Vec<f32>,
+    /// How much is known of each robot that was not before: [`Posterior::told`].
+    told: Vec<f32>,
 }
 
 impl Fitted {
-    /// `[robot, 1, joint]`, N·m·s/rad.
-    pub fn damping(&self, joints: usize, device: &Device) -> Tensor<3> {
-        let robots = self.damping.len() / joints;
-        tensor(self.damping.clone(), [robots, 1, joints], device)
+    /// Appends the next robot; one whose numbers cannot be told is as the prior has it.
+    #[expect(clippy::cast_possible_truncation, reason = "losses are computed in f32")]
+    fn push(&mut self, posterior: Option<Posterior>, prior: &Prior) {
+        let count = self.count;
+        let (mean, root, told) = match posterior {
+            Some(posterior) => (posterior.mean.clone(), posterior.root(), posterior.told()),
+            None => {
+                let spread = DVector::from_column_slice(&prior.spread);
+                (prior.mean.clone(), DMatrix::from_diagonal(&spread), 0.0)
+            }
+        };
+        for (number, &mean) in mean.iter().enumerate() {
+            let row = root.row(number);
+            self.mean.push(mean as f32);
+            self.variance.push(row.norm_squared() as f32);
+            self.combinations.push(mean as f32);
+            self.combinations.extend(row.iter().map(|&entry| entry as f32));
+        }
+        self.combinations.push(1.0);
+        self.combinations.extend(std::iter::repeat_n(0.0, count));
+        self.told.push(told as f32);
     }
 
-    /// `[robot, 1, joint]`, rad²/s².
-    #[expect(clippy::cast_possible_truncation, reason = "losses are computed in f32")]
-    pub fn squares(&self, joints: usize, device: &Device) -> Tensor<3> {
-        let values: Vec<f32> = self.squares.iter().map(|&squares| squares as f32).collect();
-        let robots = values.len() / joints;
-        tensor(values, [robots, 1, joints], device)
+    fn robots(&self) -> usize {
+        self.told.len()
+    }
+
+    /// `[robot, number + 1, 1 + number]`, see [`super::features::combined`].
+    pub fn combinations(&self, device: &Device) -> Tensor<3> {
+        let size = self.count + 1;
+        tensor(self.combinations.clone(), [self.robots(), size, size], device)
+    }
+
+    /// `[robot, 1, number]`.
+    pub fn mean(&self, device: &Device) -> Tensor<3> {
+        tensor(self.mean.clone(), [self.robots(), 1, self.count], device)
+    }
+
+    /// `[robot, 1, number]`.
+    pub fn variance(&self, device: &Device) -> Tensor<3> {
+        tensor(self.variance.clone(), [self.robots(), 1, self.count], device)
+    }
+
+    /// `[robot, 1, 1]`.
+    pub fn told(&self, device: &Device) -> Tensor<3> {
+        tensor(self.told.clone(), [self.robots(), 1, 1], device)
     }
 }
 

@@ -1,17 +1,20 @@
 #![expect(clippy::cast_possible_truncation, reason = "small numbers")]
 
-use burn::tensor::Device;
+use burn::module::Param;
+use burn::tensor::{Device, Tensor, TensorData};
 use random::{ChaCha8Rng, Rng, SeedableRng};
 use series::MeasurementNoise;
 use simd::InstructionSet;
 use spec::LagrangianSpec;
 
 use super::dense::Dense;
-use super::fit::Prior;
-use super::law::Law;
-use super::motion::{Recorded, products};
+use super::features::{DIRECTIONS, Samples};
+use super::law::{JointLaw, Law};
+use super::motion::Recorded;
+use super::numbers::Numbers;
 use super::points::Points;
-use super::{LEAST_INERTIA, Lagrangian, values};
+use super::regression::Prior;
+use super::{Lagrangian, PACE, values};
 use crate::architecture::{Architecture, Extents};
 use crate::initialization::InitialWeights;
 
@@ -20,7 +23,7 @@ const SAMPLES: usize = 90;
 const RATE_HZ: f32 = 60.0;
 
 fn spec() -> LagrangianSpec {
-    LagrangianSpec { width: 20, layers: 2, points: 24, turns_freely: true }
+    LagrangianSpec { width: 20, layers: 2, points: 24, particles: 5, forces: 3, turns_freely: true }
 }
 
 fn model(joints: usize) -> Lagrangian {
@@ -107,49 +110,134 @@ fn questions_of_one_past_are_one_robot_and_have_the_answers_of_each_alone() {
 }
 
 #[test]
-fn what_predicts_fits_the_dampings_that_training_fits() {
+fn prediction_fits_the_numbers_that_training_fits() {
     for joints in [2, 7] {
-        let model = model(joints);
+        let mut model = model(joints);
+        // So much that no number of these robots comes to its bound, which training does not know.
+        model.noise = Param::from_tensor(model.noise.val().ones_like() * (30_f32.ln() / PACE));
+        model.friction = Param::from_tensor(model.friction.val().ones_like() / PACE);
         let motions = Motions::new(3, joints);
         let robots = motions.robots();
-        let mut points = Points::new([robots.len(), joints, CONTEXT - 2]);
-        for robot in &robots {
-            for sample in 1..CONTEXT - 1 {
-                points.push(robot, sample, model.first);
-            }
-        }
-        let device = Device::flex();
-        let inertial = model.inertial(
-            points.pose(&device),
-            points.acceleration(&device),
-            points.products(&device),
-        );
-        let fitted = points.fit(&values(inertial), &model.priors());
-        let expected = values(fitted.damping(joints, &device));
-        let found = model.law().dampings(InstructionSet::best(), &robots);
-        for (found, expected) in found.iter().zip(expected.chunks_exact(joints)) {
-            for (found, expected) in found.iter().zip(expected) {
-                assert!((found - expected).abs() < 1e-4 * (1.0 + expected), "{found} {expected}");
+        let points = every_point(&model, &robots);
+        let [factors, torques] = model.equations(&points, &Device::flex()).map(values);
+        let prior = model.prior();
+        let fitted = points.fit(&factors, &torques, &model.joint_laws(), &prior, model.numbers);
+        let law = Law { points: CONTEXT, ..model.law() };
+        for (robot, expected) in robots.iter().zip(fitted.mean.chunks_exact(model.numbers.count()))
+        {
+            let found = law.fit(InstructionSet::best(), robot);
+            let each = found.iter().zip(expected).zip(&prior.mean);
+            for (number, ((found, expected), &mean)) in each.enumerate() {
+                assert!(!model.numbers.is_bounded(number) || *expected > 0.0, "{expected}");
+                let learned = (f64::from(*expected) - mean).abs();
+                let off = f64::from(found - expected).abs();
+                assert!(off < 1e-3 * learned + 1e-5, "{number}: {found} {expected} {mean}");
             }
         }
     }
 }
 
-/// Joints that do not feel each other: m (v' - v) / h + d v' = u.
-fn separate(masses: &[f32], priors: Vec<Prior>) -> Law {
+fn every_point(model: &Lagrangian, robots: &[Recorded<'_>]) -> Points {
+    let joints = model.numbers.joints;
+    let mut points = Points::new([robots.len(), joints, CONTEXT - 2], model.first);
+    for robot in robots {
+        for sample in 1..CONTEXT - 1 {
+            points.push(robot, sample);
+        }
+    }
+    points
+}
+
+/// The torques of each particle of mass 1 that training computes, `[particle, joint]`.
+fn particle_torques(model: &Lagrangian, q: &[f32], v: &[f32], a: &[f32]) -> Vec<f32> {
+    let device = Device::flex();
+    let joints = q.len();
+    let seen = || q.iter().zip(v).skip(model.first);
+    let pose = seen().map(|(q, _)| q.sin()).chain(seen().map(|(q, _)| q.cos()));
+    let rate = seen().map(|(q, v)| q.cos() * v).chain(seen().map(|(q, v)| -q.sin() * v));
+    let tensor = |values: Vec<f32>| {
+        let shape = [1, 1, values.len()];
+        Tensor::from_data(TensorData::new(values, shape), &device)
+    };
+    let turning = if model.first == 0 { 0.0 } else { v[0] };
+    assert_eq!(a.len(), joints);
+    let (particles_and_forces, _) = model.features(Samples {
+        pose: tensor(pose.collect()),
+        rate: tensor(rate.collect()),
+        velocity: tensor(v.to_vec()),
+        acceleration: tensor(a.to_vec()),
+        turning: tensor(vec![turning]),
+    });
+    let particles = particles_and_forces.narrow(2, 0, model.numbers.particles);
+    values(particles.swap_dims(1, 2))
+}
+
+/// The energy of a particle of mass 1 is half its velocity squared, and the joints' power is what it gains:
+/// dE/dt = v · τ, whatever its Jacobian is.
+#[test]
+fn a_particle_gains_the_energy_that_the_joints_give_it() {
+    for turns_freely in [true, false] {
+        let spec = LagrangianSpec { turns_freely, ..spec() };
+        let device = Device::flex();
+        let mut weights = InitialWeights::new(5, &device);
+        let extents = Extents::new(CONTEXT as u32, SAMPLES as u32, 4).unwrap();
+        let model = spec.init(extents, &mut weights).unwrap();
+        let (q, v, a) = ([0.3, -0.7, 1.1, 0.2], [0.8, -1.2, 0.5, 0.9], [2.0, 1.0, -3.0, 0.5]);
+        let power = |torques: &[f32], v: &[f32]| -> f64 {
+            torques.iter().zip(v).map(|(torque, v)| f64::from(torque * v)).sum()
+        };
+        // At rest and with the acceleration v, a particle takes the torques M v.
+        let energies = |step: f32| -> Vec<f64> {
+            let after = |x: &[f32; 4], rate: &[f32; 4]| -> Vec<f32> {
+                x.iter().zip(rate).map(|(x, rate)| x + step * rate).collect()
+            };
+            let (q, v) = (after(&q, &v), after(&v, &a));
+            let torques = particle_torques(&model, &q, &[0.0; 4], &v);
+            torques.chunks_exact(4).map(|torques| 0.5 * power(torques, &v)).collect()
+        };
+        let step = 4e-3;
+        let torques = particle_torques(&model, &q, &v, &a);
+        let around = energies(step).into_iter().zip(energies(-step));
+        for ((after, before), torques) in around.zip(torques.chunks_exact(4)) {
+            let gained = (after - before) / f64::from(2.0 * step);
+            let power = power(torques, &v);
+            assert!((gained - power).abs() < 1e-3 * (1.0 + power.abs()), "{gained} {power}");
+        }
+    }
+}
+
+/// Joints that do not feel each other: m (v' - v) / h + d v' = u. Each has a particle of its own.
+fn separate(masses: &[f32], joint: JointLaw, damping: [f64; 2]) -> Law {
     let joints = masses.len();
-    let mut bias = vec![0.0; joints * (joints + products(joints))];
-    for (joint, mass) in masses.iter().enumerate() {
-        bias[joint * (joints + 1)] = (mass - LEAST_INERTIA).sqrt();
+    let numbers = Numbers { particles: joints, forces: 0, joints };
+    let mut bias = vec![0.0; DIRECTIONS * joints * joints];
+    for (particle, mass) in masses.iter().enumerate() {
+        bias[particle * (joints + 1)] = (mass - joint.armature).sqrt();
     }
     let weight = vec![0.0; bias.len() * 2 * joints];
-    Law::new(vec![Dense::new(&weight, &bias)], priors, 0, LEAST_INERTIA)
+    let [mean, spread] = damping;
+    let mut prior = Prior { mean: vec![1.0; joints], spread: vec![1e-6; numbers.count()] };
+    prior.mean.extend(vec![mean; joints]);
+    prior.mean.extend(vec![0.0; joints]);
+    prior.spread[numbers.dampings()].fill(spread);
+    Law {
+        hidden: Vec::new(),
+        particles: Dense::new(&weight, &bias),
+        forces: None,
+        joints: vec![joint; joints],
+        prior,
+        numbers,
+        first: 0,
+        points: 1000,
+    }
 }
+
+const JOINT: JointLaw =
+    JointLaw { share: 1.0, armature: 1e-3, noise: 1e-3, friction_slope: 4.0, friction_shift: 0.0 };
 
 #[test]
 fn dampings_are_found_and_the_horizon_follows() {
     let (masses, dampings) = ([0.5, 0.02], [9.0, 11.5]);
-    let prior = Prior { share: 1.0, mean: 10.0, spread: 1.0, noise: 1e-3 };
     let u: Vec<f32> = (0..SAMPLES * 2).map(|index| 4.0 * (0.11 * index as f32).sin()).collect();
     let mut y = vec![0.0_f32; SAMPLES * 2];
     let mut velocity = [0.0_f64; 2];
@@ -162,11 +250,12 @@ fn dampings_are_found_and_the_horizon_follows() {
                 y[(sample - 1) * 2 + joint] + (velocity[joint] / f64::from(RATE_HZ)) as f32;
         }
     }
-    let law = separate(&masses, vec![prior; 2]);
+    let law = separate(&masses, JOINT, [10.0, 1.0]);
     let robot = Recorded { u: &u, y: &y[..CONTEXT * 2], joints: 2, rate_hz: RATE_HZ };
-    let found = law.dampings(InstructionSet::best(), &[robot]);
+    let found = law.fit(InstructionSet::best(), &robot);
+    let found = &found[law.numbers.dampings()];
     for joint in 0..2 {
-        assert!((found[0][joint] - dampings[joint]).abs() < 1e-2, "{:?}", found[0]);
+        assert!((found[joint] - dampings[joint]).abs() < 1e-2, "{found:?}");
     }
     for (predicted, expected) in law.predict(&[robot]).iter().zip(&y[CONTEXT * 2..]) {
         assert!((predicted - expected).abs() < 1e-4, "{predicted} {expected}");
@@ -175,14 +264,13 @@ fn dampings_are_found_and_the_horizon_follows() {
 
 #[test]
 fn a_robot_that_stands_still_or_was_hardly_seen_has_the_mean_damping() {
-    let prior = Prior { share: 0.7, mean: 3.0, spread: 0.5, noise: 0.1 };
-    let law = separate(&[0.2; 3], vec![prior; 3]);
+    let law = separate(&[0.2; 3], JointLaw { share: 0.7, noise: 0.1, ..JOINT }, [3.0, 0.5]);
     let u = vec![1.0; 40 * 3];
     for context in [1, 2, 3, 30] {
         let y = vec![0.4; context * 3];
         let robot = Recorded { u: &u, y: &y, joints: 3, rate_hz: RATE_HZ };
-        let found = law.dampings(InstructionSet::best(), &[robot]);
-        assert_eq!(found[0][..3], [3.0; 3]);
+        let found = law.fit(InstructionSet::best(), &robot);
+        assert_eq!(found[law.numbers.dampings()], [3.0; 3]);
         let answer = law.predict(&[robot]);
         assert_eq!(answer.len(), (40 - context) * 3);
         assert!(answer.iter().all(|value| value.is_finite()));
@@ -203,7 +291,6 @@ const LONG: usize = 320;
 impl Noisy {
     fn new(seed: u64) -> Self {
         let (masses, dampings) = ([1.2, 0.02], [9.0, 11.5]);
-        let prior = Prior { share: 1.0, mean: 10.0, spread: 1.0, noise: 1e-3 };
         let samples = LONG + SAMPLES;
         let u: Vec<f32> = (0..samples * 2).map(|index| 4.0 * (0.03 * index as f32).sin()).collect();
         let mut truth = vec![0.0_f32; samples * 2];
@@ -221,7 +308,7 @@ impl Noisy {
         random::fill_normal_portably(&mut noise, &mut ChaCha8Rng::seed_from_u64(seed));
         let measured =
             truth.iter().zip(noise).map(|(q, n)| q + (NOISE.position_rad * n) as f32).collect();
-        Self { law: separate(&masses, vec![prior; 2]), u, truth, measured }
+        Self { law: separate(&masses, JOINT, [10.0, 1.0]), u, truth, measured }
     }
 
     fn robot(&self) -> Recorded<'_> {
@@ -278,8 +365,7 @@ fn filtered_predictions_have_the_same_bits_in_every_company() {
 
 #[test]
 fn a_context_too_short_or_still_to_filter_has_a_finite_answer() {
-    let prior = Prior { share: 0.7, mean: 3.0, spread: 0.5, noise: 0.1 };
-    let law = separate(&[0.2; 3], vec![prior; 3]);
+    let law = separate(&[0.2; 3], JointLaw { share: 0.7, noise: 0.1, ..JOINT }, [3.0, 0.5]);
     let u = vec![0.0; 40 * 3];
     for context in [1, 2, 3, 8, 30] {
         for position_rad in [1e-9, 1e-3, 0.1] {

@@ -5,8 +5,8 @@ use super::architecture::ArchitectureSpec;
 use super::residual::Residual;
 use crate::check::{Check, Report};
 
-/// The equations of motion of an arm with joints, learned from many robots, with the dampings of each
-/// robot fitted to its own context (after deep Lagrangian networks, Lutter et al. 2019, and Bayesian
+/// The equations of motion of an arm with joints, learned from many robots, with the masses, forces,
+/// damping and friction of each robot fitted to its own context (after deep Lagrangian networks, Lutter et al. 2019, and Bayesian
 /// regression on learned features, Harrison et al. 2018). It computes in N·m, rad and s.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
@@ -20,6 +20,13 @@ pub struct LagrangianSpec {
     /// Samples of each trajectory's context that a step of training looks at.
     #[serde(default = "defaults::points")]
     pub points: u32,
+    /// Particles that the arm's inertia is made of, whose masses are fitted to each robot.
+    #[serde(default = "defaults::particles")]
+    pub particles: u32,
+    /// Torques that depend on the pose alone, as gravity does, whose strengths are fitted to each robot. With 0
+    /// there are none.
+    #[serde(default = "defaults::forces")]
+    pub forces: u32,
     /// Whether the angle of the first joint is left out: turning it moves the whole arm and changes no
     /// inertia.
     #[serde(default = "defaults::turns_freely")]
@@ -36,6 +43,12 @@ mod defaults {
     pub const fn points() -> u32 {
         24
     }
+    pub const fn particles() -> u32 {
+        12
+    }
+    pub const fn forces() -> u32 {
+        12
+    }
     pub const fn turns_freely() -> bool {
         true
     }
@@ -46,6 +59,8 @@ impl Check for LagrangianSpec {
         report.within("width", self.width, 1..=4096);
         report.within("layers", self.layers, 1..=16);
         report.within("points", self.points, 1..=1000);
+        report.within("particles", self.particles, 1..=64);
+        report.within("forces", self.forces, 0..=64);
     }
 }
 

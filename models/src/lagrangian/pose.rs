@@ -1,0 +1,193 @@
+//! The arm in one pose of every lane: Jacobians of particles, how fast they change, and forces.
+
+#![expect(
+    clippy::needless_range_loop,
+    reason = "closures do not inline into functions compiled for other instructions; loops over indices do"
+)]
+
+use simd::Lanes;
+use spec::MAX_JOINTS;
+
+use super::dense::{TILE, tanh};
+use super::features::{DIRECTIONS, FORCE_UNIT};
+use super::law::Law;
+
+/// Room for the network's numbers in every lane, and those of the pose that it looked at last.
+pub(super) struct Pose<L> {
+    /// Numbers of a layer and of the next.
+    values: [Vec<L>; 2],
+    /// How fast they change.
+    rates: [Vec<L>; 2],
+    /// `[direction, particle, joint]`.
+    jacobians: Vec<L>,
+    jacobian_rates: Vec<L>,
+    /// `[1 + force, joint]`, in [`FORCE_UNIT`].
+    forces: Vec<L>,
+    /// The acceleration of each particle while the joints' velocities stay, `[direction, particle]`.
+    carried: Vec<L>,
+}
+
+impl<L: Lanes> Pose<L> {
+    #[inline(always)]
+    pub fn new(law: &Law) -> Self {
+        let outputs = |layer: &super::Dense| layer.outputs.next_multiple_of(TILE);
+        let seen = 2 * (law.numbers.joints - law.first);
+        let widest = law.hidden.iter().map(outputs).max().unwrap_or(0).max(seen);
+        let room = |count: usize| vec![L::splat(0.0); count];
+        let hidden = || [room(widest), room(widest)];
+        Self {
+            values: hidden(),
+            rates: hidden(),
+            jacobians: room(outputs(&law.particles)),
+            jacobian_rates: room(outputs(&law.particles)),
+            forces: room(law.forces.as_ref().map_or(0, outputs)),
+            carried: room(DIRECTIONS * law.numbers.particles),
+        }
+    }
+
+    /// Looks at the angles `q`, rad, that change at `velocity`, rad/s.
+    #[inline(always)]
+    pub fn look(&mut self, law: &Law, q: &[L; MAX_JOINTS], velocity: &[L; MAX_JOINTS]) {
+        let seen = law.numbers.joints - law.first;
+        for input in 0..seen {
+            let (sin, cos) = q[law.first + input].sin_cos();
+            self.values[0][input] = sin;
+            self.values[0][seen + input] = cos;
+            self.rates[0][input] = cos * velocity[law.first + input];
+            self.rates[0][seen + input] = -(sin * velocity[law.first + input]);
+        }
+        let mut last = 0;
+        for layer in &law.hidden {
+            let [even, odd] = &mut self.values;
+            let (x, y) = if last == 0 { (even, odd) } else { (odd, even) };
+            let [even, odd] = &mut self.rates;
+            let (rate, rate_after) = if last == 0 { (even, odd) } else { (odd, even) };
+            layer.apply_moving([x, rate], [y, rate_after]);
+            for output in 0..layer.outputs {
+                let value = tanh(y[output]);
+                let slope = value.neg_mul_add(value, L::splat(1.0));
+                y[output] = value;
+                rate_after[output] = rate_after[output] * slope;
+            }
+            last = 1 - last;
+        }
+        let (x, rate) = (&self.values[last], &self.rates[last]);
+        law.particles.apply_moving([x, rate], [&mut self.jacobians, &mut self.jacobian_rates]);
+        if let Some(forces) = &law.forces {
+            forces.apply(x, &mut self.forces);
+        }
+        self.carry(law, velocity);
+    }
+
+    #[inline(always)]
+    fn carry(&mut self, law: &Law, velocity: &[L; MAX_JOINTS]) {
+        let (particles, joints) = (law.numbers.particles, law.numbers.joints);
+        for row in 0..DIRECTIONS * particles {
+            let rates = &self.jacobian_rates[row * joints..][..joints];
+            let mut sum = L::splat(0.0);
+            for joint in 0..joints {
+                sum = rates[joint].mul_add(velocity[joint], sum);
+            }
+            self.carried[row] = sum;
+        }
+        if law.first == 0 {
+            return;
+        }
+        for particle in 0..particles {
+            let [x, y] = [0, 1].map(|direction| direction * particles + particle);
+            let [mut along_x, mut along_y] = [L::splat(0.0); 2];
+            for joint in 0..joints {
+                along_x = self.jacobians[x * joints + joint].mul_add(velocity[joint], along_x);
+                along_y = self.jacobians[y * joints + joint].mul_add(velocity[joint], along_y);
+            }
+            self.carried[x] = velocity[0].neg_mul_add(along_y, self.carried[x]);
+            self.carried[y] = velocity[0].mul_add(along_x, self.carried[y]);
+        }
+    }
+
+    /// The torques that a particle of weight 1 takes, N·m, at an acceleration of the joints in rad/s².
+    #[inline(always)]
+    pub fn particle(
+        &self,
+        law: &Law,
+        particle: usize,
+        acceleration: &[L; MAX_JOINTS],
+    ) -> [L; MAX_JOINTS] {
+        let (particles, joints) = (law.numbers.particles, law.numbers.joints);
+        let mut torques = [L::splat(0.0); MAX_JOINTS];
+        for direction in 0..DIRECTIONS {
+            let row = direction * particles + particle;
+            let jacobian = &self.jacobians[row * joints..][..joints];
+            let mut accelerated = self.carried[row];
+            for joint in 0..joints {
+                accelerated = jacobian[joint].mul_add(acceleration[joint], accelerated);
+            }
+            for joint in 0..joints {
+                torques[joint] = jacobian[joint].mul_add(accelerated, torques[joint]);
+            }
+        }
+        torques
+    }
+
+    /// A force of strength 1, N·m. The first, 0, acts on every robot.
+    #[inline(always)]
+    pub fn force(&self, law: &Law, force: usize) -> [L; MAX_JOINTS] {
+        let joints = law.numbers.joints;
+        let mut torques = [L::splat(0.0); MAX_JOINTS];
+        if let Some(forces) = self.forces.get(force * joints..(force + 1) * joints) {
+            for joint in 0..joints {
+                torques[joint] = forces[joint] * L::splat(f64::from(FORCE_UNIT));
+            }
+        }
+        torques
+    }
+
+    /// The torques of all particles and forces that do not change with the acceleration, N·m, given
+    /// `numbers` of every lane.
+    #[inline(always)]
+    pub fn bias(&self, law: &Law, numbers: &[L]) -> [L; MAX_JOINTS] {
+        let joints = law.numbers.joints;
+        let mut torques = self.force(law, 0);
+        for (force, &strength) in numbers[law.numbers.strengths()].iter().enumerate() {
+            let force = self.force(law, 1 + force);
+            for joint in 0..joints {
+                torques[joint] = strength.mul_add(force[joint], torques[joint]);
+            }
+        }
+        for direction in 0..DIRECTIONS {
+            for (particle, &weight) in numbers[law.numbers.weights()].iter().enumerate() {
+                let row = direction * law.numbers.particles + particle;
+                let jacobian = &self.jacobians[row * joints..][..joints];
+                let carried = weight * self.carried[row];
+                for joint in 0..joints {
+                    torques[joint] = jacobian[joint].mul_add(carried, torques[joint]);
+                }
+            }
+        }
+        torques
+    }
+
+    /// The lower triangle of the mass matrix, kg m², given `numbers` of every lane.
+    #[inline(always)]
+    pub fn inertia(&self, law: &Law, numbers: &[L]) -> [[L; MAX_JOINTS]; MAX_JOINTS] {
+        let joints = law.numbers.joints;
+        let mut matrix = [[L::splat(0.0); MAX_JOINTS]; MAX_JOINTS];
+        for joint in 0..joints {
+            matrix[joint][joint] = L::splat(f64::from(law.joints[joint].armature));
+        }
+        for direction in 0..DIRECTIONS {
+            for (particle, &weight) in numbers[law.numbers.weights()].iter().enumerate() {
+                let row = direction * law.numbers.particles + particle;
+                let jacobian = &self.jacobians[row * joints..][..joints];
+                for joint in 0..joints {
+                    let weighted = weight * jacobian[joint];
+                    for other in 0..=joint {
+                        matrix[joint][other] =
+                            weighted.mul_add(jacobian[other], matrix[joint][other]);
+                    }
+                }
+            }
+        }
+        matrix
+    }
+}

@@ -1,0 +1,118 @@
+//! The horizons of robots in lanes: one step of the equation per sample.
+
+#![expect(
+    clippy::needless_range_loop,
+    reason = "closures do not inline into functions compiled for other instructions; loops over indices do"
+)]
+
+use simd::{Lanes, MAX_LANES};
+use spec::MAX_JOINTS;
+
+use super::dense::bounded;
+use super::factored::Factored;
+use super::law::{Law, Start};
+use super::pose::Pose;
+
+/// Times that friction is linearized within a sampling time, each time about the velocity that the last time
+/// gave.
+const SWEEPS: usize = 2;
+
+/// The fastest that a joint is let turn, rad/s, ten times what arms do: of a motion that the law does not
+/// know, products of velocities could drive it on and on.
+const FASTEST: f32 = 50.0;
+
+impl Law {
+    /// Positions of the horizons, `[robot, sample, joint]`, rad.
+    #[inline(always)]
+    pub(super) fn roll<L: Lanes>(&self, robots: &[Start<'_>]) -> Vec<f32> {
+        let joints = self.numbers.joints;
+        let Some(Start { recorded, .. }) = robots.first() else { return Vec::new() };
+        let (context, samples) = (recorded.samples(), recorded.u.len() / joints);
+        let horizon = samples - context;
+        let rate = L::splat(f64::from(recorded.rate_hz));
+        let period = rate.recip();
+        let mut answer = vec![0.0; robots.len() * horizon * joints];
+        let mut pose = Pose::<L>::new(self);
+        for (group, answer) in
+            robots.chunks(L::LANES).zip(answer.chunks_mut(L::LANES * horizon * joints))
+        {
+            let mut starts = [[[0.0; MAX_LANES]; MAX_JOINTS]; 2];
+            // From the sample before the context's last one on.
+            let mut torques = vec![[[0.0; MAX_LANES]; MAX_JOINTS]; horizon + 1];
+            let mut numbers = vec![[0.0; MAX_LANES]; self.numbers.count()];
+            for (lane, Start { recorded, numbers: fitted }) in group.iter().enumerate() {
+                for (number, fitted) in numbers.iter_mut().zip(fitted.iter()) {
+                    number[lane] = *fitted;
+                }
+                for joint in 0..joints {
+                    starts[0][joint][lane] = recorded.y[(context - 1) * joints + joint];
+                    starts[1][joint][lane] = recorded.last_velocity(joint);
+                    for (step, torques) in torques.iter_mut().enumerate() {
+                        let sample = (context + step).saturating_sub(2);
+                        torques[joint][lane] = recorded.u[sample * joints + joint];
+                    }
+                }
+            }
+            let numbers: Vec<L> = numbers.iter().map(|number| L::load(number)).collect();
+            let dampings = &numbers[self.numbers.dampings()];
+            let frictions = &numbers[self.numbers.frictions()];
+            let [mut q, mut velocity] = [[L::splat(0.0); MAX_JOINTS]; 2];
+            let mut change = [L::splat(0.0); MAX_JOINTS];
+            for joint in 0..joints {
+                q[joint] = L::load(&starts[0][joint]);
+                velocity[joint] = L::load(&starts[1][joint]);
+            }
+            for step in 0..horizon {
+                // The velocity in the middle of the step, if it changes as it did in the last one.
+                let mut middle = velocity;
+                for joint in 0..joints {
+                    middle[joint] = L::splat(0.5).mul_add(change[joint], velocity[joint]);
+                }
+                pose.look(self, &q, &middle);
+                let bias = pose.bias(self, &numbers);
+                let mut inertia = pose.inertia(self, &numbers);
+                let mut driving = [L::splat(0.0); MAX_JOINTS];
+                for joint in 0..joints {
+                    let share = L::splat(f64::from(self.joints[joint].share));
+                    let before = L::load(&torques[step][joint]);
+                    let after = L::load(&torques[step + 1][joint]);
+                    let torque = share.mul_add(after - before, before);
+                    let damped = dampings[joint].neg_mul_add(velocity[joint], torque);
+                    driving[joint] = damped - bias[joint];
+                    for other in 0..=joint {
+                        inertia[joint][other] = inertia[joint][other] * rate;
+                    }
+                    inertia[joint][joint] = share.mul_add(dampings[joint], inertia[joint][joint]);
+                }
+                for _ in 0..SWEEPS {
+                    let (mut matrix, mut torques) = (inertia, driving);
+                    for joint in 0..joints {
+                        let law = &self.joints[joint];
+                        let share = L::splat(f64::from(law.share));
+                        let moved = share * change[joint];
+                        let [shape, slope] = law.friction(velocity[joint] + moved);
+                        let (shape, slope) = (frictions[joint] * shape, frictions[joint] * slope);
+                        torques[joint] = slope.mul_add(moved, torques[joint] - shape);
+                        matrix[joint][joint] = share.mul_add(slope, matrix[joint][joint]);
+                    }
+                    Factored::new(joints, matrix).solve(joints, &mut torques);
+                    for joint in 0..joints {
+                        let after = bounded(velocity[joint] + torques[joint], FASTEST);
+                        change[joint] = after - velocity[joint];
+                    }
+                }
+                for joint in 0..joints {
+                    velocity[joint] = velocity[joint] + change[joint];
+                    q[joint] = velocity[joint].mul_add(period, q[joint]);
+                    let mut positions = [0.0; MAX_LANES];
+                    q[joint].store(&mut positions);
+                    let at = step * joints + joint;
+                    for lane in 0..group.len() {
+                        answer[lane * horizon * joints + at] = positions[lane];
+                    }
+                }
+            }
+        }
+        answer
+    }
+}
