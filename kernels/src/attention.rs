@@ -1,4 +1,4 @@
-use burn::tensor::{Bool, Tensor, activation};
+use burn::tensor::{Bool, Tensor, TensorData, activation};
 use rayon::prelude::*;
 
 use super::dropout::{self, DropoutMask};
@@ -16,6 +16,9 @@ pub enum Mask {
     None,
     /// Token t those of index up to t + `ahead`; 0 is itself and those before.
     Causal { ahead: usize },
+    /// The first `length` tokens each other, later ones those as well and all up to themselves
+    /// (a prefix language model, Raffel et al. 2020).
+    Prefix { length: usize },
 }
 
 /// softmax(Q Kᵀ / √width) V for each head, a head being `width = d_model / heads` neighbouring
@@ -74,13 +77,21 @@ pub(super) fn plain(
 
     let scores =
         split(query, tokens).matmul(split(key, sources).transpose()) / (width as f32).sqrt();
-    let visible = match mask {
-        Mask::None => scores,
+    let future = match mask {
+        Mask::None => None,
         Mask::Causal { ahead } => {
             let ahead = i64::try_from(ahead).unwrap_or(i64::MAX);
-            let future = Tensor::<2, Bool>::tril_mask([tokens, sources], ahead, &scores.device());
-            scores.mask_fill(future.unsqueeze::<4>(), f32::NEG_INFINITY)
+            Some(Tensor::<2, Bool>::tril_mask([tokens, sources], ahead, &scores.device()))
         }
+        Mask::Prefix { length } => {
+            let is_hidden = |at: usize| at % sources > (at / sources).max(length.saturating_sub(1));
+            let hidden: Vec<bool> = (0..tokens * sources).map(is_hidden).collect();
+            Some(Tensor::from_data(TensorData::new(hidden, [tokens, sources]), &scores.device()))
+        }
+    };
+    let visible = match future {
+        Some(future) => scores.mask_fill(future.unsqueeze::<4>(), f32::NEG_INFINITY),
+        None => scores,
     };
     let p = dropout::plain(activation::softmax(visible, 3), dropout);
     let mixed = p.matmul(split(value, sources));
@@ -174,6 +185,17 @@ impl Extents<'_> {
         match self.mask {
             Mask::None => self.sources,
             Mask::Causal { ahead } => token.saturating_add(ahead).saturating_add(1),
+            Mask::Prefix { length } => token.saturating_add(1).max(length),
+        }
+    }
+
+    /// How many of `count` tokens from `first` on look at as many sources as the first of them, none more.
+    /// The others look at one more each.
+    fn alike(&self, first: usize, count: usize) -> usize {
+        match self.mask {
+            // All of them, which is one call.
+            Mask::None | Mask::Causal { .. } => 0,
+            Mask::Prefix { length } => length.saturating_sub(first).min(count),
         }
     }
 
@@ -203,7 +225,12 @@ impl Extents<'_> {
         let seen = self.seen(first + count);
         into.resize(count * seen, 0.0);
         keys.multiply_part(query, [self.width, seen], Onto::Nothing, into, seen);
-        softmax(into, seen, self.scale(), self.visible(first));
+        let alike = self.alike(first, count);
+        let (same, rising) = into.split_at_mut(alike * seen);
+        for row in same.chunks_exact_mut(seen) {
+            softmax(row, seen, self.scale(), self.visible(first));
+        }
+        softmax(rising, seen, self.scale(), self.visible(first + alike));
     }
 
     /// O of all trajectories, given where each one's queries, keys and values begin.

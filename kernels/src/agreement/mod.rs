@@ -210,9 +210,20 @@ fn norm_linear_of_three_agrees() {
     }
 }
 
+/// Prefixes that end within the tokens made at once, after them and after the last token.
+const MASKS: [Mask; 7] = [
+    Mask::None,
+    Mask::Causal { ahead: 0 },
+    Mask::Causal { ahead: 1 },
+    Mask::Prefix { length: 0 },
+    Mask::Prefix { length: 3 },
+    Mask::Prefix { length: 64 },
+    Mask::Prefix { length: 200 },
+];
+
 #[test]
 fn self_attention_agrees() {
-    for mask in [Mask::None, Mask::Causal { ahead: 0 }, Mask::Causal { ahead: 1 }] {
+    for mask in MASKS {
         for [batch, tokens, heads, width] in [[1, 2, 1, 1], [3, 5, 2, 3], [2, 110, 4, 24]] {
             for dropout in [None, dropout_mask(3, 1)] {
                 check_agreement(
@@ -248,7 +259,7 @@ fn gelu_linear_agrees() {
 
 #[test]
 fn attention_agrees() {
-    for mask in [Mask::None, Mask::Causal { ahead: 0 }, Mask::Causal { ahead: 1 }] {
+    for mask in MASKS {
         for [batch, tokens, heads, width] in [[1, 2, 1, 1], [3, 5, 2, 3], [2, 40, 4, 24]] {
             check_agreement(
                 [[batch, tokens, heads * width]; 3],
