@@ -100,9 +100,19 @@ pub(crate) struct ModelInput {
     pub seen_context: Tensor<3>,
     /// The path that answers are relative to, as normalized positions `[batch, sample, joint]`.
     pub path: Tensor<3>,
+    /// The unit that answers are given in, in the same normalization `[batch, sample, joint]`.
+    pub unit: Tensor<3>,
     pub rate_hz: f64,
     /// Noise of positions, in rad, and of the torques of the context, in N·m.
     pub measurement_noise: MeasurementNoise,
+}
+
+impl ModelInput {
+    /// The unit of answers `[batch, horizon, joint]`.
+    pub fn unit_of_horizon(&self) -> Tensor<3> {
+        let ([batch, samples, joints], [_, context, _]) = (self.unit.dims(), self.y_context.dims());
+        self.unit.clone().slice([0..batch, context..samples, 0..joints])
+    }
 }
 
 /// How an answer is come by.

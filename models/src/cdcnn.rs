@@ -7,7 +7,7 @@ use spec::{CdcnnSpec, Conditioning, GROUPS};
 use crate::ModelError;
 use crate::activations::Activations;
 use crate::architecture::{Architecture, Extents};
-use crate::denoiser::{Denoiser, Given, Network, Torques};
+use crate::denoiser::{Denoiser, Given, Network, Task, Torques};
 use crate::diffusion::Process;
 use crate::initialization::InitialWeights;
 use crate::sizes::{LARGEST_WIDTH, multiple, within};
@@ -28,8 +28,8 @@ impl Architecture for CdcnnSpec {
             known: extents.joints,
         };
         let network = sizes.init(extents, weights)?;
-        let process = Process::diffusion(&self.diffusion);
-        Ok(Denoiser { network, process, torques: Torques::Apart, given: Given::Torques })
+        let task = Task::Denoise(Process::diffusion(&self.diffusion));
+        Ok(Denoiser { network, task, torques: Torques::Apart, given: Given::Torques })
     }
 }
 

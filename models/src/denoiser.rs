@@ -1,10 +1,12 @@
-//! Models that make their answers of noise: a network, and what it was trained to do about the noise.
+//! Models that make their answers of noise: a network, and what it was trained to do about the noise. The same
+//! network can be trained without noise, to answer in one pass.
 
 use std::rc::Rc;
 
 use burn::module::{Module, ModuleMapper, ModuleVisitor};
 use burn::tensor::{Device, Tensor, TensorData};
 use kernels::DropoutKeys;
+use spec::PointLoss;
 
 use crate::activations::{Activations, Tally};
 use crate::architecture::{Ask, Extents, Model, ModelInput};
@@ -37,6 +39,18 @@ pub(crate) trait Network: Module {
     }
 }
 
+/// What a network is trained to do.
+#[derive(Clone, Debug)]
+pub(crate) enum Task {
+    /// To remove noise.
+    Denoise(Process),
+    /// To answer in one pass, with 0 where nothing is known.
+    Predict(PointLoss),
+}
+
+/// The noise level that a network is told which answers in one pass.
+const ONLY_LEVEL: usize = 0;
+
 /// A network with what it was trained to do about the noise.
 ///
 /// The series that is noised is y of the whole trajectory, for Diffuser u beside y. Its context
@@ -44,7 +58,7 @@ pub(crate) trait Network: Module {
 #[derive(Clone, Debug)]
 pub(crate) struct Denoiser<N> {
     pub network: N,
-    pub process: Process,
+    pub task: Task,
     pub torques: Torques,
     pub given: Given,
 }
@@ -83,7 +97,8 @@ impl<N: Network> Model for Denoiser<N> {
         let [_, context, _] = input.seen_context.dims();
         let [_, horizon, joints] = target.dims();
         let device = target.device();
-        let y = Tensor::cat(vec![input.seen_context, target], 1);
+        let unit = input.unit_of_horizon();
+        let y = Tensor::cat(vec![input.seen_context, target.clone()], 1);
         let series = self.series(&input.u, y);
         let known = self.given.of(input.u, input.path);
         let shape = Shape { context, horizon, joints, device: &device };
@@ -103,9 +118,20 @@ impl<N: Network> Model for Denoiser<N> {
             }
         };
         let keys = noise.dropout_keys();
-        self.process.loss(&series, &clean, weights, counted, noise, |noisy, levels| {
-            self.network.forward(noisy, levels, known, keys)
-        })
+        match &self.task {
+            Task::Denoise(process) => {
+                process.loss(&series, &clean, weights, counted, noise, |noisy, levels| {
+                    self.network.forward(noisy, levels, known, keys)
+                })
+            }
+            Task::Predict(loss) => {
+                let [batch, samples, channels] = series.dims();
+                let levels = vec![ONLY_LEVEL; batch];
+                let series = self.network.forward(series * clean, &levels, known, keys);
+                let horizon = [0..batch, context..samples, channels - joints..channels];
+                Loss::of_points(*loss, series.slice(horizon), target, unit)
+            }
+        }
     }
 
     fn answer(&self, input: ModelInput, ask: Ask<'_>) -> Tensor<3> {
@@ -129,8 +155,15 @@ impl<N: Network> Model for Denoiser<N> {
         let painted = Painted { values: whole(unknown), clean, noised };
         let warm = warm.map(whole);
         let known = self.given.of(input.u.clone(), input.path.clone());
-        let chain = self.network.chain(&input.seen_context, known, steps);
-        let series = self.process.sample(warm, &painted, steps, noise, chain);
+        let series = match &self.task {
+            Task::Denoise(process) => {
+                let chain = self.network.chain(&input.seen_context, known, steps);
+                process.sample(warm, &painted, steps, noise, chain)
+            }
+            Task::Predict(_) => {
+                self.network.forward(painted.values, &vec![ONLY_LEVEL; batch], known, None)
+            }
+        };
         let [_, _, channels] = series.dims();
         series.slice([0..batch, context..samples, channels - joints..channels])
     }
@@ -148,11 +181,14 @@ impl<N: Network> Model for Denoiser<N> {
     }
 
     fn is_generative(&self) -> bool {
-        true
+        matches!(self.task, Task::Denoise(_))
     }
 
     fn process(&self) -> Option<&Process> {
-        Some(&self.process)
+        match &self.task {
+            Task::Denoise(process) => Some(process),
+            Task::Predict(_) => None,
+        }
     }
 
     #[cfg(test)]

@@ -7,7 +7,7 @@ use spec::{DiffuserSpec, GROUPS, Known};
 use crate::ModelError;
 use crate::activations::Activations;
 use crate::architecture::{Architecture, Extents};
-use crate::denoiser::{Denoiser, Given, Network, Torques};
+use crate::denoiser::{Denoiser, Given, Network, Task, Torques};
 use crate::diffusion::Process;
 use crate::initialization::InitialWeights;
 use crate::sizes::{LARGEST_RATIO, LARGEST_WIDTH, multiple, within};
@@ -40,8 +40,8 @@ impl Architecture for DiffuserSpec {
             (Known::CleanAndMasked, [_, y_weight]) => Torques::Clean { y_weight },
             (Known::JointNoise, weights) => Torques::Noised { weights },
         };
-        let process = Process::diffusion(&self.diffusion);
-        Ok(Denoiser { network, process, torques, given: Given::Torques })
+        let task = Task::Denoise(Process::diffusion(&self.diffusion));
+        Ok(Denoiser { network, task, torques, given: Given::Torques })
     }
 }
 

@@ -8,7 +8,7 @@ use spec::{Conditioning, FlowSpec};
 use crate::ModelError;
 use crate::architecture::{Architecture, Extents};
 use crate::cdcnn::{Cdcnn, CdcnnSizes};
-use crate::denoiser::{Denoiser, Given, Torques};
+use crate::denoiser::{Denoiser, Given, Task, Torques};
 use crate::diffusion::Process;
 use crate::initialization::InitialWeights;
 
@@ -27,7 +27,7 @@ impl Architecture for FlowSpec {
             known: 2 * extents.joints,
         };
         let network = sizes.init(extents, weights)?;
-        let process = Process::flow(self);
-        Ok(Denoiser { network, process, torques: Torques::Apart, given: Given::TorquesAndPath })
+        let task = Task::Denoise(Process::flow(self));
+        Ok(Denoiser { network, task, torques: Torques::Apart, given: Given::TorquesAndPath })
     }
 }

@@ -106,6 +106,11 @@ impl Frame {
         &self.center
     }
 
+    /// The unit of answers, `[sample, joint]`, context and horizon, rad.
+    pub fn scale(&self) -> &[f32] {
+        &self.scale
+    }
+
     /// Appends `y` `[sample, joint]`, the first of which is sample `first`, as the model sees it.
     pub fn extend_seen(&self, y: &[f32], first: usize, seen: &mut Vec<f32>) {
         let (center, scales) = self.from(first);

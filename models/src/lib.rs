@@ -37,6 +37,7 @@ mod normalization;
 mod optimizer;
 mod parameters;
 mod prediction;
+mod prefix_transformer;
 mod randomness;
 mod ranges;
 mod robomorph;

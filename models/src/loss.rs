@@ -1,11 +1,13 @@
 use burn::tensor::{Tensor, TensorData};
+use spec::PointLoss;
 
 use crate::ModelError;
 use crate::device::host_values;
 
 /// The loss of a training step, entry by entry.
 pub(crate) struct Loss {
-    /// The error of each entry, `[batch, sample, channel]`, 0 where it does not count.
+    /// The error of each entry, `[batch, sample, channel]`, 0 where it does not count; where it is that of a whole
+    /// series `[batch, 1, channel]`.
     pub errors: Tensor<3>,
     /// The number that their sum is divided by.
     pub count: usize,
@@ -13,7 +15,38 @@ pub(crate) struct Loss {
     pub predicted: Option<Tensor<3>>,
 }
 
+/// Errors of normalized positions below this count less and less in a root mean square.
+const LEAST_NORMALIZED: f64 = 1e-4;
+
 impl Loss {
+    /// Of predictions `answer` of `target`, both `[batch, horizon, joint]` in `unit`.
+    pub fn of_points(
+        kind: PointLoss,
+        answer: Tensor<3>,
+        target: Tensor<3>,
+        unit: Tensor<3>,
+    ) -> Self {
+        let errors = answer.clone() - target;
+        match kind {
+            PointLoss::MeanSquare => {
+                let errors = errors.square();
+                let count = errors.shape().num_elements();
+                Self { errors, count, predicted: Some(answer) }
+            }
+            PointLoss::RootMeanSquare => {
+                Self::root_mean_square(errors * unit, LEAST_NORMALIZED, answer)
+            }
+        }
+    }
+
+    /// The root mean square over samples of each joint's errors `[batch, sample, joint]`. Those far below `least`
+    /// count less, so that the derivative exists at 0.
+    pub fn root_mean_square(errors: Tensor<3>, least: f64, predicted: Tensor<3>) -> Self {
+        let errors = (errors.square().mean_dim(1) + least * least).sqrt();
+        let count = errors.shape().num_elements();
+        Self { errors, count, predicted: Some(predicted) }
+    }
+
     /// The errors of y, the last channels, times the weight of their joint.
     #[expect(clippy::cast_possible_truncation, reason = "losses are computed in f32")]
     pub fn weighted(self, weights: &[f64]) -> Self {

@@ -185,6 +185,7 @@ mod tests {
             ("diffuser", json!({"known": "joint-noise"})),
             ("cdcnn", json!({"conditioning": "global"})),
             ("cdt", json!({"dropout": 0.1, "embedding_dropout": 0.1})),
+            ("cdt", json!({"objective": "regression", "patch": 5})),
         ];
         let plain = ModelSpec::ARCHITECTURES.iter().map(|name| (*name, json!({})));
         let all = plain.chain(options);
@@ -259,6 +260,7 @@ mod tests {
             y_context: series(EXTENTS.context),
             seen_context: series(EXTENTS.context),
             path: series(400),
+            unit: series(400),
             rate_hz: 60.0,
             measurement_noise: series::MeasurementNoise::default(),
         };

@@ -193,6 +193,7 @@ pub(crate) fn model_input(
     let mut y_context = Vec::with_capacity(robots * context * joints);
     let mut seen_context = Vec::with_capacity(robots * context * joints);
     let mut path = Vec::with_capacity(robots * samples * joints);
+    let mut unit = Vec::with_capacity(robots * samples * joints);
     for (robot, (statistics, frame)) in statistics.iter().zip(frames).enumerate() {
         let Statistics { u_mean, u_std, y_mean, y_std } = statistics;
         for torques in observed.u(robot) {
@@ -205,6 +206,9 @@ pub(crate) fn model_input(
         for center in frame.center().chunks_exact(joints) {
             path.extend(normalized(center, y_mean, y_std));
         }
+        for scale in frame.scale().chunks_exact(joints) {
+            unit.extend(scale.iter().zip(y_std).map(|(scale, deviation)| scale / deviation));
+        }
     }
     let tensor = |values, samples| {
         Tensor::from_data(TensorData::new(values, [robots, samples, joints]), device)
@@ -214,6 +218,7 @@ pub(crate) fn model_input(
         y_context: tensor(y_context, context),
         seen_context: tensor(seen_context, context),
         path: tensor(path, samples),
+        unit: tensor(unit, samples),
         rate_hz: observed.rate_hz(),
         measurement_noise: observed.noise(),
     }

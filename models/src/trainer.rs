@@ -86,7 +86,8 @@ pub struct StepReport {
     /// mean squared error, normalized; of a gaussian head the negative logarithm of the likelihood;
     /// of a denoiser the weighted mean squared error of what it predicts of the noise; of a flow the
     /// mean squared error of what it predicts; of equations of motion the negative logarithm of the
-    /// likelihood of a torque, less a constant.
+    /// likelihood of a torque, less a constant; of a Transformer over a path the mean over joints of the
+    /// root mean square error, in degrees.
     pub loss: f64,
     /// Euclidean norm over all parameters, before clipping.
     pub gradient_norm: f64,

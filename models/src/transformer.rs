@@ -34,7 +34,7 @@ impl FeedForward {
     }
 }
 
-/// Self-attention in both directions, then the feed-forward part.
+/// Self-attention, then the feed-forward part.
 #[derive(Module, Debug)]
 pub(crate) struct EncoderBlock {
     attention_norm: LayerNorm,
@@ -58,10 +58,10 @@ impl EncoderBlock {
         }
     }
 
-    /// `[batch, token, d_model]` to the same shape.
-    pub fn forward<A: Activations>(&self, x: A, dropout: &mut Dropout) -> A {
+    /// `[batch, token, d_model]`, whose tokens look at each other as `mask` lets them, to the same shape.
+    pub fn forward<A: Activations>(&self, x: A, mask: Mask, dropout: &mut Dropout) -> A {
         let norm = &self.attention_norm;
-        let x = x.clone().plus(self.attention.forward(x, norm, Mask::None, dropout));
+        let x = x.clone().plus(self.attention.forward(x, norm, mask, dropout));
         self.feed_forward.forward_onto(x, &self.feed_forward_norm, dropout)
     }
 }
@@ -163,4 +163,10 @@ impl DecoderBlock {
         let x = x.clone() + self.cross_attention.forward_to(memory, x, norm, of_memory, dropout);
         self.feed_forward.forward_onto(x, &self.feed_forward_norm, dropout)
     }
+}
+
+/// `[batch, sample, channel]` to `[batch, sample / patch, patch * channel]`.
+pub(crate) fn patches<A: Activations>(series: A, patch: usize) -> A {
+    let [batch, samples, channels] = series.dims();
+    series.reshaped([batch, samples / patch, patch * channels])
 }

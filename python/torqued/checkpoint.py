@@ -67,7 +67,8 @@ class TrainedModel:
         y = (y - y_mean) / y_std
         with torch.inference_mode():
             if hasattr(self.network, "answer"):
-                predicted = self.network.answer(u, y)
+                known = {"y_context": y, "seen": seen, "path": path, "unit": scale / y_std}
+                predicted = self.network.answer(u, **wanted(self.network.answer, known))
             else:
                 if draw is None:
                     generator = torch.Generator().manual_seed(seed)
@@ -133,6 +134,11 @@ def save(model: TrainedModel, directory: str | Path) -> None:
     (directory / "config.json").write_text(json.dumps(model.config, indent=2) + "\n")
 
 
+def wanted(function: Callable, known: dict) -> dict:
+    """What `function` takes by name of all that is known."""
+    return {name: known[name] for name in inspect.signature(function).parameters if name in known}
+
+
 def joints_of(config: dict) -> int:
     """Joints of the arm; a config does not say seven."""
     return config.get("joints", 7)
@@ -146,7 +152,7 @@ def network_of(config: dict) -> torch.nn.Module:
     network = networks[architecture]
     sizes = {name: config[name] for name in ("context", "horizon", "samples", "rate_hz")}
     sizes |= {"joints": joints_of(config)} | config["model"]
-    return network(**{name: sizes[name] for name in inspect.signature(network).parameters if name in sizes})
+    return network(**wanted(network, sizes))
 
 
 def _mean_and_deviation(series: Tensor) -> tuple[Tensor, Tensor]:

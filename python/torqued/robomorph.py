@@ -4,6 +4,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
+from .loss import point_loss
 from .transformer import DecoderBlock, EncoderBlock
 
 
@@ -21,6 +22,7 @@ class RoboMorph(nn.Module):
         mlp_ratio: int = 4,
         head: str = "point",
         output: str = "positions",
+        loss: str = "mean-square",
         context: int,
         horizon: int,
         joints: int = 7,
@@ -29,6 +31,7 @@ class RoboMorph(nn.Module):
         hidden = mlp_ratio * d_model
         self.patch = patch
         self.gaussian = head == "gaussian"
+        self.by_root = loss == "root-mean-square"
         self.sums = output == "displacements"
         self.encoder_input = nn.Linear(2 * joints * patch, d_model)
         self.encoder_positions = nn.Parameter(0.02 * torch.randn(context // patch, d_model))
@@ -65,11 +68,11 @@ class RoboMorph(nn.Module):
         numbers = self._numbers(u, y_context)
         return self.mean_and_log_variance(numbers)[0] if self.gaussian else numbers
 
-    def loss(self, u: Tensor, y_context: Tensor, y_horizon: Tensor) -> Tensor:
-        """The mean squared error; with a gaussian head the mean negative logarithm of the likelihood."""
+    def loss(self, u: Tensor, y_context: Tensor, y_horizon: Tensor, unit: Tensor) -> Tensor:
+        """The mean squared error or that of `point_loss`; with a gaussian head the mean negative logarithm of the likelihood."""
         numbers = self._numbers(u, y_context)
         if not self.gaussian:
-            return F.mse_loss(numbers, y_horizon)
+            return point_loss(numbers - y_horizon, unit, self.by_root)
         mean, log_variance = self.mean_and_log_variance(numbers)
         return 0.5 * ((y_horizon - mean) ** 2 * torch.exp(-log_variance) + log_variance).mean()
 

@@ -53,9 +53,10 @@ class EncoderBlock(nn.Module):
         self.feed_forward_norm = nn.LayerNorm(d_model)
         self.feed_forward = FeedForward(d_model, hidden, dropout)
 
-    def forward(self, x: Tensor) -> Tensor:
+    def forward(self, x: Tensor, mask: Tensor | None = None) -> Tensor:
+        """`mask` [token, token] is true where a token may look at another."""
         normed = self.attention_norm(x)
-        x = x + self.attention(normed, normed, causal=False)
+        x = x + self.attention(normed, normed, False, mask)
         return x + self.feed_forward(self.feed_forward_norm(x))
 
 

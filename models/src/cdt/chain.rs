@@ -1,8 +1,9 @@
 use burn::tensor::Tensor;
+use kernels::Mask;
 
 use super::{AHEAD, Cdt};
 use crate::dropout::Dropout;
-use crate::transformer::Seen;
+use crate::transformer::{Seen, patches};
 
 /// Trajectories, each at one level, whose contexts are computed at once: enough to fill the products of
 /// matrices, few enough to stay in the caches.
@@ -47,7 +48,7 @@ impl<'a> Chain<'a> {
         for (block, seen) in network.decoder_blocks.iter().zip(&seen) {
             x = block.forward_after(x, seen, AHEAD);
         }
-        network.head.forward(network.norm.forward(x))
+        network.answer(x)
     }
 
     /// What the horizon sees, at each of the next levels in each decoder block.
@@ -63,7 +64,7 @@ impl<'a> Chain<'a> {
         let condition = network.condition(&of_rows, repeated(&self.u));
         let mut memory = condition + positions.unsqueeze();
         for block in &network.encoder_blocks {
-            memory = block.forward(memory, &mut Dropout::off());
+            memory = block.forward(memory, Mask::None, &mut Dropout::off());
         }
         let mut x = repeated(&network.embedded(self.context.clone(), 0));
         let mut begun: Vec<Vec<Seen>> = levels.iter().map(|_| Vec::new()).collect();
@@ -84,8 +85,10 @@ impl<'a> Chain<'a> {
 impl Cdt {
     /// Tokens of y `[batch, sample, 7]`, of which the first is sample `first`.
     fn embedded(&self, y: Tensor<3>, first: usize) -> Tensor<3> {
-        let [_, samples, _] = y.dims();
-        let positions = self.positions.val().slice([first..first + samples, 0..self.d_model]);
+        let y = patches(y, self.patch);
+        let [_, tokens, _] = y.dims();
+        let first = first / self.patch;
+        let positions = self.positions.val().slice([first..first + tokens, 0..self.d_model]);
         self.input.forward(y) + positions.unsqueeze()
     }
 }
@@ -103,14 +106,23 @@ mod tests {
     use crate::initialization::InitialWeights;
 
     const JOINTS: usize = 7;
-    const SAMPLES: usize = 70;
-    const CONTEXT: usize = 53;
+    const SAMPLES: usize = 68;
+    const CONTEXT: usize = 52;
 
     /// Fewer levels than are computed at once, as many and more, of one trajectory and of several.
     #[test]
     fn a_chain_gives_the_answers_of_whole_passes() {
-        let sizes = json!({"d_model": 24, "heads": 3, "encoder_layers": 2, "decoder_layers": 3});
-        let extents = Extents { context: 53, horizon: 17, joints: JOINTS };
+        for patch in [1, 4] {
+            check_answers(patch);
+        }
+    }
+
+    fn check_answers(patch: u32) {
+        let sizes = json!({
+            "d_model": 24, "heads": 3, "encoder_layers": 2, "decoder_layers": 3, "patch": patch,
+        });
+        let [context, samples] = [CONTEXT, SAMPLES].map(|samples| u32::try_from(samples).unwrap());
+        let extents = Extents { context, horizon: samples - context, joints: JOINTS };
         let device = Device::flex();
         let mut weights = InitialWeights::new(3, &device);
         let spec = serde_json::from_value(sizes).unwrap();
@@ -129,7 +141,7 @@ mod tests {
                 let (found, expected) = (chain.answer(noisy), expected);
                 let found = host_values(found).unwrap();
                 for (found, expected) in found.iter().zip(host_values(expected).unwrap()) {
-                    let case = (batch, count, level);
+                    let case = (patch, batch, count, level);
                     assert!((found - expected).abs() < 2e-6, "{case:?}: {found} for {expected}");
                 }
             }

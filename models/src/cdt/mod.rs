@@ -5,12 +5,12 @@ mod chain;
 use burn::module::{Module, Param};
 use burn::tensor::Tensor;
 use kernels::{DropoutKeys, Mask};
-use spec::CdtSpec;
+use spec::{CdtSpec, Objective};
 
 use crate::ModelError;
 use crate::activations::Activations;
 use crate::architecture::{Architecture, Extents};
-use crate::denoiser::{Denoiser, Given, Network, Torques};
+use crate::denoiser::{Denoiser, Given, Network, Task, Torques};
 use crate::diffusion::{Process, Step};
 use crate::dropout::Dropout;
 use crate::initialization::{InitialWeights, POSITION_STANDARD_DEVIATION};
@@ -18,12 +18,12 @@ use crate::layers::{LayerNorm, Linear};
 use crate::sizes::{
     LARGEST_RATIO, LARGEST_WIDTH, MOST_LAYERS, MOST_SAMPLES, divides, multiple, within,
 };
-use crate::transformer::{DecoderBlock, EncoderBlock};
+use crate::transformer::{DecoderBlock, EncoderBlock, patches};
 use crate::unet::sinusoid;
 use chain::Chain;
 
-/// Of the memory's sources the token of sample t sees those up to t + this: source 0 is the noise level,
-/// source s the torque of sample s - 1.
+/// Of the memory's sources token t sees those up to t + this: source 0 is the noise level, source s the torques
+/// of token s - 1.
 const AHEAD: usize = 1;
 
 impl Architecture for CdtSpec {
@@ -35,30 +35,34 @@ impl Architecture for CdtSpec {
         weights: &mut InitialWeights<'_>,
     ) -> Result<Denoiser<Cdt>, ModelError> {
         let network = Cdt::new(self, extents, weights)?;
-        let process = Process::diffusion(&self.diffusion);
-        Ok(Denoiser { network, process, torques: Torques::Apart, given: Given::Torques })
+        let task = match self.objective {
+            Objective::Denoising => Task::Denoise(Process::diffusion(&self.diffusion)),
+            Objective::Regression => Task::Predict(self.loss),
+        };
+        Ok(Denoiser { network, task, torques: Torques::Apart, given: Given::Torques })
     }
 }
 
 /// Diffusion Transformer with a condition encoder (Chi et al. 2023, *Diffusion Policy*; the
 /// network of its code).
 ///
-/// The encoder sees the noise level and u of the whole trajectory in both directions and has no
-/// norm at its end. The decoder sees the noisy y causally, and of the encoder's output at sample t
+/// A token is `patch` consecutive samples, flattened; 1 in the paper. The encoder sees the noise level and u of the whole trajectory in both directions and has no
+/// norm at its end. The decoder sees the noisy y causally, and of the encoder's output at token t
 /// the noise level and u up to t.
 #[derive(Module, Debug)]
 pub(crate) struct Cdt {
     condition_input: Linear,
-    /// `[1 + sample, d_model]`, the noise level's first.
+    /// `[1 + token, d_model]`, the noise level's first.
     condition_positions: Param<Tensor<2>>,
     encoder_blocks: Vec<EncoderBlock>,
     input: Linear,
-    /// `[sample, d_model]`
+    /// `[token, d_model]`
     positions: Param<Tensor<2>>,
     decoder_blocks: Vec<DecoderBlock>,
     norm: LayerNorm,
     head: Linear,
     d_model: usize,
+    patch: usize,
     dropout: f64,
     embedding_dropout: f64,
 }
@@ -76,33 +80,43 @@ impl Cdt {
         within("mlp_ratio", spec.mlp_ratio, 1, LARGEST_RATIO)?;
         divides("heads", spec.heads, "d_model", spec.d_model)?;
         within("samples", extents.samples(), 1, MOST_SAMPLES)?;
-        let [d_model, heads, samples] =
-            [spec.d_model, spec.heads, extents.samples()].map(|size| size as usize);
+        divides("patch", spec.patch, "context", extents.context)?;
+        divides("patch", spec.patch, "horizon", extents.horizon)?;
+        let [d_model, heads, patch, samples] =
+            [spec.d_model, spec.heads, spec.patch, extents.samples()].map(|size| size as usize);
+        let tokens = samples / patch;
         let hidden = d_model * spec.mlp_ratio as usize;
         Ok(Self {
-            condition_input: Linear::new(extents.joints, d_model, weights),
-            condition_positions: weights
-                .normal([samples + 1, d_model], POSITION_STANDARD_DEVIATION),
+            condition_input: Linear::new(extents.joints * patch, d_model, weights),
+            condition_positions: weights.normal([tokens + 1, d_model], POSITION_STANDARD_DEVIATION),
             encoder_blocks: (0..spec.encoder_layers)
                 .map(|_| EncoderBlock::new(d_model, heads, hidden, weights))
                 .collect(),
-            input: Linear::new(extents.joints, d_model, weights),
-            positions: weights.normal([samples, d_model], POSITION_STANDARD_DEVIATION),
+            input: Linear::new(extents.joints * patch, d_model, weights),
+            positions: weights.normal([tokens, d_model], POSITION_STANDARD_DEVIATION),
             decoder_blocks: (0..spec.decoder_layers)
                 .map(|_| DecoderBlock::new(d_model, heads, hidden, weights))
                 .collect(),
             norm: LayerNorm::new(d_model, weights),
-            head: Linear::new(d_model, extents.joints, weights),
+            head: Linear::new(d_model, extents.joints * patch, weights),
             d_model,
+            patch,
             dropout: spec.dropout,
             embedding_dropout: spec.embedding_dropout,
         })
     }
 
-    /// The input of the encoder, `[batch, 1 + sample, d_model]`.
+    /// The input of the encoder, `[batch, 1 + token, d_model]`.
     fn condition<A: Activations>(&self, levels: &[usize], u: A) -> A {
         let level = sinusoid(levels, self.d_model, &u);
-        level.and(self.condition_input.forward(u), 1)
+        level.and(self.condition_input.forward(patches(u, self.patch)), 1)
+    }
+
+    /// What the last block says of tokens, as samples `[batch, sample, channel]`.
+    fn answer<A: Activations>(&self, x: A) -> A {
+        let answer = self.head.forward(self.norm.forward(x));
+        let [batch, tokens, width] = answer.dims();
+        answer.reshaped([batch, tokens * self.patch, width / self.patch])
     }
 }
 
@@ -119,15 +133,15 @@ impl Network for Cdt {
             dropout.apply_at(self.embedding_dropout, tokens.at_positions(positions))
         };
         let mut memory = embedded(self.condition(levels, u), &self.condition_positions);
-        let mut x = embedded(self.input.forward(noisy), &self.positions);
+        let mut x = embedded(self.input.forward(patches(noisy, self.patch)), &self.positions);
         for block in &self.encoder_blocks {
-            memory = block.forward(memory, &mut dropout);
+            memory = block.forward(memory, Mask::None, &mut dropout);
         }
         let mask = Mask::Causal { ahead: AHEAD };
         for block in &self.decoder_blocks {
             x = block.forward(x, memory.clone(), mask, &mut dropout);
         }
-        self.head.forward(self.norm.forward(x))
+        self.answer(x)
     }
 
     fn chain<'a>(

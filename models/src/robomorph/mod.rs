@@ -7,7 +7,7 @@ use std::rc::Rc;
 use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
 use burn::tensor::Tensor;
 use kernels::Mask;
-use spec::{Head, Output, RoboMorphSpec};
+use spec::{Head, Output, PointLoss, RoboMorphSpec};
 
 use crate::ModelError;
 use crate::activations::{Activations, Tally};
@@ -18,7 +18,7 @@ use crate::layers::{LayerNorm, Linear};
 use crate::loss::Loss;
 use crate::randomness::Noise;
 use crate::sizes::{LARGEST_RATIO, LARGEST_WIDTH, MOST_LAYERS, divides, within};
-use crate::transformer::{DecoderBlock, EncoderBlock};
+use crate::transformer::{DecoderBlock, EncoderBlock, patches};
 
 impl Architecture for RoboMorphSpec {
     type Model = RoboMorph;
@@ -63,6 +63,7 @@ impl Architecture for RoboMorphSpec {
             patch,
             kind: self.head,
             output: self.output,
+            loss: self.loss,
         })
     }
 }
@@ -95,6 +96,9 @@ pub(crate) struct RoboMorph {
     kind: Head,
     #[module(skip)]
     output: Output,
+    /// Of a point head.
+    #[module(skip)]
+    loss: PointLoss,
 }
 
 impl RoboMorph {
@@ -112,7 +116,7 @@ impl RoboMorph {
 
         let mut memory = self.encoder_input.forward(context).at_positions(&self.encoder_positions);
         for block in &self.encoder_blocks {
-            memory = block.forward(memory, &mut Dropout::off());
+            memory = block.forward(memory, Mask::None, &mut Dropout::off());
         }
         let memory = self.encoder_norm.forward(memory);
 
@@ -133,16 +137,17 @@ impl RoboMorph {
 
 impl Model for RoboMorph {
     fn loss(&self, input: ModelInput, target: Tensor<3>, _: &mut Noise) -> Loss {
+        let unit = input.unit_of_horizon();
         let answer = self.forward(input.u, input.y_context);
-        let (errors, predicted) = match self.kind {
-            Head::Point => ((answer.clone() - target).square(), answer),
+        match self.kind {
+            Head::Point => Loss::of_points(self.loss, answer, target, unit),
             Head::Gaussian => {
                 let (mean, _) = gaussian::split(answer.clone());
-                (gaussian::negative_log_likelihood(answer, target), mean)
+                let errors = gaussian::negative_log_likelihood(answer, target);
+                let count = errors.shape().num_elements();
+                Loss { errors, count, predicted: Some(mean) }
             }
-        };
-        let count = errors.shape().num_elements();
-        Loss { errors, count, predicted: Some(predicted) }
+        }
     }
 
     fn answer(&self, input: ModelInput, ask: Ask<'_>) -> Tensor<3> {
@@ -187,10 +192,4 @@ impl Model for RoboMorph {
     fn map<M: ModuleMapper>(self, mapper: &mut M) -> Self {
         Module::map(self, mapper)
     }
-}
-
-/// `[batch, sample, channel]` to `[batch, sample / patch, patch * channel]`.
-fn patches<A: Activations>(series: A, patch: usize) -> A {
-    let [batch, samples, channels] = series.dims();
-    series.reshaped([batch, samples / patch, patch * channels])
 }

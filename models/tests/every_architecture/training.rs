@@ -177,7 +177,7 @@ fn a_validation_is_the_same_in_any_parts() {
 #[test]
 fn a_denoiser_predicts_as_many_trajectories_as_it_is_asked_to() {
     for (name, model) in every_kind() {
-        let in_one_pass = model.sampler().is_none() && !model.is_physical();
+        let in_one_pass = model.sampler().is_none() && model.architecture() != "lagrangian";
         let trainer = trainer(&training_of(model));
         let all = batch(7, 6);
         let part = ValidationPart { batch: all.view(), first: 0, predicted: 2 };

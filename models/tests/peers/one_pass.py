@@ -12,10 +12,9 @@ import sys
 from pathlib import Path
 
 import torch
-import torch.nn.functional as F
 from safetensors.torch import save_file
 from torqued import FORMAT_VERSION, TrainedModel
-from torqued.checkpoint import network_of
+from torqued.checkpoint import network_of, wanted
 from torqued.frame import frames
 
 DATA = Path(__file__).parent.parent / "data"
@@ -75,19 +74,22 @@ def main(folder: Path, model: dict) -> None:
     # From here on in double precision, so that the differences found are torqued's alone.
     network.double()
     u_normal, y_normal = ((u - u_mean) / u_std).double(), ((y - y_mean) / y_std).double()
-    center, scale = frames(config, u, y[:, :CONTEXT], y_mean, y_std)
-    y_seen = ((y - center) / scale).double()
     if is_physical:
         u_normal, y_normal = u.double(), y.double()
-        y_seen = y_normal
+        y_mean, y_std = torch.zeros(7), torch.ones(7)
+    center, scale = frames(config, u, y[:, :CONTEXT], y_mean, y_std)
+    y_seen = ((y - center) / scale).double()
+    known = {
+        "y_context": y_normal[:, :CONTEXT],
+        "seen": y_seen[:, :CONTEXT],
+        "y_horizon": y_seen[:, CONTEXT:],
+        "path": ((center - y_mean) / y_std).double(),
+        "unit": (scale / y_std).double(),
+    }
     optimizer = torch.optim.AdamW(network.parameters(), betas=(0.9, 0.95), eps=1e-3, weight_decay=0.05)
     for step, learning_rate in enumerate(LEARNING_RATES):
         optimizer.zero_grad()
-        past, truth = y_normal[:, :CONTEXT], y_seen[:, CONTEXT:]
-        if hasattr(network, "loss"):
-            loss = network.loss(u_normal, past, truth)
-        else:
-            loss = F.mse_loss(network.answer(u_normal, past), truth)
+        loss = network.loss(u_normal, **wanted(network.loss, known))
         loss.backward()
         expected[f"loss.{step}"] = loss.detach().reshape(1)
         if step == 0:

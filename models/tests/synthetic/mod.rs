@@ -33,6 +33,7 @@ pub fn train_spec() -> TrainSpec {
             mlp_ratio: 2,
             head: Head::Point,
             output: spec::Output::Positions,
+            loss: spec::PointLoss::MeanSquare,
             residual: Residual::None,
         }),
         context: CONTEXT,

@@ -3,9 +3,10 @@ use utoipa::ToSchema;
 
 use super::architecture::ArchitectureSpec;
 use super::diffusion::{DiffusionSpec, SamplerSpec};
+use super::loss::PointLoss;
 use super::residual::Residual;
 use super::sampling::Generation;
-use super::sizes::{check_transformer, four};
+use super::sizes::{check_transformer, four, is_one, one};
 use crate::check::{Check, Report};
 
 /// Transformer that removes noise from y, given u through an encoder (Chi et al. 2023, the
@@ -20,6 +21,9 @@ pub struct CdtSpec {
     pub encoder_layers: u32,
     /// Layers over the noisy y.
     pub decoder_layers: u32,
+    /// Samples per token; divides context and horizon. 1 in the paper.
+    #[serde(default = "one", skip_serializing_if = "is_one")]
+    pub patch: u32,
     /// Hidden width of the feed-forward blocks as a multiple of `d_model`.
     #[serde(default = "four")]
     pub mlp_ratio: u32,
@@ -30,6 +34,11 @@ pub struct CdtSpec {
     /// The same of the tokens that layers begin with. 0.1 in the paper's code, `p_drop_emb`.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub embedding_dropout: f64,
+    #[serde(default, skip_serializing_if = "Objective::is_default")]
+    pub objective: Objective,
+    /// Of a regression.
+    #[serde(default, skip_serializing_if = "PointLoss::is_default")]
+    pub loss: PointLoss,
     #[serde(default)]
     pub diffusion: DiffusionSpec,
     #[serde(default)]
@@ -38,10 +47,29 @@ pub struct CdtSpec {
     pub residual: Residual,
 }
 
+/// What a CDT is trained to do.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Objective {
+    /// To remove noise, as in the paper.
+    #[default]
+    Denoising,
+    /// To predict the horizon in one pass, its places in y being 0; `diffusion` and `sampler` have no effect.
+    Regression,
+}
+
+impl Objective {
+    fn is_default(&self) -> bool {
+        *self == Self::Denoising
+    }
+}
+
 impl Check for CdtSpec {
     fn check(&self, report: &mut Report) {
-        let layers = [self.encoder_layers, self.decoder_layers];
-        check_transformer(report, self.d_model, self.heads, layers, self.mlp_ratio);
+        let layers =
+            [("encoder_layers", self.encoder_layers), ("decoder_layers", self.decoder_layers)];
+        check_transformer(report, self.d_model, self.heads, &layers, self.mlp_ratio);
+        report.within("patch", self.patch, 1..=1000);
         if !self.d_model.is_multiple_of(2) {
             report.violation("d_model", self.d_model, "a multiple of 2, for sine and cosine");
         }
@@ -53,16 +81,26 @@ fn is_zero(share: &f64) -> bool {
 }
 
 impl ArchitectureSpec for CdtSpec {
+    fn patch(&self) -> u32 {
+        self.patch
+    }
+
     fn residual(&self) -> Residual {
         self.residual
     }
 
     fn generation(&self) -> Option<Generation<'_>> {
-        Some(Generation::Diffusion(&self.diffusion))
+        match self.objective {
+            Objective::Denoising => Some(Generation::Diffusion(&self.diffusion)),
+            Objective::Regression => None,
+        }
     }
 
     fn sampler(&self) -> Option<&SamplerSpec> {
-        Some(&self.sampler)
+        match self.objective {
+            Objective::Denoising => Some(&self.sampler),
+            Objective::Regression => None,
+        }
     }
 
     fn report_options(&self, report: &mut Report) {
@@ -71,6 +109,10 @@ impl ArchitectureSpec for CdtSpec {
             if !(0.0..1.0).contains(&share) {
                 report.violation(field, share, "0 to below 1");
             }
+        }
+        if self.loss != PointLoss::MeanSquare && self.objective != Objective::Regression {
+            let allowed = "mean-square, unless objective is regression";
+            report.violation("loss", "root-mean-square", allowed);
         }
     }
 }

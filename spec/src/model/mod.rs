@@ -7,6 +7,8 @@ mod diffuser;
 mod diffusion;
 mod flow;
 mod lagrangian;
+mod loss;
+mod prefix_transformer;
 mod residual;
 mod robomorph;
 mod sampling;
@@ -19,13 +21,15 @@ use crate::SpecError;
 use crate::check::{Check, Report};
 
 pub use cdcnn::{CdcnnSpec, Conditioning};
-pub use cdt::CdtSpec;
+pub use cdt::{CdtSpec, Objective};
 pub use diffuser::{DiffuserSpec, Known};
 pub use diffusion::{
     DiffusionSpec, LossMean, NoiseSchedule, Prediction, SamplerKind, SamplerSpec, Spacing,
 };
 pub use flow::{FLOW_LEVELS, FLOW_STEPS, FlowPrediction, FlowSpec};
 pub use lagrangian::LagrangianSpec;
+pub use loss::PointLoss;
+pub use prefix_transformer::PrefixTransformerSpec;
 pub use residual::{DampedIntegrator, Residual};
 pub use robomorph::{Head, Output, RoboMorphSpec};
 pub use sampling::Generation;
@@ -45,6 +49,7 @@ macro_rules! architectures {
             Cdt(CdtSpec) = "cdt",
             Flow(FlowSpec) = "flow",
             Lagrangian(LagrangianSpec) = "lagrangian",
+            PrefixTransformer(PrefixTransformerSpec) = "prefix-transformer",
         }
     };
 }

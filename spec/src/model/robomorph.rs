@@ -2,6 +2,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::architecture::ArchitectureSpec;
+use super::loss::PointLoss;
 use super::residual::Residual;
 use super::sizes::{check_transformer, four, one};
 use crate::check::{Check, Report};
@@ -25,6 +26,9 @@ pub struct RoboMorphSpec {
     pub head: Head,
     #[serde(default, skip_serializing_if = "Output::is_default")]
     pub output: Output,
+    /// Of a point head.
+    #[serde(default, skip_serializing_if = "PointLoss::is_default")]
+    pub loss: PointLoss,
     #[serde(default, skip_serializing_if = "Residual::is_none")]
     pub residual: Residual,
 }
@@ -67,8 +71,9 @@ impl Head {
 
 impl Check for RoboMorphSpec {
     fn check(&self, report: &mut Report) {
-        let layers = [self.encoder_layers, self.decoder_layers];
-        check_transformer(report, self.d_model, self.heads, layers, self.mlp_ratio);
+        let layers =
+            [("encoder_layers", self.encoder_layers), ("decoder_layers", self.decoder_layers)];
+        check_transformer(report, self.d_model, self.heads, &layers, self.mlp_ratio);
         report.within("patch", self.patch, 1..=1000);
     }
 }
@@ -85,6 +90,9 @@ impl ArchitectureSpec for RoboMorphSpec {
     fn report_options(&self, report: &mut Report) {
         if self.output == Output::Displacements && self.head != Head::Point {
             report.violation("output", "displacements", "positions, with a gaussian head");
+        }
+        if self.loss != PointLoss::MeanSquare && self.head != Head::Point {
+            report.violation("loss", "root-mean-square", "mean-square, with a gaussian head");
         }
     }
 }

@@ -5,18 +5,19 @@ use crate::check::Report;
 /// Channels that group normalization takes together are a width's share of this many.
 pub const GROUPS: u32 = 8;
 
-/// Sizes of a Transformer that are the same in RoboMorph and CDT.
+/// Sizes that all Transformers have; of `layers` each field and its value.
 pub(super) fn check_transformer(
     report: &mut Report,
     d_model: u32,
     heads: u32,
-    layers: [u32; 2],
+    layers: &[(&'static str, u32)],
     ratio: u32,
 ) {
     report.within("d_model", d_model, 8..=4096);
     report.within("heads", heads, 1..=64);
-    report.within("encoder_layers", layers[0], 1..=64);
-    report.within("decoder_layers", layers[1], 1..=64);
+    for &(field, count) in layers {
+        report.within(field, count, 1..=64);
+    }
     report.within("mlp_ratio", ratio, 1..=16);
     if heads > 0 && !d_model.is_multiple_of(heads) {
         report.violation("d_model", d_model, format!("a multiple of heads, which is {heads}"));
@@ -46,6 +47,11 @@ pub(super) fn check_width(report: &mut Report, field: &str, width: u32) {
 
 pub(super) const fn one() -> u32 {
     1
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes what it skips by reference")]
+pub(super) const fn is_one(value: &u32) -> bool {
+    *value == 1
 }
 
 pub(super) const fn four() -> u32 {

@@ -1,0 +1,174 @@
+//! Transformer with one stream of tokens over the whole trajectory.
+//!
+//! A token is `patch` samples and the one before them: torques, velocities, sines and cosines of the angles, how
+//! far the arm is from a path, and whether the sample lies in the horizon, where angles and velocities are the
+//! path's ([`samples`]). Tokens of the context look at each other, tokens of the horizon at the context and at all
+//! up to themselves.
+//!
+//! Torques and velocities are in units of the trajectory's own speed, which is a channel as well: an arm that is
+//! pushed three times as hard moves much like the same arm three times as fast. The head gives each joint's velocity
+//! beside that of the path at each sample, in the same unit. It is let grow from 0 within a tenth of a second and
+//! summed up: whatever the weights are, a prediction goes on from the last measured position with the path's
+//! velocity, and patches meet without a jump.
+//!
+//! The loss is the metric: the root mean square of each joint's error over the horizon, averaged over robots and
+//! joints. A squared error would give a robot that is off by 5° 2500 times the weight of one that is off by 0.1°.
+
+mod samples;
+
+use std::rc::Rc;
+
+use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
+use burn::tensor::{Tensor, TensorData};
+use kernels::Mask;
+use spec::{PrefixTransformerSpec, Residual};
+
+use self::samples::Samples;
+use crate::ModelError;
+use crate::activations::{Activations, Tally};
+use crate::architecture::{Architecture, Ask, Extents, Model, ModelInput};
+use crate::dropout::Dropout;
+use crate::initialization::{InitialWeights, POSITION_STANDARD_DEVIATION};
+use crate::layers::{LayerNorm, Linear};
+use crate::loss::Loss;
+use crate::randomness::Noise;
+use crate::sizes::{LARGEST_RATIO, LARGEST_WIDTH, MOST_LAYERS, divides, within};
+use crate::transformer::EncoderBlock;
+
+/// Time in which velocities are let differ from the path's, s: that of the heaviest joint behind its damper.
+const RISE_S: f64 = 0.1;
+
+/// Smaller errors count less and less, degrees.
+const LEAST_ERROR_DEG: f64 = 0.01;
+
+impl Architecture for PrefixTransformerSpec {
+    type Model = PrefixTransformer;
+
+    fn init(
+        &self,
+        Extents { context, horizon, joints }: Extents,
+        weights: &mut InitialWeights<'_>,
+    ) -> Result<PrefixTransformer, ModelError> {
+        within("d_model", self.d_model, 1, LARGEST_WIDTH)?;
+        within("layers", self.layers, 1, MOST_LAYERS)?;
+        within("mlp_ratio", self.mlp_ratio, 1, LARGEST_RATIO)?;
+        divides("heads", self.heads, "d_model", self.d_model)?;
+        divides("patch", self.patch, "context", context)?;
+        divides("patch", self.patch, "horizon", horizon)?;
+        let [d_model, heads, patch] =
+            [self.d_model, self.heads, self.patch].map(|size| size as usize);
+        let hidden = d_model * self.mlp_ratio as usize;
+        let [context_tokens, horizon_tokens] =
+            [context, horizon].map(|samples| (samples / self.patch) as usize);
+        let damping = match self.residual {
+            Residual::None => 1.0,
+            Residual::Integrator(path) | Residual::LaggedIntegrator(path) => path.damping,
+        };
+        Ok(PrefixTransformer {
+            input: Linear::new(samples::channels(joints) * (patch + 1), d_model, weights),
+            positions: weights
+                .normal([context_tokens + horizon_tokens, d_model], POSITION_STANDARD_DEVIATION),
+            blocks: (0..self.layers)
+                .map(|_| EncoderBlock::new(d_model, heads, hidden, weights))
+                .collect(),
+            norm: LayerNorm::new(d_model, weights),
+            head: Linear::new(d_model, joints * patch, weights),
+            patch,
+            context_tokens,
+            damping,
+        })
+    }
+}
+
+/// Arrays in the shape of the answer that the loss keeps: the errors, their unit and the prediction.
+const KEPT_BY_LOSS: usize = 3;
+
+/// Transformer with one stream of tokens over the whole trajectory.
+#[derive(Module, Debug)]
+pub(crate) struct PrefixTransformer {
+    input: Linear,
+    /// `[token, d_model]`
+    positions: Param<Tensor<2>>,
+    blocks: Vec<EncoderBlock>,
+    norm: LayerNorm,
+    head: Linear,
+    patch: usize,
+    context_tokens: usize,
+    /// Of the path, N·m·s/rad.
+    damping: f64,
+}
+
+impl PrefixTransformer {
+    /// Tokens `[batch, token, (patch + 1) · channel]` to velocities beside the path's in units of the
+    /// trajectory's, `[batch, horizon, joint]`.
+    fn forward<A: Activations>(&self, tokens: A, joints: usize) -> A {
+        let mask = Mask::Prefix { length: self.context_tokens };
+        let mut x = self.input.forward(tokens).at_positions(&self.positions);
+        for block in &self.blocks {
+            x = block.forward(x, mask, &mut Dropout::off());
+        }
+        let [batch, tokens, _] = x.dims();
+        let x = x.part(1, self.context_tokens..tokens);
+        let horizon = (tokens - self.context_tokens) * self.patch;
+        let velocities = self.head.forward(self.norm.forward(x));
+        velocities.reshaped([batch, horizon, joints])
+    }
+
+    /// How far the arm leaves the path, rad, `[batch, horizon, joint]`.
+    fn displacement(&self, input: &ModelInput) -> Tensor<3> {
+        let [_, _, joints] = input.u.dims();
+        let device = input.u.device();
+        let samples = Samples::of(input, self.damping);
+        let velocities = self.forward(samples.tokens(self.patch, &device), joints);
+        let [_, horizon, _] = velocities.dims();
+        let steps = velocities * rise(horizon, input) * samples.speeds(&device);
+        steps.cumsum(1) / input.rate_hz
+    }
+}
+
+impl Model for PrefixTransformer {
+    fn loss(&self, input: ModelInput, target: Tensor<3>, _: &mut Noise) -> Loss {
+        let unit = input.unit_of_horizon();
+        let displacement = self.displacement(&input);
+        let predicted = displacement.clone().detach() / unit.clone();
+        let errors = (displacement - target * unit) * 1_f64.to_degrees();
+        Loss::root_mean_square(errors, LEAST_ERROR_DEG, predicted)
+    }
+
+    fn answer(&self, input: ModelInput, _: Ask<'_>) -> Tensor<3> {
+        self.displacement(&input) / input.unit_of_horizon()
+    }
+
+    fn count(&self, extents: Extents, tally: &Rc<Tally>) {
+        let joints = extents.joints;
+        let tokens = extents.samples() as usize / self.patch;
+        let width = samples::channels(joints) * (self.patch + 1);
+        let [_, horizon, joints] = self.forward(tally.given([1, tokens, width]), joints).dims();
+        tally.given([KEPT_BY_LOSS, horizon, joints]).keep();
+    }
+
+    fn is_generative(&self) -> bool {
+        false
+    }
+
+    fn for_inference(&self) -> Self {
+        self.valid()
+    }
+
+    fn visit<V: ModuleVisitor>(&self, visitor: &mut V) {
+        Module::visit(self, visitor);
+    }
+
+    fn map<M: ModuleMapper>(self, mapper: &mut M) -> Self {
+        Module::map(self, mapper)
+    }
+}
+
+/// The share of a velocity beside the path's that is let through at each sample, `[1, horizon, 1]`.
+#[expect(clippy::cast_possible_truncation, reason = "series are computed in f32")]
+fn rise(horizon: usize, input: &ModelInput) -> Tensor<3> {
+    let samples = RISE_S * input.rate_hz;
+    let share = |sample: usize| (1.0 - (-(sample as f64) / samples).exp()) as f32;
+    let shares: Vec<f32> = (1..=horizon).map(share).collect();
+    Tensor::from_data(TensorData::new(shares, [1, horizon, 1]), &input.u.device())
+}

@@ -1,0 +1,95 @@
+"""The PyTorch twin of `models/src/prefix_transformer`: same names, same numbers, in N·m, rad and s."""
+
+import math
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+from .transformer import EncoderBlock
+
+RISE_S = 0.1
+LEAST_ERROR_DEG = 0.01
+LEAST_SPEED = 1e-3
+DISTANCE_S = 0.5
+"""As in `models/src/prefix_transformer`."""
+
+
+class PrefixTransformer(nn.Module):
+    """One stream of tokens over the whole trajectory: the context in both directions, the horizon causally."""
+
+    is_physical = True
+
+    def __init__(
+        self,
+        *,
+        d_model: int,
+        heads: int,
+        layers: int,
+        patch: int = 5,
+        mlp_ratio: int = 4,
+        residual: dict,
+        context: int,
+        samples: int,
+        rate_hz: float,
+        joints: int = 7,
+    ):
+        super().__init__()
+        [(_, path)] = residual.items()
+        self.patch, self.context, self.rate_hz = patch, context, rate_hz
+        self.damping = path["damping"]
+        tokens = samples // patch
+        self.input = nn.Linear((5 * joints + 2) * (patch + 1), d_model)
+        self.positions = nn.Parameter(0.02 * torch.randn(tokens, d_model))
+        self.blocks = nn.ModuleList(EncoderBlock(d_model, heads, mlp_ratio * d_model) for _ in range(layers))
+        self.norm = nn.LayerNorm(d_model)
+        self.head = nn.Linear(d_model, joints * patch)
+        sees = torch.ones(tokens, tokens, dtype=torch.bool).tril()
+        sees[:, : context // patch] = True
+        self.register_buffer("sees", sees, persistent=False)
+
+    def forward(self, tokens: Tensor) -> Tensor:
+        """Velocities beside the path's [batch, horizon, joint] in units of the trajectory's speed, from tokens
+        [batch, token, (patch + 1) * channel]."""
+        x = self.input(tokens) + self.positions
+        for block in self.blocks:
+            x = block(x, self.sees)
+        velocities = self.head(self.norm(x[:, self.context // self.patch :]))
+        batch, horizon, width = velocities.shape
+        return velocities.reshape(batch, horizon * self.patch, width // self.patch)
+
+    def displacement(self, u: Tensor, y_context: Tensor, path: Tensor) -> Tensor:
+        """How far the arm leaves the path [batch, samples, joint], rad, over the horizon."""
+        tokens, speed = self.tokens(u, y_context, path)
+        horizon = u.shape[1] - self.context
+        passed_s = torch.arange(1, horizon + 1, dtype=torch.float64) / self.rate_hz
+        rise = (1 - torch.exp(-passed_s / RISE_S)).to(tokens.dtype)[:, None]
+        return (self(tokens) * rise * speed).cumsum(1) / self.rate_hz
+
+    def answer(self, u: Tensor, y_context: Tensor, path: Tensor, unit: Tensor) -> Tensor:
+        """The displacement in its unit [batch, samples, joint]."""
+        return self.displacement(u, y_context, path) / unit[:, self.context :]
+
+    def loss(self, u: Tensor, y_context: Tensor, y_horizon: Tensor, path: Tensor, unit: Tensor) -> Tensor:
+        """The mean over trajectories and joints of the root mean square error over the horizon, degrees."""
+        errors = self.displacement(u, y_context, path) - y_horizon * unit[:, self.context :]
+        errors = errors * math.degrees(1.0)
+        return (errors.square().mean(1) + LEAST_ERROR_DEG**2).sqrt().mean()
+
+    def tokens(self, u: Tensor, y_context: Tensor, path: Tensor) -> tuple[Tensor, Tensor]:
+        """Tokens [batch, token, (patch + 1) * channel], and the speed of each trajectory, [batch, 1, 1], rad/s."""
+        angles = torch.cat([y_context, path[:, self.context :]], 1)
+        driven = u / self.damping
+        velocities = angles.diff(dim=1) * self.rate_hz
+        velocities = torch.cat([velocities[:, :1], velocities], 1)
+        distances = F.pad(y_context - path[:, : self.context], (0, 0, 0, u.shape[1] - self.context))
+        squares = driven.square().mean((1, 2)) + velocities[:, : self.context].square().mean((1, 2))
+        speed = squares.sqrt()[:, None, None] + LEAST_SPEED
+        is_future = (torch.arange(u.shape[1]) >= self.context).to(u.dtype)[None, :, None]
+        channels = [driven / speed, velocities / speed, distances / (DISTANCE_S * speed), angles.sin(), angles.cos()]
+        channels += [is_future.expand(len(u), -1, -1), speed.log().expand(-1, u.shape[1], -1)]
+        samples = F.pad(torch.cat(channels, -1), (0, 0, 1, 0))
+        return samples.unfold(1, self.patch + 1, self.patch).mT.flatten(2), speed
+
+
+TWINS = {"prefix-transformer": PrefixTransformer}

@@ -1,0 +1,64 @@
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::architecture::ArchitectureSpec;
+use super::residual::{DampedIntegrator, Residual};
+use super::sizes::{check_transformer, four};
+use crate::check::{Check, Report};
+
+/// Transformer with one stream of tokens over the whole trajectory, those of the context seen from both sides
+/// and those of the horizon causally (a prefix language model, Raffel et al. 2020). It predicts in one pass how
+/// far the arm leaves a path that goes on from the context, and computes in N·m, rad and s.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PrefixTransformerSpec {
+    /// Width of every token; a multiple of `heads`.
+    pub d_model: u32,
+    pub heads: u32,
+    pub layers: u32,
+    /// Samples per token; divides context and horizon.
+    #[serde(default = "five")]
+    pub patch: u32,
+    /// Hidden width of the feed-forward blocks as a multiple of `d_model`.
+    #[serde(default = "four")]
+    pub mlp_ratio: u32,
+    /// The path; not `none`.
+    #[serde(default = "lagged_integrator")]
+    pub residual: Residual,
+}
+
+const fn five() -> u32 {
+    5
+}
+
+fn lagged_integrator() -> Residual {
+    Residual::LaggedIntegrator(DampedIntegrator::default())
+}
+
+impl Check for PrefixTransformerSpec {
+    fn check(&self, report: &mut Report) {
+        let layers = [("layers", self.layers)];
+        check_transformer(report, self.d_model, self.heads, &layers, self.mlp_ratio);
+        report.within("patch", self.patch, 1..=1000);
+    }
+}
+
+impl ArchitectureSpec for PrefixTransformerSpec {
+    fn patch(&self) -> u32 {
+        self.patch
+    }
+
+    fn residual(&self) -> Residual {
+        self.residual
+    }
+
+    fn is_physical(&self) -> bool {
+        true
+    }
+
+    fn report_options(&self, report: &mut Report) {
+        if self.residual.is_none() {
+            report.violation("residual", "none", "integrator or lagged-integrator");
+        }
+    }
+}
