@@ -20,6 +20,8 @@ pub(crate) enum Purpose {
     TorqueNoise = 9,
     /// Noise that is added to positions after they were recorded.
     AddedPositionNoise = 10,
+    /// Levels of torques that jump, and how long they are held.
+    Steps = 11,
 }
 
 /// A sequence of random numbers keyed by (seed, trajectory, purpose, draw).

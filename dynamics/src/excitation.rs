@@ -3,7 +3,7 @@
 use std::f64::consts::TAU;
 
 use simd::{Lanes, MAX_LANES};
-use spec::Family;
+use spec::{Family, STEP_LEVELS};
 
 use crate::Joints;
 use crate::draws::Draws;
@@ -14,6 +14,8 @@ use crate::draws::Draws;
 pub enum Torques {
     Chirp(Joints<Chirp>),
     Multisine(Joints<Multisine>),
+    /// Boxed, since most trajectories have none and would be twice as large.
+    Steps(Box<Joints<Steps>>),
 }
 
 /// u(t) = offset + amplitude · cos(2π f1 (1 + depth · cos(2π f2 t)) t + phase).
@@ -34,11 +36,19 @@ pub struct Multisine {
     pub frequency_hz: [f64; 4],
 }
 
+/// u(t) is held at each level in turn, from t = 0 on, and then again from the first.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Steps {
+    pub level_nm: [f64; STEP_LEVELS],
+    pub hold_s: [f64; STEP_LEVELS],
+}
+
 impl Torques {
     pub fn family(&self) -> Family {
         match self {
             Self::Chirp(_) => Family::Chirp,
             Self::Multisine(_) => Family::Multisine,
+            Self::Steps(_) => Family::Steps,
         }
     }
 
@@ -46,6 +56,7 @@ impl Torques {
         match self {
             Self::Chirp(joints) => joints.len(),
             Self::Multisine(joints) => joints.len(),
+            Self::Steps(joints) => joints.len(),
         }
     }
 
@@ -54,6 +65,7 @@ impl Torques {
         match self {
             Self::Chirp(joints) => joints.map(|joint| joint.at(t)),
             Self::Multisine(joints) => joints.map(|joint| joint.at(t)),
+            Self::Steps(joints) => joints.map(|joint| joint.at(t)),
         }
     }
 
@@ -67,6 +79,7 @@ impl Torques {
         match self {
             Self::Chirp(joints) => sample_chirps::<D>(joints, count, rate_hz, u),
             Self::Multisine(joints) => sample_multisines::<D>(joints, count, rate_hz, u),
+            Self::Steps(joints) => sample_steps(joints, count, rate_hz, u),
         }
     }
 }
@@ -84,6 +97,20 @@ impl Multisine {
         let [a, b, c, d] = self.amplitude_nm;
         let [fa, fb, fc, fd] = self.frequency_hz.map(|frequency| TAU * frequency * t);
         a * fa.sin() + b * fb.cos() + c * fc.sin() + d * fd.cos()
+    }
+}
+
+impl Steps {
+    fn at(&self, t: f64) -> f64 {
+        let mut left = t % self.hold_s.iter().sum::<f64>();
+        for (level, hold) in self.level_nm.iter().zip(self.hold_s) {
+            if left < hold {
+                return *level;
+            }
+            left -= hold;
+        }
+        // Rounding may leave the end of the last level.
+        self.level_nm[STEP_LEVELS - 1]
     }
 }
 
@@ -126,6 +153,22 @@ pub(crate) fn draw_multisines(
         joint.amplitude_nm[3] *= last_sign;
     }
     Torques::Multisine(joints)
+}
+
+pub(crate) fn draw_steps(
+    spec: &spec::Steps,
+    joints: usize,
+    frequency_hz: f64,
+    draws: &mut Draws,
+) -> Torques {
+    let mut joints = Joints::splat(joints, Steps::default());
+    for joint in joints.iter_mut() {
+        for (level, hold) in joint.level_nm.iter_mut().zip(&mut joint.hold_s) {
+            *level = draws.uniform(spec.level_nm);
+            *hold = draws.uniform(spec.hold_periods) / frequency_hz;
+        }
+    }
+    Torques::Steps(Box::new(joints))
 }
 
 fn random_sign(random: bool, draws: &mut Draws) -> f64 {
@@ -210,6 +253,17 @@ fn sample_multisines<D: Lanes>(
     }
 }
 
+fn sample_steps(joints: &Joints<Steps>, count: usize, rate_hz: f64, u: &mut [f32]) {
+    for (k, sample) in u.chunks_exact_mut(count).enumerate() {
+        let t = k as f64 / rate_hz;
+        for (torque, joint) in sample.iter_mut().zip(joints.iter()) {
+            #[expect(clippy::cast_possible_truncation, reason = "torques are recorded in f32")]
+            let held = joint.at(t) as f32;
+            *torque = held;
+        }
+    }
+}
+
 /// Joints `first`, `first + 1`, .. in the lanes; lanes beyond the last joint are 0.
 #[inline(always)]
 fn gather<D: Lanes>(values: &Joints<f64>, first: usize) -> D {
@@ -251,6 +305,16 @@ mod tests {
     }
 
     #[test]
+    fn steps_hold_each_level_and_begin_again() {
+        let steps = Steps {
+            level_nm: [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0],
+            hold_s: [0.5, 0.25, 1.0, 0.25, 0.5, 0.5, 0.5, 0.5],
+        };
+        let found = [0.0, 0.49, 0.5, 0.74, 0.75, 3.99, 4.0, 4.6].map(|t| steps.at(t));
+        assert_eq!(found, [1.0, 1.0, 2.0, 2.0, 3.0, 8.0, 1.0, 2.0]);
+    }
+
+    #[test]
     fn sampled_torques_are_the_law_rounded_to_f32() {
         let chirps = Torques::Chirp(Joints::from_fn(7, |joint| Chirp {
             offset_nm: 0.1 * joint as f64,
@@ -264,7 +328,11 @@ mod tests {
             amplitude_nm: [1.0, -2.0, 3.0, 0.5 * joint as f64],
             frequency_hz: [0.1, 0.15, 0.2, 0.3].map(|frequency| frequency * (1.0 + joint as f64)),
         }));
-        for torques in [chirps, multisines] {
+        let steps = Torques::Steps(Box::new(Joints::from_fn(7, |joint| Steps {
+            level_nm: [1.0, -2.0, 3.0, 0.5, 0.0, -1.5, 2.5, 0.1 * joint as f64],
+            hold_s: [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8].map(|hold| hold + 0.01 * joint as f64),
+        })));
+        for torques in [chirps, multisines, steps] {
             for samples in [400, 20_000] {
                 assert!(sampling_error::<F64Array<1>>(&torques, samples) < 6e-8);
                 assert!(sampling_error::<F64Array<4>>(&torques, samples) < 6e-8);

@@ -49,7 +49,7 @@ mod structure;
 
 pub use angle::Angle;
 pub use error::DynamicsError;
-pub use excitation::{Chirp, Multisine, Torques};
+pub use excitation::{Chirp, Multisine, Steps, Torques};
 pub use friction::Friction;
 pub use inertia::RigidBody;
 pub use joints::Joints;

@@ -170,6 +170,7 @@ impl Trajectory {
                     })
                     .collect(),
             ),
+            Family::Steps => unreachable!("the peer has no steps"),
         };
         let robot = Robot {
             links: self.links.map(body).into(),

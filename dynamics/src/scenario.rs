@@ -1,7 +1,7 @@
 use spec::{Cell, Family, Frequency, SimulateSpec};
 
 use crate::draws::{Draws, Purpose};
-use crate::excitation::{Torques, draw_chirps, draw_multisines};
+use crate::excitation::{Torques, draw_chirps, draw_multisines, draw_steps};
 use crate::initial_state::draw_initial_state;
 use crate::nominal::Nominal;
 use crate::randomization::draw_robot;
@@ -71,10 +71,18 @@ impl<'a> Scenarios<'a> {
             joint1,
             &mut draws(Purpose::InitialState, draw),
         );
-        let mut draws = draws(Purpose::Excitation, draw);
+        let joints = self.spec.joints();
+        let draws = |purpose| draws(purpose, draw);
         let torques = match excitation {
-            Law::Chirp(chirp) => draw_chirps(chirp, self.spec.joints(), frequency_hz, &mut draws),
-            Law::Multisine(multisine) => draw_multisines(multisine, frequency_hz, &mut draws),
+            Law::Chirp(chirp) => {
+                draw_chirps(chirp, joints, frequency_hz, &mut draws(Purpose::Excitation))
+            }
+            Law::Multisine(multisine) => {
+                draw_multisines(multisine, frequency_hz, &mut draws(Purpose::Excitation))
+            }
+            Law::Steps(steps) => {
+                draw_steps(steps, joints, frequency_hz, &mut draws(Purpose::Steps))
+            }
         };
         let family = torques.family();
         Scenario { index, draws: draw, robot, family, frequency_hz, q0, qd0, torques }
@@ -85,12 +93,19 @@ impl<'a> Scenarios<'a> {
         let excitation = &self.spec.excitation;
         let drawn = draws.unit() < excitation.chirp_fraction;
         let cell = self.cells.iter().rfind(|cell| cell.first <= index);
-        let prefers_chirp = cell.map_or(drawn, |cell| cell.family == Family::Chirp);
-        let (law, frequency) = match (&excitation.chirp, &excitation.multisine) {
-            (Some(chirp), None) => (Law::Chirp(chirp), &chirp.frequency_hz),
-            (Some(chirp), Some(_)) if prefers_chirp => (Law::Chirp(chirp), &chirp.frequency_hz),
-            (_, Some(multisine)) => (Law::Multisine(multisine), &multisine.frequency_hz),
-            (None, None) => unreachable!("a checked spec has at least one excitation family"),
+        let chirp = excitation.chirp.as_ref().map(|it| (Law::Chirp(it), &it.frequency_hz));
+        let multisine =
+            || excitation.multisine.as_ref().map(|it| (Law::Multisine(it), &it.frequency_hz));
+        let steps = || excitation.steps.as_ref().map(|it| (Law::Steps(it), &it.frequency_hz));
+        let law = match cell.map(|cell| cell.family) {
+            Some(Family::Chirp) => chirp,
+            Some(Family::Multisine) => multisine(),
+            Some(Family::Steps) => steps(),
+            None if drawn => chirp.or_else(multisine).or_else(steps),
+            None => multisine().or(chirp).or_else(steps),
+        };
+        let Some((law, frequency)) = law else {
+            unreachable!("a checked spec has at least one excitation family")
         };
         let frequency_hz = match frequency {
             Frequency::Fixed(frequency_hz) => *frequency_hz,
@@ -104,4 +119,5 @@ impl<'a> Scenarios<'a> {
 enum Law<'a> {
     Chirp(&'a spec::Chirp),
     Multisine(&'a spec::Multisine),
+    Steps(&'a spec::Steps),
 }

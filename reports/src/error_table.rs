@@ -38,8 +38,7 @@ pub fn by_frequency(report: &Report) -> String {
             levels.push(cell.position_noise_rad);
         }
     }
-    let families = [Family::Chirp, Family::Multisine];
-    let tables = families.into_iter().flat_map(|family| {
+    let tables = Family::ALL.into_iter().flat_map(|family| {
         levels.iter().filter_map(move |&level| family_by_frequency(report, family, level))
     });
     tables.collect::<Vec<_>>().join("\n")

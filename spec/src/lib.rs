@@ -59,7 +59,7 @@ pub use robot::{
 pub use simulate::{
     Cell, Chirp, ChirpBand, Column, ColumnType, Doubt, Excitation, Family, Frequency, Friction,
     Gravity, Integrator, MAX_POSITION_NOISE_RAD, MAX_TRAJECTORIES, Multisine, Observations,
-    Payload, Precision, Rejection, RobotSpec, SimulateSpec,
+    Payload, Precision, Rejection, RobotSpec, STEP_LEVELS, SimulateSpec, Steps,
 };
 pub use train::{
     EarlyStopSpec, EmaSpec, Normalization, OptimizerSpec, TrainSpec, Training, ValidationMetric,

@@ -389,12 +389,18 @@ fn an_evaluation_out_of_range_is_refused() {
 }
 
 #[test]
-fn of_two_families_both_have_a_grid_or_none() {
+fn of_several_families_all_have_a_grid_or_none() {
     let excitation = json!({
         "chirp": {"frequency_hz": {"grid": [0.1, 0.2]}},
         "multisine": {"frequency_hz": {"fixed": 0.15}},
     });
-    check_refused(simulate(), "/excitation", excitation, &["excitation.chirp", "both have one"]);
+    check_refused(simulate(), "/excitation", excitation, &["excitation.chirp", "all have one"]);
+    let excitation = json!({
+        "chirp": {"frequency_hz": {"fixed": 0.1}}, "steps": {"frequency_hz": {"fixed": 0.1}},
+    });
+    check_refused(simulate(), "/excitation", excitation, &["excitation.steps", "no other family"]);
+    let brief = json!({"steps": {"frequency_hz": {"fixed": 20}}});
+    check_refused(simulate(), "/excitation", brief, &["excitation.steps.hold_periods", "0.0125 s"]);
 }
 
 fn control() -> Value {

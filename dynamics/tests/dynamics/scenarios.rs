@@ -1,7 +1,7 @@
 use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use dynamics::{DynamicsError, simulate};
+use dynamics::{DynamicsError, Robot, Trajectories, simulate};
 use serde_json::json;
 use spec::{Family, Integrator, Range, SimulateSpec};
 
@@ -115,6 +115,49 @@ fn two_grids_come_one_after_the_other() {
     let expected =
         [(Family::Chirp, 0.2), (Family::Chirp, 0.5), (Family::Multisine, 0.1)].map(|it| [it; 3]);
     assert_eq!(found, expected.concat());
+}
+
+#[test]
+fn steps_stay_within_their_levels_and_are_held() {
+    let excitation = json!({"steps": {"frequency_hz": {"fixed": 0.5}, "level_nm": [-2, 1]}});
+    let trajectories = run(&spec(&excitation, &json!({})), 0..50);
+    let series = &trajectories.series;
+    let joints = series.joints();
+    let mut jumps = 0;
+    for torques in series.u().chunks_exact(series.samples() * joints) {
+        assert!(torques.iter().all(|torque| (-2.0..=1.0).contains(torque)));
+        let steps = torques.chunks(joints).zip(torques.chunks(joints).skip(1));
+        jumps += steps.map(|(a, b)| a.iter().zip(b).filter(|(a, b)| a != b).count()).sum::<usize>();
+    }
+    // Levels are held for 1 s in the mean, from the first sample on.
+    let seconds = series.samples() as f64 / 60.0;
+    let of_each = jumps as f64 / (50 * joints) as f64;
+    assert!((of_each - (seconds - 0.5)).abs() < 0.5, "{of_each} in {seconds} s");
+}
+
+#[test]
+fn a_family_more_changes_nothing_of_the_others() {
+    let grids = json!({
+        "chirp": {"frequency_hz": {"grid": [0.2, 0.5]}},
+        "multisine": {"frequency_hz": {"grid": [0.1]}},
+    });
+    let mut more = grids.clone();
+    more["steps"] = json!({"frequency_hz": {"grid": [0.3]}});
+    let few = run(&spec(&grids, &json!({"trajectories": 9, "samples": 20})), 0..9);
+    let many = run(&spec(&more, &json!({"trajectories": 12, "samples": 20})), 0..12);
+    assert_eq!(many.scenarios[..9], few.scenarios[..]);
+    assert_eq!(many.series.u()[..few.series.u().len()], *few.series.u());
+    // The family decides over torques alone.
+    let robots = |trajectories: &Trajectories| -> Vec<Robot> {
+        trajectories.scenarios.iter().map(|it| it.robot.clone()).collect()
+    };
+    let steps = json!({"steps": {"frequency_hz": {"fixed": 0.3}}});
+    let chirps = json!({"chirp": {"frequency_hz": {"fixed": 0.3}}});
+    let loose = json!({"samples": 20, "rejection": {"position_margin_rad": null}});
+    assert_eq!(
+        robots(&run(&spec(&steps, &loose), 0..5)),
+        robots(&run(&spec(&chirps, &loose), 0..5))
+    );
 }
 
 #[test]

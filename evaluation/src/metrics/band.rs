@@ -6,7 +6,7 @@ use spec::{Excitation, Family};
 use crate::metrics::jitter::Spectrum;
 
 /// The highest frequency in torques of `family` with master frequency `frequency_hz` during
-/// `duration_s`, whatever is drawn. `None` when the excitation has no such family.
+/// `duration_s`, whatever is drawn. `None` when the excitation has no such family, and of steps.
 ///
 /// A chirp's is its highest instantaneous frequency, which grows with time because its phase is
 /// multiplied by it: d/dt f1 (1 + d cos 2π f2 t) t ≤ f1 (1 + d √(1 + (2π f2 t)²)).
@@ -29,6 +29,8 @@ pub fn highest_component_hz(
             let deviation = law.modulation_depth * 1.0_f64.hypot(turned);
             Some(frequency_hz * band.f1.max * (1.0 + deviation))
         }
+        // Jumps have components of all frequencies.
+        Family::Steps => None,
     }
 }
 

@@ -33,7 +33,7 @@ pub struct Setting {
 
 /// The frequencies that a training on `excitation` has seen.
 pub fn trained_on(excitation: &Excitation) -> impl Iterator<Item = TrainedOn> {
-    [Family::Chirp, Family::Multisine].into_iter().filter_map(|family| {
+    Family::ALL.into_iter().filter_map(|family| {
         excitation.support(family).map(|frequency_hz| TrainedOn { family, frequency_hz })
     })
 }

@@ -1,6 +1,6 @@
 //! What values a simulation may have.
 
-use super::excitation::{Chirp, Excitation, Frequency, Multisine};
+use super::excitation::{Chirp, Excitation, Family, Frequency, Multisine, Steps};
 use super::integrator::Integrator;
 use super::robot_spec::{Friction, Payload, RobotSpec};
 use super::spec::{MAX_TRAJECTORIES, Rejection, SimulateSpec};
@@ -64,32 +64,52 @@ impl SimulateSpec {
         if let Some(multisine) = &self.excitation.multisine {
             check("excitation.multisine.frequency_hz", multisine.highest_frequency_hz());
         }
+        if let Some(steps) = &self.excitation.steps {
+            let shortest = steps.hold_periods.min / steps.frequency_hz.support().max;
+            if shortest * self.rate_hz < 1.0 {
+                report.violation(
+                    "excitation.steps.hold_periods",
+                    format!("down to {shortest} s"),
+                    format!("at least {} s, the time between two samples", 1.0 / self.rate_hz),
+                );
+            }
+        }
     }
 }
 
 impl Check for Excitation {
     fn check(&self, report: &mut Report) {
         report.within("chirp_fraction", self.chirp_fraction, 0.0..=1.0);
-        if self.chirp.is_none() && self.multisine.is_none() {
-            report.violation("chirp", "missing", "chirp, multisine or both");
+        let families: Vec<(Family, &Frequency)> = Family::ALL
+            .into_iter()
+            .filter_map(|family| Some((family, self.frequency_hz(family)?)))
+            .collect();
+        if families.is_empty() {
+            report.violation("chirp", "missing", "chirp, multisine, both, or steps");
+        }
+        for (family, frequency) in &families {
+            check_frequency(frequency, &family.to_string(), report);
         }
         if let Some(chirp) = &self.chirp {
             report.part("chirp", chirp);
-            check_frequency(&chirp.frequency_hz, "chirp", report);
         }
         if let Some(multisine) = &self.multisine {
             report.part("multisine", multisine);
-            check_frequency(&multisine.frequency_hz, "multisine", report);
         }
-        if let (Some(chirp), Some(multisine)) = (&self.chirp, &self.multisine) {
-            let is_grid = |frequency: &Frequency| matches!(frequency, Frequency::Grid(_));
-            let (chirp, multisine) =
-                (is_grid(&chirp.frequency_hz), is_grid(&multisine.frequency_hz));
-            if chirp != multisine {
-                let field = if chirp { "chirp" } else { "multisine" };
-                let field = format!("{field}.frequency_hz.grid");
-                let allowed = "a grid only when there is one family, or both have one";
+        if let Some(steps) = &self.steps {
+            report.part("steps", steps);
+        }
+        let is_grid = |frequency: &Frequency| matches!(frequency, Frequency::Grid(_));
+        let grids = families.iter().filter(|(_, frequency)| is_grid(frequency));
+        if grids.clone().count() < families.len() {
+            for (family, _) in grids {
+                let field = format!("{family}.frequency_hz.grid");
+                let allowed = "a grid only when there is one family, or all have one";
                 report.violation(&field, "a grid", allowed);
+            }
+            if self.steps.is_some() && families.len() > 1 {
+                let allowed = "no other family, or a grid for each";
+                report.violation("steps", "beside another family", allowed);
             }
         }
     }
@@ -151,6 +171,13 @@ impl Multisine {
     fn highest_frequency_hz(&self) -> f64 {
         let multiple = self.multiples.iter().copied().fold(0.0, f64::max);
         self.frequency_hz.support().max * self.base.max * multiple
+    }
+}
+
+impl Check for Steps {
+    fn check(&self, report: &mut Report) {
+        report.interval("level_nm", self.level_nm, &TORQUE_NM);
+        report.interval("hold_periods", self.hold_periods, &FACTOR);
     }
 }
 

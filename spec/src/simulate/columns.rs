@@ -6,6 +6,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use super::excitation::{Excitation, STEP_LEVELS};
 use super::spec::SimulateSpec;
 use crate::RobotDescription;
 
@@ -147,7 +148,7 @@ impl SimulateSpec {
     pub fn robot_columns(&self) -> Vec<Column> {
         let robot = self.robot.description();
         let joints = robot.joints.len();
-        let mut columns = design();
+        let mut columns = design(&self.excitation);
         columns.extend(initial_state(joints));
         columns.extend(kinematics(robot));
         (1..=joints).for_each(|link| columns.extend(body(robot, link)));
@@ -155,6 +156,10 @@ impl SimulateSpec {
         columns.extend(payload(robot));
         columns.extend(chirps(joints));
         columns.extend(multisines(joints));
+        // Only where there are any: tables without keep their columns.
+        if self.excitation.steps.is_some() {
+            columns.extend(steps(joints));
+        }
         columns
     }
 }
@@ -177,12 +182,17 @@ fn number(name: impl Into<String>, unit: &str, about: impl Into<String>) -> Colu
 }
 
 /// What was asked for, the same for many trajectories.
-fn design() -> Vec<Column> {
+fn design(excitation: &Excitation) -> Vec<Column> {
+    // Files hold these words: those of the others stay as they were.
+    let family = match excitation.steps {
+        None => "of the excitation: chirp or multisine",
+        Some(_) => "of the excitation: chirp, multisine or steps",
+    };
     vec![
         Column::trajectory(),
         Column::new("draws", ColumnType::Int32, "draws until one stayed clear of the limits"),
         Column::new("seed", ColumnType::Int64, "of the dataset; with the index, key of all draws"),
-        Column::new("family", ColumnType::Text, "of the excitation: chirp or multisine"),
+        Column::new("family", ColumnType::Text, family),
         number("frequency_hz", "Hz", "master frequency of the excitation"),
         number("rate_hz", "Hz", "rate of the samples; torques are held in between"),
         number("gravity_m_s2", "m/s²", "acceleration along -z of the base; 0 when off"),
@@ -318,6 +328,21 @@ fn multisines(joints: usize) -> impl Iterator<Item = Column> {
     })
 }
 
+fn steps(joints: usize) -> impl Iterator<Item = Column> {
+    (0..STEP_LEVELS).flat_map(move |part| {
+        (1..=joints).flat_map(move |joint| {
+            let about = format!(
+                "of joint {joint}: level {part} is held so long; after the last it begins again; null unless \
+                 steps"
+            );
+            [("level", "nm", "N·m"), ("hold", "s", "s")].map(|(what, suffix, unit)| {
+                let name = format!("steps_{what}{part}_{suffix}_{joint}");
+                number(name, unit, about.clone()).nullable()
+            })
+        })
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use std::collections::HashSet;
@@ -355,7 +380,12 @@ mod tests {
     #[test]
     fn no_column_comes_twice_and_every_number_has_a_unit() {
         let spec = spec(&json!({"observations": {"end_effector_pose": true}}));
-        for columns in [spec.trajectory_columns(), spec.robot_columns()] {
+        let mut jumping = spec.clone();
+        jumping.excitation.steps =
+            serde_json::from_value(json!({"frequency_hz": {"fixed": 1}})).unwrap();
+        let tables = [spec.trajectory_columns(), spec.robot_columns(), jumping.robot_columns()];
+        assert_eq!(tables[2].len() - tables[1].len(), 2 * STEP_LEVELS * 7);
+        for columns in tables {
             let different: HashSet<_> = names(&columns).into_iter().collect();
             assert_eq!(different.len(), columns.len());
             for column in columns {

@@ -8,8 +8,9 @@ use crate::Range;
 
 /// Joint torques that excite the arm, drawn independently per joint.
 ///
-/// With both families present, each trajectory draws its own: `chirp` with probability
-/// `chirp_fraction`, else `multisine`, unless their frequencies are grids.
+/// With chirps and multisines present, each trajectory draws its own: `chirp` with probability
+/// `chirp_fraction`, else `multisine`, unless their frequencies are grids. Steps stand alone, or beside
+/// others where all have a grid.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Excitation {
@@ -17,6 +18,8 @@ pub struct Excitation {
     pub chirp: Option<Chirp>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub multisine: Option<Multisine>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub steps: Option<Steps>,
     #[serde(default = "half")]
     pub chirp_fraction: f64,
 }
@@ -33,6 +36,12 @@ const fn half() -> f64 {
 pub enum Family {
     Chirp,
     Multisine,
+    Steps,
+}
+
+impl Family {
+    /// In the order of grids, tables and figures.
+    pub const ALL: [Self; 3] = [Self::Chirp, Self::Multisine, Self::Steps];
 }
 
 impl fmt::Display for Family {
@@ -40,6 +49,7 @@ impl fmt::Display for Family {
         f.write_str(match self {
             Self::Chirp => "chirp",
             Self::Multisine => "multisine",
+            Self::Steps => "steps",
         })
     }
 }
@@ -52,8 +62,8 @@ pub enum Frequency {
     Fixed(f64),
     /// Drawn uniformly for each trajectory.
     Uniform(Range),
-    /// Equal contiguous blocks of trajectories, one per frequency. Of two families both have a grid
-    /// or none, and those of chirps come first.
+    /// Equal contiguous blocks of trajectories, one per frequency. Of several families all have a grid
+    /// or none; those of chirps come first, those of steps last.
     Grid(Vec<f64>),
 }
 
@@ -136,16 +146,29 @@ pub struct Multisine {
     pub torque_divisor: Vec<f64>,
 }
 
+/// A torque that jumps: of each joint it is held at one of eight levels after the other, then again from
+/// the first on. Every level and how long it is held is drawn on its own.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Steps {
+    pub frequency_hz: Frequency,
+    /// Interval of every level, in N·m.
+    #[serde(default = "steps::level_nm")]
+    pub level_nm: Range,
+    /// Interval of how long a level is held, in periods of the master frequency.
+    #[serde(default = "steps::hold_periods")]
+    pub hold_periods: Range,
+}
+
+/// Levels that [`Steps`] have before they begin again.
+pub const STEP_LEVELS: usize = 8;
+
 impl Excitation {
-    /// Families and frequencies of the grid, in the order of their blocks, chirps first; empty
-    /// without one.
+    /// Families and frequencies of the grid, in the order of their blocks; empty without one.
     pub fn grid(&self) -> Vec<(Family, f64)> {
-        let chirp = self.chirp.as_ref().map(|chirp| (Family::Chirp, &chirp.frequency_hz));
-        let multisine =
-            self.multisine.as_ref().map(|multisine| (Family::Multisine, &multisine.frequency_hz));
-        chirp
+        Family::ALL
             .into_iter()
-            .chain(multisine)
+            .filter_map(|family| Some((family, self.frequency_hz(family)?)))
             .flat_map(|(family, frequency)| match frequency {
                 Frequency::Grid(grid) => grid.iter().map(|&f| (family, f)).collect(),
                 Frequency::Fixed(_) | Frequency::Uniform(_) => Vec::new(),
@@ -153,14 +176,35 @@ impl Excitation {
             .collect()
     }
 
+    /// The master frequencies of `family`; `None` when it does not occur.
+    pub fn frequency_hz(&self, family: Family) -> Option<&Frequency> {
+        match family {
+            Family::Chirp => self.chirp.as_ref().map(|chirp| &chirp.frequency_hz),
+            Family::Multisine => self.multisine.as_ref().map(|multisine| &multisine.frequency_hz),
+            Family::Steps => self.steps.as_ref().map(|steps| &steps.frequency_hz),
+        }
+    }
+
+    /// The interval of amplitudes of `family`, N·m, of multisines N·m per Hz: of the joint whose torques are divided
+    /// the least. `None` when it does not occur.
+    pub fn amplitude(&self, family: Family) -> Option<Range> {
+        let over =
+            |range: Range, divisor: f64| Range::new(range.min / divisor, range.max / divisor);
+        match family {
+            Family::Chirp => {
+                self.chirp.as_ref().map(|chirp| over(chirp.amplitude_nm, chirp.torque_divisor))
+            }
+            Family::Multisine => self.multisine.as_ref().map(|multisine| {
+                let least = multisine.torque_divisor.iter().copied().fold(f64::INFINITY, f64::min);
+                over(multisine.amplitude_nm_per_hz, least)
+            }),
+            Family::Steps => self.steps.as_ref().map(|steps| steps.level_nm),
+        }
+    }
+
     /// The master frequencies that `family` can have here; `None` when it does not occur.
     pub fn support(&self, family: Family) -> Option<Range> {
-        match family {
-            Family::Chirp => self.chirp.as_ref().map(|chirp| chirp.frequency_hz.support()),
-            Family::Multisine => {
-                self.multisine.as_ref().map(|multisine| multisine.frequency_hz.support())
-            }
-        }
+        self.frequency_hz(family).map(Frequency::support)
     }
 }
 
@@ -195,6 +239,19 @@ mod chirp {
     }
     pub const fn high_band() -> ChirpBand {
         ChirpBand { f1: Range::new(1.0 / 1.3, 1.0 / 1.2), f2: Range::new(1.0 / 1.1, 1.1) }
+    }
+}
+
+mod steps {
+    use super::Range;
+
+    /// Most of the torques of slow chirps and multisines lie in between.
+    pub const fn level_nm() -> Range {
+        Range::new(-3.0, 3.0)
+    }
+    /// Half a period in the mean.
+    pub const fn hold_periods() -> Range {
+        Range::new(0.25, 0.75)
     }
 }
 

@@ -13,7 +13,9 @@ mod spec;
 
 pub use columns::{Column, ColumnType};
 pub(crate) use completion::{complete, complete_robot};
-pub use excitation::{Chirp, ChirpBand, Excitation, Family, Frequency, Multisine};
+pub use excitation::{
+    Chirp, ChirpBand, Excitation, Family, Frequency, Multisine, STEP_LEVELS, Steps,
+};
 pub use following::Doubt;
 pub use integrator::{Integrator, Precision};
 pub use observations::{MAX_POSITION_NOISE_RAD, Observations};

@@ -5,7 +5,7 @@ use evaluation::{CellResult, Scoring, evaluate_cell, measured_jitter_deg, measur
 use models::context_warnings;
 use serde::{Deserialize, Serialize};
 use series::{Observed, Series, SeriesView};
-use spec::{DataSpec, EvaluateSpec, ScenarioCell};
+use spec::{DataSpec, EvaluateSpec, Family, ScenarioCell};
 use wire::Warning;
 
 use super::checkpoints::LoadedCheckpoint;
@@ -119,7 +119,7 @@ fn band_edge(
 ) -> Option<f64> {
     let (recorded, rate_hz) = (scenarios.samples(), scenarios.rate_hz());
     let highest = match (data.simulation(), cell.excitation) {
-        (Some(spec), Some((family, frequency_hz))) => {
+        (Some(spec), Some((family, frequency_hz))) if family != Family::Steps => {
             let duration_s = recorded as f64 / rate_hz;
             highest_component_hz(&spec.excitation, family, frequency_hz, duration_s)
         }

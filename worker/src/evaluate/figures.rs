@@ -37,7 +37,7 @@ pub(super) fn all(report: &Report) -> Vec<(String, Figure)> {
 /// The families that cells have, each with its levels of noise.
 fn families(report: &Report) -> Vec<(Family, f64)> {
     let mut found = Vec::new();
-    for family in [Family::Chirp, Family::Multisine] {
+    for family in Family::ALL {
         for cell in report.cells.iter().filter(|cell| cell.family == Some(family)) {
             if !found.contains(&(family, cell.position_noise_rad)) {
                 found.push((family, cell.position_noise_rad));

@@ -19,7 +19,7 @@ pub(super) fn columns(joints: usize) -> Vec<Column> {
     let nullable = |column: Column| Column { nullable: true, ..column };
     let about = [
         Column::new("cell", ColumnType::Int32, "number of the cell, from 0"),
-        nullable(Column::new("family", ColumnType::Text, "chirp or multisine")),
+        nullable(Column::new("family", ColumnType::Text, "chirp, multisine or steps")),
         nullable(
             Column::new("frequency_hz", ColumnType::Float64, "master frequency of the cell")
                 .unit("Hz"),

@@ -7,7 +7,7 @@ use arrow::array::{RecordBatch, StringArray};
 use arrow::datatypes::SchemaRef;
 use arrow::error::ArrowError;
 use dynamics::{Scenario, Torques};
-use spec::{Gravity, SimulateSpec};
+use spec::{Gravity, STEP_LEVELS, SimulateSpec};
 
 /// Arrays of the same length, each with the name of its column.
 #[derive(Default)]
@@ -33,6 +33,9 @@ pub(super) fn record_batch(
     arrays.payload(scenarios);
     arrays.chirps(joints, scenarios);
     arrays.multisines(joints, scenarios);
+    if spec.excitation.steps.is_some() {
+        arrays.steps(joints, scenarios);
+    }
     let named = schema.fields().iter().map(|field| field.name());
     if !named.eq(&arrays.names) {
         let detail = "robots have not the columns that their spec names".to_owned();
@@ -181,7 +184,7 @@ impl Arrays {
                 let name = format!("{name}_{}", joint + 1);
                 self.number_or_null(name, scenarios, |s| match &s.torques {
                     Torques::Chirp(joints) => Some(coefficient(&joints[joint])),
-                    Torques::Multisine(_) => None,
+                    Torques::Multisine(_) | Torques::Steps(_) => None,
                 });
             }
         }
@@ -192,13 +195,29 @@ impl Arrays {
             for joint in 0..joints {
                 let of = |s: &Scenario| match &s.torques {
                     Torques::Multisine(joints) => Some(joints[joint]),
-                    Torques::Chirp(_) => None,
+                    Torques::Chirp(_) | Torques::Steps(_) => None,
                 };
                 let number = joint + 1;
                 let name = format!("multisine_amplitude{component}_nm_{number}");
                 self.number_or_null(name, scenarios, |s| of(s).map(|m| m.amplitude_nm[component]));
                 let name = format!("multisine_f{component}_hz_{number}");
                 self.number_or_null(name, scenarios, |s| of(s).map(|m| m.frequency_hz[component]));
+            }
+        }
+    }
+
+    fn steps(&mut self, joints: usize, scenarios: &[Scenario]) {
+        for level in 0..STEP_LEVELS {
+            for joint in 0..joints {
+                let of = |s: &Scenario| match &s.torques {
+                    Torques::Steps(joints) => Some(joints[joint]),
+                    Torques::Chirp(_) | Torques::Multisine(_) => None,
+                };
+                let number = joint + 1;
+                let name = format!("steps_level{level}_nm_{number}");
+                self.number_or_null(name, scenarios, |s| of(s).map(|it| it.level_nm[level]));
+                let name = format!("steps_hold{level}_s_{number}");
+                self.number_or_null(name, scenarios, |s| of(s).map(|it| it.hold_s[level]));
             }
         }
     }
