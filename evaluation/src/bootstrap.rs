@@ -26,6 +26,37 @@ pub fn stratified_mean(strata: &[Vec<f64>], bootstrap: Bootstrap) -> Interval {
     Interval { mean, low, high }
 }
 
+/// The sum of all `values` over that of all `reference`, of the same strata, resampled together.
+///
+/// # Panics
+/// When there is no value at all.
+pub fn stratified_ratio(
+    values: &[Vec<f64>],
+    reference: &[Vec<f64>],
+    bootstrap: Bootstrap,
+) -> Interval {
+    let sum = |strata: &[Vec<f64>]| strata.iter().flatten().sum::<f64>();
+    assert!(values.iter().any(|values| !values.is_empty()), "a ratio needs a value");
+    let mean = sum(values) / sum(reference);
+    let mut generator = ChaCha8Rng::seed_from_u64(bootstrap.seed);
+    let mut ratios: Vec<f64> = (0..bootstrap.resamples)
+        .map(|_| {
+            let (mut above, mut below) = (0.0, 0.0);
+            for (values, reference) in values.iter().zip(reference) {
+                for _ in 0..values.len() {
+                    let drawn = random::below(&mut generator, values.len());
+                    above += values[drawn];
+                    below += reference[drawn];
+                }
+            }
+            above / below
+        })
+        .collect();
+    ratios.sort_by(f64::total_cmp);
+    let [low, high] = [0.025, 0.975].map(|share| interpolated_quantile(&ratios, share));
+    Interval { mean, low, high }
+}
+
 fn resampled_sum(values: &[f64], generator: &mut ChaCha8Rng) -> f64 {
     (0..values.len()).map(|_| values[random::below(generator, values.len())]).sum()
 }

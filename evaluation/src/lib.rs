@@ -24,7 +24,7 @@ pub use baselines::{
 pub use bootstrap::stratified_mean;
 pub use cell::{
     CellResult, Failure, PredictorErrors, Rollouts, Scoring, evaluate_cell, measured_jitter_deg,
-    measured_left_limits,
+    measured_left_limits, within_torque_limits,
 };
 pub use error::EvaluationError;
 pub use figure::{

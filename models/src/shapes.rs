@@ -38,6 +38,15 @@ pub(crate) fn check_observed(
     })
 }
 
+/// Checks the question to a model that has no size of context or horizon.
+pub(crate) fn check_any_length(observed: &Observed<'_>, joints: usize) -> Result<(), ModelError> {
+    /// A sample with one before it and one after it.
+    const LEAST_CONTEXT: usize = 3;
+
+    let context = observed.context().max(LEAST_CONTEXT);
+    check_observed(observed, observed.samples(), context, joints)
+}
+
 fn expect(what: &'static str, actual: usize, expected: usize) -> Result<(), ModelError> {
     if actual == expected {
         return Ok(());

@@ -8,7 +8,7 @@ use crate::initialization::InitialWeights;
 use crate::normalization::{Normalizer, Statistics};
 use crate::prediction::Predictor;
 use crate::sequence_model::SequenceModel;
-use crate::shapes::{check_batch, check_observed};
+use crate::shapes::{check_any_length, check_batch, check_observed};
 use crate::{Device, ModelError, Sampling};
 
 /// A model that only predicts. Can be shared between threads.
@@ -141,7 +141,11 @@ impl TrainedModel {
         sampling: &Sampling,
         draw: Draw,
     ) -> Result<Vec<f32>, ModelError> {
-        check_observed(observed, self.samples(), self.context(), self.joints())?;
+        if self.config.model.answers_any_length() {
+            check_any_length(observed, self.joints())?;
+        } else {
+            check_observed(observed, self.samples(), self.context(), self.joints())?;
+        }
         let statistics = self.normalizer.statistics_of_observed(observed)?;
         self.answer(observed, &statistics, sampling, draw)
     }
@@ -158,8 +162,8 @@ impl TrainedModel {
             spec: &self.config.model,
             framing: Framing {
                 residual: self.config.model.residual(),
-                samples: self.samples(),
-                context: self.context(),
+                samples: observed.samples(),
+                context: observed.context(),
                 rate_hz: self.rate_hz(),
             },
             device: self.device.inference(),

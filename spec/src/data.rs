@@ -43,6 +43,15 @@ impl DataSpec {
         }
     }
 
+    /// Rated torque of each joint, N·m, of the same robot.
+    pub fn limits_nm(&self) -> Vec<f64> {
+        let limits = |robot: &RobotSpec| robot.description().per_joint(|joint| joint.torque_nm);
+        match self {
+            Self::Simulation(spec) => limits(&spec.robot),
+            Self::Import(spec) => limits(&spec.robot()),
+        }
+    }
+
     /// Samples per trajectory.
     pub fn samples(&self) -> u32 {
         match self {

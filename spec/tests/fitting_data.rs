@@ -82,6 +82,10 @@ fn checkpoints_of_another_length_are_refused_with_both_numbers() {
     assert!(error.contains("trained with context 320") && error.contains("context 300"), "{error}");
     let error = refusal(&json!({}), 380, &["cdt-tiny"]);
     assert!(error.contains("trained with samples 400") && error.contains("samples 380"), "{error}");
+    // Equations have no length.
+    assert_eq!(refusal(&json!({"context": 20}), 340, &["lagrangian-tiny"]), "");
+    let error = refusal(&json!({"context": 20}), 340, &["lagrangian-tiny", "cdt-tiny"]);
+    assert!(error.contains("checkpoints[1]") && !error.contains("checkpoints[0]"), "{error}");
     assert_eq!(refusal(&json!({"horizon": 80}), 500, &["cdt-tiny"]), "");
 }
 

@@ -46,7 +46,8 @@ pub use problem::Problem;
 pub use report::{
     Calibration, CellSummary, DataNoise, FailureSummary, GroupSummary, Interval, IntervalSummary,
     Latency, PairedDifference, PredictorInfo, PredictorKind, PredictorScores, PredictorSummary,
-    Report, RolloutSummary, SamplingInfo, TrainedOn, WorstCase, at_noise,
+    Report, RolloutSummary, SamplingInfo, Shift, ShiftDifference, ShiftScores, ShiftSummary,
+    TrainedOn, WorstCase, at_noise,
 };
 pub use runs::{Artifact, LatestMetric, Metric, MetricPoint, Run, Runs};
 pub use states::{DatasetState, JobState, TaskState, UnknownState};

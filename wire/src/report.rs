@@ -37,6 +37,10 @@ pub struct Report {
     /// seed and its index, a trajectory can be made again.
     #[serde(default)]
     pub worst: Vec<WorstCase>,
+    /// Cells by how their torques differ from those of the trainings, over the scenarios whose torques the
+    /// robot's motors can give, with trainings that differ in seeds alone taken together. None without checkpoints.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub shifts: Vec<ShiftSummary>,
     /// Torques, positions and rates that a checkpoint was not trained on, of the data that it was asked
     /// about, and contexts that nothing can be identified from. None of checkpoints that do not say what they
     /// were trained on.
@@ -62,6 +66,10 @@ pub struct PredictorInfo {
     /// The digest of the spec that a checkpoint was trained by.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub digest: Option<Digest>,
+    /// The digest of that spec with the seeds of the training and of its simulated data set to 0: trainings that
+    /// share it are replications. Missing of recordings and of checkpoints that are not final.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub replicates: Option<Digest>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub normalization: Option<Normalization>,
     /// The sampling of a denoiser.
@@ -120,6 +128,100 @@ pub struct Latency {
 pub struct TrainedOn {
     pub family: Family,
     pub frequency_hz: Range,
+    /// Interval of amplitudes, N·m, of multisines N·m per Hz; missing in older reports.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub amplitude: Option<Range>,
+}
+
+/// How the torques of a cell differ from those that checkpoints were trained on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Shift {
+    /// Not at all: a family, frequency and amplitude of the trainings.
+    Within,
+    /// The frequency is lower than any of the trainings.
+    Below,
+    /// The frequency is higher.
+    Above,
+    /// A frequency of the trainings with larger torques.
+    Amplitude,
+    /// Another kind of torques.
+    Family,
+}
+
+impl Shift {
+    pub const ALL: [Self; 5] =
+        [Self::Within, Self::Below, Self::Above, Self::Amplitude, Self::Family];
+}
+
+impl std::fmt::Display for Shift {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Within => "within the training",
+            Self::Below => "below the band",
+            Self::Above => "above the band",
+            Self::Amplitude => "larger torques",
+            Self::Family => "another family",
+        })
+    }
+}
+
+/// All cells with one shift, or those of one family among them.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ShiftSummary {
+    pub shift: Shift,
+    /// Missing of all families together.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub family: Option<Family>,
+    /// Standard deviation of the noise that was added to the positions of contexts, rad.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub position_noise_rad: f64,
+    pub scenarios: u64,
+    /// Of these, the scenarios whose torques stay within the rated ones of every joint: those that are scored here.
+    pub scored: u64,
+    /// In the order of every table; none where nothing is scored.
+    pub models: Vec<ShiftScores>,
+    /// The first predictor of each entry of `models` against that of an entry before it; each stands for its
+    /// replications.
+    pub differences: Vec<ShiftDifference>,
+}
+
+/// Errors of a predictor, or of several that differ in nothing but the seeds of their trainings.
+///
+/// Intervals are over robots and seeds: half-widths of both, added as squares; of robots by the bootstrap, of seeds
+/// by Student's t. With a single seed they are over robots alone.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ShiftScores {
+    pub predictors: Vec<String>,
+    /// Missing where some scenario has no answer.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rmse_deg: Option<Interval>,
+    /// Of each predictor.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub seed_rmse_deg: Vec<f64>,
+    /// 1 - RMSE / RMSE of `damped-integrator`; missing where that was not asked.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub skill: Option<Interval>,
+    /// The largest RMSE of a scenario, of all seeds.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub worst_deg: Option<f64>,
+    /// Mean over scenarios and seeds.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub joint_rmse_deg: Vec<f64>,
+    /// RMSE of the mean of several samples.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mean_rmse_deg: Option<Interval>,
+    /// Share of predictions that are not finite, or more than 180° from the measured position.
+    pub diverged: f64,
+}
+
+/// The difference between two entries on the same scenarios.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ShiftDifference {
+    pub predictor: String,
+    pub against: String,
+    /// RMSE of `predictor` less that of `against`; negative is better.
+    pub difference_deg: Interval,
 }
 
 /// One excitation at one frequency, or all of data without a frequency grid.
@@ -134,7 +236,13 @@ pub struct CellSummary {
     #[serde(default, skip_serializing_if = "is_zero")]
     pub position_noise_rad: f64,
     pub in_distribution: bool,
+    /// Missing without checkpoints and of data without a frequency grid.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub shift: Option<Shift>,
     pub scenarios: u64,
+    /// Share of the scenarios whose torques stay within the rated ones of every joint.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub within_torque_limits: Option<f64>,
     pub rmse_deg: Vec<PredictorSummary>,
     #[serde(default)]
     pub scores: Vec<PredictorScores>,

@@ -32,6 +32,10 @@ pub struct CellResult {
     /// Share of the scenarios whose measured motions leave the joints' limits themselves.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub measured_left_limits: Option<f64>,
+    /// Whether the torques of each scenario, context and horizon, stay within the rated ones of every joint; empty
+    /// where those are not known.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub within_torque_limits: Vec<bool>,
     /// Data that checkpoints were not trained on, and contexts that tell nothing.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<Warning>,
@@ -58,6 +62,18 @@ pub struct PredictorErrors {
     /// `None` where the predictor failed on the cell as a whole.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rollouts: Option<Rollouts>,
+    /// The scenarios that [`has_diverged`] is said of, counted from 0 in the cell.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub diverged: Vec<usize>,
+}
+
+impl CellResult {
+    /// `None` where limits of torques are not known.
+    pub fn share_within_torque_limits(&self) -> Option<f64> {
+        let within = self.within_torque_limits.iter().filter(|within| **within).count();
+        let all = self.within_torque_limits.len();
+        (all > 0).then(|| within as f64 / all as f64)
+    }
 }
 
 /// Where the predictions of a cell went; those that are not finite count.
@@ -150,6 +166,19 @@ pub fn measured_left_limits(scenarios: &SeriesView<'_>, scoring: &Scoring) -> Op
     Some(left as f64 / scenarios.robots() as f64)
 }
 
+/// Whether the torques of each scenario stay within `limits_nm`, one per joint; empty where those are not known.
+pub fn within_torque_limits(scenarios: &SeriesView<'_>, limits_nm: &[f64]) -> Vec<bool> {
+    if limits_nm.is_empty() {
+        return Vec::new();
+    }
+    let is_within = |robot: usize| {
+        limits_nm.iter().enumerate().all(|(joint, limit)| {
+            scenarios.u(robot).joint(joint).all(|torque| f64::from(torque).abs() <= *limit)
+        })
+    };
+    (0..scenarios.robots()).map(is_within).collect()
+}
+
 fn has_left(positions: &[f32], limits_rad: &[Range]) -> bool {
     beyond_limits_deg(positions, limits_rad).iter().any(|&beyond| beyond > 0.0)
 }
@@ -221,6 +250,7 @@ impl Scorer<'_> {
             calibration: calibration(&scenarios),
             scenarios,
             rollouts: Some(self.rollouts(&answer)),
+            diverged: self.diverged(&answer).collect(),
             step_squares_deg2: squares.chunks(self.joints).map(<[f64]>::to_vec).collect(),
         }
     }
@@ -251,8 +281,15 @@ impl Scorer<'_> {
         let left = || each().filter(|(_, predicted)| has_left(predicted, self.limits_rad)).count();
         Rollouts {
             left_limits: (!self.limits_rad.is_empty()).then(left),
-            diverged: each().filter(|(truth, predicted)| has_diverged(truth, predicted)).count(),
+            diverged: self.diverged(answer).count(),
         }
+    }
+
+    fn diverged<'b>(&'b self, answer: &'b Answer) -> impl Iterator<Item = usize> + 'b {
+        let each = self.truth.chunks(self.row).zip(answer.positions.chunks(self.row));
+        let diverged =
+            each.enumerate().filter(|(_, (truth, predicted))| has_diverged(truth, predicted));
+        diverged.map(|(scenario, _)| scenario)
     }
 
     /// `None` where something that was answered is not finite.

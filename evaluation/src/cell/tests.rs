@@ -81,6 +81,7 @@ fn result(predictors: &[Box<dyn Predictor>]) -> CellResult {
         predictors: evaluate_cell(&scenarios().view(), &scoring(), predictors),
         measured_jitter_deg: measured_jitter_deg(&scenarios().view(), &scoring()),
         measured_left_limits: measured_left_limits(&scenarios().view(), &scoring()),
+        within_torque_limits: within_torque_limits(&scenarios().view(), &[1.0; JOINTS]),
         warnings: Vec::new(),
     }
 }

@@ -117,6 +117,7 @@ mod tests {
             paired: Vec::new(),
             failures: Vec::new(),
             worst: Vec::new(),
+            shifts: Vec::new(),
             warnings: Vec::new(),
         }
     }

@@ -1,9 +1,13 @@
 //! Puts the cells of an evaluation together into its [`wire::Report`].
 
+mod by_shift;
+mod replications;
 mod scores;
+mod shift;
 mod summary;
 
-pub use summary::{Setting, paired_difference, summarize, trained_on};
+pub use shift::trained_on;
+pub use summary::{Setting, paired_difference, summarize};
 
 #[cfg(test)]
 pub(crate) mod tests {
@@ -27,13 +31,14 @@ pub(crate) mod tests {
             kind,
             told: None,
             digest: None,
+            replicates: None,
             normalization: None,
             sampling: None,
             latency: None,
         }
     }
 
-    fn cell(cell: usize, frequency_hz: f64, model: f64, baseline: f64) -> CellResult {
+    pub(crate) fn cell(cell: usize, frequency_hz: f64, model: f64, baseline: f64) -> CellResult {
         let errors = |predictor: &str, value: f64| crate::PredictorErrors {
             predictor: predictor.to_owned(),
             rmse_deg: vec![Some(value - 0.1), Some(value + 0.1)],
@@ -49,13 +54,17 @@ pub(crate) mod tests {
             predictors: vec![errors("baseline", baseline), errors("model", model)],
             measured_jitter_deg: None,
             measured_left_limits: None,
+            within_torque_limits: Vec::new(),
             warnings: Vec::new(),
         }
     }
 
-    fn setting() -> Setting {
-        let trained_on =
-            TrainedOn { family: Family::Multisine, frequency_hz: Range::new(0.15, 0.15) };
+    pub(crate) fn setting() -> Setting {
+        let trained_on = TrainedOn {
+            family: Family::Multisine,
+            frequency_hz: Range::new(0.15, 0.15),
+            amplitude: None,
+        };
         Setting {
             context: 320,
             horizon: 80,
@@ -64,6 +73,7 @@ pub(crate) mod tests {
             data_noise: None,
             seed: Some(7),
             bootstrap: Bootstrap::default(),
+            excitation: None,
             predictors: vec![
                 named("baseline", PredictorKind::Baseline),
                 named("model", PredictorKind::Checkpoint),

@@ -1,12 +1,14 @@
 use rayon::prelude::*;
-use spec::{Bootstrap, Excitation, Family, Range};
+use spec::{Bootstrap, Excitation};
 use wire::{
     CellSummary, DataNoise, FailureSummary, GroupSummary, Interval, PairedDifference,
-    PredictorInfo, PredictorKind, PredictorSummary, Report, RolloutSummary, TrainedOn, Warning,
-    WorstCase, at_noise,
+    PredictorInfo, PredictorKind, PredictorSummary, Report, RolloutSummary, Shift, TrainedOn,
+    Warning, WorstCase, at_noise,
 };
 
+use super::by_shift::by_shift;
 use super::scores::scores;
+use super::shift::{common, shift};
 use crate::{CellResult, EvaluationError, PredictorErrors, Rollouts, stratified_mean};
 
 /// Scenarios of each predictor that are listed as its worst.
@@ -25,30 +27,17 @@ pub struct Setting {
     /// Of the dataset's simulation; none for recordings.
     pub seed: Option<u64>,
     pub bootstrap: Bootstrap,
+    /// Of the data, where it is simulated.
+    pub excitation: Option<Excitation>,
     /// In the order of every table, baselines first.
     pub predictors: Vec<PredictorInfo>,
     /// One list per checkpoint.
     pub trained_on: Vec<Vec<TrainedOn>>,
 }
 
-/// The frequencies that a training on `excitation` has seen.
-pub fn trained_on(excitation: &Excitation) -> impl Iterator<Item = TrainedOn> {
-    Family::ALL.into_iter().filter_map(|family| {
-        excitation.support(family).map(|frequency_hz| TrainedOn { family, frequency_hz })
-    })
-}
-
-fn includes(seen: &TrainedOn, cell: &CellResult) -> bool {
-    // Grids are written in decimals, so 0.1 + 0.05 must count as 0.15.
-    const TOLERANCE_HZ: f64 = 1e-9;
-    let (min, max) = (seen.frequency_hz.min - TOLERANCE_HZ, seen.frequency_hz.max + TOLERANCE_HZ);
-    cell.family == Some(seen.family)
-        && cell.frequency_hz.is_some_and(|frequency_hz| (min..=max).contains(&frequency_hz))
-}
-
 /// Puts the cells of an evaluation together.
 ///
-/// A cell is in distribution when every checkpoint's training drew its family and frequency;
+/// A cell is in distribution when every checkpoint's training drew its family, frequency and amplitudes;
 /// without checkpoints all cells are out of it. A cell without a frequency is neither.
 ///
 /// # Errors
@@ -57,11 +46,9 @@ pub fn summarize(setting: Setting, results: &[CellResult]) -> Result<Report, Eva
     if let Some(missing) = (0..results.len()).find(|&k| results[k].cell != k) {
         return Err(EvaluationError::MissingCell(missing));
     }
-    let Setting { predictors, trained_on, bootstrap, .. } = setting;
-    let is_seen = |cell: &CellResult| {
-        !trained_on.is_empty()
-            && trained_on.iter().all(|seen| seen.iter().any(|seen| includes(seen, cell)))
-    };
+    let Setting { predictors, trained_on, bootstrap, excitation, .. } = setting;
+    let shift = |cell: &CellResult| shift(cell, &trained_on, excitation.as_ref());
+    let is_seen = |cell: &CellResult| shift(cell) == Some(Shift::Within);
     let (gridded, others): (Vec<&CellResult>, Vec<&CellResult>) =
         results.iter().partition(|cell| cell.frequency_hz.is_some());
     let (inside, outside): (Vec<&CellResult>, Vec<&CellResult>) =
@@ -82,6 +69,8 @@ pub fn summarize(setting: Setting, results: &[CellResult]) -> Result<Report, Eva
             frequency_hz: cell.frequency_hz,
             position_noise_rad: cell.position_noise_rad,
             in_distribution: is_seen(cell),
+            shift: shift(cell),
+            within_torque_limits: cell.share_within_torque_limits(),
             scenarios: scenarios(cell),
             rmse_deg: means(&predictors, &[cell], bootstrap),
             scores: scores(&predictors, &[cell], bootstrap),
@@ -90,6 +79,7 @@ pub fn summarize(setting: Setting, results: &[CellResult]) -> Result<Report, Eva
             measured_left_limits: cell.measured_left_limits,
         })
         .collect();
+    let shifted: Vec<_> = results.iter().map(|cell| (cell, shift(cell))).collect();
     let paired = groups.iter().flat_map(|group| paired(group, &predictors, bootstrap));
     let worst = predictors.iter().flat_map(|info| worst(&info.name, results, setting.seed));
     Ok(Report {
@@ -113,6 +103,7 @@ pub fn summarize(setting: Setting, results: &[CellResult]) -> Result<Report, Eva
                 rollouts: rollouts(&predictors, cells),
             })
             .collect(),
+        shifts: by_shift(&predictors, &shifted, &levels, bootstrap),
         failures: results.iter().flat_map(failures).collect(),
         worst: worst.collect(),
         warnings: Warning::merge(results.iter().flat_map(|cell| cell.warnings.iter().cloned())),
@@ -200,7 +191,7 @@ fn paired(
         .enumerate()
         .filter(|(_, ours)| only_baselines || is_checkpoint(ours))
         .flat_map(|(k, ours)| predictors[..k].iter().map(move |theirs| (ours, theirs)))
-        .filter(|(ours, theirs)| is_told(ours, theirs) || is_longest(theirs, ours, predictors))
+        .filter(|(ours, theirs)| is_compared(ours, theirs, predictors))
         .collect();
     pairs
         .into_par_iter()
@@ -219,6 +210,15 @@ fn paired(
             })
         })
         .collect()
+}
+
+/// Whether the difference of two predictors is told, `theirs` before `ours` in every table.
+pub(super) fn is_compared(
+    ours: &PredictorInfo,
+    theirs: &PredictorInfo,
+    predictors: &[PredictorInfo],
+) -> bool {
+    is_told(ours, theirs) || is_longest(theirs, ours, predictors)
 }
 
 fn is_told(ours: &PredictorInfo, theirs: &PredictorInfo) -> bool {
@@ -302,20 +302,4 @@ fn worst(predictor: &str, results: &[CellResult], seed: Option<u64>) -> Vec<Wors
     cases.sort_by(|a, b| b.rmse_deg.total_cmp(&a.rmse_deg));
     cases.truncate(WORST);
     cases
-}
-
-/// What all trainings have seen: the intersection of their intervals, per family.
-fn common(trained_on: &[Vec<TrainedOn>]) -> Vec<TrainedOn> {
-    let Some((first, others)) = trained_on.split_first() else { return Vec::new() };
-    first
-        .iter()
-        .filter_map(|seen| {
-            others.iter().try_fold(*seen, |common, other| {
-                let other = other.iter().find(|other| other.family == common.family)?;
-                let min = common.frequency_hz.min.max(other.frequency_hz.min);
-                let max = common.frequency_hz.max.min(other.frequency_hz.max);
-                (min <= max).then_some(TrainedOn { frequency_hz: Range { min, max }, ..common })
-            })
-        })
-        .collect()
 }

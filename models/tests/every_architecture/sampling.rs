@@ -4,7 +4,9 @@ use models::{Device, ModelError, Sampling, TrainedModel, ValidationPart, WarmSta
 use spec::{EmaSpec, SamplerKind, SamplerSpec, TrainSpec};
 
 use crate::synthetic::{JOINTS, batch, every_kind, kind, training_of};
-use crate::{CONTEXT_VALUES, HORIZON_VALUES, ROW, briefly_trained, known, train, trainer};
+use crate::{
+    CONTEXT, CONTEXT_VALUES, HORIZON_VALUES, ROW, SAMPLES, briefly_trained, known, train, trainer,
+};
 
 fn generative_kinds() -> impl Iterator<Item = (String, TrainedModel)> {
     every_kind()
@@ -61,6 +63,34 @@ fn no_answer_depends_on_the_positions_of_the_horizon() {
         assert_eq!(answer, model.predict_with_leak(&other.view()).unwrap(), "{name}");
         assert_eq!(answer, model.predict(&known(&batch)).unwrap(), "{name}");
         assert!(answer.iter().all(|value| value.is_finite()), "{name}");
+    }
+}
+
+#[test]
+fn a_model_without_lengths_answers_the_beginning_of_a_longer_question() {
+    let batch = batch(53, 3);
+    let shorter = CONTEXT as usize + 2;
+    let few = CONTEXT_VALUES / 2 / JOINTS;
+    for (name, model) in every_kind() {
+        let any = model.answers_any_length();
+        let model = briefly_trained(model);
+        let cut = batch.view().window(0..shorter);
+        let late = batch.view().window(CONTEXT as usize - few..SAMPLES as usize);
+        let questions = [cut.observed(0, CONTEXT as usize), late.observed(0, few)];
+        if !any {
+            let refused = questions.map(|question| model.predict(&question).is_err());
+            assert_eq!(refused, [true, true], "{name}");
+            continue;
+        }
+        let whole = model.predict(&known(&batch)).unwrap();
+        let [cut, late] = questions.map(|question| model.predict(&question).unwrap());
+        for (cut, whole) in cut.chunks(2 * JOINTS).zip(whole.chunks(HORIZON_VALUES)) {
+            assert_eq!(*cut, whole[..2 * JOINTS], "{name}");
+        }
+        assert_eq!(late.len(), whole.len(), "{name}");
+        assert!(late.iter().all(|value| value.is_finite()) && late != whole, "{name}");
+        let nothing = batch.view().window(0..shorter).observed(0, 2);
+        assert!(model.predict(&nothing).is_err(), "{name}");
     }
 }
 

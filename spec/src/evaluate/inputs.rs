@@ -27,8 +27,11 @@ impl EvaluateSpec {
                     );
                 }
             };
-            same("context", f64::from(training.spec.context), f64::from(self.context));
-            if let Some(horizon) = horizon {
+            let any_length = training.spec.model.answers_any_length();
+            if !any_length {
+                same("context", f64::from(training.spec.context), f64::from(self.context));
+            }
+            if let Some(horizon) = horizon.filter(|_| !any_length) {
                 let samples = self.context + horizon;
                 same("samples", f64::from(training.data.samples()), f64::from(samples));
             }

@@ -23,6 +23,12 @@ pub(super) trait ArchitectureSpec: Check {
         false
     }
 
+    /// Whether one training answers about any context and horizon: a model that integrates equations has no sizes
+    /// of either.
+    fn answers_any_length(&self) -> bool {
+        self.is_physical()
+    }
+
     /// None of a model that answers in one pass.
     fn generation(&self) -> Option<Generation<'_>> {
         None

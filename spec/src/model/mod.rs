@@ -102,6 +102,11 @@ impl ModelSpec {
         self.spec().is_physical()
     }
 
+    /// Whether one training answers about any context and horizon.
+    pub fn answers_any_length(&self) -> bool {
+        self.spec().answers_any_length()
+    }
+
     /// None of a model that answers in one pass.
     pub fn generation(&self) -> Option<Generation<'_>> {
         self.spec().generation()

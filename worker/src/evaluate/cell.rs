@@ -1,7 +1,10 @@
 //! Asks every predictor for the scenarios of one cell, and keeps their errors.
 
 use evaluation::metrics::{band_edge_hz, highest_component_hz, occupied_band_hz};
-use evaluation::{CellResult, Scoring, evaluate_cell, measured_jitter_deg, measured_left_limits};
+use evaluation::{
+    CellResult, Scoring, evaluate_cell, measured_jitter_deg, measured_left_limits,
+    within_torque_limits,
+};
 use models::context_warnings;
 use serde::{Deserialize, Serialize};
 use series::{Observed, Series, SeriesView};
@@ -63,6 +66,7 @@ pub(super) fn cell(attempt: &Attempt, spec: &EvaluateSpec, index: usize) -> Resu
         predictors: errors,
         measured_jitter_deg: measured_jitter_deg(&scenarios, &scoring),
         measured_left_limits: measured_left_limits(&scenarios, &scoring),
+        within_torque_limits: within_torque_limits(&scenarios, &data.spec().limits_nm()),
         warnings: warnings(&checkpoints, &scenarios.observed(pre_roll, context)),
     };
     let seed = data.spec().simulation().map(|spec| spec.seed);

@@ -1,6 +1,9 @@
 use evaluation::trained_on;
 use models::{CONFIG_FILE, MODEL_FILE, TrainedModel};
-use spec::{CheckpointRef, DataSource, Digest, JobSpec, Normalization, TrainingRef, TrainingStep};
+use spec::{
+    CheckpointRef, DataSource, Digest, JobSpec, Normalization, SimulateSpec, TrainSpec,
+    TrainingRef, TrainingStep,
+};
 use store::{JobState, WhichCheckpoint};
 use wire::{PredictorInfo, PredictorKind, TrainedOn};
 
@@ -64,17 +67,20 @@ impl LoadedCheckpoint {
         let JobSpec::Train(training) = serde_json::from_value(job.spec)? else {
             return Err(missing(digest.to_string()));
         };
-        let trained_on = match &training.data {
-            DataSource::Digest(data) => {
-                match stored_spec(attempt, *data)? {
-                    JobSpec::Simulate(data) => trained_on(&data.excitation).collect(),
-                    // Recordings do not say what excited them.
-                    _ => Vec::new(),
-                }
-            }
-            DataSource::Stream(data) => trained_on(&data.excitation).collect(),
-            DataSource::Job(_) | DataSource::Dataset(_) => Vec::new(),
+        let data = match &training.data {
+            DataSource::Digest(data) => match stored_spec(attempt, *data)? {
+                JobSpec::Simulate(data) => Some(data),
+                // Recordings do not say what excited them.
+                _ => None,
+            },
+            DataSource::Stream(data) => Some(data.as_ref().clone()),
+            DataSource::Job(_) | DataSource::Dataset(_) => None,
         };
+        let trained_on =
+            data.iter().flat_map(|data| trained_on(&data.excitation).collect::<Vec<_>>()).collect();
+        let is_final = matches!(reference, CheckpointRef::Digest(_));
+        let replicates =
+            data.filter(|_| is_final).map(|data| without_seeds(training.clone(), data));
         let leaky = match training.normalization {
             Normalization::PaperLeaky => " (paper-leaky)",
             Normalization::Context | Normalization::Dataset | Normalization::None => "",
@@ -85,12 +91,23 @@ impl LoadedCheckpoint {
             kind: PredictorKind::Checkpoint,
             told: Some("the robots it was trained on".to_owned()),
             digest: Some(*digest),
+            replicates,
             normalization: Some(training.normalization),
             sampling: None,
             latency: None,
         };
         Ok(Self { info, model, job: job_name + &marks, trained_on })
     }
+}
+
+/// What trainings have in common that differ in nothing but their seeds and those of their simulated data.
+fn without_seeds(training: TrainSpec, data: SimulateSpec) -> Digest {
+    let data = SimulateSpec { seed: 0, ..data };
+    let data = match training.data {
+        DataSource::Stream(_) => DataSource::Stream(Box::new(data)),
+        _ => DataSource::Digest(JobSpec::Simulate(data).digest()),
+    };
+    JobSpec::Train(TrainSpec { seed: 0, data, ..training }).digest()
 }
 
 /// The spec of a job that succeeded, by its digest.

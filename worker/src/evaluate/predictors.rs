@@ -57,6 +57,7 @@ impl<'a> Predictors<'a> {
             kind: PredictorKind::Baseline,
             told: Some(name.told().to_owned()),
             digest: None,
+            replicates: None,
             normalization: None,
             sampling: None,
             latency: None,

@@ -40,6 +40,7 @@ pub(super) fn report(attempt: &Attempt, spec: &EvaluateSpec) -> Result<(), TaskE
         data_noise: data_noise(&data.spec().observations()),
         seed: data.spec().simulation().map(|spec| spec.seed),
         bootstrap: spec.bootstrap,
+        excitation: data.spec().simulation().map(|spec| spec.excitation.clone()),
         predictors,
         trained_on: checkpoints.iter().map(|checkpoint| checkpoint.trained_on.clone()).collect(),
     };

@@ -157,6 +157,7 @@ mod tests {
             predictors: evaluate_cell(&scenarios.view(), &scoring, &predictors),
             measured_jitter_deg: None,
             measured_left_limits: None,
+            within_torque_limits: Vec::new(),
             warnings: Vec::new(),
         }
     }

@@ -1,0 +1,110 @@
+//! How the torques of a cell differ from those that checkpoints were trained on.
+
+use spec::{Excitation, Family, Range};
+use wire::{Shift, TrainedOn};
+
+use crate::CellResult;
+
+/// Grids are written in decimals, so 0.1 + 0.05 must count as 0.15.
+const TOLERANCE: f64 = 1e-9;
+
+/// The frequencies and amplitudes that a training on `excitation` has seen.
+pub fn trained_on(excitation: &Excitation) -> impl Iterator<Item = TrainedOn> {
+    Family::ALL.into_iter().filter_map(|family| {
+        let frequency_hz = excitation.support(family)?;
+        Some(TrainedOn { family, frequency_hz, amplitude: excitation.amplitude(family) })
+    })
+}
+
+/// The shift of a cell from what one training saw. `None` of cells without a frequency and of trainings on
+/// recordings.
+///
+/// Frequency comes before amplitude: a multisine above the band has larger torques, too.
+fn from_training(
+    cell: &CellResult,
+    seen: &[TrainedOn],
+    excitation: Option<&Excitation>,
+) -> Option<Shift> {
+    let (family, frequency_hz) = (cell.family?, cell.frequency_hz?);
+    if seen.is_empty() {
+        // Recordings do not say what excited them.
+        return None;
+    }
+    let Some(seen) = seen.iter().find(|seen| seen.family == family) else {
+        return Some(Shift::Family);
+    };
+    let asked = excitation.and_then(|excitation| excitation.amplitude(family));
+    Some(match seen.frequency_hz {
+        band if frequency_hz < band.min - TOLERANCE => Shift::Below,
+        band if frequency_hz > band.max + TOLERANCE => Shift::Above,
+        _ if asked.zip(seen.amplitude).is_some_and(|(asked, seen)| is_beyond(asked, seen)) => {
+            Shift::Amplitude
+        }
+        _ => Shift::Within,
+    })
+}
+
+fn is_beyond(asked: Range, seen: Range) -> bool {
+    asked.min < seen.min - TOLERANCE || asked.max > seen.max + TOLERANCE
+}
+
+/// The shift of a cell from the trainings of all checkpoints: that of the first which has one. `None` without
+/// checkpoints.
+pub(super) fn shift(
+    cell: &CellResult,
+    trained_on: &[Vec<TrainedOn>],
+    excitation: Option<&Excitation>,
+) -> Option<Shift> {
+    let of_each = || trained_on.iter().map(|seen| from_training(cell, seen, excitation));
+    of_each().find(|shift| *shift != Some(Shift::Within)).or_else(|| of_each().next())?
+}
+
+/// What all trainings have seen: the intersection of their intervals, per family.
+pub(super) fn common(trained_on: &[Vec<TrainedOn>]) -> Vec<TrainedOn> {
+    let Some((first, others)) = trained_on.split_first() else { return Vec::new() };
+    first
+        .iter()
+        .filter_map(|seen| {
+            others.iter().try_fold(*seen, |common, other| {
+                let other = other.iter().find(|other| other.family == common.family)?;
+                let min = common.frequency_hz.min.max(other.frequency_hz.min);
+                let max = common.frequency_hz.max.min(other.frequency_hz.max);
+                (min <= max).then_some(TrainedOn { frequency_hz: Range { min, max }, ..common })
+            })
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::report::tests::cell;
+
+    fn excitation(json: &serde_json::Value) -> Excitation {
+        serde_json::from_value(json.clone()).unwrap()
+    }
+
+    #[test]
+    fn frequencies_amplitudes_and_families_are_shifts_of_their_own() {
+        let training = excitation(&serde_json::json!({
+            "multisine": {"frequency_hz": {"uniform": [0.05, 0.15]}},
+        }));
+        let louder = excitation(&serde_json::json!({
+            "multisine": {"frequency_hz": {"grid": [0.1]}, "amplitude_nm_per_hz": [-90, 90]},
+        }));
+        let seen: Vec<Vec<TrainedOn>> = vec![trained_on(&training).collect()];
+        let found = |frequency_hz: f64, asked: &Excitation| {
+            shift(&cell(0, frequency_hz, 1.0, 2.0), &seen, Some(asked)).unwrap()
+        };
+        assert_eq!(found(0.01, &training), Shift::Below);
+        assert_eq!(found(0.1, &training), Shift::Within);
+        assert_eq!(found(0.1 + 0.05, &training), Shift::Within);
+        assert_eq!(found(0.2, &training), Shift::Above);
+        assert_eq!(found(0.1, &louder), Shift::Amplitude);
+        assert_eq!(found(0.2, &louder), Shift::Above);
+        let chirp = CellResult { family: Some(Family::Chirp), ..cell(0, 0.1, 1.0, 2.0) };
+        assert_eq!(shift(&chirp, &seen, Some(&training)), Some(Shift::Family));
+        assert_eq!(shift(&chirp, &[], Some(&training)), None);
+        assert_eq!(shift(&chirp, &[Vec::new()], Some(&training)), None);
+    }
+}
