@@ -25,6 +25,7 @@ mod reference;
 mod robot;
 mod simulate;
 mod stream;
+mod study;
 mod train;
 mod verify;
 
@@ -60,6 +61,9 @@ pub use simulate::{
     Cell, Chirp, ChirpBand, Column, ColumnType, Doubt, Excitation, Family, Frequency, Friction,
     Gravity, Integrator, MAX_POSITION_NOISE_RAD, MAX_TRAJECTORIES, Multisine, Observations,
     Payload, Precision, Rejection, RobotSpec, STEP_LEVELS, SimulateSpec, Steps,
+};
+pub use study::{
+    StudyEvaluation, StudyModel, StudyPlan, StudyQuestion, StudyScale, StudyTraining, study_models,
 };
 pub use train::{
     EarlyStopSpec, EmaSpec, Normalization, OptimizerSpec, TrainSpec, Training, ValidationMetric,

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use utoipa::ToSchema;
 
-use crate::SpecError;
+use crate::{SpecError, study};
 
 /// Name and text of each file of the folder `presets`, in order.
 static FILES: &[(&str, &str)] = include!(concat!(env!("OUT_DIR"), "/presets.rs"));
@@ -42,7 +42,7 @@ impl fmt::Display for PresetPlace {
     }
 }
 
-/// Every preset, in the order to show them.
+/// Every preset, in the order to show them: the files, and the study, which is made from its list of models.
 ///
 /// # Panics
 /// If a file of the folder `presets` is no preset, of which a test would have told.
@@ -51,7 +51,10 @@ pub fn presets() -> &'static [Preset] {
         let read = |(file, text): &(&str, &str)| {
             serde_json::from_str(text).unwrap_or_else(|error| panic!("{file}: {error}"))
         };
-        FILES.iter().map(read).collect()
+        let files = FILES.iter().map(|file| (file.0.to_owned(), read(file)));
+        let mut all: Vec<(String, Preset)> = files.chain(study::presets()).collect();
+        all.sort_by(|a, b| a.0.cmp(&b.0));
+        all.into_iter().map(|(_, preset)| preset).collect()
     });
     &PRESETS
 }
@@ -98,7 +101,7 @@ const REPLACED_WHOLE: [&str; 6] =
 
 /// Merges objects field by field; everything else replaces. `null` does too: it is a value of specs, and
 /// removes nothing.
-fn merge(base: &mut Value, over: Value) {
+pub(crate) fn merge(base: &mut Value, over: Value) {
     match (base, over) {
         (Value::Object(base), Value::Object(over)) => {
             for (key, value) in over {
@@ -123,9 +126,9 @@ mod tests {
 
     #[test]
     fn every_file_is_called_as_its_preset() {
-        for ((file, _), preset) in FILES.iter().zip(presets()) {
+        for (file, _) in FILES {
             let (order, name) = file.split_once('-').unwrap();
-            assert_eq!(name, preset.name);
+            assert!(presets().iter().any(|preset| preset.name == name), "{file}");
             assert!(order.parse::<u32>().is_ok(), "{file}");
         }
     }

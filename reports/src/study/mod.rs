@@ -7,6 +7,4 @@ mod results;
 
 pub use plan::{Plan, Scale};
 pub use report::{check_replaceable, write};
-pub use results::{
-    DENOISERS, Evaluation, File, JobRecord, MODELS, REFERENCE, Set, Study, Training,
-};
+pub use results::{Evaluation, File, JobRecord, Study, Training};

@@ -3,12 +3,12 @@
 use anyhow::{Context, bail};
 use clap::ValueEnum;
 use serde_json::json;
-use spec::{JobSpec, PipelineSpec};
+use spec::{JobSpec, PipelineSpec, StudyPlan, StudyScale};
 
 /// How much of the study is done.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Scale {
-    /// Every job, in twenty minutes on two cores; too small to conclude from
+    /// Every kind of job, in twenty minutes on two cores; too small to conclude from
     Tiny,
     /// Tiny models, trained for long enough to compare, in some hours on two cores
     Small,
@@ -18,18 +18,14 @@ pub enum Scale {
 
 impl Scale {
     pub const fn name(self) -> &'static str {
-        match self {
-            Self::Tiny => "tiny",
-            Self::Small => "small",
-            Self::Paper => "paper",
-        }
+        self.of_spec().name()
     }
 
-    const fn preset(self) -> &'static str {
+    const fn of_spec(self) -> StudyScale {
         match self {
-            Self::Tiny => "paper-study-tiny",
-            Self::Small => "paper-study-small",
-            Self::Paper => "paper-study",
+            Self::Tiny => StudyScale::Tiny,
+            Self::Small => StudyScale::Small,
+            Self::Paper => StudyScale::Paper,
         }
     }
 }
@@ -37,6 +33,8 @@ impl Scale {
 #[derive(Debug)]
 pub struct Plan {
     pub scale: Scale,
+    /// What each job is for.
+    pub parts: StudyPlan,
     pub pipeline: PipelineSpec,
 }
 
@@ -44,11 +42,11 @@ impl Plan {
     pub fn of(scale: Scale) -> anyhow::Result<Self> {
         let job = spec::parse(&Self::request(scale)).context("the preset of the study")?;
         let JobSpec::Pipeline(pipeline) = job else { bail!("the preset is no pipeline") };
-        Ok(Self { scale, pipeline })
+        Ok(Self { scale, parts: StudyPlan::of(scale.of_spec()), pipeline })
     }
 
     /// What is submitted.
     pub fn request(scale: Scale) -> Vec<u8> {
-        json!({"preset": scale.preset()}).to_string().into_bytes()
+        json!({"preset": scale.of_spec().preset()}).to_string().into_bytes()
     }
 }

@@ -1,18 +1,10 @@
 //! What a study computed: what its report is made of.
 
 use serde::Serialize;
-use spec::{Digest, PipelineSpec};
-use wire::{PredictorInfo, Report};
+use spec::{Digest, Family, PipelineSpec, StudyEvaluation, StudyQuestion, StudyTraining};
+use wire::{PredictorInfo, Report, Shift, ShiftScores, ShiftSummary};
 
 use super::plan::Scale;
-
-/// The models that are compared, in the order of every table.
-pub const MODELS: [&str; 6] =
-    ["robomorph", "robomorph-gaussian", "diffuser", "cdcnn", "cdt", "flow"];
-/// Those that remove noise, whose chains the warm start cuts short.
-pub const DENOISERS: [&str; 3] = ["diffuser", "cdcnn", "cdt"];
-/// The deterministic one, which the paper compares with.
-pub const REFERENCE: &str = "robomorph";
 
 /// What a study computed.
 #[derive(Debug)]
@@ -22,21 +14,8 @@ pub struct Study {
     pub spec: PipelineSpec,
     /// The pipeline's job.
     pub pipeline: JobRecord,
-    /// One for each training set, D1 to D4.
-    pub sets: Vec<Set>,
-    pub warm_start: Evaluation,
-}
-
-/// One training set, and what was made of it.
-#[derive(Debug)]
-pub struct Set {
-    /// As the paper calls it, e.g. `D1`.
-    pub name: String,
-    pub data: JobRecord,
-    pub trajectories: u64,
     pub trainings: Vec<Training>,
-    pub sweep: Evaluation,
-    pub samples: Evaluation,
+    pub evaluations: Vec<Evaluation>,
 }
 
 /// Where numbers come from.
@@ -55,7 +34,7 @@ pub struct JobRecord {
 
 #[derive(Debug)]
 pub struct Training {
-    pub model: String,
+    pub plan: StudyTraining,
     pub record: JobRecord,
     pub checkpoint: i64,
     pub sha256: String,
@@ -65,6 +44,7 @@ pub struct Training {
 
 #[derive(Debug)]
 pub struct Evaluation {
+    pub plan: StudyEvaluation,
     pub record: JobRecord,
     pub report: Report,
     pub files: Vec<File>,
@@ -77,17 +57,59 @@ pub struct File {
     pub bytes: Vec<u8>,
 }
 
-impl Set {
-    /// What a predictor of this set's evaluations is called in the study.
+impl Study {
+    /// The number of training sets, D1 being the first.
+    pub fn sets(&self) -> usize {
+        self.evaluations.iter().map(|evaluation| evaluation.plan.set).max().unwrap_or(0)
+    }
+
+    pub fn evaluation(&self, set: usize, question: StudyQuestion) -> Option<&Evaluation> {
+        self.evaluations.iter().find(|it| it.plan.set == set && it.plan.question == question)
+    }
+
+    /// What a predictor is called in the study: a model, or a baseline.
     pub fn name_of<'a>(&'a self, predictor: &'a PredictorInfo) -> &'a str {
         let training = predictor.digest.and_then(|digest| {
             self.trainings.iter().find(|training| training.record.digest == digest)
         });
-        training.map_or(&predictor.name, |training| &training.model)
+        training.map_or(&predictor.name, |training| &training.plan.model)
     }
 
-    /// The predictor of a model in one of this set's evaluations.
-    pub fn predictor<'a>(&self, report: &'a Report, model: &str) -> Option<&'a PredictorInfo> {
-        report.predictors.iter().find(|predictor| self.name_of(predictor) == model)
+    /// The same of a predictor that the report of `evaluation` names.
+    pub fn called<'a>(&'a self, evaluation: &'a Evaluation, predictor: &'a str) -> &'a str {
+        let info = evaluation.report.predictors.iter().find(|info| info.name == predictor);
+        info.map_or(predictor, |info| self.name_of(info))
+    }
+
+    /// The models and baselines of an evaluation, in the order of every table, each once.
+    pub fn names<'a>(&'a self, evaluation: &'a Evaluation) -> Vec<&'a str> {
+        let mut names = Vec::new();
+        for info in &evaluation.report.predictors {
+            let name = self.name_of(info);
+            if !names.contains(&name) {
+                names.push(name);
+            }
+        }
+        names
+    }
+
+    /// The scores of a model or a baseline over one of an evaluation's shifts.
+    pub fn scores<'a>(
+        &self,
+        evaluation: &'a Evaluation,
+        shift: &'a ShiftSummary,
+        name: &str,
+    ) -> Option<&'a ShiftScores> {
+        shift
+            .models
+            .iter()
+            .find(|scores| scores.predictors.iter().any(|it| self.called(evaluation, it) == name))
+    }
+}
+
+impl Evaluation {
+    pub fn shift(&self, shift: Shift, family: Option<Family>) -> Option<&ShiftSummary> {
+        let mut shifts = self.report.shifts.iter();
+        shifts.find(|summary| summary.shift == shift && summary.family == family)
     }
 }

@@ -64,7 +64,8 @@ struct Rehearsal<'a> {
     /// By the spec without its data.
     trainings: BTreeMap<String, TrainingTimes>,
     simulation: Option<f64>,
-    baselines: BTreeMap<spec::Baseline, f64>,
+    /// By name, context and samples.
+    baselines: BTreeMap<(spec::Baseline, u32, u32), f64>,
 }
 
 impl Rehearsal<'_> {
@@ -115,12 +116,13 @@ impl Rehearsal<'_> {
     }
 
     fn training(&mut self, spec: &TrainSpec) -> anyhow::Result<TrainingTimes> {
-        let key = serde_json::to_string(&(&spec.model, spec.batch_size))?;
+        let data = self.simulation_of(&spec.data)?.clone();
+        let sizes = (spec.batch_size, spec.context, data.samples);
+        let key = serde_json::to_string(&(&spec.model, sizes))?;
         if let Some(times) = self.trainings.get(&key) {
             return Ok(*times);
         }
         eprintln!("trying {}", spec.model.architecture());
-        let data = self.simulation_of(&spec.data)?.clone();
         let times = worker::training_times(spec, &data, self.device)?;
         self.trainings.insert(key, times);
         Ok(times)
@@ -132,7 +134,7 @@ impl Rehearsal<'_> {
         let scenarios = data.trajectories as f64;
         let mut seconds = self.simulation(&data)?;
         for &name in &spec.baselines {
-            seconds += match self.baselines.entry(name) {
+            seconds += match self.baselines.entry((name, spec.context, data.samples)) {
                 Entry::Occupied(known) => *known.get(),
                 Entry::Vacant(new) => {
                     *new.insert(worker::baseline_seconds(name, &data, spec.context)?)

@@ -3,7 +3,8 @@
 use std::collections::BTreeMap;
 
 use anyhow::{Context, ensure};
-use reports::study::{Evaluation, File, JobRecord, MODELS, Plan, Set, Study, Training};
+use reports::study::{Evaluation, File, JobRecord, Plan, Study, Training};
+use spec::{StudyEvaluation, StudyTraining};
 use wire::{Job, JobState, Member};
 
 use crate::client::Client;
@@ -18,13 +19,13 @@ pub async fn gather(client: &Client, plan: &Plan, job: &Job) -> anyhow::Result<S
         client,
         by_name: job.members.iter().map(|member| (member.name.as_str(), member)).collect(),
     };
-    let mut sets = Vec::new();
-    for number in 1.. {
-        let prefix = format!("d{number}");
-        if !plan.pipeline.jobs.contains_key(&format!("{prefix}-data")) {
-            break;
-        }
-        sets.push(members.set(&prefix).await?);
+    let mut trainings = Vec::new();
+    for training in &plan.parts.trainings {
+        trainings.push(members.training(training).await?);
+    }
+    let mut evaluations = Vec::new();
+    for evaluation in &plan.parts.evaluations {
+        evaluations.push(members.evaluation(evaluation).await?);
     }
     Ok(Study {
         scale: plan.scale,
@@ -36,8 +37,8 @@ pub async fn gather(client: &Client, plan: &Plan, job: &Job) -> anyhow::Result<S
             seconds: job.duration_seconds,
             reused: false,
         },
-        sets,
-        warm_start: members.evaluation("warm-start").await?,
+        trainings,
+        evaluations,
     })
 }
 
@@ -47,31 +48,14 @@ struct Members<'a> {
 }
 
 impl Members<'_> {
-    async fn set(&self, prefix: &str) -> anyhow::Result<Set> {
-        let (data, job) = self.record(&format!("{prefix}-data")).await?;
-        let dataset = job.dataset.with_context(|| format!("{} has no dataset", data.name))?;
-        let mut trainings = Vec::new();
-        for model in MODELS {
-            trainings.push(self.training(prefix, model).await?);
-        }
-        Ok(Set {
-            name: prefix.to_uppercase(),
-            data,
-            trajectories: self.client.dataset(dataset).await?.trajectories,
-            trainings,
-            sweep: self.evaluation(&format!("{prefix}-sweep")).await?,
-            samples: self.evaluation(&format!("{prefix}-samples")).await?,
-        })
-    }
-
-    async fn training(&self, prefix: &str, model: &str) -> anyhow::Result<Training> {
-        let (record, job) = self.record(&format!("{prefix}-{model}")).await?;
+    async fn training(&self, plan: &StudyTraining) -> anyhow::Result<Training> {
+        let (record, job) = self.record(&plan.job).await?;
         let last = job.checkpoints.iter().max();
         let last = *last.with_context(|| format!("{} left no checkpoint", record.name))?;
         let checkpoint = self.client.checkpoint(last).await?;
         let weights = checkpoint.files.iter().find(|file| file.name == "model.safetensors");
         Ok(Training {
-            model: model.to_owned(),
+            plan: plan.clone(),
             checkpoint: last,
             sha256: weights.map(|file| file.sha256.to_string()).unwrap_or_default(),
             steps: checkpoint.step,
@@ -80,16 +64,19 @@ impl Members<'_> {
         })
     }
 
-    async fn evaluation(&self, name: &str) -> anyhow::Result<Evaluation> {
-        let (record, _) = self.record(name).await?;
+    async fn evaluation(&self, plan: &StudyEvaluation) -> anyhow::Result<Evaluation> {
+        let (record, _) = self.record(&plan.job).await?;
         let evaluation = self.client.evaluation(record.job).await?;
         let mut files = Vec::new();
         for artifact in evaluation.artifacts {
-            let bytes = self.client.download(&artifact.url).await?;
-            files.push(File { name: artifact.name, bytes });
+            // Of the evaluations that are one of many, tables say it shorter.
+            if plan.question.is_drawn() || artifact.name == "report.json" {
+                let bytes = self.client.download(&artifact.url).await?;
+                files.push(File { name: artifact.name, bytes });
+            }
         }
-        let report = evaluation.report.with_context(|| format!("{name} has no report"))?;
-        Ok(Evaluation { record, report, files })
+        let report = evaluation.report.with_context(|| format!("{} has no report", plan.job))?;
+        Ok(Evaluation { plan: plan.clone(), record, report, files })
     }
 
     async fn record(&self, name: &str) -> anyhow::Result<(JobRecord, Job)> {

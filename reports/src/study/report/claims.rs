@@ -1,17 +1,19 @@
-//! The paper's three claims beside what was measured.
+//! The paper's three claims, and what needs no training, beside what was measured.
 
-use std::fmt::Write;
-
-use spec::Start;
-use wire::{Interval, Latency, PredictorInfo, Report};
+use spec::{Start, StudyQuestion, study_models};
+use wire::{Latency, PredictorInfo, Report};
 
 use crate::{Standing, degrees};
 
-use super::super::results::{DENOISERS, MODELS, REFERENCE, Set, Study};
+use super::super::results::{Evaluation, Study};
+use super::columns::{COLUMNS, Column};
 use super::errors::{IN_DISTRIBUTION, OUT_OF_DISTRIBUTION, difference, rmse};
-use super::figures::{baselines, error};
-use super::text::{markdown, with_interval};
+use super::text::{markdown, none, with_interval};
 
+/// The deterministic model that the paper compares with.
+const REFERENCE: &str = "robomorph";
+/// The model that inpaints.
+const INPAINTING: &str = "diffuser";
 /// What the paper allows one prediction to take.
 const BUDGET_MS: f64 = 40.0;
 /// Passes that fit into it there.
@@ -26,149 +28,77 @@ struct Tally {
 }
 
 impl Tally {
-    fn count(&mut self, standing: Standing) {
-        self.all += 1;
-        match standing {
-            Standing::Better => self.better += 1,
-            Standing::Worse => self.worse += 1,
-            Standing::NotClear => {}
+    /// Over all training sets that have both.
+    fn of(study: &Study, column: &Column, name: &str, against: &str) -> Self {
+        let mut tally = Self::default();
+        for set in 1..=study.sets() {
+            let Some(interval) = column.difference(study, set, name, against) else { continue };
+            tally.all += 1;
+            match Standing::of(interval) {
+                Standing::Better => tally.better += 1,
+                Standing::Worse => tally.worse += 1,
+                Standing::NotClear => {}
+            }
         }
+        tally
     }
 
     fn words(self) -> String {
         let Self { better, worse, all } = self;
-        let rest = all - better - worse;
-        format!("better on {better} of {all}, worse on {worse}, not clearly different on {rest}")
+        if all == 0 { none() } else { format!("{better} better, {worse} worse of {all}") }
     }
 }
 
-/// Difference of RMSE between two models of a set on its sweep.
-fn between(set: &Set, group: &str, model: &str, against: &str) -> Option<Interval> {
-    let report = &set.sweep.report;
-    let (model, against) = (set.predictor(report, model)?, set.predictor(report, against)?);
-    difference(report, group, &model.name, &against.name)
+/// On how many sets each of `names` is better and worse than `against`, by column.
+fn standings<'a>(study: &Study, names: impl Iterator<Item = &'a str>, against: &[&str]) -> String {
+    let mut rows = Vec::new();
+    for name in names {
+        for against in against.iter().filter(|against| **against != name) {
+            let mut row = vec![name.to_owned(), (*against).to_owned()];
+            let tallies = COLUMNS.iter().map(|column| Tally::of(study, column, name, against));
+            row.extend(tallies.map(Tally::words));
+            rows.push(row);
+        }
+    }
+    let mut columns = vec!["", "against"];
+    columns.extend(COLUMNS.iter().map(|column| column.title));
+    markdown(&columns, &rows)
 }
 
 /// "Diffusion models hold up out of distribution, where the deterministic model degrades."
 pub fn robustness(study: &Study) -> String {
-    let mut rows = Vec::new();
-    let mut tallies = vec![Tally::default(); MODELS.len()];
-    for set in &study.sets {
-        for (k, model) in MODELS.into_iter().enumerate() {
-            let inside = error(set, IN_DISTRIBUTION, model);
-            let outside = error(set, OUT_OF_DISTRIBUTION, model);
-            let gap = inside.zip(outside).map(|(inside, outside)| outside.mean / inside.mean);
-            let against = between(set, OUT_OF_DISTRIBUTION, model, REFERENCE);
-            let standing = against.map(Standing::of);
-            if let Some(standing) = standing {
-                tallies[k].count(standing);
-            }
-            rows.push(vec![
-                set.name.clone(),
-                model.to_owned(),
-                inside.map_or_else(none, with_interval),
-                outside.map_or_else(none, with_interval),
-                gap.map_or_else(none, |gap| format!("{gap:.1}×")),
-                against.map_or_else(none, with_interval),
-                standing.map_or_else(String::new, |standing| standing.word().to_owned()),
-            ]);
-        }
-        for baseline in baselines(set) {
-            rows.push(vec![
-                set.name.clone(),
-                format!("*{baseline}*"),
-                error(set, IN_DISTRIBUTION, baseline).map_or_else(none, with_interval),
-                error(set, OUT_OF_DISTRIBUTION, baseline).map_or_else(none, with_interval),
-                String::new(),
-                String::new(),
-                String::new(),
-            ]);
-        }
-    }
-    let columns = [
-        "trained on",
-        "predictor",
-        "RMSE in distribution",
-        "RMSE out of it",
-        "ratio",
-        "out of it, less robomorph's",
-        "",
-    ];
-    let mut text = String::new();
-    for (model, tally) in MODELS.into_iter().zip(&tallies).filter(|(model, _)| *model != REFERENCE)
-    {
-        let _ = writeln!(
-            text,
-            "- `{model}` against `{REFERENCE}` out of distribution: {} training sets.",
-            tally.words()
-        );
-    }
-    format!("{text}\n{}", markdown(&columns, &rows))
+    let generative = study_models().iter().filter(|model| model.samples);
+    standings(study, generative.map(|model| model.name.as_str()), &[REFERENCE])
 }
 
 /// What needs no training, beside which a model has to show what it is worth.
-const UNTRAINED: [&str; 3] = ["damped-integrator", "arx", "identification"];
+const UNTRAINED: [&str; 3] = ["damped-integrator", "arx", "simulator-fitted-damping"];
 
 /// How every model stands against baselines on the training sets.
 pub fn against_baselines(study: &Study) -> String {
-    let mut rows = Vec::new();
-    for model in MODELS {
-        for group in [IN_DISTRIBUTION, OUT_OF_DISTRIBUTION] {
-            let against = |baseline: &str| {
-                let mut tally = Tally::default();
-                let differences =
-                    study.sets.iter().filter_map(|set| between(set, group, model, baseline));
-                differences.for_each(|interval| tally.count(Standing::of(interval)));
-                if tally.all == 0 { none() } else { tally.words() }
-            };
-            let mut row = vec![model.to_owned(), group.to_owned()];
-            row.extend(UNTRAINED.map(against));
-            rows.push(row);
-        }
-    }
-    let mut columns = vec!["predictor", "cells"];
-    columns.extend(UNTRAINED);
-    markdown(&columns, &rows)
+    standings(study, study_models().iter().map(|model| model.name.as_str()), &UNTRAINED)
 }
 
 /// "Inpainting (Diffuser) is the best of the diffusion models."
 pub fn inpainting(study: &Study) -> String {
-    let mut text = String::new();
-    let mut rows = Vec::new();
-    for group in [IN_DISTRIBUTION, OUT_OF_DISTRIBUTION] {
-        for other in DENOISERS.into_iter().filter(|&other| other != "diffuser") {
-            let mut tally = Tally::default();
-            for set in &study.sets {
-                let Some(interval) = between(set, group, "diffuser", other) else { continue };
-                tally.count(Standing::of(interval));
-                rows.push(vec![
-                    set.name.clone(),
-                    group.to_owned(),
-                    format!("diffuser less {other}"),
-                    with_interval(interval),
-                    Standing::of(interval).word().to_owned(),
-                ]);
-            }
-            let _ = writeln!(
-                text,
-                "- `diffuser` against `{other}` {group}: {} training sets.",
-                tally.words()
-            );
-        }
-    }
-    let columns = ["trained on", "cells", "difference of RMSE", "", "diffuser is"];
-    format!("{text}\n{}", markdown(&columns, &rows))
+    let others: Vec<&str> = study_models()
+        .iter()
+        .filter(|model| model.denoiser && model.name != INPAINTING)
+        .map(|model| model.name.as_str())
+        .collect();
+    standings(study, [INPAINTING].into_iter(), &others)
 }
 
 /// "Warm-started conditioned diffusion predicts within 40 ms at little cost in accuracy."
 pub fn warm_start(study: &Study) -> String {
-    let Some(set) = study.warm_start_set() else { return String::new() };
-    let report = &study.warm_start.report;
+    let Some(evaluation) = study.warm_start() else { return String::new() };
+    let report = &evaluation.report;
     let mut text = String::new();
     let mut rows = Vec::new();
-    for model in DENOISERS {
+    for model in study_models().iter().filter(|model| model.denoiser) {
+        let model = model.name.as_str();
         let of_model: Vec<&PredictorInfo> =
-            report.predictors.iter().filter(|info| set.name_of(info) == model).collect();
+            report.predictors.iter().filter(|info| study.name_of(info) == model).collect();
         let find = |start: Start, steps: u32| {
             of_model.iter().copied().find(|info| {
                 info.sampling
@@ -270,6 +200,8 @@ fn sentence(
     format!("- `{model}`, {FEW_STEPS} warm-started steps: {}.\n", clauses.join("; "))
 }
 
-fn none() -> String {
-    "-".to_owned()
+impl Study {
+    pub(super) fn warm_start(&self) -> Option<&Evaluation> {
+        self.evaluations.iter().find(|it| it.plan.question == StudyQuestion::WarmStart)
+    }
 }

@@ -1,22 +1,23 @@
 //! The figures of the evaluations, and one over all training sets.
 
 use figures::{Axis, Figure, Point, Series, Size};
-use wire::{Interval, PredictorKind};
+use spec::study_models;
+use wire::Interval;
 
-use super::super::results::{Evaluation, File, MODELS, Set, Study};
-use super::errors::{IN_DISTRIBUTION, OUT_OF_DISTRIBUTION, rmse};
+use super::super::results::{Evaluation, File, Study};
+use super::columns::{COLUMNS, Column};
 
 /// Baselines to compare with; all others are in the tables.
-const BASELINES: [&str; 2] = ["damped-integrator", "arx"];
+const BASELINES: [&str; 3] = ["damped-integrator", "arx", "simulator-fitted-damping"];
+
+/// Columns of the headline that are drawn, by the names of their files.
+const DRAWN: [(usize, &str); 4] =
+    [(0, "within"), (2, "above-chirps"), (3, "above-multisines"), (5, "steps")];
 
 pub fn all(study: &Study) -> anyhow::Result<Vec<File>> {
-    let of_sets = study.sets.iter().flat_map(|set| [&set.sweep, &set.samples]);
-    let mut files: Vec<File> = of_sets.chain([&study.warm_start]).flat_map(drawn).collect();
-    for (group, name) in
-        [(IN_DISTRIBUTION, "in-distribution"), (OUT_OF_DISTRIBUTION, "out-of-distribution")]
-    {
-        let figure = over_training_sets(study, group);
-        let svg = figure.to_svg(Size::PAGE)?.into_bytes();
+    let mut files: Vec<File> = study.evaluations.iter().flat_map(drawn).collect();
+    for (column, name) in DRAWN {
+        let svg = over_training_sets(study, &COLUMNS[column]).to_svg(Size::PAGE)?.into_bytes();
         files.push(File { name: format!("{name}.svg"), bytes: svg });
     }
     Ok(files)
@@ -31,36 +32,24 @@ fn drawn(evaluation: &Evaluation) -> impl Iterator<Item = File> {
     })
 }
 
-/// RMSE of every model on what each training set makes in or out of distribution.
-fn over_training_sets(study: &Study, group: &str) -> Figure {
-    let mut names: Vec<&str> = MODELS.to_vec();
-    names.extend(BASELINES);
-    let series = names.iter().map(|&name| {
-        let points = study.sets.iter().enumerate().filter_map(|(k, set)| {
-            let Interval { mean, low, high } = error(set, group, name)?;
-            Some(Point::with_interval((k + 1) as f64, mean, low, high))
+/// RMSE of every model and some baselines on each training set, in one column of the headline.
+fn over_training_sets(study: &Study, column: &Column) -> Figure {
+    let models = study_models().iter().map(|model| model.name.as_str());
+    let series = models.chain(BASELINES).map(|name| {
+        let points = (1..=study.sets()).filter_map(|set| {
+            let Interval { mean, low, high } = column.scores(study, set, name)?.rmse_deg?;
+            // The axis is logarithmic, and an interval of few seeds may reach below 0.
+            let low = low.max(0.1 * mean);
+            Some(Point::with_interval(set as f64, mean, low, high))
         });
         let series = Series::line(name, points.collect()).with_markers();
         if BASELINES.contains(&name) { series.dashed() } else { series }
     });
     Figure {
-        title: format!("RMSE {group}"),
+        title: format!("RMSE, {}", column.title),
         x: Axis::linear("trained on D"),
         y: Axis::log("RMSE").in_unit("°"),
         series: series.filter(|series| !series.points.is_empty()).collect(),
         bands: Vec::new(),
     }
-}
-
-/// Of a model or a baseline.
-pub fn error(set: &Set, group: &str, name: &str) -> Option<Interval> {
-    let report = &set.sweep.report;
-    let predictor = set.predictor(report, name)?;
-    rmse(report, group, &predictor.name)
-}
-
-/// The baselines of a set's sweep.
-pub fn baselines(set: &Set) -> impl Iterator<Item = &str> {
-    let predictors = set.sweep.report.predictors.iter();
-    predictors.filter(|info| info.kind == PredictorKind::Baseline).map(|info| info.name.as_str())
 }

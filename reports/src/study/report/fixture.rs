@@ -1,44 +1,47 @@
-//! A study of made-up numbers: model k of training set s errs by k + s degrees in distribution and
-//! twice as much out of it.
+//! A study of made-up numbers: on every shift a model errs by its place in the list plus the number of its set, seeds
+//! half a degree apart, and everything above the band twice as much.
 
 use serde_json::{Value, json};
-use spec::Digest;
-use wire::Report;
+use spec::{Digest, Family, StudyEvaluation, StudyQuestion};
+use wire::{Report, Shift};
 
 use super::super::plan::{Plan, Scale};
-use super::super::results::{Evaluation, File, JobRecord, MODELS, Set, Study, Training};
-use super::errors::{IN_DISTRIBUTION, OUT_OF_DISTRIBUTION};
+use super::super::results::{Evaluation, File, JobRecord, Study, Training};
+use super::errors::IN_DISTRIBUTION;
 
 pub fn study() -> Study {
+    let plan = Plan::of(Scale::Tiny).unwrap();
+    let trainings: Vec<Training> = (0..)
+        .zip(&plan.parts.trainings)
+        .map(|(k, training)| Training {
+            plan: training.clone(),
+            record: JobRecord { digest: digest(k), ..record(&training.job, 10 + k) },
+            checkpoint: 5,
+            sha256: "ab".repeat(32),
+            steps: 200,
+            validation_rmse_deg: Some(1.5),
+        })
+        .collect();
+    let evaluation = |plan: &StudyEvaluation| {
+        let report = match plan.question {
+            StudyQuestion::WarmStart => warm_start_report(&trainings),
+            StudyQuestion::Sweep => sweep(&trainings, plan.set),
+            _ => report(&json!({"predictors": [], "groups": [], "paired": []})),
+        };
+        let figure = File { name: "rmse.svg".to_owned(), bytes: b"<svg/>".to_vec() };
+        Evaluation {
+            plan: plan.clone(),
+            record: record(&plan.job, 900),
+            report,
+            files: vec![figure],
+        }
+    };
     Study {
         scale: Scale::Tiny,
-        spec: Plan::of(Scale::Tiny).unwrap().pipeline,
+        spec: plan.pipeline.clone(),
         pipeline: record("paper-study-tiny", 1),
-        sets: vec![set(1), set(2)],
-        warm_start: evaluation("warm-start", 90, warm_start_report(2)),
-    }
-}
-
-fn set(number: usize) -> Set {
-    let training = |(k, model): (usize, &str)| Training {
-        model: model.to_owned(),
-        record: JobRecord {
-            digest: digest(number, k),
-            ..record(&format!("d{number}-{model}"), 10)
-        },
-        checkpoint: 5,
-        sha256: "ab".repeat(32),
-        steps: 200,
-        validation_rmse_deg: Some(1.5),
-    };
-    let of_set = |name: &str, job| evaluation(&format!("d{number}-{name}"), job, sweep(number));
-    Set {
-        name: format!("D{number}"),
-        data: record(&format!("d{number}-data"), 2),
-        trajectories: 8192,
-        trainings: MODELS.into_iter().enumerate().map(training).collect(),
-        sweep: of_set("sweep", 20),
-        samples: of_set("samples", 30),
+        evaluations: plan.parts.evaluations.iter().map(evaluation).collect(),
+        trainings,
     }
 }
 
@@ -52,64 +55,71 @@ fn record(name: &str, job: i64) -> JobRecord {
     }
 }
 
-fn digest(set: usize, model: usize) -> Digest {
-    format!("{:064x}", 100 * set + model).parse().unwrap()
-}
-
-fn evaluation(name: &str, job: i64, report: Report) -> Evaluation {
-    let figure = File { name: "rmse.svg".to_owned(), bytes: b"<svg/>".to_vec() };
-    Evaluation { record: record(name, job), report, files: vec![figure] }
+fn digest(training: i64) -> Digest {
+    format!("{:064x}", 10_000 + training).parse().unwrap()
 }
 
 fn interval(mean: f64) -> Value {
     json!({"mean": mean, "low": mean - 0.1, "high": mean + 0.1})
 }
 
-/// Names are those of the report, not of the study.
-fn sweep(set: usize) -> Report {
-    let predictor = |k: usize| format!("checkpoint {k}");
+/// The trainings of a set with the usual lengths, model by model, and ARX before them.
+fn sweep(trainings: &[Training], set: usize) -> Report {
+    let of_set = || trainings.iter().filter(|it| it.plan.set == set && it.plan.length.is_none());
     let mut predictors = vec![json!({"name": "arx", "kind": "baseline"})];
-    let of_models = MODELS.iter().enumerate().map(
-        |(k, _)| json!({"name": predictor(k), "kind": "checkpoint", "digest": digest(set, k)}),
-    );
-    predictors.extend(of_models);
-    let error = |k: usize, factor: f64| factor * (1 + k + set) as f64;
-    let group = |name: &str, factor: f64| {
-        let errors = (0..MODELS.len()).map(|k| {
-            let mut interval = interval(error(k, factor));
-            interval["predictor"] = predictor(k).into();
-            interval
-        });
-        json!({"name": name, "scenarios": 40, "rmse_deg": errors.collect::<Vec<_>>()})
-    };
-    let mut paired = Vec::new();
-    for (name, factor) in [(IN_DISTRIBUTION, 1.0), (OUT_OF_DISTRIBUTION, 2.0)] {
-        for k in 0..MODELS.len() {
-            paired.push(json!({
-                "group": name, "predictor": predictor(k), "against": "arx",
-                "difference_deg": interval(error(k, factor)),
-            }));
-            for before in 0..k {
-                let difference = error(k, factor) - error(before, factor);
-                paired.push(json!({
-                    "group": name, "predictor": predictor(k), "against": predictor(before),
-                    "difference_deg": interval(difference),
-                }));
-            }
+    predictors.extend(of_set().map(|training| {
+        json!({"name": training.plan.job, "kind": "checkpoint", "digest": training.record.digest})
+    }));
+    let mut models: Vec<(Vec<String>, f64)> = vec![(vec!["arx".to_owned()], 3.0)];
+    let mut names = Vec::new();
+    for training in of_set() {
+        if !names.contains(&training.plan.model) {
+            names.push(training.plan.model.clone());
+            models.push((Vec::new(), (names.len() + set) as f64));
         }
+        models.last_mut().unwrap().0.push(training.plan.job.clone());
     }
+    let summary = |shift: Shift, family: Option<Family>, factor: f64| {
+        let scores = models.iter().map(|(predictors, mean)| {
+            let count = predictors.len();
+            let seeds: Vec<f64> = (0..count).map(|k| factor * mean + 0.5 * k as f64).collect();
+            json!({
+                "predictors": predictors, "rmse_deg": interval(factor * mean), "seed_rmse_deg": seeds,
+                "skill": interval(0.5), "worst_deg": 20.0, "joint_rmse_deg": [1.0, 2.0], "diverged": 0.0,
+            })
+        });
+        let pairs = models
+            .iter()
+            .enumerate()
+            .flat_map(|(k, ours)| models[..k].iter().map(move |theirs| (ours, theirs)));
+        let differences = pairs.map(|(ours, theirs)| {
+            json!({
+                "predictor": ours.0[0], "against": theirs.0[0],
+                "difference_deg": interval(factor * (ours.1 - theirs.1)),
+            })
+        });
+        json!({
+            "shift": shift, "family": family, "scenarios": 40, "scored": 30,
+            "models": scores.collect::<Vec<_>>(), "differences": differences.collect::<Vec<_>>(),
+        })
+    };
     report(&json!({
         "predictors": predictors,
-        "groups": [group(IN_DISTRIBUTION, 1.0), group(OUT_OF_DISTRIBUTION, 2.0)],
-        "paired": paired,
+        "groups": [],
+        "paired": [],
+        "shifts": [
+            summary(Shift::Within, None, 1.0),
+            summary(Shift::Above, Some(Family::Chirp), 2.0),
+        ],
     }))
 }
 
 /// Five warm steps of the CDT: half a degree worse than all hundred, in 30 ms.
-fn warm_start_report(set: usize) -> Report {
+fn warm_start_report(trainings: &[Training]) -> Report {
+    let cdt = trainings.iter().find(|training| training.plan.job == "d1-cdt-1").unwrap();
     let sampled = |start: &str, steps: u32, p99_ms: f64| {
         json!({
-            "name": format!("cdt ddpm {steps} {start}"), "kind": "checkpoint", "digest": digest(set, 4),
+            "name": format!("cdt ddpm {steps} {start}"), "kind": "checkpoint", "digest": cdt.record.digest,
             "sampling": {"curve": format!("cdt ddpm {start}"), "kind": "ddpm", "steps": steps,
                 "start": start},
             "latency": {"median_ms": p99_ms / 2.0, "p99_ms": p99_ms, "threads": 2,

@@ -1,9 +1,12 @@
 //! The folder that says what a study found: text, tables, figures, and where each number comes from.
 
 mod claims;
+mod columns;
 mod errors;
 mod figures;
 mod folder;
+mod headline;
+mod samples;
 mod tables;
 mod text;
 
@@ -12,7 +15,7 @@ use std::path::Path;
 use anyhow::Context;
 use spec::JobSpec;
 
-use super::results::{Evaluation, Set, Study};
+use super::results::Study;
 use folder::Folder;
 pub use folder::check_replaceable;
 
@@ -28,7 +31,7 @@ pub fn write(out: &Path, study: &Study) -> anyhow::Result<()> {
     for figure in figures::all(study)? {
         folder.add(format!("figures/{}", figure.name), figure.bytes);
     }
-    for evaluation in study.evaluations() {
+    for evaluation in &study.evaluations {
         let json = serde_json::to_vec(&evaluation.report)?;
         folder.add(format!("evaluations/{}.json", evaluation.record.name), json);
     }
@@ -42,13 +45,9 @@ pub fn write(out: &Path, study: &Study) -> anyhow::Result<()> {
 /// Every job with its digest, for whoever wants to know where a number comes from.
 fn provenance(study: &Study) -> anyhow::Result<Vec<u8>> {
     let mut jobs = vec![&study.pipeline];
-    for set in &study.sets {
-        jobs.push(&set.data);
-        jobs.extend(set.trainings.iter().map(|training| &training.record));
-        jobs.extend([&set.sweep.record, &set.samples.record]);
-    }
-    jobs.push(&study.warm_start.record);
-    let checkpoints = study.sets.iter().flat_map(|set| &set.trainings).map(|training| {
+    jobs.extend(study.trainings.iter().map(|training| &training.record));
+    jobs.extend(study.evaluations.iter().map(|evaluation| &evaluation.record));
+    let checkpoints = study.trainings.iter().map(|training| {
         serde_json::json!({
             "name": training.record.name,
             "checkpoint": training.checkpoint,
@@ -66,76 +65,64 @@ fn provenance(study: &Study) -> anyhow::Result<Vec<u8>> {
     Ok(serde_json::to_vec_pretty(&all)?)
 }
 
-impl Study {
-    fn evaluations(&self) -> impl Iterator<Item = &Evaluation> {
-        let of_sets = self.sets.iter().flat_map(|set| [&set.sweep, &set.samples]);
-        of_sets.chain([&self.warm_start])
-    }
-
-    /// The set that the warm starts were trained on.
-    fn warm_start_set(&self) -> Option<&Set> {
-        self.sets.iter().find(|set| {
-            let report = &self.warm_start.report;
-            report.predictors.iter().any(|predictor| set.is_trained_here(predictor))
-        })
-    }
-}
-
-impl Set {
-    fn is_trained_here(&self, predictor: &wire::PredictorInfo) -> bool {
-        self.trainings.iter().any(|training| Some(training.record.digest) == predictor.digest)
-    }
-}
-
 #[cfg(test)]
 mod fixture;
 
 #[cfg(test)]
 mod tests {
-    use super::errors::{IN_DISTRIBUTION, difference};
+    use super::columns::COLUMNS;
     use super::*;
 
+    fn csv(name: &str) -> String {
+        let table = tables::all(&fixture::study()).into_iter().find(|table| table.name == name);
+        String::from_utf8(table.unwrap().to_csv().unwrap()).unwrap()
+    }
+
     #[test]
-    fn predictors_are_called_as_the_study_calls_its_models() {
-        let table = tables::all(&fixture::study()).into_iter().find(|table| table.name == "rmse");
-        let csv = String::from_utf8(table.unwrap().to_csv().unwrap()).unwrap();
-        let line = csv.lines().find(|line| line.starts_with("D2,out of distribution,40,cdt,"));
-        assert!(
-            line.unwrap().starts_with("D2,out of distribution,40,cdt,14,13.9,14.1,20,"),
-            "{csv}"
-        );
+    fn replications_are_one_row_and_every_training_is_another() {
+        let shifts = csv("shifts");
+        let expected = "D2,d2-sweep,above the band,chirp,40,30,lagrangian,3,6,5.9,6.1,";
+        assert!(shifts.lines().any(|line| line.starts_with(expected)), "{shifts}");
+        let seeds = csv("seeds");
+        let expected = "D2,d2-sweep,above the band,chirp,lagrangian,d2-lagrangian-2,6.5,";
+        assert!(seeds.lines().any(|line| line.starts_with(expected)), "{seeds}");
     }
 
     #[test]
     fn a_difference_is_found_whichever_of_the_two_came_first() {
         let study = fixture::study();
-        let report = &study.sets[0].sweep.report;
-        let forwards = difference(report, IN_DISTRIBUTION, "checkpoint 3", "checkpoint 1").unwrap();
-        let backwards =
-            difference(report, IN_DISTRIBUTION, "checkpoint 1", "checkpoint 3").unwrap();
-        assert_eq!((forwards.mean, forwards.low), (2.0, 1.9));
-        assert_eq!((backwards.mean, backwards.low, backwards.high), (-2.0, -2.1, -1.9));
+        let found =
+            |name: &str, against: &str| COLUMNS[0].difference(&study, 1, name, against).unwrap();
+        // Lagrangian is the first of the list, RoboMorph the second.
+        let forwards = found("robomorph", "lagrangian");
+        assert_eq!((forwards.mean, forwards.low), (1.0, 0.9));
+        let backwards = found("lagrangian", "robomorph");
+        assert_eq!((backwards.mean, backwards.low, backwards.high), (-1.0, -1.1, -0.9));
     }
 
     #[test]
     fn claims_are_counted_over_the_training_sets() {
         let study = fixture::study();
         let robustness = claims::robustness(&study);
-        let line = "- `cdt` against `robomorph` out of distribution: better on 0 of 2, worse on 2, \
-                    not clearly different on 0 training sets.";
+        let line = "| flow | robomorph | 0 better, 2 worse of 2 | - | 0 better, 2 worse of 2 | - | - | - |";
         assert!(robustness.contains(line), "{robustness}");
         let inpainting = claims::inpainting(&study);
-        let line = "- `diffuser` against `cdt` in distribution: better on 2 of 2, worse on 0, not \
-                    clearly different on 0 training sets.";
+        let line =
+            "| diffuser | cdt | 1 better, 0 worse of 1 | - | 1 better, 0 worse of 1 | - | - | - |";
         assert!(inpainting.contains(line), "{inpainting}");
+        let baselines = claims::against_baselines(&study);
+        let line = "| lagrangian | arx | 1 better, 0 worse of 2 | - |";
+        assert!(baselines.contains(line), "{baselines}");
     }
 
     #[test]
-    fn models_are_counted_against_what_needs_no_training() {
-        let text = claims::against_baselines(&fixture::study());
-        let line = "| cdt | in distribution | - | better on 0 of 2, worse on 2, not clearly different \
-                    on 0 | - |";
+    fn the_headline_says_what_was_rejected_and_how_many_trainings_there_were() {
+        let text = headline::errors(&fixture::study());
+        let line = "| *rejected* |  | *25 % of 40* | - | *25 % of 40* | - | - | - |";
         assert!(text.contains(line), "{text}");
+        let line = "| lagrangian | 3 | 2.00 [1.90, 2.10] | - | 4.00 [3.90, 4.10] | - | - | - |";
+        assert!(text.contains(line), "{text}");
+        assert!(text.contains("| arx | - | 3.00 [2.90, 3.10] |"), "{text}");
     }
 
     #[test]
@@ -147,7 +134,7 @@ mod tests {
         let pipeline = std::fs::read(out.join("pipeline.json")).unwrap();
         assert_eq!(spec::parse(&pipeline).unwrap(), JobSpec::Pipeline(study.spec));
         let readme = std::fs::read_to_string(out.join("README.md")).unwrap();
-        assert!(readme.contains("robots of evaluations 1000003"), "{readme}");
+        assert!(readme.contains("robots of trainings 101, 102, 103, 201"), "{readme}");
     }
 
     #[test]
@@ -168,7 +155,7 @@ mod tests {
             "study.json",
             "tables/warm-start.csv",
             "figures/d1-sweep-rmse.svg",
-            "figures/out-of-distribution.svg",
+            "figures/within.svg",
             "evaluations/warm-start.json",
         ] {
             assert!(out.join(file).is_file(), "{file}");

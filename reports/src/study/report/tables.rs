@@ -1,8 +1,9 @@
 //! Every number of the study as rows, each with the job it comes from.
 
-use wire::{Interval, Latency, PredictorInfo, PredictorScores};
+use spec::StudyQuestion;
+use wire::{Interval, Latency, PredictorInfo, PredictorScores, ShiftSummary};
 
-use super::super::results::{Evaluation, Set, Study};
+use super::super::results::{Evaluation, Study};
 
 /// Rows under names.
 #[derive(Debug)]
@@ -30,9 +31,11 @@ impl Table {
 
 pub fn all(study: &Study) -> Vec<Table> {
     vec![
-        rmse(study),
-        by_frequency(study),
-        paired(study),
+        shifts(study),
+        seeds(study),
+        joints(study),
+        differences(study),
+        cells(study),
         samples(study),
         warm_start(study),
         latency(study),
@@ -40,43 +43,129 @@ pub fn all(study: &Study) -> Vec<Table> {
     ]
 }
 
-fn rmse(study: &Study) -> Table {
-    let mut table =
-        Table::new("rmse", "training_set group scenarios predictor rmse_deg low high job digest");
-    for set in &study.sets {
-        for group in &set.sweep.report.groups {
-            for error in &group.rmse_deg {
-                let mut row =
-                    vec![set.name.clone(), group.name.clone(), group.scenarios.to_string()];
-                row.push(name(set, &set.sweep, &error.predictor));
-                row.extend(interval(error.interval));
-                row.extend(source(&set.sweep));
-                table.rows.push(row);
+/// Rows of every shift of every evaluation, after what says which.
+fn of_shifts(
+    study: &Study,
+    table: &mut Table,
+    rows: impl Fn(&Evaluation, &ShiftSummary) -> Vec<Vec<String>>,
+) {
+    for evaluation in &study.evaluations {
+        for shift in &evaluation.report.shifts {
+            let about = [
+                format!("D{}", evaluation.plan.set),
+                evaluation.record.name.clone(),
+                shift.shift.to_string(),
+                text(shift.family),
+            ];
+            for row in rows(evaluation, shift) {
+                let mut whole = about.to_vec();
+                whole.extend(row);
+                whole.extend(source(evaluation));
+                table.rows.push(whole);
             }
         }
     }
+}
+
+fn shifts(study: &Study) -> Table {
+    let mut table = Table::new(
+        "shifts",
+        "training_set evaluation shift family scenarios scored predictor trainings rmse_deg low \
+         high skill skill_low skill_high mean_rmse_deg worst_deg diverged job digest",
+    );
+    of_shifts(study, &mut table, |evaluation, shift| {
+        let rows = shift.models.iter().map(|scores| {
+            let mut row = vec![shift.scenarios.to_string(), shift.scored.to_string()];
+            row.push(name(study, evaluation, &scores.predictors));
+            row.push(scores.predictors.len().to_string());
+            row.extend(interval_or_nothing(scores.rmse_deg));
+            row.extend(interval_or_nothing(scores.skill));
+            row.extend([mean(scores.mean_rmse_deg), text(scores.worst_deg)]);
+            row.push(scores.diverged.to_string());
+            row
+        });
+        rows.collect()
+    });
     table
 }
 
-fn by_frequency(study: &Study) -> Table {
+/// The error of each training.
+fn seeds(study: &Study) -> Table {
     let mut table = Table::new(
-        "rmse-by-frequency",
-        "training_set family frequency_hz in_distribution scenarios predictor rmse_deg low \
-         high job digest",
+        "seeds",
+        "training_set evaluation shift family predictor training rmse_deg job digest",
     );
-    for set in &study.sets {
-        for cell in &set.sweep.report.cells {
+    of_shifts(study, &mut table, |evaluation, shift| {
+        let each = shift.models.iter().flat_map(|scores| {
+            let name = name(study, evaluation, &scores.predictors);
+            let of_seeds = scores.predictors.iter().zip(&scores.seed_rmse_deg);
+            of_seeds
+                .map(move |(training, rmse)| vec![name.clone(), training.clone(), rmse.to_string()])
+        });
+        each.collect()
+    });
+    table
+}
+
+fn joints(study: &Study) -> Table {
+    let mut table = Table::new(
+        "joints",
+        "training_set evaluation shift family predictor joint rmse_deg job digest",
+    );
+    of_shifts(study, &mut table, |evaluation, shift| {
+        let each = shift.models.iter().flat_map(|scores| {
+            let name = name(study, evaluation, &scores.predictors);
+            (1..).zip(&scores.joint_rmse_deg).map(move |(joint, rmse): (u32, _)| {
+                vec![name.clone(), joint.to_string(), rmse.to_string()]
+            })
+        });
+        each.collect()
+    });
+    table
+}
+
+fn differences(study: &Study) -> Table {
+    let mut table = Table::new(
+        "differences",
+        "training_set evaluation shift family predictor against difference_deg low high job digest",
+    );
+    of_shifts(study, &mut table, |evaluation, shift| {
+        let each = shift.differences.iter().map(|it| {
+            let mut row = vec![
+                study.called(evaluation, &it.predictor).to_owned(),
+                study.called(evaluation, &it.against).to_owned(),
+            ];
+            row.extend(interval(it.difference_deg));
+            row
+        });
+        each.collect()
+    });
+    table
+}
+
+/// Every predictor in every cell, over all scenarios.
+fn cells(study: &Study) -> Table {
+    let mut table = Table::new(
+        "cells",
+        "training_set evaluation family frequency_hz shift scenarios within_torque_limits predictor \
+         training rmse_deg low high job digest",
+    );
+    for evaluation in &study.evaluations {
+        for cell in &evaluation.report.cells {
             for error in &cell.rmse_deg {
                 let mut row = vec![
-                    set.name.clone(),
+                    format!("D{}", evaluation.plan.set),
+                    evaluation.record.name.clone(),
                     text(cell.family),
                     text(cell.frequency_hz),
-                    cell.in_distribution.to_string(),
+                    text(cell.shift),
                     cell.scenarios.to_string(),
-                    name(set, &set.sweep, &error.predictor),
+                    text(cell.within_torque_limits),
+                    study.called(evaluation, &error.predictor).to_owned(),
+                    error.predictor.clone(),
                 ];
                 row.extend(interval(error.interval));
-                row.extend(source(&set.sweep));
+                row.extend(source(evaluation));
                 table.rows.push(row);
             }
         }
@@ -84,42 +173,26 @@ fn by_frequency(study: &Study) -> Table {
     table
 }
 
-fn paired(study: &Study) -> Table {
-    let mut table = Table::new(
-        "paired-differences",
-        "training_set group predictor against difference_deg low high job digest",
-    );
-    for set in &study.sets {
-        for paired in &set.sweep.report.paired {
-            let mut row = vec![
-                set.name.clone(),
-                paired.group.clone(),
-                name(set, &set.sweep, &paired.predictor),
-                name(set, &set.sweep, &paired.against),
-            ];
-            row.extend(interval(paired.difference_deg));
-            row.extend(source(&set.sweep));
-            table.rows.push(row);
-        }
-    }
-    table
-}
-
-/// Several predictions of each scenario, as distributions.
+/// Several predictions of each scenario, as distributions, training by training.
 fn samples(study: &Study) -> Table {
     let mut table = Table::new(
         "samples",
-        "training_set group predictor samples rmse_of_mean_deg crps_deg energy_score_deg \
-         coverage_50 width_50_deg coverage_90 width_90_deg job digest",
+        "training_set group predictor training samples rmse_deg rmse_of_mean_deg crps_deg \
+         energy_score_deg coverage_50 width_50_deg coverage_90 width_90_deg job digest",
     );
-    for set in &study.sets {
-        for group in &set.samples.report.groups {
+    for evaluation in
+        study.evaluations.iter().filter(|it| it.plan.question == StudyQuestion::Samples)
+    {
+        for group in &evaluation.report.groups {
             for scores in group.scores.iter().filter(|scores| scores.crps_deg.is_some()) {
+                let error = group.rmse_deg.iter().find(|it| it.predictor == scores.predictor);
                 let mut row = vec![
-                    set.name.clone(),
+                    format!("D{}", evaluation.plan.set),
                     group.name.clone(),
-                    name(set, &set.samples, &scores.predictor),
-                    set.samples.report.samples.to_string(),
+                    study.called(evaluation, &scores.predictor).to_owned(),
+                    scores.predictor.clone(),
+                    evaluation.report.samples.to_string(),
+                    mean(error.map(|error| error.interval)),
                     mean(scores.mean_rmse_deg),
                     mean(scores.crps_deg),
                     mean(scores.energy_score_deg),
@@ -127,7 +200,7 @@ fn samples(study: &Study) -> Table {
                 for nominal in [0.5, 0.9] {
                     row.extend(coverage(scores, nominal));
                 }
-                row.extend(source(&set.samples));
+                row.extend(source(evaluation));
                 table.rows.push(row);
             }
         }
@@ -143,18 +216,18 @@ fn coverage(scores: &PredictorScores, nominal: f64) -> [String; 2] {
 fn warm_start(study: &Study) -> Table {
     let mut table =
         Table::new("warm-start", "group predictor start steps rmse_deg low high job digest");
-    let Some(set) = study.warm_start_set() else { return table };
-    let report = &study.warm_start.report;
+    let Some(evaluation) = study.warm_start() else { return table };
+    let report = &evaluation.report;
     for group in &report.groups {
         for error in &group.rmse_deg {
             let Some(info) = report.predictors.iter().find(|info| info.name == error.predictor)
             else {
                 continue;
             };
-            let mut row = vec![group.name.clone(), set.name_of(info).to_owned()];
+            let mut row = vec![group.name.clone(), study.name_of(info).to_owned()];
             row.extend(how(info));
             row.extend(interval(error.interval));
-            row.extend(source(&study.warm_start));
+            row.extend(source(evaluation));
             table.rows.push(row);
         }
     }
@@ -164,25 +237,31 @@ fn warm_start(study: &Study) -> Table {
 fn latency(study: &Study) -> Table {
     let mut table = Table::new(
         "latency",
-        "predictor start steps median_ms p99_ms repeats threads device load job digest",
+        "training_set predictor training start steps median_ms p99_ms repeats threads device load job \
+         digest",
     );
-    let Some(set) = study.warm_start_set() else { return table };
-    for info in &study.warm_start.report.predictors {
-        let Some(Latency { median_ms, p99_ms, threads, repeats, device, load }) = &info.latency
-        else {
-            continue;
-        };
-        let mut row = vec![set.name_of(info).to_owned()];
-        row.extend(how(info));
-        row.extend([
-            median_ms.to_string(),
-            p99_ms.to_string(),
-            repeats.to_string(),
-            threads.to_string(),
-        ]);
-        row.extend([device.clone(), text(*load)]);
-        row.extend(source(&study.warm_start));
-        table.rows.push(row);
+    for evaluation in &study.evaluations {
+        for info in &evaluation.report.predictors {
+            let Some(Latency { median_ms, p99_ms, threads, repeats, device, load }) = &info.latency
+            else {
+                continue;
+            };
+            let mut row = vec![
+                format!("D{}", evaluation.plan.set),
+                study.name_of(info).to_owned(),
+                info.name.clone(),
+            ];
+            row.extend(how(info));
+            row.extend([
+                median_ms.to_string(),
+                p99_ms.to_string(),
+                repeats.to_string(),
+                threads.to_string(),
+            ]);
+            row.extend([device.clone(), text(*load)]);
+            row.extend(source(evaluation));
+            table.rows.push(row);
+        }
     }
     table
 }
@@ -190,33 +269,34 @@ fn latency(study: &Study) -> Table {
 fn trainings(study: &Study) -> Table {
     let mut table = Table::new(
         "trainings",
-        "training_set model steps seconds reused validation_rmse_deg checkpoint sha256 job \
-         digest",
+        "training_set model seed context horizon steps seconds reused validation_rmse_deg checkpoint \
+         sha256 job digest",
     );
-    for set in &study.sets {
-        for training in &set.trainings {
-            let record = &training.record;
-            table.rows.push(vec![
-                set.name.clone(),
-                training.model.clone(),
-                training.steps.to_string(),
-                text(record.seconds),
-                record.reused.to_string(),
-                text(training.validation_rmse_deg),
-                training.checkpoint.to_string(),
-                training.sha256.clone(),
-                record.job.to_string(),
-                record.digest.to_string(),
-            ]);
-        }
+    for training in &study.trainings {
+        let (record, plan) = (&training.record, &training.plan);
+        let (context, horizon) = plan.length.unzip();
+        table.rows.push(vec![
+            format!("D{}", plan.set),
+            plan.model.clone(),
+            plan.seed.to_string(),
+            text(context),
+            text(horizon),
+            training.steps.to_string(),
+            text(record.seconds),
+            record.reused.to_string(),
+            text(training.validation_rmse_deg),
+            training.checkpoint.to_string(),
+            training.sha256.clone(),
+            record.job.to_string(),
+            record.digest.to_string(),
+        ]);
     }
     table
 }
 
-/// What a predictor is called in the study.
-fn name(set: &Set, evaluation: &Evaluation, predictor: &str) -> String {
-    let info = evaluation.report.predictors.iter().find(|info| info.name == predictor);
-    info.map_or(predictor, |info| set.name_of(info)).to_owned()
+/// The model of replications, or a baseline.
+fn name(study: &Study, evaluation: &Evaluation, predictors: &[String]) -> String {
+    predictors.first().map_or_else(String::new, |first| study.called(evaluation, first).to_owned())
 }
 
 /// Start and number of passes.
@@ -233,6 +313,10 @@ fn source(evaluation: &Evaluation) -> [String; 2] {
 
 fn interval(Interval { mean, low, high }: Interval) -> [String; 3] {
     [mean, low, high].map(|value| value.to_string())
+}
+
+fn interval_or_nothing(found: Option<Interval>) -> [String; 3] {
+    found.map_or_else(Default::default, interval)
 }
 
 fn mean(interval: Option<Interval>) -> String {

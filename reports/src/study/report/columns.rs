@@ -1,0 +1,76 @@
+//! The columns of the headline: how far torques are from those of the training.
+
+use spec::{Family, StudyQuestion};
+use wire::{Interval, Shift, ShiftScores, ShiftSummary};
+
+use super::super::results::{Evaluation, Study};
+
+/// Cells of one evaluation with one shift.
+#[derive(Clone, Copy, Debug)]
+pub struct Column {
+    pub title: &'static str,
+    question: StudyQuestion,
+    shift: Shift,
+    family: Option<Family>,
+}
+
+/// Chirps have the same torques at every frequency, those of multisines grow with it: above the band the first are a
+/// shift of frequency alone, the second of frequency and torques.
+pub const COLUMNS: [Column; 6] = [
+    Column::new("within", StudyQuestion::Sweep, Shift::Within, None),
+    Column::new("below the band", StudyQuestion::Sweep, Shift::Below, None),
+    Column::new("above, chirps", StudyQuestion::Sweep, Shift::Above, Some(Family::Chirp)),
+    Column::new("above, multisines", StudyQuestion::Sweep, Shift::Above, Some(Family::Multisine)),
+    Column::new("twice the torques", StudyQuestion::Amplitude, Shift::Amplitude, None),
+    Column::new("steps", StudyQuestion::Sweep, Shift::Family, None),
+];
+
+impl Column {
+    const fn new(
+        title: &'static str,
+        question: StudyQuestion,
+        shift: Shift,
+        family: Option<Family>,
+    ) -> Self {
+        Self { title, question, shift, family }
+    }
+
+    pub fn of<'a>(
+        &self,
+        study: &'a Study,
+        set: usize,
+    ) -> Option<(&'a Evaluation, &'a ShiftSummary)> {
+        let evaluation = study.evaluation(set, self.question)?;
+        Some((evaluation, evaluation.shift(self.shift, self.family)?))
+    }
+
+    /// The same shift in another evaluation.
+    pub fn in_evaluation<'a>(&self, evaluation: &'a Evaluation) -> Option<&'a ShiftSummary> {
+        evaluation.shift(self.shift, self.family)
+    }
+
+    pub fn scores<'a>(&self, study: &'a Study, set: usize, name: &str) -> Option<&'a ShiftScores> {
+        let (evaluation, shift) = self.of(study, set)?;
+        study.scores(evaluation, shift, name)
+    }
+
+    /// RMSE of `name` less that of `against` on the same scenarios; below 0 is better.
+    pub fn difference(
+        &self,
+        study: &Study,
+        set: usize,
+        name: &str,
+        against: &str,
+    ) -> Option<Interval> {
+        let (evaluation, shift) = self.of(study, set)?;
+        let find = |name: &str, against: &str| {
+            let is_it = |predictor: &str, name: &str| study.called(evaluation, predictor) == name;
+            let mut differences = shift.differences.iter();
+            differences.find(|it| is_it(&it.predictor, name) && is_it(&it.against, against))
+        };
+        find(name, against).map(|found| found.difference_deg).or_else(|| {
+            let Interval { mean, low, high } = find(against, name)?.difference_deg;
+            Some(Interval { mean: -mean, low: -high, high: -low })
+        })
+    }
+}

@@ -1,0 +1,188 @@
+//! The study of the paper, second edition: a pipeline made from a list of models (`study/models.json`, one line each)
+//! and the sizes of a scale.
+
+mod evaluations;
+mod scale;
+mod trainings;
+
+use std::sync::LazyLock;
+
+use serde::Deserialize;
+use serde_json::{Map, Value, json};
+
+use crate::{Preset, PresetPlace};
+pub use evaluations::{StudyEvaluation, StudyQuestion};
+pub use scale::StudyScale;
+pub use trainings::StudyTraining;
+
+/// A model of the study: an entry of `study/models.json`.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct StudyModel {
+    /// As tables call it.
+    pub name: String,
+    /// Presets of the model, one for each scale: tiny, small, paper.
+    presets: [String; 3],
+    /// Fields of the model over its preset.
+    #[serde(default)]
+    model: Map<String, Value>,
+    /// Fields of the training over those of its scale.
+    #[serde(default)]
+    training: Map<String, Value>,
+    /// The same at scale paper, where they replace `training`.
+    #[serde(default)]
+    paper: Map<String, Value>,
+    /// Optimizer steps, in multiples of the scale's.
+    #[serde(default = "one")]
+    steps: u64,
+    /// Trainings on each set, each with robots of its own.
+    #[serde(default = "three")]
+    seeds: u64,
+    /// It is trained on D1 to this one.
+    #[serde(default = "four")]
+    sets: usize,
+    /// Whether it has several answers, which are scored as a distribution.
+    #[serde(default)]
+    pub samples: bool,
+    /// Whether it removes noise step by step, so that its chain can be cut short and started warm.
+    #[serde(default)]
+    pub denoiser: bool,
+    #[serde(default)]
+    lengths: Lengths,
+}
+
+/// How a model takes part in the comparison of contexts and horizons.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+enum Lengths {
+    #[default]
+    None,
+    /// It is trained for each of them.
+    Trained,
+    /// One training answers all.
+    Any,
+}
+
+const fn one() -> u64 {
+    1
+}
+const fn three() -> u64 {
+    3
+}
+const fn four() -> usize {
+    4
+}
+
+/// The models of the study, in the order of every table.
+///
+/// # Panics
+/// If the list cannot be read, of which a test would have told.
+pub fn study_models() -> &'static [StudyModel] {
+    static MODELS: LazyLock<Vec<StudyModel>> = LazyLock::new(|| {
+        let text = include_str!("../../study/models.json");
+        serde_json::from_str(text).unwrap_or_else(|error| panic!("study/models.json: {error}"))
+    });
+    &MODELS
+}
+
+/// The study at one scale: every training and evaluation, and what each is for.
+#[derive(Clone, Debug)]
+pub struct StudyPlan {
+    pub trainings: Vec<StudyTraining>,
+    pub evaluations: Vec<StudyEvaluation>,
+}
+
+impl StudyPlan {
+    pub fn of(scale: StudyScale) -> Self {
+        let trainings = trainings::all(scale);
+        let evaluations = evaluations::all(scale, &trainings);
+        Self { trainings, evaluations }
+    }
+
+    /// The pipeline's JSON.
+    pub fn pipeline(&self, name: &str) -> Value {
+        let trainings = self.trainings.iter().map(|it| (it.job.clone(), it.spec.clone()));
+        let evaluations = self.evaluations.iter().map(|it| (it.job.clone(), it.spec.clone()));
+        let jobs: Map<String, Value> = trainings.chain(evaluations).collect();
+        json!({"kind": "pipeline", "name": name, "jobs": jobs})
+    }
+}
+
+/// The presets of the study, with their places in the list of all.
+pub(crate) fn presets() -> impl Iterator<Item = (String, Preset)> {
+    StudyScale::ALL.into_iter().zip(["040", "050", "060"]).map(|(scale, place)| {
+        let name = scale.preset().to_owned();
+        let spec = StudyPlan::of(scale).pipeline(&name);
+        let about = scale.about().to_owned();
+        (format!("{place}-{name}"), Preset { name, about, place: PresetPlace::Job, spec })
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use super::*;
+    use crate::{DataSource, JobSpec, PipelineSpec, parse};
+
+    fn pipeline(scale: StudyScale) -> PipelineSpec {
+        let text = json!({"preset": scale.preset()}).to_string();
+        match parse(text.as_bytes()).unwrap_or_else(|error| panic!("{error}")) {
+            JobSpec::Pipeline(pipeline) => pipeline,
+            other => panic!("{other:?}"),
+        }
+    }
+
+    #[test]
+    fn every_training_has_robots_of_its_own_which_no_evaluation_has() {
+        for scale in StudyScale::ALL {
+            let jobs = pipeline(scale).jobs;
+            let seed = |data: &DataSource| match data {
+                DataSource::Stream(stream) => stream.seed,
+                other => panic!("{other:?}"),
+            };
+            let mut trained = BTreeSet::new();
+            let mut asked = Vec::new();
+            for member in jobs.values() {
+                match &member.spec {
+                    JobSpec::Train(spec) => drop(trained.insert(seed(&spec.data))),
+                    JobSpec::Evaluate(spec) => asked.push(seed(&spec.data)),
+                    other => panic!("{other:?}"),
+                }
+            }
+            assert!(asked.iter().all(|seed| !trained.contains(seed)), "{scale:?}");
+        }
+    }
+
+    #[test]
+    fn every_training_has_three_seeds_and_those_of_the_headline_five() {
+        let plan = StudyPlan::of(StudyScale::Small);
+        for model in study_models() {
+            let of_model: Vec<&StudyTraining> = plan
+                .trainings
+                .iter()
+                .filter(|it| it.model == model.name && it.set == 1 && it.length.is_none())
+                .collect();
+            assert!(of_model.len() >= 3, "{}", model.name);
+        }
+        let headline =
+            |name: &str| plan.trainings.iter().filter(|it| it.model == name && it.set == 4).count();
+        assert_eq!((headline("lagrangian"), headline("robomorph")), (5, 5));
+    }
+
+    #[test]
+    fn every_evaluation_asks_trainings_of_its_own_set() {
+        for scale in StudyScale::ALL {
+            let plan = StudyPlan::of(scale);
+            for evaluation in &plan.evaluations {
+                let asked = evaluation.spec["checkpoints"].as_array().unwrap();
+                assert!(!asked.is_empty(), "{}", evaluation.job);
+                for checkpoint in asked {
+                    let job = checkpoint["job"].as_str().unwrap();
+                    let training = plan.trainings.iter().find(|it| it.job == job).unwrap();
+                    assert_eq!(training.set, evaluation.set, "{}", evaluation.job);
+                }
+            }
+        }
+    }
+}
