@@ -39,7 +39,7 @@ pub(crate) trait Network: Module {
     }
 }
 
-/// What a network is trained to do.
+/// The task that a network is trained on.
 #[derive(Clone, Debug)]
 pub(crate) enum Task {
     /// To remove noise.

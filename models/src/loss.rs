@@ -19,7 +19,7 @@ pub(crate) struct Loss {
 const LEAST_NORMALIZED: f64 = 1e-4;
 
 impl Loss {
-    /// Of predictions `answer` of `target`, both `[batch, horizon, joint]` in `unit`.
+    /// The loss of predictions `answer` of `target`, both `[batch, horizon, joint]` in `unit`.
     pub fn of_points(
         kind: PointLoss,
         answer: Tensor<3>,

@@ -74,7 +74,7 @@ mod tests {
     #[test]
     fn students_quantiles_fall_to_that_of_the_normal_law() {
         assert_eq!([1, 4, 30].map(student_quantile_975), [12.706, 2.776, 2.042]);
-        // Of 60 and 120 degrees of freedom tables have 2.000 and 1.980.
+        // Tables have 2.000 and 1.980 for 60 and 120 degrees of freedom.
         assert!((student_quantile_975(60) - 2.000).abs() < 2e-3);
         assert!((student_quantile_975(120) - 1.980).abs() < 2e-3);
     }

@@ -177,7 +177,7 @@ pub struct ShiftSummary {
     #[serde(default, skip_serializing_if = "is_zero")]
     pub position_noise_rad: f64,
     pub scenarios: u64,
-    /// Of these, the scenarios whose torques stay within the rated ones of every joint: those that are scored here.
+    /// The scenarios, among these, whose torques stay within the rated ones of every joint: those that are scored here.
     pub scored: u64,
     /// In the order of every table; none where nothing is scored.
     pub models: Vec<ShiftScores>,
@@ -196,7 +196,7 @@ pub struct ShiftScores {
     /// Missing where some scenario has no answer.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rmse_deg: Option<Interval>,
-    /// Of each predictor.
+    /// The RMSE of each training that this entry takes together, degrees.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub seed_rmse_deg: Vec<f64>,
     /// 1 - RMSE / RMSE of `damped-integrator`; missing where that was not asked.

@@ -59,7 +59,7 @@ pub(super) fn shift(
     of_each().find(|shift| *shift != Some(Shift::Within)).or_else(|| of_each().next())?
 }
 
-/// What all trainings have seen: the intersection of their intervals, per family.
+/// The data that all trainings have seen: the intersection of their intervals, per family.
 pub(super) fn common(trained_on: &[Vec<TrainedOn>]) -> Vec<TrainedOn> {
     let Some((first, others)) = trained_on.split_first() else { return Vec::new() };
     first

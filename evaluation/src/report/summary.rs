@@ -27,7 +27,7 @@ pub struct Setting {
     /// Of the dataset's simulation; none for recordings.
     pub seed: Option<u64>,
     pub bootstrap: Bootstrap,
-    /// Of the data, where it is simulated.
+    /// The data's excitation, where it is simulated.
     pub excitation: Option<Excitation>,
     /// In the order of every table, baselines first.
     pub predictors: Vec<PredictorInfo>,

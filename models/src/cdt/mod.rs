@@ -22,7 +22,7 @@ use crate::transformer::{DecoderBlock, EncoderBlock, patches};
 use crate::unet::sinusoid;
 use chain::Chain;
 
-/// Of the memory's sources token t sees those up to t + this: source 0 is the noise level, source s the torques
+/// Token t sees the memory's sources up to t + this: source 0 is the noise level, source s the torques
 /// of token s - 1.
 const AHEAD: usize = 1;
 
@@ -112,7 +112,7 @@ impl Cdt {
         level.and(self.condition_input.forward(patches(u, self.patch)), 1)
     }
 
-    /// What the last block says of tokens, as samples `[batch, sample, channel]`.
+    /// The last block's tokens, as samples `[batch, sample, channel]`.
     fn answer<A: Activations>(&self, x: A) -> A {
         let answer = self.head.forward(self.norm.forward(x));
         let [batch, tokens, width] = answer.dims();

@@ -15,7 +15,7 @@ pub(super) const FORCE_UNIT: f32 = 10.0;
 /// Directions in which a particle can move.
 pub(super) const DIRECTIONS: usize = 3;
 
-/// What the network is told of samples.
+/// The network's input at samples.
 #[derive(Clone)]
 pub(super) struct Samples<A> {
     /// Sines, then cosines of angles, `[robot, point, 2 · input]`.
@@ -91,7 +91,7 @@ impl Lagrangian {
     }
 }
 
-/// What every combination of numbers comes to, `[robot, row, column]`, of the features `[robot, row, number]` and
+/// The torques of every combination of numbers, `[robot, row, column]`, from the features `[robot, row, number]` and
 /// given combinations `[robot, number, column]`.
 pub(super) fn combined<A: Activations>(features: A, combinations: A) -> A {
     let [robots, rows, _] = features.dims();

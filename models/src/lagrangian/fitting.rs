@@ -18,7 +18,7 @@ use super::regression::{Equation, Regression};
 type Gathered = [[f32; MAX_LANES]; MAX_JOINTS];
 
 impl Law {
-    /// Of every sample that has one before and one after it.
+    /// The regression over every sample that has one before and one after it.
     #[inline(always)]
     pub(super) fn regression<L: Lanes>(&self, recorded: &Recorded<'_>) -> Regression {
         let joints = self.numbers.joints;

@@ -33,7 +33,7 @@ pub(super) struct Law {
     pub points: usize,
 }
 
-/// What a joint has of its own, on every robot.
+/// The constants of a joint, alike on every robot.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct JointLaw {
     /// How far torque and velocity lie towards the newer of two values, 0 to 1.

@@ -80,9 +80,9 @@ const LEAST_SHARE: f32 = 0.5;
 const INITIAL_SLOPE: f32 = 4.0;
 /// Initial spread of weights and strengths over robots.
 const INITIAL_SHARED_SPREAD: f32 = 0.1;
-/// That of dampings, N·m·s/rad.
+/// Initial spread of dampings, N·m·s/rad.
 const INITIAL_DAMPING_SPREAD: f32 = 1.0;
-/// That of friction, N·m.
+/// Initial spread of friction, N·m.
 const INITIAL_FRICTION_SPREAD: f32 = 0.1;
 /// A sample with one before it and one after it.
 const LEAST_CONTEXT: u32 = 3;
@@ -249,7 +249,7 @@ impl Lagrangian {
         (param.val() * PACE).unsqueeze()
     }
 
-    /// What each joint has of its own, on every robot.
+    /// The constants of each joint, alike on every robot.
     fn joint_laws(&self) -> Vec<JointLaw> {
         let [share, armature, noise, slope, shift] =
             [&self.share, &self.armature, &self.noise, &self.friction_slope, &self.friction_shift]

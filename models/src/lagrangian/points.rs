@@ -27,7 +27,7 @@ pub(super) struct Points {
 }
 
 impl Points {
-    /// Of arms of `joints`, with room for `count` points of each of `robots`. The network sees joints from
+    /// For arms of `joints`, with room for `count` points of each of `robots`. The network sees joints from
     /// `first` on.
     pub fn new([robots, joints, count]: [usize; 3], first: usize) -> Self {
         let points = robots * count;

@@ -136,7 +136,7 @@ impl Regression {
 pub(super) struct Posterior {
     pub mean: Vec<f64>,
     spread: Vec<f64>,
-    /// Of the precision, in units of the spreads.
+    /// The factor of the precision, in units of the spreads.
     factor: Cholesky<f64, Dyn>,
 }
 

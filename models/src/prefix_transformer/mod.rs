@@ -94,7 +94,7 @@ pub(crate) struct PrefixTransformer {
     head: Linear,
     patch: usize,
     context_tokens: usize,
-    /// Of the path, N·m·s/rad.
+    /// The path's damping, N·m·s/rad.
     damping: f64,
 }
 

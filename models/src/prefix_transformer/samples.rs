@@ -1,4 +1,4 @@
-//! What the tokens say of each sample.
+//! The features of each sample in its token.
 
 use burn::tensor::{Device, Tensor, TensorData};
 use rayon::prelude::*;

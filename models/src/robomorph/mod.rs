@@ -96,7 +96,7 @@ pub(crate) struct RoboMorph {
     kind: Head,
     #[module(skip)]
     output: Output,
-    /// Of a point head.
+    /// The loss of a point head.
     #[module(skip)]
     loss: PointLoss,
 }

@@ -33,7 +33,7 @@ impl Scale {
 #[derive(Debug)]
 pub struct Plan {
     pub scale: Scale,
-    /// What each job is for.
+    /// The purpose of each job.
     pub parts: StudyPlan,
     pub pipeline: PipelineSpec,
 }

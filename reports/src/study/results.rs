@@ -67,7 +67,7 @@ impl Study {
         self.evaluations.iter().find(|it| it.plan.set == set && it.plan.question == question)
     }
 
-    /// What a predictor is called in the study: a model, or a baseline.
+    /// The name of a predictor in the study: a model, or a baseline.
     pub fn name_of<'a>(&'a self, predictor: &'a PredictorInfo) -> &'a str {
         let training = predictor.digest.and_then(|digest| {
             self.trainings.iter().find(|training| training.record.digest == digest)

@@ -36,7 +36,7 @@ pub struct CdtSpec {
     pub embedding_dropout: f64,
     #[serde(default, skip_serializing_if = "Objective::is_default")]
     pub objective: Objective,
-    /// Of a regression.
+    /// The loss of a regression.
     #[serde(default, skip_serializing_if = "PointLoss::is_default")]
     pub loss: PointLoss,
     #[serde(default)]
@@ -47,7 +47,7 @@ pub struct CdtSpec {
     pub residual: Residual,
 }
 
-/// What a CDT is trained to do.
+/// The task that a CDT is trained on.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Objective {

@@ -26,7 +26,7 @@ pub struct RoboMorphSpec {
     pub head: Head,
     #[serde(default, skip_serializing_if = "Output::is_default")]
     pub output: Output,
-    /// Of a point head.
+    /// The loss of a point head.
     #[serde(default, skip_serializing_if = "PointLoss::is_default")]
     pub loss: PointLoss,
     #[serde(default, skip_serializing_if = "Residual::is_none")]

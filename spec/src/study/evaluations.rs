@@ -15,7 +15,7 @@ const ROUNDS: u32 = 4;
 /// How much larger torques are than those of the trainings, in the cells that ask for it.
 const LARGER: f64 = 2.0;
 
-/// What an evaluation of the study asks.
+/// The question of an evaluation of the study.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum StudyQuestion {
     /// All frequencies, and steps, which nothing is trained on; and latencies.

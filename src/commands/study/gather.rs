@@ -69,7 +69,7 @@ impl Members<'_> {
         let evaluation = self.client.evaluation(record.job).await?;
         let mut files = Vec::new();
         for artifact in evaluation.artifacts {
-            // Of the evaluations that are one of many, tables say it shorter.
+            // Tables shorten the names of evaluations that are one of many.
             if plan.question.is_drawn() || artifact.name == "report.json" {
                 let bytes = self.client.download(&artifact.url).await?;
                 files.push(File { name: artifact.name, bytes });

@@ -100,7 +100,7 @@ impl LoadedCheckpoint {
     }
 }
 
-/// What trainings have in common that differ in nothing but their seeds and those of their simulated data.
+/// The common part of trainings that differ in nothing but their seeds and those of their simulated data.
 fn without_seeds(training: TrainSpec, data: SimulateSpec) -> Digest {
     let data = SimulateSpec { seed: 0, ..data };
     let data = match training.data {

@@ -1,4 +1,4 @@
-//! What models that have several answers are worth as distributions.
+//! Models that have several answers, scored as distributions.
 
 use spec::StudyQuestion;
 use wire::{GroupSummary, PredictorScores};
