@@ -83,7 +83,7 @@ impl Law {
     ) -> Estimate {
         let smoothed = smoother.smooth_robot(robot.y, robot.joints);
         let path = Recorded { y: &smoothed, ..*robot };
-        let numbers = self.fit(instructions, &path);
+        let numbers = self.fit_smoothed(instructions, &path);
         let steps = self.linearized(instructions, &path, &numbers);
         let filter =
             Filter { law: self, measured: robot, path: &path, numbers, steps: &steps, noise };

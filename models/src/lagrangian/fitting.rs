@@ -81,7 +81,6 @@ impl Law {
                         torque: motion.torque_at(law.share)
                             - inertia
                             - features[shared][joint][lane],
-                        precision: law.precision(),
                     });
                 }
             }

@@ -15,6 +15,9 @@ use super::motion::Recorded;
 use super::numbers::Numbers;
 use super::regression::{Prior, Regression};
 
+/// Times that the noise of a smoothed context is found anew, each time from what the last fit left over.
+const NOISE_ROUNDS: usize = 3;
+
 /// A trained law.
 #[derive(Debug)]
 pub(super) struct Law {
@@ -56,13 +59,6 @@ pub(super) struct Start<'a> {
     pub numbers: &'a [f32],
 }
 
-impl JointLaw {
-    /// 1 / σ² of the torque that is left over, 1/(N·m)².
-    pub fn precision(&self) -> f64 {
-        f64::from(self.noise).powi(-2)
-    }
-}
-
 impl Law {
     /// Positions of the horizons, `[robot, sample, joint]`, rad.
     pub fn predict(&self, robots: &[Recorded<'_>]) -> Vec<f32> {
@@ -100,16 +96,53 @@ impl Law {
 
     /// The most likely numbers of a robot given its context.
     pub fn fit(&self, instructions: InstructionSet, recorded: &Recorded<'_>) -> Vec<f32> {
-        let regression = match instructions {
+        let regression = self.regression_with(instructions, recorded);
+        narrow(&regression.most_likely(&self.prior, &self.noise(recorded)))
+    }
+
+    /// As [`Law::fit`], of a context whose noise was smoothed away as far as it could: where a joint leaves more torque
+    /// over than in training, so much is its noise.
+    pub fn fit_smoothed(&self, instructions: InstructionSet, recorded: &Recorded<'_>) -> Vec<f32> {
+        let regression = self.regression_with(instructions, recorded);
+        let least = self.noise(recorded);
+        let mut noise = least.clone();
+        let mut numbers = regression.most_likely(&self.prior, &noise);
+        let repeated = self.repeated(recorded);
+        for _ in 0..NOISE_ROUNDS {
+            for (joint, noise) in noise.iter_mut().enumerate() {
+                *noise = least[joint].max(repeated * regression.left_over(joint, &numbers));
+            }
+            numbers = regression.most_likely(&self.prior, &noise);
+        }
+        narrow(&numbers)
+    }
+
+    /// The deviation of each joint's torques that makes a context count as [`Law::points`] samples, N·m.
+    fn noise(&self, recorded: &Recorded<'_>) -> Vec<f64> {
+        let repeated = self.repeated(recorded);
+        self.joints.iter().map(|joint| repeated * f64::from(joint.noise)).collect()
+    }
+
+    /// The root of how many samples of a context say the same.
+    fn repeated(&self, recorded: &Recorded<'_>) -> f64 {
+        let samples = recorded.samples().saturating_sub(2) as f64;
+        (samples / self.points as f64).max(1.0).sqrt()
+    }
+
+    fn regression_with(&self, instructions: InstructionSet, recorded: &Recorded<'_>) -> Regression {
+        match instructions {
             #[cfg(target_arch = "x86_64")]
             InstructionSet::Avx512(_) => F32x16::regression(self, recorded),
             #[cfg(target_arch = "x86_64")]
             InstructionSet::Avx2(_) => F32x8::regression(self, recorded),
             InstructionSet::Portable => F32Array::<8>::regression(self, recorded),
-        };
-        let samples = recorded.samples().saturating_sub(2).max(1) as f64;
-        regression.most_likely(&self.prior, (self.points as f64 / samples).min(1.0))
+        }
     }
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "the law is computed in f32")]
+fn narrow(values: &[f64]) -> Vec<f32> {
+    values.iter().map(|&value| value as f32).collect()
 }
 
 /// The computations that are compiled once per lane type.

@@ -111,6 +111,7 @@ impl Points {
         prior: &Prior,
         numbers: Numbers,
     ) -> Fitted {
+        let noise: Vec<f64> = joints.iter().map(|joint| f64::from(joint.noise)).collect();
         let rows = self.count() * self.joints;
         let width = numbers.count() + 1;
         let posteriors: Vec<Option<Posterior>> = equations
@@ -128,10 +129,9 @@ impl Points {
                         velocity: factors[numbers.dampings()][joint],
                         friction: factors[numbers.frictions()][joint],
                         torque: torque - factors[width - 1],
-                        precision: joints[joint].precision(),
                     });
                 }
-                regression.posterior(prior, 1.0)
+                regression.posterior(prior, &noise)
             })
             .collect();
         let mut fitted = Fitted { count: numbers.count(), ..Fitted::default() };

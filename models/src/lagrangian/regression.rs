@@ -15,14 +15,25 @@ pub(super) struct Prior {
     pub spread: Vec<f64>,
 }
 
-/// Sums over samples and joints for the regression of torque on what each number is multiplied with.
+/// Sums over samples for the regression of torque on what each number is multiplied with.
 #[derive(Clone, Debug)]
 pub(super) struct Regression {
     numbers: Numbers,
-    /// Σ x xᵀ / σ², `[row, column]`, the lower triangle.
+    joints: Vec<JointSums>,
+    /// Room for the factors of an equation.
+    factors: Vec<f64>,
+}
+
+/// Sums over the samples of a joint. Its equations have the shared numbers, its own damping and its own friction.
+#[derive(Clone, Debug)]
+struct JointSums {
+    /// Σ x xᵀ, `[row, column]`, the lower triangle.
     squares: Vec<f64>,
-    /// Σ x u / σ².
+    /// Σ x u, N·m.
     products: Vec<f64>,
+    /// Σ u², (N·m)².
+    torque: f64,
+    samples: f64,
 }
 
 /// One joint at one sample.
@@ -37,58 +48,59 @@ pub(super) struct Equation<'a> {
     pub friction: f32,
     /// The torque that all of these are to add up to, N·m.
     pub torque: f32,
-    /// 1 / σ² of the torque that is left over.
-    pub precision: f64,
 }
 
 impl Regression {
     pub fn new(numbers: Numbers) -> Self {
-        let count = numbers.count();
-        Self { numbers, squares: vec![0.0; count * count], products: vec![0.0; count] }
+        let width = numbers.shared().len() + 2;
+        let none = JointSums {
+            squares: vec![0.0; width * width],
+            products: vec![0.0; width],
+            torque: 0.0,
+            samples: 0.0,
+        };
+        Self { numbers, joints: vec![none; numbers.joints], factors: vec![0.0; width] }
     }
 
     pub fn add(&mut self, equation: &Equation<'_>) {
-        let &Equation { joint, shared, velocity, friction, torque, precision } = equation;
-        let count = self.numbers.count();
-        let own = [
-            (self.numbers.dampings().start + joint, f64::from(velocity)),
-            (self.numbers.frictions().start + joint, f64::from(friction)),
-        ];
-        let torque = precision * f64::from(torque);
-        for (row, &x) in shared.iter().enumerate() {
-            let x = f64::from(x);
-            let weighted = precision * x;
-            let sums = &mut self.squares[row * count..][..=row];
-            for (sum, &other) in sums.iter_mut().zip(shared) {
-                *sum += weighted * f64::from(other);
-            }
-            self.products[row] += x * torque;
+        let &Equation { joint, shared, velocity, friction, torque } = equation;
+        let width = self.factors.len();
+        let each = shared.iter().chain([&velocity, &friction]);
+        for (factor, &value) in self.factors.iter_mut().zip(each) {
+            *factor = f64::from(value);
         }
-        for (place, (row, x)) in own.into_iter().enumerate() {
-            let weighted = precision * x;
-            let sums = &mut self.squares[row * count..];
-            for (sum, &other) in sums.iter_mut().zip(shared) {
-                *sum += weighted * f64::from(other);
+        let sums = &mut self.joints[joint];
+        let torque = f64::from(torque);
+        for (row, &factor) in self.factors.iter().enumerate() {
+            for (sum, other) in sums.squares[row * width..][..=row].iter_mut().zip(&self.factors) {
+                *sum += factor * other;
             }
-            for &(column, other) in &own[..=place] {
-                sums[column] += weighted * other;
-            }
-            self.products[row] += x * torque;
+            sums.products[row] += factor * torque;
+        }
+        sums.torque += torque * torque;
+        sums.samples += 1.0;
+    }
+
+    /// The number whose factor has this place in the equations of a joint.
+    fn number(&self, joint: usize, place: usize) -> usize {
+        match place.checked_sub(self.numbers.shared().len()) {
+            None => place,
+            Some(0) => self.numbers.dampings().start + joint,
+            Some(_) => self.numbers.frictions().start + joint,
         }
     }
 
-    /// The distribution of the numbers given these sums, each of which counts as `weight` of itself.
-    pub fn posterior(&self, prior: &Prior, weight: f64) -> Option<Posterior> {
-        self.solve(prior, weight, &vec![false; self.numbers.count()])
+    /// The distribution of the numbers given these sums, with the deviation `noise` of each joint's torques, N·m.
+    pub fn posterior(&self, prior: &Prior, noise: &[f64]) -> Option<Posterior> {
+        self.solve(prior, noise, &vec![false; self.numbers.count()])
     }
 
     /// The most likely numbers of a robot that could be: with [`Numbers::is_bounded`] kept.
-    #[expect(clippy::cast_possible_truncation, reason = "the law is computed in f32")]
-    pub fn most_likely(&self, prior: &Prior, weight: f64) -> Vec<f32> {
+    pub fn most_likely(&self, prior: &Prior, noise: &[f64]) -> Vec<f64> {
         let mut held = vec![false; self.numbers.count()];
         let mut found: Vec<f64> = prior.mean.clone();
         for _ in 0..ROUNDS {
-            let Some(posterior) = self.solve(prior, weight, &held) else { break };
+            let Some(posterior) = self.solve(prior, noise, &held) else { break };
             found = posterior.mean;
             let mut any = false;
             for (number, value) in found.iter().enumerate() {
@@ -103,24 +115,62 @@ impl Regression {
         let bounded = found.iter().enumerate().map(|(number, &value)| {
             if self.numbers.is_bounded(number) { value.max(0.0) } else { value }
         });
-        bounded.map(|value| value as f32).collect()
+        bounded.collect()
+    }
+
+    /// The root mean square of the torque that `numbers` leave over at a joint, N·m.
+    pub fn left_over(&self, joint: usize, numbers: &[f64]) -> f64 {
+        let sums = &self.joints[joint];
+        let width = self.factors.len();
+        let value = |place: usize| numbers[self.number(joint, place)];
+        let mut squares = sums.torque;
+        for row in 0..width {
+            let mut along = -2.0 * sums.products[row];
+            for column in 0..row {
+                along += 2.0 * sums.squares[row * width + column] * value(column);
+            }
+            along += sums.squares[row * width + row] * value(row);
+            squares += along * value(row);
+        }
+        (squares.max(0.0) / sums.samples.max(1.0)).sqrt()
+    }
+
+    /// The lower triangle of Σ x xᵀ / σ² and Σ x u / σ² over all joints.
+    fn sums(&self, noise: &[f64]) -> (DMatrix<f64>, Vec<f64>) {
+        let count = self.numbers.count();
+        let mut squares = DMatrix::zeros(count, count);
+        let mut products = vec![0.0; count];
+        let width = self.factors.len();
+        for (joint, (sums, noise)) in self.joints.iter().zip(noise).enumerate() {
+            let precision = noise.powi(-2);
+            for row in 0..width {
+                let number = self.number(joint, row);
+                products[number] += precision * sums.products[row];
+                for column in 0..=row {
+                    squares[(number, self.number(joint, column))] +=
+                        precision * sums.squares[row * width + column];
+                }
+            }
+        }
+        (squares, products)
     }
 
     /// In units of the spreads, where what nothing is known of has a variance of 1. Numbers that are `held`
     /// are 0.
-    fn solve(&self, prior: &Prior, weight: f64, held: &[bool]) -> Option<Posterior> {
+    fn solve(&self, prior: &Prior, noise: &[f64], held: &[bool]) -> Option<Posterior> {
         let count = self.numbers.count();
+        let (squares, products) = self.sums(noise);
         let spread = |number: usize| if held[number] { 0.0 } else { prior.spread[number] };
         let precision = DMatrix::from_fn(count, count, |row, column| {
             let (row, column) = (row.max(column), row.min(column));
-            let told = weight * spread(row) * spread(column) * self.squares[row * count + column];
+            let told = spread(row) * spread(column) * squares[(row, column)];
             if row == column { told + 1.0 } else { told }
         });
         let right = DVector::from_fn(count, |number, _| match held[number] {
             true => 0.0,
             false => {
                 let known = prior.mean[number] / prior.spread[number];
-                weight * prior.spread[number] * self.products[number] + known
+                prior.spread[number] * products[number] + known
             }
         });
         let factor = precision.cholesky()?;

@@ -26,7 +26,7 @@ pub(super) trait ArchitectureSpec: Check {
     /// Whether one training answers about any context and horizon: a model that integrates equations has no sizes
     /// of either.
     fn answers_any_length(&self) -> bool {
-        self.is_physical()
+        false
     }
 
     /// None of a model that answers in one pass.

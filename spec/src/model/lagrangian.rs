@@ -72,4 +72,8 @@ impl ArchitectureSpec for LagrangianSpec {
     fn is_physical(&self) -> bool {
         true
     }
+
+    fn answers_any_length(&self) -> bool {
+        true
+    }
 }
