@@ -105,7 +105,7 @@ fn tanh<A: Activations>(x: A) -> A {
 }
 
 /// The product with numbers that nothing is learned from, which may have extents of 1.
-pub(super) fn weighted<A: Activations>(x: A, weights: A) -> A {
+fn weighted<A: Activations>(x: A, weights: A) -> A {
     let shape = x.dims();
     A::operation([x, weights], [false, true], shape, |[x, weights]| x * weights)
 }
