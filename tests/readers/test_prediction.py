@@ -33,7 +33,7 @@ class Prediction(unittest.TestCase):
         self.assertEqual([int(line.split()[0]) for line in lines], list(range(320, 380)))
 
     def test_the_command_on_the_page_predicts(self):
-        with urllib.request.urlopen(f"{self.product.url}/checkpoints/9") as answer:
+        with urllib.request.urlopen(f"{self.product.url}/checkpoints/8") as answer:
             page = html.unescape(answer.read().decode())
         command = re.search(r"<h2>Predict</h2>\s*<pre>(.*?)</pre>", page, flags=re.DOTALL).group(1)
         done = subprocess.run(
