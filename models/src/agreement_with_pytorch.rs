@@ -163,7 +163,7 @@ fn check_gradients(peer: &Peer, model: &SequenceModel, gradients: &NamedGradient
             let blind = name.ends_with("key.bias") || name.ends_with("conv.bias");
             assert!(blind && largest(&gradient) < 1e-6, "{name}: {:e}", largest(&gradient));
         } else {
-            peer.check_close(&format!("gradient.{name}"), &gradient, 1e-5);
+            peer.check_close(&format!("gradient.{name}"), &gradient, tolerance(&name));
         }
     }
 }
@@ -174,9 +174,9 @@ fn gradients_of_models_that_answer_in_one_pass_agree() {
         let device = Device::cpu().training();
         let model = peer.loaded(&device);
         let (input, target) = peer.seen(&device);
-        // Whole contexts are looked at, whatever is drawn.
+        // As in the second step of a training: peers/one_pass.py says why.
         let rows = 0..peer.batch().robots() as u64;
-        let rows = rows.map(|row| generator(0, Purpose::Training, 0, row));
+        let rows = rows.map(|row| generator(0, Purpose::Training, 2, row));
         let loss = model.loss(input, target, &mut Noise::new(rows));
         let gradients = NamedGradients::of(&model, vec![loss.tensor().backward()]).unwrap();
         check_gradients(&peer, &model, &gradients);
@@ -248,8 +248,13 @@ fn check_optimizer_steps(peer: &Peer) {
     for (name, view) in parsed.iter() {
         let (numbers, _) = view.data().as_chunks::<4>();
         let found: Vec<f32> = numbers.iter().map(|&bytes| f32::from_le_bytes(bytes)).collect();
-        peer.check_close(&format!("after.{name}"), &found, 1e-5);
+        peer.check_close(&format!("after.{name}"), &found, tolerance(name));
     }
+}
+
+/// Of what is computed for a parameter. The draws that tell `doubt` are rolled out in single precision.
+fn tolerance(parameter: &str) -> f64 {
+    if parameter == "doubt" { 1e-4 } else { 1e-5 }
 }
 
 /// PyTorch's weights with the moments of an optimizer that has not stepped.

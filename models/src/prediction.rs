@@ -36,14 +36,19 @@ impl Predictor<'_> {
     ) -> Result<Vec<f32>, ModelError> {
         let (robots, values) = (observed.robots(), observed.horizon() * observed.joints());
         let steps = self.steps(sampling, observed)?;
-        let questions = sampling.samples.saturating_mul(robots);
-        let mut answers = Vec::with_capacity(questions.saturating_mul(values));
+        let samples = sampling.samples;
+        let questions = samples.saturating_mul(robots);
+        let mut answers = vec![0.0; questions.saturating_mul(values)];
         for first in (0..questions).step_by(CHUNK) {
             let chunk = first..(first + CHUNK).min(questions);
-            // The trajectory and the number of the sample that each row is.
+            // The trajectory and the number of the sample that each row is: samples of a trajectory together, so
+            // that what they share is computed once.
             let rows: Vec<(usize, usize)> =
-                chunk.map(|question| (question % robots, question / robots)).collect();
-            answers.extend(self.rows(observed, statistics, sampling, draw, &steps, &rows)?);
+                chunk.map(|question| (question / samples, question % samples)).collect();
+            let found = self.rows(observed, statistics, sampling, draw, &steps, &rows)?;
+            for (&(robot, sample), found) in rows.iter().zip(found.chunks_exact(values)) {
+                answers[(sample * robots + robot) * values..][..values].copy_from_slice(found);
+            }
         }
         Ok(answers)
     }

@@ -11,7 +11,7 @@ SWEEPS = 2
 FASTEST = 50.0
 """The fastest that a joint is let turn, rad/s."""
 ROUNDS = 8
-"""Times that numbers below 0 are held there and the others fitted again."""
+"""Times that dampings and frictions below 0 are held there and the other numbers fitted again."""
 FORCE_UNIT = 10.0
 """The unit of learned forces, N·m."""
 LEAST_SHARE = 0.5
@@ -21,7 +21,14 @@ DIRECTIONS = 3
 INITIAL_JACOBIAN, INITIAL_HEAD, INITIAL_ARMATURE, INITIAL_NOISE = 0.9, 0.35, 0.1, 0.3
 INITIAL_SLOPE = 4.0
 INITIAL_SHARED_SPREAD, INITIAL_DAMPING_SPREAD, INITIAL_FRICTION_SPREAD = 0.1, 1.0, 0.1
+INITIAL_TAIL = 0.3
 """As in `models/src/lagrangian/mod.rs`."""
+NOISE_ROUNDS = 3
+"""Times that the noise of a context is found anew, from what the last fit left over."""
+DRAWS = 7
+"""Draws of a robot that a loss scores."""
+LEAST_DIFFERENCE = 1e-6
+"""Least difference of draws that counts, rad."""
 
 
 @dataclass
@@ -107,21 +114,39 @@ class Lagrangian(nn.Module):
         spread = shared + [INITIAL_DAMPING_SPREAD] * joints + [INITIAL_FRICTION_SPREAD] * joints
         self.spread = nn.Parameter(torch.tensor(spread).log() / self.pace)
         self.noise = of_joints(math.log(INITIAL_NOISE))
+        self.doubt = nn.Parameter(torch.tensor([0.0, INITIAL_TAIL / self.pace]))
 
     def answer(self, u: Tensor, y_context: Tensor) -> Tensor:
         """y of the horizon, rad, from u [batch, samples, joint] in N·m and y of the context in rad."""
-        context, rate = y_context.shape[1], self.rate_hz
-        motions = Motions.of(u, y_context, rate)
-        weight = min(self.points / (context - 2), 1.0)
-        numbers = self.most_likely(*self.equations(motions), weight).to(u)
+        numbers, _ = self.fit(u, y_context)
+        before = y_context.shape[1] - 2
+        return self.roll(u[:, before:], y_context[:, before:], numbers)
+
+    def draws(self, u: Tensor, y_context: Tensor, count: int) -> Tensor:
+        """y of the horizon, rad, [draw, batch, horizon, joint], of robots that the context leaves possible.
+
+        torqued draws other numbers.
+        """
+        numbers, root = self.fit(u, y_context)
+        before, answers = y_context.shape[1] - 2, []
+        median, tail = self.pace * self.doubt
+        for _ in range(count):
+            scale = (median + tail * torch.randn(len(u), 1).to(u)).exp()
+            drawn = self._bounded(numbers + scale * _times(root, torch.randn_like(numbers)))
+            answers.append(self.roll(u[:, before:], y_context[:, before:], drawn))
+        return torch.stack(answers)
+
+    def roll(self, u: Tensor, y: Tensor, numbers: Tensor) -> Tensor:
+        """Positions after the first two, y [batch, 2, joint], of robots with these numbers."""
+        rate = self.rate_hz
         weights, strengths, damping, friction = numbers.split(self.counts, -1)
         share = self._share()
         armature = rate * (self.pace * self.armature).exp()
-        q = y_context[:, -1]
-        velocity = rate * (q - y_context[:, -2])
+        q = y[:, 1]
+        velocity = rate * (q - y[:, 0])
         change = torch.zeros_like(velocity)
         answer = []
-        for sample in range(context - 1, u.shape[1] - 1):
+        for sample in range(1, u.shape[1] - 1):
             jacobian, carried, forces = self.pose(q, velocity + 0.5 * change)
             weighted = weights.repeat(1, DIRECTIONS)[:, :, None] * jacobian
             bias = _times(weighted.mT, carried)
@@ -133,21 +158,33 @@ class Lagrangian(nn.Module):
             for _ in range(SWEEPS):
                 shape, slope = self.friction_of(velocity + share * change)
                 shape, slope = friction * shape, friction * slope
-                lower = torch.linalg.cholesky(inertia + torch.diag_embed(share * slope))
+                matrix = inertia + torch.diag_embed(share * slope)
                 right = driving - shape + slope * share * change
-                change = torch.cholesky_solve(right[..., None], lower)[..., 0]
+                change = _solved(matrix, right, armature)
                 change = (velocity + change).clamp(-FASTEST, FASTEST) - velocity
             velocity = velocity + change
             q = q + velocity / rate
             answer.append(q)
         return torch.stack(answer, 1)
 
-    def loss(self, u: Tensor, y_context: Tensor, y_horizon: Tensor) -> Tensor:
-        """The mean negative logarithm of the likelihood of torques in N·m, less a constant.
+    def loss(
+        self,
+        u: Tensor,
+        y_context: Tensor,
+        y_horizon: Tensor,
+        chosen: Tensor | None = None,
+        normals: Tensor | None = None,
+    ) -> Tensor:
+        """The mean negative logarithm of the likelihood of torques in N·m, less a constant, and the score of draws.
 
-        It looks at `points` samples of each context, at equal distances, from one that PyTorch draws.
-        Nothing of the horizon is looked at.
+        It looks at `points` samples of each context, at equal distances, from one that PyTorch draws. The
+        horizon is looked at by the score alone: of the robots `chosen` [batch], one in `points` unless given, with
+        draws of the numbers `normals` [batch, draw, number + 1].
         """
+        if chosen is None:
+            chosen = torch.rand(len(u), device=u.device) < 1 / self.points
+        if normals is None:
+            normals = torch.randn(len(u), DRAWS, sum(self.counts) + 1).to(u)
         batch, context, _ = y_context.shape
         stride = (context - 2) // self.points
         offsets = torch.randint(stride, (batch, 1), device=u.device)
@@ -155,7 +192,8 @@ class Lagrangian(nn.Module):
         factors, torque = self.equations(Motions.of(u, y_context, self.rate_hz).at(points))
         # Given the distribution of the numbers: its change does not change the likelihood to first order.
         with torch.no_grad():
-            mean, root, told = self.posterior(factors, torque, 1.0)
+            noise = (self.pace * self.noise).exp().expand(batch, -1)
+            mean, root, told = self.posterior(factors, torque, 1.0, noise)
         own, common = factors[..., :-1], factors[..., -1]
         rows = torque.shape[1] * torque.shape[2]
         off = (_times(own, mean[:, None]) + common - torque).square()
@@ -165,7 +203,43 @@ class Lagrangian(nn.Module):
         unlikely = (0.5 * squares * (-2 * log_spread).exp() + log_spread).sum(-1)
         of_numbers = unlikely + told - (log_spread.detach().sum() + 0.5 * mean.shape[-1])
         of_torques = 0.5 * (off + unknown) * (-2 * log_noise).exp() + log_noise
-        return (of_torques + of_numbers[:, None, None] / rows).mean()
+        likelihood = (of_torques + of_numbers[:, None, None] / rows).mean()
+        if not chosen.any():
+            return likelihood + 0.0 * self.doubt.sum()
+        score = self.score(u[chosen], y_context[chosen], y_horizon[chosen], normals[chosen])
+        return likelihood + score.mean() * chosen.sum() * self.points / batch
+
+    def score(self, u: Tensor, y_context: Tensor, y_horizon: Tensor, normals: Tensor) -> Tensor:
+        """The fair continuous ranked probability score of draws, in units of how much they differ before they are
+        scaled, [batch, horizon - 2, joint]. Its gradient is that of `doubt` alone."""
+        context = y_context.shape[1]
+        with torch.no_grad():
+            numbers, root = self.fit(u, y_context)
+            start, ahead = y_horizon[:, :2], y_horizon[:, 2:]
+            mean = self.roll(u[:, context:], start, numbers)
+            drawn = [self._bounded(numbers + _times(root, normal[:, :-1])) for normal in normals.unbind(1)]
+            drawn = torch.stack([self.roll(u[:, context:], start, numbers) for numbers in drawn], 1)
+            differences = drawn - mean[:, None]
+            unit = differences.square().mean(1).sqrt().clamp(min=LEAST_DIFFERENCE)
+            differences, error = differences / unit[:, None], (ahead - mean) / unit
+        median, tail = self.pace * self.doubt
+        samples = (median + tail * normals[..., -1])[:, :, None, None].exp() * differences
+        between = (samples[:, :, None] - samples[:, None]).abs().sum((1, 2))
+        return (samples - error[:, None]).abs().mean(1) - between / (2 * DRAWS * (DRAWS - 1))
+
+    def fit(self, u: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
+        """The most likely numbers of each robot [batch, number], and a root of their covariance. Where a joint leaves
+        more torque over than in training, so much is its noise."""
+        factors, torque = self.equations(Motions.of(u, y, self.rate_hz))
+        weight = min(self.points / (y.shape[1] - 2), 1.0)
+        least = (self.pace * self.noise).exp().expand(len(u), -1)
+        numbers, root = self.most_likely(factors, torque, weight, least)
+        for _ in range(NOISE_ROUNDS):
+            rows = _times(factors[..., :-1].double(), numbers[:, None]) + factors[..., -1].double()
+            left_over = (torque.double() - rows).square().mean(1).sqrt()
+            noise = torch.maximum(least.double(), left_over)
+            numbers, root = self.most_likely(factors, torque, weight, noise)
+        return numbers.to(u), root.to(u)
 
     def pose(self, q: Tensor, velocity: Tensor) -> tuple[Tensor, Tensor, Tensor | None]:
         """Jacobians [.., direction · particle, joint] at the angles q [.., joint], the acceleration of each
@@ -205,44 +279,54 @@ class Lagrangian(nn.Module):
         return torch.cat(columns, -1), torque - (self.pace * self.armature).exp() * acceleration
 
     def posterior(
-        self, factors: Tensor, torque: Tensor, weight: float, held: Tensor | None = None
+        self, factors: Tensor, torque: Tensor, weight: float, noise: Tensor, held: Tensor | None = None
     ) -> tuple[Tensor, Tensor, Tensor]:
         """The normal distribution of each robot's numbers: the mean [batch, number], a root of the covariance
-        [batch, number, number], and by how much the logarithm of its width is less than the prior's. Numbers
-        that are `held` [batch, number] are 0."""
-        precision = (-2 * self.pace * self.noise).exp().double()
+        [batch, number, number], and by how much the logarithm of its width is less than the prior's. `noise`
+        [batch, joint] is that of torques, N·m. Numbers that are `held` [batch, number] are 0."""
+        precision = noise.double() ** -2
         own, common = factors[..., :-1].double(), factors[..., -1].double()
         spread, mean = (self.pace * self.spread).exp().double(), self._means().double()
-        free = torch.ones_like(own[:, 0, 0]) if held is None else (~held).double()
-        scaled = own * (spread * free)[:, None, None]
-        squares = weight * torch.einsum("bpjn,j,bpjm->bnm", scaled, precision, scaled)
-        right = weight * torch.einsum("bpjn,j,bpj->bn", scaled, precision, torque.double() - common)
+        spread = spread.expand(len(own), -1) if held is None else spread * ~held
+        scaled = own * spread[:, None, None]
+        squares = weight * torch.einsum("bpjn,bj,bpjm->bnm", scaled, precision, scaled)
+        right = weight * torch.einsum("bpjn,bj,bpj->bn", scaled, precision, torque.double() - common)
         lower = torch.linalg.cholesky(squares + torch.eye(squares.shape[-1]).to(squares))
-        right = right + free * mean / spread
-        found = spread * free * torch.cholesky_solve(right[..., None], lower)[..., 0]
+        right = right + (spread > 0) * mean / (self.pace * self.spread).exp().double()
+        found = spread * torch.cholesky_solve(right[..., None], lower)[..., 0]
         one = torch.eye(squares.shape[-1]).to(squares).expand_as(squares)
-        root = spread[:, None] * torch.linalg.solve_triangular(lower.mT, one, upper=True)
+        root = spread[..., None] * torch.linalg.solve_triangular(lower.mT, one, upper=True)
         told = lower.diagonal(dim1=-2, dim2=-1).log().sum(-1)
         return found.to(factors), root.to(factors), told.to(factors)
 
-    def most_likely(self, factors: Tensor, torque: Tensor, weight: float) -> Tensor:
-        """The most likely numbers of each robot [batch, number]. Masses, damping and friction are 0 at least."""
-        bounded = torch.ones(sum(self.counts), dtype=torch.bool, device=factors.device)
-        bounded[self.counts[0] : self.counts[0] + self.counts[1]] = False
-        held = bounded.logical_not()[None].expand(len(factors), -1).logical_and(torch.tensor(False))
+    def most_likely(
+        self, factors: Tensor, torque: Tensor, weight: float, noise: Tensor
+    ) -> tuple[Tensor, Tensor]:
+        """The most likely numbers of each robot [batch, number], in double precision, and a root of their
+        covariance. Damping and friction are 0 at least."""
+        factors, torque = factors.double(), torque.double()
+        held = torch.zeros(len(factors), sum(self.counts), dtype=torch.bool, device=factors.device)
         for _ in range(ROUNDS):
-            found, _, _ = self.posterior(factors, torque, weight, held)
-            below = bounded & (found < 0)
+            found, root, _ = self.posterior(factors, torque, weight, noise, held)
+            below = self._is_bounded(found) & (found < 0)
             if not below.any():
                 break
             held = held | below
-        return torch.where(bounded, found.clamp(min=0), found)
+        return self._bounded(found), root
 
     def friction_of(self, velocity: Tensor) -> tuple[Tensor, Tensor]:
         """Friction of strength 1 at a velocity in rad/s, and its slope."""
         slope = (self.pace * self.friction_slope).exp()
         value = ((velocity + self.friction_shift) * slope).tanh()
         return value - (slope * self.friction_shift).tanh(), slope * (1 - value.square())
+
+    def _is_bounded(self, numbers: Tensor) -> Tensor:
+        bounded = torch.ones(numbers.shape[-1], dtype=torch.bool, device=numbers.device)
+        bounded[: self.counts[0] + self.counts[1]] = False
+        return bounded
+
+    def _bounded(self, numbers: Tensor) -> Tensor:
+        return torch.where(self._is_bounded(numbers), numbers.clamp(min=0), numbers)
 
     def _means(self) -> Tensor:
         """Of each number over robots."""
@@ -253,6 +337,22 @@ class Lagrangian(nn.Module):
     def _share(self) -> Tensor:
         """How far torque and velocity lie towards the newer of two values, [joint]."""
         return LEAST_SHARE + (1 - LEAST_SHARE) * (self.pace * self.share).sigmoid()
+
+
+def _solved(matrix: Tensor, right: Tensor, least: Tensor) -> Tensor:
+    """x of matrix x = right, by L D Lᵀ. Entries of D below `least` are raised to it: a sum of a diagonal matrix of
+    these and of a positive semidefinite one has none."""
+    columns, pivots = [], []
+    for column in range(len(least)):
+        pivot = torch.maximum(matrix[..., column, column], least[column])
+        entries = torch.nn.functional.pad(matrix[..., column + 1 :, column] / pivot[..., None], (column + 1, 0))
+        matrix = matrix - pivot[..., None, None] * entries[..., :, None] * entries[..., None, :]
+        columns.append(entries)
+        pivots.append(pivot)
+    lower = torch.stack(columns, -1) + torch.eye(len(least)).to(matrix)
+    x = torch.linalg.solve_triangular(lower, right[..., None], upper=False, unitriangular=True)
+    x = x / torch.stack(pivots, -1)[..., None]
+    return torch.linalg.solve_triangular(lower.mT, x, upper=True, unitriangular=True)[..., 0]
 
 
 def _times(matrix: Tensor, vector: Tensor) -> Tensor:

@@ -12,12 +12,17 @@ pub(super) struct Factored<L> {
 }
 
 impl<L: Lanes> Factored<L> {
-    /// From the lower triangle.
+    /// From the lower triangle. Entries of D below `least` are raised to it: a sum of a diagonal matrix of these and
+    /// of a positive semidefinite one has none.
     #[inline(always)]
-    pub fn new(joints: usize, mut matrix: [[L; MAX_JOINTS]; MAX_JOINTS]) -> Self {
+    pub fn new(
+        joints: usize,
+        mut matrix: [[L; MAX_JOINTS]; MAX_JOINTS],
+        least: &[L; MAX_JOINTS],
+    ) -> Self {
         let mut inverse = [L::splat(0.0); MAX_JOINTS];
         for column in 0..joints {
-            inverse[column] = matrix[column][column].recip();
+            inverse[column] = matrix[column][column].max(least[column]).recip();
             let mut entries = [L::splat(0.0); MAX_JOINTS];
             for row in column + 1..joints {
                 entries[row] = matrix[row][column];

@@ -10,13 +10,13 @@
 //! likelihood of the context chooses the multiple for each robot: errors of a law are not white, and they are
 //! larger where it was not trained.
 
-use rayon::prelude::*;
 use series::MeasurementNoise;
 use simd::InstructionSet;
 use smoothing::Smoother;
 
 use super::belief::{Belief, Step};
-use super::law::{Law, Start};
+use super::known::{Known, State, root_of_block};
+use super::law::{Law, Start, narrow};
 use super::motion::Recorded;
 
 /// Noise below this, rad, counts as this one: positions are computed in f32.
@@ -39,55 +39,31 @@ const INITIAL_ANGLE: f64 = 10.0;
 const RATIO: f64 = 3.0;
 const STEPS: i32 = 6;
 
-/// Where a robot is at the end of its context, and its numbers.
-pub(super) struct Estimate {
-    /// At the last two samples `[sample, joint]`, rad.
-    y: Vec<f32>,
-    numbers: Vec<f32>,
+/// Whether a context is long enough, and noisy enough, to be filtered.
+pub(super) fn is_filtered(robot: &Recorded<'_>, noise: MeasurementNoise) -> bool {
+    noise.position_rad > 0.0 && robot.samples() >= LEAST_SAMPLES
 }
 
 impl Law {
-    /// As [`Law::predict`], of positions with noise.
-    pub fn predict_noisy(&self, robots: &[Recorded<'_>], noise: MeasurementNoise) -> Vec<f32> {
-        let Some(first) = robots.first() else { return Vec::new() };
-        if noise.position_rad <= 0.0 || first.samples() < LEAST_SAMPLES {
-            return self.predict(robots);
-        }
-        let instructions = InstructionSet::best();
-        let smoother = smoother(first, noise);
-        let pasts: Vec<&[Recorded<'_>]> = robots.chunk_by(Recorded::has_the_past_of).collect();
-        let estimates: Vec<Estimate> = pasts
-            .par_iter()
-            .map(|same| self.estimate(instructions, &same[0], &smoother, noise))
-            .collect();
-        let each = pasts.iter().zip(&estimates);
-        let each =
-            each.flat_map(|(same, estimate)| same.iter().map(move |robot| (robot, estimate)));
-        let starts: Vec<Start<'_>> = each
-            .map(|(robot, estimate)| {
-                let before = (robot.samples() - 2) * robot.joints;
-                let u = &robot.u[before..];
-                let recorded = Recorded { u, y: &estimate.y, ..*robot };
-                Start { recorded, numbers: &estimate.numbers }
-            })
-            .collect();
-        self.roll_out(instructions, &starts)
-    }
-
-    fn estimate(
+    /// Of noisy positions.
+    pub fn filtered(
         &self,
         instructions: InstructionSet,
         robot: &Recorded<'_>,
         smoother: &Smoother,
         noise: MeasurementNoise,
-    ) -> Estimate {
+    ) -> Known {
         let smoothed = smoother.smooth_robot(robot.y, robot.joints);
         let path = Recorded { y: &smoothed, ..*robot };
-        let numbers = self.fit_smoothed(instructions, &path);
+        let posterior = self.fit(instructions, &path);
+        let numbers = narrow(&posterior.mean);
         let steps = self.linearized(instructions, &path, &numbers);
         let filter =
             Filter { law: self, measured: robot, path: &path, numbers, steps: &steps, noise };
-        filter.most_likely()
+        let belief = filter.most_likely();
+        let width = belief.mean.len();
+        let motion = root_of_block(&belief.covariance, width, 2 * robot.joints);
+        Known { state: filter.state(&belief), posterior, motion: Some(motion) }
     }
 
     /// The steps from sample 1 to the last, each around the path.
@@ -184,8 +160,8 @@ struct Filter<'a> {
 }
 
 impl Filter<'_> {
-    /// The estimate with the deviation of the law under which the context is most likely.
-    fn most_likely(&self) -> Estimate {
+    /// With the deviation of the law under which the context is most likely.
+    fn most_likely(&self) -> Belief {
         let mut step = 0;
         let mut best = self.run(RATIO.powi(step));
         for direction in [1, -1] {
@@ -197,7 +173,7 @@ impl Filter<'_> {
                 (step, best) = (step + direction, found);
             }
         }
-        self.estimate(&best)
+        best
     }
 
     /// With the law's torque noise `scale` times that of training.
@@ -269,7 +245,7 @@ impl Filter<'_> {
     }
 
     #[expect(clippy::cast_possible_truncation, reason = "the law is computed in f32")]
-    fn estimate(&self, belief: &Belief) -> Estimate {
+    fn state(&self, belief: &Belief) -> State {
         let joints = self.measured.joints;
         let path = self.at(self.path.samples() - 1);
         let finite = belief.mean.iter().all(|more| more.is_finite());
@@ -283,6 +259,6 @@ impl Filter<'_> {
         for (damping, more) in dampings.iter_mut().zip(&mean[2 * joints..]) {
             *damping = (*damping + *more as f32).max(0.0);
         }
-        Estimate { y, numbers }
+        State { y, numbers }
     }
 }

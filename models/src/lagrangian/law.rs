@@ -6,16 +6,19 @@
 //! give the same bits, and a robot has the same answer whatever it is asked together with.
 
 use rayon::prelude::*;
+use series::MeasurementNoise;
 use simd::{F32Array, InstructionSet, MAX_LANES};
 #[cfg(target_arch = "x86_64")]
 use simd::{F32x8, F32x16};
 
 use super::dense::Dense;
+use super::filtering::{is_filtered, smoother};
+use super::known::{Doubt, Known, State};
 use super::motion::Recorded;
 use super::numbers::Numbers;
-use super::regression::{Prior, Regression};
+use super::regression::{Posterior, Prior, Regression};
 
-/// Times that the noise of a smoothed context is found anew, each time from what the last fit left over.
+/// Times that the noise of a context is found anew, each time from what the last fit left over.
 const NOISE_ROUNDS: usize = 3;
 
 /// A trained law.
@@ -28,6 +31,7 @@ pub(super) struct Law {
     pub forces: Option<Dense>,
     pub joints: Vec<JointLaw>,
     pub prior: Prior,
+    pub doubt: Doubt,
     pub numbers: Numbers,
     /// The first joint whose angle the network sees.
     pub first: usize,
@@ -51,7 +55,7 @@ pub(super) struct JointLaw {
     pub friction_shift: f32,
 }
 
-/// A robot where its context ends.
+/// A robot where its horizon begins.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Start<'a> {
     pub recorded: Recorded<'a>,
@@ -60,23 +64,42 @@ pub(super) struct Start<'a> {
 }
 
 impl Law {
-    /// Positions of the horizons, `[robot, sample, joint]`, rad.
-    pub fn predict(&self, robots: &[Recorded<'_>]) -> Vec<f32> {
-        self.predict_with(InstructionSet::best(), robots)
-    }
-
-    /// As [`Law::predict`], with instructions of one's choice and the same result.
-    pub fn predict_with(&self, instructions: InstructionSet, robots: &[Recorded<'_>]) -> Vec<f32> {
+    /// Positions of the horizons, `[robot, sample, joint]`, rad; the same whatever the instructions. Where there are
+    /// `draws`, one for each robot, of [`Law::normals_of_draw`] standard normal numbers, a robot is not the most
+    /// likely one but one that its context leaves possible.
+    pub fn predict(
+        &self,
+        instructions: InstructionSet,
+        robots: &[Recorded<'_>],
+        noise: MeasurementNoise,
+        draws: &[&[f32]],
+    ) -> Vec<f32> {
+        let Some(first) = robots.first() else { return Vec::new() };
+        let smoother = is_filtered(first, noise).then(|| smoother(first, noise));
         let asked: Vec<&[Recorded<'_>]> = robots.chunk_by(Recorded::has_the_past_of).collect();
-        let fitted: Vec<Vec<f32>> =
-            asked.par_iter().map(|same| self.fit(instructions, &same[0])).collect();
-        let each = asked.iter().zip(&fitted);
-        let starts: Vec<Start<'_>> = each
-            .flat_map(|(same, numbers)| {
-                same.iter().map(move |&recorded| Start { recorded, numbers })
+        let known: Vec<Known> = asked
+            .par_iter()
+            .map(|same| match &smoother {
+                None => self.known(instructions, &same[0]),
+                Some(smoother) => self.filtered(instructions, &same[0], smoother, noise),
             })
             .collect();
-        self.roll_out(instructions, &starts)
+        let each = asked.iter().zip(&known);
+        let each = each.flat_map(|(same, known)| std::iter::repeat_n(known, same.len()));
+        let drawn: Vec<State> = each
+            .clone()
+            .zip(draws)
+            .map(|(known, normals)| self.draw(known, first.rate_hz, normals))
+            .collect();
+        let states: Vec<&State> = match draws.is_empty() {
+            true => each.map(|known| &known.state).collect(),
+            false => drawn.iter().collect(),
+        };
+        let starts = robots.iter().zip(states).map(|(robot, State { y, numbers })| {
+            let before = robot.samples().saturating_sub(2) * robot.joints;
+            Start { recorded: Recorded { u: &robot.u[before..], y, ..*robot }, numbers }
+        });
+        self.roll_out(instructions, &starts.collect::<Vec<_>>())
     }
 
     /// Positions of the horizons of fitted robots, `[robot, sample, joint]`, rad.
@@ -94,27 +117,22 @@ impl Law {
         groups.concat()
     }
 
-    /// The most likely numbers of a robot given its context.
-    pub fn fit(&self, instructions: InstructionSet, recorded: &Recorded<'_>) -> Vec<f32> {
-        let regression = self.regression_with(instructions, recorded);
-        narrow(&regression.most_likely(&self.prior, &self.noise(recorded)))
-    }
-
-    /// As [`Law::fit`], of a context whose noise was smoothed away as far as it could: where a joint leaves more torque
-    /// over than in training, so much is its noise.
-    pub fn fit_smoothed(&self, instructions: InstructionSet, recorded: &Recorded<'_>) -> Vec<f32> {
+    /// The distribution of a robot's numbers given its context. Where a joint leaves more torque over than it did in
+    /// training, so much is its noise: the law is not as good there, or positions were smoothed.
+    pub fn fit(&self, instructions: InstructionSet, recorded: &Recorded<'_>) -> Posterior {
         let regression = self.regression_with(instructions, recorded);
         let least = self.noise(recorded);
         let mut noise = least.clone();
-        let mut numbers = regression.most_likely(&self.prior, &noise);
+        let mut posterior = regression.of_possible(&self.prior, &noise);
         let repeated = self.repeated(recorded);
         for _ in 0..NOISE_ROUNDS {
             for (joint, noise) in noise.iter_mut().enumerate() {
-                *noise = least[joint].max(repeated * regression.left_over(joint, &numbers));
+                let left_over = regression.left_over(joint, &posterior.mean);
+                *noise = least[joint].max(repeated * left_over);
             }
-            numbers = regression.most_likely(&self.prior, &noise);
+            posterior = regression.of_possible(&self.prior, &noise);
         }
-        narrow(&numbers)
+        posterior
     }
 
     /// The deviation of each joint's torques that makes a context count as [`Law::points`] samples, N·m.
@@ -141,7 +159,7 @@ impl Law {
 }
 
 #[expect(clippy::cast_possible_truncation, reason = "the law is computed in f32")]
-fn narrow(values: &[f64]) -> Vec<f32> {
+pub(super) fn narrow(values: &[f64]) -> Vec<f32> {
     values.iter().map(|&value| value as f32).collect()
 }
 

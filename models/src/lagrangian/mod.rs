@@ -11,13 +11,15 @@
 //! where Δv is the change of the mean velocity from one sampling time h to the next, v̄ their mean, and v
 //! and u lie between both as a learned share says: in the middle for a heavy joint, at the newer one for a
 //! light joint, whose velocity settles within the sampling time. J is a learned inertia of each joint and φ the
-//! learned shape of its friction. Weights w ≥ 0, strengths z, dampings D and frictions F are a robot's own,
-//! independent and normal over robots. The mass matrix Σ w B Bᵀ + J is positive definite for all of them.
+//! learned shape of its friction. Weights w, strengths z, dampings D ≥ 0 and frictions F ≥ 0 are a robot's own,
+//! independent and normal over robots. The mass matrix Σ w B Bᵀ + J is positive definite where weights are; a
+//! robot's may be below 0, and what is solved for accelerations is positive definite for all ([`factored`]).
 //!
 //! The equation is linear in a robot's numbers: given its torques they are normal, too, in closed form
 //! ([`regression`]). Training maximizes the likelihood of the context's torques by expectation-maximization
-//! (Dempster, Laird and Rubin 1977), a step of the optimizer for each batch. A prediction fits the numbers to the whole context and integrates the equation over the horizon
-//! ([`law`]).
+//! (Dempster, Laird and Rubin 1977), a step of the optimizer for each batch. A prediction fits the numbers to the
+//! whole context and integrates the equation over the horizon ([`law`]); draws do so with other numbers that
+//! the context leaves possible ([`known`], [`scoring`]).
 
 mod batch;
 mod belief;
@@ -26,6 +28,7 @@ mod factored;
 mod features;
 mod filtering;
 mod fitting;
+mod known;
 mod law;
 mod motion;
 mod numbers;
@@ -33,6 +36,7 @@ mod points;
 mod pose;
 mod regression;
 mod rollout;
+mod scoring;
 #[cfg(test)]
 mod tests;
 
@@ -40,11 +44,13 @@ use std::rc::Rc;
 
 use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
 use burn::tensor::{Device, Tensor, TensorData, activation};
+use simd::InstructionSet;
 use spec::{LagrangianSpec, MAX_JOINTS};
 
 use self::batch::HostBatch;
 use self::dense::Dense;
 use self::features::{DIRECTIONS, Samples, combined};
+use self::known::Doubt;
 use self::law::{JointLaw, Law};
 use self::motion::{Motion, Recorded};
 use self::numbers::Numbers;
@@ -52,7 +58,7 @@ use self::points::{Fitted, Points};
 use self::regression::Prior;
 use crate::ModelError;
 use crate::activations::{Activations, Tally};
-use crate::architecture::{Architecture, Ask, Extents, Model, ModelInput};
+use crate::architecture::{Architecture, Ask, Draw, Extents, Model, ModelInput};
 use crate::initialization::InitialWeights;
 use crate::layers::Linear;
 use crate::loss::Loss;
@@ -84,6 +90,8 @@ const INITIAL_SHARED_SPREAD: f32 = 0.1;
 const INITIAL_DAMPING_SPREAD: f32 = 1.0;
 /// Initial spread of friction, N·m.
 const INITIAL_FRICTION_SPREAD: f32 = 0.1;
+/// Initial deviation of the logarithm of [`Doubt`].
+const INITIAL_TAIL: f32 = 0.3;
 /// A sample with one before it and one after it.
 const LEAST_CONTEXT: u32 = 3;
 
@@ -141,6 +149,7 @@ impl Architecture for LagrangianSpec {
             friction_shift: weights.constant([joints], 0.0),
             spread: weights.given([numbers.count()], spreads),
             noise: weights.constant([joints], paced(INITIAL_NOISE)),
+            doubt: weights.given([2], [0.0, INITIAL_TAIL / PACE]),
             first,
             numbers,
             points: self.points.min(context - 2) as usize,
@@ -172,6 +181,8 @@ pub(crate) struct Lagrangian {
     spread: Param<Tensor<1>>,
     /// Logarithm of the standard deviation of the torque that is left over at a sample, N·m, over [`PACE`].
     noise: Param<Tensor<1>>,
+    /// [`Doubt`]: the logarithm of the median, then the deviation of the logarithm, both over [`PACE`].
+    doubt: Param<Tensor<1>>,
     /// The first joint whose angle the network sees.
     #[module(skip)]
     first: usize,
@@ -277,6 +288,11 @@ impl Lagrangian {
         }
     }
 
+    fn doubt(&self) -> Doubt {
+        let values = values(self.doubt.val() * PACE);
+        Doubt { median: values[0], tail: values[1] }
+    }
+
     /// The same law, ready to predict.
     fn law(&self) -> Law {
         let dense = |layer: &Linear| {
@@ -289,6 +305,7 @@ impl Lagrangian {
             forces: self.forces.as_ref().map(dense),
             joints: self.joint_laws(),
             prior: self.prior(),
+            doubt: self.doubt(),
             numbers: self.numbers,
             first: self.first,
             points: self.points,
@@ -297,7 +314,7 @@ impl Lagrangian {
 }
 
 impl Model for Lagrangian {
-    fn loss(&self, input: ModelInput, _: Tensor<3>, noise: &mut Noise) -> Loss {
+    fn loss(&self, input: ModelInput, target: Tensor<3>, noise: &mut Noise) -> Loss {
         let device = input.u.device();
         let [robots, context, joints] = input.y_context.dims();
         let mut batch = HostBatch::new(&input);
@@ -316,15 +333,23 @@ impl Model for Lagrangian {
         let fitted = points.fit(&factors, &torques, &laws, &prior, self.numbers);
         let errors = self.surprise(equations, &fitted);
         let count = errors.shape().num_elements();
+        let errors = errors + self.score(&batch, target, noise);
         Loss { errors, count, predicted: None }
     }
 
-    fn answer(&self, input: ModelInput, _: Ask<'_>) -> Tensor<3> {
+    fn answer(&self, input: ModelInput, ask: Ask<'_>) -> Tensor<3> {
         let [robots, samples, joints] = input.u.dims();
         let [_, context, _] = input.y_context.dims();
         let batch = HostBatch::new(&input);
         let recorded: Vec<Recorded<'_>> = (0..robots).map(|robot| batch.robot(robot)).collect();
-        let answer = self.law().predict_noisy(&recorded, input.measurement_noise);
+        let law = self.law();
+        let normals = match ask.draw {
+            Draw::Mean => Vec::new(),
+            Draw::Sample => values(ask.noise.normal([1, law.normals_of_draw()], &input.u.device())),
+        };
+        let draws: Vec<&[f32]> = normals.chunks_exact(law.normals_of_draw()).collect();
+        let instructions = InstructionSet::best();
+        let answer = law.predict(instructions, &recorded, input.measurement_noise, &draws);
         let shape = [robots, samples - context, joints];
         Tensor::from_data(TensorData::new(answer, shape), &input.u.device())
     }
@@ -351,7 +376,7 @@ impl Model for Lagrangian {
     }
 
     fn is_generative(&self) -> bool {
-        false
+        true
     }
 
     fn for_inference(&self) -> Self {

@@ -37,8 +37,18 @@ impl Numbers {
         first..first + self.joints
     }
 
-    /// Whether a number is 0 at least: mass, damping and friction are, and a force points both ways.
+    /// Whether a number is 0 at least, as damping and friction are. A force points both ways, and a particle takes
+    /// away what others have too much of: those of one robot are no bodies of their own.
     pub fn is_bounded(self, number: usize) -> bool {
-        !self.strengths().contains(&number)
+        !self.shared().contains(&number)
+    }
+
+    /// Raises numbers below their bound to it.
+    pub fn keep_bounds<T: PartialOrd + Default>(self, values: &mut [T]) {
+        for (number, value) in values.iter_mut().enumerate() {
+            if *value < T::default() && self.is_bounded(number) {
+                *value = T::default();
+            }
+        }
     }
 }

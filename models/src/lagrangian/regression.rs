@@ -95,15 +95,16 @@ impl Regression {
         self.solve(prior, noise, &vec![false; self.numbers.count()])
     }
 
-    /// The most likely numbers of a robot that could be: with [`Numbers::is_bounded`] kept.
-    pub fn most_likely(&self, prior: &Prior, noise: &[f64]) -> Vec<f64> {
+    /// As [`Regression::posterior`], of a robot that could be: with [`Numbers::is_bounded`] kept, numbers below their
+    /// bound are held there and the others fitted again.
+    pub fn of_possible(&self, prior: &Prior, noise: &[f64]) -> Posterior {
         let mut held = vec![false; self.numbers.count()];
-        let mut found: Vec<f64> = prior.mean.clone();
+        let mut found = Posterior::of(prior);
         for _ in 0..ROUNDS {
             let Some(posterior) = self.solve(prior, noise, &held) else { break };
-            found = posterior.mean;
+            found = posterior;
             let mut any = false;
-            for (number, value) in found.iter().enumerate() {
+            for (number, value) in found.mean.iter().enumerate() {
                 if *value < 0.0 && self.numbers.is_bounded(number) {
                     (held[number], any) = (true, true);
                 }
@@ -112,10 +113,8 @@ impl Regression {
                 break;
             }
         }
-        let bounded = found.iter().enumerate().map(|(number, &value)| {
-            if self.numbers.is_bounded(number) { value.max(0.0) } else { value }
-        });
-        bounded.collect()
+        self.numbers.keep_bounds(&mut found.mean);
+        found
     }
 
     /// The root mean square of the torque that `numbers` leave over at a joint, N·m.
@@ -177,7 +176,8 @@ impl Regression {
         let scaled = factor.solve(&right);
         let mean: Vec<f64> = (0..count).map(|number| spread(number) * scaled[number]).collect();
         let finite = mean.iter().all(|value| value.is_finite());
-        finite.then(|| Posterior { mean, spread: prior.spread.clone(), factor })
+        let spread = (0..count).map(spread).collect();
+        finite.then_some(Posterior { mean, spread, factor })
     }
 }
 
@@ -185,12 +185,27 @@ impl Regression {
 #[derive(Clone, Debug)]
 pub(super) struct Posterior {
     pub mean: Vec<f64>,
+    /// Over robots; 0 of a number that is held.
     spread: Vec<f64>,
     /// The factor of the precision, in units of the spreads.
     factor: Cholesky<f64, Dyn>,
 }
 
 impl Posterior {
+    /// Of a robot that nothing is known of.
+    fn of(prior: &Prior) -> Self {
+        let count = prior.mean.len();
+        let factor = Cholesky::pack_dirty(DMatrix::identity(count, count));
+        Self { mean: prior.mean.clone(), spread: prior.spread.clone(), factor }
+    }
+
+    /// A draw of the difference to the mean, from one standard normal number for each number.
+    pub fn deviation(&self, normal: &[f32]) -> Vec<f64> {
+        let normal = DVector::from_iterator(normal.len(), normal.iter().copied().map(f64::from));
+        let scaled = self.factor.l_dirty().tr_solve_lower_triangular(&normal).unwrap_or(normal);
+        scaled.iter().zip(&self.spread).map(|(value, spread)| value * spread).collect()
+    }
+
     /// A root of the covariance, `[number, column]`: times its transpose it is the covariance.
     pub fn root(&self) -> DMatrix<f64> {
         let count = self.mean.len();

@@ -56,6 +56,11 @@ impl Law {
             let numbers: Vec<L> = numbers.iter().map(|number| L::load(number)).collect();
             let dampings = &numbers[self.numbers.dampings()];
             let frictions = &numbers[self.numbers.frictions()];
+            // Inertias of the joints alone, times the rate.
+            let mut least = [L::splat(0.0); MAX_JOINTS];
+            for joint in 0..joints {
+                least[joint] = L::splat(f64::from(self.joints[joint].armature)) * rate;
+            }
             let [mut q, mut velocity] = [[L::splat(0.0); MAX_JOINTS]; 2];
             let mut change = [L::splat(0.0); MAX_JOINTS];
             for joint in 0..joints {
@@ -95,7 +100,7 @@ impl Law {
                         torques[joint] = slope.mul_add(moved, torques[joint] - shape);
                         matrix[joint][joint] = share.mul_add(slope, matrix[joint][joint]);
                     }
-                    Factored::new(joints, matrix).solve(joints, &mut torques);
+                    Factored::new(joints, matrix, &least).solve(joints, &mut torques);
                     for joint in 0..joints {
                         let after = bounded(velocity[joint] + torques[joint], FASTEST);
                         change[joint] = after - velocity[joint];

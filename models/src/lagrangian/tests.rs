@@ -9,6 +9,7 @@ use spec::LagrangianSpec;
 
 use super::dense::Dense;
 use super::features::{DIRECTIONS, Samples};
+use super::known::Doubt;
 use super::law::{JointLaw, Law};
 use super::motion::Recorded;
 use super::numbers::Numbers;
@@ -68,22 +69,29 @@ impl Motions {
     }
 }
 
+const EXACT: MeasurementNoise = MeasurementNoise { position_rad: 0.0, torque_nm: 0.0 };
+
+/// Of the most likely robots.
+fn predict(law: &Law, robots: &[Recorded<'_>], noise: MeasurementNoise) -> Vec<f32> {
+    law.predict(InstructionSet::best(), robots, noise, &[])
+}
+
 #[test]
 fn a_prediction_has_the_same_bits_on_every_processor_and_in_every_company() {
     for joints in [2, 6, 7, 8] {
         let law = model(joints).law();
         let motions = Motions::new(37, joints);
         let robots = motions.robots();
-        let together = law.predict(&robots);
+        let together = predict(&law, &robots, EXACT);
         // Nothing was learned: some of these laws drive joints on and on.
         assert!(together.iter().all(|position| position.is_finite()));
         for instructions in InstructionSet::available() {
-            assert_eq!(law.predict_with(instructions, &robots), together, "{instructions}");
+            assert_eq!(law.predict(instructions, &robots, EXACT, &[]), together, "{instructions}");
         }
         for (robot, answer) in
             robots.iter().zip(together.chunks_exact((SAMPLES - CONTEXT) * joints))
         {
-            assert_eq!(law.predict(&[*robot]), answer);
+            assert_eq!(predict(&law, &[*robot], EXACT), answer);
         }
     }
 }
@@ -103,9 +111,9 @@ fn questions_of_one_past_are_one_robot_and_have_the_answers_of_each_alone() {
     assert!(!with(&other[..]).has_the_past_of(&robots[1]));
     assert!(!robots[0].has_the_past_of(&robots[1]));
     let asked = [robots[0], robots[1], with(&planned), with(&other), robots[1]];
-    let answers = law.predict(&asked);
+    let answers = predict(&law, &asked, EXACT);
     for (robot, answer) in asked.iter().zip(answers.chunks_exact((SAMPLES - CONTEXT) * 7)) {
-        assert_eq!(law.predict(&[*robot]), answer);
+        assert_eq!(predict(&law, &[*robot], EXACT), answer);
     }
 }
 
@@ -125,12 +133,12 @@ fn prediction_fits_the_numbers_that_training_fits() {
         let law = Law { points: CONTEXT, ..model.law() };
         for (robot, expected) in robots.iter().zip(fitted.mean.chunks_exact(model.numbers.count()))
         {
-            let found = law.fit(InstructionSet::best(), robot);
+            let found = law.fit(InstructionSet::best(), robot).mean;
             let each = found.iter().zip(expected).zip(&prior.mean);
             for (number, ((found, expected), &mean)) in each.enumerate() {
                 assert!(!model.numbers.is_bounded(number) || *expected > 0.0, "{expected}");
                 let learned = (f64::from(*expected) - mean).abs();
-                let off = f64::from(found - expected).abs();
+                let off = (found - f64::from(*expected)).abs();
                 assert!(off < 1e-3 * learned + 1e-5, "{number}: {found} {expected} {mean}");
             }
         }
@@ -226,6 +234,7 @@ fn separate(masses: &[f32], joint: JointLaw, damping: [f64; 2]) -> Law {
         forces: None,
         joints: vec![joint; joints],
         prior,
+        doubt: Doubt { median: 0.0, tail: 0.0 },
         numbers,
         first: 0,
         points: 1000,
@@ -252,12 +261,12 @@ fn dampings_are_found_and_the_horizon_follows() {
     }
     let law = separate(&masses, JOINT, [10.0, 1.0]);
     let robot = Recorded { u: &u, y: &y[..CONTEXT * 2], joints: 2, rate_hz: RATE_HZ };
-    let found = law.fit(InstructionSet::best(), &robot);
+    let found = law.fit(InstructionSet::best(), &robot).mean;
     let found = &found[law.numbers.dampings()];
     for joint in 0..2 {
-        assert!((found[joint] - dampings[joint]).abs() < 1e-2, "{found:?}");
+        assert!((found[joint] - f64::from(dampings[joint])).abs() < 1e-2, "{found:?}");
     }
-    for (predicted, expected) in law.predict(&[robot]).iter().zip(&y[CONTEXT * 2..]) {
+    for (predicted, expected) in predict(&law, &[robot], EXACT).iter().zip(&y[CONTEXT * 2..]) {
         assert!((predicted - expected).abs() < 1e-4, "{predicted} {expected}");
     }
 }
@@ -269,9 +278,9 @@ fn a_robot_that_stands_still_or_was_hardly_seen_has_the_mean_damping() {
     for context in [1, 2, 3, 30] {
         let y = vec![0.4; context * 3];
         let robot = Recorded { u: &u, y: &y, joints: 3, rate_hz: RATE_HZ };
-        let found = law.fit(InstructionSet::best(), &robot);
+        let found = law.fit(InstructionSet::best(), &robot).mean;
         assert_eq!(found[law.numbers.dampings()], [3.0; 3]);
-        let answer = law.predict(&[robot]);
+        let answer = predict(&law, &[robot], EXACT);
         assert_eq!(answer.len(), (40 - context) * 3);
         assert!(answer.iter().all(|value| value.is_finite()));
     }
@@ -329,8 +338,8 @@ fn a_filter_that_knows_the_noise_predicts_well_below_it() {
     let (mut filtered, mut raw) = (0.0, 0.0);
     for seed in 0..8 {
         let robot = Noisy::new(seed);
-        filtered += robot.error(&robot.law.predict_noisy(&[robot.robot()], NOISE)) / 8.0;
-        raw += robot.error(&robot.law.predict(&[robot.robot()])) / 8.0;
+        filtered += robot.error(&predict(&robot.law, &[robot.robot()], NOISE)) / 8.0;
+        raw += robot.error(&predict(&robot.law, &[robot.robot()], EXACT)) / 8.0;
     }
     assert!(filtered < 0.4 * NOISE.position_rad, "{filtered}");
     assert!(raw > 10.0 * filtered, "{raw} {filtered}");
@@ -342,7 +351,7 @@ fn without_noise_a_prediction_is_not_filtered() {
     let motions = Motions::new(5, 7);
     let robots = motions.robots();
     let none = MeasurementNoise { position_rad: 0.0, torque_nm: 0.3 };
-    assert_eq!(law.predict_noisy(&robots, none), law.predict(&robots));
+    assert_eq!(predict(&law, &robots, none), predict(&law, &robots, EXACT));
 }
 
 #[test]
@@ -354,11 +363,11 @@ fn filtered_predictions_have_the_same_bits_in_every_company() {
         let mut planned = robots[1].u.to_vec();
         planned[(CONTEXT - 1) * joints..].fill(0.5);
         robots.insert(2, Recorded { u: &planned, ..robots[1] });
-        let together = law.predict_noisy(&robots, NOISE);
+        let together = predict(&law, &robots, NOISE);
         assert!(together.iter().all(|position| position.is_finite()));
         let answers = together.chunks_exact((SAMPLES - CONTEXT) * joints);
         for (robot, answer) in robots.iter().zip(answers) {
-            assert_eq!(law.predict_noisy(&[*robot], NOISE), answer);
+            assert_eq!(predict(&law, &[*robot], NOISE), answer);
         }
     }
 }
@@ -372,9 +381,95 @@ fn a_context_too_short_or_still_to_filter_has_a_finite_answer() {
             let y = vec![0.4; context * 3];
             let robot = Recorded { u: &u, y: &y, joints: 3, rate_hz: RATE_HZ };
             let noise = MeasurementNoise { position_rad, torque_nm: 0.0 };
-            let answer = law.predict_noisy(&[robot], noise);
+            let answer = predict(&law, &[robot], noise);
             assert_eq!(answer.len(), (40 - context) * 3);
             assert!(answer.iter().all(|value| (value - 0.4).abs() < 1e-3), "{answer:?}");
         }
     }
+}
+
+/// Standard normal numbers for each of `rows` draws.
+fn normals(law: &Law, rows: usize) -> Vec<f32> {
+    let mut values = vec![0.0; rows * law.normals_of_draw()];
+    random::fill_normal(&mut values, &mut ChaCha8Rng::seed_from_u64(11));
+    values
+}
+
+#[test]
+fn draws_have_the_same_bits_on_every_processor_and_in_every_company() {
+    let law = Law { doubt: Doubt { median: 0.3, tail: 0.4 }, ..model(7).law() };
+    let motions = Motions::new(3, 7);
+    let robots: Vec<Recorded<'_>> =
+        motions.robots().into_iter().flat_map(|robot| [robot; 4]).collect();
+    let normals = normals(&law, robots.len());
+    let draws: Vec<&[f32]> = normals.chunks_exact(law.normals_of_draw()).collect();
+    for noise in [EXACT, NOISE] {
+        let together = law.predict(InstructionSet::best(), &robots, noise, &draws);
+        for instructions in InstructionSet::available() {
+            assert_eq!(law.predict(instructions, &robots, noise, &draws), together);
+        }
+        let answers: Vec<&[f32]> = together.chunks_exact((SAMPLES - CONTEXT) * 7).collect();
+        for ((robot, draw), answer) in robots.iter().zip(&draws).zip(&answers) {
+            let alone = law.predict(InstructionSet::best(), &[*robot], noise, &[*draw]);
+            assert_eq!(alone, *answer);
+        }
+        assert!(answers[0] != answers[1], "two draws of one robot are the same");
+    }
+}
+
+/// Of the last sample of the horizon, over `count` draws of one robot: mean and standard deviation of each joint.
+fn spread(law: &Law, robot: &Recorded<'_>, noise: MeasurementNoise, count: usize) -> Vec<[f64; 2]> {
+    let normals = normals(law, count);
+    let draws: Vec<&[f32]> = normals.chunks_exact(law.normals_of_draw()).collect();
+    let robots = vec![*robot; count];
+    let answers = law.predict(InstructionSet::best(), &robots, noise, &draws);
+    let horizon = answers.len() / count;
+    let of_joint = |joint: usize| {
+        let last = horizon - robot.joints + joint;
+        let values: Vec<f64> =
+            answers.chunks_exact(horizon).map(|answer| f64::from(answer[last])).collect();
+        let mean = values.iter().sum::<f64>() / count as f64;
+        let squares = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>();
+        [mean, (squares / count as f64).sqrt()]
+    };
+    (0..robot.joints).map(of_joint).collect()
+}
+
+#[test]
+fn draws_lie_around_the_most_likely_robot_and_closer_the_more_was_seen() {
+    let robot = Noisy::new(3);
+    let law = &robot.law;
+    let seen = |context: usize, noise| {
+        let y: Vec<f32> = match noise {
+            EXACT => robot.truth[..context * 2].to_vec(),
+            _ => robot.measured[..context * 2].to_vec(),
+        };
+        let recorded = Recorded { u: &robot.u[..(context + 60) * 2], y: &y, ..robot.robot() };
+        let likely = predict(law, &[recorded], noise);
+        let likely = &likely[likely.len() - 2..];
+        let found = spread(law, &recorded, noise, 400);
+        for ([mean, deviation], likely) in found.iter().zip(likely) {
+            let off = (mean - f64::from(*likely)).abs();
+            assert!(off < 0.3 * deviation + 1e-6, "{context}: {found:?} {likely}");
+        }
+        found.iter().map(|[_, deviation]| *deviation).sum::<f64>()
+    };
+    let [nothing, little, much] = [2, 12, LONG].map(|context| seen(context, EXACT));
+    assert!(nothing > 10.0 * little && little > 2.0 * much, "{nothing} {little} {much}");
+    // Where the arm is, and how fast, is not known exactly either.
+    assert!(seen(LONG, NOISE) > 2.0 * much);
+}
+
+#[test]
+fn doubt_widens_draws() {
+    let robot = Noisy::new(4);
+    let recorded = Recorded { y: &robot.truth[..40 * 2], u: &robot.u[..100 * 2], ..robot.robot() };
+    let width = |doubt| {
+        let law = Law { doubt, ..separate(&[1.2, 0.02], JOINT, [10.0, 1.0]) };
+        spread(&law, &recorded, EXACT, 400).iter().map(|[_, deviation]| *deviation).sum::<f64>()
+    };
+    let plain = width(Doubt { median: 0.0, tail: 0.0 });
+    let twice = width(Doubt { median: 2_f32.ln(), tail: 0.0 });
+    assert!((twice / plain - 2.0).abs() < 0.1, "{plain} {twice}");
+    assert!(width(Doubt { median: 0.0, tail: 0.8 }) > 1.3 * plain);
 }

@@ -16,12 +16,17 @@ from safetensors.torch import save_file
 from torqued import FORMAT_VERSION, TrainedModel
 from torqued.checkpoint import network_of, wanted
 from torqued.frame import frames
+from torqued.lagrangian import DRAWS
+
+from randomness import TRAINING, below, normals, words
 
 DATA = Path(__file__).parent.parent / "data"
 CONTEXT, HORIZON, BATCH = 8, 6, 3
 RATE_HZ = 60.0
 LEARNING_RATES = [5e-3, 1e-2, 1e-2, 1e-2 * (0.1 + 0.9 * 0.5)]
 """Two steps of warmup to 1e-2, then a cosine that would reach a tenth of it after four."""
+STEP_OF_GRADIENTS = 2
+"""Whose random numbers the gradients are computed with: it scores draws of one robot."""
 
 
 def main(folder: Path, model: dict) -> None:
@@ -87,13 +92,19 @@ def main(folder: Path, model: dict) -> None:
         "unit": (scale / y_std).double(),
     }
     optimizer = torch.optim.AdamW(network.parameters(), betas=(0.9, 0.95), eps=1e-3, weight_decay=0.05)
-    for step, learning_rate in enumerate(LEARNING_RATES):
+
+    def loss_of_step(step: int) -> torch.Tensor:
         optimizer.zero_grad()
-        loss = network.loss(u_normal, **wanted(network.loss, known))
+        drawn = draws_of_step(network, step) if hasattr(network, "draws") else {}
+        loss = network.loss(u_normal, **wanted(network.loss, known), **drawn)
         loss.backward()
+        return loss
+
+    loss_of_step(STEP_OF_GRADIENTS)
+    expected |= {f"gradient.{name}": p.grad.clone() for name, p in network.named_parameters()}
+    for step, learning_rate in enumerate(LEARNING_RATES):
+        loss = loss_of_step(step + 1)
         expected[f"loss.{step}"] = loss.detach().reshape(1)
-        if step == 0:
-            expected |= {f"gradient.{name}": p.grad.clone() for name, p in network.named_parameters()}
         norm = torch.nn.utils.clip_grad_norm_(network.parameters(), max_norm=0.5)
         expected[f"gradient_norm.{step}"] = norm.reshape(1)
         for group in optimizer.param_groups:
@@ -101,6 +112,19 @@ def main(folder: Path, model: dict) -> None:
         optimizer.step()
     expected |= {f"after.{name}": tensor.clone() for name, tensor in network.state_dict().items()}
     save_file({name: tensor.float().contiguous() for name, tensor in expected.items()}, folder / "expected.safetensors")
+
+
+def draws_of_step(network: torch.nn.Module, step: int) -> dict:
+    """The robots and the numbers that a step of training with seed 0 scores draws of."""
+    chosen, drawn = [], []
+    count = DRAWS * (sum(network.counts) + 1)
+    for row in range(BATCH):
+        source = words((0, TRAINING, step, row))
+        # Where the points of the context begin: there is one place.
+        below(source, 1)
+        chosen.append(below(source, network.points) == 0)
+        drawn.append(torch.tensor(normals(source, count), dtype=torch.float64).unflatten(0, (DRAWS, -1)))
+    return {"chosen": torch.tensor(chosen), "normals": torch.stack(drawn)}
 
 
 def damped_swings(samples: int) -> tuple[torch.Tensor, torch.Tensor]:

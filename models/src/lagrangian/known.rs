@@ -1,0 +1,100 @@
+//! What a context tells of its robot: the most likely one, and draws of those that it leaves possible.
+//!
+//! The numbers of a robot are normal given its context ([`super::regression`]), if the law is exact and its errors
+//! at [`Law::points`] samples independent. They are not quite, so that training learns by how much more its robots
+//! differ, and how much that itself differs from robot to robot ([`Doubt`]).
+
+use nalgebra::{Cholesky, DMatrix, DVector};
+use simd::InstructionSet;
+
+use super::law::{Law, narrow};
+use super::motion::Recorded;
+use super::regression::Posterior;
+
+/// A robot where its context ends.
+#[derive(Clone, Debug)]
+pub(super) struct State {
+    /// At the last two samples `[sample, joint]`, rad; of a shorter context, at that.
+    pub y: Vec<f32>,
+    /// In the order of [`super::numbers::Numbers`].
+    pub numbers: Vec<f32>,
+}
+
+/// What a context tells.
+#[derive(Debug)]
+pub(super) struct Known {
+    pub state: State,
+    pub posterior: Posterior,
+    /// A root of the covariance of the angles in rad and then the velocities in rad/s where the context ends,
+    /// where positions are filtered: `[row, column]`.
+    pub motion: Option<DMatrix<f64>>,
+}
+
+/// By how much a robot differs from the most likely one, in deviations of the regression: log-normal over robots.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Doubt {
+    /// Logarithm of the median.
+    pub median: f32,
+    /// Standard deviation of the logarithm.
+    pub tail: f32,
+}
+
+impl Doubt {
+    /// Of a robot with the standard normal number `normal`.
+    pub fn scale(self, normal: f32) -> f32 {
+        self.tail.mul_add(normal, self.median).exp()
+    }
+}
+
+impl Law {
+    /// Of exact positions.
+    pub fn known(&self, instructions: InstructionSet, recorded: &Recorded<'_>) -> Known {
+        let posterior = self.fit(instructions, recorded);
+        let last = recorded.samples().saturating_sub(2) * recorded.joints;
+        let y = recorded.y[last..].to_vec();
+        Known { state: State { y, numbers: narrow(&posterior.mean) }, posterior, motion: None }
+    }
+
+    /// Standard normal numbers that a draw is made of: one for each number of a robot, one for its [`Doubt`], one
+    /// for each angle and one for each velocity.
+    pub fn normals_of_draw(&self) -> usize {
+        self.numbers.count() + 1 + 2 * self.numbers.joints
+    }
+
+    /// A robot that its context leaves possible.
+    #[expect(clippy::cast_possible_truncation, reason = "the law is computed in f32")]
+    pub fn draw(&self, known: &Known, rate_hz: f32, normals: &[f32]) -> State {
+        let count = self.numbers.count();
+        let scale = self.doubt.scale(normals[count]);
+        let mut state =
+            State { numbers: self.deviate(known, scale, &normals[..count]), ..known.state.clone() };
+        if let Some(root) = &known.motion {
+            let joints = self.numbers.joints;
+            let normals = normals[count + 1..].iter().copied().map(f64::from);
+            let moved = root * DVector::from_iterator(2 * joints, normals);
+            for joint in 0..joints {
+                let [angle, velocity] = [moved[joint] as f32, moved[joints + joint] as f32];
+                state.y[joint] += angle - velocity / rate_hz;
+                state.y[joints + joint] += angle;
+            }
+        }
+        state
+    }
+
+    /// Numbers `scale` deviations of the regression from the most likely ones.
+    #[expect(clippy::cast_possible_truncation, reason = "the law is computed in f32")]
+    pub fn deviate(&self, known: &Known, scale: f32, normals: &[f32]) -> Vec<f32> {
+        let deviation = known.posterior.deviation(normals);
+        let each = known.state.numbers.iter().zip(deviation);
+        let mut numbers: Vec<f32> =
+            each.map(|(number, more)| scale.mul_add(more as f32, *number)).collect();
+        self.numbers.keep_bounds(&mut numbers);
+        numbers
+    }
+}
+
+/// A root of the block of the first `size` rows of a covariance of `width` rows.
+pub(super) fn root_of_block(covariance: &[f64], width: usize, size: usize) -> DMatrix<f64> {
+    let block = DMatrix::from_fn(size, size, |row, column| covariance[row * width + column]);
+    Cholesky::new(block).map_or_else(|| DMatrix::zeros(size, size), Cholesky::unpack)
+}
