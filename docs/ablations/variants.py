@@ -10,7 +10,6 @@ from torqued.lagrangian import (
     INITIAL_HEAD,
     INITIAL_NOISE,
     INITIAL_SHARED_SPREAD,
-    ROUNDS,
     SWEEPS,
     Lagrangian,
     Motions,
@@ -20,76 +19,16 @@ NEGATIVE = 2
 """The direction of each particle whose squared velocity counts negative."""
 
 
-class MassesOfAnySign(Lagrangian):
-    """Trained like the complete model. Its predictions do not hold masses at 0, so that nothing keeps
-    Σ w B Bᵀ + J positive definite."""
+class MassesHeldAtZero(Lagrangian):
+    """Trained like the complete model. Its predictions hold masses that would come out negative at 0, as they
+    do dampings and frictions."""
 
-    def signed(self, jacobian: Tensor) -> Tensor:
-        """S Bᵀ of the Jacobians Bᵀ [.., direction · particle, joint]."""
-        return jacobian
-
-    def inertia(self) -> Tensor:
-        """J [joint], kg m²."""
-        return (self.pace * self.armature).exp()
-
-    def most_likely(self, factors: Tensor, torque: Tensor, weight: float) -> Tensor:
-        """Damping and friction are 0 at least; masses are as they come."""
-        bounded = torch.ones(sum(self.counts), dtype=torch.bool)
-        bounded[: self.counts[0] + self.counts[1]] = False
-        held = torch.zeros(len(factors), len(bounded), dtype=torch.bool)
-        for _ in range(ROUNDS):
-            found, _, _ = self.posterior(factors, torque, weight, held)
-            below = bounded & (found < 0)
-            if not below.any():
-                break
-            held = held | below
-        return torch.where(bounded, found.clamp(min=0), found)
-
-    def answer(self, u: Tensor, y_context: Tensor) -> Tensor:
-        """As the complete model's, with LU in place of Cholesky's factors, and S."""
-        rate, share = self.rate_hz, self._share()
-        weights, strengths, damping, friction = self.numbers(u, y_context).split(self.counts, -1)
-        q = y_context[:, -1]
-        velocity = rate * (q - y_context[:, -2])
-        change = torch.zeros_like(velocity)
-        answer = []
-        for sample in range(y_context.shape[1] - 1, u.shape[1] - 1):
-            jacobian, carried, forces = self.pose(q, velocity + 0.5 * change)
-            weighted = weights.repeat(1, DIRECTIONS)[:, :, None] * self.signed(jacobian)
-            bias = times(weighted.mT, carried) + forces[:, 0] + times(forces[:, 1:].mT, strengths)
-            torque = u[:, sample - 1] + share * (u[:, sample] - u[:, sample - 1])
-            driving = torque - damping * velocity - bias
-            inertia = rate * weighted.mT @ jacobian + torch.diag_embed(rate * self.inertia() + share * damping)
-            for _ in range(SWEEPS):
-                shape, slope = self.friction_of(velocity + share * change)
-                shape, slope = friction * shape, friction * slope
-                right = driving - shape + slope * share * change
-                change = torch.linalg.solve(inertia + torch.diag_embed(share * slope), right)
-                change = (velocity + change).clamp(-FASTEST, FASTEST) - velocity
-            velocity = velocity + change
-            q = q + velocity / rate
-            answer.append(q)
-        return torch.stack(answer, 1)
-
-    def numbers(self, u: Tensor, y_context: Tensor) -> Tensor:
-        """The most likely numbers of each robot [batch, number]."""
-        weight = min(self.points / (y_context.shape[1] - 2), 1.0)
-        return self.most_likely(*self.equations(Motions.of(u, y_context, self.rate_hz)), weight)
-
-    def shares(self, u: Tensor, y: Tensor, context: int) -> tuple[float, float]:
-        """The share of robots with a negative mass, and of those whose mass matrix has a negative eigenvalue
-        at some sample of y."""
-        masses = self.numbers(u, y[:, :context])[:, : self.counts[0]]
-        weights = masses.repeat(1, DIRECTIONS)[:, :, None]
-        indefinite = torch.zeros(len(y), dtype=torch.bool)
-        for q in y.unbind(1):
-            jacobian, _, _ = self.pose(q, torch.zeros_like(q))
-            mass = (weights * self.signed(jacobian)).mT @ jacobian + torch.diag_embed(self.inertia())
-            indefinite |= torch.linalg.eigvalsh(mass.double()).min(-1).values < 0
-        return (masses < 0).any(-1).double().mean().item(), indefinite.double().mean().item()
+    def _is_bounded(self, numbers: Tensor) -> Tensor:
+        particles = torch.arange(numbers.shape[-1], device=numbers.device) < self.counts[0]
+        return particles | super()._is_bounded(numbers)
 
 
-class NoPositiveDefiniteness(MassesOfAnySign):
+class NoPositiveDefiniteness(Lagrangian):
     """The mass matrix is Σ w B S Bᵀ + J with S = diag(1, 1, -1), any sign of w and any sign of J.
 
     Any symmetric matrix is the difference of two positive semidefinite ones. The law stays one of forces
@@ -100,25 +39,43 @@ class NoPositiveDefiniteness(MassesOfAnySign):
         super().__init__(**sizes)
         nn.init.constant_(self.armature, INITIAL_ARMATURE)
 
-    def signed(self, jacobian: Tensor) -> Tensor:
-        parts = list(jacobian.chunk(DIRECTIONS, -2))
-        parts[NEGATIVE] = -parts[NEGATIVE]
-        return torch.cat(parts, -2)
-
-    def inertia(self) -> Tensor:
-        return self.armature
-
     def equations(self, motions: Motions) -> tuple[Tensor, Tensor]:
         share = self._share()
         acceleration = self.rate_hz * motions.change
         jacobian, carried, forces = self.pose(motions.q, motions.velocity + 0.5 * motions.change)
         accelerated = times(jacobian, acceleration) + carried
-        particles = sum((self.signed(jacobian) * accelerated[..., None]).chunk(DIRECTIONS, -2)).mT
+        particles = sum((signed(jacobian) * accelerated[..., None]).chunk(DIRECTIONS, -2)).mT
         velocity = motions.velocity + share * motions.change
         own = [torch.diag_embed(velocity), torch.diag_embed(self.friction_of(velocity)[0])]
         columns = [particles, forces[..., 1:, :].mT, *own, forces[..., :1, :].mT]
         torque = motions.torque + share * motions.step
-        return torch.cat(columns, -1), torque - self.inertia() * acceleration
+        return torch.cat(columns, -1), torque - self.armature * acceleration
+
+    def roll(self, u: Tensor, y: Tensor, numbers: Tensor) -> Tensor:
+        """As the complete model's, with S, and with LU in place of L D Lᵀ: no pivot is raised."""
+        rate, share = self.rate_hz, self._share()
+        weights, strengths, damping, friction = numbers.split(self.counts, -1)
+        q = y[:, 1]
+        velocity = rate * (q - y[:, 0])
+        change = torch.zeros_like(velocity)
+        answer = []
+        for sample in range(1, u.shape[1] - 1):
+            jacobian, carried, forces = self.pose(q, velocity + 0.5 * change)
+            weighted = weights.repeat(1, DIRECTIONS)[:, :, None] * signed(jacobian)
+            bias = times(weighted.mT, carried) + forces[:, 0] + times(forces[:, 1:].mT, strengths)
+            torque = u[:, sample - 1] + share * (u[:, sample] - u[:, sample - 1])
+            driving = torque - damping * velocity - bias
+            inertia = rate * weighted.mT @ jacobian + torch.diag_embed(rate * self.armature + share * damping)
+            for _ in range(SWEEPS):
+                shape, slope = self.friction_of(velocity + share * change)
+                shape, slope = friction * shape, friction * slope
+                right = driving - shape + slope * share * change
+                change = torch.linalg.solve(inertia + torch.diag_embed(share * slope), right)
+                change = (velocity + change).clamp(-FASTEST, FASTEST) - velocity
+            velocity = velocity + change
+            q = q + velocity / rate
+            answer.append(q)
+        return torch.stack(answer, 1)
 
 
 class NoQuadraticTerms(Lagrangian):
@@ -137,7 +94,7 @@ class NoFit(Lagrangian):
         self.spread.requires_grad_(False)
 
     def posterior(
-        self, factors: Tensor, torque: Tensor, weight: float, held: Tensor | None = None
+        self, factors: Tensor, torque: Tensor, weight: float, noise: Tensor, held: Tensor | None = None
     ) -> tuple[Tensor, Tensor, Tensor]:
         """The means, known exactly: the same torques follow from them for every robot."""
         with torch.enable_grad():
@@ -145,8 +102,9 @@ class NoFit(Lagrangian):
         width = mean.shape[-1]
         return mean, factors.new_zeros(len(factors), width, width), factors.new_zeros(len(factors))
 
-    def most_likely(self, factors: Tensor, torque: Tensor, weight: float) -> Tensor:
-        return self._means().expand(len(factors), -1)
+    def fit(self, u: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
+        numbers = self._means().expand(len(u), -1)
+        return numbers, torch.diag_embed(torch.zeros_like(numbers))
 
 
 class NoStructure(Lagrangian):
@@ -175,6 +133,7 @@ class NoStructure(Lagrangian):
         self.points = min(points, context - 2)
         self.first = 1
         self.own = own
+        self.counts = [terms, 2 * joints if own else 0]
         for name in ("velocity", "change", "torque"):
             self.register_buffer(f"{name}_unit", torch.ones(joints))
         inputs = [2 * (joints - self.first) + 3 * joints] + [width] * (layers - 1)
@@ -185,10 +144,10 @@ class NoStructure(Lagrangian):
         self.terms = nn.Linear(width, (1 + terms) * joints)
         nn.init.uniform_(self.terms.weight, -INITIAL_HEAD / width**0.5, INITIAL_HEAD / width**0.5)
         nn.init.zeros_(self.terms.bias)
-        self.mean = nn.Parameter(torch.zeros(2 * joints if own else 0))
-        numbers = torch.full((terms + len(self.mean),), INITIAL_SHARED_SPREAD)
-        self.spread = nn.Parameter(numbers.log() / self.pace)
+        self.mean = nn.Parameter(torch.zeros(self.counts[1]))
+        self.spread = nn.Parameter(torch.full((sum(self.counts),), INITIAL_SHARED_SPREAD).log() / self.pace)
         self.noise = nn.Parameter(torch.full((joints,), INITIAL_NOISE).log() / self.pace)
+        self.doubt = nn.Parameter(torch.zeros(2))
 
     def measure(self, recorded: Motions) -> None:
         """Takes the units of velocities, changes and torques from the training set."""
@@ -196,7 +155,7 @@ class NoStructure(Lagrangian):
             setattr(self, f"{name}_unit", getattr(recorded, name).std((0, 1)))
 
     def _means(self) -> Tensor:
-        return torch.cat([self.mean.new_zeros(len(self.spread) - len(self.mean)), self.pace * self.mean])
+        return torch.cat([self.mean.new_zeros(self.counts[0]), self.pace * self.mean])
 
     def factors(self, q: Tensor, velocity: Tensor, before: Tensor, after: Tensor) -> Tensor:
         """The factor of each number and N_0, [.., joint, number + 1]."""
@@ -214,20 +173,41 @@ class NoStructure(Lagrangian):
         factors = self.factors(motions.q, motions.velocity, motions.torque, after)
         return factors, motions.change / self.change_unit
 
-    def answer(self, u: Tensor, y_context: Tensor) -> Tensor:
-        context, rate = y_context.shape[1], self.rate_hz
-        weight = min(self.points / (context - 2), 1.0)
-        numbers, _, _ = self.posterior(*self.equations(Motions.of(u, y_context, rate)), weight)
+    def roll(self, u: Tensor, y: Tensor, numbers: Tensor) -> Tensor:
         combination = torch.cat([numbers, torch.ones_like(numbers[:, :1])], -1)
-        q = y_context[:, -1]
-        velocity = rate * (q - y_context[:, -2])
+        q = y[:, 1]
+        velocity = self.rate_hz * (q - y[:, 0])
         answer = []
-        for sample in range(context - 1, u.shape[1] - 1):
+        for sample in range(1, u.shape[1] - 1):
             change = times(self.factors(q, velocity, u[:, sample - 1], u[:, sample]), combination)
             velocity = (velocity + self.change_unit * change).clamp(-FASTEST, FASTEST)
-            q = q + velocity / rate
+            q = q + velocity / self.rate_hz
             answer.append(q)
         return torch.stack(answer, 1)
+
+
+def shares(model: Lagrangian, u: Tensor, y: Tensor, context: int) -> tuple[float, float]:
+    """The share of robots with a negative mass, and of those whose mass matrix has a negative eigenvalue at some
+    sample of y before any pivot is raised."""
+    numbers, _ = model.fit(u, y[:, :context])
+    masses = numbers[:, : model.counts[0]]
+    weights = masses.repeat(1, DIRECTIONS)[:, :, None]
+    indefinite_metric = isinstance(model, NoPositiveDefiniteness)
+    armature = model.armature if indefinite_metric else (model.pace * model.armature).exp()
+    indefinite = torch.zeros(len(y), dtype=torch.bool)
+    for q in y.unbind(1):
+        jacobian, _, _ = model.pose(q, torch.zeros_like(q))
+        weighted = weights * (signed(jacobian) if indefinite_metric else jacobian)
+        mass = weighted.mT @ jacobian + torch.diag_embed(armature)
+        indefinite |= torch.linalg.eigvalsh(mass.double()).min(-1).values < 0
+    return (masses < 0).any(-1).double().mean().item(), indefinite.double().mean().item()
+
+
+def signed(jacobian: Tensor) -> Tensor:
+    """S Bᵀ of the Jacobians Bᵀ [.., direction · particle, joint]."""
+    parts = list(jacobian.chunk(DIRECTIONS, -2))
+    parts[NEGATIVE] = -parts[NEGATIVE]
+    return torch.cat(parts, -2)
 
 
 def times(matrix: Tensor, vector: Tensor) -> Tensor:
