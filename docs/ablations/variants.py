@@ -23,9 +23,8 @@ class MassesHeldAtZero(Lagrangian):
     """Trained like the complete model. Its predictions hold masses that would come out negative at 0, as they
     do dampings and frictions."""
 
-    def _is_bounded(self, numbers: Tensor) -> Tensor:
-        particles = torch.arange(numbers.shape[-1], device=numbers.device) < self.counts[0]
-        return particles | super()._is_bounded(numbers)
+    def is_solid(self, y: Tensor, numbers: Tensor) -> Tensor:
+        return (numbers[:, : self.counts[0]] >= 0).all(-1)
 
 
 class NoPositiveDefiniteness(Lagrangian):
@@ -50,6 +49,9 @@ class NoPositiveDefiniteness(Lagrangian):
         columns = [particles, forces[..., 1:, :].mT, *own, forces[..., :1, :].mT]
         torque = motions.torque + share * motions.step
         return torch.cat(columns, -1), torque - self.armature * acceleration
+
+    def is_solid(self, y: Tensor, numbers: Tensor) -> Tensor:
+        return torch.ones(len(numbers), dtype=torch.bool)
 
     def roll(self, u: Tensor, y: Tensor, numbers: Tensor) -> Tensor:
         """As the complete model's, with S, and with LU in place of L D Lᵀ: no pivot is raised."""
@@ -102,9 +104,9 @@ class NoFit(Lagrangian):
         width = mean.shape[-1]
         return mean, factors.new_zeros(len(factors), width, width), factors.new_zeros(len(factors))
 
-    def fit(self, u: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
+    def fit(self, u: Tensor, y: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         numbers = self._means().expand(len(u), -1)
-        return numbers, torch.diag_embed(torch.zeros_like(numbers))
+        return numbers, torch.diag_embed(torch.zeros_like(numbers)), numbers < 0
 
 
 class NoStructure(Lagrangian):
@@ -173,6 +175,9 @@ class NoStructure(Lagrangian):
         factors = self.factors(motions.q, motions.velocity, motions.torque, after)
         return factors, motions.change / self.change_unit
 
+    def is_solid(self, y: Tensor, numbers: Tensor) -> Tensor:
+        return torch.ones(len(numbers), dtype=torch.bool)
+
     def roll(self, u: Tensor, y: Tensor, numbers: Tensor) -> Tensor:
         combination = torch.cat([numbers, torch.ones_like(numbers[:, :1])], -1)
         q = y[:, 1]
@@ -189,7 +194,7 @@ class NoStructure(Lagrangian):
 def shares(model: Lagrangian, u: Tensor, y: Tensor, context: int) -> tuple[float, float]:
     """The share of robots with a negative mass, and of those whose mass matrix has a negative eigenvalue at some
     sample of y before any pivot is raised."""
-    numbers, _ = model.fit(u, y[:, :context])
+    numbers, _, _ = model.fit(u, y[:, :context])
     masses = numbers[:, : model.counts[0]]
     weights = masses.repeat(1, DIRECTIONS)[:, :, None]
     indefinite_metric = isinstance(model, NoPositiveDefiniteness)

@@ -236,12 +236,14 @@ fn check_optimizer_steps(peer: &Peer) {
     };
     let mut trainer =
         Trainer::resume(&spec, data, "pytorch", &untrained(peer, &spec), &Device::cpu()).unwrap();
+    // With the score of its draws.
+    let tolerance_of_loss = if spec.model.is_physical() { tolerance("doubt") } else { 1e-5 };
     for step in 0..4 {
         let report = trainer.step(&peer.batch()).unwrap();
         let loss = f64::from(peer.expected(&format!("loss.{step}"))[0]);
         let norm = f64::from(peer.expected(&format!("gradient_norm.{step}"))[0]);
-        assert!((report.loss - loss).abs() < 1e-5 * loss.abs(), "{report:?}, expected {loss}");
-        assert!((report.gradient_norm - norm).abs() < 1e-5 * norm, "{report:?}, expected {norm}");
+        let off = [(report.loss - loss) / loss, (report.gradient_norm - norm) / norm].map(f64::abs);
+        assert!(off.into_iter().all(|off| off < tolerance_of_loss), "{report:?}: {loss} {norm}");
     }
     let files = trainer.checkpoint().unwrap();
     let parsed = SafeTensors::deserialize(&files.model).unwrap();

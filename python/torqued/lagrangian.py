@@ -25,6 +25,12 @@ INITIAL_TAIL = 0.3
 """As in `models/src/lagrangian/mod.rs`."""
 NOISE_ROUNDS = 3
 """Times that the noise of a context is found anew, from what the last fit left over."""
+EVERY = 8
+"""Every so many samples of a context are looked at where poses alone matter."""
+LEAST_PIVOT = 0.99
+"""Least pivot of a mass matrix, in inertias of the joint alone."""
+HALVINGS = 6
+"""Times that a draw is taken half as far, so that its pivots are not less."""
 DRAWS = 7
 """Draws of a robot that a loss scores."""
 LEAST_DIFFERENCE = 1e-6
@@ -118,7 +124,7 @@ class Lagrangian(nn.Module):
 
     def answer(self, u: Tensor, y_context: Tensor) -> Tensor:
         """y of the horizon, rad, from u [batch, samples, joint] in N·m and y of the context in rad."""
-        numbers, _ = self.fit(u, y_context)
+        numbers, _, _ = self.fit(u, y_context)
         before = y_context.shape[1] - 2
         return self.roll(u[:, before:], y_context[:, before:], numbers)
 
@@ -127,12 +133,13 @@ class Lagrangian(nn.Module):
 
         torqued draws other numbers.
         """
-        numbers, root = self.fit(u, y_context)
+        fitted = self.fit(u, y_context)
         before, answers = y_context.shape[1] - 2, []
         median, tail = self.pace * self.doubt
         for _ in range(count):
             scale = (median + tail * torch.randn(len(u), 1).to(u)).exp()
-            drawn = self._bounded(numbers + scale * _times(root, torch.randn_like(numbers)))
+            normal = torch.randn_like(fitted[0])
+            drawn = self.deviate(y_context, fitted, scale, normal)
             answers.append(self.roll(u[:, before:], y_context[:, before:], drawn))
         return torch.stack(answers)
 
@@ -214,10 +221,11 @@ class Lagrangian(nn.Module):
         scaled, [batch, horizon - 2, joint]. Its gradient is that of `doubt` alone."""
         context = y_context.shape[1]
         with torch.no_grad():
-            numbers, root = self.fit(u, y_context)
+            fitted = self.fit(u, y_context)
             start, ahead = y_horizon[:, :2], y_horizon[:, 2:]
-            mean = self.roll(u[:, context:], start, numbers)
-            drawn = [self._bounded(numbers + _times(root, normal[:, :-1])) for normal in normals.unbind(1)]
+            mean = self.roll(u[:, context:], start, fitted[0])
+            one = torch.ones_like(u[:, 0, :1])
+            drawn = [self.deviate(y_context, fitted, one, normal[:, :-1]) for normal in normals.unbind(1)]
             drawn = torch.stack([self.roll(u[:, context:], start, numbers) for numbers in drawn], 1)
             differences = drawn - mean[:, None]
             unit = differences.square().mean(1).sqrt().clamp(min=LEAST_DIFFERENCE)
@@ -227,19 +235,53 @@ class Lagrangian(nn.Module):
         between = (samples[:, :, None] - samples[:, None]).abs().sum((1, 2))
         return (samples - error[:, None]).abs().mean(1) - between / (2 * DRAWS * (DRAWS - 1))
 
-    def fit(self, u: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
-        """The most likely numbers of each robot [batch, number], and a root of their covariance. Where a joint leaves
-        more torque over than in training, so much is its noise."""
+    def deviate(self, y: Tensor, fitted: tuple[Tensor, Tensor, Tensor], scale: Tensor, normal: Tensor) -> Tensor:
+        """Numbers `scale` [batch, 1] deviations from those that were fitted to the context y, or less where these
+        would leave some pose of the context too little inertia."""
+        numbers, root, bounded = fitted
+        deviation, found, done = _times(root, normal), numbers, torch.zeros_like(bounded[:, 0])
+        for _ in range(HALVINGS):
+            drawn = _at_least_0(numbers + scale * deviation, bounded)
+            found = torch.where(done[:, None], found, drawn)
+            done = done | self.is_solid(y, found)
+            scale = 0.5 * scale
+        return torch.where(done[:, None], found, numbers)
+
+    def fit(self, u: Tensor, y: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """The most likely numbers of each robot [batch, number], a root of their covariance, and which are 0 at
+        least [batch, number]: dampings and frictions, and masses where some pose of the context would have too
+        little inertia."""
         factors, torque = self.equations(Motions.of(u, y, self.rate_hz))
-        weight = min(self.points / (y.shape[1] - 2), 1.0)
-        least = (self.pace * self.noise).exp().expand(len(u), -1)
-        numbers, root = self.most_likely(factors, torque, weight, least)
+        particles, forces, *_ = self.counts
+        bounded = torch.ones(len(u), sum(self.counts), dtype=torch.bool, device=u.device)
+        bounded[:, : particles + forces] = False
+        numbers, root = self._fit(factors, torque, bounded)
+        held = bounded.clone()
+        held[:, :particles] |= ~self.is_solid(y, numbers.to(u))[:, None]
+        if (held != bounded).any():
+            numbers, root = self._fit(factors, torque, held)
+        return numbers.to(u), root.to(u), held
+
+    def _fit(self, factors: Tensor, torque: Tensor, bounded: Tensor) -> tuple[Tensor, Tensor]:
+        """Where a joint leaves more torque over than in training, so much is its noise."""
+        weight = min(self.points / factors.shape[1], 1.0)
+        least = (self.pace * self.noise).exp().expand(len(factors), -1)
+        numbers, root = self.most_likely(factors, torque, weight, least, bounded)
         for _ in range(NOISE_ROUNDS):
             rows = _times(factors[..., :-1].double(), numbers[:, None]) + factors[..., -1].double()
             left_over = (torque.double() - rows).square().mean(1).sqrt()
             noise = torch.maximum(least.double(), left_over)
-            numbers, root = self.most_likely(factors, torque, weight, noise)
-        return numbers.to(u), root.to(u)
+            numbers, root = self.most_likely(factors, torque, weight, noise, bounded)
+        return numbers, root
+
+    def is_solid(self, y: Tensor, numbers: Tensor) -> Tensor:
+        """Whether each arm has inertia enough in the poses of its context [batch]."""
+        q, armature = y[:, ::EVERY], (self.pace * self.armature).exp()
+        jacobian, _, _ = self.pose(q, torch.zeros_like(q))
+        weights = numbers[:, : self.counts[0]].repeat(1, DIRECTIONS)[:, None, :, None]
+        inertia = (weights * jacobian).mT @ jacobian + torch.diag_embed(armature.expand_as(q))
+        _, pivots = _factored(inertia, armature)
+        return ((pivots / armature).flatten(1).min(-1).values >= LEAST_PIVOT)
 
     def pose(self, q: Tensor, velocity: Tensor) -> tuple[Tensor, Tensor, Tensor | None]:
         """Jacobians [.., direction · particle, joint] at the angles q [.., joint], the acceleration of each
@@ -300,33 +342,25 @@ class Lagrangian(nn.Module):
         return found.to(factors), root.to(factors), told.to(factors)
 
     def most_likely(
-        self, factors: Tensor, torque: Tensor, weight: float, noise: Tensor
+        self, factors: Tensor, torque: Tensor, weight: float, noise: Tensor, bounded: Tensor
     ) -> tuple[Tensor, Tensor]:
         """The most likely numbers of each robot [batch, number], in double precision, and a root of their
-        covariance. Damping and friction are 0 at least."""
+        covariance. Those that are `bounded` [batch, number] are 0 at least."""
         factors, torque = factors.double(), torque.double()
         held = torch.zeros(len(factors), sum(self.counts), dtype=torch.bool, device=factors.device)
         for _ in range(ROUNDS):
             found, root, _ = self.posterior(factors, torque, weight, noise, held)
-            below = self._is_bounded(found) & (found < 0)
+            below = bounded & (found < 0)
             if not below.any():
                 break
             held = held | below
-        return self._bounded(found), root
+        return _at_least_0(found, bounded), root
 
     def friction_of(self, velocity: Tensor) -> tuple[Tensor, Tensor]:
         """Friction of strength 1 at a velocity in rad/s, and its slope."""
         slope = (self.pace * self.friction_slope).exp()
         value = ((velocity + self.friction_shift) * slope).tanh()
         return value - (slope * self.friction_shift).tanh(), slope * (1 - value.square())
-
-    def _is_bounded(self, numbers: Tensor) -> Tensor:
-        bounded = torch.ones(numbers.shape[-1], dtype=torch.bool, device=numbers.device)
-        bounded[: self.counts[0] + self.counts[1]] = False
-        return bounded
-
-    def _bounded(self, numbers: Tensor) -> Tensor:
-        return torch.where(self._is_bounded(numbers), numbers.clamp(min=0), numbers)
 
     def _means(self) -> Tensor:
         """Of each number over robots."""
@@ -339,19 +373,29 @@ class Lagrangian(nn.Module):
         return LEAST_SHARE + (1 - LEAST_SHARE) * (self.pace * self.share).sigmoid()
 
 
-def _solved(matrix: Tensor, right: Tensor, least: Tensor) -> Tensor:
-    """x of matrix x = right, by L D Lᵀ. Entries of D below `least` are raised to it: a sum of a diagonal matrix of
-    these and of a positive semidefinite one has none."""
+def _at_least_0(numbers: Tensor, bounded: Tensor) -> Tensor:
+    return torch.where(bounded, numbers.clamp(min=0), numbers)
+
+
+def _factored(matrix: Tensor, least: Tensor) -> tuple[Tensor, Tensor]:
+    """L and D of L D Lᵀ [.., joint, joint]. D is what it was before entries below `least` were raised to it, as those
+    after them see it: a sum of a diagonal matrix of these and of a positive semidefinite one has none."""
     columns, pivots = [], []
     for column in range(len(least)):
-        pivot = torch.maximum(matrix[..., column, column], least[column])
-        entries = torch.nn.functional.pad(matrix[..., column + 1 :, column] / pivot[..., None], (column + 1, 0))
-        matrix = matrix - pivot[..., None, None] * entries[..., :, None] * entries[..., None, :]
+        pivot = matrix[..., column, column]
+        raised = torch.maximum(pivot, least[column])[..., None]
+        entries = torch.nn.functional.pad(matrix[..., column + 1 :, column] / raised, (column + 1, 0))
+        matrix = matrix - raised[..., None] * entries[..., :, None] * entries[..., None, :]
         columns.append(entries)
         pivots.append(pivot)
-    lower = torch.stack(columns, -1) + torch.eye(len(least)).to(matrix)
+    return torch.stack(columns, -1) + torch.eye(len(least)).to(matrix), torch.stack(pivots, -1)
+
+
+def _solved(matrix: Tensor, right: Tensor, least: Tensor) -> Tensor:
+    """x of matrix x = right, with the entries of D raised to `least`."""
+    lower, pivots = _factored(matrix, least)
     x = torch.linalg.solve_triangular(lower, right[..., None], upper=False, unitriangular=True)
-    x = x / torch.stack(pivots, -1)[..., None]
+    x = x / torch.maximum(pivots, least)[..., None]
     return torch.linalg.solve_triangular(lower.mT, x, upper=True, unitriangular=True)[..., 0]
 
 

@@ -9,6 +9,8 @@ pub(super) struct Factored<L> {
     lower: [[L; MAX_JOINTS]; MAX_JOINTS],
     /// 1 / D.
     inverse: [L; MAX_JOINTS],
+    /// The least ratio of an entry of D, before it was raised, to what it was raised to at least.
+    pub least: L,
 }
 
 impl<L: Lanes> Factored<L> {
@@ -21,7 +23,11 @@ impl<L: Lanes> Factored<L> {
         least: &[L; MAX_JOINTS],
     ) -> Self {
         let mut inverse = [L::splat(0.0); MAX_JOINTS];
+        let zero = L::splat(0.0);
+        // Lanes have no least of two: that of numbers is the most of their negatives.
+        let mut negative = zero - L::splat(f64::from(f32::MAX));
         for column in 0..joints {
+            negative = negative.max(zero - matrix[column][column] * least[column].recip());
             inverse[column] = matrix[column][column].max(least[column]).recip();
             let mut entries = [L::splat(0.0); MAX_JOINTS];
             for row in column + 1..joints {
@@ -35,7 +41,7 @@ impl<L: Lanes> Factored<L> {
                 matrix[row][column] = share;
             }
         }
-        Self { lower: matrix, inverse }
+        Self { lower: matrix, inverse, least: zero - negative }
     }
 
     #[inline(always)]

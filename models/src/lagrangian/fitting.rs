@@ -9,10 +9,14 @@ use simd::{Lanes, MAX_LANES};
 use spec::MAX_JOINTS;
 
 use super::dense::tanh;
+use super::factored::Factored;
 use super::law::{JointLaw, Law};
 use super::motion::Recorded;
 use super::pose::Pose;
 use super::regression::{Equation, Regression};
+
+/// Every so many samples of a context are looked at where poses alone matter: an eighth of a second at 60 Hz.
+const EVERY: usize = 8;
 
 /// Numbers of up to [`MAX_LANES`] samples, `[joint, lane]`.
 type Gathered = [[f32; MAX_LANES]; MAX_JOINTS];
@@ -87,6 +91,45 @@ impl Law {
             sample += lanes;
         }
         regression
+    }
+
+    /// The least ratio of a pivot of the mass matrix at the context's poses to the inertia of its joint alone, which
+    /// is 1 at least where no mass is negative.
+    #[inline(always)]
+    pub(super) fn least_pivot<L: Lanes>(&self, recorded: &Recorded<'_>, numbers: &[f32]) -> f32 {
+        let joints = self.numbers.joints;
+        let mut pose = Pose::<L>::new(self);
+        let numbers: Vec<L> = numbers.iter().map(|&number| L::splat(f64::from(number))).collect();
+        let mut armatures = [L::splat(0.0); MAX_JOINTS];
+        for joint in 0..joints {
+            armatures[joint] = L::splat(f64::from(self.joints[joint].armature));
+        }
+        let standing = [L::splat(0.0); MAX_JOINTS];
+        let mut least = f32::INFINITY;
+        // The same samples whatever the number of lanes.
+        let last = recorded.samples().saturating_sub(1) / EVERY * EVERY;
+        for first in (0..=last).step_by(EVERY * L::LANES) {
+            let mut gathered: Gathered = [[0.0; MAX_LANES]; MAX_JOINTS];
+            for lane in 0..L::LANES {
+                let sample = (first + EVERY * lane).min(last);
+                for joint in 0..joints {
+                    gathered[joint][lane] = recorded.y[sample * joints + joint];
+                }
+            }
+            let mut q = [L::splat(0.0); MAX_JOINTS];
+            for joint in 0..joints {
+                q[joint] = L::load(&gathered[joint]);
+            }
+            pose.look(self, &q, &standing);
+            let factored = Factored::new(joints, pose.inertia(self, &numbers), &armatures);
+            let mut ratios = [0.0; MAX_LANES];
+            factored.least.store(&mut ratios);
+            for lane in 0..L::LANES {
+                // Not a number is no pivot either.
+                least = if ratios[lane] >= least { least } else { ratios[lane] };
+            }
+        }
+        least
     }
 }
 

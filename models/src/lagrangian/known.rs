@@ -11,6 +11,9 @@ use super::law::{Law, narrow};
 use super::motion::Recorded;
 use super::regression::Posterior;
 
+/// Times that a draw is taken half as far.
+const HALVINGS: usize = 6;
+
 /// A robot where its context ends.
 #[derive(Clone, Debug)]
 pub(super) struct State {
@@ -63,33 +66,56 @@ impl Law {
 
     /// A robot that its context leaves possible.
     #[expect(clippy::cast_possible_truncation, reason = "the law is computed in f32")]
-    pub fn draw(&self, known: &Known, rate_hz: f32, normals: &[f32]) -> State {
+    pub fn draw(
+        &self,
+        instructions: InstructionSet,
+        recorded: &Recorded<'_>,
+        known: &Known,
+        normals: &[f32],
+    ) -> State {
         let count = self.numbers.count();
         let scale = self.doubt.scale(normals[count]);
-        let mut state =
-            State { numbers: self.deviate(known, scale, &normals[..count]), ..known.state.clone() };
+        let mut state = State {
+            numbers: self.deviate(instructions, recorded, known, scale, &normals[..count]),
+            ..known.state.clone()
+        };
         if let Some(root) = &known.motion {
             let joints = self.numbers.joints;
             let normals = normals[count + 1..].iter().copied().map(f64::from);
             let moved = root * DVector::from_iterator(2 * joints, normals);
             for joint in 0..joints {
                 let [angle, velocity] = [moved[joint] as f32, moved[joints + joint] as f32];
-                state.y[joint] += angle - velocity / rate_hz;
+                state.y[joint] += angle - velocity / recorded.rate_hz;
                 state.y[joints + joint] += angle;
             }
         }
         state
     }
 
-    /// Numbers `scale` deviations of the regression from the most likely ones.
+    /// Numbers `scale` deviations of the regression from the most likely ones, or less where these would leave some
+    /// pose of the context too little inertia.
     #[expect(clippy::cast_possible_truncation, reason = "the law is computed in f32")]
-    pub fn deviate(&self, known: &Known, scale: f32, normals: &[f32]) -> Vec<f32> {
+    pub fn deviate(
+        &self,
+        instructions: InstructionSet,
+        recorded: &Recorded<'_>,
+        known: &Known,
+        scale: f32,
+        normals: &[f32],
+    ) -> Vec<f32> {
         let deviation = known.posterior.deviation(normals);
-        let each = known.state.numbers.iter().zip(deviation);
-        let mut numbers: Vec<f32> =
-            each.map(|(number, more)| scale.mul_add(more as f32, *number)).collect();
-        self.numbers.keep_bounds(&mut numbers);
-        numbers
+        let mut scale = scale;
+        for _ in 0..HALVINGS {
+            let each = known.state.numbers.iter().zip(&deviation);
+            let mut numbers: Vec<f32> =
+                each.map(|(number, more)| scale.mul_add(*more as f32, *number)).collect();
+            self.numbers.keep_bounds(&mut numbers, known.posterior.bounds);
+            if self.is_solid(instructions, recorded, &numbers) {
+                return numbers;
+            }
+            scale *= 0.5;
+        }
+        known.state.numbers.clone()
     }
 }
 

@@ -15,11 +15,14 @@ use super::dense::Dense;
 use super::filtering::{is_filtered, smoother};
 use super::known::{Doubt, Known, State};
 use super::motion::Recorded;
-use super::numbers::Numbers;
+use super::numbers::{Bounds, Numbers};
 use super::regression::{Posterior, Prior, Regression};
 
 /// Times that the noise of a context is found anew, each time from what the last fit left over.
 const NOISE_ROUNDS: usize = 3;
+/// Least pivot of a mass matrix, in inertias of the joint alone: no mass that is not negative takes anything of
+/// these away. Less by rounding.
+const LEAST_PIVOT: f32 = 0.99;
 
 /// A trained law.
 #[derive(Debug)]
@@ -89,7 +92,8 @@ impl Law {
         let drawn: Vec<State> = each
             .clone()
             .zip(draws)
-            .map(|(known, normals)| self.draw(known, first.rate_hz, normals))
+            .zip(robots)
+            .map(|((known, normals), robot)| self.draw(instructions, robot, known, normals))
             .collect();
         let states: Vec<&State> = match draws.is_empty() {
             true => each.map(|known| &known.state).collect(),
@@ -117,20 +121,52 @@ impl Law {
         groups.concat()
     }
 
-    /// The distribution of a robot's numbers given its context. Where a joint leaves more torque over than it did in
-    /// training, so much is its noise: the law is not as good there, or positions were smoothed.
+    /// The distribution of a robot's numbers given its context. Masses may be negative, but not so that some
+    /// pose of the context would have too little inertia: the masses of such a robot are 0 at least.
     pub fn fit(&self, instructions: InstructionSet, recorded: &Recorded<'_>) -> Posterior {
         let regression = self.regression_with(instructions, recorded);
+        let free = self.fit_with(&regression, recorded, Bounds::Own);
+        match self.is_solid(instructions, recorded, &narrow(&free.mean)) {
+            true => free,
+            false => self.fit_with(&regression, recorded, Bounds::Masses),
+        }
+    }
+
+    /// Whether the arm has inertia enough in the poses of its context.
+    pub fn is_solid(
+        &self,
+        instructions: InstructionSet,
+        recorded: &Recorded<'_>,
+        numbers: &[f32],
+    ) -> bool {
+        let least = match instructions {
+            #[cfg(target_arch = "x86_64")]
+            InstructionSet::Avx512(_) => F32x16::least_pivot(self, recorded, numbers),
+            #[cfg(target_arch = "x86_64")]
+            InstructionSet::Avx2(_) => F32x8::least_pivot(self, recorded, numbers),
+            InstructionSet::Portable => F32Array::<8>::least_pivot(self, recorded, numbers),
+        };
+        least >= LEAST_PIVOT
+    }
+
+    /// Where a joint leaves more torque over than it did in
+    /// training, so much is its noise: the law is not as good there, or positions were smoothed.
+    fn fit_with(
+        &self,
+        regression: &Regression,
+        recorded: &Recorded<'_>,
+        bounds: Bounds,
+    ) -> Posterior {
         let least = self.noise(recorded);
         let mut noise = least.clone();
-        let mut posterior = regression.of_possible(&self.prior, &noise);
+        let mut posterior = regression.of_possible(&self.prior, &noise, bounds);
         let repeated = self.repeated(recorded);
         for _ in 0..NOISE_ROUNDS {
             for (joint, noise) in noise.iter_mut().enumerate() {
                 let left_over = regression.left_over(joint, &posterior.mean);
                 *noise = least[joint].max(repeated * left_over);
             }
-            posterior = regression.of_possible(&self.prior, &noise);
+            posterior = regression.of_possible(&self.prior, &noise, bounds);
         }
         posterior
     }
@@ -167,6 +203,7 @@ pub(super) fn narrow(values: &[f64]) -> Vec<f32> {
 trait Predictions: simd::Lanes {
     fn regression(law: &Law, recorded: &Recorded<'_>) -> Regression;
     fn roll(law: &Law, robots: &[Start<'_>]) -> Vec<f32>;
+    fn least_pivot(law: &Law, recorded: &Recorded<'_>, numbers: &[f32]) -> f32;
 }
 
 macro_rules! predictions {
@@ -199,6 +236,18 @@ macro_rules! predictions {
                 // SAFETY: `InstructionSet` lets only processors with the features come here.
                 unsafe {
                     compiled(law, robots)
+                }
+            }
+
+            fn least_pivot(law: &Law, recorded: &Recorded<'_>, numbers: &[f32]) -> f32 {
+                $(#[target_feature(enable = $features)])?
+                fn compiled(law: &Law, recorded: &Recorded<'_>, numbers: &[f32]) -> f32 {
+                    law.least_pivot::<$lanes>(recorded, numbers)
+                }
+                #[allow(unused_unsafe, reason = "array lanes need no instructions of their own")]
+                // SAFETY: `InstructionSet` lets only processors with the features come here.
+                unsafe {
+                    compiled(law, recorded, numbers)
                 }
             }
         }

@@ -37,18 +37,29 @@ impl Numbers {
         first..first + self.joints
     }
 
-    /// Whether a number is 0 at least, as damping and friction are. A force points both ways, and a particle takes
-    /// away what others have too much of: those of one robot are no bodies of their own.
-    pub fn is_bounded(self, number: usize) -> bool {
-        !self.shared().contains(&number)
+    /// Whether a number is 0 at least. A force points both ways.
+    pub fn is_bounded(self, number: usize, bounds: Bounds) -> bool {
+        match bounds {
+            Bounds::Own => !self.shared().contains(&number),
+            Bounds::Masses => !self.strengths().contains(&number),
+        }
     }
 
     /// Raises numbers below their bound to it.
-    pub fn keep_bounds<T: PartialOrd + Default>(self, values: &mut [T]) {
+    pub fn keep_bounds<T: PartialOrd + Default>(self, values: &mut [T], bounds: Bounds) {
         for (number, value) in values.iter_mut().enumerate() {
-            if *value < T::default() && self.is_bounded(number) {
+            if *value < T::default() && self.is_bounded(number, bounds) {
                 *value = T::default();
             }
         }
     }
+}
+
+/// The numbers of a robot that are 0 at least.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Bounds {
+    /// Its dampings and frictions. A particle is no body of its own: it may take away what others have too much of.
+    Own,
+    /// Its masses as well.
+    Masses,
 }

@@ -2,7 +2,7 @@
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
-use super::numbers::Numbers;
+use super::numbers::{Bounds, Numbers};
 
 /// The times that numbers below their bound are held at it and the others fitted again.
 const ROUNDS: usize = 8;
@@ -95,9 +95,9 @@ impl Regression {
         self.solve(prior, noise, &vec![false; self.numbers.count()])
     }
 
-    /// As [`Regression::posterior`], of a robot that could be: with [`Numbers::is_bounded`] kept, numbers below their
+    /// As [`Regression::posterior`], of a robot that could be: numbers below their
     /// bound are held there and the others fitted again.
-    pub fn of_possible(&self, prior: &Prior, noise: &[f64]) -> Posterior {
+    pub fn of_possible(&self, prior: &Prior, noise: &[f64], bounds: Bounds) -> Posterior {
         let mut held = vec![false; self.numbers.count()];
         let mut found = Posterior::of(prior);
         for _ in 0..ROUNDS {
@@ -105,7 +105,7 @@ impl Regression {
             found = posterior;
             let mut any = false;
             for (number, value) in found.mean.iter().enumerate() {
-                if *value < 0.0 && self.numbers.is_bounded(number) {
+                if *value < 0.0 && self.numbers.is_bounded(number, bounds) {
                     (held[number], any) = (true, true);
                 }
             }
@@ -113,7 +113,8 @@ impl Regression {
                 break;
             }
         }
-        self.numbers.keep_bounds(&mut found.mean);
+        self.numbers.keep_bounds(&mut found.mean, bounds);
+        found.bounds = bounds;
         found
     }
 
@@ -177,7 +178,7 @@ impl Regression {
         let mean: Vec<f64> = (0..count).map(|number| spread(number) * scaled[number]).collect();
         let finite = mean.iter().all(|value| value.is_finite());
         let spread = (0..count).map(spread).collect();
-        finite.then_some(Posterior { mean, spread, factor })
+        finite.then_some(Posterior { mean, bounds: Bounds::Own, spread, factor })
     }
 }
 
@@ -185,6 +186,8 @@ impl Regression {
 #[derive(Clone, Debug)]
 pub(super) struct Posterior {
     pub mean: Vec<f64>,
+    /// The numbers that are held at 0 at least.
+    pub bounds: Bounds,
     /// Over robots; 0 of a number that is held.
     spread: Vec<f64>,
     /// The factor of the precision, in units of the spreads.
@@ -196,7 +199,8 @@ impl Posterior {
     fn of(prior: &Prior) -> Self {
         let count = prior.mean.len();
         let factor = Cholesky::pack_dirty(DMatrix::identity(count, count));
-        Self { mean: prior.mean.clone(), spread: prior.spread.clone(), factor }
+        let (mean, spread) = (prior.mean.clone(), prior.spread.clone());
+        Self { mean, bounds: Bounds::Own, spread, factor }
     }
 
     /// A draw of the difference to the mean, from one standard normal number for each number.

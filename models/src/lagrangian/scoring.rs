@@ -120,9 +120,12 @@ impl Law {
         let (start, ahead) = y.split_at(2 * joints);
         let recorded = Recorded { u: &robot.u[robot.samples() * joints..], y: start, ..*robot };
         let draws = normals.chunks_exact(count + 1);
-        let numbers: Vec<Vec<f32>> = std::iter::once(known.state.numbers.clone())
-            .chain(draws.clone().map(|normals| self.deviate(&known, 1.0, &normals[..count])))
-            .collect();
+        let numbers: Vec<Vec<f32>> =
+            std::iter::once(known.state.numbers.clone())
+                .chain(draws.clone().map(|normals| {
+                    self.deviate(instructions, robot, &known, 1.0, &normals[..count])
+                }))
+                .collect();
         let starts: Vec<Start<'_>> =
             numbers.iter().map(|numbers| Start { recorded, numbers }).collect();
         let answers = self.roll_out(instructions, &starts);

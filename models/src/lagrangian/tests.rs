@@ -12,7 +12,7 @@ use super::features::{DIRECTIONS, Samples};
 use super::known::Doubt;
 use super::law::{JointLaw, Law};
 use super::motion::Recorded;
-use super::numbers::Numbers;
+use super::numbers::{Bounds, Numbers};
 use super::points::Points;
 use super::regression::Prior;
 use super::{Lagrangian, PACE, values};
@@ -136,7 +136,10 @@ fn prediction_fits_the_numbers_that_training_fits() {
             let found = law.fit(InstructionSet::best(), robot).mean;
             let each = found.iter().zip(expected).zip(&prior.mean);
             for (number, ((found, expected), &mean)) in each.enumerate() {
-                assert!(!model.numbers.is_bounded(number) || *expected > 0.0, "{expected}");
+                assert!(
+                    !model.numbers.is_bounded(number, Bounds::Own) || *expected > 0.0,
+                    "{expected}"
+                );
                 let learned = (f64::from(*expected) - mean).abs();
                 let off = (found - f64::from(*expected)).abs();
                 assert!(off < 1e-3 * learned + 1e-5, "{number}: {found} {expected} {mean}");
