@@ -89,12 +89,12 @@ fn fair_crps(scales: &[f32], differences: &[f32], error: &[f32]) -> (f32, Vec<f3
     let entries = error.len();
     for (entry, error) in error.iter().enumerate() {
         let difference = |draw: usize| differences[draw * entries + entry];
-        for draw in 0..count {
-            let sample = scales[draw] * difference(draw);
+        for (draw, scale) in scales.iter().enumerate() {
+            let sample = scale * difference(draw);
             value += each * (sample - error).abs();
             let mut slope = each * sign(sample - error);
-            for other in 0..count {
-                let apart = sample - scales[other] * difference(other);
+            for (other, scale) in scales.iter().enumerate() {
+                let apart = sample - scale * difference(other);
                 value -= 0.5 * pair * apart.abs();
                 slope -= pair * sign(apart);
             }
