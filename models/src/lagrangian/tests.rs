@@ -476,3 +476,27 @@ fn doubt_widens_draws() {
     assert!((twice / plain - 2.0).abs() < 0.1, "{plain} {twice}");
     assert!(width(Doubt { median: 0.0, tail: 0.8 }) > 1.3 * plain);
 }
+
+/// A joint whose inertia is below that which the law gives every robot: its particle would have a negative mass.
+#[test]
+fn masses_are_negative_only_where_poses_keep_their_inertia() {
+    let joint = JointLaw { armature: 0.5, ..JOINT };
+    let mut law = separate(&[0.7], joint, [3.0, 0.5]);
+    law.prior.spread[0] = 5.0;
+    let u: Vec<f32> = (0..SAMPLES).map(|index| 4.0 * (0.11 * index as f32).sin()).collect();
+    for (inertia, expected) in [(0.6_f32, 0.5), (0.3, 0.0)] {
+        let (mass, damping) = (inertia * RATE_HZ, 3.0);
+        let mut y = vec![0.0_f32; CONTEXT];
+        let mut velocity = 0.0;
+        for sample in 1..CONTEXT {
+            velocity = (u[sample - 1] + mass * velocity) / (mass + damping);
+            y[sample] = y[sample - 1] + velocity / RATE_HZ;
+        }
+        let robot = Recorded { u: &u, y: &y, joints: 1, rate_hz: RATE_HZ };
+        let found = law.fit(InstructionSet::best(), &robot).mean[0];
+        assert!((found - expected).abs() < 0.05, "{inertia}: {found}");
+        for [mean, deviation] in spread(&law, &robot, EXACT, 50) {
+            assert!(mean.is_finite() && deviation.is_finite() && deviation < 1.0, "{deviation}");
+        }
+    }
+}
