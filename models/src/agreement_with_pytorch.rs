@@ -174,7 +174,7 @@ fn gradients_of_models_that_answer_in_one_pass_agree() {
         let device = Device::cpu().training();
         let model = peer.loaded(&device);
         let (input, target) = peer.seen(&device);
-        // As in the second step of a training: peers/one_pass.py says why.
+        // The random numbers of a training's second step: peers/one_pass.py says why.
         let rows = 0..peer.batch().robots() as u64;
         let rows = rows.map(|row| generator(0, Purpose::Training, 2, row));
         let loss = model.loss(input, target, &mut Noise::new(rows));
@@ -236,7 +236,7 @@ fn check_optimizer_steps(peer: &Peer) {
     };
     let mut trainer =
         Trainer::resume(&spec, data, "pytorch", &untrained(peer, &spec), &Device::cpu()).unwrap();
-    // With the score of its draws.
+    // The loss has the score of draws in it.
     let tolerance_of_loss = if spec.model.is_physical() { tolerance("doubt") } else { 1e-5 };
     for step in 0..4 {
         let report = trainer.step(&peer.batch()).unwrap();
@@ -254,7 +254,7 @@ fn check_optimizer_steps(peer: &Peer) {
     }
 }
 
-/// Of what is computed for a parameter. The draws that tell `doubt` are rolled out in single precision.
+/// The tolerance of a parameter's numbers. The draws that tell `doubt` are rolled out in single precision.
 fn tolerance(parameter: &str) -> f64 {
     if parameter == "doubt" { 1e-4 } else { 1e-5 }
 }

@@ -45,7 +45,7 @@ pub(super) fn is_filtered(robot: &Recorded<'_>, noise: MeasurementNoise) -> bool
 }
 
 impl Law {
-    /// Of noisy positions.
+    /// The robot of a context of noisy positions.
     pub fn filtered(
         &self,
         instructions: InstructionSet,
@@ -160,7 +160,7 @@ struct Filter<'a> {
 }
 
 impl Filter<'_> {
-    /// With the deviation of the law under which the context is most likely.
+    /// The belief with the deviation of the law under which the context is most likely.
     fn most_likely(&self) -> Belief {
         let mut step = 0;
         let mut best = self.run(RATIO.powi(step));

@@ -1,4 +1,4 @@
-//! What a context tells of its robot: the most likely one, and draws of those that it leaves possible.
+//! The most likely robot given a context, and draws of those that the context leaves possible.
 //!
 //! The numbers of a robot are normal given its context ([`super::regression`]), if the law is exact and its errors
 //! at [`Law::points`] samples independent. They are not quite, so that training learns by how much more its robots
@@ -23,7 +23,7 @@ pub(super) struct State {
     pub numbers: Vec<f32>,
 }
 
-/// What a context tells.
+/// The robot of a context, and how surely it is known.
 #[derive(Debug)]
 pub(super) struct Known {
     pub state: State,
@@ -43,14 +43,14 @@ pub(super) struct Doubt {
 }
 
 impl Doubt {
-    /// Of a robot with the standard normal number `normal`.
+    /// The deviations of a robot with the standard normal number `normal`.
     pub fn scale(self, normal: f32) -> f32 {
         self.tail.mul_add(normal, self.median).exp()
     }
 }
 
 impl Law {
-    /// Of exact positions.
+    /// The robot of a context of exact positions.
     pub fn known(&self, instructions: InstructionSet, recorded: &Recorded<'_>) -> Known {
         let posterior = self.fit(instructions, recorded);
         let last = recorded.samples().saturating_sub(2) * recorded.joints;

@@ -149,8 +149,8 @@ impl Law {
         least >= LEAST_PIVOT
     }
 
-    /// Where a joint leaves more torque over than it did in
-    /// training, so much is its noise: the law is not as good there, or positions were smoothed.
+    /// Where a joint leaves more torque over than it did in training, so much is its noise: the law is not as good
+    /// there, or positions were smoothed.
     fn fit_with(
         &self,
         regression: &Regression,

@@ -95,8 +95,8 @@ impl Regression {
         self.solve(prior, noise, &vec![false; self.numbers.count()])
     }
 
-    /// As [`Regression::posterior`], of a robot that could be: numbers below their
-    /// bound are held there and the others fitted again.
+    /// [`Regression::posterior`] of a robot that could be: numbers below their bound are held there and the others
+    /// fitted again.
     pub fn of_possible(&self, prior: &Prior, noise: &[f64], bounds: Bounds) -> Posterior {
         let mut held = vec![false; self.numbers.count()];
         let mut found = Posterior::of(prior);
@@ -195,7 +195,7 @@ pub(super) struct Posterior {
 }
 
 impl Posterior {
-    /// Of a robot that nothing is known of.
+    /// The prior, where nothing is known of a robot.
     fn of(prior: &Prior) -> Self {
         let count = prior.mean.len();
         let factor = Cholesky::pack_dirty(DMatrix::identity(count, count));

@@ -71,7 +71,7 @@ impl Motions {
 
 const EXACT: MeasurementNoise = MeasurementNoise { position_rad: 0.0, torque_nm: 0.0 };
 
-/// Of the most likely robots.
+/// Predictions of the most likely robots.
 fn predict(law: &Law, robots: &[Recorded<'_>], noise: MeasurementNoise) -> Vec<f32> {
     law.predict(InstructionSet::best(), robots, noise, &[])
 }
@@ -420,7 +420,7 @@ fn draws_have_the_same_bits_on_every_processor_and_in_every_company() {
     }
 }
 
-/// Of the last sample of the horizon, over `count` draws of one robot: mean and standard deviation of each joint.
+/// Mean and standard deviation of each joint at the last sample of the horizon, over `count` draws of one robot.
 fn spread(law: &Law, robot: &Recorded<'_>, noise: MeasurementNoise, count: usize) -> Vec<[f64; 2]> {
     let normals = normals(law, count);
     let draws: Vec<&[f32]> = normals.chunks_exact(law.normals_of_draw()).collect();
