@@ -21,7 +21,7 @@ use super::regression::{Posterior, Prior, Regression};
 /// Times that the noise of a context is found anew, each time from what the last fit left over.
 const NOISE_ROUNDS: usize = 3;
 /// Least pivot of a mass matrix, in inertias of the joint alone: no mass that is not negative takes anything of
-/// these away. Less by rounding.
+/// these away, but for rounding.
 const LEAST_PIVOT: f32 = 0.99;
 
 /// A trained law.
@@ -87,16 +87,19 @@ impl Law {
                 Some(smoother) => self.filtered(instructions, &same[0], smoother, noise),
             })
             .collect();
-        let each = asked.iter().zip(&known);
-        let each = each.flat_map(|(same, known)| std::iter::repeat_n(known, same.len()));
-        let drawn: Vec<State> = each
-            .clone()
-            .zip(draws)
+        let each: Vec<&Known> = asked
+            .iter()
+            .zip(&known)
+            .flat_map(|(same, known)| std::iter::repeat_n(known, same.len()))
+            .collect();
+        let drawn: Vec<State> = draws
+            .par_iter()
+            .zip(&each)
             .zip(robots)
-            .map(|((known, normals), robot)| self.draw(instructions, robot, known, normals))
+            .map(|((normals, known), robot)| self.draw(instructions, robot, known, normals))
             .collect();
         let states: Vec<&State> = match draws.is_empty() {
-            true => each.map(|known| &known.state).collect(),
+            true => each.iter().map(|known| &known.state).collect(),
             false => drawn.iter().collect(),
         };
         let starts = robots.iter().zip(states).map(|(robot, State { y, numbers })| {

@@ -1,0 +1,122 @@
+//! Draws of robots, and the masses that they may have.
+
+use random::{ChaCha8Rng, SeedableRng};
+use series::MeasurementNoise;
+use simd::InstructionSet;
+
+use super::{
+    CONTEXT, EXACT, JOINT, LONG, Motions, NOISE, Noisy, RATE_HZ, SAMPLES, model, predict, separate,
+};
+use crate::lagrangian::known::Doubt;
+use crate::lagrangian::law::{JointLaw, Law};
+use crate::lagrangian::motion::Recorded;
+
+/// Standard normal numbers for each of `rows` draws.
+fn normals(law: &Law, rows: usize) -> Vec<f32> {
+    let mut values = vec![0.0; rows * law.normals_of_draw()];
+    random::fill_normal(&mut values, &mut ChaCha8Rng::seed_from_u64(11));
+    values
+}
+
+#[test]
+fn draws_have_the_same_bits_on_every_processor_and_in_every_company() {
+    let law = Law { doubt: Doubt { median: 0.3, tail: 0.4 }, ..model(7).law() };
+    let motions = Motions::new(3, 7);
+    let robots: Vec<Recorded<'_>> =
+        motions.robots().into_iter().flat_map(|robot| [robot; 4]).collect();
+    let normals = normals(&law, robots.len());
+    let draws: Vec<&[f32]> = normals.chunks_exact(law.normals_of_draw()).collect();
+    for noise in [EXACT, NOISE] {
+        let together = law.predict(InstructionSet::best(), &robots, noise, &draws);
+        for instructions in InstructionSet::available() {
+            assert_eq!(law.predict(instructions, &robots, noise, &draws), together);
+        }
+        let answers: Vec<&[f32]> = together.chunks_exact((SAMPLES - CONTEXT) * 7).collect();
+        for ((robot, draw), answer) in robots.iter().zip(&draws).zip(&answers) {
+            let alone = law.predict(InstructionSet::best(), &[*robot], noise, &[*draw]);
+            assert_eq!(alone, *answer);
+        }
+        assert!(answers[0] != answers[1], "two draws of one robot are the same");
+    }
+}
+
+/// Mean and standard deviation of each joint at the last sample of the horizon, over `count` draws of one robot.
+fn spread(law: &Law, robot: &Recorded<'_>, noise: MeasurementNoise, count: usize) -> Vec<[f64; 2]> {
+    let normals = normals(law, count);
+    let draws: Vec<&[f32]> = normals.chunks_exact(law.normals_of_draw()).collect();
+    let robots = vec![*robot; count];
+    let answers = law.predict(InstructionSet::best(), &robots, noise, &draws);
+    let horizon = answers.len() / count;
+    let of_joint = |joint: usize| {
+        let last = horizon - robot.joints + joint;
+        let values: Vec<f64> =
+            answers.chunks_exact(horizon).map(|answer| f64::from(answer[last])).collect();
+        let mean = values.iter().sum::<f64>() / count as f64;
+        let squares = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>();
+        [mean, (squares / count as f64).sqrt()]
+    };
+    (0..robot.joints).map(of_joint).collect()
+}
+
+#[test]
+fn draws_lie_around_the_most_likely_robot_and_closer_the_more_was_seen() {
+    let robot = Noisy::new(3);
+    let law = &robot.law;
+    let seen = |context: usize, noise| {
+        let y: Vec<f32> = match noise {
+            EXACT => robot.truth[..context * 2].to_vec(),
+            _ => robot.measured[..context * 2].to_vec(),
+        };
+        let recorded = Recorded { u: &robot.u[..(context + 60) * 2], y: &y, ..robot.robot() };
+        let likely = predict(law, &[recorded], noise);
+        let likely = &likely[likely.len() - 2..];
+        let found = spread(law, &recorded, noise, 400);
+        for ([mean, deviation], likely) in found.iter().zip(likely) {
+            let off = (mean - f64::from(*likely)).abs();
+            assert!(off < 0.3 * deviation + 1e-6, "{context}: {found:?} {likely}");
+        }
+        found.iter().map(|[_, deviation]| *deviation).sum::<f64>()
+    };
+    let [nothing, little, much] = [2, 12, LONG].map(|context| seen(context, EXACT));
+    assert!(nothing > 10.0 * little && little > 2.0 * much, "{nothing} {little} {much}");
+    // Where the arm is, and how fast, is not known exactly either.
+    assert!(seen(LONG, NOISE) > 2.0 * much);
+}
+
+#[test]
+fn doubt_widens_draws() {
+    let robot = Noisy::new(4);
+    let recorded = Recorded { y: &robot.truth[..40 * 2], u: &robot.u[..100 * 2], ..robot.robot() };
+    let width = |doubt| {
+        let law = Law { doubt, ..separate(&[1.2, 0.02], JOINT, [10.0, 1.0]) };
+        spread(&law, &recorded, EXACT, 400).iter().map(|[_, deviation]| *deviation).sum::<f64>()
+    };
+    let plain = width(Doubt { median: 0.0, tail: 0.0 });
+    let twice = width(Doubt { median: 2_f32.ln(), tail: 0.0 });
+    assert!((twice / plain - 2.0).abs() < 0.1, "{plain} {twice}");
+    assert!(width(Doubt { median: 0.0, tail: 0.8 }) > 1.3 * plain);
+}
+
+/// A joint whose inertia is below that which the law gives every robot: its particle would have a negative mass.
+#[test]
+fn masses_are_negative_only_where_poses_keep_their_inertia() {
+    let joint = JointLaw { armature: 0.5, ..JOINT };
+    let mut law = separate(&[0.7], joint, [3.0, 0.5]);
+    law.prior.spread[0] = 5.0;
+    let u: Vec<f32> = (0..SAMPLES).map(|index| 4.0 * (0.11 * index as f32).sin()).collect();
+    for (inertia, expected) in [(0.6_f32, 0.5), (0.3, 0.0)] {
+        let (mass, damping) = (inertia * RATE_HZ, 3.0);
+        let mut y = vec![0.0_f32; CONTEXT];
+        let mut velocity = 0.0;
+        for sample in 1..CONTEXT {
+            velocity = (u[sample - 1] + mass * velocity) / (mass + damping);
+            y[sample] = y[sample - 1] + velocity / RATE_HZ;
+        }
+        let robot = Recorded { u: &u, y: &y, joints: 1, rate_hz: RATE_HZ };
+        let found = law.fit(InstructionSet::best(), &robot).mean[0];
+        assert!((found - expected).abs() < 0.05, "{inertia}: {found}");
+        for [mean, deviation] in spread(&law, &robot, EXACT, 50) {
+            assert!(mean.is_finite() && deviation.is_finite() && deviation < 1.0, "{deviation}");
+        }
+    }
+}
