@@ -7,10 +7,11 @@ use spec::{CdcnnSpec, Conditioning, GROUPS};
 use crate::ModelError;
 use crate::activations::Activations;
 use crate::architecture::{Architecture, Extents};
-use crate::denoiser::{Denoiser, Given, Network, Task, Torques};
+use crate::denoiser::{Denoiser, Network, Task, Torques};
 use crate::diffusion::Process;
 use crate::initialization::InitialWeights;
 use crate::sizes::{LARGEST_WIDTH, multiple, within};
+use crate::told::Told;
 use crate::unet::{LevelEmbedding, Modulation, ResidualBlock, UNet, UNetConfig, check_stages};
 
 impl Architecture for CdcnnSpec {
@@ -21,15 +22,16 @@ impl Architecture for CdcnnSpec {
         extents: Extents,
         weights: &mut InitialWeights<'_>,
     ) -> Result<Denoiser<Cdcnn>, ModelError> {
+        let told = Told::of(self.residual);
         let sizes = CdcnnSizes {
             embedding: self.embedding,
             widths: &self.widths,
             conditioning: self.conditioning,
-            known: extents.joints,
+            told,
         };
         let network = sizes.init(extents, weights)?;
         let task = Task::Denoise(Process::diffusion(&self.diffusion));
-        Ok(Denoiser { network, task, torques: Torques::Apart, given: Given::Torques })
+        Ok(Denoiser { network, task, torques: Torques::Apart, told })
     }
 }
 
@@ -38,8 +40,7 @@ pub(crate) struct CdcnnSizes<'a> {
     pub embedding: u32,
     pub widths: &'a [u32],
     pub conditioning: Conditioning,
-    /// Channels of what is known sample by sample.
-    pub known: usize,
+    pub told: Told,
 }
 
 impl CdcnnSizes<'_> {
@@ -48,7 +49,8 @@ impl CdcnnSizes<'_> {
         extents: Extents,
         weights: &mut InitialWeights<'_>,
     ) -> Result<Cdcnn, ModelError> {
-        let Self { embedding, widths, conditioning, known } = *self;
+        let Self { embedding, widths, conditioning, told } = *self;
+        let known = told.channels(extents.joints);
         within("embedding", embedding, 4, LARGEST_WIDTH)?;
         multiple("embedding", embedding, 2, "for sine and cosine")?;
         check_stages("widths", widths.len(), extents.samples())?;
@@ -64,7 +66,8 @@ impl CdcnnSizes<'_> {
         let modulation = Modulation::ScaleAndShift;
         let widths: Vec<usize> = widths.iter().map(|&width| width as usize).collect();
         let first = widths.first().copied().unwrap_or(extents.joints);
-        let unet = UNetConfig { channels: extents.joints, widths, condition, modulation };
+        let channels = extents.joints;
+        let unet = UNetConfig { inputs: channels, channels, widths, condition, modulation };
         Ok(Cdcnn {
             embedding: LevelEmbedding::new(embedding, weights),
             unet: unet.init(weights),
@@ -80,7 +83,7 @@ impl CdcnnSizes<'_> {
 
 /// Conditional U-Net on y (Chi et al. 2023, *Diffusion Policy*; the network of its code).
 ///
-/// Each sample's known part is u; a flow has the integrator's path beside it. With local
+/// Each sample's known part is what it is [told](Told). With local
 /// conditioning it passes a block of its own and is added after the first block of the first stage, so
 /// that it enters additively and FiLM carries the noise level alone. That code has a second such block
 /// whose output a condition that is never true would add at the end; it has no effect there and is not

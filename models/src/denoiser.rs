@@ -13,6 +13,7 @@ use crate::architecture::{Ask, Extents, Model, ModelInput};
 use crate::diffusion::{Painted, Process, Step};
 use crate::loss::Loss;
 use crate::randomness::Noise;
+use crate::told::Told;
 
 /// A network that removes noise.
 pub(crate) trait Network: Module {
@@ -60,7 +61,7 @@ pub(crate) struct Denoiser<N> {
     pub network: N,
     pub task: Task,
     pub torques: Torques,
-    pub given: Given,
+    pub told: Told,
 }
 
 /// What becomes of u.
@@ -74,33 +75,15 @@ pub(crate) enum Torques {
     Noised { weights: [f64; 2] },
 }
 
-/// The input of a network beside the series.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Given {
-    Torques,
-    /// The path that answers are relative to beside u.
-    TorquesAndPath,
-}
-
-impl Given {
-    /// `[batch, sample, channel]`.
-    fn of<A: Activations>(self, u: A, path: A) -> A {
-        match self {
-            Self::Torques => u,
-            Self::TorquesAndPath => u.and(path, 2),
-        }
-    }
-}
-
 impl<N: Network> Model for Denoiser<N> {
     fn loss(&self, input: ModelInput, target: Tensor<3>, noise: &mut Noise) -> Loss {
         let [_, context, _] = input.seen_context.dims();
         let [_, horizon, joints] = target.dims();
         let device = target.device();
         let unit = input.unit_of_horizon();
+        let known = self.told.series(&input);
         let y = Tensor::cat(vec![input.seen_context, target.clone()], 1);
         let series = self.series(&input.u, y);
-        let known = self.given.of(input.u, input.path);
         let shape = Shape { context, horizon, joints, device: &device };
         let (clean, weights, counted) = match self.torques {
             Torques::Apart => {
@@ -154,7 +137,7 @@ impl<N: Network> Model for Denoiser<N> {
         };
         let painted = Painted { values: whole(unknown), clean, noised };
         let warm = warm.map(whole);
-        let known = self.given.of(input.u.clone(), input.path.clone());
+        let known = self.told.series(&input);
         let series = match &self.task {
             Task::Denoise(process) => {
                 let chain = self.network.chain(&input.seen_context, known, steps);
@@ -170,12 +153,12 @@ impl<N: Network> Model for Denoiser<N> {
 
     fn count(&self, extents: Extents, tally: &Rc<Tally>) {
         let (samples, joints) = (extents.samples() as usize, extents.joints);
-        let given = || tally.given([1, samples, joints]);
-        let noisy = match self.torques {
-            Torques::Apart => given(),
-            Torques::Clean { .. } | Torques::Noised { .. } => tally.given([1, samples, 2 * joints]),
+        let channels = match self.torques {
+            Torques::Apart => joints,
+            Torques::Clean { .. } | Torques::Noised { .. } => 2 * joints,
         };
-        let known = self.given.of(given(), given());
+        let noisy = tally.given([1, samples, channels]);
+        let known = tally.given([1, samples, self.told.channels(joints)]);
         let [_, _, channels] = self.network.forward(noisy, &[0], known, None).dims();
         tally.given([KEPT_BY_LOSS, samples, channels]).keep();
     }
@@ -198,7 +181,7 @@ impl<N: Network> Model for Denoiser<N> {
         levels: &[usize],
         input: &ModelInput,
     ) -> Option<Tensor<3>> {
-        let known = self.given.of(input.u.clone(), input.path.clone());
+        let known = self.told.series(input);
         Some(self.network.forward(noisy, levels, known, None))
     }
 

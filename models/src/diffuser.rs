@@ -7,10 +7,11 @@ use spec::{DiffuserSpec, GROUPS, Known};
 use crate::ModelError;
 use crate::activations::Activations;
 use crate::architecture::{Architecture, Extents};
-use crate::denoiser::{Denoiser, Given, Network, Task, Torques};
+use crate::denoiser::{Denoiser, Network, Task, Torques};
 use crate::diffusion::Process;
 use crate::initialization::InitialWeights;
 use crate::sizes::{LARGEST_RATIO, LARGEST_WIDTH, multiple, within};
+use crate::told::Told;
 use crate::unet::{LevelEmbedding, Modulation, UNet, UNetConfig, check_stages};
 
 impl Architecture for DiffuserSpec {
@@ -28,20 +29,23 @@ impl Architecture for DiffuserSpec {
         }
         check_stages("multipliers", self.multipliers.len(), extents.samples())?;
         let width = self.width as usize;
+        let told = Told::of(self.residual);
+        let beside = told.channels(extents.joints) - extents.joints;
         let unet = UNetConfig {
+            inputs: 2 * extents.joints + beside,
             channels: 2 * extents.joints,
             widths: self.multipliers.iter().map(|&by| width * by as usize).collect(),
             condition: width,
             modulation: Modulation::Shift,
         };
-        let network =
-            Diffuser { embedding: LevelEmbedding::new(width, weights), unet: unet.init(weights) };
+        let embedding = LevelEmbedding::new(width, weights);
+        let network = Diffuser { embedding, unet: unet.init(weights), beside };
         let torques = match (self.known, self.weights) {
             (Known::CleanAndMasked, [_, y_weight]) => Torques::Clean { y_weight },
             (Known::JointNoise, weights) => Torques::Noised { weights },
         };
         let task = Task::Denoise(Process::diffusion(&self.diffusion));
-        Ok(Denoiser { network, task, torques, given: Given::Torques })
+        Ok(Denoiser { network, task, torques, told })
     }
 }
 
@@ -51,18 +55,25 @@ impl Architecture for DiffuserSpec {
 pub(crate) struct Diffuser {
     embedding: LevelEmbedding,
     unet: UNet,
+    /// Channels that it is told beside the torques.
+    beside: usize,
 }
 
 impl Network for Diffuser {
-    /// The noisy series is u, then y, `[batch, sample, 2 · joint]`, so that nothing is known beside it.
+    /// The noisy series is u, then y, `[batch, sample, 2 · joint]`, so that torques need not be told again.
     fn forward<A: Activations>(
         &self,
         noisy: A,
         levels: &[usize],
-        _known: A,
+        known: A,
         _keys: Option<DropoutKeys>,
     ) -> A {
         let condition = self.embedding.forward(levels, &noisy);
-        self.unet.forward(noisy.transposed(), &condition, None).transposed()
+        let [_, _, told] = known.dims();
+        let series = match self.beside {
+            0 => noisy,
+            beside => noisy.and(known.part(2, told - beside..told), 2),
+        };
+        self.unet.forward(series.transposed(), &condition, None).transposed()
     }
 }

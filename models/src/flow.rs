@@ -1,16 +1,14 @@
-//! CDCNN's U-Net, trained to move noise to y along straight lines.
-//!
-//! A flow differs in two things: it has a process of its own ([`Process::flow`]), and its network is given the
-//! integrator's path beside u.
+//! CDCNN's U-Net, trained to move noise to y along straight lines ([`Process::flow`]).
 
 use spec::{Conditioning, FlowSpec};
 
 use crate::ModelError;
 use crate::architecture::{Architecture, Extents};
 use crate::cdcnn::{Cdcnn, CdcnnSizes};
-use crate::denoiser::{Denoiser, Given, Task, Torques};
+use crate::denoiser::{Denoiser, Task, Torques};
 use crate::diffusion::Process;
 use crate::initialization::InitialWeights;
+use crate::told::Told;
 
 impl Architecture for FlowSpec {
     type Model = Denoiser<Cdcnn>;
@@ -20,14 +18,15 @@ impl Architecture for FlowSpec {
         extents: Extents,
         weights: &mut InitialWeights<'_>,
     ) -> Result<Denoiser<Cdcnn>, ModelError> {
+        let told = Told::of(self.residual);
         let sizes = CdcnnSizes {
             embedding: self.embedding,
             widths: &self.widths,
             conditioning: Conditioning::Local,
-            known: 2 * extents.joints,
+            told,
         };
         let network = sizes.init(extents, weights)?;
         let task = Task::Denoise(Process::flow(self));
-        Ok(Denoiser { network, task, torques: Torques::Apart, given: Given::TorquesAndPath })
+        Ok(Denoiser { network, task, torques: Torques::Apart, told })
     }
 }

@@ -46,6 +46,7 @@ mod schedule;
 mod sequence_model;
 mod shapes;
 mod sizes;
+mod told;
 mod trained_model;
 mod trainer;
 mod transformer;

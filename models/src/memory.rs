@@ -182,7 +182,9 @@ mod tests {
     fn every_kind() -> Vec<(String, TrainSpec)> {
         let options = [
             ("robomorph", json!({"head": "gaussian"})),
+            ("robomorph", json!({"residual": "none", "output": "positions"})),
             ("diffuser", json!({"known": "joint-noise"})),
+            ("diffuser", json!({"residual": "none"})),
             ("cdcnn", json!({"conditioning": "global"})),
             ("cdt", json!({"dropout": 0.1, "embedding_dropout": 0.1})),
             ("cdt", json!({"objective": "regression", "patch": 5})),
@@ -212,7 +214,7 @@ mod tests {
             ("robomorph-paper", json!({}), 49.9),
             ("diffuser-paper", json!({}), 63.1),
             ("cdcnn-paper", json!({}), 16.6),
-            ("cdcnn-paper", json!({"conditioning": "global"}), 36.4),
+            ("cdcnn-paper", json!({"conditioning": "global", "residual": "none"}), 36.4),
             ("cdt-paper", json!({}), 35.8),
             ("flow-paper", json!({}), 16.4),
         ] {

@@ -7,17 +7,22 @@ from .unet import LevelEmbedding, ResidualBlock, UNet
 
 
 class Cdcnn(nn.Module):
-    """Conditional U-Net on y (Chi et al. 2023); what is known of each sample, u, enters locally, or
-    flattened through FiLM."""
-
-    known_per_joint = 1
+    """Conditional U-Net on y (Chi et al. 2023); what it is told of each sample enters locally, or flattened through
+    FiLM."""
 
     def __init__(
-        self, *, embedding: int, widths: list[int], conditioning: str = "local", samples: int, joints: int = 7
+        self,
+        *,
+        embedding: int,
+        widths: list[int],
+        conditioning: str = "local",
+        samples: int,
+        joints: int = 7,
+        told: int = 1,
     ):
         super().__init__()
-        self.channels = joints
-        known = self.known_per_joint * joints
+        self.channels, self.told = joints, told
+        known = told * joints
         self.embedding = LevelEmbedding(embedding)
         is_global = conditioning == "global"
         condition = embedding + (samples * known if is_global else 0)
@@ -25,7 +30,7 @@ class Cdcnn(nn.Module):
         self.local = None if is_global else ResidualBlock(known, widths[0], condition, film=True)
 
     def forward(self, noisy: Tensor, levels: Tensor, known: Tensor) -> Tensor:
-        """Noisy y [batch, sample, joint] at levels [batch] with what is known [batch, sample, channel]."""
+        """Noisy y [batch, sample, joint] at levels [batch] with what it is told [batch, sample, channel]."""
         condition = self.embedding(levels)
         local = None
         if self.local is None:

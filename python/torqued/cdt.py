@@ -28,9 +28,10 @@ class Cdt(nn.Module):
         loss: str = "mean-square",
         samples: int,
         joints: int = 7,
+        told: int = 1,
     ):
         super().__init__()
-        self.channels = joints
+        self.channels, self.told = joints, told
         self.patch = patch
         if objective == "regression":
             self.answer, self.loss = self._answer, self._loss
@@ -38,7 +39,7 @@ class Cdt(nn.Module):
         tokens = samples // patch
         hidden = mlp_ratio * d_model
         self.d_model = d_model
-        self.condition_input = nn.Linear(joints * patch, d_model)
+        self.condition_input = nn.Linear(told * joints * patch, d_model)
         self.condition_positions = nn.Parameter(0.02 * torch.randn(tokens + 1, d_model))
         self.encoder_blocks = nn.ModuleList(
             EncoderBlock(d_model, heads, hidden, dropout) for _ in range(encoder_layers)
@@ -55,10 +56,10 @@ class Cdt(nn.Module):
         sees = torch.ones(tokens, tokens + 1, dtype=torch.bool).tril(1)
         self.register_buffer("sees", sees, persistent=False)
 
-    def forward(self, noisy: Tensor, levels: Tensor, u: Tensor) -> Tensor:
-        """Noisy y [batch, sample, joint] at levels [batch] with u [batch, sample, joint]."""
+    def forward(self, noisy: Tensor, levels: Tensor, known: Tensor) -> Tensor:
+        """Noisy y [batch, sample, joint] at levels [batch] with what it is told [batch, sample, channel]."""
         level = sinusoid(levels, self.d_model).to(noisy.dtype)[:, None]
-        condition = torch.cat([level, self.condition_input(self._patches(u))], 1)
+        condition = torch.cat([level, self.condition_input(self._patches(known))], 1)
         memory = self.embedding_dropout(condition + self.condition_positions)
         for block in self.encoder_blocks:
             memory = block(memory)
@@ -67,14 +68,14 @@ class Cdt(nn.Module):
             x = block(x, memory, self.sees)
         return self.head(self.norm(x)).reshape(noisy.shape)
 
-    def _answer(self, u: Tensor, seen: Tensor) -> Tensor:
-        """y of the horizon as the frame sees it, from u [batch, sample, joint] and y of the context."""
+    def _answer(self, known: Tensor, seen: Tensor) -> Tensor:
+        """y of the horizon as the frame sees it, from what it is told [batch, sample, channel] and y of the context."""
         context = seen.shape[1]
-        series = F.pad(seen, (0, 0, 0, u.shape[1] - context))
-        return self(series, torch.zeros(len(u), dtype=torch.long), u)[:, context:]
+        series = F.pad(seen, (0, 0, 0, known.shape[1] - context))
+        return self(series, torch.zeros(len(known), dtype=torch.long), known)[:, context:]
 
-    def _loss(self, u: Tensor, seen: Tensor, y_horizon: Tensor, unit: Tensor) -> Tensor:
-        return point_loss(self._answer(u, seen) - y_horizon, unit, self.by_root)
+    def _loss(self, known: Tensor, seen: Tensor, y_horizon: Tensor, unit: Tensor) -> Tensor:
+        return point_loss(self._answer(known, seen) - y_horizon, unit, self.by_root)
 
     def _patches(self, series: Tensor) -> Tensor:
         batch, samples, channels = series.shape

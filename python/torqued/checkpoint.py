@@ -13,7 +13,7 @@ from safetensors.torch import load_file, save_file
 from torch import Tensor
 
 from .diffusion import NoiseLevels, Painted, sample
-from .frame import frames
+from .frame import frames, series_told, told
 
 FORMAT_VERSION = 2
 SMALLEST_STANDARD_DEVIATION = 1e-3
@@ -65,16 +65,17 @@ class TrainedModel:
         path = (center - y_mean) / y_std
         u = (u - u_mean) / u_std
         y = (y - y_mean) / y_std
+        unit = scale / y_std
+        known = told(self.network, u, path, unit)
         with torch.inference_mode():
             if hasattr(self.network, "answer"):
-                known = {"y_context": y, "seen": seen, "path": path, "unit": scale / y_std}
-                predicted = self.network.answer(u, **wanted(self.network.answer, known))
+                beside = {"y_context": y, "seen": seen, "path": path, "unit": unit}
+                predicted = self.network.answer(known, **wanted(self.network.answer, beside))
             else:
                 if draw is None:
                     generator = torch.Generator().manual_seed(seed)
                     shape = (*u.shape[:2], self.network.channels)
                     draw = lambda: torch.randn(shape, generator=generator)  # noqa: E731
-                known = torch.cat([u, path], -1) if getattr(self.network, "given_path", False) else u
                 predicted = self._sample(known, seen, sampler or config["model"]["sampler"], draw)
         return (predicted * scale[:, context:] + center[:, context:]).numpy()
 
@@ -86,7 +87,7 @@ class TrainedModel:
         clean, noised = y_known, torch.zeros_like(y_known)
         if self.network.channels > joints:
             joint = model["known"] == "joint-noise"
-            values = torch.cat([known, values], -1)
+            values = torch.cat([known[..., :joints], values], -1)
             ones, zeros = torch.ones_like(y_known), torch.zeros_like(y_known)
             clean = torch.cat([zeros if joint else ones, y_known], -1)
             noised = torch.cat([ones if joint else zeros, zeros], -1)
@@ -151,7 +152,7 @@ def network_of(config: dict) -> torch.nn.Module:
         raise ValueError(f"architecture {architecture!r} has no twin here, only {', '.join(networks)}")
     network = networks[architecture]
     sizes = {name: config[name] for name in ("context", "horizon", "samples", "rate_hz")}
-    sizes |= {"joints": joints_of(config)} | config["model"]
+    sizes |= {"joints": joints_of(config), "told": series_told(config)} | config["model"]
     return network(**wanted(network, sizes))
 
 

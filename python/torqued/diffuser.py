@@ -1,5 +1,6 @@
 """The PyTorch twin of `models/src/diffuser.rs`."""
 
+import torch
 from torch import Tensor, nn
 
 from .unet import LevelEmbedding, UNet
@@ -8,15 +9,18 @@ from .unet import LevelEmbedding, UNet
 class Diffuser(nn.Module):
     """Temporal U-Net on u and y of whole trajectories (Janner et al. 2022)."""
 
-    def __init__(self, *, width: int, multipliers: list[int], joints: int = 7):
+    def __init__(self, *, width: int, multipliers: list[int], joints: int = 7, told: int = 1):
         super().__init__()
-        self.channels = 2 * joints
+        self.channels, self.told, self.joints = 2 * joints, told, joints
         self.embedding = LevelEmbedding(width)
-        self.unet = UNet(self.channels, [width * factor for factor in multipliers], width, film=False)
+        widths = [width * factor for factor in multipliers]
+        self.unet = UNet(self.channels, widths, width, film=False, beside=(told - 1) * joints)
 
-    def forward(self, noisy: Tensor, levels: Tensor, u: Tensor) -> Tensor:
-        """Noisy u and y [batch, sample, 2 * joint] at levels [batch]; `u` is already in it."""
-        return self.unet(noisy.transpose(1, 2), self.embedding(levels)).transpose(1, 2)
+    def forward(self, noisy: Tensor, levels: Tensor, known: Tensor) -> Tensor:
+        """Noisy u and y [batch, sample, 2 * joint] at levels [batch] with what it is told [batch, sample, channel],
+        of which u is already in it."""
+        series = torch.cat([noisy, known[..., self.joints :]], -1)
+        return self.unet(series.transpose(1, 2), self.embedding(levels)).transpose(1, 2)
 
 
 TWINS = {"diffuser": Diffuser}

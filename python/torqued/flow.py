@@ -47,10 +47,8 @@ def _time(level: int) -> float:
 
 
 class Flow(Cdcnn):
-    """CDCNN's network with the integrator's path beside u."""
+    """CDCNN's network."""
 
-    known_per_joint = 2
-    given_path = True
     mixing = StraightLines
 
 

@@ -36,6 +36,17 @@ def frames(config: dict, u: Tensor, y_context: Tensor, y_mean: Tensor, y_std: Te
     return center.float(), scale.float()
 
 
+def series_told(config: dict) -> int:
+    """Series of each joint that a network is told of whole trajectories, the twin of `models/src/told.rs`."""
+    return 1 if config["model"].get("residual", "none") == "none" else 3
+
+
+def told(network: torch.nn.Module, u: Tensor, path: Tensor, unit: Tensor) -> Tensor:
+    """Torques, and for a network whose answers are relative to a path that path and a quarter of the logarithm of
+    the unit, [batch, samples, channel]; all normalized."""
+    return torch.cat([u, path, 0.25 * unit.log()], -1) if getattr(network, "told", 1) > 1 else u
+
+
 def lagged_path(driven: Tensor, y: Tensor, horizon: int) -> tuple[Tensor, Tensor]:
     """The path over the horizon and its error after as many samples of the context, [batch, horizon, joint].
 

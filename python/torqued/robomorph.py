@@ -26,20 +26,21 @@ class RoboMorph(nn.Module):
         context: int,
         horizon: int,
         joints: int = 7,
+        told: int = 1,
     ):
         super().__init__()
         hidden = mlp_ratio * d_model
-        self.patch = patch
+        self.patch, self.told, self.joints = patch, told, joints
         self.gaussian = head == "gaussian"
         self.by_root = loss == "root-mean-square"
         self.sums = output == "displacements"
-        self.encoder_input = nn.Linear(2 * joints * patch, d_model)
+        self.encoder_input = nn.Linear((told + 1) * joints * patch, d_model)
         self.encoder_positions = nn.Parameter(0.02 * torch.randn(context // patch, d_model))
         self.encoder_blocks = nn.ModuleList(
             EncoderBlock(d_model, heads, hidden) for _ in range(encoder_layers)
         )
         self.encoder_norm = nn.LayerNorm(d_model)
-        self.decoder_input = nn.Linear(joints * patch, d_model)
+        self.decoder_input = nn.Linear(told * joints * patch, d_model)
         self.decoder_positions = nn.Parameter(0.02 * torch.randn(horizon // patch, d_model))
         self.decoder_blocks = nn.ModuleList(
             DecoderBlock(d_model, heads, hidden) for _ in range(decoder_layers)
@@ -47,38 +48,42 @@ class RoboMorph(nn.Module):
         self.decoder_norm = nn.LayerNorm(d_model)
         self.head = nn.Linear(d_model, joints * patch * (2 if self.gaussian else 1))
 
-    def forward(self, context: Tensor, future_u: Tensor) -> Tensor:
-        """Predicts y of the horizon [batch, horizon, joint] from normalized u and y of the context
-        [batch, context, 2 * joint] and u of the horizon [batch, horizon, joint]; with output `displacements` as
+    def forward(self, context: Tensor, future: Tensor) -> Tensor:
+        """Predicts y of the horizon [batch, horizon, joint] from what it is told of the context, u first, beside its
+        normalized y [batch, context, channel + joint], and of the horizon [batch, horizon, channel]; with output `displacements` as
         their running sum. A gaussian head gives
         [batch, horizon, 2 * joint], see `mean_and_log_variance`."""
         memory = self.encoder_input(self._patches(context)) + self.encoder_positions
         for block in self.encoder_blocks:
             memory = block(memory)
         memory = self.encoder_norm(memory)
-        x = self.decoder_input(self._patches(future_u)) + self.decoder_positions
+        x = self.decoder_input(self._patches(future)) + self.decoder_positions
         for block in self.decoder_blocks:
             x = block(x, memory)
-        batch, horizon, _ = future_u.shape
+        batch, horizon, _ = future.shape
         numbers = self.head(self.decoder_norm(x)).reshape(batch, horizon, -1)
-        return numbers.cumsum(1) / horizon**0.5 if self.sums else numbers
+        if not self.sums:
+            return numbers
+        # The mean, and of a gaussian head the numbers of its variance.
+        mean, variance = numbers[..., : self.joints], numbers[..., self.joints :]
+        return torch.cat([mean.cumsum(1) / horizon**0.5, variance], -1)
 
-    def answer(self, u: Tensor, y_context: Tensor) -> Tensor:
-        """y of the horizon from u [batch, samples, joint] and y of the context; of a gaussian head the mean."""
-        numbers = self._numbers(u, y_context)
+    def answer(self, known: Tensor, y_context: Tensor) -> Tensor:
+        """y of the horizon from what it is told [batch, samples, channel] and y of the context; of a gaussian head the mean."""
+        numbers = self._numbers(known, y_context)
         return self.mean_and_log_variance(numbers)[0] if self.gaussian else numbers
 
-    def loss(self, u: Tensor, y_context: Tensor, y_horizon: Tensor, unit: Tensor) -> Tensor:
+    def loss(self, known: Tensor, y_context: Tensor, y_horizon: Tensor, unit: Tensor) -> Tensor:
         """The mean squared error or that of `point_loss`; with a gaussian head the mean negative logarithm of the likelihood."""
-        numbers = self._numbers(u, y_context)
+        numbers = self._numbers(known, y_context)
         if not self.gaussian:
             return point_loss(numbers - y_horizon, unit, self.by_root)
         mean, log_variance = self.mean_and_log_variance(numbers)
         return 0.5 * ((y_horizon - mean) ** 2 * torch.exp(-log_variance) + log_variance).mean()
 
-    def _numbers(self, u: Tensor, y_context: Tensor) -> Tensor:
+    def _numbers(self, known: Tensor, y_context: Tensor) -> Tensor:
         context = y_context.shape[1]
-        return self(torch.cat([u[:, :context], y_context], -1), u[:, context:])
+        return self(torch.cat([known[:, :context], y_context], -1), known[:, context:])
 
     @staticmethod
     def mean_and_log_variance(numbers: Tensor) -> tuple[Tensor, Tensor]:

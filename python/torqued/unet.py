@@ -78,9 +78,9 @@ class UpStage(nn.Module):
 
 
 class UNet(nn.Module):
-    def __init__(self, channels: int, widths: list[int], condition: int, film: bool):
+    def __init__(self, channels: int, widths: list[int], condition: int, film: bool, beside: int = 0):
         super().__init__()
-        inputs = [channels, *widths[:-1]]
+        inputs = [channels + beside, *widths[:-1]]
         last = len(widths) - 1
         self.down = nn.ModuleList(
             DownStage(i, o, condition, film, index == last) for index, (i, o) in enumerate(zip(inputs, widths))
@@ -93,7 +93,7 @@ class UNet(nn.Module):
         self.output = nn.Conv1d(widths[0], channels, 1)
 
     def forward(self, x: Tensor, condition: Tensor, local: Tensor | None = None) -> Tensor:
-        """x [batch, channel, sample] with condition [batch, width]; `local` is added after the
+        """x [batch, channel + beside, sample] to [batch, channel, sample] with condition [batch, width]; `local` is added after the
         first block."""
         skips = []
         for index, stage in enumerate(self.down):

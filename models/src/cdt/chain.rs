@@ -11,7 +11,7 @@ const AT_ONCE: usize = 8;
 
 /// A CDT's answers at one noise level after the other, about the same trajectories.
 ///
-/// What the network makes of u and of the context depends on the level, but not on the noisy horizon: the
+/// What the network makes of what it is told and of the context depends on the level, but not on the noisy horizon: the
 /// encoder does not see it, and the decoder is causal. So that is computed for several levels together
 /// before the first of them, and of the last block's context only what later samples see of it. The
 /// answers are those of whole passes.
@@ -19,8 +19,8 @@ pub(crate) struct Chain<'a> {
     network: &'a Cdt,
     /// Clean y, `[batch, context, 7]`.
     context: Tensor<3>,
-    /// Of whole trajectories.
-    u: Tensor<3>,
+    /// What it is told of whole trajectories.
+    known: Tensor<3>,
     /// Those to come.
     levels: std::vec::IntoIter<usize>,
     /// What the horizon sees in each decoder block, of the next levels.
@@ -28,9 +28,9 @@ pub(crate) struct Chain<'a> {
 }
 
 impl<'a> Chain<'a> {
-    pub fn new(network: &'a Cdt, context: Tensor<3>, u: Tensor<3>, levels: Vec<usize>) -> Self {
+    pub fn new(network: &'a Cdt, context: Tensor<3>, known: Tensor<3>, levels: Vec<usize>) -> Self {
         let begun = Vec::new().into_iter();
-        Self { network, context, u, levels: levels.into_iter(), begun }
+        Self { network, context, known, levels: levels.into_iter(), begun }
     }
 
     /// The answer at the next level to the noisy y of the horizon, `[batch, horizon, 7]`.
@@ -61,7 +61,7 @@ impl<'a> Chain<'a> {
         let repeated = |series: &Tensor<3>| series.clone().repeat(&[levels.len(), 1, 1]);
 
         let positions = network.condition_positions.val();
-        let condition = network.condition(&of_rows, repeated(&self.u));
+        let condition = network.condition(&of_rows, repeated(&self.known));
         let mut memory = condition + positions.unsqueeze();
         for block in &network.encoder_blocks {
             memory = block.forward(memory, Mask::None, &mut Dropout::off());

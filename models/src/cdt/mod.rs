@@ -10,7 +10,7 @@ use spec::{CdtSpec, Objective};
 use crate::ModelError;
 use crate::activations::Activations;
 use crate::architecture::{Architecture, Extents};
-use crate::denoiser::{Denoiser, Given, Network, Task, Torques};
+use crate::denoiser::{Denoiser, Network, Task, Torques};
 use crate::diffusion::{Process, Step};
 use crate::dropout::Dropout;
 use crate::initialization::{InitialWeights, POSITION_STANDARD_DEVIATION};
@@ -18,6 +18,7 @@ use crate::layers::{LayerNorm, Linear};
 use crate::sizes::{
     LARGEST_RATIO, LARGEST_WIDTH, MOST_LAYERS, MOST_SAMPLES, divides, multiple, within,
 };
+use crate::told::Told;
 use crate::transformer::{DecoderBlock, EncoderBlock, patches};
 use crate::unet::sinusoid;
 use chain::Chain;
@@ -39,16 +40,16 @@ impl Architecture for CdtSpec {
             Objective::Denoising => Task::Denoise(Process::diffusion(&self.diffusion)),
             Objective::Regression => Task::Predict(self.loss),
         };
-        Ok(Denoiser { network, task, torques: Torques::Apart, given: Given::Torques })
+        Ok(Denoiser { network, task, torques: Torques::Apart, told: Told::of(self.residual) })
     }
 }
 
 /// Diffusion Transformer with a condition encoder (Chi et al. 2023, *Diffusion Policy*; the
 /// network of its code).
 ///
-/// A token is `patch` consecutive samples, flattened; 1 in the paper. The encoder sees the noise level and u of the whole trajectory in both directions and has no
-/// norm at its end. The decoder sees the noisy y causally, and of the encoder's output at token t
-/// the noise level and u up to t.
+/// A token is `patch` consecutive samples, flattened; 1 in the paper. The encoder sees the noise level and what it is
+/// [told](Told), u alone in the paper, of the whole trajectory in both directions and has no norm at its end. The
+/// decoder sees the noisy y causally, and of the encoder's output at token t the noise level and u up to t.
 #[derive(Module, Debug)]
 pub(crate) struct Cdt {
     condition_input: Linear,
@@ -86,8 +87,9 @@ impl Cdt {
             [spec.d_model, spec.heads, spec.patch, extents.samples()].map(|size| size as usize);
         let tokens = samples / patch;
         let hidden = d_model * spec.mlp_ratio as usize;
+        let told = Told::of(spec.residual).channels(extents.joints);
         Ok(Self {
-            condition_input: Linear::new(extents.joints * patch, d_model, weights),
+            condition_input: Linear::new(told * patch, d_model, weights),
             condition_positions: weights.normal([tokens + 1, d_model], POSITION_STANDARD_DEVIATION),
             encoder_blocks: (0..spec.encoder_layers)
                 .map(|_| EncoderBlock::new(d_model, heads, hidden, weights))
@@ -107,9 +109,9 @@ impl Cdt {
     }
 
     /// The input of the encoder, `[batch, 1 + token, d_model]`.
-    fn condition<A: Activations>(&self, levels: &[usize], u: A) -> A {
-        let level = sinusoid(levels, self.d_model, &u);
-        level.and(self.condition_input.forward(patches(u, self.patch)), 1)
+    fn condition<A: Activations>(&self, levels: &[usize], known: A) -> A {
+        let level = sinusoid(levels, self.d_model, &known);
+        level.and(self.condition_input.forward(patches(known, self.patch)), 1)
     }
 
     /// The last block's tokens, as samples `[batch, sample, channel]`.
@@ -125,14 +127,14 @@ impl Network for Cdt {
         &self,
         noisy: A,
         levels: &[usize],
-        u: A,
+        known: A,
         keys: Option<DropoutKeys>,
     ) -> A {
         let mut dropout = Dropout::new(keys, self.dropout);
         let mut embedded = |tokens: A, positions: &Param<Tensor<2>>| {
             dropout.apply_at(self.embedding_dropout, tokens.at_positions(positions))
         };
-        let mut memory = embedded(self.condition(levels, u), &self.condition_positions);
+        let mut memory = embedded(self.condition(levels, known), &self.condition_positions);
         let mut x = embedded(self.input.forward(patches(noisy, self.patch)), &self.positions);
         for block in &self.encoder_blocks {
             memory = block.forward(memory, Mask::None, &mut dropout);
@@ -147,12 +149,12 @@ impl Network for Cdt {
     fn chain<'a>(
         &'a self,
         clean: &Tensor<3>,
-        u: Tensor<3>,
+        known: Tensor<3>,
         steps: &[Step],
     ) -> impl FnMut(Tensor<3>, &[usize]) -> Tensor<3> + 'a {
         let clean = clean.clone();
         let levels = steps.iter().map(|step| step.level).collect();
-        let mut chain = Chain::new(self, clean.clone(), u, levels);
+        let mut chain = Chain::new(self, clean.clone(), known, levels);
         move |noisy, _| {
             let ([batch, context, channels], [_, samples, _]) = (clean.dims(), noisy.dims());
             let noisy = noisy.slice([0..batch, context..samples, 0..channels]);

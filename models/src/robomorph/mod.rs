@@ -18,6 +18,7 @@ use crate::layers::{LayerNorm, Linear};
 use crate::loss::Loss;
 use crate::randomness::Noise;
 use crate::sizes::{LARGEST_RATIO, LARGEST_WIDTH, MOST_LAYERS, divides, within};
+use crate::told::Told;
 use crate::transformer::{DecoderBlock, EncoderBlock, patches};
 
 impl Architecture for RoboMorphSpec {
@@ -40,19 +41,21 @@ impl Architecture for RoboMorphSpec {
         let hidden = d_model * self.mlp_ratio as usize;
         let [context_tokens, horizon_tokens] =
             [context, horizon].map(|samples| (samples / self.patch) as usize);
+        let told = Told::of(self.residual);
+        let known = told.channels(joints);
         let numbers = match self.head {
             Head::Point => 1,
             Head::Gaussian => gaussian::NUMBERS,
         };
         Ok(RoboMorph {
-            encoder_input: Linear::new(2 * joints * patch, d_model, weights),
+            encoder_input: Linear::new((known + joints) * patch, d_model, weights),
             encoder_positions: weights
                 .normal([context_tokens, d_model], POSITION_STANDARD_DEVIATION),
             encoder_blocks: (0..self.encoder_layers)
                 .map(|_| EncoderBlock::new(d_model, heads, hidden, weights))
                 .collect(),
             encoder_norm: LayerNorm::new(d_model, weights),
-            decoder_input: Linear::new(joints * patch, d_model, weights),
+            decoder_input: Linear::new(known * patch, d_model, weights),
             decoder_positions: weights
                 .normal([horizon_tokens, d_model], POSITION_STANDARD_DEVIATION),
             decoder_blocks: (0..self.decoder_layers)
@@ -64,6 +67,7 @@ impl Architecture for RoboMorphSpec {
             kind: self.head,
             output: self.output,
             loss: self.loss,
+            told,
         })
     }
 }
@@ -74,9 +78,9 @@ const KEPT_BY_LOSS: usize = 3;
 /// Encoder-decoder Transformer that predicts the whole horizon in one pass
 /// (Bazzi et al. 2024, *RoboMorph*; block structure of its code, forgi86/sysid-transformers).
 ///
-/// A token is `patch` consecutive samples, flattened; 1 in the paper. The encoder sees u and y of
-/// the context in both directions. The decoder sees u of the horizon, causally, and all of the
-/// encoder's output. It is given no past y of its own and predicts positions, or on request the
+/// A token is `patch` consecutive samples, flattened; 1 in the paper. The encoder sees what it is [told](Told), u alone
+/// in the paper, and y of the context in both directions. The decoder sees what it is told of the horizon,
+/// causally, and all of the encoder's output. It is given no past y of its own and predicts positions, or on request the
 /// displacements whose sums they are.
 #[derive(Module, Debug)]
 pub(crate) struct RoboMorph {
@@ -99,20 +103,22 @@ pub(crate) struct RoboMorph {
     /// The loss of a point head.
     #[module(skip)]
     loss: PointLoss,
+    #[module(skip)]
+    told: Told,
 }
 
 impl RoboMorph {
-    /// u of whole trajectories `[batch, sample, joint]` and y of their context `[batch, context, joint]`
+    /// What is told of whole trajectories `[batch, sample, channel]` and y of their context `[batch, context, joint]`
     /// to y of the horizon `[batch, horizon, joint]`; a gaussian head gives `[batch, horizon, 2 · joint]`,
     /// mean and logarithm of the variance as [`gaussian::split`] takes them apart.
-    fn forward<A: Activations>(&self, u: A, y_context: A) -> A {
-        let [batch, samples, _] = u.dims();
+    fn forward<A: Activations>(&self, known: A, y_context: A) -> A {
+        let [batch, samples, _] = known.dims();
         let [_, context, _] = y_context.dims();
-        let past_u = u.clone().part(1, 0..context);
-        let future_u = u.part(1, context..samples);
-        let context = patches(past_u.and(y_context, 2), self.patch);
-        let future_u = patches(future_u, self.patch);
-        let [_, horizon_tokens, _] = future_u.dims();
+        let past = known.clone().part(1, 0..context);
+        let future = known.part(1, context..samples);
+        let context = patches(past.and(y_context, 2), self.patch);
+        let future = patches(future, self.patch);
+        let [_, horizon_tokens, _] = future.dims();
 
         let mut memory = self.encoder_input.forward(context).at_positions(&self.encoder_positions);
         for block in &self.encoder_blocks {
@@ -120,7 +126,7 @@ impl RoboMorph {
         }
         let memory = self.encoder_norm.forward(memory);
 
-        let mut x = self.decoder_input.forward(future_u).at_positions(&self.decoder_positions);
+        let mut x = self.decoder_input.forward(future).at_positions(&self.decoder_positions);
         for block in &self.decoder_blocks {
             x = block.forward(x, memory.clone(), Mask::None, &mut Dropout::off());
         }
@@ -128,9 +134,16 @@ impl RoboMorph {
         let [_, _, width] = numbers.dims();
         let horizon = horizon_tokens * self.patch;
         let numbers = numbers.reshaped([batch, horizon, width / self.patch]);
-        match self.output {
-            Output::Positions => numbers,
-            Output::Displacements => numbers.running_sum(1.0 / (horizon as f64).sqrt()),
+        let per_step = 1.0 / (horizon as f64).sqrt();
+        match (self.output, self.kind) {
+            (Output::Positions, _) => numbers,
+            (Output::Displacements, Head::Point) => numbers.running_sum(per_step),
+            (Output::Displacements, Head::Gaussian) => {
+                let [_, _, channels] = numbers.dims();
+                let joints = channels / gaussian::NUMBERS;
+                let mean = numbers.clone().part(2, 0..joints).running_sum(per_step);
+                mean.and(numbers.part(2, joints..channels), 2)
+            }
         }
     }
 }
@@ -138,7 +151,7 @@ impl RoboMorph {
 impl Model for RoboMorph {
     fn loss(&self, input: ModelInput, target: Tensor<3>, _: &mut Noise) -> Loss {
         let unit = input.unit_of_horizon();
-        let answer = self.forward(input.u, input.y_context);
+        let answer = self.forward(self.told.series(&input), input.y_context);
         match self.kind {
             Head::Point => Loss::of_points(self.loss, answer, target, unit),
             Head::Gaussian => {
@@ -151,7 +164,7 @@ impl Model for RoboMorph {
     }
 
     fn answer(&self, input: ModelInput, ask: Ask<'_>) -> Tensor<3> {
-        let answer = self.forward(input.u, input.y_context);
+        let answer = self.forward(self.told.series(&input), input.y_context);
         if self.kind == Head::Point {
             return answer;
         }
@@ -167,9 +180,10 @@ impl Model for RoboMorph {
     }
 
     fn count(&self, extents: Extents, tally: &Rc<Tally>) {
-        let u = tally.given([1, extents.samples() as usize, extents.joints]);
+        let channels = self.told.channels(extents.joints);
+        let known = tally.given([1, extents.samples() as usize, channels]);
         let y_context = tally.given([1, extents.context as usize, extents.joints]);
-        let [_, horizon, channels] = self.forward(u, y_context).dims();
+        let [_, horizon, channels] = self.forward(known, y_context).dims();
         let arrays = match self.kind {
             Head::Point => KEPT_BY_LOSS,
             Head::Gaussian => gaussian::KEPT_BY_LOSS,

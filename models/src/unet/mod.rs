@@ -21,7 +21,9 @@ pub(crate) use level_embedding::{LevelEmbedding, sinusoid};
 /// The sizes of a [`UNet`].
 #[derive(Clone, Debug)]
 pub(crate) struct UNetConfig {
-    /// Of the series.
+    /// Channels of the series, and of what is told beside it.
+    pub inputs: usize,
+    /// Channels of the answer.
     pub channels: usize,
     /// Channels of each stage. Every stage but the last halves the samples.
     pub widths: Vec<usize>,
@@ -32,8 +34,8 @@ pub(crate) struct UNetConfig {
 
 impl UNetConfig {
     /// Channels before each stage.
-    fn inputs(&self) -> impl Iterator<Item = usize> {
-        std::iter::once(self.channels).chain(self.widths.iter().copied())
+    fn before_stages(&self) -> impl Iterator<Item = usize> {
+        std::iter::once(self.inputs).chain(self.widths.iter().copied())
     }
 
     fn block(
@@ -48,7 +50,7 @@ impl UNetConfig {
     pub fn init(&self, weights: &mut InitialWeights<'_>) -> UNet {
         let stages = self.widths.len();
         let down = self
-            .inputs()
+            .before_stages()
             .zip(&self.widths)
             .enumerate()
             .map(|(stage, (input, &width))| DownStage {
@@ -126,7 +128,7 @@ pub(crate) struct UNet {
 }
 
 impl UNet {
-    /// x `[batch, channel, sample]` to the same shape, every block conditioned on `condition`
+    /// x `[batch, input, sample]` to `[batch, channel, sample]`, every block conditioned on `condition`
     /// `[batch, 1, width]`; `local` `[batch, first width, sample]` is added after the first block.
     pub fn forward<A: Activations>(&self, mut x: A, condition: &A, mut local: Option<A>) -> A {
         let mut skips = Vec::with_capacity(self.down.len());

@@ -15,7 +15,7 @@ import torch
 from safetensors.torch import save_file
 from torqued import FORMAT_VERSION, TrainedModel
 from torqued.checkpoint import network_of, wanted
-from torqued.frame import frames
+from torqued.frame import frames, told
 from torqued.lagrangian import DRAWS
 
 from randomness import TRAINING, below, normals, words
@@ -91,12 +91,13 @@ def main(folder: Path, model: dict) -> None:
         "path": ((center - y_mean) / y_std).double(),
         "unit": (scale / y_std).double(),
     }
+    u_told = told(network, u_normal, known["path"], known["unit"])
     optimizer = torch.optim.AdamW(network.parameters(), betas=(0.9, 0.95), eps=1e-3, weight_decay=0.05)
 
     def loss_of_step(step: int) -> torch.Tensor:
         optimizer.zero_grad()
         drawn = draws_of_step(network, step) if hasattr(network, "draws") else {}
-        loss = network.loss(u_normal, **wanted(network.loss, known), **drawn)
+        loss = network.loss(u_told, **wanted(network.loss, known), **drawn)
         loss.backward()
         return loss
 

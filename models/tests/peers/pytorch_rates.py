@@ -39,10 +39,11 @@ def quantiles(times: list[float]) -> dict:
 
 def inputs(network: torch.nn.Module, config: dict, batch: int) -> list[torch.Tensor]:
     samples, context = config["samples"], config["context"]
+    known = 7 * network.told
     if config["model"]["architecture"] == "robomorph":
-        return [torch.randn(batch, context, 14), torch.randn(batch, samples - context, 7)]
+        return [torch.randn(batch, context, known + 7), torch.randn(batch, samples - context, known)]
     levels = torch.randint(config["model"]["diffusion"]["steps"], (batch,))
-    return [torch.randn(batch, samples, network.channels), levels, torch.randn(batch, samples, 7)]
+    return [torch.randn(batch, samples, network.channels), levels, torch.randn(batch, samples, known)]
 
 
 def training(network: torch.nn.Module, config: dict, compiled: bool, steps: int) -> dict:

@@ -41,7 +41,7 @@ pub enum Output {
     #[default]
     Positions,
     /// The displacement of each sample from the one before; positions are their running sum, so that a
-    /// seam between patches is no more than a step between samples. With a point head.
+    /// seam between patches is no more than a step between samples. Of a gaussian head this is its mean.
     Displacements,
 }
 
@@ -88,9 +88,6 @@ impl ArchitectureSpec for RoboMorphSpec {
     }
 
     fn report_options(&self, report: &mut Report) {
-        if self.output == Output::Displacements && self.head != Head::Point {
-            report.violation("output", "displacements", "positions, with a gaussian head");
-        }
         if self.loss != PointLoss::MeanSquare && self.head != Head::Point {
             report.violation("loss", "root-mean-square", "mean-square, with a gaussian head");
         }
