@@ -21,7 +21,7 @@ fn noise() -> Value {
             "data": stored,
             "verify": {"kind": "verify", "data": {"job": "data"}},
             "law": training(&json!({"job": "data"}), "lagrangian-tiny"),
-            "network": training(&json!({"stream": data}), "cdt-tiny"),
+            "network": training(&json!({"stream": data}), "cdcnn-tiny"),
             "evaluate": {
                 "kind": "evaluate",
                 "data": {"stream": {
