@@ -104,7 +104,7 @@ mod tests {
     fn claims_are_counted_over_the_training_sets() {
         let study = fixture::study();
         let robustness = claims::robustness(&study);
-        let line = "| flow | robomorph | 0 better, 2 worse of 2 | - | 0 better, 2 worse of 2 | - | - | - |";
+        let line = "| lagrangian | robomorph | 2 better, 0 worse of 2 | - | 2 better, 0 worse of 2 | - | - | - |";
         assert!(robustness.contains(line), "{robustness}");
         let inpainting = claims::inpainting(&study);
         let line =

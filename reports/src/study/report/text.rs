@@ -95,7 +95,7 @@ fn sections(study: &Study) -> Vec<Section> {
         ),
         plain(
             "Claim 1: diffusion models hold up out of distribution",
-            "The same against RoboMorph, the deterministic Transformer.",
+            "The same of every model that gives samples, against RoboMorph, the deterministic Transformer.",
             claims::robustness(study),
         ),
         plain(
