@@ -51,7 +51,9 @@ pub(crate) trait Activations: Clone {
     /// These `[batch, token, channel]` with what is learned of each token added, `[token, channel]`.
     fn at_positions(self, positions: &Param<Tensor<2>>) -> Self {
         let shape = self.dims();
-        Self::operation([self], [false], shape, |[x]| x + positions.val().unsqueeze())
+        let [_, tokens, width] = shape;
+        let positions = positions.val().slice([0..tokens, 0..width]);
+        Self::operation([self], [false], shape, |[x]| x + positions.unsqueeze())
     }
 
     /// These, and `others` after them along `dimension`.

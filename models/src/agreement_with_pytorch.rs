@@ -8,7 +8,7 @@ use burn::tensor::{Tensor, TensorData};
 use safetensors::SafeTensors;
 use series::{Series, Shape};
 use spec::{
-    DataSource, Execution, Generation, ModelSpec, Normalization, OptimizerSpec, SamplerKind,
+    DataSource, Execution, Generation, Lengths, ModelSpec, Normalization, OptimizerSpec, SamplerKind,
     SamplerSpec, TrainSpec, ValidationMetric,
 };
 
@@ -146,6 +146,22 @@ fn predictions_in_one_pass_agree() {
             let predicted = model.predict(&peer.batch().observed(model.context())).unwrap();
             peer.check_close(&format!("prediction.{name}"), &predicted, 1e-5);
         }
+    }
+}
+
+#[test]
+fn answers_to_shorter_questions_agree() {
+    let peers = peers(|model| matches!(model.lengths(), Lengths::From(_)));
+    assert!(!peers.is_empty());
+    for peer in peers {
+        let config = peer.config();
+        let Lengths::From(least) = config.model.lengths() else { continue };
+        let json = peer.read(CONFIG_FILE);
+        let model = TrainedModel::load(&peer.read(MODEL_FILE), &json, &Device::cpu()).unwrap();
+        let end = (config.samples - config.model.patch()) as usize;
+        let batch = peer.batch();
+        let asked = batch.view().window(0..end).observed(0, least as usize);
+        peer.check_close("prediction.shorter", &model.predict(&asked).unwrap(), 1e-5);
     }
 }
 

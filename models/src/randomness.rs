@@ -17,6 +17,8 @@ pub(crate) enum Purpose {
     Sample = 3,
     /// The key of what is left out in a training step, by (step, trajectory of the batch).
     Dropout = 4,
+    /// Where the contexts of a training step end, by (step, 0).
+    Cut = 5,
 }
 
 /// A generator of its own for every key.

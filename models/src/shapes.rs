@@ -1,6 +1,7 @@
 //! That series are what a model takes.
 
 use series::{Observed, SeriesView};
+use spec::{Length, ModelSpec};
 
 use crate::ModelError;
 
@@ -22,29 +23,23 @@ pub(crate) fn check_batch(
     })
 }
 
-/// Checks the question to a model of `samples` samples, `context` of them known.
+/// Checks the question to a model whose training had `trained` samples.
 pub(crate) fn check_observed(
     observed: &Observed<'_>,
-    samples: usize,
-    context: usize,
+    model: &ModelSpec,
+    trained: Length,
     joints: usize,
 ) -> Result<(), ModelError> {
-    expect("samples of u", observed.samples(), samples)?;
-    expect("samples of y", observed.context(), context)?;
+    let [context, samples] = [observed.context(), observed.samples()]
+        .map(|samples| u32::try_from(samples).unwrap_or(u32::MAX));
+    let nearest = model.lengths().nearest(Length { context, samples }, trained, model.patch());
+    expect("samples of u", observed.samples(), nearest.samples as usize)?;
+    expect("samples of y", observed.context(), nearest.context as usize)?;
     expect("joints", observed.joints(), joints)?;
     (0..observed.robots()).try_for_each(|robot| {
         check_finite("u", robot, observed.u(robot).values())?;
         check_finite("y", robot, observed.y(robot).values())
     })
-}
-
-/// Checks the question to a model that has no size of context or horizon.
-pub(crate) fn check_any_length(observed: &Observed<'_>, joints: usize) -> Result<(), ModelError> {
-    /// A sample with one before it and one after it.
-    const LEAST_CONTEXT: usize = 3;
-
-    let context = observed.context().max(LEAST_CONTEXT);
-    check_observed(observed, observed.samples(), context, joints)
 }
 
 fn expect(what: &'static str, actual: usize, expected: usize) -> Result<(), ModelError> {

@@ -1,5 +1,5 @@
 use series::{Observed, SeriesView};
-use spec::ModelSpec;
+use spec::{Length, ModelSpec};
 
 use crate::architecture::Draw;
 use crate::checkpoint::{self, CheckpointConfig, CheckpointFiles};
@@ -8,7 +8,7 @@ use crate::initialization::InitialWeights;
 use crate::normalization::{Normalizer, Statistics};
 use crate::prediction::Predictor;
 use crate::sequence_model::SequenceModel;
-use crate::shapes::{check_any_length, check_batch, check_observed};
+use crate::shapes::{check_batch, check_observed};
 use crate::{Device, ModelError, Sampling};
 
 /// A model that only predicts. Can be shared between threads.
@@ -141,11 +141,9 @@ impl TrainedModel {
         sampling: &Sampling,
         draw: Draw,
     ) -> Result<Vec<f32>, ModelError> {
-        if self.config.model.answers_any_length() {
-            check_any_length(observed, self.joints())?;
-        } else {
-            check_observed(observed, self.samples(), self.context(), self.joints())?;
-        }
+        let CheckpointConfig { model, context, samples, .. } = &self.config;
+        let trained = Length { context: *context, samples: *samples };
+        check_observed(observed, model, trained, self.joints())?;
         let statistics = self.normalizer.statistics_of_observed(observed)?;
         self.answer(observed, &statistics, sampling, draw)
     }

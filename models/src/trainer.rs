@@ -3,7 +3,7 @@ use std::collections::BTreeMap;
 use kernels::Interrupt;
 use random::ChaCha12Rng;
 use series::{Series, SeriesView};
-use spec::{DataSource, Digest, EmaSpec, ModelSpec, Range, TrainSpec};
+use spec::{DataSource, Digest, EmaSpec, Lengths, ModelSpec, Range, TrainSpec};
 
 use crate::architecture::{Draw, Extents};
 use crate::checkpoint::{self, CheckpointConfig, CheckpointFiles, TrainingState, Versions};
@@ -261,6 +261,7 @@ impl Trainer {
     fn gradients(&self, batch: &Series) -> Result<(NamedGradients, f64), ModelError> {
         check_batch(&batch.view(), self.framing.samples, self.joints)?;
         let step = self.step + 1;
+        let framing = Framing { context: self.context_of_step(step), ..self.framing };
         let device = self.device.training();
         let mut gradients = Vec::with_capacity(self.parts);
         let mut loss_value = 0.0;
@@ -272,7 +273,7 @@ impl Trainer {
             let dropout = self.generators(Purpose::Dropout, step, first, part.robots());
             let training = self.generators(Purpose::Training, step, first, part.robots());
             let mut noise = Noise::new(training).with_dropout(dropout);
-            let loss = self.loss(&self.model, &part, &mut noise, &device)?;
+            let loss = self.loss(&self.model, &part, framing, &mut noise, &device)?;
             loss_value += share * loss.value()?;
             if !loss_value.is_finite() {
                 return Err(ModelError::LossNotFinite {
@@ -316,7 +317,7 @@ impl Trainer {
         let device = self.device.inference();
         let context = self.framing.context;
         let mut noise = Noise::new(self.generators(Purpose::Validation, 0, *first, batch.robots()));
-        let loss = self.loss(&model, batch, &mut noise, &device)?;
+        let loss = self.loss(&model, batch, self.framing, &mut noise, &device)?;
         let mut report = ValidationReport::new(loss.value()?, batch.robots());
         if let Some(answer) = loss.predicted {
             let statistics = self.normalizer.statistics_of_batch(batch, context);
@@ -382,6 +383,16 @@ impl Trainer {
         checkpoint::write(&self.model, average.as_ref(), &self.optimizer, &config)
     }
 
+    /// Samples that the model is given in a step: of one that answers many lengths, each as likely.
+    fn context_of_step(&self, step: u64) -> usize {
+        let Identity { model, context, seed, .. } = &self.identity;
+        let Lengths::From(least) = model.lengths() else { return self.framing.context };
+        let patch = model.patch() as usize;
+        let choices = (context.saturating_sub(least) as usize) / patch + 1;
+        let drawn = Noise::new([generator(*seed, Purpose::Cut, step, 0)]).below(choices);
+        least as usize + patch * drawn.iter().sum::<usize>()
+    }
+
     /// For trajectories `first..first + size` of a batch.
     fn generators(
         &self,
@@ -399,13 +410,14 @@ impl Trainer {
         &self,
         model: &SequenceModel,
         batch: &SeriesView<'_>,
+        framing: Framing,
         noise: &mut Noise,
         device: &burn::tensor::Device,
     ) -> Result<Loss, ModelError> {
-        let context = self.framing.context;
+        let context = framing.context;
         let statistics = self.normalizer.statistics_of_batch(batch, context);
         let observed = batch.observed(0, context);
-        let frames = self.framing.frames(&observed, &statistics);
+        let frames = framing.frames(&observed, &statistics);
         let input = model_input(&observed, &statistics, &frames, device);
         let loss = model.loss(input, target(batch, &frames, context, device), noise);
         Ok(match &self.loss_weights {

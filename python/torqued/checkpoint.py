@@ -47,14 +47,17 @@ class TrainedModel:
     ) -> np.ndarray:
         """Joint positions of the horizon in rad, [batch, horizon, joint].
 
-        `u` [batch, samples, joint] in N·m, `y_context` [batch, context, joint] in rad. A denoiser makes
+        `u` [batch, samples, joint] in N·m, `y_context` [batch, context, joint] in rad, as many as it was trained
+        with or those that its network says it `answers`. A denoiser makes
         them with `sampler`, the checkpoint's unless given, of noise [batch, samples, channels]
         that `draw` gives or else PyTorch draws from `seed`; torqued draws other numbers.
         """
         config = self.config
-        context = config["context"]
         joints = joints_of(config)
-        expected = (len(u), config["samples"], joints), (len(u), context, joints)
+        context, samples = y_context.shape[1], u.shape[1]
+        if not (hasattr(self.network, "answers") and self.network.answers(context, samples)):
+            context, samples = config["context"], config["samples"]
+        expected = (len(u), samples, joints), (len(u), context, joints)
         if (u.shape, y_context.shape) != expected:
             raise ValueError(f"u and y_context have shapes {u.shape} and {y_context.shape}, expected {expected}")
         u = torch.as_tensor(u, dtype=torch.float32)

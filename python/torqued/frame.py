@@ -19,7 +19,7 @@ def frames(config: dict, u: Tensor, y_context: Tensor, y_mean: Tensor, y_std: Te
     if residual == "none":
         return y_mean.expand(u.shape), y_std.expand(u.shape)
     [(kind, integrator)] = residual.items()
-    context, samples = config["context"], config["samples"]
+    context, samples = y_context.shape[1], u.shape[1]
     gain = 1.0 / (integrator["damping"] * config["rate_hz"])
     travelled = torch.zeros(u.shape, dtype=torch.float64)
     travelled[:, 1:] = gain * u[:, :-1].double().cumsum(1)

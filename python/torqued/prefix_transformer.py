@@ -28,6 +28,7 @@ class PrefixTransformer(nn.Module):
         layers: int,
         patch: int = 5,
         mlp_ratio: int = 4,
+        least_context: int | None = None,
         residual: dict,
         context: int,
         samples: int,
@@ -36,7 +37,8 @@ class PrefixTransformer(nn.Module):
     ):
         super().__init__()
         [(_, path)] = residual.items()
-        self.patch, self.context, self.rate_hz = patch, context, rate_hz
+        self.patch, self.rate_hz = patch, rate_hz
+        self.contexts, self.samples = (least_context or context, context), samples
         self.damping = path["damping"]
         tokens = samples // patch
         self.input = nn.Linear((5 * joints + 2) * (patch + 1), d_model)
@@ -44,48 +46,57 @@ class PrefixTransformer(nn.Module):
         self.blocks = nn.ModuleList(EncoderBlock(d_model, heads, mlp_ratio * d_model) for _ in range(layers))
         self.norm = nn.LayerNorm(d_model)
         self.head = nn.Linear(d_model, joints * patch)
-        sees = torch.ones(tokens, tokens, dtype=torch.bool).tril()
-        sees[:, : context // patch] = True
-        self.register_buffer("sees", sees, persistent=False)
 
-    def forward(self, tokens: Tensor) -> Tensor:
+    def answers(self, context: int, samples: int) -> bool:
+        """Whether it was trained for a context of so many samples, with a horizon up to so many."""
+        least, most = self.contexts
+        whole = context % self.patch == 0 and samples % self.patch == 0
+        ends = context < samples <= self.samples if least < most else samples == self.samples
+        return whole and least <= context <= most and ends
+
+    def forward(self, tokens: Tensor, known: int) -> Tensor:
         """Velocities beside the path's [batch, horizon, joint] in units of the trajectory's speed, from tokens
-        [batch, token, (patch + 1) * channel]."""
-        x = self.input(tokens) + self.positions
+        [batch, token, (patch + 1) * channel], the first `known` of them the context's."""
+        count = tokens.shape[1]
+        sees = torch.ones(count, count, dtype=torch.bool, device=tokens.device).tril()
+        sees[:, :known] = True
+        x = self.input(tokens) + self.positions[:count]
         for block in self.blocks:
-            x = block(x, self.sees)
-        velocities = self.head(self.norm(x[:, self.context // self.patch :]))
+            x = block(x, sees)
+        velocities = self.head(self.norm(x[:, known:]))
         batch, horizon, width = velocities.shape
         return velocities.reshape(batch, horizon * self.patch, width // self.patch)
 
     def displacement(self, u: Tensor, y_context: Tensor, path: Tensor) -> Tensor:
         """How far the arm leaves the path [batch, samples, joint], rad, over the horizon."""
         tokens, speed = self.tokens(u, y_context, path)
-        horizon = u.shape[1] - self.context
+        context = y_context.shape[1]
+        horizon = u.shape[1] - context
         passed_s = torch.arange(1, horizon + 1, dtype=torch.float64) / self.rate_hz
         rise = (1 - torch.exp(-passed_s / RISE_S)).to(tokens.dtype)[:, None]
-        return (self(tokens) * rise * speed).cumsum(1) / self.rate_hz
+        return (self(tokens, context // self.patch) * rise * speed).cumsum(1) / self.rate_hz
 
     def answer(self, u: Tensor, y_context: Tensor, path: Tensor, unit: Tensor) -> Tensor:
         """The displacement in its unit [batch, samples, joint]."""
-        return self.displacement(u, y_context, path) / unit[:, self.context :]
+        return self.displacement(u, y_context, path) / unit[:, y_context.shape[1] :]
 
     def loss(self, u: Tensor, y_context: Tensor, y_horizon: Tensor, path: Tensor, unit: Tensor) -> Tensor:
         """The mean over trajectories and joints of the root mean square error over the horizon, degrees."""
-        errors = self.displacement(u, y_context, path) - y_horizon * unit[:, self.context :]
+        errors = self.displacement(u, y_context, path) - y_horizon * unit[:, y_context.shape[1] :]
         errors = errors * math.degrees(1.0)
         return (errors.square().mean(1) + LEAST_ERROR_DEG**2).sqrt().mean()
 
     def tokens(self, u: Tensor, y_context: Tensor, path: Tensor) -> tuple[Tensor, Tensor]:
         """Tokens [batch, token, (patch + 1) * channel], and the speed of each trajectory, [batch, 1, 1], rad/s."""
-        angles = torch.cat([y_context, path[:, self.context :]], 1)
+        context = y_context.shape[1]
+        angles = torch.cat([y_context, path[:, context:]], 1)
         driven = u / self.damping
         velocities = angles.diff(dim=1) * self.rate_hz
         velocities = torch.cat([velocities[:, :1], velocities], 1)
-        distances = F.pad(y_context - path[:, : self.context], (0, 0, 0, u.shape[1] - self.context))
-        squares = driven.square().mean((1, 2)) + velocities[:, : self.context].square().mean((1, 2))
+        distances = F.pad(y_context - path[:, :context], (0, 0, 0, u.shape[1] - context))
+        squares = driven.square().mean((1, 2)) + velocities[:, :context].square().mean((1, 2))
         speed = squares.sqrt()[:, None, None] + LEAST_SPEED
-        is_future = (torch.arange(u.shape[1]) >= self.context).to(u.dtype)[None, :, None]
+        is_future = (torch.arange(u.shape[1]) >= context).to(u.dtype)[None, :, None]
         channels = [driven / speed, velocities / speed, distances / (DISTANCE_S * speed), angles.sin(), angles.cos()]
         channels += [is_future.expand(len(u), -1, -1), speed.log().expand(-1, u.shape[1], -1)]
         samples = F.pad(torch.cat(channels, -1), (0, 0, 1, 0))

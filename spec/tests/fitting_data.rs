@@ -3,7 +3,7 @@
 #![expect(clippy::unwrap_used, reason = "a test may panic")]
 
 use serde_json::{Value, json};
-use spec::{ControlPath, ControlSpec, DataSpec, EvaluateSpec, JobSpec, TrainSpec, Training};
+use spec::{ControlPath, ControlSpec, DataSpec, EvaluateSpec, JobSpec, SpecError, TrainSpec, Training};
 
 fn data(samples: u32) -> DataSpec {
     let job = json!({"preset": "D1-chirp", "trajectories": 1000, "samples": samples});
@@ -11,17 +11,21 @@ fn data(samples: u32) -> DataSpec {
 }
 
 fn train(preset: &str) -> TrainSpec {
-    let job = json!({
-        "kind": "train",
-        "data": {"dataset": 1},
-        "model": {"preset": preset},
-        "context": 320,
-        "steps": 10,
-    });
-    match spec::parse(job.to_string().as_bytes()).unwrap() {
+    match training(&json!({"preset": preset})).unwrap() {
         JobSpec::Train(train) => train,
         other => panic!("{other:?}"),
     }
+}
+
+fn training(model: &Value) -> Result<JobSpec, SpecError> {
+    let job = json!({
+        "kind": "train",
+        "data": {"dataset": 1},
+        "model": model,
+        "context": 320,
+        "steps": 10,
+    });
+    spec::parse(job.to_string().as_bytes())
 }
 
 #[test]
@@ -53,8 +57,12 @@ fn evaluate(extra: &Value) -> EvaluateSpec {
 
 /// What is said of an evaluation of `samples` samples with checkpoints trained on 400.
 fn refusal(extra: &Value, samples: u32, models: &[&str]) -> String {
-    let trained_on = data(400);
     let trainings: Vec<TrainSpec> = models.iter().map(|model| train(model)).collect();
+    refusal_of(extra, samples, &trainings)
+}
+
+fn refusal_of(extra: &Value, samples: u32, trainings: &[TrainSpec]) -> String {
+    let trained_on = data(400);
     let inputs: Vec<Training<'_>> =
         trainings.iter().map(|spec| Training { spec, data: &trained_on }).collect();
     match evaluate(extra).check_inputs(&data(samples), &inputs) {
@@ -87,6 +95,26 @@ fn checkpoints_of_another_length_are_refused_with_both_numbers() {
     let error = refusal(&json!({"context": 20}), 340, &["lagrangian-tiny", "cdt-tiny"]);
     assert!(error.contains("checkpoints[1]") && !error.contains("checkpoints[0]"), "{error}");
     assert_eq!(refusal(&json!({"horizon": 80}), 500, &["cdt-tiny"]), "");
+}
+
+#[test]
+fn a_training_with_a_least_context_answers_each_multiple_of_its_patch() {
+    let model = json!({"preset": "prefix-transformer-tiny", "least_context": 20});
+    let Ok(JobSpec::Train(trained)) = training(&model) else { panic!("a training") };
+    let trained = [trained];
+    for (context, samples) in [(320, 400), (20, 100), (20, 400), (35, 40)] {
+        assert_eq!(refusal_of(&json!({"context": context}), samples, &trained), "");
+    }
+    let cases = [(15, 95, "context 20"), (33, 100, "context 30"), (30, 57, "samples 55")];
+    for (context, samples, nearest) in cases {
+        let error = refusal_of(&json!({"context": context}), samples, &trained);
+        assert!(error.contains(&format!("answers as the nearest {nearest}")), "{error}");
+    }
+    for (least, allowed) in [(22, "a multiple of patch"), (325, "at most context, which is 320")] {
+        let model = json!({"preset": "prefix-transformer-tiny", "least_context": least});
+        let error = training(&model).unwrap_err().to_string();
+        assert!(error.contains("model.least_context") && error.contains(allowed), "{error}");
+    }
 }
 
 #[test]

@@ -58,23 +58,20 @@ impl Architecture for PrefixTransformerSpec {
         let [d_model, heads, patch] =
             [self.d_model, self.heads, self.patch].map(|size| size as usize);
         let hidden = d_model * self.mlp_ratio as usize;
-        let [context_tokens, horizon_tokens] =
-            [context, horizon].map(|samples| (samples / self.patch) as usize);
+        let tokens = ((context + horizon) / self.patch) as usize;
         let damping = match self.residual {
             Residual::None => 1.0,
             Residual::Integrator(path) | Residual::LaggedIntegrator(path) => path.damping,
         };
         Ok(PrefixTransformer {
             input: Linear::new(samples::channels(joints) * (patch + 1), d_model, weights),
-            positions: weights
-                .normal([context_tokens + horizon_tokens, d_model], POSITION_STANDARD_DEVIATION),
+            positions: weights.normal([tokens, d_model], POSITION_STANDARD_DEVIATION),
             blocks: (0..self.layers)
                 .map(|_| EncoderBlock::new(d_model, heads, hidden, weights))
                 .collect(),
             norm: LayerNorm::new(d_model, weights),
             head: Linear::new(d_model, joints * patch, weights),
             patch,
-            context_tokens,
             damping,
         })
     }
@@ -93,23 +90,22 @@ pub(crate) struct PrefixTransformer {
     norm: LayerNorm,
     head: Linear,
     patch: usize,
-    context_tokens: usize,
     /// The path's damping, N·m·s/rad.
     damping: f64,
 }
 
 impl PrefixTransformer {
-    /// Tokens `[batch, token, (patch + 1) · channel]` to velocities beside the path's in units of the
-    /// trajectory's, `[batch, horizon, joint]`.
-    fn forward<A: Activations>(&self, tokens: A, joints: usize) -> A {
-        let mask = Mask::Prefix { length: self.context_tokens };
+    /// Tokens `[batch, token, (patch + 1) · channel]`, the first `known` of them the context's, to velocities beside
+    /// the path's in units of the trajectory's, `[batch, horizon, joint]`.
+    fn forward<A: Activations>(&self, tokens: A, known: usize, joints: usize) -> A {
+        let mask = Mask::Prefix { length: known };
         let mut x = self.input.forward(tokens).at_positions(&self.positions);
         for block in &self.blocks {
             x = block.forward(x, mask, &mut Dropout::off());
         }
         let [batch, tokens, _] = x.dims();
-        let x = x.part(1, self.context_tokens..tokens);
-        let horizon = (tokens - self.context_tokens) * self.patch;
+        let x = x.part(1, known..tokens);
+        let horizon = (tokens - known) * self.patch;
         let velocities = self.head.forward(self.norm.forward(x));
         velocities.reshaped([batch, horizon, joints])
     }
@@ -119,7 +115,9 @@ impl PrefixTransformer {
         let [_, _, joints] = input.u.dims();
         let device = input.u.device();
         let samples = Samples::of(input, self.damping);
-        let velocities = self.forward(samples.tokens(self.patch, &device), joints);
+        let [_, context, _] = input.y_context.dims();
+        let tokens = samples.tokens(self.patch, &device);
+        let velocities = self.forward(tokens, context / self.patch, joints);
         let [_, horizon, _] = velocities.dims();
         let steps = velocities * rise(horizon, input) * samples.speeds(&device);
         steps.cumsum(1) / input.rate_hz
@@ -143,7 +141,9 @@ impl Model for PrefixTransformer {
         let joints = extents.joints;
         let tokens = extents.samples() as usize / self.patch;
         let width = samples::channels(joints) * (self.patch + 1);
-        let [_, horizon, joints] = self.forward(tally.given([1, tokens, width]), joints).dims();
+        let known = extents.context as usize / self.patch;
+        let [_, horizon, joints] =
+            self.forward(tally.given([1, tokens, width]), known, joints).dims();
         tally.given([KEPT_BY_LOSS, horizon, joints]).keep();
     }
 

@@ -18,7 +18,7 @@ from torqued.checkpoint import network_of, wanted
 from torqued.frame import frames, told
 from torqued.lagrangian import DRAWS
 
-from randomness import TRAINING, below, normals, words
+from randomness import CUT, TRAINING, below, normals, words
 
 DATA = Path(__file__).parent.parent / "data"
 CONTEXT, HORIZON, BATCH = 8, 6, 3
@@ -75,6 +75,10 @@ def main(folder: Path, model: dict) -> None:
         trained = TrainedModel(network, {**config, "normalizer": normalizer})
         kind = normalizer if isinstance(normalizer, str) else "dataset"
         expected[f"prediction.{kind}"] = torch.tensor(trained.predict(u.numpy(), y[:, :CONTEXT].numpy()))
+        if "least_context" in model:
+            context, end = model["least_context"], samples - model["patch"]
+            shorter = trained.predict(u[:, :end].numpy(), y[:, :context].numpy())
+            expected["prediction.shorter"] = torch.tensor(shorter)
 
     # From here on in double precision, so that the differences found are torqued's alone.
     network.double()
@@ -82,29 +86,29 @@ def main(folder: Path, model: dict) -> None:
     if is_physical:
         u_normal, y_normal = u.double(), y.double()
         y_mean, y_std = torch.zeros(7), torch.ones(7)
-    center, scale = frames(config, u, y[:, :CONTEXT], y_mean, y_std)
-    y_seen = ((y - center) / scale).double()
-    known = {
-        "y_context": y_normal[:, :CONTEXT],
-        "seen": y_seen[:, :CONTEXT],
-        "y_horizon": y_seen[:, CONTEXT:],
-        "path": ((center - y_mean) / y_std).double(),
-        "unit": (scale / y_std).double(),
-    }
-    u_told = told(network, u_normal, known["path"], known["unit"])
     optimizer = torch.optim.AdamW(network.parameters(), betas=(0.9, 0.95), eps=1e-3, weight_decay=0.05)
 
-    def loss_of_step(step: int) -> torch.Tensor:
+    def loss_of_step(step: int, context: int) -> torch.Tensor:
         optimizer.zero_grad()
+        center, scale = frames(config, u, y[:, :context], y_mean, y_std)
+        y_seen = ((y - center) / scale).double()
+        known = {
+            "y_context": y_normal[:, :context],
+            "seen": y_seen[:, :context],
+            "y_horizon": y_seen[:, context:],
+            "path": ((center - y_mean) / y_std).double(),
+            "unit": (scale / y_std).double(),
+        }
+        u_told = told(network, u_normal, known["path"], known["unit"])
         drawn = draws_of_step(network, step) if hasattr(network, "draws") else {}
         loss = network.loss(u_told, **wanted(network.loss, known), **drawn)
         loss.backward()
         return loss
 
-    loss_of_step(STEP_OF_GRADIENTS)
+    loss_of_step(STEP_OF_GRADIENTS, CONTEXT)
     expected |= {f"gradient.{name}": p.grad.clone() for name, p in network.named_parameters()}
     for step, learning_rate in enumerate(LEARNING_RATES):
-        loss = loss_of_step(step + 1)
+        loss = loss_of_step(step + 1, context_of_step(model, step + 1))
         expected[f"loss.{step}"] = loss.detach().reshape(1)
         norm = torch.nn.utils.clip_grad_norm_(network.parameters(), max_norm=0.5)
         expected[f"gradient_norm.{step}"] = norm.reshape(1)
@@ -113,6 +117,15 @@ def main(folder: Path, model: dict) -> None:
         optimizer.step()
     expected |= {f"after.{name}": tensor.clone() for name, tensor in network.state_dict().items()}
     save_file({name: tensor.float().contiguous() for name, tensor in expected.items()}, folder / "expected.safetensors")
+
+
+def context_of_step(model: dict, step: int) -> int:
+    """Samples of the context in a step of training with seed 0."""
+    least = model.get("least_context", CONTEXT)
+    if least == CONTEXT:
+        return CONTEXT
+    choices = (CONTEXT - least) // model["patch"] + 1
+    return least + model["patch"] * below(words((0, CUT, step, 0)), choices)
 
 
 def draws_of_step(network: torch.nn.Module, step: int) -> dict:

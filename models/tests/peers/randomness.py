@@ -9,6 +9,8 @@ import numpy as np
 
 TRAINING = 1
 """`Purpose::Training`, of (step, trajectory of the batch)."""
+CUT = 5
+"""`Purpose::Cut`, of (step, 0)."""
 ROUNDS = 12
 QUARTERS = [(0, 4, 8, 12), (1, 5, 9, 13), (2, 6, 10, 14), (3, 7, 11, 15)]
 QUARTERS += [(0, 5, 10, 15), (1, 6, 11, 12), (2, 7, 8, 13), (3, 4, 9, 14)]

@@ -4,7 +4,7 @@ use super::check::first_repeated;
 use super::sampler::{SamplingRun, Start};
 use super::spec::EvaluateSpec;
 use crate::check::Report;
-use crate::{DataSpec, SpecError, TrainSpec, Training};
+use crate::{DataSpec, Length, Lengths, SpecError, TrainSpec, Training};
 
 impl EvaluateSpec {
     /// # Errors
@@ -18,22 +18,26 @@ impl EvaluateSpec {
         let horizon = self.check_length(data.samples(), &mut report);
         for (i, training) in trainings.iter().enumerate() {
             let field = format!("checkpoints[{i}]");
-            let mut same = |what: &str, trained: f64, asked: f64| {
-                if (trained - asked).abs() > f64::EPSILON {
+            let lengths = training.spec.model.lengths();
+            let mut same = |what: &str, found: f64, asked: f64| {
+                if (found - asked).abs() > f64::EPSILON {
+                    let says = match (lengths, what) {
+                        (Lengths::From(_), "context" | "samples") => "answers as the nearest",
+                        _ => "trained with",
+                    };
                     report.violation(
                         &field,
-                        format!("trained with {what} {trained}"),
+                        format!("{says} {what} {found}"),
                         format!("{what} {asked}, as this evaluation asks"),
                     );
                 }
             };
-            let any_length = training.spec.model.answers_any_length();
-            if !any_length {
-                same("context", f64::from(training.spec.context), f64::from(self.context));
-            }
-            if let Some(horizon) = horizon.filter(|_| !any_length) {
-                let samples = self.context + horizon;
-                same("samples", f64::from(training.data.samples()), f64::from(samples));
+            let samples = horizon.map(|horizon| self.context + horizon);
+            let asked = Length { context: self.context, samples: samples.unwrap_or_default() };
+            let nearest = lengths.nearest(asked, training.length(), training.spec.model.patch());
+            same("context", f64::from(nearest.context), f64::from(asked.context));
+            if samples.is_some() {
+                same("samples", f64::from(nearest.samples), f64::from(asked.samples));
             }
             same("rate_hz", training.data.rate_hz(), data.rate_hz());
             same("joints", training.data.joints() as f64, data.joints() as f64);

@@ -1,4 +1,5 @@
 use super::diffusion::SamplerSpec;
+use super::lengths::Lengths;
 use super::residual::Residual;
 use super::sampling::Generation;
 use crate::check::{Check, Report};
@@ -23,10 +24,9 @@ pub(super) trait ArchitectureSpec: Check {
         false
     }
 
-    /// Whether one training answers about any context and horizon: a model that integrates equations has no sizes
-    /// of either.
-    fn answers_any_length(&self) -> bool {
-        false
+    /// The contexts and horizons that one training answers.
+    fn lengths(&self) -> Lengths {
+        Lengths::Trained
     }
 
     /// None of a model that answers in one pass.

@@ -2,6 +2,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::architecture::ArchitectureSpec;
+use super::lengths::Lengths;
 use super::residual::Residual;
 use crate::check::{Check, Report};
 
@@ -73,7 +74,7 @@ impl ArchitectureSpec for LagrangianSpec {
         true
     }
 
-    fn answers_any_length(&self) -> bool {
-        true
+    fn lengths(&self) -> Lengths {
+        Lengths::Any
     }
 }

@@ -7,6 +7,7 @@ mod diffuser;
 mod diffusion;
 mod flow;
 mod lagrangian;
+mod lengths;
 mod loss;
 mod prefix_transformer;
 mod residual;
@@ -28,6 +29,7 @@ pub use diffusion::{
 };
 pub use flow::{FLOW_LEVELS, FLOW_STEPS, FlowPrediction, FlowSpec};
 pub use lagrangian::LagrangianSpec;
+pub use lengths::{Length, Lengths};
 pub use loss::PointLoss;
 pub use prefix_transformer::PrefixTransformerSpec;
 pub use residual::{DampedIntegrator, Residual};
@@ -102,9 +104,9 @@ impl ModelSpec {
         self.spec().is_physical()
     }
 
-    /// Whether one training answers about any context and horizon.
-    pub fn answers_any_length(&self) -> bool {
-        self.spec().answers_any_length()
+    /// The contexts and horizons that one training answers.
+    pub fn lengths(&self) -> Lengths {
+        self.spec().lengths()
     }
 
     /// None of a model that answers in one pass.

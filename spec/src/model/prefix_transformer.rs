@@ -2,6 +2,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::architecture::ArchitectureSpec;
+use super::lengths::Lengths;
 use super::residual::{DampedIntegrator, Residual};
 use super::sizes::{check_transformer, four};
 use crate::check::{Check, Report};
@@ -22,6 +23,11 @@ pub struct PrefixTransformerSpec {
     /// Hidden width of the feed-forward blocks as a multiple of `d_model`.
     #[serde(default = "four")]
     pub mlp_ratio: u32,
+    /// Samples of the shortest context that the model answers, a multiple of `patch`. Each step of its training then
+    /// ends the context at one random place from here on, and predicts all that follows. Not given: it answers the
+    /// context that it is trained with.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub least_context: Option<u32>,
     /// The path; not `none`.
     #[serde(default = "lagged_integrator")]
     pub residual: Residual,
@@ -40,6 +46,13 @@ impl Check for PrefixTransformerSpec {
         let layers = [("layers", self.layers)];
         check_transformer(report, self.d_model, self.heads, &layers, self.mlp_ratio);
         report.within("patch", self.patch, 1..=1000);
+        if let Some(least) = self.least_context {
+            report.within("least_context", least, 3..=9_999);
+            if self.patch > 0 && !least.is_multiple_of(self.patch) {
+                let allowed = format!("a multiple of patch, which is {}", self.patch);
+                report.violation("least_context", least, allowed);
+            }
+        }
     }
 }
 
@@ -54,6 +67,10 @@ impl ArchitectureSpec for PrefixTransformerSpec {
 
     fn is_physical(&self) -> bool {
         true
+    }
+
+    fn lengths(&self) -> Lengths {
+        self.least_context.map_or(Lengths::Trained, Lengths::From)
     }
 
     fn report_options(&self, report: &mut Report) {

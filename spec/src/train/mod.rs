@@ -11,8 +11,8 @@ use crate::check::{Check, Report};
 use crate::fields::from_fields;
 use crate::kind::KindSpec;
 use crate::{
-    DataSource, DataSpec, Doubt, Execution, ModelSpec, Product, Reference, SpecError, preset,
-    stream,
+    DataSource, DataSpec, Doubt, Execution, Length, Lengths, ModelSpec, Product, Reference,
+    SpecError, preset, stream,
 };
 
 pub use early_stop::{EarlyStopSpec, ValidationMetric};
@@ -87,6 +87,13 @@ pub struct TrainSpec {
 pub struct Training<'a> {
     pub spec: &'a TrainSpec,
     pub data: &'a DataSpec,
+}
+
+impl Training<'_> {
+    /// The context, and the trajectories, that it was trained with.
+    pub(crate) fn length(&self) -> Length {
+        Length { context: self.spec.context, samples: self.data.samples() }
+    }
 }
 
 /// Where the mean and standard deviation of u and y come from.
@@ -295,6 +302,12 @@ impl Check for TrainSpec {
                 self.context,
                 format!("a multiple of model.patch, which is {patch}"),
             );
+        }
+        if let Lengths::From(least) = self.model.lengths()
+            && least > self.context
+        {
+            let allowed = format!("at most context, which is {}", self.context);
+            report.violation("model.least_context", least, allowed);
         }
         if self.optimizer.warmup_steps > self.steps {
             report.violation(

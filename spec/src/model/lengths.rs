@@ -1,0 +1,68 @@
+/// The contexts and horizons that one training answers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Lengths {
+    /// Those that it was trained with.
+    Trained,
+    /// Contexts from this many samples up to the one that it was trained with, and horizons up to the end of its
+    /// trajectories, all multiples of its patch.
+    From(u32),
+    /// Any: a model that integrates equations has no sizes of either.
+    Any,
+}
+
+/// Samples of a context, and of context and horizon together.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Length {
+    pub context: u32,
+    pub samples: u32,
+}
+
+impl Lengths {
+    /// A sample with one before it and one after it.
+    const LEAST_CONTEXT: u32 = 3;
+
+    /// Of all lengths that a training with `trained` samples and tokens of `patch` answers the nearest to `asked`.
+    #[must_use]
+    pub fn nearest(self, asked: Length, trained: Length, patch: u32) -> Length {
+        match self {
+            Self::Trained => trained,
+            Self::From(least) => {
+                let whole = |samples: u32| samples - samples % patch;
+                let context = whole(asked.context.clamp(least, trained.context));
+                let horizon = asked.samples.min(trained.samples).saturating_sub(context);
+                Length { context, samples: context + whole(horizon).max(patch) }
+            }
+            Self::Any => {
+                let context = asked.context.max(Self::LEAST_CONTEXT);
+                Length { context, samples: asked.samples }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Length, Lengths};
+
+    const TRAINED: Length = Length { context: 320, samples: 400 };
+
+    fn answers(lengths: Lengths, context: u32, samples: u32) -> bool {
+        let asked = Length { context, samples };
+        lengths.nearest(asked, TRAINED, 5) == asked
+    }
+
+    #[test]
+    fn a_training_answers_its_own_lengths_those_it_was_cut_to_or_any() {
+        for lengths in [Lengths::Trained, Lengths::From(20), Lengths::Any] {
+            assert!(answers(lengths, 320, 400), "{lengths:?}");
+        }
+        assert!(!answers(Lengths::Trained, 320, 390) && !answers(Lengths::Trained, 20, 100));
+        for (context, samples) in [(20, 25), (20, 400), (160, 240), (315, 320)] {
+            assert!(answers(Lengths::From(20), context, samples), "{context}, {samples}");
+        }
+        for (context, samples) in [(15, 95), (21, 101), (20, 99), (320, 405), (325, 400), (20, 20)] {
+            assert!(!answers(Lengths::From(20), context, samples), "{context}, {samples}");
+        }
+        assert!(answers(Lengths::Any, 3, 9999) && !answers(Lengths::Any, 2, 9999));
+    }
+}
