@@ -8,8 +8,8 @@ use burn::tensor::{Tensor, TensorData};
 use safetensors::SafeTensors;
 use series::{Series, Shape};
 use spec::{
-    DataSource, Execution, Generation, Lengths, ModelSpec, Normalization, OptimizerSpec, SamplerKind,
-    SamplerSpec, TrainSpec, ValidationMetric,
+    DataSource, Execution, Generation, Lengths, ModelSpec, Normalization, OptimizerSpec,
+    SamplerKind, SamplerSpec, TrainSpec, ValidationMetric,
 };
 
 use crate::architecture::{Ask, Draw, ModelInput};

@@ -40,42 +40,58 @@ impl LaggedPath {
         Self { measured, driven, share }
     }
 
-    /// Positions of the path after 1, 2, .. samples from `start`, a sample with a measured position, rad.
-    fn from(&self, start: usize) -> impl Iterator<Item = f64> {
-        let mut position = self.measured[start];
+    /// The path that begins at `start`, a sample with a measured position.
+    fn from(&self, start: usize) -> Walk {
+        let position = self.measured[start];
         // Without a sample before there is no velocity, and none is made up.
         let before = start.checked_sub(1).map(|before| position - self.measured[before]);
-        let mut step = before.unwrap_or(self.driven[start]);
-        self.driven[start..].iter().map(move |driven| {
-            step += self.share * (driven - step);
-            position += step;
-            position
-        })
+        Walk { sample: start, position, step: before.unwrap_or(self.driven[start]) }
+    }
+
+    /// Goes one sample on along a path.
+    fn advance(&self, walk: &mut Walk) {
+        walk.step += self.share * (self.driven[walk.sample] - walk.step);
+        walk.position += walk.step;
+        walk.sample += 1;
     }
 
     /// The path over the `horizon` samples after the context, and the error that it has after as many
     /// samples of the context, root mean square over starts; never smaller than after fewer.
     pub fn ahead(&self, horizon: usize) -> Vec<(f64, f64)> {
         let last = self.measured.len() - 1;
-        let mut squares = vec![(0.0, 0_u32); horizon];
-        for start in (1..last).step_by(STRIDE) {
-            let measured = self.from(start).zip(&self.measured[start + 1..]);
-            for ((sum, count), (position, measured)) in squares.iter_mut().zip(measured) {
-                *sum += (position - measured).powi(2);
-                *count += 1;
-            }
-        }
+        // All starts side by side: a path alone would wait for each of its own additions.
+        let mut walks: Vec<Walk> =
+            (1..last).step_by(STRIDE).map(|start| self.from(start)).collect();
         let begin = self.measured[last];
+        let mut walk = self.from(last);
         let mut error = LEAST_ERROR_RAD;
-        let ahead = self.from(last).zip(squares).map(|(position, (sum, count))| {
-            if count > 0 {
-                error = error.max((sum / f64::from(count)).sqrt());
+        let ahead = (0..horizon).map(|_| {
+            let unfinished = walks.partition_point(|walk| walk.sample < last);
+            walks.truncate(unfinished);
+            let mut sum = 0.0;
+            for walk in &mut walks {
+                self.advance(walk);
+                sum += (walk.position - self.measured[walk.sample]).powi(2);
             }
-            error = error.max(LEAST_ERROR * (position - begin).abs());
-            (position, error)
+            if !walks.is_empty() {
+                error = error.max((sum / walks.len() as f64).sqrt());
+            }
+            self.advance(&mut walk);
+            error = error.max(LEAST_ERROR * (walk.position - begin).abs());
+            (walk.position, error)
         });
         ahead.collect()
     }
+}
+
+/// A place along a path.
+struct Walk {
+    /// The sample that it has come to.
+    sample: usize,
+    /// rad
+    position: f64,
+    /// The way since the sample before, rad.
+    step: f64,
 }
 
 #[cfg(test)]

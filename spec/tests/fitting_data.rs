@@ -3,7 +3,9 @@
 #![expect(clippy::unwrap_used, reason = "a test may panic")]
 
 use serde_json::{Value, json};
-use spec::{ControlPath, ControlSpec, DataSpec, EvaluateSpec, JobSpec, SpecError, TrainSpec, Training};
+use spec::{
+    ControlPath, ControlSpec, DataSpec, EvaluateSpec, JobSpec, SpecError, TrainSpec, Training,
+};
 
 fn data(samples: u32) -> DataSpec {
     let job = json!({"preset": "D1-chirp", "trajectories": 1000, "samples": samples});

@@ -60,7 +60,8 @@ mod tests {
         for (context, samples) in [(20, 25), (20, 400), (160, 240), (315, 320)] {
             assert!(answers(Lengths::From(20), context, samples), "{context}, {samples}");
         }
-        for (context, samples) in [(15, 95), (21, 101), (20, 99), (320, 405), (325, 400), (20, 20)] {
+        for (context, samples) in [(15, 95), (21, 101), (20, 99), (320, 405), (325, 400), (20, 20)]
+        {
             assert!(!answers(Lengths::From(20), context, samples), "{context}, {samples}");
         }
         assert!(answers(Lengths::Any, 3, 9999) && !answers(Lengths::Any, 2, 9999));
