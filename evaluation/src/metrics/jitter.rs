@@ -141,9 +141,10 @@ mod tests {
             }
             let expected = amplitude / 2.0_f64.sqrt();
             prop_assert!((meter.jitter(&series) / expected - 1.0).abs() < 0.03);
-            // The edge is well below: nearly all of it goes.
+            // The edge is well below: nearly all of it goes. Where the filter begins it bends the line by less than
+            // a thousandth of the slope.
             let smoothed = meter.smoothed(&series);
-            prop_assert!(meter.jitter(&smoothed) < 0.12 * expected);
+            prop_assert!(meter.jitter(&smoothed) < 0.12 * expected + 1e-3 * slope.abs());
         }
 
         #[test]
