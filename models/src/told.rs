@@ -1,4 +1,4 @@
-//! What a network is told of each sample beside measured positions.
+//! The series that a network is told beside measured positions.
 
 use burn::tensor::Tensor;
 use spec::Residual;
@@ -21,7 +21,7 @@ pub(crate) enum Told {
 }
 
 impl Told {
-    /// Of a model whose answers are relative to `residual`.
+    /// The series for a model whose answers are relative to `residual`.
     pub fn of(residual: Residual) -> Self {
         match residual {
             Residual::None => Self::Torques,

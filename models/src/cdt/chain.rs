@@ -11,7 +11,7 @@ const AT_ONCE: usize = 8;
 
 /// A CDT's answers at one noise level after the other, about the same trajectories.
 ///
-/// What the network makes of what it is told and of the context depends on the level, but not on the noisy horizon: the
+/// The encoder's output and the decoder's view of the context depend on the level, but not on the noisy horizon: the
 /// encoder does not see it, and the decoder is causal. So that is computed for several levels together
 /// before the first of them, and of the last block's context only what later samples see of it. The
 /// answers are those of whole passes.
@@ -19,7 +19,7 @@ pub(crate) struct Chain<'a> {
     network: &'a Cdt,
     /// Clean y, `[batch, context, 7]`.
     context: Tensor<3>,
-    /// What it is told of whole trajectories.
+    /// The series that it is told, of whole trajectories.
     known: Tensor<3>,
     /// Those to come.
     levels: std::vec::IntoIter<usize>,

@@ -55,6 +55,10 @@ impl Architecture for PrefixTransformerSpec {
         divides("heads", self.heads, "d_model", self.d_model)?;
         divides("patch", self.patch, "context", context)?;
         divides("patch", self.patch, "horizon", horizon)?;
+        if let Some(least) = self.least_context {
+            within("least_context", least, self.patch, context)?;
+            divides("patch", self.patch, "least_context", least)?;
+        }
         let [d_model, heads, patch] =
             [self.d_model, self.heads, self.patch].map(|size| size as usize);
         let hidden = d_model * self.mlp_ratio as usize;

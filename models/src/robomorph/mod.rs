@@ -108,7 +108,7 @@ pub(crate) struct RoboMorph {
 }
 
 impl RoboMorph {
-    /// What is told of whole trajectories `[batch, sample, channel]` and y of their context `[batch, context, joint]`
+    /// The series told of whole trajectories `[batch, sample, channel]` and y of their context `[batch, context, joint]`
     /// to y of the horizon `[batch, horizon, joint]`; a gaussian head gives `[batch, horizon, 2 · joint]`,
     /// mean and logarithm of the variance as [`gaussian::split`] takes them apart.
     fn forward<A: Activations>(&self, known: A, y_context: A) -> A {

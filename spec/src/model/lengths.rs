@@ -21,14 +21,14 @@ impl Lengths {
     /// A sample with one before it and one after it.
     const LEAST_CONTEXT: u32 = 3;
 
-    /// Of all lengths that a training with `trained` samples and tokens of `patch` answers the nearest to `asked`.
+    /// The length nearest to `asked` that a training with `trained` samples and tokens of `patch` answers.
     #[must_use]
     pub fn nearest(self, asked: Length, trained: Length, patch: u32) -> Length {
         match self {
             Self::Trained => trained,
             Self::From(least) => {
                 let whole = |samples: u32| samples - samples % patch;
-                let context = whole(asked.context.clamp(least, trained.context));
+                let context = whole(asked.context.max(least).min(trained.context));
                 let horizon = asked.samples.min(trained.samples).saturating_sub(context);
                 Length { context, samples: context + whole(horizon).max(patch) }
             }
