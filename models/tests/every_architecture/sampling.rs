@@ -89,6 +89,19 @@ fn a_model_answers_its_own_lengths_those_it_was_cut_to_or_any() {
 }
 
 #[test]
+fn a_checkpoint_with_a_least_context_beyond_its_context_is_refused() {
+    let trainer = trainer(&training_of(kind("prefix-transformer, many lengths")));
+    let mut files = trainer.checkpoint().unwrap();
+    let mut config: serde_json::Value = serde_json::from_slice(&files.config).unwrap();
+    for least in [CONTEXT + 4, 6, 0] {
+        config["model"]["least_context"] = least.into();
+        files.config = serde_json::to_vec(&config).unwrap();
+        let error = TrainedModel::from_files(&files, &Device::cpu()).unwrap_err();
+        assert!(error.to_string().contains("least_context"), "{error}");
+    }
+}
+
+#[test]
 fn a_model_without_lengths_answers_the_beginning_of_a_longer_question() {
     let batch = batch(53, 3);
     let shorter = CONTEXT as usize + 2;
