@@ -37,6 +37,11 @@ LEAST_DIFFERENCE = 1e-6
 """Least difference of draws that counts, rad."""
 
 
+Fit = tuple[Tensor, Tensor, Tensor]
+"""The most likely numbers of each robot [batch, number], a root of their covariance [batch, number, number], and which
+numbers are 0 at least [batch, number]."""
+
+
 @dataclass
 class Motions:
     """What the law is told of samples, each `[batch, point, joint]`."""
@@ -128,35 +133,44 @@ class Lagrangian(nn.Module):
 
     def answer(self, u: Tensor, y_context: Tensor) -> Tensor:
         """y of the horizon, rad, from u [batch, samples, joint] in N·m and y of the context in rad."""
-        numbers, _, _ = self.fit(u, y_context)
         before = y_context.shape[1] - 2
-        return self.roll(u[:, before:], y_context[:, before:], numbers)
+        return self.follow(u[:, before:], y_context[:, before:], [fit[0] for fit in self.fits(u, y_context)])
 
     def draws(self, u: Tensor, y_context: Tensor, count: int) -> Tensor:
         """y of the horizon, rad, [draw, batch, horizon, joint], of robots that the context leaves possible.
 
         torqued draws other numbers.
         """
-        fitted = self.fit(u, y_context)
+        fits = self.fits(u, y_context)
         before, answers = y_context.shape[1] - 2, []
         median, tail = self.pace * self.doubt
         for _ in range(count):
             scale = (median + tail * torch.randn(len(u), 1).to(u)).exp()
-            normal = torch.randn_like(fitted[0])
-            drawn = self.deviate(y_context, fitted, scale, normal)
-            answers.append(self.roll(u[:, before:], y_context[:, before:], drawn))
+            normal = torch.randn_like(fits[0][0])
+            drawn = [self.deviate(y_context, fit, scale, normal) for fit in fits]
+            answers.append(self.follow(u[:, before:], y_context[:, before:], drawn))
         return torch.stack(answers)
 
-    def roll(self, u: Tensor, y: Tensor, numbers: Tensor) -> Tensor:
-        """Positions after the first two, y [batch, 2, joint], of robots with these numbers."""
+    def follow(self, u: Tensor, y: Tensor, robots: list[Tensor]) -> Tensor:
+        """Positions after the first two, y [batch, 2, joint], of the first of `robots` [batch, number], or of the
+        second where some pose on the way would leave the first too little inertia."""
+        free, masses = robots
+        answer, solid = self.roll(u, y, free)
+        if solid.all():
+            return answer
+        return torch.where(solid[:, None, None], answer, self.roll(u, y, masses)[0])
+
+    def roll(self, u: Tensor, y: Tensor, numbers: Tensor) -> tuple[Tensor, Tensor]:
+        """Positions after the first two, y [batch, 2, joint], of robots with these numbers, and whether each has
+        inertia enough in all poses on the way [batch]."""
         rate = self.rate_hz
         weights, strengths, damping, friction = numbers.split(self.counts, -1)
         share = self._share()
-        armature = rate * (self.pace * self.armature).exp()
+        armature = (self.pace * self.armature).exp()
         q = y[:, 1]
         velocity = rate * (q - y[:, 0])
         change = torch.zeros_like(velocity)
-        answer = []
+        answer, solid = [], torch.ones(len(u), dtype=torch.bool, device=u.device)
         for sample in range(1, u.shape[1] - 1):
             jacobian, carried, forces = self.pose(q, velocity + 0.5 * change)
             weighted = weights.repeat(1, DIRECTIONS)[:, :, None] * jacobian
@@ -165,18 +179,20 @@ class Lagrangian(nn.Module):
                 bias = bias + forces[:, 0] + _times(forces[:, 1:].mT, strengths)
             torque = u[:, sample - 1] + share * (u[:, sample] - u[:, sample - 1])
             driving = torque - damping * velocity - bias
-            inertia = rate * weighted.mT @ jacobian + torch.diag_embed(armature + share * damping)
+            inertia = weighted.mT @ jacobian + torch.diag_embed(armature.expand_as(damping))
+            solid = solid & _is_solid(inertia, armature)
+            inertia = rate * inertia + torch.diag_embed(share * damping)
             for _ in range(SWEEPS):
                 shape, slope = self.friction_of(velocity + share * change)
                 shape, slope = friction * shape, friction * slope
                 matrix = inertia + torch.diag_embed(share * slope)
                 right = driving - shape + slope * share * change
-                change = _solved(matrix, right, armature)
+                change = _solved(matrix, right, rate * armature)
                 change = (velocity + change).clamp(-FASTEST, FASTEST) - velocity
             velocity = velocity + change
             q = q + velocity / rate
             answer.append(q)
-        return torch.stack(answer, 1)
+        return torch.stack(answer, 1), solid
 
     def loss(
         self,
@@ -225,12 +241,15 @@ class Lagrangian(nn.Module):
         scaled, [batch, horizon - 2, joint]. Its gradient is that of `doubt` alone."""
         context = y_context.shape[1]
         with torch.no_grad():
-            fitted = self.fit(u, y_context)
+            fits = self.fits(u, y_context)
             start, ahead = y_horizon[:, :2], y_horizon[:, 2:]
-            mean = self.roll(u[:, context:], start, fitted[0])
+            mean = self.follow(u[:, context:], start, [fit[0] for fit in fits])
             one = torch.ones_like(u[:, 0, :1])
-            drawn = [self.deviate(y_context, fitted, one, normal[:, :-1]) for normal in normals.unbind(1)]
-            drawn = torch.stack([self.roll(u[:, context:], start, numbers) for numbers in drawn], 1)
+            drawn = [
+                self.follow(u[:, context:], start, [self.deviate(y_context, fit, one, normal[:, :-1]) for fit in fits])
+                for normal in normals.unbind(1)
+            ]
+            drawn = torch.stack(drawn, 1)
             differences = drawn - mean[:, None]
             unit = differences.square().mean(1).sqrt().clamp(min=LEAST_DIFFERENCE)
             differences, error = differences / unit[:, None], (ahead - mean) / unit
@@ -239,7 +258,7 @@ class Lagrangian(nn.Module):
         between = (samples[:, :, None] - samples[:, None]).abs().sum((1, 2))
         return (samples - error[:, None]).abs().mean(1) - between / (2 * DRAWS * (DRAWS - 1))
 
-    def deviate(self, y: Tensor, fitted: tuple[Tensor, Tensor, Tensor], scale: Tensor, normal: Tensor) -> Tensor:
+    def deviate(self, y: Tensor, fitted: Fit, scale: Tensor, normal: Tensor) -> Tensor:
         """Numbers `scale` [batch, 1] deviations from those that were fitted to the context y, or less where these
         would leave some pose of the context too little inertia."""
         numbers, root, bounded = fitted
@@ -251,20 +270,21 @@ class Lagrangian(nn.Module):
             scale = 0.5 * scale
         return torch.where(done[:, None], found, numbers)
 
-    def fit(self, u: Tensor, y: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """The most likely numbers of each robot [batch, number], a root of their covariance, and which are 0 at
-        least [batch, number]: dampings and frictions, and masses where some pose of the context would have too
-        little inertia."""
+    def fits(self, u: Tensor, y: Tensor) -> list[Fit]:
+        """The robots that their contexts tell, and the same with no mass below 0. The first have masses of any sign
+        but where some pose of the context would have too little inertia: there they are the second."""
         factors, torque = self.equations(Motions.of(u, y, self.rate_hz))
         particles, forces, *_ = self.counts
-        bounded = torch.ones(len(u), sum(self.counts), dtype=torch.bool, device=u.device)
-        bounded[:, : particles + forces] = False
-        numbers, root = self._fit(factors, torque, bounded)
-        held = bounded.clone()
-        held[:, :particles] |= ~self.is_solid(y, numbers.to(u))[:, None]
-        if (held != bounded).any():
-            numbers, root = self._fit(factors, torque, held)
-        return numbers.to(u), root.to(u), held
+        own = torch.ones(len(u), sum(self.counts), dtype=torch.bool, device=u.device)
+        own[:, : particles + forces] = False
+        with_masses = own.clone()
+        with_masses[:, :particles] = True
+        free, masses = (
+            (*(found.to(u) for found in self._fit(factors, torque, bounded)), bounded) for bounded in (own, with_masses)
+        )
+        solid = self.is_solid(y, free[0])
+        chosen = [torch.where(solid.reshape(-1, *[1] * (a.dim() - 1)), a, b) for a, b in zip(free, masses)]
+        return [tuple(chosen), masses]
 
     def _fit(self, factors: Tensor, torque: Tensor, bounded: Tensor) -> tuple[Tensor, Tensor]:
         """Where a joint leaves more torque over than in training, so much is its noise."""
@@ -284,8 +304,7 @@ class Lagrangian(nn.Module):
         jacobian, _, _ = self.pose(q, torch.zeros_like(q))
         weights = numbers[:, : self.counts[0]].repeat(1, DIRECTIONS)[:, None, :, None]
         inertia = (weights * jacobian).mT @ jacobian + torch.diag_embed(armature.expand_as(q))
-        _, pivots = _factored(inertia, armature)
-        return ((pivots / armature).flatten(1).min(-1).values >= LEAST_PIVOT)
+        return _is_solid(inertia, armature).all(1)
 
     def pose(self, q: Tensor, velocity: Tensor) -> tuple[Tensor, Tensor, Tensor | None]:
         """Jacobians [.., direction · particle, joint] at the angles q [.., joint], the acceleration of each
@@ -393,6 +412,12 @@ def _factored(matrix: Tensor, least: Tensor) -> tuple[Tensor, Tensor]:
         columns.append(entries)
         pivots.append(pivot)
     return torch.stack(columns, -1) + torch.eye(len(least)).to(matrix), torch.stack(pivots, -1)
+
+
+def _is_solid(inertia: Tensor, armature: Tensor) -> Tensor:
+    """Whether mass matrices [.., joint, joint] have inertia enough [..]."""
+    _, pivots = _factored(inertia, armature)
+    return (pivots / armature).min(-1).values >= LEAST_PIVOT
 
 
 def _solved(matrix: Tensor, right: Tensor, least: Tensor) -> Tensor:

@@ -18,6 +18,7 @@ use super::belief::{Belief, Step};
 use super::known::{Known, State, root_of_block};
 use super::law::{Law, Start, narrow};
 use super::motion::Recorded;
+use super::numbers::Bounds;
 
 /// Noise below this, rad, counts as this one: positions are computed in f32.
 const LEAST_NOISE: f64 = 1e-6;
@@ -52,10 +53,11 @@ impl Law {
         robot: &Recorded<'_>,
         smoother: &Smoother,
         noise: MeasurementNoise,
+        bounds: Bounds,
     ) -> Known {
         let smoothed = smoother.smooth_robot(robot.y, robot.joints);
         let path = Recorded { y: &smoothed, ..*robot };
-        let posterior = self.fit(instructions, &path);
+        let posterior = self.fit(instructions, &path, bounds);
         let numbers = narrow(&posterior.mean);
         let steps = self.linearized(instructions, &path, &numbers);
         let filter =
@@ -124,7 +126,7 @@ impl Law {
                 numbers: &robots[robot],
             })
             .collect();
-        let next = self.roll_out(instructions, &starts);
+        let next = self.roll_out(instructions, &starts).positions;
         let each = y.chunks_exact(variants * 2 * joints).zip(next.chunks_exact(variants * joints));
         let changes = |variant: usize| match variant / joints {
             0 => f64::from(ANGLE),

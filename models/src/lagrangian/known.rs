@@ -9,6 +9,7 @@ use simd::InstructionSet;
 
 use super::law::{Law, narrow};
 use super::motion::Recorded;
+use super::numbers::Bounds;
 use super::regression::Posterior;
 
 /// Times that a draw is taken half as far.
@@ -51,8 +52,13 @@ impl Doubt {
 
 impl Law {
     /// The robot of a context of exact positions.
-    pub fn known(&self, instructions: InstructionSet, recorded: &Recorded<'_>) -> Known {
-        let posterior = self.fit(instructions, recorded);
+    pub fn known(
+        &self,
+        instructions: InstructionSet,
+        recorded: &Recorded<'_>,
+        bounds: Bounds,
+    ) -> Known {
+        let posterior = self.fit(instructions, recorded, bounds);
         let last = recorded.samples().saturating_sub(2) * recorded.joints;
         let y = recorded.y[last..].to_vec();
         Known { state: State { y, numbers: narrow(&posterior.mean) }, posterior, motion: None }

@@ -10,6 +10,7 @@ use series::MeasurementNoise;
 use simd::{F32Array, InstructionSet, MAX_LANES};
 #[cfg(target_arch = "x86_64")]
 use simd::{F32x8, F32x16};
+use smoothing::Smoother;
 
 use super::dense::Dense;
 use super::filtering::{is_filtered, smoother};
@@ -17,12 +18,13 @@ use super::known::{Doubt, Known, State};
 use super::motion::Recorded;
 use super::numbers::{Bounds, Numbers};
 use super::regression::{Posterior, Prior, Regression};
+use super::rollout::Rolled;
 
 /// Times that the noise of a context is found anew, each time from what the last fit left over.
 const NOISE_ROUNDS: usize = 3;
 /// Least pivot of a mass matrix, in inertias of the joint alone: no mass that is not negative takes anything of
 /// these away, but for rounding.
-const LEAST_PIVOT: f32 = 0.99;
+pub(super) const LEAST_PIVOT: f32 = 0.99;
 
 /// A trained law.
 #[derive(Debug)]
@@ -69,7 +71,8 @@ pub(super) struct Start<'a> {
 impl Law {
     /// Positions of the horizons, `[robot, sample, joint]`, rad; the same whatever the instructions. Where there are
     /// `draws`, one for each robot, of [`Law::normals_of_draw`] standard normal numbers, a robot is not the most
-    /// likely one but one that its context leaves possible.
+    /// likely one but one that its context leaves possible. Where a robot with negative masses comes to a pose of too
+    /// little inertia, it is one without.
     pub fn predict(
         &self,
         instructions: InstructionSet,
@@ -79,12 +82,38 @@ impl Law {
     ) -> Vec<f32> {
         let Some(first) = robots.first() else { return Vec::new() };
         let smoother = is_filtered(first, noise).then(|| smoother(first, noise));
+        let filter = smoother.as_ref().map(|smoother| (smoother, noise));
+        let mut found = self.follow(instructions, robots, filter, draws, Bounds::Own);
+        let lost = found.lost();
+        if !lost.is_empty() {
+            let robots: Vec<Recorded<'_>> = lost.iter().map(|&robot| robots[robot]).collect();
+            let drawn = lost.iter().filter_map(|&robot| draws.get(robot).copied());
+            let draws: Vec<&[f32]> = drawn.collect();
+            let again = self.follow(instructions, &robots, filter, &draws, Bounds::Masses);
+            for (place, &robot) in lost.iter().enumerate() {
+                found.replace(robot, &again, place);
+            }
+        }
+        found.positions
+    }
+
+    /// [`Law::predict`] with robots of these bounds, wherever that leads them.
+    fn follow(
+        &self,
+        instructions: InstructionSet,
+        robots: &[Recorded<'_>],
+        filter: Option<(&Smoother, MeasurementNoise)>,
+        draws: &[&[f32]],
+        bounds: Bounds,
+    ) -> Rolled {
         let asked: Vec<&[Recorded<'_>]> = robots.chunk_by(Recorded::has_the_past_of).collect();
         let known: Vec<Known> = asked
             .par_iter()
-            .map(|same| match &smoother {
-                None => self.known(instructions, &same[0]),
-                Some(smoother) => self.filtered(instructions, &same[0], smoother, noise),
+            .map(|same| match filter {
+                None => self.known(instructions, &same[0], bounds),
+                Some((smoother, noise)) => {
+                    self.filtered(instructions, &same[0], smoother, noise, bounds)
+                }
             })
             .collect();
         let each: Vec<&Known> = asked
@@ -109,9 +138,9 @@ impl Law {
         self.roll_out(instructions, &starts.collect::<Vec<_>>())
     }
 
-    /// Positions of the horizons of fitted robots, `[robot, sample, joint]`, rad.
-    pub fn roll_out(&self, instructions: InstructionSet, starts: &[Start<'_>]) -> Vec<f32> {
-        let groups: Vec<Vec<f32>> = starts
+    /// The horizons of fitted robots.
+    pub fn roll_out(&self, instructions: InstructionSet, starts: &[Start<'_>]) -> Rolled {
+        let groups: Vec<Rolled> = starts
             .par_chunks(MAX_LANES)
             .map(|group| match instructions {
                 #[cfg(target_arch = "x86_64")]
@@ -121,18 +150,24 @@ impl Law {
                 InstructionSet::Portable => F32Array::<8>::roll(self, group),
             })
             .collect();
-        groups.concat()
+        let mut rolled = Rolled::default();
+        groups.into_iter().for_each(|group| rolled.append(group));
+        rolled
     }
 
-    /// The distribution of a robot's numbers given its context. Masses may be negative, but not so that some
-    /// pose of the context would have too little inertia: the masses of such a robot are 0 at least.
-    pub fn fit(&self, instructions: InstructionSet, recorded: &Recorded<'_>) -> Posterior {
+    /// The distribution of a robot's numbers given its context. Masses may be negative unless `bounds` has them, but
+    /// not so that some pose of the context would have too little inertia: the masses of such a robot are 0 at least.
+    pub fn fit(
+        &self,
+        instructions: InstructionSet,
+        recorded: &Recorded<'_>,
+        bounds: Bounds,
+    ) -> Posterior {
         let regression = self.regression_with(instructions, recorded);
-        let free = self.fit_with(&regression, recorded, Bounds::Own);
-        match self.is_solid(instructions, recorded, &narrow(&free.mean)) {
-            true => free,
-            false => self.fit_with(&regression, recorded, Bounds::Masses),
-        }
+        let found = self.fit_with(&regression, recorded, bounds);
+        let solid =
+            bounds == Bounds::Masses || self.is_solid(instructions, recorded, &narrow(&found.mean));
+        if solid { found } else { self.fit_with(&regression, recorded, Bounds::Masses) }
     }
 
     /// Whether the arm has inertia enough in the poses of its context.
@@ -205,7 +240,7 @@ pub(super) fn narrow(values: &[f64]) -> Vec<f32> {
 /// The computations that are compiled once per lane type.
 trait Predictions: simd::Lanes {
     fn regression(law: &Law, recorded: &Recorded<'_>) -> Regression;
-    fn roll(law: &Law, robots: &[Start<'_>]) -> Vec<f32>;
+    fn roll(law: &Law, robots: &[Start<'_>]) -> Rolled;
     fn least_pivot(law: &Law, recorded: &Recorded<'_>, numbers: &[f32]) -> f32;
 }
 
@@ -230,9 +265,9 @@ macro_rules! predictions {
                 }
             }
 
-            fn roll(law: &Law, robots: &[Start<'_>]) -> Vec<f32> {
+            fn roll(law: &Law, robots: &[Start<'_>]) -> Rolled {
                 $(#[target_feature(enable = $features)])?
-                fn compiled(law: &Law, robots: &[Start<'_>]) -> Vec<f32> {
+                fn compiled(law: &Law, robots: &[Start<'_>]) -> Rolled {
                     law.roll::<$lanes>(robots)
                 }
                 #[allow(unused_unsafe, reason = "array lanes need no instructions of their own")]

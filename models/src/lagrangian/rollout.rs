@@ -10,7 +10,7 @@ use spec::MAX_JOINTS;
 
 use super::dense::bounded;
 use super::factored::Factored;
-use super::law::{Law, Start};
+use super::law::{LEAST_PIVOT, Law, Start};
 use super::pose::Pose;
 
 /// Times that friction is linearized within a sampling time, each time about the velocity that the last time
@@ -21,17 +21,45 @@ const SWEEPS: usize = 2;
 /// know, products of velocities could drive it on and on.
 const FASTEST: f32 = 50.0;
 
+/// The horizons of robots.
+#[derive(Debug, Default)]
+pub(super) struct Rolled {
+    /// `[robot, sample, joint]`, rad.
+    pub positions: Vec<f32>,
+    /// Whether each robot had inertia enough in all poses on its way.
+    pub solid: Vec<bool>,
+}
+
+impl Rolled {
+    /// The robots that came to a pose of too little inertia.
+    pub fn lost(&self) -> Vec<usize> {
+        (0..self.solid.len()).filter(|&robot| !self.solid[robot]).collect()
+    }
+
+    /// Gives a robot the positions of another.
+    pub fn replace(&mut self, robot: usize, others: &Self, other: usize) {
+        let horizon = self.positions.len() / self.solid.len();
+        let other = &others.positions[other * horizon..][..horizon];
+        self.positions[robot * horizon..][..horizon].copy_from_slice(other);
+    }
+
+    pub fn append(&mut self, mut other: Self) {
+        self.positions.append(&mut other.positions);
+        self.solid.append(&mut other.solid);
+    }
+}
+
 impl Law {
-    /// Positions of the horizons, `[robot, sample, joint]`, rad.
     #[inline(always)]
-    pub(super) fn roll<L: Lanes>(&self, robots: &[Start<'_>]) -> Vec<f32> {
+    pub(super) fn roll<L: Lanes>(&self, robots: &[Start<'_>]) -> Rolled {
         let joints = self.numbers.joints;
-        let Some(Start { recorded, .. }) = robots.first() else { return Vec::new() };
+        let Some(Start { recorded, .. }) = robots.first() else { return Rolled::default() };
         let (context, samples) = (recorded.samples(), recorded.u.len() / joints);
         let horizon = samples - context;
         let rate = L::splat(f64::from(recorded.rate_hz));
         let period = rate.recip();
         let mut answer = vec![0.0; robots.len() * horizon * joints];
+        let mut solid = Vec::with_capacity(robots.len());
         let mut pose = Pose::<L>::new(self);
         for (group, answer) in
             robots.chunks(L::LANES).zip(answer.chunks_mut(L::LANES * horizon * joints))
@@ -56,11 +84,14 @@ impl Law {
             let numbers: Vec<L> = numbers.iter().map(|number| L::load(number)).collect();
             let dampings = &numbers[self.numbers.dampings()];
             let frictions = &numbers[self.numbers.frictions()];
-            // Inertias of the joints alone, times the rate.
-            let mut least = [L::splat(0.0); MAX_JOINTS];
+            // Inertias of the joints alone, and these times the rate.
+            let [mut armatures, mut least] = [[L::splat(0.0); MAX_JOINTS]; 2];
             for joint in 0..joints {
-                least[joint] = L::splat(f64::from(self.joints[joint].armature)) * rate;
+                armatures[joint] = L::splat(f64::from(self.joints[joint].armature));
+                least[joint] = armatures[joint] * rate;
             }
+            // The least pivot of the mass matrix so far, in inertias of its joint alone, negated.
+            let mut negative_pivot = -L::splat(f64::from(f32::MAX));
             let [mut q, mut velocity] = [[L::splat(0.0); MAX_JOINTS]; 2];
             let mut change = [L::splat(0.0); MAX_JOINTS];
             for joint in 0..joints {
@@ -76,6 +107,8 @@ impl Law {
                 pose.look(self, &q, &middle);
                 let bias = pose.bias(self, &numbers);
                 let mut inertia = pose.inertia(self, &numbers);
+                let factored = Factored::new(joints, inertia, &armatures);
+                negative_pivot = negative_pivot.max(-factored.least);
                 let mut driving = [L::splat(0.0); MAX_JOINTS];
                 for joint in 0..joints {
                     let share = L::splat(f64::from(self.joints[joint].share));
@@ -117,7 +150,10 @@ impl Law {
                     }
                 }
             }
+            let mut negative_pivots = [0.0; MAX_LANES];
+            negative_pivot.store(&mut negative_pivots);
+            solid.extend(negative_pivots[..group.len()].iter().map(|pivot| *pivot <= -LEAST_PIVOT));
         }
-        answer
+        Rolled { positions: answer, solid }
     }
 }

@@ -17,6 +17,7 @@ use super::batch::HostBatch;
 use super::known::Doubt;
 use super::law::{Law, Start};
 use super::motion::Recorded;
+use super::numbers::Bounds;
 use super::{Lagrangian, PACE, values};
 use crate::randomness::Noise;
 
@@ -115,21 +116,28 @@ impl Law {
     /// `y` are positions of the horizon, `normals` the numbers of each draw and of its scale.
     fn score(&self, robot: &Recorded<'_>, y: &[f32], normals: &[f32]) -> Score {
         let instructions = InstructionSet::best();
-        let known = self.known(instructions, robot);
         let (joints, count) = (robot.joints, self.numbers.count());
         let (start, ahead) = y.split_at(2 * joints);
         let recorded = Recorded { u: &robot.u[robot.samples() * joints..], y: start, ..*robot };
         let draws = normals.chunks_exact(count + 1);
-        let numbers: Vec<Vec<f32>> =
-            std::iter::once(known.state.numbers.clone())
+        let follow = |bounds| {
+            let known = self.known(instructions, robot, bounds);
+            let numbers: Vec<Vec<f32>> = std::iter::once(known.state.numbers.clone())
                 .chain(draws.clone().map(|normals| {
                     self.deviate(instructions, robot, &known, 1.0, &normals[..count])
                 }))
                 .collect();
-        let starts: Vec<Start<'_>> =
-            numbers.iter().map(|numbers| Start { recorded, numbers }).collect();
-        let answers = self.roll_out(instructions, &starts);
-        let (mean, drawn) = answers.split_at(ahead.len());
+            let starts: Vec<Start<'_>> =
+                numbers.iter().map(|numbers| Start { recorded, numbers }).collect();
+            self.roll_out(instructions, &starts)
+        };
+        let mut answers = follow(Bounds::Own);
+        let lost = answers.lost();
+        if !lost.is_empty() {
+            let without = follow(Bounds::Masses);
+            lost.into_iter().for_each(|robot| answers.replace(robot, &without, robot));
+        }
+        let (mean, drawn) = answers.positions.split_at(ahead.len());
         let mut differences: Vec<f32> =
             drawn.iter().zip(mean.iter().cycle()).map(|(drawn, mean)| drawn - mean).collect();
         let mut error: Vec<f32> = ahead.iter().zip(mean).map(|(y, mean)| y - mean).collect();

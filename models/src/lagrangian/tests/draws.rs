@@ -10,6 +10,7 @@ use super::{
 use crate::lagrangian::known::Doubt;
 use crate::lagrangian::law::{JointLaw, Law};
 use crate::lagrangian::motion::Recorded;
+use crate::lagrangian::numbers::Bounds;
 
 /// Standard normal numbers for each of `rows` draws.
 fn normals(law: &Law, rows: usize) -> Vec<f32> {
@@ -113,7 +114,7 @@ fn masses_are_negative_only_where_poses_keep_their_inertia() {
             y[sample] = y[sample - 1] + velocity / RATE_HZ;
         }
         let robot = Recorded { u: &u, y: &y, joints: 1, rate_hz: RATE_HZ };
-        let found = law.fit(InstructionSet::best(), &robot).mean[0];
+        let found = law.fit(InstructionSet::best(), &robot, Bounds::Own).mean[0];
         assert!((found - expected).abs() < 0.05, "{inertia}: {found}");
         for [mean, deviation] in spread(&law, &robot, EXACT, 50) {
             assert!(mean.is_finite() && deviation.is_finite() && deviation < 1.0, "{deviation}");

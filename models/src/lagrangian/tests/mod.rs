@@ -20,6 +20,7 @@ use crate::architecture::{Architecture, Extents};
 use crate::initialization::InitialWeights;
 
 mod draws;
+mod paths;
 
 const CONTEXT: usize = 60;
 const SAMPLES: usize = 90;
@@ -135,7 +136,7 @@ fn prediction_fits_the_numbers_that_training_fits() {
         let law = Law { points: CONTEXT, ..model.law() };
         for (robot, expected) in robots.iter().zip(fitted.mean.chunks_exact(model.numbers.count()))
         {
-            let found = law.fit(InstructionSet::best(), robot).mean;
+            let found = law.fit(InstructionSet::best(), robot, Bounds::Own).mean;
             let each = found.iter().zip(expected).zip(&prior.mean);
             for (number, ((found, expected), &mean)) in each.enumerate() {
                 assert!(
@@ -266,7 +267,7 @@ fn dampings_are_found_and_the_horizon_follows() {
     }
     let law = separate(&masses, JOINT, [10.0, 1.0]);
     let robot = Recorded { u: &u, y: &y[..CONTEXT * 2], joints: 2, rate_hz: RATE_HZ };
-    let found = law.fit(InstructionSet::best(), &robot).mean;
+    let found = law.fit(InstructionSet::best(), &robot, Bounds::Own).mean;
     let found = &found[law.numbers.dampings()];
     for joint in 0..2 {
         assert!((found[joint] - f64::from(dampings[joint])).abs() < 1e-2, "{found:?}");
@@ -283,7 +284,7 @@ fn a_robot_that_stands_still_or_was_hardly_seen_has_the_mean_damping() {
     for context in [1, 2, 3, 30] {
         let y = vec![0.4; context * 3];
         let robot = Recorded { u: &u, y: &y, joints: 3, rate_hz: RATE_HZ };
-        let found = law.fit(InstructionSet::best(), &robot).mean;
+        let found = law.fit(InstructionSet::best(), &robot, Bounds::Own).mean;
         assert_eq!(found[law.numbers.dampings()], [3.0; 3]);
         let answer = predict(&law, &[robot], EXACT);
         assert_eq!(answer.len(), (40 - context) * 3);
