@@ -11,7 +11,6 @@ from torqued.lagrangian import (
     INITIAL_NOISE,
     INITIAL_SHARED_SPREAD,
     SWEEPS,
-    Fit,
     Lagrangian,
     Motions,
 )
@@ -54,7 +53,7 @@ class NoPositiveDefiniteness(Lagrangian):
     def is_solid(self, y: Tensor, numbers: Tensor) -> Tensor:
         return torch.ones(len(numbers), dtype=torch.bool)
 
-    def roll(self, u: Tensor, y: Tensor, numbers: Tensor) -> tuple[Tensor, Tensor]:
+    def roll(self, u: Tensor, y: Tensor, numbers: Tensor) -> Tensor:
         """As the complete model's, with S, and with LU in place of L D Lᵀ: no pivot is raised."""
         rate, share = self.rate_hz, self._share()
         weights, strengths, damping, friction = numbers.split(self.counts, -1)
@@ -78,7 +77,7 @@ class NoPositiveDefiniteness(Lagrangian):
             velocity = velocity + change
             q = q + velocity / rate
             answer.append(q)
-        return torch.stack(answer, 1), torch.ones(len(u), dtype=torch.bool)
+        return torch.stack(answer, 1)
 
 
 class NoQuadraticTerms(Lagrangian):
@@ -105,10 +104,9 @@ class NoFit(Lagrangian):
         width = mean.shape[-1]
         return mean, factors.new_zeros(len(factors), width, width), factors.new_zeros(len(factors))
 
-    def fits(self, u: Tensor, y: Tensor) -> list[Fit]:
+    def fit(self, u: Tensor, y: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         numbers = self._means().expand(len(u), -1)
-        fit = Fit(numbers, torch.diag_embed(torch.zeros_like(numbers)), numbers < 0, numbers.new_zeros(len(u), 1))
-        return [fit, fit]
+        return numbers, torch.diag_embed(torch.zeros_like(numbers)), numbers < 0
 
 
 class NoStructure(Lagrangian):
@@ -151,7 +149,7 @@ class NoStructure(Lagrangian):
         self.mean = nn.Parameter(torch.zeros(self.counts[1]))
         self.spread = nn.Parameter(torch.full((sum(self.counts),), INITIAL_SHARED_SPREAD).log() / self.pace)
         self.noise = nn.Parameter(torch.full((joints,), INITIAL_NOISE).log() / self.pace)
-        self.doubt = nn.Parameter(torch.zeros(3))
+        self.doubt = nn.Parameter(torch.zeros(2))
 
     def measure(self, recorded: Motions) -> None:
         """Takes the units of velocities, changes and torques from the training set."""
@@ -180,7 +178,7 @@ class NoStructure(Lagrangian):
     def is_solid(self, y: Tensor, numbers: Tensor) -> Tensor:
         return torch.ones(len(numbers), dtype=torch.bool)
 
-    def roll(self, u: Tensor, y: Tensor, numbers: Tensor) -> tuple[Tensor, Tensor]:
+    def roll(self, u: Tensor, y: Tensor, numbers: Tensor) -> Tensor:
         combination = torch.cat([numbers, torch.ones_like(numbers[:, :1])], -1)
         q = y[:, 1]
         velocity = self.rate_hz * (q - y[:, 0])
@@ -190,13 +188,14 @@ class NoStructure(Lagrangian):
             velocity = (velocity + self.change_unit * change).clamp(-FASTEST, FASTEST)
             q = q + velocity / self.rate_hz
             answer.append(q)
-        return torch.stack(answer, 1), torch.ones(len(u), dtype=torch.bool)
+        return torch.stack(answer, 1)
 
 
 def shares(model: Lagrangian, u: Tensor, y: Tensor, context: int) -> tuple[float, float]:
     """The share of robots with a negative mass, and of those whose mass matrix has a negative eigenvalue at some
     sample of y before any pivot is raised."""
-    masses = model.fits(u, y[:, :context])[0].numbers[:, : model.counts[0]]
+    numbers, _, _ = model.fit(u, y[:, :context])
+    masses = numbers[:, : model.counts[0]]
     weights = masses.repeat(1, DIRECTIONS)[:, :, None]
     indefinite_metric = isinstance(model, NoPositiveDefiniteness)
     armature = model.armature if indefinite_metric else (model.pace * model.armature).exp()

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import torch
 from torch import Tensor, nn
@@ -38,17 +37,9 @@ LEAST_DIFFERENCE = 1e-6
 """Least difference of draws that counts, rad."""
 
 
-class Fit(NamedTuple):
-    """What a context tells of each robot."""
-
-    numbers: Tensor
-    """The most likely ones [batch, number]."""
-    root: Tensor
-    """Of their covariance, [batch, number, number]."""
-    bounded: Tensor
-    """Which are 0 at least [batch, number]."""
-    misfit: Tensor
-    """Logarithm of how much more torque the law leaves over than it did in training, mean over joints [batch, 1]."""
+Fit = tuple[Tensor, Tensor, Tensor]
+"""The most likely numbers of each robot [batch, number], a root of their covariance [batch, number, number], and which
+numbers are 0 at least [batch, number]."""
 
 
 @dataclass
@@ -134,7 +125,7 @@ class Lagrangian(nn.Module):
         spread = shared + [INITIAL_DAMPING_SPREAD] * joints + [INITIAL_FRICTION_SPREAD] * joints
         self.spread = nn.Parameter(torch.tensor(spread).log() / self.pace)
         self.noise = of_joints(math.log(INITIAL_NOISE))
-        self.doubt = nn.Parameter(torch.tensor([0.0, INITIAL_TAIL / self.pace, 0.0]))
+        self.doubt = nn.Parameter(torch.tensor([0.0, INITIAL_TAIL / self.pace]))
 
     def answers(self, context: int, samples: int) -> bool:
         """Whether it answers for a context of so many samples: equations have no length."""
@@ -143,7 +134,7 @@ class Lagrangian(nn.Module):
     def answer(self, u: Tensor, y_context: Tensor) -> Tensor:
         """y of the horizon, rad, from u [batch, samples, joint] in N·m and y of the context in rad."""
         before = y_context.shape[1] - 2
-        return self.follow(u[:, before:], y_context[:, before:], [fit.numbers for fit in self.fits(u, y_context)])
+        return self.follow(u[:, before:], y_context[:, before:], [fit[0] for fit in self.fits(u, y_context)])
 
     def draws(self, u: Tensor, y_context: Tensor, count: int) -> Tensor:
         """y of the horizon, rad, [draw, batch, horizon, joint], of robots that the context leaves possible.
@@ -152,30 +143,22 @@ class Lagrangian(nn.Module):
         """
         fits = self.fits(u, y_context)
         before, answers = y_context.shape[1] - 2, []
+        median, tail = self.pace * self.doubt
         for _ in range(count):
-            tail, normal = torch.randn(len(u), 1).to(u), torch.randn_like(fits[0].numbers)
-            drawn = [self.deviate(y_context, fit, self.scale(tail, fit.misfit), normal) for fit in fits]
+            scale = (median + tail * torch.randn(len(u), 1).to(u)).exp()
+            normal = torch.randn_like(fits[0][0])
+            drawn = [self.deviate(y_context, fit, scale, normal) for fit in fits]
             answers.append(self.follow(u[:, before:], y_context[:, before:], drawn))
         return torch.stack(answers)
-
-    def scale(self, tail: Tensor, misfit: Tensor) -> Tensor:
-        """By how many deviations of the regression robots differ from the most likely ones, from a standard normal
-        number and from how badly the law fits their contexts."""
-        median, deviation, slope = self.pace * self.doubt
-        return (median + deviation * tail + slope * misfit).exp()
 
     def follow(self, u: Tensor, y: Tensor, robots: list[Tensor]) -> Tensor:
         """Positions after the first two, y [batch, 2, joint], of the first of `robots` [batch, number], or of the
         second where some pose on the way would leave the first too little inertia."""
-        return self._follow(u, y, robots)[0]
-
-    def _follow(self, u: Tensor, y: Tensor, robots: list[Tensor]) -> tuple[Tensor, Tensor]:
-        """As `follow`, and whether each is the first [batch]."""
         free, masses = robots
         answer, solid = self.roll(u, y, free)
-        if not solid.all():
-            answer = torch.where(solid[:, None, None], answer, self.roll(u, y, masses)[0])
-        return answer, solid
+        if solid.all():
+            return answer
+        return torch.where(solid[:, None, None], answer, self.roll(u, y, masses)[0])
 
     def roll(self, u: Tensor, y: Tensor, numbers: Tensor) -> tuple[Tensor, Tensor]:
         """Positions after the first two, y [batch, 2, joint], of robots with these numbers, and whether each has
@@ -260,26 +243,25 @@ class Lagrangian(nn.Module):
         with torch.no_grad():
             fits = self.fits(u, y_context)
             start, ahead = y_horizon[:, :2], y_horizon[:, 2:]
-            mean = self.follow(u[:, context:], start, [fit.numbers for fit in fits])
+            mean = self.follow(u[:, context:], start, [fit[0] for fit in fits])
             one = torch.ones_like(u[:, 0, :1])
-            drawn, misfits = [], []
-            for normal in normals.unbind(1):
-                robots = [self.deviate(y_context, fit, one, normal[:, :-1]) for fit in fits]
-                answer, solid = self._follow(u[:, context:], start, robots)
-                drawn.append(answer)
-                misfits.append(torch.where(solid[:, None], fits[0].misfit, fits[1].misfit))
+            drawn = [
+                self.follow(u[:, context:], start, [self.deviate(y_context, fit, one, normal[:, :-1]) for fit in fits])
+                for normal in normals.unbind(1)
+            ]
             drawn = torch.stack(drawn, 1)
             differences = drawn - mean[:, None]
             unit = differences.square().mean(1).sqrt().clamp(min=LEAST_DIFFERENCE)
             differences, error = differences / unit[:, None], (ahead - mean) / unit
-        samples = self.scale(normals[..., -1], torch.cat(misfits, 1))[:, :, None, None] * differences
+        median, tail = self.pace * self.doubt
+        samples = (median + tail * normals[..., -1])[:, :, None, None].exp() * differences
         between = (samples[:, :, None] - samples[:, None]).abs().sum((1, 2))
         return (samples - error[:, None]).abs().mean(1) - between / (2 * DRAWS * (DRAWS - 1))
 
     def deviate(self, y: Tensor, fitted: Fit, scale: Tensor, normal: Tensor) -> Tensor:
         """Numbers `scale` [batch, 1] deviations from those that were fitted to the context y, or less where these
         would leave some pose of the context too little inertia."""
-        numbers, root, bounded, _ = fitted
+        numbers, root, bounded = fitted
         deviation, found, done = _times(root, normal), numbers, torch.zeros_like(bounded[:, 0])
         for _ in range(HALVINGS):
             drawn = _at_least_0(numbers + scale * deviation, bounded)
@@ -297,29 +279,24 @@ class Lagrangian(nn.Module):
         own[:, : particles + forces] = False
         with_masses = own.clone()
         with_masses[:, :particles] = True
-        free, masses = (self._fit(factors, torque, bounded) for bounded in (own, with_masses))
-        solid = self.is_solid(y, free.numbers)
+        free, masses = (
+            (*(found.to(u) for found in self._fit(factors, torque, bounded)), bounded) for bounded in (own, with_masses)
+        )
+        solid = self.is_solid(y, free[0])
         chosen = [torch.where(solid.reshape(-1, *[1] * (a.dim() - 1)), a, b) for a, b in zip(free, masses)]
-        return [Fit(*chosen), masses]
+        return [tuple(chosen), masses]
 
-    def _fit(self, factors: Tensor, torque: Tensor, bounded: Tensor) -> Fit:
+    def _fit(self, factors: Tensor, torque: Tensor, bounded: Tensor) -> tuple[Tensor, Tensor]:
         """Where a joint leaves more torque over than in training, so much is its noise."""
-        samples = factors.shape[1]
-        weight = min(self.points / samples, 1.0)
-        least = (self.pace * self.noise).exp().expand(len(factors), -1).double()
-
-        def left_over(numbers: Tensor) -> Tensor:
-            rows = _times(factors[..., :-1].double(), numbers[:, None]) + factors[..., -1].double()
-            return (torque.double() - rows).square().mean(1).sqrt()
-
+        weight = min(self.points / factors.shape[1], 1.0)
+        least = (self.pace * self.noise).exp().expand(len(factors), -1)
         numbers, root = self.most_likely(factors, torque, weight, least, bounded)
         for _ in range(NOISE_ROUNDS):
-            noise = torch.maximum(least, left_over(numbers))
+            rows = _times(factors[..., :-1].double(), numbers[:, None]) + factors[..., -1].double()
+            left_over = (torque.double() - rows).square().mean(1).sqrt()
+            noise = torch.maximum(least.double(), left_over)
             numbers, root = self.most_likely(factors, torque, weight, noise, bounded)
-        # As if `points` samples more had left over what those of training did: a short context says little of it.
-        squares = samples * (left_over(numbers) / least).square()
-        misfit = 0.5 * ((self.points + squares) / (self.points + samples)).log().mean(1, keepdim=True)
-        return Fit(numbers.to(factors), root.to(factors), bounded, misfit.to(factors))
+        return numbers, root
 
     def is_solid(self, y: Tensor, numbers: Tensor) -> Tensor:
         """Whether each arm has inertia enough in the poses of its context [batch]."""

@@ -41,14 +41,12 @@ pub(super) struct Doubt {
     pub median: f32,
     /// Standard deviation of the logarithm.
     pub tail: f32,
-    /// By how much the logarithm grows with [`Posterior::misfit`].
-    pub slope: f32,
 }
 
 impl Doubt {
-    /// The deviations of a robot with the standard normal number `normal`, whose context the law misfits so much.
-    pub fn scale(self, normal: f32, misfit: f32) -> f32 {
-        self.slope.mul_add(misfit, self.tail.mul_add(normal, self.median)).exp()
+    /// The deviations of a robot with the standard normal number `normal`.
+    pub fn scale(self, normal: f32) -> f32 {
+        self.tail.mul_add(normal, self.median).exp()
     }
 }
 
@@ -82,7 +80,7 @@ impl Law {
         normals: &[f32],
     ) -> State {
         let count = self.numbers.count();
-        let scale = self.doubt.scale(normals[count], known.posterior.misfit as f32);
+        let scale = self.doubt.scale(normals[count]);
         let mut state = State {
             numbers: self.deviate(instructions, recorded, known, scale, &normals[..count]),
             ..known.state.clone()

@@ -206,20 +206,7 @@ impl Law {
             }
             posterior = regression.of_possible(&self.prior, &noise, bounds);
         }
-        posterior.misfit = self.misfit(regression, recorded, &posterior.mean);
         posterior
-    }
-
-    /// [`Posterior::misfit`], as if [`Law::points`] samples more had left over what those of training did: a short
-    /// context says little of it.
-    fn misfit(&self, regression: &Regression, recorded: &Recorded<'_>, numbers: &[f64]) -> f64 {
-        let seen = recorded.samples().saturating_sub(2) as f64;
-        let usual = self.points as f64;
-        let logarithms = self.joints.iter().enumerate().map(|(joint, law)| {
-            let ratio = regression.left_over(joint, numbers) / f64::from(law.noise);
-            0.5 * ((usual + seen * ratio * ratio) / (usual + seen)).ln()
-        });
-        logarithms.sum::<f64>() / self.joints.len() as f64
     }
 
     /// The deviation of each joint's torques that makes a context count as [`Law::points`] samples, N·m.

@@ -149,7 +149,7 @@ impl Architecture for LagrangianSpec {
             friction_shift: weights.constant([joints], 0.0),
             spread: weights.given([numbers.count()], spreads),
             noise: weights.constant([joints], paced(INITIAL_NOISE)),
-            doubt: weights.given([3], [0.0, INITIAL_TAIL / PACE, 0.0]),
+            doubt: weights.given([2], [0.0, INITIAL_TAIL / PACE]),
             first,
             numbers,
             points: self.points.min(context - 2) as usize,
@@ -181,7 +181,7 @@ pub(crate) struct Lagrangian {
     spread: Param<Tensor<1>>,
     /// Logarithm of the standard deviation of the torque that is left over at a sample, N·m, over [`PACE`].
     noise: Param<Tensor<1>>,
-    /// The numbers of [`Doubt`], in order, over [`PACE`].
+    /// [`Doubt`]: the logarithm of the median, then the deviation of the logarithm, both over [`PACE`].
     doubt: Param<Tensor<1>>,
     /// The first joint whose angle the network sees.
     #[module(skip)]
@@ -290,7 +290,7 @@ impl Lagrangian {
 
     fn doubt(&self) -> Doubt {
         let values = values(self.doubt.val() * PACE);
-        Doubt { median: values[0], tail: values[1], slope: values[2] }
+        Doubt { median: values[0], tail: values[1] }
     }
 
     /// The same law, ready to predict.

@@ -178,7 +178,7 @@ impl Regression {
         let mean: Vec<f64> = (0..count).map(|number| spread(number) * scaled[number]).collect();
         let finite = mean.iter().all(|value| value.is_finite());
         let spread = (0..count).map(spread).collect();
-        finite.then_some(Posterior { mean, bounds: Bounds::Own, misfit: 0.0, spread, factor })
+        finite.then_some(Posterior { mean, bounds: Bounds::Own, spread, factor })
     }
 }
 
@@ -188,8 +188,6 @@ pub(super) struct Posterior {
     pub mean: Vec<f64>,
     /// The numbers that are held at 0 at least.
     pub bounds: Bounds,
-    /// Logarithm of how much more torque the law leaves over than it did in training, mean over joints.
-    pub misfit: f64,
     /// Over robots; 0 of a number that is held.
     spread: Vec<f64>,
     /// The factor of the precision, in units of the spreads.
@@ -202,7 +200,7 @@ impl Posterior {
         let count = prior.mean.len();
         let factor = Cholesky::pack_dirty(DMatrix::identity(count, count));
         let (mean, spread) = (prior.mean.clone(), prior.spread.clone());
-        Self { mean, bounds: Bounds::Own, misfit: 0.0, spread, factor }
+        Self { mean, bounds: Bounds::Own, spread, factor }
     }
 
     /// A draw of the difference to the mean, from one standard normal number for each number.

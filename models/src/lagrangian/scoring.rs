@@ -35,8 +35,6 @@ struct Score {
     slopes: Vec<f32>,
     /// The number that the scale of each draw is made of.
     tails: Vec<f32>,
-    /// How badly the law fits the context, for the numbers that each draw is about.
-    misfits: Vec<f32>,
 }
 
 impl Lagrangian {
@@ -73,8 +71,7 @@ impl Lagrangian {
             Tensor::<3>::from_data(TensorData::new(all, [scores.len(), DRAWS, 1]), &device)
         };
         let of = |place: usize| doubt.clone().narrow(0, place, 1).unsqueeze::<3>();
-        let tails = each(|score| &score.tails) * of(1);
-        let scales = (tails + each(|score| &score.misfits) * of(2) + of(0)).exp();
+        let scales = (each(|score| &score.tails) * of(1) + of(0)).exp();
         // Each of those drawn stands for as many robots as were not.
         let share = self.points as f64 / robots as f64;
         let value: f64 = scores.iter().map(|score| f64::from(score.value)).sum();
@@ -117,7 +114,6 @@ fn sign(value: f32) -> f32 {
 
 impl Law {
     /// `y` are positions of the horizon, `normals` the numbers of each draw and of its scale.
-    #[expect(clippy::cast_possible_truncation, reason = "the law is computed in f32")]
     fn score(&self, robot: &Recorded<'_>, y: &[f32], normals: &[f32]) -> Score {
         let instructions = InstructionSet::best();
         let (joints, count) = (robot.joints, self.numbers.count());
@@ -133,20 +129,14 @@ impl Law {
                 .collect();
             let starts: Vec<Start<'_>> =
                 numbers.iter().map(|numbers| Start { recorded, numbers }).collect();
-            (self.roll_out(instructions, &starts), known.posterior.misfit as f32)
+            self.roll_out(instructions, &starts)
         };
-        let (mut answers, misfit) = follow(Bounds::Own);
-        // Of the most likely robot, too.
-        let mut misfits = vec![misfit; 1 + DRAWS];
+        let mut answers = follow(Bounds::Own);
         let lost = answers.lost();
         if !lost.is_empty() {
-            let (without, misfit) = follow(Bounds::Masses);
-            for robot in lost {
-                answers.replace(robot, &without, robot);
-                misfits[robot] = misfit;
-            }
+            let without = follow(Bounds::Masses);
+            lost.into_iter().for_each(|robot| answers.replace(robot, &without, robot));
         }
-        misfits.remove(0);
         let (mean, drawn) = answers.positions.split_at(ahead.len());
         let mut differences: Vec<f32> =
             drawn.iter().zip(mean.iter().cycle()).map(|(drawn, mean)| drawn - mean).collect();
@@ -159,11 +149,9 @@ impl Law {
             each().for_each(|at| differences[at] /= unit);
         }
         let tails: Vec<f32> = draws.map(|normals| normals[count]).collect();
-        let each = tails.iter().zip(&misfits);
-        let scales: Vec<f32> =
-            each.map(|(&tail, &misfit)| self.doubt.scale(tail, misfit)).collect();
+        let scales: Vec<f32> = tails.iter().map(|&tail| self.doubt.scale(tail)).collect();
         let (value, slopes) = fair_crps(&scales, &differences, &error);
-        Score { value, slopes, tails, misfits }
+        Score { value, slopes, tails }
     }
 }
 
@@ -192,43 +180,37 @@ mod tests {
         }
     }
 
-    /// Robots that differ as their draws do, times a log-normal scale: descent finds its numbers.
+    /// Robots that differ as their draws do, times a log-normal scale: descent finds both of its numbers.
     #[test]
     fn the_scale_by_which_robots_differ_is_found() {
         const ROBOTS: usize = 20_000;
-        let truth = Doubt { median: 0.7, tail: 0.5, slope: 0.6 };
+        let truth = Doubt { median: 0.7, tail: 0.5 };
         let mut generator = ChaCha8Rng::seed_from_u64(5);
         let mut normal = |count: usize| {
             let mut values = vec![0.0; count];
             random::fill_normal(&mut values, &mut generator);
             values
         };
-        let misfits = normal(ROBOTS);
-        let scales = normal(ROBOTS).into_iter().zip(&misfits);
-        let scales = scales.map(|(scale, &misfit)| truth.scale(scale, misfit));
+        let scales = normal(ROBOTS).into_iter().map(|scale| truth.scale(scale));
         let errors: Vec<f32> =
             scales.zip(normal(ROBOTS)).map(|(scale, normal)| scale * normal).collect();
         let (differences, tails) = (normal(ROBOTS * DRAWS), normal(ROBOTS * DRAWS));
-        let mut doubt = Doubt { median: 0.0, tail: 0.2, slope: 0.0 };
+        let mut doubt = Doubt { median: 0.0, tail: 0.2 };
         for _ in 0..150 {
-            let mut gradient = [0.0; 3];
+            let mut gradient = [0.0; 2];
             let draws = differences.chunks_exact(DRAWS).zip(tails.chunks_exact(DRAWS));
-            for (((differences, tails), error), misfit) in draws.zip(&errors).zip(&misfits) {
-                let scales: Vec<f32> =
-                    tails.iter().map(|&tail| doubt.scale(tail, *misfit)).collect();
+            for ((differences, tails), error) in draws.zip(&errors) {
+                let scales: Vec<f32> = tails.iter().map(|&tail| doubt.scale(tail)).collect();
                 let (_, slopes) = fair_crps(&scales, differences, &[*error]);
                 for ((slope, scale), tail) in slopes.iter().zip(scales).zip(tails) {
                     gradient[0] += slope * scale / ROBOTS as f32;
                     gradient[1] += slope * scale * tail / ROBOTS as f32;
-                    gradient[2] += slope * scale * misfit / ROBOTS as f32;
                 }
             }
             doubt.median -= 1.5 * gradient[0];
             doubt.tail -= 1.5 * gradient[1];
-            doubt.slope -= 1.5 * gradient[2];
         }
         assert!((doubt.median - truth.median).abs() < 0.05, "{doubt:?}");
         assert!((doubt.tail - truth.tail).abs() < 0.1, "{doubt:?}");
-        assert!((doubt.slope - truth.slope).abs() < 0.1, "{doubt:?}");
     }
 }
