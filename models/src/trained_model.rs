@@ -113,6 +113,16 @@ impl TrainedModel {
         self.config.horizon as usize
     }
 
+    /// The fewest samples that it can be asked to predict after its context, of `steps` to [`TrainedModel::horizon`].
+    pub fn horizon_of(&self, steps: usize) -> usize {
+        let CheckpointConfig { model, context, samples, .. } = &self.config;
+        let whole = u32::try_from(steps).unwrap_or(*samples).next_multiple_of(model.patch());
+        let asked = Length { context: *context, samples: context.saturating_add(whole) };
+        let trained = Length { context: *context, samples: *samples };
+        let nearest = model.lengths().nearest(asked, trained, model.patch());
+        (nearest.samples - nearest.context) as usize
+    }
+
     /// Context and horizon together.
     pub fn samples(&self) -> usize {
         self.config.samples as usize

@@ -66,6 +66,35 @@ fn no_answer_depends_on_the_positions_of_the_horizon() {
     }
 }
 
+/// A planner asks for no more than it looks at.
+#[test]
+fn the_least_horizon_is_answered_and_no_longer_than_it_has_to_be() {
+    let batch = batch(53, 3);
+    let view = batch.view();
+    for (name, model) in every_kind() {
+        let expected = match model.lengths() {
+            Lengths::Trained => [8, 8, 8],
+            Lengths::From(_) => [4, 8, 8],
+            Lengths::Any => [1, 5, 8],
+        };
+        let model = briefly_trained(model);
+        let whole = model.predict(&known(&batch)).unwrap();
+        for (steps, expected) in [1, 5, 8].into_iter().zip(expected) {
+            let horizon = model.horizon_of(steps);
+            assert_eq!(horizon, expected, "{name}");
+            let samples = CONTEXT as usize + horizon;
+            let question = view.window(0..samples);
+            let answer = model.predict(&question.observed(0, CONTEXT as usize)).unwrap();
+            assert_eq!(answer.len(), 3 * horizon * JOINTS, "{name}");
+            if horizon == steps {
+                let each = answer.chunks(horizon * JOINTS).zip(whole.chunks(HORIZON_VALUES));
+                let same = |(found, whole): (&[f32], &[f32])| found == &whole[..steps * JOINTS];
+                assert!(each.map(same).all(|same| same), "{name}");
+            }
+        }
+    }
+}
+
 #[test]
 fn a_model_answers_its_own_lengths_those_it_was_cut_to_or_any() {
     let batch = batch(53, 3);

@@ -39,7 +39,7 @@ fn robot(attempt: &Attempt, spec: &ControlSpec, index: u64) -> Result<(), TaskEr
         .baselines
         .iter()
         .map(|&baseline| Controller::baseline(baseline, &simulation, plant.robot()));
-    let learned = checkpoints.iter().map(learned);
+    let learned = checkpoints.iter().map(|checkpoint| learned(checkpoint, spec));
     let mut trials = Vec::new();
     let mut warnings = Vec::new();
     let mut traces: Vec<(String, Trace)> = Vec::new();
@@ -76,7 +76,7 @@ fn robot(attempt: &Attempt, spec: &ControlSpec, index: u64) -> Result<(), TaskEr
 }
 
 /// A denoiser is asked for one sample, by the sampler of its checkpoint.
-fn learned(checkpoint: &LoadedCheckpoint) -> Controller<'_> {
+fn learned<'a>(checkpoint: &'a LoadedCheckpoint, spec: &ControlSpec) -> Controller<'a> {
     let LoadedCheckpoint { info, model, .. } = checkpoint;
     let predictor = Learned {
         name: info.name.clone(),
@@ -88,7 +88,7 @@ fn learned(checkpoint: &LoadedCheckpoint) -> Controller<'_> {
     let forecast = Foreseen {
         predictor,
         context: model.context(),
-        horizon: Some(model.horizon()),
+        horizon: Some(model.horizon_of(spec.planner.horizon as usize)),
         rate_hz: model.rate_hz(),
     };
     Controller { name: info.name.clone(), forecast: Some(Box::new(forecast)) }
