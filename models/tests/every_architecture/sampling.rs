@@ -87,9 +87,9 @@ fn the_least_horizon_is_answered_and_no_longer_than_it_has_to_be() {
             let answer = model.predict(&question.observed(0, CONTEXT as usize)).unwrap();
             assert_eq!(answer.len(), 3 * horizon * JOINTS, "{name}");
             if horizon == steps {
-                let each = answer.chunks(horizon * JOINTS).zip(whole.chunks(HORIZON_VALUES));
-                let same = |(found, whole): (&[f32], &[f32])| found == &whole[..steps * JOINTS];
-                assert!(each.map(same).all(|same| same), "{name}");
+                let mut each = answer.chunks(horizon * JOINTS).zip(whole.chunks(HORIZON_VALUES));
+                let same = each.all(|(found, whole)| *found == whole[..steps * JOINTS]);
+                assert!(same, "{name}");
             }
         }
     }
