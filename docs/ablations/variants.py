@@ -11,6 +11,7 @@ from torqued.lagrangian import (
     INITIAL_NOISE,
     INITIAL_SHARED_SPREAD,
     SWEEPS,
+    Fit,
     Lagrangian,
     Motions,
 )
@@ -53,7 +54,7 @@ class NoPositiveDefiniteness(Lagrangian):
     def is_solid(self, y: Tensor, numbers: Tensor) -> Tensor:
         return torch.ones(len(numbers), dtype=torch.bool)
 
-    def roll(self, u: Tensor, y: Tensor, numbers: Tensor) -> Tensor:
+    def roll(self, u: Tensor, y: Tensor, numbers: Tensor) -> tuple[Tensor, Tensor]:
         """As the complete model's, with S, and with LU in place of L D Lᵀ: no pivot is raised."""
         rate, share = self.rate_hz, self._share()
         weights, strengths, damping, friction = numbers.split(self.counts, -1)
@@ -77,7 +78,7 @@ class NoPositiveDefiniteness(Lagrangian):
             velocity = velocity + change
             q = q + velocity / rate
             answer.append(q)
-        return torch.stack(answer, 1)
+        return torch.stack(answer, 1), torch.ones(len(u), dtype=torch.bool)
 
 
 class NoQuadraticTerms(Lagrangian):
@@ -104,9 +105,9 @@ class NoFit(Lagrangian):
         width = mean.shape[-1]
         return mean, factors.new_zeros(len(factors), width, width), factors.new_zeros(len(factors))
 
-    def fit(self, u: Tensor, y: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    def fits(self, u: Tensor, y: Tensor) -> list[Fit]:
         numbers = self._means().expand(len(u), -1)
-        return numbers, torch.diag_embed(torch.zeros_like(numbers)), numbers < 0
+        return [(numbers, torch.diag_embed(torch.zeros_like(numbers)), numbers < 0)] * 2
 
 
 class NoStructure(Lagrangian):
@@ -178,7 +179,7 @@ class NoStructure(Lagrangian):
     def is_solid(self, y: Tensor, numbers: Tensor) -> Tensor:
         return torch.ones(len(numbers), dtype=torch.bool)
 
-    def roll(self, u: Tensor, y: Tensor, numbers: Tensor) -> Tensor:
+    def roll(self, u: Tensor, y: Tensor, numbers: Tensor) -> tuple[Tensor, Tensor]:
         combination = torch.cat([numbers, torch.ones_like(numbers[:, :1])], -1)
         q = y[:, 1]
         velocity = self.rate_hz * (q - y[:, 0])
@@ -188,14 +189,13 @@ class NoStructure(Lagrangian):
             velocity = (velocity + self.change_unit * change).clamp(-FASTEST, FASTEST)
             q = q + velocity / self.rate_hz
             answer.append(q)
-        return torch.stack(answer, 1)
+        return torch.stack(answer, 1), torch.ones(len(u), dtype=torch.bool)
 
 
 def shares(model: Lagrangian, u: Tensor, y: Tensor, context: int) -> tuple[float, float]:
     """The share of robots with a negative mass, and of those whose mass matrix has a negative eigenvalue at some
     sample of y before any pivot is raised."""
-    numbers, _, _ = model.fit(u, y[:, :context])
-    masses = numbers[:, : model.counts[0]]
+    masses = model.fits(u, y[:, :context])[0][0][:, : model.counts[0]]
     weights = masses.repeat(1, DIRECTIONS)[:, :, None]
     indefinite_metric = isinstance(model, NoPositiveDefiniteness)
     armature = model.armature if indefinite_metric else (model.pace * model.armature).exp()
