@@ -113,7 +113,8 @@ impl TrainedModel {
         self.config.horizon as usize
     }
 
-    /// The fewest samples that it can be asked to predict after its context, of `steps` to [`TrainedModel::horizon`].
+    /// The fewest samples, at least `steps` and at most [`TrainedModel::horizon`], that it can be asked to predict after
+    /// its context.
     pub fn horizon_of(&self, steps: usize) -> usize {
         let CheckpointConfig { model, context, samples, .. } = &self.config;
         let whole = u32::try_from(steps).unwrap_or(*samples).next_multiple_of(model.patch());

@@ -71,8 +71,8 @@ pub(super) struct Start<'a> {
 impl Law {
     /// Positions of the horizons, `[robot, sample, joint]`, rad; the same whatever the instructions. Where there are
     /// `draws`, one for each robot, of [`Law::normals_of_draw`] standard normal numbers, a robot is not the most
-    /// likely one but one that its context leaves possible. Where a robot with negative masses comes to a pose of too
-    /// little inertia, it is one without.
+    /// likely one but one that its context leaves possible. A robot with negative masses that comes to a pose of too
+    /// little inertia is fitted again without them.
     pub fn predict(
         &self,
         instructions: InstructionSet,
@@ -97,7 +97,7 @@ impl Law {
         found.positions
     }
 
-    /// [`Law::predict`] with robots of these bounds, wherever that leads them.
+    /// The horizons of robots that are fitted within these bounds, whatever poses they come to.
     fn follow(
         &self,
         instructions: InstructionSet,
