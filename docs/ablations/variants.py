@@ -150,7 +150,7 @@ class NoStructure(Lagrangian):
         self.mean = nn.Parameter(torch.zeros(self.counts[1]))
         self.spread = nn.Parameter(torch.full((sum(self.counts),), INITIAL_SHARED_SPREAD).log() / self.pace)
         self.noise = nn.Parameter(torch.full((joints,), INITIAL_NOISE).log() / self.pace)
-        self.doubt = nn.Parameter(torch.zeros(2))
+        self.doubt = nn.Parameter(torch.zeros(3))
 
     def measure(self, recorded: Motions) -> None:
         """Takes the units of velocities, changes and torques from the training set."""

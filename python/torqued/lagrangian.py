@@ -35,6 +35,12 @@ DRAWS = 7
 """Draws of a robot that a loss scores."""
 LEAST_DIFFERENCE = 1e-6
 """Least difference of draws that counts, rad."""
+DOUBT_PACE = 30.0
+"""How much faster than a weight the scales of draws are learned."""
+PARTS = 4
+"""Parts of a context that are left out in turn, to see what is left over there."""
+STRETCH = 3
+"""Normal numbers that tell which stretch of a context's torques a draw has."""
 
 
 Fit = tuple[Tensor, Tensor, Tensor]
@@ -125,7 +131,7 @@ class Lagrangian(nn.Module):
         spread = shared + [INITIAL_DAMPING_SPREAD] * joints + [INITIAL_FRICTION_SPREAD] * joints
         self.spread = nn.Parameter(torch.tensor(spread).log() / self.pace)
         self.noise = of_joints(math.log(INITIAL_NOISE))
-        self.doubt = nn.Parameter(torch.tensor([0.0, INITIAL_TAIL / self.pace]))
+        self.doubt = nn.Parameter(torch.tensor([0.0, INITIAL_TAIL / DOUBT_PACE, 0.0]))
 
     def answers(self, context: int, samples: int) -> bool:
         """Whether it answers for a context of so many samples: equations have no length."""
@@ -142,23 +148,43 @@ class Lagrangian(nn.Module):
         torqued draws other numbers.
         """
         fits = self.fits(u, y_context)
+        left_over = self.left_over(u, y_context, fits)
         before, answers = y_context.shape[1] - 2, []
-        median, tail = self.pace * self.doubt
+        ahead, start = u[:, before:], y_context[:, before:]
+        median, tail, torque = DOUBT_PACE * self.doubt
         for _ in range(count):
             scale = (median + tail * torch.randn(len(u), 1).to(u)).exp()
-            normal = torch.randn_like(fits[0][0])
+            normal, stretch = torch.randn_like(fits[0][0]), torch.randn(len(u), STRETCH).to(u)
             drawn = [self.deviate(y_context, fit, scale, normal) for fit in fits]
-            answers.append(self.follow(u[:, before:], y_context[:, before:], drawn))
+            more = [(scale * torque.exp())[..., None] * _stretch(each, stretch, ahead) for each in left_over]
+            answers.append(self.follow([ahead + torques for torques in more], start, drawn))
         return torch.stack(answers)
 
-    def follow(self, u: Tensor, y: Tensor, robots: list[Tensor]) -> Tensor:
+    def left_over(self, u: Tensor, y: Tensor, fits: list[Fit]) -> list[Tensor]:
+        """The torques that robots within the bounds of each of `fits` leave over in the context y, [batch, sample,
+        joint], N·m: in each of its PARTS those of a robot fitted to the others."""
+        factors, torque = self.equations(Motions.of(u, y, self.rate_hz))
+        samples = factors.shape[1]
+        weight = min(self.points / samples, 1.0)
+        ends = [part * samples // PARTS for part in range(PARTS + 1)]
+        parts = list(zip(ends[:-1], ends[1:]))
+
+        def of_part(first: int, end: int, bounded: Tensor) -> Tensor:
+            seen = [torch.cat([a[:, :first], a[:, end:]], 1) for a in (factors, torque)]
+            numbers, _ = self._fit(*seen, weight, bounded)
+            return _left_over(factors[:, first:end], torque[:, first:end], numbers)
+
+        return [torch.cat([of_part(*part, bounded) for part in parts], 1).to(u) for _, _, bounded in fits]
+
+    def follow(self, u: Tensor | list[Tensor], y: Tensor, robots: list[Tensor]) -> Tensor:
         """Positions after the first two, y [batch, 2, joint], of the first of `robots` [batch, number], or of the
-        second where some pose on the way would leave the first too little inertia."""
+        second where some pose on the way would leave the first too little inertia. Each may have torques of its own."""
         free, masses = robots
-        answer, solid = self.roll(u, y, free)
+        of_free, of_masses = u if isinstance(u, list) else (u, u)
+        answer, solid = self.roll(of_free, y, free)
         if solid.all():
             return answer
-        return torch.where(solid[:, None, None], answer, self.roll(u, y, masses)[0])
+        return torch.where(solid[:, None, None], answer, self.roll(of_masses, y, masses)[0])
 
     def roll(self, u: Tensor, y: Tensor, numbers: Tensor) -> tuple[Tensor, Tensor]:
         """Positions after the first two, y [batch, 2, joint], of robots with these numbers, and whether each has
@@ -206,12 +232,12 @@ class Lagrangian(nn.Module):
 
         It looks at `points` samples of each context, at equal distances, from one that PyTorch draws. The
         horizon is looked at by the score alone: of the robots `chosen` [batch], one in `points` unless given, with
-        draws of the numbers `normals` [batch, draw, number + 1].
+        draws of the numbers `normals` [batch, draw, number + 1 + STRETCH].
         """
         if chosen is None:
             chosen = torch.rand(len(u), device=u.device) < 1 / self.points
         if normals is None:
-            normals = torch.randn(len(u), DRAWS, sum(self.counts) + 1).to(u)
+            normals = torch.randn(len(u), DRAWS, sum(self.counts) + 1 + STRETCH).to(u)
         batch, context, _ = y_context.shape
         stride = (context - 2) // self.points
         offsets = torch.randint(stride, (batch, 1), device=u.device)
@@ -239,22 +265,28 @@ class Lagrangian(nn.Module):
     def score(self, u: Tensor, y_context: Tensor, y_horizon: Tensor, normals: Tensor) -> Tensor:
         """The fair continuous ranked probability score of draws, in units of how much they differ before they are
         scaled, [batch, horizon - 2, joint]. Its gradient is that of `doubt` alone."""
-        context = y_context.shape[1]
+        context, count = y_context.shape[1], sum(self.counts)
         with torch.no_grad():
             fits = self.fits(u, y_context)
+            left_over = self.left_over(u, y_context, fits)
+            u = u[:, context:]
             start, ahead = y_horizon[:, :2], y_horizon[:, 2:]
-            mean = self.follow(u[:, context:], start, [fit[0] for fit in fits])
+            likely = [numbers for numbers, _, _ in fits]
+            mean = self.follow(u, start, likely)
             one = torch.ones_like(u[:, 0, :1])
-            drawn = [
-                self.follow(u[:, context:], start, [self.deviate(y_context, fit, one, normal[:, :-1]) for fit in fits])
-                for normal in normals.unbind(1)
-            ]
-            drawn = torch.stack(drawn, 1)
-            differences = drawn - mean[:, None]
-            unit = differences.square().mean(1).sqrt().clamp(min=LEAST_DIFFERENCE)
-            differences, error = differences / unit[:, None], (ahead - mean) / unit
-        median, tail = self.pace * self.doubt
-        samples = (median + tail * normals[..., -1])[:, :, None, None].exp() * differences
+            of_numbers, of_torques = [], []
+            for normal in normals.unbind(1):
+                drawn = [self.deviate(y_context, fit, one, normal[:, :count]) for fit in fits]
+                of_numbers.append(self.follow(u, start, drawn) - mean)
+                more = [_stretch(each, normal[:, count + 1 :], u) for each in left_over]
+                of_torques.append(self.follow([u + torques for torques in more], start, likely) - mean)
+            of_numbers, of_torques = torch.stack(of_numbers, 1), torch.stack(of_torques, 1)
+            unit = (of_numbers.square() + of_torques.square()).mean(1).sqrt().clamp(min=LEAST_DIFFERENCE)
+            of_numbers, of_torques = of_numbers / unit[:, None], of_torques / unit[:, None]
+            error = (ahead - mean) / unit
+        median, tail, torque = DOUBT_PACE * self.doubt
+        scale = (median + tail * normals[..., count])[:, :, None, None].exp()
+        samples = scale * (of_numbers + torque.exp() * of_torques)
         between = (samples[:, :, None] - samples[:, None]).abs().sum((1, 2))
         return (samples - error[:, None]).abs().mean(1) - between / (2 * DRAWS * (DRAWS - 1))
 
@@ -274,26 +306,27 @@ class Lagrangian(nn.Module):
         """The robots that their contexts tell, and the same with no mass below 0. The first have masses of any sign
         but where some pose of the context would have too little inertia: there they are the second."""
         factors, torque = self.equations(Motions.of(u, y, self.rate_hz))
+        weight = min(self.points / factors.shape[1], 1.0)
         particles, forces, *_ = self.counts
         own = torch.ones(len(u), sum(self.counts), dtype=torch.bool, device=u.device)
         own[:, : particles + forces] = False
         with_masses = own.clone()
         with_masses[:, :particles] = True
         free, masses = (
-            (*(found.to(u) for found in self._fit(factors, torque, bounded)), bounded) for bounded in (own, with_masses)
+            (*(found.to(u) for found in self._fit(factors, torque, weight, bounded)), bounded)
+            for bounded in (own, with_masses)
         )
         solid = self.is_solid(y, free[0])
         chosen = [torch.where(solid.reshape(-1, *[1] * (a.dim() - 1)), a, b) for a, b in zip(free, masses)]
         return [tuple(chosen), masses]
 
-    def _fit(self, factors: Tensor, torque: Tensor, bounded: Tensor) -> tuple[Tensor, Tensor]:
+    def _fit(self, factors: Tensor, torque: Tensor, weight: float, bounded: Tensor) -> tuple[Tensor, Tensor]:
         """Where a joint leaves more torque over than in training, so much is its noise."""
-        weight = min(self.points / factors.shape[1], 1.0)
         least = (self.pace * self.noise).exp().expand(len(factors), -1)
         numbers, root = self.most_likely(factors, torque, weight, least, bounded)
         for _ in range(NOISE_ROUNDS):
-            rows = _times(factors[..., :-1].double(), numbers[:, None]) + factors[..., -1].double()
-            left_over = (torque.double() - rows).square().mean(1).sqrt()
+            squares = _left_over(factors, torque, numbers).square().sum(1)
+            left_over = (squares / max(factors.shape[1], 1)).sqrt()
             noise = torch.maximum(least.double(), left_over)
             numbers, root = self.most_likely(factors, torque, weight, noise, bounded)
         return numbers, root
@@ -394,6 +427,26 @@ class Lagrangian(nn.Module):
     def _share(self) -> Tensor:
         """How far torque and velocity lie towards the newer of two values, [joint]."""
         return LEAST_SHARE + (1 - LEAST_SHARE) * (self.pace * self.share).sigmoid()
+
+
+def _left_over(factors: Tensor, torque: Tensor, numbers: Tensor) -> Tensor:
+    """The torque [batch, sample, joint] that these numbers leave over, in double precision."""
+    return torque.double() - _times(factors[..., :-1].double(), numbers.double()[:, None]) - factors[..., -1].double()
+
+
+def _stretch(left_over: Tensor, normals: Tensor, like: Tensor) -> Tensor:
+    """Of the torques `left_over` [batch, sample, joint] a stretch as long as `like`, with a sign. The last of STRETCH
+    normal numbers [batch, STRETCH] over their length is uniform from -1 to 1 (Archimedes): its sign, and where the
+    stretch begins. Torques of a context that is too short are repeated."""
+    samples, count = left_over.shape[1], like.shape[1]
+    if samples == 0:
+        return torch.zeros_like(like)
+    starts = samples - count + 1 if samples >= count else samples
+    side = normals[:, -1] / normals.square().sum(-1).sqrt()
+    first = (side.abs() * starts).long().clamp(max=starts - 1)
+    index = (first[:, None] + torch.arange(count, device=like.device)) % samples
+    stretch = left_over.gather(1, index[..., None].expand(-1, -1, left_over.shape[2]))
+    return torch.where(side[:, None, None] < 0, -stretch, stretch)
 
 
 def _at_least_0(numbers: Tensor, bounded: Tensor) -> Tensor:

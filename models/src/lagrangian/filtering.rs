@@ -64,8 +64,9 @@ impl Law {
             Filter { law: self, measured: robot, path: &path, numbers, steps: &steps, noise };
         let belief = filter.most_likely();
         let width = belief.mean.len();
-        let motion = root_of_block(&belief.covariance, width, 2 * robot.joints);
-        Known { state: filter.state(&belief), posterior, motion: Some(motion) }
+        let motion = Some(root_of_block(&belief.covariance, width, 2 * robot.joints));
+        let state = filter.state(&belief);
+        Known { state, posterior, smoothed: Some(smoothed), motion }
     }
 
     /// The steps from sample 1 to the last, each around the path.

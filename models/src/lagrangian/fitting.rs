@@ -13,7 +13,7 @@ use super::factored::Factored;
 use super::law::{JointLaw, Law};
 use super::motion::Recorded;
 use super::pose::Pose;
-use super::regression::{Equation, Regression};
+use super::regression::{Equation, Equations, Regression};
 
 /// Every so many samples of a context are looked at where poses alone matter: an eighth of a second at 60 Hz.
 const EVERY: usize = 8;
@@ -22,13 +22,27 @@ const EVERY: usize = 8;
 type Gathered = [[f32; MAX_LANES]; MAX_JOINTS];
 
 impl Law {
-    /// The regression over every sample that has one before and one after it.
     #[inline(always)]
     pub(super) fn regression<L: Lanes>(&self, recorded: &Recorded<'_>) -> Regression {
+        let mut regression = Regression::new(self.numbers);
+        self.equations::<L>(recorded, |equation| regression.add(equation));
+        regression
+    }
+
+    /// The equations of a context.
+    #[inline(always)]
+    pub(super) fn kept_equations<L: Lanes>(&self, recorded: &Recorded<'_>) -> Equations {
+        let mut equations = Equations::new(self.numbers);
+        self.equations::<L>(recorded, |equation| equations.push(equation));
+        equations
+    }
+
+    /// The equation of each joint at every sample that has one before and one after it, in order.
+    #[inline(always)]
+    fn equations<L: Lanes>(&self, recorded: &Recorded<'_>, mut each: impl FnMut(&Equation<'_>)) {
         let joints = self.numbers.joints;
         let shared = self.numbers.shared().len();
         let mut pose = Pose::<L>::new(self);
-        let mut regression = Regression::new(self.numbers);
         // `[particle or force]`, of each joint in every lane.
         let mut features: Vec<Gathered> = vec![[[0.0; MAX_LANES]; MAX_JOINTS]; 1 + shared];
         let mut equation = vec![0.0; shared];
@@ -77,7 +91,7 @@ impl Law {
                     }
                     let motion = recorded.motion(sample + lane, joint);
                     let inertia = law.armature * gathered[1][joint][lane];
-                    regression.add(&Equation {
+                    each(&Equation {
                         joint,
                         shared: &equation,
                         velocity: gathered[3][joint][lane],
@@ -90,7 +104,6 @@ impl Law {
             }
             sample += lanes;
         }
-        regression
     }
 
     /// The least ratio of a pivot of the mass matrix at the context's poses to the inertia of its joint alone, which

@@ -1,13 +1,15 @@
 //! The most likely robot given a context, and draws of those that the context leaves possible.
 //!
 //! The numbers of a robot are normal given its context ([`super::regression`]), if the law is exact and its errors
-//! at [`Law::points`] samples independent. They are not quite, so that training learns by how much more its robots
-//! differ, and how much that itself differs from robot to robot ([`Doubt`]).
+//! at [`Law::points`] samples independent. They are not quite. So a draw has torques as well that the law leaves over
+//! ([`LeftOver`]), and training learns by how much more its robots differ, and how much that itself differs from
+//! robot to robot ([`Doubt`]).
 
 use nalgebra::{Cholesky, DMatrix, DVector};
 use simd::InstructionSet;
 
 use super::law::{Law, narrow};
+use super::leftover::{self, LeftOver};
 use super::motion::Recorded;
 use super::numbers::Bounds;
 use super::regression::Posterior;
@@ -29,9 +31,19 @@ pub(super) struct State {
 pub(super) struct Known {
     pub state: State,
     pub posterior: Posterior,
+    /// Positions of the context that its numbers were fitted to, where these are not the measured ones.
+    pub smoothed: Option<Vec<f32>>,
     /// A root of the covariance of the angles in rad and then the velocities in rad/s where the context ends,
     /// where positions are filtered: `[row, column]`.
     pub motion: Option<DMatrix<f64>>,
+}
+
+/// A robot that its context leaves possible, where its context ends.
+#[derive(Clone, Debug)]
+pub(super) struct Drawn {
+    pub state: State,
+    /// Torques that it answers to, from the last sample but one of the context on, `[sample, joint]`, N·m.
+    pub u: Vec<f32>,
 }
 
 /// By how much a robot differs from the most likely one, in deviations of the regression: log-normal over robots.
@@ -41,6 +53,8 @@ pub(super) struct Doubt {
     pub median: f32,
     /// Standard deviation of the logarithm.
     pub tail: f32,
+    /// Logarithm of how much of the torque that the law left over comes with a deviation.
+    pub torque: f32,
 }
 
 impl Doubt {
@@ -59,15 +73,15 @@ impl Law {
         bounds: Bounds,
     ) -> Known {
         let posterior = self.fit(instructions, recorded, bounds);
-        let last = recorded.samples().saturating_sub(2) * recorded.joints;
-        let y = recorded.y[last..].to_vec();
-        Known { state: State { y, numbers: narrow(&posterior.mean) }, posterior, motion: None }
+        let y = recorded.y[recorded.before()..].to_vec();
+        let state = State { y, numbers: narrow(&posterior.mean) };
+        Known { state, posterior, smoothed: None, motion: None }
     }
 
-    /// Standard normal numbers that a draw is made of: one for each number of a robot, one for its [`Doubt`], one
-    /// for each angle and one for each velocity.
+    /// Standard normal numbers that a draw is made of: one for each number of a robot, one for its [`Doubt`], those of
+    /// [`LeftOver`], one for each angle and one for each velocity.
     pub fn normals_of_draw(&self) -> usize {
-        self.numbers.count() + 1 + 2 * self.numbers.joints
+        self.numbers.count() + 1 + leftover::NORMALS + 2 * self.numbers.joints
     }
 
     /// A robot that its context leaves possible.
@@ -77,17 +91,22 @@ impl Law {
         instructions: InstructionSet,
         recorded: &Recorded<'_>,
         known: &Known,
+        left_over: &LeftOver,
         normals: &[f32],
-    ) -> State {
-        let count = self.numbers.count();
-        let scale = self.doubt.scale(normals[count]);
+    ) -> Drawn {
+        let (of_numbers, normals) = normals.split_at(self.numbers.count());
+        let (of_scale, normals) = normals.split_at(1);
+        let (of_torques, of_motion) = normals.split_at(leftover::NORMALS);
+        let scale = self.doubt.scale(of_scale[0]);
+        let mut u = recorded.u[recorded.before()..].to_vec();
+        left_over.add(scale * self.doubt.torque.exp(), of_torques, &mut u);
         let mut state = State {
-            numbers: self.deviate(instructions, recorded, known, scale, &normals[..count]),
+            numbers: self.deviate(instructions, recorded, known, scale, of_numbers),
             ..known.state.clone()
         };
         if let Some(root) = &known.motion {
             let joints = self.numbers.joints;
-            let normals = normals[count + 1..].iter().copied().map(f64::from);
+            let normals = of_motion.iter().copied().map(f64::from);
             let moved = root * DVector::from_iterator(2 * joints, normals);
             for joint in 0..joints {
                 let [angle, velocity] = [moved[joint] as f32, moved[joints + joint] as f32];
@@ -95,7 +114,7 @@ impl Law {
                 state.y[joints + joint] += angle;
             }
         }
-        state
+        Drawn { state, u }
     }
 
     /// Numbers `scale` deviations of the regression from the most likely ones, or less where these would leave some

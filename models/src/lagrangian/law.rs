@@ -14,10 +14,11 @@ use smoothing::Smoother;
 
 use super::dense::Dense;
 use super::filtering::{is_filtered, smoother};
-use super::known::{Doubt, Known, State};
+use super::known::{Doubt, Drawn, Known, State};
+use super::leftover::LeftOver;
 use super::motion::Recorded;
 use super::numbers::{Bounds, Numbers};
-use super::regression::{Posterior, Prior, Regression};
+use super::regression::{Equations, Posterior, Prior, Regression};
 use super::rollout::Rolled;
 
 /// Times that the noise of a context is found anew, each time from what the last fit left over.
@@ -68,6 +69,14 @@ pub(super) struct Start<'a> {
     pub numbers: &'a [f32],
 }
 
+impl<'a> Start<'a> {
+    /// From the state at the end of a context on, with the torques `u` from the last sample but one of the context on.
+    fn new(recorded: &Recorded<'_>, u: &'a [f32], state: &'a State) -> Self {
+        let Recorded { joints, rate_hz, .. } = *recorded;
+        Self { recorded: Recorded { u, y: &state.y, joints, rate_hz }, numbers: &state.numbers }
+    }
+}
+
 impl Law {
     /// Positions of the horizons, `[robot, sample, joint]`, rad; the same whatever the instructions. Where there are
     /// `draws`, one for each robot, of [`Law::normals_of_draw`] standard normal numbers, a robot is not the most
@@ -116,25 +125,30 @@ impl Law {
                 }
             })
             .collect();
-        let each: Vec<&Known> = asked
-            .iter()
-            .zip(&known)
-            .flat_map(|(same, known)| std::iter::repeat_n(known, same.len()))
-            .collect();
-        let drawn: Vec<State> = draws
+        let spread = |place: usize, same: &[Recorded<'_>]| std::iter::repeat_n(place, same.len());
+        let places: Vec<usize> =
+            asked.iter().enumerate().flat_map(|(place, same)| spread(place, same)).collect();
+        if draws.is_empty() {
+            let starts = robots.iter().zip(&places).map(|(robot, &place)| {
+                Start::new(robot, &robot.u[robot.before()..], &known[place].state)
+            });
+            return self.roll_out(instructions, &starts.collect::<Vec<_>>());
+        }
+        let left_over: Vec<LeftOver> = asked
             .par_iter()
-            .zip(&each)
-            .zip(robots)
-            .map(|((normals, known), robot)| self.draw(instructions, robot, known, normals))
+            .zip(&known)
+            .map(|(same, known)| self.left_over(instructions, &same[0], known))
             .collect();
-        let states: Vec<&State> = match draws.is_empty() {
-            true => each.iter().map(|known| &known.state).collect(),
-            false => drawn.iter().collect(),
-        };
-        let starts = robots.iter().zip(states).map(|(robot, State { y, numbers })| {
-            let before = robot.samples().saturating_sub(2) * robot.joints;
-            Start { recorded: Recorded { u: &robot.u[before..], y, ..*robot }, numbers }
-        });
+        let drawn: Vec<Drawn> = draws
+            .par_iter()
+            .zip(&places)
+            .zip(robots)
+            .map(|((normals, &place), robot)| {
+                self.draw(instructions, robot, &known[place], &left_over[place], normals)
+            })
+            .collect();
+        let starts = robots.iter().zip(&drawn);
+        let starts = starts.map(|(robot, drawn)| Start::new(robot, &drawn.u, &drawn.state));
         self.roll_out(instructions, &starts.collect::<Vec<_>>())
     }
 
@@ -189,7 +203,7 @@ impl Law {
 
     /// Where a joint leaves more torque over than it did in training, so much is its noise: the law is not as good
     /// there, or positions were smoothed.
-    fn fit_with(
+    pub fn fit_with(
         &self,
         regression: &Regression,
         recorded: &Recorded<'_>,
@@ -221,6 +235,21 @@ impl Law {
         (samples / self.points as f64).max(1.0).sqrt()
     }
 
+    /// The equations of a context.
+    pub fn equations_with(
+        &self,
+        instructions: InstructionSet,
+        recorded: &Recorded<'_>,
+    ) -> Equations {
+        match instructions {
+            #[cfg(target_arch = "x86_64")]
+            InstructionSet::Avx512(_) => F32x16::equations(self, recorded),
+            #[cfg(target_arch = "x86_64")]
+            InstructionSet::Avx2(_) => F32x8::equations(self, recorded),
+            InstructionSet::Portable => F32Array::<8>::equations(self, recorded),
+        }
+    }
+
     fn regression_with(&self, instructions: InstructionSet, recorded: &Recorded<'_>) -> Regression {
         match instructions {
             #[cfg(target_arch = "x86_64")]
@@ -240,6 +269,7 @@ pub(super) fn narrow(values: &[f64]) -> Vec<f32> {
 /// The computations that are compiled once per lane type.
 trait Predictions: simd::Lanes {
     fn regression(law: &Law, recorded: &Recorded<'_>) -> Regression;
+    fn equations(law: &Law, recorded: &Recorded<'_>) -> Equations;
     fn roll(law: &Law, robots: &[Start<'_>]) -> Rolled;
     fn least_pivot(law: &Law, recorded: &Recorded<'_>, numbers: &[f32]) -> f32;
 }
@@ -257,6 +287,18 @@ macro_rules! predictions {
                     recorded: &Recorded<'_>,
                 ) -> Regression {
                     law.regression::<$lanes>(recorded)
+                }
+                #[allow(unused_unsafe, reason = "array lanes need no instructions of their own")]
+                // SAFETY: `InstructionSet` lets only processors with the features come here.
+                unsafe {
+                    compiled(law, recorded)
+                }
+            }
+
+            fn equations(law: &Law, recorded: &Recorded<'_>) -> Equations {
+                $(#[target_feature(enable = $features)])?
+                fn compiled(law: &Law, recorded: &Recorded<'_>) -> Equations {
+                    law.kept_equations::<$lanes>(recorded)
                 }
                 #[allow(unused_unsafe, reason = "array lanes need no instructions of their own")]
                 // SAFETY: `InstructionSet` lets only processors with the features come here.

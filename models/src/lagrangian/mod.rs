@@ -30,6 +30,7 @@ mod filtering;
 mod fitting;
 mod known;
 mod law;
+mod leftover;
 mod motion;
 mod numbers;
 mod points;
@@ -68,6 +69,8 @@ use crate::sizes::{LARGEST_WIDTH, MOST_LAYERS, MOST_SAMPLES, within};
 /// The learned numbers that stand alone are multiplied with this: at the pace of weights, the logarithm of
 /// a noise would take a whole training to get from 0.3 N·m to 0.3 mN·m.
 const PACE: f32 = 10.0;
+/// The same for [`Doubt`], which follows the law until the last steps of a training.
+const DOUBT_PACE: f32 = 30.0;
 
 /// Most particles, and most forces.
 const MOST_PARTS: u32 = 64;
@@ -149,7 +152,7 @@ impl Architecture for LagrangianSpec {
             friction_shift: weights.constant([joints], 0.0),
             spread: weights.given([numbers.count()], spreads),
             noise: weights.constant([joints], paced(INITIAL_NOISE)),
-            doubt: weights.given([2], [0.0, INITIAL_TAIL / PACE]),
+            doubt: weights.given([3], [0.0, INITIAL_TAIL / DOUBT_PACE, 0.0]),
             first,
             numbers,
             points: self.points.min(context - 2) as usize,
@@ -181,7 +184,8 @@ pub(crate) struct Lagrangian {
     spread: Param<Tensor<1>>,
     /// Logarithm of the standard deviation of the torque that is left over at a sample, N·m, over [`PACE`].
     noise: Param<Tensor<1>>,
-    /// [`Doubt`]: the logarithm of the median, then the deviation of the logarithm, both over [`PACE`].
+    /// [`Doubt`]: the logarithm of the median, the deviation of the logarithm, and the logarithm of the share of
+    /// torques, all over [`DOUBT_PACE`].
     doubt: Param<Tensor<1>>,
     /// The first joint whose angle the network sees.
     #[module(skip)]
@@ -289,8 +293,8 @@ impl Lagrangian {
     }
 
     fn doubt(&self) -> Doubt {
-        let values = values(self.doubt.val() * PACE);
-        Doubt { median: values[0], tail: values[1] }
+        let values = values(self.doubt.val() * DOUBT_PACE);
+        Doubt { median: values[0], tail: values[1], torque: values[2] }
     }
 
     /// The same law, ready to predict.

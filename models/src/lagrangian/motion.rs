@@ -49,6 +49,11 @@ impl Recorded<'_> {
         self.y.len() / self.joints
     }
 
+    /// Where the numbers of the last sample but one begin, as that of the first where there is no such sample.
+    pub fn before(&self) -> usize {
+        self.samples().saturating_sub(2) * self.joints
+    }
+
     /// Whether `other` has the same past, so that it is the same robot. The torque at the last position is
     /// no past: it has yet to act.
     pub fn has_the_past_of(&self, other: &Self) -> bool {

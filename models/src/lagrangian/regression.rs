@@ -1,5 +1,7 @@
 //! The fit of a robot's numbers to its torques: Bayesian linear regression, in closed form.
 
+use std::ops::Range;
+
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 use super::numbers::{Bounds, Numbers};
@@ -50,6 +52,53 @@ pub(super) struct Equation<'a> {
     pub torque: f32,
 }
 
+impl Equation<'_> {
+    /// The torque that these numbers leave over, N·m.
+    #[expect(clippy::cast_possible_truncation, reason = "torques are in f32")]
+    pub fn left_over(&self, of: Numbers, numbers: &[f64]) -> f32 {
+        let shared = self.shared.iter().zip(numbers);
+        let expected: f64 = shared.map(|(&torque, number)| f64::from(torque) * number).sum();
+        let damping = numbers[of.dampings().start + self.joint] * f64::from(self.velocity);
+        let friction = numbers[of.frictions().start + self.joint] * f64::from(self.friction);
+        (f64::from(self.torque) - expected - damping - friction) as f32
+    }
+}
+
+/// The equations of a context, each joint's at every sample.
+#[derive(Debug)]
+pub(super) struct Equations {
+    numbers: Numbers,
+    shared: Vec<f32>,
+    /// Velocity, friction and torque.
+    own: Vec<[f32; 3]>,
+}
+
+impl Equations {
+    pub fn new(numbers: Numbers) -> Self {
+        Self { numbers, shared: Vec::new(), own: Vec::new() }
+    }
+
+    /// Appends one: joints take turns.
+    pub fn push(&mut self, equation: &Equation<'_>) {
+        self.shared.extend_from_slice(equation.shared);
+        self.own.push([equation.velocity, equation.friction, equation.torque]);
+    }
+
+    pub fn samples(&self) -> usize {
+        self.own.len() / self.numbers.joints
+    }
+
+    /// Those of some samples.
+    pub fn of(&self, samples: Range<usize>) -> impl Iterator<Item = Equation<'_>> {
+        let (joints, width) = (self.numbers.joints, self.numbers.shared().len());
+        (samples.start * joints..samples.end * joints).map(move |index| {
+            let [velocity, friction, torque] = self.own[index];
+            let shared = &self.shared[index * width..][..width];
+            Equation { joint: index % joints, shared, velocity, friction, torque }
+        })
+    }
+}
+
 impl Regression {
     pub fn new(numbers: Numbers) -> Self {
         let width = numbers.shared().len() + 2;
@@ -79,6 +128,18 @@ impl Regression {
         }
         sums.torque += torque * torque;
         sums.samples += 1.0;
+    }
+
+    /// Takes in the samples of another.
+    pub fn add_all(&mut self, other: &Self) {
+        for (sums, more) in self.joints.iter_mut().zip(&other.joints) {
+            let sums_of = sums.squares.iter_mut().chain(&mut sums.products);
+            for (sum, more) in sums_of.zip(more.squares.iter().chain(&more.products)) {
+                *sum += more;
+            }
+            sums.torque += more.torque;
+            sums.samples += more.samples;
+        }
     }
 
     /// The number whose factor has this place in the equations of a joint.

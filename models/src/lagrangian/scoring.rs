@@ -2,8 +2,9 @@
 //!
 //! The fair continuous ranked probability score (Ferro 2014) of a few draws, in units of how much draws without
 //! [`Doubt`] differ at that sample and joint: errors of large motions and of small ones count alike. Around the
-//! most likely robot, answers are linear in its numbers, so that draws are rolled out once and only their scale is
-//! learned. A step does this for few of its robots.
+//! most likely robot, answers are linear in its numbers and in torques. So what a draw's numbers change and what its
+//! torques change are rolled out once each, and only their scales are learned. A step does this for few of its
+//! robots.
 //!
 //! Horizons begin at their own first two samples, so that noise in the context's positions does not count: the
 //! filter knows how much of it is left.
@@ -13,15 +14,15 @@ use rayon::prelude::*;
 use simd::InstructionSet;
 
 use super::batch::HostBatch;
-#[cfg(doc)]
 use super::known::Doubt;
 use super::law::{Law, Start};
+use super::leftover;
 use super::motion::Recorded;
 use super::numbers::Bounds;
-use super::{Lagrangian, PACE, values};
+use super::{DOUBT_PACE, Lagrangian, values};
 use crate::randomness::Noise;
 
-/// Draws of a robot: with the most likely one they fill the lanes of two vectors of eight.
+/// Draws of a robot: with the most likely one, their numbers and their torques fill the lanes of two vectors of eight.
 pub(super) const DRAWS: usize = 7;
 
 /// Least difference of draws that counts, rad; positions are computed in f32.
@@ -33,8 +34,39 @@ struct Score {
     value: f32,
     /// Its derivative by the scale of each draw.
     slopes: Vec<f32>,
+    /// Its derivative by the logarithm of the share of torques.
+    slope_of_torque: f32,
     /// The number that the scale of each draw is made of.
     tails: Vec<f32>,
+}
+
+impl Score {
+    /// From what the numbers of draws change and what their torques change, `[draw, entry]`.
+    fn new(
+        doubt: Doubt,
+        tails: Vec<f32>,
+        (of_numbers, of_torques): (&[f32], &[f32]),
+        error: &[f32],
+    ) -> Self {
+        let entries = error.len();
+        let share = doubt.torque.exp();
+        let scales: Vec<f32> = tails.iter().map(|&tail| doubt.scale(tail)).collect();
+        let each = of_numbers.iter().zip(of_torques);
+        let together: Vec<f32> =
+            each.map(|(numbers, torques)| share.mul_add(*torques, *numbers)).collect();
+        let scaled = together.chunks_exact(entries).zip(&scales);
+        let samples: Vec<f32> =
+            scaled.flat_map(|(draw, scale)| draw.iter().map(move |entry| scale * entry)).collect();
+        let (value, slopes) = fair_crps(&samples, error);
+        let along = |differences: &[f32]| -> Vec<f32> {
+            let draws = slopes.chunks_exact(entries).zip(differences.chunks_exact(entries));
+            draws.map(|(slopes, draw)| slopes.iter().zip(draw).map(|(a, b)| a * b).sum()).collect()
+        };
+        let by_torques = along(of_torques);
+        let slope_of_torque = by_torques.iter().zip(&scales).map(|(by, scale)| share * by * scale);
+        let (slope_of_torque, slopes) = (slope_of_torque.sum(), along(&together));
+        Self { value, slopes, slope_of_torque, tails }
+    }
 }
 
 impl Lagrangian {
@@ -47,7 +79,7 @@ impl Lagrangian {
         noise: &mut Noise,
     ) -> Tensor<3> {
         let [robots, horizon, joints] = target.dims();
-        let doubt = self.doubt.val() * PACE;
+        let doubt = self.doubt.val() * DOUBT_PACE;
         let device = doubt.device();
         let chosen = noise.below(self.points);
         let chosen: Vec<usize> = (0..robots).filter(|&robot| chosen[robot] == 0).collect();
@@ -55,7 +87,7 @@ impl Lagrangian {
             // An optimizer wants a gradient at every step.
             return (doubt * 0.0).sum().unsqueeze();
         }
-        let width = self.numbers.count() + 1;
+        let width = self.numbers.count() + 1 + leftover::NORMALS;
         let normals = values(noise.normal([DRAWS, width], &device));
         let (target, law) = (values(target), self.law());
         let scores: Vec<Score> = chosen
@@ -75,36 +107,37 @@ impl Lagrangian {
         // Each of those drawn stands for as many robots as were not.
         let share = self.points as f64 / robots as f64;
         let value: f64 = scores.iter().map(|score| f64::from(score.value)).sum();
-        let varies = ((scales.clone() - scales.detach()) * each(|score| &score.slopes)).sum();
+        let torque = of(2);
+        let slope: f64 = scores.iter().map(|score| f64::from(score.slope_of_torque)).sum();
+        let varies = ((scales.clone() - scales.detach()) * each(|score| &score.slopes)).sum()
+            + ((torque.clone() - torque.detach()) * slope).sum();
         (varies + value).unsqueeze::<3>() * share
     }
 }
 
-/// The fair continuous ranked probability score of samples `scales` · `differences` `[draw, entry]` for the truth
-/// `error`, the mean over entries, and its derivative by each scale.
-fn fair_crps(scales: &[f32], differences: &[f32], error: &[f32]) -> (f32, Vec<f32>) {
-    let count = scales.len();
-    let [each, pair] = [1.0 / count as f32, 1.0 / (count * (count - 1)) as f32];
-    let mut slopes = vec![0.0; count];
-    let mut value = 0.0;
+/// The fair continuous ranked probability score of `samples` `[draw, entry]` for the truth `error`, the mean over
+/// entries, and its derivative by each sample.
+fn fair_crps(samples: &[f32], error: &[f32]) -> (f32, Vec<f32>) {
     let entries = error.len();
+    let count = samples.len() / entries;
+    let share = 1.0 / entries as f32;
+    let [each, pair] = [share / count as f32, share / (count * (count - 1)) as f32];
+    let mut slopes = vec![0.0; samples.len()];
+    let mut value = 0.0;
     for (entry, error) in error.iter().enumerate() {
-        let difference = |draw: usize| differences[draw * entries + entry];
-        for (draw, scale) in scales.iter().enumerate() {
-            let sample = scale * difference(draw);
+        let of_draws = || (0..count).map(|draw| draw * entries + entry);
+        for at in of_draws() {
+            let sample = samples[at];
             value += each * (sample - error).abs();
-            let mut slope = each * sign(sample - error);
-            for (other, scale) in scales.iter().enumerate() {
-                let apart = sample - scale * difference(other);
+            slopes[at] = each * sign(sample - error);
+            for other in of_draws() {
+                let apart = sample - samples[other];
                 value -= 0.5 * pair * apart.abs();
-                slope -= pair * sign(apart);
+                slopes[at] -= pair * sign(apart);
             }
-            slopes[draw] += slope * difference(draw);
         }
     }
-    let share = 1.0 / entries as f32;
-    slopes.iter_mut().for_each(|slope| *slope *= share);
-    (value * share, slopes)
+    (value, slopes)
 }
 
 /// 0 of 0.
@@ -118,17 +151,33 @@ impl Law {
         let instructions = InstructionSet::best();
         let (joints, count) = (robot.joints, self.numbers.count());
         let (start, ahead) = y.split_at(2 * joints);
-        let recorded = Recorded { u: &robot.u[robot.samples() * joints..], y: start, ..*robot };
-        let draws = normals.chunks_exact(count + 1);
+        let u = &robot.u[robot.samples() * joints..];
+        let recorded = Recorded { u, y: start, ..*robot };
+        let draws = normals.chunks_exact(count + 1 + leftover::NORMALS);
         let follow = |bounds| {
             let known = self.known(instructions, robot, bounds);
-            let numbers: Vec<Vec<f32>> = std::iter::once(known.state.numbers.clone())
-                .chain(draws.clone().map(|normals| {
-                    self.deviate(instructions, robot, &known, 1.0, &normals[..count])
-                }))
+            let left_over = self.left_over(instructions, robot, &known);
+            let deviated: Vec<Vec<f32>> = draws
+                .clone()
+                .map(|normals| self.deviate(instructions, robot, &known, 1.0, &normals[..count]))
                 .collect();
-            let starts: Vec<Start<'_>> =
-                numbers.iter().map(|numbers| Start { recorded, numbers }).collect();
+            let disturbed: Vec<Vec<f32>> = draws
+                .clone()
+                .map(|normals| {
+                    let mut u = u.to_vec();
+                    left_over.add(1.0, &normals[count + 1..], &mut u);
+                    u
+                })
+                .collect();
+            let likely = Start { recorded, numbers: &known.state.numbers };
+            let starts: Vec<Start<'_>> = std::iter::once(likely)
+                .chain(deviated.iter().map(|numbers| Start { numbers, ..likely }))
+                .chain(
+                    disturbed
+                        .iter()
+                        .map(|u| Start { recorded: Recorded { u, ..recorded }, ..likely }),
+                )
+                .collect();
             self.roll_out(instructions, &starts)
         };
         let mut answers = follow(Bounds::Own);
@@ -137,21 +186,21 @@ impl Law {
             let without = follow(Bounds::Masses);
             lost.into_iter().for_each(|robot| answers.replace(robot, &without, robot));
         }
-        let (mean, drawn) = answers.positions.split_at(ahead.len());
+        let entries = ahead.len();
+        let (mean, drawn) = answers.positions.split_at(entries);
+        // Those of numbers, then those of torques: `[draw, entry]` each.
         let mut differences: Vec<f32> =
             drawn.iter().zip(mean.iter().cycle()).map(|(drawn, mean)| drawn - mean).collect();
         let mut error: Vec<f32> = ahead.iter().zip(mean).map(|(y, mean)| y - mean).collect();
         for (entry, error) in error.iter_mut().enumerate() {
-            let each = || (0..DRAWS).map(|draw| draw * ahead.len() + entry);
+            let each = || (0..2 * DRAWS).map(|draw| draw * entries + entry);
             let squares: f32 = each().map(|at| differences[at] * differences[at]).sum();
             let unit = (squares / DRAWS as f32).sqrt().max(LEAST_DIFFERENCE);
             *error /= unit;
             each().for_each(|at| differences[at] /= unit);
         }
-        let tails: Vec<f32> = draws.map(|normals| normals[count]).collect();
-        let scales: Vec<f32> = tails.iter().map(|&tail| self.doubt.scale(tail)).collect();
-        let (value, slopes) = fair_crps(&scales, &differences, &error);
-        Score { value, slopes, tails }
+        let tails = draws.map(|normals| normals[count]).collect();
+        Score::new(self.doubt, tails, differences.split_at(DRAWS * entries), &error)
     }
 }
 
@@ -159,58 +208,75 @@ impl Law {
 mod tests {
     use random::{ChaCha8Rng, SeedableRng};
 
-    use super::{DRAWS, fair_crps};
+    use super::{DRAWS, Score, fair_crps};
     use crate::lagrangian::known::Doubt;
 
     #[test]
     fn the_score_and_its_slopes_are_those_of_the_definition() {
-        // Two draws at two samples: 1 and 4, 0 and 0.5; times 1 and 2.
-        let score = |scales: [f32; 2]| fair_crps(&scales, &[1.0, 0.0, 4.0, 0.5], &[2.0, 0.1]);
-        let (value, slopes) = score([1.0, 2.0]);
+        // Two draws at two samples: 1 and 8, 0 and 1.
+        let samples = [1.0, 0.0, 8.0, 1.0];
+        let score = |samples: [f32; 4]| fair_crps(&samples, &[2.0, 0.1]);
+        let (value, slopes) = score(samples);
         // |1 - 2| and |8 - 2|, less |1 - 8|; |0 - 0.1| and |1 - 0.1|, less |0 - 1|: halves, and their mean.
         assert!((value - 0.5 * (3.5 - 3.5 + 0.5 - 0.5)).abs() < 1e-6, "{value}");
-        for draw in 0..2 {
+        for at in 0..4 {
             let moved = |by: f32| {
-                let mut scales = [1.0, 2.0];
-                scales[draw] += by;
-                score(scales).0
+                let mut samples = samples;
+                samples[at] += by;
+                score(samples).0
             };
             let slope = (moved(0.01) - moved(-0.01)) / 0.02;
-            assert!((slopes[draw] - slope).abs() < 1e-4, "{slopes:?} {slope}");
+            assert!((slopes[at] - slope).abs() < 1e-4, "{slopes:?} {slope}");
         }
     }
 
-    /// Robots that differ as their draws do, times a log-normal scale: descent finds both of its numbers.
+    /// Robots that differ as the numbers and the torques of their draws do, times a log-normal scale: descent finds the
+    /// scale and the share of the torques.
     #[test]
-    fn the_scale_by_which_robots_differ_is_found() {
-        const ROBOTS: usize = 20_000;
-        let truth = Doubt { median: 0.7, tail: 0.5 };
+    fn the_scales_by_which_robots_differ_are_found() {
+        const ROBOTS: usize = 10_000;
+        let truth = Doubt { median: 0.7, tail: 0.5, torque: -0.4 };
         let mut generator = ChaCha8Rng::seed_from_u64(5);
         let mut normal = |count: usize| {
             let mut values = vec![0.0; count];
             random::fill_normal(&mut values, &mut generator);
             values
         };
+        // What numbers change at two entries, and what torques change there.
+        let changed = |normals: &[f32]| {
+            let each = normals.chunks_exact(2);
+            let numbers: Vec<f32> = each.clone().flat_map(|n| [n[0], 0.3 * n[0]]).collect();
+            let torques: Vec<f32> = each.flat_map(|n| [0.2 * n[1], 1.5 * n[1]]).collect();
+            [numbers, torques]
+        };
         let scales = normal(ROBOTS).into_iter().map(|scale| truth.scale(scale));
-        let errors: Vec<f32> =
-            scales.zip(normal(ROBOTS)).map(|(scale, normal)| scale * normal).collect();
-        let (differences, tails) = (normal(ROBOTS * DRAWS), normal(ROBOTS * DRAWS));
-        let mut doubt = Doubt { median: 0.0, tail: 0.2 };
-        for _ in 0..150 {
-            let mut gradient = [0.0; 2];
-            let draws = differences.chunks_exact(DRAWS).zip(tails.chunks_exact(DRAWS));
-            for ((differences, tails), error) in draws.zip(&errors) {
-                let scales: Vec<f32> = tails.iter().map(|&tail| doubt.scale(tail)).collect();
-                let (_, slopes) = fair_crps(&scales, differences, &[*error]);
-                for ((slope, scale), tail) in slopes.iter().zip(scales).zip(tails) {
-                    gradient[0] += slope * scale / ROBOTS as f32;
-                    gradient[1] += slope * scale * tail / ROBOTS as f32;
+        let [numbers, torques] = changed(&normal(2 * ROBOTS));
+        let errors: Vec<[f32; 2]> = scales
+            .zip(numbers.chunks_exact(2).zip(torques.chunks_exact(2)))
+            .map(|(scale, (n, t))| {
+                [0, 1].map(|entry| scale * (n[entry] + truth.torque.exp() * t[entry]))
+            })
+            .collect();
+        let [numbers, torques] = changed(&normal(2 * ROBOTS * DRAWS));
+        let tails = normal(ROBOTS * DRAWS);
+        let mut doubt = Doubt { median: 0.0, tail: 0.2, torque: 0.0 };
+        for _ in 0..200 {
+            let mut gradient = [0.0; 3];
+            let draws = numbers.chunks_exact(2 * DRAWS).zip(torques.chunks_exact(2 * DRAWS));
+            for ((changed, tails), error) in draws.zip(tails.chunks_exact(DRAWS)).zip(&errors) {
+                let score = Score::new(doubt, tails.to_vec(), changed, error);
+                for (slope, &tail) in score.slopes.iter().zip(tails) {
+                    gradient[0] += slope * doubt.scale(tail) / ROBOTS as f32;
+                    gradient[1] += slope * doubt.scale(tail) * tail / ROBOTS as f32;
                 }
+                gradient[2] += score.slope_of_torque / ROBOTS as f32;
             }
             doubt.median -= 1.5 * gradient[0];
             doubt.tail -= 1.5 * gradient[1];
+            doubt.torque -= 1.5 * gradient[2];
         }
         assert!((doubt.median - truth.median).abs() < 0.05, "{doubt:?}");
         assert!((doubt.tail - truth.tail).abs() < 0.1, "{doubt:?}");
+        assert!((doubt.torque - truth.torque).abs() < 0.1, "{doubt:?}");
     }
 }

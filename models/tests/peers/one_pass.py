@@ -16,7 +16,7 @@ from safetensors.torch import save_file
 from torqued import FORMAT_VERSION, TrainedModel
 from torqued.checkpoint import network_of, wanted
 from torqued.frame import frames, told
-from torqued.lagrangian import DRAWS
+from torqued.lagrangian import DRAWS, STRETCH
 
 from randomness import CUT, TRAINING, below, normals, words
 
@@ -131,7 +131,7 @@ def context_of_step(model: dict, step: int) -> int:
 def draws_of_step(network: torch.nn.Module, step: int) -> dict:
     """The robots and the numbers that a step of training with seed 0 scores draws of."""
     chosen, drawn = [], []
-    count = DRAWS * (sum(network.counts) + 1)
+    count = DRAWS * (sum(network.counts) + 1 + STRETCH)
     for row in range(BATCH):
         source = words((0, TRAINING, step, row))
         # Where the points of the context begin: there is one place.

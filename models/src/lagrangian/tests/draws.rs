@@ -21,7 +21,7 @@ fn normals(law: &Law, rows: usize) -> Vec<f32> {
 
 #[test]
 fn draws_have_the_same_bits_on_every_processor_and_in_every_company() {
-    let law = Law { doubt: Doubt { median: 0.3, tail: 0.4 }, ..model(7).law() };
+    let law = Law { doubt: Doubt { median: 0.3, tail: 0.4, torque: 0.2 }, ..model(7).law() };
     let motions = Motions::new(3, 7);
     let robots: Vec<Recorded<'_>> =
         motions.robots().into_iter().flat_map(|robot| [robot; 4]).collect();
@@ -92,10 +92,37 @@ fn doubt_widens_draws() {
         let law = Law { doubt, ..separate(&[1.2, 0.02], JOINT, [10.0, 1.0]) };
         spread(&law, &recorded, EXACT, 400).iter().map(|[_, deviation]| *deviation).sum::<f64>()
     };
-    let plain = width(Doubt { median: 0.0, tail: 0.0 });
-    let twice = width(Doubt { median: 2_f32.ln(), tail: 0.0 });
+    let plain = width(Doubt { median: 0.0, tail: 0.0, torque: 0.0 });
+    let twice = width(Doubt { median: 2_f32.ln(), tail: 0.0, torque: 0.0 });
     assert!((twice / plain - 2.0).abs() < 0.1, "{plain} {twice}");
-    assert!(width(Doubt { median: 0.0, tail: 0.8 }) > 1.3 * plain);
+    assert!(width(Doubt { median: 0.0, tail: 0.8, torque: 0.0 }) > 1.3 * plain);
+}
+
+/// A law that knows nothing of a slow torque at the second joint: draws differ by more there, the more so the larger
+/// the torque was in the context.
+#[test]
+fn draws_have_torques_that_the_law_left_over() {
+    let robot = Noisy::new(5);
+    let doubt = Doubt { median: 0.0, tail: 0.0, torque: 0.0 };
+    let width = |amplitude: f32, torque: f32| {
+        let mut u = robot.u.clone();
+        // It was recorded as a torque of the motor, and moved nothing.
+        for sample in 0..LONG {
+            u[sample * 2 + 1] += amplitude * (0.05 * sample as f32).cos();
+        }
+        let recorded = Recorded { u: &u, y: &robot.truth[..LONG * 2], ..robot.robot() };
+        let mut law =
+            Law { doubt: Doubt { torque, ..doubt }, ..separate(&[1.2, 0.02], JOINT, [10.0, 1.0]) };
+        law.prior.spread.fill(1e-6);
+        law.prior.mean[law.numbers.dampings()].copy_from_slice(&[9.0, 11.5]);
+        let found = spread(&law, &recorded, EXACT, 300);
+        found.iter().map(|[_, deviation]| *deviation).collect::<Vec<_>>()
+    };
+    let [none, some, twice] = [0.0, 0.1, 0.2].map(|amplitude| width(amplitude, 0.0));
+    assert!(some[1] > 100.0 * none[1] && some[0] < 2.0 * none[0], "{none:?} {some:?}");
+    assert!((twice[1] / some[1] - 2.0).abs() < 0.05, "{some:?} {twice:?}");
+    let wider = width(0.1, 2_f32.ln());
+    assert!((wider[1] / twice[1] - 1.0).abs() < 0.05, "{wider:?} {twice:?}");
 }
 
 /// A joint whose inertia is below that which the law gives every robot: its particle would have a negative mass.

@@ -240,7 +240,7 @@ fn separate(masses: &[f32], joint: JointLaw, damping: [f64; 2]) -> Law {
         forces: None,
         joints: vec![joint; joints],
         prior,
-        doubt: Doubt { median: 0.0, tail: 0.0 },
+        doubt: Doubt { median: 0.0, tail: 0.0, torque: 0.0 },
         numbers,
         first: 0,
         points: 1000,
