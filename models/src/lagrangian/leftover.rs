@@ -105,6 +105,12 @@ fn place(share: f32, count: usize) -> usize {
 
 #[cfg(test)]
 mod tests {
+    #![expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "small whole numbers"
+    )]
+
     use random::{ChaCha8Rng, SeedableRng};
 
     use super::{LeftOver, NORMALS};
