@@ -1,12 +1,9 @@
 use rayon::prelude::*;
 
-use super::product::{Left, Onto, Right, multiply};
+use super::product::{Left, Onto, Right, multiply, tile_columns};
 use super::transposition::transpose;
 
-/// Columns of a panel, if the matrix has as many: a tile of the widest vectors reads four.
-const WIDTH: usize = 64;
-
-/// Widths of narrow panels are a multiple of these, of the widest vectors'.
+/// Widths of panels are a multiple of these, of the widest vectors'.
 const LANES: usize = 16;
 
 /// Elements below which another thread is not worth waking.
@@ -71,9 +68,10 @@ impl Panels {
             });
     }
 
-    /// Gives the width of a panel.
+    /// Gives the width of a panel: that of a tile, if the matrix has as many columns. In wider ones, the
+    /// rows of a tile would lie apart and share few places in the first-level cache.
     fn resize(&mut self, depth: usize, columns: usize) -> usize {
-        let width = WIDTH.min(columns.next_multiple_of(LANES));
+        let width = tile_columns().next_multiple_of(LANES).min(columns.next_multiple_of(LANES));
         if (self.terms.len(), self.width) != (depth, width) {
             self.terms.clear();
             self.terms.extend((0..depth).map(|term| term * width));

@@ -81,11 +81,31 @@ pub(super) fn multiply(
     }
 }
 
+/// Columns that a tile reads of a row of the right factor, where there are as many.
+pub(super) fn tile_columns() -> usize {
+    match detected() {
+        #[cfg(target_arch = "x86_64")]
+        InstructionSet::Avx512(_) => simd::F32x16::TILE_COLUMNS,
+        #[cfg(target_arch = "x86_64")]
+        InstructionSet::Avx2(_) => simd::F32x8::TILE_COLUMNS,
+        InstructionSet::Portable => Unfused::TILE_COLUMNS,
+    }
+}
+
 /// Vectors that products are made of.
 trait Tiled: Vector {
     /// Most rows of a tile that is 1, 2, 3 or 4 vectors wide; 0 where there is none. The sums of a
     /// tile, one row of vectors and one broadcast number fit in the registers.
     const TILE_ROWS: [usize; 4];
+
+    /// Columns of the widest tile.
+    const TILE_COLUMNS: usize = {
+        let mut widest = 4;
+        while Self::TILE_ROWS[widest - 1] == 0 {
+            widest -= 1;
+        }
+        widest * Self::LANES
+    };
 }
 
 impl Tiled for Unfused {
@@ -196,6 +216,24 @@ impl Product<'_> {
     ) -> usize {
         // SAFETY: see above.
         unsafe {
+            if self.columns - column >= N * V::LANES {
+                self.sum::<V, M, N, true>(row, column);
+            } else {
+                self.sum::<V, M, N, false>(row, column);
+            }
+        }
+        M
+    }
+
+    /// A tile, which is whole or not: sixteen registers do not hold the mask of a tile that is not.
+    #[inline(always)]
+    unsafe fn sum<V: Vector, const M: usize, const N: usize, const WHOLE: bool>(
+        &self,
+        row: usize,
+        column: usize,
+    ) {
+        // SAFETY: see above.
+        unsafe {
             let mask = V::mask(self.columns - column - (N - 1) * V::LANES);
             let output = self.output.add(row * self.stride + column);
             let mut lefts = [self.left.values.as_ptr(); M];
@@ -209,10 +247,12 @@ impl Product<'_> {
                 Onto::Nothing => {}
                 Onto::Output => {
                     for m in 0..M {
-                        sums[m] = read(output.add(m * self.stride), mask);
+                        sums[m] = read::<V, N, WHOLE>(output.add(m * self.stride), mask);
                     }
                 }
-                Onto::Columns(numbers) => sums = [read(numbers.as_ptr().add(column), mask); M],
+                Onto::Columns(numbers) => {
+                    sums = [read::<V, N, WHOLE>(numbers.as_ptr().add(column), mask); M]
+                }
                 Onto::Rows(numbers) => {
                     for m in 0..M {
                         sums[m] = [V::splat(*numbers.get_unchecked(row + m)); N];
@@ -225,7 +265,7 @@ impl Product<'_> {
                     sums = [[V::splat(0.0); N]; M];
                 }
                 for &offset in terms {
-                    let values: [V; N] = read(right.add(offset), mask);
+                    let values = read::<V, N, WHOLE>(right.add(offset), mask);
                     for m in 0..M {
                         let factor = V::splat(*lefts[m].add(term));
                         for n in 0..N {
@@ -236,37 +276,41 @@ impl Product<'_> {
                 }
                 if index > 0 {
                     for m in 0..M {
-                        let before: [V; N] = read(output.add(m * self.stride), mask);
+                        let before = read::<V, N, WHOLE>(output.add(m * self.stride), mask);
                         for n in 0..N {
                             sums[m][n] = before[n].add(sums[m][n]);
                         }
                     }
                 }
-                write(&sums, output, self.stride, mask);
+                write::<V, M, N, WHOLE>(&sums, output, self.stride, mask);
             }
             if self.right.terms.is_empty() {
-                write(&sums, output, self.stride, mask);
+                write::<V, M, N, WHOLE>(&sums, output, self.stride, mask);
             }
         }
-        M
     }
 }
 
 #[inline(always)]
-unsafe fn read<V: Vector, const N: usize>(from: *const f32, mask: V::Mask) -> [V; N] {
+unsafe fn read<V: Vector, const N: usize, const WHOLE: bool>(
+    from: *const f32,
+    mask: V::Mask,
+) -> [V; N] {
     // SAFETY: as in `Product::tile`.
     unsafe {
         let mut vectors = [V::splat(0.0); N];
         for (n, vector) in vectors.iter_mut().enumerate().take(N - 1) {
             *vector = V::load(from.add(n * V::LANES));
         }
-        vectors[N - 1] = V::load_masked(from.add((N - 1) * V::LANES), mask, vectors[N - 1]);
+        let last = from.add((N - 1) * V::LANES);
+        vectors[N - 1] =
+            if WHOLE { V::load(last) } else { V::load_masked(last, mask, vectors[N - 1]) };
         vectors
     }
 }
 
 #[inline(always)]
-unsafe fn write<V: Vector, const M: usize, const N: usize>(
+unsafe fn write<V: Vector, const M: usize, const N: usize, const WHOLE: bool>(
     sums: &[[V; N]; M],
     output: *mut f32,
     stride: usize,
@@ -279,7 +323,8 @@ unsafe fn write<V: Vector, const M: usize, const N: usize>(
             for (n, vector) in sums.iter().enumerate().take(N - 1) {
                 vector.store(row.add(n * V::LANES));
             }
-            sums[N - 1].store_masked(row.add((N - 1) * V::LANES), mask);
+            let last = row.add((N - 1) * V::LANES);
+            if WHOLE { sums[N - 1].store(last) } else { sums[N - 1].store_masked(last, mask) }
         }
     }
 }
