@@ -4,7 +4,7 @@ use dynamics::{Anchor, InstructionSet, Joints, Motion, Replay, RigidBody, Robot}
 use nalgebra::{Cholesky, DMatrix, DVector};
 use rayon::prelude::*;
 use series::Observed;
-use spec::RobotSpec;
+use spec::{Integrator, RobotSpec};
 
 use super::NominalArm;
 use crate::{EvaluationError, Predictor};
@@ -26,8 +26,9 @@ use crate::{EvaluationError, Predictor};
 /// as noisy as they are at the moment, at least [`NOISE`]: far from the robot the prior keeps steps short.
 ///
 /// Derivatives are forward differences: the arm and its neighbours in every parameter are lanes of one
-/// simulation, and so are the steps of all [`DAMPINGS`] that are tried (Levenberg and Marquardt), of
-/// which the best is taken. It ends when none lowers the cost by the share [`LEAST_DECREASE`], and
+/// simulation, of order [`ORDER_OF_DERIVATIVES`] at most, since what it is off by is nearly the same for all of them.
+/// The steps of all [`DAMPINGS`] that are tried (Levenberg and Marquardt) are lanes of one of full order, and
+/// the best is taken. It ends when none lowers the cost by the share [`LEAST_DECREASE`], and
 /// after [`ITERATIONS`].
 ///
 /// Where the fitted arm's simulation leaves the finite numbers, the nominal arm's is the answer, and
@@ -37,6 +38,8 @@ pub struct Identification {
     nominal: Robot,
     spread: Spread,
     replay: Replay,
+    /// For derivatives.
+    coarse: Replay,
     freedom: Freedom,
 }
 
@@ -109,13 +112,13 @@ const COMPARED_HZ: f64 = 15.0;
 const CHANGE: f64 = 1e-3;
 /// Forward differences, in standard deviations of the prior.
 const LEAST_DIFFERENCE: f64 = 1e-3;
+/// Of extrapolation, which takes 3 evaluations of the dynamics with 2 and 10 with 4.
+const ORDER_OF_DERIVATIVES: u32 = 2;
 const LARGEST_DIFFERENCE: f64 = 0.3;
 const ITERATIONS: usize = 20;
 const LEAST_DECREASE: f64 = 0.03;
 /// Multiples of the curvature's diagonal that are added to it.
-const DAMPINGS: [f64; 16] = [
-    0.0, 1e-6, 1e-5, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1, 3e-1, 1.0, 3.0, 10.0, 100.0, 1000.0,
-];
+const DAMPINGS: [f64; 8] = [0.0, 1e-5, 1e-4, 1e-3, 1e-2, 0.1, 1.0, 100.0];
 
 impl Identification {
     /// All of the arm is fitted.
@@ -136,15 +139,23 @@ impl Identification {
 
     fn with(arm: &NominalArm, freedom: Freedom) -> Self {
         let NominalArm { robot, rate_hz, integrator, precision } = arm;
+        let replay = Replay {
+            rate_hz: *rate_hz,
+            integrator: *integrator,
+            precision: *precision,
+            instructions: InstructionSet::best(),
+        };
+        let coarse = match *integrator {
+            Integrator::Extrapolated { order, substeps } => {
+                Integrator::Extrapolated { order: order.min(ORDER_OF_DERIVATIVES), substeps }
+            }
+            other => other,
+        };
         Self {
             nominal: Robot::nominal(robot),
             spread: Spread::of(robot),
-            replay: Replay {
-                rate_hz: *rate_hz,
-                integrator: *integrator,
-                precision: *precision,
-                instructions: InstructionSet::best(),
-            },
+            coarse: Replay { integrator: coarse, ..replay },
+            replay,
             freedom,
         }
     }
@@ -257,6 +268,13 @@ struct Arm {
     extra_velocity: Joints<f64>,
 }
 
+/// Parameters that are tried.
+struct Candidate {
+    parameters: Parameters,
+    residuals: DVector<f64>,
+    cost: f64,
+}
+
 /// The estimation for one scenario.
 struct Fit<'a> {
     arm: &'a Identification,
@@ -278,9 +296,10 @@ impl Fit<'_> {
             return estimate;
         }
         let mut differences = vec![LARGEST_DIFFERENCE / 10.0; parameters];
+        let simulated = self.simulate(&self.arm.replay, std::slice::from_ref(&estimate));
+        let mut residuals = self.residuals(&simulated);
         for _ in 0..ITERATIONS {
-            let linearized = self.linearized(&estimate, &differences);
-            let Some((residuals, jacobian)) = linearized else { break };
+            let Some(jacobian) = self.jacobian(&estimate, &differences) else { break };
             for (difference, row) in differences.iter_mut().zip(jacobian.row_iter()) {
                 let change = row.norm() / (residuals.len() as f64).sqrt();
                 *difference = (CHANGE / change).clamp(LEAST_DIFFERENCE, LARGEST_DIFFERENCE);
@@ -299,24 +318,20 @@ impl Fit<'_> {
                 }
                 Some(&estimate + Cholesky::new(damped)?.solve(&downhill))
             });
-            let Some((best, found)) = self.cheapest(steps.collect(), weight) else { break };
-            if found < cost {
-                estimate = best;
+            let Some(best) = self.cheapest(steps.collect(), weight) else { break };
+            let is_enough = best.cost > cost * (1.0 - LEAST_DECREASE);
+            if best.cost < cost {
+                (estimate, residuals) = (best.parameters, best.residuals);
             }
-            if found > cost * (1.0 - LEAST_DECREASE) {
+            if is_enough {
                 break;
             }
         }
         estimate
     }
 
-    /// Residuals, measured less simulated, and `[parameter, residual]` how the simulated positions
-    /// change. `None` when a simulation diverges.
-    fn linearized(
-        &self,
-        at: &Parameters,
-        differences: &[f64],
-    ) -> Option<(DVector<f64>, DMatrix<f64>)> {
+    /// `[parameter, residual]`: how the simulated positions change. `None` when a simulation diverges.
+    fn jacobian(&self, at: &Parameters, differences: &[f64]) -> Option<DMatrix<f64>> {
         let parameters = differences.len();
         let neighbours = (0..parameters).map(|k| {
             let mut neighbour = at.clone();
@@ -324,38 +339,39 @@ impl Fit<'_> {
             neighbour
         });
         let robots: Vec<Parameters> = std::iter::once(at.clone()).chain(neighbours).collect();
-        let simulated = self.simulate(&robots);
+        let simulated = self.simulate(&self.arm.coarse, &robots);
         if simulated.iter().any(|q| !q.is_finite()) {
             return None;
         }
         let (center, neighbours) = simulated.split_at(self.positions.len());
-        let residuals: Vec<f64> = self.residuals(center).collect();
-        let mut jacobian = DMatrix::zeros(parameters, residuals.len());
+        let mut jacobian = DMatrix::zeros(parameters, self.kept(center).count());
         for (parameter, neighbour) in neighbours.chunks_exact(self.positions.len()).enumerate() {
             for (k, (ahead, behind)) in self.kept(neighbour).zip(self.kept(center)).enumerate() {
                 jacobian[(parameter, k)] = (ahead - behind) / differences[parameter];
             }
         }
-        Some((DVector::from_vec(residuals), jacobian))
+        Some(jacobian)
     }
 
-    /// Of `candidates` the one of least cost, and its cost. `None` when none has a finite one.
-    fn cheapest(&self, candidates: Vec<Parameters>, weight: f64) -> Option<(Parameters, f64)> {
-        let simulated = self.simulate(&candidates);
+    /// Of `candidates` the one of least cost. `None` when none has a finite one.
+    fn cheapest(&self, candidates: Vec<Parameters>, weight: f64) -> Option<Candidate> {
+        let simulated = self.simulate(&self.arm.replay, &candidates);
         candidates
             .into_iter()
             .zip(simulated.chunks_exact(self.positions.len()))
-            .map(|(candidate, q)| {
-                let squares: f64 = self.residuals(q).map(|residual| residual * residual).sum();
-                let cost = squares * weight + candidate.norm_squared();
-                (candidate, cost)
+            .map(|(parameters, q)| {
+                let residuals = self.residuals(q);
+                let cost = residuals.norm_squared() * weight + parameters.norm_squared();
+                Candidate { parameters, residuals, cost }
             })
-            .filter(|(_, cost)| cost.is_finite())
-            .min_by(|(_, a), (_, b)| a.total_cmp(b))
+            .filter(|candidate| candidate.cost.is_finite())
+            .min_by(|a, b| a.cost.total_cmp(&b.cost))
     }
 
-    fn residuals(&self, simulated: &[f32]) -> impl Iterator<Item = f64> {
-        self.kept(self.positions).zip(self.kept(simulated)).map(|(y, q)| y - q)
+    /// Measured less simulated positions.
+    fn residuals(&self, simulated: &[f32]) -> DVector<f64> {
+        let pairs = self.kept(self.positions).zip(self.kept(simulated));
+        DVector::from_vec(pairs.map(|(y, q)| y - q).collect())
     }
 
     /// The positions that are compared: the last sample and every [`Fit::stride`]th before it.
@@ -365,11 +381,11 @@ impl Fit<'_> {
     }
 
     /// Positions `[robot, sample, joint]` over the context.
-    fn simulate(&self, robots: &[Parameters]) -> Vec<f32> {
+    fn simulate(&self, replay: &Replay, robots: &[Parameters]) -> Vec<f32> {
         let arms: Vec<Arm> = robots.iter().map(|parameters| self.arm_at(parameters)).collect();
         let motions: Vec<Motion<'_>> =
             arms.iter().map(|arm| self.motion(arm, self.torques)).collect();
-        self.arm.replay.run(&motions)
+        replay.run(&motions)
     }
 
     fn motion<'m>(&'m self, arm: &'m Arm, u: &'m [f32]) -> Motion<'m> {
