@@ -13,10 +13,14 @@ use std::io::Write;
 use std::process::ExitCode;
 
 use clap::Parser;
+use simd::InstructionSet;
 
 fn main() -> ExitCode {
     let cli = cli::Cli::parse();
     let log = cli::start_logging(&cli);
+    if let Err(error) = InstructionSet::chosen() {
+        return fail(&anyhow::Error::new(error).context(simd::VARIABLE));
+    }
     let runtime = match tokio::runtime::Builder::new_multi_thread().enable_all().build() {
         Ok(runtime) => runtime,
         Err(error) => return fail(&anyhow::Error::new(error).context("cannot start threads")),

@@ -7,8 +7,8 @@
 //! one: mass matrix, bias forces, factorization, solution, and the update of the state.
 //!
 //! SPEC is a file with a simulate job to take instead of the default one. SET, say `AVX2`, is the only
-//! instruction set to measure. `--json` measures the best
-//! instruction set alone and each rate only twice, for `cargo xtask bench dynamics`, which lets us and
+//! instruction set to measure. `--json` measures the one that
+//! is used, the fastest unless `TORQUED_INSTRUCTIONS` names another, and each rate only twice, for `cargo xtask bench dynamics`, which lets us and
 //! other simulators take turns.
 
 use std::ops::ControlFlow;
@@ -50,7 +50,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         return Err("not a simulation".into());
     };
     if json {
-        let rates = measure(&spec, sets[0], &threads, 2)?;
+        let rates = measure(&spec, InstructionSet::best(), &threads, 2)?;
         println!("{}", Value::from_iter(rates.iter().map(Rates::json)));
         return Ok(());
     }

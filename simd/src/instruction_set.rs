@@ -1,5 +1,6 @@
 use std::fmt;
 use std::str::FromStr;
+use std::sync::OnceLock;
 
 /// The vector instructions that kernels use. A value exists only where the processor has them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -18,10 +19,32 @@ pub enum InstructionSet {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Detected(());
 
+/// The environment variable that names the instruction set to use in place of the fastest.
+pub const VARIABLE: &str = "TORQUED_INSTRUCTIONS";
+
 impl InstructionSet {
-    /// The fastest this processor has.
+    /// The set that [`VARIABLE`] names, or the fastest where it is not set.
+    ///
+    /// # Errors
+    /// When this processor has no set of that name.
+    pub fn chosen() -> Result<Self, UnknownInstructionSet> {
+        static CHOSEN: OnceLock<Result<InstructionSet, UnknownInstructionSet>> = OnceLock::new();
+        let chosen = CHOSEN.get_or_init(|| match std::env::var_os(VARIABLE) {
+            Some(name) => name.to_string_lossy().parse(),
+            None => Ok(Self::fastest()),
+        });
+        chosen.clone()
+    }
+
+    /// The set to use: [`InstructionSet::chosen`], or the fastest where there is no such set.
     #[inline]
     pub fn best() -> Self {
+        static BEST: OnceLock<InstructionSet> = OnceLock::new();
+        *BEST.get_or_init(|| Self::chosen().unwrap_or_else(|_| Self::fastest()))
+    }
+
+    /// The fastest this processor has.
+    fn fastest() -> Self {
         #[cfg(target_arch = "x86_64")]
         {
             if let Some(avx512) = Self::avx512() {
@@ -44,7 +67,6 @@ impl InstructionSet {
     }
 
     #[cfg(target_arch = "x86_64")]
-    #[inline]
     fn avx512() -> Option<Self> {
         let detected = is_x86_feature_detected!("avx512f")
             && is_x86_feature_detected!("avx512dq")
@@ -54,7 +76,6 @@ impl InstructionSet {
     }
 
     #[cfg(target_arch = "x86_64")]
-    #[inline]
     fn avx2() -> Option<Self> {
         let detected = is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma");
         detected.then_some(Self::Avx2(Detected(())))
@@ -90,11 +111,12 @@ impl std::error::Error for UnknownInstructionSet {}
 impl FromStr for InstructionSet {
     type Err = UnknownInstructionSet;
 
-    /// The set of this processor with the name that it displays, in any case.
+    /// The set of this processor with the name that it displays, in any case, with or without its hyphen.
     fn from_str(name: &str) -> Result<Self, UnknownInstructionSet> {
+        let plain = |name: &str| name.replace('-', "").to_lowercase();
         let mut available = Self::available().into_iter();
         available
-            .find(|set| set.to_string().eq_ignore_ascii_case(name))
+            .find(|set| plain(&set.to_string()) == plain(name))
             .ok_or_else(|| UnknownInstructionSet(name.to_owned()))
     }
 }
@@ -106,7 +128,7 @@ mod tests {
     #[test]
     fn the_best_set_comes_first_and_the_portable_one_last() {
         let available = InstructionSet::available();
-        assert_eq!(available.first(), Some(&InstructionSet::best()));
+        assert_eq!(available.first(), Some(&InstructionSet::fastest()));
         assert_eq!(available.last(), Some(&InstructionSet::Portable));
     }
 
@@ -115,6 +137,7 @@ mod tests {
         for set in InstructionSet::available() {
             assert_eq!(set.to_string().parse(), Ok(set));
             assert_eq!(set.to_string().to_lowercase().parse(), Ok(set));
+            assert_eq!(set.to_string().replace('-', "").parse(), Ok(set));
         }
         let error = "SSE9".parse::<InstructionSet>().map_err(|error| error.to_string());
         assert!(error.is_err_and(|error| error.contains("SSE9") && error.contains("portable")));

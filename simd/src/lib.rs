@@ -32,7 +32,7 @@ pub use avx2::{F32x8, F64x4};
 #[cfg(target_arch = "x86_64")]
 pub use avx512::{F32x16, F64x8};
 pub use exponential::Exponential;
-pub use instruction_set::{Detected, InstructionSet, UnknownInstructionSet};
+pub use instruction_set::{Detected, InstructionSet, UnknownInstructionSet, VARIABLE};
 pub use lanes::{Lanes, MAX_LANES};
 pub use trigonometry::Trigonometry;
 pub use vector::{Unfused, Vector};

@@ -29,6 +29,22 @@ fn devices_that_this_build_has_not_are_refused_by_naming_what_it_has() {
 }
 
 #[test]
+fn instructions_that_the_processor_lacks_are_refused_by_naming_what_it_has() {
+    let with = |instructions: &str| {
+        let mut command = torqued(&["devices"]);
+        command.env("TORQUED_INSTRUCTIONS", instructions);
+        command
+    };
+    check_refused(
+        &mut with("sse9"),
+        1,
+        "TORQUED_INSTRUCTIONS: instruction set \"sse9\": this processor has",
+    );
+    let (code, output, errors) = run_to_end(&mut with("Portable"));
+    assert_eq!(code, Some(0), "{output}{errors}");
+}
+
+#[test]
 fn devices_are_listed_with_what_became_of_trying_them() {
     let (code, output, errors) = run_to_end(&mut torqued(&["devices"]));
     assert_eq!(code, Some(0), "{errors}");

@@ -4,7 +4,10 @@ use std::fs;
 use std::process::Command;
 use std::thread::available_parallelism;
 
-/// Processor, cores, memory, kernel, compiler, commit, and how busy the machine was before.
+use simd::InstructionSet;
+
+/// Processor, the vector instructions in use, cores, memory, kernel, compiler, commit, and how busy the machine was
+/// before.
 pub fn description() -> String {
     let read = |path| fs::read_to_string(path).unwrap_or_default();
     let processors = read("/proc/cpuinfo");
@@ -15,7 +18,8 @@ pub fn description() -> String {
     let kernel = read("/proc/sys/kernel/osrelease");
     let load = read("/proc/loadavg");
     format!(
-        "{processor}, {cores} cores, {memory} memory, Linux {}; {}; commit {}; load {} before",
+        "{processor} ({}), {cores} cores, {memory} memory, Linux {}; {}; commit {}; load {} before",
+        InstructionSet::best(),
         kernel.trim(),
         said_by("rustc", &["--version"]),
         said_by("git", &["describe", "--always", "--dirty"]),

@@ -6,7 +6,9 @@ use std::process::{Command, ExitCode};
 
 use anyhow::{Context, ensure};
 use clap::Args;
+use simd::InstructionSet;
 
+use crate::bench::isa;
 use crate::places::{repository, target};
 use crate::process::{self, command, succeed};
 use crate::product;
@@ -102,8 +104,15 @@ const PINOCCHIO_DEFINITIONS: [&str; 4] = [
     "-DBOOST_FUSION_INVOKE_MAX_ARITY=12",
 ];
 
-/// The optimisation that both sides may be measured with: Pinocchio's is the most there is.
-pub const CXX_FLAGS: [&str; 4] = ["-std=c++20", "-O3", "-march=native", "-DNDEBUG"];
+/// The optimisation that Pinocchio is measured with: the most that there is for the instructions that are measured.
+pub fn cxx_flags() -> [&'static str; 4] {
+    let is_less = InstructionSet::available().first() != Some(&InstructionSet::best());
+    let target = match is_less && isa::is_avx2(InstructionSet::best()) {
+        true => "-march=x86-64-v3",
+        false => "-march=native",
+    };
+    ["-std=c++20", "-O3", target, "-DNDEBUG"]
+}
 
 /// The program that measures Pinocchio from C++, compiled for this machine with the headers that
 /// the Python package brings. Takes a minute the first time.
@@ -116,13 +125,14 @@ pub fn aba_rates() -> anyhow::Result<PathBuf> {
     let headers = PathBuf::from(String::from_utf8(output.stdout)?.trim());
 
     let source = repository().join("tests/peers/aba_rates.cpp");
-    let program = folder()?.join("aba_rates");
+    let flags = cxx_flags();
+    let program = folder()?.join(format!("aba_rates{}", flags[2]));
     if is_newer(&program, &source) {
         return Ok(program);
     }
     let mut compile = Command::new("g++");
     // Warnings of other people's headers are not ours to mend.
-    compile.args(CXX_FLAGS).args(PINOCCHIO_DEFINITIONS).args(["-w", "-pthread"]);
+    compile.args(flags).args(PINOCCHIO_DEFINITIONS).args(["-w", "-pthread"]);
     compile.arg("-isystem").arg(&headers).arg("-isystem").arg(headers.join("eigen3"));
     succeed(compile.arg(source).arg("-o").arg(&program))?;
     Ok(program)

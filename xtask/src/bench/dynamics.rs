@@ -228,7 +228,7 @@ fn notes(rounds: &[Round], accuracy: Option<&Accuracy>) -> Vec<String> {
             "Pinocchio's aba from its headers: {} {}; one model, 1024 random states, the faster of \
              its conventions",
             machine::said_by("g++", &["--version"]),
-            peers::CXX_FLAGS.join(" "),
+            peers::cxx_flags().join(" "),
         ));
         notes.push(format!(
             "MuJoCo's C library: mj_step with implicitfast; whole trajectories with RK4, {} steps per \

@@ -3,6 +3,7 @@
 mod control;
 mod dynamics;
 mod inference;
+pub mod isa;
 mod measurement;
 mod million;
 mod networks;
@@ -18,6 +19,7 @@ use std::process::ExitCode;
 use anyhow::Context;
 use clap::Args;
 use clap::builder::PossibleValuesParser;
+use simd::InstructionSet;
 
 use crate::machine;
 use wanted::{Peers, Report, Size, Wanted};
@@ -35,6 +37,10 @@ pub struct Arguments {
     /// Networks of this size only
     #[arg(long, value_name = "SIZE")]
     size: Option<Size>,
+
+    /// The vector instructions that we and our peers are measured with, in place of the fastest: avx2, say
+    #[arg(long, value_name = "SET")]
+    isa: Option<InstructionSet>,
 
     /// Write the measurements here
     #[arg(long, value_name = "FILE")]
@@ -86,6 +92,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         .iter()
         .find(|benchmark| benchmark.name == arguments.name)
         .with_context(|| format!("there is no benchmark {:?}", arguments.name))?;
+    if let Some(instructions) = arguments.isa
+        && let Some(code) = isa::again(instructions)?
+    {
+        return Ok(code);
+    }
     eprintln!("{}: {}", benchmark.name, benchmark.about);
     let peers = if arguments.peers { Peers::Measured } else { Peers::LeftOut };
     let machine = machine::description();
@@ -113,5 +124,6 @@ fn command_line(arguments: &Arguments) -> String {
         Some(Size::Small) => " --size small",
         Some(Size::Paper) => " --size paper",
     };
-    format!("cargo xtask bench {}{peers}{size}", arguments.name)
+    let isa = arguments.isa.map_or_else(String::new, |set| format!(" --isa {set}").to_lowercase());
+    format!("cargo xtask bench {}{peers}{size}{isa}", arguments.name)
 }

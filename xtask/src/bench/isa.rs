@@ -1,0 +1,37 @@
+//! Measuring the lesser instructions of a larger machine.
+
+use std::process::{Command, ExitCode};
+
+use anyhow::Context;
+use simd::InstructionSet;
+
+/// What keeps peers to AVX2: PyTorch and its libraries, NumPy's, JAX. Pinocchio is compiled for it, see
+/// [`crate::peers::cxx_flags`].
+const PEERS_ON_AVX2: [(&str, &str); 5] = [
+    ("ATEN_CPU_CAPABILITY", "avx2"),
+    ("MKL_ENABLE_INSTRUCTIONS", "AVX2"),
+    ("ONEDNN_MAX_CPU_ISA", "AVX2"),
+    ("OPENBLAS_CORETYPE", "Haswell"),
+    ("XLA_FLAGS", "--xla_cpu_max_isa=AVX2"),
+];
+
+/// Runs this command once more with these instructions for all programs that it starts, unless it has them.
+pub(super) fn again(instructions: InstructionSet) -> anyhow::Result<Option<ExitCode>> {
+    if InstructionSet::chosen()? == instructions {
+        return Ok(None);
+    }
+    let mut command = Command::new(std::env::current_exe()?);
+    command.args(std::env::args_os().skip(1));
+    command.env(simd::VARIABLE, instructions.to_string());
+    if is_avx2(instructions) {
+        command.envs(PEERS_ON_AVX2);
+    }
+    let status = command.status().context("cannot run this command again")?;
+    let code = status.code().and_then(|code| u8::try_from(code).ok());
+    Ok(Some(code.map_or(ExitCode::FAILURE, ExitCode::from)))
+}
+
+/// Whether AVX2 is measured, be there more or not.
+pub(crate) fn is_avx2(instructions: InstructionSet) -> bool {
+    instructions.to_string() == "AVX2"
+}
