@@ -41,10 +41,15 @@ impl Panels {
         let width = self.resize(depth, columns);
         for (index, panel) in self.values.chunks_exact_mut(depth * width).enumerate() {
             let first = index * width;
-            let seen = width.min(columns - first);
-            for (row, from) in panel.chunks_exact_mut(width).zip(values[first..].chunks(row_stride))
-            {
-                row[..seen].copy_from_slice(&from[..seen]);
+            let rows = values[first..].chunks(row_stride);
+            // Copies of a known length need no call.
+            match width.min(columns - first) {
+                LANES if width == LANES => copy_rows::<LANES>(panel, rows),
+                seen => {
+                    for (row, from) in panel.chunks_exact_mut(width).zip(rows) {
+                        row[..seen].copy_from_slice(&from[..seen]);
+                    }
+                }
             }
         }
     }
@@ -107,5 +112,15 @@ impl Panels {
     /// `left` times this, into rows of `output` that begin `stride` apart.
     pub fn multiply(&self, left: Left<'_>, onto: Onto<'_>, output: &mut [f32], stride: usize) {
         self.multiply_part(left, [self.terms.len(), self.columns], onto, output, stride);
+    }
+}
+
+/// The first `N` elements of each row.
+fn copy_rows<'a, const N: usize>(panel: &mut [f32], rows: impl Iterator<Item = &'a [f32]>) {
+    let (places, _) = panel.as_chunks_mut::<N>();
+    for (place, row) in places.iter_mut().zip(rows) {
+        if let Some(row) = row.first_chunk::<N>() {
+            *place = *row;
+        }
     }
 }

@@ -2,8 +2,19 @@ use simd::InstructionSet;
 
 use super::instruction_set::detected;
 
-/// Rows and columns of a block that registers hold.
-const BLOCK: usize = 16;
+/// Writes a block of `from` into one of `to`, whose rows begin so far apart.
+type Block = unsafe fn(from: *const f32, from_stride: usize, to: *mut f32, to_stride: usize);
+
+/// How a block of some rows and as many columns, which registers hold, is written.
+fn block() -> Option<(usize, Block)> {
+    match detected() {
+        #[cfg(target_arch = "x86_64")]
+        InstructionSet::Avx512(_) => Some((16, avx512::block)),
+        #[cfg(target_arch = "x86_64")]
+        InstructionSet::Avx2(_) => Some((8, avx2::block)),
+        InstructionSet::Portable => None,
+    }
+}
 
 /// Element (c, r) of `to`, whose rows begin `to_stride` apart, becomes element (r, c) of `from`,
 /// of so many rows and columns, whose rows begin `from_stride` apart.
@@ -19,24 +30,21 @@ pub(super) fn transpose(
     }
     assert!(columns <= from_stride && (rows - 1) * from_stride + columns <= from.len());
     assert!(rows <= to_stride && (columns - 1) * to_stride + rows <= to.len());
-    let in_blocks = |extent: usize| match detected() {
-        #[cfg(target_arch = "x86_64")]
-        InstructionSet::Avx512(_) => extent / BLOCK * BLOCK,
-        _ => 0,
-    };
-    let (whole_rows, whole_columns) = (in_blocks(rows), in_blocks(columns));
-    #[cfg(target_arch = "x86_64")]
-    for row in (0..whole_rows).step_by(BLOCK) {
-        for column in (0..whole_columns).step_by(BLOCK) {
-            // SAFETY: the processor has the instructions, and by the assertions above the block
-            // lies inside both.
-            unsafe {
-                avx512::block(
-                    from.as_ptr().add(row * from_stride + column),
-                    from_stride,
-                    to.as_mut_ptr().add(column * to_stride + row),
-                    to_stride,
-                );
+    let (mut whole_rows, mut whole_columns) = (0, 0);
+    if let Some((size, block)) = block() {
+        (whole_rows, whole_columns) = (rows / size * size, columns / size * size);
+        for row in (0..whole_rows).step_by(size) {
+            for column in (0..whole_columns).step_by(size) {
+                // SAFETY: the processor has the instructions, and by the assertions above the block
+                // lies inside both.
+                unsafe {
+                    block(
+                        from.as_ptr().add(row * from_stride + column),
+                        from_stride,
+                        to.as_mut_ptr().add(column * to_stride + row),
+                        to_stride,
+                    );
+                }
             }
         }
     }
@@ -90,6 +98,41 @@ mod avx512 {
             for (quarter, result) in results.into_iter().enumerate() {
                 // SAFETY: the caller says that the block can be written.
                 unsafe { _mm512_storeu_ps(to.add((4 * quarter + column) * to_stride), result) };
+            }
+        }
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+mod avx2 {
+    use std::arch::x86_64::*;
+
+    /// Pairs of rows, then of pairs, then of fours, are interleaved.
+    #[target_feature(enable = "avx2")]
+    pub unsafe fn block(from: *const f32, from_stride: usize, to: *mut f32, to_stride: usize) {
+        let mut rows = [_mm256_setzero_ps(); 8];
+        for (index, row) in rows.iter_mut().enumerate() {
+            // SAFETY: the caller says that the block can be read.
+            *row = unsafe { _mm256_loadu_ps(from.add(index * from_stride)) };
+        }
+        // Of rows 4 g to 4 g + 3, column 4 h + c lies in half h of number 4 g + c.
+        let mut fours = [_mm256_setzero_ps(); 8];
+        for group in [0, 4] {
+            let [a, b, c, d] = [rows[group], rows[group + 1], rows[group + 2], rows[group + 3]];
+            let low = [_mm256_unpacklo_ps(a, b), _mm256_unpacklo_ps(c, d)];
+            let high = [_mm256_unpackhi_ps(a, b), _mm256_unpackhi_ps(c, d)];
+            fours[group] = _mm256_shuffle_ps::<0x44>(low[0], low[1]);
+            fours[group + 1] = _mm256_shuffle_ps::<0xee>(low[0], low[1]);
+            fours[group + 2] = _mm256_shuffle_ps::<0x44>(high[0], high[1]);
+            fours[group + 3] = _mm256_shuffle_ps::<0xee>(high[0], high[1]);
+        }
+        for column in 0..4 {
+            let [a, b] = [fours[column], fours[4 + column]];
+            let halves =
+                [_mm256_permute2f128_ps::<0x20>(a, b), _mm256_permute2f128_ps::<0x31>(a, b)];
+            for (half, result) in halves.into_iter().enumerate() {
+                // SAFETY: the caller says that the block can be written.
+                unsafe { _mm256_storeu_ps(to.add((4 * half + column) * to_stride), result) };
             }
         }
     }
