@@ -68,7 +68,7 @@ mod avx512 {
             // SAFETY: the caller says that the block can be read.
             *row = unsafe { _mm512_loadu_ps(from.add(index * from_stride)) };
         }
-        // Of rows 4 g to 4 g + 3, column 4 q + c lies in quarter q of number 4 g + c.
+        // Quarter q of number 4 g + c has column 4 q + c of the rows 4 g to 4 g + 3.
         let mut fours = [_mm512_setzero_ps(); 16];
         for group in (0..16).step_by(4) {
             let [a, b, c, d] = [rows[group], rows[group + 1], rows[group + 2], rows[group + 3]];
@@ -115,7 +115,7 @@ mod avx2 {
             // SAFETY: the caller says that the block can be read.
             *row = unsafe { _mm256_loadu_ps(from.add(index * from_stride)) };
         }
-        // Of rows 4 g to 4 g + 3, column 4 h + c lies in half h of number 4 g + c.
+        // Half h of number 4 g + c has column 4 h + c of the rows 4 g to 4 g + 3.
         let mut fours = [_mm256_setzero_ps(); 8];
         for group in [0, 4] {
             let [a, b, c, d] = [rows[group], rows[group + 1], rows[group + 2], rows[group + 3]];

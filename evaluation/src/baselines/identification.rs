@@ -26,7 +26,7 @@ use crate::{EvaluationError, Predictor};
 /// as noisy as they are at the moment, at least [`NOISE`]: far from the robot the prior keeps steps short.
 ///
 /// Derivatives are forward differences: the arm and its neighbours in every parameter are lanes of one
-/// simulation, of order [`ORDER_OF_DERIVATIVES`] at most, since what it is off by is nearly the same for all of them.
+/// simulation, of order [`ORDER_OF_DERIVATIVES`] at most: its errors are nearly the same for all of them.
 /// The steps of all [`DAMPINGS`] that are tried (Levenberg and Marquardt) are lanes of one of full order, and
 /// the best is taken. It ends when none lowers the cost by the share [`LEAST_DECREASE`], and
 /// after [`ITERATIONS`].
@@ -38,7 +38,7 @@ pub struct Identification {
     nominal: Robot,
     spread: Spread,
     replay: Replay,
-    /// For derivatives.
+    /// The simulation that derivatives come from.
     coarse: Replay,
     freedom: Freedom,
 }
@@ -112,7 +112,7 @@ const COMPARED_HZ: f64 = 15.0;
 const CHANGE: f64 = 1e-3;
 /// Forward differences, in standard deviations of the prior.
 const LEAST_DIFFERENCE: f64 = 1e-3;
-/// Of extrapolation, which takes 3 evaluations of the dynamics with 2 and 10 with 4.
+/// The order of extrapolation: 2 takes 3 evaluations of the dynamics, and 4 takes 10.
 const ORDER_OF_DERIVATIVES: u32 = 2;
 const LARGEST_DIFFERENCE: f64 = 0.3;
 const ITERATIONS: usize = 20;
@@ -353,7 +353,7 @@ impl Fit<'_> {
         Some(jacobian)
     }
 
-    /// Of `candidates` the one of least cost. `None` when none has a finite one.
+    /// The candidate of least cost. `None` when none has a finite one.
     fn cheapest(&self, candidates: Vec<Parameters>, weight: f64) -> Option<Candidate> {
         let simulated = self.simulate(&self.arm.replay, &candidates);
         candidates

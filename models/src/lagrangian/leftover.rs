@@ -3,7 +3,7 @@
 //!
 //! A draw adds a stretch of its robot's context to the horizon's torques. So its errors are as large, as slow and as
 //! unlike from joint to joint as those that were seen. A robot that was fitted to a slow motion leaves less over there
-//! than in a motion it was not fitted to. So each part of the context has what a robot fitted to the others leaves over.
+//! than in a motion it was not fitted to. So the torques of each part come from a robot fitted to the others.
 
 use simd::InstructionSet;
 
@@ -27,7 +27,7 @@ pub(super) struct LeftOver {
 pub(super) const NORMALS: usize = 3;
 
 impl Law {
-    /// What the law leaves over in the context of a robot.
+    /// The torques that the law leaves over in the context of a robot.
     pub fn left_over(
         &self,
         instructions: InstructionSet,
@@ -82,7 +82,7 @@ impl LeftOver {
     }
 }
 
-/// Uniform from -1 to 1, from three standard normal numbers: a zone of a sphere has the area of its height
+/// A number uniform from -1 to 1, from three standard normal ones: a zone of a sphere has the area of its height
 /// (Archimedes).
 fn side(normals: &[f32]) -> f32 {
     let squares: f32 = normals.iter().map(|normal| normal * normal).sum();
@@ -92,7 +92,7 @@ fn side(normals: &[f32]) -> f32 {
     }
 }
 
-/// Of `count` places of equal width between 0 and 1.
+/// The place that a share lies in, where `count` places of equal width reach from 0 to 1.
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,
@@ -117,7 +117,7 @@ mod tests {
 
     const DRAWS: usize = 6000;
 
-    /// What is added to a horizon of `samples`, of each draw.
+    /// The torques that each draw adds to a horizon of `samples`.
     fn added(left_over: &LeftOver, samples: usize) -> Vec<Vec<f32>> {
         let mut normals = vec![0.0; DRAWS * NORMALS];
         random::fill_normal(&mut normals, &mut ChaCha8Rng::seed_from_u64(3));

@@ -2,9 +2,9 @@
 //!
 //! The fair continuous ranked probability score (Ferro 2014) of a few draws, in units of how much draws without
 //! [`Doubt`] differ at that sample and joint: errors of large motions and of small ones count alike. Around the
-//! most likely robot, answers are linear in its numbers and in torques. So what a draw's numbers change and what its
-//! torques change are rolled out once each, and only their scales are learned. A step does this for few of its
-//! robots.
+//! most likely robot, answers are linear in its numbers and in torques. So a draw is rolled out
+//! twice, once with its numbers and once with its torques, and only the scales of both are learned. A step does this
+//! for few of its robots.
 //!
 //! Horizons begin at their own first two samples, so that noise in the context's positions does not count: the
 //! filter knows how much of it is left.
@@ -41,7 +41,8 @@ struct Score {
 }
 
 impl Score {
-    /// From what the numbers of draws change and what their torques change, `[draw, entry]`.
+    /// The score of draws whose numbers change the answer by `of_numbers` and whose torques change it by `of_torques`,
+    /// `[draw, entry]` each, in the units of `error`.
     fn new(
         doubt: Doubt,
         tails: Vec<f32>,
@@ -188,7 +189,7 @@ impl Law {
         }
         let entries = ahead.len();
         let (mean, drawn) = answers.positions.split_at(entries);
-        // Those of numbers, then those of torques: `[draw, entry]` each.
+        // Numbers made the first half, torques the second: `[draw, entry]` each.
         let mut differences: Vec<f32> =
             drawn.iter().zip(mean.iter().cycle()).map(|(drawn, mean)| drawn - mean).collect();
         let mut error: Vec<f32> = ahead.iter().zip(mean).map(|(y, mean)| y - mean).collect();
@@ -242,7 +243,7 @@ mod tests {
             random::fill_normal(&mut values, &mut generator);
             values
         };
-        // What numbers change at two entries, and what torques change there.
+        // Numbers change two entries by the first, torques by the second.
         let changed = |normals: &[f32]| {
             let each = normals.chunks_exact(2);
             let numbers: Vec<f32> = each.clone().flat_map(|n| [n[0], 0.3 * n[0]]).collect();

@@ -5,14 +5,13 @@ use std::process::{Command, ExitCode};
 use anyhow::Context;
 use simd::InstructionSet;
 
-/// What keeps peers to AVX2: PyTorch and its libraries, NumPy's, JAX. Pinocchio is compiled for it, see
+/// Switches that keep PyTorch, its libraries and NumPy to AVX2. Pinocchio is compiled for it, see
 /// [`crate::peers::cxx_flags`].
-const PEERS_ON_AVX2: [(&str, &str); 5] = [
+const PEERS_ON_AVX2: [(&str, &str); 4] = [
     ("ATEN_CPU_CAPABILITY", "avx2"),
     ("MKL_ENABLE_INSTRUCTIONS", "AVX2"),
     ("ONEDNN_MAX_CPU_ISA", "AVX2"),
     ("OPENBLAS_CORETYPE", "Haswell"),
-    ("XLA_FLAGS", "--xla_cpu_max_isa=AVX2"),
 ];
 
 /// Runs this command once more with these instructions for all programs that it starts, unless it has them.

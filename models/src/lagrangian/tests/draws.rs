@@ -98,8 +98,8 @@ fn doubt_widens_draws() {
     assert!(width(Doubt { median: 0.0, tail: 0.8, torque: 0.0 }) > 1.3 * plain);
 }
 
-/// A law that knows nothing of a slow torque at the second joint: draws differ by more there, the more so the larger
-/// the torque was in the context.
+/// The law knows nothing of a slow torque at the second joint. Draws differ by more there, and in proportion to the
+/// torque of the context.
 #[test]
 fn draws_have_torques_that_the_law_left_over() {
     let robot = Noisy::new(5);
