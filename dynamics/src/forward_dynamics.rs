@@ -8,7 +8,7 @@
 
 use simd::Lanes;
 
-use crate::compiled::{Compiled, JOINTS, shifted};
+use crate::compiled::{JOINTS, shifted};
 use crate::model::Model;
 use crate::regrouping::Link;
 use crate::spatial::{
@@ -60,7 +60,7 @@ impl<L: Lanes> Motion<L> {
     /// The second link, carried by a first one that turns about the vertical, which is its own z, and
     /// on whose axis it sits.
     #[inline(always)]
-    fn of_second_link(base_acceleration: L, turn: Turn<L>, qd: &[L; JOINTS]) -> Self {
+    pub(crate) fn of_second_link(base_acceleration: L, turn: Turn<L>, qd: &[L; JOINTS]) -> Self {
         const { assert!(!shifted::<1>(0) && !shifted::<1>(1) && !shifted::<1>(2)) };
         let [x, y, _] = turn.axis_to_child::<1>(qd[0]);
         let w_dot = [y * qd[1], -(x * qd[1]), L::splat(0.0)];
@@ -69,7 +69,7 @@ impl<L: Lanes> Motion<L> {
 
     /// The motion of the link that joint `J` carries, given that of the link before it.
     #[inline(always)]
-    fn child<const J: usize>(&self, origin: &Vector<L>, turn: Turn<L>, qd: L) -> Self {
+    pub(crate) fn child<const J: usize>(&self, origin: &Vector<L>, turn: Turn<L>, qd: L) -> Self {
         let acceleration = add_matrix_origin::<L, J>(&self.gradient, origin, self.acceleration);
         let mut w = turn.to_child::<J>(self.angular_velocity);
         let mut w_dot = turn.to_child::<J>(self.angular_acceleration);
@@ -114,51 +114,58 @@ pub(crate) struct Wrench<L> {
 }
 
 impl<L: Lanes> Wrench<L> {
+    #[inline(always)]
+    pub(crate) fn zero() -> Self {
+        Self { force: [L::splat(0.0); 3], moment: [L::splat(0.0); 3] }
+    }
+
+    #[inline(always)]
+    pub(crate) fn plus(self, other: Self) -> Self {
+        Self { force: sum(self.force, other.force), moment: sum(self.moment, other.moment) }
+    }
+
     /// The same wrench about the origin of the link before joint `J`, in that link's axes.
     #[inline(always)]
-    fn to_parent<const J: usize>(self, origin: &Vector<L>, turn: Turn<L>) -> Self {
+    pub(crate) fn to_parent<const J: usize>(self, origin: &Vector<L>, turn: Turn<L>) -> Self {
         let force = turn.to_parent::<J>(self.force);
         let moment = turn.to_parent::<J>(self.moment);
         Self { force, moment: add_origin_cross::<L, J>(origin, force, moment) }
     }
 }
 
-/// A link and everything beyond it, as one rigid body, with the wrench that moves it.
+/// A link and everything beyond it, as one rigid body.
 #[derive(Clone, Copy)]
 pub(crate) struct Composite<L> {
     pub(crate) first_moment: Vector<L>,
     pub(crate) inertia: Symmetric<L>,
-    pub(crate) wrench: Wrench<L>,
 }
 
 impl<L: Lanes> Composite<L> {
     #[inline(always)]
-    pub(crate) fn of_last_link(link: &Link<L>, wrench: Wrench<L>) -> Self {
+    pub(crate) fn of_last_link(link: &Link<L>) -> Self {
         let zero = L::splat(0.0);
         let ([mx, my], [xx, xy, xz, yz, zz]) = (link.first_moment, link.inertia);
-        Self { first_moment: [mx, my, zero], inertia: [xx, xy, xz, zero, yz, zz], wrench }
+        Self { first_moment: [mx, my, zero], inertia: [xx, xy, xz, zero, yz, zz] }
     }
 
     /// This composite, carried by joint `J`, together with the link before the joint.
     #[inline(always)]
-    fn with_parent<const J: usize>(
+    pub(crate) fn with_parent<const J: usize>(
         self,
         origin: &Vector<L>,
         turn: Turn<L>,
         link: &Link<L>,
-        wrench: Wrench<L>,
     ) -> Self {
         let first_moment = turn.to_parent::<J>(self.first_moment);
         let inertia = turn.symmetric_to_parent::<J>(self.inertia);
         let inertia = shifted_inertia::<L, J>(origin, first_moment, inertia);
-        let carried = self.wrench.to_parent::<J>(origin, turn);
-        Self { first_moment, inertia, wrench: carried }.with_link(link, wrench)
+        Self { first_moment, inertia }.with_link(link)
     }
 
     /// This composite together with a link, both in the link's frame.
     #[inline(always)]
-    pub(crate) fn with_link(self, link: &Link<L>, wrench: Wrench<L>) -> Self {
-        let Self { first_moment, inertia, wrench: carried } = self;
+    pub(crate) fn with_link(self, link: &Link<L>) -> Self {
+        let Self { first_moment, inertia } = self;
         Self {
             first_moment: [
                 first_moment[0] + link.first_moment[0],
@@ -173,10 +180,6 @@ impl<L: Lanes> Composite<L> {
                 inertia[4] + link.inertia[3],
                 inertia[5] + link.inertia[4],
             ],
-            wrench: Wrench {
-                force: sum(carried.force, wrench.force),
-                moment: sum(carried.moment, wrench.moment),
-            },
         }
     }
 
@@ -186,127 +189,6 @@ impl<L: Lanes> Composite<L> {
         let [x, y, _] = self.first_moment;
         let [_, _, xz, _, yz, zz] = self.inertia;
         Wrench { force: [-y, x, L::splat(0.0)], moment: [xz, yz, zz] }
-    }
-}
-
-impl Structure<JOINTS> for Compiled {
-    #[inline(always)]
-    fn joints(self) -> usize {
-        JOINTS
-    }
-
-    /// All but the first joint's, which changes nothing: gravity is along its axis.
-    #[inline(always)]
-    fn turns<L: Lanes>(self, q: &[L; JOINTS], turns: &mut [Turn<L>; JOINTS]) {
-        for joint in 1..JOINTS {
-            turns[joint] = Turn::by(q[joint]);
-        }
-    }
-
-    #[inline(always)]
-    fn later_turns<L: Lanes>(
-        self,
-        start: &[Turn<L>; JOINTS],
-        change: &[L; JOINTS],
-        turns: &mut [Turn<L>; JOINTS],
-    ) {
-        for joint in 1..JOINTS {
-            turns[joint] = start[joint].and_by(change[joint]);
-        }
-    }
-
-    #[inline(always)]
-    fn mass_matrix_and_bias<L: Lanes>(
-        self,
-        model: &Model<L, JOINTS>,
-        turns: &[Turn<L>; JOINTS],
-        qd: &[L; JOINTS],
-        dynamics: &mut Dynamics<L, JOINTS>,
-    ) {
-        let (links, origins) = (&model.links, &model.origins);
-
-        let motion2 = Motion::of_second_link(model.base_acceleration, turns[1], qd);
-        let motion3 = motion2.child::<2>(&origins[2], turns[2], qd[2]);
-        let motion4 = motion3.child::<3>(&origins[3], turns[3], qd[3]);
-        let motion5 = motion4.child::<4>(&origins[4], turns[4], qd[4]);
-        let motion6 = motion5.child::<5>(&origins[5], turns[5], qd[5]);
-        let motion7 = motion6.child::<6>(&origins[6], turns[6], qd[6]);
-
-        let still = Wrench { force: [L::splat(0.0); 3], moment: [L::splat(0.0); 3] };
-        let mut columns = [still; JOINTS];
-
-        // Takes in a composite at its joint: one diagonal entry, one bias force, one more column.
-        macro_rules! joint {
-            ($joint:literal, $composite:ident) => {
-                columns[$joint] = $composite.wrench_of_unit_acceleration();
-                let inertia = columns[$joint].moment[2];
-                dynamics.mass_matrix[$joint][$joint] = inertia + model.armature[$joint];
-                dynamics.bias[$joint] = $composite.wrench.moment[2];
-            };
-        }
-        // Carries a composite and the columns so far over joint `$joint` to the link before it.
-        macro_rules! inwards {
-            ($composite:ident over $joint:literal to $parent:literal, $wrench:expr) => {{
-                let origin = &origins[$joint];
-                for column in $joint..JOINTS {
-                    columns[column] = columns[column].to_parent::<$joint>(origin, turns[$joint]);
-                    dynamics.mass_matrix[column][$parent] = columns[column].moment[2];
-                }
-                $composite.with_parent::<$joint>(origin, turns[$joint], &links[$parent], $wrench)
-            }};
-        }
-
-        let composite = Composite::of_last_link(&links[6], motion7.wrench(&links[6]));
-        joint!(6, composite);
-        let composite = inwards!(composite over 6 to 5, motion6.wrench(&links[5]));
-        joint!(5, composite);
-        let composite = inwards!(composite over 5 to 4, motion5.wrench(&links[4]));
-        joint!(4, composite);
-        let composite = inwards!(composite over 4 to 3, motion4.wrench(&links[3]));
-        joint!(3, composite);
-        let composite = inwards!(composite over 3 to 2, motion3.wrench(&links[2]));
-        joint!(2, composite);
-        let composite = inwards!(composite over 2 to 1, motion2.wrench(&links[1]));
-        joint!(1, composite);
-        // Only the first link's inertia about the vertical matters; its own wrench has no moment there.
-        let composite = inwards!(composite over 1 to 0, still);
-        joint!(0, composite);
-    }
-
-    #[inline(always)]
-    fn solve<L: Lanes>(
-        self,
-        m: &mut [[L; JOINTS]; JOINTS],
-        b: &mut [L; JOINTS],
-        qdd: &mut [L; JOINTS],
-    ) {
-        let mut inverse_pivots = [L::splat(0.0); JOINTS];
-        // From the tip inwards, so that joint 7, whose column is ready first, is eliminated first.
-        macro_rules! eliminate {
-            ($($pivot:literal)*) => {$(
-                inverse_pivots[$pivot] = m[$pivot][$pivot].recip();
-                for row in 0..$pivot {
-                    let factor = m[$pivot][row] * inverse_pivots[$pivot];
-                    for column in 0..=row {
-                        m[row][column] = factor.neg_mul_add(m[$pivot][column], m[row][column]);
-                    }
-                    b[row] = factor.neg_mul_add(b[$pivot], b[row]);
-                }
-            )*};
-        }
-        macro_rules! substitute {
-            ($($joint:literal)*) => {$(
-                let mut rest = b[$joint];
-                for inner in 0..$joint {
-                    rest = m[$joint][inner].neg_mul_add(qdd[inner], rest);
-                }
-                qdd[$joint] = rest * inverse_pivots[$joint];
-            )*};
-        }
-        eliminate!(6 5 4 3 2 1);
-        inverse_pivots[0] = m[0][0].recip();
-        qdd[0] = b[0] * inverse_pivots[0];
-        substitute!(1 2 3 4 5 6);
     }
 }
 
@@ -325,10 +207,8 @@ pub(crate) fn accelerations<L: Lanes, S: Structure<N>, const N: usize>(
     step: L,
     qdd: &mut [L; N],
 ) {
-    let mut m = dynamics.mass_matrix;
     let mut b = *torque;
     for joint in 0..structure.joints() {
-        m[joint][joint] = step.mul_add(model.damping[joint], m[joint][joint]);
         b[joint] =
             model.damping[joint].neg_mul_add(qd[joint], torque[joint] - dynamics.bias[joint]);
     }
@@ -337,6 +217,11 @@ pub(crate) fn accelerations<L: Lanes, S: Structure<N>, const N: usize>(
         for joint in 0..structure.joints() {
             b[joint] = b[joint] - friction.torque(joint, qd[joint]);
         }
+    }
+    // Read after the branch, since the compiler would keep a copy across it.
+    let mut m = dynamics.mass_matrix;
+    for joint in 0..structure.joints() {
+        m[joint][joint] = step.mul_add(model.damping[joint], m[joint][joint]);
     }
     structure.solve(&mut m, &mut b, qdd);
 }

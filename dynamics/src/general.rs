@@ -181,23 +181,22 @@ impl Structure<MAX_JOINTS> for General {
         dynamics: &mut Dynamics<L, MAX_JOINTS>,
     ) {
         let joints = self.joints();
-        let still = Wrench { force: [L::splat(0.0); 3], moment: [L::splat(0.0); 3] };
-
-        let mut wrenches = [still; MAX_JOINTS];
+        let mut wrenches = [Wrench::zero(); MAX_JOINTS];
         let mut motion = Motion::of_base(model.base_acceleration);
         for joint in 0..joints {
             motion = motion.beyond(place(model, turns, joint), qd[joint]);
             wrenches[joint] = motion.wrench(&model.links[joint]);
         }
 
-        let mut columns = [still; MAX_JOINTS];
+        let mut columns = [Wrench::zero(); MAX_JOINTS];
         let last = joints - 1;
-        let mut composite = Composite::of_last_link(&model.links[last], wrenches[last]);
+        let mut composite = Composite::of_last_link(&model.links[last]);
+        let mut wrench = wrenches[last];
         let mut joint = last;
         loop {
             columns[joint] = composite.wrench_of_unit_acceleration();
             dynamics.mass_matrix[joint][joint] = columns[joint].moment[2] + model.armature[joint];
-            dynamics.bias[joint] = composite.wrench.moment[2];
+            dynamics.bias[joint] = wrench.moment[2];
             if joint == 0 {
                 return;
             }
@@ -210,9 +209,8 @@ impl Structure<MAX_JOINTS> for General {
             let first_moment = place.to_parent(composite.first_moment);
             let inertia = place.symmetric_to_parent(composite.inertia);
             let inertia = shifted(place.origin, first_moment, inertia);
-            let wrench = place.wrench_to_parent(composite.wrench);
-            composite = Composite { first_moment, inertia, wrench }
-                .with_link(&model.links[parent], wrenches[parent]);
+            composite = Composite { first_moment, inertia }.with_link(&model.links[parent]);
+            wrench = place.wrench_to_parent(wrench).plus(wrenches[parent]);
             joint = parent;
         }
     }

@@ -58,12 +58,10 @@ impl<L: Kernels, const N: usize> State<L, N> {
     }
 
     #[inline(always)]
-    fn velocity_after(&self, joints: usize, increment: &Increment<L, N>) -> [L; N] {
-        let mut qd = self.qd;
+    fn velocity_after(&self, joints: usize, increment: &Increment<L, N>, qd: &mut [L; N]) {
         for joint in 0..joints {
             qd[joint] = self.qd[joint] + increment.qd[joint];
         }
-        qd
     }
 
     #[inline(always)]
@@ -82,6 +80,16 @@ impl<L: Kernels, const N: usize> Increment<L, N> {
     #[inline(always)]
     fn zero() -> Self {
         Self { q: [L::splat(0.0); N], qd: [L::splat(0.0); N] }
+    }
+
+    /// `factor` times the derivatives of position and velocity.
+    #[inline(always)]
+    fn set_scaled(&mut self, joints: usize, factor: L, qd: &[L; N], qdd: &[L; N]) {
+        let zero = L::splat(0.0);
+        for joint in 0..joints {
+            self.q[joint] = factor.mul_add(qd[joint], zero);
+            self.qd[joint] = factor.mul_add(qdd[joint], zero);
+        }
     }
 
     /// Adds `factor` times the derivatives of position and velocity.
@@ -135,24 +143,27 @@ fn extrapolated_step<L: Kernels, S: Structure<N>, const N: usize>(
     let joints = structure.joints();
     let mut table = [Increment::zero(); MAX_ORDER];
     let mut start = Dynamics::zero();
-    let mut later = Dynamics::zero();
     let mut start_turns = [Turn::none(); N];
     let mut later_turn = [Turn::none(); N];
+    let mut qd = state.qd;
     let mut qdd = state.qd;
 
-    // Every sequence starts from the same state and needs its dynamics only once.
+    // Every sequence starts from the same state and needs its dynamics only once. Their first steps come first:
+    // none of them waits for another.
     structure.turns(&state.q, &mut start_turns);
     L::mass_matrix_and_bias(structure, model, &start_turns, &state.qd, &mut start);
     for steps in 1..=order {
         let h = L::splat(step / steps as f64);
-        let increment = &mut table[steps - 1];
         L::accelerations(structure, model, &start, &state.qd, torque, h, &mut qdd);
-        euler_update(joints, increment, state, h, &qdd);
+        euler_update(joints, &mut table[steps - 1], state, h, &qdd);
+    }
+    for steps in 2..=order {
+        let h = L::splat(step / steps as f64);
+        let increment = &mut table[steps - 1];
         for _ in 1..steps {
-            let qd = state.velocity_after(joints, increment);
+            state.velocity_after(joints, increment, &mut qd);
             structure.later_turns(&start_turns, &increment.q, &mut later_turn);
-            L::mass_matrix_and_bias(structure, model, &later_turn, &qd, &mut later);
-            L::accelerations(structure, model, &later, &qd, torque, h, &mut qdd);
+            L::accelerations_at(structure, model, &later_turn, &qd, torque, h, &mut qdd);
             euler_update(joints, increment, state, h, &qdd);
         }
     }
@@ -205,19 +216,17 @@ fn runge_kutta_step<L: Kernels, S: Structure<N>, const N: usize>(
     let joints = structure.joints();
     let mut total = Increment::zero();
     let mut stage = Increment::zero();
-    let mut dynamics = Dynamics::zero();
     let mut start_turns = [Turn::none(); N];
     let mut stage_turns = [Turn::none(); N];
+    let mut qd = state.qd;
     let mut qdd = state.qd;
     structure.turns(&state.q, &mut start_turns);
     for (weight, reach) in STAGES {
-        let qd = state.velocity_after(joints, &stage);
+        state.velocity_after(joints, &stage, &mut qd);
         structure.later_turns(&start_turns, &stage.q, &mut stage_turns);
-        L::mass_matrix_and_bias(structure, model, &stage_turns, &qd, &mut dynamics);
-        L::accelerations(structure, model, &dynamics, &qd, torque, L::splat(0.0), &mut qdd);
+        L::accelerations_at(structure, model, &stage_turns, &qd, torque, L::splat(0.0), &mut qdd);
         total.add_scaled(joints, L::splat(step * weight), &qd, &qdd);
-        stage = Increment::zero();
-        stage.add_scaled(joints, L::splat(step * reach), &qd, &qdd);
+        stage.set_scaled(joints, L::splat(step * reach), &qd, &qdd);
     }
     state.add(joints, &total);
 }

@@ -5,7 +5,7 @@
 //! other, since one evaluation of the dynamics is about a thousand instructions and would otherwise
 //! be copied into every stage of every integrator.
 
-use simd::{F32Array, F64Array, Lanes};
+use simd::{F32Array, F64Array, Lanes, align_stack};
 
 use crate::forward_dynamics::{self, Dynamics};
 use crate::model::Model;
@@ -20,6 +20,17 @@ pub(crate) trait Kernels: Lanes {
         turns: &[Turn<Self>; N],
         qd: &[Self; N],
         dynamics: &mut Dynamics<Self, N>,
+    );
+
+    /// See [`Structure::accelerations_at`].
+    fn accelerations_at<S: Structure<N>, const N: usize>(
+        structure: S,
+        model: &Model<Self, N>,
+        turns: &[Turn<Self>; N],
+        qd: &[Self; N],
+        torque: &[Self; N],
+        step: Self,
+        qdd: &mut [Self; N],
     );
 
     /// See [`forward_dynamics::accelerations`].
@@ -54,12 +65,44 @@ macro_rules! kernels {
                     qd: &[$lanes; N],
                     dynamics: &mut Dynamics<$lanes, N>,
                 ) {
+                    align_stack();
                     structure.mass_matrix_and_bias(model, turns, qd, dynamics);
                 }
                 #[allow(unused_unsafe, reason = "array lanes need no instructions of their own")]
                 // SAFETY: `InstructionSet` lets only processors with the features come here.
                 unsafe {
                     compiled(structure, model, turns, qd, dynamics)
+                }
+            }
+
+            #[inline(always)]
+            fn accelerations_at<S: Structure<N>, const N: usize>(
+                structure: S,
+                model: &Model<Self, N>,
+                turns: &[Turn<Self>; N],
+                qd: &[Self; N],
+                torque: &[Self; N],
+                step: Self,
+                qdd: &mut [Self; N],
+            ) {
+                $(#[target_feature(enable = $features)])?
+                #[inline(never)]
+                fn compiled<S: Structure<N>, const N: usize>(
+                    structure: S,
+                    model: &Model<$lanes, N>,
+                    turns: &[Turn<$lanes>; N],
+                    qd: &[$lanes; N],
+                    torque: &[$lanes; N],
+                    step: $lanes,
+                    qdd: &mut [$lanes; N],
+                ) {
+                    align_stack();
+                    structure.accelerations_at(model, turns, qd, torque, step, qdd);
+                }
+                #[allow(unused_unsafe, reason = "array lanes need no instructions of their own")]
+                // SAFETY: `InstructionSet` lets only processors with the features come here.
+                unsafe {
+                    compiled(structure, model, turns, qd, torque, step, qdd)
                 }
             }
 
@@ -84,6 +127,7 @@ macro_rules! kernels {
                     step: $lanes,
                     qdd: &mut [$lanes; N],
                 ) {
+                    align_stack();
                     forward_dynamics::accelerations(structure, model, dynamics, qd, torque, step, qdd);
                 }
                 #[allow(unused_unsafe, reason = "array lanes need no instructions of their own")]

@@ -46,6 +46,7 @@ mod simulate;
 mod single;
 mod spatial;
 mod structure;
+mod sweep;
 
 pub use angle::Angle;
 pub use error::DynamicsError;

@@ -4,7 +4,7 @@ use simd::Lanes;
 
 use crate::Robot;
 use crate::compiled;
-use crate::forward_dynamics::Dynamics;
+use crate::forward_dynamics::{Dynamics, accelerations};
 use crate::model::Model;
 use crate::spatial::Turn;
 
@@ -28,6 +28,22 @@ pub(crate) trait Structure<const N: usize>: Copy + Send + Sync {
         qd: &[L; N],
         dynamics: &mut Dynamics<L, N>,
     );
+
+    /// As [`Structure::mass_matrix_and_bias`] and then [`accelerations`], to the last bit.
+    #[inline(always)]
+    fn accelerations_at<L: Lanes>(
+        self,
+        model: &Model<L, N>,
+        turns: &[Turn<L>; N],
+        qd: &[L; N],
+        torque: &[L; N],
+        step: L,
+        qdd: &mut [L; N],
+    ) {
+        let mut dynamics = Dynamics::zero();
+        self.mass_matrix_and_bias(model, turns, qd, &mut dynamics);
+        accelerations(self, model, &dynamics, qd, torque, step, qdd);
+    }
 
     /// Solves `m · qdd = b` for a symmetric positive definite `m`, given on and below the diagonal, in place.
     fn solve<L: Lanes>(self, m: &mut [[L; N]; N], b: &mut [L; N], qdd: &mut [L; N]);

@@ -21,6 +21,7 @@ mod avx512;
 mod exponential;
 mod instruction_set;
 mod lanes;
+mod stack;
 mod trigonometry;
 mod vector;
 #[cfg(target_arch = "x86_64")]
@@ -34,5 +35,6 @@ pub use avx512::{F32x16, F64x8};
 pub use exponential::Exponential;
 pub use instruction_set::{Detected, InstructionSet, UnknownInstructionSet, VARIABLE};
 pub use lanes::{Lanes, MAX_LANES};
+pub use stack::align_stack;
 pub use trigonometry::Trigonometry;
 pub use vector::{Unfused, Vector};

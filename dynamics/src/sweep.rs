@@ -1,0 +1,297 @@
+//! The compiled structure's equation of motion, from the tip inwards.
+//!
+//! Motions go outwards and the mass matrix inwards, and neither needs the other. [`sweep`] lets them take turns,
+//! so that one computes while the other waits for its last result. The order of the lines says which may run at
+//! once: a processor looks no more than a few hundred instructions ahead.
+
+use simd::Lanes;
+
+use crate::compiled::{Compiled, JOINTS};
+use crate::forward_dynamics::{Composite, Dynamics, Motion, Wrench};
+use crate::model::Model;
+use crate::spatial::Turn;
+use crate::structure::Structure;
+
+/// What is done with the equation of motion, of which the columns come from the last joint's to the first's, and
+/// the bias forces as well.
+trait Equation<L> {
+    /// `entries[J..]` are entries (J.., J) of M + A.
+    fn column<const J: usize>(&mut self, entries: &[L; JOINTS]);
+
+    /// Entry `J` of C q̇ + g, after column `J`.
+    fn bias<const J: usize>(&mut self, bias: L);
+}
+
+impl<L: Lanes> Equation<L> for Dynamics<L, JOINTS> {
+    #[inline(always)]
+    fn column<const J: usize>(&mut self, entries: &[L; JOINTS]) {
+        for row in J..JOINTS {
+            self.mass_matrix[row][J] = entries[row];
+        }
+    }
+
+    #[inline(always)]
+    fn bias<const J: usize>(&mut self, bias: L) {
+        self.bias[J] = bias;
+    }
+}
+
+/// Eliminates joint after joint while the columns come. [`Structure::solve`] has the same operations on the
+/// same numbers, one pivot after another.
+struct Elimination<'a, L> {
+    model: &'a Model<L, JOINTS>,
+    /// Seconds, as for [`crate::forward_dynamics::accelerations`].
+    step: L,
+    qd: &'a [L; JOINTS],
+    torque: &'a [L; JOINTS],
+    friction: [L; JOINTS],
+    /// M + A + h D, each entry without the share of the joints eliminated before it.
+    matrix: [[L; JOINTS]; JOINTS],
+    /// `matrix[pivot][column]` over the pivot.
+    factors: [[L; JOINTS]; JOINTS],
+    inverse_pivots: [L; JOINTS],
+    /// The right side, reduced as `matrix` is.
+    right: [L; JOINTS],
+}
+
+/// Evaluates `$body` for each pivot beyond joint `$joint`, from the last.
+macro_rules! for_each_pivot {
+    ($pivot:ident beyond $joint:ident, $body:block) => {
+        for_each_pivot!(@ $pivot, $joint, $body, 6 5 4 3 2 1)
+    };
+    (@ $pivot:ident, $joint:ident, $body:block, $($number:literal)*) => {$(
+        if $number > $joint {
+            const $pivot: usize = $number;
+            $body
+        }
+    )*};
+}
+
+impl<'a, L: Lanes> Elimination<'a, L> {
+    #[inline(always)]
+    fn new(
+        model: &'a Model<L, JOINTS>,
+        qd: &'a [L; JOINTS],
+        torque: &'a [L; JOINTS],
+        step: L,
+    ) -> Self {
+        let zero = [L::splat(0.0); JOINTS];
+        let mut friction = zero;
+        // All robots of a simulation have friction or none has: the branch is always the same.
+        if let Some(sigmoids) = &model.friction {
+            for joint in 0..JOINTS {
+                friction[joint] = sigmoids.torque(joint, qd[joint]);
+            }
+        }
+        let (matrix, factors) = ([zero; JOINTS], [zero; JOINTS]);
+        let (inverse_pivots, right) = (zero, zero);
+        Self { model, step, qd, torque, friction, matrix, factors, inverse_pivots, right }
+    }
+
+    /// Accelerations, once every column and every bias force came.
+    #[inline(always)]
+    fn substitute(&self, qdd: &mut [L; JOINTS]) {
+        for joint in 0..JOINTS {
+            let mut rest = self.right[joint];
+            for inner in 0..joint {
+                rest = self.matrix[joint][inner].neg_mul_add(qdd[inner], rest);
+            }
+            qdd[joint] = rest * self.inverse_pivots[joint];
+        }
+    }
+}
+
+impl<L: Lanes> Equation<L> for Elimination<'_, L> {
+    #[inline(always)]
+    fn column<const J: usize>(&mut self, entries: &[L; JOINTS]) {
+        let Self { model, step, matrix, factors, inverse_pivots, .. } = self;
+        for row in J..JOINTS {
+            matrix[row][J] = entries[row];
+        }
+        matrix[J][J] = step.mul_add(model.damping[J], matrix[J][J]);
+        for_each_pivot!(PIVOT beyond J, {
+            for row in J + 1..PIVOT {
+                let change = factors[PIVOT][row];
+                matrix[row][J] = change.neg_mul_add(matrix[PIVOT][J], matrix[row][J]);
+            }
+            let factor = matrix[PIVOT][J] * inverse_pivots[PIVOT];
+            matrix[J][J] = factor.neg_mul_add(matrix[PIVOT][J], matrix[J][J]);
+            factors[PIVOT][J] = factor;
+        });
+        inverse_pivots[J] = matrix[J][J].recip();
+    }
+
+    #[inline(always)]
+    fn bias<const J: usize>(&mut self, bias: L) {
+        let Self { model, qd, torque, friction, factors, right, .. } = self;
+        right[J] = model.damping[J].neg_mul_add(qd[J], torque[J] - bias) - friction[J];
+        for_each_pivot!(PIVOT beyond J, {
+            right[J] = factors[PIVOT][J].neg_mul_add(right[PIVOT], right[J]);
+        });
+    }
+}
+
+#[inline(always)]
+fn sweep<L: Lanes>(
+    model: &Model<L, JOINTS>,
+    turns: &[Turn<L>; JOINTS],
+    qd: &[L; JOINTS],
+    equation: &mut impl Equation<L>,
+) {
+    let (links, origins) = (&model.links, &model.origins);
+    let zero = [L::splat(0.0); JOINTS];
+    // Column `j` is the wrench that a unit acceleration of joint `j` alone takes.
+    let mut columns = [Wrench::zero(); JOINTS];
+
+    // Goes on to the motion of the link that joint `$joint` carries, and to the wrench that makes it move so.
+    macro_rules! outwards {
+        ($motion:ident over $joint:literal) => {{
+            let origin = &origins[$joint];
+            $motion = $motion.child::<$joint>(origin, turns[$joint], qd[$joint]);
+            $motion.wrench(&links[$joint])
+        }};
+    }
+    // Takes in a composite at its joint: a diagonal entry and one more column.
+    macro_rules! joint {
+        ($joint:literal, $composite:ident, $entries:ident) => {
+            columns[$joint] = $composite.wrench_of_unit_acceleration();
+            $entries[$joint] = columns[$joint].moment[2] + model.armature[$joint];
+            equation.column::<$joint>(&$entries);
+        };
+    }
+    // Carries a composite and the columns so far over joint `$joint` to the link before it.
+    macro_rules! inwards {
+        ($composite:ident over $joint:literal to $parent:literal) => {
+            let (origin, turn) = (&origins[$joint], turns[$joint]);
+            $composite = $composite.with_parent::<$joint>(origin, turn, &links[$parent]);
+            let mut entries = zero;
+            for column in $joint..JOINTS {
+                columns[column] = columns[column].to_parent::<$joint>(origin, turn);
+                entries[column] = columns[column].moment[2];
+            }
+            joint!($parent, $composite, entries);
+        };
+    }
+    // Carries the wrench at joint `$joint` to the link before it, whose own is added.
+    macro_rules! carry {
+        ($wrench:ident over $joint:literal to $parent:literal, $own:expr) => {
+            $wrench = $wrench.to_parent::<$joint>(&origins[$joint], turns[$joint]).plus($own);
+            equation.bias::<$parent>($wrench.moment[2]);
+        };
+    }
+
+    let mut motion = Motion::of_second_link(model.base_acceleration, turns[1], qd);
+    let wrench1 = motion.wrench(&links[1]);
+    let mut composite = Composite::of_last_link(&links[6]);
+    let mut entries = zero;
+    joint!(6, composite, entries);
+    inwards!(composite over 6 to 5);
+    let wrench2 = outwards!(motion over 2);
+    inwards!(composite over 5 to 4);
+    let wrench3 = outwards!(motion over 3);
+    inwards!(composite over 4 to 3);
+    let wrench4 = outwards!(motion over 4);
+    inwards!(composite over 3 to 2);
+    let wrench5 = outwards!(motion over 5);
+    inwards!(composite over 2 to 1);
+    let mut wrench = outwards!(motion over 6);
+    // Only the first link's inertia about the vertical matters; its own wrench has no moment there.
+    inwards!(composite over 1 to 0);
+
+    equation.bias::<6>(wrench.moment[2]);
+    carry!(wrench over 6 to 5, wrench5);
+    carry!(wrench over 5 to 4, wrench4);
+    carry!(wrench over 4 to 3, wrench3);
+    carry!(wrench over 3 to 2, wrench2);
+    carry!(wrench over 2 to 1, wrench1);
+    carry!(wrench over 1 to 0, Wrench::zero());
+}
+
+impl Structure<JOINTS> for Compiled {
+    #[inline(always)]
+    fn joints(self) -> usize {
+        JOINTS
+    }
+
+    /// All but the first joint's, which changes nothing: gravity is along its axis.
+    #[inline(always)]
+    fn turns<L: Lanes>(self, q: &[L; JOINTS], turns: &mut [Turn<L>; JOINTS]) {
+        for joint in 1..JOINTS {
+            turns[joint] = Turn::by(q[joint]);
+        }
+    }
+
+    #[inline(always)]
+    fn later_turns<L: Lanes>(
+        self,
+        start: &[Turn<L>; JOINTS],
+        change: &[L; JOINTS],
+        turns: &mut [Turn<L>; JOINTS],
+    ) {
+        for joint in 1..JOINTS {
+            turns[joint] = start[joint].and_by(change[joint]);
+        }
+    }
+
+    #[inline(always)]
+    fn mass_matrix_and_bias<L: Lanes>(
+        self,
+        model: &Model<L, JOINTS>,
+        turns: &[Turn<L>; JOINTS],
+        qd: &[L; JOINTS],
+        dynamics: &mut Dynamics<L, JOINTS>,
+    ) {
+        sweep(model, turns, qd, dynamics);
+    }
+
+    #[inline(always)]
+    fn accelerations_at<L: Lanes>(
+        self,
+        model: &Model<L, JOINTS>,
+        turns: &[Turn<L>; JOINTS],
+        qd: &[L; JOINTS],
+        torque: &[L; JOINTS],
+        step: L,
+        qdd: &mut [L; JOINTS],
+    ) {
+        let mut elimination = Elimination::new(model, qd, torque, step);
+        sweep(model, turns, qd, &mut elimination);
+        elimination.substitute(qdd);
+    }
+
+    #[inline(always)]
+    fn solve<L: Lanes>(
+        self,
+        m: &mut [[L; JOINTS]; JOINTS],
+        b: &mut [L; JOINTS],
+        qdd: &mut [L; JOINTS],
+    ) {
+        let mut inverse_pivots = [L::splat(0.0); JOINTS];
+        // From the tip inwards, so that joint 7, whose column is ready first, is eliminated first.
+        macro_rules! eliminate {
+            ($($pivot:literal)*) => {$(
+                inverse_pivots[$pivot] = m[$pivot][$pivot].recip();
+                for row in 0..$pivot {
+                    let factor = m[$pivot][row] * inverse_pivots[$pivot];
+                    for column in 0..=row {
+                        m[row][column] = factor.neg_mul_add(m[$pivot][column], m[row][column]);
+                    }
+                    b[row] = factor.neg_mul_add(b[$pivot], b[row]);
+                }
+            )*};
+        }
+        macro_rules! substitute {
+            ($($joint:literal)*) => {$(
+                let mut rest = b[$joint];
+                for inner in 0..$joint {
+                    rest = m[$joint][inner].neg_mul_add(qdd[inner], rest);
+                }
+                qdd[$joint] = rest * inverse_pivots[$joint];
+            )*};
+        }
+        eliminate!(6 5 4 3 2 1);
+        inverse_pivots[0] = m[0][0].recip();
+        qdd[0] = b[0] * inverse_pivots[0];
+        substitute!(1 2 3 4 5 6);
+    }
+}
