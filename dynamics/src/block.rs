@@ -10,7 +10,7 @@ use simd::MAX_LANES;
 use spec::{Gravity, Rejection};
 
 use crate::forward_dynamics::Dynamics;
-use crate::integrators::{Scheme, State, advance};
+use crate::integrators::{Scheme, Scratch, State, advance};
 use crate::kernels::Kernels;
 use crate::kinematics::POSE;
 use crate::model::Model;
@@ -69,6 +69,7 @@ pub(crate) fn simulate<L: Kernels, S: Structure<N>, const N: usize>(
 
     let mut model = Model::splat(structure, block.source.nominal());
     let mut state = State::<L, N>::zero();
+    let mut scratch = Scratch::new();
     let mut lanes = [Lane::Idle; MAX_LANES];
     let mut waiting = 0..block.scenarios.len();
 
@@ -169,7 +170,7 @@ pub(crate) fn simulate<L: Kernels, S: Structure<N>, const N: usize>(
         for joint in 0..joints {
             torque[joint] = L::load(&torques[joint]);
         }
-        advance(structure, scheme, period, &model, &torque, &mut state);
+        advance(structure, scheme, period, &model, &torque, &mut state, &mut scratch);
     }
 }
 

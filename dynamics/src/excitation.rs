@@ -229,6 +229,9 @@ fn sample_multisines<D: Lanes>(
     rate_hz: f64,
     u: &mut [f32],
 ) {
+    /// Samples whose sines wait for their cosines: all four rotors at once would not fit into registers.
+    const PIECE: usize = 64;
+
     for first in (0..count).step_by(D::LANES) {
         let amplitude = |component: usize| joints.map(|joint| joint.amplitude_nm[component]);
         let step =
@@ -241,14 +244,20 @@ fn sample_multisines<D: Lanes>(
         let mut rotor1 = Rotor::new(gather::<D>(&step(1), first));
         let mut rotor2 = Rotor::new(gather::<D>(&step(2), first));
         let mut rotor3 = Rotor::new(gather::<D>(&step(3), first));
-        for sample in u.chunks_exact_mut(count) {
-            let sines = a2.mul_add(rotor2.sin, a0 * rotor0.sin);
-            let cosines = a3.mul_add(rotor3.cos, a1 * rotor1.cos);
-            scatter(sines + cosines, first, count, sample);
-            rotor0.advance();
-            rotor1.advance();
-            rotor2.advance();
-            rotor3.advance();
+        let mut sines = [D::splat(0.0); PIECE];
+        for piece in u.chunks_mut(PIECE * count) {
+            let samples = piece.len() / count;
+            for sines in &mut sines[..samples] {
+                *sines = a2.mul_add(rotor2.sin, a0 * rotor0.sin);
+                rotor0.advance();
+                rotor2.advance();
+            }
+            for (sample, &sines) in piece.chunks_exact_mut(count).zip(&sines) {
+                let cosines = a3.mul_add(rotor3.cos, a1 * rotor1.cos);
+                scatter(sines + cosines, first, count, sample);
+                rotor1.advance();
+                rotor3.advance();
+            }
         }
     }
 }
@@ -279,8 +288,9 @@ fn gather<D: Lanes>(values: &Joints<f64>, first: usize) -> D {
 fn scatter<D: Lanes>(lanes: D, first: usize, joints: usize, sample: &mut [f32]) {
     let mut values = [0.0; MAX_LANES];
     lanes.store(&mut values);
-    let count = D::LANES.min(joints - first);
-    sample[first..first + count].copy_from_slice(&values[..count]);
+    for (to, value) in sample[first..joints].iter_mut().zip(&values[..D::LANES]) {
+        *to = *value;
+    }
 }
 
 #[cfg(test)]

@@ -78,17 +78,20 @@ impl<L: Kernels, const N: usize> State<L, N> {
 
 impl<L: Kernels, const N: usize> Increment<L, N> {
     #[inline(always)]
-    fn zero() -> Self {
-        Self { q: [L::splat(0.0); N], qd: [L::splat(0.0); N] }
+    fn set_zero(&mut self, joints: usize) {
+        for joint in 0..joints {
+            self.q[joint] = L::splat(0.0);
+            self.qd[joint] = L::splat(0.0);
+        }
     }
 
-    /// `factor` times the derivatives of position and velocity.
+    /// A step of semi-implicit Euler: the new velocity moves the position.
     #[inline(always)]
-    fn set_scaled(&mut self, joints: usize, factor: L, qd: &[L; N], qdd: &[L; N]) {
-        let zero = L::splat(0.0);
+    fn euler_step(&mut self, joints: usize, start: &State<L, N>, h: L, qdd: &[L; N]) {
         for joint in 0..joints {
-            self.q[joint] = factor.mul_add(qd[joint], zero);
-            self.qd[joint] = factor.mul_add(qdd[joint], zero);
+            self.qd[joint] = h.mul_add(qdd[joint], self.qd[joint]);
+            let qd = start.qd[joint] + self.qd[joint];
+            self.q[joint] = h.mul_add(qd, self.q[joint]);
         }
     }
 
@@ -102,6 +105,32 @@ impl<L: Kernels, const N: usize> Increment<L, N> {
     }
 }
 
+/// Intermediate results of a step. A simulation makes them once, because filling them with zeros at every step
+/// took 3 % of a trajectory's time.
+pub(crate) struct Scratch<L, const N: usize> {
+    table: [Increment<L, N>; MAX_ORDER],
+    start: Dynamics<L, N>,
+    start_turns: [Turn<L>; N],
+    later_turns: [Turn<L>; N],
+    qd: [L; N],
+    qdd: [L; N],
+}
+
+impl<L: Kernels, const N: usize> Scratch<L, N> {
+    #[inline(always)]
+    pub(crate) fn new() -> Self {
+        let zero = [L::splat(0.0); N];
+        Self {
+            table: [Increment { q: zero, qd: zero }; MAX_ORDER],
+            start: Dynamics::zero(),
+            start_turns: [Turn::none(); N],
+            later_turns: [Turn::none(); N],
+            qd: zero,
+            qdd: zero,
+        }
+    }
+}
+
 /// Moves `state` over `period` seconds under `torque` (N·m).
 #[inline(always)]
 pub(crate) fn advance<L: Kernels, S: Structure<N>, const N: usize>(
@@ -111,18 +140,19 @@ pub(crate) fn advance<L: Kernels, S: Structure<N>, const N: usize>(
     model: &Model<L, N>,
     torque: &[L; N],
     state: &mut State<L, N>,
+    scratch: &mut Scratch<L, N>,
 ) {
     match scheme {
         Scheme::Extrapolated { order, substeps } => {
             let step = period / f64::from(substeps);
             for _ in 0..substeps {
-                extrapolated_step(structure, order, step, model, torque, state);
+                extrapolated_step(structure, order, step, model, torque, state, scratch);
             }
         }
         Scheme::Rk4 { substeps } => {
             let step = period / f64::from(substeps);
             for _ in 0..substeps {
-                runge_kutta_step(structure, step, model, torque, state);
+                runge_kutta_step(structure, step, model, torque, state, scratch);
             }
         }
     }
@@ -139,32 +169,30 @@ fn extrapolated_step<L: Kernels, S: Structure<N>, const N: usize>(
     model: &Model<L, N>,
     torque: &[L; N],
     state: &mut State<L, N>,
+    scratch: &mut Scratch<L, N>,
 ) {
     let joints = structure.joints();
-    let mut table = [Increment::zero(); MAX_ORDER];
-    let mut start = Dynamics::zero();
-    let mut start_turns = [Turn::none(); N];
-    let mut later_turn = [Turn::none(); N];
-    let mut qd = state.qd;
-    let mut qdd = state.qd;
+    let Scratch { table, start, start_turns, later_turns, qd, qdd } = scratch;
 
     // Every sequence starts from the same state and needs its dynamics only once. Their first steps come first:
     // none of them waits for another.
-    structure.turns(&state.q, &mut start_turns);
-    L::mass_matrix_and_bias(structure, model, &start_turns, &state.qd, &mut start);
+    structure.turns(&state.q, start_turns);
+    L::mass_matrix_and_bias(structure, model, start_turns, &state.qd, start);
     for steps in 1..=order {
         let h = L::splat(step / steps as f64);
-        L::accelerations(structure, model, &start, &state.qd, torque, h, &mut qdd);
-        euler_update(joints, &mut table[steps - 1], state, h, &qdd);
+        let increment = &mut table[steps - 1];
+        L::accelerations(structure, model, start, &state.qd, torque, h, qdd);
+        increment.set_zero(joints);
+        increment.euler_step(joints, state, h, qdd);
     }
     for steps in 2..=order {
         let h = L::splat(step / steps as f64);
         let increment = &mut table[steps - 1];
         for _ in 1..steps {
-            state.velocity_after(joints, increment, &mut qd);
-            structure.later_turns(&start_turns, &increment.q, &mut later_turn);
-            L::accelerations_at(structure, model, &later_turn, &qd, torque, h, &mut qdd);
-            euler_update(joints, increment, state, h, &qdd);
+            state.velocity_after(joints, increment, qd);
+            structure.later_turns(start_turns, &increment.q, later_turns);
+            L::accelerations_at(structure, model, later_turns, qd, torque, h, qdd);
+            increment.euler_step(joints, state, h, qdd);
         }
     }
 
@@ -173,8 +201,7 @@ fn extrapolated_step<L: Kernels, S: Structure<N>, const N: usize>(
         for row in (column..order).rev() {
             let ratio = (row + 1) as f64 / (row + 1 - column) as f64;
             let weight = L::splat(1.0 / (ratio - 1.0));
-            let above = table[row - 1];
-            let entry = &mut table[row];
+            let [.., above, entry] = &mut table[..=row] else { continue };
             for joint in 0..joints {
                 let (q, qd) = (entry.q[joint], entry.qd[joint]);
                 entry.q[joint] = weight.mul_add(q - above.q[joint], q);
@@ -185,22 +212,6 @@ fn extrapolated_step<L: Kernels, S: Structure<N>, const N: usize>(
     state.add(joints, &table[order - 1]);
 }
 
-/// Semi-implicit Euler: the new velocity moves the position.
-#[inline(always)]
-fn euler_update<L: Kernels, const N: usize>(
-    joints: usize,
-    increment: &mut Increment<L, N>,
-    state: &State<L, N>,
-    h: L,
-    qdd: &[L; N],
-) {
-    for joint in 0..joints {
-        increment.qd[joint] = h.mul_add(qdd[joint], increment.qd[joint]);
-        let qd = state.qd[joint] + increment.qd[joint];
-        increment.q[joint] = h.mul_add(qd, increment.q[joint]);
-    }
-}
-
 #[inline(always)]
 fn runge_kutta_step<L: Kernels, S: Structure<N>, const N: usize>(
     structure: S,
@@ -208,27 +219,26 @@ fn runge_kutta_step<L: Kernels, S: Structure<N>, const N: usize>(
     model: &Model<L, N>,
     torque: &[L; N],
     state: &mut State<L, N>,
+    scratch: &mut Scratch<L, N>,
 ) {
     /// Weight of each stage's slope in the result, and how far along it the next stage lies.
     const STAGES: [(f64, f64); 4] =
         [(1.0 / 6.0, 0.5), (1.0 / 3.0, 0.5), (1.0 / 3.0, 1.0), (1.0 / 6.0, 0.0)];
 
     let joints = structure.joints();
-    let mut total = Increment::zero();
-    let mut stage = Increment::zero();
-    let mut start_turns = [Turn::none(); N];
-    let mut stage_turns = [Turn::none(); N];
-    let mut qd = state.qd;
-    let mut qdd = state.qd;
-    structure.turns(&state.q, &mut start_turns);
+    let Scratch { table: [total, stage, ..], start_turns, later_turns, qd, qdd, .. } = scratch;
+    total.set_zero(joints);
+    stage.set_zero(joints);
+    structure.turns(&state.q, start_turns);
     for (weight, reach) in STAGES {
-        state.velocity_after(joints, &stage, &mut qd);
-        structure.later_turns(&start_turns, &stage.q, &mut stage_turns);
-        L::accelerations_at(structure, model, &stage_turns, &qd, torque, L::splat(0.0), &mut qdd);
-        total.add_scaled(joints, L::splat(step * weight), &qd, &qdd);
-        stage.set_scaled(joints, L::splat(step * reach), &qd, &qdd);
+        state.velocity_after(joints, stage, qd);
+        structure.later_turns(start_turns, &stage.q, later_turns);
+        L::accelerations_at(structure, model, later_turns, qd, torque, L::splat(0.0), qdd);
+        total.add_scaled(joints, L::splat(step * weight), qd, qdd);
+        stage.set_zero(joints);
+        stage.add_scaled(joints, L::splat(step * reach), qd, qdd);
     }
-    state.add(joints, &total);
+    state.add(joints, total);
 }
 
 #[cfg(test)]
@@ -251,9 +261,10 @@ mod tests {
         let model = Model::<Lane, JOINTS>::splat(Compiled, robot);
         let mut state = State { q: Q0.map(Lane::splat), qd: QD0.map(Lane::splat), ..State::zero() };
         let torque = torque.map(Lane::splat);
+        let mut scratch = Scratch::new();
         let mut time = 0.0;
         while time < seconds - 1e-9 {
-            advance(Compiled, scheme, 1.0 / 60.0, &model, &torque, &mut state);
+            advance(Compiled, scheme, 1.0 / 60.0, &model, &torque, &mut state, &mut scratch);
             time += 1.0 / 60.0;
         }
         state.q.iter().chain(&state.qd).map(|value| value.lane(0)).collect()

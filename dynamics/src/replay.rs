@@ -8,7 +8,7 @@ use simd::{InstructionSet, MAX_LANES};
 use spec::{Integrator, Precision, SimulateSpec};
 
 use crate::dispatch;
-use crate::integrators::{Scheme, State, advance};
+use crate::integrators::{Scheme, Scratch, State, advance};
 use crate::kernels::Kernels;
 use crate::model::Model;
 use crate::structure::{Kind, Structure};
@@ -131,6 +131,7 @@ pub(crate) fn replay<L: Kernels, S: Structure<N>, const N: usize>(
     // Lanes without a motion of their own repeat the first robot, at rest.
     let mut model = Model::splat(structure, motions[0].robot);
     let mut state = State::<L, N>::zero();
+    let mut scratch = Scratch::new();
     for lane in 0..motions.len() {
         let motion = &motions[lane];
         model.set_lane(structure, lane, motion.robot);
@@ -161,7 +162,7 @@ pub(crate) fn replay<L: Kernels, S: Structure<N>, const N: usize>(
         for joint in 0..joints {
             torque[joint] = L::load(&torques[joint]);
         }
-        advance(structure, scheme, period, &model, &torque, &mut state);
+        advance(structure, scheme, period, &model, &torque, &mut state, &mut scratch);
     }
     for lane in 0..motions.len() {
         ends[lane] = state.of_lane(joints, lane);
