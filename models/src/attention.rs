@@ -40,6 +40,16 @@ impl Sources {
         Self { keys: both(&self.keys, others.keys), values: both(&self.values, others.values) }
     }
 
+    /// Each trajectory's as often as `copies` says.
+    pub fn copied(&self, copies: &[usize]) -> Self {
+        let all = |values: &Tensor<3>| {
+            let apart = values.clone().split(1, 0).into_iter().zip(copies);
+            let copies = apart.flat_map(|(one, &count)| std::iter::repeat_n(one, count));
+            Tensor::cat(copies.collect(), 0)
+        };
+        Self { keys: all(&self.keys), values: all(&self.values) }
+    }
+
     /// Of every `batch` trajectories apart.
     pub fn split(self, batch: usize) -> impl Iterator<Item = Self> {
         let (keys, values) = (self.keys.split(batch, 0), self.values.split(batch, 0));

@@ -74,6 +74,11 @@ pub(crate) struct Seen {
 }
 
 impl Seen {
+    /// Each trajectory's as often as `copies` says.
+    pub fn copied(&self, copies: &[usize]) -> Self {
+        Self { own: self.own.copied(copies), memory: self.memory.copied(copies) }
+    }
+
     /// Of every `batch` trajectories apart.
     pub fn split(self, batch: usize) -> impl Iterator<Item = Self> {
         self.own

@@ -2,6 +2,7 @@ use burn::tensor::Tensor;
 use kernels::Mask;
 
 use super::{AHEAD, Cdt};
+use crate::device::host_values;
 use crate::dropout::Dropout;
 use crate::transformer::{Seen, patches};
 
@@ -13,14 +14,16 @@ const AT_ONCE: usize = 8;
 ///
 /// The encoder's output and the decoder's view of the context depend on the level, but not on the noisy horizon: the
 /// encoder does not see it, and the decoder is causal. So that is computed for several levels together
-/// before the first of them, and of the last block's context only what later samples see of it. The
-/// answers are those of whole passes.
+/// before the first of them, and of the last block's context only what later samples see of it. Samples of one
+/// trajectory, which follow one another, have it computed once. The answers are those of whole passes.
 pub(crate) struct Chain<'a> {
     network: &'a Cdt,
-    /// Clean y, `[batch, context, 7]`.
+    /// Clean y of different trajectories, `[trajectory, context, joint]`.
     context: Tensor<3>,
     /// The series that it is told, of whole trajectories.
     known: Tensor<3>,
+    /// Samples that are drawn of each trajectory.
+    copies: Vec<usize>,
     /// Those to come.
     levels: std::vec::IntoIter<usize>,
     /// What the horizon sees in each decoder block, of the next levels.
@@ -30,7 +33,9 @@ pub(crate) struct Chain<'a> {
 impl<'a> Chain<'a> {
     pub fn new(network: &'a Cdt, context: Tensor<3>, known: Tensor<3>, levels: Vec<usize>) -> Self {
         let begun = Vec::new().into_iter();
-        Self { network, context, known, levels: levels.into_iter(), begun }
+        let copies = copies(&[&context, &known]);
+        let (context, known) = (firsts(context, &copies), firsts(known, &copies));
+        Self { network, context, known, copies, levels: levels.into_iter(), begun }
     }
 
     /// The answer at the next level to the noisy y of the horizon, `[batch, horizon, 7]`.
@@ -45,8 +50,10 @@ impl<'a> Chain<'a> {
         let network = self.network;
         let [_, context, _] = self.context.dims();
         let mut x = network.embedded(noisy, context);
-        for (block, seen) in network.decoder_blocks.iter().zip(&seen) {
-            x = block.forward_after(x, seen, AHEAD);
+        let drawn_once = self.copies.iter().all(|&count| count == 1);
+        for (block, seen) in network.decoder_blocks.iter().zip(seen) {
+            let seen = if drawn_once { seen } else { seen.copied(&self.copies) };
+            x = block.forward_after(x, &seen, AHEAD);
         }
         network.answer(x)
     }
@@ -82,6 +89,43 @@ impl<'a> Chain<'a> {
     }
 }
 
+/// How many rows in a row are the same in all series, `[row, sample, channel]` each.
+fn copies(series: &[&Tensor<3>]) -> Vec<usize> {
+    let [rows, _, _] = series[0].dims();
+    // A device that gives no values back has every row for a trajectory of its own.
+    let values: Result<Vec<_>, _> = series.iter().map(|it| host_values((*it).clone())).collect();
+    let Ok(values) = values else { return vec![1; rows] };
+    let is_repeated = |row: usize| {
+        values.iter().all(|values| {
+            let length = values.len() / rows;
+            values[(row - 1) * length..row * length] == values[row * length..(row + 1) * length]
+        })
+    };
+    let mut copies = Vec::new();
+    for row in 0..rows {
+        match copies.last_mut() {
+            Some(count) if is_repeated(row) => *count += 1,
+            _ => copies.push(1),
+        }
+    }
+    copies
+}
+
+/// The first of every so many rows.
+fn firsts(series: Tensor<3>, copies: &[usize]) -> Tensor<3> {
+    let [rows, _, _] = series.dims();
+    if copies.len() == rows {
+        return series;
+    }
+    let mut next = 0;
+    let firsts = copies.iter().map(|count| {
+        let first = next;
+        next += count;
+        series.clone().slice([first..first + 1])
+    });
+    Tensor::cat(firsts.collect(), 0)
+}
+
 impl Cdt {
     /// Tokens of y `[batch, sample, 7]`, of which the first is sample `first`.
     fn embedded(&self, y: Tensor<3>, first: usize) -> Tensor<3> {
@@ -99,7 +143,7 @@ mod tests {
     use serde_json::json;
 
     use super::super::Cdt;
-    use super::Chain;
+    use super::{Chain, copies};
     use crate::architecture::Extents;
     use crate::denoiser::Network;
     use crate::device::host_values;
@@ -132,6 +176,15 @@ mod tests {
         for (batch, count) in [(1, 1), (1, 3), (1, 8), (1, 11), (3, 5), (9, 2)] {
             let levels: Vec<usize> = (0..count).rev().collect();
             let (context, u) = (random(batch, CONTEXT), random(batch, SAMPLES));
+            // Two samples of the last trajectory.
+            let twice = |series: &Tensor<3>| {
+                Tensor::cat(vec![series.clone(), series.clone().slice([batch - 1..batch])], 0)
+            };
+            let (context, u) = (twice(&context), twice(&u));
+            let mut expected = vec![1; batch];
+            expected[batch - 1] = 2;
+            assert_eq!(copies(&[&context, &u]), expected);
+            let batch = batch + 1;
             let mut chain = Chain::new(&network, context.clone(), u.clone(), levels.clone());
             for level in levels {
                 let noisy = random(batch, SAMPLES - CONTEXT);
