@@ -98,6 +98,7 @@ impl Rates {
             "trajectories_per_s": self.trajectories.fresh,
             "trajectories_in_used_memory_per_s": self.trajectories.used,
             "evaluations_per_s": self.evaluations,
+            "operations_per_evaluation": dynamics::operations_per_evaluation(),
         })
     }
 }

@@ -154,3 +154,4 @@ mod x86 {
 kernels!(F32Array<8>);
 kernels!(F64Array<4>);
 kernels!(F64Array<1>);
+kernels!(crate::operations::Recorded);

@@ -317,7 +317,16 @@ fn check_structure<L: Kernels, S: Structure<N>, const N: usize>(structure: S, to
         let mut at_q = [Turn::none(); N];
         structure.turns(&q, &mut at_q);
         L::mass_matrix_and_bias(structure, &model, &at_q, &qd, &mut dynamics);
-        L::accelerations(structure, &model, &dynamics, &qd, &torque, L::splat(0.0), &mut qdd);
+        for step in [1.0 / 60.0, 0.0].map(L::splat) {
+            let mut at_once = zero;
+            L::accelerations(structure, &model, &dynamics, &qd, &torque, step, &mut qdd);
+            L::accelerations_at(structure, &model, &at_q, &qd, &torque, step, &mut at_once);
+            let bits = |qdd: &[L; N]| -> Vec<u64> {
+                let lanes = (0..L::LANES).flat_map(|lane| qdd.iter().map(move |it| it.lane(lane)));
+                lanes.map(f64::to_bits).collect()
+            };
+            assert_eq!(bits(&at_once), bits(&qdd));
+        }
         for (lane, case) in cases.iter().enumerate() {
             let lane_of = |values: &[L; N]| -> Joints<f64> {
                 values[..JOINTS].iter().map(|value| value.lane(lane)).collect()

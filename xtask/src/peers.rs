@@ -78,6 +78,16 @@ pub fn pytorch() -> anyhow::Result<PathBuf> {
     environment("pytorch", "models/tests/peers/requirements.txt")
 }
 
+/// A Python that has frax, with the JAX that it is fastest with.
+pub fn frax() -> anyhow::Result<PathBuf> {
+    environment("frax", "tests/peers/frax-requirements.txt")
+}
+
+/// A Python that has MuJoCo's simulator on JAX.
+pub fn mjx() -> anyhow::Result<PathBuf> {
+    environment("mjx", "tests/peers/mjx-requirements.txt")
+}
+
 /// A Python with these requirements, in an environment of its own.
 fn environment(name: &str, requirements: &str) -> anyhow::Result<PathBuf> {
     let environment = folder()?.join(name);

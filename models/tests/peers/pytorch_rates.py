@@ -3,7 +3,7 @@
 Reads a question from standard input, `{"config": .., "what": "training" | "inference",
 "compiled": .., "threads": .., "steps": ..}`, with the `config.json` of a checkpoint; prints
 `{"version": .., "times": ..}` with the same times. Single precision. A step is noise, forward,
-loss, backward, Adam; a prediction that of `torqued.checkpoint.TrainedModel`, except that a pass is
+loss, backward, Adam, and its multiply-adds those of PyTorch's products and convolutions; a prediction that of `torqued.checkpoint.TrainedModel`, except that a pass is
 the network's alone. PYTHONPATH must have the repository's `python`.
 """
 
@@ -16,6 +16,7 @@ from collections.abc import Callable
 import numpy as np
 import torch
 import torch.nn.functional as F
+from torch.utils.flop_counter import FlopCounterMode
 from torqued.checkpoint import TrainedModel, network_of
 
 BATCH = 64
@@ -61,7 +62,12 @@ def training(network: torch.nn.Module, config: dict, compiled: bool, steps: int)
 
     times = milliseconds(steps, step)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    return {"step_ms": float(np.median(times)), "peak_memory_mib": peak}
+    result = {"step_ms": float(np.median(times)), "peak_memory_mib": peak}
+    if not compiled:
+        with FlopCounterMode(display=False) as counter:
+            step()
+        result["multiply_adds"] = counter.get_total_flops() / 2
+    return result
 
 
 def inference(network: torch.nn.Module, config: dict, compiled: bool, steps: int) -> dict:

@@ -11,6 +11,7 @@ use serde_json::{Value, json};
 use statistics::measured_quantile;
 use tungstenite::{Message, WebSocket, client};
 
+use super::isa;
 use super::measurement::{Goal, Measurement};
 use super::serving::Serving;
 use super::wanted::{Peers, Report, Wanted};
@@ -19,8 +20,8 @@ use crate::{process, product};
 /// Passes of a network that each prediction takes.
 const STEPS: [u32; 4] = [1, 5, 10, 100];
 
-/// The paper's bound on a prediction, ms: 5 warm-started steps have to keep it.
-const GOAL: Goal = Goal::AtMost(40.0);
+/// What 5 warm-started steps may take, ms: with AVX-512 the paper's bound on a prediction, with less twice that.
+const GOAL: (f64, f64) = (40.0, 80.0);
 const GOAL_STEPS: u32 = 5;
 
 /// One sample at 60 Hz, ms.
@@ -59,7 +60,7 @@ pub(super) fn run(wanted: Wanted) -> anyhow::Result<Report> {
             let mut stream = Stream::open(&server, checkpoint, &architecture, steps)?;
             threads = stream.opened["threads"].clone();
             let times = stream.measure(if steps > 10 { 60 } else { 400 })?;
-            let goal = (steps == GOAL_STEPS).then_some(GOAL);
+            let goal = (steps == GOAL_STEPS).then(|| Goal::AtMost(isa::bound(GOAL.0, GOAL.1)));
             let what = match (architecture.as_str(), steps) {
                 (ONE_PASS, _) => name.clone(),
                 (_, 1) => format!("{name}, 1 step"),

@@ -17,8 +17,8 @@ use statistics::median;
 use tempfile::TempDir;
 
 use super::measurement::{Goal, Measurement, Peer};
-use super::million;
 use super::wanted::{Peers, Report, Wanted};
+use super::{million, peak};
 use crate::{machine, peers, product};
 
 const ROUNDS: usize = 5;
@@ -28,6 +28,9 @@ const COMPARED: u64 = 128;
 
 /// How far off the 99th percentile of trajectories may be, µrad.
 const ACCURACY: Goal = Goal::AtMost(100.0);
+
+/// Of what the multiply-add units of the processor could do.
+const SHARE_OF_PEAK: Goal = Goal::AtLeast(60.0);
 
 /// Both families of excitation, gravity on; nothing is rejected, so that all do the same work.
 pub(super) fn spec(trajectories: u64) -> Value {
@@ -59,8 +62,10 @@ pub(super) fn run(wanted: Wanted) -> anyhow::Result<Report> {
     for round in 1..=ROUNDS {
         eprintln!("round {round} of {ROUNDS}");
         let ours = answer(Command::new(&rates).arg("--json").arg(&spec_file))?;
-        let theirs = peers.as_ref().map(Simulators::measure).transpose()?;
-        rounds.push(Round { ours, theirs });
+        let peaks = [1, 2].map(peak::multiply_adds_per_s);
+        let before = rounds.first().and_then(|round: &Round| round.theirs.as_ref());
+        let theirs = peers.as_ref().map(|peers| peers.measure(before)).transpose()?;
+        rounds.push(Round { ours, peaks, theirs });
     }
     let accuracy = peers.as_ref().map(|peers| &peers.accuracy);
     let mut measurements = compare(&rounds, accuracy)?;
@@ -76,6 +81,7 @@ struct Ours {
     threads: usize,
     trajectories_per_s: f64,
     evaluations_per_s: f64,
+    operations_per_evaluation: f64,
 }
 
 /// What `tests/peers/aba_rates.cpp` prints; rates of one thread and of two.
@@ -92,6 +98,23 @@ struct MuJoCo {
     trajectories_per_s: [f64; 2],
 }
 
+/// What `tests/peers/jax_rates.py` prints; the rate of all cores.
+#[derive(Clone, Debug, Deserialize)]
+struct OnJax {
+    version: String,
+    jax: String,
+    batch: u32,
+    evaluations_per_s: f64,
+}
+
+/// One measurement of every peer.
+struct Theirs {
+    aba: Aba,
+    mujoco: MuJoCo,
+    frax: OnJax,
+    mjx: OnJax,
+}
+
 /// Runge-Kutta steps per sample that MuJoCo needs, and errors.
 #[derive(Clone, Debug, Deserialize)]
 struct Accuracy {
@@ -104,12 +127,21 @@ struct Accuracy {
 /// All measured once, one after the other.
 struct Round {
     ours: Vec<Ours>,
-    theirs: Option<(Aba, MuJoCo)>,
+    /// Multiply-adds of f32 per second at most, on one thread and on two.
+    peaks: [f64; 2],
+    theirs: Option<Theirs>,
 }
+
+type OneOnJax = fn(&Theirs) -> &OnJax;
+
+const ON_JAX: &[(&str, OneOnJax)] = &[("frax", |it| &it.frax), ("mujoco-mjx", |it| &it.mjx)];
 
 /// The programs that we compare ourselves with, ready to be measured.
 struct Simulators {
     python: PathBuf,
+    /// Pythons with simulators on JAX.
+    frax: PathBuf,
+    mjx: PathBuf,
     aba: PathBuf,
     dataset: PathBuf,
     accuracy: Accuracy,
@@ -118,17 +150,35 @@ struct Simulators {
 impl Simulators {
     fn prepare(torqued: &Path, spec_file: &Path, folder: &TempDir) -> anyhow::Result<Self> {
         let python = peers::python()?;
+        let (frax, mjx) = (peers::frax()?, peers::mjx()?);
         let aba = peers::aba_rates()?;
         let dataset = folder.path().join("dataset");
         product::simulate_anew(torqued, spec_file, &dataset)?;
         let accuracy = answer(&mut mujoco_rates(&python, "accuracy", &dataset))?;
-        Ok(Self { python, aba, dataset, accuracy })
+        Ok(Self { python, frax, mjx, aba, dataset, accuracy })
     }
 
-    fn measure(&self) -> anyhow::Result<(Aba, MuJoCo)> {
+    /// The batches of simulators on JAX are those of `before`, which found the fastest.
+    fn measure(&self, before: Option<&Theirs>) -> anyhow::Result<Theirs> {
         let substeps = self.accuracy.substeps.to_string();
         let mut mujoco = mujoco_rates(&self.python, "rates", &self.dataset);
-        Ok((answer(&mut Command::new(&self.aba))?, answer(mujoco.args(["--substeps", &substeps]))?))
+        let batch = |of: fn(&Theirs) -> &OnJax| before.map(|before| of(before).batch);
+        Ok(Theirs {
+            aba: answer(&mut Command::new(&self.aba))?,
+            mujoco: answer(mujoco.args(["--substeps", &substeps]))?,
+            frax: self.on_jax(&self.frax, "frax", batch(|it| &it.frax))?,
+            mjx: self.on_jax(&self.mjx, "mjx", batch(|it| &it.mjx))?,
+        })
+    }
+
+    fn on_jax(&self, python: &Path, what: &str, batch: Option<u32>) -> anyhow::Result<OnJax> {
+        let mut command = Command::new(python);
+        command.args(["tests/peers/jax_rates.py", what]).arg(&self.dataset);
+        command.env("JAX_PLATFORMS", "cpu");
+        if let Some(batch) = batch {
+            command.args(["--batch", &batch.to_string()]);
+        }
+        answer(&mut command)
     }
 }
 
@@ -150,12 +200,13 @@ pub(super) fn answer<T: DeserializeOwned>(command: &mut Command) -> anyhow::Resu
 
 /// The table, without the million.
 fn compare(rounds: &[Round], accuracy: Option<&Accuracy>) -> anyhow::Result<Vec<Measurement>> {
-    let theirs = |value: &dyn Fn(&(Aba, MuJoCo)) -> f64| {
+    let theirs = |value: &dyn Fn(&Theirs) -> f64| {
         let values: Option<Vec<f64>> =
             rounds.iter().map(|round| round.theirs.as_ref().map(value)).collect();
         values.map(median)
     };
-    let pinocchio = rounds[0].theirs.as_ref().map(|(aba, _)| format!("Pinocchio {}", aba.version));
+    let first = rounds[0].theirs.as_ref();
+    let pinocchio = first.map(|it| format!("Pinocchio {}", it.aba.version));
     let mujoco = accuracy.map(|accuracy| format!("MuJoCo {}", accuracy.version));
     let peer = |value: Option<f64>, name: &Option<String>, what: &str| {
         let (value, name) = (value?, name.as_ref()?);
@@ -170,13 +221,12 @@ fn compare(rounds: &[Round], accuracy: Option<&Accuracy>) -> anyhow::Result<Vec<
             let ours = |value: fn(&Ours) -> f64| our_median(rounds, precision, threads, value);
             // What was promised was promised of two cores.
             let goal = |bound: Option<f64>| bound.filter(|_| threads == 2).map(Goal::AtLeast);
-            let of =
-                format!("{precision}, {threads} thread{}", if threads == 1 { "" } else { "s" });
+            let of = format!("{precision}, {}", in_words(threads));
             let evaluations = ours(|it| it.evaluations_per_s / 1e6)?;
             let trajectories = ours(|it| it.trajectories_per_s)?;
-            let aba = theirs(&|(aba, _)| aba.evaluations_per_s[threads - 1] / 1e6);
-            let steps = theirs(&|(_, mujoco)| mujoco.steps_per_s[threads - 1] / 1e6);
-            let driven = theirs(&|(_, mujoco)| mujoco.trajectories_per_s[threads - 1]);
+            let aba = theirs(&|it| it.aba.evaluations_per_s[threads - 1] / 1e6);
+            let steps = theirs(&|it| it.mujoco.steps_per_s[threads - 1] / 1e6);
+            let driven = theirs(&|it| it.mujoco.trajectories_per_s[threads - 1]);
             let aba = peer(aba, &pinocchio, "aba");
             let steps = peer(steps, &mujoco, "mj_step");
             let driven = peer(driven, &mujoco, &rk4);
@@ -186,8 +236,33 @@ fn compare(rounds: &[Round], accuracy: Option<&Accuracy>) -> anyhow::Result<Vec<
             if steps.is_some() {
                 measurements.push(Measurement::compared(&name, evaluations, steps, "M/s", goals.1));
             }
+            // They take all cores; what was measured of ours took two.
+            let on_jax = if precision == "f32" && threads == 2 { ON_JAX } else { &[] };
+            for (peer, of) in on_jax {
+                let Some(value) = theirs(&|it| of(it).evaluations_per_s / 1e6) else { continue };
+                let version = first.map_or("", |it| &of(it).version);
+                let peer = Peer { value, version: format!("{peer} {version}") };
+                measurements.push(Measurement::compared(
+                    &name,
+                    evaluations,
+                    Some(peer),
+                    "M/s",
+                    None,
+                ));
+            }
             let name = format!("trajectories, {of}");
             measurements.push(Measurement::compared(name, trajectories, driven, "1/s", goals.2));
+        }
+    }
+    for (precision, width, goal) in [("f32", 1.0, Some(SHARE_OF_PEAK)), ("f64", 2.0, None)] {
+        for threads in [1, 2] {
+            let done = our_median(rounds, precision, threads, |it| {
+                it.evaluations_per_s * it.operations_per_evaluation
+            })?;
+            let peaks: Vec<f64> = rounds.iter().map(|round| round.peaks[threads - 1]).collect();
+            let share = 100.0 * done * width / median(peaks);
+            let name = format!("share of peak, {precision}, {}", in_words(threads));
+            measurements.push(Measurement::alone(name, share, "%", goal));
         }
     }
     if let Some(accuracy) = accuracy {
@@ -199,6 +274,10 @@ fn compare(rounds: &[Round], accuracy: Option<&Accuracy>) -> anyhow::Result<Vec<
         measurements.push(Measurement::alone(name, theirs, "µrad", Some(ACCURACY)));
     }
     Ok(measurements)
+}
+
+fn in_words(threads: usize) -> String {
+    format!("{threads} thread{}", if threads == 1 { "" } else { "s" })
 }
 
 fn our_median(
@@ -221,8 +300,19 @@ fn notes(rounds: &[Round], accuracy: Option<&Accuracy>) -> Vec<String> {
     let instructions = &rounds[0].ours[0].instructions;
     let mut notes = vec![
         format!("ours with {instructions}, chosen at run time; medians of {ROUNDS} rounds"),
+        format!(
+            "share of peak: {} operations per evaluation, of {:.1} and {:.1} G multiply-adds of f32 per second \
+             on one thread and on two",
+            rounds[0].ours[0].operations_per_evaluation,
+            median(rounds.iter().map(|round| round.peaks[0]).collect()) / 1e9,
+            median(rounds.iter().map(|round| round.peaks[1]).collect()) / 1e9,
+        ),
         format!("simulated: {}", spec(million::TRAJECTORIES)),
     ];
+    for (name, of) in ON_JAX {
+        let Some(it) = rounds[0].theirs.as_ref().map(of) else { continue };
+        notes.push(format!("{name} on JAX {}: batches of {}, on all cores", it.jax, it.batch));
+    }
     if let Some(accuracy) = accuracy {
         notes.push(format!(
             "Pinocchio's aba from its headers: {} {}; one model, 1024 random states, the faster of \
@@ -243,6 +333,8 @@ fn notes(rounds: &[Round], accuracy: Option<&Accuracy>) -> Vec<String> {
 mod tests {
     use super::*;
 
+    const PEAKS: [f64; 2] = [5e9, 1e10];
+
     fn ours(speed: f64) -> Vec<Ours> {
         let mut all = Vec::new();
         for (precision, factor) in [("f32", 2.0), ("f64", 1.0)] {
@@ -254,16 +346,23 @@ mod tests {
                     threads,
                     trajectories_per_s: rate,
                     evaluations_per_s: rate * 1e6,
+                    operations_per_evaluation: 1000.0,
                 });
             }
         }
         all
     }
 
-    fn theirs() -> (Aba, MuJoCo) {
+    fn theirs() -> Theirs {
         let aba = Aba { version: "4.1".to_owned(), evaluations_per_s: [0.5e6, 1e6] };
         let mujoco = MuJoCo { steps_per_s: [0.25e6, 0.5e6], trajectories_per_s: [0.25, 0.5] };
-        (aba, mujoco)
+        let on_jax = |version: &str, rate| OnJax {
+            version: version.to_owned(),
+            jax: "0.4".to_owned(),
+            batch: 256,
+            evaluations_per_s: rate,
+        };
+        Theirs { aba, mujoco, frax: on_jax("0.1", 2e5), mjx: on_jax("3.1", 1e5) }
     }
 
     fn accuracy() -> Accuracy {
@@ -284,7 +383,7 @@ mod tests {
 
     #[test]
     fn goals_are_held_against_the_ratios_of_medians_on_two_threads() {
-        let round = |speed| Round { ours: ours(speed), theirs: Some(theirs()) };
+        let round = |speed| Round { ours: ours(speed), peaks: PEAKS, theirs: Some(theirs()) };
         let measurements =
             compare(&[round(1.0), round(41.0), round(1000.0)], Some(&accuracy())).unwrap();
         let aba = find(&measurements, "evaluations, f32, 2 threads", "Pinocchio 4.1 aba");
@@ -295,13 +394,15 @@ mod tests {
         let rk4 = "MuJoCo 4.0 RK4, 5 per sample";
         let driven = find(&measurements, "trajectories, f32, 2 threads", rk4);
         assert_eq!((driven.ratio, driven.met), (Some(328.0), Some(true)));
+        let frax = find(&measurements, "evaluations, f32, 2 threads", "frax 0.1");
+        assert_eq!((frax.peer, frax.ratio, frax.goal), (Some(0.2), Some(820.0), None));
         let single = find(&measurements, "evaluations, f32, 1 thread", "Pinocchio 4.1 aba");
         assert_eq!((single.ratio, single.goal), (Some(164.0), None));
     }
 
     #[test]
     fn errors_are_held_against_what_is_allowed() {
-        let round = Round { ours: ours(1.0), theirs: Some(theirs()) };
+        let round = Round { ours: ours(1.0), peaks: PEAKS, theirs: Some(theirs()) };
         let accuracy = Accuracy { recorded_p99_rad: 1.1e-4, ..accuracy() };
         let measurements = compare(&[round], Some(&accuracy)).unwrap();
         let error = find(&measurements, "p99 error of trajectories, f32", "");
@@ -310,23 +411,34 @@ mod tests {
 
     #[test]
     fn without_peers_there_are_our_rates_alone() {
-        let measurements = compare(&[Round { ours: ours(1.0), theirs: None }], None).unwrap();
-        assert_eq!(measurements.len(), 8);
-        assert!(measurements.iter().all(|it| it.peer.is_none() && it.met.is_none()));
+        let measurements =
+            compare(&[Round { ours: ours(1.0), peaks: PEAKS, theirs: None }], None).unwrap();
+        assert_eq!(measurements.len(), 12);
+        assert!(measurements.iter().all(|it| it.peer.is_none()));
+    }
+
+    #[test]
+    fn shares_of_the_peak_count_operations_of_the_precision() {
+        let round = |speed| Round { ours: ours(speed), peaks: PEAKS, theirs: None };
+        let measurements = compare(&[round(1.0), round(2.0), round(3.0)], None).unwrap();
+        // 4 and 8 million evaluations of 1000 operations per second, of 5 and 10 G.
+        let share = |name: &str| find(&measurements, name, "").ours;
+        assert_eq!(share("share of peak, f32, 1 thread"), 80.0);
+        assert_eq!(share("share of peak, f64, 2 threads"), 80.0);
     }
 
     #[test]
     fn a_rate_that_is_missing_is_an_error() {
         let mut some = ours(1.0);
         some.pop();
-        let error = compare(&[Round { ours: some, theirs: None }], None).unwrap_err();
+        let error = compare(&[Round { ours: some, peaks: PEAKS, theirs: None }], None).unwrap_err();
         assert_eq!(error.to_string(), "no rates for f64 on 2 threads");
     }
 
     #[test]
     fn what_the_programs_print_is_understood() {
         let printed = r#"[{"evaluations_per_s":8.1e7,"instructions":"AVX-512","precision":"f32",
-            "threads":1,"trajectories_per_s":2.0e4}]"#;
+            "operations_per_evaluation":950.5,"threads":1,"trajectories_per_s":2.0e4}]"#;
         let rates: Vec<Ours> = answer(Command::new("echo").arg(printed)).unwrap();
         assert_eq!((rates[0].threads, rates[0].evaluations_per_s), (1, 8.1e7));
         let nonsense = answer::<Vec<Ours>>(Command::new("echo").arg("fast")).unwrap_err();

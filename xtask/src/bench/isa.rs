@@ -30,6 +30,11 @@ pub(super) fn again(instructions: InstructionSet) -> anyhow::Result<Option<ExitC
     Ok(Some(code.map_or(ExitCode::FAILURE, ExitCode::from)))
 }
 
+/// A bound for what is measured: the first with AVX-512, the second with less.
+pub(super) fn bound(avx512: f64, less: f64) -> f64 {
+    if InstructionSet::best().to_string() == "AVX-512" { avx512 } else { less }
+}
+
 /// Whether AVX2 is measured, be there more or not.
 pub(crate) fn is_avx2(instructions: InstructionSet) -> bool {
     instructions.to_string() == "AVX2"

@@ -8,6 +8,7 @@ mod measurement;
 mod million;
 mod networks;
 mod parquet;
+mod peak;
 mod quickstart;
 mod serving;
 mod training;

@@ -11,6 +11,7 @@ use serde_json::{Value, json};
 use statistics::median;
 
 use super::measurement::Peer;
+use super::peak;
 use super::wanted::{Peers, Report, Size, Wanted};
 use crate::places::repository;
 use crate::{peers, product};
@@ -45,6 +46,8 @@ pub(super) struct Network {
 /// All measured once, one after the other.
 struct Round {
     ours: Ours,
+    /// Multiply-adds per second that the processor can do at most, on as many threads.
+    peak: f64,
     eager: Option<Theirs>,
     compiled: Option<Theirs>,
 }
@@ -87,6 +90,11 @@ impl Network {
         let value = median_of(theirs.iter().map(|theirs| number(&theirs.times, pointer)))?;
         let kind = if twin == Twin::Eager { "eager" } else { "compiled" };
         Some(Peer { value, version: format!("PyTorch {} {kind}", theirs.first()?.version) })
+    }
+
+    /// Multiply-adds per second that the processor can do at most on the threads we have.
+    pub fn peak(&self) -> f64 {
+        median(self.rounds.iter().map(|round| round.peak).collect())
     }
 
     /// Lowest and highest ratio of a round to eager PyTorch in it.
@@ -168,7 +176,8 @@ impl Bench<'_> {
         rates.arg(self.subject.name).args(["--json", "--steps", &steps.to_string(), preset]);
         let ours: Vec<Ours> = super::dynamics::answer(&mut rates)?;
         let ours = ours.into_iter().next().context("model_rates measured nothing")?;
-        let mut round = Round { ours, eager: None, compiled: None };
+        let peak = peak::multiply_adds_per_s(ours.threads);
+        let mut round = Round { ours, peak, eager: None, compiled: None };
         let Some(python) = &self.python else { return Ok(round) };
         for &twin in twins {
             let answer = match self.ask(python, &round.ours, twin, steps) {
@@ -236,6 +245,7 @@ pub(super) mod tests {
     pub fn network(rounds: &[(Value, Option<Value>)]) -> Network {
         let rounds = rounds.iter().map(|(ours, theirs)| Round {
             ours: Ours { threads: 2, times: ours.clone(), config: json!({}) },
+            peak: 1e8,
             eager: theirs.clone().map(|times| Theirs { version: "2".to_owned(), times }),
             compiled: None,
         });

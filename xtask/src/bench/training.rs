@@ -1,5 +1,7 @@
-//! Training steps, 64 trajectories each, and the memory that they take.
+//! Training steps, 64 trajectories each, the memory that they take, and the share of the processor's multiply-adds
+//! that they use, by PyTorch's count of them.
 
+use super::isa;
 use super::measurement::{Goal, Measurement};
 use super::networks::{self, Network, Rounds, Subject, Twin};
 use super::wanted::{Report, Wanted};
@@ -21,9 +23,11 @@ pub(super) fn run(wanted: Wanted) -> anyhow::Result<Report> {
 fn rows(network: &Network) -> Vec<Measurement> {
     let preset = &network.preset;
     let step = match network.architecture {
-        "robomorph" | "cdt" => Goal::AtMost(0.45),
-        _ => Goal::AtMost(0.75),
+        "robomorph" => isa::bound(0.45, 0.60),
+        "cdt" => isa::bound(0.40, 0.55),
+        _ => 0.60,
     };
+    let step = Goal::AtMost(step);
     let mut rows = Vec::new();
     for (what, pointer, unit, goal) in
         [("step", "/step_ms", "ms", step), ("memory", "/peak_memory_mib", "MiB", MEMORY)]
@@ -35,6 +39,12 @@ fn rows(network: &Network) -> Vec<Measurement> {
         if let Some(compiled) = network.twin(Twin::Compiled, pointer) {
             rows.push(Measurement::compared(&name, ours, Some(compiled), unit, None));
         }
+    }
+    if let (Some(step_ms), Some(counted)) =
+        (network.ours("/step_ms"), network.twin(Twin::Eager, "/multiply_adds"))
+    {
+        let share = 100.0 * counted.value / (step_ms / 1e3) / network.peak();
+        rows.push(Measurement::alone(format!("{preset} share of peak"), share, "%", None));
     }
     rows
 }
@@ -49,13 +59,18 @@ mod tests {
     #[test]
     fn steps_and_memory_are_held_to_their_goals() {
         let times = |ms: f64| json!({"step_ms": ms, "peak_memory_mib": 100.0});
-        let rows = rows(&network(&[(times(4.0), Some(times(10.0)))]));
+        let mut theirs = times(10.0);
+        theirs["multiply_adds"] = 1e5.into();
+        let rows = rows(&network(&[(times(4.0), Some(theirs))]));
         let found: Vec<_> =
             rows.iter().map(|row| (row.name.as_str(), row.ratio, row.met)).collect();
         let expected = [
             ("cdt-small step", Some(0.4), Some(true)),
             ("cdt-small memory", Some(1.0), Some(false)),
+            ("cdt-small share of peak", None, None),
         ];
         assert_eq!(found, expected);
+        // 1e5 in 4 ms, of 1e8 per second.
+        assert_eq!(rows[2].ours, 25.0);
     }
 }

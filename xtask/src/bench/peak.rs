@@ -1,0 +1,42 @@
+//! What the processor could do at most.
+
+use std::thread;
+use std::time::{Duration, Instant};
+
+use simd::{InstructionSet, multiply_adds};
+use statistics::median;
+
+const MEASURED: Duration = Duration::from_millis(50);
+/// Steps of [`multiply_adds`] between two looks at the clock.
+const STEPS: u64 = 100_000;
+const REPETITIONS: usize = 5;
+
+/// Multiply-adds of f32 per second on so many threads at once, with the instructions that we are measured with.
+pub(super) fn multiply_adds_per_s(threads: usize) -> f64 {
+    let rates = (0..REPETITIONS).map(|_| {
+        thread::scope(|scope| {
+            let running: Vec<_> = (0..threads).map(|_| scope.spawn(rate)).collect();
+            running.into_iter().map(|thread| thread.join().unwrap_or(f64::NAN)).sum()
+        })
+    });
+    median(rates.collect())
+}
+
+fn rate() -> f64 {
+    let start = Instant::now();
+    let mut count = 0;
+    while start.elapsed() < MEASURED {
+        count += multiply_adds(InstructionSet::best(), STEPS);
+    }
+    count as f64 / start.elapsed().as_secs_f64()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::multiply_adds_per_s;
+
+    #[test]
+    fn a_processor_multiplies_and_adds_more_than_once_per_microsecond() {
+        assert!(multiply_adds_per_s(1) > 1e6);
+    }
+}
