@@ -129,7 +129,7 @@ pub enum ApiError {
     ShardUnreadable { dataset: i64, shard: u32, reason: String },
 
     #[error("writing an Arrow stream failed")]
-    Arrow(#[from] arrow::error::ArrowError),
+    Arrow(#[from] arrow_schema::ArrowError),
 
     #[error("drawing a figure failed")]
     Figure(#[from] figures::FigureError),

@@ -175,6 +175,6 @@ impl<I: Iterator<Item = Result<Rows, ImportError>>> Conversion<I> {
 }
 
 #[expect(clippy::needless_pass_by_value, reason = "for map_err")]
-fn unarranged(error: arrow::error::ArrowError) -> ImportError {
+fn unarranged(error: arrow_schema::ArrowError) -> ImportError {
     ImportError::file(error.to_string())
 }

@@ -8,8 +8,9 @@
 use std::path::Path;
 use std::time::Instant;
 
-use arrow::array::{Array, AsArray, RecordBatch};
-use arrow::datatypes::Int32Type;
+use arrow_array::cast::AsArray;
+use arrow_array::types::Int32Type;
+use arrow_array::{Array, RecordBatch};
 use mimalloc::MiMalloc;
 use serde_json::json;
 use store::{ObjectWriter, STEP, StoreError, TableReader, TableWriter};

@@ -4,14 +4,14 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
+use crate::columns::integer_column;
+
 macro_rules! identifier {
     ($(#[$doc:meta])* $name:ident) => {
         $(#[$doc])*
         #[derive(
             Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize,
-            sqlx::Type,
         )]
-        #[sqlx(transparent)]
         #[serde(transparent)]
         pub struct $name(pub i64);
 
@@ -20,6 +20,8 @@ macro_rules! identifier {
                 self.0.fmt(f)
             }
         }
+
+        integer_column!($name);
     };
 }
 

@@ -15,6 +15,7 @@ mod artifacts;
 mod cancellation;
 mod checkpoints;
 mod clock;
+mod columns;
 mod data_dir;
 mod database;
 mod datasets;

@@ -2,8 +2,8 @@
 
 use std::ops::Range;
 
-use arrow::array::RecordBatch;
-use arrow::compute::concat_batches;
+use arrow_array::RecordBatch;
+use arrow_select::concat::concat_batches;
 use parquet::errors::ParquetError;
 
 use crate::{ShardContents, Store, StoreError, TableReader};

@@ -2,9 +2,10 @@
 
 use std::ops::Range;
 
-use arrow::array::{AsArray, RecordBatch};
-use arrow::datatypes::Float32Type;
-use arrow::error::ArrowError;
+use arrow_array::RecordBatch;
+use arrow_array::cast::AsArray;
+use arrow_array::types::Float32Type;
+use arrow_schema::ArrowError;
 use series::{Columns, MeasurementNoise, Series, Shape};
 use spec::{Column, DataSource, DataSpec, JobSpec};
 use store::ShardReader;
@@ -170,7 +171,7 @@ impl Block {
 mod tests {
     use std::sync::Arc;
 
-    use arrow::array::{ArrayRef, Float32Array};
+    use arrow_array::{ArrayRef, Float32Array};
 
     use super::*;
 

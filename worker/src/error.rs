@@ -55,7 +55,7 @@ pub enum TaskError {
     #[error(transparent)]
     Series(#[from] series::ShapeError),
     #[error("columns could not be arranged")]
-    Columns(#[from] arrow::error::ArrowError),
+    Columns(#[from] arrow_schema::ArrowError),
     #[error("a table could not be written")]
     Table(#[from] csv::Error),
     #[error("the stored spec, a payload or a result cannot be read")]

@@ -1,7 +1,7 @@
 //! What a shard holds: ranges of its channels and spectra of its first trajectories.
 
-use arrow::array::{Array, Float32Array, RecordBatch};
-use arrow::datatypes::Float32Type;
+use arrow_array::types::Float32Type;
+use arrow_array::{Array, Float32Array, RecordBatch};
 use rayon::prelude::*;
 use realfft::RealFftPlanner;
 use store::{ChannelSummary, ShardSummary, Spectrum};
@@ -87,8 +87,8 @@ impl SummaryBuilder {
     }
 }
 
-fn f32_column(column: &arrow::array::ArrayRef) -> Option<&Float32Array> {
-    column.as_any().downcast_ref::<arrow::array::PrimitiveArray<Float32Type>>()
+fn f32_column(column: &arrow_array::ArrayRef) -> Option<&Float32Array> {
+    column.as_any().downcast_ref::<arrow_array::PrimitiveArray<Float32Type>>()
 }
 
 /// Range, mean and sum of squared deviations of some values.
@@ -246,7 +246,7 @@ impl PowerSpectrum {
 mod tests {
     use std::sync::Arc;
 
-    use arrow::array::ArrayRef;
+    use arrow_array::ArrayRef;
 
     use super::*;
 

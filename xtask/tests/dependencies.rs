@@ -19,7 +19,7 @@ const LICENCES: [&str; 8] = [
 ];
 
 /// A second version of these would double the build, or split a type in two.
-const ONCE: [&str; 7] = ["arrow", "axum", "burn", "parquet", "serde", "sqlx", "tokio"];
+const ONCE: [&str; 7] = ["arrow-array", "axum", "burn", "parquet", "serde", "sqlx", "tokio"];
 
 /// Nothing here speaks TLS; a proxy in front does.
 const ABSENT: [&str; 3] = ["native-tls", "openssl-sys", "rustls"];

@@ -1,8 +1,9 @@
 //! Looking into datasets: single trajectories, summaries, figures.
 
-use arrow::array::{AsArray, RecordBatch};
-use arrow::datatypes::{Float32Type, Int32Type};
-use arrow::ipc::reader::StreamReader;
+use arrow_array::RecordBatch;
+use arrow_array::cast::AsArray;
+use arrow_array::types::{Float32Type, Int32Type};
+use arrow_ipc::reader::StreamReader;
 use axum::http::Method;
 use serde_json::json;
 

@@ -2,9 +2,14 @@
 
 use std::sync::Arc;
 
-use arrow::array::{Array, ArrayRef, AsArray, RecordBatch};
-use arrow::compute::cast;
-use arrow::datatypes::{DataType, Float64Type, Int64Type, TimeUnit as ArrowTimeUnit};
+use arrow_array::cast::AsArray;
+use arrow_array::types::{
+    Float32Type, Float64Type, Int8Type, Int16Type, Int32Type, Int64Type, TimestampMicrosecondType,
+    TimestampMillisecondType, TimestampNanosecondType, TimestampSecondType, UInt8Type, UInt16Type,
+    UInt32Type, UInt64Type,
+};
+use arrow_array::{Array, ArrayRef, RecordBatch};
+use arrow_schema::{DataType, TimeUnit as ArrowTimeUnit};
 use bytes::Bytes;
 use parquet::arrow::arrow_reader::{
     ArrowReaderMetadata, ArrowReaderOptions, ParquetRecordBatchReader,
@@ -293,10 +298,7 @@ const fn time_unit(unit: ArrowTimeUnit) -> TimeUnit {
 impl Columns {
     fn rows(&self, batch: &RecordBatch, first: u64) -> Result<Rows, DecodeError> {
         let column = |name: &str| complete(batch, name, first);
-        let numbers = |name: &str| -> Result<Vec<f64>, DecodeError> {
-            let values = cast_to(&column(name)?, &DataType::Float64)?;
-            Ok(values.as_primitive::<Float64Type>().values().to_vec())
-        };
+        let numbers = |name: &str| floats(&column(name)?);
         let time = self.time.as_deref().map(|name| time_column(&column(name)?)).transpose()?;
         let recording =
             self.recording.as_deref().map(|name| names(&column(name)?, first, name)).transpose()?;
@@ -319,35 +321,86 @@ fn complete(batch: &RecordBatch, name: &str, first: u64) -> Result<ArrayRef, Dec
 
 fn time_column(column: &ArrayRef) -> Result<TimeColumn, DecodeError> {
     Ok(match column.data_type() {
-        DataType::Float32 | DataType::Float64 => {
-            let values = cast_to(column, &DataType::Float64)?;
-            TimeColumn::Decimal(values.as_primitive::<Float64Type>().values().to_vec())
-        }
-        _ => {
-            let values = cast_to(column, &DataType::Int64)?;
-            if values.null_count() > 0 {
-                return Err(DecodeError::File(
-                    "its times do not fit into 64 bits with a sign".to_owned(),
-                ));
-            }
-            TimeColumn::Integer(values.as_primitive::<Int64Type>().values().to_vec())
-        }
+        DataType::Float32 | DataType::Float64 => TimeColumn::Decimal(floats(column)?),
+        _ => TimeColumn::Integer(integers(column)?),
     })
 }
 
 fn names(column: &ArrayRef, first: u64, name: &str) -> Result<Vec<String>, DecodeError> {
-    let text = cast_to(column, &DataType::Utf8)?;
-    let mut names = Vec::with_capacity(text.len());
-    for (row, value) in (first..).zip(text.as_string::<i32>()) {
-        let value = value.unwrap_or_default();
+    let names: Vec<String> = match column.data_type() {
+        DataType::Utf8 => text(column.as_string::<i32>().iter()),
+        DataType::LargeUtf8 => text(column.as_string::<i64>().iter()),
+        DataType::UInt64 => written(column.as_primitive::<UInt64Type>().values()),
+        _ => written(&integers(column)?),
+    };
+    for (row, value) in (first..).zip(&names) {
         check_name(value, row, name)?;
-        names.push(value.to_owned());
     }
     Ok(names)
 }
 
-fn cast_to(column: &ArrayRef, data_type: &DataType) -> Result<ArrayRef, DecodeError> {
-    cast(column, data_type).map_err(|error| ParquetError::External(Box::new(error)).into())
+fn text<'a>(values: impl Iterator<Item = Option<&'a str>>) -> Vec<String> {
+    values.map(|value| value.unwrap_or_default().to_owned()).collect()
+}
+
+fn written(values: &[impl ToString]) -> Vec<String> {
+    values.iter().map(ToString::to_string).collect()
+}
+
+/// Evaluates `$body` with `$values` bound to the values of a column of integers or times.
+macro_rules! with_integers {
+    ($column:ident, |$values:ident| $body:expr, else $other:expr) => {
+        with_integers!(@ $column, $values, $body, $other,
+            Int8 => Int8Type, Int16 => Int16Type, Int32 => Int32Type, Int64 => Int64Type,
+            UInt8 => UInt8Type, UInt16 => UInt16Type, UInt32 => UInt32Type, UInt64 => UInt64Type,
+            Timestamp(ArrowTimeUnit::Second, _) => TimestampSecondType,
+            Timestamp(ArrowTimeUnit::Millisecond, _) => TimestampMillisecondType,
+            Timestamp(ArrowTimeUnit::Microsecond, _) => TimestampMicrosecondType,
+            Timestamp(ArrowTimeUnit::Nanosecond, _) => TimestampNanosecondType,
+        )
+    };
+    (@ $column:ident, $values:ident, $body:expr, $other:expr,
+        $($name:ident $(($($part:pat),*))? => $type:ty,)*) => {
+        match $column.data_type() {
+            $(DataType::$name $(($($part),*))? => {
+                let $values = $column.as_primitive::<$type>().values();
+                $body
+            })*
+            _ => $other,
+        }
+    };
+}
+
+/// Integers of more than 53 bits are rounded.
+fn floats(column: &ArrayRef) -> Result<Vec<f64>, DecodeError> {
+    match column.data_type() {
+        DataType::Float32 => {
+            let values = column.as_primitive::<Float32Type>().values();
+            Ok(values.iter().map(|value| f64::from(*value)).collect())
+        }
+        DataType::Float64 => Ok(column.as_primitive::<Float64Type>().values().to_vec()),
+        _ => with_integers!(
+            column,
+            |values| Ok(values.iter().map(|value| *value as f64).collect()),
+            else Err(not_decoded(column))
+        ),
+    }
+}
+
+fn integers(column: &ArrayRef) -> Result<Vec<i64>, DecodeError> {
+    with_integers!(
+        column,
+        |values| values.iter().map(|value| i64::try_from(*value).map_err(too_large)).collect(),
+        else Err(not_decoded(column))
+    )
+}
+
+fn too_large<E>(_: E) -> DecodeError {
+    DecodeError::File("its times do not fit into 64 bits with a sign".to_owned())
+}
+
+fn not_decoded(column: &ArrayRef) -> DecodeError {
+    DecodeError::File(format!("a column of type {} cannot be decoded", column.data_type()))
 }
 
 #[cfg(test)]

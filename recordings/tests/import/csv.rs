@@ -1,7 +1,7 @@
 //! CSV files that are not as they should be.
 
-use arrow::array::AsArray;
-use arrow::datatypes::Float64Type;
+use arrow_array::cast::AsArray;
+use arrow_array::types::Float64Type;
 use serde_json::json;
 
 use super::{Recordings, check_refused, import, spec};

@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use ::parquet::file::properties::WriterProperties;
-use arrow::array::{ArrayRef, DictionaryArray, Int32Array, StringArray};
-use arrow::datatypes::Int32Type;
+use arrow_array::types::Int32Type;
+use arrow_array::{ArrayRef, DictionaryArray, Int32Array, StringArray};
 use recordings::ImportError;
 use serde_json::json;
 

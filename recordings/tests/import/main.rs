@@ -13,8 +13,8 @@ use std::sync::Arc;
 
 use ::parquet::arrow::ArrowWriter;
 use ::parquet::file::properties::WriterProperties;
-use arrow::array::{ArrayRef, Float32Array, Float64Array, Int32Array, RecordBatch, StringArray};
-use arrow::compute::concat_batches;
+use arrow_array::{ArrayRef, Float32Array, Float64Array, Int32Array, RecordBatch, StringArray};
+use arrow_select::concat::concat_batches;
 use recordings::{Conversion, ImportError, Rows, TableSchemas};
 use serde_json::{Value, json};
 use spec::{ImportSpec, JobSpec};

@@ -5,11 +5,11 @@ use std::sync::Arc;
 use ::parquet::basic::{Compression, Encoding, GzipLevel, ZstdLevel};
 use ::parquet::file::properties::{WriterProperties, WriterVersion};
 use ::parquet::schema::types::ColumnPath;
-use arrow::array::{
+use arrow_array::types::Int32Type;
+use arrow_array::{
     Array, ArrayRef, BinaryArray, Float64Array, Int64Array, ListArray, TimestampMillisecondArray,
     UInt64Array,
 };
-use arrow::datatypes::Int32Type;
 use serde_json::json;
 
 use super::{Recordings, check_refused, error, import, ints, parquet_of, small_pages, spec};

@@ -1,7 +1,7 @@
 //! What the tables of a dataset get from a file.
 
-use arrow::array::AsArray;
-use arrow::datatypes::{Float32Type, Float64Type, Int32Type, Int64Type};
+use arrow_array::cast::AsArray;
+use arrow_array::types::{Float32Type, Float64Type, Int32Type, Int64Type};
 use serde_json::json;
 use wire::ImportCounts;
 

@@ -5,7 +5,7 @@ use sqlx::sqlite::SqliteRow;
 use sqlx::{FromRow, Row};
 use wire::DatasetState;
 
-use super::rows::{digest, json, state, stored_object};
+use super::rows::{digest, file_content, json, state, stored_object};
 use super::{Database, Transaction, integer};
 use crate::{
     Dataset, DatasetId, Fence, FileContent, JobId, Page, Shard, ShardContents, StoredObject,
@@ -150,7 +150,7 @@ impl Transaction {
             )
             .bind(dataset)
             .bind(ordinal)
-            .bind(content)
+            .bind(content.as_str())
             .bind(&object.path)
             .bind(integer(object.size))
             .bind(object.sha256.to_string())
@@ -189,7 +189,7 @@ fn shards_from_rows(rows: &[SqliteRow]) -> Result<Vec<Shard>, sqlx::Error> {
     for files in rows.chunk_by(same_shard) {
         let mut objects = files
             .iter()
-            .map(|row| Ok((row.try_get("content")?, stored_object(row)?)))
+            .map(|row| Ok((file_content(row)?, stored_object(row)?)))
             .collect::<Result<BTreeMap<FileContent, StoredObject>, sqlx::Error>>()?;
         let mut take = |content| objects.remove(&content).ok_or(sqlx::Error::RowNotFound);
         let row = &files[0];

@@ -22,20 +22,32 @@ mod submission;
 mod tasks;
 mod uploads;
 
+use std::sync::LazyLock;
 use std::time::Duration;
 
-use sqlx::migrate::{Migrate, Migrator};
+use sqlx::migrate::{Migrate, Migration, MigrationType, Migrator};
 use sqlx::query::Query;
 use sqlx::sqlite::{
     SqliteArguments, SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions, SqliteSynchronous,
 };
-use sqlx::{ConnectOptions, Connection, Sqlite, SqliteConnection, SqlitePool};
+use sqlx::{ConnectOptions, Connection, SqlStr, Sqlite, SqliteConnection, SqlitePool};
 
 use crate::data_dir::DataDir;
 use crate::error::sqlite_code;
 use crate::{Access, StoreError};
 
-static MIGRATIONS: Migrator = sqlx::migrate!("../migrations/sqlite");
+/// Number, name and statements of each file in `migrations/sqlite`. sqlx has a macro that lists them, which builds
+/// a second SQLite for the compiler.
+const FILES: [(i64, &str, &str); 1] =
+    [(1, "initial", include_str!("../../../migrations/sqlite/0001_initial.sql"))];
+
+static MIGRATIONS: LazyLock<Migrator> = LazyLock::new(|| {
+    let migration = |&(version, name, sql): &(i64, &'static str, &'static str)| {
+        let statements = SqlStr::from_static(sql);
+        Migration::new(version, name.into(), MigrationType::Simple, statements, false)
+    };
+    Migrator::with_migrations(FILES.iter().map(migration).collect())
+});
 
 /// How long a process waits for another's transaction before it gives up.
 const BUSY_TIMEOUT: Duration = Duration::from_secs(30);
@@ -234,6 +246,18 @@ fn integer(count: u64) -> i64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn every_file_of_migrations_is_run() {
+        let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../migrations/sqlite");
+        let mut files: Vec<String> = std::fs::read_dir(folder)
+            .unwrap()
+            .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+            .collect();
+        files.sort();
+        let listed = FILES.map(|(version, name, _)| format!("{version:04}_{name}.sql"));
+        assert_eq!(files, listed);
+    }
 
     #[tokio::test]
     async fn a_transaction_that_sqlite_ended_by_itself_does_not_stop_all_writing() {

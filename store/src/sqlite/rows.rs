@@ -6,7 +6,7 @@ use sqlx::Row;
 use sqlx::sqlite::SqliteRow;
 use sqlx::types::Text;
 
-use crate::StoredObject;
+use crate::{FileContent, StoredObject};
 
 /// From the column `state`.
 pub(super) fn state<S>(row: &SqliteRow) -> Result<S, sqlx::Error>
@@ -25,6 +25,15 @@ pub(super) fn digest(row: &SqliteRow, column: &str) -> Result<Digest, sqlx::Erro
 pub(super) fn json(row: &SqliteRow, column: &str) -> Result<Value, sqlx::Error> {
     let text: &str = row.try_get(column)?;
     serde_json::from_str(text).map_err(|error| undecodable(column, error.into()))
+}
+
+/// From the column `content`.
+pub(super) fn file_content(row: &SqliteRow) -> Result<FileContent, sqlx::Error> {
+    let text: &str = row.try_get("content")?;
+    FileContent::ALL
+        .into_iter()
+        .find(|content| content.as_str() == text)
+        .ok_or_else(|| undecodable("content", format!("there is no content {text:?}").into()))
 }
 
 /// From the columns `path`, `size` and `sha256`.

@@ -3,7 +3,7 @@ use std::io::Write;
 use std::sync::Arc;
 use std::time::Duration;
 
-use arrow::array::{ArrayRef, Float32Array, Int32Array, RecordBatch};
+use arrow_array::{ArrayRef, Float32Array, Int32Array, RecordBatch};
 use bytes::Bytes;
 use futures::TryStreamExt;
 use spec::{Column, ColumnType, Digest};

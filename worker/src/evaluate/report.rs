@@ -1,4 +1,4 @@
-use arrow::array::RecordBatch;
+use arrow_array::RecordBatch;
 use evaluation::{CellResult, Setting, summarize};
 use jobs::EvaluateTask;
 use serde::Deserialize;

@@ -3,10 +3,10 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use arrow::array::{
+use arrow_array::{
     Array, ArrayRef, Float32Array, Float64Array, Int32Array, Int64Array, RecordBatch, StringArray,
 };
-use arrow::error::ArrowError;
+use arrow_schema::ArrowError;
 use evaluation::{CellResult, MEASURES, Row};
 use serde_json::Value;
 use spec::{Column, ColumnType};

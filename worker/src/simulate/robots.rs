@@ -2,10 +2,10 @@
 
 use std::sync::Arc;
 
-use arrow::array::{ArrayRef, BooleanArray, Float64Array, Int32Array, Int64Array};
-use arrow::array::{RecordBatch, StringArray};
-use arrow::datatypes::SchemaRef;
-use arrow::error::ArrowError;
+use arrow_array::{ArrayRef, BooleanArray, Float64Array, Int32Array, Int64Array};
+use arrow_array::{RecordBatch, StringArray};
+use arrow_schema::ArrowError;
+use arrow_schema::SchemaRef;
 use dynamics::{Scenario, Torques};
 use spec::{Gravity, STEP_LEVELS, SimulateSpec};
 

@@ -2,9 +2,9 @@
 
 use std::sync::Arc;
 
-use arrow::array::{ArrayRef, Float32Array, Int32Array, RecordBatch};
-use arrow::datatypes::SchemaRef;
-use arrow::error::ArrowError;
+use arrow_array::{ArrayRef, Float32Array, Int32Array, RecordBatch};
+use arrow_schema::ArrowError;
+use arrow_schema::SchemaRef;
 use dynamics::Trajectories;
 use rayon::prelude::*;
 

@@ -5,7 +5,7 @@ use std::ops::{ControlFlow, Range};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread;
 
-use arrow::datatypes::SchemaRef;
+use arrow_schema::SchemaRef;
 use dynamics::{DynamicsError, InstructionSet, Trajectories};
 use spec::{Column, DataSpec, Digest, SimulateSpec};
 use store::{
@@ -213,7 +213,7 @@ impl<'a> SimulatedShard<'a> {
     pub fn trajectory_rows(
         &self,
         simulated: &Trajectories,
-    ) -> Result<arrow::array::RecordBatch, TaskError> {
+    ) -> Result<arrow_array::RecordBatch, TaskError> {
         Ok(series::record_batch(&self.trajectory_schema, simulated)?)
     }
 
@@ -221,7 +221,7 @@ impl<'a> SimulatedShard<'a> {
     pub fn robot_rows(
         &self,
         simulated: &Trajectories,
-    ) -> Result<arrow::array::RecordBatch, TaskError> {
+    ) -> Result<arrow_array::RecordBatch, TaskError> {
         Ok(robots::record_batch(&self.robot_schema, self.spec, &simulated.scenarios)?)
     }
 

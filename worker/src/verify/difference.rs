@@ -2,8 +2,11 @@
 
 use std::fmt;
 
-use arrow::array::{Array, ArrayRef, ArrowPrimitiveType, AsArray, RecordBatch};
-use arrow::datatypes::{DataType, Float32Type, Float64Type, Int32Type, Int64Type};
+use arrow_array::cast::AsArray;
+use arrow_array::types::ArrowPrimitiveType;
+use arrow_array::types::{Float32Type, Float64Type, Int32Type, Int64Type};
+use arrow_array::{Array, ArrayRef, RecordBatch};
+use arrow_schema::DataType;
 
 /// How far apart two numbers may be and still count as equal: |a - b| ≤ absolute + relative · |b|.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -129,7 +132,7 @@ fn text(values: &ArrayRef, row: usize) -> String {
 mod tests {
     use std::sync::Arc;
 
-    use arrow::array::{Float32Array, Float64Array, Int32Array, StringArray};
+    use arrow_array::{Float32Array, Float64Array, Int32Array, StringArray};
 
     use super::*;
 

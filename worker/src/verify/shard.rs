@@ -3,7 +3,7 @@
 use std::ops::ControlFlow;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-use arrow::array::RecordBatch;
+use arrow_array::RecordBatch;
 use dynamics::Trajectories;
 use store::{FileContent, ObjectWriter, ShardContents, ShardReader, StoredObject, TableReader};
 
@@ -199,7 +199,7 @@ impl File<'_> {
         Ok(stored)
     }
 
-    fn schema(&self) -> &arrow::datatypes::SchemaRef {
+    fn schema(&self) -> &arrow_schema::SchemaRef {
         match self.content {
             FileContent::Trajectories => self.shard.trajectory_schema(),
             FileContent::Robots => self.shard.robot_schema(),

@@ -1,5 +1,6 @@
-use arrow::array::{Array, AsArray};
-use arrow::datatypes::{Float32Type, Float64Type, Int32Type, Int64Type};
+use arrow_array::Array;
+use arrow_array::cast::AsArray;
+use arrow_array::types::{Float32Type, Float64Type, Int32Type, Int64Type};
 use serde_json::json;
 use spec::{Column, ColumnType};
 use store::TableReader;
@@ -60,11 +61,11 @@ fn files_have_the_columns_that_the_spec_and_dataset_json_name() {
                         name: field.name().clone(),
                         nullable: field.is_nullable(),
                         data_type: match field.data_type() {
-                            arrow::datatypes::DataType::Boolean => ColumnType::Boolean,
-                            arrow::datatypes::DataType::Int32 => ColumnType::Int32,
-                            arrow::datatypes::DataType::Int64 => ColumnType::Int64,
-                            arrow::datatypes::DataType::Float32 => ColumnType::Float32,
-                            arrow::datatypes::DataType::Float64 => ColumnType::Float64,
+                            arrow_schema::DataType::Boolean => ColumnType::Boolean,
+                            arrow_schema::DataType::Int32 => ColumnType::Int32,
+                            arrow_schema::DataType::Int64 => ColumnType::Int64,
+                            arrow_schema::DataType::Float32 => ColumnType::Float32,
+                            arrow_schema::DataType::Float64 => ColumnType::Float64,
                             _ => ColumnType::Text,
                         },
                         ..column.clone()
@@ -85,7 +86,7 @@ fn what_is_off_is_null_and_what_is_on_is_told() {
         make(dir.path(), &spec);
         rows(dir.path(), "robots-00000.parquet")
     });
-    let column = |rows: &arrow::array::RecordBatch, name: &str| {
+    let column = |rows: &arrow_array::RecordBatch, name: &str| {
         rows.column_by_name(name).unwrap().as_primitive::<Float64Type>().clone()
     };
     for name in ["friction_phi1_1", "friction_phi3_7", "payload_mass", "payload_radius"] {
@@ -97,7 +98,7 @@ fn what_is_off_is_null_and_what_is_on_is_told() {
     assert!(column(&plain, "d_1").iter().flatten().all(|length| length == 0.333));
     assert!(column(&rich, "d_1").iter().flatten().any(|length| length != 0.333));
     assert!(column(&plain, "flange").iter().flatten().all(|length| length == 0.107));
-    let compensated = |rows: &arrow::array::RecordBatch| {
+    let compensated = |rows: &arrow_array::RecordBatch| {
         rows.column_by_name("gravity_compensated").unwrap().as_boolean().true_count()
     };
     assert_eq!((compensated(&plain), compensated(&rich)), (0, 40));

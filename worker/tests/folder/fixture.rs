@@ -2,7 +2,7 @@ use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 use std::path::Path;
 
-use arrow::array::RecordBatch;
+use arrow_array::RecordBatch;
 use serde_json::{Value, json};
 use spec::{Digest, JobSpec, SimulateSpec};
 use store::{DatasetDescription, FileContent, ObjectWriter, TableReader, TableWriter};
@@ -59,7 +59,7 @@ pub fn rows(dir: &Path, name: &str) -> RecordBatch {
     let groups: Vec<_> = (0..table.row_groups().count())
         .map(|group| table.read_row_group(group, &columns).unwrap())
         .collect();
-    arrow::compute::concat_batches(&groups[0].schema(), &groups).unwrap()
+    arrow_select::concat::concat_batches(&groups[0].schema(), &groups).unwrap()
 }
 
 /// Writes trajectories as a torqued of `version` would, and has `dataset.json` say so.
