@@ -121,7 +121,7 @@ fn firsts(series: Tensor<3>, copies: &[usize]) -> Tensor<3> {
     let firsts = copies.iter().map(|count| {
         let first = next;
         next += count;
-        series.clone().slice([first..first + 1])
+        series.clone().narrow(0, first, 1)
     });
     Tensor::cat(firsts.collect(), 0)
 }
@@ -178,7 +178,7 @@ mod tests {
             let (context, u) = (random(batch, CONTEXT), random(batch, SAMPLES));
             // Two samples of the last trajectory.
             let twice = |series: &Tensor<3>| {
-                Tensor::cat(vec![series.clone(), series.clone().slice([batch - 1..batch])], 0)
+                Tensor::cat(vec![series.clone(), series.clone().narrow(0, batch - 1, 1)], 0)
             };
             let (context, u) = (twice(&context), twice(&u));
             let mut expected = vec![1; batch];

@@ -388,15 +388,13 @@ fn floats(column: &ArrayRef) -> Result<Vec<f64>, DecodeError> {
 }
 
 fn integers(column: &ArrayRef) -> Result<Vec<i64>, DecodeError> {
-    with_integers!(
-        column,
-        |values| values.iter().map(|value| i64::try_from(*value).map_err(too_large)).collect(),
-        else Err(not_decoded(column))
-    )
+    with_integers!(column, |values| signed(values), else Err(not_decoded(column)))
 }
 
-fn too_large<E>(_: E) -> DecodeError {
-    DecodeError::File("its times do not fit into 64 bits with a sign".to_owned())
+fn signed<T: TryInto<i64> + Copy>(values: &[T]) -> Result<Vec<i64>, DecodeError> {
+    let too_large =
+        |_| DecodeError::File("its times do not fit into 64 bits with a sign".to_owned());
+    values.iter().map(|value| (*value).try_into().map_err(too_large)).collect()
 }
 
 fn not_decoded(column: &ArrayRef) -> DecodeError {
