@@ -15,7 +15,7 @@ import time
 import jax
 import jax.numpy as jnp
 
-BATCHES = [64, 256, 1024, 4096]
+BATCHES = {"frax": [64, 256, 1024], "mjx": [16, 64, 256]}
 SECONDS = 1.0
 
 
@@ -56,11 +56,12 @@ def mjx_rates(folder, batches):
     still = still.replace(
         qpos=jnp.asarray(robot.q0, jnp.float32), qfrc_applied=jnp.asarray(recorded.u[0], jnp.float32)
     )
-    step = jax.jit(jax.vmap(mjx.step, in_axes=(None, 0)))
+    # Ten times as fast as with the model as an argument.
+    step = jax.jit(jax.vmap(lambda data: mjx.step(model, data)))
     rates = {}
     for batch in batches:
         data = jax.tree.map(lambda value, batch=batch: jnp.stack([value] * batch), still)
-        rates[batch] = rate(lambda data=data: step(model, data), batch)
+        rates[batch] = rate(lambda data=data: step(data), batch)
     return rates
 
 
@@ -70,7 +71,7 @@ def main():
     parser.add_argument("folder", metavar="FOLDER")
     parser.add_argument("--batch", type=int)
     arguments = parser.parse_args()
-    batches = [arguments.batch] if arguments.batch else BATCHES
+    batches = [arguments.batch] if arguments.batch else BATCHES[arguments.what]
     if arguments.what == "frax":
         rates, package = frax_rates(batches), "frax"
     else:
