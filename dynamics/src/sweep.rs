@@ -12,8 +12,8 @@ use crate::model::Model;
 use crate::spatial::Turn;
 use crate::structure::Structure;
 
-/// What is done with the equation of motion, of which the columns come from the last joint's to the first's, and
-/// the bias forces as well.
+/// A receiver of the equation of motion. The sweep hands it columns and bias forces joint by joint, from the last
+/// to the first.
 trait Equation<L> {
     /// `entries[J..]` are entries (J.., J) of M + A.
     fn column<const J: usize>(&mut self, entries: &[L; JOINTS]);

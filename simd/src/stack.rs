@@ -8,9 +8,9 @@ struct Line;
 /// Aligns the stack of the function that calls this to a line of the cache.
 ///
 /// Vectors that find no register go to the stack. The compiler leaves it at 16 bytes there, whatever the vectors
-/// are, so that every other one of 32 bytes and every one of 64 lies across two lines, and takes twice as long to
-/// store and to load. Something aligned in the same function makes it align all of them. For functions with
-/// hundreds of vectors; those that have enough registers gain nothing.
+/// are, so that every other one of 32 bytes and every one of 64 lies across two lines, which slows loads and stores.
+/// An aligned local in the same function makes the compiler align all of them. Functions with hundreds of vectors
+/// gain; those that have enough registers do not.
 #[inline(always)]
 pub fn align_stack() {
     black_box(&mut MaybeUninit::<Line>::uninit());

@@ -20,7 +20,7 @@ use crate::{process, product};
 /// Passes of a network that each prediction takes.
 const STEPS: [u32; 4] = [1, 5, 10, 100];
 
-/// What 5 warm-started steps may take, ms: with AVX-512 the paper's bound on a prediction, with less twice that.
+/// The bound on 5 warm-started steps, ms. With AVX-512 it is the paper's bound on a prediction, with less it is twice that.
 const GOAL: (f64, f64) = (40.0, 80.0);
 const GOAL_STEPS: u32 = 5;
 

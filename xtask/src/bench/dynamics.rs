@@ -29,7 +29,7 @@ const COMPARED: u64 = 128;
 /// How far off the 99th percentile of trajectories may be, µrad.
 const ACCURACY: Goal = Goal::AtMost(100.0);
 
-/// Of what the multiply-add units of the processor could do.
+/// Operations of forward dynamics per multiply-add that the processor can do at most, in percent.
 const SHARE_OF_PEAK: Goal = Goal::AtLeast(60.0);
 
 /// Both families of excitation, gravity on; nothing is rejected, so that all do the same work.
@@ -98,7 +98,7 @@ struct MuJoCo {
     trajectories_per_s: [f64; 2],
 }
 
-/// What `tests/peers/jax_rates.py` prints; the rate of all cores.
+/// The output of `tests/peers/jax_rates.py`, with the rate of all cores.
 #[derive(Clone, Debug, Deserialize)]
 struct OnJax {
     version: String,

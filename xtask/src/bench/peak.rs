@@ -1,4 +1,4 @@
-//! What the processor could do at most.
+//! The processor's peak: the most multiply-adds that it can do.
 
 use std::thread;
 use std::time::{Duration, Instant};
