@@ -31,6 +31,21 @@ impl Interrupt {
         self.0.load(Ordering::Relaxed)
     }
 
+    /// Whoever may interrupt the computation of this thread; nobody, unless it is guarded. Other threads
+    /// that do a part of it look here, as they have no guard of their own.
+    pub fn current() -> Self {
+        CURRENT.with_borrow(Clone::clone).unwrap_or_default()
+    }
+
+    /// Leaves the computation, up to its [`Interrupt::guard`], if it is interrupted. Out of a task of rayon
+    /// the way leads through the thread that waits for it.
+    pub fn leave_if_raised(&self) {
+        if self.is_raised() {
+            // Without the message of a panic, which this is not.
+            resume_unwind(Box::new(Interrupted));
+        }
+    }
+
     /// Does `work` on this thread, all of it or none.
     ///
     /// # Errors
@@ -52,11 +67,11 @@ impl Interrupt {
 
 /// Leaves the computation of this thread if it is interrupted.
 pub(crate) fn leave_if_interrupted() {
-    let raised = CURRENT.with_borrow(|current| current.as_ref().is_some_and(Interrupt::is_raised));
-    if raised {
-        // Without the message of a panic, which this is not.
-        resume_unwind(Box::new(Interrupted));
-    }
+    CURRENT.with_borrow(|current| {
+        if let Some(current) = current {
+            current.leave_if_raised();
+        }
+    });
 }
 
 #[cfg(test)]
@@ -75,6 +90,25 @@ mod tests {
         assert_eq!(other.guard(looks), Ok(1));
         assert_eq!(raised.guard(|| other.guard(looks)), Ok(1));
         leave_if_interrupted();
+    }
+
+    #[test]
+    fn threads_that_share_a_computation_leave_it_too() {
+        use rayon::prelude::*;
+        let interrupt = Interrupt::default();
+        let done = interrupt.guard(|| {
+            let current = Interrupt::current();
+            let tasks = (0..100).into_par_iter().map(|task| {
+                if task == 50 {
+                    current.raise();
+                }
+                current.leave_if_raised();
+                task
+            });
+            Ok::<i32, Interrupted>(tasks.sum())
+        });
+        assert_eq!(done, Err(Interrupted));
+        assert!(!Interrupt::current().is_raised(), "nobody interrupts what is not guarded");
     }
 
     #[test]

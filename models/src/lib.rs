@@ -59,7 +59,7 @@ pub use checkpoint::{
 };
 pub use device::{Device, DeviceDescription, DeviceError, DeviceKind};
 pub use error::ModelError;
-pub use kernels::Interrupt;
+pub use kernels::{Interrupt, Interrupted};
 pub use memory::{TrainingMemory, memory_doubt};
 pub use normalization::{Normalizer, Statistics, StatisticsAccumulator};
 pub use ranges::{DataRanges, context_warnings, limit_warnings};

@@ -1,3 +1,4 @@
+use kernels::Interrupt;
 use series::{Observed, SeriesView};
 use spec::{Length, ModelSpec};
 
@@ -177,7 +178,9 @@ impl TrainedModel {
             },
             device: self.device.inference(),
         };
+        let interrupt = Interrupt::current();
+        let answer = || predictor.answer(observed, statistics, sampling, draw);
         // On a thread of the pool, which then wakes no other for each parallel loop.
-        rayon::scope(|_| predictor.answer(observed, statistics, sampling, draw))
+        rayon::scope(|_| interrupt.guard(answer))
     }
 }

@@ -46,6 +46,18 @@ impl Attempt {
         }
     }
 
+    /// Does `work` unless the attempt is to end, which leaves it halfway: wherever kernels, baselines and laws look
+    /// for an interrupt. What comes of work that was interrupted is no result, whatever it looks like.
+    ///
+    /// # Errors
+    /// [`TaskError::Stopped`] when the attempt is to end.
+    pub fn interruptible<T>(&self, work: impl FnOnce() -> T) -> Result<T, TaskError> {
+        self.check_stop()?;
+        let done = self.stop.interrupt().guard(|| Ok::<T, TaskError>(work()))?;
+        self.check_stop()?;
+        Ok(done)
+    }
+
     /// Shows how much is done; breaks when the attempt is to end.
     pub fn show(&self, done: u64) -> ControlFlow<()> {
         self.progress.set_done(done);

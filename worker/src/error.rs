@@ -1,4 +1,4 @@
-use models::{DeviceKind, ModelError};
+use models::{DeviceKind, Interrupted, ModelError};
 use store::{Retry, StoreError};
 use thiserror::Error;
 
@@ -76,6 +76,12 @@ pub enum TaskError {
     /// Out of its memory, or its driver failed: burn panics then.
     #[error("device `{device}` failed, for want of memory perhaps: {message}")]
     Device { device: DeviceKind, message: String },
+}
+
+impl From<Interrupted> for TaskError {
+    fn from(_: Interrupted) -> Self {
+        Self::Stopped
+    }
 }
 
 impl TaskError {

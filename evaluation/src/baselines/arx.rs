@@ -1,5 +1,6 @@
 //! Autoregression with exogenous inputs, one model per joint and robot.
 
+use models::Interrupt;
 use nalgebra::{DMatrix, DVector};
 use series::{Observed, Track};
 
@@ -43,7 +44,9 @@ impl Predictor for Arx {
         let mut predicted = vec![0.0; observed.robots() * horizon * joints];
         let smoothed = smoothed(observed)?;
         let smoothed = smoothed.as_ref().map(|series| series.observed(observed.context()));
+        let interrupt = Interrupt::current();
         for scenario in 0..observed.robots() {
+            interrupt.leave_if_raised();
             let measured = observed.y(scenario);
             let positions = smoothed.as_ref().map_or(measured, |smoothed| smoothed.y(scenario));
             let torques = observed.u(scenario);

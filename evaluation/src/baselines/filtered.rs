@@ -1,3 +1,4 @@
+use models::Interrupt;
 use series::{Observed, Series, Shape, ShapeError};
 use smoothing::Smoother;
 
@@ -35,7 +36,9 @@ pub(super) fn smoothed(observed: &Observed<'_>) -> Result<Option<Series>, ShapeE
     let smoother = Smoother::new(context, rate_hz, deviation_rad);
     let mut u = Vec::new();
     let mut y = Vec::new();
+    let interrupt = Interrupt::current();
     for robot in 0..robots {
+        interrupt.leave_if_raised();
         u.extend_from_slice(observed.u(robot).values());
         y.extend(smoother.smooth_robot(observed.y(robot).values(), joints));
     }

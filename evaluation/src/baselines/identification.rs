@@ -1,6 +1,7 @@
 //! Classical identification: what an expert would do with a model of the arm at hand.
 
 use dynamics::{Anchor, InstructionSet, Joints, Motion, Replay, RigidBody, Robot};
+use models::Interrupt;
 use nalgebra::{Cholesky, DMatrix, DVector};
 use rayon::prelude::*;
 use series::Observed;
@@ -165,7 +166,13 @@ impl Identification {
     }
 
     /// Positions `[sample, joint]` of the horizon.
-    fn predict_one(&self, observed: &Observed<'_>, scenario: usize) -> Vec<f32> {
+    fn predict_one(
+        &self,
+        observed: &Observed<'_>,
+        scenario: usize,
+        interrupt: &Interrupt,
+    ) -> Vec<f32> {
+        interrupt.leave_if_raised();
         let joints = self.nominal.joints();
         let torques = observed.u(scenario).values();
         let positions = observed.y(scenario).values();
@@ -178,7 +185,7 @@ impl Identification {
             anchors: anchors(positions, joints, whole(observed.rate_hz() * STRETCH_S)),
             stride: whole(observed.rate_hz() / COMPARED_HZ),
         };
-        let fitted = fit.solve();
+        let fitted = fit.solve(interrupt);
         let nominal = Parameters::zeros(self.layout().parameters());
         let candidates = [fitted, nominal].map(|p| fit.arm_at(&p));
         let q = self.replay.run(&candidates.each_ref().map(|arm| fit.motion(arm, torques)));
@@ -212,9 +219,10 @@ impl Predictor for Identification {
     }
 
     fn predict(&self, observed: &Observed<'_>) -> Result<Vec<f32>, EvaluationError> {
+        let interrupt = Interrupt::current();
         Ok((0..observed.robots())
             .into_par_iter()
-            .flat_map_iter(|scenario| self.predict_one(observed, scenario))
+            .flat_map_iter(|scenario| self.predict_one(observed, scenario, &interrupt))
             .collect())
     }
 }
@@ -289,7 +297,7 @@ struct Fit<'a> {
 
 impl Fit<'_> {
     /// As far as it gets; zeros, the nominal arm, when that cannot be simulated.
-    fn solve(&self) -> Parameters {
+    fn solve(&self, interrupt: &Interrupt) -> Parameters {
         let parameters = self.arm.layout().parameters();
         let mut estimate = Parameters::zeros(parameters);
         if parameters == 0 {
@@ -299,6 +307,7 @@ impl Fit<'_> {
         let simulated = self.simulate(&self.arm.replay, std::slice::from_ref(&estimate));
         let mut residuals = self.residuals(&simulated);
         for _ in 0..ITERATIONS {
+            interrupt.leave_if_raised();
             let Some(jacobian) = self.jacobian(&estimate, &differences) else { break };
             for (difference, row) in differences.iter_mut().zip(jacobian.row_iter()) {
                 let change = row.norm() / (residuals.len() as f64).sqrt();

@@ -1,5 +1,6 @@
 //! From laws of velocity to positions.
 
+use models::Interrupt;
 use series::{Observed, Track};
 
 /// Mean velocity of a joint over each sampling period, in rad/s: one fewer than positions. That
@@ -24,7 +25,9 @@ pub(super) fn rollout<Velocity: Fn(f64, f64) -> f64>(
     let period = 1.0 / observed.rate_hz();
     let joints = observed.joints();
     let mut predicted = vec![0.0; observed.robots() * horizon * joints];
+    let interrupt = Interrupt::current();
     for scenario in 0..observed.robots() {
+        interrupt.leave_if_raised();
         let torques = observed.u(scenario);
         let positions = observed.y(scenario);
         for joint in 0..joints {

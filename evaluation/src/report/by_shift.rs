@@ -1,6 +1,7 @@
 //! Cells put together by how their torques differ from those of the trainings, over the scenarios that the robot's
 //! motors can run.
 
+use models::Interrupt;
 use rayon::prelude::*;
 use spec::{Bootstrap, Family};
 use wire::{PredictorInfo, Shift, ShiftDifference, ShiftScores, ShiftSummary};
@@ -43,8 +44,10 @@ pub(super) fn by_shift(
             }
         }
     }
+    let interrupt = Interrupt::current();
     groups
         .into_par_iter()
+        .inspect(|_| interrupt.leave_if_raised())
         .map(|(shift, family, level, cells)| {
             let group = Group::new(cells, bootstrap);
             let (models, differences) = group.models(predictors);

@@ -1,3 +1,4 @@
+use models::Interrupt;
 use rayon::prelude::*;
 use spec::{Bootstrap, Excitation};
 use wire::{
@@ -62,8 +63,10 @@ pub fn summarize(setting: Setting, results: &[CellResult]) -> Result<Report, Eva
         .filter(|group| !group.cells.is_empty())
         .collect();
 
+    let interrupt = Interrupt::current();
     let cells = results
         .par_iter()
+        .inspect(|_| interrupt.leave_if_raised())
         .map(|cell| CellSummary {
             family: cell.family,
             frequency_hz: cell.frequency_hz,
@@ -94,6 +97,7 @@ pub fn summarize(setting: Setting, results: &[CellResult]) -> Result<Report, Eva
         paired: paired.collect(),
         groups: groups
             .par_iter()
+            .inspect(|_| interrupt.leave_if_raised())
             .map(|Group { name, position_noise_rad, cells }| GroupSummary {
                 name: name.clone(),
                 position_noise_rad: *position_noise_rad,

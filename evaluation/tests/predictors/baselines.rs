@@ -1,7 +1,8 @@
-use evaluation::{Identification, LeastSquares, NominalArm, Predictor, rmse_deg};
+use evaluation::{Identification, LeastSquares, NominalArm, Predictor, baseline, rmse_deg};
+use models::{Interrupt, Interrupted};
 use serde_json::json;
 use series::Series;
-use spec::{DataSpec, ImportSpec, JobSpec, RobotSpec};
+use spec::{Baseline, DataSpec, ImportSpec, JobSpec, RobotSpec};
 
 use super::{arm, scenarios, simulation};
 
@@ -83,5 +84,19 @@ fn import() -> ImportSpec {
     match spec::parse(text.to_string().as_bytes()).unwrap() {
         JobSpec::Import(spec) => spec,
         _ => panic!("not an import"),
+    }
+}
+
+#[test]
+fn every_baseline_ends_when_it_is_interrupted() {
+    let spec = simulation(60, &json!({}));
+    let scenarios = scenarios(&spec, 4);
+    for name in Baseline::all() {
+        let predictor = baseline(name, &arm(&spec));
+        let answer = || Ok::<_, Interrupted>(predictor.predict(&scenarios.observed(40)).is_ok());
+        let interrupt = Interrupt::default();
+        assert_eq!(interrupt.guard(answer), Ok(true), "{name:?}");
+        interrupt.raise();
+        assert_eq!(interrupt.guard(answer), Err(Interrupted), "{name:?}");
     }
 }

@@ -1,5 +1,5 @@
 use evaluation::{EvaluationError, Learned, Predictor, Start};
-use models::Sampling;
+use models::{Interrupt, ModelError, Sampling};
 use serde_json::json;
 
 use super::{CONTEXT, SAMPLES, bits, scenarios, simulation, smallest, trained};
@@ -74,5 +74,18 @@ fn only_models_with_several_answers_have_samples() {
             assert_eq!(samples.count, 4);
             assert_eq!(samples.positions.len(), 4 * 2 * (SAMPLES - CONTEXT) * JOINTS);
         }
+    }
+}
+
+#[test]
+fn every_model_ends_when_it_is_interrupted() {
+    let recorded = scenarios(&simulation(SAMPLES, &json!({})), 2);
+    for (name, model) in smallest::models() {
+        let model = trained(&model);
+        let answer = || model.predict(&recorded.observed(CONTEXT));
+        let interrupt = Interrupt::default();
+        assert!(interrupt.guard(answer).is_ok(), "{name}");
+        interrupt.raise();
+        assert!(matches!(interrupt.guard(answer), Err(ModelError::Interrupted)), "{name}");
     }
 }

@@ -5,6 +5,7 @@
 //! robot is fitted ([`super::fitting`]), robots while they move ([`super::rollout`]). Lanes of every width
 //! give the same bits, and a robot has the same answer whatever it is asked together with.
 
+use kernels::Interrupt;
 use rayon::prelude::*;
 use series::MeasurementNoise;
 use simd::{F32Array, InstructionSet, MAX_LANES};
@@ -115,9 +116,11 @@ impl Law {
         draws: &[&[f32]],
         bounds: Bounds,
     ) -> Rolled {
+        let interrupt = Interrupt::current();
         let asked: Vec<&[Recorded<'_>]> = robots.chunk_by(Recorded::has_the_past_of).collect();
         let known: Vec<Known> = asked
             .par_iter()
+            .inspect(|_| interrupt.leave_if_raised())
             .map(|same| match filter {
                 None => self.known(instructions, &same[0], bounds),
                 Some((smoother, noise)) => {
@@ -136,11 +139,13 @@ impl Law {
         }
         let left_over: Vec<LeftOver> = asked
             .par_iter()
+            .inspect(|_| interrupt.leave_if_raised())
             .zip(&known)
             .map(|(same, known)| self.left_over(instructions, &same[0], known))
             .collect();
         let drawn: Vec<Drawn> = draws
             .par_iter()
+            .inspect(|_| interrupt.leave_if_raised())
             .zip(&places)
             .zip(robots)
             .map(|((normals, &place), robot)| {
@@ -154,8 +159,10 @@ impl Law {
 
     /// The horizons of fitted robots.
     pub fn roll_out(&self, instructions: InstructionSet, starts: &[Start<'_>]) -> Rolled {
+        let interrupt = Interrupt::current();
         let groups: Vec<Rolled> = starts
             .par_chunks(MAX_LANES)
+            .inspect(|_| interrupt.leave_if_raised())
             .map(|group| match instructions {
                 #[cfg(target_arch = "x86_64")]
                 InstructionSet::Avx512(_) => F32x16::roll(self, group),

@@ -48,7 +48,8 @@ fn robot(attempt: &Attempt, spec: &ControlSpec, index: u64) -> Result<(), TaskEr
         attempt.progress.say(controller.name.clone());
         let progress =
             |samples: u32| -> ControlFlow<()> { attempt.show(done + u64::from(samples)) };
-        let ran = experiment.run(index, plant.clone(), &controller, &progress);
+        let ran = attempt
+            .interruptible(|| experiment.run(index, plant.clone(), &controller, &progress))?;
         let (trial, trace) = ran.ok_or(TaskError::Stopped)?;
         let checkpoint = checkpoints.iter().find(|it| it.info.name == controller.name);
         if let Some(trained) = checkpoint.and_then(|it| it.model.config().ranges.as_ref()) {

@@ -52,8 +52,7 @@ pub(super) fn cell(attempt: &Attempt, spec: &EvaluateSpec, index: usize) -> Resu
     let asked = predictors.of_cell(&scenarios, cell.first);
     let mut errors = Vec::with_capacity(asked.len());
     for (done, predictor) in (1_u64..).zip(asked.chunks(1)) {
-        attempt.check_stop()?;
-        errors.extend(evaluate_cell(&scenarios, &scoring, predictor));
+        errors.extend(attempt.interruptible(|| evaluate_cell(&scenarios, &scoring, predictor))?);
         attempt.progress.set_done(attempt.task.total * done / asked.len() as u64);
     }
     let result = CellResult {

@@ -49,7 +49,8 @@ pub(super) fn latency(attempt: &Attempt, spec: &EvaluateSpec) -> Result<(), Task
     for (done, run) in (1_u64..).zip(&runs) {
         attempt.progress.say(format!("times {}", run.info.name));
         let load = load();
-        let times_ms = times_ms(attempt, spec, run, &windows, repeats)?;
+        let times_ms =
+            attempt.interruptible(|| times_ms(attempt, spec, run, &windows, repeats))??;
         let latency = Latency {
             median_ms: measured_quantile(&times_ms, 0.5),
             p99_ms: measured_quantile(&times_ms, 0.99),

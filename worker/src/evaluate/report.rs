@@ -44,7 +44,7 @@ pub(super) fn report(attempt: &Attempt, spec: &EvaluateSpec) -> Result<(), TaskE
         predictors,
         trained_on: checkpoints.iter().map(|checkpoint| checkpoint.trained_on.clone()).collect(),
     };
-    let report = summarize(setting, &cells)?;
+    let report = attempt.interruptible(|| summarize(setting, &cells))??;
     attempt.check_stop()?;
 
     attempt.put("report.json", "application/json", serde_json::to_vec_pretty(&report)?)?;
