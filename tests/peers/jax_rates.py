@@ -8,8 +8,10 @@ advises, on all cores, with the batch that is fastest where none is given; compi
 """
 
 import argparse
+import contextlib
 import importlib.metadata
 import json
+import sys
 import time
 
 import jax
@@ -72,10 +74,12 @@ def main():
     parser.add_argument("--batch", type=int)
     arguments = parser.parse_args()
     batches = [arguments.batch] if arguments.batch else BATCHES[arguments.what]
-    if arguments.what == "frax":
-        rates, package = frax_rates(batches), "frax"
-    else:
-        rates, package = mjx_rates(arguments.folder, batches), "mujoco-mjx"
+    # mjx prints which of its parts it cannot import.
+    with contextlib.redirect_stdout(sys.stderr):
+        if arguments.what == "frax":
+            rates, package = frax_rates(batches), "frax"
+        else:
+            rates, package = mjx_rates(arguments.folder, batches), "mujoco-mjx"
     batch = max(rates, key=rates.get)
     print(
         json.dumps(
