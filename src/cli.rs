@@ -5,7 +5,7 @@ use tracing_subscriber::EnvFilter;
 
 use crate::commands::{
     cancel, decode_recording, devices, import, jobs, presets, quickstart, retry, serve, simulate,
-    study, submit, verify, watch, worker,
+    study, submit, verify, watch, worker, workers,
 };
 
 /// In-context identification of robot dynamics as a service: simulate, train, evaluate.
@@ -40,6 +40,8 @@ pub enum Command {
     Submit(submit::Arguments),
     /// Send recordings of one's own and make them a dataset
     Import(import::Arguments),
+    /// List workers, and what each does
+    Workers(workers::Arguments),
     /// List jobs, newest first
     Jobs(jobs::Arguments),
     /// Follow a job until it ends

@@ -3,12 +3,14 @@
 use tokio::process::Command;
 use worker::{DeviceKind, PROBE_LIMIT, ProbeError, Probed};
 
+use crate::process::own_program;
+
 /// Has a child process try a device.
 ///
 /// # Errors
 /// One line that says why the device is not to be used.
 pub async fn probe(kind: DeviceKind) -> Result<Probed, ProbeError> {
-    let program = std::env::current_exe().map_err(|source| ProbeError::Spawn { kind, source })?;
+    let program = own_program().map_err(|source| ProbeError::Spawn { kind, source })?;
     let mut child = Command::new(program);
     child.args(["devices", kind.name(), "--in-this-process"]);
     worker::probe(kind, child, PROBE_LIMIT).await

@@ -122,6 +122,17 @@ pub enum ApiError {
     #[error("{}", store_message(.0))]
     Store(#[from] StoreError),
 
+    /// The store's own words, but for those that name paths.
+    #[error("the database cannot be written: {}", match .0 {
+        error @ (StoreError::DatabaseGone | StoreError::DatabaseBusy { .. }) => error.to_string(),
+        _ => "the server's log says why".to_owned(),
+    })]
+    Unwritable(StoreError),
+
+    /// A stored file is not what was written, or is gone.
+    #[error("{file} {}; {REMEDY}", harm(.source))]
+    Damaged { file: String, source: Box<StoreError> },
+
     #[error(
         "shard {shard} of dataset {dataset} cannot be read: its files are missing or not those that \
          were written; POST /v1/datasets/{dataset}/verify says which"
@@ -148,6 +159,14 @@ impl ApiError {
 
     pub fn parameter(name: &str, value: impl Display, allowed: impl Into<String>) -> Self {
         Self::Parameter { name: name.to_owned(), value: value.to_string(), allowed: allowed.into() }
+    }
+
+    /// The error of reading a stored file, which `file` names to a reader.
+    pub fn reading(file: impl Display, error: StoreError) -> Self {
+        if matches!(error, StoreError::DamagedObject { .. }) || error.is_missing_file() {
+            return Self::Damaged { file: file.to_string(), source: Box::new(error) };
+        }
+        Self::Store(error)
     }
 
     /// The same error, with the fields of a spec or question seen from an enclosing one.
@@ -211,6 +230,9 @@ impl ApiError {
                 (S::SERVICE_UNAVAILABLE, "crowded", "Too many streams are open")
             }
             Self::Store(error) => of_store(error),
+            Self::Unwritable(_) => {
+                (S::SERVICE_UNAVAILABLE, "database", "The database cannot be written")
+            }
             Self::AlreadyFinal { .. } => (S::CONFLICT, "already-final", "The job has ended"),
             Self::NotFailed { .. } => (S::CONFLICT, "not-failed", "The job has not failed"),
             Self::DatasetIncomplete { .. } => {
@@ -223,6 +245,7 @@ impl ApiError {
             }
             Self::Crowded => (S::SERVICE_UNAVAILABLE, "crowded", "Too many requests at once"),
             Self::Timeout => (S::SERVICE_UNAVAILABLE, "timeout", "The answer took too long"),
+            Self::Damaged { .. } => DAMAGED,
             Self::ShardUnreadable { .. } => {
                 (S::INTERNAL_SERVER_ERROR, "shard-unreadable", "A shard cannot be read")
             }
@@ -292,6 +315,24 @@ impl ApiError {
     }
 }
 
+/// Status, name and title of damage to a stored file.
+const DAMAGED: (StatusCode, &str, &str) =
+    (StatusCode::INTERNAL_SERVER_ERROR, "damaged", "A stored file is damaged");
+
+/// A reader's way out of damage.
+const REMEDY: &str = "restore it from a backup, or make it anew: submit the spec of the job that made it with \
+                      `--force` (`?force=true`)";
+
+/// The harm done to a file, in words.
+fn harm(error: &StoreError) -> String {
+    match error {
+        StoreError::DamagedObject { expected, found, .. } => {
+            format!("is damaged: expected {expected}, found {found}")
+        }
+        _ => "is not in the data folder any more".to_owned(),
+    }
+}
+
 fn of_store(error: &StoreError) -> (StatusCode, &'static str, &'static str) {
     use StatusCode as S;
     match error {
@@ -305,6 +346,7 @@ fn of_store(error: &StoreError) -> (StatusCode, &'static str, &'static str) {
             (S::CONFLICT, "need-not-met", "A job that this one needs has just ended")
         }
         StoreError::DiskFull { .. } => (S::INSUFFICIENT_STORAGE, "disk-full", "The disk is full"),
+        StoreError::DamagedObject { .. } => DAMAGED,
         _ => (S::INTERNAL_SERVER_ERROR, "internal", "The server failed"),
     }
 }
@@ -345,6 +387,7 @@ fn store_message(error: &StoreError) -> String {
         | StoreError::IdempotencyConflict { .. }
         | StoreError::NeedNotMet { .. }
         | StoreError::DiskFull { .. } => error.to_string(),
+        StoreError::DamagedObject { .. } => format!("{error}; {REMEDY}"),
         _ => "a fault in the server; its log says more".to_owned(),
     }
 }

@@ -67,6 +67,15 @@ pub const STREAMS: usize = 16;
 /// How long a client of a stream may take to accept a message. Crossing it closes the stream.
 pub const STREAM_WRITE: Duration = Duration::from_secs(5);
 
+/// Messages of a stream that wait while an answer is computed; those beyond stay in the connection.
+pub const STREAM_BACKLOG: usize = 64;
+
+/// Bytes of the messages that wait; when they are reached, no further message is read.
+pub const STREAM_BACKLOG_BYTES: usize = QUESTION_BYTES;
+
+/// How often a client of a stream is asked whether it is there while none of its messages are read.
+pub const STREAM_PROBE: Duration = Duration::from_secs(1);
+
 /// How often a silent client of a stream is asked whether it is there.
 pub const STREAM_PING: Duration = Duration::from_secs(15);
 

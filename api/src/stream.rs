@@ -1,77 +1,158 @@
 //! A WebSocket and what is said on it: one message, one answer, in this order.
 //!
-//! The next message is read when the answer to the one before was accepted, so a client that sends
-//! faster than it is answered fills its own connection and nothing of ours.
+//! The client is listened to while an answer is computed: one that leaves interrupts it. Messages that come meanwhile wait
+//! for their turn, up to a bound; beyond it, a client that sends faster than it is answered fills its own connection and
+//! nothing of ours.
 
 use std::borrow::Cow;
+use std::collections::VecDeque;
 use std::future::Future;
 
 use axum::extract::ws::{CloseFrame, Message, Utf8Bytes, WebSocket, close_code};
 use spec::SpecError;
 use tokio::sync::OwnedSemaphorePermit;
-use tokio::time::{Instant, timeout};
+use tokio::time::{Instant, sleep, timeout};
 use wire::StreamReply;
 
 use crate::app::streams::PredictionStream;
 use crate::error::ApiError;
-use crate::limits::{STREAM_PING, STREAM_SILENCE, STREAM_WRITE};
+use crate::limits::{
+    STREAM_BACKLOG, STREAM_BACKLOG_BYTES, STREAM_PING, STREAM_PROBE, STREAM_SILENCE, STREAM_WRITE,
+};
 
 /// Answers until the client goes, is silent for too long, or `closing` is done. `_place` is one of
 /// the streams that may be open.
 pub async fn serve(
-    mut socket: WebSocket,
+    socket: WebSocket,
     mut stream: PredictionStream,
     closing: impl Future<Output = ()>,
     _place: OwnedSemaphorePermit,
 ) {
-    let conversation = converse(&mut socket, &mut stream);
-    let farewell = tokio::select! {
-        farewell = conversation => farewell,
-        () = closing => Some((close_code::AWAY, "the server stops".into())),
+    let mut client = Client::new(socket);
+    let End(farewell) = tokio::select! {
+        end = converse(&mut client, &mut stream) => end,
+        () = closing => End(Some((close_code::AWAY, "the server stops".into()))),
     };
     if let Some((code, reason)) = farewell {
         let reason = Utf8Bytes::from(reason.into_owned());
         // Who does not take it is gone already.
-        let _ = send(&mut socket, Message::Close(Some(CloseFrame { code, reason }))).await;
+        let _ = client.send(Message::Close(Some(CloseFrame { code, reason }))).await;
     }
 }
 
-/// Why a stream is closed by us, in numbers of RFC 6455 and in words.
-type Farewell = (u16, Cow<'static, str>);
+/// The end of a stream, with the reason if we are the ones to close it: a number of RFC 6455, and words. Without one the
+/// client has gone.
+struct End(Option<(u16, Cow<'static, str>)>);
 
-async fn converse(socket: &mut WebSocket, stream: &mut PredictionStream) -> Option<Farewell> {
-    let mut heard = Instant::now();
+async fn converse(client: &mut Client, stream: &mut PredictionStream) -> End {
     loop {
-        let message = match timeout(STREAM_PING, socket.recv()).await {
-            Ok(None) => return None,
-            Ok(Some(Ok(message))) => message,
-            // Of what tungstenite says, a client can only mend the size.
-            Ok(Some(Err(error))) => return Some((close_code::SIZE, error.to_string().into())),
-            Err(_) if heard.elapsed() > STREAM_SILENCE => {
-                return Some((close_code::POLICY, "nothing was heard for too long".into()));
-            }
-            Err(_) => {
-                send(socket, Message::Ping(axum::body::Bytes::new())).await?;
-                continue;
-            }
+        let message = match client.next().await {
+            Ok(message) => message,
+            Err(end) => return end,
         };
-        heard = Instant::now();
         let reply = match message {
-            Message::Text(text) => stream.answer(text.as_bytes()).await,
-            Message::Binary(_) => {
+            Message::Text(text) => tokio::select! {
+                biased;
+                reply = stream.answer(text.as_bytes()) => reply,
+                end = client.leaves() => return end,
+            },
+            _ => {
                 let error = SpecError::one("the message", "binary", "text");
                 PredictionStream::refusal(&ApiError::Question(error))
             }
-            Message::Ping(_) | Message::Pong(_) => continue,
-            Message::Close(_) => return None,
         };
-        send(socket, Message::Text(text_of(&reply))).await?;
+        if let Err(end) = client.send(Message::Text(text_of(&reply))).await {
+            return end;
+        }
     }
 }
 
-/// `None` when the client does not accept it in time, or is gone.
-async fn send(socket: &mut WebSocket, message: Message) -> Option<()> {
-    timeout(STREAM_WRITE, socket.send(message)).await.ok()?.ok()
+/// The other end of a stream.
+struct Client {
+    socket: WebSocket,
+    /// Messages that came while an answer was computed, in their order.
+    backlog: VecDeque<Message>,
+    backlog_bytes: usize,
+    heard: Instant,
+}
+
+impl Client {
+    fn new(socket: WebSocket) -> Self {
+        Self { socket, backlog: VecDeque::new(), backlog_bytes: 0, heard: Instant::now() }
+    }
+
+    /// The next message with something in it.
+    async fn next(&mut self) -> Result<Message, End> {
+        loop {
+            if let Some(message) = self.backlog.pop_front() {
+                self.backlog_bytes -= length(&message);
+                return Ok(message);
+            }
+            self.listen().await?;
+        }
+    }
+
+    /// Done when the client leaves, and never otherwise.
+    async fn leaves(&mut self) -> End {
+        loop {
+            let has_room =
+                self.backlog.len() < STREAM_BACKLOG && self.backlog_bytes < STREAM_BACKLOG_BYTES;
+            let heard = if has_room {
+                self.listen().await
+            } else {
+                // No room is left to read its goodbye, but a connection that is gone takes no ping.
+                sleep(STREAM_PROBE).await;
+                self.ping().await
+            };
+            if let Err(end) = heard {
+                return end;
+            }
+        }
+    }
+
+    /// Hears one message, which joins the backlog, or asks a client that says nothing whether it is there. Pings are
+    /// answered along the way.
+    async fn listen(&mut self) -> Result<(), End> {
+        let message = match timeout(STREAM_PING, self.socket.recv()).await {
+            Ok(None | Some(Ok(Message::Close(_)))) => return Err(End(None)),
+            Ok(Some(Ok(message))) => message,
+            // Among the errors of tungstenite, a client can only mend the size.
+            Ok(Some(Err(error))) => {
+                return Err(End(Some((close_code::SIZE, error.to_string().into()))));
+            }
+            Err(_) if self.heard.elapsed() > STREAM_SILENCE => {
+                let reason = "nothing was heard for too long";
+                return Err(End(Some((close_code::POLICY, reason.into()))));
+            }
+            Err(_) => return self.ping().await,
+        };
+        self.heard = Instant::now();
+        if matches!(message, Message::Text(_) | Message::Binary(_)) {
+            self.backlog_bytes += length(&message);
+            self.backlog.push_back(message);
+        }
+        Ok(())
+    }
+
+    async fn ping(&mut self) -> Result<(), End> {
+        self.send(Message::Ping(axum::body::Bytes::new())).await
+    }
+
+    /// Fails when the client does not accept the message in time, or is gone.
+    async fn send(&mut self, message: Message) -> Result<(), End> {
+        match timeout(STREAM_WRITE, self.socket.send(message)).await {
+            Ok(Ok(())) => Ok(()),
+            Ok(Err(_)) | Err(_) => Err(End(None)),
+        }
+    }
+}
+
+fn length(message: &Message) -> usize {
+    match message {
+        Message::Text(text) => text.as_str().len(),
+        Message::Binary(bytes) => bytes.len(),
+        Message::Ping(_) | Message::Pong(_) | Message::Close(_) => 0,
+    }
 }
 
 fn text_of(reply: &StreamReply) -> Utf8Bytes {

@@ -1,6 +1,6 @@
 use serde::{Deserialize, Serialize};
 use spec::{EvaluateSpec, SpecError};
-use store::{JobReuse, NewTask, Output};
+use store::{JobReuse, NewTask, Output, PartReuse};
 
 use crate::inputs::Inputs;
 use crate::kind::{Kind, task};
@@ -41,7 +41,7 @@ impl Kind for EvaluateSpec {
 
     /// The result of a cell says in whose run its table is.
     fn reuse(&self) -> JobReuse {
-        JobReuse { whole: true, tasks: true }
+        JobReuse { whole: true, parts: PartReuse::Tasks }
     }
 
     fn check_inputs(&self, inputs: &Inputs) -> Result<(), SpecError> {

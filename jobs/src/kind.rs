@@ -2,12 +2,15 @@
 
 use serde::Serialize;
 use spec::{DataSpec, Doubt, JobSpec, SpecError, TrainSpec};
-use store::{JobReuse, Need, NewTask, Output};
+use store::{JobReuse, Need, NewTask, Output, PartReuse};
 
 use crate::inputs::Inputs;
 
 /// Tasks of one job. Crossing it is a violation of the field that asks for so many.
 pub(crate) const TASKS_PER_JOB: u32 = 10_000;
+
+/// Tasks of all jobs of a pipeline. Inserting them takes the write lock of the database, for which leases wait.
+pub(crate) const TASKS_PER_SUBMISSION: usize = 50_000;
 
 /// Why a training on data may not fit into the machine's memory.
 ///
@@ -36,7 +39,7 @@ pub(crate) trait Kind {
 
     /// How far earlier work of the same digest does for it.
     fn reuse(&self) -> JobReuse {
-        JobReuse { whole: true, tasks: false }
+        JobReuse { whole: true, parts: PartReuse::Nothing }
     }
 
     /// # Errors

@@ -4,6 +4,7 @@ use spec::{JobSpec, PipelineMember, PipelineSpec, SpecError};
 use store::{Need, NewJob, NewMember, NewPipeline};
 
 use crate::SubmissionError;
+use crate::kind::TASKS_PER_SUBMISSION;
 use crate::plan::plan;
 use crate::references::{References, Resolved};
 
@@ -17,11 +18,16 @@ pub(crate) async fn plan_pipeline(
     let mut resolved_pipeline = pipeline.clone();
     let mut jobs: Vec<NewJob> = Vec::with_capacity(order.len());
     let mut members = Vec::with_capacity(order.len());
+    let mut tasks = 0;
     for name in order {
         let member = &pipeline.jobs[name];
         let (spec, job) = plan_member(&references, name, member)
             .await
             .map_err(|error| error.within(&format!("jobs.{name}")))?;
+        tasks += job.tasks.len();
+        if tasks > TASKS_PER_SUBMISSION {
+            return Err(too_many_tasks(name, tasks).into());
+        }
         references.add_sibling(name, jobs.len(), &spec);
         let resolved_member = PipelineMember { needs: member.needs.clone(), spec };
         resolved_pipeline.jobs.insert(name.to_owned(), resolved_member);
@@ -40,6 +46,14 @@ pub(crate) async fn plan_pipeline(
         members,
     };
     Ok((jobs, pipeline))
+}
+
+fn too_many_tasks(name: &str, tasks: usize) -> SpecError {
+    let allowed = format!(
+        "jobs with {TASKS_PER_SUBMISSION} tasks in all (a shard, a cell or a training is one); larger shards, or \
+         several pipelines"
+    );
+    SpecError::one("jobs", format!("{tasks} tasks up to jobs.{name}"), allowed)
 }
 
 async fn plan_member(

@@ -1,6 +1,6 @@
 use serde::{Deserialize, Serialize};
 use spec::{SimulateSpec, SpecError};
-use store::{NewTask, Output};
+use store::{JobReuse, NewTask, Output, PartReuse};
 
 use crate::inputs::Inputs;
 use crate::kind::Limits;
@@ -32,6 +32,11 @@ impl Kind for SimulateSpec {
             task(0, shard, format!("shard {shard:05}"), &ShardTask { shard }, total)
         };
         Ok((0..shards).map(shard).collect())
+    }
+
+    /// Shards.
+    fn reuse(&self) -> JobReuse {
+        JobReuse { whole: true, parts: PartReuse::Objects }
     }
 
     fn output(&self) -> Output {

@@ -23,13 +23,16 @@ pub async fn submit(
     reuse: Reuse,
     idempotency_key: Option<String>,
 ) -> Result<Submitted, SubmissionError> {
-    serde_json::from_slice::<IgnoredAny>(text).map_err(SubmissionError::Json)?;
-    let spec = spec::parse(text)?;
     let idempotency = idempotency_key.map(|key| Idempotency {
         key,
         request: Digest::of_json(&json!([Digest::of(text), reuse == Reuse::Never])),
     });
-    submit_spec(store, limits, &spec, reuse, idempotency).await
+    if let Some(submitted) = repeated(store, idempotency.as_ref()).await? {
+        return Ok(submitted);
+    }
+    serde_json::from_slice::<IgnoredAny>(text).map_err(SubmissionError::Json)?;
+    let spec = spec::parse(text)?;
+    submit_new(store, limits, &spec, reuse, idempotency).await
 }
 
 /// Submits the spec of a job that failed or was cancelled again. What succeeded is not done again:
@@ -51,7 +54,7 @@ pub async fn retry(
     if let JobSpec::Pipeline(pipeline) = &mut spec {
         pipeline.name_siblings();
     }
-    submit_spec(store, limits, &spec, Reuse::SameDigest, None).await
+    submit_new(store, limits, &spec, Reuse::SameDigest, None).await
 }
 
 /// As [`submit`], for a spec that [`spec::parse`] has read.
@@ -59,6 +62,31 @@ pub async fn retry(
 /// # Errors
 /// When it cannot be accepted; nothing is queued then.
 pub async fn submit_spec(
+    store: &Store,
+    limits: &Limits,
+    spec: &JobSpec,
+    reuse: Reuse,
+    idempotency: Option<Idempotency>,
+) -> Result<Submitted, SubmissionError> {
+    match repeated(store, idempotency.as_ref()).await? {
+        Some(submitted) => Ok(submitted),
+        None => submit_new(store, limits, spec, reuse, idempotency).await,
+    }
+}
+
+/// The outcome of the same request before. It is looked up before anything of the request is looked at, since limits,
+/// and what a spec refers to, may have changed.
+async fn repeated(
+    store: &Store,
+    idempotency: Option<&Idempotency>,
+) -> Result<Option<Submitted>, SubmissionError> {
+    match idempotency {
+        Some(asked) => Ok(store.repeated(asked).await?),
+        None => Ok(None),
+    }
+}
+
+async fn submit_new(
     store: &Store,
     limits: &Limits,
     spec: &JobSpec,

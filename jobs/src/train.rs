@@ -1,6 +1,6 @@
 use serde_json::json;
 use spec::{DataSpec, Doubt, SpecError, TrainSpec};
-use store::{DatasetState, NewTask, Output};
+use store::{DatasetState, JobReuse, NewTask, Output, PartReuse};
 
 use crate::inputs::Inputs;
 use crate::kind::{Kind, MemoryDoubts, task};
@@ -12,6 +12,11 @@ impl Kind for TrainSpec {
 
     fn tasks(&self, _inputs: &Inputs) -> Result<Vec<NewTask>, SpecError> {
         Ok(vec![task(0, 0, "train", &json!({}), self.steps)])
+    }
+
+    /// Checkpoints, with the metrics up to them.
+    fn reuse(&self) -> JobReuse {
+        JobReuse { whole: true, parts: PartReuse::Objects }
     }
 
     fn output(&self) -> Output {

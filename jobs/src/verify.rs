@@ -1,6 +1,6 @@
 use serde::{Deserialize, Serialize};
 use spec::{SpecError, VerifySpec};
-use store::{JobReuse, Need, NewTask, Output};
+use store::{JobReuse, Need, NewTask, Output, PartReuse};
 
 use crate::inputs::Inputs;
 use crate::kind::{Kind, task};
@@ -39,7 +39,7 @@ impl Kind for VerifySpec {
 
     /// It says what was the case when it ran.
     fn reuse(&self) -> JobReuse {
-        JobReuse { whole: false, tasks: false }
+        JobReuse { whole: false, parts: PartReuse::Nothing }
     }
 
     /// A dataset that is named by its id is looked at, and not another with the same digest.

@@ -1,49 +1,76 @@
-//! Warnings about a spec that was accepted.
+//! Warnings about specs that were accepted.
+
+use std::collections::{BTreeSet, HashMap};
 
 use serde_json::Value;
-use spec::{DataSource, DataSpec, JobSpec, Referred};
-use store::{JobState, Store, StoreError};
+use spec::{DataSource, DataSpec, Digest, JobSpec, Referred};
+use store::{Store, StoreError};
 
 use crate::kind::{MemoryDoubts, kind};
 
-/// Sentences about the values of a stored spec, those of a pipeline's jobs and of streams included, and
-/// about memory, if something is brought that doubts it. None about a spec of another version.
+/// Sentences about the values of each of some stored specs, those of a pipeline's jobs and of streams included, and
+/// about memory, if something is brought that doubts it. None about a spec of another version. The store is asked once
+/// for all of them.
 ///
 /// # Errors
-/// When the store cannot say what data a job reads.
+/// When the store cannot say what data the jobs read.
 pub async fn warnings(
     store: &Store,
-    spec: &Value,
+    specs: &[&Value],
     memory: Option<&MemoryDoubts>,
-) -> Result<Vec<String>, StoreError> {
-    let Ok(spec) = serde_json::from_value::<JobSpec>(spec.clone()) else {
-        return Ok(Vec::new());
+) -> Result<Vec<Vec<String>>, StoreError> {
+    let specs: Vec<Option<JobSpec>> =
+        specs.iter().map(|spec| serde_json::from_value((*spec).clone()).ok()).collect();
+    let data = match memory {
+        Some(_) => data_of(store, specs.iter().flatten()).await?,
+        None => HashMap::new(),
     };
-    let mut warnings: Vec<String> = spec.doubts().iter().map(ToString::to_string).collect();
-    let Some(memory) = memory else { return Ok(warnings) };
-    for (path, job) in spec.single_jobs() {
-        let Some(data) = data(store, job).await? else { continue };
-        if let Some(doubt) = kind(job).and_then(|kind| kind.memory_doubt(&data, memory)) {
-            let doubt = if path.is_empty() { doubt } else { doubt.within(&path) };
-            warnings.push(doubt.to_string());
+    let warnings = |spec: &JobSpec| {
+        let mut warnings: Vec<String> = spec.doubts().iter().map(ToString::to_string).collect();
+        let Some(memory) = memory else { return warnings };
+        for (path, job) in spec.single_jobs() {
+            let data = match source(job) {
+                Some(DataSource::Stream(spec)) => Some(DataSpec::Simulation(*spec)),
+                Some(DataSource::Digest(digest)) => data.get(&digest).cloned(),
+                Some(DataSource::Job(_) | DataSource::Dataset(_)) | None => None,
+            };
+            let Some(data) = data else { continue };
+            if let Some(doubt) = kind(job).and_then(|kind| kind.memory_doubt(&data, memory)) {
+                let doubt = if path.is_empty() { doubt } else { doubt.within(&path) };
+                warnings.push(doubt.to_string());
+            }
         }
-    }
-    Ok(warnings)
+        warnings
+    };
+    Ok(specs.iter().map(|spec| spec.as_ref().map(warnings).unwrap_or_default()).collect())
 }
 
-/// The data that `job` reads; `None` when it is not known.
-async fn data(store: &Store, job: &JobSpec) -> Result<Option<DataSpec>, StoreError> {
+/// The stored data that jobs read, where it is known, by digest.
+async fn data_of<'a>(
+    store: &Store,
+    specs: impl Iterator<Item = &'a JobSpec>,
+) -> Result<HashMap<Digest, DataSpec>, StoreError> {
+    let mut digests = BTreeSet::new();
+    for spec in specs {
+        for (_, job) in spec.single_jobs() {
+            if let Some(DataSource::Digest(digest)) = source(job) {
+                digests.insert(digest);
+            }
+        }
+    }
+    let digests: Vec<Digest> = digests.into_iter().collect();
+    let known = |(digest, spec): (Digest, Value)| {
+        let spec: JobSpec = serde_json::from_value(spec).ok()?;
+        Some((digest, DataSpec::of(&spec)?))
+    };
+    Ok(store.newest_specs(&digests).await?.into_iter().filter_map(known).collect())
+}
+
+/// The trajectories that `job` reads.
+fn source(job: &JobSpec) -> Option<DataSource> {
     let mut job = job.clone();
-    let source = job.references().into_iter().find_map(|reference| match reference.to {
+    job.references().into_iter().find_map(|reference| match reference.to {
         Referred::Data(source) => Some(source.clone()),
         Referred::Checkpoint(_) | Referred::File(_) => None,
-    });
-    let digest = match source {
-        Some(DataSource::Stream(spec)) => return Ok(Some(DataSpec::Simulation(*spec))),
-        Some(DataSource::Digest(digest)) => digest,
-        Some(DataSource::Job(_) | DataSource::Dataset(_)) | None => return Ok(None),
-    };
-    let job = store.job_by_digest(digest, &JobState::ALL).await?;
-    let spec = job.and_then(|job| serde_json::from_value::<JobSpec>(job.spec).ok());
-    Ok(spec.and_then(|spec| DataSpec::of(&spec)))
+    })
 }

@@ -8,10 +8,15 @@ use std::time::Duration;
 
 use reqwest::{Method, RequestBuilder, Response, StatusCode, Url};
 use serde::de::DeserializeOwned;
-use wire::{Checkpoint, ControlReport, Dataset, Evaluation, Job, Jobs, Presets, Tasks};
+use wire::{
+    Checkpoint, ControlReport, Dataset, Evaluation, Job, Jobs, Presets, Task, Tasks, Workers,
+};
 
 pub use error::ClientError;
 pub use failure::failure;
+
+/// Items of a list that the server sends at once, at most.
+const LONGEST_PAGE: u32 = 500;
 
 /// A server's API at one address.
 #[derive(Clone, Debug)]
@@ -71,8 +76,16 @@ impl Client {
         self.get(&format!("/v1/jobs/{id}")).await
     }
 
-    pub async fn tasks(&self, job: i64) -> Result<Tasks, ClientError> {
-        self.get(&format!("/v1/jobs/{job}/tasks")).await
+    /// All tasks of a job, page by page, in the order in which they run.
+    pub async fn tasks(&self, job: i64) -> Result<Vec<Task>, ClientError> {
+        let path = format!("/v1/jobs/{job}/tasks?limit={LONGEST_PAGE}");
+        let mut page: Tasks = self.get(&path).await?;
+        let mut tasks = page.tasks;
+        while let Some(last) = page.next {
+            page = self.get(&format!("{path}&after={last}")).await?;
+            tasks.append(&mut page.tasks);
+        }
+        Ok(tasks)
     }
 
     /// The answer as the server wrote it.
@@ -81,6 +94,10 @@ impl Client {
     }
 
     pub async fn jobs(&self, path: &str) -> Result<Jobs, ClientError> {
+        self.get(path).await
+    }
+
+    pub async fn workers(&self, path: &str) -> Result<Workers, ClientError> {
         self.get(path).await
     }
 

@@ -3,6 +3,8 @@ use std::process::ExitCode;
 use clap::Args;
 use recordings::DecoderProgram;
 
+use crate::process::own_program;
+
 /// As it is typed.
 const NAME: &str = "decode-recording";
 
@@ -14,7 +16,7 @@ pub struct Arguments {
 
 /// This program, as the child that a worker has decode a stranger's file.
 pub fn program() -> std::io::Result<DecoderProgram> {
-    let program = std::env::current_exe()?;
+    let program = own_program()?;
     Ok(DecoderProgram { program, arguments: vec![NAME.to_owned()] })
 }
 

@@ -1,5 +1,4 @@
 use std::process::ExitCode;
-use std::time::{Duration, SystemTime};
 
 use clap::Args;
 use clap::builder::PossibleValuesParser;
@@ -87,8 +86,10 @@ fn row(job: Job) -> Vec<String> {
     } else {
         String::new()
     };
-    let age = since(&job.created_at, None).map(|age| format!("{} ago", measure::duration(age)));
-    let took = job.started_at.as_deref().and_then(|from| since(from, job.finished_at.as_deref()));
+    let age =
+        measure::since(&job.created_at, None).map(|age| format!("{} ago", measure::duration(age)));
+    let took =
+        job.started_at.as_deref().and_then(|from| measure::since(from, job.finished_at.as_deref()));
     vec![
         job.id.to_string(),
         job.kind.to_string(),
@@ -98,14 +99,6 @@ fn row(job: Job) -> Vec<String> {
         age.unwrap_or_default(),
         took.map(measure::duration).unwrap_or_default(),
     ]
-}
-
-/// Time from one RFC 3339 instant to another, or to now.
-fn since(from: &str, to: Option<&str>) -> Option<Duration> {
-    let from = humantime::parse_rfc3339_weak(from).ok()?;
-    let to =
-        to.map_or_else(|| Some(SystemTime::now()), |to| humantime::parse_rfc3339_weak(to).ok())?;
-    Some(to.duration_since(from).unwrap_or_default())
 }
 
 #[cfg(test)]

@@ -16,6 +16,7 @@ pub mod submit;
 pub mod verify;
 pub mod watch;
 pub mod worker;
+pub mod workers;
 
 use std::process::ExitCode;
 
@@ -33,6 +34,7 @@ pub async fn run(command: Command, log: &str) -> anyhow::Result<ExitCode> {
         Command::Verify(arguments) => verify::run(arguments).await,
         Command::Submit(arguments) => submit::run(arguments).await,
         Command::Import(arguments) => import::run(arguments).await,
+        Command::Workers(arguments) => workers::run(arguments).await,
         Command::Jobs(arguments) => jobs::run(arguments).await,
         Command::Watch(arguments) => watch::run(arguments).await,
         Command::Cancel(arguments) => cancel::run(arguments).await,

@@ -39,7 +39,7 @@ pub async fn to_the_end(client: &Client, id: i64) -> anyhow::Result<ExitCode> {
                 reports::print_closed_loop(&job.name, &client.control_report(run).await?);
             }
             _ if job.dataset.is_none() && job.checkpoints.is_empty() => {
-                if let Some(findings) = client.tasks(job.id).await?.findings() {
+                if let Some(findings) = wire::findings(&client.tasks(job.id).await?) {
                     println!("{}: {findings}", job.name);
                 }
             }

@@ -8,11 +8,10 @@ use clap::Args;
 use tokio_util::sync::CancellationToken;
 use worker::WorkerOptions;
 
-use crate::allocator;
 use crate::arguments::DeviceArguments;
 use crate::commands::decode_recording;
-use crate::device;
 use crate::server::Interrupts;
+use crate::{allocator, device, process};
 
 #[derive(Debug, Args)]
 pub struct Arguments {
@@ -45,15 +44,19 @@ const STOP_WITHIN: Duration = Duration::from_secs(30);
 
 pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     allocator::keep_freed_memory();
+    process::open_many_files();
+    process::go_first_when_memory_is_short();
     let shutdown = CancellationToken::new();
     if arguments.stop_with_stdin {
         watch_stdin(shutdown.clone());
     }
     tokio::spawn(watch_signals(Interrupts::new()?, shutdown.clone()));
     device::require(arguments.device.device).await?;
+    let host = host();
     let options = WorkerOptions {
         data_dir: arguments.data,
-        name: arguments.name.unwrap_or_else(machine_and_process),
+        name: arguments.name.unwrap_or_else(|| format!("{host}-{}", std::process::id())),
+        host,
         threads: arguments.threads.map(NonZero::get),
         lease: Duration::from_secs(arguments.lease_seconds),
         device: arguments.device.device,
@@ -83,12 +86,11 @@ fn watch_stdin(shutdown: CancellationToken) {
     });
 }
 
-/// For example `lab-3-4711`.
-fn machine_and_process() -> String {
-    let machine = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
-    let machine = match machine.trim() {
-        "" => "worker",
-        name => name,
-    };
-    format!("{machine}-{}", std::process::id())
+/// The machine's name, where the system tells.
+fn host() -> String {
+    let name = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
+    match name.trim() {
+        "" => "unknown".to_owned(),
+        name => name.to_owned(),
+    }
 }

@@ -1,6 +1,6 @@
 //! Numbers and times as people read them.
 
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 
 /// A whole number with thin groups of three: `16 384`.
 pub fn count(number: u64) -> String {
@@ -37,6 +37,14 @@ pub fn duration(time: Duration) -> String {
         60..3600 => format!("{}m {:02}s", seconds / 60, seconds % 60),
         _ => format!("{}h {:02}m", seconds / 3600, seconds % 3600 / 60),
     }
+}
+
+/// Time from one RFC 3339 instant to another, or to now.
+pub fn since(from: &str, to: Option<&str>) -> Option<Duration> {
+    let from = humantime::parse_rfc3339_weak(from).ok()?;
+    let to =
+        to.map_or_else(|| Some(SystemTime::now()), |to| humantime::parse_rfc3339_weak(to).ok())?;
+    Some(to.duration_since(from).unwrap_or_default())
 }
 
 #[cfg(test)]

@@ -1,8 +1,8 @@
 //! What a server does beside answering: leases of dead workers, files nobody owns.
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
-use store::{Reaped, Store};
+use store::{Reaped, Reaper, Store};
 use tokio_util::sync::CancellationToken;
 
 /// How often leases are looked at: how much later than its lease a death is noticed.
@@ -16,8 +16,12 @@ const ORPHANED_AFTER: Duration = Duration::from_secs(8 * 60 * 60);
 
 /// Gives the tasks of workers that died to others.
 pub async fn reap(store: Store, stop: CancellationToken) {
+    let mut reaper = Reaper::new(store, REAP_EVERY);
+    let mut looked = Instant::now();
     while stop.run_until_cancelled(tokio::time::sleep(REAP_EVERY)).await.is_some() {
-        match store.reap().await {
+        let since = looked.elapsed();
+        looked += since;
+        match reaper.look(since).await {
             Ok(Reaped { queued: 0, failed: 0, cancelled: 0 }) => {}
             Ok(Reaped { queued, failed, cancelled }) => {
                 tracing::warn!(

@@ -23,7 +23,7 @@ use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
 use crate::arguments::DeviceArguments;
-use crate::{allocator, device};
+use crate::{allocator, device, process};
 pub use interrupt::Interrupts;
 use worker_processes::WorkerProcesses;
 
@@ -96,6 +96,7 @@ impl Server {
     pub async fn start(options: &Options, log: &str) -> anyhow::Result<Self> {
         listen::refuse_unguarded(options.listen, options.token.as_deref())?;
         allocator::keep_freed_memory();
+        process::open_many_files();
         device::require(options.device.device).await?;
         let store = Store::open(&options.data, Access::Server).await?;
         let listener = listen::bind(options.listen).await?;
@@ -128,6 +129,7 @@ impl Server {
         workers.spawn(housekeeping::reap(store.clone(), stop_workers.clone()));
         workers.spawn(housekeeping::sweep(store.clone(), stop_workers.clone()));
         WorkerProcesses {
+            store: store.clone(),
             data: options.data.clone(),
             count: usize::from(options.workers),
             threads: worker_threads(options),

@@ -5,14 +5,18 @@ use std::path::PathBuf;
 use std::process::Stdio;
 use std::time::{Duration, Instant};
 
+use store::{Store, WorkerEnd};
 use tokio::process::{Child, Command};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 use worker::DeviceKind;
 
+use crate::process::own_program;
+
 /// How a server runs its workers.
 #[derive(Clone, Debug)]
 pub struct WorkerProcesses {
+    pub store: Store,
     pub data: PathBuf,
     pub count: usize,
     pub threads: usize,
@@ -55,7 +59,9 @@ impl WorkerProcesses {
             match self.start(index) {
                 Ok(child) => {
                     tracing::info!(worker = index, pid = child.id(), "worker started");
-                    if !run_to_end(index, child, &shutdown, &kill).await {
+                    let end = run_to_end(index, child, &shutdown, &kill).await;
+                    self.take_back(index, &end).await;
+                    if !matches!(end, End::Died(_)) {
                         return;
                     }
                 }
@@ -71,12 +77,30 @@ impl WorkerProcesses {
         }
     }
 
+    /// Gives the task of a worker that has ended to another, without waiting for its lease to run out.
+    async fn take_back(&self, index: usize, end: &End) {
+        let name = name(index);
+        let taken = match end {
+            End::Died(how) => {
+                let how = format!("died: {how}");
+                self.store.take_back(&name, WorkerEnd::Died(&how)).await
+            }
+            // It may have been killed before it could put its task down, for which the task is not to blame.
+            End::Stopped | End::Killed => self.store.take_back(&name, WorkerEnd::Stopped).await,
+        };
+        if let Err(error) = taken {
+            let error = anyhow::Error::new(error);
+            tracing::error!(worker = index, "cannot take back its task: {error:#}");
+        }
+    }
+
     fn start(&self, index: usize) -> std::io::Result<Child> {
-        Command::new(std::env::current_exe()?)
+        Command::new(own_program()?)
+            .arg0("torqued")
             .arg("worker")
             .arg("--data")
             .arg(&self.data)
-            .args(["--name", &format!("worker-{index}")])
+            .args(["--name", &name(index)])
             .args(["--threads", &self.threads.to_string()])
             .args(["--device", self.device.name()])
             .args(["--lease-seconds", &self.lease_seconds.to_string()])
@@ -96,22 +120,28 @@ impl WorkerProcesses {
     }
 }
 
-/// Waits for a worker; asks it to stop on `shutdown`. Returns whether another shall follow it.
+/// How a worker process came to its end.
+enum End {
+    /// By itself, and how.
+    Died(String),
+    Stopped,
+    Killed,
+}
+
+/// Waits for a worker; asks it to stop on `shutdown`.
 async fn run_to_end(
     index: usize,
     mut child: Child,
     shutdown: &CancellationToken,
     kill: &CancellationToken,
-) -> bool {
+) -> End {
     // Taken out, because waiting for a child closes its standard input.
     let stdin = child.stdin.take();
     tokio::select! {
         status = child.wait() => {
-            match status {
-                Ok(status) => tracing::warn!(worker = index, %status, "worker died, starting another"),
-                Err(error) => tracing::warn!(worker = index, %error, "worker lost, starting another"),
-            }
-            return true;
+            let how = status.map_or_else(|error| error.to_string(), |status| status.to_string());
+            tracing::warn!(worker = index, how, "worker died, starting another");
+            return End::Died(how);
         }
         () = shutdown.cancelled() => {}
     }
@@ -122,11 +152,16 @@ async fn run_to_end(
     };
     if ended {
         tracing::info!(worker = index, "worker stopped");
-    } else {
-        tracing::warn!(worker = index, "worker killed; its lease will run out");
-        if let Err(error) = child.kill().await {
-            tracing::error!(worker = index, %error, "cannot kill the worker");
-        }
+        return End::Stopped;
     }
-    false
+    tracing::warn!(worker = index, "worker killed");
+    if let Err(error) = child.kill().await {
+        tracing::error!(worker = index, %error, "cannot kill the worker");
+    }
+    End::Killed
+}
+
+/// As it is shown beside tasks.
+fn name(index: usize) -> String {
+    format!("worker-{index}")
 }

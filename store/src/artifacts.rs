@@ -96,12 +96,24 @@ impl Store {
         Ok(())
     }
 
-    /// By name.
+    /// Those of all `runs`, by run and name.
     ///
     /// # Errors
     /// When the database fails.
-    pub async fn artifacts(&self, run: RunId) -> Result<Vec<Artifact>, StoreError> {
-        sql!(self.database(), "reading a run's artifacts", artifacts(run))
+    pub async fn artifacts(&self, runs: &[RunId]) -> Result<Vec<Artifact>, StoreError> {
+        sql!(self.database(), "reading the artifacts of runs", artifacts(runs))
+    }
+
+    /// The artifact of this name of each of `runs` that has one.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn artifacts_named(
+        &self,
+        runs: &[RunId],
+        name: &str,
+    ) -> Result<Vec<Artifact>, StoreError> {
+        sql!(self.database(), "reading the artifacts of runs", artifacts_named(runs, name))
     }
 
     /// # Errors

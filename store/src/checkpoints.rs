@@ -66,7 +66,8 @@ pub enum WhichCheckpoint {
 }
 
 impl Store {
-    /// Commits a checkpoint of the fence's job; one of the same step is replaced and keeps its id.
+    /// Commits a checkpoint of the fence's job; one of the same step is replaced and keeps its id. With one of a later
+    /// step than all others the task got on, and attempts before this one do not count any more.
     ///
     /// # Errors
     /// [`StoreError::LeaseLost`] when the lease is lost; nothing is visible then.
@@ -79,8 +80,11 @@ impl Store {
             self.objects().verify_published(&file.object).await?;
         }
         let mut tx = self.begin("committing a checkpoint").await?;
-        let (job, _) = leases::held(&mut tx, fence).await?;
+        let (job, standing) = leases::held(&mut tx, fence).await?;
         let run = leases::held_run(&mut tx, fence).await?;
+        if sql!(&mut tx, last_step(job))?.is_none_or(|last| last < new.step) {
+            sql!(&mut tx, set_attempt(fence.task, standing.got_on().attempt))?;
+        }
         let id = sql!(&mut tx, upsert_checkpoint(job, run, new))?;
         let mut replaced = sql!(&mut tx, delete_checkpoint_files(id))?;
         for file in &new.files {
@@ -110,6 +114,24 @@ impl Store {
         Ok(())
     }
 
+    /// Deletes a checkpoint of the fence's job whose bytes nobody can use.
+    ///
+    /// # Errors
+    /// [`StoreError::LeaseLost`] when the lease is lost; nothing is changed then.
+    pub async fn discard_checkpoint(
+        &self,
+        fence: Fence,
+        id: CheckpointId,
+    ) -> Result<(), StoreError> {
+        let mut tx = self.begin("discarding a checkpoint").await?;
+        leases::held(&mut tx, fence).await?;
+        let paths = sql!(&mut tx, delete_checkpoint_files(id))?;
+        sql!(&mut tx, delete_checkpoint(id))?;
+        tx.commit().await?;
+        self.objects().delete(paths).await;
+        Ok(())
+    }
+
     /// # Errors
     /// When there is no such checkpoint.
     pub async fn checkpoint(&self, id: CheckpointId) -> Result<Checkpoint, StoreError> {
@@ -131,6 +153,17 @@ impl Store {
     /// When the database fails.
     pub async fn checkpoints_of_job(&self, job: JobId) -> Result<Vec<Checkpoint>, StoreError> {
         sql!(self.database(), READING, checkpoints_of_job(job))
+    }
+
+    /// Each of the trainings `jobs` beside every checkpoint that it has, by step.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn checkpoint_ids(
+        &self,
+        jobs: &[JobId],
+    ) -> Result<Vec<(JobId, CheckpointId)>, StoreError> {
+        sql!(self.database(), READING, checkpoint_ids(jobs))
     }
 
     /// What a training resumes from.

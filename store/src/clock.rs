@@ -1,4 +1,4 @@
-//! The database's clock, the only one: processes and machines need not agree on theirs.
+//! Moments by the database's clock: processes and machines need not agree on theirs.
 
 use std::fmt;
 

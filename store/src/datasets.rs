@@ -198,6 +198,25 @@ impl Store {
         sql!(self.database(), "reading datasets", datasets(state, page))
     }
 
+    /// Those of the datasets with these ids that there are, by id.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn datasets_by_id(&self, ids: &[DatasetId]) -> Result<Vec<Dataset>, StoreError> {
+        sql!(self.database(), "reading datasets", datasets_by_id(ids))
+    }
+
+    /// Each of `jobs` that fills a dataset, beside it.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn datasets_of_jobs(
+        &self,
+        jobs: &[JobId],
+    ) -> Result<Vec<(JobId, DatasetId)>, StoreError> {
+        sql!(self.database(), "looking up the datasets of jobs", datasets_of_jobs(jobs))
+    }
+
     /// The newest complete dataset of a digest.
     ///
     /// # Errors

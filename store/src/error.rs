@@ -3,11 +3,12 @@
 use std::error::Error;
 use std::io;
 use std::path::PathBuf;
+use std::time::Duration;
 
 use thiserror::Error;
 use wire::JobState;
 
-use crate::{Epoch, JobId, TaskId};
+use crate::{Epoch, Fingerprint, JobId, TaskId};
 
 #[derive(Debug, Error)]
 #[non_exhaustive]
@@ -36,6 +37,15 @@ pub enum StoreError {
     #[error("the database in {} is damaged: {detail}; nothing was changed", dir.display())]
     Damaged { dir: PathBuf, detail: String },
 
+    #[error(
+        "the database was deleted or replaced since it was opened, and nothing that is done from now on would last; \
+         put it back, and start the server and its workers again"
+    )]
+    DatabaseGone,
+
+    #[error("the database took no write for {} s: another process holds it, or the disk hangs", waited.as_secs())]
+    DatabaseBusy { waited: Duration },
+
     #[error("disk full while {operation}")]
     DiskFull { operation: String },
 
@@ -50,6 +60,10 @@ pub enum StoreError {
 
     #[error("object {path} failed while {operation}")]
     ObjectFile { operation: &'static str, path: String, source: io::Error },
+
+    /// An object has other bytes than were published.
+    #[error("object {path} is damaged: expected {expected}, found {found}")]
+    DamagedObject { path: String, expected: Fingerprint, found: Fingerprint },
 
     #[error("Parquet file {path} failed while {operation}")]
     Parquet { operation: &'static str, path: String, source: parquet::errors::ParquetError },
@@ -82,6 +96,21 @@ impl StoreError {
             Self::ObjectFile { source, .. } => source.kind() == io::ErrorKind::NotFound,
             Self::Object { source, .. } => matches!(source, object_store::Error::NotFound { .. }),
             _ => false,
+        }
+    }
+
+    /// Whether the object that the error is about is gone or damaged, so that trying again does not help.
+    pub fn is_unusable_object(&self) -> bool {
+        self.is_missing_file() || matches!(self, Self::DamagedObject { .. })
+    }
+
+    /// The path of the object that the error is about.
+    pub fn object_path(&self) -> Option<&str> {
+        match self {
+            Self::Object { path, .. }
+            | Self::ObjectFile { path, .. }
+            | Self::DamagedObject { path, .. } => Some(path),
+            _ => None,
         }
     }
 

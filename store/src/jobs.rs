@@ -131,12 +131,39 @@ impl Store {
         sql!(self.database(), READING, newest_reader(dataset, kind))
     }
 
-    /// The jobs that must succeed before `job` can start.
+    /// Those of the jobs with these ids that there are, by id.
     ///
     /// # Errors
     /// When the database fails.
-    pub async fn needs(&self, job: JobId) -> Result<Vec<JobId>, StoreError> {
-        sql!(self.database(), "reading a job's needs", needs(job))
+    pub async fn jobs_by_id(&self, ids: &[JobId]) -> Result<Vec<Job>, StoreError> {
+        sql!(self.database(), READING, jobs_by_id(ids))
+    }
+
+    /// The specs of the jobs with these ids.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn specs(&self, ids: &[JobId]) -> Result<Vec<(JobId, Value)>, StoreError> {
+        sql!(self.database(), READING, specs(ids))
+    }
+
+    /// The spec of the newest job of each digest, whatever became of it.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn newest_specs(
+        &self,
+        digests: &[Digest],
+    ) -> Result<Vec<(Digest, Value)>, StoreError> {
+        sql!(self.database(), READING, newest_specs(digests))
+    }
+
+    /// Each of `jobs` beside every job that must succeed before it can start, in the order of both ids.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn needs(&self, jobs: &[JobId]) -> Result<Vec<(JobId, JobId)>, StoreError> {
+        sql!(self.database(), "reading the needs of jobs", needs(jobs))
     }
 }
 

@@ -7,11 +7,10 @@ use std::time::Duration;
 
 use serde_json::Value;
 use spec::Digest;
-use wire::TaskState;
 
 use crate::database::{Transaction, sql};
-use crate::rules::task::{Ending, TaskStanding};
-use crate::{Epoch, JobId, Retry, RunId, Store, StoreError, TaskId, pipelines, task_end};
+use crate::rules::task::TaskStanding;
+use crate::{Epoch, JobId, RunId, Store, StoreError, TaskId, pipelines};
 
 /// A task and the epoch at which it was claimed: what gives a write its right.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -37,7 +36,7 @@ pub struct ClaimedTask {
     pub label: String,
     pub payload: Value,
     pub total: u64,
-    /// 1 at the first claim.
+    /// 1 at the first claim, and at the first after a checkpoint of a later step.
     pub attempt: u32,
     pub max_attempts: u32,
 }
@@ -58,14 +57,6 @@ pub enum Lease {
     },
     /// Somebody else may have the task: stop.
     Lost,
-}
-
-/// What became of the tasks whose leases had run out.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Reaped {
-    pub queued: u32,
-    pub failed: u32,
-    pub cancelled: u32,
 }
 
 impl Store {
@@ -114,30 +105,6 @@ impl Store {
         sql!(&mut tx, renew(fence.task, ttl, progress))?;
         tx.commit().await?;
         Ok(Lease::Held { cancel_requested: standing.cancel_requested })
-    }
-
-    /// Takes back the tasks of workers that stopped renewing.
-    ///
-    /// # Errors
-    /// When the database fails.
-    pub async fn reap(&self) -> Result<Reaped, StoreError> {
-        const OPERATION: &str = "reaping expired leases";
-        let mut reaped = Reaped::default();
-        if !sql!(self.database(), OPERATION, is_any_expired())? {
-            return Ok(reaped);
-        }
-        let mut tx = self.begin(OPERATION).await?;
-        for (fence, worker) in sql!(&mut tx, expired())? {
-            let error = format!("worker {worker} stopped answering");
-            let ending = Ending::Failed(Retry::Allowed);
-            match task_end::give_back(&mut tx, fence, ending, Some(&error)).await? {
-                TaskState::Failed => reaped.failed += 1,
-                TaskState::Cancelled => reaped.cancelled += 1,
-                _ => reaped.queued += 1,
-            }
-        }
-        tx.commit().await?;
-        Ok(reaped)
     }
 }
 

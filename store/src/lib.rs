@@ -8,7 +8,7 @@
 //!   and swept later.
 //! - *Every write of a worker carries a [`Fence`]* and fails with [`StoreError::LeaseLost`] when
 //!   the task was meanwhile given to somebody else.
-//! - *The database's clock is the only clock.*
+//! - *Moments are those of the database's clock*, and nothing ends because that clock jumps.
 //! - Counts are `u64` here and 64-bit integers in SQL.
 
 mod artifacts;
@@ -21,6 +21,8 @@ mod database;
 mod datasets;
 mod description;
 mod error;
+mod health;
+mod idempotency;
 mod identifiers;
 mod jobs;
 mod leases;
@@ -30,6 +32,7 @@ mod orphans;
 mod parquet_layout;
 mod pipelines;
 mod propagation;
+mod reaper;
 mod rules;
 mod runs;
 mod shard_summary;
@@ -38,10 +41,12 @@ mod store;
 mod submission;
 mod table_reader;
 mod table_writer;
+mod takeover;
 mod task_end;
 mod tasks;
 mod trajectories;
 mod uploads;
+mod workers;
 
 pub use artifacts::{Artifact, NewArtifact};
 pub use checkpoints::{Checkpoint, CheckpointFile, NewCheckpoint, WhichCheckpoint};
@@ -50,24 +55,31 @@ pub use data_dir::Access;
 pub use datasets::{Dataset, FileContent, Shard, ShardContents};
 pub use description::{DatasetDescription, FileDescription, ShardDescription, TableColumns};
 pub use error::StoreError;
+pub use health::DiskSpace;
+pub use idempotency::Idempotency;
 pub use identifiers::{CheckpointId, DatasetId, Epoch, JobId, RunId, TaskId};
 pub use jobs::{Job, JobFilter, JobProgress, Page};
-pub use leases::{ClaimedTask, Fence, Lease, Progress, Reaped};
+pub use leases::{ClaimedTask, Fence, Lease, Progress};
 pub use metrics::{Metric, Series, SeriesPoint};
-pub use objects::{ObjectBytes, ObjectWriter, StoredObject, measure_file, path as object_path};
+pub use objects::{
+    Fingerprint, ObjectBytes, ObjectWriter, StoredObject, measure_file, path as object_path,
+};
 pub use parquet_layout::{STEP, TRAJECTORY, table_schema, trajectories_per_row_group};
 pub use pipelines::Member;
+pub use reaper::{Reaped, Reaper, WorkerEnd};
 pub use rules::Retry;
 pub use runs::Run;
 pub use shard_summary::{ChannelSummary, ShardSummary, Spectrum};
 pub use store::Store;
 pub use submission::{
-    Idempotency, JobReuse, Need, NewJob, NewMember, NewPipeline, NewTask, Output, Reuse,
-    Submission, Submitted,
+    JobReuse, Need, NewJob, NewMember, NewPipeline, NewTask, Output, PartReuse, Reuse, Submission,
+    Submitted,
 };
 pub use table_reader::TableReader;
 pub use table_writer::{EncodedRows, TableEncoder, TableFile, TableWriter};
-pub use tasks::Task;
+pub use takeover::EarlierShard;
+pub use tasks::{ResultTally, Task, TaskOverview, TaskPage};
 pub use trajectories::ShardReader;
 pub use uploads::{Upload, UploadWriter};
 pub use wire::{DatasetState, JobState, TaskState};
+pub use workers::{NewWorker, Worker, WorkersTask};

@@ -73,6 +73,18 @@ impl Store {
         sql!(self.database(), "reading the latest metrics", latest_metrics(runs))
     }
 
+    /// The value at the last step of one key of each run that has it.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn latest_values(
+        &self,
+        runs: &[RunId],
+        key: &str,
+    ) -> Result<Vec<(RunId, SeriesPoint)>, StoreError> {
+        sql!(self.database(), "reading the latest metrics", latest_values(runs, key))
+    }
+
     /// A metric in at most `points` points: all of them, or the lowest and the highest of each of
     /// `points / 2` equal ranges of steps, so that no spike is lost.
     ///

@@ -5,12 +5,20 @@ use wire::JobState;
 use crate::database::{Transaction, sql};
 use crate::rules::job::is_unsuccessful;
 use crate::rules::pipeline::{MemberStanding, culprit, settled};
-use crate::{Job, JobId, Store, StoreError};
+use crate::{JobId, JobProgress, Store, StoreError};
 
+/// A job of a pipeline, seen from the pipeline.
 #[derive(Clone, Debug)]
 pub struct Member {
+    pub pipeline: JobId,
     pub name: String,
-    pub job: Job,
+    pub job: JobId,
+    /// Opaque to the store.
+    pub kind: String,
+    pub state: JobState,
+    /// Why it failed or was cancelled.
+    pub error: Option<String>,
+    pub progress: JobProgress,
     /// Whether the job was there before the pipeline was submitted.
     pub reused: bool,
 }
@@ -26,12 +34,12 @@ pub(crate) struct MemberRow {
 }
 
 impl Store {
-    /// In the order of submission, each after those it needs; empty unless `pipeline` is one.
+    /// By pipeline, in the order of submission, each after those it needs; none of what is no pipeline.
     ///
     /// # Errors
     /// When the database fails.
-    pub async fn members(&self, pipeline: JobId) -> Result<Vec<Member>, StoreError> {
-        sql!(self.database(), "reading a pipeline's members", members(pipeline))
+    pub async fn members(&self, pipelines: &[JobId]) -> Result<Vec<Member>, StoreError> {
+        sql!(self.database(), "reading the members of pipelines", members(pipelines))
     }
 }
 

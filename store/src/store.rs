@@ -6,6 +6,7 @@ use object_store::ObjectStore;
 
 use crate::data_dir::DataDir;
 use crate::database::{Database, sql};
+use crate::health::FileIdentity;
 use crate::objects::Objects;
 use crate::{Access, StoreError};
 
@@ -17,7 +18,10 @@ pub struct Store {
 
 #[derive(Debug)]
 struct Inner {
+    dir: DataDir,
     database: Database,
+    /// As it was opened.
+    database_file: FileIdentity,
     objects: Objects,
     /// Held for as long as any clone lives.
     _lock: Option<File>,
@@ -57,8 +61,10 @@ impl Store {
             Access::Worker => None,
         };
         let database = Database::open(&dir, access).await?;
+        let file = FileIdentity::of(&dir.database());
+        let database_file = file.map_err(|reason| dir.unusable(reason))?;
         let objects = objects(&dir)?;
-        Ok(Self { inner: Arc::new(Inner { database, objects, _lock: lock }) })
+        Ok(Self { inner: Arc::new(Inner { dir, database, database_file, objects, _lock: lock }) })
     }
 
     /// Version of the database's schema, as this binary knows it.
@@ -77,6 +83,14 @@ impl Store {
     /// Ends all connections; SQLite then folds its write-ahead log into the database.
     pub async fn close(&self) {
         self.inner.database.close().await;
+    }
+
+    pub(crate) fn dir(&self) -> &DataDir {
+        &self.inner.dir
+    }
+
+    pub(crate) fn database_file(&self) -> FileIdentity {
+        self.inner.database_file
     }
 
     pub(crate) fn database(&self) -> &Database {

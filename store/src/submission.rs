@@ -8,7 +8,7 @@ use crate::database::{Transaction, sql};
 use crate::propagation::{advance, state_of};
 use crate::rules::job::{before_start, is_unsuccessful};
 use crate::rules::reuse::{TaskPlace, stand_in, takes_over};
-use crate::{JobId, Store, StoreError, TaskId, pipelines};
+use crate::{Idempotency, JobId, Store, StoreError, TaskId, idempotency, pipelines};
 
 /// What is asked for at once.
 #[derive(Clone, Debug)]
@@ -61,8 +61,19 @@ pub enum Output {
 pub struct JobReuse {
     /// One that succeeded, or still may, stands in for the new job.
     pub whole: bool,
-    /// The new job takes over the tasks that one completed before it failed or was cancelled.
-    pub tasks: bool,
+    /// What the new job takes over of one that failed or was cancelled.
+    pub parts: PartReuse,
+}
+
+/// The parts of a job that do for another of the same digest.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PartReuse {
+    Nothing,
+    /// Tasks that were completed, with their results, as the new job is submitted.
+    Tasks,
+    /// Shards and checkpoints: workers of the new job copy them in place of making them, see [`Store::earlier_shard`]
+    /// and [`Store::earlier_checkpoints`].
+    Objects,
 }
 
 /// A job that must succeed first.
@@ -112,14 +123,6 @@ pub enum Reuse {
     Never,
 }
 
-/// Makes a repeated request return what the first one did.
-#[derive(Clone, Debug)]
-pub struct Idempotency {
-    pub key: String,
-    /// Digest of the request, to refuse the same key with another request.
-    pub request: Digest,
-}
-
 /// What became of a submission.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Submitted {
@@ -140,6 +143,8 @@ pub(crate) struct JobRow<'a> {
     pub max_attempts: u32,
     /// Whether it is made for a pipeline.
     pub is_part: bool,
+    /// Whether its workers take over shards and checkpoints.
+    pub takes_over: bool,
 }
 
 /// A task that succeeded with a result.
@@ -149,9 +154,6 @@ pub(crate) struct CompletedTask {
     /// As it is stored.
     pub payload: String,
 }
-
-/// Idempotency keys are kept for a day.
-const KEEP_KEYS_MILLISECONDS: i64 = 24 * 60 * 60 * 1000;
 
 impl Store {
     /// # Errors
@@ -189,17 +191,10 @@ fn check(submission: &Submission) -> Result<(), StoreError> {
 }
 
 async fn submit(tx: &mut Transaction, submission: &Submission) -> Result<Submitted, StoreError> {
-    if let Some(idempotency) = &submission.idempotency {
-        sql!(tx, forget_requests(KEEP_KEYS_MILLISECONDS))?;
-        match sql!(tx, request(&idempotency.key))? {
-            Some((request, submitted)) if request == idempotency.request.to_string() => {
-                return Ok(submitted);
-            }
-            Some(_) => {
-                return Err(StoreError::IdempotencyConflict { key: idempotency.key.clone() });
-            }
-            None => {}
-        }
+    if let Some(asked) = &submission.idempotency
+        && let Some(submitted) = idempotency::repeated(tx, asked).await?
+    {
+        return Ok(submitted);
     }
     let submitted = match &submission.pipeline {
         Some(pipeline) => submit_pipeline(tx, submission, pipeline).await?,
@@ -240,6 +235,7 @@ async fn submit_pipeline(
         priority: new.priority,
         max_attempts: new.max_attempts,
         is_part: false,
+        takes_over: false,
     };
     let pipeline = sql!(tx, insert_job(&row, JobState::Queued))?;
     for (ordinal, member) in (0u32..).zip(&new.members) {
@@ -285,6 +281,7 @@ async fn submit_job(
         priority: new.priority,
         max_attempts: new.max_attempts,
         is_part,
+        takes_over: may_reuse && new.reuse.parts == PartReuse::Objects,
     };
     let job = sql!(tx, insert_job(&row, state))?;
     for need in needs {
@@ -298,7 +295,7 @@ async fn submit_job(
         Output::Run => sql!(tx, insert_run(job))?,
         Output::Nothing => {}
     }
-    if may_reuse && new.reuse.tasks {
+    if may_reuse && new.reuse.parts == PartReuse::Tasks {
         take_over_tasks(tx, job, new).await?;
     }
     if state == JobState::Queued {

@@ -1,10 +1,12 @@
 //! Tasks, as they are looked up; see `leases` for how they are worked on.
+//!
+//! A job may have 10 000 of them, and the result of each may be large: lists read pages, or leave results out.
 
 use serde_json::Value;
 use wire::TaskState;
 
 use crate::database::sql;
-use crate::{Epoch, JobId, Progress, Store, StoreError, TaskId, Timestamp};
+use crate::{Epoch, JobId, Page, Progress, Store, StoreError, TaskId, Timestamp};
 
 #[derive(Clone, Debug)]
 pub struct Task {
@@ -15,7 +17,7 @@ pub struct Task {
     pub label: String,
     pub payload: Value,
     pub state: TaskState,
-    /// Times it was claimed.
+    /// Times it was claimed since it last got on, see [`Store::commit_checkpoint`].
     pub attempt: u32,
     pub max_attempts: u32,
     pub epoch: Epoch,
@@ -34,18 +36,132 @@ pub struct Task {
     pub finished_at: Option<Timestamp>,
 }
 
+/// A task without its payload and its result, which may be large.
+#[derive(Clone, Debug)]
+pub struct TaskOverview {
+    pub id: TaskId,
+    pub job: JobId,
+    pub label: String,
+    pub state: TaskState,
+    /// As of a [`Task`].
+    pub attempt: u32,
+    /// Who has it, or had it last.
+    pub worker: Option<String>,
+    pub progress: Progress,
+    /// How much of the job's unit it does.
+    pub total: u64,
+    /// The error of the last attempt that failed.
+    pub error: Option<String>,
+}
+
+/// Part of a job's tasks, in the order in which they run.
+#[derive(Clone, Copy, Debug)]
+pub struct TaskPage {
+    /// Only tasks that run after this one: the last of the page before.
+    pub after: Option<TaskId>,
+    /// At most 500.
+    pub limit: u32,
+}
+
+impl TaskPage {
+    pub(crate) fn limit(self) -> u32 {
+        self.limit.min(Page::MAX_LIMIT)
+    }
+}
+
+/// How many tasks of a job have the same value in a field of their results.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ResultTally {
+    pub job: JobId,
+    /// `None` of tasks without a result, or without the field.
+    pub value: Option<String>,
+    pub tasks: u64,
+}
+
 impl Store {
-    /// In the order in which they run.
+    /// All of them with their results, as the last task of a job reads them, in the order in which they run.
     ///
     /// # Errors
     /// When there is no such job.
     pub async fn tasks(&self, job: JobId) -> Result<Vec<Task>, StoreError> {
-        let tasks = sql!(self.database(), "reading a job's tasks", tasks(job))?;
+        let tasks = sql!(self.database(), READING, tasks(job))?;
         if tasks.is_empty() {
             // A pipeline has none either, and that is no error.
             self.job(job).await?;
         }
         Ok(tasks)
+    }
+
+    /// A page of them, in the order in which they run; none after a task of another job.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn task_page(&self, job: JobId, page: TaskPage) -> Result<Vec<Task>, StoreError> {
+        sql!(self.database(), READING, task_page(job, page))
+    }
+
+    /// The first `limit` tasks, in the order in which they run.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn first_tasks(
+        &self,
+        job: JobId,
+        limit: u32,
+    ) -> Result<Vec<TaskOverview>, StoreError> {
+        sql!(self.database(), READING, first_tasks(job, limit))
+    }
+
+    /// # Errors
+    /// When the database fails.
+    pub async fn count_tasks(&self, job: JobId) -> Result<u64, StoreError> {
+        sql!(self.database(), "counting a job's tasks", count_tasks(job))
+    }
+
+    /// The tasks of one stage of each of `jobs`.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn tasks_of_stage(
+        &self,
+        jobs: &[JobId],
+        stage: u32,
+    ) -> Result<Vec<TaskOverview>, StoreError> {
+        sql!(self.database(), READING, tasks_of_stage(jobs, stage))
+    }
+
+    /// The result of the only task of each job's last stage; of jobs whose last stage has several, nothing.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn sole_results(&self, jobs: &[JobId]) -> Result<Vec<(JobId, Value)>, StoreError> {
+        sql!(self.database(), "reading the results of jobs", sole_results(jobs))
+    }
+
+    /// How many tasks of each job have which value in a field of their results.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn result_tallies(
+        &self,
+        jobs: &[JobId],
+        field: &str,
+    ) -> Result<Vec<ResultTally>, StoreError> {
+        sql!(self.database(), "counting the results of tasks", result_tallies(jobs, field))
+    }
+
+    /// Label and result of the first `limit` tasks whose results have another value than `value` in a field.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn results_unlike(
+        &self,
+        job: JobId,
+        field: &str,
+        value: &str,
+        limit: u32,
+    ) -> Result<Vec<(String, Value)>, StoreError> {
+        sql!(self.database(), READING, results_unlike(job, field, value, limit))
     }
 
     /// # Errors
@@ -55,3 +171,5 @@ impl Store {
             .ok_or_else(|| StoreError::not_found("task", id.to_string()))
     }
 }
+
+const READING: &str = "reading a job's tasks";

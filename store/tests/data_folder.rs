@@ -10,12 +10,12 @@ use spec::Digest;
 use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{ConnectOptions, Connection};
 use store::{
-    Access, JobFilter, JobId, JobReuse, JobState, NewJob, NewTask, Output, Page, Reuse, Store,
-    StoreError, Submission, TaskState,
+    Access, Idempotency, JobFilter, JobId, JobReuse, JobState, NewJob, NewTask, Output, Page,
+    PartReuse, Reuse, Store, StoreError, Submission, TaskState,
 };
 
 /// Of the newest of `migrations/sqlite`.
-const SCHEMA: i64 = 1;
+const SCHEMA: i64 = 2;
 
 async fn serve(dir: &Path) -> Result<Store, StoreError> {
     Store::open(dir, Access::Server).await
@@ -59,7 +59,7 @@ fn simulation(seed: u64, tasks: u32, reuse: Reuse) -> Submission {
         priority: 0,
         max_attempts: 3,
         output: Output::Dataset { trajectories: 4, samples: 4 },
-        reuse: JobReuse { whole: true, tasks: false },
+        reuse: JobReuse { whole: true, parts: PartReuse::Nothing },
         tasks: (0..tasks).map(task).collect(),
         needs: vec![],
     };
@@ -223,6 +223,31 @@ async fn processes_that_submit_the_same_at_once_make_one_job() {
 }
 
 #[tokio::test]
+async fn an_idempotency_key_is_known_for_a_day() {
+    let dir = tempfile::tempdir().unwrap();
+    let store = serve(dir.path()).await.unwrap();
+    let asked = Idempotency { key: "k".to_owned(), request: Digest::of(b"request") };
+    let request =
+        || Submission { idempotency: Some(asked.clone()), ..simulation(1, 2, Reuse::Never) };
+    let first = store.submit(request()).await.unwrap();
+    let mut connection = SqliteConnectOptions::new()
+        .filename(dir.path().join("torqued.sqlite"))
+        .connect()
+        .await
+        .unwrap();
+    for (minutes, is_known) in [(23 * 60 + 59, true), (2, false)] {
+        sqlx::query("UPDATE idempotency_key SET created_at = created_at - ? * 60000")
+            .bind(minutes)
+            .execute(&mut connection)
+            .await
+            .unwrap();
+        let known = store.repeated(&asked).await.unwrap();
+        assert_eq!(known, Some(first.clone()).filter(|_| is_known), "{minutes} min");
+    }
+    assert_ne!(store.submit(request()).await.unwrap().job, first.job);
+}
+
+#[tokio::test]
 async fn final_states_cannot_be_changed_by_any_sql() {
     let dir = tempfile::tempdir().unwrap();
     let store = serve(dir.path()).await.unwrap();
@@ -238,4 +263,26 @@ async fn final_states_cannot_be_changed_by_any_sql() {
         let error = sqlx::query(sql).execute(&mut connection).await.unwrap_err();
         assert!(error.to_string().contains("never changes"), "{error}");
     }
+}
+
+/// An hour was added to all moments, as seen by a clock that was set back by one.
+#[tokio::test]
+async fn a_clock_that_was_set_back_does_not_stall_the_queue() {
+    let dir = tempfile::tempdir().unwrap();
+    let store = serve(dir.path()).await.unwrap();
+    submit(&store, 1).await;
+    for attempt in 1..=2 {
+        let task = store.claim("w", Duration::from_secs(600)).await.unwrap().unwrap();
+        assert_eq!(task.attempt, attempt);
+        store.fail(task.fence, "out of luck", store::Retry::Allowed).await.unwrap();
+    }
+    assert!(store.claim("w", Duration::from_secs(600)).await.unwrap().is_none(), "it waits 5 s");
+    let options = SqliteConnectOptions::new().filename(dir.path().join("torqued.sqlite"));
+    let mut connection = options.connect().await.unwrap();
+    sqlx::query("UPDATE task SET run_at = run_at + 3600000")
+        .execute(&mut connection)
+        .await
+        .unwrap();
+    connection.close().await.unwrap();
+    assert_eq!(store.claim("w", Duration::from_secs(600)).await.unwrap().unwrap().attempt, 3);
 }

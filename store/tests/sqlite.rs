@@ -48,7 +48,19 @@ conforms! {
         a_released_task_is_claimed_again_without_losing_an_attempt,
         tasks_are_claimed_by_priority_and_then_in_order,
         two_claimers_never_get_the_same_task,
-        a_finished_task_takes_no_second_ending;
+        a_finished_task_takes_no_second_ending,
+        leases_outlive_a_sleep_of_everybody,
+        a_worker_that_never_renews_is_noticed,
+        attempts_before_a_later_checkpoint_do_not_count;
+    workers:
+        a_worker_is_listed_with_its_task_until_it_leaves,
+        a_worker_that_began_anew_is_not_forgotten_by_the_one_before,
+        the_task_of_a_worker_that_died_goes_to_the_next_at_once,
+        a_worker_that_was_told_to_stop_loses_no_attempt;
+    takeover:
+        shards_of_a_job_that_failed_are_there_for_the_next,
+        a_training_goes_on_where_one_that_failed_ended,
+        a_job_that_is_to_be_done_anew_takes_nothing_over;
     propagation:
         a_stage_waits_for_all_tasks_of_the_stage_before,
         a_pipeline_runs_its_jobs_in_the_order_of_their_needs,
@@ -74,6 +86,11 @@ conforms! {
         jobs_are_filtered_by_kind_and_state,
         a_job_is_found_by_its_digest,
         what_does_not_exist_is_named;
+    lists:
+        tasks_are_read_in_pages_in_the_order_in_which_they_run,
+        results_are_counted_by_the_value_of_a_field,
+        the_only_task_of_the_last_stage_speaks_for_its_job,
+        what_belongs_to_several_jobs_is_read_at_once;
     cancellation:
         tasks_that_nobody_has_are_cancelled_at_once,
         a_running_task_is_told_and_then_ends_its_job,
@@ -94,12 +111,15 @@ conforms! {
         a_dataset_without_all_its_trajectories_is_not_complete,
         a_zombie_neither_commits_nor_overwrites_a_shard,
         a_row_never_comes_before_its_bytes,
-        what_shards_hold_adds_up_over_their_dataset;
+        what_shards_hold_adds_up_over_their_dataset,
+        the_dataset_of_a_job_that_failed_is_abandoned;
     checkpoints:
         a_training_resumes_from_its_latest_checkpoint,
         the_final_checkpoint_is_found_by_digest,
         a_step_that_is_taken_again_keeps_its_checkpoints_id,
         old_checkpoints_are_pruned_with_their_bytes,
+        a_pruned_checkpoint_leaves_no_empty_folder,
+        a_checkpoint_that_nobody_can_use_is_discarded,
         one_checkpoint_of_a_training_is_the_best_and_one_the_last,
         the_best_checkpoint_is_never_pruned;
     artifacts:
@@ -109,6 +129,9 @@ conforms! {
         an_object_is_downloaded_whole_or_in_part,
         an_object_written_in_pieces_appears_when_finished,
         damaged_bytes_are_refused,
+        the_last_bytes_of_a_damaged_object_are_never_sent,
+        an_object_of_another_size_is_refused_before_its_first_byte,
+        the_first_range_of_an_object_has_all_of_it_checked,
         a_table_is_written_and_read_wherever_it_lies,
         what_was_published_but_not_committed_is_swept;
     uploads:
@@ -131,12 +154,18 @@ mod objects_elsewhere {
         checkpoints:
             a_training_resumes_from_its_latest_checkpoint,
             old_checkpoints_are_pruned_with_their_bytes;
+        takeover:
+            shards_of_a_job_that_failed_are_there_for_the_next,
+            a_training_goes_on_where_one_that_failed_ended;
         artifacts:
             an_artifact_is_replaced_under_its_name;
         objects:
             an_object_is_downloaded_whole_or_in_part,
             an_object_written_in_pieces_appears_when_finished,
             damaged_bytes_are_refused,
+            the_last_bytes_of_a_damaged_object_are_never_sent,
+            an_object_of_another_size_is_refused_before_its_first_byte,
+            the_first_range_of_an_object_has_all_of_it_checked,
             a_table_is_written_and_read_wherever_it_lies;
         uploads:
             a_file_is_found_by_its_digest,

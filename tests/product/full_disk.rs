@@ -4,6 +4,7 @@
 use std::io::Write;
 use std::path::Path;
 use std::process::Command;
+use std::time::Duration;
 
 use serde_json::{Value, json};
 
@@ -94,6 +95,36 @@ async fn a_full_disk_fails_the_job_and_the_server_goes_on_when_there_is_room_aga
     let Some(disk) = SmallDisk::mount("24m", name) else { return };
     let product = Product::start(&disk.path().join("data"));
     check_fails_alone(&product, "disk full").await;
+}
+
+#[tokio::test]
+async fn a_disk_that_is_full_for_a_while_holds_the_queue_up_and_fails_no_job() {
+    let name = "a_disk_that_is_full_for_a_while_holds_the_queue_up_and_fails_no_job";
+    let Some(disk) = SmallDisk::mount("64m", name) else { return };
+    let product = Product::start(&disk.path().join("data"));
+    product.when_worker_is_there().await;
+    // Less than a twentieth is left, and enough for the database.
+    std::fs::write(disk.path().join("filler"), vec![7; 123 << 19]).unwrap();
+    let mut jobs = Vec::new();
+    for seed in 0..4 {
+        let mut spec = small_pipeline()["jobs"]["train-set"].clone();
+        spec["seed"] = seed.into();
+        spec["trajectories"] = 500.into();
+        jobs.push(product.submit(&spec).await);
+    }
+    let waits = |health: &Value| health["status"] == "degraded";
+    let health = product.when("/healthz", waits).await;
+    assert!(health["reasons"][0].as_str().unwrap().contains("MB free"), "{health:#}");
+    tokio::time::sleep(Duration::from_secs(5)).await;
+    for job in &jobs {
+        assert_eq!(product.get(&format!("/v1/jobs/{job}")).await["state"], "queued");
+    }
+    std::fs::remove_file(disk.path().join("filler")).unwrap();
+    for job in jobs {
+        product.succeeded(job).await;
+        let tasks = product.get(&format!("/v1/jobs/{job}/tasks")).await;
+        assert_eq!(tasks["tasks"][0]["attempt"], 1, "{tasks:#}");
+    }
 }
 
 #[tokio::test]

@@ -48,6 +48,9 @@ async fn a_job_that_kills_every_worker_fails_after_its_attempts() {
     let product = Product::start(data.path());
     let mut spec = small_pipeline();
     spec["jobs"]["train"]["steps"] = 1_000_000.into();
+    // No attempt gets on.
+    spec["jobs"]["train"]["checkpoint_every_steps"] = 1_000_000.into();
+    spec["jobs"]["train"]["validate_every_steps"] = 1_000_000.into();
     spec["jobs"]["train"]["execution"] = serde_json::json!({"max_attempts": 2});
     let id = product.submit(&spec).await;
     let training = member(&product.get(&format!("/v1/jobs/{id}")).await, "train");

@@ -61,6 +61,11 @@ impl Product {
         body
     }
 
+    /// GET of something that need not be there.
+    pub async fn try_get(&self, path: &str) -> (StatusCode, Value) {
+        self.ask(self.http.get(self.address(path))).await
+    }
+
     /// POST of a body, as it is.
     pub async fn post(&self, path: &str, body: impl Into<String>) -> (StatusCode, Value) {
         let request = self.http.post(self.address(path)).header("content-type", "application/json");
@@ -99,7 +104,8 @@ impl Product {
         self.when(&format!("/v1/jobs/{job}/tasks"), |tasks| reached(&tasks["tasks"][0])).await;
     }
 
-    async fn when(&self, path: &str, reached: impl Fn(&Value) -> bool) -> Value {
+    /// Waits until an answer is as it should be, and returns it.
+    pub async fn when(&self, path: &str, reached: impl Fn(&Value) -> bool) -> Value {
         let started = Instant::now();
         loop {
             let answer = self.get(path).await;
@@ -109,6 +115,11 @@ impl Product {
             assert!(started.elapsed() < PATIENCE, "still waiting: {answer:#}");
             tokio::time::sleep(Duration::from_millis(20)).await;
         }
+    }
+
+    /// Waits until a worker has shown itself.
+    pub async fn when_worker_is_there(&self) {
+        self.when("/v1/workers", |answer| !answer["workers"].as_array().unwrap().is_empty()).await;
     }
 
     /// Process ids of this server's workers.

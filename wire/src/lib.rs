@@ -5,8 +5,8 @@
 //! of warnings, which the server, its page and the command line share.
 //!
 //! Ids are those of the database. Times are RFC 3339 in UTC. Lists are newest first; `next` is the
-//! `before` of the following page and missing on the last one. Readers ignore fields that they do
-//! not know.
+//! `before` of the following page and missing on the last one. Tasks are in the order in which they run, and `next` is
+//! the `after` of the following page. Readers ignore fields that they do not know.
 
 mod checkpoints;
 mod closed_loop;
@@ -27,6 +27,7 @@ mod tasks;
 mod trajectories;
 mod verifications;
 mod warnings;
+mod workers;
 
 pub use checkpoints::{Checkpoint, Checkpoints, StoredFile};
 pub use closed_loop::{
@@ -56,7 +57,8 @@ pub use streams::{
     StreamSettings, StreamStep, StreamedPrediction,
 };
 pub use summaries::{ChannelSummary, SpectrumSummary, Summary};
-pub use tasks::{Task, Tasks};
+pub use tasks::{Task, Tasks, findings, findings_of};
 pub use trajectories::Trajectory;
 pub use verifications::{Verification, VerifiedShard};
 pub use warnings::{Warning, WarningKind};
+pub use workers::{Worker, Workers, WorkersTask};

@@ -75,6 +75,8 @@ states! {
         /// Shards are missing.
         Building = "building",
         Complete = "complete",
+        /// Shards are missing, and the job that would have made them failed or was cancelled.
+        Abandoned = "abandoned",
     }
 }
 

@@ -34,29 +34,33 @@ pub struct Task {
     pub finished_at: Option<String>,
 }
 
-/// All tasks of a job, in the order in which they run.
+/// A page of a job's tasks, in the order in which they run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Tasks {
     pub tasks: Vec<Task>,
+    /// The `after` of the following page.
+    pub next: Option<i64>,
 }
 
-impl Tasks {
-    /// The plain numbers and words that the task of the last stage reports, e.g.
-    /// `trajectories 1000, samples 400`; `None` where that stage has several tasks.
-    pub fn findings(&self) -> Option<String> {
-        let last = self.tasks.last()?;
-        let of_stage = self.tasks.iter().filter(|task| task.stage == last.stage).count();
-        let entries = last.result.as_ref().filter(|_| of_stage == 1)?.as_object()?;
-        let plain = entries.iter().filter_map(|(name, value)| {
-            let value = match value {
-                Value::String(text) => text.clone(),
-                Value::Number(_) | Value::Bool(_) => value.to_string(),
-                Value::Null | Value::Array(_) | Value::Object(_) => return None,
-            };
-            Some(format!("{} {value}", name.replace('_', " ")))
-        });
-        Some(plain.collect::<Vec<_>>().join(", ")).filter(|text| !text.is_empty())
-    }
+/// The findings of the job with all of these tasks: those of its last stage's task; `None` where that stage has
+/// several tasks.
+pub fn findings(tasks: &[Task]) -> Option<String> {
+    let last = tasks.last()?;
+    let of_stage = tasks.iter().filter(|task| task.stage == last.stage).count();
+    last.result.as_ref().filter(|_| of_stage == 1).and_then(findings_of)
+}
+
+/// The plain numbers and words of a result, e.g. `trajectories 1000, samples 400`.
+pub fn findings_of(result: &Value) -> Option<String> {
+    let plain = result.as_object()?.iter().filter_map(|(name, value)| {
+        let value = match value {
+            Value::String(text) => text.clone(),
+            Value::Number(_) | Value::Bool(_) => value.to_string(),
+            Value::Null | Value::Array(_) | Value::Object(_) => return None,
+        };
+        Some(format!("{} {value}", name.replace('_', " ")))
+    });
+    Some(plain.collect::<Vec<_>>().join(", ")).filter(|text| !text.is_empty())
 }
 
 #[cfg(test)]
@@ -65,7 +69,7 @@ mod tests {
 
     use super::*;
 
-    fn tasks(results: &[(u32, Value)]) -> Tasks {
+    fn tasks(results: &[(u32, Value)]) -> Vec<Task> {
         let task = |(stage, result): &(u32, Value)| Task {
             id: 1,
             stage: *stage,
@@ -83,14 +87,14 @@ mod tests {
             started_at: None,
             finished_at: None,
         };
-        Tasks { tasks: results.iter().map(task).collect() }
+        results.iter().map(task).collect()
     }
 
     #[test]
     fn the_only_task_of_the_last_stage_speaks_for_the_job() {
         let count = json!({"shortest_s": 1.5, "trajectories": 7, "each": [1, 2]});
-        let found = tasks(&[(0, json!({"part": 1})), (1, count.clone())]).findings();
+        let found = findings(&tasks(&[(0, json!({"part": 1})), (1, count.clone())]));
         assert_eq!(found.as_deref(), Some("shortest s 1.5, trajectories 7"));
-        assert_eq!(tasks(&[(0, count.clone()), (0, count)]).findings(), None);
+        assert_eq!(findings(&tasks(&[(0, count.clone()), (0, count)])), None);
     }
 }

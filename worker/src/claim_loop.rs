@@ -14,6 +14,7 @@ use crate::attempt::Attempt;
 use crate::error::TaskError;
 use crate::heartbeat::{ProgressCell, keep_alive};
 use crate::kinds::{KindModule, module};
+use crate::presence::Presence;
 use crate::stop::{StopReason, StopSignal};
 
 /// How one worker works.
@@ -22,6 +23,8 @@ pub struct WorkerOptions {
     pub data_dir: PathBuf,
     /// Shown beside the tasks it has; unique among workers, so that people can tell them apart.
     pub name: String,
+    /// The machine's name.
+    pub host: String,
     /// Threads for computing; `None` takes all cores.
     pub threads: Option<usize>,
     /// How long a lease lasts without a heartbeat: how late a death is noticed.
@@ -35,10 +38,11 @@ pub struct WorkerOptions {
 /// Between two looks for a task when there was none.
 const POLL: Duration = Duration::from_millis(250);
 
-/// Between two tries when the database did not answer.
+/// Between two tries when the database did not answer, or while there is no room on the disk.
 const RETRY: Duration = Duration::from_secs(2);
 
-/// Executes tasks until `shutdown`, then gives back the one it has.
+/// Executes tasks until `shutdown`, then gives back the one it has. While the disk is nearly full it claims none: they
+/// would fail one after the other.
 ///
 /// # Errors
 /// A data folder or a device that cannot be opened; a device that failed. Failures of tasks are
@@ -52,17 +56,46 @@ pub async fn run(options: &WorkerOptions, shutdown: CancellationToken) -> Result
     }
     let device = Device::open(options.device)?;
     let store = Store::open(&options.data_dir, Access::Worker).await?;
+    let presence = Presence::new(store.clone(), options);
+    let over = CancellationToken::new();
+    let working = async {
+        let worked = work_on(&store, &device, options, &presence, &shutdown).await;
+        over.cancel();
+        worked
+    };
+    let (worked, ()) = tokio::join!(working, presence.show_until(&over));
+    worked
+}
+
+/// Claims and executes tasks until `shutdown`.
+///
+/// # Errors
+/// A device that failed.
+async fn work_on(
+    store: &Store,
+    device: &Device,
+    options: &WorkerOptions,
+    presence: &Presence,
+    shutdown: &CancellationToken,
+) -> Result<(), WorkerError> {
     while !shutdown.is_cancelled() {
-        let pause = match store.claim(&options.name, options.lease).await {
-            Ok(Some(task)) => {
-                execute(&store, &device, task, options, &shutdown).await?;
-                Duration::ZERO
+        let obstacle = store.obstacle();
+        let is_free = obstacle.is_none();
+        presence.waits_for(obstacle);
+        let pause = if is_free {
+            match store.claim(&options.name, options.lease).await {
+                Ok(Some(task)) => {
+                    execute(store, device, task, options, shutdown).await?;
+                    Duration::ZERO
+                }
+                Ok(None) => POLL,
+                Err(error) => {
+                    tracing::error!(error = faults::causes(&error), "cannot look for a task");
+                    RETRY
+                }
             }
-            Ok(None) => POLL,
-            Err(error) => {
-                tracing::error!(error = faults::causes(&error), "cannot look for a task");
-                RETRY
-            }
+        } else {
+            RETRY
         };
         tokio::select! {
             () = shutdown.cancelled() => {}

@@ -1,6 +1,8 @@
 //! A stored dataset, read as series of torques and positions.
 
+use std::collections::VecDeque;
 use std::ops::Range;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use arrow_array::RecordBatch;
 use arrow_array::cast::AsArray;
@@ -8,17 +10,45 @@ use arrow_array::types::Float32Type;
 use arrow_schema::ArrowError;
 use series::{Columns, MeasurementNoise, Series, Shape};
 use spec::{Column, DataSource, DataSpec, JobSpec};
-use store::ShardReader;
+use store::{ShardContents, ShardReader, Store};
 
 use crate::attempt::Attempt;
 use crate::error::TaskError;
 
-/// A complete dataset, open for reading from any thread.
+/// A complete dataset, for reading from any thread.
 #[derive(Clone, Debug)]
 pub(crate) struct DatasetReader {
     pub spec: DataSpec,
-    /// By the trajectories each holds.
-    shards: Vec<(Range<u64>, ShardReader)>,
+    shards: Arc<OpenShards>,
+}
+
+/// The shards of a dataset, of which those that were read last are open: a large dataset has more of them than a
+/// process may have files.
+#[derive(Debug)]
+struct OpenShards {
+    store: Store,
+    all: Vec<ShardContents>,
+    /// By their places among all, the one read last first.
+    open: Mutex<VecDeque<(usize, ShardReader)>>,
+}
+
+/// Shards open at a time.
+const OPEN: usize = 64;
+
+impl OpenShards {
+    /// Opens a shard unless it is open. The first time that this process does so, it checks the bytes against their
+    /// digest, so that what is read is what was written.
+    fn get(&self, place: usize) -> Result<ShardReader, TaskError> {
+        let mut open = self.open.lock().unwrap_or_else(PoisonError::into_inner);
+        let known = open.iter().position(|(at, _)| *at == place);
+        let reader = match known.and_then(|known| open.remove(known)) {
+            Some((_, reader)) => reader,
+            None => self.store.open_shard(&self.all[place])?,
+        };
+        open.push_front((place, reader.clone()));
+        open.truncate(OPEN);
+        Ok(reader)
+    }
 }
 
 impl DatasetReader {
@@ -31,26 +61,25 @@ impl DatasetReader {
         };
         let found = attempt.wait(attempt.store.dataset_by_digest(*digest))?;
         let dataset = found.ok_or_else(|| missing(digest.to_string()))?;
-        let mut shards = Vec::new();
-        for shard in attempt.wait(attempt.store.shards(dataset.id))? {
-            attempt.check_stop()?;
-            // Checks the bytes against their digest, so that what is read below is what was written.
-            let reader = attempt.store.open_shard(&shard.contents)?;
-            shards.push((shard.contents.range(), reader));
-        }
+        let shards = attempt.wait(attempt.store.shards(dataset.id))?;
         let job: JobSpec = serde_json::from_value(dataset.spec)?;
         let spec = DataSpec::of(&job).ok_or_else(|| missing(digest.to_string()))?;
-        Ok(Self { spec, shards })
+        let shards = OpenShards {
+            store: attempt.store.clone(),
+            all: shards.into_iter().map(|shard| shard.contents).collect(),
+            open: Mutex::default(),
+        };
+        Ok(Self { spec, shards: Arc::new(shards) })
     }
 
     /// Trajectories in all.
     pub fn count(&self) -> u64 {
-        self.shards.last().map_or(0, |(trajectories, _)| trajectories.end)
+        self.shards.all.last().map_or(0, |shard| shard.range().end)
     }
 
     /// The trajectories of each shard.
     pub fn shards(&self) -> Vec<Range<u64>> {
-        self.shards.iter().map(|(trajectories, _)| trajectories.clone()).collect()
+        self.shards.all.iter().map(ShardContents::range).collect()
     }
 
     /// Trajectories per row group: what is fastest to read at once.
@@ -104,11 +133,12 @@ impl DatasetReader {
         let names: Vec<&str> = names.iter().map(String::as_str).collect();
         let mut blocks = Vec::new();
         // The shards of a complete dataset hold all its trajectories, in order.
-        for (held, reader) in &self.shards {
+        for (place, shard) in self.shards.all.iter().enumerate() {
+            let held = shard.range();
             let part = trajectories.start.max(held.start)..trajectories.end.min(held.end);
             if !part.is_empty() {
                 let samples = self.spec.samples() as usize;
-                let parts = reader.read_parts(part, &names)?.into_iter();
+                let parts = self.shards.get(place)?.read_parts(part, &names)?.into_iter();
                 blocks.extend(parts.map(|(trajectories, rows)| Block {
                     trajectories,
                     samples,
@@ -169,8 +199,6 @@ impl Block {
 
 #[cfg(test)]
 mod tests {
-    use std::sync::Arc;
-
     use arrow_array::{ArrayRef, Float32Array};
 
     use super::*;

@@ -14,6 +14,7 @@ mod folder;
 mod heartbeat;
 mod import;
 mod kinds;
+mod presence;
 mod probe;
 mod rehearsal;
 mod simulate;

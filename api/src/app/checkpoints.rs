@@ -1,5 +1,7 @@
 //! Checkpoints and their files.
 
+use std::collections::{BTreeMap, BTreeSet};
+
 use serde::Deserialize;
 use serde_json::Value;
 use store::{CheckpointId, JobId};
@@ -21,7 +23,9 @@ impl App {
     pub async fn checkpoint_extents(&self, id: i64) -> Result<Option<Extents>, ApiError> {
         let row = self.store.checkpoint(CheckpointId(id)).await?;
         let Some(config) = row.file("config.json") else { return Ok(None) };
-        let config = self.store.read_object(config).await?;
+        let file = || format!("config.json of checkpoint {id}");
+        let config = self.store.read_object(config).await;
+        let config = config.map_err(|error| ApiError::reading(file(), error))?;
         Ok(serde_json::from_slice(&config).ok())
     }
 
@@ -34,12 +38,15 @@ impl App {
     pub async fn checkpoints(&self, paging: Paging) -> Result<Checkpoints, ApiError> {
         let rows = self.store.checkpoints(paging.into()).await?;
         let next = paging.next(rows.len(), rows.last().map(|row| row.id.0));
-        let mut checkpoints = Vec::with_capacity(rows.len());
-        for row in rows {
-            let job = self.store.job(row.job).await?;
-            checkpoints.push(checkpoint(row, &job.spec));
-        }
-        Ok(Checkpoints { checkpoints, next })
+        let trainings: BTreeSet<JobId> = rows.iter().map(|row| row.job).collect();
+        let trainings: Vec<JobId> = trainings.into_iter().collect();
+        let specs: BTreeMap<JobId, Value> =
+            self.store.specs(&trainings).await?.into_iter().collect();
+        let checkpoint = |row: store::Checkpoint| {
+            let spec = specs.get(&row.job);
+            checkpoint(row, spec.unwrap_or(&Value::Null))
+        };
+        Ok(Checkpoints { checkpoints: rows.into_iter().map(checkpoint).collect(), next })
     }
 
     /// What a training has made so far, oldest first.
@@ -54,7 +61,8 @@ impl App {
         let object = checkpoint
             .file(name)
             .ok_or_else(|| ApiError::not_found("file", format!("{name:?} in checkpoint {id}")))?;
-        Ok(Download::new(format!("checkpoint-{id}-{name}"), media_type(name), object))
+        let file = format!("{name} of checkpoint {id}");
+        Ok(Download::new(format!("checkpoint-{id}-{name}"), media_type(name), object, file))
     }
 }
 

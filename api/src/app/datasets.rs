@@ -1,5 +1,7 @@
 //! Datasets and their files.
 
+use std::collections::BTreeMap;
+
 use spec::{DataSpec, Digest, JobSpec};
 use store::{DatasetDescription, DatasetId, FileContent, Shard, ShardDescription};
 use wire::{Dataset, DatasetFile, Datasets, FileKind};
@@ -23,8 +25,11 @@ impl App {
         Ok(dataset)
     }
 
-    pub async fn dataset_without_files(&self, id: i64) -> Result<Dataset, ApiError> {
-        Ok(without_files(self.store.dataset(DatasetId(id)).await?))
+    /// Those of the datasets with these ids that there are, without their files, by id.
+    pub async fn datasets_by_id(&self, ids: &[i64]) -> Result<BTreeMap<i64, Dataset>, ApiError> {
+        let ids: Vec<DatasetId> = ids.iter().copied().map(DatasetId).collect();
+        let rows = self.store.datasets_by_id(&ids).await?;
+        Ok(rows.into_iter().map(|row| (row.id.0, without_files(row))).collect())
     }
 
     pub async fn datasets(&self, paging: Paging) -> Result<Datasets, ApiError> {
@@ -49,7 +54,7 @@ impl App {
         });
         let file =
             file.ok_or_else(|| ApiError::not_found("file", format!("{name:?} in dataset {id}")))?;
-        Ok(Download::new(saved_as, PARQUET, file))
+        Ok(Download::new(saved_as, PARQUET, file, format!("{name} of dataset {id}")))
     }
 }
 

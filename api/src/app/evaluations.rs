@@ -1,8 +1,10 @@
 //! Evaluations: jobs that compare predictors, with their report.
 
+use std::collections::{BTreeMap, HashMap};
+
 use serde::de::DeserializeOwned;
 use spec::JobKind;
-use store::{JobFilter, JobId, StoreError};
+use store::{Artifact, JobFilter, JobId, RunId};
 use wire::{CellTask, Evaluation, Evaluations};
 
 use crate::app::{App, Paging};
@@ -14,8 +16,12 @@ const REPORT: &str = "report.json";
 impl App {
     pub async fn evaluation(&self, id: i64) -> Result<Evaluation, ApiError> {
         let job = self.store.job(JobId(id)).await?;
-        let mut evaluation = self.complete_evaluation(job).await?;
-        evaluation.report = self.report(id).await?;
+        if job.kind != JobKind::Evaluate.as_str() {
+            return Err(ApiError::not_found("evaluation", id));
+        }
+        let completed = self.complete_evaluations(vec![job]).await?.pop();
+        let mut evaluation = completed.ok_or_else(|| ApiError::not_found("evaluation", id))?;
+        evaluation.report = self.report(evaluation.run).await?;
         Ok(evaluation)
     }
 
@@ -23,49 +29,74 @@ impl App {
         let filter = JobFilter { kind: Some(JobKind::Evaluate.as_str()), ..JobFilter::default() };
         let rows = self.store.jobs(filter, paging.into()).await?;
         let next = paging.next(rows.len(), rows.last().map(|row| row.id.0));
-        let mut evaluations = Vec::with_capacity(rows.len());
-        for row in rows {
-            evaluations.push(self.complete_evaluation(row).await?);
-        }
-        Ok(Evaluations { evaluations, next })
+        Ok(Evaluations { evaluations: self.complete_evaluations(rows).await?, next })
     }
 
-    /// The report that a job's last task left; `None` before its end, and of another version's
+    /// The report that the last task of a run's job left; `None` before its end, and of another version's
     /// report.
-    pub async fn report<T: DeserializeOwned>(&self, job: i64) -> Result<Option<T>, ApiError> {
-        let Some(run) = self.store.job(JobId(job)).await?.run else { return Ok(None) };
-        let artifact = match self.store.artifact(run, REPORT).await {
-            Ok(artifact) => artifact,
-            Err(StoreError::NotFound { .. }) => return Ok(None),
-            Err(error) => return Err(error.into()),
-        };
-        let bytes = self.store.read_object(&artifact.object).await?;
+    ///
+    /// # Errors
+    /// [`ApiError::Damaged`] when the file is.
+    pub async fn report<T: DeserializeOwned>(&self, run: i64) -> Result<Option<T>, ApiError> {
+        let artifacts = self.store.artifacts_named(&[RunId(run)], REPORT).await?;
+        match artifacts.first() {
+            Some(artifact) => self.read_report(artifact).await,
+            None => Ok(None),
+        }
+    }
+
+    /// Where the reports of `runs` lie, by run.
+    pub async fn report_files(&self, runs: &[i64]) -> Result<BTreeMap<i64, Artifact>, ApiError> {
+        let runs: Vec<RunId> = runs.iter().copied().map(RunId).collect();
+        let artifacts = self.store.artifacts_named(&runs, REPORT).await?;
+        Ok(artifacts.into_iter().map(|artifact| (artifact.run.0, artifact)).collect())
+    }
+
+    /// # Errors
+    /// As [`App::report`].
+    pub async fn read_report<T: DeserializeOwned>(
+        &self,
+        artifact: &Artifact,
+    ) -> Result<Option<T>, ApiError> {
+        let file = || format!("{} of run {}", artifact.name, artifact.run);
+        let bytes = self.store.read_object(&artifact.object).await;
+        let bytes = bytes.map_err(|error| ApiError::reading(file(), error))?;
         Ok(serde_json::from_slice(&bytes).ok())
     }
 
-    async fn complete_evaluation(&self, job: store::Job) -> Result<Evaluation, ApiError> {
-        let Some(run) = job.run.filter(|_| job.kind == JobKind::Evaluate.as_str()) else {
-            return Err(ApiError::not_found("evaluation", job.id));
+    /// Adds to the jobs of evaluations what other tables know of them, with as many statements for one as for many.
+    async fn complete_evaluations(
+        &self,
+        jobs: Vec<store::Job>,
+    ) -> Result<Vec<Evaluation>, ApiError> {
+        let ids: Vec<JobId> = jobs.iter().map(|job| job.id).collect();
+        let runs: Vec<RunId> = jobs.iter().filter_map(|job| job.run).collect();
+        let mut cells: HashMap<JobId, Vec<CellTask>> = HashMap::new();
+        for task in self.store.tasks_of_stage(&ids, 0).await? {
+            cells.entry(task.job).or_default().push(CellTask {
+                task: task.id.0,
+                label: task.label,
+                state: task.state,
+                error: task.error,
+            });
+        }
+        let mut artifacts = self.artifacts(&runs).await?;
+        let evaluation = |job: store::Job| {
+            let run = job.run?;
+            Some(Evaluation {
+                cells: cells.remove(&job.id).unwrap_or_default(),
+                artifacts: artifacts.remove(&run).unwrap_or_default(),
+                id: job.id.0,
+                run: run.0,
+                name: job.name,
+                digest: job.digest,
+                state: job.state,
+                error: job.error,
+                spec: job.spec,
+                report: None,
+                created_at: job.created_at.to_string(),
+            })
         };
-        let tasks = self.store.tasks(job.id).await?;
-        let cells = tasks.into_iter().filter(|task| task.stage == 0).map(|task| CellTask {
-            task: task.id.0,
-            label: task.label,
-            state: task.state,
-            error: task.error,
-        });
-        Ok(Evaluation {
-            cells: cells.collect(),
-            artifacts: self.artifacts(run).await?,
-            id: job.id.0,
-            run: run.0,
-            name: job.name,
-            digest: job.digest,
-            state: job.state,
-            error: job.error,
-            spec: job.spec,
-            report: None,
-            created_at: job.created_at.to_string(),
-        })
+        Ok(jobs.into_iter().filter_map(evaluation).collect())
     }
 }

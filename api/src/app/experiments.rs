@@ -20,10 +20,6 @@ impl App {
         let has_more = rows.len() > limit as usize;
         rows.truncate(limit as usize);
         let next = rows.last().map(|row| row.id.0).filter(|_| has_more);
-        let mut jobs = Vec::with_capacity(rows.len());
-        for row in rows {
-            jobs.push(self.complete(row).await?);
-        }
-        Ok(Jobs { jobs, next })
+        Ok(Jobs { jobs: self.complete(rows).await?, next })
     }
 }

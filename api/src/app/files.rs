@@ -1,6 +1,7 @@
 //! Files that the store holds, and how they are sent.
 
 use axum::body::{Body, Bytes};
+use futures::stream::{self, StreamExt, TryStreamExt};
 use spec::Digest;
 use store::StoredObject;
 
@@ -18,21 +19,22 @@ pub struct Download {
 /// Where the bytes of a file are.
 #[derive(Clone, Debug)]
 enum Content {
-    /// An object of the store, by its path.
-    Stored(String),
+    /// In the store. `file` says which file it is to a reader.
+    Stored { object: StoredObject, file: String },
     /// Here.
     Made(Bytes),
 }
 
 impl Download {
-    pub fn new(name: String, media_type: &str, object: &StoredObject) -> Self {
+    /// `file` names it where it is damaged, e.g. `config.json of checkpoint 7`.
+    pub fn new(name: String, media_type: &str, object: &StoredObject, file: String) -> Self {
         let info = FileInfo {
             name,
             media_type: media_type.to_owned(),
             size: object.size,
             sha256: object.sha256,
         };
-        Self { info, content: Content::Stored(object.path.clone()) }
+        Self { info, content: Content::Stored { object: object.clone(), file } }
     }
 
     /// A file that is made when it is asked for.
@@ -48,7 +50,11 @@ impl Download {
 }
 
 impl App {
-    /// The bytes of `part` of a file, read as they are sent.
+    /// The bytes of `part` of a file, read as they are sent. The body of a whole file that turns out damaged ends with
+    /// an error before its last bytes, so that nobody takes it for the file.
+    ///
+    /// # Errors
+    /// [`ApiError::Damaged`] when the file is known to be, or shows it in its first piece.
     pub async fn read(
         &self,
         file: &Download,
@@ -58,14 +64,32 @@ impl App {
             return Ok(Body::empty());
         }
         match &file.content {
-            Content::Stored(path) => {
-                let bytes = self.store.open_object(path, Some(part)).await?;
-                Ok(Body::from_stream(bytes.stream))
+            Content::Stored { object, file } => {
+                let failed = |error| ApiError::reading(file, error);
+                let opened = self.store.open_object(object, Some(part)).await.map_err(failed)?;
+                let mut pieces = opened.stream;
+                // With the first piece in hand, a small file that is damaged is still answered with a problem.
+                let first = pieces.try_next().await.map_err(failed)?;
+                Ok(Body::from_stream(stream::iter(first.map(Ok)).chain(pieces)))
             }
             Content::Made(bytes) => {
                 let position = |at: u64| usize::try_from(at).unwrap_or(usize::MAX).min(bytes.len());
                 Ok(Body::from(bytes.slice(position(part.start)..position(part.end))))
             }
+        }
+    }
+
+    /// Looks whether the bytes of a file could be sent, as a request for its headers alone wants to know.
+    ///
+    /// # Errors
+    /// [`ApiError::Damaged`] when the file is missing or known to be damaged.
+    pub async fn look_up(&self, file: &Download) -> Result<(), ApiError> {
+        match &file.content {
+            Content::Stored { object, file } => {
+                let found = self.store.look_up_object(object).await;
+                found.map_err(|error| ApiError::reading(file, error))
+            }
+            Content::Made(_) => Ok(()),
         }
     }
 }

@@ -1,9 +1,11 @@
-//! Jobs, their members and their tasks.
+//! Jobs and the members of pipelines.
+
+use std::collections::{BTreeMap, HashMap};
 
 use serde_json::Value;
 use spec::{JobKind, Product};
-use store::{JobFilter, JobId, ShardSummary, Timestamp};
-use wire::{Job, JobState, Jobs, Member, Progress, Task};
+use store::{JobFilter, JobId, Timestamp};
+use wire::{Job, JobState, Jobs, Member, Progress};
 
 use crate::app::{App, Paging};
 use crate::error::ApiError;
@@ -11,32 +13,20 @@ use crate::error::ApiError;
 impl App {
     pub async fn job(&self, id: i64) -> Result<Job, ApiError> {
         let row = self.store.job(JobId(id)).await?;
-        self.complete(row).await
+        self.complete(vec![row]).await?.pop().ok_or(ApiError::Internal)
     }
 
     pub async fn jobs(&self, filter: JobFilter<'_>, paging: Paging) -> Result<Jobs, ApiError> {
         let rows = self.store.jobs(filter, paging.into()).await?;
         let next = paging.next(rows.len(), rows.last().map(|row| row.id.0));
-        let mut jobs = Vec::with_capacity(rows.len());
-        for row in rows {
-            jobs.push(self.complete(row).await?);
-        }
-        Ok(Jobs { jobs, next })
+        Ok(Jobs { jobs: self.complete(rows).await?, next })
     }
 
-    /// The members of a pipeline, in order; none of any other job.
-    pub async fn jobs_of_pipeline(&self, pipeline: i64) -> Result<Vec<Job>, ApiError> {
-        let mut jobs = Vec::new();
-        for member in self.store.members(JobId(pipeline)).await? {
-            jobs.push(self.complete(member.job).await?);
-        }
-        Ok(jobs)
-    }
-
-    pub async fn tasks(&self, job: i64) -> Result<Vec<Task>, ApiError> {
-        let unit = self.store.job(JobId(job)).await?.progress.unit;
-        let rows = self.store.tasks(JobId(job)).await?;
-        Ok(rows.into_iter().map(|row| task(row, &unit)).collect())
+    /// Those of the jobs with these ids that there are, by id.
+    pub async fn jobs_by_id(&self, ids: &[i64]) -> Result<BTreeMap<i64, Job>, ApiError> {
+        let ids: Vec<JobId> = ids.iter().copied().map(JobId).collect();
+        let jobs = self.complete(self.store.jobs_by_id(&ids).await?).await?;
+        Ok(jobs.into_iter().map(|job| (job.id, job)).collect())
     }
 
     /// Cancels a job; one that was cancelled before stays so.
@@ -49,20 +39,64 @@ impl App {
         self.job(id).await
     }
 
-    /// Adds to a job what other tables know of it.
-    pub(super) async fn complete(&self, row: store::Job) -> Result<Job, ApiError> {
+    /// Adds to jobs what other tables know of them, with as many statements for one job as for many.
+    pub(super) async fn complete(&self, rows: Vec<store::Job>) -> Result<Vec<Job>, ApiError> {
+        let mut known = self.known_of(&rows).await?;
+        let specs: Vec<&Value> = rows.iter().map(|row| &row.spec).collect();
+        let warnings = jobs::warnings(&self.store, &specs, self.memory_doubts.as_deref()).await?;
+        let jobs = rows.into_iter().zip(warnings);
+        jobs.map(|(row, warnings)| known.complete(row, warnings)).collect()
+    }
+
+    async fn known_of(&self, rows: &[store::Job]) -> Result<Known, ApiError> {
+        let mut known = Known::default();
+        let jobs: Vec<JobId> = rows.iter().map(|row| row.id).collect();
+        for (job, need) in self.store.needs(&jobs).await? {
+            known.needs.entry(job).or_default().push(need.0);
+        }
+        let of_kind = |fits: fn(JobKind) -> bool| -> Vec<JobId> {
+            let fits = |row: &&store::Job| row.kind.parse::<JobKind>().is_ok_and(fits);
+            rows.iter().filter(fits).map(|row| row.id).collect()
+        };
+        let pipelines = of_kind(|kind| kind == JobKind::Pipeline);
+        if !pipelines.is_empty() {
+            for member in self.store.members(&pipelines).await? {
+                known.members.entry(member.pipeline).or_default().push(seen_by_pipeline(member)?);
+            }
+        }
+        let trainings = of_kind(|kind| kind.makes() == Some(Product::Checkpoints));
+        if !trainings.is_empty() {
+            for (job, checkpoint) in self.store.checkpoint_ids(&trainings).await? {
+                known.checkpoints.entry(job).or_default().push(checkpoint.0);
+            }
+        }
+        let verifications = of_kind(|kind| kind == JobKind::Verify);
+        let needs = verifications.iter().filter_map(|job| known.needs.get(job)?.first());
+        let needs: Vec<JobId> = needs.copied().map(JobId).collect();
+        if !needs.is_empty() {
+            let datasets = self.store.datasets_of_jobs(&needs).await?;
+            known.datasets = datasets.into_iter().map(|(job, id)| (job.0, id.0)).collect();
+        }
+        Ok(known)
+    }
+}
+
+/// The knowledge that other tables have of some jobs, by job.
+#[derive(Default)]
+struct Known {
+    needs: HashMap<JobId, Vec<i64>>,
+    members: HashMap<JobId, Vec<Member>>,
+    checkpoints: HashMap<JobId, Vec<i64>>,
+    /// The datasets that the jobs of verifications make again, by the job that fills each.
+    datasets: HashMap<i64, i64>,
+}
+
+impl Known {
+    fn complete(&mut self, row: store::Job, warnings: Vec<String>) -> Result<Job, ApiError> {
         let kind: JobKind = row.kind.parse()?;
-        let members = match kind {
-            JobKind::Pipeline => self.members(row.id).await?,
-            _ => Vec::new(),
-        };
-        let checkpoints = match kind.makes() {
-            Some(Product::Checkpoints) => self.store.checkpoints_of_job(row.id).await?,
-            _ => Vec::new(),
-        };
-        let needs = self.store.needs(row.id).await?;
+        let needs = self.needs.remove(&row.id).unwrap_or_default();
         let verifies = match (kind, needs.first()) {
-            (JobKind::Verify, Some(need)) => self.store.job(*need).await?.dataset,
+            (JobKind::Verify, Some(need)) => self.datasets.get(need).copied(),
             _ => None,
         };
         Ok(Job {
@@ -73,15 +107,15 @@ impl App {
             state: row.state,
             error: row.error,
             digest: row.digest,
-            warnings: jobs::warnings(&self.store, &row.spec, self.memory_doubts.as_deref()).await?,
+            warnings,
             spec: row.spec,
             progress: progress(row.progress),
-            needs: needs.into_iter().map(|need| need.0).collect(),
-            members,
+            needs,
+            members: self.members.remove(&row.id).unwrap_or_default(),
             dataset: row.dataset.map(|id| id.0),
-            verifies: verifies.map(|id| id.0),
+            verifies,
             run: row.run.map(|id| id.0),
-            checkpoints: checkpoints.into_iter().map(|checkpoint| checkpoint.id.0).collect(),
+            checkpoints: self.checkpoints.remove(&row.id).unwrap_or_default(),
             priority: row.priority,
             max_attempts: row.max_attempts,
             cancel_requested: row.cancel_requested,
@@ -90,23 +124,18 @@ impl App {
             finished_at: text(row.finished_at),
         })
     }
+}
 
-    async fn members(&self, pipeline: JobId) -> Result<Vec<Member>, ApiError> {
-        let rows = self.store.members(pipeline).await?;
-        let mut members = Vec::with_capacity(rows.len());
-        for store::Member { name, job, reused } in rows {
-            members.push(Member {
-                name,
-                job: job.id.0,
-                kind: job.kind.parse()?,
-                state: job.state,
-                error: job.error,
-                progress: progress(job.progress),
-                reused,
-            });
-        }
-        Ok(members)
-    }
+fn seen_by_pipeline(row: store::Member) -> Result<Member, ApiError> {
+    Ok(Member {
+        name: row.name,
+        job: row.job.0,
+        kind: row.kind.parse()?,
+        state: row.state,
+        error: row.error,
+        progress: progress(row.progress),
+        reused: row.reused,
+    })
 }
 
 /// From start to end, in seconds, once both are known.
@@ -114,45 +143,6 @@ impl App {
 fn duration_seconds(row: &store::Job) -> Option<f64> {
     let (started, finished) = (row.started_at?, row.finished_at?);
     Some((finished.milliseconds() - started.milliseconds()) as f64 / 1000.0)
-}
-
-fn task(row: store::Task, unit: &str) -> Task {
-    Task {
-        id: row.id.0,
-        stage: row.stage,
-        ordinal: row.ordinal,
-        label: row.label,
-        state: row.state,
-        attempt: row.attempt,
-        max_attempts: row.max_attempts,
-        epoch: row.epoch.0,
-        worker: row.worker,
-        lease_until: text(row.lease_until),
-        error: row.error,
-        progress: Progress {
-            done: row.progress.done,
-            total: row.total,
-            unit: unit.to_owned(),
-            rate_per_second: row.progress.rate_per_second,
-            message: row.progress.message,
-        },
-        result: row.result.and_then(without_details),
-        started_at: text(row.started_at),
-        finished_at: text(row.finished_at),
-    }
-}
-
-/// The ranges and spectra of a shard belong to its dataset, whose summary has those of all shards;
-/// the errors of a cell joint by joint belong to its evaluation's report.
-fn without_details(result: Value) -> Option<Value> {
-    let Value::Object(mut entries) = result else { return Some(result) };
-    entries.remove(ShardSummary::KEY);
-    if let Some(Value::Array(predictors)) = entries.get_mut("predictors") {
-        for errors in predictors.iter_mut().filter_map(Value::as_object_mut) {
-            errors.remove("step_squares_deg2");
-        }
-    }
-    (!entries.is_empty()).then_some(Value::Object(entries))
 }
 
 pub(super) fn text(time: Option<Timestamp>) -> Option<String> {

@@ -9,7 +9,7 @@ mod evaluations;
 mod experiments;
 pub mod files;
 mod jobs;
-mod paging;
+pub mod paging;
 mod predictions;
 mod questions;
 mod runs;
@@ -17,9 +17,11 @@ mod shards;
 pub mod streams;
 pub mod submission;
 mod summaries;
+pub mod tasks;
 pub mod trajectories;
 mod uploads;
-mod verifications;
+pub mod verifications;
+mod workers;
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -147,11 +149,5 @@ impl App {
     pub(crate) async fn streams_closed(&self) {
         let all = u32::try_from(STREAMS).unwrap_or(u32::MAX);
         let _ = self.stream_places.acquire_many(all).await;
-    }
-
-    /// The version of the database's schema, once the database has answered.
-    pub(crate) async fn database_schema(&self) -> Result<i64, ApiError> {
-        self.store.ping().await?;
-        Ok(self.store.schema_version())
     }
 }

@@ -1,4 +1,4 @@
-//! Pages of a list: newest first, by id.
+//! Pages of lists: newest first, by id; of tasks, in the order in which they run.
 
 use crate::error::ApiError;
 use crate::limits::{PAGE_DEFAULT, PAGE_MAXIMUM};
@@ -12,6 +12,15 @@ pub struct Paging {
     pub before: Option<i64>,
 }
 
+/// Which part of a job's tasks is asked for.
+#[derive(Clone, Copy, Debug)]
+pub struct TaskPaging {
+    /// Tasks at most.
+    pub limit: u32,
+    /// Only tasks that run after this one.
+    pub after: Option<i64>,
+}
+
 impl From<Paging> for store::Page {
     fn from(paging: Paging) -> Self {
         Self { before: paging.before, limit: paging.limit }
@@ -22,15 +31,37 @@ impl Paging {
     /// # Errors
     /// When `limit` is not in 1 to [`PAGE_MAXIMUM`].
     pub fn new(limit: Option<u32>, before: Option<i64>) -> Result<Self, ApiError> {
-        let limit = limit.unwrap_or(PAGE_DEFAULT);
-        if !(1..=PAGE_MAXIMUM).contains(&limit) {
-            return Err(ApiError::parameter("limit", limit, format!("1 to {PAGE_MAXIMUM}")));
-        }
-        Ok(Self { limit, before })
+        Ok(Self { limit: checked(limit)?, before })
     }
 
     /// The `before` of the page that follows one whose last id is `last` among `found` items.
     pub fn next(self, found: usize, last: Option<i64>) -> Option<i64> {
-        last.filter(|_| u32::try_from(found).is_ok_and(|found| found >= self.limit))
+        last.filter(|_| is_full(found, self.limit))
     }
+}
+
+impl TaskPaging {
+    /// # Errors
+    /// When `limit` is not in 1 to [`PAGE_MAXIMUM`].
+    pub fn new(limit: Option<u32>, after: Option<i64>) -> Result<Self, ApiError> {
+        Ok(Self { limit: checked(limit)?, after })
+    }
+
+    /// The `after` of the page that follows one whose last id is `last` among `found` tasks.
+    pub fn next(self, found: usize, last: Option<i64>) -> Option<i64> {
+        last.filter(|_| is_full(found, self.limit))
+    }
+}
+
+fn checked(limit: Option<u32>) -> Result<u32, ApiError> {
+    let limit = limit.unwrap_or(PAGE_DEFAULT);
+    if !(1..=PAGE_MAXIMUM).contains(&limit) {
+        return Err(ApiError::parameter("limit", limit, format!("1 to {PAGE_MAXIMUM}")));
+    }
+    Ok(limit)
+}
+
+/// Whether more may follow.
+fn is_full(found: usize, limit: u32) -> bool {
+    u32::try_from(found).is_ok_and(|found| found >= limit)
 }

@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use spec::SpecError;
 use statistics::interpolated_quantile;
-use store::CheckpointId;
+use store::{Checkpoint, CheckpointFile, CheckpointId};
 use wire::{
     PredictedQuantile, PredictedScenario, PredictingModel, Prediction, PredictionLatency,
     PredictionRequest, PredictionSampling,
@@ -14,7 +14,7 @@ use wire::{
 use crate::app::App;
 use crate::app::questions::question;
 use crate::error::ApiError;
-use crate::live::{Answer, Lane, LiveModel};
+use crate::live::{Answer, Lane, LiveError, LiveModel};
 
 /// A checkpoint's model, held for a question or for a stream of them.
 #[derive(Clone)]
@@ -25,11 +25,12 @@ pub struct HeldModel {
 
 impl App {
     /// # Errors
-    /// When there is no such checkpoint, or its model cannot be loaded or asked.
+    /// When there is no such checkpoint, or its model cannot be loaded or asked; [`ApiError::Damaged`] when a file of it
+    /// is.
     pub async fn held_model(&self, checkpoint: i64) -> Result<HeldModel, ApiError> {
         let models = self.models.as_ref().ok_or(ApiError::NoModels)?;
         let row = self.store.checkpoint(CheckpointId(checkpoint)).await?;
-        let model = models.load(&row).await?;
+        let model = models.load(&row).await.map_err(|error| not_loaded(&row, error))?;
         let about = model.about();
         if about.needs_future {
             let allowed = "one whose normalization does not look into the horizon";
@@ -68,6 +69,18 @@ impl App {
         let latency_ms = PredictionLatency { load, queue, compute };
         let warnings = answer.warnings;
         Ok(Prediction { model: resource, scenarios, latency_ms, warnings })
+    }
+}
+
+/// Why the model of `checkpoint` was not loaded; which file, where one is damaged.
+fn not_loaded(checkpoint: &Checkpoint, error: LiveError) -> ApiError {
+    let LiveError::Store(error) = error else { return error.into() };
+    let is_of = |file: &&CheckpointFile| error.object_path() == Some(file.object.path.as_str());
+    match checkpoint.files.iter().find(is_of) {
+        Some(file) => {
+            ApiError::reading(format!("{} of checkpoint {}", file.name, checkpoint.id), error)
+        }
+        None => ApiError::Live(LiveError::Store(error)),
     }
 }
 

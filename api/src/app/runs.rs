@@ -1,7 +1,9 @@
 //! Runs: the records of trainings and evaluations.
 
+use std::collections::{BTreeMap, HashMap};
+
 use figures::Figure;
-use store::{JobId, RunId, SeriesPoint};
+use store::{RunId, SeriesPoint};
 use wire::{Artifact, LatestMetric, Metric, MetricPoint, Run, Runs};
 
 use crate::app::files::Download;
@@ -13,17 +15,13 @@ use crate::limits::POINTS_DEFAULT;
 impl App {
     pub async fn run(&self, id: i64) -> Result<Run, ApiError> {
         let row = self.store.run(RunId(id)).await?;
-        self.complete_run(row).await
+        self.complete_runs(vec![row]).await?.pop().ok_or(ApiError::Internal)
     }
 
     pub async fn runs(&self, paging: Paging) -> Result<Runs, ApiError> {
         let rows = self.store.runs(None, paging.into()).await?;
         let next = paging.next(rows.len(), rows.last().map(|row| row.id.0));
-        let mut runs = Vec::with_capacity(rows.len());
-        for row in rows {
-            runs.push(self.complete_run(row).await?);
-        }
-        Ok(Runs { runs, next })
+        Ok(Runs { runs: self.complete_runs(rows).await?, next })
     }
 
     pub async fn metric(&self, run: i64, key: &str, points: u32) -> Result<Metric, ApiError> {
@@ -39,24 +37,22 @@ impl App {
         })
     }
 
-    /// The value that a job's run recorded last under `key`.
-    pub async fn latest_metric_of_job(
+    /// The values that `runs` recorded last under `key`, by run.
+    pub async fn latest_values(
         &self,
-        job: i64,
+        runs: &[i64],
         key: &str,
-    ) -> Result<Option<LatestMetric>, ApiError> {
-        let Some(run) = self.store.job(JobId(job)).await?.run else { return Ok(None) };
-        let recorded = self.store.latest_metrics(&[run]).await?;
-        Ok(recorded
-            .into_iter()
-            .find(|(_, found, _)| found == key)
-            .map(|(_, _, point)| latest(&point)))
+    ) -> Result<BTreeMap<i64, LatestMetric>, ApiError> {
+        let runs: Vec<RunId> = runs.iter().copied().map(RunId).collect();
+        let recorded = self.store.latest_values(&runs, key).await?;
+        Ok(recorded.into_iter().map(|(run, point)| (run.0, latest(&point))).collect())
     }
 
     pub async fn run_artifact(&self, run: i64, name: &str) -> Result<Download, ApiError> {
         let artifact = self.store.artifact(RunId(run), name).await?;
-        let name = format!("run-{run}-{name}");
-        Ok(Download::new(name, &artifact.media_type, &artifact.object))
+        let file = format!("{name} of run {run}");
+        let saved_as = format!("run-{run}-{name}");
+        Ok(Download::new(saved_as, &artifact.media_type, &artifact.object, file))
     }
 
     /// Training and validation loss of a run so far.
@@ -67,34 +63,48 @@ impl App {
         Ok(loss_figure(&training.points, &validation.points))
     }
 
-    pub(super) async fn artifacts(&self, run: RunId) -> Result<Vec<Artifact>, ApiError> {
-        let rows = self.store.artifacts(run).await?;
-        let artifact = |row: store::Artifact| Artifact {
-            url: format!("/v1/runs/{run}/artifacts/{}", row.name),
-            name: row.name,
-            media_type: row.media_type,
-            size: row.object.size,
-            sha256: row.object.sha256,
-        };
-        Ok(rows.into_iter().map(artifact).collect())
+    /// The files of `runs`, by run.
+    pub(super) async fn artifacts(
+        &self,
+        runs: &[RunId],
+    ) -> Result<HashMap<RunId, Vec<Artifact>>, ApiError> {
+        let mut artifacts: HashMap<RunId, Vec<Artifact>> = HashMap::new();
+        for row in self.store.artifacts(runs).await? {
+            artifacts.entry(row.run).or_default().push(Artifact {
+                url: format!("/v1/runs/{}/artifacts/{}", row.run, row.name),
+                name: row.name,
+                media_type: row.media_type,
+                size: row.object.size,
+                sha256: row.object.sha256,
+            });
+        }
+        Ok(artifacts)
     }
 
-    async fn complete_run(&self, row: store::Run) -> Result<Run, ApiError> {
-        let recorded = self.store.latest_metrics(&[row.id]).await?;
-        let metrics = recorded.into_iter().map(|(_, key, point)| (key, latest(&point)));
-        Ok(Run {
-            metrics: metrics.collect(),
-            artifacts: self.artifacts(row.id).await?,
-            id: row.id.0,
-            job: row.job.0,
-            kind: row.kind.parse()?,
-            name: row.name,
-            digest: row.digest,
-            state: row.state,
-            error: row.error,
-            spec: row.spec,
-            created_at: row.created_at.to_string(),
-        })
+    /// Adds to runs what other tables know of them, with as many statements for one run as for many.
+    async fn complete_runs(&self, rows: Vec<store::Run>) -> Result<Vec<Run>, ApiError> {
+        let ids: Vec<RunId> = rows.iter().map(|row| row.id).collect();
+        let mut metrics: HashMap<RunId, BTreeMap<String, LatestMetric>> = HashMap::new();
+        for (run, key, point) in self.store.latest_metrics(&ids).await? {
+            metrics.entry(run).or_default().insert(key, latest(&point));
+        }
+        let mut artifacts = self.artifacts(&ids).await?;
+        let run = |row: store::Run| -> Result<Run, ApiError> {
+            Ok(Run {
+                metrics: metrics.remove(&row.id).unwrap_or_default(),
+                artifacts: artifacts.remove(&row.id).unwrap_or_default(),
+                id: row.id.0,
+                job: row.job.0,
+                kind: row.kind.parse()?,
+                name: row.name,
+                digest: row.digest,
+                state: row.state,
+                error: row.error,
+                spec: row.spec,
+                created_at: row.created_at.to_string(),
+            })
+        };
+        rows.into_iter().map(run).collect()
     }
 }
 

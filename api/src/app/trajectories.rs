@@ -101,8 +101,8 @@ impl App {
 fn there_are(state: DatasetState, trajectories: u64, shards: &[Shard]) -> String {
     match (state, shards) {
         (DatasetState::Complete, _) => format!("there are 0 to {}", trajectories.saturating_sub(1)),
-        (DatasetState::Building, []) => "no shard is finished yet".to_owned(),
-        (DatasetState::Building, shards) => {
+        (_, []) => "no shard is finished yet".to_owned(),
+        (DatasetState::Building | DatasetState::Abandoned, shards) => {
             let ranges: Vec<Range<u64>> =
                 shards.iter().map(|shard| shard.contents.range()).collect();
             let ranges: Vec<String> = ranges

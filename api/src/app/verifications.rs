@@ -1,9 +1,11 @@
 //! Verifications: datasets made again and compared with what is stored.
 
-use serde::Deserialize;
+use std::collections::BTreeMap;
+
+use serde_json::Value;
 use spec::{DataSource, Execution, JobKind, JobSpec, VerifySpec};
 use store::{DatasetId, JobId, Reuse};
-use wire::{DatasetState, Job, TaskState, Verification, VerifiedShard};
+use wire::{DatasetState, Job, Verification, VerifiedShard};
 
 use crate::app::App;
 use crate::app::jobs::text;
@@ -13,7 +15,13 @@ use crate::error::ApiError;
 const KIND: &str = JobKind::Verify.as_str();
 
 /// Remarks shown of a verification; a dataset of another version has one per shard.
-const REMARKS: usize = 5;
+const REMARKS: u32 = 5;
+
+/// The field of a [`VerifiedShard`] that says how its bytes agree.
+const BYTES: &str = "bytes";
+
+/// Its value, or the beginning of it, where the bytes are the same.
+const EQUAL: &str = "equal";
 
 impl App {
     /// Queues a verification of this very dataset, whatever was verified before.
@@ -37,48 +45,55 @@ impl App {
 
     /// The newest verification of a dataset.
     pub async fn verification(&self, dataset: i64) -> Result<Option<Verification>, ApiError> {
-        match self.store.newest_reader(DatasetId(dataset), KIND).await? {
-            Some(job) => Ok(Some(self.outcome(job).await?)),
-            None => Ok(None),
-        }
-    }
-
-    /// What the verification that `job` is has found so far.
-    pub async fn verification_by(&self, job: i64) -> Result<Verification, ApiError> {
-        let job = self.store.job(JobId(job)).await?;
-        self.outcome(job).await
-    }
-
-    async fn outcome(&self, job: store::Job) -> Result<Verification, ApiError> {
-        let tasks = self.store.tasks(job.id).await?;
-        let verified = tasks.iter().filter(|task| task.state == TaskState::Succeeded);
-        let mut verification = Verification {
+        let newest = self.store.newest_reader(DatasetId(dataset), KIND).await?;
+        let Some(job) = newest else { return Ok(None) };
+        let agreement = self.agreements(&[job.id.0]).await?.remove(&job.id.0).unwrap_or_default();
+        Ok(Some(Verification {
             job: job.id.0,
             state: job.state,
-            shards: tasks.len() as u64,
-            shards_verified: 0,
-            shards_identical: 0,
-            remarks: Vec::new(),
+            shards: agreement.shards,
+            shards_verified: agreement.verified,
+            shards_identical: agreement.identical,
+            remarks: self.remarks(job.id).await?,
             error: job.error,
             finished_at: text(job.finished_at),
-        };
-        for task in verified {
-            let result = task.result.as_ref();
-            let Some(VerifiedShard { bytes, values, .. }) =
-                result.and_then(|result| VerifiedShard::deserialize(result).ok())
-            else {
-                continue;
-            };
-            verification.shards_verified += 1;
-            if bytes.starts_with("equal") {
-                verification.shards_identical += 1;
-            }
-            if bytes != "equal" && verification.remarks.len() < REMARKS {
-                let values = values.map(|values| format!(", values {values}"));
-                let remark = format!("{}: bytes {bytes}{}", task.label, values.unwrap_or_default());
-                verification.remarks.push(remark);
+        }))
+    }
+
+    /// The findings so far of the verifications that `jobs` are, by job.
+    pub async fn agreements(&self, jobs: &[i64]) -> Result<BTreeMap<i64, Agreement>, ApiError> {
+        let jobs: Vec<JobId> = jobs.iter().copied().map(JobId).collect();
+        let mut agreements: BTreeMap<i64, Agreement> = BTreeMap::new();
+        for tally in self.store.result_tallies(&jobs, BYTES).await? {
+            let agreement = agreements.entry(tally.job.0).or_default();
+            agreement.shards += tally.tasks;
+            let Some(bytes) = tally.value else { continue };
+            agreement.verified += tally.tasks;
+            if bytes.starts_with(EQUAL) {
+                agreement.identical += tally.tasks;
             }
         }
-        Ok(verification)
+        Ok(agreements)
     }
+
+    /// Shards whose bytes are not simply equal.
+    async fn remarks(&self, job: JobId) -> Result<Vec<String>, ApiError> {
+        let unlike = self.store.results_unlike(job, BYTES, EQUAL, REMARKS).await?;
+        let remark = |(label, result): (String, Value)| {
+            let VerifiedShard { bytes, values, .. } = serde_json::from_value(result).ok()?;
+            let values = values.map(|values| format!(", values {values}"));
+            Some(format!("{label}: bytes {bytes}{}", values.unwrap_or_default()))
+        };
+        Ok(unlike.into_iter().filter_map(remark).collect())
+    }
+}
+
+/// How many shards of a dataset were compared, and how well they agree.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Agreement {
+    pub shards: u64,
+    /// Without a difference in any value.
+    pub verified: u64,
+    /// Those of them whose bytes are the same.
+    pub identical: u64,
 }

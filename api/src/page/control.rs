@@ -45,9 +45,8 @@ pub struct PairedRow {
 impl ClosedLoop {
     /// `None` of a job that has no report yet.
     pub async fn of(app: &App, job: &Job) -> Result<Option<Self>, ApiError> {
-        let (Some(report), Some(run)) = (app.report(job.id).await?, job.run) else {
-            return Ok(None);
-        };
+        let Some(run) = job.run else { return Ok(None) };
+        let Some(report) = app.report(run).await? else { return Ok(None) };
         let artifacts = app.run(run).await?.artifacts;
         let figures = [
             (

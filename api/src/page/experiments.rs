@@ -6,10 +6,9 @@ use axum::http::HeaderMap;
 use axum::response::Response;
 use serde::Deserialize;
 use spec::JobKind;
-use wire::{Job, JobState};
+use wire::JobState;
 
 use crate::app::App;
-use crate::error::ApiError;
 use crate::extract::Query;
 use crate::page::answer::{InPage, PageError, html};
 use crate::page::parts::{Commands, Standing};
@@ -31,6 +30,8 @@ struct ExperimentsPage {
     filters: Vec<Filter>,
     filtered: bool,
     settled: bool,
+    /// Why experiments wait.
+    obstacles: Vec<String>,
     experiments: Vec<Experiment>,
     older: Option<String>,
 }
@@ -54,16 +55,21 @@ pub async fn show(
     headers: HeaderMap,
 ) -> Result<Response, PageError> {
     let jobs = app.experiments(listing.state, listing.before, PAGE).await?;
-    let mut experiments = Vec::with_capacity(jobs.jobs.len());
-    for job in &jobs.jobs {
-        experiments.push(experiment(&app, job).await?);
-    }
+    let rows = Row::of_each(&app, &jobs.jobs).await?;
+    let experiments = jobs.jobs.iter().zip(rows).map(|(job, rows)| Experiment {
+        job: Standing::of(job),
+        is_single: job.kind != JobKind::Pipeline,
+        rows,
+    });
+    let settled = jobs.jobs.iter().all(|job| job.state.is_final());
+    let obstacles = if settled { Vec::new() } else { app.obstacles(&app.workers().await?) };
     let page = ExperimentsPage {
+        obstacles,
         commands: Commands::new(&app, &headers),
         filters: filters(listing.state),
         filtered: listing.state.is_some() || listing.before.is_some(),
-        settled: jobs.jobs.iter().all(|job| job.state.is_final()),
-        experiments,
+        settled,
+        experiments: experiments.collect(),
         older: jobs.next.map(|before| match listing.state {
             Some(state) => format!("/?state={state}&before={before}"),
             None => format!("/?before={before}"),
@@ -87,12 +93,4 @@ fn filters(current: Option<JobState>) -> Vec<Filter> {
     });
     let all = Filter { href: "/".to_owned(), label: "all", current: current.is_none() };
     [all].into_iter().chain(of_state).collect()
-}
-
-async fn experiment(app: &App, job: &Job) -> Result<Experiment, ApiError> {
-    let rows = match job.kind {
-        JobKind::Pipeline => Row::of_members(app, job).await?,
-        _ => vec![Row::of_job(app, job).await?],
-    };
-    Ok(Experiment { job: Standing::of(job), is_single: job.kind != JobKind::Pipeline, rows })
 }

@@ -1,23 +1,28 @@
 //! One job or pipeline: its members or tasks, its results and its spec.
 
+use std::slice;
+
 use askama::Template;
 use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::{IntoResponse, Redirect, Response};
-use wire::{Task, TaskState};
+use spec::JobKind;
+use store::TaskOverview;
+use wire::TaskState;
 
 use crate::app::App;
+use crate::app::tasks::{FirstTasks, progress};
 use crate::error::ApiError;
 use crate::extract::Path;
 use crate::page::answer::{InPage, PageError, html};
 use crate::page::control::ClosedLoop;
-use crate::page::kinds::{closed_loop, headline, own_page};
+use crate::page::kinds::{closed_loop, headlines, own_page};
 use crate::page::parts::{Bar, Commands, FileLink, Link, Standing};
 use crate::page::rows::{Row, results};
 use crate::page::spec_text::spec_text;
 
 /// Tasks shown; the rest is one link away.
-const TASKS: usize = 100;
+const TASKS: u32 = 100;
 
 #[derive(Template)]
 #[template(path = "job.html")]
@@ -33,7 +38,9 @@ struct JobPage {
     files: Vec<FileLink>,
     rows: Vec<Row>,
     tasks: Vec<TaskRow>,
-    tasks_left_out: usize,
+    tasks_left_out: u64,
+    /// The id of the last one shown.
+    last_task: i64,
     spec: String,
     commands: Commands,
 }
@@ -53,9 +60,15 @@ pub async fn show(
     headers: HeaderMap,
 ) -> Result<Response, PageError> {
     let job = app.job(id).await?;
-    let rows = Row::of_members(&app, &job).await?;
-    let tasks = app.tasks(id).await?;
-    let outcome = headline(&app, &job).await?;
+    let rows = match job.kind {
+        JobKind::Pipeline => {
+            let rows = Row::of_each(&app, slice::from_ref(&job)).await?;
+            rows.into_iter().flatten().collect()
+        }
+        _ => Vec::new(),
+    };
+    let FirstTasks { tasks, all } = app.first_tasks(id, TASKS).await?;
+    let outcome = headlines(&app, &[&job]).await?.remove(&id).unwrap_or_default();
     let closed_loop = closed_loop(&app, &job).await?;
     let files = match job.run {
         Some(run) if own_page(job.kind, id, run).is_none() => app.run(run).await?.artifacts,
@@ -71,17 +84,19 @@ pub async fn show(
         closed_loop,
         files: files.into_iter().map(FileLink::from).collect(),
         rows,
-        tasks_left_out: tasks.len().saturating_sub(TASKS),
-        tasks: tasks.into_iter().take(TASKS).map(TaskRow::from).collect(),
+        tasks_left_out: all.saturating_sub(tasks.len() as u64),
+        last_task: tasks.last().map_or(0, |task| task.id.0),
+        tasks: tasks.into_iter().map(|task| TaskRow::new(task, &job.progress.unit)).collect(),
         spec: spec_text(&job.spec),
         commands: Commands::new(&app, &headers),
     };
     Ok(html(&page)?)
 }
 
-impl From<Task> for TaskRow {
-    fn from(task: Task) -> Self {
-        let progress = (task.state == TaskState::Running).then(|| Bar::new(&task.progress));
+impl TaskRow {
+    fn new(task: TaskOverview, unit: &str) -> Self {
+        let is_running = task.state == TaskState::Running;
+        let progress = is_running.then(|| Bar::new(&progress(task.progress, task.total, unit)));
         Self {
             progress,
             label: task.label,

@@ -19,6 +19,7 @@ mod spec_text;
 mod text;
 mod verification;
 mod viewer;
+mod workers;
 
 use axum::Router;
 use axum::extract::Request;
@@ -41,6 +42,7 @@ pub fn routes() -> Router<App> {
         .route("/datasets/{id}", get(dataset::show))
         .route("/datasets/{id}/verify", post(dataset::verify))
         .route("/checkpoints/{id}", get(checkpoint::show))
+        .route("/workers", get(workers::show))
         .route("/static/{name}", get(assets::show))
 }
 

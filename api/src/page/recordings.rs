@@ -10,9 +10,9 @@ use crate::page::text;
 
 /// Nothing until the import has ended.
 pub async fn facts(app: &App, import: &Job) -> Result<Vec<Fact>, ApiError> {
-    let tasks = app.tasks(import.id).await?;
-    let result = tasks.first().and_then(|task| task.result.as_ref()?.get("import"));
-    let counts = result.and_then(|counts| ImportCounts::deserialize(counts).ok());
+    let result = app.sole_results(&[import.id]).await?.remove(&import.id);
+    let counts = result.as_ref().and_then(|result| result.get("import"));
+    let counts = counts.and_then(|counts| ImportCounts::deserialize(counts).ok());
     Ok(counts.map_or(Vec::new(), |counts| {
         let too_short = match counts.dropped_recordings {
             0 => format!("in {} rows", text::count(counts.rows)),

@@ -1,11 +1,13 @@
 //! Jobs in a row: how far each is, what it found, and where to look.
 
+use std::collections::BTreeSet;
+
 use spec::JobKind;
 use wire::{Job, JobState, Member};
 
 use crate::app::App;
 use crate::error::ApiError;
-use crate::page::kinds::{headline, own_page};
+use crate::page::kinds::{headlines, own_page};
 use crate::page::parts::{Bar, Link};
 use crate::page::text;
 
@@ -24,38 +26,48 @@ pub struct Row {
 }
 
 impl Row {
-    pub async fn of_job(app: &App, job: &Job) -> Result<Self, ApiError> {
+    fn new(job: &Job, headline: Option<&String>) -> Self {
         let took = job.duration_seconds.map(|it| format!("took {}", text::duration(it)));
-        Ok(Self {
+        Self {
             href: format!("/jobs/{}", job.id),
             name: job.name.clone(),
             kind: job.kind,
             state: job.state,
             progress: Bar::of(job.state, &job.progress),
             remark: took.unwrap_or_default(),
-            metric: headline(app, job).await?,
+            metric: headline.cloned().unwrap_or_default(),
             links: results(job),
-        })
+        }
     }
 
-    async fn of_member(app: &App, member: &Member, job: &Job) -> Result<Self, ApiError> {
-        let row = Self::of_job(app, job).await?;
+    fn of_member(member: &Member, row: Self) -> Self {
         let remark = match &member.error {
             Some(error) => error.clone(),
             None if member.reused && member.state == JobState::Succeeded => "reused".to_owned(),
             None => row.remark,
         };
-        Ok(Self { name: member.name.clone(), remark, ..row })
+        Self { name: member.name.clone(), remark, ..row }
     }
 
-    /// A row for every job of a pipeline.
-    pub async fn of_members(app: &App, pipeline: &Job) -> Result<Vec<Self>, ApiError> {
-        let mut rows = Vec::with_capacity(pipeline.members.len());
-        let jobs = app.jobs_of_pipeline(pipeline.id).await?;
-        for (member, job) in pipeline.members.iter().zip(&jobs) {
-            rows.push(Self::of_member(app, member, job).await?);
-        }
-        Ok(rows)
+    /// The rows of each of `jobs`, in order: of a pipeline those of its members, of any other job its own. The database
+    /// is asked as often for one job as for many.
+    pub async fn of_each(app: &App, jobs: &[Job]) -> Result<Vec<Vec<Self>>, ApiError> {
+        let members: BTreeSet<i64> =
+            jobs.iter().flat_map(|job| &job.members).map(|member| member.job).collect();
+        let members = app.jobs_by_id(&members.into_iter().collect::<Vec<_>>()).await?;
+        let single = jobs.iter().filter(|job| job.kind != JobKind::Pipeline);
+        let shown: Vec<&Job> = members.values().chain(single).collect();
+        let headlines = headlines(app, &shown).await?;
+        let row = |job: &Job| Self::new(job, headlines.get(&job.id));
+        let of_member =
+            |member: &Member| Some(Self::of_member(member, row(members.get(&member.job)?)));
+        let rows = |job: &Job| -> Vec<Self> {
+            match job.kind {
+                JobKind::Pipeline => job.members.iter().filter_map(of_member).collect(),
+                _ => vec![row(job)],
+            }
+        };
+        Ok(jobs.iter().map(rows).collect())
     }
 }
 

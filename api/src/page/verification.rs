@@ -2,6 +2,7 @@
 
 use wire::{JobState, Verification};
 
+use crate::app::verifications::Agreement;
 use crate::page::text;
 
 /// What there is to say about the newest verification of a dataset.
@@ -32,14 +33,19 @@ impl Checked {
             };
         };
         let at = found.finished_at.as_deref().map(text::instant).unwrap_or_default();
+        let outcome = outcome(Agreement {
+            shards: found.shards,
+            verified: found.shards_verified,
+            identical: found.shards_identical,
+        });
         Self {
             job: Some(found.job),
             state: found.state,
             outcome: match found.state {
-                JobState::Succeeded => format!("Verified at {at}: {}.", outcome(found)),
+                JobState::Succeeded => format!("Verified at {at}: {outcome}."),
                 JobState::Failed => format!("Failed at {at}."),
-                JobState::Cancelled => format!("Cancelled at {at}, {}.", outcome(found)),
-                JobState::Waiting | JobState::Queued | JobState::Running => outcome(found),
+                JobState::Cancelled => format!("Cancelled at {at}, {outcome}."),
+                JobState::Waiting | JobState::Queued | JobState::Running => outcome,
             },
             remarks: found.remarks.clone(),
             error: found.error.clone().unwrap_or_default(),
@@ -49,21 +55,18 @@ impl Checked {
 }
 
 /// How many shards agree, and how well.
-pub fn outcome(found: &Verification) -> String {
-    let Verification { shards, shards_verified, shards_identical, .. } = found;
-    let all = shards_verified == shards;
+pub fn outcome(Agreement { shards, verified, identical }: Agreement) -> String {
+    let all = verified == shards;
     let compared = match (all, shards) {
         (true, 1) => "the one shard".to_owned(),
-        (true, _) => format!("all {} shards", text::count(*shards)),
-        (false, _) => {
-            format!("{} of {} shards", text::count(*shards_verified), text::count(*shards))
-        }
+        (true, _) => format!("all {} shards", text::count(shards)),
+        (false, _) => format!("{} of {} shards", text::count(verified), text::count(shards)),
     };
-    let agree = if *shards == 1 && all { "agrees" } else { "agree" };
-    if shards_verified == shards_identical {
+    let agree = if shards == 1 && all { "agrees" } else { "agree" };
+    if verified == identical {
         return format!("{compared} {agree} in every byte");
     }
-    let identical = text::count(*shards_identical);
+    let identical = text::count(identical);
     format!("{compared} {agree} in every value, {identical} of them in every byte")
 }
 
@@ -72,16 +75,7 @@ mod tests {
     use super::*;
 
     fn found(shards: u64, verified: u64, identical: u64) -> String {
-        outcome(&Verification {
-            job: 1,
-            state: JobState::Running,
-            shards,
-            shards_verified: verified,
-            shards_identical: identical,
-            remarks: Vec::new(),
-            error: None,
-            finished_at: None,
-        })
+        outcome(Agreement { shards, verified, identical })
     }
 
     #[test]

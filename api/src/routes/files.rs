@@ -19,7 +19,12 @@ pub async fn send(
     let answer = Answer::new(method, headers, &file.info);
     let body = match answer.part.clone() {
         Some(part) => app.read(&file, part).await?,
-        None => Body::empty(),
+        None => {
+            if method == Method::HEAD {
+                app.look_up(&file).await?;
+            }
+            Body::empty()
+        }
     };
     Ok(answer.with_body(body))
 }

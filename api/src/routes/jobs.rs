@@ -11,6 +11,7 @@ use store::JobFilter;
 use utoipa::IntoParams;
 use wire::{Job, JobState, Jobs, Tasks};
 
+use crate::app::paging::TaskPaging;
 use crate::app::submission::{Reuse, Submitted};
 use crate::app::{App, Paging};
 use crate::error::ApiError;
@@ -128,14 +129,28 @@ pub async fn cancel(State(app): State<App>, Path(id): Path<i64>) -> Result<Json<
     Ok(Json(app.cancel(id).await?))
 }
 
-/// The pieces that workers lease.
+#[derive(Deserialize, IntoParams)]
+#[into_params(parameter_in = Query)]
+pub struct TaskParameters {
+    /// Tasks at most, 1 to 500; 50 when left out.
+    limit: Option<u32>,
+    /// Only tasks that run after this one: the `next` of the page before.
+    after: Option<i64>,
+}
+
+/// The pieces that workers lease, in the order in which they run.
 #[utoipa::path(
     get,
     path = "/v1/jobs/{id}/tasks",
     tag = "jobs",
-    params(("id" = i64, Path)),
+    params(("id" = i64, Path), TaskParameters),
     responses((status = 200, body = Tasks)),
 )]
-pub async fn tasks(State(app): State<App>, Path(id): Path<i64>) -> Result<Json<Tasks>, ApiError> {
-    Ok(Json(Tasks { tasks: app.tasks(id).await? }))
+pub async fn tasks(
+    State(app): State<App>,
+    Path(id): Path<i64>,
+    Query(parameters): Query<TaskParameters>,
+) -> Result<Json<Tasks>, ApiError> {
+    let paging = TaskPaging::new(parameters.limit, parameters.after)?;
+    Ok(Json(app.tasks(id, paging).await?))
 }

@@ -13,6 +13,7 @@ mod presets;
 mod runs;
 mod trajectories;
 mod uploads;
+mod workers;
 
 use axum::extract::{DefaultBodyLimit, Request};
 use axum::response::{IntoResponse, Response};
@@ -72,6 +73,7 @@ fn operations() -> OpenApiRouter<App> {
         .routes(routes!(predictions::open_stream))
         .routes(routes!(evaluations::list))
         .routes(routes!(evaluations::show))
+        .routes(routes!(workers::list))
 }
 
 /// The OpenAPI document of every operation under `/v1`, and of `/healthz`.

@@ -29,9 +29,10 @@ const PREDICT: &str = "/v1/checkpoints/{id}/predict";
 const STREAM: &str = "/v1/checkpoints/{id}/stream";
 
 /// Every operation, with a request that it answers with success.
-const OPERATIONS: [(&str, &str, &str); 32] = [
+const OPERATIONS: [(&str, &str, &str); 33] = [
     ("get", "/healthz", "/healthz"),
     ("get", "/v1/presets", "/v1/presets"),
+    ("get", "/v1/workers", "/v1/workers"),
     ("post", "/v1/jobs", "/v1/jobs"),
     ("get", "/v1/jobs", "/v1/jobs"),
     ("get", "/v1/jobs/{id}", "/v1/jobs/5"),

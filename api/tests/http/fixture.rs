@@ -88,6 +88,12 @@ impl Server {
         Self { store, router, dir }
     }
 
+    /// The same store, served with other options.
+    pub fn restarted_with(self, options: &Options) -> Self {
+        let router = api::router(App::new(self.store.clone(), options));
+        Self { router, ..self }
+    }
+
     /// The file that a stored object is.
     pub fn object(&self, path: &str) -> std::path::PathBuf {
         self.dir.path().join("objects").join(path)
@@ -98,6 +104,15 @@ impl Server {
         let (parts, body) = response.into_parts();
         let body = body.collect().await.unwrap().to_bytes();
         Answer { status: parts.status, headers: parts.headers, body }
+    }
+
+    /// The status that GET answers with, and the body if it comes to its end.
+    pub async fn download(&self, path: &str) -> (StatusCode, Result<Bytes, axum::Error>) {
+        let request = Request::get(path).header(HOST, "127.0.0.1:7070");
+        let request = request.body(Body::empty()).unwrap();
+        let response = self.router.clone().oneshot(request).await.unwrap();
+        let (parts, body) = response.into_parts();
+        (parts.status, body.collect().await.map(|body| body.to_bytes()))
     }
 
     pub async fn request(&self, method: Method, path: &str, headers: &[(&str, &str)]) -> Answer {

@@ -3,15 +3,18 @@
 #![expect(clippy::unwrap_used, reason = "a test stops where its case cannot be set up")]
 
 mod access;
+mod damage;
 mod documented;
 mod downloads;
 mod fixture;
 mod fuzz;
+mod lists;
 mod pages;
 mod problems;
 mod references;
 mod resources;
 mod serving;
+mod streams;
 mod submission;
 mod tables;
 mod trainings;

@@ -1,15 +1,48 @@
 //! Jobs, datasets, runs, checkpoints and evaluations as they are read.
 
 use serde_json::json;
+use store::NewWorker;
 
 use crate::fixture::{Server, report, small_pipeline, small_simulation};
 
 #[tokio::test]
 async fn the_server_tells_its_health_and_version() {
-    let health = Server::start().await.json("/healthz").await;
-    assert_eq!(health["status"], "ok");
+    let server = Server::start().await;
+    let health = server.json("/healthz").await;
+    assert_eq!((&health["status"], &health["workers"]), (&json!("degraded"), &json!(0)));
     assert_eq!(health["version"], env!("CARGO_PKG_VERSION"));
-    assert!(health["database_schema"].as_i64().unwrap() >= 1);
+    assert!(health["database_schema"].as_i64().unwrap() >= 2);
+    assert!(health["free_bytes"].as_u64().unwrap() > 0);
+
+    server.store.register_worker(&worker()).await.unwrap();
+    let health = server.json("/healthz").await;
+    assert_eq!((&health["status"], &health["workers"]), (&json!("ok"), &json!(1)));
+    assert_eq!(health["reasons"], json!(null));
+}
+
+#[tokio::test]
+async fn workers_are_listed_and_shown_on_the_page() {
+    let server = Server::start().await;
+    assert_eq!(server.json("/v1/workers").await, json!({"workers": []}));
+    assert!(server.get("/workers").await.text().contains("No worker is there"));
+    server.store.register_worker(&worker()).await.unwrap();
+    let listed = &server.json("/v1/workers").await["workers"][0];
+    assert_eq!((&listed["name"], &listed["pid"]), (&json!("w1"), &json!(7)));
+    assert_eq!((&listed["alive"], &listed["task"]), (&json!(true), &json!(null)));
+    let answer = server.get("/workers").await;
+    let page = answer.text();
+    assert!(page.contains("lab-3") && page.contains("waits for a task"), "{page}");
+}
+
+fn worker() -> NewWorker {
+    NewWorker {
+        name: "w1".to_owned(),
+        host: "lab-3".to_owned(),
+        pid: 7,
+        version: "1.2.3".to_owned(),
+        device: "cpu".to_owned(),
+        threads: 2,
+    }
 }
 
 #[tokio::test]

@@ -1,9 +1,10 @@
 //! Submitting: what is new, what is taken from before, and what must be the same.
 
+use api::Options;
 use axum::http::StatusCode;
 use serde_json::json;
 
-use crate::fixture::{Server, small_pipeline, small_simulation};
+use crate::fixture::{Server, small_pipeline, small_simulation, small_training};
 
 #[tokio::test]
 async fn a_new_job_is_created_with_its_place_and_its_tasks() {
@@ -149,5 +150,31 @@ async fn an_idempotency_key_names_one_request() {
         let answer =
             server.submit_to(path, &small_simulation(1), &[("idempotency-key", bad)]).await;
         answer.problem(400);
+    }
+}
+
+/// Caught: the repeat of an accepted request was refused once its dataset could not be found, or a limit was lower.
+#[tokio::test]
+async fn a_repeated_request_is_answered_whatever_has_changed_since() {
+    let server = Server::start().await;
+    let data = server.submitted(&small_simulation(1)).await;
+    let key = [("idempotency-key", "first")];
+    let training = small_training(&json!({"digest": data["digest"]}));
+    let first = server.submit_to("/v1/jobs", &training, &key).await;
+    assert_eq!(first.status, StatusCode::CREATED, "{first:?}");
+    server.fail_next("the disk is gone").await;
+    server.submit(&training).await.problem(422);
+
+    let large = [("idempotency-key", "second")];
+    let simulation = small_simulation(2);
+    let second = server.submit_to("/v1/jobs", &simulation, &large).await;
+    let server = server.restarted_with(&Options { max_trajectories: 5, ..Options::default() });
+    server.submit(&simulation).await.problem(422);
+
+    for (spec, key, before) in [(&training, &key, first), (&simulation, &large, second)] {
+        let again = server.submit_to("/v1/jobs", spec, key).await;
+        assert_eq!(again.status, StatusCode::CREATED, "{again:?}");
+        assert_eq!(again.json()["id"], before.json()["id"]);
+        server.submit_to("/v1/jobs", &small_simulation(3), key).await.problem(422);
     }
 }

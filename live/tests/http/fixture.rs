@@ -13,7 +13,7 @@ use models::{CONFIG_FILE, Device, DeviceKind, MODEL_FILE, TrainedModel};
 use reqwest::StatusCode;
 use safetensors::SafeTensors;
 use serde_json::{Value, json};
-use store::{Access, CheckpointFile, NewCheckpoint, Store, object_path};
+use store::{Access, CheckpointFile, CheckpointId, NewCheckpoint, Store, object_path};
 use tempfile::TempDir;
 use tokio::net::TcpListener;
 use tokio::sync::oneshot;
@@ -31,7 +31,7 @@ pub struct Server {
     store: Store,
     stop: Option<oneshot::Sender<()>>,
     serving: JoinHandle<Result<(), api::ServeError>>,
-    _folder: TempDir,
+    folder: TempDir,
 }
 
 /// Checkpoints of PyTorch twins with random weights, one of each architecture at least.
@@ -74,7 +74,7 @@ impl Server {
             let _ = stopped.await;
         }));
         let http = reqwest::Client::builder().no_proxy().build().unwrap();
-        Self { address, http, store, stop: Some(stop), serving, _folder: folder }
+        Self { address, http, store, stop: Some(stop), serving, folder }
     }
 
     /// A checkpoint with the weights of a twin.
@@ -141,6 +141,17 @@ impl Server {
         let id = self.store.commit_checkpoint(task.fence, &new).await.unwrap();
         self.store.complete(task.fence, None).await.unwrap();
         id.0
+    }
+
+    /// Changes a byte in the middle of a file of a checkpoint.
+    pub async fn damage(&self, checkpoint: i64, file: &str) {
+        let checkpoint = self.store.checkpoint(CheckpointId(checkpoint)).await.unwrap();
+        let path = &checkpoint.file(file).unwrap().path;
+        let path = self.folder.path().join("objects").join(path);
+        let mut bytes = std::fs::read(&path).unwrap();
+        let middle = bytes.len() / 2;
+        bytes[middle] ^= 1;
+        std::fs::write(path, bytes).unwrap();
     }
 
     pub async fn post(&self, path: &str, body: &Value) -> (StatusCode, Value) {

@@ -208,6 +208,24 @@ async fn a_model_that_fails_says_so_and_the_others_go_on() {
     assert_eq!(server.predict(sound, &two()).await.0, 200);
 }
 
+/// Caught: a damaged checkpoint was answered with a fault of the server that named nothing.
+#[tokio::test]
+async fn a_damaged_checkpoint_is_named_with_its_file() {
+    let server = Server::start().await;
+    for file in [models::MODEL_FILE, models::CONFIG_FILE] {
+        let checkpoint = server.checkpoint("cdt").await;
+        server.damage(checkpoint, file).await;
+        let (status, problem) = server.predict(checkpoint, &two()).await;
+        assert_eq!(status, 500, "{problem}");
+        assert_eq!(problem["type"], "tag:torqued,2026:damaged");
+        let named = format!("{file} of checkpoint {checkpoint} is damaged");
+        assert!(problem["detail"].as_str().unwrap().starts_with(&named), "{problem}");
+        assert_eq!(crate::streams::refusal(&server, checkpoint, &[]).await, 500);
+    }
+    let sound = server.checkpoint("cdt").await;
+    assert_eq!(server.predict(sound, &two()).await.0, 200);
+}
+
 #[tokio::test]
 async fn a_model_that_finds_no_room_waits_for_those_in_use_to_be_let_go() {
     // Room for one CDT of 23 676 bytes, and not for a CDCNN of 80 188.

@@ -33,7 +33,7 @@ pub async fn connect(server: &Server, checkpoint: i64) -> Socket {
 }
 
 /// The status that a handshake is refused with.
-async fn refusal(server: &Server, checkpoint: i64, headers: &[(&'static str, &str)]) -> u16 {
+pub async fn refusal(server: &Server, checkpoint: i64, headers: &[(&'static str, &str)]) -> u16 {
     match try_to_connect(server, checkpoint, headers).await {
         Err(Error::Http(response)) => response.status().as_u16(),
         other => panic!("{other:?}"),

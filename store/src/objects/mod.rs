@@ -10,7 +10,11 @@
 //! their size, without a name, which is gone when it is closed.
 
 mod access;
+mod checked;
+mod copy;
+mod download;
 pub(crate) mod file;
+mod fingerprint;
 pub mod path;
 mod unfinished_file;
 mod writer;
@@ -33,9 +37,11 @@ use tokio::runtime::Handle;
 
 use crate::StoreError;
 use crate::data_dir::DataDir;
+use crate::objects::checked::{CheckedObjects, Verdict};
 use crate::objects::file::measure;
 
 pub use file::measure_file;
+pub use fingerprint::Fingerprint;
 pub use writer::ObjectWriter;
 pub(crate) use writer::{PART_SIZE, PARTS_IN_FLIGHT, unique_name};
 
@@ -62,6 +68,7 @@ pub struct ObjectBytes {
 pub(crate) struct Objects {
     remote: Arc<dyn ObjectStore>,
     place: Place,
+    checked: CheckedObjects,
 }
 
 #[derive(Debug)]
@@ -82,13 +89,17 @@ impl Objects {
         let local = LocalFileSystem::new_with_prefix(dir.objects())
             .map_err(|error| dir.unusable(io::Error::other(error)))?
             .with_fsync(true);
-        Ok(Self { remote: Arc::new(local), place: Place::Folder(dir.objects()) })
+        Ok(Self::new(Arc::new(local), Place::Folder(dir.objects())))
     }
 
     /// In `remote`, with copies in the data folder while they are read.
     pub fn elsewhere(dir: &DataDir, remote: Arc<dyn ObjectStore>) -> Self {
         let place = Place::Elsewhere { spool: dir.objects(), runtime: Handle::current() };
-        Self { remote, place }
+        Self::new(remote, place)
+    }
+
+    fn new(remote: Arc<dyn ObjectStore>, place: Place) -> Self {
+        Self { remote, place, checked: CheckedObjects::default() }
     }
 
     pub fn remote(&self) -> &dyn ObjectStore {
@@ -110,10 +121,7 @@ impl Objects {
             .head(&parse(&object.path)?)
             .await
             .map_err(StoreError::object("looking for it", &object.path))?;
-        if found.size == object.size {
-            return Ok(());
-        }
-        Err(damaged(object, format!("it has {} bytes instead of {}", found.size, object.size)))
+        object.check_size(found.size)
     }
 
     /// Deletes objects that no row names any more. Those that cannot be deleted are left to the
@@ -124,9 +132,20 @@ impl Objects {
                 Ok(location) => self.remote.delete(&location).await.map_err(|e| e.to_string()),
                 Err(error) => Err(error.to_string()),
             };
-            if let Err(error) = deleted {
-                tracing::warn!(path, error, "cannot delete an object");
+            match deleted {
+                Ok(()) => self.delete_empty_folder(&path),
+                Err(error) => tracing::warn!(path, error, "cannot delete an object"),
             }
+        }
+    }
+
+    /// Deletes the folder of a checkpoint when its last file is gone: no other checkpoint has it. Folders of other
+    /// objects are shared, and somebody may be about to write there.
+    fn delete_empty_folder(&self, path: &str) {
+        let Some(folder) = self.folder().filter(|_| path::is_of_checkpoint(path)) else { return };
+        if let Some(parent) = folder.join(path).parent() {
+            // It is not empty while other files of the checkpoint are there.
+            let _ = std::fs::remove_dir(parent);
         }
     }
 
@@ -151,12 +170,22 @@ impl Objects {
         swept.map_err(io::Error::other).flatten().map_err(failed)
     }
 
-    /// Opens an object for blocking reads, having read all of it once to check its digest.
+    /// Opens an object for blocking reads, having read all of it once to check its digest. A file that this process
+    /// has read before and that did not change since is not read again.
     pub fn open_verified(&self, object: &StoredObject) -> Result<File, StoreError> {
-        let file = self.open(&object.path)?;
-        if measure(&file, &object.path)?.sha256 != object.sha256 {
-            return Err(damaged(object, OTHER_DIGEST.to_owned()));
+        if self.folder().is_none() {
+            let file = self.open(&object.path)?;
+            object.check_digest(measure(&file, &object.path)?.sha256)?;
+            return rewind(file, &object.path);
         }
+        let head = futures::executor::block_on(self.remote.head(&parse(&object.path)?));
+        let version = head.map_err(StoreError::object("looking for it", &object.path))?;
+        object.check_size(version.size)?;
+        let file = self.open(&object.path)?;
+        if self.checked.verdict(object, &version) == Some(Verdict::Sound) {
+            return Ok(file);
+        }
+        self.checked.judge(object, &version, measure(&file, &object.path)?.sha256)?;
         rewind(file, &object.path)
     }
 
@@ -207,14 +236,4 @@ fn rewind(mut file: File, path: &str) -> Result<File, StoreError> {
 
 fn parse(path: &str) -> Result<Path, StoreError> {
     Path::parse(path).map_err(|error| StoreError::object("parsing its path", path)(error.into()))
-}
-
-const OTHER_DIGEST: &str = "it has not the digest it was published with";
-
-fn damaged(object: &StoredObject, detail: String) -> StoreError {
-    StoreError::ObjectFile {
-        operation: "checking",
-        path: object.path.clone(),
-        source: io::Error::new(io::ErrorKind::InvalidData, detail),
-    }
 }

@@ -12,6 +12,11 @@ pub fn checkpoint(job: JobId, step: u64, epoch: Epoch, name: &str) -> String {
     format!("checkpoints/{job}/step-{step:08}-e{epoch}/{name}")
 }
 
+/// Whether a path is one of [`checkpoint`].
+pub(crate) fn is_of_checkpoint(path: &str) -> bool {
+    path.starts_with("checkpoints/")
+}
+
 /// An artifact may be written again under the same lease, so its digest is in its path.
 pub fn artifact(run: RunId, epoch: Epoch, digest: &Digest, name: &str) -> String {
     format!("runs/{run}/{}-e{epoch}-{name}", digest.short())

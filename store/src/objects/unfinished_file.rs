@@ -71,20 +71,28 @@ pub(crate) fn delete_below(root: &Path, age: Duration) -> io::Result<u64> {
     let mut deleted = 0;
     let mut folders: Vec<PathBuf> = vec![root.to_owned()];
     while let Some(folder) = folders.pop() {
-        for entry in std::fs::read_dir(folder)? {
-            let entry = entry?;
-            let metadata = entry.metadata()?;
+        let Some(entries) = unless_gone(std::fs::read_dir(folder))? else { continue };
+        for entry in entries {
+            let Some(entry) = unless_gone(entry)? else { continue };
+            let Some(metadata) = unless_gone(entry.metadata())? else { continue };
             if metadata.is_dir() {
                 folders.push(entry.path());
             } else if entry.file_name().to_string_lossy().contains('#')
                 && metadata.modified()?.elapsed().is_ok_and(|it| it > age)
             {
-                std::fs::remove_file(entry.path())?;
-                deleted += 1;
+                deleted += u64::from(unless_gone(std::fs::remove_file(entry.path()))?.is_some());
             }
         }
     }
     Ok(deleted)
+}
+
+/// Workers publish and prune while somebody looks: a file that was there may not be any more.
+fn unless_gone<T>(found: io::Result<T>) -> io::Result<Option<T>> {
+    match found {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
+        found => found.map(Some),
+    }
 }
 
 /// Has the disk work all the time instead of at the end, without anybody waiting for it: a thread
@@ -112,5 +120,33 @@ impl Syncing {
     fn end(self) -> io::Result<()> {
         drop(self.ask);
         self.thread.join().map_err(|_| io::Error::other("the thread that syncs has panicked"))?
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::{AtomicBool, Ordering};
+
+    use super::*;
+
+    /// Workers publish, prune and delete while a server sweeps.
+    #[test]
+    fn files_and_folders_that_vanish_do_not_end_a_sweep() {
+        let root = tempfile::tempdir().unwrap();
+        let is_over = AtomicBool::new(false);
+        thread::scope(|scope| {
+            scope.spawn(|| {
+                while !is_over.load(Ordering::Relaxed) {
+                    let folder = root.path().join("step");
+                    std::fs::create_dir(&folder).unwrap();
+                    (0..50).for_each(|k| std::fs::write(folder.join(k.to_string()), "").unwrap());
+                    std::fs::remove_dir_all(folder).unwrap();
+                }
+            });
+            for _ in 0..300 {
+                assert_eq!(delete_below(root.path(), Duration::from_secs(3600)).unwrap(), 0);
+            }
+            is_over.store(true, Ordering::Relaxed);
+        });
     }
 }

@@ -154,7 +154,7 @@ pub(crate) fn unique_name(prefix: &str) -> String {
 }
 
 /// Creates a folder and those it is in; their names are durable when this returns.
-fn create_folder(folder: &Path) -> io::Result<()> {
+pub(super) fn create_folder(folder: &Path) -> io::Result<()> {
     if folder.is_dir() {
         return Ok(());
     }

@@ -19,7 +19,7 @@ pub enum Retry {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct TaskStanding {
     pub state: TaskState,
-    /// Times it was claimed and not released.
+    /// Times it was claimed and not released since it last got on.
     pub attempt: u32,
     pub max_attempts: u32,
     pub epoch: Epoch,
@@ -44,6 +44,13 @@ impl TaskStanding {
     pub fn claimed(self) -> Self {
         let epoch = Epoch(self.epoch.0 + 1);
         Self { state: TaskState::Running, attempt: self.attempt + 1, epoch, ..self }
+    }
+
+    /// Something lasts that the next attempt need not do again, such as a checkpoint: this attempt is the first of
+    /// those that count.
+    #[must_use]
+    pub fn got_on(self) -> Self {
+        Self { attempt: self.attempt.min(1), ..self }
     }
 
     /// Whether the worker that claimed the task at `epoch` may still write: the fence.
@@ -77,7 +84,8 @@ impl TaskStanding {
 }
 
 const FIRST_DELAY: Duration = Duration::from_secs(5);
-const LONGEST_DELAY: Duration = Duration::from_secs(300);
+/// Before a retry.
+pub(crate) const LONGEST_DELAY: Duration = Duration::from_secs(300);
 
 /// At once after the first attempt, since most deaths have nothing to do with the task; then
 /// twice as long each time.
@@ -95,5 +103,34 @@ mod tests {
         let seconds: Vec<u64> = (1..=5).map(|attempt| delay_after(attempt).as_secs()).collect();
         assert_eq!(seconds, [0, 5, 10, 20, 40]);
         assert_eq!(delay_after(20), LONGEST_DELAY);
+    }
+
+    /// The state of a task whose workers die again and again, after each attempt.
+    fn dies(gets_on: impl Fn(u32) -> bool) -> Vec<TaskState> {
+        let queued = TaskStanding {
+            state: TaskState::Queued,
+            attempt: 0,
+            max_attempts: 3,
+            epoch: Epoch(0),
+            cancel_requested: false,
+        };
+        let attempts = (1..=10).scan(queued, |standing, attempt| {
+            if standing.state != TaskState::Queued {
+                return None;
+            }
+            let claimed = standing.claimed();
+            let claimed = if gets_on(attempt) { claimed.got_on() } else { claimed };
+            *standing = claimed.after(Ending::Failed(Retry::Allowed)).0;
+            Some(standing.state)
+        });
+        attempts.collect()
+    }
+
+    #[test]
+    fn attempts_that_got_on_do_not_count() {
+        use TaskState::{Failed, Queued};
+        assert_eq!(dies(|_| false), [Queued, Queued, Failed]);
+        assert_eq!(dies(|_| true), [Queued; 10]);
+        assert_eq!(dies(|attempt| attempt <= 4), [Queued, Queued, Queued, Queued, Queued, Failed]);
     }
 }

@@ -1,4 +1,5 @@
 use sqlx::sqlite::SqliteRow;
+use sqlx::types::Json;
 use sqlx::{FromRow, Row};
 
 use super::rows::stored_object;
@@ -6,12 +7,30 @@ use super::{Database, Transaction, integer};
 use crate::{Artifact, RunId, StoredObject};
 
 impl Database {
-    /// By name.
-    pub async fn artifacts(&self, run: RunId) -> Result<Vec<Artifact>, sqlx::Error> {
-        sqlx::query_as("SELECT * FROM artifact WHERE run = ? ORDER BY name")
-            .bind(run)
-            .fetch_all(&self.reader)
-            .await
+    /// By run, then by name.
+    pub async fn artifacts(&self, runs: &[RunId]) -> Result<Vec<Artifact>, sqlx::Error> {
+        sqlx::query_as(
+            "SELECT * FROM artifact WHERE run IN (SELECT value FROM json_each(?)) \
+             ORDER BY run, name",
+        )
+        .bind(Json(runs))
+        .fetch_all(&self.reader)
+        .await
+    }
+
+    pub async fn artifacts_named(
+        &self,
+        runs: &[RunId],
+        name: &str,
+    ) -> Result<Vec<Artifact>, sqlx::Error> {
+        sqlx::query_as(
+            "SELECT * FROM artifact WHERE run IN (SELECT value FROM json_each(?)) AND name = ? \
+             ORDER BY run",
+        )
+        .bind(Json(runs))
+        .bind(name)
+        .fetch_all(&self.reader)
+        .await
     }
 
     pub async fn artifact(&self, run: RunId, name: &str) -> Result<Option<Artifact>, sqlx::Error> {

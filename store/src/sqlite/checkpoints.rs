@@ -1,5 +1,8 @@
+use std::collections::HashMap;
+
 use spec::Digest;
 use sqlx::sqlite::SqliteRow;
+use sqlx::types::Json;
 use sqlx::{FromRow, Row};
 
 use super::rows::{digest, stored_object};
@@ -49,6 +52,20 @@ impl Database {
         self.with_files(found).await
     }
 
+    /// By job, then by step.
+    pub async fn checkpoint_ids(
+        &self,
+        jobs: &[JobId],
+    ) -> Result<Vec<(JobId, CheckpointId)>, sqlx::Error> {
+        sqlx::query_as(
+            "SELECT job, id FROM checkpoint WHERE job IN (SELECT value FROM json_each(?)) \
+             ORDER BY job, step",
+        )
+        .bind(Json(jobs))
+        .fetch_all(&self.reader)
+        .await
+    }
+
     pub async fn latest_checkpoint(&self, job: JobId) -> Result<Option<Checkpoint>, sqlx::Error> {
         let found = sqlx::query_as(select_checkpoint!(
             "WHERE checkpoint.job = ? ORDER BY checkpoint.step DESC LIMIT 1"
@@ -89,12 +106,21 @@ impl Database {
         &self,
         mut checkpoints: Vec<Checkpoint>,
     ) -> Result<Vec<Checkpoint>, sqlx::Error> {
+        let ids: Vec<CheckpointId> = checkpoints.iter().map(|checkpoint| checkpoint.id).collect();
+        let rows = sqlx::query(
+            "SELECT * FROM checkpoint_file \
+             WHERE checkpoint IN (SELECT value FROM json_each(?)) ORDER BY checkpoint, name",
+        )
+        .bind(Json(&ids))
+        .fetch_all(&self.reader)
+        .await?;
+        let mut files: HashMap<CheckpointId, Vec<CheckpointFile>> = HashMap::new();
+        for row in &rows {
+            let file = CheckpointFile::from_row(row)?;
+            files.entry(row.try_get("checkpoint")?).or_default().push(file);
+        }
         for checkpoint in &mut checkpoints {
-            checkpoint.files =
-                sqlx::query_as("SELECT * FROM checkpoint_file WHERE checkpoint = ? ORDER BY name")
-                    .bind(checkpoint.id)
-                    .fetch_all(&self.reader)
-                    .await?;
+            checkpoint.files = files.remove(&checkpoint.id).unwrap_or_default();
         }
         // One that was pruned since its row was read.
         checkpoints.retain(|checkpoint| !checkpoint.files.is_empty());
@@ -148,6 +174,15 @@ impl Transaction {
         .bind(integer(file.object.size))
         .bind(file.object.sha256.to_string());
         self.execute(statement).await
+    }
+
+    pub async fn last_step(&mut self, job: JobId) -> Result<Option<u64>, sqlx::Error> {
+        let step: Option<i64> =
+            sqlx::query_scalar("SELECT MAX(step) FROM checkpoint WHERE job = ?")
+                .bind(job)
+                .fetch_one(self.connection())
+                .await?;
+        Ok(step.map(i64::unsigned_abs))
     }
 
     /// Returns the paths of the objects that the rows named.

@@ -2,6 +2,7 @@ use std::collections::BTreeMap;
 
 use spec::Digest;
 use sqlx::sqlite::SqliteRow;
+use sqlx::types::Json;
 use sqlx::{FromRow, Row};
 use wire::DatasetState;
 
@@ -11,10 +12,21 @@ use crate::{
     Dataset, DatasetId, Fence, FileContent, JobId, Page, Shard, ShardContents, StoredObject,
 };
 
+/// A dataset is building as long as its job can still fill it.
+macro_rules! standing {
+    () => {
+        "CASE WHEN dataset.state = 'building' AND job.state IN ('failed', 'cancelled') \
+         THEN 'abandoned' ELSE dataset.state END"
+    };
+}
+
 macro_rules! select_dataset {
     ($rest:literal) => {
         concat!(
-            "SELECT dataset.*, job.name, job.spec, \
+            "SELECT dataset.id, dataset.job, dataset.digest, dataset.trajectories, dataset.samples, \
+             dataset.created_at, dataset.completed_at, ",
+            standing!(),
+            " AS state, job.name, job.spec, \
              (SELECT COUNT(*) FROM shard WHERE shard.dataset = dataset.id) AS shards, \
              (SELECT COALESCE(SUM(rejected), 0) FROM shard WHERE shard.dataset = dataset.id) \
              AS rejected, \
@@ -39,13 +51,35 @@ impl Database {
         state: Option<DatasetState>,
         page: Page,
     ) -> Result<Vec<Dataset>, sqlx::Error> {
-        sqlx::query_as(select_dataset!(
-            "WHERE dataset.id < ?1 AND (?2 IS NULL OR dataset.state = ?2) \
-             ORDER BY dataset.id DESC LIMIT ?3"
+        sqlx::query_as(concat!(
+            select_dataset!("WHERE dataset.id < ?1 AND (?2 IS NULL OR "),
+            standing!(),
+            " = ?2) ORDER BY dataset.id DESC LIMIT ?3"
         ))
         .bind(page.before())
         .bind(state.map(DatasetState::as_str))
         .bind(page.limit())
+        .fetch_all(&self.reader)
+        .await
+    }
+
+    pub async fn datasets_by_id(&self, ids: &[DatasetId]) -> Result<Vec<Dataset>, sqlx::Error> {
+        sqlx::query_as(select_dataset!(
+            "WHERE dataset.id IN (SELECT value FROM json_each(?)) ORDER BY dataset.id"
+        ))
+        .bind(Json(ids))
+        .fetch_all(&self.reader)
+        .await
+    }
+
+    pub async fn datasets_of_jobs(
+        &self,
+        jobs: &[JobId],
+    ) -> Result<Vec<(JobId, DatasetId)>, sqlx::Error> {
+        sqlx::query_as(
+            "SELECT job, id FROM dataset WHERE job IN (SELECT value FROM json_each(?)) ORDER BY job",
+        )
+        .bind(Json(jobs))
         .fetch_all(&self.reader)
         .await
     }
@@ -184,7 +218,7 @@ impl Transaction {
     }
 }
 
-fn shards_from_rows(rows: &[SqliteRow]) -> Result<Vec<Shard>, sqlx::Error> {
+pub(super) fn shards_from_rows(rows: &[SqliteRow]) -> Result<Vec<Shard>, sqlx::Error> {
     let mut shards = Vec::with_capacity(rows.len() / 2);
     for files in rows.chunk_by(same_shard) {
         let mut objects = files

@@ -1,8 +1,9 @@
 use std::collections::HashMap;
 
+use serde_json::Value;
 use spec::Digest;
 use sqlx::sqlite::SqliteRow;
-use sqlx::types::Text;
+use sqlx::types::{Json, Text};
 use sqlx::{FromRow, QueryBuilder, Row, Sqlite};
 use wire::JobState;
 
@@ -11,7 +12,7 @@ use super::{Database, Transaction};
 use crate::{DatasetId, Job, JobFilter, JobId, JobProgress, Page};
 
 /// Completed by a condition.
-pub(super) const SELECT_JOB: &str = "SELECT job.*, dataset.id AS dataset, run.id AS run FROM job \
+const SELECT_JOB: &str = "SELECT job.*, dataset.id AS dataset, run.id AS run FROM job \
     LEFT JOIN dataset ON dataset.job = job.id LEFT JOIN run ON run.job = job.id ";
 
 impl Database {
@@ -74,47 +75,58 @@ impl Database {
         Ok(self.jobs_of(query).await?.into_iter().next())
     }
 
-    pub async fn needs(&self, job: JobId) -> Result<Vec<JobId>, sqlx::Error> {
-        sqlx::query_scalar("SELECT needs FROM job_need WHERE job = ? ORDER BY needs")
-            .bind(job)
-            .fetch_all(&self.reader)
-            .await
+    /// By id.
+    pub async fn jobs_by_id(&self, ids: &[JobId]) -> Result<Vec<Job>, sqlx::Error> {
+        let mut query = QueryBuilder::new(SELECT_JOB);
+        query.push("WHERE job.id IN (SELECT value FROM json_each(");
+        query.push_bind(Json(ids.to_vec())).push(")) ORDER BY job.id");
+        self.jobs_of(query).await
     }
 
-    pub(super) async fn jobs_of(
+    pub async fn specs(&self, ids: &[JobId]) -> Result<Vec<(JobId, Value)>, sqlx::Error> {
+        let rows = sqlx::query(
+            "SELECT id, spec FROM job WHERE id IN (SELECT value FROM json_each(?)) ORDER BY id",
+        )
+        .bind(Json(ids))
+        .fetch_all(&self.reader)
+        .await?;
+        rows.iter().map(|row| Ok((row.try_get("id")?, json(row, "spec")?))).collect()
+    }
+
+    pub async fn newest_specs(
         &self,
-        mut query: QueryBuilder<Sqlite>,
-    ) -> Result<Vec<Job>, sqlx::Error> {
+        digests: &[Digest],
+    ) -> Result<Vec<(Digest, Value)>, sqlx::Error> {
+        let rows = sqlx::query(
+            "SELECT digest, spec FROM job WHERE id IN (SELECT MAX(id) FROM job \
+             WHERE digest IN (SELECT value FROM json_each(?)) GROUP BY digest)",
+        )
+        .bind(Json(digests))
+        .fetch_all(&self.reader)
+        .await?;
+        rows.iter().map(|row| Ok((digest(row, "digest")?, json(row, "spec")?))).collect()
+    }
+
+    /// Each job with one that it needs, by both ids.
+    pub async fn needs(&self, jobs: &[JobId]) -> Result<Vec<(JobId, JobId)>, sqlx::Error> {
+        sqlx::query_as(
+            "SELECT job, needs FROM job_need WHERE job IN (SELECT value FROM json_each(?)) \
+             ORDER BY job, needs",
+        )
+        .bind(Json(jobs))
+        .fetch_all(&self.reader)
+        .await
+    }
+
+    async fn jobs_of(&self, mut query: QueryBuilder<Sqlite>) -> Result<Vec<Job>, sqlx::Error> {
         let mut jobs: Vec<Job> = query.build_query_as().fetch_all(&self.reader).await?;
         self.add_progress(&mut jobs).await?;
         Ok(jobs)
     }
 
     async fn add_progress(&self, jobs: &mut [Job]) -> Result<(), sqlx::Error> {
-        if jobs.is_empty() {
-            return Ok(());
-        }
-        let mut query = QueryBuilder::<Sqlite>::new(
-            "SELECT job AS id, SUM(CASE WHEN state = 'succeeded' THEN total ELSE done END) AS done, \
-             SUM(total) AS total, SUM(CASE WHEN state = 'running' THEN rate END) AS rate, \
-             MAX(CASE WHEN state = 'running' THEN message END) AS message \
-             FROM task WHERE job IN (",
-        );
-        push_ids(&mut query, jobs);
-        query.push(
-            ") GROUP BY job UNION ALL \
-             SELECT member.pipeline AS id, SUM(job.state = 'succeeded') AS done, \
-             COUNT(*) AS total, NULL AS rate, NULL AS message \
-             FROM pipeline_member AS member JOIN job ON job.id = member.job \
-             WHERE member.pipeline IN (",
-        );
-        push_ids(&mut query, jobs);
-        query.push(") GROUP BY member.pipeline");
-        let rows = query.build().fetch_all(&self.reader).await?;
-        let mut by_job: HashMap<JobId, JobProgress> = rows
-            .iter()
-            .map(|row| Ok((row.try_get("id")?, JobProgress::from_row(row)?)))
-            .collect::<Result<_, sqlx::Error>>()?;
+        let ids: Vec<JobId> = jobs.iter().map(|job| job.id).collect();
+        let mut by_job = self.progress(&ids).await?;
         for job in jobs {
             if let Some(found) = by_job.remove(&job.id) {
                 job.progress =
@@ -122,6 +134,30 @@ impl Database {
             }
         }
         Ok(())
+    }
+
+    /// The progress of jobs, each without its unit.
+    pub(super) async fn progress(
+        &self,
+        ids: &[JobId],
+    ) -> Result<HashMap<JobId, JobProgress>, sqlx::Error> {
+        if ids.is_empty() {
+            return Ok(HashMap::new());
+        }
+        let rows = sqlx::query(
+            "SELECT job AS id, SUM(CASE WHEN state = 'succeeded' THEN total ELSE done END) AS done, \
+             SUM(total) AS total, SUM(CASE WHEN state = 'running' THEN rate END) AS rate, \
+             MAX(CASE WHEN state = 'running' THEN message END) AS message \
+             FROM task WHERE job IN (SELECT value FROM json_each(?1)) GROUP BY job UNION ALL \
+             SELECT member.pipeline AS id, SUM(job.state = 'succeeded') AS done, \
+             COUNT(*) AS total, NULL AS rate, NULL AS message \
+             FROM pipeline_member AS member JOIN job ON job.id = member.job \
+             WHERE member.pipeline IN (SELECT value FROM json_each(?1)) GROUP BY member.pipeline",
+        )
+        .bind(Json(ids))
+        .fetch_all(&self.reader)
+        .await?;
+        rows.iter().map(|row| Ok((row.try_get("id")?, JobProgress::from_row(row)?))).collect()
     }
 }
 
@@ -211,13 +247,6 @@ fn experiments(
     }
     query.push(" ORDER BY job.id DESC LIMIT ").push_bind(page.limit());
     query
-}
-
-fn push_ids(query: &mut QueryBuilder<Sqlite>, jobs: &[Job]) {
-    let mut list = query.separated(", ");
-    for job in jobs {
-        list.push_bind(job.id);
-    }
 }
 
 /// All but the unit.

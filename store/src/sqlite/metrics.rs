@@ -1,4 +1,5 @@
 use sqlx::sqlite::SqliteRow;
+use sqlx::types::Json;
 use sqlx::{FromRow, QueryBuilder, Row, Sqlite};
 
 use super::{Database, Transaction, integer};
@@ -12,18 +13,32 @@ impl Database {
         &self,
         runs: &[RunId],
     ) -> Result<Vec<(RunId, String, SeriesPoint)>, sqlx::Error> {
-        let mut query = QueryBuilder::<Sqlite>::new(
-            "SELECT run, key, step, time, value FROM metric_latest WHERE run IN (",
-        );
-        let mut list = query.separated(", ");
-        for run in runs {
-            list.push_bind(*run);
-        }
-        query.push(") ORDER BY run, key");
-        let rows = query.build().fetch_all(&self.reader).await?;
+        let rows = sqlx::query(
+            "SELECT run, key, step, time, value FROM metric_latest \
+             WHERE run IN (SELECT value FROM json_each(?)) ORDER BY run, key",
+        )
+        .bind(Json(runs))
+        .fetch_all(&self.reader)
+        .await?;
         rows.iter()
             .map(|row| Ok((row.try_get("run")?, row.try_get("key")?, SeriesPoint::from_row(row)?)))
             .collect()
+    }
+
+    pub async fn latest_values(
+        &self,
+        runs: &[RunId],
+        key: &str,
+    ) -> Result<Vec<(RunId, SeriesPoint)>, sqlx::Error> {
+        let rows = sqlx::query(
+            "SELECT run, step, time, value FROM metric_latest \
+             WHERE run IN (SELECT value FROM json_each(?)) AND key = ? ORDER BY run",
+        )
+        .bind(Json(runs))
+        .bind(key)
+        .fetch_all(&self.reader)
+        .await?;
+        rows.iter().map(|row| Ok((row.try_get("run")?, SeriesPoint::from_row(row)?))).collect()
     }
 
     pub async fn recorded_points(&self, run: RunId, key: &str) -> Result<u64, sqlx::Error> {

@@ -19,8 +19,11 @@ mod pipelines;
 mod rows;
 mod runs;
 mod submission;
+mod takeover;
+mod task_lists;
 mod tasks;
 mod uploads;
+mod workers;
 
 use std::sync::LazyLock;
 use std::time::Duration;
@@ -38,8 +41,10 @@ use crate::{Access, StoreError};
 
 /// Number, name and statements of each file in `migrations/sqlite`. sqlx has a macro that lists them, which builds
 /// a second SQLite for the compiler.
-const FILES: [(i64, &str, &str); 1] =
-    [(1, "initial", include_str!("../../../migrations/sqlite/0001_initial.sql"))];
+const FILES: [(i64, &str, &str); 2] = [
+    (1, "initial", include_str!("../../../migrations/sqlite/0001_initial.sql")),
+    (2, "forgiving_queue", include_str!("../../../migrations/sqlite/0002_forgiving_queue.sql")),
+];
 
 static MIGRATIONS: LazyLock<Migrator> = LazyLock::new(|| {
     let migration = |&(version, name, sql): &(i64, &'static str, &'static str)| {
@@ -241,6 +246,11 @@ fn failed_to_migrate(dir: &DataDir, source: sqlx::migrate::MigrateError) -> Stor
 /// A count as SQL's integer. Counts come from checked specs and sizes of files, far below 2^63.
 fn integer(count: u64) -> i64 {
     i64::try_from(count).unwrap_or(i64::MAX)
+}
+
+/// Of the clock that [`now`] reads.
+fn milliseconds(duration: Duration) -> i64 {
+    i64::try_from(duration.as_millis()).unwrap_or(i64::MAX / 2)
 }
 
 #[cfg(test)]

@@ -1,33 +1,38 @@
+use std::collections::BTreeSet;
+
 use sqlx::sqlite::SqliteRow;
-use sqlx::types::Text;
-use sqlx::{FromRow, QueryBuilder, Row};
+use sqlx::types::{Json, Text};
+use sqlx::{FromRow, Row};
 use wire::JobState;
 
-use super::jobs::SELECT_JOB;
 use super::rows::state;
 use super::{Database, Transaction};
 use crate::pipelines::MemberRow;
 use crate::rules::cancellation::Candidate;
-use crate::{Job, JobId, Member};
+use crate::{JobId, JobProgress, Member};
 
 impl Database {
-    /// In the order of submission.
-    pub async fn members(&self, pipeline: JobId) -> Result<Vec<Member>, sqlx::Error> {
-        let members: Vec<(String, JobId, bool)> = sqlx::query_as(
-            "SELECT name, job, reused FROM pipeline_member WHERE pipeline = ? ORDER BY ordinal",
+    /// By pipeline, in the order of submission.
+    pub async fn members(&self, pipelines: &[JobId]) -> Result<Vec<Member>, sqlx::Error> {
+        let mut members: Vec<Member> = sqlx::query_as(
+            "SELECT member.pipeline, member.name, member.reused, member.job, \
+             job.kind, job.state, job.error, job.unit \
+             FROM pipeline_member AS member JOIN job ON job.id = member.job \
+             WHERE member.pipeline IN (SELECT value FROM json_each(?)) \
+             ORDER BY member.pipeline, member.ordinal",
         )
-        .bind(pipeline)
+        .bind(Json(pipelines))
         .fetch_all(&self.reader)
         .await?;
-        let mut query = QueryBuilder::new(SELECT_JOB);
-        query.push("WHERE job.id IN (SELECT job FROM pipeline_member WHERE pipeline = ");
-        query.push_bind(pipeline).push(")");
-        let jobs: Vec<Job> = self.jobs_of(query).await?;
-        let member = |(name, id, reused): (String, JobId, bool)| {
-            let job = jobs.iter().find(|job| job.id == id)?.clone();
-            Some(Member { name, reused, job })
-        };
-        Ok(members.into_iter().filter_map(member).collect())
+        let jobs: BTreeSet<JobId> = members.iter().map(|member| member.job).collect();
+        let progress = self.progress(&jobs.into_iter().collect::<Vec<_>>()).await?;
+        for member in &mut members {
+            if let Some(found) = progress.get(&member.job) {
+                let unit = std::mem::take(&mut member.progress.unit);
+                member.progress = JobProgress { unit, ..found.clone() };
+            }
+        }
+        Ok(members)
     }
 }
 
@@ -131,6 +136,22 @@ impl Transaction {
             })
         };
         rows.iter().map(candidate).collect()
+    }
+}
+
+/// Without what is known of its progress but its unit.
+impl FromRow<'_, SqliteRow> for Member {
+    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
+        Ok(Self {
+            pipeline: row.try_get("pipeline")?,
+            name: row.try_get("name")?,
+            job: row.try_get("job")?,
+            kind: row.try_get("kind")?,
+            state: state(row)?,
+            error: row.try_get("error")?,
+            progress: JobProgress { unit: row.try_get("unit")?, ..JobProgress::default() },
+            reused: row.try_get("reused")?,
+        })
     }
 }
 

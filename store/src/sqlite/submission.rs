@@ -5,10 +5,30 @@ use sqlx::Row;
 use wire::JobState;
 
 use super::rows::state;
-use super::{Transaction, integer};
+use super::{Database, Transaction, integer};
 use crate::rules::reuse::{Earlier, TaskPlace};
 use crate::submission::{CompletedTask, JobRow};
 use crate::{JobId, NewTask, Submitted, TaskId};
+
+impl Database {
+    /// As [`Transaction::request`], for a key that is not older than so many milliseconds.
+    pub async fn recent_request(
+        &self,
+        key: &str,
+        age_ms: i64,
+    ) -> Result<Option<(String, Submitted)>, sqlx::Error> {
+        let known: Option<(String, JobId, bool)> = sqlx::query_as(concat!(
+            "SELECT request, job, reused FROM idempotency_key WHERE key = ? AND created_at >= ",
+            now!(),
+            " - ?"
+        ))
+        .bind(key)
+        .bind(age_ms)
+        .fetch_optional(&self.reader)
+        .await?;
+        Ok(known.map(|(request, job, reused)| (request, Submitted { job, reused })))
+    }
+}
 
 impl Transaction {
     /// The outcome of a request with this key, and the request's digest.
@@ -77,7 +97,7 @@ impl Transaction {
     ) -> Result<JobId, sqlx::Error> {
         sqlx::query_scalar(concat!(
             "INSERT INTO job (kind, name, spec, digest, state, unit, priority, max_attempts, ",
-            "is_part, asked_alone, created_at) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ",
+            "is_part, asked_alone, takes_over, created_at) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ",
             now!(),
             ") RETURNING id"
         ))
@@ -91,6 +111,7 @@ impl Transaction {
         .bind(row.max_attempts)
         .bind(row.is_part)
         .bind(!row.is_part)
+        .bind(row.takes_over)
         .fetch_one(self.connection())
         .await
     }
@@ -110,22 +131,22 @@ impl Transaction {
 
     /// Waiting; the job's priority and attempts are theirs.
     pub async fn insert_tasks(&mut self, job: JobId, tasks: &[NewTask]) -> Result<(), sqlx::Error> {
-        for task in tasks {
-            sqlx::query(
-                "INSERT INTO task (job, stage, ordinal, label, payload, state, priority, run_at, \
-                 max_attempts, total) SELECT id, ?, ?, ?, ?, 'waiting', priority, 0, \
-                 max_attempts, ? FROM job WHERE id = ?",
-            )
-            .bind(task.stage)
-            .bind(task.ordinal)
-            .bind(&task.label)
-            .bind(task.payload.to_string())
-            .bind(integer(task.total))
-            .bind(job)
-            .execute(self.connection())
-            .await?;
-        }
-        Ok(())
+        let rows: Vec<_> = tasks
+            .iter()
+            .map(|task| {
+                let payload = task.payload.to_string();
+                (task.stage, task.ordinal, &task.label, payload, integer(task.total))
+            })
+            .collect();
+        let statement = sqlx::query(
+            "INSERT INTO task (job, stage, ordinal, label, payload, state, priority, run_at, \
+             max_attempts, total) SELECT job.id, new.value ->> 0, new.value ->> 1, new.value ->> 2, \
+             new.value ->> 3, 'waiting', job.priority, 0, job.max_attempts, new.value ->> 4 \
+             FROM json_each(?) AS new, job WHERE job.id = ? ORDER BY new.key",
+        )
+        .bind(sqlx::types::Json(rows))
+        .bind(job);
+        self.execute(statement).await
     }
 
     /// The newest task with a result at each place of the jobs of a digest.

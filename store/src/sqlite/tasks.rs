@@ -2,19 +2,22 @@ use std::time::Duration;
 
 use serde_json::Value;
 use sqlx::sqlite::SqliteRow;
-use sqlx::{FromRow, Row};
+use sqlx::{AssertSqlSafe, FromRow, Row};
 
 use super::rows::{digest, json, state};
-use super::{Database, Transaction, integer};
+use super::{Database, Transaction, integer, milliseconds};
 use crate::rules::job::TaskTally;
-use crate::rules::task::TaskStanding;
-use crate::{ClaimedTask, Epoch, Fence, JobId, Progress, Task, TaskId};
+use crate::rules::task::{LONGEST_DELAY, TaskStanding};
+use crate::rules::watch::Leased;
+use crate::{ClaimedTask, Epoch, Fence, JobId, Progress, Task, TaskId, Timestamp};
 
-const EXPIRED: &str = concat!(
-    "SELECT id, epoch, worker FROM task WHERE state = 'running' AND lease_until < ",
-    now!(),
-    " ORDER BY id"
-);
+/// A task may be claimed at once (0) or from a moment on. A moment that lies farther ahead than any delay was set
+/// by a clock that went back since.
+const MAY_BE_CLAIMED: &str =
+    concat!("state = 'queued' AND (run_at <= ", now!(), " OR run_at > ", now!(), " + ?)");
+
+/// Rows of a version that did not tell how long leases last.
+const USUAL_LEASE_MS: i64 = 15_000;
 
 impl Database {
     /// In the order in which they run.
@@ -33,32 +36,38 @@ impl Database {
     }
 
     pub async fn is_any_claimable(&self) -> Result<bool, sqlx::Error> {
-        sqlx::query_scalar(concat!(
-            "SELECT EXISTS (SELECT 1 FROM task WHERE state = 'queued' AND run_at <= ",
-            now!(),
-            ")"
-        ))
-        .fetch_one(&self.reader)
-        .await
+        let statement = format!("SELECT EXISTS (SELECT 1 FROM task WHERE {MAY_BE_CLAIMED})");
+        sqlx::query_scalar(AssertSqlSafe(statement))
+            .bind(milliseconds(LONGEST_DELAY))
+            .fetch_one(&self.reader)
+            .await
     }
 
-    pub async fn is_any_expired(&self) -> Result<bool, sqlx::Error> {
-        Ok(sqlx::query(EXPIRED).fetch_optional(&self.reader).await?.is_some())
+    /// The leases of all running tasks.
+    pub async fn leased(&self) -> Result<Vec<Leased>, sqlx::Error> {
+        sqlx::query_as(concat!(
+            "SELECT id, epoch, worker, lease_until, lease_ms, lease_until < ",
+            now!(),
+            " AS has_passed FROM task WHERE state = 'running'"
+        ))
+        .fetch_all(&self.reader)
+        .await
     }
 }
 
 impl Transaction {
     /// The task that is next to be claimed, as it is before the claim.
     pub async fn next_task(&mut self) -> Result<Option<(ClaimedTask, TaskStanding)>, sqlx::Error> {
-        let row = sqlx::query(concat!(
+        let statement = format!(
             "SELECT task.*, job.kind, job.spec, job.digest, run.id AS run FROM task \
-              JOIN job ON job.id = task.job LEFT JOIN run ON run.job = job.id \
-              WHERE task.id = (SELECT id FROM task WHERE state = 'queued' AND run_at <= ",
-            now!(),
-            " ORDER BY priority DESC, run_at, id LIMIT 1)"
-        ))
-        .fetch_optional(self.connection())
-        .await?;
+             JOIN job ON job.id = task.job LEFT JOIN run ON run.job = job.id \
+             WHERE task.id = (SELECT id FROM task WHERE {MAY_BE_CLAIMED} \
+             ORDER BY priority DESC, id LIMIT 1)"
+        );
+        let row = sqlx::query(AssertSqlSafe(statement))
+            .bind(milliseconds(LONGEST_DELAY))
+            .fetch_optional(self.connection())
+            .await?;
         let read = |row| Ok((ClaimedTask::from_row(&row)?, TaskStanding::from_row(&row)?));
         row.map(read).transpose()
     }
@@ -72,18 +81,18 @@ impl Transaction {
         ttl: Duration,
     ) -> Result<(), sqlx::Error> {
         let statement = sqlx::query(concat!(
-            "UPDATE task SET state = ?, attempt = ?, epoch = ?, worker = ?, lease_until = ",
+            "UPDATE task SET state = ?1, attempt = ?2, epoch = ?3, worker = ?4, lease_until = ",
             now!(),
-            " + ?, started_at = COALESCE(started_at, ",
+            " + ?6, lease_ms = ?6, started_at = COALESCE(started_at, ",
             now!(),
-            "), done = 0, rate = NULL, message = NULL WHERE id = ?"
+            "), done = 0, rate = NULL, message = NULL WHERE id = ?5"
         ))
         .bind(standing.state.as_str())
         .bind(standing.attempt)
         .bind(standing.epoch)
         .bind(worker)
-        .bind(milliseconds(ttl))
-        .bind(task);
+        .bind(task)
+        .bind(milliseconds(ttl));
         self.execute(statement).await
     }
 
@@ -112,7 +121,7 @@ impl Transaction {
         let statement = sqlx::query(concat!(
             "UPDATE task SET lease_until = ",
             now!(),
-            " + ?, done = ?, rate = ?, message = ? WHERE id = ?"
+            " + ?1, lease_ms = ?1, done = ?2, rate = ?3, message = ?4 WHERE id = ?5"
         ))
         .bind(milliseconds(ttl))
         .bind(integer(progress.done))
@@ -122,14 +131,28 @@ impl Transaction {
         self.execute(statement).await
     }
 
-    /// The tasks whose leases have run out, with the worker that had each.
-    pub async fn expired(&mut self) -> Result<Vec<(Fence, String)>, sqlx::Error> {
-        let rows: Vec<(TaskId, Epoch, Option<String>)> =
-            sqlx::query_as(EXPIRED).fetch_all(self.connection()).await?;
-        let expired = |(task, epoch, worker): (TaskId, Epoch, Option<String>)| {
-            (Fence { task, epoch }, worker.unwrap_or_default())
-        };
-        Ok(rows.into_iter().map(expired).collect())
+    /// When the lease of a running task ends.
+    pub async fn lease_until(&mut self, task: TaskId) -> Result<Option<Timestamp>, sqlx::Error> {
+        sqlx::query_scalar("SELECT lease_until FROM task WHERE id = ? AND state = 'running'")
+            .bind(task)
+            .fetch_optional(self.connection())
+            .await
+    }
+
+    /// The running tasks of a worker.
+    pub async fn leased_by(&mut self, worker: &str) -> Result<Vec<Fence>, sqlx::Error> {
+        let rows: Vec<(TaskId, Epoch)> =
+            sqlx::query_as("SELECT id, epoch FROM task WHERE state = 'running' AND worker = ?")
+                .bind(worker)
+                .fetch_all(self.connection())
+                .await?;
+        Ok(rows.into_iter().map(|(task, epoch)| Fence { task, epoch }).collect())
+    }
+
+    pub async fn set_attempt(&mut self, task: TaskId, attempt: u32) -> Result<(), sqlx::Error> {
+        let statement =
+            sqlx::query("UPDATE task SET attempt = ? WHERE id = ?").bind(attempt).bind(task);
+        self.execute(statement).await
     }
 
     pub async fn set_total(&mut self, task: TaskId, total: u64) -> Result<(), sqlx::Error> {
@@ -176,7 +199,7 @@ impl Transaction {
         self.execute(statement).await
     }
 
-    /// Nobody may claim it before `delay` has passed.
+    /// Nobody may claim it before `delay` has passed; without one, anybody may at once.
     pub async fn requeue_task(
         &mut self,
         task: TaskId,
@@ -185,10 +208,11 @@ impl Transaction {
         error: Option<&str>,
     ) -> Result<(), sqlx::Error> {
         let statement = sqlx::query(concat!(
-            "UPDATE task SET state = ?, attempt = ?, error = COALESCE(?, error), \
-              lease_until = NULL, rate = NULL, message = NULL, run_at = ",
+            "UPDATE task SET state = ?1, attempt = ?2, error = COALESCE(?3, error), \
+              lease_until = NULL, rate = NULL, message = NULL, \
+              run_at = CASE WHEN ?4 = 0 THEN 0 ELSE ?4 + ",
             now!(),
-            " + ? WHERE id = ?"
+            " END WHERE id = ?5"
         ))
         .bind(standing.state.as_str())
         .bind(standing.attempt)
@@ -228,11 +252,10 @@ impl Transaction {
 
     /// Queues the tasks of a stage that wait; they all do at once.
     pub async fn queue_stage(&mut self, job: JobId, stage: u32) -> Result<(), sqlx::Error> {
-        let statement = sqlx::query(concat!(
-            "UPDATE task SET state = 'queued', run_at = ",
-            now!(),
-            " WHERE job = ? AND stage = ? AND state = 'waiting'"
-        ))
+        let statement = sqlx::query(
+            "UPDATE task SET state = 'queued', run_at = 0 \
+             WHERE job = ? AND stage = ? AND state = 'waiting'",
+        )
         .bind(job)
         .bind(stage);
         self.execute(statement).await
@@ -257,10 +280,6 @@ impl Transaction {
     }
 }
 
-fn milliseconds(duration: Duration) -> i64 {
-    i64::try_from(duration.as_millis()).unwrap_or(i64::MAX / 2)
-}
-
 impl FromRow<'_, SqliteRow> for TaskStanding {
     fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
         Ok(Self {
@@ -269,6 +288,20 @@ impl FromRow<'_, SqliteRow> for TaskStanding {
             max_attempts: row.try_get("max_attempts")?,
             epoch: row.try_get("epoch")?,
             cancel_requested: row.try_get("cancel_requested")?,
+        })
+    }
+}
+
+impl FromRow<'_, SqliteRow> for Leased {
+    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
+        let lasts: Option<i64> = row.try_get("lease_ms")?;
+        let worker: Option<String> = row.try_get("worker")?;
+        Ok(Self {
+            fence: Fence { task: row.try_get("id")?, epoch: row.try_get("epoch")? },
+            worker: worker.unwrap_or_default(),
+            until: row.try_get("lease_until")?,
+            lasts: Duration::from_millis(lasts.unwrap_or(USUAL_LEASE_MS).unsigned_abs()),
+            has_passed: row.try_get("has_passed")?,
         })
     }
 }

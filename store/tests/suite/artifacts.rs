@@ -20,7 +20,7 @@ pub async fn an_artifact_is_replaced_under_its_name(f: Fixture) {
     assert!(f.store.read_object(&first.object).await.is_err(), "replaced bytes are gone");
     let same = put("<svg></svg>").await;
     assert_eq!(f.store.read_object(&same.object).await.unwrap(), "<svg></svg>");
-    assert_eq!(f.store.artifacts(run).await.unwrap().len(), 1);
+    assert_eq!(f.store.artifacts(&[run]).await.unwrap().len(), 1);
     let error = f.store.artifact(run, "x").await.unwrap_err();
     assert_eq!(error.to_string(), format!("there is no artifact x of run {run}"));
 }

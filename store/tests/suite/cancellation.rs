@@ -44,7 +44,7 @@ pub async fn a_cancelled_task_is_not_tried_again(f: Fixture) {
             0 => f.store.fail(fence, "interrupted", Retry::Allowed).await.unwrap(),
             1 => f.store.release(fence).await.unwrap(),
             _ => {
-                let reaped = f.store.reap().await.unwrap();
+                let reaped = f.reap().await;
                 assert_eq!(reaped, Reaped { cancelled: 1, ..Reaped::default() });
             }
         }

@@ -35,7 +35,7 @@ pub async fn a_training_resumes_from_its_latest_checkpoint(f: Fixture) {
     let task = f.claim_and_die().await;
     commit(&f, &task, 200, false).await;
     let id = commit(&f, &task, 400, false).await;
-    f.store.reap().await.unwrap();
+    f.reap().await;
     let task = f.must_claim().await;
     let latest = f.store.latest_checkpoint(task.job).await.unwrap().unwrap();
     assert_eq!((latest.id, latest.step, latest.is_final), (id, 400, false));
@@ -64,7 +64,7 @@ pub async fn a_step_that_is_taken_again_keeps_its_checkpoints_id(f: Fixture) {
     let dead = f.claim_and_die().await;
     let first = commit(&f, &dead, 200, false).await;
     let old = f.store.checkpoint(first).await.unwrap();
-    f.store.reap().await.unwrap();
+    f.reap().await;
     let task = f.must_claim().await;
     assert_eq!(commit(&f, &task, 200, true).await, first);
     let new = f.store.checkpoint(first).await.unwrap();
@@ -94,6 +94,30 @@ pub async fn old_checkpoints_are_pruned_with_their_bytes(f: Fixture) {
     for checkpoint in f.store.checkpoints(Page::default()).await.unwrap() {
         f.store.read_object(&checkpoint.files[0].object).await.unwrap();
     }
+}
+
+pub async fn a_pruned_checkpoint_leaves_no_empty_folder(f: Fixture) {
+    let job = f.submit_one(train(&simulate(1), vec![])).await;
+    let task = f.must_claim().await;
+    for step in [100, 200, 300] {
+        commit(&f, &task, step, false).await;
+    }
+    f.store.prune_checkpoints(task.fence, 1).await.unwrap();
+    let folder = f._dir.path().join(format!("objects/checkpoints/{job}"));
+    assert_eq!(std::fs::read_dir(folder).unwrap().count(), 1);
+}
+
+pub async fn a_checkpoint_that_nobody_can_use_is_discarded(f: Fixture) {
+    let job = f.submit_one(train(&simulate(1), vec![])).await;
+    let task = f.must_claim().await;
+    commit(&f, &task, 100, false).await;
+    let id = commit(&f, &task, 200, false).await;
+    let damaged = f.store.checkpoint(id).await.unwrap();
+    f.store.discard_checkpoint(task.fence, id).await.unwrap();
+    assert_eq!(f.store.latest_checkpoint(job).await.unwrap().unwrap().step, 100);
+    assert!(f.store.read_object(&damaged.files[0].object).await.is_err());
+    let again = commit(&f, &task, 200, false).await;
+    assert_eq!(f.store.latest_checkpoint(job).await.unwrap().unwrap().id, again);
 }
 
 pub async fn one_checkpoint_of_a_training_is_the_best_and_one_the_last(f: Fixture) {

@@ -1,8 +1,8 @@
 use serde_json::json;
 use spec::Digest;
 use store::{
-    ChannelSummary, DatasetState, FileContent, JobState, Page, ShardContents, ShardSummary,
-    StoreError, StoredObject,
+    ChannelSummary, DatasetState, FileContent, JobState, Page, Retry, ShardContents, ShardSummary,
+    StoredObject,
 };
 
 use super::{Fixture, assert_lost, digest_of, simulate};
@@ -54,7 +54,7 @@ pub async fn a_zombie_neither_commits_nor_overwrites_a_shard(f: Fixture) {
     let job = f.submit_one(simulate(1)).await;
     let dead = f.claim_and_die().await;
     let late = f.publish_shard(&dead).await;
-    f.store.reap().await.unwrap();
+    f.reap().await;
     let mut alive = f.must_claim().await;
     while alive.fence.task != dead.fence.task {
         alive = f.must_claim().await;
@@ -78,8 +78,7 @@ pub async fn a_row_never_comes_before_its_bytes(f: Fixture) {
     for robots in [absent, short] {
         let shard = ShardContents { robots, ..published.clone() };
         let error = f.store.commit_shard(task.fence, &shard, None).await.unwrap_err();
-        let named = matches!(error, StoreError::Object { .. } | StoreError::ObjectFile { .. });
-        assert!(named, "{error}");
+        assert!(error.object_path().is_some(), "{error}");
     }
     assert_eq!(f.state(task.job).await, JobState::Running);
 }
@@ -110,4 +109,20 @@ pub async fn what_shards_hold_adds_up_over_their_dataset(f: Fixture) {
     let q1 = &summary.channels[0];
     assert_eq!((q1.min, q1.max, q1.mean), (-3.0, 1.0, 0.0));
     assert!((q1.std - (0.5f64.powi(2) + 0.25f64.powi(2)).sqrt()).abs() < 1e-12, "{q1:?}");
+}
+
+pub async fn the_dataset_of_a_job_that_failed_is_abandoned(f: Fixture) {
+    let failed = f.submit_one(simulate(1)).await;
+    f.submit_one(simulate(2)).await;
+    let task = f.must_claim().await;
+    f.store.fail(task.fence, "bad data", Retry::Never).await.unwrap();
+    let id = f.store.job(failed).await.unwrap().dataset.unwrap();
+    assert_eq!(f.store.dataset(id).await.unwrap().state, DatasetState::Abandoned);
+    let listed = async |state| {
+        let datasets = f.store.datasets(Some(state), Page::default()).await.unwrap();
+        datasets.iter().map(|dataset| dataset.id).collect::<Vec<_>>()
+    };
+    assert_eq!(listed(DatasetState::Abandoned).await, [id]);
+    let building = listed(DatasetState::Building).await;
+    assert!(building.len() == 1 && building != [id]);
 }

@@ -3,7 +3,10 @@ use std::collections::HashSet;
 use std::time::Duration;
 
 use serde_json::json;
-use store::{Epoch, Fence, JobState, Lease, Metric, NewCheckpoint, Progress, Retry, TaskState};
+use store::{
+    Epoch, Fence, JobState, Lease, Metric, NewCheckpoint, Progress, Reaped, Reaper, Retry,
+    TaskState,
+};
 
 use super::{Fixture, LONG, assert_lost, simulate, task, train, with_execution};
 
@@ -24,7 +27,7 @@ pub async fn a_claimed_task_carries_all_that_its_worker_needs(f: Fixture) {
 pub async fn a_killed_worker_loses_its_lease_and_its_late_writes(f: Fixture) {
     f.submit_one(train(&simulate(1), vec![])).await;
     let dead = f.claim_and_die().await.fence;
-    assert_eq!(f.store.reap().await.unwrap().queued, 1);
+    assert_eq!(f.reap().await.queued, 1);
     let alive = f.must_claim().await;
     assert_eq!(alive.fence, Fence { task: dead.task, epoch: Epoch(2) });
 
@@ -60,7 +63,7 @@ pub async fn a_lease_that_is_renewed_is_not_reaped(f: Fixture) {
     let progress = Progress { done: 4, rate_per_second: Some(2.0), message: Some("hm".into()) };
     let lease = f.store.renew(fence, LONG, &progress).await.unwrap();
     assert_eq!(lease, Lease::Held { cancel_requested: false });
-    assert_eq!(f.store.reap().await.unwrap(), store::Reaped::default());
+    assert_eq!(f.reap().await, Reaped::default());
     let task = f.store.task(fence.task).await.unwrap();
     assert_eq!((task.state, &task.progress), (TaskState::Running, &progress));
     let of_job = f.store.job(task.job).await.unwrap().progress;
@@ -71,9 +74,9 @@ pub async fn a_lease_that_is_renewed_is_not_reaped(f: Fixture) {
 pub async fn a_task_that_kills_its_worker_fails_after_max_attempts(f: Fixture) {
     let job = f.submit_one(with_execution(train(&simulate(1), vec![]), 0, 2)).await;
     assert_eq!(f.claim_and_die().await.attempt, 1);
-    assert_eq!(f.store.reap().await.unwrap().queued, 1);
+    assert_eq!(f.reap().await.queued, 1);
     assert_eq!(f.claim_and_die().await.attempt, 2);
-    assert_eq!(f.store.reap().await.unwrap().failed, 1);
+    assert_eq!(f.reap().await.failed, 1);
     assert!(f.claim().await.is_none());
     assert_eq!(f.state(job).await, JobState::Failed);
     let error = f.error(job).await;
@@ -157,8 +160,53 @@ pub async fn a_finished_task_takes_no_second_ending(f: Fixture) {
     assert_lost(f.store.fail(fence, "no", Retry::Never).await, fence);
     assert_lost(f.store.complete(fence, None).await, fence);
     tokio::time::sleep(Duration::from_millis(2)).await;
-    f.store.reap().await.unwrap();
+    f.reap().await;
     let task = f.store.task(fence.task).await.unwrap();
     assert_eq!((task.state, task.result), (TaskState::Succeeded, Some(json!({"loss": 0.5}))));
     assert_eq!(task.progress.done, task.total);
+}
+
+/// A laptop that sleeps stops its server and its workers alike.
+pub async fn leases_outlive_a_sleep_of_everybody(f: Fixture) {
+    f.submit_one(train(&simulate(1), vec![])).await;
+    let fence = f.must_claim().await.fence;
+    let mut reaper = Reaper::new(f.store.clone(), Duration::from_secs(1));
+    for _ in 0..5 {
+        assert_eq!(reaper.look(20 * LONG).await.unwrap(), Reaped::default());
+    }
+    let lease = f.store.renew(fence, LONG, &Progress::default()).await.unwrap();
+    assert_eq!(lease, Lease::Held { cancel_requested: false });
+}
+
+pub async fn a_worker_that_never_renews_is_noticed(f: Fixture) {
+    f.submit_one(train(&simulate(1), vec![])).await;
+    let second = Duration::from_secs(1);
+    f.store.claim("w0", 3 * second).await.unwrap().unwrap();
+    let mut reaper = Reaper::new(f.store.clone(), second);
+    for _ in 0..3 {
+        assert_eq!(reaper.look(second).await.unwrap(), Reaped::default());
+    }
+    assert_eq!(reaper.look(second).await.unwrap().queued, 1);
+    assert_eq!(f.must_claim().await.attempt, 2);
+}
+
+pub async fn attempts_before_a_later_checkpoint_do_not_count(f: Fixture) {
+    let keep = async |fence: Fence, step: u64| {
+        let metrics = BTreeMap::new();
+        let new = NewCheckpoint { step, is_final: false, is_best: false, metrics, files: vec![] };
+        f.store.commit_checkpoint(fence, &new).await.unwrap();
+    };
+    let job = f.submit_one(train(&simulate(1), vec![])).await;
+    for step in [2, 3, 5, 8] {
+        let task = f.claim_and_die().await;
+        assert!(task.attempt <= 2, "the one before had got on");
+        keep(task.fence, step).await;
+        assert_eq!(f.reap().await.queued, 1);
+    }
+    let task = f.claim_and_die().await;
+    keep(task.fence, 8).await;
+    assert_eq!((task.attempt, f.reap().await.queued), (2, 1));
+    tokio::time::sleep(Duration::from_millis(1)).await;
+    assert!(f.claim().await.is_none(), "the same step again is no progress, and the retry waits");
+    assert_eq!(f.state(job).await, JobState::Running);
 }

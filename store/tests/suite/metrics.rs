@@ -35,6 +35,10 @@ pub async fn the_latest_value_of_each_key_is_at_hand(f: Fixture) {
     };
     let validation = ("validation/loss".to_owned(), 2, 9.0);
     assert_eq!(latest().await, [("train/loss".to_owned(), 3, 2.0), validation.clone()]);
+    let of_key = f.store.latest_values(&[run, RunId(77)], "train/loss").await.unwrap();
+    let of_key: Vec<_> =
+        of_key.iter().map(|(run, point)| (*run, point.step, point.value)).collect();
+    assert_eq!(of_key, [(run, 3, 2.0)]);
     f.store.delete_metrics_after(fence, 2).await.unwrap();
     assert_eq!(latest().await, [("train/loss".to_owned(), 1, 5.0), validation]);
     f.store.delete_metrics_after(fence, 0).await.unwrap();

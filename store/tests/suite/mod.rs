@@ -5,11 +5,14 @@ pub mod cancellation;
 pub mod checkpoints;
 pub mod datasets;
 pub mod leases;
+pub mod lists;
 pub mod metrics;
 pub mod objects;
 pub mod propagation;
 pub mod submission;
+pub mod takeover;
 pub mod uploads;
+pub mod workers;
 
 use std::time::Duration;
 
@@ -18,8 +21,8 @@ use serde_json::{Value, json};
 use spec::Digest;
 use store::{
     ClaimedTask, Fence, FileContent, JobId, JobReuse, JobState, Need, NewJob, NewMember,
-    NewPipeline, NewTask, Output, Reuse, ShardContents, Store, StoreError, Submission, Submitted,
-    object_path,
+    NewPipeline, NewTask, Output, PartReuse, Reaped, Reaper, Reuse, ShardContents, Store,
+    StoreError, Submission, Submitted, object_path,
 };
 use tempfile::TempDir;
 
@@ -42,7 +45,7 @@ fn job(kind: &str, spec: Value, output: Output, tasks: Vec<NewTask>) -> NewJob {
         priority: 0,
         max_attempts: 3,
         output,
-        reuse: JobReuse { whole: true, tasks: false },
+        reuse: JobReuse { whole: true, parts: PartReuse::Nothing },
         tasks,
         needs: vec![],
     }
@@ -53,26 +56,29 @@ pub fn simulate(seed: u64) -> NewJob {
     let output = Output::Dataset { trajectories: 6, samples: 4 };
     let tasks = (0..3).map(|shard| task(0, shard, 2)).collect();
     let job = job("simulate", json!({"kind": "simulate", "seed": seed}), output, tasks);
-    NewJob { name: "train-set".into(), unit: "trajectories".into(), ..job }
+    let reuse = JobReuse { whole: true, parts: PartReuse::Objects };
+    NewJob { name: "train-set".into(), reuse, unit: "trajectories".into(), ..job }
 }
 
 pub fn train(data: &NewJob, needs: Vec<Need>) -> NewJob {
     let spec = json!({"kind": "train", "data": data.digest});
-    NewJob { needs, unit: "steps".into(), ..job("train", spec, Output::Run, vec![task(0, 0, 10)]) }
+    let reuse = JobReuse { whole: true, parts: PartReuse::Objects };
+    let tasks = vec![task(0, 0, 10)];
+    NewJob { needs, reuse, unit: "steps".into(), ..job("train", spec, Output::Run, tasks) }
 }
 
 /// Two cells and a report.
 pub fn evaluate(data: &NewJob, trained: &NewJob, needs: Vec<Need>) -> NewJob {
     let spec = json!({"kind": "evaluate", "data": data.digest, "checkpoint": trained.digest});
     let tasks = vec![task(0, 0, 1), task(0, 1, 1), task(1, 0, 1)];
-    let reuse = JobReuse { whole: true, tasks: true };
+    let reuse = JobReuse { whole: true, parts: PartReuse::Tasks };
     NewJob { needs, reuse, ..job("evaluate", spec, Output::Run, tasks) }
 }
 
 /// Says what is the case when it runs.
 pub fn verify(data: JobId) -> NewJob {
     let spec = json!({"kind": "verify", "data": data});
-    let reuse = JobReuse { whole: false, tasks: false };
+    let reuse = JobReuse { whole: false, parts: PartReuse::Nothing };
     let needs = vec![Need::Existing(data)];
     NewJob { needs, reuse, ..job("verify", spec, Output::Nothing, vec![task(0, 0, 1)]) }
 }
@@ -132,7 +138,7 @@ impl Fixture {
 
     /// The jobs of a pipeline, in order.
     pub async fn members(&self, pipeline: JobId) -> Vec<JobId> {
-        self.store.members(pipeline).await.unwrap().iter().map(|member| member.job.id).collect()
+        self.store.members(&[pipeline]).await.unwrap().iter().map(|member| member.job).collect()
     }
 
     pub async fn claim(&self) -> Option<ClaimedTask> {
@@ -148,6 +154,12 @@ impl Fixture {
         let task = self.store.claim("w0", Duration::ZERO).await.unwrap().expect("a task to claim");
         tokio::time::sleep(Duration::from_millis(3)).await;
         task
+    }
+
+    /// Takes back the tasks whose leases have run out.
+    pub async fn reap(&self) -> Reaped {
+        let mut reaper = Reaper::new(self.store.clone(), Duration::from_secs(1));
+        reaper.look(Duration::ZERO).await.unwrap()
     }
 
     /// Claims and completes tasks until there are none.

@@ -7,7 +7,7 @@ use arrow_array::{ArrayRef, Float32Array, Int32Array, RecordBatch};
 use bytes::Bytes;
 use futures::TryStreamExt;
 use spec::{Column, ColumnType, Digest};
-use store::{STEP, StoredObject, TRAJECTORY, TableWriter, table_schema};
+use store::{STEP, StoreError, StoredObject, TRAJECTORY, TableWriter, table_schema};
 
 use super::{Fixture, simulate};
 
@@ -15,20 +15,27 @@ fn bytes(length: usize) -> Bytes {
     (0..length).map(|i| u8::try_from(i % 251).unwrap()).collect()
 }
 
-async fn download(f: &Fixture, path: &str, range: Option<std::ops::Range<u64>>) -> Vec<u8> {
-    let object = f.store.open_object(path, range.clone()).await.unwrap();
-    assert_eq!(object.range, range.unwrap_or(0..object.size));
-    object.stream.try_collect::<Vec<Bytes>>().await.unwrap().concat()
+async fn download(
+    f: &Fixture,
+    object: &StoredObject,
+    range: Option<std::ops::Range<u64>>,
+) -> Result<Vec<u8>, StoreError> {
+    let bytes = f.store.open_object(object, range.clone()).await?;
+    assert_eq!(bytes.range, range.unwrap_or(0..object.size));
+    Ok(bytes.stream.try_collect::<Vec<Bytes>>().await?.concat())
 }
 
 pub async fn an_object_is_downloaded_whole_or_in_part(f: Fixture) {
     let data = bytes(1_000_000);
     let object = f.store.put_object("a/b", data.clone()).await.unwrap();
     assert_eq!((object.size, object.sha256), (1_000_000, Digest::of(&data)));
-    assert_eq!(download(&f, "a/b", None).await, data);
-    assert_eq!(download(&f, "a/b", Some(300_000..700_001)).await, data[300_000..700_001]);
-    assert!(f.store.open_object("a/absent", None).await.is_err());
-    assert!(f.store.open_object("../outside", None).await.is_err());
+    assert_eq!(download(&f, &object, None).await.unwrap(), data);
+    let part = download(&f, &object, Some(300_000..700_001)).await.unwrap();
+    assert_eq!(part, data[300_000..700_001]);
+    for path in ["a/absent", "../outside"] {
+        let absent = StoredObject { path: path.to_owned(), ..object.clone() };
+        assert!(f.store.open_object(&absent, None).await.is_err());
+    }
 }
 
 pub async fn an_object_written_in_pieces_appears_when_finished(f: Fixture) {
@@ -41,8 +48,7 @@ pub async fn an_object_written_in_pieces_appears_when_finished(f: Fixture) {
             writer.write_all(piece).unwrap();
         }
         let early = writer.path().to_owned();
-        tokio::runtime::Handle::current()
-            .block_on(async { assert!(store.open_object(&early, None).await.is_err()) });
+        assert!(store.measure_object(&early).is_err());
         writer.finish().unwrap()
     })
     .await
@@ -54,7 +60,64 @@ pub async fn an_object_written_in_pieces_appears_when_finished(f: Fixture) {
 pub async fn damaged_bytes_are_refused(f: Fixture) {
     let object = f.store.put_object("a/b", "right".into()).await.unwrap();
     f.store.put_object("a/b", "wrong".into()).await.unwrap();
-    assert!(f.store.read_object(&object).await.is_err());
+    let error = f.store.read_object(&object).await.unwrap_err();
+    assert!(matches!(error, StoreError::DamagedObject { .. }), "{error}");
+    let (expected, found) = (Digest::of(b"right"), Digest::of(b"wrong"));
+    let says = format!("object a/b is damaged: expected SHA-256 {expected}, found SHA-256 {found}");
+    assert_eq!(error.to_string(), says);
+}
+
+/// Caught: damaged bytes were sent whole, under the digest of those that were published.
+pub async fn the_last_bytes_of_a_damaged_object_are_never_sent(f: Fixture) {
+    let data = bytes(1_000_000);
+    let object = f.store.put_object("a/b", data.clone()).await.unwrap();
+    let mut damaged = data.to_vec();
+    damaged[10] ^= 1;
+    f.store.put_object("a/b", damaged.clone().into()).await.unwrap();
+    let mut stream = f.store.open_object(&object, None).await.unwrap().stream;
+    let mut sent = 0;
+    let error = loop {
+        match stream.try_next().await {
+            Ok(piece) => sent += piece.expect("an error before the end").len(),
+            Err(error) => break error,
+        }
+    };
+    assert!(matches!(error, StoreError::DamagedObject { .. }), "{error}");
+    assert!(sent < data.len(), "all {sent} bytes were sent");
+    for range in [None, Some(0..1_000_000), Some(500..600)] {
+        let error = download(&f, &object, range).await.unwrap_err();
+        assert!(matches!(error, StoreError::DamagedObject { .. }), "{error}");
+    }
+    assert!(f.store.look_up_object(&object).await.is_err());
+
+    tokio::time::sleep(Duration::from_millis(20)).await;
+    f.store.put_object("a/b", data.clone()).await.unwrap();
+    assert_eq!(download(&f, &object, None).await.unwrap(), data, "restored");
+}
+
+pub async fn an_object_of_another_size_is_refused_before_its_first_byte(f: Fixture) {
+    let object = f.store.put_object("a/b", bytes(1000)).await.unwrap();
+    f.store.put_object("a/b", bytes(999)).await.unwrap();
+    for range in [None, Some(0..10), Some(998..1000)] {
+        let error = f.store.open_object(&object, range).await.err().expect("another size");
+        assert!(error.to_string().ends_with("expected 1000 bytes, found 999 bytes"), "{error}");
+    }
+    assert!(f.store.look_up_object(&object).await.is_err());
+}
+
+pub async fn the_first_range_of_an_object_has_all_of_it_checked(f: Fixture) {
+    let data = bytes(1_000_000);
+    let object = f.store.put_object("a/b", data.clone()).await.unwrap();
+    let mut damaged = data.to_vec();
+    damaged[999_999] ^= 1;
+    f.store.put_object("a/b", damaged.into()).await.unwrap();
+    assert_eq!(download(&f, &object, Some(0..10)).await.unwrap(), data[..10]);
+    let started = std::time::Instant::now();
+    while f.store.look_up_object(&object).await.is_ok() {
+        assert!(started.elapsed() < Duration::from_secs(30), "nobody checked it");
+        tokio::time::sleep(Duration::from_millis(5)).await;
+    }
+    assert!(download(&f, &object, Some(0..10)).await.is_err());
 }
 
 pub async fn a_table_is_written_and_read_wherever_it_lies(f: Fixture) {
@@ -89,7 +152,8 @@ pub async fn a_table_is_written_and_read_wherever_it_lies(f: Fixture) {
     let absent = StoredObject { path: "a/absent".to_owned(), ..object };
     assert!(f.store.open_table(&absent).unwrap_err().is_missing_file());
     let other = StoredObject { sha256: Digest::of(b"other"), ..object };
-    assert!(f.store.open_table(&other).unwrap_err().to_string().contains("checking"));
+    let error = f.store.open_table(&other).unwrap_err();
+    assert!(matches!(error, StoreError::DamagedObject { .. }), "{error}");
 }
 
 pub async fn what_was_published_but_not_committed_is_swept(f: Fixture) {

@@ -99,18 +99,18 @@ pub async fn force_computes_anew_and_needs_point_to_the_new_jobs(f: Fixture) {
     let new = f.members(second.job).await;
     assert!(!second.reused && second.job != first.job);
     assert!(new.iter().all(|job| !old.contains(job)));
-    assert_eq!(f.store.needs(new[1]).await.unwrap(), [new[0]]);
+    assert_eq!(f.store.needs(&[new[1]]).await.unwrap(), [(new[1], new[0])]);
     assert_eq!(f.state(new[1]).await, JobState::Waiting);
-    assert!(f.store.members(second.job).await.unwrap().iter().all(|member| !member.reused));
+    assert!(f.store.members(&[second.job]).await.unwrap().iter().all(|member| !member.reused));
 }
 
 pub async fn a_pipeline_is_reused_whole_or_job_by_job(f: Fixture) {
     let simulation = f.submit_one(simulate(1)).await;
     f.work_off().await;
     let first = f.submit(pipeline(1)).await;
-    let members = f.store.members(first.job).await.unwrap();
-    assert_eq!((members[0].job.id, members[0].reused), (simulation, true));
-    assert_eq!((members[1].job.state, members[1].reused), (JobState::Queued, false));
+    let members = f.store.members(&[first.job]).await.unwrap();
+    assert_eq!((members[0].job, members[0].reused), (simulation, true));
+    assert_eq!((members[1].state, members[1].reused), (JobState::Queued, false));
     assert_eq!(f.submit(pipeline(1)).await, Submitted { job: first.job, reused: true });
     f.work_off().await;
 
@@ -132,7 +132,7 @@ pub async fn a_pipeline_that_can_only_fail_is_not_reused(f: Fixture) {
     assert_eq!(f.state(first.job).await, JobState::Running);
     let second = f.submit(submission).await;
     assert!(second.job != first.job && !second.reused);
-    let members = f.store.members(second.job).await.unwrap();
+    let members = f.store.members(&[second.job]).await.unwrap();
     assert_eq!(members.iter().map(|m| m.reused).collect::<Vec<_>>(), [false, true]);
 }
 
@@ -164,9 +164,14 @@ pub async fn a_repeated_request_does_what_the_first_did(f: Fixture) {
         reuse: Reuse::Never,
         ..alone(simulate(seed))
     };
+    let key = |seed| with_key(seed).idempotency.unwrap();
+    assert_eq!(f.store.repeated(&key(1)).await.unwrap(), None);
     let first = f.submit(with_key(1)).await;
     assert_eq!(f.submit(with_key(1)).await, first);
+    assert_eq!(f.store.repeated(&key(1)).await.unwrap(), Some(first.clone()));
     assert!(!first.reused);
+    let error = f.store.repeated(&key(2)).await.unwrap_err();
+    assert!(matches!(error, StoreError::IdempotencyConflict { .. }), "{error}");
     let error = f.store.submit(with_key(2)).await.unwrap_err();
     assert!(matches!(error, StoreError::IdempotencyConflict { .. }), "{error}");
     assert_eq!(f.store.jobs(JobFilter::default(), Page::default()).await.unwrap().len(), 1);

@@ -87,7 +87,7 @@ pub async fn an_import_tells_how_many_trajectories_there_are(f: Fixture) {
 
     let dead = f.claim_and_die().await;
     let late = f.publish_shard(&dead).await;
-    f.store.reap().await.unwrap();
+    f.reap().await;
     let claimed = f.must_claim().await;
     let shard =
         ShardContents { first: 0, count: 7, rejected: 0, ..f.publish_shard(&claimed).await };

@@ -3,6 +3,7 @@
 mod robots;
 mod series;
 mod shard;
+mod takeover;
 
 use jobs::ShardTask;
 use spec::SimulateSpec;
@@ -20,6 +21,9 @@ pub(crate) const MODULE: KindModule = KindModule { run, computes_models: false }
 fn run(attempt: &Attempt) -> Result<(), TaskError> {
     let spec: SimulateSpec = attempt.spec()?;
     let ShardTask { shard } = attempt.payload()?;
+    if takeover::take_over(attempt)?.is_break() {
+        return Ok(());
+    }
     let task = &attempt.task;
     let shard = SimulatedShard::new(&spec, task.digest, shard);
     let begin = |content: FileContent| -> Result<ObjectWriter, TaskError> {

@@ -6,6 +6,7 @@ mod improvement;
 mod order;
 mod ranges;
 mod recorder;
+mod takeover;
 mod training;
 
 use std::sync::mpsc::{RecvTimeoutError, sync_channel};
@@ -34,9 +35,9 @@ pub(crate) const MODULE: KindModule = KindModule { run, computes_models: true };
 fn run(attempt: &Attempt) -> Result<(), TaskError> {
     let spec: TrainSpec = attempt.spec()?;
     let course = Course::open(attempt, &spec)?;
-    let latest = attempt.wait(attempt.store.latest_checkpoint(attempt.task.job))?;
-    let trainer = trainer(attempt, &spec, &course, latest.as_ref())?
-        .interrupted_by(attempt.stop.interrupt().clone());
+    takeover::take_over(attempt)?;
+    let (trainer, latest) = trainer(attempt, &spec, &course)?;
+    let trainer = trainer.interrupted_by(attempt.stop.interrupt().clone());
     let first = trainer.steps_done();
     attempt.wait(attempt.store.delete_metrics_after(attempt.fence(), first))?;
     attempt.progress.begin_at(first);
@@ -70,28 +71,41 @@ fn run(attempt: &Attempt) -> Result<(), TaskError> {
     training.finish()
 }
 
+/// Goes on from the newest checkpoint whose bytes are whole, which comes along, or begins. Newer ones are of no use to
+/// anybody and are discarded: the same steps make them again.
 fn trainer(
     attempt: &Attempt,
     spec: &TrainSpec,
     course: &Course,
-    latest: Option<&Checkpoint>,
-) -> Result<Trainer, TaskError> {
+) -> Result<(Trainer, Option<Checkpoint>), TaskError> {
     let digest = attempt.task.digest.to_string();
     let device = &attempt.device;
     let (samples, rate_hz) = (course.data().samples(), course.data().rate_hz());
     let joints = course.data().joints();
     let data_of = |statistics| TrainingData { samples, joints, rate_hz, statistics };
-    if let Some(checkpoint) = latest {
-        let files = read_checkpoint(attempt, checkpoint)?;
-        let trainer = Trainer::resume(spec, data_of(None), &digest, &files, device)?;
-        return Ok(trainer.with_limits(course.data().limits_rad()));
+    let limits_rad = course.data().limits_rad();
+    let store = &attempt.store;
+    let mut checkpoints = attempt.wait(store.checkpoints_of_job(attempt.task.job))?;
+    while let Some(checkpoint) = checkpoints.pop() {
+        match read_checkpoint(attempt, &checkpoint) {
+            Ok(files) => {
+                let trainer = Trainer::resume(spec, data_of(None), &digest, &files, device)?;
+                return Ok((trainer.with_limits(limits_rad), Some(checkpoint)));
+            }
+            Err(TaskError::Store(error)) if error.is_unusable_object() => {
+                let error = faults::causes(&error);
+                tracing::warn!(step = checkpoint.step, error, "discards a checkpoint");
+                attempt.wait(store.discard_checkpoint(attempt.fence(), checkpoint.id))?;
+            }
+            Err(error) => return Err(error),
+        }
     }
     let statistics = match spec.normalization {
         Normalization::Dataset => Some(course.statistics(attempt)?),
         Normalization::Context | Normalization::PaperLeaky | Normalization::None => None,
     };
     let trainer = Trainer::new(spec, data_of(statistics), &digest, device)?;
-    Ok(trainer.with_limits(course.data().limits_rad()))
+    Ok((trainer.with_limits(limits_rad), None))
 }
 
 fn read_checkpoint(

@@ -10,7 +10,7 @@ use super::{Action, Dice, Queue};
 use crate::rules::task::Ending;
 use crate::{
     Access, ClaimedTask, JobId, JobReuse, NewJob, NewMember, NewPipeline, NewTask, Output, Page,
-    Retry, Reuse, Store, Submission,
+    PartReuse, Reaper, Retry, Reuse, Store, Submission,
 };
 
 const WALKS: u64 = 8;
@@ -52,7 +52,7 @@ impl Twin {
                 priority: 0,
                 max_attempts: job.max_attempts,
                 output: Output::Nothing,
-                reuse: JobReuse { whole: false, tasks: false },
+                reuse: JobReuse { whole: false, parts: PartReuse::Nothing },
                 tasks: (0u32..).zip(&job.stages).map(task).collect(),
                 needs: job.needs.iter().map(need).collect(),
             }
@@ -71,8 +71,8 @@ impl Twin {
         });
         let submission = Submission { jobs: new, pipeline, reuse: Reuse::Never, idempotency: None };
         let submitted = self.store.submit(submission).await.unwrap().job;
-        let members = self.store.members(submitted).await.unwrap();
-        self.jobs.extend(members.iter().map(|member| member.job.id));
+        let members = self.store.members(&[submitted]).await.unwrap();
+        self.jobs.extend(members.iter().map(|member| member.job));
         self.jobs.push(submitted);
         let count: usize = jobs.iter().map(|job| job.stages.len()).sum();
         self.claims.extend((0..count).map(|_| None));
@@ -162,7 +162,8 @@ async fn claim(queue: &mut Queue, twin: &mut Twin, dice: &mut Dice) {
     twin.claims[task] = Some(claimed);
     if dies {
         tokio::time::sleep(Duration::from_millis(3)).await;
-        twin.store.reap().await.unwrap();
+        let mut reaper = Reaper::new(twin.store.clone(), Duration::from_secs(1));
+        reaper.look(Duration::ZERO).await.unwrap();
         queue.end(task, Ending::Failed(Retry::Allowed));
     }
 }

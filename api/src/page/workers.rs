@@ -1,0 +1,59 @@
+//! The workers, and what each does.
+
+use askama::Template;
+use axum::extract::State;
+use axum::response::Response;
+use wire::{Worker, WorkersTask};
+
+use crate::app::App;
+use crate::page::answer::{PageError, html};
+
+#[derive(Template)]
+#[template(path = "workers.html")]
+struct WorkersPage {
+    obstacles: Vec<String>,
+    workers: Vec<WorkerRow>,
+}
+
+struct WorkerRow {
+    name: String,
+    host: String,
+    pid: u32,
+    version: String,
+    device: String,
+    threads: u32,
+    seen_at: String,
+    task: Option<WorkersTask>,
+    /// In words, without a task.
+    does: String,
+}
+
+pub async fn show(State(app): State<App>) -> Result<Response, PageError> {
+    let workers = app.workers().await?;
+    let page = WorkersPage {
+        obstacles: app.obstacles(&workers),
+        workers: workers.into_iter().map(WorkerRow::from).collect(),
+    };
+    Ok(html(&page)?)
+}
+
+impl From<Worker> for WorkerRow {
+    fn from(worker: Worker) -> Self {
+        let does = match worker.waits_for {
+            _ if !worker.alive => "nothing: it has died, or hangs".to_owned(),
+            Some(reason) => format!("waits: {reason}"),
+            None => "waits for a task".to_owned(),
+        };
+        Self {
+            name: worker.name,
+            host: worker.host,
+            pid: worker.pid,
+            version: worker.version,
+            device: worker.device,
+            threads: worker.threads,
+            seen_at: worker.seen_at,
+            task: worker.task.filter(|_| worker.alive),
+            does,
+        }
+    }
+}

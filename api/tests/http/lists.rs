@@ -1,0 +1,136 @@
+//! Lists cost as many statements for one item as for many, and tasks come in pages.
+
+use std::sync::OnceLock;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use serde_json::{Value, json};
+use tracing::span::{Attributes, Id, Record};
+use tracing::{Event, Metadata, Subscriber};
+
+use crate::fixture::{Server, small_pipeline, small_simulation};
+
+static COUNT: AtomicUsize = AtomicUsize::new(0);
+
+/// Counts the events of sqlx, one for each statement. A test is a process of its own.
+struct Statements;
+
+impl Subscriber for Statements {
+    fn enabled(&self, metadata: &Metadata<'_>) -> bool {
+        metadata.target() == "sqlx::query"
+    }
+
+    fn event(&self, _: &Event<'_>) {
+        COUNT.fetch_add(1, Ordering::SeqCst);
+    }
+
+    fn new_span(&self, _: &Attributes<'_>) -> Id {
+        Id::from_u64(1)
+    }
+
+    fn record(&self, _: &Id, _: &Record<'_>) {}
+    fn record_follows_from(&self, _: &Id, _: &Id) {}
+    fn enter(&self, _: &Id) {}
+    fn exit(&self, _: &Id) {}
+}
+
+/// The statements that GET needs.
+async fn statements(server: &Server, path: &str) -> usize {
+    static SUBSCRIBED: OnceLock<()> = OnceLock::new();
+    SUBSCRIBED.get_or_init(|| tracing::subscriber::set_global_default(Statements).unwrap());
+    let before = COUNT.load(Ordering::SeqCst);
+    let answer = server.get(path).await;
+    assert_eq!(answer.status, 200, "{path}: {answer:?}");
+    COUNT.load(Ordering::SeqCst) - before
+}
+
+/// Another pipeline with a training, an evaluation and a verification beside it.
+async fn add_jobs(server: &Server, seed: u64) {
+    let mut pipeline = small_pipeline();
+    pipeline["name"] = json!(format!("pipeline {seed}"));
+    for (_, job) in pipeline["jobs"].as_object_mut().unwrap() {
+        job["seed"] = json!(seed);
+    }
+    let pipeline = server.submitted(&pipeline).await;
+    server.work().await;
+    let data = server.json(&format!("/v1/jobs/{}", pipeline["members"][0]["job"])).await;
+    server.post(&format!("/v1/datasets/{}/verify", data["dataset"])).await;
+    server.work().await;
+}
+
+/// Caught: a list of 500 jobs asked the database some 2000 questions.
+#[tokio::test]
+async fn a_list_costs_as_many_statements_for_many_items_as_for_few() {
+    let server = Server::start().await;
+    let lists = [
+        "/v1/jobs",
+        "/v1/jobs?kind=train",
+        "/v1/datasets",
+        "/v1/runs",
+        "/v1/checkpoints",
+        "/v1/evaluations",
+        "/",
+        "/jobs/5",
+    ];
+    add_jobs(&server, 1).await;
+    add_jobs(&server, 2).await;
+    let mut few = Vec::new();
+    for path in lists {
+        few.push((path, statements(&server, path).await));
+    }
+    for seed in 3..8 {
+        add_jobs(&server, seed).await;
+    }
+    assert_eq!(server.json("/v1/jobs").await["jobs"].as_array().unwrap().len(), 42);
+    for (path, expected) in few {
+        assert!((1..30).contains(&expected), "{path}: {expected}");
+        assert_eq!(statements(&server, path).await, expected, "{path}");
+    }
+}
+
+/// The labels of a page, and the next one's `after`.
+fn read(page: &Value) -> (Vec<String>, Option<i64>) {
+    let tasks = page["tasks"].as_array().unwrap();
+    let labels = tasks.iter().map(|task| task["label"].as_str().unwrap().to_owned()).collect();
+    (labels, page["next"].as_i64())
+}
+
+/// Caught: the page of a job with 10 000 tasks, and its list of them, held the result of each.
+#[tokio::test]
+async fn tasks_are_listed_page_by_page_in_the_order_in_which_they_run() {
+    let server = Server::start().await;
+    let spec = json!({"preset": "D1-multisine", "trajectories": 620, "shard_trajectories": 1});
+    let id = server.submitted(&spec).await["id"].clone();
+    let path = format!("/v1/jobs/{id}/tasks");
+    let expected: Vec<String> = (0..620).map(|shard| format!("shard {shard:05}")).collect();
+    let (first, next) = read(&server.json(&path).await);
+    assert_eq!((&first[..], next.is_some()), (&expected[..50], true));
+    let (mut seen, mut next) = read(&server.json(&format!("{path}?limit=500")).await);
+    while let Some(after) = next {
+        let page = server.json(&format!("{path}?limit=100&after={after}")).await;
+        let (labels, following) = read(&page);
+        seen.extend(labels);
+        next = following;
+    }
+    assert_eq!(seen, expected);
+
+    let page = server.get(&format!("/jobs/{id}")).await;
+    assert_eq!(page.text().matches("<td>shard ").count(), 100);
+    assert!(page.text().contains("520 more tasks"), "{page:?}");
+    let (_, rest) = page.text().split_once("href=\"/v1/jobs/1/tasks?after=").unwrap();
+    let after = rest.split('"').next().unwrap();
+    let (rest, _) = read(&server.json(&format!("{path}?after={after}")).await);
+    assert_eq!(rest, expected[100..150]);
+}
+
+#[tokio::test]
+async fn a_page_of_tasks_that_cannot_be_is_refused() {
+    let server = Server::start().await;
+    server.submitted(&small_simulation(1)).await;
+    server.submitted(&small_simulation(2)).await;
+    for query in ["limit=0", "limit=501", "after=x", "before=1", "after=2", "after=99"] {
+        server.get(&format!("/v1/jobs/1/tasks?{query}")).await.problem(400);
+    }
+    let end = server.json("/v1/jobs/1/tasks?after=1").await;
+    assert_eq!(end, json!({"tasks": [], "next": null}));
+    server.get("/v1/jobs/9/tasks").await.problem(404);
+}

@@ -1,0 +1,30 @@
+-- How long the lease of a running task lasts after a renewal.
+ALTER TABLE task ADD COLUMN lease_ms INTEGER;
+
+-- A task may be claimed at once (0) or, after a failure, from a moment on. Jobs go in the order of their submission.
+UPDATE task SET run_at = 0 WHERE state = 'queued';
+DROP INDEX task_to_claim;
+CREATE INDEX task_to_claim ON task (priority DESC, id) WHERE state = 'queued';
+
+-- Whether what earlier jobs of the same digest had committed before they failed or were cancelled is taken over.
+ALTER TABLE job ADD COLUMN takes_over INTEGER NOT NULL DEFAULT 0 CHECK (takes_over IN (0, 1));
+
+-- Processes that execute tasks. A row goes when its worker ends in order; one that died stays for a day.
+CREATE TABLE worker (
+    name       TEXT    PRIMARY KEY,
+    host       TEXT    NOT NULL,
+    pid        INTEGER NOT NULL,
+    version    TEXT    NOT NULL,
+    device     TEXT    NOT NULL,
+    threads    INTEGER NOT NULL,
+    -- Why it claims no tasks at the moment.
+    waits_for  TEXT,
+    started_at INTEGER NOT NULL,
+    seen_at    INTEGER NOT NULL
+) STRICT, WITHOUT ROWID;
+
+-- Written to learn whether the database can be written.
+CREATE TABLE probe (
+    id         INTEGER PRIMARY KEY CHECK (id = 1),
+    written_at INTEGER NOT NULL
+) STRICT;

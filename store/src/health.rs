@@ -1,0 +1,150 @@
+//! Whether the store can be written to, and whether there is room for more.
+
+use std::fs::Metadata;
+use std::io;
+use std::os::unix::fs::MetadataExt;
+use std::path::Path;
+use std::time::Duration;
+
+use nix::sys::statvfs::statvfs;
+
+use crate::database::sql;
+use crate::{Store, StoreError};
+
+/// Room on the disk of the data folder.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct DiskSpace {
+    pub free_bytes: u64,
+    /// Kept free: with less no task is claimed, for it would fail, and the next, and soon the whole queue.
+    pub reserved_bytes: u64,
+}
+
+/// What tells a file from another of the same name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct FileIdentity {
+    device: u64,
+    inode: u64,
+}
+
+/// Kept free of a large disk.
+const RESERVED_BYTES: u64 = 256 << 20;
+
+/// Kept free of a small one, one part in so many.
+const RESERVED_PART: u64 = 20;
+
+/// How long a write may take that does next to nothing.
+const WRITE_WITHIN: Duration = Duration::from_secs(2);
+
+impl DiskSpace {
+    pub(crate) fn of(folder: &Path) -> io::Result<Self> {
+        let system = statvfs(folder)?;
+        let bytes = |blocks| u64::from(system.fragment_size()).saturating_mul(blocks);
+        Ok(Self {
+            free_bytes: bytes(u64::from(system.blocks_available())),
+            reserved_bytes: RESERVED_BYTES.min(bytes(u64::from(system.blocks())) / RESERVED_PART),
+        })
+    }
+
+    pub const fn is_low(&self) -> bool {
+        self.free_bytes < self.reserved_bytes
+    }
+}
+
+impl FileIdentity {
+    pub fn of(path: &Path) -> io::Result<Self> {
+        let metadata: Metadata = std::fs::metadata(path)?;
+        Ok(Self { device: metadata.dev(), inode: metadata.ino() })
+    }
+}
+
+impl Store {
+    /// Writes to the database, whose file must still be the one that was opened.
+    ///
+    /// # Errors
+    /// [`StoreError::DatabaseGone`] when it was deleted or replaced, [`StoreError::DatabaseBusy`] when it takes no
+    /// write for two seconds, and what the database says when it is read-only or damaged.
+    pub async fn check_database(&self) -> Result<(), StoreError> {
+        self.check_database_file()?;
+        let write = async {
+            let mut tx = self.begin("trying to write").await?;
+            sql!(&mut tx, probe())?;
+            tx.commit().await
+        };
+        let written = tokio::time::timeout(WRITE_WITHIN, write).await;
+        written.unwrap_or(Err(StoreError::DatabaseBusy { waited: WRITE_WITHIN }))
+    }
+
+    /// # Errors
+    /// When the system does not tell.
+    pub fn disk_space(&self) -> Result<DiskSpace, StoreError> {
+        let dir = self.dir();
+        DiskSpace::of(dir.path()).map_err(|reason| dir.unusable(reason))
+    }
+
+    /// Why nobody should claim a task at the moment; in one line.
+    pub fn obstacle(&self) -> Option<String> {
+        if let Err(error) = self.check_database_file() {
+            return Some(error.to_string());
+        }
+        let space = self.disk_space().ok().filter(DiskSpace::is_low)?;
+        Some(format!(
+            "the disk of the data folder has {} MB free, and tasks are claimed from {} MB on",
+            space.free_bytes / 1_000_000,
+            space.reserved_bytes / 1_000_000
+        ))
+    }
+
+    fn check_database_file(&self) -> Result<(), StoreError> {
+        match FileIdentity::of(&self.dir().database()) {
+            Ok(found) if found == self.database_file() => Ok(()),
+            Ok(_) | Err(_) => Err(StoreError::DatabaseGone),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Access;
+
+    #[test]
+    fn a_disk_keeps_a_twentieth_free_at_most() {
+        let folder = tempfile::tempdir().unwrap();
+        let space = DiskSpace::of(folder.path()).unwrap();
+        assert!(space.reserved_bytes <= RESERVED_BYTES && space.free_bytes > 0);
+        let low = DiskSpace { free_bytes: space.reserved_bytes.saturating_sub(1), ..space };
+        assert!(low.is_low() && !DiskSpace { free_bytes: space.reserved_bytes, ..space }.is_low());
+    }
+
+    #[tokio::test]
+    async fn a_database_that_was_deleted_or_replaced_is_noticed() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::open(folder.path(), Access::Server).await.unwrap();
+        store.check_database().await.unwrap();
+        assert_eq!(store.obstacle(), None);
+
+        let file = folder.path().join("torqued.sqlite");
+        let bytes = std::fs::read(&file).unwrap();
+        std::fs::remove_file(&file).unwrap();
+        let gone = |error: &StoreError| matches!(error, StoreError::DatabaseGone);
+        assert!(gone(&store.check_database().await.unwrap_err()));
+        std::fs::write(&file, bytes).unwrap();
+        assert!(gone(&store.check_database().await.unwrap_err()));
+        assert!(store.obstacle().unwrap().contains("deleted or replaced"));
+    }
+
+    #[tokio::test]
+    async fn a_database_that_another_process_holds_is_busy() {
+        use sqlx::{ConnectOptions, Executor};
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::open(folder.path(), Access::Server).await.unwrap();
+        let file = folder.path().join("torqued.sqlite");
+        let options = sqlx::sqlite::SqliteConnectOptions::new().filename(file);
+        let mut other = options.connect().await.unwrap();
+        other.execute("BEGIN IMMEDIATE").await.unwrap();
+        let error = store.check_database().await.unwrap_err();
+        assert!(matches!(error, StoreError::DatabaseBusy { .. }), "{error}");
+        other.execute("ROLLBACK").await.unwrap();
+        store.check_database().await.unwrap();
+    }
+}

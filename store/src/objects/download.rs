@@ -1,0 +1,164 @@
+//! Objects as they are sent: nobody gets the last bytes of one that is damaged.
+
+use std::fs::File;
+use std::io::{self, Seek, SeekFrom};
+use std::ops::Range;
+
+use bytes::Bytes;
+use futures::stream::{BoxStream, Fuse};
+use futures::{StreamExt, TryStreamExt};
+use object_store::{GetOptions, GetRange, GetResultPayload, ObjectMeta, ObjectStoreExt};
+use sha2::{Digest as _, Sha256};
+use spec::Digest;
+use tokio_util::io::ReaderStream;
+
+use crate::objects::checked::Verdict;
+use crate::objects::parse;
+use crate::{ObjectBytes, Store, StoreError, StoredObject};
+
+impl Store {
+    /// Streams an object, or `range` of it.
+    ///
+    /// A whole object is checked while it streams: its last piece comes once the digest has turned out right, and
+    /// [`StoreError::DamagedObject`] comes in its place otherwise. A range says nothing of the digest, so the first
+    /// range of an object has all of it checked in the background, for those that follow.
+    ///
+    /// # Errors
+    /// [`StoreError::DamagedObject`] when the object has another size or was found to be damaged before; when it cannot
+    /// be opened, or `range` is not in it.
+    pub async fn open_object(
+        &self,
+        object: &StoredObject,
+        range: Option<Range<u64>>,
+    ) -> Result<ObjectBytes, StoreError> {
+        let version = self.sound_version(object).await?;
+        let is_whole = range.as_ref().is_none_or(|range| *range == (0..object.size));
+        if !is_whole {
+            self.check_once(object, &version);
+        }
+        let failed = || StoreError::object("reading", &object.path);
+        let options = GetOptions { range: range.map(GetRange::Bounded), ..GetOptions::default() };
+        let location = parse(&object.path)?;
+        let found = self.objects().remote().get_opts(&location, options).await.map_err(failed())?;
+        let range = found.range.clone();
+        let pieces = match found.payload {
+            GetResultPayload::File(file, _) => stream_file(file, &range).map_err(failed())?,
+            GetResultPayload::Stream(pieces) => pieces,
+        };
+        let path = object.path.clone();
+        let pieces = pieces.map_err(move |error| StoreError::object("reading", &path)(error));
+        let stream = if is_whole {
+            Checking::new(self.clone(), object.clone(), version, pieces.boxed()).stream()
+        } else {
+            pieces.boxed()
+        };
+        Ok(ObjectBytes { size: object.size, range, stream })
+    }
+
+    /// Whether an object is there with its size and, as far as anybody looked, undamaged.
+    ///
+    /// # Errors
+    /// [`StoreError::DamagedObject`] when it is not; when it is not there.
+    pub async fn look_up_object(&self, object: &StoredObject) -> Result<(), StoreError> {
+        self.sound_version(object).await.map(|_| ())
+    }
+
+    async fn sound_version(&self, object: &StoredObject) -> Result<ObjectMeta, StoreError> {
+        let found = self.objects().remote().head(&parse(&object.path)?).await;
+        let version = found.map_err(StoreError::object("looking for it", &object.path))?;
+        object.check_size(version.size)?;
+        if let Some(Verdict::Damaged(found)) = self.objects().checked.verdict(object, &version) {
+            object.check_digest(found)?;
+        }
+        Ok(version)
+    }
+
+    /// Has an object checked in the background that nobody has checked yet. One at a time is read; where too many wait
+    /// already, the next range has another chance.
+    fn check_once(&self, object: &StoredObject, version: &ObjectMeta) {
+        let checked = &self.objects().checked;
+        if checked.verdict(object, version).is_some() {
+            return;
+        }
+        let Ok(place) = checked.places.clone().try_acquire_owned() else { return };
+        checked.remember(object, version, Verdict::Pending);
+        let (store, object) = (self.clone(), object.clone());
+        tokio::spawn(async move {
+            let _place = place;
+            let _turn = store.objects().checked.turn.acquire().await;
+            match store.read_to_the_end(&object).await {
+                Ok(()) | Err(StoreError::DamagedObject { .. }) => {}
+                Err(error) => {
+                    store.objects().checked.forget(&object);
+                    tracing::warn!(path = object.path, %error, "cannot check an object");
+                }
+            }
+        });
+    }
+
+    async fn read_to_the_end(&self, object: &StoredObject) -> Result<(), StoreError> {
+        let mut pieces = self.open_object(object, None).await?.stream;
+        while pieces.try_next().await?.is_some() {}
+        Ok(())
+    }
+}
+
+/// An object on its way out, whose last piece is held back until all of it has been digested.
+struct Checking {
+    store: Store,
+    object: StoredObject,
+    version: ObjectMeta,
+    pieces: Fuse<BoxStream<'static, Result<Bytes, StoreError>>>,
+    digest: Sha256,
+    held: Option<Bytes>,
+}
+
+impl Checking {
+    fn new(
+        store: Store,
+        object: StoredObject,
+        version: ObjectMeta,
+        pieces: BoxStream<'static, Result<Bytes, StoreError>>,
+    ) -> Self {
+        Self { store, object, version, pieces: pieces.fuse(), digest: Sha256::new(), held: None }
+    }
+
+    fn stream(self) -> BoxStream<'static, Result<Bytes, StoreError>> {
+        let next = |mut checking: Self| async move {
+            let piece = checking.next().await?;
+            Ok(piece.map(|piece| (piece, checking)))
+        };
+        futures::stream::try_unfold(self, next).boxed()
+    }
+
+    async fn next(&mut self) -> Result<Option<Bytes>, StoreError> {
+        while let Some(piece) = self.pieces.try_next().await? {
+            self.digest.update(&piece);
+            if let Some(before) = self.held.replace(piece) {
+                return Ok(Some(before));
+            }
+        }
+        let Some(last) = self.held.take() else { return Ok(None) };
+        let found = Digest::from_bytes(std::mem::take(&mut self.digest).finalize().into());
+        self.store.objects().checked.judge(&self.object, &self.version, found)?;
+        Ok(Some(last))
+    }
+}
+
+/// Bytes per piece of a download. The stream that object_store makes of a file takes 8 KiB at a
+/// time, each on a thread of its own.
+const DOWNLOAD_PIECE: usize = 256 * 1024;
+
+fn stream_file(
+    mut file: File,
+    range: &Range<u64>,
+) -> Result<BoxStream<'static, object_store::Result<Bytes>>, object_store::Error> {
+    use tokio::io::AsyncReadExt;
+    let generic = |source: io::Error| object_store::Error::Generic {
+        store: "LocalFileSystem",
+        source: Box::new(source),
+    };
+    file.seek(SeekFrom::Start(range.start)).map_err(generic)?;
+    let part = tokio::fs::File::from_std(file).take(range.end - range.start);
+    Ok(ReaderStream::with_capacity(part, DOWNLOAD_PIECE).map_err(generic).boxed())
+}

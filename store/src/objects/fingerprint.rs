@@ -1,0 +1,45 @@
+//! Objects told apart from others under the same path.
+
+use std::fmt;
+
+use spec::Digest;
+
+use crate::{StoreError, StoredObject};
+
+/// A property by which bytes are told from others.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Fingerprint {
+    /// In bytes.
+    Size(u64),
+    Sha256(Digest),
+}
+
+impl fmt::Display for Fingerprint {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Size(bytes) => write!(f, "{bytes} bytes"),
+            Self::Sha256(digest) => write!(f, "SHA-256 {digest}"),
+        }
+    }
+}
+
+impl StoredObject {
+    /// # Errors
+    /// [`StoreError::DamagedObject`] when it was published with another size.
+    pub(crate) fn check_size(&self, found: u64) -> Result<(), StoreError> {
+        self.check(Fingerprint::Size(self.size), Fingerprint::Size(found))
+    }
+
+    /// # Errors
+    /// [`StoreError::DamagedObject`] when it was published with another digest.
+    pub(crate) fn check_digest(&self, found: Digest) -> Result<(), StoreError> {
+        self.check(Fingerprint::Sha256(self.sha256), Fingerprint::Sha256(found))
+    }
+
+    fn check(&self, expected: Fingerprint, found: Fingerprint) -> Result<(), StoreError> {
+        if found == expected {
+            return Ok(());
+        }
+        Err(StoreError::DamagedObject { path: self.path.clone(), expected, found })
+    }
+}

@@ -1,0 +1,113 @@
+use std::time::Duration;
+
+use sqlx::sqlite::SqliteRow;
+use sqlx::{FromRow, Row};
+
+use super::{Database, Transaction, milliseconds};
+use crate::{NewWorker, Worker, WorkersTask};
+
+impl Database {
+    /// By name, with the newest task that each has.
+    pub async fn workers(&self, seen_within: Duration) -> Result<Vec<Worker>, sqlx::Error> {
+        sqlx::query_as(concat!(
+            "SELECT worker.*, seen_at > ",
+            now!(),
+            " - ? AS is_alive, task.id AS task, task.job, task.label FROM worker \
+              LEFT JOIN task ON task.id = (SELECT MAX(id) FROM task \
+              WHERE task.state = 'running' AND task.worker = worker.name) ORDER BY worker.name"
+        ))
+        .bind(milliseconds(seen_within))
+        .fetch_all(&self.reader)
+        .await
+    }
+}
+
+impl Transaction {
+    pub async fn insert_worker(&mut self, new: &NewWorker) -> Result<(), sqlx::Error> {
+        let statement = sqlx::query(concat!(
+            "INSERT INTO worker (name, host, pid, version, device, threads, started_at, seen_at) \
+              VALUES (?, ?, ?, ?, ?, ?, ",
+            now!(),
+            ", ",
+            now!(),
+            ") ON CONFLICT (name) DO UPDATE SET host = excluded.host, pid = excluded.pid, \
+              version = excluded.version, device = excluded.device, threads = excluded.threads, \
+              waits_for = NULL, started_at = excluded.started_at, seen_at = excluded.seen_at"
+        ))
+        .bind(&new.name)
+        .bind(&new.host)
+        .bind(new.pid)
+        .bind(&new.version)
+        .bind(&new.device)
+        .bind(new.threads);
+        self.execute(statement).await
+    }
+
+    /// Nothing of a worker whose name another has taken.
+    pub async fn see_worker(
+        &mut self,
+        worker: &NewWorker,
+        waits_for: Option<&str>,
+    ) -> Result<(), sqlx::Error> {
+        let statement = sqlx::query(concat!(
+            "UPDATE worker SET waits_for = ?, seen_at = ",
+            now!(),
+            " WHERE name = ? AND host = ? AND pid = ?"
+        ))
+        .bind(waits_for)
+        .bind(&worker.name)
+        .bind(&worker.host)
+        .bind(worker.pid);
+        self.execute(statement).await
+    }
+
+    pub async fn delete_worker(&mut self, worker: &NewWorker) -> Result<(), sqlx::Error> {
+        let statement = sqlx::query("DELETE FROM worker WHERE name = ? AND host = ? AND pid = ?")
+            .bind(&worker.name)
+            .bind(&worker.host)
+            .bind(worker.pid);
+        self.execute(statement).await
+    }
+
+    pub async fn forget_dead_workers(&mut self, after: Duration) -> Result<(), sqlx::Error> {
+        let statement = sqlx::query(concat!("DELETE FROM worker WHERE seen_at < ", now!(), " - ?"))
+            .bind(milliseconds(after));
+        self.execute(statement).await
+    }
+
+    /// Writes.
+    pub async fn probe(&mut self) -> Result<(), sqlx::Error> {
+        let statement = sqlx::query(concat!(
+            "INSERT INTO probe (id, written_at) VALUES (1, ",
+            now!(),
+            ") ON CONFLICT (id) DO UPDATE SET written_at = excluded.written_at"
+        ));
+        self.execute(statement).await
+    }
+}
+
+impl FromRow<'_, SqliteRow> for Worker {
+    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
+        let task: Option<_> = row.try_get("task")?;
+        let task = task.map(|id| {
+            Ok::<_, sqlx::Error>(WorkersTask {
+                id,
+                job: row.try_get("job")?,
+                label: row.try_get("label")?,
+            })
+        });
+        Ok(Self {
+            name: row.try_get("name")?,
+            host: row.try_get("host")?,
+            pid: row.try_get("pid")?,
+            version: row.try_get("version")?,
+            device: row.try_get("device")?,
+            threads: row.try_get("threads")?,
+            waits_for: row.try_get("waits_for")?,
+            started_at: row.try_get("started_at")?,
+            seen_at: row.try_get("seen_at")?,
+            is_alive: row.try_get("is_alive")?,
+            task: task.transpose()?,
+        })
+    }
+}

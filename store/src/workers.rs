@@ -1,0 +1,95 @@
+//! The processes that execute tasks, as they show themselves.
+
+use std::time::Duration;
+
+use crate::database::sql;
+use crate::{JobId, Store, StoreError, TaskId, Timestamp};
+
+/// A worker as it begins.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct NewWorker {
+    /// Unique among workers; another of the name that ended takes its place.
+    pub name: String,
+    pub host: String,
+    pub pid: u32,
+    /// Of torqued.
+    pub version: String,
+    /// Models are computed on it.
+    pub device: String,
+    /// Threads for computing.
+    pub threads: u32,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Worker {
+    pub name: String,
+    pub host: String,
+    pub pid: u32,
+    pub version: String,
+    pub device: String,
+    pub threads: u32,
+    /// Why it claims no tasks at the moment.
+    pub waits_for: Option<String>,
+    pub started_at: Timestamp,
+    pub seen_at: Timestamp,
+    /// Whether it was seen within [`Store::WORKER_SEEN_WITHIN`].
+    pub is_alive: bool,
+    /// The task that it has.
+    pub task: Option<WorkersTask>,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct WorkersTask {
+    pub id: TaskId,
+    pub job: JobId,
+    pub label: String,
+}
+
+/// How long workers that died are remembered.
+const REMEMBER: Duration = Duration::from_secs(24 * 60 * 60);
+
+impl Store {
+    /// A worker that was not seen for so long is taken for dead.
+    pub const WORKER_SEEN_WITHIN: Duration = Duration::from_secs(30);
+
+    /// # Errors
+    /// When the database fails.
+    pub async fn register_worker(&self, new: &NewWorker) -> Result<(), StoreError> {
+        let mut tx = self.begin("registering a worker").await?;
+        sql!(&mut tx, forget_dead_workers(REMEMBER))?;
+        sql!(&mut tx, insert_worker(new))?;
+        tx.commit().await
+    }
+
+    /// Says that a worker is alive, and why it claims no tasks if that is so.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn see_worker(
+        &self,
+        worker: &NewWorker,
+        waits_for: Option<&str>,
+    ) -> Result<(), StoreError> {
+        let mut tx = self.begin("seeing a worker").await?;
+        sql!(&mut tx, see_worker(worker, waits_for))?;
+        tx.commit().await
+    }
+
+    /// Forgets a worker that ends in order.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn forget_worker(&self, worker: &NewWorker) -> Result<(), StoreError> {
+        let mut tx = self.begin("forgetting a worker").await?;
+        sql!(&mut tx, delete_worker(worker))?;
+        tx.commit().await
+    }
+
+    /// By name.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn workers(&self) -> Result<Vec<Worker>, StoreError> {
+        sql!(self.database(), "reading workers", workers(Self::WORKER_SEEN_WITHIN))
+    }
+}

@@ -1,0 +1,67 @@
+//! Showing that a worker is there, and what keeps it from working.
+
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use store::{NewWorker, Store};
+use tokio_util::sync::CancellationToken;
+
+use crate::WorkerOptions;
+
+/// A worker in the store's list of workers.
+pub struct Presence {
+    store: Store,
+    worker: NewWorker,
+    waits_for: Mutex<Option<String>>,
+}
+
+/// Between two signs of life; well below [`Store::WORKER_SEEN_WITHIN`].
+const INTERVAL: Duration = Duration::from_secs(10);
+
+impl Presence {
+    pub fn new(store: Store, options: &WorkerOptions) -> Self {
+        let machine = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
+        let threads = options.threads.unwrap_or(machine);
+        let worker = NewWorker {
+            name: options.name.clone(),
+            host: options.host.clone(),
+            pid: std::process::id(),
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            device: options.device.to_string(),
+            threads: u32::try_from(threads).unwrap_or(u32::MAX),
+        };
+        Self { store, worker, waits_for: Mutex::default() }
+    }
+
+    /// Says why the worker claims no tasks, or that it does.
+    pub fn waits_for(&self, obstacle: Option<String>) {
+        let mut current = self.lock();
+        match (&*current, &obstacle) {
+            (None, Some(obstacle)) => tracing::warn!("claims no tasks: {obstacle}"),
+            (Some(_), None) => tracing::info!("claims tasks again"),
+            _ => {}
+        }
+        *current = obstacle;
+    }
+
+    /// Shows the worker until `over`. A database that does not answer is for those to complain about who need it.
+    pub async fn show_until(&self, over: &CancellationToken) {
+        let mut shown = self.store.register_worker(&self.worker).await;
+        while over.run_until_cancelled(tokio::time::sleep(INTERVAL)).await.is_some() {
+            shown = match shown {
+                Ok(()) => {
+                    let waits_for = self.lock().clone();
+                    self.store.see_worker(&self.worker, waits_for.as_deref()).await
+                }
+                Err(_) => self.store.register_worker(&self.worker).await,
+            };
+        }
+        if let Err(error) = self.store.forget_worker(&self.worker).await {
+            tracing::debug!(error = faults::causes(&error), "cannot leave the list of workers");
+        }
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Option<String>> {
+        self.waits_for.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
