@@ -36,6 +36,7 @@ const RESERVED_PART: u64 = 20;
 const WRITE_WITHIN: Duration = Duration::from_secs(2);
 
 impl DiskSpace {
+    #[allow(clippy::useless_conversion, reason = "on some systems these counts have 32 bits")]
     pub(crate) fn of(folder: &Path) -> io::Result<Self> {
         let system = statvfs(folder)?;
         let bytes = |blocks| u64::from(system.fragment_size()).saturating_mul(blocks);

@@ -90,6 +90,8 @@ impl TaskError {
     pub fn retry(&self) -> Retry {
         match self {
             Self::Import(error) if error.may_pass() => Retry::Allowed,
+            // Damage stays.
+            Self::Store(StoreError::DamagedObject { .. }) => Retry::Never,
             Self::Store(_)
             | Self::Threads(_)
             | Self::Stopped
