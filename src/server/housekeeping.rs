@@ -1,6 +1,6 @@
 //! What a server does beside answering: leases of dead workers, files nobody owns.
 
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime};
 
 use store::{Reaped, Reaper, Store};
 use tokio_util::sync::CancellationToken;
@@ -39,10 +39,14 @@ pub async fn reap(store: Store, stop: CancellationToken) {
     }
 }
 
-/// Deletes what killed workers left half written.
+/// Deletes what killed workers left half written. A clock that was set ahead, or a machine that slept, makes no file
+/// older than it is.
 pub async fn sweep(store: Store, stop: CancellationToken) {
+    let (began, began_by_clock) = (Instant::now(), SystemTime::now());
     loop {
-        match store.sweep_orphans(ORPHANED_AFTER).await {
+        let by_clock = began_by_clock.elapsed().unwrap_or_default();
+        let leapt = by_clock.saturating_sub(began.elapsed());
+        match store.sweep_orphans(ORPHANED_AFTER + leapt).await {
             Ok(0) => {}
             Ok(count) => tracing::info!(count, "deleted files that nothing refers to"),
             Err(error) => {
