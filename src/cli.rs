@@ -4,8 +4,8 @@ use clap::{Parser, Subcommand};
 use tracing_subscriber::EnvFilter;
 
 use crate::commands::{
-    cancel, decode_recording, devices, import, jobs, presets, quickstart, retry, serve, simulate,
-    study, submit, verify, watch, worker, workers,
+    attempts, cancel, decode_recording, devices, import, jobs, presets, quickstart, retry, serve,
+    simulate, study, submit, verify, watch, worker, workers,
 };
 
 /// In-context identification of robot dynamics as a service: simulate, train, evaluate.
@@ -44,6 +44,8 @@ pub enum Command {
     Workers(workers::Arguments),
     /// List jobs, newest first
     Jobs(jobs::Arguments),
+    /// List every time that a worker had a task of a job, and how it ended
+    Attempts(attempts::Arguments),
     /// Follow a job until it ends
     Watch(watch::Arguments),
     /// Cancel a job

@@ -28,3 +28,20 @@ CREATE TABLE probe (
     id         INTEGER PRIMARY KEY CHECK (id = 1),
     written_at INTEGER NOT NULL
 ) STRICT;
+
+-- Every time that a worker had a task.
+CREATE TABLE attempt (
+    id         INTEGER PRIMARY KEY AUTOINCREMENT,
+    job        INTEGER NOT NULL REFERENCES job (id) ON DELETE CASCADE,
+    task       INTEGER NOT NULL REFERENCES task (id) ON DELETE CASCADE,
+    epoch      INTEGER NOT NULL,
+    worker     TEXT    NOT NULL,
+    -- NULL while it lasts.
+    outcome    TEXT    CHECK (outcome IN ('succeeded', 'failed', 'released', 'cancelled')),
+    reason     TEXT,
+    started_at INTEGER NOT NULL,
+    ended_at   INTEGER,
+    UNIQUE (task, epoch)
+) STRICT;
+
+CREATE INDEX attempt_by_job ON attempt (job, id);

@@ -9,7 +9,8 @@ use std::time::Duration;
 use reqwest::{Method, RequestBuilder, Response, StatusCode, Url};
 use serde::de::DeserializeOwned;
 use wire::{
-    Checkpoint, ControlReport, Dataset, Evaluation, Job, Jobs, Presets, Task, Tasks, Workers,
+    Attempts, Checkpoint, ControlReport, Dataset, Evaluation, Job, Jobs, Presets, Task, Tasks,
+    Workers,
 };
 
 pub use error::ClientError;
@@ -94,6 +95,10 @@ impl Client {
     }
 
     pub async fn jobs(&self, path: &str) -> Result<Jobs, ClientError> {
+        self.get(path).await
+    }
+
+    pub async fn attempts(&self, path: &str) -> Result<Attempts, ClientError> {
         self.get(path).await
     }
 

@@ -1,5 +1,6 @@
 //! One file per command.
 
+pub mod attempts;
 pub mod cancel;
 pub mod decode_recording;
 pub mod devices;
@@ -36,6 +37,7 @@ pub async fn run(command: Command, log: &str) -> anyhow::Result<ExitCode> {
         Command::Import(arguments) => import::run(arguments).await,
         Command::Workers(arguments) => workers::run(arguments).await,
         Command::Jobs(arguments) => jobs::run(arguments).await,
+        Command::Attempts(arguments) => attempts::run(arguments).await,
         Command::Watch(arguments) => watch::run(arguments).await,
         Command::Cancel(arguments) => cancel::run(arguments).await,
         Command::Retry(arguments) => retry::run(arguments).await,

@@ -79,6 +79,7 @@ impl Store {
         let standing = standing.claimed();
         (task.attempt, task.fence.epoch) = (standing.attempt, standing.epoch);
         sql!(&mut tx, lease(task.fence.task, &standing, worker, ttl))?;
+        sql!(&mut tx, begin_attempt(task.job, task.fence, worker))?;
         if sql!(&mut tx, start_job(task.job))? {
             pipelines::settle_those_of(&mut tx, task.job).await?;
         }

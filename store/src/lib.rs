@@ -12,6 +12,7 @@
 //! - Counts are `u64` here and 64-bit integers in SQL.
 
 mod artifacts;
+mod attempts;
 mod cancellation;
 mod checkpoints;
 mod clock;
@@ -49,6 +50,7 @@ mod uploads;
 mod workers;
 
 pub use artifacts::{Artifact, NewArtifact};
+pub use attempts::Attempt;
 pub use checkpoints::{Checkpoint, CheckpointFile, NewCheckpoint, WhichCheckpoint};
 pub use clock::Timestamp;
 pub use data_dir::Access;
@@ -81,5 +83,5 @@ pub use takeover::EarlierShard;
 pub use tasks::{ResultTally, Task, TaskOverview, TaskPage};
 pub use trajectories::ShardReader;
 pub use uploads::{Upload, UploadWriter};
-pub use wire::{DatasetState, JobState, TaskState};
+pub use wire::{AttemptOutcome, DatasetState, JobState, TaskState};
 pub use workers::{NewWorker, Worker, WorkersTask};

@@ -2,7 +2,7 @@
 //! follows for the job, the jobs that need it and the pipelines it is in.
 
 use serde_json::Value;
-use wire::TaskState;
+use wire::{AttemptOutcome, TaskState};
 
 use crate::database::{Transaction, sql};
 use crate::propagation::advance;
@@ -79,6 +79,8 @@ pub(crate) async fn complete(
 ) -> Result<(), StoreError> {
     let (standing, _) = standing.after(Ending::Completed);
     sql!(tx, complete_task(task, &standing, result))?;
+    let fence = Fence { task, epoch: standing.epoch };
+    sql!(tx, end_attempt(fence, AttemptOutcome::Succeeded, None))?;
     advance(tx, job).await
 }
 
@@ -91,6 +93,14 @@ pub(crate) async fn give_back(
 ) -> Result<TaskState, StoreError> {
     let (job, held) = leases::held(tx, fence).await?;
     let (standing, delay) = held.after(ending);
+    let outcome = match ending {
+        _ if standing.state == TaskState::Cancelled => AttemptOutcome::Cancelled,
+        Ending::Completed => AttemptOutcome::Succeeded,
+        Ending::Failed(_) => AttemptOutcome::Failed,
+        Ending::Released => AttemptOutcome::Released,
+        Ending::Stopped => AttemptOutcome::Cancelled,
+    };
+    sql!(tx, end_attempt(fence, outcome, error))?;
     let error = match ending {
         _ if standing.state == TaskState::Cancelled => None,
         Ending::Failed(Retry::Allowed) => error

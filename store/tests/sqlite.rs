@@ -51,7 +51,9 @@ conforms! {
         a_finished_task_takes_no_second_ending,
         leases_outlive_a_sleep_of_everybody,
         a_worker_that_never_renews_is_noticed,
-        attempts_before_a_later_checkpoint_do_not_count;
+        attempts_before_a_later_checkpoint_do_not_count,
+        every_attempt_is_recorded_with_its_end,
+        an_attempt_that_was_cancelled_or_lost_says_so;
     workers:
         a_worker_is_listed_with_its_task_until_it_leaves,
         a_worker_that_began_anew_is_not_forgotten_by_the_one_before,

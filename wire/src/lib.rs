@@ -8,6 +8,7 @@
 //! `before` of the following page and missing on the last one. Tasks are in the order in which they run, and `next` is
 //! the `after` of the following page. Readers ignore fields that they do not know.
 
+mod attempts;
 mod checkpoints;
 mod closed_loop;
 mod datasets;
@@ -29,6 +30,7 @@ mod verifications;
 mod warnings;
 mod workers;
 
+pub use attempts::{Attempt, Attempts};
 pub use checkpoints::{Checkpoint, Checkpoints, StoredFile};
 pub use closed_loop::{
     ControlDifference, ControlReport, ControllerInfo, ControllerSummary, PlanTime,
@@ -51,7 +53,7 @@ pub use report::{
     TrainedOn, WorstCase, at_noise,
 };
 pub use runs::{Artifact, LatestMetric, Metric, MetricPoint, Run, Runs};
-pub use states::{DatasetState, JobState, TaskState, UnknownState};
+pub use states::{AttemptOutcome, DatasetState, JobState, TaskState, UnknownState};
 pub use streams::{
     FilledContext, Nothing, StreamLatency, StreamMessage, StreamOpened, StreamReply,
     StreamSettings, StreamStep, StreamedPrediction,

@@ -70,6 +70,17 @@ states! {
 }
 
 states! {
+    /// How an attempt at a task ended.
+    AttemptOutcome {
+        Succeeded = "succeeded",
+        Failed = "failed",
+        /// The worker was told to stop, and gave the task back.
+        Released = "released",
+        Cancelled = "cancelled",
+    }
+}
+
+states! {
     /// The state of a dataset.
     DatasetState {
         /// Shards are missing.

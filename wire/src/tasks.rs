@@ -15,7 +15,7 @@ pub struct Task {
     pub ordinal: u32,
     pub label: String,
     pub state: TaskState,
-    /// Times it was claimed.
+    /// Times it was claimed since it last got on, as with a checkpoint of a later step.
     pub attempt: u32,
     pub max_attempts: u32,
     /// The fencing number of its lease.

@@ -8,10 +8,10 @@ use axum::http::HeaderMap;
 use axum::response::{IntoResponse, Redirect, Response};
 use spec::JobKind;
 use store::TaskOverview;
-use wire::TaskState;
+use wire::{Attempt, AttemptOutcome, TaskState};
 
-use crate::app::App;
 use crate::app::tasks::{FirstTasks, progress};
+use crate::app::{App, Paging};
 use crate::error::ApiError;
 use crate::extract::Path;
 use crate::page::answer::{InPage, PageError, html};
@@ -23,6 +23,9 @@ use crate::page::spec_text::spec_text;
 
 /// Tasks shown; the rest is one link away.
 const TASKS: u32 = 100;
+
+/// Attempts looked through for those that did not succeed.
+const ATTEMPTS: u32 = 50;
 
 #[derive(Template)]
 #[template(path = "job.html")]
@@ -41,6 +44,8 @@ struct JobPage {
     tasks_left_out: u64,
     /// The id of the last one shown.
     last_task: i64,
+    /// The newest that ended without success.
+    attempts: Vec<AttemptRow>,
     spec: String,
     commands: Commands,
 }
@@ -52,6 +57,14 @@ struct TaskRow {
     worker: String,
     error: String,
     progress: Option<Bar>,
+}
+
+struct AttemptRow {
+    label: String,
+    worker: String,
+    outcome: &'static str,
+    reason: String,
+    ended_at: String,
 }
 
 pub async fn show(
@@ -68,6 +81,7 @@ pub async fn show(
         _ => Vec::new(),
     };
     let FirstTasks { tasks, all } = app.first_tasks(id, TASKS).await?;
+    let attempts = app.attempts(id, Paging { limit: ATTEMPTS, before: None }).await?.attempts;
     let outcome = headlines(&app, &[&job]).await?.remove(&id).unwrap_or_default();
     let closed_loop = closed_loop(&app, &job).await?;
     let files = match job.run {
@@ -87,10 +101,24 @@ pub async fn show(
         tasks_left_out: all.saturating_sub(tasks.len() as u64),
         last_task: tasks.last().map_or(0, |task| task.id.0),
         tasks: tasks.into_iter().map(|task| TaskRow::new(task, &job.progress.unit)).collect(),
+        attempts: attempts.into_iter().filter_map(AttemptRow::of_no_success).collect(),
         spec: spec_text(&job.spec),
         commands: Commands::new(&app, &headers),
     };
     Ok(html(&page)?)
+}
+
+impl AttemptRow {
+    fn of_no_success(attempt: Attempt) -> Option<Self> {
+        let outcome = attempt.outcome.filter(|it| *it != AttemptOutcome::Succeeded)?;
+        Some(Self {
+            label: attempt.label,
+            worker: attempt.worker,
+            outcome: outcome.as_str(),
+            reason: attempt.reason.unwrap_or_default(),
+            ended_at: attempt.ended_at.unwrap_or_default(),
+        })
+    }
 }
 
 impl TaskRow {

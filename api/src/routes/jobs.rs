@@ -9,13 +9,14 @@ use serde::Deserialize;
 use spec::{JobKind, JobSpec};
 use store::JobFilter;
 use utoipa::IntoParams;
-use wire::{Job, JobState, Jobs, Tasks};
+use wire::{Attempts, Job, JobState, Jobs, Tasks};
 
 use crate::app::paging::TaskPaging;
 use crate::app::submission::{Reuse, Submitted};
 use crate::app::{App, Paging};
 use crate::error::ApiError;
 use crate::extract::{IdempotencyKey, JsonBytes, Path, Query};
+use crate::routes::lists::ListParameters;
 
 #[derive(Deserialize, IntoParams)]
 #[into_params(parameter_in = Query)]
@@ -27,7 +28,7 @@ pub struct SubmitParameters {
 
 #[derive(Deserialize, IntoParams)]
 #[into_params(parameter_in = Query)]
-pub struct ListParameters {
+pub struct JobsParameters {
     #[param(inline)]
     state: Option<JobState>,
     #[param(inline)]
@@ -93,12 +94,12 @@ pub async fn retry(State(app): State<App>, Path(id): Path<i64>) -> Result<Respon
     get,
     path = "/v1/jobs",
     tag = "jobs",
-    params(ListParameters),
+    params(JobsParameters),
     responses((status = 200, body = Jobs)),
 )]
 pub async fn list(
     State(app): State<App>,
-    Query(parameters): Query<ListParameters>,
+    Query(parameters): Query<JobsParameters>,
 ) -> Result<Json<Jobs>, ApiError> {
     let paging = Paging::new(parameters.limit, parameters.before)?;
     let filter = JobFilter { state: parameters.state, kind: parameters.kind.map(JobKind::as_str) };
@@ -153,4 +154,20 @@ pub async fn tasks(
 ) -> Result<Json<Tasks>, ApiError> {
     let paging = TaskPaging::new(parameters.limit, parameters.after)?;
     Ok(Json(app.tasks(id, paging).await?))
+}
+
+/// Every time that a worker had a task of the job, newest first: who, from when to when, and how it ended.
+#[utoipa::path(
+    get,
+    path = "/v1/jobs/{id}/attempts",
+    tag = "jobs",
+    params(("id" = i64, Path), ListParameters),
+    responses((status = 200, body = Attempts)),
+)]
+pub async fn attempts(
+    State(app): State<App>,
+    Path(id): Path<i64>,
+    Query(page): Query<ListParameters>,
+) -> Result<Json<Attempts>, ApiError> {
+    Ok(Json(app.attempts(id, page.paging()?).await?))
 }

@@ -50,6 +50,7 @@ fn operations() -> OpenApiRouter<App> {
         .routes(routes!(jobs::cancel))
         .routes(routes!(jobs::retry))
         .routes(routes!(jobs::tasks))
+        .routes(routes!(jobs::attempts))
         .routes(routes!(datasets::list, uploads::create))
         .routes(routes!(datasets::show))
         .routes(routes!(datasets::file))

@@ -29,7 +29,7 @@ const PREDICT: &str = "/v1/checkpoints/{id}/predict";
 const STREAM: &str = "/v1/checkpoints/{id}/stream";
 
 /// Every operation, with a request that it answers with success.
-const OPERATIONS: [(&str, &str, &str); 33] = [
+const OPERATIONS: [(&str, &str, &str); 34] = [
     ("get", "/healthz", "/healthz"),
     ("get", "/v1/presets", "/v1/presets"),
     ("get", "/v1/workers", "/v1/workers"),
@@ -39,6 +39,7 @@ const OPERATIONS: [(&str, &str, &str); 33] = [
     ("post", "/v1/jobs/{id}/cancel", "/v1/jobs/6/cancel"),
     ("post", "/v1/jobs/{id}/retry", "/v1/jobs/6/retry"),
     ("get", "/v1/jobs/{id}/tasks", "/v1/jobs/1/tasks"),
+    ("get", "/v1/jobs/{id}/attempts", "/v1/jobs/1/attempts"),
     ("get", "/v1/datasets", "/v1/datasets"),
     ("post", "/v1/datasets", "/v1/datasets"),
     ("get", "/v1/datasets/{id}", "/v1/datasets/1"),

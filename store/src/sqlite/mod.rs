@@ -11,6 +11,7 @@ macro_rules! now {
 }
 
 mod artifacts;
+mod attempts;
 mod checkpoints;
 mod datasets;
 mod jobs;

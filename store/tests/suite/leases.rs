@@ -4,8 +4,8 @@ use std::time::Duration;
 
 use serde_json::json;
 use store::{
-    Epoch, Fence, JobState, Lease, Metric, NewCheckpoint, Progress, Reaped, Reaper, Retry,
-    TaskState,
+    AttemptOutcome, Epoch, Fence, JobState, Lease, Metric, NewCheckpoint, Page, Progress, Reaped,
+    Reaper, Retry, TaskState,
 };
 
 use super::{Fixture, LONG, assert_lost, simulate, task, train, with_execution};
@@ -209,4 +209,39 @@ pub async fn attempts_before_a_later_checkpoint_do_not_count(f: Fixture) {
     tokio::time::sleep(Duration::from_millis(1)).await;
     assert!(f.claim().await.is_none(), "the same step again is no progress, and the retry waits");
     assert_eq!(f.state(job).await, JobState::Running);
+}
+
+pub async fn every_attempt_is_recorded_with_its_end(f: Fixture) {
+    let job = f.submit_one(train(&simulate(1), vec![])).await;
+    f.store.release(f.must_claim().await.fence).await.unwrap();
+    f.store.fail(f.must_claim().await.fence, "out of luck", Retry::Allowed).await.unwrap();
+    let last = f.must_claim().await;
+    let page = Page::default();
+    let attempts = f.store.attempts(job, page).await.unwrap();
+    let outcomes: Vec<_> = attempts.iter().map(|it| (it.epoch.0, it.outcome)).collect();
+    let (released, failed) = (AttemptOutcome::Released, AttemptOutcome::Failed);
+    assert_eq!(outcomes, [(3, None), (2, Some(failed)), (1, Some(released))]);
+    assert_eq!(attempts[1].reason.as_deref(), Some("out of luck"));
+    assert_eq!((attempts[0].worker.as_str(), attempts[0].label.as_str()), ("w1", "piece 0.0"));
+    assert!(attempts[0].ended_at.is_none() && attempts[1].ended_at.is_some());
+
+    f.store.complete(last.fence, None).await.unwrap();
+    let attempts = f.store.attempts(job, Page { limit: 1, ..page }).await.unwrap();
+    let ended: Vec<_> = attempts.iter().map(|it| (it.epoch.0, it.outcome)).collect();
+    assert_eq!(ended, [(3, Some(AttemptOutcome::Succeeded))]);
+    let older = Page { before: Some(attempts[0].id), ..page };
+    assert_eq!(f.store.attempts(job, older).await.unwrap().len(), 2);
+}
+
+pub async fn an_attempt_that_was_cancelled_or_lost_says_so(f: Fixture) {
+    let lost = f.submit_one(train(&simulate(1), vec![])).await;
+    f.claim_and_die().await;
+    f.reap().await;
+    let attempts = f.store.attempts(lost, Page::default()).await.unwrap();
+    assert_eq!(attempts[0].reason.as_deref(), Some("worker w0 stopped answering"));
+    let task = f.must_claim().await;
+    f.store.cancel(lost).await.unwrap();
+    f.store.stopped(task.fence).await.unwrap();
+    let attempts = f.store.attempts(lost, Page::default()).await.unwrap();
+    assert_eq!(attempts[0].outcome, Some(AttemptOutcome::Cancelled));
 }

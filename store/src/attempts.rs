@@ -1,0 +1,32 @@
+//! Every time that a worker had a task: who, from when to when, and how it ended.
+
+use wire::AttemptOutcome;
+
+use crate::database::sql;
+use crate::{Epoch, JobId, Page, Store, StoreError, TaskId, Timestamp};
+
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Attempt {
+    pub id: i64,
+    pub task: TaskId,
+    /// The task's.
+    pub label: String,
+    pub epoch: Epoch,
+    pub worker: String,
+    /// `None` while it lasts.
+    pub outcome: Option<AttemptOutcome>,
+    /// Why it failed.
+    pub reason: Option<String>,
+    pub started_at: Timestamp,
+    pub ended_at: Option<Timestamp>,
+}
+
+impl Store {
+    /// The attempts at a job's tasks, newest first.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn attempts(&self, job: JobId, page: Page) -> Result<Vec<Attempt>, StoreError> {
+        sql!(self.database(), "reading a job's attempts", attempts(job, page))
+    }
+}
