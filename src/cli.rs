@@ -4,8 +4,8 @@ use clap::{Parser, Subcommand};
 use tracing_subscriber::EnvFilter;
 
 use crate::commands::{
-    attempts, cancel, decode_recording, devices, import, jobs, presets, quickstart, retry, serve,
-    simulate, study, submit, verify, watch, worker, workers,
+    attempts, cancel, decode_recording, devices, import, jobs, pause, presets, quickstart, resume,
+    retry, serve, simulate, study, submit, verify, watch, worker, workers,
 };
 
 /// In-context identification of robot dynamics as a service: simulate, train, evaluate.
@@ -52,6 +52,10 @@ pub enum Command {
     Cancel(cancel::Arguments),
     /// Try a job again that failed; what succeeded is kept
     Retry(retry::Arguments),
+    /// Have no more tasks begun; those that run go on
+    Pause(pause::Arguments),
+    /// Have tasks begun again after a pause
+    Resume(resume::Arguments),
     /// List the presets, or show one
     Presets(presets::Arguments),
     /// Decode the recording on standard input; a worker starts this for itself

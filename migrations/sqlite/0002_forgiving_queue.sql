@@ -45,3 +45,20 @@ CREATE TABLE attempt (
 ) STRICT;
 
 CREATE INDEX attempt_by_job ON attempt (job, id);
+
+-- The queue as a whole: one row.
+CREATE TABLE queue (
+    id        INTEGER PRIMARY KEY CHECK (id = 1),
+    -- Since when no task is claimed; NULL while tasks are.
+    paused_at INTEGER
+) STRICT;
+
+INSERT INTO queue (id, paused_at) VALUES (1, NULL);
+
+-- The server that was started last: one row.
+CREATE TABLE server (
+    id         INTEGER PRIMARY KEY CHECK (id = 1),
+    -- The version of torqued.
+    version    TEXT    NOT NULL,
+    started_at INTEGER NOT NULL
+) STRICT;

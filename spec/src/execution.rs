@@ -11,11 +11,16 @@ pub struct Execution {
     pub priority: i32,
     /// Times a task may be claimed before it fails, 1 to 20.
     pub max_attempts: u32,
+    /// Seconds that an attempt at a task may take, 1 to 2 592 000 (30 days); `null` sets no limit. A task that takes
+    /// longer fails and is not tried again.
+    pub time_limit_s: Option<u32>,
 }
+
+const LONGEST_S: u32 = 30 * 24 * 60 * 60;
 
 impl Default for Execution {
     fn default() -> Self {
-        Self { priority: 0, max_attempts: 3 }
+        Self { priority: 0, max_attempts: 3, time_limit_s: None }
     }
 }
 
@@ -29,5 +34,8 @@ impl Check for Execution {
     fn check(&self, report: &mut Report) {
         report.within("priority", self.priority, -100..=100);
         report.within("max_attempts", self.max_attempts, 1..=20);
+        if let Some(seconds) = self.time_limit_s {
+            report.within("time_limit_s", seconds, 1..=LONGEST_S);
+        }
     }
 }

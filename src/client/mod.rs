@@ -9,8 +9,8 @@ use std::time::Duration;
 use reqwest::{Method, RequestBuilder, Response, StatusCode, Url};
 use serde::de::DeserializeOwned;
 use wire::{
-    Attempts, Checkpoint, ControlReport, Dataset, Evaluation, Job, Jobs, Presets, Task, Tasks,
-    Workers,
+    Attempts, Checkpoint, ControlReport, Dataset, Evaluation, Job, Jobs, Presets, Queue, Task,
+    Tasks, Workers,
 };
 
 pub use error::ClientError;
@@ -100,6 +100,18 @@ impl Client {
 
     pub async fn attempts(&self, path: &str) -> Result<Attempts, ClientError> {
         self.get(path).await
+    }
+
+    pub async fn queue(&self) -> Result<Queue, ClientError> {
+        self.get("/v1/queue").await
+    }
+
+    pub async fn pause_queue(&self) -> Result<Queue, ClientError> {
+        self.post("/v1/queue/pause").await
+    }
+
+    pub async fn resume_queue(&self) -> Result<Queue, ClientError> {
+        self.post("/v1/queue/resume").await
     }
 
     pub async fn workers(&self, path: &str) -> Result<Workers, ClientError> {

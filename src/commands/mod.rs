@@ -7,8 +7,10 @@ pub mod devices;
 pub mod import;
 pub mod jobs;
 mod own_server;
+pub mod pause;
 pub mod presets;
 pub mod quickstart;
+pub mod resume;
 pub mod retry;
 pub mod serve;
 pub mod simulate;
@@ -41,6 +43,8 @@ pub async fn run(command: Command, log: &str) -> anyhow::Result<ExitCode> {
         Command::Watch(arguments) => watch::run(arguments).await,
         Command::Cancel(arguments) => cancel::run(arguments).await,
         Command::Retry(arguments) => retry::run(arguments).await,
+        Command::Pause(arguments) => pause::run(arguments).await,
+        Command::Resume(arguments) => resume::run(arguments).await,
         Command::Presets(arguments) => presets::run(arguments).await,
         Command::DecodeRecording(arguments) => decode_recording::run(&arguments),
     }

@@ -34,6 +34,10 @@ pub struct Arguments {
     #[command(flatten)]
     device: DeviceArguments,
 
+    /// Work for a server of another version, too; its results may differ
+    #[arg(long)]
+    any_version: bool,
+
     /// Stop when standard input closes, as it does when the server that started this worker dies
     #[arg(long)]
     stop_with_stdin: bool,
@@ -59,6 +63,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
         host,
         threads: arguments.threads.map(NonZero::get),
         lease: Duration::from_secs(arguments.lease_seconds),
+        any_version: arguments.any_version,
         device: arguments.device.device,
         decoder: decode_recording::program()?,
     };

@@ -99,6 +99,7 @@ impl Server {
         process::open_many_files();
         device::require(options.device.device).await?;
         let store = Store::open(&options.data, Access::Server).await?;
+        store.register_server(env!("CARGO_PKG_VERSION")).await?;
         let listener = listen::bind(options.listen).await?;
         let address = listener.local_addr().context("cannot tell the address listened on")?;
 

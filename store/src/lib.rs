@@ -33,6 +33,7 @@ mod orphans;
 mod parquet_layout;
 mod pipelines;
 mod propagation;
+mod queue;
 mod reaper;
 mod rules;
 mod runs;
@@ -68,6 +69,7 @@ pub use objects::{
 };
 pub use parquet_layout::{STEP, TRAJECTORY, table_schema, trajectories_per_row_group};
 pub use pipelines::Member;
+pub use queue::Queue;
 pub use reaper::{Reaped, Reaper, WorkerEnd};
 pub use rules::Retry;
 pub use runs::Run;

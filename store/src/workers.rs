@@ -52,6 +52,24 @@ impl Store {
     /// A worker that was not seen for so long is taken for dead.
     pub const WORKER_SEEN_WITHIN: Duration = Duration::from_secs(30);
 
+    /// Says which version of torqued serves this store from now on.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn register_server(&self, version: &str) -> Result<(), StoreError> {
+        let mut tx = self.begin("registering the server").await?;
+        sql!(&mut tx, set_server(version))?;
+        tx.commit().await
+    }
+
+    /// The version of the server that was started last; `None` before the first.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn server_version(&self) -> Result<Option<String>, StoreError> {
+        sql!(self.database(), "reading the server's version", server_version())
+    }
+
     /// # Errors
     /// When the database fails.
     pub async fn register_worker(&self, new: &NewWorker) -> Result<(), StoreError> {

@@ -53,7 +53,8 @@ conforms! {
         a_worker_that_never_renews_is_noticed,
         attempts_before_a_later_checkpoint_do_not_count,
         every_attempt_is_recorded_with_its_end,
-        an_attempt_that_was_cancelled_or_lost_says_so;
+        an_attempt_that_was_cancelled_or_lost_says_so,
+        a_paused_queue_hands_out_nothing_and_takes_everything;
     workers:
         a_worker_is_listed_with_its_task_until_it_leaves,
         a_worker_that_began_anew_is_not_forgotten_by_the_one_before,

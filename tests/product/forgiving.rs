@@ -280,3 +280,77 @@ async fn a_dataset_of_more_shards_than_a_process_may_have_files_is_read() {
     let id = product.submit(&spec).await;
     product.succeeded(id).await;
 }
+
+#[tokio::test]
+async fn a_paused_queue_runs_dry_and_goes_on_after_the_next_start() {
+    let data = tempfile::tempdir().unwrap();
+    let product = Product::start(data.path());
+    let id = product.submit(&small_pipeline()["jobs"]["train-set"]).await;
+    product.job_when(id, |job| job["progress"]["done"].as_f64() > Some(0.0)).await;
+    let (code, output, errors) =
+        run_to_end(torqued(&["pause", "--wait", "--server"]).arg(&product.url));
+    assert_eq!(code, Some(0), "{errors}");
+    assert!(output.contains("no task runs any more"), "{output}");
+    let waiting = product.submit(&training(100)).await;
+    let health = product.get("/healthz").await;
+    assert!(health["reasons"][0].as_str().unwrap().contains("paused"), "{health:#}");
+    assert_eq!(product.end_by("TERM").0, Some(0));
+
+    let product = Product::start(data.path());
+    product.when_worker_is_there().await;
+    tokio::time::sleep(Duration::from_secs(1)).await;
+    assert_eq!(product.get(&format!("/v1/jobs/{waiting}")).await["state"], "queued");
+    let (code, output, errors) = run_to_end(torqued(&["resume", "--server"]).arg(&product.url));
+    assert_eq!(code, Some(0), "{errors}");
+    assert!(output.contains("goes on"), "{output}");
+    product.succeeded(id).await;
+    product.succeeded(waiting).await;
+}
+
+#[tokio::test]
+async fn a_worker_of_another_version_claims_nothing_unless_it_is_allowed() {
+    use sqlx::{ConnectOptions, Connection};
+    let data = tempfile::tempdir().unwrap();
+    let product = Product::start_with(data.path(), &["--workers", "0"]);
+    let id = product.submit(&small_pipeline()["jobs"]["train-set"]).await;
+    let file = data.path().join("torqued.sqlite");
+    let mut connection =
+        sqlx::sqlite::SqliteConnectOptions::new().filename(file).connect().await.unwrap();
+    sqlx::query("UPDATE server SET version = '9.9.9'").execute(&mut connection).await.unwrap();
+    connection.close().await.unwrap();
+
+    let worker = |arguments: &[&str]| {
+        let mut command = torqued(&["worker", "--name", "other", "--threads", "1", "--data"]);
+        command.arg(data.path()).args(arguments).spawn().unwrap()
+    };
+    let mut refused = worker(&[]);
+    let says = |answer: &Value| answer["workers"][0]["waits_for"].is_string();
+    let workers = product.when("/v1/workers", says).await;
+    let reason = workers["workers"][0]["waits_for"].as_str().unwrap();
+    assert!(reason.contains("9.9.9") && reason.contains("--any-version"), "{reason}");
+    assert_eq!(product.get(&format!("/v1/jobs/{id}")).await["state"], "queued");
+    signal("TERM", refused.id());
+    assert!(refused.wait().unwrap().success());
+
+    let mut allowed = worker(&["--any-version"]);
+    product.succeeded(id).await;
+    signal("TERM", allowed.id());
+    assert!(allowed.wait().unwrap().success());
+}
+
+#[tokio::test]
+async fn a_job_that_takes_too_long_fails_and_can_be_tried_again_from_where_it_was() {
+    let data = tempfile::tempdir().unwrap();
+    let product = Product::start(data.path());
+    let mut spec = training(100_000);
+    spec["execution"] = json!({"time_limit_s": 3});
+    let id = product.submit(&spec).await;
+    let job = product.finished(id).await;
+    assert_eq!(job["state"], "failed", "{job:#}");
+    assert!(job["error"].as_str().unwrap().contains("time_limit_s, 3 s"), "{job:#}");
+    let done = checkpoints(&product, &job).await.0;
+    let (_, again) = product.post(&format!("/v1/jobs/{id}/retry"), "").await;
+    let again = product.finished(again["id"].as_i64().unwrap()).await;
+    let further = checkpoints(&product, &again).await.0;
+    assert!(further.contains(done.last().unwrap()) && further.last() > done.last(), "{further:?}");
+}

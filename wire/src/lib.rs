@@ -19,6 +19,7 @@ mod jobs;
 mod predictions;
 mod presets;
 mod problem;
+mod queue;
 mod report;
 mod runs;
 mod states;
@@ -46,6 +47,7 @@ pub use predictions::{
 };
 pub use presets::Presets;
 pub use problem::Problem;
+pub use queue::Queue;
 pub use report::{
     Calibration, CellSummary, DataNoise, FailureSummary, GroupSummary, Interval, IntervalSummary,
     Latency, PairedDifference, PredictorInfo, PredictorKind, PredictorScores, PredictorSummary,

@@ -5,14 +5,15 @@ use std::time::Duration;
 
 use models::{Device, DeviceKind};
 use recordings::DecoderProgram;
-use store::{Access, ClaimedTask, Store, StoreError};
+use spec::JobSpec;
+use store::{Access, ClaimedTask, Retry, Store, StoreError};
 use tokio::runtime::Handle;
 use tokio_util::sync::CancellationToken;
 
 use crate::WorkerError;
 use crate::attempt::Attempt;
 use crate::error::TaskError;
-use crate::heartbeat::{ProgressCell, keep_alive};
+use crate::heartbeat::{LeaseTerms, ProgressCell, keep_alive};
 use crate::kinds::{KindModule, module};
 use crate::presence::Presence;
 use crate::stop::{StopReason, StopSignal};
@@ -29,6 +30,8 @@ pub struct WorkerOptions {
     pub threads: Option<usize>,
     /// How long a lease lasts without a heartbeat: how late a death is noticed.
     pub lease: Duration,
+    /// Whether to work for a server of another version, too.
+    pub any_version: bool,
     /// What models are computed on.
     pub device: DeviceKind,
     /// The decoder of foreign files.
@@ -79,7 +82,10 @@ async fn work_on(
     shutdown: &CancellationToken,
 ) -> Result<(), WorkerError> {
     while !shutdown.is_cancelled() {
-        let obstacle = store.obstacle();
+        let obstacle = match store.obstacle() {
+            None if !options.any_version => other_version(store).await,
+            obstacle => obstacle,
+        };
         let is_free = obstacle.is_none();
         presence.waits_for(obstacle);
         let pause = if is_free {
@@ -105,6 +111,17 @@ async fn work_on(
     Ok(())
 }
 
+/// Why a worker of this version should not work for the server; a database that does not answer is found out by the
+/// claim that follows.
+async fn other_version(store: &Store) -> Option<String> {
+    const OWN: &str = env!("CARGO_PKG_VERSION");
+    let version = store.server_version().await.ok()?.filter(|version| version != OWN)?;
+    Some(format!(
+        "the server is torqued {version} and this worker {OWN}, whose results may differ; start a worker of the \
+         server's version, or this one with --any-version"
+    ))
+}
+
 /// One attempt at a task, to its end.
 ///
 /// # Errors
@@ -119,6 +136,7 @@ async fn execute(
     let fence = task.fence;
     let module = task.kind.parse().ok().and_then(module);
     let (label, job, attempt_number) = (task.label.clone(), task.job, task.attempt);
+    let time_limit = time_limit(&task);
     tracing::info!(%job, task = %label, attempt = attempt_number, "begins");
     let progress = Arc::new(ProgressCell::default());
     let stop = Arc::new(StopSignal::default());
@@ -139,7 +157,8 @@ async fn execute(
             Err(panicked(module, device.kind(), error.try_into_panic().ok().as_deref()))
         })
     };
-    let heartbeat = keep_alive(store, fence, options.lease, &progress, &stop, shutdown, &over);
+    let lease = LeaseTerms { fence, ttl: options.lease, time_limit };
+    let heartbeat = keep_alive(store, lease, &progress, &stop, shutdown, &over);
     let (done, ()) = tokio::join!(work, heartbeat);
     let ended = match &done {
         Err(error) if error.is_of_device() => {
@@ -156,6 +175,11 @@ async fn execute(
             return ended;
         }
         (Err(TaskError::Stopped), Some(StopReason::Cancelled)) => store.stopped(fence).await,
+        (Err(TaskError::Stopped), Some(StopReason::TimeLimit)) => {
+            let limit = time_limit.unwrap_or_default().as_secs();
+            let error = format!("it took longer than execution.time_limit_s, {limit} s");
+            store.fail(fence, &error, Retry::Never).await
+        }
         (Err(TaskError::Stopped), _) => store.release(fence).await,
         (Err(error), _) => store.fail(fence, &faults::causes(error), error.retry()).await,
     };
@@ -169,6 +193,12 @@ async fn execute(
         }
     }
     ended
+}
+
+/// As the job's spec says; a spec that cannot be read is found out by the work.
+fn time_limit(task: &ClaimedTask) -> Option<Duration> {
+    let spec: JobSpec = serde_json::from_value(task.spec.clone()).ok()?;
+    spec.execution().time_limit_s.map(|seconds| Duration::from_secs(u64::from(seconds)))
 }
 
 fn work(module: Option<KindModule>, attempt: &Attempt) -> Result<(), TaskError> {

@@ -57,25 +57,38 @@ impl ProgressCell {
     }
 }
 
+/// The lease of an attempt, and how long the attempt may take.
+#[derive(Clone, Copy, Debug)]
+pub struct LeaseTerms {
+    pub fence: Fence,
+    /// How long the lease lasts after a renewal.
+    pub ttl: Duration,
+    pub time_limit: Option<Duration>,
+}
+
 /// Renews the lease until `over`; tells the work through `stop` when it is to end.
 ///
 /// A database that does not answer is no reason to stop until the lease has run out, by this
 /// machine's clock, since the last renewal.
 pub async fn keep_alive(
     store: &Store,
-    fence: Fence,
-    ttl: Duration,
+    lease: LeaseTerms,
     progress: &ProgressCell,
     stop: &StopSignal,
     shutdown: &CancellationToken,
     over: &CancellationToken,
 ) {
-    let mut renewed = Instant::now();
+    let LeaseTerms { fence, ttl, time_limit } = lease;
+    let began = Instant::now();
+    let mut renewed = began;
     loop {
         tokio::select! {
             () = over.cancelled() => return,
             () = shutdown.cancelled(), if stop.get().is_none() => stop.set(StopReason::Shutdown),
             () = tokio::time::sleep(INTERVAL.min(ttl / 3)) => {}
+        }
+        if time_limit.is_some_and(|limit| began.elapsed() >= limit) {
+            stop.set(StopReason::TimeLimit);
         }
         match store.renew(fence, ttl, &progress.read()).await {
             Ok(Lease::Held { cancel_requested }) => {

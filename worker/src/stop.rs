@@ -7,6 +7,8 @@ use models::Interrupt;
 pub enum StopReason {
     /// The worker is to end; another will go on.
     Shutdown,
+    /// It takes longer than its job allows.
+    TimeLimit,
     /// Its user asked for the job to end.
     Cancelled,
     /// Somebody else has the task: nothing may be written any more.
@@ -24,8 +26,9 @@ impl StopSignal {
     pub fn set(&self, reason: StopReason) {
         let code = match reason {
             StopReason::Shutdown => 1,
-            StopReason::Cancelled => 2,
-            StopReason::LeaseLost => 3,
+            StopReason::TimeLimit => 2,
+            StopReason::Cancelled => 3,
+            StopReason::LeaseLost => 4,
         };
         self.reason.fetch_max(code, Ordering::Relaxed);
         self.interrupt.raise();
@@ -40,7 +43,8 @@ impl StopSignal {
         match self.reason.load(Ordering::Relaxed) {
             0 => None,
             1 => Some(StopReason::Shutdown),
-            2 => Some(StopReason::Cancelled),
+            2 => Some(StopReason::TimeLimit),
+            3 => Some(StopReason::Cancelled),
             _ => Some(StopReason::LeaseLost),
         }
     }

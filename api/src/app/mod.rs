@@ -13,6 +13,7 @@ mod jobs;
 pub mod paging;
 mod predictions;
 mod questions;
+mod queue;
 mod runs;
 mod shards;
 pub mod streams;

@@ -11,11 +11,18 @@ impl App {
     }
 
     /// Why tasks wait although they could be executed, in sentences; empty when all is well.
-    pub fn obstacles(&self, workers: &[Worker]) -> Vec<String> {
-        let nobody = "no worker is alive, so that tasks wait; start one with `torqued worker`";
-        let is_nobody_there = !workers.iter().any(|worker| worker.alive);
-        let nobody = is_nobody_there.then(|| nobody.to_owned());
-        nobody.into_iter().chain(self.store.obstacle()).collect()
+    pub async fn obstacles(&self, workers: &[Worker]) -> Result<Vec<String>, ApiError> {
+        let mut obstacles = Vec::new();
+        if let Some(since) = self.queue().await?.paused_at {
+            obstacles
+                .push(format!("the queue is paused since {since}; `torqued resume` ends that"));
+        }
+        if !workers.iter().any(|worker| worker.alive) {
+            let nobody = "no worker is alive, so that tasks wait; start one with `torqued worker`";
+            obstacles.push(nobody.to_owned());
+        }
+        obstacles.extend(self.store.obstacle());
+        Ok(obstacles)
     }
 
     /// # Errors
@@ -23,7 +30,7 @@ impl App {
     pub async fn health(&self) -> Result<Health, ApiError> {
         self.store.check_database().await.map_err(ApiError::Unwritable)?;
         let workers = self.workers().await?;
-        let reasons = self.obstacles(&workers);
+        let reasons = self.obstacles(&workers).await?;
         let status = if reasons.is_empty() { "ok" } else { "degraded" };
         Ok(Health {
             status: status.to_owned(),

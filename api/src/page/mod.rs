@@ -43,6 +43,8 @@ pub fn routes() -> Router<App> {
         .route("/datasets/{id}/verify", post(dataset::verify))
         .route("/checkpoints/{id}", get(checkpoint::show))
         .route("/workers", get(workers::show))
+        .route("/queue/pause", post(workers::pause))
+        .route("/queue/resume", post(workers::resume))
         .route("/static/{name}", get(assets::show))
 }
 

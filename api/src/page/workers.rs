@@ -2,8 +2,8 @@
 
 use askama::Template;
 use axum::extract::State;
-use axum::response::Response;
-use wire::{Worker, WorkersTask};
+use axum::response::{Redirect, Response};
+use wire::{Queue, Worker, WorkersTask};
 
 use crate::app::App;
 use crate::page::answer::{PageError, html};
@@ -11,6 +11,7 @@ use crate::page::answer::{PageError, html};
 #[derive(Template)]
 #[template(path = "workers.html")]
 struct WorkersPage {
+    queue: Queue,
     obstacles: Vec<String>,
     workers: Vec<WorkerRow>,
 }
@@ -31,10 +32,23 @@ struct WorkerRow {
 pub async fn show(State(app): State<App>) -> Result<Response, PageError> {
     let workers = app.workers().await?;
     let page = WorkersPage {
-        obstacles: app.obstacles(&workers),
+        obstacles: app.obstacles(&workers).await?,
+        queue: app.queue().await?,
         workers: workers.into_iter().map(WorkerRow::from).collect(),
     };
     Ok(html(&page)?)
+}
+
+/// Pauses the queue, and shows the page again.
+pub async fn pause(State(app): State<App>) -> Result<Redirect, PageError> {
+    app.pause_queue().await?;
+    Ok(Redirect::to("/workers"))
+}
+
+/// Lets the queue go on, and shows the page again.
+pub async fn resume(State(app): State<App>) -> Result<Redirect, PageError> {
+    app.resume_queue().await?;
+    Ok(Redirect::to("/workers"))
 }
 
 impl From<Worker> for WorkerRow {

@@ -10,6 +10,7 @@ mod lists;
 mod openapi;
 mod predictions;
 mod presets;
+mod queue;
 mod runs;
 mod trajectories;
 mod uploads;
@@ -75,6 +76,9 @@ fn operations() -> OpenApiRouter<App> {
         .routes(routes!(evaluations::list))
         .routes(routes!(evaluations::show))
         .routes(routes!(workers::list))
+        .routes(routes!(queue::show))
+        .routes(routes!(queue::pause))
+        .routes(routes!(queue::resume))
 }
 
 /// The OpenAPI document of every operation under `/v1`, and of `/healthz`.

@@ -29,10 +29,13 @@ const PREDICT: &str = "/v1/checkpoints/{id}/predict";
 const STREAM: &str = "/v1/checkpoints/{id}/stream";
 
 /// Every operation, with a request that it answers with success.
-const OPERATIONS: [(&str, &str, &str); 34] = [
+const OPERATIONS: [(&str, &str, &str); 37] = [
     ("get", "/healthz", "/healthz"),
     ("get", "/v1/presets", "/v1/presets"),
     ("get", "/v1/workers", "/v1/workers"),
+    ("get", "/v1/queue", "/v1/queue"),
+    ("post", "/v1/queue/pause", "/v1/queue/pause"),
+    ("post", "/v1/queue/resume", "/v1/queue/resume"),
     ("post", "/v1/jobs", "/v1/jobs"),
     ("get", "/v1/jobs", "/v1/jobs"),
     ("get", "/v1/jobs/{id}", "/v1/jobs/5"),

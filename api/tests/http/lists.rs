@@ -33,14 +33,18 @@ impl Subscriber for Statements {
     fn exit(&self, _: &Id) {}
 }
 
-/// The statements that GET needs.
+/// The statements that GET needs: the fewest of a few times, since a connection that is opened meanwhile has some, too.
 async fn statements(server: &Server, path: &str) -> usize {
     static SUBSCRIBED: OnceLock<()> = OnceLock::new();
     SUBSCRIBED.get_or_init(|| tracing::subscriber::set_global_default(Statements).unwrap());
-    let before = COUNT.load(Ordering::SeqCst);
-    let answer = server.get(path).await;
-    assert_eq!(answer.status, 200, "{path}: {answer:?}");
-    COUNT.load(Ordering::SeqCst) - before
+    let mut fewest = usize::MAX;
+    for _ in 0..3 {
+        let before = COUNT.load(Ordering::SeqCst);
+        let answer = server.get(path).await;
+        assert_eq!(answer.status, 200, "{path}: {answer:?}");
+        fewest = fewest.min(COUNT.load(Ordering::SeqCst) - before);
+    }
+    fewest
 }
 
 /// Another pipeline with a training, an evaluation and a verification beside it.

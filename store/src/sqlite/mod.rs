@@ -17,6 +17,7 @@ mod datasets;
 mod jobs;
 mod metrics;
 mod pipelines;
+mod queue;
 mod rows;
 mod runs;
 mod submission;

@@ -11,10 +11,15 @@ use crate::rules::task::{LONGEST_DELAY, TaskStanding};
 use crate::rules::watch::Leased;
 use crate::{ClaimedTask, Epoch, Fence, JobId, Progress, Task, TaskId, Timestamp};
 
-/// A task may be claimed at once (0) or from a moment on. A moment that lies farther ahead than any delay was set
-/// by a clock that went back since.
-const MAY_BE_CLAIMED: &str =
-    concat!("state = 'queued' AND (run_at <= ", now!(), " OR run_at > ", now!(), " + ?)");
+/// A task may be claimed at once (0) or from a moment on, unless the queue is paused. A moment that lies farther ahead
+/// than any delay was set by a clock that went back since.
+const MAY_BE_CLAIMED: &str = concat!(
+    "state = 'queued' AND (SELECT paused_at FROM queue) IS NULL AND (run_at <= ",
+    now!(),
+    " OR run_at > ",
+    now!(),
+    " + ?)"
+);
 
 /// Rows of a version that did not tell how long leases last.
 const USUAL_LEASE_MS: i64 = 15_000;
@@ -199,7 +204,8 @@ impl Transaction {
         self.execute(statement).await
     }
 
-    /// Nobody may claim it before `delay` has passed; without one, anybody may at once.
+    /// Nobody may claim it before `delay` has passed, less up to a quarter of it by chance: tasks that failed together
+    /// do not come back together. Without a delay anybody may at once.
     pub async fn requeue_task(
         &mut self,
         task: TaskId,
@@ -210,7 +216,8 @@ impl Transaction {
         let statement = sqlx::query(concat!(
             "UPDATE task SET state = ?1, attempt = ?2, error = COALESCE(?3, error), \
               lease_until = NULL, rate = NULL, message = NULL, \
-              run_at = CASE WHEN ?4 = 0 THEN 0 ELSE ?4 + ",
+              run_at = CASE WHEN ?4 = 0 THEN 0 \
+                            ELSE ?4 * (750 + abs(random() % 251)) / 1000 + ",
             now!(),
             " END WHERE id = ?5"
         ))

@@ -20,6 +20,10 @@ impl Database {
         .fetch_all(&self.reader)
         .await
     }
+
+    pub async fn server_version(&self) -> Result<Option<String>, sqlx::Error> {
+        sqlx::query_scalar("SELECT version FROM server").fetch_optional(&self.reader).await
+    }
 }
 
 impl Transaction {
@@ -72,6 +76,17 @@ impl Transaction {
     pub async fn forget_dead_workers(&mut self, after: Duration) -> Result<(), sqlx::Error> {
         let statement = sqlx::query(concat!("DELETE FROM worker WHERE seen_at < ", now!(), " - ?"))
             .bind(milliseconds(after));
+        self.execute(statement).await
+    }
+
+    pub async fn set_server(&mut self, version: &str) -> Result<(), sqlx::Error> {
+        let statement = sqlx::query(concat!(
+            "INSERT INTO server (id, version, started_at) VALUES (1, ?, ",
+            now!(),
+            ") ON CONFLICT (id) DO UPDATE SET version = excluded.version, \
+              started_at = excluded.started_at"
+        ))
+        .bind(version);
         self.execute(statement).await
     }
 

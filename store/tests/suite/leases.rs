@@ -245,3 +245,21 @@ pub async fn an_attempt_that_was_cancelled_or_lost_says_so(f: Fixture) {
     let attempts = f.store.attempts(lost, Page::default()).await.unwrap();
     assert_eq!(attempts[0].outcome, Some(AttemptOutcome::Cancelled));
 }
+
+pub async fn a_paused_queue_hands_out_nothing_and_takes_everything(f: Fixture) {
+    f.submit_one(simulate(1)).await;
+    let running = f.must_claim().await;
+    f.store.pause_queue().await.unwrap();
+    let paused = f.store.queue().await.unwrap();
+    assert_eq!((paused.paused_at.is_some(), paused.queued, paused.running), (true, 2, 1));
+    assert!(f.claim().await.is_none());
+    f.submit_one(simulate(2)).await;
+    assert!(f.claim().await.is_none());
+    f.store.complete(running.fence, None).await.unwrap();
+    f.store.pause_queue().await.unwrap();
+    let still = f.store.queue().await.unwrap();
+    assert_eq!((still.paused_at, still.queued, still.running), (paused.paused_at, 5, 0));
+    f.store.resume_queue().await.unwrap();
+    assert_eq!(f.store.queue().await.unwrap().paused_at, None);
+    assert_eq!(f.work_off().await.len(), 5);
+}

@@ -1,0 +1,33 @@
+use std::process::ExitCode;
+use std::time::Duration;
+
+use clap::Args;
+
+use crate::arguments::ServerArguments;
+
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// Wait until no worker has a task any more
+    #[arg(long)]
+    wait: bool,
+
+    #[command(flatten)]
+    server: ServerArguments,
+}
+
+/// Between two looks at the tasks that are left.
+const LOOK_EVERY: Duration = Duration::from_secs(1);
+
+pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
+    let client = arguments.server.client()?;
+    let mut queue = client.pause_queue().await?;
+    println!("paused; {} tasks wait, {} still run", queue.queued, queue.running);
+    while arguments.wait && queue.running > 0 {
+        tokio::time::sleep(LOOK_EVERY).await;
+        queue = client.queue().await?;
+    }
+    if arguments.wait {
+        println!("no task runs any more; torqued resume lets the queue go on");
+    }
+    Ok(ExitCode::SUCCESS)
+}

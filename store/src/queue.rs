@@ -1,0 +1,42 @@
+//! The queue as a whole: whether tasks are claimed, and how many there are.
+
+use crate::database::sql;
+use crate::{Store, StoreError, Timestamp};
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Queue {
+    /// Since when no task is claimed.
+    pub paused_at: Option<Timestamp>,
+    /// Tasks that may be claimed, now or after a pause.
+    pub queued: u64,
+    /// Tasks that workers have.
+    pub running: u64,
+}
+
+impl Store {
+    /// # Errors
+    /// When the database fails.
+    pub async fn queue(&self) -> Result<Queue, StoreError> {
+        sql!(self.database(), "reading the queue", queue())
+    }
+
+    /// Has no more tasks claimed. Those that workers have go on, and everything can be submitted.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn pause_queue(&self) -> Result<(), StoreError> {
+        let mut tx = self.begin("pausing the queue").await?;
+        sql!(&mut tx, pause_queue())?;
+        tx.commit().await
+    }
+
+    /// Has tasks claimed again.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn resume_queue(&self) -> Result<(), StoreError> {
+        let mut tx = self.begin("resuming the queue").await?;
+        sql!(&mut tx, resume_queue())?;
+        tx.commit().await
+    }
+}
