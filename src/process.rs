@@ -29,7 +29,7 @@ pub fn open_many_files() {
 /// Has the system end this process before others when memory runs out, where it lets us say so: a worker's task is
 /// tried again, while without its server everything stands still.
 pub fn go_first_when_memory_is_short() {
-    /// Of 1000; this is added to the share of memory that the process uses.
+    /// In thousandths, added to the share of memory that the process uses.
     const SCORE: &str = "500";
     // Only Linux has the file.
     let _ = std::fs::write("/proc/self/oom_score_adj", SCORE);

@@ -19,7 +19,7 @@ pub struct DiskSpace {
     pub reserved_bytes: u64,
 }
 
-/// What tells a file from another of the same name.
+/// A file, told from others that had its name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct FileIdentity {
     device: u64,

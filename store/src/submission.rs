@@ -61,7 +61,7 @@ pub enum Output {
 pub struct JobReuse {
     /// One that succeeded, or still may, stands in for the new job.
     pub whole: bool,
-    /// What the new job takes over of one that failed or was cancelled.
+    /// The parts of a job that failed or was cancelled that the new one takes over.
     pub parts: PartReuse,
 }
 

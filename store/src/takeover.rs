@@ -10,7 +10,7 @@ use crate::{Checkpoint, Fence, JobId, RunId, ShardContents, Store, StoreError, l
 #[derive(Clone, Debug)]
 pub struct EarlierShard {
     pub contents: ShardContents,
-    /// Of its task.
+    /// Its task was completed with this.
     pub result: Option<Value>,
 }
 

@@ -12,7 +12,7 @@ pub struct NewWorker {
     pub name: String,
     pub host: String,
     pub pid: u32,
-    /// Of torqued.
+    /// The version of torqued.
     pub version: String,
     /// Models are computed on it.
     pub device: String,

@@ -20,6 +20,7 @@ use crate::page::kinds::{closed_loop, headlines, own_page};
 use crate::page::parts::{Bar, Commands, FileLink, Link, Standing};
 use crate::page::rows::{Row, results};
 use crate::page::spec_text::spec_text;
+use crate::page::text::instant;
 
 /// Tasks shown; the rest is one link away.
 const TASKS: u32 = 100;
@@ -116,7 +117,7 @@ impl AttemptRow {
             worker: attempt.worker,
             outcome: outcome.as_str(),
             reason: attempt.reason.unwrap_or_default(),
-            ended_at: attempt.ended_at.unwrap_or_default(),
+            ended_at: attempt.ended_at.as_deref().map(instant).unwrap_or_default(),
         })
     }
 }

@@ -7,6 +7,7 @@ use wire::{Queue, Worker, WorkersTask};
 
 use crate::app::App;
 use crate::page::answer::{PageError, html};
+use crate::page::text::instant;
 
 #[derive(Template)]
 #[template(path = "workers.html")]
@@ -65,7 +66,7 @@ impl From<Worker> for WorkerRow {
             version: worker.version,
             device: worker.device,
             threads: worker.threads,
-            seen_at: worker.seen_at,
+            seen_at: instant(&worker.seen_at),
             task: worker.task.filter(|_| worker.alive),
             does,
         }
