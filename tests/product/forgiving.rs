@@ -354,3 +354,45 @@ async fn a_job_that_takes_too_long_fails_and_can_be_tried_again_from_where_it_wa
     let further = checkpoints(&product, &again).await.0;
     assert!(further.contains(done.last().unwrap()) && further.last() > done.last(), "{further:?}");
 }
+
+/// Checkpoints of another version of torqued, as after an upgrade between two tries.
+#[tokio::test]
+async fn a_training_that_is_tried_again_begins_anew_where_no_checkpoint_can_be_loaded() {
+    use sqlx::{ConnectOptions, Connection, Row};
+    let data = tempfile::tempdir().unwrap();
+    let product = Product::start(data.path());
+    let first = product.submit(&training(300)).await;
+    product.job_when(first, |job| job["progress"]["done"].as_f64() > Some(60.0)).await;
+    product.post(&format!("/v1/jobs/{first}/cancel"), "").await;
+    assert_eq!(product.finished(first).await["state"], "cancelled");
+    product.end_by("INT");
+
+    let file = data.path().join("torqued.sqlite");
+    let mut connection =
+        sqlx::sqlite::SqliteConnectOptions::new().filename(file).connect().await.unwrap();
+    let configs = sqlx::query("SELECT path FROM checkpoint_file WHERE name = 'config.json'")
+        .fetch_all(&mut connection)
+        .await
+        .unwrap();
+    assert!(!configs.is_empty());
+    for path in configs.iter().map(|row| row.get::<String, _>("path")) {
+        let config = data.path().join("objects").join(&path);
+        let mut edited: Value = serde_json::from_slice(&std::fs::read(&config).unwrap()).unwrap();
+        edited["format"] = 999.into();
+        let bytes = edited.to_string().into_bytes();
+        std::fs::write(config, &bytes).unwrap();
+        sqlx::query("UPDATE checkpoint_file SET sha256 = ?, size = ? WHERE path = ?")
+            .bind(spec::Digest::of(&bytes).to_string())
+            .bind(i64::try_from(bytes.len()).unwrap())
+            .bind(path)
+            .execute(&mut connection)
+            .await
+            .unwrap();
+    }
+    connection.close().await.unwrap();
+
+    let product = Product::start(data.path());
+    let (_, job) = product.post(&format!("/v1/jobs/{first}/retry"), "").await;
+    let job = product.succeeded(job["id"].as_i64().unwrap()).await;
+    assert_eq!(checkpoints(&product, &job).await.0[0], 20);
+}

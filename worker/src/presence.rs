@@ -18,6 +18,9 @@ pub struct Presence {
 /// Between two signs of life; well below [`Store::WORKER_SEEN_WITHIN`].
 const INTERVAL: Duration = Duration::from_secs(10);
 
+/// How long a database that does not answer may keep a worker from ending.
+const LEAVE_WITHIN: Duration = Duration::from_secs(2);
+
 impl Presence {
     pub fn new(store: Store, options: &WorkerOptions) -> Self {
         let machine = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
@@ -56,8 +59,9 @@ impl Presence {
                 Err(_) => self.store.register_worker(&self.worker).await,
             };
         }
-        if let Err(error) = self.store.forget_worker(&self.worker).await {
-            tracing::debug!(error = faults::causes(&error), "cannot leave the list of workers");
+        let forgotten = tokio::time::timeout(LEAVE_WITHIN, self.store.forget_worker(&self.worker));
+        if !matches!(forgotten.await, Ok(Ok(()))) {
+            tracing::debug!("cannot leave the list of workers, which will show it as dead");
         }
     }
 

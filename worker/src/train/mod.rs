@@ -13,7 +13,9 @@ use std::sync::mpsc::{RecvTimeoutError, sync_channel};
 use std::thread;
 use std::time::Duration;
 
-use models::{CONFIG_FILE, CheckpointFiles, MODEL_FILE, OPTIMIZER_FILE, Trainer, TrainingData};
+use models::{
+    CONFIG_FILE, CheckpointFiles, MODEL_FILE, OPTIMIZER_FILE, Statistics, Trainer, TrainingData,
+};
 use spec::{Normalization, TrainSpec};
 use store::Checkpoint;
 
@@ -35,7 +37,7 @@ pub(crate) const MODULE: KindModule = KindModule { run, computes_models: true };
 fn run(attempt: &Attempt) -> Result<(), TaskError> {
     let spec: TrainSpec = attempt.spec()?;
     let course = Course::open(attempt, &spec)?;
-    takeover::take_over(attempt)?;
+    takeover::take_over(attempt, |checkpoint| resume(attempt, &spec, &course, checkpoint))?;
     let (trainer, latest) = trainer(attempt, &spec, &course)?;
     let trainer = trainer.interrupted_by(attempt.stop.interrupt().clone());
     let first = trainer.steps_done();
@@ -78,20 +80,11 @@ fn trainer(
     spec: &TrainSpec,
     course: &Course,
 ) -> Result<(Trainer, Option<Checkpoint>), TaskError> {
-    let digest = attempt.task.digest.to_string();
-    let device = &attempt.device;
-    let (samples, rate_hz) = (course.data().samples(), course.data().rate_hz());
-    let joints = course.data().joints();
-    let data_of = |statistics| TrainingData { samples, joints, rate_hz, statistics };
-    let limits_rad = course.data().limits_rad();
     let store = &attempt.store;
     let mut checkpoints = attempt.wait(store.checkpoints_of_job(attempt.task.job))?;
     while let Some(checkpoint) = checkpoints.pop() {
-        match read_checkpoint(attempt, &checkpoint) {
-            Ok(files) => {
-                let trainer = Trainer::resume(spec, data_of(None), &digest, &files, device)?;
-                return Ok((trainer.with_limits(limits_rad), Some(checkpoint)));
-            }
+        match resume(attempt, spec, course, &checkpoint) {
+            Ok(trainer) => return Ok((trainer, Some(checkpoint))),
             Err(TaskError::Store(error)) if error.is_unusable_object() => {
                 let error = faults::causes(&error);
                 tracing::warn!(step = checkpoint.step, error, "discards a checkpoint");
@@ -104,8 +97,29 @@ fn trainer(
         Normalization::Dataset => Some(course.statistics(attempt)?),
         Normalization::Context | Normalization::PaperLeaky | Normalization::None => None,
     };
-    let trainer = Trainer::new(spec, data_of(statistics), &digest, device)?;
-    Ok((trainer.with_limits(limits_rad), None))
+    let digest = attempt.task.digest.to_string();
+    let trainer = Trainer::new(spec, training_data(course, statistics), &digest, &attempt.device)?;
+    Ok((trainer.with_limits(course.data().limits_rad()), None))
+}
+
+/// Goes on from a checkpoint.
+fn resume(
+    attempt: &Attempt,
+    spec: &TrainSpec,
+    course: &Course,
+    checkpoint: &Checkpoint,
+) -> Result<Trainer, TaskError> {
+    let files = read_checkpoint(attempt, checkpoint)?;
+    let digest = attempt.task.digest.to_string();
+    let data = training_data(course, None);
+    let trainer = Trainer::resume(spec, data, &digest, &files, &attempt.device)?;
+    Ok(trainer.with_limits(course.data().limits_rad()))
+}
+
+fn training_data(course: &Course, statistics: Option<Statistics>) -> TrainingData {
+    let data = course.data();
+    let (samples, joints, rate_hz) = (data.samples(), data.joints(), data.rate_hz());
+    TrainingData { samples, joints, rate_hz, statistics }
 }
 
 fn read_checkpoint(

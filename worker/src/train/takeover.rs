@@ -1,34 +1,52 @@
 //! The way that another training of the same digest has gone already.
 
-use store::{Checkpoint, CheckpointFile, NewCheckpoint, StoreError, object_path};
+use models::Trainer;
+use store::{Checkpoint, CheckpointFile, NewCheckpoint, Retry, StoreError, object_path};
 
 use crate::attempt::Attempt;
 use crate::error::TaskError;
 
 /// Copies the last checkpoint of an earlier training that failed or was cancelled, the best if that is another, and
-/// the metrics up to there, unless this training has a checkpoint of its own. One that is damaged is passed over for
-/// the one before.
-pub(super) fn take_over(attempt: &Attempt) -> Result<(), TaskError> {
+/// the metrics up to there, unless this training has a checkpoint of its own. One that is damaged, or that `resume`
+/// finds to be of another version of torqued, is passed over for the one before.
+pub(super) fn take_over(
+    attempt: &Attempt,
+    resume: impl Fn(&Checkpoint) -> Result<Trainer, TaskError>,
+) -> Result<(), TaskError> {
     let (store, task) = (&attempt.store, &attempt.task);
     if attempt.wait(store.latest_checkpoint(task.job))?.is_some() {
         return Ok(());
     }
     let mut earlier = attempt.wait(store.earlier_checkpoints(task.job))?;
     while let Some(last) = earlier.pop() {
+        match resume(&last) {
+            Ok(_) => {}
+            Err(TaskError::Store(error)) if error.is_unusable_object() => {
+                pass_over(&last, &error);
+                continue;
+            }
+            Err(error) if error.retry() == Retry::Never => {
+                pass_over(&last, &error);
+                continue;
+            }
+            Err(error) => return Err(error),
+        }
         let best = earlier.iter().rfind(|checkpoint| checkpoint.is_best);
         match best.into_iter().chain([&last]).try_for_each(|it| copy(attempt, it)) {
             Ok(()) => {
                 tracing::info!(job = %task.job, from = %last.job, step = last.step, "goes on with an earlier training");
                 return Ok(());
             }
-            Err(error) if error.is_unusable_object() => {
-                let error = faults::causes(&error);
-                tracing::warn!(job = %last.job, step = last.step, error, "passes over a checkpoint");
-            }
+            Err(error) if error.is_unusable_object() => pass_over(&last, &error),
             Err(error) => return Err(error.into()),
         }
     }
     Ok(())
+}
+
+fn pass_over(checkpoint: &Checkpoint, reason: &dyn std::error::Error) {
+    let Checkpoint { job, step, .. } = checkpoint;
+    tracing::warn!(%job, step, reason = faults::causes(reason), "passes over a checkpoint");
 }
 
 /// Metrics first: a checkpoint never stands for steps whose metrics are lost.
