@@ -86,4 +86,4 @@ pub use tasks::{ResultTally, Task, TaskOverview, TaskPage};
 pub use trajectories::ShardReader;
 pub use uploads::{Upload, UploadWriter};
 pub use wire::{AttemptOutcome, DatasetState, JobState, TaskState};
-pub use workers::{NewWorker, Worker, WorkersTask};
+pub use workers::{Worker, WorkerProcess, WorkersTask};

@@ -5,9 +5,9 @@ use std::time::Duration;
 use crate::database::sql;
 use crate::{JobId, Store, StoreError, TaskId, Timestamp};
 
-/// A worker as it begins.
+/// A worker as it describes itself.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct NewWorker {
+pub struct WorkerProcess {
     /// Unique among workers; another of the name that ended takes its place.
     pub name: String,
     pub host: String,
@@ -22,12 +22,7 @@ pub struct NewWorker {
 
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Worker {
-    pub name: String,
-    pub host: String,
-    pub pid: u32,
-    pub version: String,
-    pub device: String,
-    pub threads: u32,
+    pub process: WorkerProcess,
     /// Why it claims no tasks at the moment.
     pub waits_for: Option<String>,
     pub started_at: Timestamp,
@@ -72,7 +67,7 @@ impl Store {
 
     /// # Errors
     /// When the database fails.
-    pub async fn register_worker(&self, new: &NewWorker) -> Result<(), StoreError> {
+    pub async fn register_worker(&self, new: &WorkerProcess) -> Result<(), StoreError> {
         let mut tx = self.begin("registering a worker").await?;
         sql!(&mut tx, forget_dead_workers(REMEMBER))?;
         sql!(&mut tx, insert_worker(new))?;
@@ -85,7 +80,7 @@ impl Store {
     /// When the database fails.
     pub async fn see_worker(
         &self,
-        worker: &NewWorker,
+        worker: &WorkerProcess,
         waits_for: Option<&str>,
     ) -> Result<(), StoreError> {
         let mut tx = self.begin("seeing a worker").await?;
@@ -97,7 +92,7 @@ impl Store {
     ///
     /// # Errors
     /// When the database fails.
-    pub async fn forget_worker(&self, worker: &NewWorker) -> Result<(), StoreError> {
+    pub async fn forget_worker(&self, worker: &WorkerProcess) -> Result<(), StoreError> {
         let mut tx = self.begin("forgetting a worker").await?;
         sql!(&mut tx, delete_worker(worker))?;
         tx.commit().await

@@ -3,7 +3,7 @@
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use store::{NewWorker, Store};
+use store::{Store, WorkerProcess};
 use tokio_util::sync::CancellationToken;
 
 use crate::WorkerOptions;
@@ -11,7 +11,7 @@ use crate::WorkerOptions;
 /// A worker in the store's list of workers.
 pub struct Presence {
     store: Store,
-    worker: NewWorker,
+    worker: WorkerProcess,
     waits_for: Mutex<Option<String>>,
 }
 
@@ -25,7 +25,7 @@ impl Presence {
     pub fn new(store: Store, options: &WorkerOptions) -> Self {
         let machine = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
         let threads = options.threads.unwrap_or(machine);
-        let worker = NewWorker {
+        let worker = WorkerProcess {
             name: options.name.clone(),
             host: options.host.clone(),
             pid: std::process::id(),

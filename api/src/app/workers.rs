@@ -1,5 +1,6 @@
 //! Workers, and whether all is well.
 
+use store::WorkerProcess;
 use wire::{Health, Worker, WorkersTask};
 
 use crate::app::{App, VERSION};
@@ -44,13 +45,14 @@ impl App {
 }
 
 fn worker(row: store::Worker) -> Worker {
+    let WorkerProcess { name, host, pid, version, device, threads } = row.process;
     Worker {
-        name: row.name,
-        host: row.host,
-        pid: row.pid,
-        version: row.version,
-        device: row.device,
-        threads: row.threads,
+        name,
+        host,
+        pid,
+        version,
+        device,
+        threads,
         alive: row.is_alive,
         waits_for: row.waits_for,
         task: row.task.map(|task| WorkersTask {

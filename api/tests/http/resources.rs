@@ -1,7 +1,7 @@
 //! Jobs, datasets, runs, checkpoints and evaluations as they are read.
 
 use serde_json::json;
-use store::NewWorker;
+use store::WorkerProcess;
 
 use crate::fixture::{Server, report, small_pipeline, small_simulation};
 
@@ -34,8 +34,8 @@ async fn workers_are_listed_and_shown_on_the_page() {
     assert!(page.contains("lab-3") && page.contains("waits for a task"), "{page}");
 }
 
-fn worker() -> NewWorker {
-    NewWorker {
+fn worker() -> WorkerProcess {
+    WorkerProcess {
         name: "w1".to_owned(),
         host: "lab-3".to_owned(),
         pid: 7,

@@ -4,7 +4,7 @@ use sqlx::sqlite::SqliteRow;
 use sqlx::{FromRow, Row};
 
 use super::{Database, Transaction, milliseconds};
-use crate::{NewWorker, Worker, WorkersTask};
+use crate::{Worker, WorkerProcess, WorkersTask};
 
 impl Database {
     /// By name, with the newest task that each has.
@@ -27,7 +27,7 @@ impl Database {
 }
 
 impl Transaction {
-    pub async fn insert_worker(&mut self, new: &NewWorker) -> Result<(), sqlx::Error> {
+    pub async fn insert_worker(&mut self, new: &WorkerProcess) -> Result<(), sqlx::Error> {
         let statement = sqlx::query(concat!(
             "INSERT INTO worker (name, host, pid, version, device, threads, started_at, seen_at) \
               VALUES (?, ?, ?, ?, ?, ?, ",
@@ -50,7 +50,7 @@ impl Transaction {
     /// Nothing of a worker whose name another has taken.
     pub async fn see_worker(
         &mut self,
-        worker: &NewWorker,
+        worker: &WorkerProcess,
         waits_for: Option<&str>,
     ) -> Result<(), sqlx::Error> {
         let statement = sqlx::query(concat!(
@@ -65,7 +65,7 @@ impl Transaction {
         self.execute(statement).await
     }
 
-    pub async fn delete_worker(&mut self, worker: &NewWorker) -> Result<(), sqlx::Error> {
+    pub async fn delete_worker(&mut self, worker: &WorkerProcess) -> Result<(), sqlx::Error> {
         let statement = sqlx::query("DELETE FROM worker WHERE name = ? AND host = ? AND pid = ?")
             .bind(&worker.name)
             .bind(&worker.host)
@@ -112,12 +112,14 @@ impl FromRow<'_, SqliteRow> for Worker {
             })
         });
         Ok(Self {
-            name: row.try_get("name")?,
-            host: row.try_get("host")?,
-            pid: row.try_get("pid")?,
-            version: row.try_get("version")?,
-            device: row.try_get("device")?,
-            threads: row.try_get("threads")?,
+            process: WorkerProcess {
+                name: row.try_get("name")?,
+                host: row.try_get("host")?,
+                pid: row.try_get("pid")?,
+                version: row.try_get("version")?,
+                device: row.try_get("device")?,
+                threads: row.try_get("threads")?,
+            },
             waits_for: row.try_get("waits_for")?,
             started_at: row.try_get("started_at")?,
             seen_at: row.try_get("seen_at")?,

@@ -1,9 +1,9 @@
-use store::{NewWorker, WorkerEnd};
+use store::{WorkerEnd, WorkerProcess};
 
 use super::{Fixture, simulate, train};
 
-fn worker(name: &str, pid: u32) -> NewWorker {
-    NewWorker {
+fn worker(name: &str, pid: u32) -> WorkerProcess {
+    WorkerProcess {
         name: name.to_owned(),
         host: "lab-3".to_owned(),
         pid,
@@ -19,7 +19,7 @@ pub async fn a_worker_is_listed_with_its_task_until_it_leaves(f: Fixture) {
     f.submit_one(train(&simulate(1), vec![])).await;
     let task = f.must_claim().await;
     let workers = f.store.workers().await.unwrap();
-    let names: Vec<_> = workers.iter().map(|worker| worker.name.as_str()).collect();
+    let names: Vec<_> = workers.iter().map(|worker| worker.process.name.as_str()).collect();
     assert_eq!(names, ["w1", "w2"]);
     assert!(workers.iter().all(|worker| worker.is_alive && worker.waits_for.is_none()));
     let has = workers[0].task.as_ref().unwrap();
@@ -39,7 +39,7 @@ pub async fn a_worker_that_began_anew_is_not_forgotten_by_the_one_before(f: Fixt
     f.store.see_worker(&worker("w1", 1), Some("old")).await.unwrap();
     f.store.forget_worker(&worker("w1", 1)).await.unwrap();
     let workers = f.store.workers().await.unwrap();
-    assert_eq!((workers.len(), workers[0].pid, &workers[0].waits_for), (1, 7, &None));
+    assert_eq!((workers.len(), workers[0].process.pid, &workers[0].waits_for), (1, 7, &None));
 }
 
 pub async fn the_task_of_a_worker_that_died_goes_to_the_next_at_once(f: Fixture) {
