@@ -1,6 +1,9 @@
 //! The flags that several commands share.
 
+use std::path::PathBuf;
+
 use clap::Args;
+use store::{DatabaseUrl, Location};
 use worker::DeviceKind;
 
 use crate::client::{Client, ClientError};
@@ -20,6 +23,25 @@ pub struct ServerArguments {
 impl ServerArguments {
     pub fn client(&self) -> Result<Client, ClientError> {
         Client::new(&self.server, self.token.clone())
+    }
+}
+
+/// Where the store of a server and its workers is.
+#[derive(Clone, Debug, Args)]
+pub struct StoreArguments {
+    /// Folder for database and files; created if missing
+    #[arg(long, env = "TORQUED_DATA", value_name = "DIR", default_value = "./torqued-data")]
+    pub data: PathBuf,
+
+    /// PostgreSQL database in place of SQLite in the folder, as postgres://USER:PASSWORD@HOST:PORT/DATABASE; servers and workers
+    /// of many machines may share it
+    #[arg(long, env = "TORQUED_DATABASE", value_name = "URL", hide_env_values = true)]
+    pub database: Option<DatabaseUrl>,
+}
+
+impl StoreArguments {
+    pub fn location(&self) -> Location {
+        Location { folder: self.data.clone(), database: self.database.clone() }
     }
 }
 

@@ -1,6 +1,5 @@
 use std::io::Read;
 use std::num::NonZero;
-use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
 
@@ -8,16 +7,15 @@ use clap::Args;
 use tokio_util::sync::CancellationToken;
 use worker::WorkerOptions;
 
-use crate::arguments::DeviceArguments;
+use crate::arguments::{DeviceArguments, StoreArguments};
 use crate::commands::decode_recording;
 use crate::server::Interrupts;
 use crate::{allocator, device, process};
 
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// Folder with the server's database and files
-    #[arg(long, env = "TORQUED_DATA", value_name = "DIR", default_value = "./torqued-data")]
-    data: PathBuf,
+    #[command(flatten)]
+    store: StoreArguments,
 
     /// Name to show beside its tasks [default: machine and process id]
     #[arg(long, value_name = "NAME")]
@@ -56,9 +54,9 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     }
     tokio::spawn(watch_signals(Interrupts::new()?, shutdown.clone()));
     device::require(arguments.device.device).await?;
-    let host = host();
+    let host = process::host();
     let options = WorkerOptions {
-        data_dir: arguments.data,
+        location: arguments.store.location(),
         name: arguments.name.unwrap_or_else(|| format!("{host}-{}", std::process::id())),
         host,
         threads: arguments.threads.map(NonZero::get),
@@ -89,13 +87,4 @@ fn watch_stdin(shutdown: CancellationToken) {
         tracing::error!("the task did not stop in time; its lease will run out");
         std::process::exit(1);
     });
-}
-
-/// The machine's name, where the system tells.
-fn host() -> String {
-    let name = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
-    match name.trim() {
-        "" => "unknown".to_owned(),
-        name => name.to_owned(),
-    }
 }

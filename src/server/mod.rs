@@ -22,7 +22,7 @@ use store::{Access, Store};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
-use crate::arguments::DeviceArguments;
+use crate::arguments::{DeviceArguments, StoreArguments};
 use crate::{allocator, device, process};
 pub use interrupt::Interrupts;
 use worker_processes::WorkerProcesses;
@@ -30,9 +30,8 @@ use worker_processes::WorkerProcesses;
 /// What `serve` and `quickstart` can be told about the server they run.
 #[derive(Debug, Args)]
 pub struct Options {
-    /// Folder for database and files; created if missing
-    #[arg(long, env = "TORQUED_DATA", value_name = "DIR", default_value = "./torqued-data")]
-    pub data: PathBuf,
+    #[command(flatten)]
+    pub store: StoreArguments,
 
     /// Address to listen on [default: 127.0.0.1:7070, or the next free port]
     #[arg(long, env = "TORQUED_LISTEN", value_name = "ADDRESS:PORT")]
@@ -98,7 +97,7 @@ impl Server {
         allocator::keep_freed_memory();
         process::open_many_files();
         device::require(options.device.device).await?;
-        let store = Store::open(&options.data, Access::Server).await?;
+        let store = Store::open_at(&options.store.location(), Access::Server).await?;
         store.register_server(env!("CARGO_PKG_VERSION")).await?;
         let listener = listen::bind(options.listen).await?;
         let address = listener.local_addr().context("cannot tell the address listened on")?;
@@ -131,7 +130,7 @@ impl Server {
         workers.spawn(housekeeping::sweep(store.clone(), stop_workers.clone()));
         WorkerProcesses {
             store: store.clone(),
-            data: options.data.clone(),
+            location: options.store.location(),
             count: usize::from(options.workers),
             threads: worker_threads(options),
             device: options.device.device,
@@ -142,7 +141,7 @@ impl Server {
         workers.close();
 
         let url = format!("http://{address}");
-        let data = options.data.clone();
+        let data = options.store.data.clone();
         Ok(Self { url, data, store, workers, stop_workers, kill_workers, http, stop_http })
     }
 

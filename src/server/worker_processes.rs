@@ -1,23 +1,22 @@
 //! Workers as child processes, so that a job that crashes or is killed never takes the server
 //! along.
 
-use std::path::PathBuf;
 use std::process::Stdio;
 use std::time::{Duration, Instant};
 
-use store::{Store, WorkerEnd};
+use store::{Location, Store, WorkerEnd};
 use tokio::process::{Child, Command};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 use worker::DeviceKind;
 
-use crate::process::own_program;
+use crate::process::{self, own_program};
 
 /// How a server runs its workers.
 #[derive(Clone, Debug)]
 pub struct WorkerProcesses {
     pub store: Store,
-    pub data: PathBuf,
+    pub location: Location,
     pub count: usize,
     pub threads: usize,
     pub device: DeviceKind,
@@ -79,7 +78,7 @@ impl WorkerProcesses {
 
     /// Gives the task of a worker that has ended to another, without waiting for its lease to run out.
     async fn take_back(&self, index: usize, end: &End) {
-        let name = name(index);
+        let name = self.name(index);
         let taken = match end {
             End::Died(how) => {
                 let how = format!("died: {how}");
@@ -94,13 +93,21 @@ impl WorkerProcesses {
         }
     }
 
+    /// As it is shown beside tasks. Servers that share a database have workers of the same index.
+    fn name(&self, index: usize) -> String {
+        if self.location.database.is_none() {
+            return format!("worker-{index}");
+        }
+        format!("{}-{}-worker-{index}", process::host(), std::process::id())
+    }
+
     fn start(&self, index: usize) -> std::io::Result<Child> {
         Command::new(own_program()?)
             .arg0("torqued")
             .arg("worker")
             .arg("--data")
-            .arg(&self.data)
-            .args(["--name", &name(index)])
+            .arg(&self.location.folder)
+            .args(["--name", &self.name(index)])
             .args(["--threads", &self.threads.to_string()])
             .args(["--device", self.device.name()])
             .args(["--lease-seconds", &self.lease_seconds.to_string()])
@@ -109,6 +116,8 @@ impl WorkerProcesses {
             // Training reuses the same large tensors at every step. Holding on to their pages instead
             // of giving them back after 10 ms made 150 steps of the quickstart take 4.5 s, not 5.6.
             .env("MIMALLOC_PURGE_DELAY", "-1")
+            // Passwords are no arguments: other users see those.
+            .envs(self.location.database.iter().map(|url| ("TORQUED_DATABASE", url.expose())))
             // Nothing is ever written: the pipe's closing, with or without a farewell of the
             // server, is what tells the worker to stop.
             .stdin(Stdio::piped())
@@ -159,9 +168,4 @@ async fn run_to_end(
         tracing::error!(worker = index, %error, "cannot kill the worker");
     }
     End::Killed
-}
-
-/// As it is shown beside tasks.
-fn name(index: usize) -> String {
-    format!("worker-{index}")
 }

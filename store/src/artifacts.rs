@@ -6,7 +6,8 @@ use arrow_array::RecordBatch;
 use bytes::Bytes;
 use spec::Digest;
 
-use crate::database::sql;
+use crate::database::{Scope, sql};
+use crate::patience::patiently;
 use crate::{Fence, RunId, Store, StoreError, StoredObject, Timestamp, leases, object_path};
 
 const COMMIT: &str = "committing an artifact";
@@ -74,8 +75,10 @@ impl Store {
     }
 
     async fn run_of(&self, fence: Fence) -> Result<RunId, StoreError> {
-        let mut tx = self.begin(COMMIT).await?;
-        leases::held_run(&mut tx, fence).await
+        patiently!({
+            let mut tx = self.begin(Scope::Rows, COMMIT).await?;
+            leases::held_run(&mut tx, fence).await
+        })
     }
 
     /// The row that makes a published object an artifact.
@@ -87,13 +90,15 @@ impl Store {
         media_type: &str,
         object: &StoredObject,
     ) -> Result<(), StoreError> {
-        let mut tx = self.begin(COMMIT).await?;
-        leases::held(&mut tx, fence).await?;
-        let replaced = sql!(&mut tx, upsert_artifact(run, name, media_type, object))?;
-        tx.commit().await?;
-        let outdated = replaced.into_iter().filter(|old| *old != object.path).collect();
-        self.objects().delete(outdated).await;
-        Ok(())
+        patiently!({
+            let mut tx = self.begin(Scope::Rows, COMMIT).await?;
+            leases::held(&mut tx, fence).await?;
+            let replaced = sql!(&mut tx, upsert_artifact(run, name, media_type, object))?;
+            tx.commit().await?;
+            let outdated = replaced.into_iter().filter(|old| *old != object.path).collect();
+            self.objects().delete(outdated).await;
+            Ok(())
+        })
     }
 
     /// Those of all `runs`, by run and name.

@@ -4,7 +4,8 @@ use std::collections::BTreeMap;
 
 use spec::Digest;
 
-use crate::database::sql;
+use crate::database::{Scope, sql};
+use crate::patience::patiently;
 use crate::{
     CheckpointId, Fence, JobId, Page, RunId, Store, StoreError, StoredObject, Timestamp, leases,
 };
@@ -76,24 +77,26 @@ impl Store {
         fence: Fence,
         new: &NewCheckpoint,
     ) -> Result<CheckpointId, StoreError> {
-        for file in &new.files {
-            self.objects().verify_published(&file.object).await?;
-        }
-        let mut tx = self.begin("committing a checkpoint").await?;
-        let (job, standing) = leases::held(&mut tx, fence).await?;
-        let run = leases::held_run(&mut tx, fence).await?;
-        if sql!(&mut tx, last_step(job))?.is_none_or(|last| last < new.step) {
-            sql!(&mut tx, set_attempt(fence.task, standing.got_on().attempt))?;
-        }
-        let id = sql!(&mut tx, upsert_checkpoint(job, run, new))?;
-        let mut replaced = sql!(&mut tx, delete_checkpoint_files(id))?;
-        for file in &new.files {
-            replaced.retain(|path| *path != file.object.path);
-            sql!(&mut tx, insert_checkpoint_file(id, file))?;
-        }
-        tx.commit().await?;
-        self.objects().delete(replaced).await;
-        Ok(id)
+        patiently!({
+            for file in &new.files {
+                self.objects().verify_published(&file.object).await?;
+            }
+            let mut tx = self.begin(Scope::Rows, "committing a checkpoint").await?;
+            let (job, standing) = leases::held(&mut tx, fence).await?;
+            let run = leases::held_run(&mut tx, fence).await?;
+            if sql!(&mut tx, last_step(job))?.is_none_or(|last| last < new.step) {
+                sql!(&mut tx, set_attempt(fence.task, standing.got_on().attempt))?;
+            }
+            let id = sql!(&mut tx, upsert_checkpoint(job, run, new))?;
+            let mut replaced = sql!(&mut tx, delete_checkpoint_files(id))?;
+            for file in &new.files {
+                replaced.retain(|path| *path != file.object.path);
+                sql!(&mut tx, insert_checkpoint_file(id, file))?;
+            }
+            tx.commit().await?;
+            self.objects().delete(replaced).await;
+            Ok(id)
+        })
     }
 
     /// Deletes all but the final, the best and, of the others, the `keep` latest checkpoints of the
@@ -102,16 +105,18 @@ impl Store {
     /// # Errors
     /// [`StoreError::LeaseLost`] when the lease is lost; nothing is changed then.
     pub async fn prune_checkpoints(&self, fence: Fence, keep: u32) -> Result<(), StoreError> {
-        let mut tx = self.begin("pruning checkpoints").await?;
-        let (job, _) = leases::held(&mut tx, fence).await?;
-        let mut paths = Vec::new();
-        for id in sql!(&mut tx, outdated_checkpoints(job, keep))? {
-            paths.extend(sql!(&mut tx, delete_checkpoint_files(id))?);
-            sql!(&mut tx, delete_checkpoint(id))?;
-        }
-        tx.commit().await?;
-        self.objects().delete(paths).await;
-        Ok(())
+        patiently!({
+            let mut tx = self.begin(Scope::Rows, "pruning checkpoints").await?;
+            let (job, _) = leases::held(&mut tx, fence).await?;
+            let mut paths = Vec::new();
+            for id in sql!(&mut tx, outdated_checkpoints(job, keep))? {
+                paths.extend(sql!(&mut tx, delete_checkpoint_files(id))?);
+                sql!(&mut tx, delete_checkpoint(id))?;
+            }
+            tx.commit().await?;
+            self.objects().delete(paths).await;
+            Ok(())
+        })
     }
 
     /// Deletes a checkpoint of the fence's job whose bytes nobody can use.
@@ -123,13 +128,15 @@ impl Store {
         fence: Fence,
         id: CheckpointId,
     ) -> Result<(), StoreError> {
-        let mut tx = self.begin("discarding a checkpoint").await?;
-        leases::held(&mut tx, fence).await?;
-        let paths = sql!(&mut tx, delete_checkpoint_files(id))?;
-        sql!(&mut tx, delete_checkpoint(id))?;
-        tx.commit().await?;
-        self.objects().delete(paths).await;
-        Ok(())
+        patiently!({
+            let mut tx = self.begin(Scope::Rows, "discarding a checkpoint").await?;
+            leases::held(&mut tx, fence).await?;
+            let paths = sql!(&mut tx, delete_checkpoint_files(id))?;
+            sql!(&mut tx, delete_checkpoint(id))?;
+            tx.commit().await?;
+            self.objects().delete(paths).await;
+            Ok(())
+        })
     }
 
     /// # Errors

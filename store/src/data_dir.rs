@@ -32,6 +32,16 @@ impl DataDir {
         self.0.join("torqued.sqlite")
     }
 
+    /// Closed by whoever queues tasks, watched by workers.
+    pub fn bell(&self) -> PathBuf {
+        self.0.join("queue.bell")
+    }
+
+    /// As errors name it.
+    pub fn place(&self) -> String {
+        format!("data folder {}", self.0.display())
+    }
+
     pub fn objects(&self) -> PathBuf {
         self.0.join("objects")
     }

@@ -1,18 +1,31 @@
 //! The seam between the store and its databases. What the store asks of a database are the functions
-//! of the folder `sqlite`; [`sql`] calls one of them.
+//! of `statements`, which are compiled for each; [`sql`] calls one of them.
 
 use crate::data_dir::DataDir;
-use crate::{Access, Store, StoreError, sqlite};
+use crate::location::DatabaseUrl;
+use crate::{Access, Store, StoreError, postgres, sqlite};
 
 /// A database, open.
 #[derive(Debug)]
 pub(crate) enum Database {
     Sqlite(sqlite::Database),
+    Postgres(postgres::Database),
 }
 
-/// Statements that take effect together. What a transaction has read stays so until it ends.
+/// Statements that take effect together. What a transaction has read of what its [`Scope`] covers stays so until it
+/// ends.
 pub(crate) enum Transaction {
     Sqlite(sqlite::Transaction),
+    Postgres(postgres::Transaction),
+}
+
+/// What a transaction may change.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Scope {
+    /// The states of jobs and tasks: one such transaction at a time.
+    Queue,
+    /// What belongs to one leased task, whose row it locks first; or what belongs to none.
+    Rows,
 }
 
 /// Calls a statement: `sql!(database, "reading jobs", jobs(filter))`, whose operation completes
@@ -21,6 +34,9 @@ macro_rules! sql {
     ($database:expr, $operation:expr, $statement:ident($($argument:expr),* $(,)?)) => {
         match $database {
             $crate::database::Database::Sqlite(database) => {
+                database.$statement($($argument),*).await
+            }
+            $crate::database::Database::Postgres(database) => {
                 database.$statement($($argument),*).await
             }
         }
@@ -33,26 +49,41 @@ macro_rules! sql {
                 let answer = transaction.$statement($($argument),*).await;
                 answer.map_err($crate::StoreError::database(operation))
             }
+            $crate::database::Transaction::Postgres(transaction) => {
+                let operation = transaction.operation();
+                let answer = transaction.$statement($($argument),*).await;
+                answer.map_err($crate::StoreError::database(operation))
+            }
         }
     };
 }
 pub(crate) use sql;
 
 impl Database {
-    pub async fn open(dir: &DataDir, access: Access) -> Result<Self, StoreError> {
-        sqlite::Database::open(dir, access).await.map(Self::Sqlite)
+    /// Opens the database at `url`, or else that in the data folder.
+    pub async fn open(
+        dir: &DataDir,
+        url: Option<&DatabaseUrl>,
+        access: Access,
+    ) -> Result<Self, StoreError> {
+        match url {
+            Some(url) => postgres::Database::open(url, access).await.map(Self::Postgres),
+            None => sqlite::Database::open(dir, access).await.map(Self::Sqlite),
+        }
     }
 
     /// The newest schema that this binary knows.
     pub fn known_schema(&self) -> i64 {
         match self {
             Self::Sqlite(_) => sqlite::known_schema(),
+            Self::Postgres(_) => postgres::known_schema(),
         }
     }
 
     pub async fn close(&self) {
         match self {
             Self::Sqlite(database) => database.close().await,
+            Self::Postgres(database) => database.close().await,
         }
     }
 }
@@ -61,14 +92,39 @@ impl Transaction {
     pub async fn commit(self) -> Result<(), StoreError> {
         match self {
             Self::Sqlite(transaction) => transaction.commit().await,
+            Self::Postgres(transaction) => transaction.commit().await,
+        }
+    }
+
+    /// Ends it without a trace. One that is dropped is rolled back as well, but a moment later.
+    pub async fn roll_back(self) -> Result<(), StoreError> {
+        match self {
+            Self::Sqlite(transaction) => transaction.roll_back().await,
+            Self::Postgres(transaction) => transaction.roll_back().await,
+        }
+    }
+
+    /// Whether it may move jobs, and tasks between states.
+    pub fn may_move_the_queue(&self) -> bool {
+        match self {
+            // Nobody else writes meanwhile.
+            Self::Sqlite(_) => true,
+            Self::Postgres(transaction) => transaction.scope() == Scope::Queue,
         }
     }
 }
 
 impl Store {
-    pub(crate) async fn begin(&self, operation: &'static str) -> Result<Transaction, StoreError> {
+    pub(crate) async fn begin(
+        &self,
+        scope: Scope,
+        operation: &'static str,
+    ) -> Result<Transaction, StoreError> {
         match self.database() {
             Database::Sqlite(database) => database.begin(operation).await.map(Transaction::Sqlite),
+            Database::Postgres(database) => {
+                database.begin(scope, operation).await.map(Transaction::Postgres)
+            }
         }
     }
 }

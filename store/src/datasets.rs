@@ -8,7 +8,8 @@ use serde_json::Value;
 use spec::Digest;
 use wire::DatasetState;
 
-use crate::database::sql;
+use crate::database::{Scope, sql};
+use crate::patience::patiently;
 use crate::{
     DatasetId, Fence, JobId, Page, Store, StoreError, StoredObject, Timestamp, leases, task_end,
 };
@@ -158,25 +159,27 @@ impl Store {
         result: Option<&Value>,
         trajectories: Count,
     ) -> Result<(), StoreError> {
-        for (_, file) in shard.files() {
-            self.objects().verify_published(file).await?;
-        }
-        let mut tx = self.begin("committing a shard").await?;
-        let held = leases::held(&mut tx, fence).await;
-        if let Err(StoreError::LeaseLost { .. }) = held
-            && sql!(&mut tx, is_committed(fence, shard.trajectories.sha256))?
-        {
-            // This very commit went through before, its answer lost on the way.
-            return Ok(());
-        }
-        let (job, standing) = held?;
-        sql!(&mut tx, insert_shard(fence, shard))?;
-        if trajectories == Count::OfShard {
-            sql!(&mut tx, set_trajectories(job, shard.count))?;
-            sql!(&mut tx, set_total(fence.task, shard.count))?;
-        }
-        task_end::complete(&mut tx, fence.task, job, standing, result).await?;
-        tx.commit().await
+        patiently!({
+            for (_, file) in shard.files() {
+                self.objects().verify_published(file).await?;
+            }
+            let mut tx = self.begin(Scope::Queue, "committing a shard").await?;
+            let held = leases::held(&mut tx, fence).await;
+            if let Err(StoreError::LeaseLost { .. }) = held
+                && sql!(&mut tx, is_committed(fence, shard.trajectories.sha256))?
+            {
+                // This very commit went through before, its answer lost on the way.
+                return Ok(());
+            }
+            let (job, standing) = held?;
+            sql!(&mut tx, insert_shard(fence, shard))?;
+            if trajectories == Count::OfShard {
+                sql!(&mut tx, set_trajectories(job, shard.count))?;
+                sql!(&mut tx, set_total(fence.task, shard.count))?;
+            }
+            task_end::complete(&mut tx, fence.task, job, standing, result).await?;
+            tx.commit().await
+        })
     }
 
     /// # Errors

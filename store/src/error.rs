@@ -16,26 +16,33 @@ pub enum StoreError {
     #[error("data folder {} cannot be used: {reason}", dir.display())]
     Unusable { dir: PathBuf, reason: io::Error },
 
-    #[error("data folder {} has no store; start a server on it first", dir.display())]
-    Absent { dir: PathBuf },
+    #[error("{place} has no store; start a server on it first")]
+    Absent { place: String },
 
     #[error("data folder {} is in use by another torqued server{}", dir.display(), of_process(*pid))]
     InUse { dir: PathBuf, pid: Option<u32> },
 
     #[error(
-        "data folder {} was made by a newer torqued (schema {found}, this one knows {known}); nothing was changed",
-        dir.display()
+        "{place} was made by a newer torqued (schema {found}, this one knows {known}); nothing was changed"
     )]
-    NewerSchema { dir: PathBuf, found: i64, known: i64 },
+    NewerSchema { place: String, found: i64, known: i64 },
 
     #[error(
-        "data folder {} has schema {found}, this worker needs {known}; start a server of this version first",
-        dir.display()
+        "{place} has schema {found}, this worker needs {known}; start a server of this version first"
     )]
-    OlderSchema { dir: PathBuf, found: i64, known: i64 },
+    OlderSchema { place: String, found: i64, known: i64 },
 
-    #[error("the database in {} is damaged: {detail}; nothing was changed", dir.display())]
-    Damaged { dir: PathBuf, detail: String },
+    #[error("the database in {place} is damaged: {detail}; nothing was changed")]
+    Damaged { place: String, detail: String },
+
+    /// A database that other programs serve.
+    #[error("{place} cannot be used: {reason}; {remedy}")]
+    DatabaseUnusable { place: String, reason: String, remedy: String },
+
+    #[error(
+        "objects at {place} belong to another database, whose server would delete what this one writes; {remedy}"
+    )]
+    ForeignObjects { place: String, remedy: &'static str },
 
     #[error(
         "the database was deleted or replaced since it was opened, and nothing that is done from now on would last; \
@@ -114,6 +121,21 @@ impl StoreError {
         }
     }
 
+    /// Whether the database did not answer and may answer again: it was stopped, is starting, or cannot be reached.
+    pub fn is_database_away(&self) -> bool {
+        let Self::Database { source, .. } = self else { return false };
+        match source {
+            sqlx::Error::Io(_) | sqlx::Error::PoolTimedOut => true,
+            // Connections that break (08), too many of them (53300), a server that ends or starts (57P), and
+            // transactions that were in each other's way (40). SQLite's codes are numbers without letters.
+            sqlx::Error::Database(error) => error.code().is_some_and(|code| {
+                code.len() == SQLSTATE_LENGTH
+                    && ["08", "40", "53300", "57P"].iter().any(|class| code.starts_with(class))
+            }),
+            _ => false,
+        }
+    }
+
     /// For `map_err` after a query; `operation` completes "while ...".
     pub(crate) fn database(operation: &'static str) -> impl Fn(sqlx::Error) -> Self {
         move |source| {
@@ -173,6 +195,9 @@ impl StoreError {
         Self::NotFound { what, id }
     }
 }
+
+/// https://www.postgresql.org/docs/15/errcodes-appendix.html
+const SQLSTATE_LENGTH: usize = 5;
 
 /// `SQLITE_FULL` (https://www.sqlite.org/rescode.html#full).
 const SQLITE_FULL: i32 = 13;

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use nix::sys::statvfs::statvfs;
 
-use crate::database::sql;
+use crate::database::{Scope, sql};
 use crate::{Store, StoreError};
 
 /// Room on the disk of the data folder.
@@ -67,7 +67,7 @@ impl Store {
     pub async fn check_database(&self) -> Result<(), StoreError> {
         self.check_database_file()?;
         let write = async {
-            let mut tx = self.begin("trying to write").await?;
+            let mut tx = self.begin(Scope::Rows, "trying to write").await?;
             sql!(&mut tx, probe())?;
             tx.commit().await
         };
@@ -96,8 +96,9 @@ impl Store {
     }
 
     fn check_database_file(&self) -> Result<(), StoreError> {
+        let Some(opened) = self.database_file() else { return Ok(()) };
         match FileIdentity::of(&self.dir().database()) {
-            Ok(found) if found == self.database_file() => Ok(()),
+            Ok(found) if found == opened => Ok(()),
             Ok(_) | Err(_) => Err(StoreError::DatabaseGone),
         }
     }

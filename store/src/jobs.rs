@@ -61,8 +61,8 @@ impl Page {
         self.before.unwrap_or(i64::MAX)
     }
 
-    pub(crate) fn limit(self) -> u32 {
-        self.limit.min(Self::MAX_LIMIT)
+    pub(crate) fn limit(self) -> i64 {
+        i64::from(self.limit.min(Self::MAX_LIMIT))
     }
 }
 

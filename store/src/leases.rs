@@ -7,8 +7,9 @@ use std::time::Duration;
 
 use serde_json::Value;
 use spec::Digest;
+use wire::JobState;
 
-use crate::database::{Transaction, sql};
+use crate::database::{Scope, Transaction, sql};
 use crate::rules::task::TaskStanding;
 use crate::{Epoch, JobId, RunId, Store, StoreError, TaskId, pipelines};
 
@@ -59,6 +60,21 @@ pub enum Lease {
     Lost,
 }
 
+/// The task that is next to be claimed, as it is before the claim.
+#[derive(Clone, Debug)]
+pub(crate) struct NextTask {
+    pub task: ClaimedTask,
+    pub standing: TaskStanding,
+    pub job_state: JobState,
+}
+
+impl NextTask {
+    /// Whether it is the first task of its job that anybody claims.
+    pub fn begins_its_job(&self) -> bool {
+        self.job_state == JobState::Queued
+    }
+}
+
 impl Store {
     /// Leases the next task to `worker` for `ttl`; the attempt counts from here on.
     ///
@@ -74,13 +90,21 @@ impl Store {
         if !sql!(self.database(), OPERATION, is_any_claimable())? {
             return Ok(None);
         }
-        let mut tx = self.begin(OPERATION).await?;
-        let Some((mut task, standing)) = sql!(&mut tx, next_task())? else { return Ok(None) };
+        let mut tx = self.begin(Scope::Rows, OPERATION).await?;
+        let Some(mut next) = sql!(&mut tx, next_task())? else { return Ok(None) };
+        if next.begins_its_job() && !tx.may_move_the_queue() {
+            tx.roll_back().await?;
+            tx = self.begin(Scope::Queue, OPERATION).await?;
+            let Some(found) = sql!(&mut tx, next_task())? else { return Ok(None) };
+            next = found;
+        }
+        let begins_its_job = next.begins_its_job();
+        let NextTask { mut task, standing, .. } = next;
         let standing = standing.claimed();
         (task.attempt, task.fence.epoch) = (standing.attempt, standing.epoch);
         sql!(&mut tx, lease(task.fence.task, &standing, worker, ttl))?;
         sql!(&mut tx, begin_attempt(task.job, task.fence, worker))?;
-        if sql!(&mut tx, start_job(task.job))? {
+        if begins_its_job && sql!(&mut tx, start_job(task.job))? {
             pipelines::settle_those_of(&mut tx, task.job).await?;
         }
         tx.commit().await?;
@@ -97,7 +121,7 @@ impl Store {
         ttl: Duration,
         progress: &Progress,
     ) -> Result<Lease, StoreError> {
-        let mut tx = self.begin("renewing a lease").await?;
+        let mut tx = self.begin(Scope::Rows, "renewing a lease").await?;
         let standing = match held(&mut tx, fence).await {
             Ok((_, standing)) => standing,
             Err(StoreError::LeaseLost { .. }) => return Ok(Lease::Lost),

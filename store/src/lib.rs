@@ -11,6 +11,11 @@
 //! - *Moments are those of the database's clock*, and nothing ends because that clock jumps.
 //! - Counts are `u64` here and 64-bit integers in SQL.
 
+#![expect(
+    clippy::duplicate_mod,
+    reason = "the statements are compiled for each database, with the SQL that it has of its own"
+)]
+
 mod artifacts;
 mod attempts;
 mod cancellation;
@@ -21,17 +26,22 @@ mod data_dir;
 mod database;
 mod datasets;
 mod description;
+mod duties;
 mod error;
 mod health;
 mod idempotency;
 mod identifiers;
+mod identity;
 mod jobs;
 mod leases;
+mod location;
 mod metrics;
 mod objects;
 mod orphans;
 mod parquet_layout;
+mod patience;
 mod pipelines;
+mod postgres;
 mod propagation;
 mod queue;
 mod reaper;
@@ -48,6 +58,7 @@ mod task_end;
 mod tasks;
 mod trajectories;
 mod uploads;
+mod waiting;
 mod workers;
 
 pub use artifacts::{Artifact, NewArtifact};
@@ -57,12 +68,14 @@ pub use clock::Timestamp;
 pub use data_dir::Access;
 pub use datasets::{Dataset, FileContent, Shard, ShardContents};
 pub use description::{DatasetDescription, FileDescription, ShardDescription, TableColumns};
+pub use duties::{Duty, DutyClaim};
 pub use error::StoreError;
 pub use health::DiskSpace;
 pub use idempotency::Idempotency;
 pub use identifiers::{CheckpointId, DatasetId, Epoch, JobId, RunId, TaskId};
 pub use jobs::{Job, JobFilter, JobProgress, Page};
 pub use leases::{ClaimedTask, Fence, Lease, Progress};
+pub use location::{DatabaseUrl, Location};
 pub use metrics::{Metric, Series, SeriesPoint};
 pub use objects::{
     Fingerprint, ObjectBytes, ObjectWriter, StoredObject, measure_file, path as object_path,
@@ -85,5 +98,6 @@ pub use takeover::EarlierShard;
 pub use tasks::{ResultTally, Task, TaskOverview, TaskPage};
 pub use trajectories::ShardReader;
 pub use uploads::{Upload, UploadWriter};
+pub use waiting::Bell;
 pub use wire::{AttemptOutcome, DatasetState, JobState, TaskState};
 pub use workers::{Worker, WorkerProcess, WorkersTask};

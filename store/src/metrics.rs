@@ -1,6 +1,9 @@
 //! Metrics: numbers of a run over its steps.
 
-use crate::database::sql;
+use std::collections::BTreeMap;
+
+use crate::database::{Scope, sql};
+use crate::patience::patiently;
 use crate::{Fence, RunId, Store, StoreError, Timestamp, leases};
 
 /// A number to record.
@@ -37,16 +40,22 @@ impl Store {
     /// # Errors
     /// [`StoreError::LeaseLost`] when the lease is lost; nothing is changed then.
     pub async fn record_metrics(&self, fence: Fence, metrics: &[Metric]) -> Result<(), StoreError> {
-        let mut tx = self.begin("recording metrics").await?;
-        let run = leases::held_run(&mut tx, fence).await?;
-        sql!(&mut tx, insert_metrics(run, metrics))?;
-        let mut keys: Vec<&str> = metrics.iter().map(|metric| metric.key.as_str()).collect();
-        keys.sort_unstable();
-        keys.dedup();
-        for key in keys {
-            sql!(&mut tx, set_latest(run, key))?;
-        }
-        tx.commit().await
+        patiently!({
+            let mut tx = self.begin(Scope::Rows, "recording metrics").await?;
+            let run = leases::held_run(&mut tx, fence).await?;
+            // Of several values of a key at a step the last one counts.
+            let by_key: BTreeMap<(&str, u64), f64> = metrics
+                .iter()
+                .map(|metric| ((metric.key.as_str(), metric.step), metric.value))
+                .collect();
+            let rows: Vec<_> =
+                by_key.iter().map(|((key, step), value)| (*key, *step, *value)).collect();
+            sql!(&mut tx, insert_metrics(run, &rows))?;
+            for same_key in rows.chunk_by(|(a, ..), (b, ..)| a == b) {
+                sql!(&mut tx, set_latest(run, same_key[0].0))?;
+            }
+            tx.commit().await
+        })
     }
 
     /// Forgets what was recorded after `step`, as a training does that resumes from there.
@@ -54,12 +63,14 @@ impl Store {
     /// # Errors
     /// [`StoreError::LeaseLost`] when the lease is lost; nothing is changed then.
     pub async fn delete_metrics_after(&self, fence: Fence, step: u64) -> Result<(), StoreError> {
-        let mut tx = self.begin("deleting metrics").await?;
-        let run = leases::held_run(&mut tx, fence).await?;
-        for key in sql!(&mut tx, delete_metrics_after(run, step))? {
-            sql!(&mut tx, set_latest(run, &key))?;
-        }
-        tx.commit().await
+        patiently!({
+            let mut tx = self.begin(Scope::Rows, "deleting metrics").await?;
+            let run = leases::held_run(&mut tx, fence).await?;
+            for key in sql!(&mut tx, delete_metrics_after(run, step))? {
+                sql!(&mut tx, set_latest(run, &key))?;
+            }
+            tx.commit().await
+        })
     }
 
     /// The value at the last step of every key of each run, by run and key.

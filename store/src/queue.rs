@@ -1,6 +1,6 @@
 //! The queue as a whole: whether tasks are claimed, and how many there are.
 
-use crate::database::sql;
+use crate::database::{Scope, sql};
 use crate::{Store, StoreError, Timestamp};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -25,8 +25,13 @@ impl Store {
     /// # Errors
     /// When the database fails.
     pub async fn pause_queue(&self) -> Result<(), StoreError> {
-        let mut tx = self.begin("pausing the queue").await?;
+        const OPERATION: &str = "pausing the queue";
+        let mut tx = self.begin(Scope::Rows, OPERATION).await?;
         sql!(&mut tx, pause_queue())?;
+        tx.commit().await?;
+        // A claim that began before the pause may be committed after it.
+        let mut tx = self.begin(Scope::Rows, OPERATION).await?;
+        sql!(&mut tx, wait_for_claims())?;
         tx.commit().await
     }
 
@@ -35,7 +40,7 @@ impl Store {
     /// # Errors
     /// When the database fails.
     pub async fn resume_queue(&self) -> Result<(), StoreError> {
-        let mut tx = self.begin("resuming the queue").await?;
+        let mut tx = self.begin(Scope::Rows, "resuming the queue").await?;
         sql!(&mut tx, resume_queue())?;
         tx.commit().await
     }

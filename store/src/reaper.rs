@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use wire::TaskState;
 
-use crate::database::sql;
+use crate::database::{Scope, sql};
 use crate::rules::task::Ending;
 use crate::rules::watch::{Leased, Watch};
 use crate::{Retry, Store, StoreError, task_end};
@@ -48,7 +48,8 @@ impl Reaper {
         if ended.is_empty() {
             return Ok(Reaped::default());
         }
-        let mut tx = self.store.begin("taking back the tasks of dead workers").await?;
+        let mut tx =
+            self.store.begin(Scope::Queue, "taking back the tasks of dead workers").await?;
         let mut reaped = Reaped::default();
         for Leased { fence, worker, until, .. } in ended {
             // Renewed at the last moment, or given back.
@@ -93,7 +94,7 @@ impl Store {
     /// # Errors
     /// When the database fails.
     pub async fn take_back(&self, worker: &str, end: WorkerEnd<'_>) -> Result<Reaped, StoreError> {
-        let mut tx = self.begin("taking back the tasks of a worker").await?;
+        let mut tx = self.begin(Scope::Queue, "taking back the tasks of a worker").await?;
         let mut reaped = Reaped::default();
         for fence in sql!(&mut tx, leased_by(worker))? {
             let (ending, error) = match end {

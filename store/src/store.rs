@@ -8,7 +8,7 @@ use crate::data_dir::DataDir;
 use crate::database::{Database, sql};
 use crate::health::FileIdentity;
 use crate::objects::Objects;
-use crate::{Access, StoreError};
+use crate::{Access, Location, StoreError};
 
 /// A data folder, open. Clones share it; several processes may have the same folder open.
 #[derive(Clone, Debug)]
@@ -20,51 +20,67 @@ pub struct Store {
 struct Inner {
     dir: DataDir,
     database: Database,
-    /// As it was opened.
-    database_file: FileIdentity,
+    /// SQLite's, as it was opened.
+    database_file: Option<FileIdentity>,
     objects: Objects,
     /// Held for as long as any clone lives.
     _lock: Option<File>,
 }
 
 impl Store {
+    /// Opens a store that lies in a folder.
+    ///
     /// # Errors
     /// When the folder cannot be written, is served by another process, has no store yet (for a
     /// worker), comes from a newer version or is damaged. Nothing is changed in the last two.
     pub async fn open(dir: &Path, access: Access) -> Result<Self, StoreError> {
-        Self::open_with(DataDir::new(dir), access, Objects::in_folder).await
+        Self::open_at(&Location::in_folder(dir), access).await
+    }
+
+    /// Opens a store.
+    ///
+    /// # Errors
+    /// As [`Store::open`]; [`StoreError::DatabaseUnusable`] when the database cannot be reached or does not let the user in.
+    pub async fn open_at(location: &Location, access: Access) -> Result<Self, StoreError> {
+        Self::open_with(location, access, Objects::in_folder).await
     }
 
     /// The same with objects that lie in `objects` instead of the folder.
     ///
     /// # Errors
-    /// As [`Store::open`].
+    /// As [`Store::open_at`].
     pub async fn open_with_objects(
-        dir: &Path,
+        location: &Location,
         access: Access,
         objects: Arc<dyn ObjectStore>,
     ) -> Result<Self, StoreError> {
         let elsewhere = |dir: &DataDir| Ok(Objects::elsewhere(dir, objects));
-        Self::open_with(DataDir::new(dir), access, elsewhere).await
+        Self::open_with(location, access, elsewhere).await
     }
 
     async fn open_with(
-        dir: DataDir,
+        location: &Location,
         access: Access,
         objects: impl FnOnce(&DataDir) -> Result<Objects, StoreError>,
     ) -> Result<Self, StoreError> {
+        let dir = DataDir::new(&location.folder);
+        let is_shared = location.database.is_some();
+        if access == Access::Server || is_shared {
+            dir.create()?;
+        }
+        // Servers that share a database agree through it.
         let lock = match access {
-            Access::Server => {
-                dir.create()?;
-                Some(dir.lock()?)
-            }
-            Access::Worker => None,
+            Access::Server if !is_shared => Some(dir.lock()?),
+            Access::Server | Access::Worker => None,
         };
-        let database = Database::open(&dir, access).await?;
-        let file = FileIdentity::of(&dir.database());
+        let database = Database::open(&dir, location.database.as_ref(), access).await?;
+        let file = (!is_shared).then(|| FileIdentity::of(&dir.database())).transpose();
         let database_file = file.map_err(|reason| dir.unusable(reason))?;
         let objects = objects(&dir)?;
-        Ok(Self { inner: Arc::new(Inner { dir, database, database_file, objects, _lock: lock }) })
+        let store =
+            Self { inner: Arc::new(Inner { dir, database, database_file, objects, _lock: lock }) };
+        store.check_objects(access).await?;
+        Ok(store)
     }
 
     /// Version of the database's schema, as this binary knows it.
@@ -89,7 +105,7 @@ impl Store {
         &self.inner.dir
     }
 
-    pub(crate) fn database_file(&self) -> FileIdentity {
+    pub(crate) fn database_file(&self) -> Option<FileIdentity> {
         self.inner.database_file
     }
 

@@ -4,7 +4,7 @@ use serde_json::Value;
 use spec::Digest;
 use wire::JobState;
 
-use crate::database::{Transaction, sql};
+use crate::database::{Scope, Transaction, sql};
 use crate::propagation::{advance, state_of};
 use crate::rules::job::{before_start, is_unsuccessful};
 use crate::rules::reuse::{TaskPlace, stand_in, takes_over};
@@ -161,7 +161,7 @@ impl Store {
     /// contradicts itself; nothing is submitted then.
     pub async fn submit(&self, submission: Submission) -> Result<Submitted, StoreError> {
         check(&submission)?;
-        let mut tx = self.begin("submitting a job").await?;
+        let mut tx = self.begin(Scope::Queue, "submitting a job").await?;
         let submitted = submit(&mut tx, &submission).await?;
         tx.commit().await?;
         Ok(submitted)

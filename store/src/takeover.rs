@@ -3,7 +3,8 @@
 
 use serde_json::Value;
 
-use crate::database::sql;
+use crate::database::{Scope, sql};
+use crate::patience::patiently;
 use crate::{Checkpoint, Fence, JobId, RunId, ShardContents, Store, StoreError, leases};
 
 /// A shard of another job of the same digest.
@@ -51,11 +52,13 @@ impl Store {
         from: RunId,
         step: u64,
     ) -> Result<(), StoreError> {
-        let mut tx = self.begin("taking over metrics").await?;
-        let run = leases::held_run(&mut tx, fence).await?;
-        for key in sql!(&mut tx, copy_metrics(from, run, step))? {
-            sql!(&mut tx, set_latest(run, &key))?;
-        }
-        tx.commit().await
+        patiently!({
+            let mut tx = self.begin(Scope::Rows, "taking over metrics").await?;
+            let run = leases::held_run(&mut tx, fence).await?;
+            for key in sql!(&mut tx, copy_metrics(from, run, step))? {
+                sql!(&mut tx, set_latest(run, &key))?;
+            }
+            tx.commit().await
+        })
     }
 }

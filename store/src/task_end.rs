@@ -4,7 +4,8 @@
 use serde_json::Value;
 use wire::{AttemptOutcome, TaskState};
 
-use crate::database::{Transaction, sql};
+use crate::database::{Scope, Transaction, sql};
+use crate::patience::patiently;
 use crate::propagation::advance;
 use crate::rules::task::{Ending, TaskStanding};
 use crate::{Fence, JobId, Retry, Store, StoreError, TaskId, leases};
@@ -15,10 +16,12 @@ impl Store {
     /// # Errors
     /// [`StoreError::LeaseLost`] when the lease is lost; nothing is changed then.
     pub async fn complete(&self, fence: Fence, result: Option<&Value>) -> Result<(), StoreError> {
-        let mut tx = self.begin("completing a task").await?;
-        let (job, standing) = leases::held(&mut tx, fence).await?;
-        complete(&mut tx, fence.task, job, standing, result).await?;
-        tx.commit().await
+        patiently!({
+            let mut tx = self.begin(Scope::Queue, "completing a task").await?;
+            let (job, standing) = leases::held(&mut tx, fence).await?;
+            complete(&mut tx, fence.task, job, standing, result).await?;
+            tx.commit().await
+        })
     }
 
     /// The task succeeded before all that was planned was done: `done` was enough.
@@ -31,11 +34,13 @@ impl Store {
         done: u64,
         result: &Value,
     ) -> Result<(), StoreError> {
-        let mut tx = self.begin("completing a task early").await?;
-        let (job, standing) = leases::held(&mut tx, fence).await?;
-        sql!(&mut tx, set_total(fence.task, done))?;
-        complete(&mut tx, fence.task, job, standing, Some(result)).await?;
-        tx.commit().await
+        patiently!({
+            let mut tx = self.begin(Scope::Queue, "completing a task early").await?;
+            let (job, standing) = leases::held(&mut tx, fence).await?;
+            sql!(&mut tx, set_total(fence.task, done))?;
+            complete(&mut tx, fence.task, job, standing, Some(result)).await?;
+            tx.commit().await
+        })
     }
 
     /// The task failed with `error`.
@@ -43,9 +48,11 @@ impl Store {
     /// # Errors
     /// [`StoreError::LeaseLost`] when the lease is lost; nothing is changed then.
     pub async fn fail(&self, fence: Fence, error: &str, retry: Retry) -> Result<(), StoreError> {
-        let mut tx = self.begin("failing a task").await?;
-        give_back(&mut tx, fence, Ending::Failed(retry), Some(error)).await?;
-        tx.commit().await
+        patiently!({
+            let mut tx = self.begin(Scope::Queue, "failing a task").await?;
+            give_back(&mut tx, fence, Ending::Failed(retry), Some(error)).await?;
+            tx.commit().await
+        })
     }
 
     /// Puts the task back without counting the attempt, as a worker that shuts down does.
@@ -53,9 +60,11 @@ impl Store {
     /// # Errors
     /// [`StoreError::LeaseLost`] when the lease is lost; nothing is changed then.
     pub async fn release(&self, fence: Fence) -> Result<(), StoreError> {
-        let mut tx = self.begin("releasing a task").await?;
-        give_back(&mut tx, fence, Ending::Released, None).await?;
-        tx.commit().await
+        patiently!({
+            let mut tx = self.begin(Scope::Queue, "releasing a task").await?;
+            give_back(&mut tx, fence, Ending::Released, None).await?;
+            tx.commit().await
+        })
     }
 
     /// The task was stopped because its cancellation was requested.
@@ -63,9 +72,11 @@ impl Store {
     /// # Errors
     /// [`StoreError::LeaseLost`] when the lease is lost; nothing is changed then.
     pub async fn stopped(&self, fence: Fence) -> Result<(), StoreError> {
-        let mut tx = self.begin("cancelling a task").await?;
-        give_back(&mut tx, fence, Ending::Stopped, None).await?;
-        tx.commit().await
+        patiently!({
+            let mut tx = self.begin(Scope::Queue, "cancelling a task").await?;
+            give_back(&mut tx, fence, Ending::Stopped, None).await?;
+            tx.commit().await
+        })
     }
 }
 

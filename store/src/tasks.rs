@@ -64,8 +64,8 @@ pub struct TaskPage {
 }
 
 impl TaskPage {
-    pub(crate) fn limit(self) -> u32 {
-        self.limit.min(Page::MAX_LIMIT)
+    pub(crate) fn limit(self) -> i64 {
+        i64::from(self.limit.min(Page::MAX_LIMIT))
     }
 }
 

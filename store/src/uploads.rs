@@ -7,7 +7,7 @@ use object_store::{ObjectStoreExt, WriteMultipart};
 use sha2::{Digest as _, Sha256};
 use spec::Digest;
 
-use crate::database::sql;
+use crate::database::{Scope, sql};
 use crate::objects::{PART_SIZE, PARTS_IN_FLIGHT, unique_name};
 use crate::{Store, StoreError, StoredObject, Timestamp};
 
@@ -74,7 +74,7 @@ impl Store {
     /// Makes a published object the upload of its digest, unless there is one already.
     async fn commit_upload(&self, name: &str, object: &StoredObject) -> Result<Upload, StoreError> {
         self.objects().verify_published(object).await?;
-        let mut tx = self.begin("committing an upload").await?;
+        let mut tx = self.begin(Scope::Rows, "committing an upload").await?;
         if let Some(known) = sql!(&mut tx, known_upload(object.sha256))?
             && self.objects().verify_published(&known.object).await.is_ok()
         {

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use crate::database::sql;
+use crate::database::{Scope, sql};
 use crate::{JobId, Store, StoreError, TaskId, Timestamp};
 
 /// A worker as it describes itself.
@@ -52,7 +52,7 @@ impl Store {
     /// # Errors
     /// When the database fails.
     pub async fn register_server(&self, version: &str) -> Result<(), StoreError> {
-        let mut tx = self.begin("registering the server").await?;
+        let mut tx = self.begin(Scope::Rows, "registering the server").await?;
         sql!(&mut tx, set_server(version))?;
         tx.commit().await
     }
@@ -68,7 +68,7 @@ impl Store {
     /// # Errors
     /// When the database fails.
     pub async fn register_worker(&self, new: &WorkerProcess) -> Result<(), StoreError> {
-        let mut tx = self.begin("registering a worker").await?;
+        let mut tx = self.begin(Scope::Rows, "registering a worker").await?;
         sql!(&mut tx, forget_dead_workers(REMEMBER))?;
         sql!(&mut tx, insert_worker(new))?;
         tx.commit().await
@@ -83,7 +83,7 @@ impl Store {
         worker: &WorkerProcess,
         waits_for: Option<&str>,
     ) -> Result<(), StoreError> {
-        let mut tx = self.begin("seeing a worker").await?;
+        let mut tx = self.begin(Scope::Rows, "seeing a worker").await?;
         sql!(&mut tx, see_worker(worker, waits_for))?;
         tx.commit().await
     }
@@ -93,7 +93,7 @@ impl Store {
     /// # Errors
     /// When the database fails.
     pub async fn forget_worker(&self, worker: &WorkerProcess) -> Result<(), StoreError> {
-        let mut tx = self.begin("forgetting a worker").await?;
+        let mut tx = self.begin(Scope::Rows, "forgetting a worker").await?;
         sql!(&mut tx, delete_worker(worker))?;
         tx.commit().await
     }

@@ -1,12 +1,11 @@
 use std::any::Any;
-use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
 use models::{Device, DeviceKind};
 use recordings::DecoderProgram;
 use spec::JobSpec;
-use store::{Access, ClaimedTask, Retry, Store, StoreError};
+use store::{Access, Bell, ClaimedTask, Location, Retry, Store, StoreError};
 use tokio::runtime::Handle;
 use tokio_util::sync::CancellationToken;
 
@@ -21,7 +20,8 @@ use crate::stop::{StopReason, StopSignal};
 /// How one worker works.
 #[derive(Clone, Debug)]
 pub struct WorkerOptions {
-    pub data_dir: PathBuf,
+    /// The store of its server.
+    pub location: Location,
     /// Shown beside the tasks it has; unique among workers, so that people can tell them apart.
     pub name: String,
     /// The machine's name.
@@ -38,8 +38,9 @@ pub struct WorkerOptions {
     pub decoder: DecoderProgram,
 }
 
-/// Between two looks for a task when there was none.
-const POLL: Duration = Duration::from_millis(250);
+/// How long an idle worker waits to be told of a task before it looks by itself: a task that may be claimed from a
+/// moment on is told to nobody.
+const LOOK_EVERY: Duration = Duration::from_secs(1);
 
 /// Between two tries when the database did not answer, or while there is no room on the disk.
 const RETRY: Duration = Duration::from_secs(2);
@@ -58,7 +59,7 @@ pub async fn run(options: &WorkerOptions, shutdown: CancellationToken) -> Result
             .map_err(|source| WorkerError::Threads { threads, source })?;
     }
     let device = Device::open(options.device)?;
-    let store = Store::open(&options.data_dir, Access::Worker).await?;
+    let store = Store::open_at(&options.location, Access::Worker).await?;
     let presence = Presence::new(store.clone(), options);
     let over = CancellationToken::new();
     let working = async {
@@ -81,6 +82,7 @@ async fn work_on(
     presence: &Presence,
     shutdown: &CancellationToken,
 ) -> Result<(), WorkerError> {
+    let mut bell = None;
     while !shutdown.is_cancelled() {
         let obstacle = match store.obstacle() {
             None if !options.any_version => other_version(store).await,
@@ -91,10 +93,15 @@ async fn work_on(
         let pause = if is_free {
             match store.claim(&options.name, options.lease).await {
                 Ok(Some(task)) => {
+                    bell = None;
                     execute(store, device, task, options, shutdown).await?;
                     Duration::ZERO
                 }
-                Ok(None) => POLL,
+                Ok(None) => {
+                    let wait = wait_for_a_task(store, &mut bell);
+                    let _ = shutdown.run_until_cancelled(wait).await;
+                    Duration::ZERO
+                }
                 Err(error) => {
                     tracing::error!(error = faults::causes(&error), "cannot look for a task");
                     RETRY
@@ -109,6 +116,25 @@ async fn work_on(
         }
     }
     Ok(())
+}
+
+/// Returns when there may be a task. The first time it only listens: what was queued before is looked for once more.
+async fn wait_for_a_task(store: &Store, bell: &mut Option<Bell>) {
+    let rung = match bell {
+        None => match store.bell().await {
+            Ok(hung) => {
+                *bell = Some(hung);
+                return;
+            }
+            Err(error) => Err(error),
+        },
+        Some(hung) => hung.wait(LOOK_EVERY).await,
+    };
+    if let Err(error) = rung {
+        tracing::warn!(error = faults::causes(&error), "cannot listen for tasks");
+        *bell = None;
+        tokio::time::sleep(LOOK_EVERY).await;
+    }
 }
 
 /// Why a worker of this version should not work for the server; a database that does not answer is found out by the
@@ -181,6 +207,8 @@ async fn execute(
             store.fail(fence, &error, Retry::Never).await
         }
         (Err(TaskError::Stopped), _) => store.release(fence).await,
+        // The task is not to blame.
+        (Err(TaskError::Store(error)), _) if error.is_database_away() => store.release(fence).await,
         (Err(error), _) => store.fail(fence, &faults::causes(error), error.retry()).await,
     };
     match (done, committed) {

@@ -10,6 +10,9 @@ use crate::stop::{StopReason, StopSignal};
 /// Between two heartbeats: also how long a cancellation may go unnoticed.
 const INTERVAL: Duration = Duration::from_secs(1);
 
+/// How long one heartbeat waits for the database.
+const ANSWER_WITHIN: Duration = Duration::from_secs(5);
+
 /// How far an attempt is, written by the work and read by the heartbeat.
 #[derive(Debug)]
 pub struct ProgressCell {
@@ -68,8 +71,8 @@ pub struct LeaseTerms {
 
 /// Renews the lease until `over`; tells the work through `stop` when it is to end.
 ///
-/// A database that does not answer is no reason to stop until the lease has run out, by this
-/// machine's clock, since the last renewal.
+/// A database that does not answer is no reason to stop: nobody can take the task meanwhile, and every write says at which
+/// epoch it was claimed.
 pub async fn keep_alive(
     store: &Store,
     lease: LeaseTerms,
@@ -80,7 +83,6 @@ pub async fn keep_alive(
 ) {
     let LeaseTerms { fence, ttl, time_limit } = lease;
     let began = Instant::now();
-    let mut renewed = began;
     loop {
         tokio::select! {
             () = over.cancelled() => return,
@@ -90,24 +92,23 @@ pub async fn keep_alive(
         if time_limit.is_some_and(|limit| began.elapsed() >= limit) {
             stop.set(StopReason::TimeLimit);
         }
-        match store.renew(fence, ttl, &progress.read()).await {
-            Ok(Lease::Held { cancel_requested }) => {
-                renewed = Instant::now();
+        let renewal = tokio::time::timeout(ANSWER_WITHIN, async {
+            store.renew(fence, ttl, &progress.read()).await
+        });
+        match renewal.await {
+            Ok(Ok(Lease::Held { cancel_requested })) => {
                 if cancel_requested {
                     stop.set(StopReason::Cancelled);
                 }
             }
-            Ok(Lease::Lost) => {
+            Ok(Ok(Lease::Lost)) => {
                 stop.set(StopReason::LeaseLost);
                 return;
             }
-            Err(error) => {
+            Ok(Err(error)) => {
                 tracing::warn!(task = %fence.task, error = faults::causes(&error), "cannot renew the lease");
-                if renewed.elapsed() >= ttl {
-                    stop.set(StopReason::LeaseLost);
-                    return;
-                }
             }
+            Err(_) => tracing::warn!(task = %fence.task, "the database does not answer"),
         }
     }
 }

@@ -106,6 +106,14 @@ impl Objects {
         &*self.remote
     }
 
+    /// As errors name it.
+    pub fn place(&self) -> String {
+        match &self.place {
+            Place::Folder(folder) => folder.display().to_string(),
+            Place::Elsewhere { .. } => self.remote.to_string(),
+        }
+    }
+
     /// Where objects lie as files, if they do.
     pub fn folder(&self) -> Option<&std::path::Path> {
         match &self.place {
@@ -149,11 +157,14 @@ impl Objects {
         }
     }
 
-    /// The paths of all objects that were published before `limit`.
+    /// The paths of all objects that were published before `limit`, without the store's own mark.
     pub async fn older_than(&self, limit: SystemTime) -> Result<Vec<String>, StoreError> {
         self.remote
             .list(None)
-            .try_filter(|object| std::future::ready(SystemTime::from(object.last_modified) < limit))
+            .try_filter(|object| {
+                let is_old = SystemTime::from(object.last_modified) < limit;
+                std::future::ready(is_old && object.location.as_ref() != path::MARKER)
+            })
             .map_ok(|object| object.location.to_string())
             .try_collect()
             .await

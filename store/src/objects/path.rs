@@ -4,6 +4,9 @@ use spec::Digest;
 
 use crate::{Epoch, FileContent, JobId, RunId};
 
+/// Says whose the objects beside it are.
+pub(crate) const MARKER: &str = "store.json";
+
 pub fn shard(job: JobId, ordinal: u32, epoch: Epoch, content: FileContent) -> String {
     format!("datasets/{job}/shard-{ordinal:05}-e{epoch}-{content}.parquet")
 }

@@ -1,32 +1,14 @@
-//! SQLite: how it is opened, checked and migrated; its statements, one file per resource.
-//!
-//! A function is one statement, or a few that belong together. It decides nothing: the conditions
-//! that it holds are of time, of identity and of what a list asks for.
+//! SQLite: how it is opened, checked and migrated, and what its SQL has of its own.
 
-/// SQL for the present by the database's clock, in milliseconds since 1970.
-macro_rules! now {
-    () => {
-        "CAST(unixepoch('subsec') * 1000 AS INTEGER)"
-    };
-}
+#[macro_use]
+mod dialect;
+#[cfg(test)]
+mod plans;
+#[path = "../statements/mod.rs"]
+mod statements;
+mod waiting;
 
-mod artifacts;
-mod attempts;
-mod checkpoints;
-mod datasets;
-mod jobs;
-mod metrics;
-mod pipelines;
-mod queue;
-mod rows;
-mod runs;
-mod submission;
-mod takeover;
-mod task_lists;
-mod tasks;
-mod uploads;
-mod workers;
-
+use std::path::PathBuf;
 use std::sync::LazyLock;
 use std::time::Duration;
 
@@ -41,11 +23,14 @@ use crate::data_dir::DataDir;
 use crate::error::sqlite_code;
 use crate::{Access, StoreError};
 
+pub(crate) use waiting::Bell;
+
 /// Number, name and statements of each file in `migrations/sqlite`. sqlx has a macro that lists them, which builds
 /// a second SQLite for the compiler.
-const FILES: [(i64, &str, &str); 2] = [
+const FILES: [(i64, &str, &str); 3] = [
     (1, "initial", include_str!("../../../migrations/sqlite/0001_initial.sql")),
     (2, "forgiving_queue", include_str!("../../../migrations/sqlite/0002_forgiving_queue.sql")),
+    (3, "identity", include_str!("../../../migrations/sqlite/0003_identity.sql")),
 ];
 
 static MIGRATIONS: LazyLock<Migrator> = LazyLock::new(|| {
@@ -67,6 +52,8 @@ const READERS: u32 = 4;
 pub(crate) struct Database {
     writer: SqlitePool,
     reader: SqlitePool,
+    /// The file that is closed when tasks were queued.
+    bell: PathBuf,
 }
 
 impl Database {
@@ -75,7 +62,7 @@ impl Database {
         if exists {
             refuse_unknown(dir, access).await?;
         } else if access == Access::Worker {
-            return Err(StoreError::Absent { dir: dir.path().to_owned() });
+            return Err(StoreError::Absent { place: dir.place() });
         }
         let options = SqliteConnectOptions::new()
             .filename(dir.database())
@@ -100,7 +87,7 @@ impl Database {
             .connect_with(options.pragma("query_only", "ON"))
             .await
             .map_err(|source| failed_to_open(dir, source))?;
-        Ok(Self { writer, reader })
+        Ok(Self { writer, reader, bell: dir.bell() })
     }
 
     /// A transaction that holds the write lock from its start, so that what it reads cannot
@@ -108,11 +95,7 @@ impl Database {
     pub async fn begin(&self, operation: &'static str) -> Result<Transaction, StoreError> {
         let begun = self.writer.begin_with("BEGIN IMMEDIATE").await;
         let inner = begun.map_err(StoreError::database(operation))?;
-        Ok(Transaction { inner, operation })
-    }
-
-    pub async fn ping(&self) -> Result<(), sqlx::Error> {
-        sqlx::query("SELECT 1").execute(&self.reader).await.map(|_| ())
+        Ok(Transaction { inner, operation, bell: self.bell.clone(), rings: false })
     }
 
     pub async fn close(&self) {
@@ -126,6 +109,9 @@ impl Database {
 pub(crate) struct Transaction {
     inner: sqlx::Transaction<'static, Sqlite>,
     operation: &'static str,
+    bell: PathBuf,
+    /// Whether it queued tasks.
+    rings: bool,
 }
 
 impl Transaction {
@@ -135,7 +121,28 @@ impl Transaction {
     }
 
     pub async fn commit(self) -> Result<(), StoreError> {
-        self.inner.commit().await.map_err(StoreError::database(self.operation))
+        self.inner.commit().await.map_err(StoreError::database(self.operation))?;
+        if self.rings {
+            waiting::ring_after_commit(&self.bell);
+        }
+        Ok(())
+    }
+
+    pub async fn roll_back(self) -> Result<(), StoreError> {
+        self.inner.rollback().await.map_err(StoreError::database(self.operation))
+    }
+
+    /// Wakes workers that wait for a task when the transaction is committed.
+    #[expect(clippy::unused_async, reason = "other databases write here")]
+    pub async fn ring(&mut self) -> Result<(), sqlx::Error> {
+        self.rings = true;
+        Ok(())
+    }
+
+    /// Nobody claims while this transaction writes.
+    #[expect(clippy::unused_async, reason = "other databases wait here")]
+    pub async fn wait_for_claims(&mut self) -> Result<(), sqlx::Error> {
+        Ok(())
     }
 
     /// Executes a statement that answers nothing.
@@ -183,7 +190,7 @@ async fn refuse_unknown(dir: &DataDir, access: Access) -> Result<(), StoreError>
             .map_err(|source| failed_to_open(dir, source))?;
         if verdict != "ok" {
             let detail = verdict.replace('\n', " ");
-            return Err(StoreError::Damaged { dir: dir.path().to_owned(), detail });
+            return Err(StoreError::Damaged { place: dir.place(), detail });
         }
     }
     let has_schema: bool = sqlx::query_scalar(
@@ -207,10 +214,10 @@ async fn refuse_unknown(dir: &DataDir, access: Access) -> Result<(), StoreError>
     connection.close().await.map_err(|source| failed_to_open(dir, source))?;
     let known = known_schema();
     if found > known {
-        return Err(StoreError::NewerSchema { dir: dir.path().to_owned(), found, known });
+        return Err(StoreError::NewerSchema { place: dir.place(), found, known });
     }
     if found < known && access == Access::Worker {
-        return Err(StoreError::OlderSchema { dir: dir.path().to_owned(), found, known });
+        return Err(StoreError::OlderSchema { place: dir.place(), found, known });
     }
     Ok(())
 }
@@ -227,9 +234,7 @@ fn failed_to_open(dir: &DataDir, source: sqlx::Error) -> StoreError {
     };
     let detail = database_error.message().to_owned();
     match sqlite_code(database_error) {
-        Some(SQLITE_CORRUPT | SQLITE_NOTADB) => {
-            StoreError::Damaged { dir: dir.path().to_owned(), detail }
-        }
+        Some(SQLITE_CORRUPT | SQLITE_NOTADB) => StoreError::Damaged { place: dir.place(), detail },
         Some(SQLITE_CANTOPEN | SQLITE_READONLY) => dir.unusable(std::io::Error::other(detail)),
         _ => StoreError::database("opening the database")(source),
     }
@@ -243,16 +248,6 @@ fn failed_to_migrate(dir: &DataDir, source: sqlx::migrate::MigrateError) -> Stor
         }
         source => StoreError::Migration { source },
     }
-}
-
-/// A count as SQL's integer. Counts come from checked specs and sizes of files, far below 2^63.
-fn integer(count: u64) -> i64 {
-    i64::try_from(count).unwrap_or(i64::MAX)
-}
-
-/// A duration in the unit of the clock that [`now`] reads.
-fn milliseconds(duration: Duration) -> i64 {
-    i64::try_from(duration.as_millis()).unwrap_or(i64::MAX / 2)
 }
 
 #[cfg(test)]

@@ -44,7 +44,16 @@ fn system_packages() -> anyhow::Result<()> {
     if !venv.is_ok_and(|output| output.status.success()) {
         missing.push("python3-venv");
     }
+    if !has_postgresql() {
+        missing.push("postgresql");
+    }
     debian_packages(&missing)
+}
+
+/// Whether the server's programs are there, which Debian keeps out of the way. Tests start clusters of their own.
+pub fn has_postgresql() -> bool {
+    let versions = fs::read_dir("/usr/lib/postgresql").into_iter().flatten().flatten();
+    versions.into_iter().any(|version| version.path().join("bin/initdb").exists())
 }
 
 /// A Vulkan driver that computes on the processor.

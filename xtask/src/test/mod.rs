@@ -104,7 +104,7 @@ fn steps(Arguments { quick, devices }: &Arguments) -> Vec<Step> {
         },
         Step {
             name: "tests",
-            command: telling_what_is_skipped(nextest_or_cargo_test()),
+            command: telling_what_is_skipped(nextest_or_cargo_test(*quick)),
             count: Some(|text| counts::nextest(text).or_else(|| counts::cargo_test(text))),
         },
         Step {
@@ -153,18 +153,31 @@ fn skipped_tests() -> std::path::PathBuf {
     repository().join("target/skipped-tests.txt")
 }
 
-/// Without installs, plain `cargo test` stands in for a missing nextest.
-fn nextest_or_cargo_test() -> Command {
+/// Without installs, plain `cargo test` stands in for a missing nextest, and tests of a PostgreSQL that is not there are
+/// left out.
+fn nextest_or_cargo_test(quick: bool) -> Command {
+    let without_postgresql = quick && !install::has_postgresql();
+    if without_postgresql {
+        let _ = std::fs::write(skipped_tests(), "postgres::*: PostgreSQL is not installed\n");
+    }
     if process::exists("cargo-nextest") {
-        command(
+        let mut command = command(
             "cargo",
             &["nextest", "run", "--workspace", "--cargo-profile", "release", "--no-fail-fast"],
-        )
+        );
+        if without_postgresql {
+            command.args(["--filterset", "not test(/^postgres::/)"]);
+        }
+        command
     } else {
-        command(
+        let mut command = command(
             "cargo",
             &["test", "--release", "--workspace", "--lib", "--bins", "--tests", "--no-fail-fast"],
-        )
+        );
+        if without_postgresql {
+            command.args(["--", "--skip", "postgres::"]);
+        }
+        command
     }
 }
 

@@ -1,0 +1,95 @@
+//! Where a store keeps its rows and its bytes.
+
+use std::fmt;
+use std::path::PathBuf;
+use std::str::FromStr;
+
+use sqlx::postgres::PgConnectOptions;
+
+/// Where a store is. By default all of it lies in one folder.
+#[derive(Clone, Debug)]
+pub struct Location {
+    /// The data folder: the SQLite database and all objects, or else copies of objects and files on their way.
+    pub folder: PathBuf,
+    /// In place of SQLite.
+    pub database: Option<DatabaseUrl>,
+}
+
+impl Location {
+    /// All in one folder.
+    pub fn in_folder(folder: impl Into<PathBuf>) -> Self {
+        Self { folder: folder.into(), database: None }
+    }
+}
+
+/// A PostgreSQL database, as `postgres://USER:PASSWORD@HOST:PORT/DATABASE?sslmode=verify-full`. Shown without the password.
+#[derive(Clone)]
+pub struct DatabaseUrl {
+    text: String,
+    options: Box<PgConnectOptions>,
+}
+
+impl DatabaseUrl {
+    pub(crate) const fn options(&self) -> &PgConnectOptions {
+        &self.options
+    }
+
+    /// As it was given, with its password: for the environment of a worker.
+    pub fn expose(&self) -> &str {
+        &self.text
+    }
+}
+
+impl FromStr for DatabaseUrl {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        const ALLOWED: &str = "postgres://USER:PASSWORD@HOST:PORT/DATABASE";
+        if !text.starts_with("postgres://") && !text.starts_with("postgresql://") {
+            // What it begins with may be a password.
+            return Err(format!("it must begin with postgres://, as in {ALLOWED}"));
+        }
+        let options = text.parse().map_err(|error| format!("{error}; expected {ALLOWED}"))?;
+        Ok(Self { text: text.to_owned(), options: Box::new(options) })
+    }
+}
+
+impl fmt::Display for DatabaseUrl {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let options = &self.options;
+        let database = options.get_database().unwrap_or_else(|| options.get_username());
+        write!(f, "database {database} of PostgreSQL at ")?;
+        match options.get_socket() {
+            Some(socket) => write!(f, "{}", socket.display()),
+            None => write!(f, "{}:{}", options.get_host(), options.get_port()),
+        }
+    }
+}
+
+impl fmt::Debug for DatabaseUrl {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "DatabaseUrl({self})")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_url_is_shown_without_its_password() {
+        let url: DatabaseUrl = "postgres://lab:secret@db.lab:5433/arms".parse().unwrap();
+        assert_eq!(url.to_string(), "database arms of PostgreSQL at db.lab:5433");
+        assert!(!format!("{url:?}").contains("secret"));
+        let url: DatabaseUrl = "postgres:///arms?host=/run/pg".parse().unwrap();
+        assert_eq!(url.to_string(), "database arms of PostgreSQL at /run/pg");
+    }
+
+    #[test]
+    fn what_is_no_url_of_postgresql_is_refused_without_repeating_it() {
+        for text in ["secret", "mysql://lab:secret@db/arms", "postgres://lab:secret@db:port/arms"] {
+            let error = text.parse::<DatabaseUrl>().unwrap_err();
+            assert!(error.contains("postgres://") && !error.contains("secret"), "{error}");
+        }
+    }
+}

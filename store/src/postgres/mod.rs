@@ -1,0 +1,115 @@
+//! PostgreSQL: how it is opened, checked and migrated, and what its SQL has of its own.
+//!
+//! Many transactions write at once, so two rules take the place of SQLite's single writer:
+//!
+//! - A transaction that moves jobs, or tasks between states, begins with [`Scope::Queue`] and holds one advisory lock to
+//!   its end: one such transaction at a time, on all machines together.
+//! - Any other holds the row of one task at most, which its first statement locks, and waits for nothing after it. So no
+//!   two transactions ever wait for each other.
+
+#[macro_use]
+mod dialect;
+mod duty;
+mod opening;
+#[path = "../statements/mod.rs"]
+mod statements;
+mod waiting;
+
+use sqlx::postgres::{PgArguments, PgConnectOptions};
+use sqlx::query::Query;
+use sqlx::{PgConnection, PgPool, Postgres};
+
+use crate::database::Scope;
+use crate::location::DatabaseUrl;
+use crate::{Access, StoreError};
+
+pub(crate) use duty::DutyLock;
+pub(crate) use opening::known_schema;
+pub(crate) use waiting::Bell;
+
+/// The advisory lock of transactions that move the queue: "torqueue" in ASCII.
+const QUEUE_LOCK: i64 = i64::from_be_bytes(*b"torqueue");
+
+/// A pool of connections, which are opened as they are needed.
+#[derive(Debug)]
+pub(crate) struct Database {
+    reader: PgPool,
+    options: Box<PgConnectOptions>,
+}
+
+impl Database {
+    pub async fn open(url: &DatabaseUrl, access: Access) -> Result<Self, StoreError> {
+        opening::open(url, access).await
+    }
+
+    pub async fn begin(
+        &self,
+        scope: Scope,
+        operation: &'static str,
+    ) -> Result<Transaction, StoreError> {
+        let failed = StoreError::database(operation);
+        let mut inner = self.reader.begin().await.map_err(&failed)?;
+        if scope == Scope::Queue {
+            sqlx::query("SELECT pg_advisory_xact_lock($1)")
+                .bind(QUEUE_LOCK)
+                .execute(&mut *inner)
+                .await
+                .map_err(&failed)?;
+        }
+        Ok(Transaction { inner, scope, operation })
+    }
+
+    pub async fn close(&self) {
+        self.reader.close().await;
+    }
+}
+
+/// An open transaction, which is rolled back when it is dropped.
+#[derive(Debug)]
+pub(crate) struct Transaction {
+    inner: sqlx::Transaction<'static, Postgres>,
+    scope: Scope,
+    operation: &'static str,
+}
+
+impl Transaction {
+    pub const fn scope(&self) -> Scope {
+        self.scope
+    }
+
+    /// The purpose; completes "while ..." in an error.
+    pub const fn operation(&self) -> &'static str {
+        self.operation
+    }
+
+    pub async fn commit(self) -> Result<(), StoreError> {
+        self.inner.commit().await.map_err(StoreError::database(self.operation))
+    }
+
+    pub async fn roll_back(self) -> Result<(), StoreError> {
+        self.inner.rollback().await.map_err(StoreError::database(self.operation))
+    }
+
+    /// Wakes workers that wait for a task when the transaction is committed.
+    pub async fn ring(&mut self) -> Result<(), sqlx::Error> {
+        self.execute(sqlx::query("SELECT pg_notify($1, '')").bind(waiting::CHANNEL)).await
+    }
+
+    /// Returns when all claims that have begun are committed.
+    pub async fn wait_for_claims(&mut self) -> Result<(), sqlx::Error> {
+        self.execute(sqlx::query("LOCK TABLE attempt IN SHARE MODE")).await
+    }
+
+    /// Executes a statement that answers nothing.
+    async fn execute(
+        &mut self,
+        statement: Query<'_, Postgres, PgArguments>,
+    ) -> Result<(), sqlx::Error> {
+        statement.execute(self.connection()).await?;
+        Ok(())
+    }
+
+    fn connection(&mut self) -> &mut PgConnection {
+        &mut self.inner
+    }
+}

@@ -1,0 +1,148 @@
+//! Opening a database: who may, and which schema it must have.
+
+use std::sync::LazyLock;
+use std::time::Duration;
+
+use sqlx::migrate::{Migrate, Migration, MigrationType, Migrator};
+use sqlx::postgres::{PgConnectOptions, PgPoolOptions};
+use sqlx::{PgConnection, SqlStr};
+
+use super::Database;
+use crate::location::DatabaseUrl;
+use crate::{Access, StoreError};
+
+/// Number, name and statements of each file in `migrations/postgres`.
+const FILES: [(i64, &str, &str); 1] =
+    [(1, "initial", include_str!("../../../migrations/postgres/0001_initial.sql"))];
+
+static MIGRATIONS: LazyLock<Migrator> = LazyLock::new(|| {
+    let migration = |&(version, name, sql): &(i64, &'static str, &'static str)| {
+        let statements = SqlStr::from_static(sql);
+        Migration::new(version, name.into(), MigrationType::Simple, statements, false)
+    };
+    Migrator::with_migrations(FILES.iter().map(migration).collect())
+});
+
+/// How long a statement waits for a connection, and for a database that does not answer.
+const ACQUIRE_TIMEOUT: Duration = Duration::from_secs(30);
+
+/// Connections that nobody uses are closed after so long: a hundred workers keep about a hundred open.
+const IDLE_TIMEOUT: Duration = Duration::from_secs(30);
+
+/// Connections of a server, which answers many requests at once.
+const SERVER_CONNECTIONS: u32 = 16;
+
+/// Connections of a worker: one task and its heartbeat.
+const WORKER_CONNECTIONS: u32 = 3;
+
+pub async fn open(url: &DatabaseUrl, access: Access) -> Result<Database, StoreError> {
+    let options = url.options().clone().application_name("torqued");
+    let place = url.to_string();
+    let connections = match access {
+        Access::Server => SERVER_CONNECTIONS,
+        Access::Worker => WORKER_CONNECTIONS,
+    };
+    let pool = PgPoolOptions::new()
+        .max_connections(connections)
+        .acquire_timeout(ACQUIRE_TIMEOUT)
+        .idle_timeout(IDLE_TIMEOUT)
+        .connect_with(options.clone())
+        .await
+        .map_err(|source| unusable(&place, &options, source))?;
+    let mut connection =
+        pool.acquire().await.map_err(|source| unusable(&place, &options, source))?;
+    let failed = |source| unusable(&place, &options, source);
+    let found = found_schema(&mut connection).await.map_err(failed)?;
+    let known = known_schema();
+    if found > known {
+        return Err(StoreError::NewerSchema { place, found, known });
+    }
+    if found < known {
+        match access {
+            Access::Worker if found == 0 => return Err(StoreError::Absent { place }),
+            Access::Worker => return Err(StoreError::OlderSchema { place, found, known }),
+            // Two servers that start at once wait for each other here.
+            Access::Server => MIGRATIONS
+                .run_direct(None, &mut *connection, false)
+                .await
+                .map_err(|source| failed_to_migrate(&place, &options, source))?,
+        }
+    }
+    drop(connection);
+    Ok(Database { reader: pool, options: Box::new(options) })
+}
+
+/// The newest schema this binary knows.
+pub(crate) fn known_schema() -> i64 {
+    MIGRATIONS.iter().map(|migration| migration.version).max().unwrap_or(0)
+}
+
+/// The schema of the database, 0 before the first.
+async fn found_schema(connection: &mut PgConnection) -> Result<i64, sqlx::Error> {
+    let has_schema: bool = sqlx::query_scalar("SELECT to_regclass('_sqlx_migrations') IS NOT NULL")
+        .fetch_one(&mut *connection)
+        .await?;
+    if !has_schema {
+        return Ok(0);
+    }
+    let applied = connection.list_applied_migrations(&MIGRATIONS.table_name).await;
+    let applied = applied.map_err(|error| sqlx::Error::Protocol(error.to_string()))?;
+    Ok(applied.iter().map(|migration| migration.version).max().unwrap_or(0))
+}
+
+/// What keeps the database from being used, and what to do about it.
+fn unusable(place: &str, options: &PgConnectOptions, source: sqlx::Error) -> StoreError {
+    let user = options.get_username();
+    let database = options.get_database().unwrap_or(user);
+    // https://www.postgresql.org/docs/15/errcodes-appendix.html
+    let code = source.as_database_error().and_then(|error| error.code()).unwrap_or_default();
+    let remedy = match (code.as_ref(), &source) {
+        ("28000" | "28P01", _) => format!("check the user {user:?} and the password in --database"),
+        ("3D000", _) => format!("create it first: createdb {database}"),
+        ("42501", _) => format!("allow it: GRANT CREATE ON SCHEMA public TO {user}"),
+        ("53300", _) => "raise max_connections of the server, or end other programs".to_owned(),
+        ("57P03", _) => "the server is starting; try again in a moment".to_owned(),
+        (_, sqlx::Error::Io(_) | sqlx::Error::PoolTimedOut) => {
+            "start the server, or check host and port in --database".to_owned()
+        }
+        (_, sqlx::Error::Tls(_)) => "check sslmode and sslrootcert in --database".to_owned(),
+        _ => return StoreError::database("opening the database")(source),
+    };
+    let reason = match &source {
+        sqlx::Error::Io(error) => error.to_string(),
+        sqlx::Error::Database(error) => error.message().to_owned(),
+        error => error.to_string(),
+    };
+    StoreError::DatabaseUnusable { place: place.to_owned(), reason, remedy }
+}
+
+fn failed_to_migrate(
+    place: &str,
+    options: &PgConnectOptions,
+    source: sqlx::migrate::MigrateError,
+) -> StoreError {
+    use sqlx::migrate::MigrateError;
+    match source {
+        MigrateError::Execute(source) | MigrateError::ExecuteMigration(source, _) => {
+            unusable(place, options, source)
+        }
+        source => StoreError::Migration { source },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_file_of_migrations_is_run() {
+        let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../migrations/postgres");
+        let mut files: Vec<String> = std::fs::read_dir(folder)
+            .unwrap()
+            .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+            .collect();
+        files.sort();
+        let listed = FILES.map(|(version, name, _)| format!("{version:04}_{name}.sql"));
+        assert_eq!(files, listed);
+    }
+}

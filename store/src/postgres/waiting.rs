@@ -1,0 +1,36 @@
+//! Waiting for a task by LISTEN and NOTIFY.
+
+use std::time::Duration;
+
+use sqlx::postgres::PgListener;
+
+use super::Database;
+
+/// Notified when tasks were queued.
+pub(super) const CHANNEL: &str = "torqued_queue";
+
+/// A connection that listens.
+#[derive(Debug)]
+pub(crate) struct Bell(PgListener);
+
+impl Database {
+    pub async fn bell(&self) -> Result<Bell, sqlx::Error> {
+        let mut listener = PgListener::connect_with(&self.reader).await?;
+        listener.listen(CHANNEL).await?;
+        Ok(Bell(listener))
+    }
+}
+
+impl Bell {
+    /// Returns when tasks may have been queued, or after `longest`.
+    pub async fn wait(&mut self, longest: Duration) -> Result<(), sqlx::Error> {
+        // A connection that broke may have missed something: that is looked at like a notification.
+        let rung = tokio::time::timeout(longest, self.0.try_recv()).await;
+        if let Ok(notification) = rung {
+            notification?;
+        }
+        // One look answers all that came meanwhile.
+        while self.0.next_buffered().is_some() {}
+        Ok(())
+    }
+}

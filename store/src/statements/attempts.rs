@@ -1,0 +1,77 @@
+use sqlx::types::Text;
+use sqlx::{FromRow, Row};
+use wire::AttemptOutcome;
+
+use super::{Database, DbRow, Transaction};
+use crate::{Attempt, Fence, JobId, Page};
+
+impl Database {
+    /// Newest first.
+    pub async fn attempts(&self, job: JobId, page: Page) -> Result<Vec<Attempt>, sqlx::Error> {
+        sqlx::query_as(
+            "SELECT attempt.*, task.label FROM attempt JOIN task ON task.id = attempt.task \
+             WHERE attempt.job = $1 AND attempt.id < $2 ORDER BY attempt.id DESC LIMIT $3",
+        )
+        .bind(job)
+        .bind(page.before())
+        .bind(page.limit())
+        .fetch_all(&self.reader)
+        .await
+    }
+}
+
+impl Transaction {
+    pub async fn begin_attempt(
+        &mut self,
+        job: JobId,
+        fence: Fence,
+        worker: &str,
+    ) -> Result<(), sqlx::Error> {
+        let statement = sqlx::query(concat!(
+            "INSERT INTO attempt (job, task, epoch, worker, started_at) VALUES ($1, $2, $3, $4, ",
+            now!(),
+            ")"
+        ))
+        .bind(job)
+        .bind(fence.task)
+        .bind(fence.epoch)
+        .bind(worker);
+        self.execute(statement).await
+    }
+
+    /// Nothing of a task that was claimed by a version that kept no attempts.
+    pub async fn end_attempt(
+        &mut self,
+        fence: Fence,
+        outcome: AttemptOutcome,
+        reason: Option<&str>,
+    ) -> Result<(), sqlx::Error> {
+        let statement = sqlx::query(concat!(
+            "UPDATE attempt SET outcome = $1, reason = $2, ended_at = ",
+            now!(),
+            " WHERE task = $3 AND epoch = $4"
+        ))
+        .bind(outcome.as_str())
+        .bind(reason)
+        .bind(fence.task)
+        .bind(fence.epoch);
+        self.execute(statement).await
+    }
+}
+
+impl FromRow<'_, DbRow> for Attempt {
+    fn from_row(row: &DbRow) -> Result<Self, sqlx::Error> {
+        let outcome: Option<Text<AttemptOutcome>> = row.try_get("outcome")?;
+        Ok(Self {
+            id: row.try_get("id")?,
+            task: row.try_get("task")?,
+            label: row.try_get("label")?,
+            epoch: row.try_get("epoch")?,
+            worker: row.try_get("worker")?,
+            outcome: outcome.map(|Text(outcome)| outcome),
+            reason: row.try_get("reason")?,
+            started_at: row.try_get("started_at")?,
+            ended_at: row.try_get("ended_at")?,
+        })
+    }
+}

@@ -1,0 +1,168 @@
+use sqlx::types::Json;
+use sqlx::{FromRow, QueryBuilder, Row};
+
+use super::rows::number;
+use super::{Database, Db, DbRow, Transaction, integer};
+use crate::{RunId, SeriesPoint};
+
+/// Rows per statement, of four values each: SQLite binds 32 766 at most, PostgreSQL 65 535.
+const ROWS_PER_STATEMENT: usize = 4000;
+
+impl Database {
+    pub async fn latest_metrics(
+        &self,
+        runs: &[RunId],
+    ) -> Result<Vec<(RunId, String, SeriesPoint)>, sqlx::Error> {
+        let rows = sqlx::query(concat!(
+            "SELECT run, key, step, time, value FROM metric_latest \
+             WHERE run IN ",
+            listed_ids!("$1"),
+            " ORDER BY run, key"
+        ))
+        .bind(Json(runs))
+        .fetch_all(&self.reader)
+        .await?;
+        rows.iter()
+            .map(|row| Ok((row.try_get("run")?, row.try_get("key")?, SeriesPoint::from_row(row)?)))
+            .collect()
+    }
+
+    pub async fn latest_values(
+        &self,
+        runs: &[RunId],
+        key: &str,
+    ) -> Result<Vec<(RunId, SeriesPoint)>, sqlx::Error> {
+        let rows = sqlx::query(concat!(
+            "SELECT run, step, time, value FROM metric_latest \
+             WHERE run IN ",
+            listed_ids!("$1"),
+            " AND key = $2 ORDER BY run"
+        ))
+        .bind(Json(runs))
+        .bind(key)
+        .fetch_all(&self.reader)
+        .await?;
+        rows.iter().map(|row| Ok((row.try_get("run")?, SeriesPoint::from_row(row)?))).collect()
+    }
+
+    pub async fn recorded_points(&self, run: RunId, key: &str) -> Result<u64, sqlx::Error> {
+        let recorded: i64 =
+            sqlx::query_scalar("SELECT COUNT(*) FROM metric WHERE run = $1 AND key = $2")
+                .bind(run)
+                .bind(key)
+                .fetch_one(&self.reader)
+                .await?;
+        Ok(recorded.unsigned_abs())
+    }
+
+    /// By step.
+    pub async fn all_points(&self, run: RunId, key: &str) -> Result<Vec<SeriesPoint>, sqlx::Error> {
+        sqlx::query_as(
+            "SELECT step, time, value FROM metric WHERE run = $1 AND key = $2 ORDER BY step",
+        )
+        .bind(run)
+        .bind(key)
+        .fetch_all(&self.reader)
+        .await
+    }
+
+    /// The lowest and the highest of each of `ranges` equal ranges of steps, by step.
+    pub async fn extreme_points(
+        &self,
+        run: RunId,
+        key: &str,
+        ranges: u32,
+    ) -> Result<Vec<SeriesPoint>, sqlx::Error> {
+        sqlx::query_as(
+            "WITH bound AS MATERIALIZED (SELECT MIN(step) AS low, MAX(step) AS high FROM metric \
+                            WHERE run = $1 AND key = $2), \
+             bucketed AS (SELECT step, time, value, \
+                          (step - low) * $3 / (high - low + 1) AS bucket \
+                          FROM metric, bound WHERE run = $1 AND key = $2), \
+             ranked AS (SELECT step, time, value, \
+                ROW_NUMBER() OVER (PARTITION BY bucket ORDER BY value NULLS FIRST, step) AS from_lowest, \
+                ROW_NUMBER() OVER (PARTITION BY bucket ORDER BY value DESC NULLS LAST, step) AS from_highest \
+                FROM bucketed) \
+             SELECT step, time, value FROM ranked \
+             WHERE from_lowest = 1 OR from_highest = 1 ORDER BY step",
+        )
+        .bind(run)
+        .bind(key)
+        .bind(i64::from(ranges))
+        .fetch_all(&self.reader)
+        .await
+    }
+}
+
+impl Transaction {
+    /// Replaces what was recorded at the same steps. Key, step and value of each; no step of a key twice.
+    pub async fn insert_metrics(
+        &mut self,
+        run: RunId,
+        metrics: &[(&str, u64, f64)],
+    ) -> Result<(), sqlx::Error> {
+        for part in metrics.chunks(ROWS_PER_STATEMENT) {
+            let mut query =
+                QueryBuilder::<Db>::new("INSERT INTO metric (run, key, step, time, value) ");
+            query.push_values(part, |mut row, (key, step, value)| {
+                row.push_bind(run)
+                    .push_bind((*key).to_owned())
+                    .push_bind(integer(*step))
+                    .push(now!())
+                    .push_bind(Some(*value).filter(|value| !value.is_nan()));
+            });
+            query.push(
+                " ON CONFLICT (run, key, step) DO UPDATE SET time = excluded.time, \
+                 value = excluded.value",
+            );
+            // Batches differ in length, so each statement is another one: keeping them would only
+            // fill the cache.
+            query.build().persistent(false).execute(self.connection()).await?;
+        }
+        Ok(())
+    }
+
+    /// Brings the latest value of a key up to date.
+    pub async fn set_latest(&mut self, run: RunId, key: &str) -> Result<(), sqlx::Error> {
+        let statement = sqlx::query(
+            "INSERT INTO metric_latest (run, key, step, time, value) \
+             SELECT run, key, step, time, value FROM metric WHERE run = $1 AND key = $2 \
+             ORDER BY step DESC LIMIT 1 \
+             ON CONFLICT (run, key) DO UPDATE SET step = excluded.step, time = excluded.time, \
+             value = excluded.value",
+        )
+        .bind(run)
+        .bind(key);
+        self.execute(statement).await
+    }
+
+    /// Returns the keys whose latest value is gone.
+    pub async fn delete_metrics_after(
+        &mut self,
+        run: RunId,
+        step: u64,
+    ) -> Result<Vec<String>, sqlx::Error> {
+        sqlx::query("DELETE FROM metric WHERE run = $1 AND step > $2")
+            .bind(run)
+            .bind(integer(step))
+            .execute(self.connection())
+            .await?;
+        sqlx::query_scalar("DELETE FROM metric_latest WHERE run = $1 AND step > $2 RETURNING key")
+            .bind(run)
+            .bind(integer(step))
+            .fetch_all(self.connection())
+            .await
+    }
+}
+
+impl FromRow<'_, DbRow> for SeriesPoint {
+    fn from_row(row: &DbRow) -> Result<Self, sqlx::Error> {
+        // SQLite has no NaN; NULL is in its place.
+        let value: Option<f64> = row.try_get("value")?;
+        Ok(Self {
+            step: number(row, "step")?,
+            time: row.try_get("time")?,
+            value: value.unwrap_or(f64::NAN),
+        })
+    }
+}

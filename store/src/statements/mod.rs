@@ -1,0 +1,41 @@
+//! The statements, one file per resource, in the SQL that all databases here read alike.
+//!
+//! This folder is compiled once for each database, as a module of it. Where they differ a statement uses a macro of the
+//! database's `dialect`. A function is one statement, or a few that belong together. It decides nothing: the conditions
+//! that it holds are of time, of identity and of what a list asks for.
+//!
+//! What keeps the statements common: parameters are numbered (`$1`), integers have 64 bits and a sign (`rows::number`),
+//! truth values are compared with nothing (`WHERE NOT is_part`), sums are cast to `BIGINT`, and no column stands beside
+//! an aggregate without being grouped by.
+
+mod artifacts;
+mod attempts;
+mod checkpoints;
+mod datasets;
+pub(super) mod jobs;
+mod metrics;
+mod pipelines;
+mod queue;
+mod rows;
+mod runs;
+mod submission;
+mod takeover;
+mod task_lists;
+mod tasks;
+mod uploads;
+mod workers;
+
+use std::time::Duration;
+
+use super::dialect::{Db, DbRow, IS_EXPERIMENT, LISTED_IDS, LISTED_TEXTS, TASK_LOCKED_OR_SKIPPED};
+use super::{Database, Transaction};
+
+/// A count as SQL's integer. Counts come from checked specs and sizes of files, far below 2^63.
+fn integer(count: u64) -> i64 {
+    i64::try_from(count).unwrap_or(i64::MAX)
+}
+
+/// A duration in the unit of the clock that `now!` reads.
+fn milliseconds(duration: Duration) -> i64 {
+    i64::try_from(duration.as_millis()).unwrap_or(i64::MAX / 2)
+}

@@ -1,0 +1,70 @@
+//! Columns of text that hold something else.
+
+use serde_json::Value;
+use spec::Digest;
+use sqlx::Row;
+use sqlx::types::Text;
+
+use super::{Db, DbRow};
+use crate::{FileContent, StoredObject};
+
+/// From the column `state`.
+pub(super) fn state<S>(row: &DbRow) -> Result<S, sqlx::Error>
+where
+    Text<S>: for<'r> sqlx::Decode<'r, Db> + sqlx::Type<Db>,
+{
+    let Text(state) = row.try_get("state")?;
+    Ok(state)
+}
+
+pub(super) fn digest(row: &DbRow, column: &str) -> Result<Digest, sqlx::Error> {
+    let text: &str = row.try_get(column)?;
+    text.parse().map_err(|error: spec::ParseDigestError| undecodable(column, error.into()))
+}
+
+pub(super) fn json(row: &DbRow, column: &str) -> Result<Value, sqlx::Error> {
+    let text: &str = row.try_get(column)?;
+    serde_json::from_str(text).map_err(|error| undecodable(column, error.into()))
+}
+
+/// From the column `content`.
+pub(super) fn file_content(row: &DbRow) -> Result<FileContent, sqlx::Error> {
+    let text: &str = row.try_get("content")?;
+    FileContent::ALL
+        .into_iter()
+        .find(|content| content.as_str() == text)
+        .ok_or_else(|| undecodable("content", format!("there is no content {text:?}").into()))
+}
+
+/// From the columns `path`, `size` and `sha256`.
+pub(super) fn stored_object(row: &DbRow) -> Result<StoredObject, sqlx::Error> {
+    Ok(StoredObject {
+        path: row.try_get("path")?,
+        size: number(row, "size")?,
+        sha256: digest(row, "sha256")?,
+    })
+}
+
+/// A count, which every database keeps as an integer of 64 bits with a sign.
+pub(super) fn number<N>(row: &DbRow, column: &str) -> Result<N, sqlx::Error>
+where
+    N: TryFrom<i64>,
+    N::Error: std::error::Error + Send + Sync + 'static,
+{
+    let integer: i64 = row.try_get(column)?;
+    N::try_from(integer).map_err(|error| undecodable(column, error.into()))
+}
+
+/// The same from a column that may be `NULL`.
+pub(super) fn optional_number<N>(row: &DbRow, column: &str) -> Result<Option<N>, sqlx::Error>
+where
+    N: TryFrom<i64>,
+    N::Error: std::error::Error + Send + Sync + 'static,
+{
+    let integer: Option<i64> = row.try_get(column)?;
+    integer.map(N::try_from).transpose().map_err(|error| undecodable(column, error.into()))
+}
+
+fn undecodable(column: &str, source: sqlx::error::BoxDynError) -> sqlx::Error {
+    sqlx::Error::ColumnDecode { index: column.to_owned(), source }
+}

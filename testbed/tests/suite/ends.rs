@@ -1,0 +1,88 @@
+//! How tasks end, beside what leases have to do with it.
+
+use serde_json::json;
+use store::{AttemptOutcome, JobState, Page, Retry, TaskState};
+
+use super::{Fixture, assert_lost, evaluate, simulate, train};
+
+pub async fn a_task_may_be_done_before_all_that_was_planned(f: Fixture) {
+    let job = f.submit_one(train(&simulate(1), vec![])).await;
+    let task = f.must_claim().await;
+    f.store.complete_early(task.fence, 4, &json!({"why": "it got no better"})).await.unwrap();
+    let progress = f.store.job(job).await.unwrap().progress;
+    assert_eq!((progress.done, progress.total), (4, 4));
+    assert_eq!(f.state(job).await, JobState::Succeeded);
+    assert_lost(f.store.complete_early(task.fence, 4, &json!(null)).await, task.fence);
+}
+
+pub async fn the_first_failure_is_the_jobs(f: Fixture) {
+    let job = f.submit_one(simulate(1)).await;
+    let (first, second) = (f.must_claim().await, f.must_claim().await);
+    f.store.fail(second.fence, "second", Retry::Never).await.unwrap();
+    assert_eq!(f.error(job).await, "piece 0.1: second");
+    assert_eq!(f.state(job).await, JobState::Failed);
+    let told = f.store.task(first.fence.task).await.unwrap();
+    assert!(told.cancel_requested && told.state == TaskState::Running);
+    f.store.stopped(first.fence).await.unwrap();
+    assert_eq!(f.error(job).await, "piece 0.1: second");
+}
+
+pub async fn tasks_that_wait_are_cancelled_with_a_job_that_failed(f: Fixture) {
+    let job = f.submit_one(evaluate(&simulate(1), &simulate(2), vec![])).await;
+    let task = f.must_claim().await;
+    f.store.fail(task.fence, "no", Retry::Never).await.unwrap();
+    let states: Vec<_> = f.store.tasks(job).await.unwrap().iter().map(|it| it.state).collect();
+    assert_eq!(states, [TaskState::Failed, TaskState::Cancelled, TaskState::Cancelled]);
+    assert!(f.claim().await.is_none());
+}
+
+pub async fn a_task_that_succeeds_at_last_has_no_error(f: Fixture) {
+    f.submit_one(train(&simulate(1), vec![])).await;
+    let task = f.must_claim().await;
+    f.store.fail(task.fence, "once", Retry::Allowed).await.unwrap();
+    let task = f.must_claim().await;
+    f.store.complete(task.fence, None).await.unwrap();
+    let found = f.store.task(task.fence.task).await.unwrap();
+    assert_eq!((found.state, found.error, found.attempt), (TaskState::Succeeded, None, 2));
+    assert_eq!((found.lease_until, found.progress.rate_per_second), (None, None));
+}
+
+pub async fn attempts_are_read_in_pages(f: Fixture) {
+    let job = f.submit_one(train(&simulate(1), vec![])).await;
+    for _ in 0..5 {
+        let task = f.must_claim().await;
+        f.store.release(task.fence).await.unwrap();
+    }
+    let first = f.store.attempts(job, Page { limit: 3, before: None }).await.unwrap();
+    assert_eq!(first.iter().map(|it| it.epoch.0).collect::<Vec<_>>(), [5, 4, 3]);
+    let before = first.last().map(|it| it.id);
+    let second = f.store.attempts(job, Page { limit: 3, before }).await.unwrap();
+    assert_eq!(second.iter().map(|it| it.epoch.0).collect::<Vec<_>>(), [2, 1]);
+    assert!(second.iter().all(|it| it.outcome == Some(AttemptOutcome::Released)));
+}
+
+pub async fn progress_of_a_job_is_that_of_its_tasks(f: Fixture) {
+    let job = f.submit_one(simulate(1)).await;
+    let (first, second) = (f.must_claim().await, f.must_claim().await);
+    let told = |rate| store::Progress { done: 1, rate_per_second: Some(rate), message: None };
+    f.store.renew(first.fence, super::LONG, &told(2.0)).await.unwrap();
+    f.store.renew(second.fence, super::LONG, &told(0.5)).await.unwrap();
+    let progress = f.store.job(job).await.unwrap().progress;
+    assert_eq!((progress.done, progress.total), (2, 6));
+    assert_eq!((progress.rate_per_second, progress.unit.as_str()), (Some(2.5), "trajectories"));
+    f.store.complete(first.fence, None).await.unwrap();
+    let progress = f.store.job(job).await.unwrap().progress;
+    assert_eq!((progress.done, progress.rate_per_second), (3, Some(0.5)));
+}
+
+pub async fn an_attempt_begins_its_progress_anew(f: Fixture) {
+    f.submit_one(train(&simulate(1), vec![])).await;
+    let task = f.must_claim().await;
+    let told =
+        store::Progress { done: 7, rate_per_second: Some(1.0), message: Some("on".to_owned()) };
+    f.store.renew(task.fence, super::LONG, &told).await.unwrap();
+    f.store.release(task.fence).await.unwrap();
+    f.must_claim().await;
+    let found = f.store.task(task.fence.task).await.unwrap();
+    assert_eq!(found.progress, store::Progress::default());
+}
