@@ -51,6 +51,8 @@ impl Client {
         if base.scheme() != "http" || base.host_str().is_none() {
             return Err(address("expected http://HOST:PORT".to_owned()));
         }
+        // It is refused where it was done before.
+        let _ = rustls::crypto::ring::default_provider().install_default();
         let http = reqwest::Client::builder()
             // The server is on this machine or in this laboratory, never behind a web proxy.
             .no_proxy()

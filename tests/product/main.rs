@@ -5,6 +5,7 @@ mod bad_specs;
 mod closed_loop;
 mod data_folder;
 mod devices;
+mod everywhere;
 mod forgiving;
 mod four_models;
 mod full_disk;

@@ -73,6 +73,7 @@ impl Server {
         let serving = tokio::spawn(api::serve(listener, app, async {
             let _ = stopped.await;
         }));
+        let _ = rustls::crypto::ring::default_provider().install_default();
         let http = reqwest::Client::builder().no_proxy().build().unwrap();
         Self { address, http, store, stop: Some(stop), serving, folder }
     }

@@ -5,10 +5,11 @@ use std::time::Duration;
 
 use sqlx::migrate::{Migrate, Migration, MigrationType, Migrator};
 use sqlx::postgres::{PgConnectOptions, PgPoolOptions};
-use sqlx::{PgConnection, SqlStr};
+use sqlx::{ConnectOptions, Connection, PgConnection, SqlStr};
 
 use super::Database;
 use crate::location::DatabaseUrl;
+use crate::patience::PATIENCE;
 use crate::{Access, StoreError};
 
 /// Number, name and statements of each file in `migrations/postgres`.
@@ -23,8 +24,8 @@ static MIGRATIONS: LazyLock<Migrator> = LazyLock::new(|| {
     Migrator::with_migrations(FILES.iter().map(migration).collect())
 });
 
-/// How long a statement waits for a connection, and for a database that does not answer.
-const ACQUIRE_TIMEOUT: Duration = Duration::from_secs(30);
+/// How long a request waits for a connection before it is answered 503.
+const REQUEST_WAITS: Duration = Duration::from_secs(10);
 
 /// Connections that nobody uses are closed after so long: a hundred workers keep about a hundred open.
 const IDLE_TIMEOUT: Duration = Duration::from_secs(30);
@@ -38,19 +39,18 @@ const WORKER_CONNECTIONS: u32 = 3;
 pub async fn open(url: &DatabaseUrl, access: Access) -> Result<Database, StoreError> {
     let options = url.options().clone().application_name("torqued");
     let place = url.to_string();
-    let connections = match access {
-        Access::Server => SERVER_CONNECTIONS,
-        Access::Worker => WORKER_CONNECTIONS,
+    // The first one tells at once what is wrong; those of the pool wait for a database that is away.
+    let first = options.connect().await;
+    let mut connection = first.map_err(|source| unusable(&place, &options, source))?;
+    let (connections, patience) = match access {
+        Access::Server => (SERVER_CONNECTIONS, REQUEST_WAITS),
+        Access::Worker => (WORKER_CONNECTIONS, PATIENCE),
     };
     let pool = PgPoolOptions::new()
         .max_connections(connections)
-        .acquire_timeout(ACQUIRE_TIMEOUT)
+        .acquire_timeout(patience)
         .idle_timeout(IDLE_TIMEOUT)
-        .connect_with(options.clone())
-        .await
-        .map_err(|source| unusable(&place, &options, source))?;
-    let mut connection =
-        pool.acquire().await.map_err(|source| unusable(&place, &options, source))?;
+        .connect_lazy_with(options.clone());
     let failed = |source| unusable(&place, &options, source);
     let found = found_schema(&mut connection).await.map_err(failed)?;
     let known = known_schema();
@@ -63,12 +63,12 @@ pub async fn open(url: &DatabaseUrl, access: Access) -> Result<Database, StoreEr
             Access::Worker => return Err(StoreError::OlderSchema { place, found, known }),
             // Two servers that start at once wait for each other here.
             Access::Server => MIGRATIONS
-                .run_direct(None, &mut *connection, false)
+                .run_direct(None, &mut connection, false)
                 .await
                 .map_err(|source| failed_to_migrate(&place, &options, source))?,
         }
     }
-    drop(connection);
+    let _ = connection.close().await;
     Ok(Database { reader: pool, options: Box::new(options) })
 }
 

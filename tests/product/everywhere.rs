@@ -1,0 +1,108 @@
+//! The same results on every database, by any number of workers, with servers and workers that are killed.
+
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+
+use serde_json::Value;
+use testbed::{Cluster, TestDatabase};
+
+use crate::pipeline::{Results, results};
+use crate::product::{Product, signal, small_pipeline, torqued};
+
+/// Servers and workers that share a database and, on this machine, a folder for objects.
+struct Lab {
+    database: TestDatabase,
+    folder: tempfile::TempDir,
+}
+
+impl Lab {
+    fn new() -> Self {
+        Self { database: Cluster::shared().database(), folder: tempfile::tempdir().unwrap() }
+    }
+
+    fn server(&self, workers: &str) -> Product {
+        let mut command = torqued(&["serve", "--listen", "127.0.0.1:0", "--worker-threads", "1"]);
+        command.args(["--lease-seconds", "2", "--workers", workers]);
+        Product::spawn(self.at_home(&mut command))
+    }
+
+    fn worker(&self) -> LoneWorker {
+        let mut command = torqued(&["worker", "--threads", "1", "--lease-seconds", "2"]);
+        LoneWorker(self.at_home(&mut command).stdout(Stdio::null()).spawn().unwrap())
+    }
+
+    fn at_home<'a>(&self, command: &'a mut Command) -> &'a mut Command {
+        let folder: &Path = self.folder.path();
+        command.arg("--data").arg(folder).env("TORQUED_DATABASE", self.database.url())
+    }
+}
+
+/// A worker that no server started.
+struct LoneWorker(Child);
+
+impl Drop for LoneWorker {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+/// The results of a pipeline on SQLite, by one worker.
+async fn expected() -> Results {
+    let data = tempfile::tempdir().unwrap();
+    let product = Product::start(data.path());
+    let id = product.submit(&small_pipeline()).await;
+    results(&product, &product.succeeded(id).await).await
+}
+
+async fn when_under_way(product: &Product, pipeline: i64, finished: usize) -> Value {
+    let ended = |member: &&Value| member["state"] == "succeeded";
+    product
+        .job_when(pipeline, |job| {
+            job["members"].as_array().unwrap().iter().filter(ended).count() >= finished
+        })
+        .await
+}
+
+#[tokio::test]
+async fn a_pipeline_on_postgresql_by_four_workers_of_which_one_is_killed() {
+    let expected = expected().await;
+    let lab = Lab::new();
+    let server = lab.server("0");
+    let mut workers: Vec<LoneWorker> = (0..4).map(|_| lab.worker()).collect();
+    let id = server.submit(&small_pipeline()).await;
+    when_under_way(&server, id, 1).await;
+    drop(workers.remove(0));
+    let pipeline = server.succeeded(id).await;
+    assert_eq!(results(&server, &pipeline).await, expected);
+}
+
+#[tokio::test]
+async fn two_servers_serve_one_queue_and_one_goes_on_when_the_other_is_killed() {
+    let expected = expected().await;
+    let lab = Lab::new();
+    let (first, second) = (lab.server("1"), lab.server("1"));
+    let id = first.submit(&small_pipeline()).await;
+    when_under_way(&second, id, 1).await;
+    signal("KILL", first.pid());
+    let pipeline = second.succeeded(id).await;
+    assert_eq!(results(&second, &pipeline).await, expected);
+    // Its worker ended with it, and is remembered as one that died.
+    let workers = second.get("/v1/workers").await;
+    assert!(!workers["workers"].as_array().unwrap().is_empty(), "{workers:#}");
+    let (status, health) = second.try_get("/healthz").await;
+    assert!(status.is_success(), "{health:#}");
+}
+
+#[tokio::test]
+async fn a_database_that_is_not_there_is_one_line() {
+    let folder = tempfile::tempdir().unwrap();
+    let database = Cluster::shared().database();
+    let url = database.url().replace("/test_", "/no_such_");
+    let mut command = torqued(&["serve", "--listen", "127.0.0.1:0", "--data"]);
+    command.arg(folder.path()).env("TORQUED_DATABASE", url);
+    let (code, _, errors) = crate::product::run_to_end(&mut command);
+    assert_eq!(code, Some(1));
+    assert!(errors.contains("create it first: createdb no_such_"), "{errors}");
+    assert_eq!(errors.trim().lines().count(), 1, "{errors}");
+}
