@@ -11,6 +11,21 @@ pub const PAGE_DEFAULT: u32 = 50;
 /// Items of one page of a list at most.
 pub const PAGE_MAXIMUM: u32 = 500;
 
+/// Chunks of a page of a log, up to 16 KiB each, when the request does not say.
+pub const LOGS_DEFAULT: u32 = 50;
+
+/// Chunks of a page of a log at most.
+pub const LOGS_MAXIMUM: u32 = 100;
+
+/// Seconds that a request may wait for the next lines of a log, well below [`REQUEST_TIMEOUT`].
+pub const LOG_WAIT_SECONDS: u32 = 20;
+
+/// Requests that wait for lines of a log at once; the ones beyond are answered without waiting.
+pub const LOG_READERS: usize = 64;
+
+/// Between two looks for the next lines of a log.
+pub const LOG_POLL: Duration = Duration::from_millis(300);
+
 /// Trajectories of one simulation, unless the server is told otherwise: a few hundred gigabytes.
 /// Crossing it is a violation of `trajectories`.
 pub const MAX_TRAJECTORIES: u64 = 10_000_000;

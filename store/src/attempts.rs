@@ -19,6 +19,8 @@ pub struct Attempt {
     pub reason: Option<String>,
     pub started_at: Timestamp,
     pub ended_at: Option<Timestamp>,
+    /// Bytes that it has logged, those that were left out included; `None` without a log.
+    pub log_bytes: Option<u64>,
 }
 
 impl Store {

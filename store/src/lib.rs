@@ -35,6 +35,7 @@ mod identity;
 mod jobs;
 mod leases;
 mod location;
+mod logs;
 mod metrics;
 mod objects;
 mod orphans;
@@ -76,6 +77,7 @@ pub use identifiers::{CheckpointId, DatasetId, Epoch, JobId, RunId, TaskId};
 pub use jobs::{Job, JobFilter, JobProgress, Page};
 pub use leases::{ClaimedTask, Fence, Lease, Progress};
 pub use location::{DatabaseUrl, Location};
+pub use logs::{LogChunk, LogFilter, LogPage, NewLogChunk};
 pub use metrics::{Metric, Series, SeriesPoint};
 pub use objects::{
     Fingerprint, ObjectBytes, ObjectWriter, StoredObject, measure_file, path as object_path,

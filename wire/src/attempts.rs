@@ -24,6 +24,9 @@ pub struct Attempt {
     pub started_at: String,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ended_at: Option<String>,
+    /// Where its log is. Missing while it has logged nothing, and of old attempts, whose logs are not kept.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub log: Option<String>,
 }
 
 /// A page of attempts, newest first.

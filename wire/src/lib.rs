@@ -2,11 +2,11 @@
 //!
 //! The server writes these types, the command line reads them, and the OpenAPI document is
 //! generated from them. One file per resource. Nothing is computed here but the sentences
-//! of warnings, which the server, its page and the command line share.
+//! of warnings and of gaps in logs, which the server, its page and the command line share.
 //!
 //! Ids are those of the database. Times are RFC 3339 in UTC. Lists are newest first; `next` is the
 //! `before` of the following page and missing on the last one. Tasks are in the order in which they run, and `next` is
-//! the `after` of the following page. Readers ignore fields that they do not know.
+//! the `after` of the following page; of logs likewise, whose `next` is there on every page. Readers ignore fields that they do not know.
 
 mod attempts;
 mod checkpoints;
@@ -16,6 +16,7 @@ mod evaluations;
 mod health;
 mod imports;
 mod jobs;
+mod logs;
 mod predictions;
 mod presets;
 mod problem;
@@ -41,6 +42,7 @@ pub use evaluations::{CellTask, Evaluation, Evaluations};
 pub use health::Health;
 pub use imports::ImportCounts;
 pub use jobs::{Job, Jobs, Member, Progress};
+pub use logs::{LogChunk, Logs, left_out};
 pub use predictions::{
     ObservedScenario, PredictedQuantile, PredictedScenario, PredictingModel, Prediction,
     PredictionLatency, PredictionRequest, PredictionSampling,

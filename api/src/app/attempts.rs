@@ -29,5 +29,6 @@ fn attempt(row: store::Attempt) -> Attempt {
         reason: row.reason,
         started_at: row.started_at.to_string(),
         ended_at: text(row.ended_at),
+        log: row.log_bytes.map(|_| format!("/v1/attempts/{}/log", row.id)),
     }
 }

@@ -10,6 +10,7 @@ mod evaluations;
 mod experiments;
 pub mod files;
 mod jobs;
+pub mod logs;
 pub mod paging;
 mod predictions;
 mod questions;
@@ -36,7 +37,7 @@ use crate::app::shards::OpenShards;
 use crate::auth::Token;
 use crate::error::ApiError;
 use crate::limits::{
-    CONCURRENT_UPLOADS, MAX_TRAJECTORIES, MAX_UPLOAD_BYTES, STREAMS, UPLOAD_STALL,
+    CONCURRENT_UPLOADS, LOG_READERS, MAX_TRAJECTORIES, MAX_UPLOAD_BYTES, STREAMS, UPLOAD_STALL,
 };
 use crate::live::LiveModels;
 
@@ -83,6 +84,8 @@ pub struct App {
     memory_doubts: Option<Arc<MemoryDoubts>>,
     /// For the files on their way in.
     upload_places: Arc<Semaphore>,
+    /// For the requests that wait for lines of a log.
+    log_places: Arc<Semaphore>,
     models: Option<Arc<dyn LiveModels>>,
     /// For the streams that are open.
     stream_places: Arc<Semaphore>,
@@ -101,6 +104,7 @@ impl App {
             upload_stall: options.upload_stall,
             memory_doubts: None,
             upload_places: Arc::new(Semaphore::new(CONCURRENT_UPLOADS)),
+            log_places: Arc::new(Semaphore::new(LOG_READERS)),
             models: None,
             stream_places: Arc::new(Semaphore::new(STREAMS)),
             closing: watch::Sender::new(false),
@@ -129,12 +133,17 @@ impl App {
         self.upload_stall
     }
 
+    /// `None` when as many requests wait for lines of a log as may.
+    pub(crate) fn log_place(&self) -> Option<OwnedSemaphorePermit> {
+        Arc::clone(&self.log_places).try_acquire_owned().ok()
+    }
+
     pub(crate) fn stream_place(&self) -> Result<OwnedSemaphorePermit, ApiError> {
         let places = Arc::clone(&self.stream_places);
         places.try_acquire_owned().map_err(|_| ApiError::StreamsCrowded)
     }
 
-    /// Done when streams are to end.
+    /// Done when streams are to end, and whatever else waits.
     pub(crate) fn closing(&self) -> impl Future<Output = ()> + Send + 'static {
         let mut closing = self.closing.subscribe();
         async move {

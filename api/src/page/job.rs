@@ -10,6 +10,7 @@ use spec::JobKind;
 use store::TaskOverview;
 use wire::{Attempt, AttemptOutcome, TaskState};
 
+use crate::app::logs::LogEnd;
 use crate::app::tasks::{FirstTasks, progress};
 use crate::app::{App, Paging};
 use crate::error::ApiError;
@@ -47,6 +48,8 @@ struct JobPage {
     last_task: i64,
     /// The newest that ended without success.
     attempts: Vec<AttemptRow>,
+    /// Of the newest attempt that runs, or else that did not succeed.
+    log: Option<LogEnd>,
     spec: String,
     commands: Commands,
 }
@@ -66,6 +69,8 @@ struct AttemptRow {
     outcome: &'static str,
     reason: String,
     ended_at: String,
+    /// Where its log is; empty without one.
+    log: String,
 }
 
 pub async fn show(
@@ -83,6 +88,10 @@ pub async fn show(
     };
     let FirstTasks { tasks, all } = app.first_tasks(id, TASKS).await?;
     let attempts = app.attempts(id, Paging { limit: ATTEMPTS, before: None }).await?.attempts;
+    let log = match with_log(&attempts) {
+        Some(attempt) => Some(app.log_end(id, attempt).await?),
+        None => None,
+    };
     let outcome = headlines(&app, &[&job]).await?.remove(&id).unwrap_or_default();
     let closed_loop = closed_loop(&app, &job).await?;
     let files = match job.run {
@@ -103,10 +112,18 @@ pub async fn show(
         last_task: tasks.last().map_or(0, |task| task.id.0),
         tasks: tasks.into_iter().map(|task| TaskRow::new(task, &job.progress.unit)).collect(),
         attempts: attempts.into_iter().filter_map(AttemptRow::of_no_success).collect(),
+        log,
         spec: spec_text(&job.spec),
         commands: Commands::new(&app, &headers),
     };
     Ok(html(&page)?)
+}
+
+/// The newest attempt that runs, or else that did not succeed, if it has a log.
+fn with_log(attempts: &[Attempt]) -> Option<&Attempt> {
+    let failed = |it: &&Attempt| it.outcome.is_some_and(|it| it != AttemptOutcome::Succeeded);
+    let running = attempts.iter().find(|it| it.outcome.is_none());
+    running.or_else(|| attempts.iter().find(failed)).filter(|it| it.log.is_some())
 }
 
 impl AttemptRow {
@@ -118,6 +135,7 @@ impl AttemptRow {
             outcome: outcome.as_str(),
             reason: attempt.reason.unwrap_or_default(),
             ended_at: attempt.ended_at.as_deref().map(instant).unwrap_or_default(),
+            log: attempt.log.unwrap_or_default(),
         })
     }
 }

@@ -7,6 +7,7 @@ mod files;
 mod health;
 mod jobs;
 mod lists;
+mod logs;
 mod openapi;
 mod predictions;
 mod presets;
@@ -52,6 +53,8 @@ fn operations() -> OpenApiRouter<App> {
         .routes(routes!(jobs::retry))
         .routes(routes!(jobs::tasks))
         .routes(routes!(jobs::attempts))
+        .routes(routes!(logs::list))
+        .routes(routes!(logs::file))
         .routes(routes!(datasets::list, uploads::create))
         .routes(routes!(datasets::show))
         .routes(routes!(datasets::file))

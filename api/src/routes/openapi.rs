@@ -13,7 +13,7 @@ use wire::Problem;
         description = "In-context identification of robot dynamics as a service: simulate, train, \
                        evaluate.\n\nErrors are RFC 9457 problem details. Lists are newest first; \
                        `next` is the `before` of the following page. Tasks are in the order in \
-                       which they run; `next` is the `after` of the following page. Downloads \
+                       which they run; `next` is the `after` of the following page; of logs it is there on every page. Downloads \
                        answer HEAD, Range, If-Range and If-None-Match and carry the SHA-256 of the \
                        whole file as ETag and Repr-Digest. They are compared with it: a file that is \
                        damaged on disk breaks off before its last bytes, and is answered with a \

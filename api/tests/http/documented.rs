@@ -29,7 +29,7 @@ const PREDICT: &str = "/v1/checkpoints/{id}/predict";
 const STREAM: &str = "/v1/checkpoints/{id}/stream";
 
 /// Every operation, with a request that it answers with success.
-const OPERATIONS: [(&str, &str, &str); 37] = [
+const OPERATIONS: [(&str, &str, &str); 39] = [
     ("get", "/healthz", "/healthz"),
     ("get", "/v1/presets", "/v1/presets"),
     ("get", "/v1/workers", "/v1/workers"),
@@ -43,6 +43,8 @@ const OPERATIONS: [(&str, &str, &str); 37] = [
     ("post", "/v1/jobs/{id}/retry", "/v1/jobs/6/retry"),
     ("get", "/v1/jobs/{id}/tasks", "/v1/jobs/1/tasks"),
     ("get", "/v1/jobs/{id}/attempts", "/v1/jobs/1/attempts"),
+    ("get", "/v1/jobs/{id}/logs", "/v1/jobs/1/logs"),
+    ("get", "/v1/attempts/{id}/log", "/v1/attempts/1/log"),
     ("get", "/v1/datasets", "/v1/datasets"),
     ("post", "/v1/datasets", "/v1/datasets"),
     ("get", "/v1/datasets/{id}", "/v1/datasets/1"),

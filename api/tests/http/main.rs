@@ -9,6 +9,7 @@ mod downloads;
 mod fixture;
 mod fuzz;
 mod lists;
+mod logs;
 mod pages;
 mod problems;
 mod references;

@@ -21,7 +21,7 @@ use sqlx::{PgConnection, PgPool, Postgres};
 
 use crate::database::Scope;
 use crate::location::DatabaseUrl;
-use crate::{Access, StoreError};
+use crate::{Access, JobId, StoreError};
 
 pub(crate) use duty::DutyLock;
 pub(crate) use opening::known_schema;
@@ -29,6 +29,9 @@ pub(crate) use waiting::Bell;
 
 /// The advisory lock of transactions that move the queue: "torqueue" in ASCII.
 const QUEUE_LOCK: i64 = i64::from_be_bytes(*b"torqueue");
+
+/// The first of the advisory locks of jobs: "torq" and zeros.
+const TURN_LOCK: i64 = i64::from_be_bytes(*b"torq\0\0\0\0");
 
 /// A pool of connections, which are opened as they are needed.
 #[derive(Debug)]
@@ -93,6 +96,12 @@ impl Transaction {
     /// Wakes workers that wait for a task when the transaction is committed.
     pub async fn ring(&mut self) -> Result<(), sqlx::Error> {
         self.execute(sqlx::query("SELECT pg_notify($1, '')").bind(waiting::CHANNEL)).await
+    }
+
+    /// Returns when no other transaction that waited for a turn of the same job is open, and keeps others waiting.
+    pub async fn wait_for_turn(&mut self, of: JobId) -> Result<(), sqlx::Error> {
+        let lock = sqlx::query("SELECT pg_advisory_xact_lock($1)").bind(TURN_LOCK ^ of.0);
+        self.execute(lock).await
     }
 
     /// Returns when all claims that have begun are committed.

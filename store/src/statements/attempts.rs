@@ -2,6 +2,7 @@ use sqlx::types::Text;
 use sqlx::{FromRow, Row};
 use wire::AttemptOutcome;
 
+use super::rows::optional_number;
 use super::{Database, DbRow, Transaction};
 use crate::{Attempt, Fence, JobId, Page};
 
@@ -72,6 +73,7 @@ impl FromRow<'_, DbRow> for Attempt {
             reason: row.try_get("reason")?,
             started_at: row.try_get("started_at")?,
             ended_at: row.try_get("ended_at")?,
+            log_bytes: optional_number(row, "log_bytes")?,
         })
     }
 }

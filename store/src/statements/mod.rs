@@ -13,6 +13,7 @@ mod attempts;
 mod checkpoints;
 mod datasets;
 pub(super) mod jobs;
+mod logs;
 mod metrics;
 mod pipelines;
 mod queue;

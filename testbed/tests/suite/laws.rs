@@ -18,6 +18,14 @@ macro_rules! all_laws {
     ($fixture:ident) => {
         $crate::suite::laws::conforms! {
             $fixture =>
+            logs:
+                a_log_is_read_in_order_and_from_any_chunk_on,
+                logs_are_told_apart_by_task_and_attempt,
+                the_log_of_a_long_attempt_keeps_its_beginning_and_its_end,
+                a_chunk_that_is_sent_again_is_there_once,
+                a_worker_that_lost_its_task_adds_nothing_to_its_log,
+                old_attempts_of_a_job_lose_their_logs,
+                a_log_may_grow_until_its_tasks_have_ended;
             waiting:
                 a_task_that_is_submitted_rings,
                 all_who_wait_hear_it,

@@ -9,6 +9,7 @@ pub mod ends;
 pub mod laws;
 pub mod leases;
 pub mod lists;
+pub mod logs;
 pub mod metrics;
 pub mod moments;
 pub mod objects;

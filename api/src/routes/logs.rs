@@ -1,0 +1,69 @@
+//! What attempts at tasks logged: as it comes, or as a file.
+
+use axum::Json;
+use axum::extract::State;
+use axum::http::{HeaderMap, Method};
+use axum::response::Response;
+use serde::Deserialize;
+use utoipa::IntoParams;
+use wire::Logs;
+
+use crate::app::App;
+use crate::app::logs::LogQuery;
+use crate::error::ApiError;
+use crate::extract::{Path, Query};
+use crate::routes::files::send;
+use crate::routes::openapi::FileResponses;
+
+#[derive(Deserialize, IntoParams)]
+#[into_params(parameter_in = Query)]
+pub struct LogParameters {
+    /// Only of the task with this label or id.
+    task: Option<String>,
+    /// Only of the attempt with this id.
+    attempt: Option<i64>,
+    /// Only chunks with a larger id: the `next` of the page before. Without it and `before`, the newest.
+    after: Option<i64>,
+    /// Only chunks with a smaller id: the `previous` of the page after.
+    before: Option<i64>,
+    /// Chunks at most, 1 to 100; 50 when left out.
+    limit: Option<u32>,
+    /// Seconds to wait for what follows `after`, 0 to 20; 0 when left out. An answer without chunks is no end.
+    wait: Option<u32>,
+}
+
+/// What the tasks of a job logged, or of all jobs of a pipeline; the newest page, oldest line first.
+#[utoipa::path(
+    get,
+    path = "/v1/jobs/{id}/logs",
+    tag = "jobs",
+    params(("id" = i64, Path), LogParameters),
+    responses((status = 200, body = Logs)),
+)]
+pub async fn list(
+    State(app): State<App>,
+    Path(id): Path<i64>,
+    Query(parameters): Query<LogParameters>,
+) -> Result<Json<Logs>, ApiError> {
+    let LogParameters { task, attempt, after, before, limit, wait } = parameters;
+    let query = LogQuery { task, attempt, after, before, limit, wait };
+    Ok(Json(app.logs(id, &query).await?))
+}
+
+/// The whole log of an attempt as plain text; while it lasts, as far as it has come.
+#[utoipa::path(
+    get,
+    path = "/v1/attempts/{id}/log",
+    tag = "jobs",
+    params(("id" = i64, Path)),
+    responses(FileResponses),
+)]
+pub async fn file(
+    State(app): State<App>,
+    Path(id): Path<i64>,
+    method: Method,
+    headers: HeaderMap,
+) -> Result<Response, ApiError> {
+    let file = app.attempt_log(id).await?;
+    send(&app, &method, &headers, file).await
+}

@@ -1,0 +1,155 @@
+//! What attempts logged: rows and no files, so that every database has them wherever its workers run.
+
+use crate::database::{Scope, sql};
+use crate::{Attempt, Fence, JobId, Store, StoreError, TaskId, Timestamp, leases};
+
+/// Lines that a worker adds to the log of its attempt.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct NewLogChunk {
+    /// Bytes that the attempt has logged before, those that were left out included.
+    pub position: u64,
+    /// Whole lines of [`Store::LOG_CHUNK_BYTES`] at most, without NUL, which not every database keeps in text.
+    pub text: String,
+}
+
+/// Lines of the log of an attempt.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct LogChunk {
+    /// Grows from chunk to chunk of a job, whatever attempt logged them.
+    pub id: i64,
+    pub attempt: i64,
+    pub task: TaskId,
+    /// The task's.
+    pub label: String,
+    pub worker: String,
+    /// As of a [`NewLogChunk`]; what lies between two chunks was left out.
+    pub position: u64,
+    pub text: String,
+    pub written_at: Timestamp,
+}
+
+/// Whose logs are asked for.
+#[derive(Clone, Debug, Default)]
+pub struct LogFilter {
+    pub jobs: Vec<JobId>,
+    /// Of these tasks alone.
+    pub tasks: Option<Vec<TaskId>>,
+    /// Of this attempt alone.
+    pub attempt: Option<i64>,
+}
+
+/// Part of the logs, which is read oldest first.
+#[derive(Clone, Copy, Debug)]
+pub enum LogPage {
+    /// The first chunks with a larger id, at most `limit`.
+    After { id: i64, limit: u32 },
+    /// The last chunks with a smaller id, or of all, at most `limit`.
+    Before { id: Option<i64>, limit: u32 },
+}
+
+impl NewLogChunk {
+    /// Bytes that the attempt has logged after this chunk.
+    pub fn end(&self) -> u64 {
+        self.position + self.text.len() as u64
+    }
+}
+
+impl Store {
+    /// Bytes of one chunk at most, as the schema has it.
+    pub const LOG_CHUNK_BYTES: usize = 16 << 10;
+
+    /// Bytes of the log of one attempt that are kept from its beginning.
+    pub const LOG_HEAD_BYTES: u64 = 256 << 10;
+
+    /// Bytes of the log of one attempt that are kept from its end; what lies between is left out.
+    pub const LOG_TAIL_BYTES: u64 = 768 << 10;
+
+    /// Attempts of a job that have ended and keep their logs: the newest.
+    pub const LOGS_PER_JOB: u32 = 200;
+
+    /// Adds to the log of a running attempt, and deletes what is too much of it and of older ones of its job. Chunks
+    /// that are there are replaced, since a worker that heard no answer sends them again.
+    ///
+    /// # Errors
+    /// [`StoreError::LeaseLost`] when the lease is lost; nothing is changed then.
+    pub async fn append_log(&self, fence: Fence, chunks: &[NewLogChunk]) -> Result<(), StoreError> {
+        let (Some(first), Some(last)) = (chunks.first(), chunks.last()) else { return Ok(()) };
+        let mut tx = self.begin(Scope::Rows, "adding to the log of an attempt").await?;
+        let (job, _) = leases::held(&mut tx, fence).await?;
+        // A task that was claimed by a version that kept no attempts has none.
+        let Some(attempt) = sql!(&mut tx, attempt_at(fence))? else { return Ok(()) };
+        sql!(&mut tx, insert_log(job, attempt, chunks))?;
+        let logged = last.end();
+        sql!(&mut tx, set_log_bytes(attempt, logged))?;
+        let tail = logged.saturating_sub(Self::LOG_TAIL_BYTES);
+        if tail > Self::LOG_HEAD_BYTES {
+            sql!(&mut tx, delete_log_between(attempt, Self::LOG_HEAD_BYTES, tail))?;
+        }
+        if first.position == 0 {
+            for old in sql!(&mut tx, forget_logs(job, Self::LOGS_PER_JOB))? {
+                sql!(&mut tx, delete_log(old))?;
+            }
+        }
+        tx.commit().await
+    }
+
+    /// # Errors
+    /// When the database fails.
+    pub async fn log_page(
+        &self,
+        filter: &LogFilter,
+        page: LogPage,
+    ) -> Result<Vec<LogChunk>, StoreError> {
+        match page {
+            LogPage::After { id, limit } => {
+                sql!(self.database(), READING, log_after(filter, id, limit))
+            }
+            LogPage::Before { id, limit } => {
+                let mut chunks = sql!(self.database(), READING, log_before(filter, id, limit))?;
+                chunks.reverse();
+                Ok(chunks)
+            }
+        }
+    }
+
+    /// Whether chunks may still come to the logs that are asked for.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn may_log(&self, filter: &LogFilter) -> Result<bool, StoreError> {
+        match (filter.attempt, &filter.tasks) {
+            (Some(attempt), _) => sql!(self.database(), READING, is_attempt_running(attempt)),
+            (None, Some(tasks)) => sql!(self.database(), READING, are_tasks_open(tasks)),
+            (None, None) => sql!(self.database(), READING, are_jobs_open(&filter.jobs)),
+        }
+    }
+
+    /// The whole log of an attempt, as far as it is kept.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn attempt_log(&self, attempt: i64) -> Result<Vec<NewLogChunk>, StoreError> {
+        sql!(self.database(), READING, attempt_log(attempt))
+    }
+
+    /// # Errors
+    /// When there is no such attempt.
+    pub async fn attempt(&self, id: i64) -> Result<Attempt, StoreError> {
+        sql!(self.database(), "reading an attempt", attempt(id))?
+            .ok_or_else(|| StoreError::not_found("attempt", id.to_string()))
+    }
+
+    /// The tasks of `jobs` with a label.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn tasks_labelled(
+        &self,
+        jobs: &[JobId],
+        label: &str,
+    ) -> Result<Vec<TaskId>, StoreError> {
+        sql!(self.database(), "looking for a task", tasks_labelled(jobs, label))
+    }
+}
+
+const READING: &str = "reading logs";
