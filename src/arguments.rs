@@ -53,4 +53,17 @@ pub struct DeviceArguments {
     pub device: DeviceKind,
 }
 
+/// Reads the name of a worker, which stands in addresses of the API.
+///
+/// # Errors
+/// What is allowed.
+pub fn worker_name(name: &str) -> Result<String, String> {
+    let is_plain = |b: u8| b.is_ascii_alphanumeric() || b"-_.".contains(&b);
+    if (1..=100).contains(&name.len()) && name.bytes().all(is_plain) {
+        Ok(name.to_owned())
+    } else {
+        Err("allowed: 1 to 100 letters, digits, dashes, underscores and dots".to_owned())
+    }
+}
+
 const DEFAULT_SERVER: &str = "http://127.0.0.1:7070";

@@ -4,8 +4,8 @@ use clap::{Parser, Subcommand};
 use tracing_subscriber::EnvFilter;
 
 use crate::commands::{
-    attempts, cancel, decode_recording, devices, import, jobs, pause, presets, quickstart, resume,
-    retry, serve, simulate, study, submit, verify, watch, worker, workers,
+    attempts, cancel, decode_recording, devices, drain, import, jobs, pause, presets, quickstart,
+    resume, retry, serve, simulate, study, submit, undrain, verify, watch, worker, workers,
 };
 
 /// In-context identification of robot dynamics as a service: simulate, train, evaluate.
@@ -56,6 +56,10 @@ pub enum Command {
     Pause(pause::Arguments),
     /// Have tasks begun again after a pause
     Resume(resume::Arguments),
+    /// Have a worker begin no more tasks; the one that it has goes on
+    Drain(drain::Arguments),
+    /// Have a worker that was drained begin tasks again
+    Undrain(undrain::Arguments),
     /// List the presets, or show one
     Presets(presets::Arguments),
     /// Decode the recording on standard input; a worker starts this for itself

@@ -16,14 +16,14 @@ pub async fn probe(kind: DeviceKind) -> Result<Probed, ProbeError> {
     worker::probe(kind, child, PROBE_LIMIT).await
 }
 
-/// Makes sure of a device before work is begun on it, and logs what it is. The processor needs no
-/// driver, and is not tried.
+/// Makes sure of a device before work is begun on it, logs what it is, and returns how many GPUs it is: 0 or 1. The
+/// processor needs no driver, and is not tried.
 ///
 /// # Errors
 /// As [`probe`].
-pub async fn require(kind: DeviceKind) -> Result<(), ProbeError> {
+pub async fn require(kind: DeviceKind) -> Result<u32, ProbeError> {
     if !kind.is_apart() {
-        return Ok(());
+        return Ok(0);
     }
     let Probed { device, seconds } = probe(kind).await?;
     let adapter = device.adapter.unwrap_or_default();
@@ -33,5 +33,5 @@ pub async fn require(kind: DeviceKind) -> Result<(), ProbeError> {
     } else {
         tracing::info!(%kind, adapter, driver, seconds, "device works");
     }
-    Ok(())
+    Ok(u32::from(!device.is_software))
 }

@@ -6,6 +6,7 @@ mod cli;
 mod client;
 mod commands;
 mod device;
+mod offers;
 mod process;
 mod progress;
 mod server;

@@ -1,7 +1,9 @@
 //! The trait that the module of every kind implements.
 
+use std::collections::HashMap;
+
 use serde::Serialize;
-use spec::{DataSpec, Doubt, JobSpec, SpecError, TrainSpec};
+use spec::{DataSpec, Doubt, JobKind, JobSpec, SpecError, TrainSpec};
 use store::{JobReuse, Need, NewTask, Output, PartReuse};
 
 use crate::inputs::Inputs;
@@ -18,10 +20,12 @@ pub(crate) const TASKS_PER_SUBMISSION: usize = 50_000;
 pub type MemoryDoubts = dyn Fn(&TrainSpec, &DataSpec) -> Option<Doubt> + Send + Sync;
 
 /// The largest requests that a server takes.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct Limits {
     /// Trajectories of one simulation.
     pub max_trajectories: u64,
+    /// Seconds that an attempt at a task may take, of the kinds that have a limit. Jobs that ask for none get it.
+    pub time_limits_s: HashMap<JobKind, u32>,
 }
 
 /// A spec of one kind, as a job among others.

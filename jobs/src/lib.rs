@@ -10,6 +10,7 @@ mod data;
 mod description;
 mod error;
 mod evaluate;
+mod execution;
 mod import;
 mod inputs;
 mod kind;

@@ -4,13 +4,14 @@ use spec::{JobSpec, PipelineMember, PipelineSpec, SpecError};
 use store::{Need, NewJob, NewMember, NewPipeline};
 
 use crate::SubmissionError;
-use crate::kind::TASKS_PER_SUBMISSION;
+use crate::kind::{Limits, TASKS_PER_SUBMISSION};
 use crate::plan::plan;
 use crate::references::{References, Resolved};
 
 pub(crate) async fn plan_pipeline(
     mut references: References<'_>,
     pipeline: &PipelineSpec,
+    limits: &Limits,
 ) -> Result<(Vec<NewJob>, NewPipeline), SubmissionError> {
     let order = pipeline.order().ok_or_else(|| {
         SpecError::one("jobs", "circular", "jobs that do not need each other in a circle")
@@ -21,7 +22,7 @@ pub(crate) async fn plan_pipeline(
     let mut tasks = 0;
     for name in order {
         let member = &pipeline.jobs[name];
-        let (spec, job) = plan_member(&references, name, member)
+        let (spec, job) = plan_member(&references, name, member, limits)
             .await
             .map_err(|error| error.within(&format!("jobs.{name}")))?;
         tasks += job.tasks.len();
@@ -60,11 +61,12 @@ async fn plan_member(
     references: &References<'_>,
     name: &str,
     member: &PipelineMember,
+    limits: &Limits,
 ) -> Result<(JobSpec, NewJob), SubmissionError> {
     let Resolved { spec, mut inputs } = references.resolve(&member.spec).await?;
     let explicit = member.needs.iter().filter_map(|need| references.sibling(need)).map(Need::New);
     inputs.needs.extend(explicit);
     let resolved = Resolved { spec, inputs };
-    let job = plan(Some(name), &resolved)?;
+    let job = plan(Some(name), &resolved, limits)?;
     Ok((resolved.spec, job))
 }

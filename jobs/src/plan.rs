@@ -3,14 +3,18 @@
 use spec::SpecError;
 use store::NewJob;
 
-use crate::kind::kind;
+use crate::kind::{Limits, kind};
 use crate::references::Resolved;
 
 /// Plans a resolved spec; `name` is what a pipeline calls it.
 ///
 /// # Errors
 /// When what it refers to does not fit it, or it needs more tasks than a job may have.
-pub(crate) fn plan(name: Option<&str>, resolved: &Resolved) -> Result<NewJob, SpecError> {
+pub(crate) fn plan(
+    name: Option<&str>,
+    resolved: &Resolved,
+    limits: &Limits,
+) -> Result<NewJob, SpecError> {
     let Resolved { spec, inputs } = resolved;
     let kind = kind(spec)
         .ok_or_else(|| SpecError::one("kind", spec.kind().as_str(), "any other kind of job"))?;
@@ -26,6 +30,9 @@ pub(crate) fn plan(name: Option<&str>, resolved: &Resolved) -> Result<NewJob, Sp
         unit: kind.unit().to_owned(),
         priority: execution.priority,
         max_attempts: execution.max_attempts,
+        time_limit_s: execution.time_limit_s.or(limits.time_limits_s.get(&spec.kind()).copied()),
+        resources: execution.resources,
+        not_before: execution.not_before,
         output: kind.output(),
         reuse: kind.reuse(),
         tasks: kind.tasks(inputs)?,

@@ -3,9 +3,10 @@
 use serde::de::IgnoredAny;
 use serde_json::json;
 use spec::{Digest, JobSpec, SpecError};
-use store::{Idempotency, JobId, JobState, Reuse, Store, Submission, Submitted};
+use store::{Idempotency, JobId, JobState, Reuse, Store, Submission, Submitted, Timestamp};
 
 use crate::SubmissionError;
+use crate::execution;
 use crate::kind::{Limits, kind};
 use crate::pipeline::plan_pipeline;
 use crate::plan::plan;
@@ -93,22 +94,24 @@ async fn submit_new(
     reuse: Reuse,
     idempotency: Option<Idempotency>,
 ) -> Result<Submitted, SubmissionError> {
-    check_limits(spec, limits)?;
+    check_limits(spec, limits, store.now().await?)?;
     let references = References::new(store);
     let (jobs, pipeline) = match spec {
         JobSpec::Pipeline(pipeline) => {
-            let (jobs, pipeline) = plan_pipeline(references, pipeline).await?;
+            let (jobs, pipeline) = plan_pipeline(references, pipeline, limits).await?;
             (jobs, Some(pipeline))
         }
-        single => (vec![plan(None, &references.resolve(single).await?)?], None),
+        single => (vec![plan(None, &references.resolve(single).await?, limits)?], None),
     };
     Ok(store.submit(Submission { jobs, pipeline, reuse, idempotency }).await?)
 }
 
-fn check_limits(spec: &JobSpec, limits: &Limits) -> Result<(), SpecError> {
+fn check_limits(spec: &JobSpec, limits: &Limits, now: Timestamp) -> Result<(), SpecError> {
     let mut violations = Vec::new();
     for (path, spec) in spec.single_jobs() {
-        if let Some(Err(error)) = kind(spec).map(|kind| kind.check_limits(limits)) {
+        let of_kind = kind(spec).map_or(Ok(()), |kind| kind.check_limits(limits));
+        let of_execution = execution::check(spec, limits, now);
+        for error in [of_kind, of_execution].into_iter().filter_map(Result::err) {
             let error = if path.is_empty() { error } else { error.within(&path) };
             violations.extend(error.violations);
         }

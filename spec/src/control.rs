@@ -352,7 +352,7 @@ impl KindSpec for ControlSpec {
     }
 
     fn execution(&self) -> Execution {
-        self.execution
+        self.execution.clone()
     }
 
     fn references(&mut self) -> Vec<Reference<'_>> {

@@ -2,25 +2,36 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use crate::check::{Check, Report};
+use crate::{Moment, Resources};
 
 /// How a job is run. Cannot change any result, so it is no part of the digest.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Execution {
-    /// Higher goes first, -100 to 100.
+    /// Higher goes first, -100 to 100; a point is worth an hour of waiting.
     pub priority: i32,
     /// Times a task may be claimed before it fails, 1 to 20.
     pub max_attempts: u32,
-    /// Seconds that an attempt at a task may take, 1 to 2 592 000 (30 days); `null` sets no limit. A task that takes
-    /// longer fails and is not tried again.
+    /// Seconds that an attempt at a task may take, 1 to 2 592 000 (30 days); `null` is what the server allows jobs of
+    /// the kind. A task that takes longer fails and is not tried again.
     pub time_limit_s: Option<u32>,
+    /// What a worker must offer to take a task of the job.
+    pub resources: Resources,
+    /// No task is begun before, by the database's clock; at most 366 days ahead.
+    pub not_before: Option<Moment>,
 }
 
 const LONGEST_S: u32 = 30 * 24 * 60 * 60;
 
 impl Default for Execution {
     fn default() -> Self {
-        Self { priority: 0, max_attempts: 3, time_limit_s: None }
+        Self {
+            priority: 0,
+            max_attempts: 3,
+            time_limit_s: None,
+            resources: Resources::default(),
+            not_before: None,
+        }
     }
 }
 
@@ -37,5 +48,6 @@ impl Check for Execution {
         if let Some(seconds) = self.time_limit_s {
             report.within("time_limit_s", seconds, 1..=LONGEST_S);
         }
+        report.part("resources", &self.resources);
     }
 }

@@ -17,11 +17,13 @@ mod import;
 mod job;
 mod kind;
 mod model;
+mod moment;
 mod parse;
 mod pipeline;
 mod preset;
 mod range;
 mod reference;
+mod resources;
 mod robot;
 mod simulate;
 mod stream;
@@ -46,6 +48,7 @@ pub use import::{
 };
 pub use job::{JobKind, JobSpec};
 pub use model::*;
+pub use moment::{Moment, ParseMomentError};
 pub use parse::parse;
 pub use pipeline::{PipelineMember, PipelineSpec};
 pub use preset::{Preset, PresetPlace, presets};
@@ -53,6 +56,7 @@ pub use range::Range;
 pub use reference::{
     CheckpointRef, DataSource, Product, Reference, Referred, TrainingRef, TrainingStep,
 };
+pub use resources::Resources;
 pub use robot::{
     AttachedBody, BodyDescription, BuiltInRobot, HandDescription, InertiaScheme, InitialState,
     JointDescription, JointFriction, MAX_JOINTS, Randomization, RobotDescription, RobotModel,

@@ -17,7 +17,7 @@ pub struct VerifySpec {
 
 impl KindSpec for VerifySpec {
     fn execution(&self) -> Execution {
-        self.execution
+        self.execution.clone()
     }
 
     fn references(&mut self) -> Vec<Reference<'_>> {

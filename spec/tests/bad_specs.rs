@@ -54,6 +54,32 @@ fn a_number_out_of_range_is_named_with_its_range() {
 }
 
 #[test]
+fn what_no_worker_could_offer_is_refused() {
+    let refused = |execution: Value, expected: &[&str]| {
+        check_refused(simulate(), "/execution", execution, expected);
+    };
+    let resources = |resources: Value| json!({"resources": resources});
+    refused(resources(json!({"cpus": 0})), &["execution.resources.cpus is 0", "1 to 1024"]);
+    refused(resources(json!({"gpus": 65})), &["execution.resources.gpus is 65", "0 to 64"]);
+    refused(
+        resources(json!({"memory_gb": 0.05})),
+        &["resources.memory_gb is 0.05", "0.1 to 100000"],
+    );
+    refused(resources(json!({"gpu": 1})), &["execution.resources", "unknown field `gpu`", "gpus"]);
+    refused(
+        resources(json!({"tags": ["A100"]})),
+        &["execution.resources.tags is \"A100\"", "lower-case"],
+    );
+    let many: Vec<String> = (0..17).map(|k| format!("tag-{k}")).collect();
+    refused(
+        resources(json!({"tags": many})),
+        &["execution.resources.tags is 17 tags", "at most 16"],
+    );
+    let without_zone = json!({"not_before": "2026-12-01T08:00:00"});
+    refused(without_zone, &["execution.not_before", "2026-12-01T08:00:00", "with its zone"]);
+}
+
+#[test]
 fn noise_that_no_sensor_has_is_refused() {
     for (field, value, expected) in [
         ("position_noise_rad", json!(-1e-3), "observations.position_noise_rad is -0.001: 0 to 0.1"),

@@ -28,8 +28,16 @@ fn defaults_written_out_leave_the_digest_alone() {
 
 #[test]
 fn how_a_job_is_run_leaves_the_digest_alone() {
-    let urgent = simulate(&json!({"execution": {"priority": 7, "max_attempts": 5}}));
-    assert_eq!(urgent.digest(), simulate(&json!({})).digest());
+    for execution in [
+        json!({"priority": 7, "max_attempts": 5}),
+        json!({"time_limit_s": 60, "not_before": "2026-12-01T08:00:00Z"}),
+        json!({"resources": {"cpus": 8, "gpus": 1, "memory_gb": 16, "tags": ["a100"]}}),
+    ] {
+        let asked = simulate(&json!({"execution": execution}));
+        assert_eq!(asked.digest(), simulate(&json!({})).digest());
+        let again = parse(asked.to_json().to_string().as_bytes()).unwrap();
+        assert_eq!(again, asked, "it is kept");
+    }
 }
 
 /// Catches a change of meaning or default that would silently reuse old results.

@@ -10,7 +10,7 @@ use reqwest::{Method, RequestBuilder, Response, StatusCode, Url};
 use serde::de::DeserializeOwned;
 use wire::{
     Attempts, Checkpoint, ControlReport, Dataset, Evaluation, Job, Jobs, Presets, Queue, Task,
-    Tasks, Workers,
+    Tasks, Worker, Workers,
 };
 
 pub use error::ClientError;
@@ -118,6 +118,14 @@ impl Client {
 
     pub async fn workers(&self, path: &str) -> Result<Workers, ClientError> {
         self.get(path).await
+    }
+
+    pub async fn drain_worker(&self, name: &str) -> Result<Worker, ClientError> {
+        self.post(&format!("/v1/workers/{name}/drain")).await
+    }
+
+    pub async fn undrain_worker(&self, name: &str) -> Result<Worker, ClientError> {
+        self.post(&format!("/v1/workers/{name}/undrain")).await
     }
 
     pub async fn cancel(&self, id: i64) -> Result<Job, ClientError> {

@@ -51,6 +51,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
         ("done", Align::Right),
         ("submitted", Align::Right),
         ("took", Align::Right),
+        ("waits", Align::Left),
     ]);
     for job in list.jobs {
         table.push(row(job));
@@ -98,6 +99,7 @@ fn row(job: Job) -> Vec<String> {
         share,
         age.unwrap_or_default(),
         took.map(measure::duration).unwrap_or_default(),
+        job.waits_for.unwrap_or_default(),
     ]
 }
 

@@ -4,6 +4,7 @@ pub mod attempts;
 pub mod cancel;
 pub mod decode_recording;
 pub mod devices;
+pub mod drain;
 pub mod import;
 pub mod jobs;
 mod own_server;
@@ -16,6 +17,7 @@ pub mod serve;
 pub mod simulate;
 pub mod study;
 pub mod submit;
+pub mod undrain;
 pub mod verify;
 pub mod watch;
 pub mod worker;
@@ -45,6 +47,8 @@ pub async fn run(command: Command, log: &str) -> anyhow::Result<ExitCode> {
         Command::Retry(arguments) => retry::run(arguments).await,
         Command::Pause(arguments) => pause::run(arguments).await,
         Command::Resume(arguments) => resume::run(arguments).await,
+        Command::Drain(arguments) => drain::run(arguments).await,
+        Command::Undrain(arguments) => undrain::run(arguments).await,
         Command::Presets(arguments) => presets::run(arguments).await,
         Command::DecodeRecording(arguments) => decode_recording::run(&arguments),
     }

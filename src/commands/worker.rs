@@ -7,8 +7,9 @@ use clap::Args;
 use tokio_util::sync::CancellationToken;
 use worker::WorkerOptions;
 
-use crate::arguments::{DeviceArguments, StoreArguments};
+use crate::arguments::{DeviceArguments, StoreArguments, worker_name};
 use crate::commands::decode_recording;
+use crate::offers::OfferArguments;
 use crate::server::Interrupts;
 use crate::{allocator, device, process};
 
@@ -18,7 +19,7 @@ pub struct Arguments {
     store: StoreArguments,
 
     /// Name to show beside its tasks [default: machine and process id]
-    #[arg(long, value_name = "NAME")]
+    #[arg(long, value_name = "NAME", value_parser = worker_name)]
     name: Option<String>,
 
     /// Threads to compute with [default: the machine's]
@@ -31,6 +32,9 @@ pub struct Arguments {
 
     #[command(flatten)]
     device: DeviceArguments,
+
+    #[command(flatten)]
+    offers: OfferArguments,
 
     /// Work for a server of another version, too; its results may differ
     #[arg(long)]
@@ -53,13 +57,16 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
         watch_stdin(shutdown.clone());
     }
     tokio::spawn(watch_signals(Interrupts::new()?, shutdown.clone()));
-    device::require(arguments.device.device).await?;
+    let gpus = device::require(arguments.device.device).await?;
+    let machine = || std::thread::available_parallelism().map_or(1, NonZero::get);
+    let threads = arguments.threads.map(NonZero::get);
     let host = process::host();
     let options = WorkerOptions {
         location: arguments.store.location(),
         name: arguments.name.unwrap_or_else(|| format!("{host}-{}", std::process::id())),
         host,
-        threads: arguments.threads.map(NonZero::get),
+        threads,
+        offers: arguments.offers.complete(threads.unwrap_or_else(machine), gpus),
         lease: Duration::from_secs(arguments.lease_seconds),
         any_version: arguments.any_version,
         device: arguments.device.device,

@@ -36,7 +36,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
         ("pid", Align::Right),
         ("version", Align::Left),
         ("device", Align::Left),
-        ("threads", Align::Right),
+        ("offers", Align::Left),
         ("seen", Align::Right),
         ("does", Align::Left),
     ]);
@@ -49,22 +49,27 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
 
 fn row(worker: Worker) -> Vec<String> {
     let seen = measure::since(&worker.seen_at, None);
-    let does = does(&worker);
+    let (does, offers) = (does(&worker), worker.offers_in_words());
     vec![
         worker.name,
         worker.host,
         worker.pid.to_string(),
         worker.version,
         worker.device,
-        worker.threads.to_string(),
+        offers,
         seen.map(|age| format!("{} ago", measure::duration(age))).unwrap_or_default(),
         does,
     ]
 }
 
 fn does(worker: &Worker) -> String {
+    let is_drained = worker.drained_at.is_some();
     match (&worker.task, &worker.waits_for) {
         _ if !worker.alive => "nothing: it has died, or hangs".to_owned(),
+        (Some(WorkersTask { job, label, .. }), _) if is_drained => {
+            format!("{label} of job {job}, its last: it is drained")
+        }
+        (None, _) if is_drained => "nothing: it is drained".to_owned(),
         (Some(WorkersTask { job, label, .. }), _) => format!("{label} of job {job}"),
         (None, Some(reason)) => format!("waits: {reason}"),
         (None, None) => "waits for a task".to_owned(),

@@ -65,6 +65,7 @@ fn rows(job: &Job) -> Vec<Row> {
             state: job.state,
             reused: false,
             error: job.error.clone(),
+            waits_for: job.waits_for.clone(),
             progress: job.progress.clone(),
             rate_per_second: None,
         }];
@@ -76,6 +77,7 @@ fn rows(job: &Job) -> Vec<Row> {
             state: member.state,
             reused: member.reused,
             error: member.error.clone(),
+            waits_for: member.waits_for.clone(),
             progress: member.progress.clone(),
             rate_per_second: None,
         })

@@ -45,6 +45,7 @@ where
             reused: false,
             // The command says it, after the last line.
             error: None,
+            waits_for: None,
             rate_per_second: rate.observe(done, Instant::now()),
             progress,
         }]);

@@ -11,6 +11,8 @@ pub struct Row {
     pub state: JobState,
     pub reused: bool,
     pub error: Option<String>,
+    /// Why queued tasks wait, if it is not only for their turn.
+    pub waits_for: Option<String>,
     pub progress: Progress,
     /// In units of `progress`.
     pub rate_per_second: Option<f64>,
@@ -29,7 +31,8 @@ impl Row {
         }
         match self.state {
             JobState::Waiting | JobState::Queued | JobState::Cancelled | JobState::Failed => {
-                self.state.to_string()
+                let waits_for = self.waits_for.iter().map(|reason| format!(", {reason}"));
+                self.state.to_string() + &waits_for.collect::<String>()
             }
             JobState::Succeeded => format!("done, {}", self.amount()),
             JobState::Running => {
@@ -42,6 +45,7 @@ impl Row {
                     }
                 }
                 parts.extend(self.progress.message.clone());
+                parts.extend(self.waits_for.clone());
                 parts.join(", ")
             }
         }
@@ -79,6 +83,7 @@ pub fn row(name: &str, state: JobState, done: u64) -> Row {
         state,
         reused: false,
         error: None,
+        waits_for: None,
         progress,
         rate_per_second: None,
     }
@@ -93,6 +98,13 @@ mod tests {
         let mut running = row("train", JobState::Running, 500);
         running.rate_per_second = Some(12.5);
         assert_eq!(running.describe(), "500 of 2 000 steps, 12.5/s, ETA 2m 00s");
+    }
+
+    #[test]
+    fn a_queued_job_shows_why_it_waits() {
+        let mut queued = row("train", JobState::Queued, 0);
+        queued.waits_for = Some("from 2026-12-01T08:00:00Z on".to_owned());
+        assert_eq!(queued.describe(), "queued, from 2026-12-01T08:00:00Z on");
     }
 
     #[test]

@@ -17,12 +17,13 @@ use anyhow::Context;
 use api::App;
 use clap::Args;
 use live::Live;
-use spec::{DataSpec, TrainSpec};
+use spec::{DataSpec, JobKind, TrainSpec};
 use store::{Access, Store};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
 use crate::arguments::{DeviceArguments, StoreArguments};
+use crate::offers::WorkerOfferArguments;
 use crate::{allocator, device, process};
 pub use interrupt::Interrupts;
 use worker_processes::WorkerProcesses;
@@ -46,6 +47,9 @@ pub struct Options {
     pub worker_threads: Option<NonZero<usize>>,
 
     #[command(flatten)]
+    pub offers: WorkerOfferArguments,
+
+    #[command(flatten)]
     pub device: DeviceArguments,
 
     /// Threads that compute one live prediction [default: the machine's]
@@ -67,6 +71,10 @@ pub struct Options {
     /// Largest simulation that may be submitted, in trajectories
     #[arg(long, env = "TORQUED_MAX_TRAJECTORIES", value_name = "N", default_value_t = api::limits::MAX_TRAJECTORIES, value_parser = clap::value_parser!(u64).range(1..=spec::MAX_TRAJECTORIES))]
     pub max_trajectories: u64,
+
+    /// Seconds that an attempt at a task may take, of all jobs of a kind that ask for no less; may be repeated
+    #[arg(long = "time-limit", env = "TORQUED_TIME_LIMITS", value_name = "KIND=SECONDS", value_delimiter = ',', value_parser = time_limit)]
+    pub time_limits: Vec<(JobKind, u32)>,
 
     /// Largest file that may be sent to be imported, in bytes
     #[arg(long, env = "TORQUED_MAX_UPLOAD_BYTES", value_name = "N", default_value_t = api::limits::MAX_UPLOAD_BYTES, value_parser = clap::value_parser!(u64).range(1..))]
@@ -108,6 +116,7 @@ impl Server {
             &api::Options {
                 token: options.token.clone(),
                 max_trajectories: options.max_trajectories,
+                time_limits_s: options.time_limits.iter().copied().collect(),
                 max_upload_bytes: options.max_upload_bytes,
                 ..api::Options::default()
             },
@@ -133,6 +142,7 @@ impl Server {
             location: options.store.location(),
             count: usize::from(options.workers),
             threads: worker_threads(options),
+            offers: options.offers.flags(usize::from(options.workers)),
             device: options.device.device,
             lease_seconds: options.lease_seconds,
             log: log.to_owned(),
@@ -192,10 +202,32 @@ fn live(store: Store, options: &Options) -> anyhow::Result<Live> {
     Live::new(store, options).context("cannot start threads for predictions")
 }
 
+/// Reads `train=3600`.
+fn time_limit(text: &str) -> Result<(JobKind, u32), String> {
+    const LONGEST: u32 = 30 * 24 * 60 * 60;
+    let (kind, seconds) = text.split_once('=').ok_or("expected KIND=SECONDS, e.g. train=86400")?;
+    let kind: JobKind = kind.parse().map_err(|error: spec::SpecError| error.to_string())?;
+    let seconds = seconds.parse().ok().filter(|seconds| (1..=LONGEST).contains(seconds));
+    Ok((kind, seconds.ok_or(format!("allowed: 1 to {LONGEST} seconds"))?))
+}
+
 fn worker_threads(options: &Options) -> usize {
     if let Some(threads) = options.worker_threads {
         return threads.get();
     }
     let machine = std::thread::available_parallelism().map_or(1, NonZero::get);
     (machine / usize::from(options.workers).max(1)).max(1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_time_limit_names_a_kind_and_its_seconds() {
+        assert_eq!(time_limit("train=3600"), Ok((JobKind::Train, 3600)));
+        for wrong in ["train", "train=", "train=0", "train=1h", "trian=60", "train=2592001"] {
+            assert!(time_limit(wrong).is_err(), "{wrong}");
+        }
+    }
 }

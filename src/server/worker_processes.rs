@@ -19,6 +19,8 @@ pub struct WorkerProcesses {
     pub location: Location,
     pub count: usize,
     pub threads: usize,
+    /// Flags that say what each offers.
+    pub offers: Vec<String>,
     pub device: DeviceKind,
     pub lease_seconds: u64,
     pub log: String,
@@ -109,6 +111,7 @@ impl WorkerProcesses {
             .arg(&self.location.folder)
             .args(["--name", &self.name(index)])
             .args(["--threads", &self.threads.to_string()])
+            .args(&self.offers)
             .args(["--device", self.device.name()])
             .args(["--lease-seconds", &self.lease_seconds.to_string()])
             .args(["--log", &self.log])

@@ -31,6 +31,10 @@ identifier!(RunId);
 identifier!(DatasetId);
 identifier!(CheckpointId);
 identifier!(
+    /// A combination of what tasks ask for.
+    ResourcesId
+);
+identifier!(
     /// The fencing number of a task: one higher at every claim.
     Epoch
 );

@@ -1,7 +1,7 @@
 //! Jobs, as they are looked up.
 
 use serde_json::Value;
-use spec::Digest;
+use spec::{Digest, Moment, Resources};
 use wire::JobState;
 
 use crate::database::sql;
@@ -21,6 +21,12 @@ pub struct Job {
     pub error: Option<String>,
     pub priority: i32,
     pub max_attempts: u32,
+    /// How long an attempt at a task may take, in seconds.
+    pub time_limit_s: Option<u32>,
+    /// What a worker must offer to take a task of it.
+    pub resources: Resources,
+    /// No task of it is claimed before.
+    pub not_before: Option<Moment>,
     pub cancel_requested: bool,
     pub progress: JobProgress,
     /// The dataset that it fills, if it fills one.

@@ -6,7 +6,7 @@
 use std::time::Duration;
 
 use serde_json::Value;
-use spec::Digest;
+use spec::{Digest, Resources};
 use wire::JobState;
 
 use crate::database::{Scope, Transaction, sql};
@@ -40,6 +40,8 @@ pub struct ClaimedTask {
     /// 1 at the first claim, and at the first after a checkpoint of a later step.
     pub attempt: u32,
     pub max_attempts: u32,
+    /// How long an attempt may take.
+    pub time_limit: Option<Duration>,
 }
 
 /// What a worker tells of a running task.
@@ -76,26 +78,28 @@ impl NextTask {
 }
 
 impl Store {
-    /// Leases the next task to `worker` for `ttl`; the attempt counts from here on.
+    /// Leases the next task that asks for no more than `worker` offers to it, for `ttl`; the attempt counts from here on.
+    /// A worker that is drained gets none.
     ///
     /// # Errors
     /// When the database fails.
     pub async fn claim(
         &self,
         worker: &str,
+        offers: &Resources,
         ttl: Duration,
     ) -> Result<Option<ClaimedTask>, StoreError> {
         const OPERATION: &str = "claiming a task";
         // Idle workers ask often; they should not queue for the write lock to learn nothing.
-        if !sql!(self.database(), OPERATION, is_any_claimable())? {
+        if !sql!(self.database(), OPERATION, is_any_claimable(worker, offers))? {
             return Ok(None);
         }
         let mut tx = self.begin(Scope::Rows, OPERATION).await?;
-        let Some(mut next) = sql!(&mut tx, next_task())? else { return Ok(None) };
+        let Some(mut next) = sql!(&mut tx, next_task(worker, offers))? else { return Ok(None) };
         if next.begins_its_job() && !tx.may_move_the_queue() {
             tx.roll_back().await?;
             tx = self.begin(Scope::Queue, OPERATION).await?;
-            let Some(found) = sql!(&mut tx, next_task())? else { return Ok(None) };
+            let Some(found) = sql!(&mut tx, next_task(worker, offers))? else { return Ok(None) };
             next = found;
         }
         let begins_its_job = next.begins_its_job();

@@ -25,6 +25,7 @@ mod columns;
 mod data_dir;
 mod database;
 mod datasets;
+mod demand;
 mod description;
 mod duties;
 mod error;
@@ -68,6 +69,7 @@ pub use checkpoints::{Checkpoint, CheckpointFile, NewCheckpoint, WhichCheckpoint
 pub use clock::Timestamp;
 pub use data_dir::Access;
 pub use datasets::{Dataset, FileContent, Shard, ShardContents};
+pub use demand::{Demand, Wait};
 pub use description::{DatasetDescription, FileDescription, ShardDescription, TableColumns};
 pub use duties::{Duty, DutyClaim};
 pub use error::StoreError;

@@ -7,7 +7,7 @@ use crate::{Store, StoreError, Timestamp};
 pub struct Queue {
     /// Since when no task is claimed.
     pub paused_at: Option<Timestamp>,
-    /// Tasks that may be claimed, now or after a pause.
+    /// Tasks that may be claimed: now, from a moment on, or after a pause.
     pub queued: u64,
     /// Tasks that workers have.
     pub running: u64,

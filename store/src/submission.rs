@@ -1,14 +1,16 @@
 //! A submission: jobs with their tasks, and perhaps the pipeline they form, in one transaction.
 
 use serde_json::Value;
-use spec::Digest;
+use spec::{Digest, Moment, Resources};
 use wire::JobState;
 
 use crate::database::{Scope, Transaction, sql};
+use crate::identifiers::ResourcesId;
 use crate::propagation::{advance, state_of};
 use crate::rules::job::{before_start, is_unsuccessful};
 use crate::rules::reuse::{TaskPlace, stand_in, takes_over};
-use crate::{Idempotency, JobId, Store, StoreError, TaskId, idempotency, pipelines};
+use crate::rules::turn::turn;
+use crate::{Idempotency, JobId, Store, StoreError, TaskId, Timestamp, idempotency, pipelines};
 
 /// What is asked for at once.
 #[derive(Clone, Debug)]
@@ -30,10 +32,16 @@ pub struct NewJob {
     pub digest: Digest,
     /// What progress counts, e.g. `trajectories`.
     pub unit: String,
-    /// Higher goes first.
+    /// Higher goes first; a point is worth an hour of waiting.
     pub priority: i32,
     /// Times a task may be claimed before it fails.
     pub max_attempts: u32,
+    /// How long an attempt at a task may take, in seconds.
+    pub time_limit_s: Option<u32>,
+    /// What a worker must offer to take a task.
+    pub resources: Resources,
+    /// No task is claimed before.
+    pub not_before: Option<Moment>,
     pub output: Output,
     pub reuse: JobReuse,
     pub tasks: Vec<NewTask>,
@@ -141,6 +149,11 @@ pub(crate) struct JobRow<'a> {
     pub unit: &'a str,
     pub priority: i32,
     pub max_attempts: u32,
+    pub time_limit_s: Option<u32>,
+    pub resources: ResourcesId,
+    pub not_before: Option<Moment>,
+    /// From when on it has waited.
+    pub waits_since: Timestamp,
     /// Whether it is made for a pipeline.
     pub is_part: bool,
     /// Whether its workers take over shards and checkpoints.
@@ -234,6 +247,10 @@ async fn submit_pipeline(
         unit: "jobs",
         priority: new.priority,
         max_attempts: new.max_attempts,
+        time_limit_s: None,
+        resources: sql!(tx, resources_id(&Resources::default()))?,
+        not_before: None,
+        waits_since: sql!(tx, waits_since())?,
         is_part: false,
         takes_over: false,
     };
@@ -272,6 +289,7 @@ async fn submit_job(
         states.push(state);
     }
     let state = before_start(states);
+    let waits_since = sql!(tx, waits_since())?;
     let row = JobRow {
         kind: &new.kind,
         name: &new.name,
@@ -280,6 +298,10 @@ async fn submit_job(
         unit: &new.unit,
         priority: new.priority,
         max_attempts: new.max_attempts,
+        time_limit_s: new.time_limit_s,
+        resources: sql!(tx, resources_id(&new.resources))?,
+        not_before: new.not_before,
+        waits_since,
         is_part,
         takes_over: may_reuse && new.reuse.parts == PartReuse::Objects,
     };
@@ -287,7 +309,8 @@ async fn submit_job(
     for need in needs {
         sql!(tx, insert_need(job, need))?;
     }
-    sql!(tx, insert_tasks(job, &new.tasks))?;
+    let turn = turn(waits_since, new.not_before, new.priority);
+    sql!(tx, insert_tasks(job, turn, &new.tasks))?;
     match new.output {
         Output::Dataset { trajectories, samples } => {
             sql!(tx, insert_dataset(job, new.digest, trajectories, samples))?;

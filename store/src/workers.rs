@@ -2,11 +2,13 @@
 
 use std::time::Duration;
 
+use spec::Resources;
+
 use crate::database::{Scope, sql};
 use crate::{JobId, Store, StoreError, TaskId, Timestamp};
 
 /// A worker as it describes itself.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct WorkerProcess {
     /// Unique among workers; another of the name that ended takes its place.
     pub name: String,
@@ -18,11 +20,15 @@ pub struct WorkerProcess {
     pub device: String,
     /// Threads for computing.
     pub threads: u32,
+    /// It takes tasks that ask for no more.
+    pub offers: Resources,
 }
 
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Worker {
     pub process: WorkerProcess,
+    /// Since when it is to end the task that it has and claim no other.
+    pub drained_at: Option<Timestamp>,
     /// Why it claims no tasks at the moment.
     pub waits_for: Option<String>,
     pub started_at: Timestamp,
@@ -95,6 +101,31 @@ impl Store {
     pub async fn forget_worker(&self, worker: &WorkerProcess) -> Result<(), StoreError> {
         let mut tx = self.begin(Scope::Rows, "forgetting a worker").await?;
         sql!(&mut tx, delete_worker(worker))?;
+        tx.commit().await
+    }
+
+    /// Has a worker claim no more tasks; it ends the one that it has. That lasts until the worker ends in order, also when
+    /// it dies and another takes its name.
+    ///
+    /// # Errors
+    /// When there is no such worker.
+    pub async fn drain_worker(&self, name: &str) -> Result<(), StoreError> {
+        let mut tx = self.begin(Scope::Rows, "draining a worker").await?;
+        if !sql!(&mut tx, drain_worker(name))? {
+            return Err(StoreError::not_found("worker", name.to_owned()));
+        }
+        tx.commit().await
+    }
+
+    /// Has a worker that was drained claim tasks again.
+    ///
+    /// # Errors
+    /// When there is no such worker.
+    pub async fn undrain_worker(&self, name: &str) -> Result<(), StoreError> {
+        let mut tx = self.begin(Scope::Rows, "ending the drain of a worker").await?;
+        if !sql!(&mut tx, undrain_worker(name))? {
+            return Err(StoreError::not_found("worker", name.to_owned()));
+        }
         tx.commit().await
     }
 

@@ -6,16 +6,16 @@ use std::path::Path;
 use std::time::Duration;
 
 use serde_json::json;
-use spec::Digest;
+use spec::{Digest, Resources};
 use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{ConnectOptions, Connection};
 use store::{
-    Access, Idempotency, JobFilter, JobId, JobReuse, JobState, NewJob, NewTask, Output, Page,
-    PartReuse, Reuse, Store, StoreError, Submission, TaskState,
+    Access, ClaimedTask, Idempotency, JobFilter, JobId, JobReuse, JobState, NewJob, NewTask,
+    Output, Page, PartReuse, Reuse, Store, StoreError, Submission, TaskState,
 };
 
 /// Of the newest of `migrations/sqlite`.
-const SCHEMA: i64 = 2;
+const SCHEMA: i64 = 3;
 
 async fn serve(dir: &Path) -> Result<Store, StoreError> {
     Store::open(dir, Access::Server).await
@@ -41,6 +41,10 @@ async fn submit(store: &Store, tasks: u32) -> JobId {
     store.submit(simulation(0, tasks, Reuse::Never)).await.unwrap().job
 }
 
+async fn claim(store: &Store, worker: &str) -> Option<ClaimedTask> {
+    store.claim(worker, &Resources::default(), Duration::from_secs(600)).await.unwrap()
+}
+
 fn simulation(seed: u64, tasks: u32, reuse: Reuse) -> Submission {
     let spec = json!({"seed": seed});
     let task = |ordinal| NewTask {
@@ -58,6 +62,9 @@ fn simulation(seed: u64, tasks: u32, reuse: Reuse) -> Submission {
         unit: "trajectories".into(),
         priority: 0,
         max_attempts: 3,
+        time_limit_s: None,
+        resources: Resources::default(),
+        not_before: None,
         output: Output::Dataset { trajectories: 4, samples: 4 },
         reuse: JobReuse { whole: true, parts: PartReuse::Nothing },
         tasks: (0..tasks).map(task).collect(),
@@ -158,7 +165,7 @@ async fn everything_is_there_after_a_restart() {
     let dir = tempfile::tempdir().unwrap();
     let store = serve(dir.path()).await.unwrap();
     let job = submit(&store, 1).await;
-    let task = store.claim("w", Duration::from_secs(600)).await.unwrap().unwrap();
+    let task = claim(&store, "w").await.unwrap();
     drop(store);
     let store = serve(dir.path()).await.unwrap();
     assert_eq!(store.job(job).await.unwrap().state, JobState::Running);
@@ -181,7 +188,7 @@ async fn several_processes_share_a_folder() {
         workers.push(tokio::spawn(async move {
             let mut count = 0;
             let name = format!("w{i}");
-            while let Some(task) = store.claim(&name, Duration::from_secs(600)).await.unwrap() {
+            while let Some(task) = claim(&store, &name).await {
                 store.complete(task.fence, None).await.unwrap();
                 count += 1;
             }
@@ -252,7 +259,7 @@ async fn final_states_cannot_be_changed_by_any_sql() {
     let dir = tempfile::tempdir().unwrap();
     let store = serve(dir.path()).await.unwrap();
     submit(&store, 1).await;
-    let task = store.claim("w", Duration::from_secs(600)).await.unwrap().unwrap();
+    let task = claim(&store, "w").await.unwrap();
     store.complete(task.fence, None).await.unwrap();
     let mut connection = SqliteConnectOptions::new()
         .filename(dir.path().join("torqued.sqlite"))
@@ -272,11 +279,11 @@ async fn a_clock_that_was_set_back_does_not_stall_the_queue() {
     let store = serve(dir.path()).await.unwrap();
     submit(&store, 1).await;
     for attempt in 1..=2 {
-        let task = store.claim("w", Duration::from_secs(600)).await.unwrap().unwrap();
+        let task = claim(&store, "w").await.unwrap();
         assert_eq!(task.attempt, attempt);
         store.fail(task.fence, "out of luck", store::Retry::Allowed).await.unwrap();
     }
-    assert!(store.claim("w", Duration::from_secs(600)).await.unwrap().is_none(), "it waits 5 s");
+    assert!(claim(&store, "w").await.is_none(), "it waits 5 s");
     let options = SqliteConnectOptions::new().filename(dir.path().join("torqued.sqlite"));
     let mut connection = options.connect().await.unwrap();
     sqlx::query("UPDATE task SET run_at = run_at + 3600000")
@@ -284,5 +291,54 @@ async fn a_clock_that_was_set_back_does_not_stall_the_queue() {
         .await
         .unwrap();
     connection.close().await.unwrap();
-    assert_eq!(store.claim("w", Duration::from_secs(600)).await.unwrap().unwrap().attempt, 3);
+    assert_eq!(claim(&store, "w").await.unwrap().attempt, 3);
+}
+
+/// Runs a statement behind the store's back, as another process could.
+async fn change(dir: &Path, sql: &'static str) {
+    let options = SqliteConnectOptions::new().filename(dir.join("torqued.sqlite"));
+    let mut connection = options.connect().await.unwrap();
+    sqlx::query(sql).execute(&mut connection).await.unwrap();
+    connection.close().await.unwrap();
+}
+
+fn of_priority(seed: u64, priority: i32) -> Submission {
+    let mut submission = simulation(seed, 1, Reuse::Never);
+    submission.jobs[0].priority = priority;
+    submission
+}
+
+/// The order in which the jobs are claimed that wait.
+async fn order(store: &Store) -> Vec<JobId> {
+    let mut jobs = Vec::new();
+    while let Some(task) = claim(store, "w").await {
+        jobs.push(task.job);
+    }
+    jobs
+}
+
+#[tokio::test]
+async fn a_point_of_priority_is_made_up_for_by_an_hour_of_waiting() {
+    let dir = tempfile::tempdir().unwrap();
+    let store = serve(dir.path()).await.unwrap();
+    let old = store.submit(of_priority(1, 0)).await.unwrap().job;
+    // Eleven hours pass.
+    change(dir.path(), "UPDATE job SET waits_since = waits_since - 11 * 3600000").await;
+    change(dir.path(), "UPDATE task SET turn = turn - 11 * 3600000").await;
+    let ten = store.submit(of_priority(2, 10)).await.unwrap().job;
+    let twelve = store.submit(of_priority(3, 12)).await.unwrap().job;
+    assert_eq!(order(&store).await, [twelve, old, ten]);
+}
+
+/// A clock was an hour ahead, and is set back.
+#[tokio::test]
+async fn a_clock_that_was_set_back_lets_nobody_pass_who_came_later() {
+    let dir = tempfile::tempdir().unwrap();
+    let store = serve(dir.path()).await.unwrap();
+    let first = store.submit(of_priority(1, 0)).await.unwrap().job;
+    change(dir.path(), "UPDATE job SET waits_since = waits_since + 3600000").await;
+    change(dir.path(), "UPDATE task SET turn = turn + 3600000").await;
+    let second = store.submit(of_priority(2, 0)).await.unwrap().job;
+    let urgent = store.submit(of_priority(3, 1)).await.unwrap().job;
+    assert_eq!(order(&store).await, [urgent, first, second]);
 }

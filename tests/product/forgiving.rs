@@ -347,7 +347,7 @@ async fn a_job_that_takes_too_long_fails_and_can_be_tried_again_from_where_it_wa
     let id = product.submit(&spec).await;
     let job = product.finished(id).await;
     assert_eq!(job["state"], "failed", "{job:#}");
-    assert!(job["error"].as_str().unwrap().contains("time_limit_s, 3 s"), "{job:#}");
+    assert!(job["error"].as_str().unwrap().contains("time limit of 3 s"), "{job:#}");
     let done = checkpoints(&product, &job).await.0;
     let (_, again) = product.post(&format!("/v1/jobs/{id}/retry"), "").await;
     let again = product.finished(again["id"].as_i64().unwrap()).await;

@@ -15,6 +15,7 @@ mod killed_worker;
 mod noise;
 mod other_arms;
 mod pipeline;
+mod placing;
 mod predictions;
 mod product;
 mod quickstart;

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use spec::{Digest, JobKind, JobSpec};
+use spec::{Digest, JobKind, JobSpec, Resources};
 use utoipa::ToSchema;
 
 use crate::JobState;
@@ -38,6 +38,19 @@ pub struct Job {
     pub priority: i32,
     /// Times a task may be claimed before it fails.
     pub max_attempts: u32,
+    /// Seconds that an attempt at a task may take: the spec's, or the server's for jobs of this kind.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub time_limit_s: Option<u32>,
+    /// What a worker must offer to take a task.
+    #[serde(default)]
+    pub resources: Resources,
+    /// No task is begun before.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub not_before: Option<String>,
+    /// Why its queued tasks wait, if it is not only for their turn.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(example = "no worker offers gpus >= 1; start one with `torqued worker --gpus 1`")]
+    pub waits_for: Option<String>,
     /// It ends as soon as its workers notice.
     pub cancel_requested: bool,
     /// RFC 3339, UTC, like the other times.
@@ -69,6 +82,9 @@ pub struct Member {
     pub state: JobState,
     pub error: Option<String>,
     pub progress: Progress,
+    /// As of a job.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub waits_for: Option<String>,
     /// It was there before the pipeline was submitted.
     pub reused: bool,
 }

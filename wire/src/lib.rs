@@ -1,8 +1,8 @@
 //! The answers of the HTTP API and the reports that jobs leave, declared once.
 //!
 //! The server writes these types, the command line reads them, and the OpenAPI document is
-//! generated from them. One file per resource. Nothing is computed here but the sentences
-//! of warnings and of gaps in logs, which the server, its page and the command line share.
+//! generated from them. One file per resource. Nothing is computed here but
+//! sentences that the server, its page and the command line share.
 //!
 //! Ids are those of the database. Times are RFC 3339 in UTC. Lists are newest first; `next` is the
 //! `before` of the following page and missing on the last one. Tasks are in the order in which they run, and `next` is

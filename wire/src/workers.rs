@@ -1,10 +1,11 @@
 //! The processes that execute tasks.
 
 use serde::{Deserialize, Serialize};
+use spec::Resources;
 use utoipa::ToSchema;
 
 /// A worker, as it showed itself last.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Worker {
     /// Unique among workers.
     pub name: String,
@@ -18,8 +19,14 @@ pub struct Worker {
     pub device: String,
     /// Threads for computing.
     pub threads: u32,
+    /// It takes tasks that ask for no more than this.
+    #[serde(default)]
+    pub offers: Resources,
     /// Whether it showed itself within 30 s.
     pub alive: bool,
+    /// Since when it is to end the task that it has and claim no other.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub drained_at: Option<String>,
     /// Why it claims no tasks at the moment.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub waits_for: Option<String>,
@@ -28,6 +35,22 @@ pub struct Worker {
     pub task: Option<WorkersTask>,
     pub started_at: String,
     pub seen_at: String,
+}
+
+impl Worker {
+    /// For example `4 cpus, 1 gpu, 67.4 GB, a100`.
+    pub fn offers_in_words(&self) -> String {
+        let Resources { cpus, gpus, memory_gb, tags } = &self.offers;
+        let count = |number: u32, what: &str| {
+            let plural = if number == 1 { "" } else { "s" };
+            format!("{number} {what}{plural}")
+        };
+        let mut parts = vec![count(cpus.unwrap_or(self.threads), "cpu")];
+        parts.extend((*gpus > 0).then(|| count(*gpus, "gpu")));
+        parts.extend(memory_gb.map(|memory| format!("{memory:.1} GB")));
+        parts.extend(tags.iter().cloned());
+        parts.join(", ")
+    }
 }
 
 /// The task that a worker has.
@@ -40,7 +63,7 @@ pub struct WorkersTask {
 }
 
 /// Workers by name: those that are there, and those that died within a day.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Workers {
     pub workers: Vec<Worker>,
 }

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use models::{Device, DeviceKind};
 use recordings::DecoderProgram;
-use spec::JobSpec;
+use spec::Resources;
 use store::{Access, Bell, ClaimedTask, Location, Retry, Store, StoreError};
 use tokio::runtime::Handle;
 use tokio_util::sync::CancellationToken;
@@ -28,6 +28,8 @@ pub struct WorkerOptions {
     pub host: String,
     /// Threads for computing; `None` takes all cores.
     pub threads: Option<usize>,
+    /// It takes tasks that ask for no more.
+    pub offers: Resources,
     /// How long a lease lasts without a heartbeat: how late a death is noticed.
     pub lease: Duration,
     /// Whether to work for a server of another version, too.
@@ -91,7 +93,7 @@ async fn work_on(
         let is_free = obstacle.is_none();
         presence.waits_for(obstacle);
         let pause = if is_free {
-            match store.claim(&options.name, options.lease).await {
+            match store.claim(&options.name, &options.offers, options.lease).await {
                 Ok(Some(task)) => {
                     bell = None;
                     execute(store, device, task, options, shutdown).await?;
@@ -162,7 +164,7 @@ async fn execute(
     let fence = task.fence;
     let module = task.kind.parse().ok().and_then(module);
     let (label, job, attempt_number) = (task.label.clone(), task.job, task.attempt);
-    let time_limit = time_limit(&task);
+    let time_limit = task.time_limit;
     tracing::info!(%job, task = %label, attempt = attempt_number, "begins");
     let progress = Arc::new(ProgressCell::default());
     let stop = Arc::new(StopSignal::default());
@@ -203,7 +205,10 @@ async fn execute(
         (Err(TaskError::Stopped), Some(StopReason::Cancelled)) => store.stopped(fence).await,
         (Err(TaskError::Stopped), Some(StopReason::TimeLimit)) => {
             let limit = time_limit.unwrap_or_default().as_secs();
-            let error = format!("it took longer than execution.time_limit_s, {limit} s");
+            let error = format!(
+                "it took longer than its time limit of {limit} s: execution.time_limit_s, or the server's for jobs of \
+                 its kind"
+            );
             store.fail(fence, &error, Retry::Never).await
         }
         (Err(TaskError::Stopped), _) => store.release(fence).await,
@@ -221,12 +226,6 @@ async fn execute(
         }
     }
     ended
-}
-
-/// As the job's spec says; a spec that cannot be read is found out by the work.
-fn time_limit(task: &ClaimedTask) -> Option<Duration> {
-    let spec: JobSpec = serde_json::from_value(task.spec.clone()).ok()?;
-    spec.execution().time_limit_s.map(|seconds| Duration::from_secs(u64::from(seconds)))
 }
 
 fn work(module: Option<KindModule>, attempt: &Attempt) -> Result<(), TaskError> {

@@ -32,6 +32,7 @@ impl Presence {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             device: options.device.to_string(),
             threads: u32::try_from(threads).unwrap_or(u32::MAX),
+            offers: options.offers.clone(),
         };
         Self { store, worker, waits_for: Mutex::default() }
     }

@@ -1,12 +1,13 @@
 //! Jobs and the members of pipelines.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 use serde_json::Value;
 use spec::{JobKind, Product};
-use store::{JobFilter, JobId, Timestamp};
+use store::{JobFilter, JobId, Timestamp, Wait};
 use wire::{Job, JobState, Jobs, Member, Progress};
 
+use crate::app::waits::sentence;
 use crate::app::{App, Paging};
 use crate::error::ApiError;
 
@@ -59,10 +60,21 @@ impl App {
             rows.iter().filter(fits).map(|row| row.id).collect()
         };
         let pipelines = of_kind(|kind| kind == JobKind::Pipeline);
+        let mut members = Vec::new();
         if !pipelines.is_empty() {
-            for member in self.store.members(&pipelines).await? {
-                known.members.entry(member.pipeline).or_default().push(seen_by_pipeline(member)?);
-            }
+            members = self.store.members(&pipelines).await?;
+        }
+        let open = rows.iter().filter(|row| !row.state.is_final()).map(|row| row.id);
+        let open_members = members.iter().filter(|row| !row.state.is_final()).map(|row| row.job);
+        let open: BTreeSet<JobId> = open.chain(open_members).collect();
+        if !open.is_empty() {
+            known.waits = self.store.waits(&open.into_iter().collect::<Vec<_>>()).await?;
+        }
+        for member in members {
+            let (pipeline, waits_for) =
+                (member.pipeline, known.waits.get(&member.job).map(sentence));
+            let member = seen_by_pipeline(member, waits_for)?;
+            known.members.entry(pipeline).or_default().push(member);
         }
         let trainings = of_kind(|kind| kind.makes() == Some(Product::Checkpoints));
         if !trainings.is_empty() {
@@ -86,6 +98,7 @@ impl App {
 struct Known {
     needs: HashMap<JobId, Vec<i64>>,
     members: HashMap<JobId, Vec<Member>>,
+    waits: HashMap<JobId, Wait>,
     checkpoints: HashMap<JobId, Vec<i64>>,
     /// The datasets that the jobs of verifications make again, by the job that fills each.
     datasets: HashMap<i64, i64>,
@@ -118,6 +131,10 @@ impl Known {
             checkpoints: self.checkpoints.remove(&row.id).unwrap_or_default(),
             priority: row.priority,
             max_attempts: row.max_attempts,
+            time_limit_s: row.time_limit_s,
+            resources: row.resources,
+            not_before: row.not_before.map(|moment| moment.to_string()),
+            waits_for: self.waits.get(&row.id).map(sentence),
             cancel_requested: row.cancel_requested,
             created_at: row.created_at.to_string(),
             started_at: text(row.started_at),
@@ -126,7 +143,7 @@ impl Known {
     }
 }
 
-fn seen_by_pipeline(row: store::Member) -> Result<Member, ApiError> {
+fn seen_by_pipeline(row: store::Member, waits_for: Option<String>) -> Result<Member, ApiError> {
     Ok(Member {
         name: row.name,
         job: row.job.0,
@@ -134,6 +151,7 @@ fn seen_by_pipeline(row: store::Member) -> Result<Member, ApiError> {
         state: row.state,
         error: row.error,
         progress: progress(row.progress),
+        waits_for,
         reused: row.reused,
     })
 }

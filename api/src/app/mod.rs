@@ -24,12 +24,15 @@ pub mod tasks;
 pub mod trajectories;
 mod uploads;
 pub mod verifications;
+mod waits;
 mod workers;
 
+use std::collections::HashMap;
 use std::sync::Arc;
 use std::time::Duration;
 
-use ::jobs::MemoryDoubts;
+use ::jobs::{Limits, MemoryDoubts};
+use spec::JobKind;
 use store::Store;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, watch};
 
@@ -55,6 +58,8 @@ pub struct Options {
     pub token: Option<String>,
     /// Trajectories of one simulation, at most.
     pub max_trajectories: u64,
+    /// Seconds that an attempt at a task may take, of the kinds of jobs that have a limit.
+    pub time_limits_s: HashMap<JobKind, u32>,
     /// Bytes of one file that is sent to be imported, at most.
     pub max_upload_bytes: u64,
     /// How long a sender may take for the next bytes of a file.
@@ -66,6 +71,7 @@ impl Default for Options {
         Self {
             token: None,
             max_trajectories: MAX_TRAJECTORIES,
+            time_limits_s: HashMap::new(),
             max_upload_bytes: MAX_UPLOAD_BYTES,
             upload_stall: UPLOAD_STALL,
         }
@@ -78,7 +84,7 @@ pub struct App {
     store: Store,
     open_shards: OpenShards,
     token: Option<Token>,
-    max_trajectories: u64,
+    limits: Arc<Limits>,
     max_upload_bytes: u64,
     upload_stall: Duration,
     memory_doubts: Option<Arc<MemoryDoubts>>,
@@ -99,7 +105,10 @@ impl App {
             store,
             open_shards: OpenShards::new(),
             token: options.token.as_deref().map(Token::new),
-            max_trajectories: options.max_trajectories,
+            limits: Arc::new(Limits {
+                max_trajectories: options.max_trajectories,
+                time_limits_s: options.time_limits_s.clone(),
+            }),
             max_upload_bytes: options.max_upload_bytes,
             upload_stall: options.upload_stall,
             memory_doubts: None,

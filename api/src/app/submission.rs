@@ -1,6 +1,5 @@
 //! Submissions: what becomes of them to a user. How a spec becomes jobs is told by the crate `jobs`.
 
-use jobs::Limits;
 use spec::JobSpec;
 use store::{Idempotency, JobId};
 use wire::Job;
@@ -29,8 +28,8 @@ impl App {
         reuse: Reuse,
         idempotency_key: Option<String>,
     ) -> Result<Submitted, ApiError> {
-        let limits = self.job_limits();
-        let submitted = jobs::submit(&self.store, &limits, text, reuse, idempotency_key).await?;
+        let submitted =
+            jobs::submit(&self.store, &self.limits, text, reuse, idempotency_key).await?;
         self.submitted(submitted).await
     }
 
@@ -40,7 +39,7 @@ impl App {
     /// # Errors
     /// [`ApiError::NotFailed`] for any other job; [`ApiError::Spec`] when what it refers to is gone.
     pub async fn retry(&self, id: i64) -> Result<Submitted, ApiError> {
-        let submitted = jobs::retry(&self.store, &self.job_limits(), JobId(id)).await?;
+        let submitted = jobs::retry(&self.store, &self.limits, JobId(id)).await?;
         self.submitted(submitted).await
     }
 
@@ -50,13 +49,9 @@ impl App {
         reuse: Reuse,
         idempotency: Option<Idempotency>,
     ) -> Result<Submitted, ApiError> {
-        let limits = self.job_limits();
-        let submitted = jobs::submit_spec(&self.store, &limits, spec, reuse, idempotency).await?;
+        let submitted =
+            jobs::submit_spec(&self.store, &self.limits, spec, reuse, idempotency).await?;
         self.submitted(submitted).await
-    }
-
-    fn job_limits(&self) -> Limits {
-        Limits { max_trajectories: self.max_trajectories }
     }
 
     async fn submitted(&self, submitted: store::Submitted) -> Result<Submitted, ApiError> {

@@ -3,6 +3,8 @@
 use store::WorkerProcess;
 use wire::{Health, Worker, WorkersTask};
 
+use crate::app::jobs::text;
+use crate::app::waits::sentence;
 use crate::app::{App, VERSION};
 use crate::error::ApiError;
 
@@ -18,12 +20,38 @@ impl App {
             obstacles
                 .push(format!("the queue is paused since {since}; `torqued resume` ends that"));
         }
-        if !workers.iter().any(|worker| worker.alive) {
+        let are_alive = workers.iter().any(|worker| worker.alive);
+        let are_free = workers.iter().any(|worker| worker.alive && worker.drained_at.is_none());
+        if !are_alive {
             let nobody = "no worker is alive, so that tasks wait; start one with `torqued worker`";
             obstacles.push(nobody.to_owned());
+        } else if !are_free {
+            let nobody =
+                "every worker is drained, so that tasks wait; `torqued undrain NAME` ends that";
+            obstacles.push(nobody.to_owned());
+        } else if let Some(wait) = self.store.why_all_wait().await? {
+            obstacles.push(format!("no worker can take any task that waits: {}", sentence(&wait)));
         }
         obstacles.extend(self.store.obstacle());
         Ok(obstacles)
+    }
+
+    /// Has a worker claim no more tasks; it ends the one that it has.
+    pub async fn drain_worker(&self, name: &str) -> Result<Worker, ApiError> {
+        self.store.drain_worker(name).await?;
+        self.worker(name).await
+    }
+
+    /// Has a worker that was drained claim tasks again.
+    pub async fn undrain_worker(&self, name: &str) -> Result<Worker, ApiError> {
+        self.store.undrain_worker(name).await?;
+        self.worker(name).await
+    }
+
+    async fn worker(&self, name: &str) -> Result<Worker, ApiError> {
+        let workers = self.workers().await?;
+        let found = workers.into_iter().find(|worker| worker.name == name);
+        found.ok_or_else(|| ApiError::not_found("worker", name))
     }
 
     /// # Errors
@@ -45,7 +73,7 @@ impl App {
 }
 
 fn worker(row: store::Worker) -> Worker {
-    let WorkerProcess { name, host, pid, version, device, threads } = row.process;
+    let WorkerProcess { name, host, pid, version, device, threads, offers } = row.process;
     Worker {
         name,
         host,
@@ -53,7 +81,9 @@ fn worker(row: store::Worker) -> Worker {
         version,
         device,
         threads,
+        offers,
         alive: row.is_alive,
+        drained_at: text(row.drained_at),
         waits_for: row.waits_for,
         task: row.task.map(|task| WorkersTask {
             id: task.id.0,

@@ -43,6 +43,8 @@ pub fn routes() -> Router<App> {
         .route("/datasets/{id}/verify", post(dataset::verify))
         .route("/checkpoints/{id}", get(checkpoint::show))
         .route("/workers", get(workers::show))
+        .route("/workers/{name}/drain", post(workers::drain))
+        .route("/workers/{name}/undrain", post(workers::undrain))
         .route("/queue/pause", post(workers::pause))
         .route("/queue/resume", post(workers::resume))
         .route("/static/{name}", get(assets::show))

@@ -96,6 +96,8 @@ pub struct Standing {
     pub kind: JobKind,
     pub state: JobState,
     pub when: String,
+    /// Why its queued tasks wait, if it is not only for their turn.
+    pub waits_for: String,
     /// It has ended.
     pub settled: bool,
     pub error: String,
@@ -110,6 +112,7 @@ impl Standing {
             kind: job.kind,
             state: job.state,
             when: when(job),
+            waits_for: job.waits_for.clone().unwrap_or_default(),
             settled: job.state.is_final(),
             error: job.error.clone().unwrap_or_default(),
             progress: Bar::of(job.state, &job.progress),

@@ -34,7 +34,7 @@ impl Row {
             kind: job.kind,
             state: job.state,
             progress: Bar::of(job.state, &job.progress),
-            remark: took.unwrap_or_default(),
+            remark: took.or_else(|| job.waits_for.clone()).unwrap_or_default(),
             metric: headline.cloned().unwrap_or_default(),
             links: results(job),
         }

@@ -6,7 +6,8 @@ use axum::response::{Redirect, Response};
 use wire::{Queue, Worker, WorkersTask};
 
 use crate::app::App;
-use crate::page::answer::{PageError, html};
+use crate::extract::Path;
+use crate::page::answer::{InPage, PageError, html};
 use crate::page::text::instant;
 
 #[derive(Template)]
@@ -23,7 +24,8 @@ struct WorkerRow {
     pid: u32,
     version: String,
     device: String,
-    threads: u32,
+    offers: String,
+    is_drained: bool,
     seen_at: String,
     task: Option<WorkersTask>,
     /// In words, without a task.
@@ -52,20 +54,41 @@ pub async fn resume(State(app): State<App>) -> Result<Redirect, PageError> {
     Ok(Redirect::to("/workers"))
 }
 
+/// Drains a worker, and shows the page again.
+pub async fn drain(
+    State(app): State<App>,
+    InPage(Path(name)): InPage<Path<String>>,
+) -> Result<Redirect, PageError> {
+    app.drain_worker(&name).await?;
+    Ok(Redirect::to("/workers"))
+}
+
+/// Has a worker that was drained go on, and shows the page again.
+pub async fn undrain(
+    State(app): State<App>,
+    InPage(Path(name)): InPage<Path<String>>,
+) -> Result<Redirect, PageError> {
+    app.undrain_worker(&name).await?;
+    Ok(Redirect::to("/workers"))
+}
+
 impl From<Worker> for WorkerRow {
     fn from(worker: Worker) -> Self {
+        let offers = worker.offers_in_words();
         let does = match worker.waits_for {
             _ if !worker.alive => "nothing: it has died, or hangs".to_owned(),
+            _ if worker.drained_at.is_some() => "drained: it claims no task".to_owned(),
             Some(reason) => format!("waits: {reason}"),
             None => "waits for a task".to_owned(),
         };
         Self {
+            offers,
             name: worker.name,
             host: worker.host,
             pid: worker.pid,
             version: worker.version,
             device: worker.device,
-            threads: worker.threads,
+            is_drained: worker.drained_at.is_some(),
             seen_at: instant(&worker.seen_at),
             task: worker.task.filter(|_| worker.alive),
             does,

@@ -79,6 +79,8 @@ fn operations() -> OpenApiRouter<App> {
         .routes(routes!(evaluations::list))
         .routes(routes!(evaluations::show))
         .routes(routes!(workers::list))
+        .routes(routes!(workers::drain))
+        .routes(routes!(workers::undrain))
         .routes(routes!(queue::show))
         .routes(routes!(queue::pause))
         .routes(routes!(queue::resume))

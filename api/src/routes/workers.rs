@@ -2,10 +2,11 @@
 
 use axum::Json;
 use axum::extract::State;
-use wire::Workers;
+use wire::{Worker, Workers};
 
 use crate::app::App;
 use crate::error::ApiError;
+use crate::extract::Path;
 
 /// Workers by name: those that are there, and those that died within a day.
 #[utoipa::path(
@@ -16,4 +17,34 @@ use crate::error::ApiError;
 )]
 pub async fn list(State(app): State<App>) -> Result<Json<Workers>, ApiError> {
     Ok(Json(Workers { workers: app.workers().await? }))
+}
+
+/// Have a worker claim no more tasks; it ends the one that it has. That lasts until the worker ends, or is undrained.
+#[utoipa::path(
+    post,
+    path = "/v1/workers/{name}/drain",
+    tag = "workers",
+    params(("name" = String, Path)),
+    responses((status = 200, body = Worker)),
+)]
+pub async fn drain(
+    State(app): State<App>,
+    Path(name): Path<String>,
+) -> Result<Json<Worker>, ApiError> {
+    Ok(Json(app.drain_worker(&name).await?))
+}
+
+/// Have a worker that was drained claim tasks again.
+#[utoipa::path(
+    post,
+    path = "/v1/workers/{name}/undrain",
+    tag = "workers",
+    params(("name" = String, Path)),
+    responses((status = 200, body = Worker)),
+)]
+pub async fn undrain(
+    State(app): State<App>,
+    Path(name): Path<String>,
+) -> Result<Json<Worker>, ApiError> {
+    Ok(Json(app.undrain_worker(&name).await?))
 }

@@ -7,7 +7,7 @@ use axum::http::Method;
 use serde_json::Value;
 
 use crate::fixture::{Server, small_pipeline, small_simulation};
-use crate::uploads;
+use crate::{resources, uploads};
 
 /// Rewrites the committed document when `UPDATE` is set.
 #[test]
@@ -33,6 +33,8 @@ const OPERATIONS: [(&str, &str, &str); 39] = [
     ("get", "/healthz", "/healthz"),
     ("get", "/v1/presets", "/v1/presets"),
     ("get", "/v1/workers", "/v1/workers"),
+    ("post", "/v1/workers/{name}/drain", "/v1/workers/w1/drain"),
+    ("post", "/v1/workers/{name}/undrain", "/v1/workers/w1/undrain"),
     ("get", "/v1/queue", "/v1/queue"),
     ("post", "/v1/queue/pause", "/v1/queue/pause"),
     ("post", "/v1/queue/resume", "/v1/queue/resume"),
@@ -85,6 +87,7 @@ async fn every_documented_operation_answers_and_every_one_is_listed_here() {
     server.submitted(&small_pipeline()).await;
     server.work().await;
     server.submitted(&small_simulation(7)).await;
+    server.store.register_worker(&resources::worker()).await.unwrap();
 
     let document = server.json("/v1/openapi.json").await;
     let mut documented: BTreeSet<(String, String)> = BTreeSet::new();

@@ -12,7 +12,7 @@ use axum::http::{HeaderMap, Method, Request, StatusCode};
 use bytes::Bytes;
 use http_body_util::BodyExt;
 use serde_json::{Value, json};
-use spec::{DataSpec, JobKind, JobSpec};
+use spec::{DataSpec, JobKind, JobSpec, Resources};
 use store::{
     Access, CheckpointFile, ClaimedTask, FileContent, Metric, NewArtifact, NewCheckpoint,
     NewLogChunk, Retry, ShardContents, Store, object_path,
@@ -163,7 +163,8 @@ impl Server {
     }
 
     pub async fn claim(&self) -> Option<ClaimedTask> {
-        self.store.claim("test-worker", Duration::from_secs(600)).await.unwrap()
+        let offers = Resources::default();
+        self.store.claim("test-worker", &offers, Duration::from_secs(600)).await.unwrap()
     }
 
     /// Claims and finishes every task that there is.

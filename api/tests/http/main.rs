@@ -22,3 +22,4 @@ mod trainings;
 mod trajectories;
 mod uploads;
 mod verification;
+mod waiting;

@@ -1,6 +1,7 @@
 //! Jobs, datasets, runs, checkpoints and evaluations as they are read.
 
 use serde_json::json;
+use spec::Resources;
 use store::WorkerProcess;
 
 use crate::fixture::{Server, report, small_pipeline, small_simulation};
@@ -34,7 +35,7 @@ async fn workers_are_listed_and_shown_on_the_page() {
     assert!(page.contains("lab-3") && page.contains("waits for a task"), "{page}");
 }
 
-fn worker() -> WorkerProcess {
+pub fn worker() -> WorkerProcess {
     WorkerProcess {
         name: "w1".to_owned(),
         host: "lab-3".to_owned(),
@@ -42,6 +43,7 @@ fn worker() -> WorkerProcess {
         version: "1.2.3".to_owned(),
         device: "cpu".to_owned(),
         threads: 2,
+        offers: Resources { gpus: 1, ..Resources::default() },
     }
 }
 

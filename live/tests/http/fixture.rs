@@ -13,6 +13,7 @@ use models::{CONFIG_FILE, Device, DeviceKind, MODEL_FILE, TrainedModel};
 use reqwest::StatusCode;
 use safetensors::SafeTensors;
 use serde_json::{Value, json};
+use spec::Resources;
 use store::{Access, CheckpointFile, CheckpointId, NewCheckpoint, Store, object_path};
 use tempfile::TempDir;
 use tokio::net::TcpListener;
@@ -130,7 +131,8 @@ impl Server {
         });
         let (status, job) = self.post("/v1/jobs", &spec).await;
         assert_eq!(status, StatusCode::CREATED, "{job}");
-        let task = self.store.claim("test", Duration::from_secs(600)).await.unwrap().unwrap();
+        let ttl = Duration::from_secs(600);
+        let task = self.store.claim("test", &Resources::default(), ttl).await.unwrap().unwrap();
         let mut files = Vec::new();
         for (name, bytes) in [(MODEL_FILE, weights), (CONFIG_FILE, config)] {
             let path = object_path::checkpoint(task.job, 1, task.fence.epoch, name);

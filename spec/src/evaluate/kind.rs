@@ -15,7 +15,7 @@ impl KindSpec for EvaluateSpec {
     }
 
     fn execution(&self) -> Execution {
-        self.execution
+        self.execution.clone()
     }
 
     fn references(&mut self) -> Vec<Reference<'_>> {

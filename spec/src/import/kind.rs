@@ -22,7 +22,7 @@ impl KindSpec for ImportSpec {
     }
 
     fn execution(&self) -> Execution {
-        self.execution
+        self.execution.clone()
     }
 
     fn references(&mut self) -> Vec<Reference<'_>> {

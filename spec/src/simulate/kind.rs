@@ -20,7 +20,7 @@ impl KindSpec for SimulateSpec {
     }
 
     fn execution(&self) -> Execution {
-        self.execution
+        self.execution.clone()
     }
 
     fn data(&self) -> Option<DataSpec> {

@@ -238,7 +238,7 @@ impl KindSpec for TrainSpec {
     }
 
     fn execution(&self) -> Execution {
-        self.execution
+        self.execution.clone()
     }
 
     fn references(&mut self) -> Vec<Reference<'_>> {

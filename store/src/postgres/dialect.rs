@@ -73,8 +73,30 @@ macro_rules! locked {
     };
 }
 
-/// The same for tasks, passing over those that somebody keeps.
-pub(super) const TASK_LOCKED_OR_SKIPPED: &str = " FOR NO KEY UPDATE OF task SKIP LOCKED";
+/// The same, passing over rows that somebody else keeps.
+pub(super) const LOCKED_OR_SKIPPED: &str = " FOR NO KEY UPDATE SKIP LOCKED";
+
+/// The larger of two numbers.
+macro_rules! larger {
+    ($a:expr, $b:expr) => {
+        concat!("GREATEST(", $a, ", ", $b, ")")
+    };
+}
+
+/// The first task in line of those that a worker could take, none if it is drained: its name is `$1`, and its offer
+/// are `$2` to `$5`. The first of each combination of resources is at the beginning of the index, however many wait.
+pub(super) fn first_in_line(may_be_claimed: &str, locked: &str) -> String {
+    format!(
+        "SELECT first.id FROM resources AS asked CROSS JOIN LATERAL \
+             (SELECT id, turn FROM task WHERE resources = asked.id AND {may_be_claimed} \
+              ORDER BY turn, id LIMIT 1{locked}) AS first \
+         WHERE asked.cpus <= $2 AND asked.gpus <= $3 AND asked.memory_mb <= $4 \
+         AND NOT EXISTS (SELECT 1 FROM jsonb_array_elements_text(CAST(asked.tags AS jsonb)) AS tag (name) \
+             WHERE tag.name NOT IN (SELECT value FROM jsonb_array_elements_text(CAST($5 AS jsonb)))) \
+         AND NOT EXISTS (SELECT 1 FROM worker WHERE name = $1 AND drained_at IS NOT NULL) \
+         ORDER BY first.turn, first.id LIMIT 1"
+    )
+}
 
 /// What the partial indexes of experiments say, word for word.
 pub(super) const IS_EXPERIMENT: &str = "NOT job.is_part";

@@ -7,8 +7,10 @@
 pub(crate) mod cancellation;
 pub(crate) mod job;
 pub(crate) mod pipeline;
+pub(crate) mod placement;
 pub(crate) mod reuse;
 pub(crate) mod task;
+pub(crate) mod turn;
 pub(crate) mod watch;
 
 #[cfg(test)]

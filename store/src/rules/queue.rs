@@ -4,13 +4,15 @@
 use std::ops::Range;
 use std::time::Duration;
 
+use spec::Moment;
 use wire::{JobState, TaskState};
 
 use super::cancellation::{Candidate, members_to_cancel};
 use super::job::{Step, TaskTally, after_task, before_start, is_unsuccessful};
 use super::pipeline::{MemberStanding, settled};
 use super::task::{Ending, TaskStanding};
-use crate::{Epoch, JobId, Retry};
+use super::turn::turn;
+use crate::{Epoch, JobId, Retry, Timestamp};
 
 mod agreement;
 
@@ -20,8 +22,13 @@ const STEPS: u32 = 1_200_000;
 /// After so many steps a walk begins anew, so that queues stay small and every state is met.
 const STEPS_OF_A_WALK: u32 = 40;
 
+const HOUR: i64 = 3_600_000;
+
 #[derive(Clone, Debug)]
 struct Job {
+    how: How,
+    /// In milliseconds, as all moments here.
+    waits_since: i64,
     state: JobState,
     cancel_requested: bool,
     asked_alone: bool,
@@ -39,9 +46,19 @@ struct Task {
     delay: Duration,
 }
 
+/// How a job is to be run.
+#[derive(Clone, Copy, Debug)]
+struct How {
+    priority: i32,
+    /// Stands for all that a job can ask of a worker.
+    gpus: u32,
+    not_before: Option<i64>,
+}
+
 /// A job that is asked for.
 #[derive(Clone, Debug)]
 struct NewJob {
+    how: How,
     /// The stage of every task, in order.
     stages: Vec<u32>,
     max_attempts: u32,
@@ -50,6 +67,8 @@ struct NewJob {
 
 #[derive(Clone, Debug, Default)]
 struct Queue {
+    /// By a clock that may be set back.
+    now: i64,
     jobs: Vec<Job>,
     tasks: Vec<Task>,
 }
@@ -58,7 +77,10 @@ struct Queue {
 enum Action {
     /// Each job may need those before it. A pipeline is made of them, or there is one.
     Submit(Vec<NewJob>),
-    Claim,
+    /// By a worker with so many GPUs.
+    Claim(u32),
+    /// The clock goes on so far, or is set back.
+    Wait(i64),
     /// Of a running task, by the worker that claimed it.
     End(usize, Ending),
     Cancel(usize),
@@ -73,7 +95,10 @@ impl Queue {
             let index = self.jobs.len();
             let tasks = self.tasks.len()..self.tasks.len() + job.stages.len();
             let (needs, members) = (job.needs.clone(), Vec::new());
+            let waits_since = self.waits_since();
             self.jobs.push(Job {
+                how: job.how,
+                waits_since,
                 state,
                 cancel_requested: false,
                 asked_alone,
@@ -100,6 +125,8 @@ impl Queue {
             let members: Vec<usize> = (first..self.jobs.len()).collect();
             let end = self.tasks.len();
             self.jobs.push(Job {
+                how: How { priority: 0, gpus: 0, not_before: None },
+                waits_since: self.waits_since(),
                 state: JobState::Queued,
                 cancel_requested: false,
                 asked_alone: true,
@@ -109,6 +136,41 @@ impl Queue {
             });
             self.settle_all();
         }
+    }
+
+    /// Of a job that is submitted now.
+    fn waits_since(&self) -> i64 {
+        let open = self.jobs.iter().filter(|job| !job.state.is_final());
+        open.map(|job| job.waits_since).fold(self.now, i64::max)
+    }
+
+    /// The smaller goes first.
+    fn place(&self, task: usize) -> (i64, usize) {
+        let Job { how, waits_since, .. } = &self.jobs[self.tasks[task].job];
+        let not_before = how.not_before.map(Moment::from_milliseconds);
+        (turn(Timestamp::from_milliseconds(*waits_since), not_before, how.priority), task)
+    }
+
+    /// The laws of who goes first, of the tasks that a worker could have claimed.
+    fn check_turn(&self, claimed: usize, passed: &[usize]) {
+        let job = |task: usize| &self.jobs[self.tasks[task].job];
+        let since = |job: &Job| job.waits_since.max(job.how.not_before.unwrap_or(i64::MIN));
+        let first = job(claimed);
+        for other in passed.iter().map(|task| job(*task)) {
+            let points = i64::from(first.how.priority - other.how.priority);
+            let longer = since(first) - since(other);
+            assert!(longer <= points * HOUR, "a point of priority is worth an hour, and no more");
+            assert!(longer <= 200 * HOUR, "nobody is passed for ever by all that come");
+        }
+        let same = |other: &Job| {
+            (first.how.priority, first.how.not_before) == (other.how.priority, other.how.not_before)
+        };
+        let older = |task: &&usize| self.tasks[**task].job < self.tasks[claimed].job;
+        let mut older = passed.iter().filter(older).map(|task| job(*task));
+        assert!(
+            !older.any(same),
+            "of one priority the older job goes first, whatever the clock did"
+        );
     }
 
     fn claim(&mut self, task: usize) {
@@ -267,7 +329,20 @@ impl Queue {
                     ending => Action::End(task, ending),
                 }
             }
-            _ => Action::Claim,
+            7 if dice.below(2) == 0 => {
+                let hours = [1, 5, 24, 24, 150, -2];
+                Action::Wait(hours[dice.below(hours.len())] * HOUR)
+            }
+            _ => Action::Claim([0, 1, 1, 2][dice.below(4)]),
+        }
+    }
+
+    fn how(&self, dice: &mut Dice) -> How {
+        let begins = [None, None, None, None, Some(-HOUR), Some(24 * HOUR)];
+        How {
+            priority: [-100, -1, 0, 0, 0, 3, 100][dice.below(7)],
+            gpus: [0, 0, 0, 1, 2][dice.below(5)],
+            not_before: begins[dice.below(begins.len())].map(|ahead| self.now + ahead),
         }
     }
 
@@ -288,15 +363,20 @@ impl Queue {
                 needs.push(usable[dice.below(usable.len())]);
             }
             let max_attempts = u32::try_from(1 + dice.below(3)).unwrap();
-            NewJob { stages, max_attempts, needs }
+            NewJob { how: self.how(dice), stages, max_attempts, needs }
         };
         (0..count).map(new_job).collect()
     }
 
-    /// Tasks that may be claimed, with delays that have passed.
-    fn claimable(&self) -> Vec<usize> {
-        let is_queued = |task: &usize| self.tasks[*task].standing.state == TaskState::Queued;
-        (0..self.tasks.len()).filter(is_queued).collect()
+    /// Tasks that a worker with so many GPUs may claim once their delays have passed.
+    fn claimable(&self, gpus: u32) -> Vec<usize> {
+        let may_be_claimed = |task: &usize| {
+            let Task { job, standing, .. } = &self.tasks[*task];
+            let how = self.jobs[*job].how;
+            let may_begin = how.not_before.is_none_or(|moment| moment <= self.now);
+            standing.state == TaskState::Queued && how.gpus <= gpus && may_begin
+        };
+        (0..self.tasks.len()).filter(may_be_claimed).collect()
     }
 
     /// The laws of every moment.
@@ -405,17 +485,21 @@ fn the_laws_of_the_queue_hold_whatever_happens() {
     let mut queue = Queue::default();
     for step in 0..STEPS {
         if step % STEPS_OF_A_WALK == 0 {
-            queue = Queue::default();
+            queue = Queue { now: 1000 * HOUR, ..Queue::default() };
         }
         let before = queue.clone();
         match queue.action(&mut dice) {
             Action::Submit(jobs) => queue.submit(&jobs),
-            Action::Claim => {
-                let claimable = queue.claimable();
-                if !claimable.is_empty() {
-                    queue.claim(claimable[dice.below(claimable.len())]);
+            Action::Claim(gpus) => {
+                let mut claimable = queue.claimable(gpus);
+                // A delay may have passed, or not.
+                claimable.retain(|task| queue.tasks[*task].delay.is_zero() || dice.below(2) == 0);
+                if let Some(task) = claimable.iter().copied().min_by_key(|it| queue.place(*it)) {
+                    queue.check_turn(task, &claimable);
+                    queue.claim(task);
                 }
             }
+            Action::Wait(time) => queue.now += time,
             Action::End(task, ending) => {
                 let held = queue.tasks[task].standing;
                 queue.end(task, ending);

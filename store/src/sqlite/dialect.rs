@@ -68,7 +68,30 @@ macro_rules! locked {
     };
 }
 
-pub(super) const TASK_LOCKED_OR_SKIPPED: &str = "";
+/// The same, passing over rows that somebody else keeps.
+pub(super) const LOCKED_OR_SKIPPED: &str = "";
+
+/// The larger of two numbers.
+macro_rules! larger {
+    ($a:expr, $b:expr) => {
+        concat!("MAX(", $a, ", ", $b, ")")
+    };
+}
+
+/// The first task in line of those that a worker could take, none if it is drained: its name is `$1`, and its offer
+/// are `$2` to `$5`. The first of each combination of resources is at the beginning of the index, however many wait.
+pub(super) fn first_in_line(may_be_claimed: &str, locked: &str) -> String {
+    format!(
+        "SELECT first.id FROM resources AS asked JOIN task AS first ON first.id = \
+             (SELECT id FROM task WHERE resources = asked.id AND {may_be_claimed} \
+              ORDER BY turn, id LIMIT 1{locked}) \
+         WHERE asked.cpus <= $2 AND asked.gpus <= $3 AND asked.memory_mb <= $4 \
+         AND NOT EXISTS (SELECT 1 FROM json_each(asked.tags) AS tag \
+             WHERE tag.value NOT IN (SELECT value FROM json_each($5))) \
+         AND NOT EXISTS (SELECT 1 FROM worker WHERE name = $1 AND drained_at IS NOT NULL) \
+         ORDER BY first.turn, first.id LIMIT 1"
+    )
+}
 
 /// What the partial indexes of experiments say, word for word.
 pub(super) const IS_EXPERIMENT: &str = "job.is_part = 0";

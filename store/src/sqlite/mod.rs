@@ -27,20 +27,23 @@ pub(crate) use waiting::Bell;
 
 /// Number, name and statements of each file in `migrations/sqlite`. sqlx has a macro that lists them, which builds
 /// a second SQLite for the compiler.
-const FILES: [(i64, &str, &str); 4] = [
+const FILES: [(i64, &str, &str); 5] = [
     (1, "initial", include_str!("../../../migrations/sqlite/0001_initial.sql")),
     (2, "forgiving_queue", include_str!("../../../migrations/sqlite/0002_forgiving_queue.sql")),
     (3, "identity", include_str!("../../../migrations/sqlite/0003_identity.sql")),
     (4, "logs", include_str!("../../../migrations/sqlite/0004_logs.sql")),
+    (5, "resources", include_str!("../../../migrations/sqlite/0005_resources.sql")),
 ];
 
-static MIGRATIONS: LazyLock<Migrator> = LazyLock::new(|| {
+static MIGRATIONS: LazyLock<Migrator> = LazyLock::new(|| migrations(&FILES));
+
+fn migrations(files: &[(i64, &'static str, &'static str)]) -> Migrator {
     let migration = |&(version, name, sql): &(i64, &'static str, &'static str)| {
         let statements = SqlStr::from_static(sql);
         Migration::new(version, name.into(), MigrationType::Simple, statements, false)
     };
-    Migrator::with_migrations(FILES.iter().map(migration).collect())
-});
+    Migrator::with_migrations(files.iter().map(migration).collect())
+}
 
 /// How long a process waits for another's transaction before it gives up.
 const BUSY_TIMEOUT: Duration = Duration::from_secs(30);
@@ -271,6 +274,45 @@ mod tests {
         files.sort();
         let listed = FILES.map(|(version, name, _)| format!("{version:04}_{name}.sql"));
         assert_eq!(files, listed);
+    }
+
+    /// Tasks that another version left behind keep their places and the time limit of their job.
+    #[tokio::test]
+    async fn what_waited_before_tasks_asked_for_resources_goes_on() {
+        let folder = tempfile::tempdir().unwrap();
+        let dir = DataDir::new(folder.path());
+        let options = SqliteConnectOptions::new().filename(dir.database()).create_if_missing(true);
+        let mut connection = options.connect().await.unwrap();
+        migrations(&FILES[..2]).run(&mut connection).await.unwrap();
+        for (priority, created_at) in [(0, 5), (2, 6)] {
+            let job: i64 = sqlx::query_scalar(
+                "INSERT INTO job (kind, name, spec, digest, state, unit, priority, max_attempts, \
+                 is_part, asked_alone, created_at) VALUES ('k', 'n', \
+                 '{\"execution\": {\"time_limit_s\": 7}}', ?, 'queued', 'u', ?, 3, 0, 1, ?) RETURNING id",
+            )
+            .bind("0".repeat(64))
+            .bind(priority)
+            .bind(created_at)
+            .fetch_one(&mut connection)
+            .await
+            .unwrap();
+            sqlx::query(
+                "INSERT INTO task (job, stage, ordinal, label, payload, state, priority, run_at, \
+                 max_attempts, total) VALUES (?, 0, 0, 'l', '{}', 'queued', ?, 0, 3, 1)",
+            )
+            .bind(job)
+            .bind(priority)
+            .execute(&mut connection)
+            .await
+            .unwrap();
+        }
+        connection.close().await.unwrap();
+
+        let database = Database::open(&dir, Access::Server).await.unwrap();
+        let mut tx = database.begin("testing").await.unwrap();
+        let next = tx.next_task("w", &spec::Resources::default()).await.unwrap().unwrap();
+        let limit = Some(Duration::from_secs(7));
+        assert_eq!((next.task.job, next.task.time_limit), (JobId(2), limit));
     }
 
     #[tokio::test]

@@ -1,10 +1,13 @@
 //! How SQLite finds what the statements ask for.
 
-use sqlx::Row;
+use spec::Resources;
+use sqlx::{AssertSqlSafe, Row};
 use wire::JobState;
 
 use super::Database;
+use super::dialect::first_in_line;
 use super::statements::jobs::{SELECT_JOB, experiments};
+use super::statements::line::may_be_claimed;
 use crate::data_dir::DataDir;
 use crate::{Access, Page};
 
@@ -24,4 +27,76 @@ async fn experiments_are_read_from_an_index_that_holds_nothing_else() {
         assert!(steps[0].starts_with(&expected), "{steps:?}");
         assert!(!steps.iter().any(|step| step.contains("B-TREE")), "nothing is sorted: {steps:?}");
     }
+}
+
+const TASKS: u32 = 100_000;
+
+/// A database with a job whose tasks all wait, some of them for a GPU and some for tomorrow.
+async fn with_many_tasks(dir: &DataDir) -> Database {
+    dir.create().unwrap();
+    let database = Database::open(dir, Access::Server).await.unwrap();
+    let mut tx = database.begin("testing").await.unwrap();
+    let gpu = Resources { gpus: 1, ..Resources::default() };
+    let gpu = tx.resources_id(&gpu).await.unwrap();
+    sqlx::query(
+        "INSERT INTO job (kind, name, spec, digest, state, unit, priority, max_attempts, is_part, \
+         asked_alone, created_at) VALUES ('k', 'n', '{}', ?, 'queued', 'u', 0, 3, 0, 1, 0)",
+    )
+    .bind("0".repeat(64))
+    .execute(tx.connection())
+    .await
+    .unwrap();
+    sqlx::query(concat!(
+        "WITH RECURSIVE n (i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n WHERE i < ?1) \
+         INSERT INTO task (job, stage, ordinal, label, payload, state, turn, run_at, max_attempts, \
+         total, resources, not_before) SELECT 1, 0, i, 'l', '{}', 'queued', i, 0, 3, 1, \
+         CASE i % 2 WHEN 0 THEN ?2 ELSE 1 END, CASE i % 4 WHEN 1 THEN ",
+        now!(),
+        " + 86400000 ELSE 0 END FROM n"
+    ))
+    .bind(TASKS)
+    .bind(gpu)
+    .execute(tx.connection())
+    .await
+    .unwrap();
+    tx.commit().await.unwrap();
+    database
+}
+
+/// However many wait, and whatever they ask for that this worker does not have.
+#[tokio::test]
+async fn the_first_in_line_is_found_in_an_index_without_sorting() {
+    let folder = tempfile::tempdir().unwrap();
+    let database = with_many_tasks(&DataDir::new(folder.path())).await;
+    let explain = format!("EXPLAIN QUERY PLAN {}", first_in_line(&may_be_claimed(), ""));
+    let plan = sqlx::query(AssertSqlSafe(explain))
+        .bind("w")
+        .bind(0)
+        .bind(0)
+        .bind(0)
+        .bind("[]")
+        .fetch_all(&database.reader)
+        .await
+        .unwrap();
+    let steps: Vec<String> = plan.iter().map(|row| row.get("detail")).collect();
+    let found = "SEARCH task USING COVERING INDEX task_to_claim (resources=?)";
+    assert!(steps.iter().any(|step| step == found), "{steps:#?}");
+    // The few that are the first of those that ask for the same are.
+    let sorts = steps.iter().filter(|step| step.contains("B-TREE")).count();
+    assert_eq!(sorts, 1, "{steps:#?}");
+
+    let nothing = Resources::default();
+    assert!(database.is_any_claimable("w", &nothing).await.unwrap());
+    let mut tx = database.begin("testing").await.unwrap();
+    let next = tx.next_task("w", &nothing).await.unwrap().unwrap();
+    assert_eq!(next.task.ordinal, 3);
+}
+
+#[tokio::test]
+async fn what_tasks_ask_for_is_counted_in_an_index() {
+    let folder = tempfile::tempdir().unwrap();
+    let database = with_many_tasks(&DataDir::new(folder.path())).await;
+    let demand = database.demand().await.unwrap();
+    let counts: Vec<u64> = demand.iter().map(|demand| demand.waiting).collect();
+    assert_eq!(counts, [u64::from(TASKS) / 2, u64::from(TASKS) / 4]);
 }

@@ -6,12 +6,14 @@ use sqlx::types::{Json, Text};
 use sqlx::{FromRow, QueryBuilder, Row};
 use wire::JobState;
 
-use super::rows::{digest, json, number, state};
+use super::rows::{digest, json, moment, number, optional_number, resources, state};
 use super::{Database, Db, DbRow, IS_EXPERIMENT, LISTED_IDS, LISTED_TEXTS, Transaction};
 use crate::{DatasetId, Job, JobFilter, JobId, JobProgress, Page};
 
 /// Completed by a condition.
-pub(crate) const SELECT_JOB: &str = "SELECT job.*, dataset.id AS dataset, run.id AS run FROM job \
+pub(crate) const SELECT_JOB: &str = "SELECT job.*, asked.cpus, asked.gpus, asked.memory_mb, asked.tags, \
+    dataset.id AS dataset, run.id AS run FROM job \
+    LEFT JOIN resources AS asked ON asked.id = job.resources \
     LEFT JOIN dataset ON dataset.job = job.id LEFT JOIN run ON run.job = job.id ";
 
 impl Database {
@@ -278,6 +280,9 @@ impl FromRow<'_, DbRow> for Job {
             error: row.try_get("error")?,
             priority: number(row, "priority")?,
             max_attempts: number(row, "max_attempts")?,
+            time_limit_s: optional_number(row, "time_limit_s")?,
+            resources: resources(row)?,
+            not_before: moment(row, "not_before")?,
             cancel_requested: row.try_get("cancel_requested")?,
             progress: JobProgress { unit: row.try_get("unit")?, ..JobProgress::default() },
             dataset: row.try_get("dataset")?,

@@ -12,7 +12,9 @@ mod artifacts;
 mod attempts;
 mod checkpoints;
 mod datasets;
+mod demand;
 pub(super) mod jobs;
+pub(super) mod line;
 mod logs;
 mod metrics;
 mod pipelines;
@@ -28,7 +30,7 @@ mod workers;
 
 use std::time::Duration;
 
-use super::dialect::{Db, DbRow, IS_EXPERIMENT, LISTED_IDS, LISTED_TEXTS, TASK_LOCKED_OR_SKIPPED};
+use super::dialect::{Db, DbRow, IS_EXPERIMENT, LISTED_IDS, LISTED_TEXTS};
 use super::{Database, Transaction};
 
 /// A count as SQL's integer. Counts come from checked specs and sizes of files, far below 2^63.

@@ -1,7 +1,7 @@
 //! Columns of text that hold something else.
 
 use serde_json::Value;
-use spec::Digest;
+use spec::{Digest, Moment, Resources};
 use sqlx::Row;
 use sqlx::types::Text;
 
@@ -25,6 +25,29 @@ pub(super) fn digest(row: &DbRow, column: &str) -> Result<Digest, sqlx::Error> {
 pub(super) fn json(row: &DbRow, column: &str) -> Result<Value, sqlx::Error> {
     let text: &str = row.try_get(column)?;
     serde_json::from_str(text).map_err(|error| undecodable(column, error.into()))
+}
+
+/// From the columns `cpus`, `gpus`, `memory_mb` and `tags`, where 0 says nothing.
+pub(super) fn resources(row: &DbRow) -> Result<Resources, sqlx::Error> {
+    let cpus: u32 = number(row, "cpus")?;
+    let tags: &str = row.try_get("tags")?;
+    Ok(Resources {
+        cpus: (cpus > 0).then_some(cpus),
+        gpus: number(row, "gpus")?,
+        memory_gb: Resources::gigabytes(number(row, "memory_mb")?),
+        tags: serde_json::from_str(tags).map_err(|error| undecodable("tags", error.into()))?,
+    })
+}
+
+/// Names in order, as JSON.
+pub(super) fn text_of_tags<T: serde::Serialize>(tags: &T) -> String {
+    serde_json::json!(tags).to_string()
+}
+
+/// From a column where 0 is none.
+pub(super) fn moment(row: &DbRow, column: &str) -> Result<Option<Moment>, sqlx::Error> {
+    let milliseconds: i64 = row.try_get(column)?;
+    Ok((milliseconds > 0).then(|| Moment::from_milliseconds(milliseconds)))
 }
 
 /// From the column `content`.

@@ -1,6 +1,6 @@
 use std::collections::BTreeMap;
 
-use spec::Digest;
+use spec::{Digest, Moment};
 use sqlx::Row;
 use wire::JobState;
 
@@ -8,7 +8,7 @@ use super::rows::{number, state};
 use super::{Database, DbRow, Transaction, integer};
 use crate::rules::reuse::{Earlier, TaskPlace};
 use crate::submission::{CompletedTask, JobRow};
-use crate::{JobId, NewTask, Submitted, TaskId};
+use crate::{JobId, NewTask, Submitted, TaskId, Timestamp};
 
 impl Database {
     /// As [`Transaction::request`], for a key that is not older than so many milliseconds.
@@ -100,7 +100,8 @@ impl Transaction {
     ) -> Result<JobId, sqlx::Error> {
         sqlx::query_scalar(concat!(
             "INSERT INTO job (kind, name, spec, digest, state, unit, priority, max_attempts, ",
-            "is_part, asked_alone, takes_over, created_at) VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, ",
+            "time_limit_s, resources, not_before, waits_since, is_part, asked_alone, takes_over, ",
+            "created_at) VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13, $14, $15, ",
             now!(),
             ") RETURNING id"
         ))
@@ -112,6 +113,10 @@ impl Transaction {
         .bind(row.unit)
         .bind(row.priority)
         .bind(i64::from(row.max_attempts))
+        .bind(row.time_limit_s.map(i64::from))
+        .bind(row.resources)
+        .bind(row.not_before.map_or(0, Moment::milliseconds))
+        .bind(row.waits_since)
         .bind(row.is_part)
         .bind(!row.is_part)
         .bind(row.takes_over)
@@ -132,8 +137,28 @@ impl Transaction {
         self.execute(statement).await
     }
 
-    /// Waiting; the job's priority and attempts are theirs.
-    pub async fn insert_tasks(&mut self, job: JobId, tasks: &[NewTask]) -> Result<(), sqlx::Error> {
+    /// From when on a job that is submitted now has waited. Not before another that is there, also when the clock was set
+    /// back: of one priority the older goes first, and nobody waits for those that a clock far ahead let in.
+    pub async fn waits_since(&mut self) -> Result<Timestamp, sqlx::Error> {
+        sqlx::query_scalar(concat!(
+            "SELECT ",
+            larger!(
+                now!(),
+                "COALESCE((SELECT MAX(waits_since) FROM job \
+                  WHERE state NOT IN ('succeeded', 'failed', 'cancelled')), 0)"
+            )
+        ))
+        .fetch_one(self.connection())
+        .await
+    }
+
+    /// Waiting, at the place `turn` in line; the job's attempts, resources and moment are theirs.
+    pub async fn insert_tasks(
+        &mut self,
+        job: JobId,
+        turn: i64,
+        tasks: &[NewTask],
+    ) -> Result<(), sqlx::Error> {
         let rows: Vec<_> = tasks
             .iter()
             .map(|task| {
@@ -142,8 +167,8 @@ impl Transaction {
             })
             .collect();
         let statement = sqlx::query(concat!(
-            "INSERT INTO task (job, stage, ordinal, label, payload, state, priority, run_at, \
-             max_attempts, total) SELECT job.id, ",
+            "INSERT INTO task (job, stage, ordinal, label, payload, state, turn, run_at, \
+             max_attempts, resources, not_before, total) SELECT job.id, ",
             item!(integer 0),
             ", ",
             item!(integer 1),
@@ -151,14 +176,15 @@ impl Transaction {
             item!(text 2),
             ", ",
             item!(text 3),
-            ", 'waiting', job.priority, 0, job.max_attempts, ",
+            ", 'waiting', $3, 0, job.max_attempts, job.resources, job.not_before, ",
             item!(integer 4),
             " FROM ",
             items!("$1"),
             ", job WHERE job.id = $2 ORDER BY item.key"
         ))
         .bind(sqlx::types::Json(rows))
-        .bind(job);
+        .bind(job)
+        .bind(turn);
         self.execute(statement).await
     }
 

@@ -1,26 +1,14 @@
 use std::time::Duration;
 
 use serde_json::Value;
-use sqlx::types::Text;
-use sqlx::{AssertSqlSafe, FromRow, Row};
+use sqlx::{FromRow, Row};
 
 use super::rows::{digest, json, number, optional_number, state};
-use super::{Database, DbRow, TASK_LOCKED_OR_SKIPPED, Transaction, integer, milliseconds};
-use crate::leases::NextTask;
+use super::{Database, DbRow, Transaction, integer, milliseconds};
 use crate::rules::job::TaskTally;
-use crate::rules::task::{LONGEST_DELAY, TaskStanding};
+use crate::rules::task::TaskStanding;
 use crate::rules::watch::Leased;
 use crate::{ClaimedTask, Epoch, Fence, JobId, Progress, Task, TaskId, Timestamp};
-
-/// A task may be claimed at once (0) or from a moment on, unless the queue is paused. A moment that lies farther ahead
-/// than any delay was set by a clock that went back since.
-const MAY_BE_CLAIMED: &str = concat!(
-    "task.state = 'queued' AND (SELECT paused_at FROM queue) IS NULL AND (task.run_at <= ",
-    now!(),
-    " OR task.run_at > ",
-    now!(),
-    " + $1)"
-);
 
 /// Rows of a version that did not tell how long leases last.
 const USUAL_LEASE_MS: i64 = 15_000;
@@ -41,14 +29,6 @@ impl Database {
             .await
     }
 
-    pub async fn is_any_claimable(&self) -> Result<bool, sqlx::Error> {
-        let statement = format!("SELECT EXISTS (SELECT 1 FROM task WHERE {MAY_BE_CLAIMED})");
-        sqlx::query_scalar(AssertSqlSafe(statement))
-            .bind(milliseconds(LONGEST_DELAY))
-            .fetch_one(&self.reader)
-            .await
-    }
-
     /// The leases of all running tasks.
     pub async fn leased(&self) -> Result<Vec<Leased>, sqlx::Error> {
         sqlx::query_as(concat!(
@@ -62,26 +42,6 @@ impl Database {
 }
 
 impl Transaction {
-    /// The task that is next to be claimed and that nobody else is about to claim.
-    pub async fn next_task(&mut self) -> Result<Option<NextTask>, sqlx::Error> {
-        let statement = format!(
-            "SELECT task.*, job.kind, job.spec, job.digest, job.state AS job_state, run.id AS run \
-             FROM task JOIN job ON job.id = task.job LEFT JOIN run ON run.job = job.id \
-             WHERE {MAY_BE_CLAIMED} ORDER BY task.priority DESC, task.id LIMIT 1{TASK_LOCKED_OR_SKIPPED}"
-        );
-        let row = sqlx::query(AssertSqlSafe(statement))
-            .bind(milliseconds(LONGEST_DELAY))
-            .fetch_optional(self.connection())
-            .await?;
-        let Some(row) = row else { return Ok(None) };
-        let Text(job_state) = row.try_get("job_state")?;
-        Ok(Some(NextTask {
-            task: ClaimedTask::from_row(&row)?,
-            standing: TaskStanding::from_row(&row)?,
-            job_state,
-        }))
-    }
-
     /// Leases a task to `worker`; its progress begins anew.
     pub async fn lease(
         &mut self,
@@ -329,6 +289,7 @@ impl FromRow<'_, DbRow> for Leased {
 
 impl FromRow<'_, DbRow> for ClaimedTask {
     fn from_row(row: &DbRow) -> Result<Self, sqlx::Error> {
+        let time_limit: Option<u32> = optional_number(row, "time_limit_s")?;
         Ok(Self {
             fence: Fence { task: row.try_get("id")?, epoch: row.try_get("epoch")? },
             job: row.try_get("job")?,
@@ -343,6 +304,7 @@ impl FromRow<'_, DbRow> for ClaimedTask {
             total: number(row, "total")?,
             attempt: number(row, "attempt")?,
             max_attempts: number(row, "max_attempts")?,
+            time_limit: time_limit.map(|seconds| Duration::from_secs(u64::from(seconds))),
         })
     }
 }

@@ -2,9 +2,9 @@ use std::time::Duration;
 
 use sqlx::{FromRow, Row};
 
-use super::rows::number;
+use super::rows::{number, resources, text_of_tags};
 use super::{Database, DbRow, Transaction, milliseconds};
-use crate::{Worker, WorkerProcess, WorkersTask};
+use crate::{Timestamp, Worker, WorkerProcess, WorkersTask};
 
 impl Database {
     /// By name, with the newest task that each has.
@@ -19,6 +19,10 @@ impl Database {
         .bind(milliseconds(seen_within))
         .fetch_all(&self.reader)
         .await
+    }
+
+    pub async fn now(&self) -> Result<Timestamp, sqlx::Error> {
+        sqlx::query_scalar(concat!("SELECT ", now!())).fetch_one(&self.reader).await
     }
 
     pub async fn ping(&self) -> Result<(), sqlx::Error> {
@@ -37,13 +41,15 @@ impl Database {
 impl Transaction {
     pub async fn insert_worker(&mut self, new: &WorkerProcess) -> Result<(), sqlx::Error> {
         let statement = sqlx::query(concat!(
-            "INSERT INTO worker (name, host, pid, version, device, threads, started_at, seen_at) \
-              VALUES ($1, $2, $3, $4, $5, $6, ",
+            "INSERT INTO worker (name, host, pid, version, device, threads, cpus, gpus, memory_mb, \
+              tags, started_at, seen_at) VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, ",
             now!(),
             ", ",
             now!(),
             ") ON CONFLICT (name) DO UPDATE SET host = excluded.host, pid = excluded.pid, \
               version = excluded.version, device = excluded.device, threads = excluded.threads, \
+              cpus = excluded.cpus, gpus = excluded.gpus, memory_mb = excluded.memory_mb, \
+              tags = excluded.tags, \
               waits_for = NULL, started_at = excluded.started_at, seen_at = excluded.seen_at"
         ))
         .bind(&new.name)
@@ -51,7 +57,11 @@ impl Transaction {
         .bind(i64::from(new.pid))
         .bind(&new.version)
         .bind(&new.device)
-        .bind(i64::from(new.threads));
+        .bind(i64::from(new.threads))
+        .bind(i64::from(new.offers.cpus.unwrap_or(0)))
+        .bind(i64::from(new.offers.gpus))
+        .bind(i64::from(new.offers.megabytes()))
+        .bind(text_of_tags(&new.offers.tags));
         self.execute(statement).await
     }
 
@@ -71,6 +81,28 @@ impl Transaction {
         .bind(&worker.host)
         .bind(i64::from(worker.pid));
         self.execute(statement).await
+    }
+
+    /// Whether there is such a worker. Keeps the moment of a drain that lasts.
+    pub async fn drain_worker(&mut self, name: &str) -> Result<bool, sqlx::Error> {
+        let drained = sqlx::query(concat!(
+            "UPDATE worker SET drained_at = COALESCE(drained_at, ",
+            now!(),
+            ") WHERE name = $1"
+        ))
+        .bind(name)
+        .execute(self.connection())
+        .await?;
+        Ok(drained.rows_affected() > 0)
+    }
+
+    /// Whether there is such a worker.
+    pub async fn undrain_worker(&mut self, name: &str) -> Result<bool, sqlx::Error> {
+        let undrained = sqlx::query("UPDATE worker SET drained_at = NULL WHERE name = $1")
+            .bind(name)
+            .execute(self.connection())
+            .await?;
+        Ok(undrained.rows_affected() > 0)
     }
 
     pub async fn delete_worker(&mut self, worker: &WorkerProcess) -> Result<(), sqlx::Error> {
@@ -129,7 +161,9 @@ impl FromRow<'_, DbRow> for Worker {
                 version: row.try_get("version")?,
                 device: row.try_get("device")?,
                 threads: number(row, "threads")?,
+                offers: resources(row)?,
             },
+            drained_at: row.try_get("drained_at")?,
             waits_for: row.try_get("waits_for")?,
             started_at: row.try_get("started_at")?,
             seen_at: row.try_get("seen_at")?,

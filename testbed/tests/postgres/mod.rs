@@ -115,7 +115,7 @@ async fn objects_of_another_database_are_refused() {
 
 async fn running(store: &Store) -> Fence {
     store.submit(alone(train(&simulate(1), vec![]))).await.unwrap();
-    store.claim("w1", LONG).await.unwrap().unwrap().fence
+    store.claim("w1", &spec::Resources::default(), LONG).await.unwrap().unwrap().fence
 }
 
 /// A database that goes away in the middle of everything, for longer than a lease lasts, and comes back.
@@ -172,5 +172,5 @@ async fn a_worker_that_listens_hears_of_a_task_through_a_database_that_was_away(
     let heard = tokio::time::timeout(LONG, bell.wait(LONG));
     let (heard, ()) = tokio::join!(heard, submit);
     heard.unwrap().unwrap();
-    assert!(store.claim("w1", LONG).await.unwrap().is_some());
+    assert!(store.claim("w1", &spec::Resources::default(), LONG).await.unwrap().is_some());
 }

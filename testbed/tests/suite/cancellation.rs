@@ -1,6 +1,6 @@
 use std::time::Duration;
 
-use spec::Digest;
+use spec::{Digest, Resources};
 use store::{JobState, Lease, Need, Progress, Reaped, Retry, Submission, TaskState};
 
 use super::{Fixture, LONG, alone, pipeline, simulate, train};
@@ -37,7 +37,8 @@ pub async fn a_running_task_is_told_and_then_ends_its_job(f: Fixture) {
 pub async fn a_cancelled_task_is_not_tried_again(f: Fixture) {
     for ending in 0..3 {
         let job = f.submit_one(train(&simulate(ending), vec![])).await;
-        let fence = f.store.claim("w", Duration::ZERO).await.unwrap().unwrap().fence;
+        let fence =
+            f.store.claim("w", &Resources::default(), Duration::ZERO).await.unwrap().unwrap().fence;
         f.store.cancel(job).await.unwrap();
         tokio::time::sleep(Duration::from_millis(3)).await;
         match ending {

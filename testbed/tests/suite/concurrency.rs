@@ -5,7 +5,7 @@ use std::future::Future;
 use std::time::Duration;
 
 use serde_json::json;
-use spec::Digest;
+use spec::{Digest, Resources};
 use store::{
     ClaimedTask, FileContent, Idempotency, JobId, JobState, Lease, Metric, Need, NewJob, Page,
     Progress, Reaper, Retry, ShardContents, Store, StoreError, TaskState, WorkerEnd, object_path,
@@ -37,7 +37,7 @@ fn wide(seed: u64, tasks: u32) -> NewJob {
 /// Claims until nothing is left.
 async fn claim_all(store: &Store, worker: &str) -> Vec<ClaimedTask> {
     let mut claimed = Vec::new();
-    while let Some(task) = store.claim(worker, LONG).await.unwrap() {
+    while let Some(task) = store.claim(worker, &Resources::default(), LONG).await.unwrap() {
         claimed.push(task);
     }
     claimed
@@ -46,7 +46,7 @@ async fn claim_all(store: &Store, worker: &str) -> Vec<ClaimedTask> {
 /// Works off what there is, and what becomes free meanwhile.
 async fn work_until(store: Store, worker: String, job: JobId) {
     while !store.job(job).await.unwrap().state.is_final() {
-        match store.claim(&worker, LONG).await.unwrap() {
+        match store.claim(&worker, &Resources::default(), LONG).await.unwrap() {
             Some(task) => store.complete(task.fence, None).await.unwrap(),
             None => tokio::time::sleep(Duration::from_millis(2)).await,
         }
@@ -418,7 +418,9 @@ pub async fn whatever_happens_jobs_and_tasks_agree(f: Fixture) {
                 }
                 1 => jobs.push(store.submit(pipeline(dice % 5)).await.unwrap().job),
                 2 if !jobs.is_empty() => store.cancel(jobs.swap_remove(0)).await.unwrap(),
-                3..=5 => held.extend(store.claim(&worker, LONG).await.unwrap()),
+                3..=5 => {
+                    held.extend(store.claim(&worker, &Resources::default(), LONG).await.unwrap())
+                }
                 _ => {
                     let Some(task) = held.pop() else { continue };
                     let ended = match dice % 5 {

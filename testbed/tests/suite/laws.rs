@@ -26,6 +26,20 @@ macro_rules! all_laws {
                 a_worker_that_lost_its_task_adds_nothing_to_its_log,
                 old_attempts_of_a_job_lose_their_logs,
                 a_log_may_grow_until_its_tasks_have_ended;
+            line:
+                a_job_is_not_begun_before_its_moment,
+                a_moment_far_ahead_is_waited_for,
+                a_moment_that_has_passed_does_not_shorten_the_pause_before_a_retry,
+                a_job_of_a_pipeline_may_begin_later_than_those_it_needs,
+                of_one_priority_the_older_job_goes_first_stage_by_stage,
+                a_drained_worker_ends_its_task_and_claims_no_other,
+                a_task_carries_the_time_limit_of_its_job;
+            resources:
+                a_worker_gets_only_what_its_offer_covers,
+                a_worker_takes_the_first_in_line_of_all_that_it_can_take,
+                a_task_that_was_given_back_asks_for_the_same,
+                demand_is_counted_by_what_tasks_ask_for,
+                a_job_that_no_living_worker_can_take_says_so;
             waiting:
                 a_task_that_is_submitted_rings,
                 all_who_wait_hear_it,

@@ -3,6 +3,7 @@ use std::collections::HashSet;
 use std::time::Duration;
 
 use serde_json::json;
+use spec::Resources;
 use store::{
     AttemptOutcome, Epoch, Fence, JobState, Lease, Metric, NewCheckpoint, Page, Progress, Reaped,
     Reaper, Retry, TaskState,
@@ -136,7 +137,9 @@ pub async fn two_claimers_never_get_the_same_task(f: Fixture) {
             let store = f.store.clone();
             tokio::spawn(async move {
                 let mut claimed = Vec::new();
-                while let Some(task) = store.claim(&format!("w{i}"), LONG).await.unwrap() {
+                while let Some(task) =
+                    store.claim(&format!("w{i}"), &Resources::default(), LONG).await.unwrap()
+                {
                     claimed.push(task.fence.task);
                     store.complete(task.fence, None).await.unwrap();
                 }
@@ -181,7 +184,7 @@ pub async fn leases_outlive_a_sleep_of_everybody(f: Fixture) {
 pub async fn a_worker_that_never_renews_is_noticed(f: Fixture) {
     f.submit_one(train(&simulate(1), vec![])).await;
     let second = Duration::from_secs(1);
-    f.store.claim("w0", 3 * second).await.unwrap().unwrap();
+    f.store.claim("w0", &Resources::default(), 3 * second).await.unwrap().unwrap();
     let mut reaper = Reaper::new(f.store.clone(), second);
     for _ in 0..3 {
         assert_eq!(reaper.look(second).await.unwrap(), Reaped::default());

@@ -8,12 +8,14 @@ pub mod datasets;
 pub mod ends;
 pub mod laws;
 pub mod leases;
+pub mod line;
 pub mod lists;
 pub mod logs;
 pub mod metrics;
 pub mod moments;
 pub mod objects;
 pub mod propagation;
+pub mod resources;
 pub mod servers;
 pub mod submission;
 pub mod takeover;
@@ -27,11 +29,11 @@ use std::time::Duration;
 
 use bytes::Bytes;
 use serde_json::{Value, json};
-use spec::Digest;
+use spec::{Digest, Moment, Resources};
 use store::{
     ClaimedTask, Fence, FileContent, JobId, JobReuse, JobState, Need, NewJob, NewMember,
     NewPipeline, NewTask, Output, PartReuse, Reaped, Reaper, Reuse, ShardContents, Store,
-    StoreError, Submission, Submitted, object_path,
+    StoreError, Submission, Submitted, Timestamp, object_path,
 };
 use tempfile::TempDir;
 
@@ -57,6 +59,9 @@ fn job(kind: &str, spec: Value, output: Output, tasks: Vec<NewTask>) -> NewJob {
         unit: "pieces".to_owned(),
         priority: 0,
         max_attempts: 3,
+        time_limit_s: None,
+        resources: Resources::default(),
+        not_before: None,
         output,
         reuse: JobReuse { whole: true, parts: PartReuse::Nothing },
         tasks,
@@ -111,6 +116,22 @@ pub fn with_execution(job: NewJob, priority: i32, max_attempts: u32) -> NewJob {
     NewJob { priority, max_attempts, ..job }
 }
 
+pub fn asking(job: NewJob, resources: Resources) -> NewJob {
+    NewJob { resources, ..job }
+}
+
+/// A job that may not begin before so many hours from now; they may have passed.
+pub fn beginning(job: NewJob, now: Timestamp, hours: i64) -> NewJob {
+    let moment = Moment::from_milliseconds(now.milliseconds() + hours * 3_600_000);
+    NewJob { not_before: Some(moment), ..job }
+}
+
+/// So many processors and GPUs, with tags.
+pub fn resources(cpus: u32, gpus: u32, tags: &[&str]) -> Resources {
+    let tags = tags.iter().map(|tag| (*tag).to_owned()).collect();
+    Resources { cpus: (cpus > 0).then_some(cpus), gpus, memory_gb: None, tags }
+}
+
 /// A simulation, a training on it, and an evaluation of that.
 pub fn pipeline(seed: u64) -> Submission {
     let simulation = simulate(seed);
@@ -155,7 +176,12 @@ impl Fixture {
     }
 
     pub async fn claim(&self) -> Option<ClaimedTask> {
-        self.store.claim("w1", LONG).await.unwrap()
+        self.claim_with(&Resources::default()).await
+    }
+
+    /// As a worker that offers this.
+    pub async fn claim_with(&self, offers: &Resources) -> Option<ClaimedTask> {
+        self.store.claim("w1", offers, LONG).await.unwrap()
     }
 
     pub async fn must_claim(&self) -> ClaimedTask {
@@ -164,7 +190,8 @@ impl Fixture {
 
     /// Claims a task, and lets its lease run out as if the worker were killed.
     pub async fn claim_and_die(&self) -> ClaimedTask {
-        let task = self.store.claim("w0", Duration::ZERO).await.unwrap().expect("a task to claim");
+        let claimed = self.store.claim("w0", &Resources::default(), Duration::ZERO).await.unwrap();
+        let task = claimed.expect("a task to claim");
         tokio::time::sleep(Duration::from_millis(3)).await;
         task
     }

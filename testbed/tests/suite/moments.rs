@@ -23,7 +23,7 @@ pub async fn a_job_is_created_started_and_finished_in_this_order(f: Fixture) {
 pub async fn a_lease_lasts_from_the_renewal_on(f: Fixture) {
     f.submit_one(train(&simulate(1), vec![])).await;
     let ttl = Duration::from_secs(100);
-    let claimed = f.store.claim("w1", ttl).await.unwrap().unwrap();
+    let claimed = f.store.claim("w1", &spec::Resources::default(), ttl).await.unwrap().unwrap();
     let until = async || f.store.task(claimed.fence.task).await.unwrap().lease_until.unwrap();
     let first = until().await;
     tokio::time::sleep(Duration::from_millis(20)).await;

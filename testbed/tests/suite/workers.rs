@@ -1,3 +1,4 @@
+use spec::Resources;
 use store::{WorkerEnd, WorkerProcess};
 
 use super::{Fixture, simulate, train};
@@ -10,6 +11,7 @@ pub fn worker(name: &str, pid: u32) -> WorkerProcess {
         version: "1.2.3".to_owned(),
         device: "cpu".to_owned(),
         threads: 2,
+        offers: Resources::default(),
     }
 }
 

@@ -3,10 +3,10 @@
 use std::time::Duration;
 
 use serde_json::json;
-use spec::Digest;
-use wire::{JobState, TaskState};
+use spec::{Digest, Moment, Resources};
+use wire::JobState;
 
-use super::{Action, Dice, Queue};
+use super::{Action, Dice, HOUR, Queue};
 use crate::rules::task::Ending;
 use crate::{
     Access, ClaimedTask, JobId, JobReuse, NewJob, NewMember, NewPipeline, NewTask, Output, Page,
@@ -22,11 +22,19 @@ struct Twin {
     jobs: Vec<JobId>,
     /// By the index of the task, with what the last claim returned.
     claims: Vec<Option<ClaimedTask>>,
+    /// What the clocks of the store and of the queue show, of which neither goes on.
+    clocks: (i64, i64),
     /// Digests differ, so that nothing stands in for anything.
     submissions: u64,
 }
 
 impl Twin {
+    /// As far from the store's present as `moment` is from the queue's.
+    fn moment(&self, moment: i64) -> Moment {
+        let (store, queue) = self.clocks;
+        Moment::from_milliseconds(store + (moment - queue))
+    }
+
     async fn submit(&mut self, jobs: &[super::NewJob]) {
         self.submissions += 1;
         let first = self.jobs.len();
@@ -49,8 +57,11 @@ impl Twin {
                 digest: Digest::of_json(&spec),
                 spec,
                 unit: "pieces".to_owned(),
-                priority: 0,
+                priority: job.how.priority,
                 max_attempts: job.max_attempts,
+                time_limit_s: None,
+                resources: offer(job.how.gpus),
+                not_before: job.how.not_before.map(|moment| self.moment(moment)),
                 output: Output::Nothing,
                 reuse: JobReuse { whole: false, parts: PartReuse::Nothing },
                 tasks: (0u32..).zip(&job.stages).map(task).collect(),
@@ -123,15 +134,19 @@ async fn a_store_follows_the_rules_through_any_walk() {
     for walk in 1..=WALKS {
         let folder = tempfile::tempdir().unwrap();
         let store = Store::open(folder.path(), Access::Server).await.unwrap();
-        let mut twin = Twin { store, jobs: Vec::new(), claims: Vec::new(), submissions: 0 };
-        let (mut queue, mut dice) = (Queue::default(), Dice(walk.wrapping_mul(0x9e37_79b9)));
+        let mut queue = Queue { now: 1000 * HOUR, ..Queue::default() };
+        let clocks = (store.now().await.unwrap().milliseconds(), queue.now);
+        let mut twin = Twin { store, jobs: Vec::new(), claims: Vec::new(), clocks, submissions: 0 };
+        let mut dice = Dice(walk.wrapping_mul(0x9e37_79b9));
         for _ in 0..STEPS_OF_A_WALK {
             match queue.action(&mut dice) {
                 Action::Submit(jobs) => {
                     queue.submit(&jobs);
                     twin.submit(&jobs).await;
                 }
-                Action::Claim => claim(&mut queue, &mut twin, &mut dice).await,
+                Action::Claim(gpus) => claim(&mut queue, &mut twin, &mut dice, gpus).await,
+                // The store's clock is the system's.
+                Action::Wait(_) => {}
                 Action::End(task, ending) => {
                     queue.end(task, ending);
                     twin.end(task, ending).await;
@@ -146,18 +161,25 @@ async fn a_store_follows_the_rules_through_any_walk() {
     }
 }
 
-/// Which of the tasks is claimed is a matter of times and priorities, which the queue does not have.
-/// Some workers die at once.
-async fn claim(queue: &mut Queue, twin: &mut Twin, dice: &mut Dice) {
+fn offer(gpus: u32) -> Resources {
+    Resources { gpus, ..Resources::default() }
+}
+
+/// A delay may have passed by the store's clock. Some workers die at once.
+async fn claim(queue: &mut Queue, twin: &mut Twin, dice: &mut Dice, gpus: u32) {
     let dies = dice.below(5) == 0;
     let ttl = if dies { Duration::ZERO } else { Duration::from_secs(600) };
-    let Some(claimed) = twin.store.claim("worker", ttl).await.unwrap() else {
-        let is_ready = |task: &usize| queue.tasks[*task].delay.is_zero();
-        assert!(!queue.claimable().iter().any(is_ready), "a task that is ready is claimed");
+    let claimable = queue.claimable(gpus);
+    let is_ready = |task: &usize| queue.tasks[*task].delay.is_zero();
+    let ready: Vec<usize> = claimable.iter().copied().filter(is_ready).collect();
+    let Some(claimed) = twin.store.claim("worker", &offer(gpus), ttl).await.unwrap() else {
+        assert_eq!(ready, [0; 0], "a task that is ready is claimed");
         return;
     };
     let task = twin.index_of(queue, &claimed).await;
-    assert_eq!(queue.tasks[task].standing.state, TaskState::Queued);
+    assert!(claimable.contains(&task), "it may be claimed by this worker");
+    let is_passed = |other: &usize| queue.place(*other) < queue.place(task);
+    assert!(!ready.iter().any(is_passed), "the first in line is claimed");
     queue.claim(task);
     twin.claims[task] = Some(claimed);
     if dies {

@@ -1,0 +1,47 @@
+use std::process::ExitCode;
+use std::time::Duration;
+
+use clap::Args;
+use wire::WorkersTask;
+
+use crate::arguments::{ServerArguments, worker_name};
+
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// The worker's name; `torqued workers` lists them
+    #[arg(value_name = "WORKER", value_parser = worker_name)]
+    worker: String,
+
+    /// Wait until it has no task any more
+    #[arg(long)]
+    wait: bool,
+
+    #[command(flatten)]
+    server: ServerArguments,
+}
+
+/// Between two looks at the worker's task.
+const LOOK_EVERY: Duration = Duration::from_secs(1);
+
+pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
+    let Arguments { worker: name, wait, server } = arguments;
+    let client = server.client()?;
+    let mut worker = client.drain_worker(&name).await?;
+    match &worker.task {
+        Some(WorkersTask { job, label, .. }) if worker.alive => {
+            println!("drained; {name} ends {label} of job {job} and begins no other");
+        }
+        _ => println!("drained; {name} begins no task"),
+    }
+    while wait && worker.alive && worker.task.is_some() {
+        tokio::time::sleep(LOOK_EVERY).await;
+        let workers = client.workers("/v1/workers").await?.workers;
+        // One that has left the list has ended.
+        let Some(found) = workers.into_iter().find(|worker| worker.name == name) else { break };
+        worker = found;
+    }
+    if wait {
+        println!("{name} has no task any more; torqued undrain {name} lets it go on");
+    }
+    Ok(ExitCode::SUCCESS)
+}

@@ -1,0 +1,21 @@
+use std::process::ExitCode;
+
+use clap::Args;
+
+use crate::arguments::{ServerArguments, worker_name};
+
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// The worker's name; `torqued workers` lists them
+    #[arg(value_name = "WORKER", value_parser = worker_name)]
+    worker: String,
+
+    #[command(flatten)]
+    server: ServerArguments,
+}
+
+pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
+    let worker = arguments.server.client()?.undrain_worker(&arguments.worker).await?;
+    println!("{} begins tasks again", worker.name);
+    Ok(ExitCode::SUCCESS)
+}
