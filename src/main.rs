@@ -1,5 +1,8 @@
 //! `torqued`: the command line, and the composition of server and workers into one program.
 
+#[macro_use]
+mod output;
+
 mod allocator;
 mod arguments;
 mod cli;

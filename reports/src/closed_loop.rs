@@ -3,15 +3,15 @@ use wire::{ControlReport, ControllerSummary, Interval};
 use crate::table::{Align, Table};
 
 /// A row for each controller of a control job.
-pub fn print_closed_loop(name: &str, report: &ControlReport) {
+pub fn closed_loop_text(name: &str, report: &ControlReport) -> String {
     let seconds = f64::from(report.steps) / report.rate_hz;
-    println!(
+    format!(
         "\n{name}: tracking error in degrees of {} robots over {seconds} s: mean [95 % confidence \
-         interval]\n",
-        report.robots
-    );
-    println!("{}", table(report));
-    crate::print_warnings(&report.warnings, report.robots, "robots");
+         interval]\n\n{}\n{}",
+        report.robots,
+        table(report),
+        crate::warnings(&report.warnings, report.robots, "robots")
+    )
 }
 
 fn table(report: &ControlReport) -> String {

@@ -9,7 +9,7 @@ pub mod study;
 mod table;
 mod verdict;
 
-pub use closed_loop::print_closed_loop;
+pub use closed_loop::closed_loop_text;
 use error_table::{by_frequency, by_group};
 use rollout_table::by_rollout;
 pub use standing::Standing;
@@ -19,40 +19,41 @@ use verdict::verdicts;
 use wire::{PredictorInfo, PredictorKind, Report, Warning};
 
 /// Tables of the errors, and in a sentence what to make of each model.
-pub fn print(report: &Report) {
+pub fn text(report: &Report) -> String {
     let (context, horizon) = (report.context, report.horizon);
-    println!(
+    let mut text = format!(
         "\nRMSE in degrees over {horizon} samples at {} Hz, given the {context} before: mean \
-         [95 % confidence interval]\n",
-        report.rate_hz
+         [95 % confidence interval]\n\n{}\n",
+        report.rate_hz,
+        by_group(report)
     );
-    println!("{}", by_group(report));
     let by_frequency = by_frequency(report);
     if !by_frequency.is_empty() {
-        println!("{by_frequency}* trained at this frequency\n");
+        text += &format!("{by_frequency}* trained at this frequency\n\n");
     }
     let rollouts = by_rollout(report);
     if !rollouts.is_empty() {
-        println!(
+        text += &format!(
             "Error of the first sample, its change from sample to sample, at the seams of patches, and the \
              largest, in degrees;\nshare of predictions that leave the joints' limits, and that get more than \
-             180° off\n\n{rollouts}"
+             180° off\n\n{rollouts}\n"
         );
     }
-    print_warnings(&report.warnings, report.scenarios(), "scenarios");
+    text += &warnings(&report.warnings, report.scenarios(), "scenarios");
     for verdict in verdicts(report) {
-        println!("{verdict}\n");
+        text += &format!("{verdict}\n\n");
     }
+    text
 }
 
 /// A line for each predictor and kind of warning.
-fn print_warnings(warnings: &[Warning], all: u64, each: &str) {
-    for sentence in Warning::sentences(warnings, all, each) {
-        println!("warning: {sentence}");
-    }
+fn warnings(warnings: &[Warning], all: u64, each: &str) -> String {
+    let sentences = Warning::sentences(warnings, all, each).into_iter();
+    let mut text: String = sentences.map(|sentence| format!("warning: {sentence}\n")).collect();
     if !warnings.is_empty() {
-        println!();
+        text.push('\n');
     }
+    text
 }
 
 /// The trained predictors.

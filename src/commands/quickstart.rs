@@ -53,7 +53,7 @@ async fn compute_and_show(arguments: &Arguments, server: &Server) -> anyhow::Res
         .await?
         .report
         .with_context(|| format!("evaluation {evaluation} has no report"))?;
-    reports::print(&report);
+    print!("{}", reports::text(&report));
     print_places(&client, server, &job, &page).await
 }
 

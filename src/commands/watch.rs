@@ -32,11 +32,12 @@ pub async fn to_the_end(client: &Client, id: i64) -> anyhow::Result<ExitCode> {
         match (job.kind, job.run) {
             (JobKind::Evaluate, _) => {
                 if let Some(report) = client.evaluation(job.id).await?.report {
-                    reports::print(&report);
+                    print!("{}", reports::text(&report));
                 }
             }
             (JobKind::Control, Some(run)) => {
-                reports::print_closed_loop(&job.name, &client.control_report(run).await?);
+                let report = client.control_report(run).await?;
+                print!("{}", reports::closed_loop_text(&job.name, &report));
             }
             _ if job.dataset.is_none() && job.checkpoints.is_empty() => {
                 if let Some(findings) = wire::findings(&client.tasks(job.id).await?) {
