@@ -1,11 +1,11 @@
-//! What can be typed: commands, logging.
+//! What can be typed.
 
 use clap::{Parser, Subcommand};
-use tracing_subscriber::EnvFilter;
 
 use crate::commands::{
-    attempts, cancel, decode_recording, devices, drain, import, jobs, pause, presets, quickstart,
-    resume, retry, serve, simulate, study, submit, undrain, verify, watch, worker, workers,
+    attempts, cancel, decode_recording, devices, drain, import, jobs, logs, pause, presets,
+    quickstart, resume, retry, serve, simulate, study, submit, undrain, verify, watch, worker,
+    workers,
 };
 
 /// In-context identification of robot dynamics as a service: simulate, train, evaluate.
@@ -46,6 +46,8 @@ pub enum Command {
     Jobs(jobs::Arguments),
     /// List every time that a worker had a task of a job, and how it ended
     Attempts(attempts::Arguments),
+    /// Print what the tasks of a job logged
+    Logs(logs::Arguments),
     /// Follow a job until it ends
     Watch(watch::Arguments),
     /// Cancel a job
@@ -65,22 +67,6 @@ pub enum Command {
     /// Decode the recording on standard input; a worker starts this for itself
     #[command(hide = true)]
     DecodeRecording(decode_recording::Arguments),
-}
-
-/// Sends log lines to stderr. What a user waits for is shown by the command itself, so only the
-/// long-running commands log what they do. Returns the filter in use, for child processes.
-pub fn start_logging(cli: &Cli) -> String {
-    let usual = match cli.command {
-        Command::Serve(_) | Command::Worker(_) => "info",
-        _ => "warn",
-    };
-    let filter = cli.log.as_deref().unwrap_or(usual);
-    tracing_subscriber::fmt()
-        .with_env_filter(EnvFilter::builder().parse_lossy(filter))
-        .with_writer(std::io::stderr)
-        .with_ansi(std::io::IsTerminal::is_terminal(&std::io::stderr()))
-        .init();
-    filter.to_owned()
 }
 
 #[cfg(test)]

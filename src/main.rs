@@ -9,6 +9,7 @@ mod cli;
 mod client;
 mod commands;
 mod device;
+mod logging;
 mod offers;
 mod process;
 mod progress;
@@ -22,7 +23,7 @@ use simd::InstructionSet;
 
 fn main() -> ExitCode {
     let cli = cli::Cli::parse();
-    let log = cli::start_logging(&cli);
+    let log = logging::start(&cli);
     if let Err(error) = InstructionSet::chosen() {
         return fail(&anyhow::Error::new(error).context(simd::VARIABLE));
     }

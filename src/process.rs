@@ -1,9 +1,14 @@
-//! This process among others: which program it runs, its files, and who goes first when memory runs out.
+//! This process among others: which program it runs, its files, its children, and who goes first when memory runs out.
 
 use std::io;
 use std::path::PathBuf;
 
 use nix::sys::resource::{Resource, getrlimit, setrlimit};
+use nix::sys::signal::{Signal, kill};
+use nix::unistd::Pid;
+
+/// The exit code of a worker that ended because its task did not, which is no crash: EX_TEMPFAIL of sysexits.h.
+pub const GAVE_UP: u8 = 75;
 
 /// The program that this process runs, for it to run once more: the very same, also when another version has taken
 /// its place since.
@@ -44,14 +49,84 @@ pub fn host() -> String {
     }
 }
 
+/// Kills the processes that this one has started, those that they have started, and all others of its process group
+/// where it leads one. Only Linux tells which those are.
+pub fn kill_children() {
+    let processes = processes();
+    let mut found = vec![std::process::id()];
+    let mut looked_at = 0;
+    while let Some(&parent) = found.get(looked_at) {
+        looked_at += 1;
+        // No group but that of its leader has the number of a process that lives.
+        let is_child = |it: &&Process| it.parent == parent || it.group == std::process::id();
+        let children = processes.iter().filter(is_child).map(|it| it.pid);
+        let new: Vec<u32> = children.filter(|pid| !found.contains(pid)).collect();
+        found.extend(new);
+    }
+    for pid in found.into_iter().skip(1).filter_map(|pid| i32::try_from(pid).ok()) {
+        // It may have ended by itself.
+        let _ = kill(Pid::from_raw(pid), Signal::SIGKILL);
+    }
+}
+
+/// A process of this machine.
+#[derive(Debug)]
+struct Process {
+    pid: u32,
+    parent: u32,
+    group: u32,
+}
+
+/// All that this one may see.
+fn processes() -> Vec<Process> {
+    let entries = std::fs::read_dir("/proc").into_iter().flatten().flatten();
+    let read = |entry: std::fs::DirEntry| {
+        let pid = entry.file_name().to_str()?.parse().ok()?;
+        let stat = std::fs::read_to_string(entry.path().join("stat")).ok()?;
+        // `PID (NAME) STATE PARENT GROUP ...`, and a name may have parentheses in it.
+        let mut fields = stat.rsplit_once(')')?.1.split_whitespace().skip(1);
+        let (parent, group) = (fields.next()?.parse().ok()?, fields.next()?.parse().ok()?);
+        Some(Process { pid, parent, group })
+    };
+    entries.filter_map(read).collect()
+}
+
 #[cfg(test)]
 mod tests {
+    use std::os::unix::process::ExitStatusExt as _;
+
     use super::*;
 
     #[test]
     fn the_own_program_is_this_one() {
         let own = std::fs::read(own_program().unwrap()).unwrap();
         assert_eq!(own, std::fs::read(std::env::current_exe().unwrap()).unwrap());
+    }
+
+    /// One that stands still and takes no other signal, and one that it has started.
+    #[test]
+    #[cfg(target_os = "linux")]
+    fn children_are_killed_with_their_children() {
+        let mut child = std::process::Command::new("sh")
+            .args(["-c", "sleep 1000 & echo $!; kill -STOP $$"])
+            .stdout(std::process::Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut line = String::new();
+        let output = child.stdout.take().unwrap();
+        io::BufRead::read_line(&mut io::BufReader::new(output), &mut line).unwrap();
+        let grandchild: u32 = line.trim().parse().unwrap();
+        assert!(processes().iter().any(|it| it.pid == grandchild && it.parent == child.id()));
+        kill_children();
+        assert_eq!(child.wait().unwrap().signal(), Some(9));
+        // Nobody may have waited for it.
+        let has_ended = || {
+            let stat = std::fs::read_to_string(format!("/proc/{grandchild}/stat"));
+            stat.is_err() || stat.is_ok_and(|stat| stat.contains(") Z "))
+        };
+        while !has_ended() {
+            std::thread::sleep(std::time::Duration::from_millis(10));
+        }
     }
 
     #[test]

@@ -1,10 +1,11 @@
 //! A child process that decodes a file.
 
 use std::fs::File;
-use std::io::{self, BufReader, ErrorKind, Read};
+use std::io::{self, BufRead, BufReader, ErrorKind, Read};
 use std::os::unix::process::ExitStatusExt;
 use std::path::PathBuf;
-use std::process::{Child, ChildStdout, Command, Stdio};
+use std::process::{Child, ChildStderr, ChildStdout, Command, Stdio};
+use std::thread::{self, JoinHandle};
 
 use spec::ImportSpec;
 
@@ -25,12 +26,17 @@ pub struct DecoderProgram {
 pub struct Decoder {
     process: Child,
     frames: Frames<BufReader<ChildStdout>>,
+    /// Logs what the child says, and returns the beginning of it when the child has ended.
+    listener: Option<JoinHandle<String>>,
     /// For errors.
     name: String,
 }
 
 /// Kept of what a child says before it dies.
-const KEPT_BYTES: u64 = 16 * 1024;
+const KEPT_BYTES: usize = 16 * 1024;
+
+/// Bytes of a line that are read at once.
+const LINE_BYTES: u64 = 4 * 1024;
 
 impl Decoder {
     /// Has `program` decode `file`, which its sender called `name`.
@@ -57,7 +63,8 @@ impl Decoder {
         let stdout = process.stdout.take();
         let stdout = stdout.ok_or_else(|| ImportError::Start(ErrorKind::BrokenPipe.into()))?;
         let frames = Frames::new(BufReader::new(stdout), spec);
-        Ok(Self { process, frames, name: name.to_owned() })
+        let listener = process.stderr.take().map(|stderr| thread::spawn(|| listen(stderr)));
+        Ok(Self { process, frames, listener, name: name.to_owned() })
     }
 
     /// Why the frames ended too early.
@@ -69,13 +76,8 @@ impl Decoder {
             Ok(status) => status,
             Err(error) => return error.into(),
         };
-        let mut said = Vec::new();
-        if let Some(stderr) = self.process.stderr.take()
-            && let Err(error) = stderr.take(KEPT_BYTES).read_to_end(&mut said)
-        {
-            return error.into();
-        }
-        let said = String::from_utf8_lossy(&said);
+        let said = self.listener.take().and_then(|listener| listener.join().ok());
+        let said = said.unwrap_or_default();
         let file = self.name.clone();
         // The words of Rust's allocation error; its decoders ask no other allocator for much.
         if said.contains("memory allocation of") {
@@ -87,6 +89,22 @@ impl Decoder {
             ImportError::Died { file, status, said }
         }
     }
+}
+
+/// Logs the lines of a child until its end. A child that nobody listened to would stand still when the pipe is full.
+fn listen(stderr: ChildStderr) -> String {
+    let mut lines = BufReader::new(stderr);
+    let mut said = String::new();
+    let mut line = Vec::new();
+    while lines.by_ref().take(LINE_BYTES).read_until(b'\n', &mut line).is_ok_and(|read| read > 0) {
+        let text = String::from_utf8_lossy(&line);
+        tracing::warn!("the decoder says: {}", text.trim_end());
+        if said.len() < KEPT_BYTES {
+            said.push_str(&text);
+        }
+        line.clear();
+    }
+    said
 }
 
 impl Iterator for Decoder {

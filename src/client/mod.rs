@@ -9,8 +9,8 @@ use std::time::Duration;
 use reqwest::{Method, RequestBuilder, Response, StatusCode, Url};
 use serde::de::DeserializeOwned;
 use wire::{
-    Attempts, Checkpoint, ControlReport, Dataset, Evaluation, Job, Jobs, Presets, Queue, Task,
-    Tasks, Worker, Workers,
+    Attempts, Checkpoint, ControlReport, Dataset, Evaluation, Job, Jobs, Logs, Presets, Queue,
+    Task, Tasks, Worker, Workers,
 };
 
 pub use error::ClientError;
@@ -102,6 +102,14 @@ impl Client {
 
     pub async fn attempts(&self, path: &str) -> Result<Attempts, ClientError> {
         self.get(path).await
+    }
+
+    /// A page of what the tasks of a job logged.
+    pub async fn logs(&self, job: i64, query: &[(&str, String)]) -> Result<Logs, ClientError> {
+        let mut address = self.base.clone();
+        address.query_pairs_mut().extend_pairs(query);
+        let query = address.query().unwrap_or_default();
+        self.get(&format!("/v1/jobs/{job}/logs?{query}")).await
     }
 
     pub async fn queue(&self) -> Result<Queue, ClientError> {

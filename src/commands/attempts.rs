@@ -33,6 +33,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
         return Ok(ExitCode::SUCCESS);
     }
     let mut table = Table::new([
+        ("id", Align::Right),
         ("task", Align::Left),
         ("worker", Align::Left),
         ("started", Align::Right),
@@ -51,6 +52,7 @@ fn row(attempt: Attempt) -> Vec<String> {
     let started = measure::since(&attempt.started_at, None);
     let took = measure::since(&attempt.started_at, attempt.ended_at.as_deref());
     vec![
+        attempt.id.to_string(),
         attempt.label,
         attempt.worker,
         started.map(|age| format!("{} ago", measure::duration(age))).unwrap_or_default(),

@@ -7,6 +7,7 @@ pub mod devices;
 pub mod drain;
 pub mod import;
 pub mod jobs;
+pub mod logs;
 mod own_server;
 pub mod pause;
 pub mod presets;
@@ -26,15 +27,16 @@ pub mod workers;
 use std::process::ExitCode;
 
 use crate::cli::Command;
+use crate::logging::Logging;
 
-/// Runs a command; `log` is the filter that child processes shall log with.
-pub async fn run(command: Command, log: &str) -> anyhow::Result<ExitCode> {
+/// Runs a command.
+pub async fn run(command: Command, log: &Logging) -> anyhow::Result<ExitCode> {
     match command {
-        Command::Serve(arguments) => serve::run(arguments, log).await,
-        Command::Worker(arguments) => worker::run(arguments).await,
+        Command::Serve(arguments) => serve::run(arguments, &log.filter).await,
+        Command::Worker(arguments) => worker::run(arguments, &log.attempt).await,
         Command::Devices(arguments) => devices::run(&arguments).await,
-        Command::Quickstart(arguments) => quickstart::run(arguments, log).await,
-        Command::Study(arguments) => study::run(arguments, log).await,
+        Command::Quickstart(arguments) => quickstart::run(arguments, &log.filter).await,
+        Command::Study(arguments) => study::run(arguments, &log.filter).await,
         Command::Simulate(arguments) => simulate::run(arguments).await,
         Command::Verify(arguments) => verify::run(arguments).await,
         Command::Submit(arguments) => submit::run(arguments).await,
@@ -42,6 +44,7 @@ pub async fn run(command: Command, log: &str) -> anyhow::Result<ExitCode> {
         Command::Workers(arguments) => workers::run(arguments).await,
         Command::Jobs(arguments) => jobs::run(arguments).await,
         Command::Attempts(arguments) => attempts::run(arguments).await,
+        Command::Logs(arguments) => logs::run(arguments).await,
         Command::Watch(arguments) => watch::run(arguments).await,
         Command::Cancel(arguments) => cancel::run(arguments).await,
         Command::Retry(arguments) => retry::run(arguments).await,

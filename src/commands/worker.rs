@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use clap::Args;
 use tokio_util::sync::CancellationToken;
-use worker::WorkerOptions;
+use worker::{AttemptLog, WorkerError, WorkerOptions};
 
 use crate::arguments::{DeviceArguments, StoreArguments, worker_name};
 use crate::commands::decode_recording;
@@ -45,10 +45,10 @@ pub struct Arguments {
     stop_with_stdin: bool,
 }
 
-/// How long a task may take to put itself down before the process ends without it.
+/// How long the process may take to end when its server has died: longer than it gives its task.
 const STOP_WITHIN: Duration = Duration::from_secs(30);
 
-pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
+pub async fn run(arguments: Arguments, log: &AttemptLog) -> anyhow::Result<ExitCode> {
     allocator::keep_freed_memory();
     process::open_many_files();
     process::go_first_when_memory_is_short();
@@ -71,9 +71,17 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
         any_version: arguments.any_version,
         device: arguments.device.device,
         decoder: decode_recording::program()?,
+        log: log.clone(),
     };
-    worker::run(&options, shutdown).await?;
-    Ok(ExitCode::SUCCESS)
+    match worker::run(&options, shutdown).await {
+        Ok(()) => Ok(ExitCode::SUCCESS),
+        // The log says why.
+        Err(WorkerError::Unstoppable { .. }) => {
+            process::kill_children();
+            Ok(ExitCode::from(process::GAVE_UP))
+        }
+        Err(error) => Err(error.into()),
+    }
 }
 
 async fn watch_signals(mut interrupts: Interrupts, shutdown: CancellationToken) {
@@ -91,7 +99,7 @@ fn watch_stdin(shutdown: CancellationToken) {
         while stdin.read(&mut byte).is_ok_and(|count| count > 0) {}
         shutdown.cancel();
         std::thread::sleep(STOP_WITHIN);
-        tracing::error!("the task did not stop in time; its lease will run out");
+        tracing::error!("the worker did not stop in time; the lease of its task will run out");
         std::process::exit(1);
     });
 }

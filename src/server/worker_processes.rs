@@ -10,7 +10,7 @@ use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 use worker::DeviceKind;
 
-use crate::process::{self, own_program};
+use crate::process::{self, GAVE_UP, own_program};
 
 /// How a server runs its workers.
 #[derive(Clone, Debug)]
@@ -32,8 +32,9 @@ const HEALTHY_AFTER: Duration = Duration::from_secs(30);
 const FIRST_PAUSE: Duration = Duration::from_millis(200);
 const LONGEST_PAUSE: Duration = Duration::from_secs(30);
 
-/// How long workers may take to put down their task; a checkpoint of a large model takes seconds.
-const STOP_WITHIN: Duration = Duration::from_secs(20);
+/// How long workers may take to put down their task: longer than they give it themselves (`worker/src/stop.rs`), since
+/// one that has to be killed here says nothing of why.
+const STOP_WITHIN: Duration = Duration::from_secs(25);
 
 impl WorkerProcesses {
     /// Keeps `count` workers running until `shutdown`, then until they have ended.
@@ -62,8 +63,10 @@ impl WorkerProcesses {
                     tracing::info!(worker = index, pid = child.id(), "worker started");
                     let end = run_to_end(index, child, &shutdown, &kill).await;
                     self.take_back(index, &end).await;
-                    if !matches!(end, End::Died(_)) {
-                        return;
+                    match end {
+                        End::Died(_) => {}
+                        End::GaveUp => continue,
+                        End::Stopped | End::Killed => return,
                     }
                 }
                 Err(error) => tracing::error!(worker = index, %error, "cannot start a worker"),
@@ -86,8 +89,11 @@ impl WorkerProcesses {
                 let how = format!("died: {how}");
                 self.store.take_back(&name, WorkerEnd::Died(&how)).await
             }
-            // It may have been killed before it could put its task down, for which the task is not to blame.
-            End::Stopped | End::Killed => self.store.take_back(&name, WorkerEnd::Stopped).await,
+            // It may have been killed before it could put its task down, for which the task is not to blame. One that
+            // gave up has ended its attempt, unless the database did not answer.
+            End::GaveUp | End::Stopped | End::Killed => {
+                self.store.take_back(&name, WorkerEnd::Stopped).await
+            }
         };
         if let Err(error) = taken {
             let error = anyhow::Error::new(error);
@@ -136,6 +142,8 @@ impl WorkerProcesses {
 enum End {
     /// By itself, and how.
     Died(String),
+    /// By itself, because its task did not end when it was told to.
+    GaveUp,
     Stopped,
     Killed,
 }
@@ -151,6 +159,10 @@ async fn run_to_end(
     let stdin = child.stdin.take();
     tokio::select! {
         status = child.wait() => {
+            if status.as_ref().is_ok_and(|status| status.code() == Some(GAVE_UP.into())) {
+                tracing::warn!(worker = index, "worker ended to end its task, starting another");
+                return End::GaveUp;
+            }
             let how = status.map_or_else(|error| error.to_string(), |status| status.to_string());
             tracing::warn!(worker = index, how, "worker died, starting another");
             return End::Died(how);

@@ -7,9 +7,10 @@ use recordings::DecoderProgram;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
-use store::{ClaimedTask, Fence, NewArtifact, Store};
+use store::{ClaimedTask, Fence, NewArtifact, Store, StoreError};
 use tokio::runtime::Handle;
 
+use crate::attempt_log::AttemptLog;
 use crate::error::TaskError;
 use crate::heartbeat::ProgressCell;
 use crate::stop::StopSignal;
@@ -23,6 +24,7 @@ pub(crate) struct Attempt {
     pub decoder: DecoderProgram,
     pub task: ClaimedTask,
     pub progress: Arc<ProgressCell>,
+    pub log: AttemptLog,
     pub stop: Arc<StopSignal>,
     pub runtime: Handle,
 }
@@ -82,7 +84,19 @@ impl Attempt {
     /// Ends the task with what it found.
     pub fn complete(&self, result: &impl Serialize) -> Result<(), TaskError> {
         let result = serde_json::to_value(result)?;
-        self.wait(self.store.complete(self.fence(), Some(&result)))?;
+        self.end(self.store.complete(self.fence(), Some(&result)))
+    }
+
+    /// Ends the task by `commit`. Its log comes first: nothing can be added to it afterwards.
+    pub fn end<T>(
+        &self,
+        commit: impl Future<Output = Result<T, StoreError>>,
+    ) -> Result<(), TaskError> {
+        tracing::info!(seconds = self.progress.seconds(), "done");
+        if let Err(error) = self.wait(self.log.send(&self.store, self.fence())) {
+            tracing::warn!(error = faults::causes(&error), "cannot write the end of the log");
+        }
+        self.wait(commit)?;
         Ok(())
     }
 

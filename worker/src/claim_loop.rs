@@ -5,14 +5,16 @@ use std::time::Duration;
 use models::{Device, DeviceKind};
 use recordings::DecoderProgram;
 use spec::Resources;
-use store::{Access, Bell, ClaimedTask, Location, Retry, Store, StoreError};
+use store::{Access, Bell, ClaimedTask, Location, Store};
 use tokio::runtime::Handle;
 use tokio_util::sync::CancellationToken;
 
 use crate::WorkerError;
 use crate::attempt::Attempt;
+use crate::attempt_log::AttemptLog;
 use crate::error::TaskError;
 use crate::heartbeat::{LeaseTerms, ProgressCell, keep_alive};
+use crate::held_task::HeldTask;
 use crate::kinds::{KindModule, module};
 use crate::presence::Presence;
 use crate::stop::{StopReason, StopSignal};
@@ -38,6 +40,8 @@ pub struct WorkerOptions {
     pub device: DeviceKind,
     /// The decoder of foreign files.
     pub decoder: DecoderProgram,
+    /// Where the lines go that this process logs.
+    pub log: AttemptLog,
 }
 
 /// How long an idle worker waits to be told of a task before it looks by itself: a task that may be claimed from a
@@ -51,8 +55,8 @@ const RETRY: Duration = Duration::from_secs(2);
 /// would fail one after the other.
 ///
 /// # Errors
-/// A data folder or a device that cannot be opened; a device that failed. Failures of tasks are
-/// theirs, not the worker's.
+/// A data folder or a device that cannot be opened; a device that failed; work that does not end when it is told to.
+/// Failures of tasks are theirs, not the worker's.
 pub async fn run(options: &WorkerOptions, shutdown: CancellationToken) -> Result<(), WorkerError> {
     if let Some(threads) = options.threads {
         rayon::ThreadPoolBuilder::new()
@@ -76,7 +80,7 @@ pub async fn run(options: &WorkerOptions, shutdown: CancellationToken) -> Result
 /// Claims and executes tasks until `shutdown`.
 ///
 /// # Errors
-/// A device that failed.
+/// As of [`execute`].
 async fn work_on(
     store: &Store,
     device: &Device,
@@ -153,7 +157,8 @@ async fn other_version(store: &Store) -> Option<String> {
 /// One attempt at a task, to its end.
 ///
 /// # Errors
-/// A device that failed: whatever became of the task, it is not to be used again.
+/// A device that failed: whatever became of the task, it is not to be used again. Work that does not end when it is
+/// told to: the attempt has ended, and this process is to end, too.
 async fn execute(
     store: &Store,
     device: &Device,
@@ -161,11 +166,17 @@ async fn execute(
     options: &WorkerOptions,
     shutdown: &CancellationToken,
 ) -> Result<(), WorkerError> {
-    let fence = task.fence;
+    options.log.begin();
+    say_what_begins(&task, options);
+    let held = HeldTask {
+        store,
+        fence: task.fence,
+        job: task.job,
+        label: task.label.clone(),
+        time_limit: task.time_limit,
+        log: &options.log,
+    };
     let module = task.kind.parse().ok().and_then(module);
-    let (label, job, attempt_number) = (task.label.clone(), task.job, task.attempt);
-    let time_limit = task.time_limit;
-    tracing::info!(%job, task = %label, attempt = attempt_number, "begins");
     let progress = Arc::new(ProgressCell::default());
     let stop = Arc::new(StopSignal::default());
     let attempt = Attempt {
@@ -174,6 +185,7 @@ async fn execute(
         decoder: options.decoder.clone(),
         task,
         progress: Arc::clone(&progress),
+        log: options.log.clone(),
         stop: Arc::clone(&stop),
         runtime: Handle::current(),
     };
@@ -185,47 +197,44 @@ async fn execute(
             Err(panicked(module, device.kind(), error.try_into_panic().ok().as_deref()))
         })
     };
-    let lease = LeaseTerms { fence, ttl: options.lease, time_limit };
-    let heartbeat = keep_alive(store, lease, &progress, &stop, shutdown, &over);
-    let (done, ()) = tokio::join!(work, heartbeat);
-    let ended = match &done {
-        Err(error) if error.is_of_device() => {
-            Err(WorkerError::DeviceFailed { device: device.kind() })
+    let lease = LeaseTerms { fence: held.fence, ttl: options.lease, time_limit: held.time_limit };
+    let heartbeat = keep_alive(store, lease, &progress, &options.log, &stop, shutdown, &over);
+    let ended = tokio::select! {
+        (done, ()) = async { tokio::join!(work, heartbeat) } => {
+            held.end(&done, stop.get()).await;
+            match done {
+                Err(error) if error.is_of_device() => {
+                    Err(WorkerError::DeviceFailed { device: device.kind() })
+                }
+                _ => Ok(()),
+            }
         }
-        _ => Ok(()),
+        () = stop.overdue() => {
+            Err(held.end_without_its_work(stop.get().unwrap_or(StopReason::Shutdown)).await)
+        }
     };
-
-    let committed = match (&done, stop.get()) {
-        (Ok(()), _) => Ok(()),
-        (Err(TaskError::Store(StoreError::LeaseLost { .. })), _)
-        | (Err(_), Some(StopReason::LeaseLost)) => {
-            tracing::warn!(%job, task = %label, "lost its lease; what it did does not count");
-            return ended;
-        }
-        (Err(TaskError::Stopped), Some(StopReason::Cancelled)) => store.stopped(fence).await,
-        (Err(TaskError::Stopped), Some(StopReason::TimeLimit)) => {
-            let limit = time_limit.unwrap_or_default().as_secs();
-            let error = format!(
-                "it took longer than its time limit of {limit} s: execution.time_limit_s, or the server's for jobs of \
-                 its kind"
-            );
-            store.fail(fence, &error, Retry::Never).await
-        }
-        (Err(TaskError::Stopped), _) => store.release(fence).await,
-        // The task is not to blame.
-        (Err(TaskError::Store(error)), _) if error.is_database_away() => store.release(fence).await,
-        (Err(error), _) => store.fail(fence, &faults::causes(error), error.retry()).await,
-    };
-    match (done, committed) {
-        (_, Err(error)) => {
-            tracing::error!(%job, task = %label, error = faults::causes(&error), "cannot end the task");
-        }
-        (Ok(()), Ok(())) => tracing::info!(%job, task = %label, "done"),
-        (Err(error), Ok(())) => {
-            tracing::warn!(%job, task = %label, error = faults::causes(&error), "not done");
-        }
-    }
+    options.log.end();
     ended
+}
+
+/// The first line of every log.
+fn say_what_begins(task: &ClaimedTask, options: &WorkerOptions) {
+    tracing::info!(
+        job = %task.job,
+        kind = task.kind,
+        task = %task.label,
+        attempt = task.attempt,
+        max_attempts = task.max_attempts,
+        epoch = %task.fence.epoch,
+        digest = %task.digest,
+        version = env!("CARGO_PKG_VERSION"),
+        worker = options.name,
+        host = options.host,
+        pid = std::process::id(),
+        device = %options.device,
+        threads = rayon::current_num_threads(),
+        "begins"
+    );
 }
 
 fn work(module: Option<KindModule>, attempt: &Attempt) -> Result<(), TaskError> {

@@ -64,6 +64,7 @@ impl DatasetReader {
         let shards = attempt.wait(attempt.store.shards(dataset.id))?;
         let job: JobSpec = serde_json::from_value(dataset.spec)?;
         let spec = DataSpec::of(&job).ok_or_else(|| missing(digest.to_string()))?;
+        tracing::info!(dataset = %dataset.id, %digest, shards = shards.len(), "reads a dataset");
         let shards = OpenShards {
             store: attempt.store.clone(),
             all: shards.into_iter().map(|shard| shard.contents).collect(),

@@ -1,6 +1,8 @@
 use models::{DeviceKind, Interrupted, ModelError};
-use store::{Retry, StoreError};
+use store::{JobId, Retry, StoreError};
 use thiserror::Error;
+
+use crate::stop::StopReason;
 
 /// Why a worker cannot go on at all.
 #[derive(Debug, Error)]
@@ -14,6 +16,12 @@ pub enum WorkerError {
     /// A driver that failed once is not to be trusted with the next task.
     #[error("device `{device}` failed, and a new process has to open it again")]
     DeviceFailed { device: DeviceKind },
+    /// Nothing but the end of this process ends the work. Its attempt has ended already.
+    #[error(
+        "task {task:?} of job {job} did not end within {} s, although {}; it ends with this process",
+        reason.within().as_secs(), reason.as_str()
+    )]
+    Unstoppable { job: JobId, task: String, reason: StopReason },
 }
 
 /// Why nothing can be said of what a job would take.

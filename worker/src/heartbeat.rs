@@ -2,9 +2,10 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use store::{Fence, Lease, Progress, Store};
+use store::{Fence, Lease, Progress, Store, StoreError};
 use tokio_util::sync::CancellationToken;
 
+use crate::attempt_log::AttemptLog;
 use crate::stop::{StopReason, StopSignal};
 
 /// Between two heartbeats: also how long a cancellation may go unnoticed.
@@ -12,6 +13,8 @@ const INTERVAL: Duration = Duration::from_secs(1);
 
 /// How long one heartbeat waits for the database.
 const ANSWER_WITHIN: Duration = Duration::from_secs(5);
+/// Between two lines of the log that say how far the attempt is.
+const SAY_EVERY: Duration = Duration::from_secs(60);
 
 /// How far an attempt is, written by the work and read by the heartbeat.
 #[derive(Debug)]
@@ -45,6 +48,11 @@ impl ProgressCell {
         self.set_done(done);
     }
 
+    /// Since the attempt began.
+    pub fn seconds(&self) -> f64 {
+        self.began.elapsed().as_secs_f64()
+    }
+
     pub fn say(&self, message: String) {
         *self.message.lock().unwrap_or_else(PoisonError::into_inner) = Some(message);
     }
@@ -52,7 +60,7 @@ impl ProgressCell {
     fn read(&self) -> Progress {
         let done = self.done.load(Ordering::Relaxed);
         let new = done.saturating_sub(self.initial.load(Ordering::Relaxed));
-        let seconds = self.began.elapsed().as_secs_f64();
+        let seconds = self.seconds();
         #[expect(clippy::cast_precision_loss, reason = "a rate for people to look at")]
         let rate = (new > 0 && seconds > 0.0).then(|| new as f64 / seconds);
         let message = self.message.lock().unwrap_or_else(PoisonError::into_inner).clone();
@@ -69,7 +77,7 @@ pub struct LeaseTerms {
     pub time_limit: Option<Duration>,
 }
 
-/// Renews the lease until `over`; tells the work through `stop` when it is to end.
+/// Renews the lease and sends the log until `over`; tells the work through `stop` when it is to end.
 ///
 /// A database that does not answer is no reason to stop: nobody can take the task meanwhile, and every write says at which
 /// epoch it was claimed.
@@ -77,12 +85,14 @@ pub async fn keep_alive(
     store: &Store,
     lease: LeaseTerms,
     progress: &ProgressCell,
+    log: &AttemptLog,
     stop: &StopSignal,
     shutdown: &CancellationToken,
     over: &CancellationToken,
 ) {
     let LeaseTerms { fence, ttl, time_limit } = lease;
     let began = Instant::now();
+    let mut said = began;
     loop {
         tokio::select! {
             () = over.cancelled() => return,
@@ -92,13 +102,25 @@ pub async fn keep_alive(
         if time_limit.is_some_and(|limit| began.elapsed() >= limit) {
             stop.set(StopReason::TimeLimit);
         }
-        let renewal = tokio::time::timeout(ANSWER_WITHIN, async {
-            store.renew(fence, ttl, &progress.read()).await
-        });
+        let progress = progress.read();
+        if said.elapsed() >= SAY_EVERY {
+            said = Instant::now();
+            let Progress { done, rate_per_second, message } = &progress;
+            tracing::info!(done, rate_per_second, says = message, "goes on");
+        }
+        let renewal =
+            tokio::time::timeout(ANSWER_WITHIN, async { store.renew(fence, ttl, &progress).await });
         match renewal.await {
             Ok(Ok(Lease::Held { cancel_requested })) => {
                 if cancel_requested {
                     stop.set(StopReason::Cancelled);
+                }
+                match log.send(store, fence).await {
+                    // The next renewal finds out about a lost lease.
+                    Ok(()) | Err(StoreError::LeaseLost { .. }) => {}
+                    Err(error) => {
+                        tracing::warn!(error = faults::causes(&error), "cannot write the log");
+                    }
                 }
             }
             Ok(Ok(Lease::Lost)) => {

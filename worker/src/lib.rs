@@ -2,9 +2,11 @@
 //!
 //! One module per job kind turns rows and objects into science and back. They are blocking code on
 //! a thread of their own, while heartbeats go on beside them; when told to stop they end at the
-//! next point where nothing is lost.
+//! next point where nothing is lost. Work that does not end when it is told to ends with its process, and the attempt
+//! is ended before.
 
 mod attempt;
+mod attempt_log;
 mod claim_loop;
 mod control;
 mod dataset;
@@ -12,6 +14,7 @@ mod error;
 mod evaluate;
 mod folder;
 mod heartbeat;
+mod held_task;
 mod import;
 mod kinds;
 mod presence;
@@ -25,6 +28,7 @@ mod train;
 mod trajectories;
 mod verify;
 
+pub use attempt_log::AttemptLog;
 pub use claim_loop::{WorkerOptions, run};
 pub use error::{RehearsalError, WorkerError};
 pub use folder::{DatasetFolder, FolderError, Verified};

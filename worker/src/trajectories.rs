@@ -21,7 +21,10 @@ impl TrajectorySource {
     /// Finds what a stored spec refers to.
     pub fn open(attempt: &Attempt, source: &DataSource) -> Result<Self, TaskError> {
         match source {
-            DataSource::Stream(spec) => Ok(Self::Stream(Stream::new(spec))),
+            DataSource::Stream(spec) => {
+                tracing::info!(seed = spec.seed, samples = spec.samples, "simulates its data");
+                Ok(Self::Stream(Stream::new(spec)))
+            }
             DataSource::Job(_) | DataSource::Dataset(_) | DataSource::Digest(_) => {
                 Ok(Self::Dataset(DatasetReader::open(attempt, source)?))
             }

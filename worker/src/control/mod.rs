@@ -4,6 +4,7 @@ mod report;
 mod table;
 
 use std::ops::ControlFlow;
+use std::time::Instant;
 
 use evaluation::control::{Controller, Experiment, Foreseen, RobotTrials, Trace, robot_figure};
 use evaluation::{Learned, Start};
@@ -46,11 +47,14 @@ fn robot(attempt: &Attempt, spec: &ControlSpec, index: u64) -> Result<(), TaskEr
     let mut done = 0;
     for controller in baselines.chain(learned) {
         attempt.progress.say(controller.name.clone());
+        let began = Instant::now();
         let progress =
             |samples: u32| -> ControlFlow<()> { attempt.show(done + u64::from(samples)) };
         let ran = attempt
             .interruptible(|| experiment.run(index, plant.clone(), &controller, &progress))?;
         let (trial, trace) = ran.ok_or(TaskError::Stopped)?;
+        let seconds = began.elapsed().as_secs_f64();
+        tracing::info!(robot = index, controller = controller.name, seconds, "controlled");
         let checkpoint = checkpoints.iter().find(|it| it.info.name == controller.name);
         if let Some(trained) = checkpoint.and_then(|it| it.model.config().ranges.as_ref()) {
             let recorded = trace.recorded_after(&plant, simulation.rate_hz);

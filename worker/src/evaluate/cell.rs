@@ -1,8 +1,10 @@
 //! Asks every predictor for the scenarios of one cell, and keeps their errors.
 
+use std::time::Instant;
+
 use evaluation::metrics::{band_edge_hz, highest_component_hz, occupied_band_hz};
 use evaluation::{
-    CellResult, Scoring, evaluate_cell, measured_jitter_deg, measured_left_limits,
+    CellResult, PredictorErrors, Scoring, evaluate_cell, measured_jitter_deg, measured_left_limits,
     within_torque_limits,
 };
 use models::context_warnings;
@@ -51,8 +53,21 @@ pub(super) fn cell(attempt: &Attempt, spec: &EvaluateSpec, index: usize) -> Resu
     let predictors = Predictors::new(spec, data.spec(), &checkpoints);
     let asked = predictors.of_cell(&scenarios, cell.first);
     let mut errors = Vec::with_capacity(asked.len());
+    tracing::info!(
+        cell = index,
+        scenarios = scenarios.robots(),
+        predictors = asked.len(),
+        "asks predictors"
+    );
     for (done, predictor) in (1_u64..).zip(asked.chunks(1)) {
-        errors.extend(attempt.interruptible(|| evaluate_cell(&scenarios, &scoring, predictor))?);
+        let began = Instant::now();
+        let found = attempt.interruptible(|| evaluate_cell(&scenarios, &scoring, predictor))?;
+        for PredictorErrors { predictor, rmse_deg, .. } in &found {
+            let unanswered = rmse_deg.iter().filter(|rmse| rmse.is_none()).count();
+            let seconds = began.elapsed().as_secs_f64();
+            tracing::info!(predictor, unanswered, seconds, "answered");
+        }
+        errors.extend(found);
         attempt.progress.set_done(attempt.task.total * done / asked.len() as u64);
     }
     let result = CellResult {

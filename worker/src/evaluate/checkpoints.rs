@@ -60,6 +60,8 @@ impl LoadedCheckpoint {
             Ok::<_, TaskError>(attempt.wait(store.read_object(object))?)
         };
         let model = TrainedModel::load(&read(MODEL_FILE)?, &read(CONFIG_FILE)?, &attempt.device)?;
+        let (id, step) = (checkpoint.id, checkpoint.step);
+        tracing::info!(checkpoint = %id, job = %checkpoint.job, step, "loaded");
 
         // A checkpoint of a training that failed or was cancelled can be evaluated, too.
         let job = attempt.wait(store.job(checkpoint.job))?;

@@ -59,6 +59,8 @@ pub(super) fn latency(attempt: &Attempt, spec: &EvaluateSpec) -> Result<(), Task
             device: attempt.device.kind().to_string(),
             load,
         };
+        let (predictor, median_ms) = (&run.info.name, latency.median_ms);
+        tracing::info!(predictor, median_ms, repeats, load, "timed");
         latencies.push((run.info.name.clone(), latency));
         attempt.progress.set_done(attempt.task.total * done / runs.len() as u64);
     }

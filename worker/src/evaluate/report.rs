@@ -22,6 +22,7 @@ pub(super) fn report(attempt: &Attempt, spec: &EvaluateSpec) -> Result<(), TaskE
     let checkpoints = LoadedCheckpoint::load_all(attempt, &spec.checkpoints)?;
     let tasks = attempt.wait(attempt.store.tasks(attempt.task.job))?;
     let (cells, tables) = cells(attempt, &tasks)?;
+    tracing::info!(cells = cells.len(), "puts the cells together");
     attempt.check_stop()?;
 
     let mut predictors = Predictors::new(spec, data.spec(), &checkpoints).infos();
@@ -57,8 +58,7 @@ pub(super) fn report(attempt: &Attempt, spec: &EvaluateSpec) -> Result<(), TaskE
     let footer = rows::footer(&attempt.task.spec, joints);
     let written = attempt.store.put_table(attempt.fence(), "scenarios.parquet", tables, &footer);
     attempt.wait(written)?;
-    attempt.wait(attempt.store.complete(attempt.fence(), None))?;
-    Ok(())
+    attempt.end(attempt.store.complete(attempt.fence(), None))
 }
 
 fn data_noise(observations: &Observations) -> Option<DataNoise> {

@@ -33,10 +33,11 @@ fn run(attempt: &Attempt) -> Result<(), TaskError> {
     };
     let (trajectories, table) = (object(FileContent::Trajectories)?, object(FileContent::Robots)?);
     let written = convert(rows, &spec, trajectories, table, &|done| attempt.show(done))?;
+    let ImportCounts { rows, recordings, trajectories, .. } = &written.counts;
+    tracing::info!(rows, recordings, trajectories, "converted and published");
     let mut result = written.summary.to_result();
     result["import"] = serde_json::to_value(written.counts)?;
-    attempt.wait(store.commit_import(attempt.fence(), &written.shard, &result))?;
-    Ok(())
+    attempt.end(store.commit_import(attempt.fence(), &written.shard, &result))
 }
 
 /// The rows of an upload, decoded in a process of its own.
@@ -45,6 +46,7 @@ pub(crate) fn decode(
     upload: &Upload,
     spec: &ImportSpec,
 ) -> Result<Decoder, TaskError> {
+    tracing::info!(file = upload.name, bytes = upload.object.size, "decodes a file");
     let file = attempt.store.open_upload(upload)?;
     Ok(Decoder::start(&attempt.decoder, file, &upload.name, spec)?)
 }

@@ -7,7 +7,7 @@ mod takeover;
 
 use jobs::ShardTask;
 use spec::SimulateSpec;
-use store::{FileContent, ObjectWriter, object_path};
+use store::{FileContent, ObjectWriter, ShardContents, object_path};
 
 use crate::attempt::Attempt;
 use crate::error::TaskError;
@@ -33,7 +33,9 @@ fn run(attempt: &Attempt) -> Result<(), TaskError> {
     let progress = |done: u64| attempt.show(done);
     let (trajectories, robots) = (begin(FileContent::Trajectories)?, begin(FileContent::Robots)?);
     let written = shard.write(trajectories, robots, &progress)?;
+    let ShardContents { first, count, rejected, trajectories, robots } = &written.shard;
+    let bytes = trajectories.size + robots.size;
+    tracing::info!(first, trajectories = count, rejected, bytes, "simulated and published");
     let result = written.summary.to_result();
-    attempt.wait(attempt.store.commit_shard(task.fence, &written.shard, Some(&result)))?;
-    Ok(())
+    attempt.end(attempt.store.commit_shard(task.fence, &written.shard, Some(&result)))
 }

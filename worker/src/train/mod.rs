@@ -41,6 +41,8 @@ fn run(attempt: &Attempt) -> Result<(), TaskError> {
     let (trainer, latest) = trainer(attempt, &spec, &course)?;
     let trainer = trainer.interrupted_by(attempt.stop.interrupt().clone());
     let first = trainer.steps_done();
+    let checkpoint = latest.as_ref().map(|checkpoint| checkpoint.id.0);
+    tracing::info!(step = first, steps = spec.steps, checkpoint, "trains from here");
     attempt.wait(attempt.store.delete_metrics_after(attempt.fence(), first))?;
     attempt.progress.begin_at(first);
 

@@ -133,11 +133,11 @@ impl<'a> Training<'a> {
         let step = self.trainer.steps_done();
         let result = self.result();
         if step < self.spec.steps {
-            self.attempt.wait(store.complete_early(fence, step, &result))?;
+            tracing::info!(step, %result, "stops early");
+            self.attempt.end(store.complete_early(fence, step, &result))
         } else {
-            self.attempt.wait(store.complete(fence, Some(&result)))?;
+            self.attempt.end(store.complete(fence, Some(&result)))
         }
-        Ok(())
     }
 
     /// What the task has to say of itself.
@@ -205,6 +205,7 @@ impl<'a> Training<'a> {
             ValidationMetric::RmseDeg => rmse_deg,
         };
         let is_best = self.improvement.observe(step, monitored);
+        tracing::info!(step, loss = report.loss(), rmse_deg, is_best, "validated");
         let best = self.improvement.best().filter(|_| !is_best);
         let note = best.map_or(String::new(), |(step, _)| format!(", best at step {step}"));
         self.attempt.progress.say(format!("validation RMSE {rmse_deg:.2}°{note}"));
@@ -220,6 +221,7 @@ impl<'a> Training<'a> {
         self.recorder.write()?;
         let (store, task) = (&self.attempt.store, &self.attempt.task);
         let step = self.trainer.steps_done();
+        let began = Instant::now();
         let mut published = Vec::new();
         for (name, bytes) in files.into_named() {
             let path = object_path::checkpoint(task.job, step, task.fence.epoch, name);
@@ -234,6 +236,9 @@ impl<'a> Training<'a> {
             files: published,
         };
         let id = self.attempt.wait(store.commit_checkpoint(task.fence, &checkpoint))?;
+        let bytes: u64 = checkpoint.files.iter().map(|file| file.object.size).sum();
+        let seconds = began.elapsed().as_secs_f64();
+        tracing::info!(checkpoint = %id, step, ?kind, bytes, seconds, "kept a checkpoint");
         self.kept = Some((id, step));
         self.kept_at = Instant::now();
         self.attempt.wait(store.prune_checkpoints(task.fence, self.spec.keep_checkpoints))?;
@@ -268,7 +273,7 @@ impl<'a> Training<'a> {
 }
 
 /// What a checkpoint is besides.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 enum Kind {
     Passing,
     Best,

@@ -40,6 +40,7 @@ fn run(attempt: &Attempt) -> Result<(), TaskError> {
         Some(DataSpec::Import(spec)) => verify_import(attempt, &spec, &shard.contents)?,
         None => return Err(missing()),
     };
+    tracing::info!(dataset = %dataset.id, shard = ordinal, bytes, values, "compared");
     attempt.complete(&VerifiedShard { shard: ordinal, dataset: dataset.id.0, bytes, values })
 }
 

@@ -1,0 +1,212 @@
+use std::collections::HashMap;
+use std::process::ExitCode;
+use std::time::{Duration, Instant};
+
+use clap::Args;
+use wire::{LogChunk, Logs, left_out};
+
+use crate::arguments::ServerArguments;
+use crate::client::{Client, ClientError};
+
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// The job, or a pipeline for all of its jobs
+    #[arg(value_name = "JOB")]
+    job: i64,
+
+    /// Print lines as they are logged, until the job ends
+    #[arg(long, short)]
+    follow: bool,
+
+    /// Only of this task
+    #[arg(long, value_name = "LABEL|ID")]
+    task: Option<String>,
+
+    /// Only of this attempt; `torqued attempts` lists them
+    #[arg(long, value_name = "ID")]
+    attempt: Option<i64>,
+
+    /// Begin with the last lines, so many
+    #[arg(long, value_name = "N", default_value_t = 200, value_parser = clap::value_parser!(u32).range(0..=100_000))]
+    lines: u32,
+
+    #[command(flatten)]
+    server: ServerArguments,
+}
+
+/// Seconds that the server may wait for a line before it answers.
+const WAIT_S: u32 = 20;
+
+/// How long a server that does not answer is waited for: it may be restarting.
+const PATIENCE: Duration = Duration::from_secs(30);
+
+/// Between two questions that were answered at once.
+const PAUSE: Duration = Duration::from_millis(400);
+
+pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
+    let client = arguments.server.client()?;
+    let asked = Asked {
+        client: &client,
+        job: arguments.job,
+        task: arguments.task.as_deref(),
+        attempt: arguments.attempt,
+    };
+    let (newest, mut next, mut complete) = asked.newest(arguments.lines as usize).await?;
+    let mut printer = Printer::default();
+    newest.iter().for_each(|chunk| printer.print(chunk));
+    if !arguments.follow {
+        if newest.is_empty() && arguments.lines > 0 {
+            eprintln!("nothing was logged yet, or the log is not kept any more");
+        }
+        return Ok(ExitCode::SUCCESS);
+    }
+    while !complete {
+        let began = Instant::now();
+        let page = asked.after(next).await?;
+        page.chunks.iter().for_each(|chunk| printer.print(chunk));
+        (next, complete) = (page.next, page.complete);
+        if page.chunks.is_empty() && !complete {
+            tokio::time::sleep(PAUSE.saturating_sub(began.elapsed())).await;
+        }
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// The logs that are asked for.
+struct Asked<'a> {
+    client: &'a Client,
+    job: i64,
+    task: Option<&'a str>,
+    attempt: Option<i64>,
+}
+
+impl Asked<'_> {
+    /// The last `lines` lines, the `after` of what follows, and whether nothing does.
+    async fn newest(&self, lines: usize) -> Result<(Vec<LogChunk>, i64, bool), ClientError> {
+        let mut page = self.page(&[]).await?;
+        let (next, complete) = (page.next, page.complete);
+        let mut chunks = std::mem::take(&mut page.chunks);
+        while let Some(before) = page.previous.filter(|_| count_lines(&chunks) < lines) {
+            page = self.page(&[("before", before.to_string())]).await?;
+            let mut earlier = std::mem::take(&mut page.chunks);
+            earlier.append(&mut chunks);
+            chunks = earlier;
+        }
+        keep_last(&mut chunks, lines);
+        Ok((chunks, next, complete))
+    }
+
+    /// What follows, when there is something; a server that is being restarted is waited for.
+    async fn after(&self, next: i64) -> Result<Logs, ClientError> {
+        let parameters = [("after", next.to_string()), ("wait", WAIT_S.to_string())];
+        let began = Instant::now();
+        loop {
+            match self.page(&parameters).await {
+                Err(ClientError::Unreachable { .. }) if began.elapsed() < PATIENCE => {
+                    tokio::time::sleep(PAUSE).await;
+                }
+                answer => return answer,
+            }
+        }
+    }
+
+    async fn page(&self, more: &[(&str, String)]) -> Result<Logs, ClientError> {
+        let task = self.task.map(|task| ("task", task.to_owned()));
+        let attempt = self.attempt.map(|attempt| ("attempt", attempt.to_string()));
+        let parameters: Vec<(&str, String)> =
+            task.into_iter().chain(attempt).chain(more.iter().cloned()).collect();
+        self.client.logs(self.job, &parameters).await
+    }
+}
+
+fn count_lines(chunks: &[LogChunk]) -> usize {
+    chunks.iter().map(|chunk| chunk.text.lines().count()).sum()
+}
+
+/// Drops all but the last `lines` lines.
+fn keep_last(chunks: &mut Vec<LogChunk>, lines: usize) {
+    let mut to_drop = count_lines(chunks).saturating_sub(lines);
+    chunks.retain_mut(|chunk| {
+        let dropped = chunk.text.lines().count().min(to_drop);
+        to_drop -= dropped;
+        let bytes: usize = chunk.text.split_inclusive('\n').take(dropped).map(str::len).sum();
+        chunk.text.drain(..bytes);
+        chunk.position += bytes as u64;
+        !chunk.text.is_empty()
+    });
+}
+
+/// Prints chunks of several attempts with a line between them that says whose lines follow.
+#[derive(Default)]
+struct Printer {
+    /// The attempt that was printed last.
+    last: Option<i64>,
+    /// Where the last chunk of each ended.
+    ends: HashMap<i64, u64>,
+}
+
+impl Printer {
+    fn print(&mut self, chunk: &LogChunk) {
+        print!("{}", self.render(chunk));
+    }
+
+    fn render(&mut self, chunk: &LogChunk) -> String {
+        let mut text = String::new();
+        let before = self.last.replace(chunk.attempt);
+        if before != Some(chunk.attempt) {
+            let gap = if before.is_some() { "\n" } else { "" };
+            let LogChunk { label, attempt, worker, .. } = chunk;
+            text = format!("{gap}==> {label}, attempt {attempt} on {worker} <==\n");
+        }
+        if let Some(end) = self.ends.insert(chunk.attempt, chunk.end())
+            && end < chunk.position
+        {
+            text.push_str(&left_out(chunk.position - end));
+        }
+        text + &chunk.text
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn chunk(attempt: i64, position: u64, text: &str) -> LogChunk {
+        LogChunk {
+            id: 1,
+            attempt,
+            task: attempt,
+            label: format!("shard {attempt}"),
+            worker: "w1".to_owned(),
+            position,
+            text: text.to_owned(),
+            written_at: String::new(),
+        }
+    }
+
+    #[test]
+    fn lines_of_another_attempt_are_announced_and_gaps_shown() {
+        let mut printer = Printer::default();
+        let chunks =
+            [chunk(1, 0, "a\n"), chunk(1, 2, "b\n"), chunk(2, 7, "c\n"), chunk(1, 9, "d\n")];
+        let text: String = chunks.iter().map(|chunk| printer.render(chunk)).collect();
+        assert_eq!(
+            text,
+            "==> shard 1, attempt 1 on w1 <==\na\nb\n\n==> shard 2, attempt 2 on w1 <==\nc\n\n\
+             ==> shard 1, attempt 1 on w1 <==\n... 5 bytes were left out here ...\nd\n"
+        );
+    }
+
+    #[test]
+    fn the_last_lines_may_begin_in_the_middle_of_a_chunk() {
+        let all = || vec![chunk(1, 0, "a\nb\n"), chunk(1, 4, "c\nd\n")];
+        let kept = |lines| {
+            let mut chunks = all();
+            keep_last(&mut chunks, lines);
+            chunks
+        };
+        assert_eq!(kept(3), [chunk(1, 2, "b\n"), chunk(1, 4, "c\nd\n")]);
+        assert_eq!(kept(1), [chunk(1, 6, "d\n")]);
+        assert_eq!((kept(0), kept(9)), (vec![], all()));
+    }
+}

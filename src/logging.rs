@@ -1,0 +1,88 @@
+//! Where log lines go.
+
+use std::backtrace::Backtrace;
+use std::io::{self, IsTerminal};
+use std::panic;
+use std::thread;
+
+use tracing_subscriber::filter::{FilterExt as _, LevelFilter};
+use tracing_subscriber::layer::{Layer as _, SubscriberExt as _};
+use tracing_subscriber::util::SubscriberInitExt as _;
+use tracing_subscriber::{EnvFilter, fmt, registry};
+use worker::AttemptLog;
+
+use crate::cli::{Cli, Command};
+
+/// What commands must know of the log.
+pub struct Logging {
+    /// The filter in use, for child processes.
+    pub filter: String,
+    /// The lines of a worker that belong to its attempt.
+    pub attempt: AttemptLog,
+}
+
+/// Lines of a backtrace that are logged.
+const BACKTRACE_LINES: usize = 40;
+
+/// Sends log lines to stderr. What a user waits for is shown by the command itself, so only the
+/// long-running commands log what they do. A worker keeps the lines of its attempts besides: those that stderr has, and
+/// all from `info` on whatever the filter says.
+pub fn start(cli: &Cli) -> Logging {
+    let usual = match cli.command {
+        Command::Serve(_) | Command::Worker(_) => "info",
+        _ => "warn",
+    };
+    let filter = cli.log.as_deref().unwrap_or(usual);
+    let parsed = || EnvFilter::builder().parse_lossy(filter);
+    let stderr = fmt::layer().with_writer(io::stderr).with_ansi(io::stderr().is_terminal());
+    let subscriber = registry().with(stderr.with_filter(parsed()));
+    let attempt = AttemptLog::default();
+    if matches!(cli.command, Command::Worker(_)) {
+        let lines = attempt.clone();
+        let lines = fmt::layer().with_writer(move || lines.clone()).with_ansi(false);
+        subscriber.with(lines.with_filter(parsed().or(LevelFilter::INFO))).init();
+        log_panics();
+    } else {
+        subscriber.init();
+    }
+    Logging { filter: filter.to_owned(), attempt }
+}
+
+/// Has panics of every thread logged, with the head of a backtrace.
+fn log_panics() {
+    panic::set_hook(Box::new(|panic| {
+        let thread = thread::current();
+        let name = thread.name().unwrap_or("without a name");
+        let place = panic.location().map_or_else(String::new, |place| format!(" at {place}"));
+        let message = panic.payload_as_str().unwrap_or("a panic without a message");
+        let backtrace = Backtrace::force_capture().to_string();
+        tracing::error!("thread {name:?} panicked{place}: {message}\n{}", head(&backtrace));
+    }));
+}
+
+/// The first lines of a backtrace, without those of the panic itself.
+fn head(backtrace: &str) -> String {
+    let lines: Vec<&str> = backtrace.lines().collect();
+    let machinery = |line: &&str| line.contains("core::panicking::") || line.contains("__rustc");
+    // A frame is followed by its place in the source.
+    let first = lines.iter().rposition(machinery).map_or(0, |last| last + 2);
+    let first = if first < lines.len() { first } else { 0 };
+    lines[first..].iter().take(BACKTRACE_LINES).copied().collect::<Vec<_>>().join("\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_backtrace_begins_where_the_panic_was_and_has_an_end() {
+        let frame = |k: usize, name: &str| format!("{k:4}: {name}\n             at file.rs:{k}\n");
+        let mut text = frame(0, "std::backtrace::Backtrace::force_capture");
+        text += &frame(1, "__rustc::rust_begin_unwind");
+        text += &frame(2, "core::panicking::panic_fmt");
+        text += &(3..100).map(|k| frame(k, "worker::train::step")).collect::<String>();
+        let head = head(&text);
+        assert!(head.starts_with("   3: worker::train::step\n"), "{head}");
+        assert_eq!(head.lines().count(), BACKTRACE_LINES);
+    }
+}

@@ -1,0 +1,234 @@
+//! What this process logs while it has a task, on its way to the store.
+
+use std::collections::VecDeque;
+use std::io;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use store::{Fence, NewLogChunk, Store, StoreError};
+
+/// The log of the attempt that this process is at. It has one at a time, so that the lines of all threads belong to it;
+/// between attempts lines go nowhere. Clones share it.
+///
+/// A writer for `tracing_subscriber`, which writes each event at once. Whatever the database does, writing takes no
+/// longer than adding a line to memory, and what is kept there has a limit: the beginning and the end of the log, as in
+/// the store.
+#[derive(Clone, Debug, Default)]
+pub struct AttemptLog {
+    lines: Arc<Mutex<Option<Lines>>>,
+    /// Held while lines are on their way, so that none goes twice.
+    sending: Arc<tokio::sync::Mutex<()>>,
+}
+
+/// Bytes of one event at most; what is longer is cut.
+const EVENT_BYTES: usize = 8 << 10;
+
+/// Chunks that are written in one transaction at most.
+const CHUNKS_AT_ONCE: usize = 16;
+
+/// What the store does not have yet.
+#[derive(Debug, Default)]
+struct Lines {
+    /// Bytes logged so far, those that were left out included.
+    logged: u64,
+    /// Of the beginning of the log.
+    head: VecDeque<Line>,
+    /// Later ones, the newest of them.
+    tail: VecDeque<Line>,
+    tail_bytes: u64,
+}
+
+#[derive(Clone, Debug)]
+struct Line {
+    position: u64,
+    text: String,
+}
+
+impl AttemptLog {
+    /// From now on lines belong to an attempt that has logged nothing.
+    pub(crate) fn begin(&self) {
+        *self.lock() = Some(Lines::default());
+    }
+
+    /// From now on lines belong to nothing. What was not sent is lost.
+    pub(crate) fn end(&self) {
+        *self.lock() = None;
+    }
+
+    /// Sends all lines to the store.
+    ///
+    /// # Errors
+    /// When the database fails or the lease is lost. Lines that were not written are kept for another try.
+    pub(crate) async fn send(&self, store: &Store, fence: Fence) -> Result<(), StoreError> {
+        let _sending = self.sending.lock().await;
+        loop {
+            let chunks = self.lock().as_ref().map(Lines::chunks).unwrap_or_default();
+            let Some(last) = chunks.last() else { return Ok(()) };
+            store.append_log(fence, &chunks).await?;
+            if let Some(lines) = &mut *self.lock() {
+                lines.forget_until(last.end());
+            }
+        }
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Option<Lines>> {
+        self.lines.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl io::Write for AttemptLog {
+    fn write(&mut self, event: &[u8]) -> io::Result<usize> {
+        if let Some(lines) = &mut *self.lock() {
+            lines.add(text_of(event));
+        }
+        Ok(event.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+/// The lines of an event, without what a terminal or a database could take amiss.
+fn text_of(event: &[u8]) -> String {
+    let text = String::from_utf8_lossy(event);
+    let mut text: String = text
+        .trim_end()
+        .chars()
+        .map(|c| if c.is_control() && !matches!(c, '\n' | '\t') { '\u{fffd}' } else { c })
+        .collect();
+    if text.len() > EVENT_BYTES {
+        let kept = text.floor_char_boundary(EVENT_BYTES);
+        let cut = text.len() - kept;
+        text.truncate(kept);
+        text.push_str(&format!(" ... {cut} bytes more"));
+    }
+    text.push('\n');
+    text
+}
+
+impl Lines {
+    fn add(&mut self, text: String) {
+        let line = Line { position: self.logged, text };
+        self.logged = line.end();
+        if line.position < Store::LOG_HEAD_BYTES {
+            self.head.push_back(line);
+            return;
+        }
+        self.tail_bytes += line.text.len() as u64;
+        self.tail.push_back(line);
+        while self.tail_bytes > Store::LOG_TAIL_BYTES {
+            self.forget_first_of_tail();
+        }
+    }
+
+    /// The oldest lines, in chunks.
+    fn chunks(&self) -> Vec<NewLogChunk> {
+        let mut chunks: Vec<NewLogChunk> = Vec::new();
+        for line in self.head.iter().chain(&self.tail) {
+            let are_enough = chunks.len() == CHUNKS_AT_ONCE;
+            match chunks.last_mut() {
+                Some(chunk)
+                    if chunk.end() == line.position
+                        && chunk.text.len() + line.text.len() <= Store::LOG_CHUNK_BYTES =>
+                {
+                    chunk.text.push_str(&line.text);
+                }
+                _ if are_enough => break,
+                _ => chunks.push(NewLogChunk { position: line.position, text: line.text.clone() }),
+            }
+        }
+        chunks
+    }
+
+    /// Forgets the lines that end at `position` or before.
+    fn forget_until(&mut self, position: u64) {
+        while self.head.front().is_some_and(|line| line.end() <= position) {
+            self.head.pop_front();
+        }
+        while self.tail.front().is_some_and(|line| line.end() <= position) {
+            self.forget_first_of_tail();
+        }
+    }
+
+    fn forget_first_of_tail(&mut self) {
+        if let Some(line) = self.tail.pop_front() {
+            self.tail_bytes -= line.text.len() as u64;
+        }
+    }
+}
+
+impl Line {
+    fn end(&self) -> u64 {
+        self.position + self.text.len() as u64
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::Write as _;
+
+    use super::*;
+
+    fn unsent(log: &AttemptLog) -> Vec<NewLogChunk> {
+        log.lock().as_ref().unwrap().chunks()
+    }
+
+    #[test]
+    fn lines_between_attempts_belong_to_none() {
+        let mut log = AttemptLog::default();
+        log.write_all(b"before\n").unwrap();
+        log.begin();
+        log.write_all(b"during\n").unwrap();
+        assert_eq!(unsent(&log), [NewLogChunk { position: 0, text: "during\n".to_owned() }]);
+        log.end();
+        log.write_all(b"after\n").unwrap();
+        log.begin();
+        assert_eq!(unsent(&log), []);
+    }
+
+    #[test]
+    fn lines_of_all_threads_belong_to_the_attempt() {
+        let log = AttemptLog::default();
+        log.begin();
+        std::thread::scope(|scope| {
+            for _ in 0..4 {
+                let mut log = log.clone();
+                scope.spawn(move || (0..100).for_each(|_| log.write_all(b"line\n").unwrap()));
+            }
+        });
+        assert_eq!(unsent(&log)[0].text, "line\n".repeat(400));
+    }
+
+    /// Without a database that takes them.
+    #[test]
+    fn memory_for_lines_has_a_limit_and_what_is_left_out_shows() {
+        let mut log = AttemptLog::default();
+        log.begin();
+        let line = format!("{}\n", "x".repeat(999));
+        for _ in 0..5000 {
+            log.write_all(line.as_bytes()).unwrap();
+        }
+        let mut lines = log.lock().take().unwrap();
+        let held: u64 = lines.head.iter().chain(&lines.tail).map(|it| it.text.len() as u64).sum();
+        assert!(held <= Store::LOG_HEAD_BYTES + Store::LOG_TAIL_BYTES + 1000, "{held}");
+        assert_eq!(lines.logged, 5_000_000);
+        let mut gaps = 0;
+        let mut end = 0;
+        while let Some(chunk) = lines.chunks().first() {
+            assert!(chunk.text.len() <= Store::LOG_CHUNK_BYTES && chunk.text.ends_with('\n'));
+            gaps += usize::from(chunk.position != end);
+            end = chunk.end();
+            lines.forget_until(end);
+        }
+        assert_eq!((gaps, end), (1, 5_000_000));
+    }
+
+    #[test]
+    fn a_long_event_is_cut_and_its_control_characters_are_replaced() {
+        assert_eq!(text_of(b"a\x1b[31mb\0c\td\ne\r\n"), "a\u{fffd}[31mb\u{fffd}c\td\ne\n");
+        let long = "ä".repeat(EVENT_BYTES);
+        let text = text_of(long.as_bytes());
+        assert!(text.ends_with(&format!("ä ... {EVENT_BYTES} bytes more\n")), "{}", &text[8100..]);
+        assert!(text.len() < Store::LOG_CHUNK_BYTES);
+    }
+}
