@@ -361,7 +361,7 @@ async fn a_training_that_is_tried_again_begins_anew_where_no_checkpoint_can_be_l
     use sqlx::{ConnectOptions, Connection, Row};
     let data = tempfile::tempdir().unwrap();
     let product = Product::start(data.path());
-    let first = product.submit(&training(300)).await;
+    let first = product.submit(&training(3000)).await;
     product.job_when(first, |job| job["progress"]["done"].as_f64() > Some(60.0)).await;
     product.post(&format!("/v1/jobs/{first}/cancel"), "").await;
     assert_eq!(product.finished(first).await["state"], "cancelled");
