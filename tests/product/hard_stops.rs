@@ -101,7 +101,7 @@ async fn a_task_that_takes_too_long_and_does_not_end_fails() {
     let ended = product.finished(job).await;
     assert_eq!(ended["state"], "failed", "{ended:#}");
     let error = ended["error"].as_str().unwrap();
-    assert!(error.contains("time_limit_s, 2 s, and did not end within 30 s"), "{error}");
+    assert!(error.contains("time limit of 2 s, and did not end within 30 s"), "{error}");
     let next = product.submit(&small_pipeline()["jobs"]["train-set"]).await;
     product.succeeded(next).await;
     assert!(!is_alive(decoder));
