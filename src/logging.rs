@@ -13,7 +13,7 @@ use worker::AttemptLog;
 
 use crate::cli::{Cli, Command};
 
-/// What commands must know of the log.
+/// The part of the log that commands must know.
 pub struct Logging {
     /// The filter in use, for child processes.
     pub filter: String,

@@ -1,11 +1,11 @@
-//! What a worker offers to tasks: told by flags, or found out.
+//! The offer of a worker to tasks: told by flags, or found out.
 
 use clap::Args;
 use spec::Resources;
 
 use crate::server::memory;
 
-/// What a worker can be told to offer.
+/// The flags that tell a worker its offer.
 #[derive(Debug, Args)]
 pub struct OfferArguments {
     /// Processors to offer to tasks [default: its threads]
@@ -38,7 +38,7 @@ impl OfferArguments {
     }
 }
 
-/// What a server can be told that each of its own workers offers.
+/// The flags that tell a server the offer of each of its own workers.
 #[derive(Clone, Debug, Args)]
 pub struct WorkerOfferArguments {
     /// Processors that each worker offers to tasks [default: its threads]

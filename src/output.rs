@@ -5,7 +5,7 @@ use std::fmt::Arguments;
 use std::io::{self, ErrorKind, Write};
 use std::process;
 
-/// What a shell reports for a program that SIGPIPE ended, as it ends other tools.
+/// The code that a shell reports for a program that SIGPIPE ended, as it ends other tools.
 const NOBODY_READS: i32 = 128 + 13;
 
 macro_rules! print {

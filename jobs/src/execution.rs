@@ -1,4 +1,4 @@
-//! What a server allows of how a job is run.
+//! The limits that a server sets on how jobs are run.
 
 use spec::{JobSpec, Moment, SpecError, Violation};
 use store::Timestamp;

@@ -19,12 +19,12 @@ pub(crate) enum Transaction {
     Postgres(postgres::Transaction),
 }
 
-/// What a transaction may change.
+/// The rows that a transaction may change.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Scope {
     /// The states of jobs and tasks: one such transaction at a time.
     Queue,
-    /// What belongs to one leased task, whose row it locks first; or what belongs to none.
+    /// Rows of one leased task, whose own row it locks first; or rows of no task.
     Rows,
 }
 

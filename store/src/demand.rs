@@ -1,4 +1,4 @@
-//! What tasks that wait ask for, and why they wait.
+//! The demand of tasks that wait, and why they wait.
 
 use std::collections::HashMap;
 

@@ -1,4 +1,4 @@
-//! What one server does for all that share a store: two may serve one PostgreSQL, and one of them keeps house.
+//! Duties that one server has for all that share a store: two may serve one PostgreSQL, and one of them keeps house.
 
 use crate::database::Database;
 use crate::postgres::DutyLock;

@@ -18,7 +18,7 @@ struct Marker {
 const REMEDY: &str = "give each database a folder or a bucket's prefix of its own";
 
 impl Store {
-    /// What tells this store from others, in 32 hexadecimal digits.
+    /// The name that tells this store from others: 32 hexadecimal digits.
     ///
     /// # Errors
     /// When the database fails.

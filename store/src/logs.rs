@@ -1,4 +1,4 @@
-//! What attempts logged: rows and no files, so that every database has them wherever its workers run.
+//! The logs of attempts: rows and no files, so that every database has them wherever its workers run.
 
 use crate::database::{Scope, sql};
 use crate::{Attempt, Fence, JobId, Store, StoreError, TaskId, Timestamp, leases};
@@ -32,9 +32,9 @@ pub struct LogChunk {
 #[derive(Clone, Debug, Default)]
 pub struct LogFilter {
     pub jobs: Vec<JobId>,
-    /// Of these tasks alone.
+    /// Only the logs of these tasks.
     pub tasks: Option<Vec<TaskId>>,
-    /// Of this attempt alone.
+    /// Only the log of this attempt.
     pub attempt: Option<i64>,
 }
 

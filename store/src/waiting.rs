@@ -16,7 +16,7 @@ enum Inner {
 }
 
 impl Store {
-    /// What is queued from now on rings. With PostgreSQL a bell is a connection: drop it while there is work.
+    /// Tasks that are queued from now on ring. With PostgreSQL a bell is a connection: drop it while there is work.
     ///
     /// # Errors
     /// When the database does not answer.

@@ -1,4 +1,4 @@
-//! What this process logs while it has a task, on its way to the store.
+//! The log of the attempt that runs in this process, on its way to the store.
 
 use std::collections::VecDeque;
 use std::io;
@@ -25,7 +25,7 @@ const EVENT_BYTES: usize = 8 << 10;
 /// Chunks that are written in one transaction at most.
 const CHUNKS_AT_ONCE: usize = 16;
 
-/// What the store does not have yet.
+/// Lines that the store does not have yet.
 #[derive(Debug, Default)]
 struct Lines {
     /// Bytes logged so far, those that were left out included.

@@ -1,4 +1,4 @@
-//! What attempts at tasks logged.
+//! The logs of attempts at tasks.
 
 use std::time::{Duration, Instant};
 

@@ -48,7 +48,7 @@ struct JobPage {
     last_task: i64,
     /// The newest that ended without success.
     attempts: Vec<AttemptRow>,
-    /// Of the newest attempt that runs, or else that did not succeed.
+    /// The last lines of the newest attempt that runs, or else of the newest that did not succeed.
     log: Option<LogEnd>,
     spec: String,
     commands: Commands,

@@ -1,4 +1,4 @@
-//! What attempts at tasks logged: as it comes, or as a file.
+//! The logs of attempts at tasks, as they come or as a file.
 
 use axum::Json;
 use axum::extract::State;

@@ -1,4 +1,4 @@
-//! What attempts logged: page by page, as it comes, as a file and on the page.
+//! The logs of attempts: in pages, as they come, as a file and on the page of the job.
 
 use std::time::Duration;
 

@@ -20,7 +20,7 @@ macro_rules! listed_ids {
     };
 }
 
-/// What stands before and after such a parameter.
+/// The SQL before and after such a parameter.
 pub(super) const LISTED_IDS: (&str, &str) =
     ("(SELECT CAST(value AS BIGINT) FROM jsonb_array_elements_text(", "))");
 
@@ -31,7 +31,7 @@ macro_rules! listed_texts {
     };
 }
 
-/// What stands before and after such a parameter.
+/// The SQL before and after such a parameter.
 pub(super) const LISTED_TEXTS: (&str, &str) =
     ("(SELECT value FROM jsonb_array_elements_text(", "))");
 
@@ -98,5 +98,5 @@ pub(super) fn first_in_line(may_be_claimed: &str, locked: &str) -> String {
     )
 }
 
-/// What the partial indexes of experiments say, word for word.
+/// The condition of the partial indexes of experiments, word for word.
 pub(super) const IS_EXPERIMENT: &str = "NOT job.is_part";

@@ -90,7 +90,7 @@ async fn found_schema(connection: &mut PgConnection) -> Result<i64, sqlx::Error>
     Ok(applied.iter().map(|migration| migration.version).max().unwrap_or(0))
 }
 
-/// What keeps the database from being used, and what to do about it.
+/// The reason why the database cannot be used, and what to do about it.
 fn unusable(place: &str, options: &PgConnectOptions, source: sqlx::Error) -> StoreError {
     let user = options.get_username();
     let database = options.get_database().unwrap_or(user);

@@ -20,7 +20,7 @@ macro_rules! listed_ids {
     };
 }
 
-/// What stands before and after such a parameter.
+/// The SQL before and after such a parameter.
 pub(super) const LISTED_IDS: (&str, &str) = ("(SELECT value FROM json_each(", "))");
 
 /// The texts of a parameter that is a list of them in JSON.
@@ -30,7 +30,7 @@ macro_rules! listed_texts {
     };
 }
 
-/// What stands before and after such a parameter.
+/// The SQL before and after such a parameter.
 pub(super) const LISTED_TEXTS: (&str, &str) = LISTED_IDS;
 
 /// The lists in a parameter that is a list of lists in JSON, as rows of `item` with their place `key`.
@@ -93,5 +93,5 @@ pub(super) fn first_in_line(may_be_claimed: &str, locked: &str) -> String {
     )
 }
 
-/// What the partial indexes of experiments say, word for word.
+/// The condition of the partial indexes of experiments, word for word.
 pub(super) const IS_EXPERIMENT: &str = "job.is_part = 0";

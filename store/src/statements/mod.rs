@@ -4,7 +4,7 @@
 //! database's `dialect`. A function is one statement, or a few that belong together. It decides nothing: the conditions
 //! that it holds are of time, of identity and of what a list asks for.
 //!
-//! What keeps the statements common: parameters are numbered (`$1`), integers have 64 bits and a sign (`rows::number`),
+//! These rules keep the statements common: parameters are numbered (`$1`), integers have 64 bits and a sign (`rows::number`),
 //! truth values are compared with nothing (`WHERE NOT is_part`), sums are cast to `BIGINT`, and no column stands beside
 //! an aggregate without being grouped by.
 

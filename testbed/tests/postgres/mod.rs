@@ -1,4 +1,4 @@
-//! What holds of PostgreSQL alone: who is let in, who keeps house, and what becomes of work while it is away.
+//! Laws of PostgreSQL alone: who is let in, who keeps house, and what becomes of work while it is away.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};

@@ -15,7 +15,7 @@ use super::{Fixture, LONG, alone, evaluate, pipeline, simulate, task, train};
 
 const CLIENTS: u64 = 16;
 
-/// What each of many clients answers; all begin together.
+/// The answers of many clients that begin together.
 async fn at_once<F>(f: &Fixture, client: impl Fn(Store, u64) -> F) -> Vec<F::Output>
 where
     F: Future<Output: Send> + Send + 'static,

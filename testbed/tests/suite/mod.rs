@@ -45,7 +45,7 @@ pub struct Fixture {
     pub store: Store,
     /// Its data folder.
     pub dir: TempDir,
-    /// What else goes with it.
+    /// Servers and databases that go with it.
     #[expect(dead_code, reason = "held to be dropped")]
     pub keep: Box<dyn Any + Send + Sync>,
 }

@@ -1,4 +1,4 @@
-//! What people and specs say comes back as it was said, and in the same order whatever the database's locale.
+//! Texts of people and specs come back as they were written, and in the same order whatever the database's locale.
 
 use bytes::Bytes;
 use serde_json::json;
