@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use store::{DatabaseUrl, Location};
+use store::{DatabaseUrl, Location, ObjectsUrl};
 use worker::DeviceKind;
 
 use crate::client::{Client, ClientError};
@@ -37,11 +37,20 @@ pub struct StoreArguments {
     /// of many machines may share it
     #[arg(long, env = "TORQUED_DATABASE", value_name = "URL", hide_env_values = true)]
     pub database: Option<DatabaseUrl>,
+
+    /// Bucket of an S3-compatible store for shards, checkpoints and uploads in place of the folder, as s3://BUCKET/PREFIX; where the
+    /// store is, and the keys, come from the environment (docs/scale.md)
+    #[arg(long, env = "TORQUED_OBJECTS", value_name = "URL")]
+    pub objects: Option<ObjectsUrl>,
 }
 
 impl StoreArguments {
     pub fn location(&self) -> Location {
-        Location { folder: self.data.clone(), database: self.database.clone() }
+        Location {
+            folder: self.data.clone(),
+            database: self.database.clone(),
+            objects: self.objects.clone(),
+        }
     }
 }
 

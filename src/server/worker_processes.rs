@@ -127,6 +127,7 @@ impl WorkerProcesses {
             .env("MIMALLOC_PURGE_DELAY", "-1")
             // Passwords are no arguments: other users see those.
             .envs(self.location.database.iter().map(|url| ("TORQUED_DATABASE", url.expose())))
+            .envs(self.location.objects.iter().map(|url| ("TORQUED_OBJECTS", url.to_string())))
             // Nothing is ever written: the pipe's closing, with or without a farewell of the
             // server, is what tells the worker to stop.
             .stdin(Stdio::piped())

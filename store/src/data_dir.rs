@@ -46,6 +46,11 @@ impl DataDir {
         self.0.join("objects")
     }
 
+    /// Copies of objects that lie elsewhere.
+    pub fn cache(&self) -> PathBuf {
+        self.0.join("cache")
+    }
+
     fn lock_file(&self) -> PathBuf {
         self.0.join("server.lock")
     }

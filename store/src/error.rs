@@ -8,6 +8,7 @@ use std::time::Duration;
 use thiserror::Error;
 use wire::JobState;
 
+use crate::objects::trouble::{Trouble, advice, in_short};
 use crate::{Epoch, Fingerprint, JobId, TaskId};
 
 #[derive(Debug, Error)]
@@ -62,8 +63,24 @@ pub enum StoreError {
     #[error("the database could not be brought up to date")]
     Migration { source: sqlx::migrate::MigrateError },
 
-    #[error("object {path} failed while {operation}")]
-    Object { operation: &'static str, path: String, source: object_store::Error },
+    #[error("`{url}` is no place for objects: {reason}; allowed is s3://BUCKET/PREFIX")]
+    ObjectsUrl { url: String, reason: String },
+
+    #[error("{name} is `{value}`; allowed is {allowed}")]
+    S3Options { name: &'static str, value: String, allowed: String },
+
+    #[error("objects in {url} at {endpoint} cannot be used: {reason}")]
+    ObjectsUnusable { url: String, endpoint: String, reason: String },
+
+    /// Two databases use one bucket and prefix, most likely.
+    #[error(
+        "object {path} is there already, with other bytes; two databases cannot keep their objects in one bucket under \
+         one prefix: give each a prefix of its own"
+    )]
+    ObjectTaken { path: String },
+
+    #[error("object {path} failed while {operation}: {}{}", in_short(error), advice(error))]
+    Object { operation: &'static str, path: String, error: object_store::Error },
 
     #[error("object {path} failed while {operation}")]
     ObjectFile { operation: &'static str, path: String, source: io::Error },
@@ -101,7 +118,10 @@ impl StoreError {
     pub fn is_missing_file(&self) -> bool {
         match self {
             Self::ObjectFile { source, .. } => source.kind() == io::ErrorKind::NotFound,
-            Self::Object { source, .. } => matches!(source, object_store::Error::NotFound { .. }),
+            Self::Object { error, .. } => {
+                let is_missing = matches!(error, object_store::Error::NotFound { .. });
+                is_missing && Trouble::of(error) != Some(Trouble::NoBucket)
+            }
             _ => false,
         }
     }
@@ -116,6 +136,7 @@ impl StoreError {
         match self {
             Self::Object { path, .. }
             | Self::ObjectFile { path, .. }
+            | Self::ObjectTaken { path }
             | Self::DamagedObject { path, .. } => Some(path),
             _ => None,
         }
@@ -153,11 +174,11 @@ impl StoreError {
         path: &str,
     ) -> impl FnOnce(object_store::Error) -> Self {
         let path = path.to_owned();
-        move |source| {
-            if is_disk_full(&source) {
+        move |error| {
+            if is_disk_full(&error) {
                 Self::DiskFull { operation: format!("{operation} object {path}") }
             } else {
-                Self::Object { operation, path, source }
+                Self::Object { operation, path, error }
             }
         }
     }

@@ -9,6 +9,7 @@ use std::time::Duration;
 use nix::sys::statvfs::statvfs;
 
 use crate::database::{Scope, sql};
+use crate::objects::Elsewhere;
 use crate::{Store, StoreError};
 
 /// Room on the disk of the data folder.
@@ -86,6 +87,9 @@ impl Store {
     pub fn obstacle(&self) -> Option<String> {
         if let Err(error) = self.check_database_file() {
             return Some(error.to_string());
+        }
+        if let Some(obstacle) = self.objects().away().and_then(Elsewhere::obstacle) {
+            return Some(obstacle);
         }
         let space = self.disk_space().ok().filter(DiskSpace::is_low)?;
         Some(format!(

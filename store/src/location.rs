@@ -6,6 +6,8 @@ use std::str::FromStr;
 
 use sqlx::postgres::PgConnectOptions;
 
+use crate::ObjectsUrl;
+
 /// Where a store is. By default all of it lies in one folder.
 #[derive(Clone, Debug)]
 pub struct Location {
@@ -13,12 +15,14 @@ pub struct Location {
     pub folder: PathBuf,
     /// In place of SQLite.
     pub database: Option<DatabaseUrl>,
+    /// In place of files in the folder.
+    pub objects: Option<ObjectsUrl>,
 }
 
 impl Location {
     /// All in one folder.
     pub fn in_folder(folder: impl Into<PathBuf>) -> Self {
-        Self { folder: folder.into(), database: None }
+        Self { folder: folder.into(), database: None, objects: None }
     }
 }
 

@@ -1,7 +1,7 @@
 //! Objects without a row: what a worker published, or began to write, before it was killed.
 
 use std::collections::HashSet;
-use std::time::{Duration, SystemTime};
+use std::time::Duration;
 
 use crate::database::sql;
 use crate::{Store, StoreError};
@@ -22,7 +22,9 @@ impl Store {
 
     async fn orphans(&self, older_than: Duration) -> Result<Vec<String>, StoreError> {
         const OPERATION: &str = "listing the objects that rows name";
-        let Some(limit) = SystemTime::now().checked_sub(older_than) else { return Ok(Vec::new()) };
+        // Their ages are by the clock of the store that they lie in.
+        let now = self.objects().now().await?;
+        let Some(limit) = now.checked_sub(older_than) else { return Ok(Vec::new()) };
         let mut old = self.objects().older_than(limit).await?;
         // Rows are read after the listing, so that what was committed in between is seen.
         let named = sql!(self.database(), OPERATION, named_objects())?;

@@ -2,13 +2,11 @@ use std::fs::File;
 use std::path::Path;
 use std::sync::Arc;
 
-use object_store::ObjectStore;
-
 use crate::data_dir::DataDir;
 use crate::database::{Database, sql};
 use crate::health::FileIdentity;
 use crate::objects::Objects;
-use crate::{Access, Location, StoreError};
+use crate::{Access, Location, RemoteObjects, S3Options, StoreError};
 
 /// A data folder, open. Clones share it; several processes may have the same folder open.
 #[derive(Clone, Debug)]
@@ -40,9 +38,16 @@ impl Store {
     /// Opens a store.
     ///
     /// # Errors
-    /// As [`Store::open`]; [`StoreError::DatabaseUnusable`] when the database cannot be reached or does not let the user in.
+    /// As [`Store::open`]; [`StoreError::DatabaseUnusable`] when the database cannot be reached or does not let the user in;
+    /// what is wrong with the bucket, or with the environment's variables that say how to reach it.
     pub async fn open_at(location: &Location, access: Access) -> Result<Self, StoreError> {
-        Self::open_with(location, access, Objects::in_folder).await
+        match &location.objects {
+            None => Self::open_with(location, access, Objects::in_folder).await,
+            Some(url) => {
+                let objects = url.connect(&S3Options::from_env()?).await?;
+                Self::open_with_objects(location, access, objects).await
+            }
+        }
     }
 
     /// The same with objects that lie in `objects` instead of the folder.
@@ -52,9 +57,9 @@ impl Store {
     pub async fn open_with_objects(
         location: &Location,
         access: Access,
-        objects: Arc<dyn ObjectStore>,
+        objects: RemoteObjects,
     ) -> Result<Self, StoreError> {
-        let elsewhere = |dir: &DataDir| Ok(Objects::elsewhere(dir, objects));
+        let elsewhere = |dir: &DataDir| Objects::elsewhere(dir, objects);
         Self::open_with(location, access, elsewhere).await
     }
 

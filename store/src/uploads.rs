@@ -1,14 +1,16 @@
 //! Uploads: files that somebody sent to be imported, each kept once under its digest.
 
 use std::fs::File;
+use std::io;
 
 use object_store::path::Path;
 use object_store::{ObjectStoreExt, WriteMultipart};
 use sha2::{Digest as _, Sha256};
 use spec::Digest;
+use tokio::io::AsyncWriteExt;
 
 use crate::database::{Scope, sql};
-use crate::objects::{PART_SIZE, PARTS_IN_FLIGHT, unique_name};
+use crate::objects::{UnfinishedCopy, unique_name};
 use crate::{Store, StoreError, StoredObject, Timestamp};
 
 #[derive(Clone, Debug)]
@@ -23,11 +25,25 @@ pub struct Upload {
 #[derive(Debug)]
 pub struct UploadWriter {
     store: Store,
-    parts: WriteMultipart,
+    to: Destination,
     path: String,
     size: u64,
     digest: Sha256,
 }
+
+#[derive(Debug)]
+enum Destination {
+    /// A file of the data folder.
+    Folder(WriteMultipart),
+    /// A file that is published where objects are no files.
+    Elsewhere(tokio::fs::File, UnfinishedCopy),
+}
+
+/// Bytes that are handed to the disk at once.
+const PART_SIZE: usize = 8 * 1024 * 1024;
+
+/// Parts on their way to the disk at a time, which bounds memory.
+const PARTS_IN_FLIGHT: usize = 2;
 
 impl Store {
     /// Begins to receive a file.
@@ -37,14 +53,19 @@ impl Store {
     pub async fn begin_upload(&self) -> Result<UploadWriter, StoreError> {
         // Its digest is known at its end only.
         let path = unique_name("uploads/upload");
-        let parts = self
-            .objects()
-            .remote()
-            .put_multipart(&Path::from(path.as_str()))
-            .await
-            .map_err(StoreError::object("writing", &path))?;
-        let parts = WriteMultipart::new_with_chunk_size(parts, PART_SIZE);
-        Ok(UploadWriter { store: self.clone(), parts, path, size: 0, digest: Sha256::new() })
+        let to = match self.objects().away() {
+            Some(elsewhere) => {
+                let copy = elsewhere.begin(&path)?;
+                let file = copy.file().try_clone().map_err(StoreError::file("writing", &path))?;
+                Destination::Elsewhere(file.into(), copy)
+            }
+            None => {
+                let parts = self.objects().remote().put_multipart(&Path::from(path.as_str())).await;
+                let parts = parts.map_err(StoreError::object("writing", &path))?;
+                Destination::Folder(WriteMultipart::new_with_chunk_size(parts, PART_SIZE))
+            }
+        };
+        Ok(UploadWriter { store: self.clone(), to, path, size: 0, digest: Sha256::new() })
     }
 
     /// The upload with these bytes.
@@ -102,14 +123,20 @@ impl UploadWriter {
     /// # Errors
     /// When the disk is full or fails.
     pub async fn write(&mut self, bytes: &[u8]) -> Result<(), StoreError> {
-        self.parts
-            .wait_for_capacity(PARTS_IN_FLIGHT)
-            .await
-            .map_err(StoreError::object("writing", &self.path))?;
+        match &mut self.to {
+            Destination::Folder(parts) => {
+                let room = parts.wait_for_capacity(PARTS_IN_FLIGHT).await;
+                room.map_err(StoreError::object("writing", &self.path))?;
+                // Copied: a sender who cuts a body into single bytes must not make each of them an object.
+                parts.write(bytes);
+            }
+            Destination::Elsewhere(file, _) => {
+                let written = file.write_all(bytes).await;
+                written.map_err(StoreError::file("writing", &self.path))?;
+            }
+        }
         self.digest.update(bytes);
         self.size += bytes.len() as u64;
-        // Copied: a sender who cuts a body into single bytes must not make each of them an object.
-        self.parts.write(bytes);
         Ok(())
     }
 
@@ -117,11 +144,34 @@ impl UploadWriter {
     /// name keep it.
     ///
     /// # Errors
-    /// When the disk is full or fails; there is no upload then.
+    /// When the disk is full or fails, the store of objects refuses or does not answer; there is no upload then.
     pub async fn finish(self, name: &str) -> Result<Upload, StoreError> {
         let sha256 = self.digest();
-        self.parts.finish().await.map_err(StoreError::object("writing", &self.path))?;
         let object = StoredObject { path: self.path, size: self.size, sha256 };
+        match self.to {
+            Destination::Folder(parts) => {
+                parts.finish().await.map_err(StoreError::object("writing", &object.path))?;
+            }
+            Destination::Elsewhere(mut file, copy) => {
+                file.flush().await.map_err(StoreError::file("writing", &object.path))?;
+                publish(self.store.clone(), copy, object.clone()).await?;
+            }
+        }
         self.store.commit_upload(name, &object).await
     }
+}
+
+/// Goes on when nobody waits for it any more: what was begun is published or given up in order.
+async fn publish(
+    store: Store,
+    copy: UnfinishedCopy,
+    object: StoredObject,
+) -> Result<(), StoreError> {
+    let failed = StoreError::file("writing", &object.path);
+    let publish = move || match store.objects().away() {
+        Some(elsewhere) => elsewhere.publish(copy, &object),
+        None => Ok(()),
+    };
+    let published = tokio::task::spawn_blocking(publish).await;
+    published.map_err(|error| failed(io::Error::other(error)))?
 }

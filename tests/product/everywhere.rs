@@ -1,23 +1,32 @@
 //! The same results on every database, by any number of workers, with servers and workers that are killed.
 
-use std::path::Path;
+use std::cell::RefCell;
 use std::process::{Child, Command, Stdio};
 
 use serde_json::Value;
+use tempfile::TempDir;
 use testbed::{Cluster, TestDatabase};
 
 use crate::pipeline::{Results, results};
-use crate::product::{Product, signal, small_pipeline, torqued};
+use crate::product::{Product, member, signal, small_pipeline, torqued};
+use crate::s3_server::S3Server;
 
-/// Servers and workers that share a database and, on this machine, a folder for objects.
+/// Servers and workers that share a database, and a folder or a bucket for objects.
 struct Lab {
     database: TestDatabase,
-    folder: tempfile::TempDir,
+    /// Without a bucket all of them have the first folder, or else each has one of its own.
+    folders: RefCell<Vec<TempDir>>,
+    bucket: Option<S3Server>,
 }
 
 impl Lab {
-    fn new() -> Self {
-        Self { database: Cluster::shared().database(), folder: tempfile::tempdir().unwrap() }
+    fn with_a_folder() -> Self {
+        let folders = RefCell::new(vec![tempfile::tempdir().unwrap()]);
+        Self { database: Cluster::shared().database(), folders, bucket: None }
+    }
+
+    fn with_a_bucket() -> Self {
+        Self { bucket: Some(S3Server::start()), ..Self::with_a_folder() }
     }
 
     fn server(&self, workers: &str) -> Product {
@@ -32,7 +41,13 @@ impl Lab {
     }
 
     fn at_home<'a>(&self, command: &'a mut Command) -> &'a mut Command {
-        let folder: &Path = self.folder.path();
+        let mut folders = self.folders.borrow_mut();
+        if let Some(bucket) = &self.bucket {
+            folders.push(tempfile::tempdir().unwrap());
+            command.env("TORQUED_OBJECTS", S3Server::url("arm").to_string());
+            command.envs(bucket.variables());
+        }
+        let folder = folders.last().unwrap().path();
         command.arg("--data").arg(folder).env("TORQUED_DATABASE", self.database.url())
     }
 }
@@ -67,7 +82,7 @@ async fn when_under_way(product: &Product, pipeline: i64, finished: usize) -> Va
 #[tokio::test]
 async fn a_pipeline_on_postgresql_by_four_workers_of_which_one_is_killed() {
     let expected = expected().await;
-    let lab = Lab::new();
+    let lab = Lab::with_a_folder();
     let server = lab.server("0");
     let mut workers: Vec<LoneWorker> = (0..4).map(|_| lab.worker()).collect();
     let id = server.submit(&small_pipeline()).await;
@@ -78,9 +93,31 @@ async fn a_pipeline_on_postgresql_by_four_workers_of_which_one_is_killed() {
 }
 
 #[tokio::test]
+async fn workers_that_share_no_folder_keep_all_in_a_bucket() {
+    let expected = expected().await;
+    let lab = Lab::with_a_bucket();
+    let server = lab.server("0");
+    let mut workers: Vec<LoneWorker> = (0..2).map(|_| lab.worker()).collect();
+    let id = server.submit(&small_pipeline()).await;
+    when_under_way(&server, id, 1).await;
+    drop(workers.remove(0));
+    let pipeline = server.succeeded(id).await;
+    assert_eq!(results(&server, &pipeline).await, expected);
+    // Another server, which has no file of it, has the bytes that the row promises.
+    let other = lab.server("0");
+    let job = other.get(&format!("/v1/jobs/{}", member(&pipeline, "train"))).await;
+    let checkpoint = job["checkpoints"].as_array().unwrap().last().unwrap().as_i64().unwrap();
+    let listed = other.get(&format!("/v1/checkpoints/{checkpoint}")).await;
+    let file = listed["files"].as_array().unwrap().iter().find(|it| it["name"] == "config.json");
+    let name = file.unwrap()["name"].as_str().unwrap();
+    let config = other.get(&format!("/v1/checkpoints/{checkpoint}/files/{name}")).await;
+    assert!(config["model"].is_object(), "{config:#}");
+}
+
+#[tokio::test]
 async fn two_servers_serve_one_queue_and_one_goes_on_when_the_other_is_killed() {
     let expected = expected().await;
-    let lab = Lab::new();
+    let lab = Lab::with_a_folder();
     let (first, second) = (lab.server("1"), lab.server("1"));
     let id = first.submit(&small_pipeline()).await;
     when_under_way(&second, id, 1).await;

@@ -21,6 +21,9 @@ mod placing;
 mod predictions;
 mod product;
 mod quickstart;
+#[expect(dead_code, reason = "testbed has it fail")]
+#[path = "../../testbed/tests/s3_server/mod.rs"]
+mod s3_server;
 mod shards;
 mod stopping;
 mod streams;

@@ -1,31 +1,34 @@
 //! How objects are written and read.
 
-use std::io;
+use std::io::{self, Read};
 
 use bytes::Bytes;
 use object_store::ObjectStoreExt;
 use spec::Digest;
 
-use crate::objects::file::measure;
+use crate::objects::cache::KEPT_FROM;
 use crate::objects::parse;
 use crate::{ObjectWriter, Store, StoreError, StoredObject};
 
 impl Store {
-    /// Publishes `bytes` under `path`.
+    /// Publishes `bytes` under `path`. In a store that is no folder, an object is never replaced by another one.
     ///
     /// # Errors
-    /// When the disk is full or fails; nothing lies under `path` then.
+    /// When the disk is full or fails, the store of objects refuses or does not answer; nothing lies under `path` then.
+    /// [`StoreError::ObjectTaken`] when something else does.
     pub async fn put_object(&self, path: &str, bytes: Bytes) -> Result<StoredObject, StoreError> {
         let object = StoredObject {
             path: path.to_owned(),
             size: bytes.len() as u64,
             sha256: Digest::of(&bytes),
         };
-        self.objects()
-            .remote()
-            .put(&parse(path)?, bytes.into())
-            .await
-            .map_err(StoreError::object("writing", path))?;
+        match self.objects().away() {
+            Some(elsewhere) => elsewhere.put(&object, bytes).await?,
+            None => {
+                let put = self.objects().remote().put(&parse(path)?, bytes.into()).await;
+                put.map_err(StoreError::object("writing", path))?;
+            }
+        }
         Ok(object)
     }
 
@@ -34,17 +37,11 @@ impl Store {
     /// # Errors
     /// When the disk is full or fails.
     pub async fn write_object(&self, path: &str) -> Result<ObjectWriter, StoreError> {
-        let path = parse(path)?.to_string();
-        match self.objects().folder() {
-            Some(folder) => {
-                let folder = folder.to_owned();
-                let failed = StoreError::file("writing", &path);
-                tokio::task::spawn_blocking(move || ObjectWriter::in_store(&folder, &path))
-                    .await
-                    .map_err(|error| failed(io::Error::other(error)))?
-            }
-            None => ObjectWriter::elsewhere(self.objects().remote(), &path).await,
-        }
+        let (store, path) = (self.clone(), parse(path)?.to_string());
+        let failed = StoreError::file("writing", &path);
+        tokio::task::spawn_blocking(move || ObjectWriter::in_store(&store, &path))
+            .await
+            .map_err(|error| failed(io::Error::other(error)))?
     }
 
     /// Reads an object whole and checks its digest.
@@ -52,6 +49,9 @@ impl Store {
     /// # Errors
     /// [`StoreError::DamagedObject`] when it has other bytes than were published; when it cannot be read.
     pub async fn read_object(&self, object: &StoredObject) -> Result<Bytes, StoreError> {
+        if self.objects().away().is_some() && object.size >= KEPT_FROM {
+            return self.read_copy(object.clone()).await;
+        }
         let failed = || StoreError::object("reading", &object.path);
         let found = self.objects().remote().get(&parse(&object.path)?).await.map_err(failed())?;
         let version = found.meta.clone();
@@ -66,6 +66,19 @@ impl Store {
     /// # Errors
     /// When it is not there or cannot be read.
     pub fn measure_object(&self, path: &str) -> Result<StoredObject, StoreError> {
-        measure(&self.objects().open(path)?, path)
+        self.objects().measure(path)
+    }
+
+    async fn read_copy(&self, object: StoredObject) -> Result<Bytes, StoreError> {
+        let store = self.clone();
+        let failed = StoreError::file("reading", &object.path);
+        let read = move || {
+            let mut bytes = Vec::with_capacity(usize::try_from(object.size).unwrap_or_default());
+            let read = store.objects().open_verified(&object)?.read_to_end(&mut bytes);
+            read.map_err(StoreError::file("reading", &object.path))?;
+            Ok(bytes.into())
+        };
+        let read = tokio::task::spawn_blocking(read).await;
+        read.map_err(|error| failed(io::Error::other(error)))?
     }
 }

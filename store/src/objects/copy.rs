@@ -11,6 +11,9 @@ use super::writer::create_folder;
 use super::{ObjectWriter, Objects, parse};
 use crate::{Store, StoreError, StoredObject};
 
+/// S3 copies no larger object by itself.
+const COPIED_AT_ONCE: u64 = 5 << 30;
+
 impl Store {
     /// Publishes the bytes of `object` under `path`, too. Where objects are files, they are checked against their
     /// digest, and both paths name one file as far as the file system allows that.
@@ -23,17 +26,33 @@ impl Store {
         path: &str,
     ) -> Result<StoredObject, StoreError> {
         let to = parse(path)?;
-        if self.objects().folder().is_none() {
+        let is_away = self.objects().away().is_some();
+        if is_away && object.size <= COPIED_AT_ONCE {
+            self.look_up_object(object).await?;
             let copied = self.objects().remote().copy(&parse(&object.path)?, &to).await;
             copied.map_err(StoreError::object("copying", &object.path))?;
             return Ok(StoredObject { path: path.to_owned(), ..object.clone() });
         }
         let (store, object, path) = (self.clone(), object.clone(), path.to_owned());
         let failed = StoreError::file("copying", &path);
-        tokio::task::spawn_blocking(move || copy_file(store.objects(), &object, &path))
-            .await
-            .map_err(|error| failed(io::Error::other(error)))?
+        let copy = move || match store.objects().away() {
+            Some(_) => copy_through_file(&store, &object, &path),
+            None => copy_file(store.objects(), &object, &path),
+        };
+        let copied = tokio::task::spawn_blocking(copy).await;
+        copied.map_err(|error| failed(io::Error::other(error)))?
     }
+}
+
+fn copy_through_file(
+    store: &Store,
+    object: &StoredObject,
+    path: &str,
+) -> Result<StoredObject, StoreError> {
+    let mut file = store.objects().open_verified(object)?;
+    let mut writer = ObjectWriter::in_store(store, path)?;
+    io::copy(&mut file, &mut writer).map_err(StoreError::file("copying", &object.path))?;
+    writer.finish()
 }
 
 fn copy_file(
@@ -50,7 +69,7 @@ fn copy_file(
     if link(&from, &to).is_ok() {
         return Ok(StoredObject { path: path.to_owned(), ..object.clone() });
     }
-    let mut writer = ObjectWriter::in_store(folder, path)?;
+    let mut writer = ObjectWriter::below(folder, path)?;
     io::copy(&mut file, &mut writer).map_err(failed())?;
     writer.finish()
 }
@@ -61,4 +80,27 @@ fn link(from: &Path, to: &Path) -> io::Result<()> {
     create_folder(folder)?;
     std::fs::hard_link(from, to)?;
     File::open(folder)?.sync_all()
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use object_store::ObjectStore;
+
+    use super::*;
+    use crate::Access;
+
+    #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+    async fn what_a_store_does_not_copy_by_itself_goes_through_a_file() {
+        let objects: Arc<dyn ObjectStore> = Arc::new(object_store::memory::InMemory::new());
+        let folder = tempfile::tempdir().unwrap();
+        let opened = Store::open_with_objects(folder.path(), Access::Server, objects.into()).await;
+        let store = opened.unwrap();
+        let object = store.put_object("a", vec![7; 100_000].into()).await.unwrap();
+        let copied = tokio::task::block_in_place(|| copy_through_file(&store, &object, "b"));
+        let copied = copied.unwrap();
+        assert_eq!(copied, StoredObject { path: "b".to_owned(), ..object });
+        assert_eq!(store.read_object(&copied).await.unwrap(), vec![7; 100_000]);
+    }
 }

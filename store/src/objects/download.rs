@@ -13,6 +13,7 @@ use spec::Digest;
 use tokio_util::io::ReaderStream;
 
 use crate::objects::checked::Verdict;
+use crate::objects::fetch::shorter;
 use crate::objects::parse;
 use crate::{ObjectBytes, Store, StoreError, StoredObject};
 
@@ -43,7 +44,7 @@ impl Store {
         let range = found.range.clone();
         let pieces = match found.payload {
             GetResultPayload::File(file, _) => stream_file(file, &range).map_err(failed())?,
-            GetResultPayload::Stream(pieces) => pieces,
+            GetResultPayload::Stream(pieces) => whole(pieces, range.end - range.start),
         };
         let path = object.path.clone();
         let pieces = pieces.map_err(move |error| StoreError::object("reading", &path)(error));
@@ -148,6 +149,27 @@ impl Checking {
 /// Bytes per piece of a download. The stream that object_store makes of a file takes 8 KiB at a
 /// time, each on a thread of its own.
 const DOWNLOAD_PIECE: usize = 256 * 1024;
+
+/// The same pieces, and an error in place of the end when there were fewer bytes.
+fn whole(
+    pieces: BoxStream<'static, object_store::Result<Bytes>>,
+    length: u64,
+) -> BoxStream<'static, object_store::Result<Bytes>> {
+    let next = |(mut pieces, left): (BoxStream<'static, object_store::Result<Bytes>>, u64)| async move {
+        match pieces.try_next().await? {
+            Some(piece) => {
+                let left = left.saturating_sub(piece.len() as u64);
+                Ok(Some((piece, (pieces, left))))
+            }
+            None if left == 0 => Ok(None),
+            None => Err(object_store::Error::Generic {
+                store: "objects",
+                source: Box::new(shorter(left)),
+            }),
+        }
+    };
+    futures::stream::try_unfold((pieces, length), next).boxed()
+}
 
 fn stream_file(
     mut file: File,

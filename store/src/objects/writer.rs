@@ -6,14 +6,12 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use object_store::path::Path as Location;
-use object_store::{ObjectStore, ObjectStoreExt, WriteMultipart};
 use sha2::{Digest as _, Sha256};
 use spec::Digest;
-use tokio::runtime::Handle;
 
+use super::cache::UnfinishedCopy;
 use super::unfinished_file::UnfinishedFile;
-use crate::{StoreError, StoredObject};
+use crate::{Store, StoreError, StoredObject};
 
 /// What the file of an object is called until it is whole. `object_store` takes a number after a
 /// hash for its own unfinished files and does not list them; the sweep finds both.
@@ -33,44 +31,33 @@ pub struct ObjectWriter {
 #[derive(Debug)]
 enum Destination {
     File(UnfinishedFile),
-    Elsewhere(Parts),
+    /// A file whose bytes are published where objects are no files.
+    Elsewhere(Store, UnfinishedCopy),
     /// Only the digest is wanted.
     Nowhere,
 }
 
-/// An object on its way to elsewhere.
-#[derive(Debug)]
-struct Parts {
-    upload: WriteMultipart,
-    runtime: Handle,
-}
-
-/// Bytes that are sent at once.
-pub(crate) const PART_SIZE: usize = 8 * 1024 * 1024;
-
-/// Parts on their way at a time, which bounds memory.
-pub(crate) const PARTS_IN_FLIGHT: usize = 2;
-
 impl ObjectWriter {
-    /// Into the store, whose objects lie as files below `root`.
-    pub(crate) fn in_store(root: &Path, path: &str) -> Result<Self, StoreError> {
+    /// Into the store. Where objects are no files, they are published once all bytes are there: an upload is short then
+    /// and can be tried again, however long the bytes took to make.
+    pub(crate) fn in_store(store: &Store, path: &str) -> Result<Self, StoreError> {
+        let to = match store.objects().away() {
+            Some(elsewhere) => Destination::Elsewhere(store.clone(), elsewhere.begin(path)?),
+            None => {
+                let folder = store.objects().folder().unwrap_or(Path::new("."));
+                return Self::below(folder, path);
+            }
+        };
+        Ok(Self::new(to, path))
+    }
+
+    /// Into a file below `root`.
+    pub(crate) fn below(root: &Path, path: &str) -> Result<Self, StoreError> {
         let to = root.join(path);
         let at = PathBuf::from(format!("{}{UNFINISHED_OBJECT}", to.display()));
         let created =
             to.parent().map_or(Ok(()), create_folder).and_then(|()| UnfinishedFile::create(at, to));
         Ok(Self::new(Destination::File(created.map_err(failed(path))?), path))
-    }
-
-    /// Into a store whose objects are no files.
-    pub(crate) async fn elsewhere(
-        remote: &dyn ObjectStore,
-        path: &str,
-    ) -> Result<Self, StoreError> {
-        let upload = remote.put_multipart(&Location::from(path)).await;
-        let upload = upload.map_err(StoreError::object("writing", path))?;
-        let upload = WriteMultipart::new_with_chunk_size(upload, PART_SIZE);
-        let parts = Parts { upload, runtime: Handle::current() };
-        Ok(Self::new(Destination::Elsewhere(parts), path))
     }
 
     /// Into a file of a folder, which appears under `name` whole and synced to disk, or not at all.
@@ -100,18 +87,21 @@ impl ObjectWriter {
     /// Syncs and publishes what was written.
     ///
     /// # Errors
-    /// When the disk is full or fails; nothing lies under the path then.
+    /// When the disk is full or fails, the store of objects refuses or does not answer; nothing lies under the path
+    /// then. [`StoreError::ObjectTaken`] when something else does.
     pub fn finish(self) -> Result<StoredObject, StoreError> {
+        let sha256 = Digest::from_bytes(self.digest.finalize().into());
+        let object = StoredObject { path: self.path, size: self.size, sha256 };
         match self.to {
-            Destination::File(file) => file.publish().map_err(failed(&self.path))?,
-            Destination::Elsewhere(Parts { upload, runtime }) => {
-                let finished = tokio::task::block_in_place(|| runtime.block_on(upload.finish()));
-                finished.map_err(StoreError::object("writing", &self.path))?;
+            Destination::File(file) => file.publish().map_err(failed(&object.path))?,
+            Destination::Elsewhere(store, copy) => {
+                if let Some(elsewhere) = store.objects().away() {
+                    elsewhere.publish(copy, &object)?;
+                }
             }
             Destination::Nowhere => {}
         }
-        let sha256 = Digest::from_bytes(self.digest.finalize().into());
-        Ok(StoredObject { path: self.path, size: self.size, sha256 })
+        Ok(object)
     }
 }
 
@@ -119,7 +109,7 @@ impl io::Write for ObjectWriter {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         match &mut self.to {
             Destination::File(file) => file.write_all(bytes)?,
-            Destination::Elsewhere(parts) => parts.write(bytes)?,
+            Destination::Elsewhere(_, copy) => copy.file().write_all(bytes)?,
             Destination::Nowhere => {}
         }
         self.digest.update(bytes);
@@ -129,18 +119,6 @@ impl io::Write for ObjectWriter {
 
     /// Nothing is durable before [`ObjectWriter::finish`].
     fn flush(&mut self) -> io::Result<()> {
-        Ok(())
-    }
-}
-
-impl Parts {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<()> {
-        let Self { upload, runtime } = self;
-        let room = upload.wait_for_capacity(PARTS_IN_FLIGHT);
-        tokio::task::block_in_place(|| runtime.block_on(room))?;
-        // Parts are sent by tasks of the runtime.
-        let _runtime = runtime.enter();
-        upload.write(bytes);
         Ok(())
     }
 }

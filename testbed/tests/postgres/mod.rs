@@ -9,12 +9,12 @@ use store::{
 use tempfile::TempDir;
 use testbed::{Cluster, Durability, TestDatabase};
 
-use crate::suite::{Fixture, LONG, alone, simulate, train};
+use crate::suite::{Fixture, LONG, alone, files_of, simulate, train};
 
 async fn fixture() -> Fixture {
     let (location, database, dir) = empty();
     let store = Store::open_at(&location, Access::Server).await.unwrap();
-    Fixture { store, dir, keep: Box::new(database) }
+    Fixture { store, objects: files_of(&dir), dir, keep: Box::new(database) }
 }
 
 crate::suite::laws::all_laws!(fixture);

@@ -198,6 +198,7 @@ macro_rules! all_laws {
                 an_object_of_another_size_is_refused_before_its_first_byte,
                 the_first_range_of_an_object_has_all_of_it_checked,
                 a_table_is_written_and_read_wherever_it_lies,
+                what_a_killed_worker_left_half_written_is_swept,
                 what_was_published_but_not_committed_is_swept;
             uploads:
                 a_file_is_found_by_its_digest,
@@ -216,30 +217,45 @@ macro_rules! laws_of_objects {
     ($fixture:ident) => {
         $crate::suite::laws::conforms! {
             $fixture =>
-        datasets:
-            the_last_shard_completes_dataset_and_job,
-            a_zombie_neither_commits_nor_overwrites_a_shard,
-            a_row_never_comes_before_its_bytes;
-        checkpoints:
-            a_training_resumes_from_its_latest_checkpoint,
-            old_checkpoints_are_pruned_with_their_bytes;
-        takeover:
-            shards_of_a_job_that_failed_are_there_for_the_next,
-            a_training_goes_on_where_one_that_failed_ended;
-        artifacts:
-            an_artifact_is_replaced_under_its_name;
-        objects:
-            an_object_is_downloaded_whole_or_in_part,
-            an_object_written_in_pieces_appears_when_finished,
-            damaged_bytes_are_refused,
-            the_last_bytes_of_a_damaged_object_are_never_sent,
-            an_object_of_another_size_is_refused_before_its_first_byte,
-            the_first_range_of_an_object_has_all_of_it_checked,
-            a_table_is_written_and_read_wherever_it_lies;
-        uploads:
-            a_file_is_found_by_its_digest,
-            a_file_that_is_sent_again_is_kept_once,
-            an_import_tells_how_many_trajectories_there_are;
+            datasets:
+                the_last_shard_completes_dataset_and_job,
+                a_shard_committed_twice_is_there_once,
+                a_dataset_without_all_its_trajectories_is_not_complete,
+                a_zombie_neither_commits_nor_overwrites_a_shard,
+                a_row_never_comes_before_its_bytes,
+                what_shards_hold_adds_up_over_their_dataset,
+                the_dataset_of_a_job_that_failed_is_abandoned;
+            checkpoints:
+                a_training_resumes_from_its_latest_checkpoint,
+                the_final_checkpoint_is_found_by_digest,
+                a_step_that_is_taken_again_keeps_its_checkpoints_id,
+                old_checkpoints_are_pruned_with_their_bytes,
+                a_checkpoint_that_nobody_can_use_is_discarded,
+                one_checkpoint_of_a_training_is_the_best_and_one_the_last,
+                the_best_checkpoint_is_never_pruned;
+            takeover:
+                shards_of_a_job_that_failed_are_there_for_the_next,
+                a_training_goes_on_where_one_that_failed_ended,
+                a_job_that_is_to_be_done_anew_takes_nothing_over;
+            artifacts:
+                an_artifact_is_replaced_under_its_name,
+                every_training_and_evaluation_has_a_run;
+            objects:
+                an_object_is_downloaded_whole_or_in_part,
+                an_object_written_in_pieces_appears_when_finished,
+                damaged_bytes_are_refused,
+                the_last_bytes_of_a_damaged_object_are_never_sent,
+                an_object_of_another_size_is_refused_before_its_first_byte,
+                the_first_range_of_an_object_has_all_of_it_checked,
+                a_table_is_written_and_read_wherever_it_lies,
+                what_was_published_but_not_committed_is_swept;
+            uploads:
+                a_file_is_found_by_its_digest,
+                a_file_that_is_sent_again_is_kept_once,
+                a_file_that_was_lost_can_be_sent_again,
+                a_file_is_no_orphan_and_what_was_not_committed_is,
+                a_changed_file_is_not_opened,
+                an_import_tells_how_many_trajectories_there_are;
         }
     };
 }

@@ -25,9 +25,12 @@ pub mod waiting;
 pub mod workers;
 
 use std::any::Any;
+use std::sync::Arc;
 use std::time::Duration;
 
 use bytes::Bytes;
+use object_store::local::LocalFileSystem;
+use object_store::{ObjectStore, ObjectStoreExt};
 use serde_json::{Value, json};
 use spec::{Digest, Moment, Resources};
 use store::{
@@ -43,11 +46,18 @@ pub const LONG: Duration = Duration::from_secs(600);
 /// An empty store that is deleted with its folder.
 pub struct Fixture {
     pub store: Store,
+    /// Where its objects lie, for changing them behind its back.
+    pub objects: Arc<dyn ObjectStore>,
     /// Its data folder.
     pub dir: TempDir,
     /// Servers and databases that go with it.
     #[expect(dead_code, reason = "held to be dropped")]
     pub keep: Box<dyn Any + Send + Sync>,
+}
+
+/// The objects of a data folder.
+pub fn files_of(dir: &TempDir) -> Arc<dyn ObjectStore> {
+    Arc::new(LocalFileSystem::new_with_prefix(dir.path().join("objects")).unwrap())
 }
 
 fn job(kind: &str, spec: Value, output: Output, tasks: Vec<NewTask>) -> NewJob {
@@ -226,6 +236,11 @@ impl Fixture {
 
     pub async fn error(&self, job: JobId) -> String {
         self.store.job(job).await.unwrap().error.unwrap_or_default()
+    }
+
+    /// Puts other bytes in the place of an object's.
+    pub async fn damage(&self, path: &str, bytes: Bytes) {
+        self.objects.put(&path.into(), bytes.into()).await.unwrap();
     }
 
     /// Publishes both files of the shard of a claimed task.

@@ -1,0 +1,139 @@
+//! Objects that are no files of the data folder.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, SystemTime};
+
+use bytes::Bytes;
+use futures::StreamExt;
+use object_store::path::Path;
+use object_store::{Error, ObjectStore, ObjectStoreExt};
+use tokio::runtime::Handle;
+use tokio::sync::Semaphore;
+
+use super::answers::Answers;
+use super::cache::{CACHE_LIMIT, Cache, UnfinishedCopy};
+use super::trouble::in_short;
+use super::{parse, unique_name};
+use crate::data_dir::DataDir;
+use crate::{Store, StoreError, StoredObject};
+
+/// A store of objects that is not the data folder, and how it is used.
+#[derive(Clone, Debug)]
+pub struct RemoteObjects {
+    pub(super) store: Arc<dyn ObjectStore>,
+    pub(super) answers: Answers,
+    pub(super) cache_bytes: u64,
+}
+
+#[derive(Debug)]
+pub(crate) struct Elsewhere {
+    pub(super) remote: Arc<dyn ObjectStore>,
+    /// Files that objects are read from.
+    pub(super) cache: Cache,
+    answers: Answers,
+    /// Whether somebody is asking a store that fails whether it still does.
+    asks_again: Arc<AtomicBool>,
+    /// Taken by each object that is fetched before it is opened.
+    ahead: Arc<Semaphore>,
+    /// Waits for the network while a thread blocks.
+    runtime: Handle,
+}
+
+/// For how long a store may fail before tasks wait.
+const FAILS_BRIEFLY: Duration = Duration::from_secs(5);
+
+/// Objects that are fetched ahead at a time.
+const FETCHED_AHEAD: usize = 4;
+
+impl From<Arc<dyn ObjectStore>> for RemoteObjects {
+    fn from(store: Arc<dyn ObjectStore>) -> Self {
+        Self { store, answers: Answers::default(), cache_bytes: CACHE_LIMIT }
+    }
+}
+
+impl RemoteObjects {
+    /// The objects themselves.
+    pub fn store(&self) -> Arc<dyn ObjectStore> {
+        Arc::clone(&self.store)
+    }
+}
+
+impl Elsewhere {
+    /// With copies in the data folder.
+    pub fn new(dir: &DataDir, objects: RemoteObjects) -> Result<Self, StoreError> {
+        let RemoteObjects { store: remote, answers, cache_bytes } = objects;
+        let cache = Cache::new(dir.cache(), cache_bytes).map_err(|reason| dir.unusable(reason))?;
+        let asks_again = Arc::new(AtomicBool::new(false));
+        let ahead = Arc::new(Semaphore::new(FETCHED_AHEAD));
+        let runtime = Handle::current();
+        Ok(Self { remote, cache, answers, asks_again, ahead, runtime })
+    }
+
+    /// Threads of the runtime may block when they say so.
+    pub(super) fn block_on<T>(&self, future: impl Future<Output = T>) -> T {
+        tokio::task::block_in_place(|| self.runtime.block_on(future))
+    }
+
+    /// Begins a file that is to be published.
+    pub fn begin(&self, path: &str) -> Result<UnfinishedCopy, StoreError> {
+        self.cache.begin().map_err(StoreError::file("writing", path))
+    }
+
+    /// Why no task should be claimed: it would fail when it reads or writes. Learns whether that is still so.
+    pub fn obstacle(&self) -> Option<String> {
+        let failing = self.answers.failing_for()?;
+        if !self.asks_again.swap(true, Ordering::Relaxed) {
+            let (remote, asks_again) = (Arc::clone(&self.remote), Arc::clone(&self.asks_again));
+            self.runtime.spawn(async move {
+                // Whatever it says, the answer is noted.
+                let _ = remote.head(&Path::from("probe/object")).await;
+                asks_again.store(false, Ordering::Relaxed);
+            });
+        }
+        (failing >= FAILS_BRIEFLY).then(|| {
+            format!("the object store has refused or not answered for {} s", failing.as_secs())
+        })
+    }
+
+    pub(super) async fn delete(&self, paths: Vec<String>) {
+        let locations: Vec<_> = paths.iter().filter_map(|path| Path::parse(path).ok()).collect();
+        let locations = futures::stream::iter(locations.into_iter().map(Ok)).boxed();
+        let mut deleted = self.remote.delete_stream(locations);
+        while let Some(deleted) = deleted.next().await {
+            match deleted {
+                // Some stores say so of what was deleted already.
+                Ok(_) | Err(Error::NotFound { .. }) => {}
+                Err(error) => {
+                    tracing::warn!(error = in_short(&error), "cannot delete objects");
+                }
+            }
+        }
+    }
+
+    /// Asks for the moment at which an object is published that is deleted again.
+    pub(super) async fn now(&self) -> Result<SystemTime, StoreError> {
+        let path = unique_name("probe/clock");
+        let failed = || StoreError::object("asking for the time of", &path);
+        let location = parse(&path)?;
+        self.remote.put(&location, Bytes::from_static(b"now").into()).await.map_err(failed())?;
+        let published = self.remote.head(&location).await.map_err(failed())?.last_modified;
+        self.remote.delete(&location).await.map_err(failed())?;
+        Ok(published.into())
+    }
+}
+
+impl Store {
+    /// Begins to fetch an object that is to be opened soon, unless a few are being fetched already. Where objects are
+    /// files, there is nothing to fetch.
+    pub fn fetch_ahead(&self, object: &StoredObject) {
+        let Some(elsewhere) = self.objects().away() else { return };
+        let Ok(turn) = Arc::clone(&elsewhere.ahead).try_acquire_owned() else { return };
+        let (store, object) = (self.clone(), object.clone());
+        elsewhere.runtime.spawn_blocking(move || {
+            let _turn = turn;
+            // Whoever opens it learns what is wrong.
+            drop(store.objects().open_verified(&object));
+        });
+    }
+}

@@ -1,0 +1,331 @@
+//! Copies of objects that lie elsewhere, in a folder of this machine, each under the digest of its bytes.
+//!
+//! A copy appears under its digest once it is whole, compared with the digest and synced, so that opening it takes no
+//! look at its bytes. Processes share the folder: who wants an object that another one fetches waits for it. When
+//! there is no room for the next copy, those that were not opened for longest go; who has one open keeps its bytes.
+
+use std::fs::{DirEntry, File, TryLockError};
+use std::io::{self, Seek};
+use std::os::unix::fs::MetadataExt;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, SystemTime};
+
+use spec::Digest;
+
+use super::writer::unique_name;
+use crate::health::DiskSpace;
+
+/// Bytes of all copies together, unless half of the disk that they could have is less.
+pub(crate) const CACHE_LIMIT: u64 = 20 << 30;
+
+/// Smaller objects are fetched again: they are many, and come as fast as their names are looked up.
+pub(crate) const KEPT_FROM: u64 = 64 << 10;
+
+/// What the file of a copy is called until it is whole. It is locked by the process that writes it.
+const UNFINISHED: &str = "part";
+
+/// After so long without a write, a copy that no process has locked was left by one that died.
+const LEFT_BEHIND: Duration = Duration::from_secs(3600);
+
+#[derive(Debug)]
+pub(crate) struct Cache {
+    folder: PathBuf,
+    limit: u64,
+}
+
+/// An object in the cache, or the right to put it there.
+#[derive(Debug)]
+pub(crate) enum Place {
+    Taken(File),
+    Free(UnfinishedCopy),
+}
+
+/// A file on its way into the cache; dropped before it is kept, it is gone.
+#[derive(Debug)]
+pub(crate) struct UnfinishedCopy {
+    file: File,
+    at: PathBuf,
+    kept: bool,
+}
+
+impl Cache {
+    pub fn new(folder: PathBuf, limit: u64) -> io::Result<Self> {
+        std::fs::create_dir_all(&folder)?;
+        Ok(Self { folder, limit })
+    }
+
+    /// The place of the bytes with this digest. Waits while another process or thread fetches them.
+    pub fn place(&self, digest: Digest, size: u64) -> io::Result<Place> {
+        let at = self.folder.join(format!("{digest}.{UNFINISHED}"));
+        loop {
+            if let Some(file) = self.open(digest, size)? {
+                return Ok(Place::Taken(file));
+            }
+            let file =
+                File::options().read(true).write(true).create(true).truncate(false).open(&at)?;
+            file.lock()?;
+            // Who had it locked before may have kept it, or given it up.
+            if !has_name(&file, &at)? {
+                continue;
+            }
+            let copy = UnfinishedCopy { file, at, kept: false };
+            if let Some(file) = self.open(digest, size)? {
+                return Ok(Place::Taken(file));
+            }
+            copy.file.set_len(0)?;
+            return Ok(Place::Free(copy));
+        }
+    }
+
+    /// Begins a copy whose digest is not known yet.
+    pub fn begin(&self) -> io::Result<UnfinishedCopy> {
+        let at = self.folder.join(format!("{}.{UNFINISHED}", unique_name("new")));
+        let file = File::options().read(true).write(true).create_new(true).open(&at)?;
+        file.lock()?;
+        Ok(UnfinishedCopy { file, at, kept: false })
+    }
+
+    /// Whether a copy of this size is kept, after those were deleted that had to go for it.
+    pub fn make_room(&self, size: u64) -> io::Result<bool> {
+        let mut copies = Vec::new();
+        for entry in std::fs::read_dir(&self.folder)? {
+            let entry = entry?;
+            if is_copy(&entry) {
+                // Another process may have deleted it meanwhile.
+                let Ok(metadata) = entry.metadata() else { continue };
+                copies.push((metadata.modified()?, metadata.len(), entry.path()));
+            } else {
+                delete_left_behind(&entry.path());
+            }
+        }
+        let mut used: u64 = copies.iter().map(|(_, size, _)| size).sum();
+        let free = DiskSpace::of(&self.folder)?.free_bytes;
+        let limit = self.limit.min((free + used) / 2);
+        if size < KEPT_FROM || size > limit {
+            return Ok(false);
+        }
+        copies.sort_unstable();
+        for (_, freed, path) in copies {
+            if used + size <= limit {
+                break;
+            }
+            std::fs::remove_file(path).or_else(unless_gone)?;
+            used -= freed;
+        }
+        Ok(true)
+    }
+
+    /// Gives a whole copy that was compared with its digest its name.
+    pub fn keep(&self, mut copy: UnfinishedCopy, digest: Digest) -> io::Result<File> {
+        copy.file.sync_all()?;
+        std::fs::rename(&copy.at, self.path(digest))?;
+        copy.kept = true;
+        copy.file.unlock()?;
+        copy.reader()
+    }
+
+    /// Opens a copy, and remembers that it was wanted.
+    fn open(&self, digest: Digest, size: u64) -> io::Result<Option<File>> {
+        let file = match File::open(self.path(digest)) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
+            opened => opened?,
+        };
+        if file.metadata()?.len() != size {
+            std::fs::remove_file(self.path(digest)).or_else(unless_gone)?;
+            return Ok(None);
+        }
+        // A file of another user cannot be marked, and goes sooner for it.
+        let _ = file.set_modified(SystemTime::now());
+        Ok(Some(file))
+    }
+
+    fn path(&self, digest: Digest) -> PathBuf {
+        self.folder.join(digest.to_string())
+    }
+}
+
+impl UnfinishedCopy {
+    pub const fn file(&self) -> &File {
+        &self.file
+    }
+
+    /// Its bytes, from the first one; when it was not kept they are gone once this is closed.
+    pub fn reader(&self) -> io::Result<File> {
+        let mut file = self.file.try_clone()?;
+        file.rewind()?;
+        Ok(file)
+    }
+}
+
+impl Drop for UnfinishedCopy {
+    fn drop(&mut self) {
+        if !self.kept {
+            // What cannot be deleted now is left behind.
+            let _ = std::fs::remove_file(&self.at);
+        }
+    }
+}
+
+fn is_copy(entry: &DirEntry) -> bool {
+    let name = entry.file_name();
+    name.to_str().is_some_and(|name| name.parse::<Digest>().is_ok())
+}
+
+/// Deletes an unfinished copy that no process works on any more. It is tried again another time.
+fn delete_left_behind(path: &Path) {
+    let is_old = || -> io::Result<bool> {
+        let file = File::open(path)?;
+        let age = file.metadata()?.modified()?.elapsed().unwrap_or_default();
+        let is_free = !matches!(file.try_lock(), Err(TryLockError::WouldBlock));
+        Ok(age > LEFT_BEHIND && is_free)
+    };
+    if is_old().unwrap_or(false) {
+        let _ = std::fs::remove_file(path);
+    }
+}
+
+/// Whether the file at `path` is the one that is open.
+fn has_name(file: &File, path: &Path) -> io::Result<bool> {
+    let open = file.metadata()?;
+    match std::fs::metadata(path) {
+        Ok(named) => Ok((named.dev(), named.ino()) == (open.dev(), open.ino())),
+        Err(error) => unless_gone(error).map(|()| false),
+    }
+}
+
+fn unless_gone(error: io::Error) -> io::Result<()> {
+    if error.kind() == io::ErrorKind::NotFound { Ok(()) } else { Err(error) }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::{Read, Write};
+    use std::sync::mpsc::channel;
+    use std::thread;
+
+    use super::*;
+
+    const LARGE: usize = 100_000;
+
+    fn cache(limit: u64) -> (Cache, tempfile::TempDir) {
+        let folder = tempfile::tempdir().unwrap();
+        (Cache::new(folder.path().join("cache"), limit).unwrap(), folder)
+    }
+
+    fn bytes(value: u8) -> (Vec<u8>, Digest) {
+        let bytes = vec![value; LARGE];
+        let digest = Digest::of(&bytes);
+        (bytes, digest)
+    }
+
+    fn keep(cache: &Cache, value: u8) -> bool {
+        let (bytes, digest) = bytes(value);
+        let copy = cache.begin().unwrap();
+        copy.file().write_all(&bytes).unwrap();
+        let has_room = cache.make_room(LARGE as u64).unwrap();
+        if has_room {
+            cache.keep(copy, digest).unwrap();
+        }
+        has_room
+    }
+
+    fn has(cache: &Cache, value: u8) -> bool {
+        cache.open(bytes(value).1, LARGE as u64).unwrap().is_some()
+    }
+
+    fn names(cache: &Cache) -> usize {
+        std::fs::read_dir(&cache.folder).unwrap().count()
+    }
+
+    #[test]
+    fn the_copy_that_was_not_opened_for_longest_goes_first() {
+        let (cache, _folder) = cache(3 * LARGE as u64);
+        for value in 0..3 {
+            assert!(keep(&cache, value));
+            thread::sleep(Duration::from_millis(2));
+        }
+        let mut open = cache.open(bytes(1).1, LARGE as u64).unwrap().unwrap();
+        thread::sleep(Duration::from_millis(2));
+        assert!(has(&cache, 0));
+        thread::sleep(Duration::from_millis(2));
+        assert!(keep(&cache, 3));
+        assert_eq!([0, 1, 2, 3].map(|value| has(&cache, value)), [true, true, false, true]);
+        for value in 4..8 {
+            assert!(keep(&cache, value));
+        }
+        assert!(!has(&cache, 1));
+        let mut read = Vec::new();
+        open.read_to_end(&mut read).unwrap();
+        assert_eq!(read, bytes(1).0, "who has it open keeps its bytes");
+        assert_eq!(names(&cache), 3);
+    }
+
+    #[test]
+    fn what_is_too_large_or_too_small_is_not_kept_and_nothing_goes_for_it() {
+        let (cache, _folder) = cache(2 * LARGE as u64);
+        assert!(keep(&cache, 0));
+        assert!(!cache.make_room(2 * LARGE as u64 + 1).unwrap());
+        assert!(!cache.make_room(KEPT_FROM - 1).unwrap());
+        assert!(has(&cache, 0));
+    }
+
+    #[test]
+    fn who_wants_what_another_one_fetches_waits_for_it() {
+        let (cache, _folder) = cache(u64::MAX);
+        let (bytes, digest) = bytes(7);
+        let Place::Free(copy) = cache.place(digest, LARGE as u64).unwrap() else { panic!() };
+        let (send, receive) = channel();
+        thread::scope(|scope| {
+            for _ in 0..3 {
+                scope.spawn(|| send.send(cache.place(digest, LARGE as u64).unwrap()).unwrap());
+            }
+            thread::sleep(Duration::from_millis(20));
+            assert!(receive.try_recv().is_err(), "it is not whole yet");
+            copy.file().write_all(&bytes).unwrap();
+            cache.keep(copy, digest).unwrap();
+        });
+        for _ in 0..3 {
+            assert!(matches!(receive.recv().unwrap(), Place::Taken(_)));
+        }
+        assert_eq!(names(&cache), 1);
+    }
+
+    #[test]
+    fn whoever_waits_fetches_it_when_the_other_one_gives_up() {
+        let (cache, _folder) = cache(u64::MAX);
+        let (bytes, digest) = bytes(7);
+        let Place::Free(copy) = cache.place(digest, LARGE as u64).unwrap() else { panic!() };
+        copy.file().write_all(&bytes[..10]).unwrap();
+        thread::scope(|scope| {
+            let waits = scope.spawn(|| cache.place(digest, LARGE as u64).unwrap());
+            thread::sleep(Duration::from_millis(20));
+            drop(copy);
+            let Place::Free(copy) = waits.join().unwrap() else { panic!() };
+            assert_eq!(copy.file().metadata().unwrap().len(), 0);
+        });
+        assert_eq!(names(&cache), 0);
+    }
+
+    #[test]
+    fn a_copy_of_another_size_is_no_copy() {
+        let (cache, _folder) = cache(u64::MAX);
+        assert!(keep(&cache, 1));
+        File::options().write(true).open(cache.path(bytes(1).1)).unwrap().set_len(10).unwrap();
+        assert!(!has(&cache, 1) && names(&cache) == 0);
+    }
+
+    #[test]
+    fn what_a_process_left_that_died_is_deleted_later() {
+        let (cache, _folder) = cache(u64::MAX);
+        let left = cache.folder.join("dead.part");
+        std::fs::write(&left, "half").unwrap();
+        let alive = cache.begin().unwrap();
+        let long_ago = SystemTime::now() - 2 * LEFT_BEHIND;
+        cache.make_room(0).unwrap();
+        assert_eq!(names(&cache), 2, "too young");
+        File::options().write(true).open(&left).unwrap().set_modified(long_ago).unwrap();
+        alive.file().set_modified(long_ago).unwrap();
+        cache.make_room(0).unwrap();
+        assert!(!left.exists() && alive.at.exists());
+    }
+}
