@@ -349,6 +349,19 @@ async fn an_object_is_fetched_once_by_a_machine_however_often_it_is_opened() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn an_object_that_is_wanted_soon_is_there_before_it_is_opened() {
+    let mut server = S3Server::start();
+    let machine = machine(&server, "arm").await;
+    let object = machine.store.put_object("a", bytes(MEDIUM)).await.unwrap();
+    machine.store.fetch_ahead(&object);
+    while machine.copies() != [object.sha256.to_string()] {
+        tokio::time::sleep(Duration::from_millis(1)).await;
+    }
+    server.die();
+    assert_eq!(machine.store.read_object(&object).await.unwrap(), bytes(MEDIUM));
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn an_object_never_takes_the_place_of_another_one() {
     let server = S3Server::start();
     let (one, other) = (machine(&server, "arm").await, machine(&server, "arm").await);

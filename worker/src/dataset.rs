@@ -37,7 +37,7 @@ const OPEN: usize = 64;
 
 impl OpenShards {
     /// Opens a shard unless it is open. The first time that this process does so, it checks the bytes against their
-    /// digest, so that what is read is what was written.
+    /// digest, so that what is read is what was written; shards that lie elsewhere are checked as they are fetched.
     fn get(&self, place: usize) -> Result<ShardReader, TaskError> {
         let mut open = self.open.lock().unwrap_or_else(PoisonError::into_inner);
         let known = open.iter().position(|(at, _)| *at == place);
@@ -97,6 +97,17 @@ impl DatasetReader {
             series.gather(&block.columns()?, 0..block.robots());
         }
         Ok(series)
+    }
+
+    /// Has the shards that hold these trajectories fetched, unless they are files of this machine already.
+    pub fn fetch_ahead(&self, parts: &[Range<u64>]) {
+        let Self { shards, .. } = self;
+        let is_wanted = |held: &Range<u64>| {
+            parts.iter().any(|part| part.start < held.end && held.start < part.end)
+        };
+        for shard in shards.all.iter().filter(|shard| is_wanted(&shard.range())) {
+            shards.store.fetch_ahead(&shard.trajectories);
+        }
     }
 
     /// No trajectories yet, and memory for so many.

@@ -105,10 +105,14 @@ fn send_epoch(
     let empty = || data.empty(size);
     let mut series = empty()?;
     let mut trajectories = Vec::with_capacity(size);
-    for window in order.epoch(epoch).windows {
+    let mut windows = order.epoch(epoch).windows.into_iter().peekable();
+    while let Some(window) = windows.next() {
         if to_skip >= window.trajectories.len() {
             to_skip -= window.trajectories.len();
             continue;
+        }
+        if let Some(next) = windows.peek() {
+            data.fetch_ahead(&next.blocks);
         }
         let blocks = read_blocks(data, &window.blocks)?;
         let columns = blocks.iter().map(Block::columns).collect::<Result<Vec<_>, _>>()?;
