@@ -89,13 +89,14 @@ mod tests {
     use object_store::ObjectStore;
 
     use super::*;
-    use crate::Access;
+    use crate::{Access, Location};
 
     #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
     async fn what_a_store_does_not_copy_by_itself_goes_through_a_file() {
         let objects: Arc<dyn ObjectStore> = Arc::new(object_store::memory::InMemory::new());
         let folder = tempfile::tempdir().unwrap();
-        let opened = Store::open_with_objects(folder.path(), Access::Server, objects.into()).await;
+        let location = Location::in_folder(folder.path());
+        let opened = Store::open_with_objects(&location, Access::Server, objects.into()).await;
         let store = opened.unwrap();
         let object = store.put_object("a", vec![7; 100_000].into()).await.unwrap();
         let copied = tokio::task::block_in_place(|| copy_through_file(&store, &object, "b"));
