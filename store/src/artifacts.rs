@@ -6,6 +6,7 @@ use arrow_array::RecordBatch;
 use bytes::Bytes;
 use spec::Digest;
 
+use crate::boxed;
 use crate::database::{Scope, sql};
 use crate::patience::patiently;
 use crate::{Fence, RunId, Store, StoreError, StoredObject, Timestamp, leases, object_path};
@@ -52,6 +53,7 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError::LeaseLost`] when the lease is lost; nothing is visible then. A full disk.
+    #[boxed]
     pub async fn put_table(
         &self,
         fence: Fence,
@@ -105,6 +107,7 @@ impl Store {
     ///
     /// # Errors
     /// When the database fails.
+    #[boxed]
     pub async fn artifacts(&self, runs: &[RunId]) -> Result<Vec<Artifact>, StoreError> {
         sql!(self.database(), "reading the artifacts of runs", artifacts(runs))
     }
@@ -113,6 +116,7 @@ impl Store {
     ///
     /// # Errors
     /// When the database fails.
+    #[boxed]
     pub async fn artifacts_named(
         &self,
         runs: &[RunId],
@@ -123,6 +127,7 @@ impl Store {
 
     /// # Errors
     /// When the run has no artifact of this name.
+    #[boxed]
     pub async fn artifact(&self, run: RunId, name: &str) -> Result<Artifact, StoreError> {
         sql!(self.database(), "reading an artifact", artifact(run, name))?
             .ok_or_else(|| StoreError::not_found("artifact", format!("{name} of run {run}")))

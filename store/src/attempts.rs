@@ -2,6 +2,7 @@
 
 use wire::AttemptOutcome;
 
+use crate::boxed;
 use crate::database::sql;
 use crate::{Epoch, JobId, Page, Store, StoreError, TaskId, Timestamp};
 
@@ -28,6 +29,7 @@ impl Store {
     ///
     /// # Errors
     /// When the database fails.
+    #[boxed]
     pub async fn attempts(&self, job: JobId, page: Page) -> Result<Vec<Attempt>, StoreError> {
         sql!(self.database(), "reading a job's attempts", attempts(job, page))
     }

@@ -1,5 +1,6 @@
 //! Cancellation, as users ask for it.
 
+use crate::boxed;
 use crate::database::{Scope, Transaction, sql};
 use crate::propagation::{state_of, stop};
 use crate::rules::cancellation::members_to_cancel;
@@ -12,6 +13,7 @@ impl Store {
     ///
     /// # Errors
     /// When there is no such job.
+    #[boxed]
     pub async fn cancel(&self, job: JobId) -> Result<(), StoreError> {
         let mut tx = self.begin(Scope::Queue, "cancelling a job").await?;
         if state_of(&mut tx, job).await?.is_final() {

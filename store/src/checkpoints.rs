@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use spec::Digest;
 
+use crate::boxed;
 use crate::database::{Scope, sql};
 use crate::patience::patiently;
 use crate::{
@@ -72,6 +73,7 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError::LeaseLost`] when the lease is lost; nothing is visible then.
+    #[boxed]
     pub async fn commit_checkpoint(
         &self,
         fence: Fence,
@@ -104,6 +106,7 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError::LeaseLost`] when the lease is lost; nothing is changed then.
+    #[boxed]
     pub async fn prune_checkpoints(&self, fence: Fence, keep: u32) -> Result<(), StoreError> {
         patiently!({
             let mut tx = self.begin(Scope::Rows, "pruning checkpoints").await?;
@@ -123,6 +126,7 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError::LeaseLost`] when the lease is lost; nothing is changed then.
+    #[boxed]
     pub async fn discard_checkpoint(
         &self,
         fence: Fence,
@@ -141,6 +145,7 @@ impl Store {
 
     /// # Errors
     /// When there is no such checkpoint.
+    #[boxed]
     pub async fn checkpoint(&self, id: CheckpointId) -> Result<Checkpoint, StoreError> {
         sql!(self.database(), READING, checkpoint(id))?
             .ok_or_else(|| StoreError::not_found("checkpoint", id.to_string()))
@@ -150,6 +155,7 @@ impl Store {
     ///
     /// # Errors
     /// When the database fails.
+    #[boxed]
     pub async fn checkpoints(&self, page: Page) -> Result<Vec<Checkpoint>, StoreError> {
         sql!(self.database(), READING, checkpoints(page))
     }
@@ -158,6 +164,7 @@ impl Store {
     ///
     /// # Errors
     /// When the database fails.
+    #[boxed]
     pub async fn checkpoints_of_job(&self, job: JobId) -> Result<Vec<Checkpoint>, StoreError> {
         sql!(self.database(), READING, checkpoints_of_job(job))
     }
@@ -166,6 +173,7 @@ impl Store {
     ///
     /// # Errors
     /// When the database fails.
+    #[boxed]
     pub async fn checkpoint_ids(
         &self,
         jobs: &[JobId],
@@ -177,6 +185,7 @@ impl Store {
     ///
     /// # Errors
     /// When the database fails.
+    #[boxed]
     pub async fn latest_checkpoint(&self, job: JobId) -> Result<Option<Checkpoint>, StoreError> {
         sql!(self.database(), READING, latest_checkpoint(job))
     }
@@ -185,6 +194,7 @@ impl Store {
     ///
     /// # Errors
     /// When the database fails.
+    #[boxed]
     pub async fn checkpoint_by_digest(
         &self,
         digest: Digest,

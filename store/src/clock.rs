@@ -5,6 +5,7 @@ use std::fmt;
 use chrono::{DateTime, SecondsFormat};
 use serde::{Serialize, Serializer};
 
+use crate::boxed;
 use crate::database::sql;
 use crate::{Store, StoreError};
 
@@ -37,6 +38,7 @@ impl Store {
     ///
     /// # Errors
     /// When the database fails.
+    #[boxed]
     pub async fn now(&self) -> Result<Timestamp, StoreError> {
         sql!(self.database(), "reading the clock", now())
     }

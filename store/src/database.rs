@@ -24,8 +24,13 @@ pub(crate) enum Transaction {
 pub(crate) enum Scope {
     /// The states of jobs and tasks: one such transaction at a time.
     Queue,
+    /// The end of one leased task after which its job stays as it is: many at a time, but none beside one of `Queue`.
+    Task,
     /// Rows of one leased task, whose own row it locks first; or rows of no task.
     Rows,
+    /// As `Rows`, of what means nothing without the process that wrote it: a lease, a sign of life. A power cut that ends
+    /// all such processes together with the database may take it along.
+    Lease,
 }
 
 /// Calls a statement: `sql!(database, "reading jobs", jobs(filter))`, whose operation completes
@@ -104,12 +109,16 @@ impl Transaction {
         }
     }
 
-    /// Whether it may move jobs, and tasks between states.
-    pub fn may_move_the_queue(&self) -> bool {
+    /// Widens its scope to [`Scope::Queue`] if that is possible at once: nobody else moves the queue or ends a task.
+    /// Otherwise roll it back and begin another one, which waits.
+    pub async fn take_the_queue(&mut self) -> Result<bool, StoreError> {
         match self {
             // Nobody else writes meanwhile.
-            Self::Sqlite(_) => true,
-            Self::Postgres(transaction) => transaction.scope() == Scope::Queue,
+            Self::Sqlite(_) => Ok(true),
+            Self::Postgres(transaction) => {
+                let operation = transaction.operation();
+                transaction.take_the_queue().await.map_err(StoreError::database(operation))
+            }
         }
     }
 }
@@ -121,7 +130,9 @@ impl Store {
         operation: &'static str,
     ) -> Result<Transaction, StoreError> {
         match self.database() {
-            Database::Sqlite(database) => database.begin(operation).await.map(Transaction::Sqlite),
+            Database::Sqlite(database) => {
+                database.begin(scope, operation).await.map(Transaction::Sqlite)
+            }
             Database::Postgres(database) => {
                 database.begin(scope, operation).await.map(Transaction::Postgres)
             }

@@ -8,11 +8,11 @@ use serde_json::Value;
 use spec::Digest;
 use wire::DatasetState;
 
-use crate::database::{Scope, sql};
+use crate::boxed;
+use crate::database::sql;
 use crate::patience::patiently;
-use crate::{
-    DatasetId, Fence, JobId, Page, Store, StoreError, StoredObject, Timestamp, leases, task_end,
-};
+use crate::task_end::Completion;
+use crate::{DatasetId, Fence, JobId, Page, Store, StoreError, StoredObject, Timestamp};
 
 #[derive(Clone, Debug)]
 pub struct Dataset {
@@ -130,6 +130,7 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError::LeaseLost`] when the lease is lost; nothing is changed then.
+    #[boxed]
     pub async fn commit_shard(
         &self,
         fence: Fence,
@@ -143,6 +144,7 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError::LeaseLost`] when the lease is lost; nothing is changed then.
+    #[boxed]
     pub async fn commit_import(
         &self,
         fence: Fence,
@@ -159,31 +161,31 @@ impl Store {
         result: Option<&Value>,
         trajectories: Count,
     ) -> Result<(), StoreError> {
+        const OPERATION: &str = "committing a shard";
         patiently!({
             for (_, file) in shard.files() {
                 self.objects().verify_published(file).await?;
             }
-            let mut tx = self.begin(Scope::Queue, "committing a shard").await?;
-            let held = leases::held(&mut tx, fence).await;
-            if let Err(StoreError::LeaseLost { .. }) = held
-                && sql!(&mut tx, is_committed(fence, shard.trajectories.sha256))?
+            let begun = Completion::begin(self, fence, OPERATION).await;
+            if let Err(StoreError::LeaseLost { .. }) = begun
+                && sql!(self.database(), OPERATION, is_committed(fence, shard.trajectories.sha256))?
             {
                 // This very commit went through before, its answer lost on the way.
                 return Ok(());
             }
-            let (job, standing) = held?;
-            sql!(&mut tx, insert_shard(fence, shard))?;
+            let mut completion = begun?;
+            sql!(&mut completion.tx, insert_shard(fence, shard))?;
             if trajectories == Count::OfShard {
-                sql!(&mut tx, set_trajectories(job, shard.count))?;
-                sql!(&mut tx, set_total(fence.task, shard.count))?;
+                sql!(&mut completion.tx, set_trajectories(completion.job, shard.count))?;
+                sql!(&mut completion.tx, set_total(fence.task, shard.count))?;
             }
-            task_end::complete(&mut tx, fence.task, job, standing, result).await?;
-            tx.commit().await
+            completion.end(result).await
         })
     }
 
     /// # Errors
     /// When there is no such dataset.
+    #[boxed]
     pub async fn dataset(&self, id: DatasetId) -> Result<Dataset, StoreError> {
         sql!(self.database(), "reading a dataset", dataset(id))?
             .ok_or_else(|| StoreError::not_found("dataset", id.to_string()))
@@ -193,6 +195,7 @@ impl Store {
     ///
     /// # Errors
     /// When the database fails.
+    #[boxed]
     pub async fn datasets(
         &self,
         state: Option<DatasetState>,
@@ -205,6 +208,7 @@ impl Store {
     ///
     /// # Errors
     /// When the database fails.
+    #[boxed]
     pub async fn datasets_by_id(&self, ids: &[DatasetId]) -> Result<Vec<Dataset>, StoreError> {
         sql!(self.database(), "reading datasets", datasets_by_id(ids))
     }
@@ -213,6 +217,7 @@ impl Store {
     ///
     /// # Errors
     /// When the database fails.
+    #[boxed]
     pub async fn datasets_of_jobs(
         &self,
         jobs: &[JobId],
@@ -224,6 +229,7 @@ impl Store {
     ///
     /// # Errors
     /// When the database fails.
+    #[boxed]
     pub async fn dataset_by_digest(&self, digest: Digest) -> Result<Option<Dataset>, StoreError> {
         sql!(self.database(), "looking up a dataset by digest", dataset_by_digest(digest))
     }
@@ -232,6 +238,7 @@ impl Store {
     ///
     /// # Errors
     /// When the database fails.
+    #[boxed]
     pub async fn shards(&self, dataset: DatasetId) -> Result<Vec<Shard>, StoreError> {
         sql!(self.database(), "reading a dataset's shards", shards(dataset))
     }

@@ -4,6 +4,7 @@ use std::collections::HashMap;
 
 use spec::{Moment, Resources};
 
+use crate::boxed;
 use crate::database::sql;
 use crate::rules::placement::{Placement, placement};
 use crate::{JobId, Store, StoreError, Worker};
@@ -32,6 +33,7 @@ impl Store {
     ///
     /// # Errors
     /// When the database fails.
+    #[boxed]
     pub async fn demand(&self) -> Result<Vec<Demand>, StoreError> {
         sql!(self.database(), "reading what tasks ask for", demand())
     }
@@ -40,6 +42,7 @@ impl Store {
     ///
     /// # Errors
     /// When the database fails.
+    #[boxed]
     pub async fn waits(&self, jobs: &[JobId]) -> Result<HashMap<JobId, Wait>, StoreError> {
         let asked = sql!(self.database(), "reading what jobs wait for", asked_by(jobs))?;
         if asked.is_empty() {
@@ -60,6 +63,7 @@ impl Store {
     ///
     /// # Errors
     /// When the database fails.
+    #[boxed]
     pub async fn why_all_wait(&self) -> Result<Option<Wait>, StoreError> {
         let workers = self.workers().await?;
         let demand = self.demand().await?;

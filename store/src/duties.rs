@@ -1,5 +1,6 @@
 //! Duties that one server has for all that share a store: two may serve one PostgreSQL, and one of them keeps house.
 
+use crate::boxed;
 use crate::database::Database;
 use crate::postgres::DutyLock;
 use crate::{Store, StoreError};
@@ -33,6 +34,7 @@ impl DutyClaim {
     ///
     /// # Errors
     /// When the database does not answer.
+    #[boxed]
     pub async fn is_mine(&mut self) -> Result<bool, StoreError> {
         match &mut self.0 {
             None => Ok(true),

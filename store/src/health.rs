@@ -8,6 +8,7 @@ use std::time::Duration;
 
 use nix::sys::statvfs::statvfs;
 
+use crate::boxed;
 use crate::database::{Scope, sql};
 use crate::objects::Elsewhere;
 use crate::{Store, StoreError};
@@ -65,6 +66,7 @@ impl Store {
     /// # Errors
     /// [`StoreError::DatabaseGone`] when it was deleted or replaced, [`StoreError::DatabaseBusy`] when it takes no
     /// write for two seconds, and what the database says when it is read-only or damaged.
+    #[boxed]
     pub async fn check_database(&self) -> Result<(), StoreError> {
         self.check_database_file()?;
         let write = async {

@@ -2,6 +2,7 @@
 
 use spec::Digest;
 
+use crate::boxed;
 use crate::database::{Transaction, sql};
 use crate::{Store, StoreError, Submitted};
 
@@ -22,6 +23,7 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError::IdempotencyConflict`] when the key came with another request.
+    #[boxed]
     pub async fn repeated(&self, asked: &Idempotency) -> Result<Option<Submitted>, StoreError> {
         const OPERATION: &str = "looking up an idempotency key";
         let known =

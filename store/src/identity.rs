@@ -5,6 +5,7 @@ use bytes::Bytes;
 use object_store::{ObjectStoreExt, PutMode, PutOptions};
 use serde::{Deserialize, Serialize};
 
+use crate::boxed;
 use crate::database::sql;
 use crate::objects::path::MARKER;
 use crate::{Access, Store, StoreError};
@@ -22,6 +23,7 @@ impl Store {
     ///
     /// # Errors
     /// When the database fails.
+    #[boxed]
     pub async fn identity(&self) -> Result<String, StoreError> {
         sql!(self.database(), "reading the store's identity", identity())
     }
@@ -61,11 +63,16 @@ impl Store {
 
     /// Two servers may do so at once: one of them is first.
     async fn mark(&self, own: &Marker) -> Result<(), StoreError> {
-        let text = format!("{{\"store\": \"{}\"}}\n", own.store);
+        let text = Bytes::from(format!("{{\"store\": \"{}\"}}\n", own.store));
+        if self.objects().away().is_some() {
+            return match self.put_object(MARKER, text).await {
+                Ok(_) | Err(StoreError::ObjectTaken { .. }) => Ok(()),
+                Err(error) => Err(error),
+            };
+        }
         let create = PutOptions { mode: PutMode::Create, ..PutOptions::default() };
         let path = object_store::path::Path::from(MARKER);
-        let put = self.objects().remote().put_opts(&path, Bytes::from(text).into(), create);
-        match put.await {
+        match self.objects().remote().put_opts(&path, text.into(), create).await {
             Ok(_) | Err(object_store::Error::AlreadyExists { .. }) => Ok(()),
             Err(error) => Err(StoreError::object("writing", MARKER)(error)),
         }

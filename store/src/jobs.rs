@@ -4,6 +4,7 @@ use serde_json::Value;
 use spec::{Digest, Moment, Resources};
 use wire::JobState;
 
+use crate::boxed;
 use crate::database::sql;
 use crate::{DatasetId, JobId, RunId, Store, StoreError, Timestamp};
 
@@ -87,6 +88,7 @@ pub struct JobFilter<'a> {
 impl Store {
     /// # Errors
     /// When there is no such job.
+    #[boxed]
     pub async fn job(&self, id: JobId) -> Result<Job, StoreError> {
         sql!(self.database(), READING, job(id))?
             .ok_or_else(|| StoreError::not_found("job", id.to_string()))
@@ -104,6 +106,7 @@ impl Store {
     ///
     /// # Errors
     /// When the database fails.
+    #[boxed]
     pub async fn experiments(
         &self,
         state: Option<JobState>,
@@ -116,6 +119,7 @@ impl Store {
     ///
     /// # Errors
     /// When the database fails.
+    #[boxed]
     pub async fn job_by_digest(
         &self,
         digest: Digest,
@@ -129,6 +133,7 @@ impl Store {
     ///
     /// # Errors
     /// When the database fails.
+    #[boxed]
     pub async fn newest_reader(
         &self,
         dataset: DatasetId,
@@ -141,6 +146,7 @@ impl Store {
     ///
     /// # Errors
     /// When the database fails.
+    #[boxed]
     pub async fn jobs_by_id(&self, ids: &[JobId]) -> Result<Vec<Job>, StoreError> {
         sql!(self.database(), READING, jobs_by_id(ids))
     }
@@ -149,6 +155,7 @@ impl Store {
     ///
     /// # Errors
     /// When the database fails.
+    #[boxed]
     pub async fn specs(&self, ids: &[JobId]) -> Result<Vec<(JobId, Value)>, StoreError> {
         sql!(self.database(), READING, specs(ids))
     }
@@ -157,6 +164,7 @@ impl Store {
     ///
     /// # Errors
     /// When the database fails.
+    #[boxed]
     pub async fn newest_specs(
         &self,
         digests: &[Digest],
@@ -168,6 +176,7 @@ impl Store {
     ///
     /// # Errors
     /// When the database fails.
+    #[boxed]
     pub async fn needs(&self, jobs: &[JobId]) -> Result<Vec<(JobId, JobId)>, StoreError> {
         sql!(self.database(), "reading the needs of jobs", needs(jobs))
     }

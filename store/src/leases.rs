@@ -3,12 +3,14 @@
 //! A claim raises the task's epoch. Whatever the worker writes afterwards names that epoch and
 //! changes nothing once it has passed, so a worker that was thought dead cannot do harm.
 
+use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 use serde_json::Value;
 use spec::{Digest, Resources};
 use wire::JobState;
 
+use crate::boxed;
 use crate::database::{Scope, Transaction, sql};
 use crate::rules::task::TaskStanding;
 use crate::{Epoch, JobId, RunId, Store, StoreError, TaskId, pipelines};
@@ -83,6 +85,7 @@ impl Store {
     ///
     /// # Errors
     /// When the database fails.
+    #[boxed]
     pub async fn claim(
         &self,
         worker: &str,
@@ -90,42 +93,51 @@ impl Store {
         ttl: Duration,
     ) -> Result<Option<ClaimedTask>, StoreError> {
         const OPERATION: &str = "claiming a task";
-        // Idle workers ask often; they should not queue for the write lock to learn nothing.
-        if !sql!(self.database(), OPERATION, is_any_claimable(worker, offers))? {
+        // Idle workers ask often; they should not queue for the write lock to learn nothing. Whoever has just had a task
+        // will most likely get one.
+        let is_busy = self.found_task().swap(false, Ordering::Relaxed);
+        if !is_busy && !sql!(self.database(), OPERATION, is_any_claimable(worker, offers))? {
             return Ok(None);
         }
-        let mut tx = self.begin(Scope::Rows, OPERATION).await?;
-        let Some(mut next) = sql!(&mut tx, next_task(worker, offers))? else { return Ok(None) };
-        if next.begins_its_job() && !tx.may_move_the_queue() {
-            tx.roll_back().await?;
-            tx = self.begin(Scope::Queue, OPERATION).await?;
-            let Some(found) = sql!(&mut tx, next_task(worker, offers))? else { return Ok(None) };
-            next = found;
-        }
+        let mut tx = self.begin(Scope::Lease, OPERATION).await?;
+        let Some(next) = sql!(&mut tx, next_task(worker, offers))? else { return Ok(None) };
         let begins_its_job = next.begins_its_job();
         let NextTask { mut task, standing, .. } = next;
         let standing = standing.claimed();
         (task.attempt, task.fence.epoch) = (standing.attempt, standing.epoch);
         sql!(&mut tx, lease(task.fence.task, &standing, worker, ttl))?;
-        sql!(&mut tx, begin_attempt(task.job, task.fence, worker))?;
-        if begins_its_job && sql!(&mut tx, start_job(task.job))? {
-            pipelines::settle_those_of(&mut tx, task.job).await?;
+        if begins_its_job && tx.take_the_queue().await? {
+            start(&mut tx, task.job).await?;
+            tx.commit().await?;
+        } else {
+            tx.commit().await?;
+            if begins_its_job && let Err(error) = self.start_in_turn(task.job).await {
+                // It is begun with its next task, or ends as it is.
+                tracing::warn!(job = %task.job, %error, "is not shown as running");
+            }
         }
-        tx.commit().await?;
+        self.found_task().store(true, Ordering::Relaxed);
         Ok(Some(task))
+    }
+
+    async fn start_in_turn(&self, job: JobId) -> Result<(), StoreError> {
+        let mut tx = self.begin(Scope::Queue, "starting a job").await?;
+        start(&mut tx, job).await?;
+        tx.commit().await
     }
 
     /// Prolongs a lease to `ttl` from now and records progress.
     ///
     /// # Errors
     /// When the database fails; a lost lease is an answer, not an error.
+    #[boxed]
     pub async fn renew(
         &self,
         fence: Fence,
         ttl: Duration,
         progress: &Progress,
     ) -> Result<Lease, StoreError> {
-        let mut tx = self.begin(Scope::Rows, "renewing a lease").await?;
+        let mut tx = self.begin(Scope::Lease, "renewing a lease").await?;
         let standing = match held(&mut tx, fence).await {
             Ok((_, standing)) => standing,
             Err(StoreError::LeaseLost { .. }) => return Ok(Lease::Lost),
@@ -135,6 +147,14 @@ impl Store {
         tx.commit().await?;
         Ok(Lease::Held { cancel_requested: standing.cancel_requested })
     }
+}
+
+/// Shows a job as running whose first task was claimed.
+async fn start(tx: &mut Transaction, job: JobId) -> Result<(), StoreError> {
+    if sql!(tx, start_job(job))? {
+        pipelines::settle_those_of(tx, job).await?;
+    }
+    Ok(())
 }
 
 /// The job of a leased task, and where the task stands.
@@ -148,6 +168,19 @@ pub(crate) async fn held(
 ) -> Result<(JobId, TaskStanding), StoreError> {
     sql!(tx, standing(fence.task))?
         .filter(|(_, standing)| standing.is_held_at(fence.epoch))
+        .ok_or(StoreError::LeaseLost { task: fence.task, epoch: fence.epoch })
+}
+
+/// The same, and whether another task of its stage is queued.
+///
+/// # Errors
+/// As of [`held`]. Whether another is queued may change as long as tasks are claimed.
+pub(crate) async fn held_in_stage(
+    tx: &mut Transaction,
+    fence: Fence,
+) -> Result<(JobId, TaskStanding, bool), StoreError> {
+    sql!(tx, standing_in_stage(fence.task))?
+        .filter(|(_, standing, _)| standing.is_held_at(fence.epoch))
         .ok_or(StoreError::LeaseLost { task: fence.task, epoch: fence.epoch })
 }
 

@@ -63,6 +63,10 @@ mod uploads;
 mod waiting;
 mod workers;
 
+/// Has an asynchronous function return a future of a common type, which the store alone compiles: one of a type of its own
+/// is compiled once more in every part of every crate that awaits it.
+pub(crate) use async_recursion::async_recursion as boxed;
+
 pub use artifacts::{Artifact, NewArtifact};
 pub use attempts::Attempt;
 pub use checkpoints::{Checkpoint, CheckpointFile, NewCheckpoint, WhichCheckpoint};

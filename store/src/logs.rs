@@ -1,5 +1,6 @@
 //! The logs of attempts: rows and no files, so that every database has them wherever its workers run.
 
+use crate::boxed;
 use crate::database::{Scope, sql};
 use crate::{Attempt, Fence, JobId, Store, StoreError, TaskId, Timestamp, leases};
 
@@ -72,6 +73,7 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError::LeaseLost`] when the lease is lost; nothing is changed then.
+    #[boxed]
     pub async fn append_log(&self, fence: Fence, chunks: &[NewLogChunk]) -> Result<(), StoreError> {
         let (Some(first), Some(last)) = (chunks.first(), chunks.last()) else { return Ok(()) };
         let mut tx = self.begin(Scope::Rows, "adding to the log of an attempt").await?;
@@ -95,6 +97,7 @@ impl Store {
 
     /// # Errors
     /// When the database fails.
+    #[boxed]
     pub async fn log_page(
         &self,
         filter: &LogFilter,
@@ -116,6 +119,7 @@ impl Store {
     ///
     /// # Errors
     /// When the database fails.
+    #[boxed]
     pub async fn may_log(&self, filter: &LogFilter) -> Result<bool, StoreError> {
         match (filter.attempt, &filter.tasks) {
             (Some(attempt), _) => sql!(self.database(), READING, is_attempt_running(attempt)),
@@ -128,12 +132,14 @@ impl Store {
     ///
     /// # Errors
     /// When the database fails.
+    #[boxed]
     pub async fn attempt_log(&self, attempt: i64) -> Result<Vec<NewLogChunk>, StoreError> {
         sql!(self.database(), READING, attempt_log(attempt))
     }
 
     /// # Errors
     /// When there is no such attempt.
+    #[boxed]
     pub async fn attempt(&self, id: i64) -> Result<Attempt, StoreError> {
         sql!(self.database(), "reading an attempt", attempt(id))?
             .ok_or_else(|| StoreError::not_found("attempt", id.to_string()))
@@ -143,6 +149,7 @@ impl Store {
     ///
     /// # Errors
     /// When the database fails.
+    #[boxed]
     pub async fn tasks_labelled(
         &self,
         jobs: &[JobId],

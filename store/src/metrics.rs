@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use crate::boxed;
 use crate::database::{Scope, sql};
 use crate::patience::patiently;
 use crate::{Fence, RunId, Store, StoreError, Timestamp, leases};
@@ -39,6 +40,7 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError::LeaseLost`] when the lease is lost; nothing is changed then.
+    #[boxed]
     pub async fn record_metrics(&self, fence: Fence, metrics: &[Metric]) -> Result<(), StoreError> {
         patiently!({
             let mut tx = self.begin(Scope::Rows, "recording metrics").await?;
@@ -62,6 +64,7 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError::LeaseLost`] when the lease is lost; nothing is changed then.
+    #[boxed]
     pub async fn delete_metrics_after(&self, fence: Fence, step: u64) -> Result<(), StoreError> {
         patiently!({
             let mut tx = self.begin(Scope::Rows, "deleting metrics").await?;
@@ -77,6 +80,7 @@ impl Store {
     ///
     /// # Errors
     /// When the database fails.
+    #[boxed]
     pub async fn latest_metrics(
         &self,
         runs: &[RunId],
@@ -88,6 +92,7 @@ impl Store {
     ///
     /// # Errors
     /// When the database fails.
+    #[boxed]
     pub async fn latest_values(
         &self,
         runs: &[RunId],
@@ -101,6 +106,7 @@ impl Store {
     ///
     /// # Errors
     /// When the database fails; a key that was never recorded has no points.
+    #[boxed]
     pub async fn series(&self, run: RunId, key: &str, points: u32) -> Result<Series, StoreError> {
         const OPERATION: &str = "reading a metric";
         let recorded = sql!(self.database(), OPERATION, recorded_points(run, key))?;

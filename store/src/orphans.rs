@@ -3,6 +3,7 @@
 use std::collections::HashSet;
 use std::time::Duration;
 
+use crate::boxed;
 use crate::database::sql;
 use crate::{Store, StoreError};
 
@@ -12,6 +13,7 @@ impl Store {
     ///
     /// # Errors
     /// When the database or the listing of objects fails.
+    #[boxed]
     pub async fn sweep_orphans(&self, older_than: Duration) -> Result<u64, StoreError> {
         let unfinished = self.objects().delete_unfinished(older_than).await?;
         let orphans = self.orphans(older_than).await?;

@@ -2,6 +2,7 @@
 
 use wire::JobState;
 
+use crate::boxed;
 use crate::database::{Transaction, sql};
 use crate::rules::job::is_unsuccessful;
 use crate::rules::pipeline::{MemberStanding, culprit, settled};
@@ -38,6 +39,7 @@ impl Store {
     ///
     /// # Errors
     /// When the database fails.
+    #[boxed]
     pub async fn members(&self, pipelines: &[JobId]) -> Result<Vec<Member>, StoreError> {
         sql!(self.database(), "reading the members of pipelines", members(pipelines))
     }

@@ -1,5 +1,6 @@
 //! The queue as a whole: whether tasks are claimed, and how many there are.
 
+use crate::boxed;
 use crate::database::{Scope, sql};
 use crate::{Store, StoreError, Timestamp};
 
@@ -16,6 +17,7 @@ pub struct Queue {
 impl Store {
     /// # Errors
     /// When the database fails.
+    #[boxed]
     pub async fn queue(&self) -> Result<Queue, StoreError> {
         sql!(self.database(), "reading the queue", queue())
     }
@@ -24,6 +26,7 @@ impl Store {
     ///
     /// # Errors
     /// When the database fails.
+    #[boxed]
     pub async fn pause_queue(&self) -> Result<(), StoreError> {
         const OPERATION: &str = "pausing the queue";
         let mut tx = self.begin(Scope::Rows, OPERATION).await?;
@@ -39,6 +42,7 @@ impl Store {
     ///
     /// # Errors
     /// When the database fails.
+    #[boxed]
     pub async fn resume_queue(&self) -> Result<(), StoreError> {
         let mut tx = self.begin(Scope::Rows, "resuming the queue").await?;
         sql!(&mut tx, resume_queue())?;

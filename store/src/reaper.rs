@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use wire::TaskState;
 
+use crate::boxed;
 use crate::database::{Scope, sql};
 use crate::rules::task::Ending;
 use crate::rules::watch::{Leased, Watch};
@@ -39,6 +40,7 @@ impl Reaper {
     ///
     /// # Errors
     /// When the database fails.
+    #[boxed]
     pub async fn look(&mut self, since: Duration) -> Result<Reaped, StoreError> {
         let leased = sql!(self.store.database(), "reading the leases", leased())?;
         if since > LATE * self.every {

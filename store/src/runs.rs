@@ -4,6 +4,7 @@ use serde_json::Value;
 use spec::Digest;
 use wire::JobState;
 
+use crate::boxed;
 use crate::database::sql;
 use crate::{JobId, Page, RunId, Store, StoreError, Timestamp};
 
@@ -26,6 +27,7 @@ pub struct Run {
 impl Store {
     /// # Errors
     /// When there is no such run.
+    #[boxed]
     pub async fn run(&self, id: RunId) -> Result<Run, StoreError> {
         sql!(self.database(), "reading a run", run(id))?
             .ok_or_else(|| StoreError::not_found("run", id.to_string()))
@@ -35,6 +37,7 @@ impl Store {
     ///
     /// # Errors
     /// When the database fails.
+    #[boxed]
     pub async fn runs(&self, kind: Option<&str>, page: Page) -> Result<Vec<Run>, StoreError> {
         sql!(self.database(), "reading runs", runs(kind, page))
     }
@@ -43,6 +46,7 @@ impl Store {
     ///
     /// # Errors
     /// When the job has none.
+    #[boxed]
     pub async fn run_of_job(&self, job: JobId) -> Result<Run, StoreError> {
         sql!(self.database(), "reading a run", run_of_job(job))?
             .ok_or_else(|| StoreError::not_found("run of job", job.to_string()))

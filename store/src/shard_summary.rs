@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
+use crate::boxed;
 use crate::database::sql;
 use crate::{DatasetId, Store, StoreError};
 
@@ -108,6 +109,7 @@ impl Store {
     ///
     /// # Errors
     /// When the database fails.
+    #[boxed]
     pub async fn dataset_summary(
         &self,
         dataset: DatasetId,

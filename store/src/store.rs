@@ -1,7 +1,9 @@
 use std::fs::File;
 use std::path::Path;
 use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
+use crate::boxed;
 use crate::data_dir::DataDir;
 use crate::database::{Database, sql};
 use crate::health::FileIdentity;
@@ -21,6 +23,8 @@ struct Inner {
     /// SQLite's, as it was opened.
     database_file: Option<FileIdentity>,
     objects: Objects,
+    /// Whether the last claim got a task.
+    found_task: AtomicBool,
     /// Held for as long as any clone lives.
     _lock: Option<File>,
 }
@@ -31,6 +35,7 @@ impl Store {
     /// # Errors
     /// When the folder cannot be written, is served by another process, has no store yet (for a
     /// worker), comes from a newer version or is damaged. Nothing is changed in the last two.
+    #[boxed]
     pub async fn open(dir: &Path, access: Access) -> Result<Self, StoreError> {
         Self::open_at(&Location::in_folder(dir), access).await
     }
@@ -40,6 +45,7 @@ impl Store {
     /// # Errors
     /// As [`Store::open`]; [`StoreError::DatabaseUnusable`] when the database cannot be reached or does not let the user in;
     /// what is wrong with the bucket, or with the environment's variables that say how to reach it.
+    #[boxed]
     pub async fn open_at(location: &Location, access: Access) -> Result<Self, StoreError> {
         match &location.objects {
             None => Self::open_with(location, access, Objects::in_folder).await,
@@ -54,6 +60,7 @@ impl Store {
     ///
     /// # Errors
     /// As [`Store::open_at`].
+    #[boxed]
     pub async fn open_with_objects(
         location: &Location,
         access: Access,
@@ -82,8 +89,9 @@ impl Store {
         let file = (!is_shared).then(|| FileIdentity::of(&dir.database())).transpose();
         let database_file = file.map_err(|reason| dir.unusable(reason))?;
         let objects = objects(&dir)?;
-        let store =
-            Self { inner: Arc::new(Inner { dir, database, database_file, objects, _lock: lock }) };
+        let found_task = AtomicBool::new(false);
+        let inner = Inner { dir, database, database_file, objects, found_task, _lock: lock };
+        let store = Self { inner: Arc::new(inner) };
         store.check_objects(access).await?;
         Ok(store)
     }
@@ -97,17 +105,23 @@ impl Store {
     ///
     /// # Errors
     /// When it does not.
+    #[boxed]
     pub async fn ping(&self) -> Result<(), StoreError> {
         sql!(self.database(), "asking whether it is there", ping())
     }
 
     /// Ends all connections; SQLite then folds its write-ahead log into the database.
+    #[boxed]
     pub async fn close(&self) {
         self.inner.database.close().await;
     }
 
     pub(crate) fn dir(&self) -> &DataDir {
         &self.inner.dir
+    }
+
+    pub(crate) fn found_task(&self) -> &AtomicBool {
+        &self.inner.found_task
     }
 
     pub(crate) fn database_file(&self) -> Option<FileIdentity> {

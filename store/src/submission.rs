@@ -4,6 +4,7 @@ use serde_json::Value;
 use spec::{Digest, Moment, Resources};
 use wire::JobState;
 
+use crate::boxed;
 use crate::database::{Scope, Transaction, sql};
 use crate::identifiers::ResourcesId;
 use crate::propagation::{advance, state_of};
@@ -172,6 +173,7 @@ impl Store {
     /// # Errors
     /// When a need has failed, an idempotency key comes with another request, or the submission
     /// contradicts itself; nothing is submitted then.
+    #[boxed]
     pub async fn submit(&self, submission: Submission) -> Result<Submitted, StoreError> {
         check(&submission)?;
         let mut tx = self.begin(Scope::Queue, "submitting a job").await?;

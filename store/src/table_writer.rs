@@ -14,6 +14,7 @@ use parquet::errors::ParquetError;
 use parquet::file::writer::SerializedFileWriter;
 use rayon::prelude::*;
 
+use crate::boxed;
 use crate::parquet_layout::writer_properties;
 use crate::{ObjectWriter, Store, StoreError, StoredObject, trajectories_per_row_group};
 
@@ -56,6 +57,7 @@ impl Store {
     ///
     /// # Errors
     /// When the disk is full or fails.
+    #[boxed]
     pub async fn write_table(
         &self,
         path: &str,

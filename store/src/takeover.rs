@@ -3,6 +3,7 @@
 
 use serde_json::Value;
 
+use crate::boxed;
 use crate::database::{Scope, sql};
 use crate::patience::patiently;
 use crate::{Checkpoint, Fence, JobId, RunId, ShardContents, Store, StoreError, leases};
@@ -21,6 +22,7 @@ impl Store {
     ///
     /// # Errors
     /// When the database fails.
+    #[boxed]
     pub async fn earlier_shard(
         &self,
         job: JobId,
@@ -34,6 +36,7 @@ impl Store {
     ///
     /// # Errors
     /// When the database fails.
+    #[boxed]
     pub async fn earlier_checkpoints(&self, job: JobId) -> Result<Vec<Checkpoint>, StoreError> {
         const OPERATION: &str = "looking for earlier checkpoints";
         match sql!(self.database(), OPERATION, farthest_training(job))? {
@@ -46,6 +49,7 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError::LeaseLost`] when the lease is lost; nothing is changed then.
+    #[boxed]
     pub async fn take_over_metrics(
         &self,
         fence: Fence,

@@ -4,23 +4,23 @@
 use serde_json::Value;
 use wire::{AttemptOutcome, TaskState};
 
+use crate::boxed;
 use crate::database::{Scope, Transaction, sql};
 use crate::patience::patiently;
 use crate::propagation::advance;
 use crate::rules::task::{Ending, TaskStanding};
-use crate::{Fence, JobId, Retry, Store, StoreError, TaskId, leases};
+use crate::{Fence, JobId, Retry, Store, StoreError, leases};
 
 impl Store {
     /// The task succeeded, with an optional result.
     ///
     /// # Errors
     /// [`StoreError::LeaseLost`] when the lease is lost; nothing is changed then.
+    #[boxed]
     pub async fn complete(&self, fence: Fence, result: Option<&Value>) -> Result<(), StoreError> {
         patiently!({
-            let mut tx = self.begin(Scope::Queue, "completing a task").await?;
-            let (job, standing) = leases::held(&mut tx, fence).await?;
-            complete(&mut tx, fence.task, job, standing, result).await?;
-            tx.commit().await
+            let completion = Completion::begin(self, fence, "completing a task").await?;
+            completion.end(result).await
         })
     }
 
@@ -28,6 +28,7 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError::LeaseLost`] when the lease is lost; nothing is changed then.
+    #[boxed]
     pub async fn complete_early(
         &self,
         fence: Fence,
@@ -35,11 +36,9 @@ impl Store {
         result: &Value,
     ) -> Result<(), StoreError> {
         patiently!({
-            let mut tx = self.begin(Scope::Queue, "completing a task early").await?;
-            let (job, standing) = leases::held(&mut tx, fence).await?;
-            sql!(&mut tx, set_total(fence.task, done))?;
-            complete(&mut tx, fence.task, job, standing, Some(result)).await?;
-            tx.commit().await
+            let mut completion = Completion::begin(self, fence, "completing a task early").await?;
+            sql!(&mut completion.tx, set_total(fence.task, done))?;
+            completion.end(Some(result)).await
         })
     }
 
@@ -47,6 +46,7 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError::LeaseLost`] when the lease is lost; nothing is changed then.
+    #[boxed]
     pub async fn fail(&self, fence: Fence, error: &str, retry: Retry) -> Result<(), StoreError> {
         patiently!({
             let mut tx = self.begin(Scope::Queue, "failing a task").await?;
@@ -59,6 +59,7 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError::LeaseLost`] when the lease is lost; nothing is changed then.
+    #[boxed]
     pub async fn release(&self, fence: Fence) -> Result<(), StoreError> {
         patiently!({
             let mut tx = self.begin(Scope::Queue, "releasing a task").await?;
@@ -71,6 +72,7 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError::LeaseLost`] when the lease is lost; nothing is changed then.
+    #[boxed]
     pub async fn stopped(&self, fence: Fence) -> Result<(), StoreError> {
         patiently!({
             let mut tx = self.begin(Scope::Queue, "cancelling a task").await?;
@@ -80,19 +82,45 @@ impl Store {
     }
 }
 
-/// Completes a task that is held.
-pub(crate) async fn complete(
-    tx: &mut Transaction,
-    task: TaskId,
-    job: JobId,
+/// A transaction that completes a held task.
+///
+/// While other tasks of its stage are queued its job stays as it is, and many complete at a time. One of those others finds
+/// none queued when it ends; it moves the job on, once all who did not have committed.
+pub(crate) struct Completion {
+    pub tx: Transaction,
+    pub job: JobId,
+    fence: Fence,
     standing: TaskStanding,
-    result: Option<&Value>,
-) -> Result<(), StoreError> {
-    let (standing, _) = standing.after(Ending::Completed);
-    sql!(tx, complete_task(task, &standing, result))?;
-    let fence = Fence { task, epoch: standing.epoch };
-    sql!(tx, end_attempt(fence, AttemptOutcome::Succeeded, None))?;
-    advance(tx, job).await
+    moves_job: bool,
+}
+
+impl Completion {
+    /// # Errors
+    /// [`StoreError::LeaseLost`] when the lease is lost.
+    pub async fn begin(
+        store: &Store,
+        fence: Fence,
+        operation: &'static str,
+    ) -> Result<Self, StoreError> {
+        let mut tx = store.begin(Scope::Task, operation).await?;
+        let (mut job, mut standing, stage_goes_on) = leases::held_in_stage(&mut tx, fence).await?;
+        if !stage_goes_on && !tx.take_the_queue().await? {
+            tx.roll_back().await?;
+            tx = store.begin(Scope::Queue, operation).await?;
+            (job, standing) = leases::held(&mut tx, fence).await?;
+        }
+        Ok(Self { tx, job, fence, standing, moves_job: !stage_goes_on })
+    }
+
+    /// Completes the task, and commits.
+    pub async fn end(mut self, result: Option<&Value>) -> Result<(), StoreError> {
+        let (standing, _) = self.standing.after(Ending::Completed);
+        sql!(&mut self.tx, complete_task(self.fence.task, &standing, result))?;
+        if self.moves_job {
+            advance(&mut self.tx, self.job).await?;
+        }
+        self.tx.commit().await
+    }
 }
 
 /// Takes a task back that was not completed, and says what became of it.

@@ -5,6 +5,7 @@
 use serde_json::Value;
 use wire::TaskState;
 
+use crate::boxed;
 use crate::database::sql;
 use crate::{Epoch, JobId, Page, Progress, Store, StoreError, TaskId, Timestamp};
 
@@ -83,6 +84,7 @@ impl Store {
     ///
     /// # Errors
     /// When there is no such job.
+    #[boxed]
     pub async fn tasks(&self, job: JobId) -> Result<Vec<Task>, StoreError> {
         let tasks = sql!(self.database(), READING, tasks(job))?;
         if tasks.is_empty() {
@@ -96,6 +98,7 @@ impl Store {
     ///
     /// # Errors
     /// When the database fails.
+    #[boxed]
     pub async fn task_page(&self, job: JobId, page: TaskPage) -> Result<Vec<Task>, StoreError> {
         sql!(self.database(), READING, task_page(job, page))
     }
@@ -104,6 +107,7 @@ impl Store {
     ///
     /// # Errors
     /// When the database fails.
+    #[boxed]
     pub async fn first_tasks(
         &self,
         job: JobId,
@@ -114,6 +118,7 @@ impl Store {
 
     /// # Errors
     /// When the database fails.
+    #[boxed]
     pub async fn count_tasks(&self, job: JobId) -> Result<u64, StoreError> {
         sql!(self.database(), "counting a job's tasks", count_tasks(job))
     }
@@ -122,6 +127,7 @@ impl Store {
     ///
     /// # Errors
     /// When the database fails.
+    #[boxed]
     pub async fn tasks_of_stage(
         &self,
         jobs: &[JobId],
@@ -134,6 +140,7 @@ impl Store {
     ///
     /// # Errors
     /// When the database fails.
+    #[boxed]
     pub async fn sole_results(&self, jobs: &[JobId]) -> Result<Vec<(JobId, Value)>, StoreError> {
         sql!(self.database(), "reading the results of jobs", sole_results(jobs))
     }
@@ -142,6 +149,7 @@ impl Store {
     ///
     /// # Errors
     /// When the database fails.
+    #[boxed]
     pub async fn result_tallies(
         &self,
         jobs: &[JobId],
@@ -154,6 +162,7 @@ impl Store {
     ///
     /// # Errors
     /// When the database fails.
+    #[boxed]
     pub async fn results_unlike(
         &self,
         job: JobId,
@@ -166,6 +175,7 @@ impl Store {
 
     /// # Errors
     /// When there is no such task.
+    #[boxed]
     pub async fn task(&self, id: TaskId) -> Result<Task, StoreError> {
         sql!(self.database(), "reading a task", task(id))?
             .ok_or_else(|| StoreError::not_found("task", id.to_string()))

@@ -9,6 +9,7 @@ use sha2::{Digest as _, Sha256};
 use spec::Digest;
 use tokio::io::AsyncWriteExt;
 
+use crate::boxed;
 use crate::database::{Scope, sql};
 use crate::objects::{UnfinishedCopy, unique_name};
 use crate::{Store, StoreError, StoredObject, Timestamp};
@@ -50,6 +51,7 @@ impl Store {
     ///
     /// # Errors
     /// When the disk is full or fails.
+    #[boxed]
     pub async fn begin_upload(&self) -> Result<UploadWriter, StoreError> {
         // Its digest is known at its end only.
         let path = unique_name("uploads/upload");
@@ -72,6 +74,7 @@ impl Store {
     ///
     /// # Errors
     /// When the database fails.
+    #[boxed]
     pub async fn upload(&self, sha256: Digest) -> Result<Option<Upload>, StoreError> {
         sql!(self.database(), "looking up an upload", upload(sha256))
     }
@@ -80,6 +83,7 @@ impl Store {
     ///
     /// # Errors
     /// When the database fails.
+    #[boxed]
     pub async fn newest_uploads(&self, limit: u32) -> Result<Vec<Upload>, StoreError> {
         sql!(self.database(), "reading uploads", newest_uploads(limit))
     }
@@ -122,6 +126,7 @@ impl UploadWriter {
 
     /// # Errors
     /// When the disk is full or fails.
+    #[boxed]
     pub async fn write(&mut self, bytes: &[u8]) -> Result<(), StoreError> {
         match &mut self.to {
             Destination::Folder(parts) => {
@@ -145,6 +150,7 @@ impl UploadWriter {
     ///
     /// # Errors
     /// When the disk is full or fails, the store of objects refuses or does not answer; there is no upload then.
+    #[boxed]
     pub async fn finish(self, name: &str) -> Result<Upload, StoreError> {
         let sha256 = self.digest();
         let object = StoredObject { path: self.path, size: self.size, sha256 };

@@ -1,13 +1,25 @@
 //! Waiting for a task without asking all the time.
 
+use std::hash::{BuildHasher, RandomState};
 use std::time::Duration;
 
+use crate::boxed;
 use crate::database::Database;
 use crate::{Store, StoreError, postgres, sqlite};
 
 /// Rings when tasks were queued.
+///
+/// All who wait hear it, and few of them get a task. Whoever heard it in vain lets others go first the next time, for a
+/// moment by chance, so that many do not ask the database all at once.
 #[derive(Debug)]
-pub struct Bell(Inner);
+pub struct Bell {
+    inner: Inner,
+    /// Rings since the last that brought a task.
+    in_vain: u32,
+}
+
+/// The longest that anybody lets others go first.
+const LONGEST_COURTESY: Duration = Duration::from_millis(100);
 
 #[derive(Debug)]
 enum Inner {
@@ -16,19 +28,21 @@ enum Inner {
 }
 
 impl Store {
-    /// Tasks that are queued from now on ring. With PostgreSQL a bell is a connection: drop it while there is work.
+    /// Tasks that are queued from now on ring. With PostgreSQL a bell is a connection: drop it while work lasts.
     ///
     /// # Errors
     /// When the database does not answer.
+    #[boxed]
     pub async fn bell(&self) -> Result<Bell, StoreError> {
         const OPERATION: &str = "listening for tasks";
-        Ok(Bell(match self.database() {
+        let inner = match self.database() {
             Database::Sqlite(database) => Inner::Sqlite(database.bell()),
             Database::Postgres(database) => {
                 let bell = database.bell().await.map_err(StoreError::database(OPERATION))?;
                 Inner::Postgres(bell)
             }
-        }))
+        };
+        Ok(Bell { inner, in_vain: 0 })
     }
 }
 
@@ -37,15 +51,50 @@ impl Bell {
     ///
     /// # Errors
     /// When the database does not answer; make another bell then.
+    #[boxed]
     pub async fn wait(&mut self, longest: Duration) -> Result<(), StoreError> {
-        match &mut self.0 {
-            Inner::Sqlite(bell) => {
-                bell.wait(longest).await;
-                Ok(())
-            }
+        let rang = match &mut self.inner {
+            Inner::Sqlite(bell) => bell.wait(longest).await,
             Inner::Postgres(bell) => {
-                bell.wait(longest).await.map_err(StoreError::database("waiting for a task"))
+                bell.wait(longest).await.map_err(StoreError::database("waiting for a task"))?
             }
+        };
+        if rang {
+            let courtesy = courtesy(self.in_vain, RandomState::new().hash_one(()));
+            self.in_vain = self.in_vain.saturating_add(1);
+            tokio::time::sleep(courtesy).await;
         }
+        Ok(())
+    }
+
+    /// A task was found.
+    pub fn brought_a_task(&mut self) {
+        self.in_vain = 0;
+    }
+}
+
+/// How long to let others go first after so many rings in vain; `chance` is any number.
+fn courtesy(in_vain: u32, chance: u64) -> Duration {
+    let longest = Duration::from_millis((1 << in_vain.min(10)) - 1).min(LONGEST_COURTESY);
+    let nanoseconds = u64::try_from(longest.as_nanos()).unwrap_or(u64::MAX);
+    Duration::from_nanos(chance % nanoseconds.max(1))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn whoever_gets_every_task_goes_at_once() {
+        assert_eq!(courtesy(0, u64::MAX), Duration::ZERO);
+    }
+
+    #[test]
+    fn whoever_hears_many_rings_in_vain_lets_others_go_first_but_not_for_long() {
+        let latest = |in_vain| (0..1000).map(|i| courtesy(in_vain, i * 7_919_777)).max().unwrap();
+        assert!(latest(2) < Duration::from_millis(3));
+        assert!(latest(2) > Duration::from_millis(2));
+        assert!(latest(1_000_000) < LONGEST_COURTESY);
+        assert!(latest(1_000_000) > Duration::from_millis(95));
     }
 }

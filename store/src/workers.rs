@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use spec::Resources;
 
+use crate::boxed;
 use crate::database::{Scope, sql};
 use crate::{JobId, Store, StoreError, TaskId, Timestamp};
 
@@ -57,6 +58,7 @@ impl Store {
     ///
     /// # Errors
     /// When the database fails.
+    #[boxed]
     pub async fn register_server(&self, version: &str) -> Result<(), StoreError> {
         let mut tx = self.begin(Scope::Rows, "registering the server").await?;
         sql!(&mut tx, set_server(version))?;
@@ -67,14 +69,16 @@ impl Store {
     ///
     /// # Errors
     /// When the database fails.
+    #[boxed]
     pub async fn server_version(&self) -> Result<Option<String>, StoreError> {
         sql!(self.database(), "reading the server's version", server_version())
     }
 
     /// # Errors
     /// When the database fails.
+    #[boxed]
     pub async fn register_worker(&self, new: &WorkerProcess) -> Result<(), StoreError> {
-        let mut tx = self.begin(Scope::Rows, "registering a worker").await?;
+        let mut tx = self.begin(Scope::Lease, "registering a worker").await?;
         sql!(&mut tx, forget_dead_workers(REMEMBER))?;
         sql!(&mut tx, insert_worker(new))?;
         tx.commit().await
@@ -84,12 +88,13 @@ impl Store {
     ///
     /// # Errors
     /// When the database fails.
+    #[boxed]
     pub async fn see_worker(
         &self,
         worker: &WorkerProcess,
         waits_for: Option<&str>,
     ) -> Result<(), StoreError> {
-        let mut tx = self.begin(Scope::Rows, "seeing a worker").await?;
+        let mut tx = self.begin(Scope::Lease, "seeing a worker").await?;
         sql!(&mut tx, see_worker(worker, waits_for))?;
         tx.commit().await
     }
@@ -98,8 +103,9 @@ impl Store {
     ///
     /// # Errors
     /// When the database fails.
+    #[boxed]
     pub async fn forget_worker(&self, worker: &WorkerProcess) -> Result<(), StoreError> {
-        let mut tx = self.begin(Scope::Rows, "forgetting a worker").await?;
+        let mut tx = self.begin(Scope::Lease, "forgetting a worker").await?;
         sql!(&mut tx, delete_worker(worker))?;
         tx.commit().await
     }
@@ -109,6 +115,7 @@ impl Store {
     ///
     /// # Errors
     /// When there is no such worker.
+    #[boxed]
     pub async fn drain_worker(&self, name: &str) -> Result<(), StoreError> {
         let mut tx = self.begin(Scope::Rows, "draining a worker").await?;
         if !sql!(&mut tx, drain_worker(name))? {
@@ -121,6 +128,7 @@ impl Store {
     ///
     /// # Errors
     /// When there is no such worker.
+    #[boxed]
     pub async fn undrain_worker(&self, name: &str) -> Result<(), StoreError> {
         let mut tx = self.begin(Scope::Rows, "ending the drain of a worker").await?;
         if !sql!(&mut tx, undrain_worker(name))? {
@@ -133,6 +141,7 @@ impl Store {
     ///
     /// # Errors
     /// When the database fails.
+    #[boxed]
     pub async fn workers(&self) -> Result<Vec<Worker>, StoreError> {
         sql!(self.database(), "reading workers", workers(Self::WORKER_SEEN_WITHIN))
     }

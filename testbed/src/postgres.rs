@@ -151,6 +151,14 @@ impl Cluster {
         wait_until_ready(&self.folder);
     }
 
+    /// The server's process; `None` for a shared cluster, which another process started.
+    pub fn process(&self) -> Option<u32> {
+        match &self._keep {
+            Keep::Own(server, _) => Some(server.0.id()),
+            Keep::Shared(_) => None,
+        }
+    }
+
     /// The URL of a database for a role.
     pub fn url(&self, role: &str, database: &str) -> String {
         format!("postgres://{role}@localhost/{database}?host={}", self.folder.display())

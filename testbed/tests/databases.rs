@@ -53,8 +53,7 @@ mod objects_in_s3 {
 
     async fn fixture() -> Fixture {
         let (server, database) = (S3Server::start(), Cluster::shared().database());
-        let url = S3Server::url("suite");
-        let remote = url.connect(&server.options(&[])).await.unwrap();
+        let remote = server.objects("suite").await;
         let dir = tempfile::tempdir().unwrap();
         let location = Location {
             database: Some(database.url().parse().unwrap()),
@@ -62,7 +61,7 @@ mod objects_in_s3 {
         };
         let store = Store::open_with_objects(&location, Access::Server, remote).await.unwrap();
         let unconditional = server.options(&[("AWS_CONDITIONAL_PUT", "disabled")]);
-        let objects = url.connect(&unconditional).await.unwrap().store();
+        let objects = S3Server::url("suite").connect(&unconditional).await.unwrap().store();
         Fixture { store, objects, dir, keep: Box::new((server, database)) }
     }
 

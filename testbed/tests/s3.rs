@@ -14,6 +14,7 @@ use s3_server::{Asked, BUCKET, Fault, S3Server, Transport};
 use spec::Digest;
 use store::{Access, Location, ObjectsUrl, RemoteObjects, Store, StoreError, StoredObject};
 use tempfile::TempDir;
+use testbed::{Cluster, TestDatabase};
 
 /// More than two parts.
 const LARGE: usize = 20_000_000;
@@ -27,13 +28,20 @@ struct Machine {
 
 /// A data folder of its own, with objects in the server's bucket.
 async fn machine(server: &S3Server, prefix: &str) -> Machine {
-    let objects = S3Server::url(prefix).connect(&server.options(&[])).await.unwrap();
-    with(objects).await
+    with(server.objects(prefix).await, None).await
 }
 
-async fn with(objects: RemoteObjects) -> Machine {
+/// Two machines of one store.
+async fn machines(server: &S3Server, database: &TestDatabase) -> (Machine, Machine) {
+    let here = with(server.objects("arm").await, Some(database)).await;
+    let there = with(server.objects("arm").await, Some(database)).await;
+    (here, there)
+}
+
+async fn with(objects: RemoteObjects, database: Option<&TestDatabase>) -> Machine {
     let dir = tempfile::tempdir().unwrap();
-    let location = Location::in_folder(dir.path());
+    let database = database.map(|database| database.url().parse().unwrap());
+    let location = Location { database, ..Location::in_folder(dir.path()) };
     let store = Store::open_with_objects(&location, Access::Server, objects).await.unwrap();
     Machine { store, dir }
 }
@@ -137,7 +145,7 @@ async fn a_server_is_spoken_to_with_tls_when_its_certificate_is_trusted() {
     assert!(line.contains("not trusted; set AWS_CA_BUNDLE"), "{line}");
     let authority = S3Server::authority();
     let trusted = [("AWS_CA_BUNDLE", authority.to_str().unwrap())];
-    let machine = with(url.connect(&server.options(&trusted)).await.unwrap()).await;
+    let machine = with(url.connect(&server.options(&trusted)).await.unwrap(), None).await;
     let object = machine.write("large", &bytes(LARGE)).await.unwrap();
     assert_eq!(machine.download(&object, None).await.unwrap(), bytes(LARGE));
     let absent = [("AWS_CA_BUNDLE", "/absent/ca.pem")];
@@ -205,7 +213,7 @@ async fn a_server_that_stays_busy_is_given_up_in_the_end() {
     let server = S3Server::start();
     let mut options = server.options(&[]);
     options.patience.retry_for = Duration::from_millis(300);
-    let machine = with(S3Server::url("arm").connect(&options).await.unwrap()).await;
+    let machine = with(S3Server::url("arm").connect(&options).await.unwrap(), None).await;
     server.fail(Asked::Part, [Fault::Busy; 1000]);
     let error = faults(&machine.write("d/large", &bytes(LARGE)).await.unwrap_err());
     for part in ["object d/large", &format!("/{BUCKET}/arm/d/large"), "503", "see its log"] {
@@ -333,8 +341,8 @@ async fn a_truncated_or_garbled_answer_is_never_taken_for_the_object() {
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn an_object_is_fetched_once_by_a_machine_however_often_it_is_opened() {
-    let server = S3Server::start();
-    let (here, there) = (machine(&server, "arm").await, machine(&server, "arm").await);
+    let (server, database) = (S3Server::start(), Cluster::shared().database());
+    let (here, there) = machines(&server, &database).await;
     let object = here.write("a", &bytes(MEDIUM)).await.unwrap();
     let asked = server.count(Asked::Get);
     let opened = (0..8).map(|_| there.store.read_object(&object));
@@ -363,8 +371,8 @@ async fn an_object_that_is_wanted_soon_is_there_before_it_is_opened() {
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn an_object_never_takes_the_place_of_another_one() {
-    let server = S3Server::start();
-    let (one, other) = (machine(&server, "arm").await, machine(&server, "arm").await);
+    let (server, database) = (S3Server::start(), Cluster::shared().database());
+    let (one, other) = machines(&server, &database).await;
     let first = one.store.put_object("small", bytes(1000)).await.unwrap();
     assert_eq!(other.store.put_object("small", bytes(1000)).await.unwrap(), first);
     let large = one.write("large", &bytes(LARGE)).await.unwrap();
@@ -385,7 +393,7 @@ async fn an_object_never_takes_the_place_of_another_one() {
 async fn a_store_without_conditions_is_written_to_when_that_is_said() {
     let server = S3Server::start();
     let options = server.options(&[("AWS_CONDITIONAL_PUT", "disabled")]);
-    let machine = with(S3Server::url("arm").connect(&options).await.unwrap()).await;
+    let machine = with(S3Server::url("arm").connect(&options).await.unwrap(), None).await;
     machine.store.put_object("small", bytes(1000)).await.unwrap();
     machine.store.put_object("small", bytes(999)).await.unwrap();
     let object = machine.write("large", &bytes(LARGE)).await.unwrap();

@@ -1,6 +1,7 @@
 use std::any::Any;
+use std::pin::pin;
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use models::{Device, DeviceKind};
 use recordings::DecoderProgram;
@@ -48,6 +49,9 @@ pub struct WorkerOptions {
 /// moment on is told to nobody.
 const LOOK_EVERY: Duration = Duration::from_secs(1);
 
+/// How long a worker that has a task goes on listening, so as not to begin anew after each of many short ones.
+const BELL_KEPT: Duration = Duration::from_secs(2);
+
 /// Between two tries when the database did not answer, or while there is no room on the disk.
 const RETRY: Duration = Duration::from_secs(2);
 
@@ -89,9 +93,15 @@ async fn work_on(
     shutdown: &CancellationToken,
 ) -> Result<(), WorkerError> {
     let mut bell = None;
+    let mut same_version_at: Option<Instant> = None;
     while !shutdown.is_cancelled() {
+        let is_known = same_version_at.is_some_and(|at| at.elapsed() < LOOK_EVERY);
         let obstacle = match store.obstacle() {
-            None if !options.any_version => other_version(store).await,
+            None if !options.any_version && !is_known => {
+                let obstacle = other_version(store).await;
+                same_version_at = obstacle.is_none().then(Instant::now);
+                obstacle
+            }
             obstacle => obstacle,
         };
         let is_free = obstacle.is_none();
@@ -99,8 +109,15 @@ async fn work_on(
         let pause = if is_free {
             match store.claim(&options.name, &options.offers, options.lease).await {
                 Ok(Some(task)) => {
-                    bell = None;
-                    execute(store, device, task, options, shutdown).await?;
+                    bell.iter_mut().for_each(Bell::brought_a_task);
+                    let mut execution = pin!(execute(store, device, task, options, shutdown));
+                    match tokio::time::timeout(BELL_KEPT, &mut execution).await {
+                        Ok(ended) => ended?,
+                        Err(_) => {
+                            bell = None;
+                            execution.await?;
+                        }
+                    }
                     Duration::ZERO
                 }
                 Ok(None) => {

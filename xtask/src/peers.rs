@@ -148,6 +148,29 @@ pub fn aba_rates() -> anyhow::Result<PathBuf> {
     Ok(program)
 }
 
+/// A program of apalis' queue, built apart from ours: its own project with its own locked crates.
+pub fn apalis() -> anyhow::Result<PathBuf> {
+    let built = folder()?.join("apalis");
+    let manifest = "tests/peers/apalis/Cargo.toml";
+    let mut build =
+        command("cargo", &["build", "--release", "--locked", "--manifest-path", manifest]);
+    succeed(build.env("CARGO_TARGET_DIR", &built))?;
+    Ok(built.join("release/apalis_queue"))
+}
+
+/// A script of Graphile Worker's queue, beside what it imports.
+pub fn graphile() -> anyhow::Result<PathBuf> {
+    let installed = folder()?.join("graphile");
+    fs::create_dir_all(&installed)?;
+    for file in ["package.json", "package-lock.json", "queue.mjs"] {
+        fs::copy(repository().join("tests/peers/graphile").join(file), installed.join(file))?;
+    }
+    succeed(
+        command("npm", &["ci", "--silent", "--no-fund", "--no-audit"]).current_dir(&installed),
+    )?;
+    Ok(installed.join("queue.mjs"))
+}
+
 fn is_newer(made: &Path, from: &Path) -> bool {
     let modified = |path: &Path| fs::metadata(path).and_then(|it| it.modified());
     matches!((modified(made), modified(from)), (Ok(made), Ok(from)) if made > from)

@@ -6,6 +6,7 @@ use bytes::Bytes;
 use object_store::ObjectStoreExt;
 use spec::Digest;
 
+use crate::boxed;
 use crate::objects::cache::KEPT_FROM;
 use crate::objects::parse;
 use crate::{ObjectWriter, Store, StoreError, StoredObject};
@@ -16,6 +17,7 @@ impl Store {
     /// # Errors
     /// When the disk is full or fails, the store of objects refuses or does not answer; nothing lies under `path` then.
     /// [`StoreError::ObjectTaken`] when something else does.
+    #[boxed]
     pub async fn put_object(&self, path: &str, bytes: Bytes) -> Result<StoredObject, StoreError> {
         let object = StoredObject {
             path: path.to_owned(),
@@ -36,6 +38,7 @@ impl Store {
     ///
     /// # Errors
     /// When the disk is full or fails.
+    #[boxed]
     pub async fn write_object(&self, path: &str) -> Result<ObjectWriter, StoreError> {
         let (store, path) = (self.clone(), parse(path)?.to_string());
         let failed = StoreError::file("writing", &path);
@@ -48,6 +51,7 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError::DamagedObject`] when it has other bytes than were published; when it cannot be read.
+    #[boxed]
     pub async fn read_object(&self, object: &StoredObject) -> Result<Bytes, StoreError> {
         if self.objects().away().is_some() && object.size >= KEPT_FROM {
             return self.read_copy(object.clone()).await;

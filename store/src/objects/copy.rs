@@ -9,6 +9,7 @@ use object_store::ObjectStoreExt;
 
 use super::writer::create_folder;
 use super::{ObjectWriter, Objects, parse};
+use crate::boxed;
 use crate::{Store, StoreError, StoredObject};
 
 /// S3 copies no larger object by itself.
@@ -20,6 +21,7 @@ impl Store {
     ///
     /// # Errors
     /// When the object is not there, or has not the bytes that were published; when the disk is full or fails.
+    #[boxed]
     pub async fn copy_object(
         &self,
         object: &StoredObject,

@@ -12,6 +12,7 @@ use sha2::{Digest as _, Sha256};
 use spec::Digest;
 use tokio_util::io::ReaderStream;
 
+use crate::boxed;
 use crate::objects::checked::Verdict;
 use crate::objects::fetch::shorter;
 use crate::objects::parse;
@@ -27,6 +28,7 @@ impl Store {
     /// # Errors
     /// [`StoreError::DamagedObject`] when the object has another size or was found to be damaged before; when it cannot
     /// be opened, or `range` is not in it.
+    #[boxed]
     pub async fn open_object(
         &self,
         object: &StoredObject,
@@ -60,6 +62,7 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError::DamagedObject`] when it is not; when it is not there.
+    #[boxed]
     pub async fn look_up_object(&self, object: &StoredObject) -> Result<(), StoreError> {
         self.sound_version(object).await.map(|_| ())
     }

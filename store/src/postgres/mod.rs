@@ -3,9 +3,10 @@
 //! Many transactions write at once, so two rules take the place of SQLite's single writer:
 //!
 //! - A transaction that moves jobs, or tasks between states, begins with [`Scope::Queue`] and holds one advisory lock to
-//!   its end: one such transaction at a time, on all machines together.
-//! - Any other holds the row of one task at most, which its first statement locks, and waits for nothing after it. So no
-//!   two transactions ever wait for each other.
+//!   its end: one such transaction at a time, on all machines together. One that only ends a task, with
+//!   [`Scope::Task`], shares that lock with others of its kind.
+//! - Each of the others holds the row of one task at most, which its first statement locks, and waits for nothing after it. So
+//!   no two transactions ever wait for each other.
 
 #[macro_use]
 mod dialect;
@@ -17,7 +18,7 @@ mod waiting;
 
 use sqlx::postgres::{PgArguments, PgConnectOptions};
 use sqlx::query::Query;
-use sqlx::{PgConnection, PgPool, Postgres};
+use sqlx::{AssertSqlSafe, PgConnection, PgPool, Postgres};
 
 use crate::database::Scope;
 use crate::location::DatabaseUrl;
@@ -29,6 +30,9 @@ pub(crate) use waiting::Bell;
 
 /// The advisory lock of transactions that move the queue: "torqueue" in ASCII.
 const QUEUE_LOCK: i64 = i64::from_be_bytes(*b"torqueue");
+
+/// The advisory lock that transactions with [`Scope::Lease`] share, by which others learn that none is open: "torlease".
+const LEASE_LOCK: i64 = i64::from_be_bytes(*b"torlease");
 
 /// The first of the advisory locks of jobs: "torq" and zeros.
 const TURN_LOCK: i64 = i64::from_be_bytes(*b"torq\0\0\0\0");
@@ -50,16 +54,16 @@ impl Database {
         scope: Scope,
         operation: &'static str,
     ) -> Result<Transaction, StoreError> {
-        let failed = StoreError::database(operation);
-        let mut inner = self.reader.begin().await.map_err(&failed)?;
-        if scope == Scope::Queue {
-            sqlx::query("SELECT pg_advisory_xact_lock($1)")
-                .bind(QUEUE_LOCK)
-                .execute(&mut *inner)
-                .await
-                .map_err(&failed)?;
-        }
-        Ok(Transaction { inner, scope, operation })
+        // Both statements go to the database at once.
+        let begin = match scope {
+            Scope::Queue => format!("BEGIN; SELECT pg_advisory_xact_lock({QUEUE_LOCK})"),
+            Scope::Task => format!("BEGIN; SELECT pg_advisory_xact_lock_shared({QUEUE_LOCK})"),
+            Scope::Lease => format!("BEGIN; SELECT pg_advisory_xact_lock_shared({LEASE_LOCK})"),
+            Scope::Rows => "BEGIN".to_owned(),
+        };
+        let begun = self.reader.begin_with(AssertSqlSafe(begin)).await;
+        let inner = begun.map_err(StoreError::database(operation))?;
+        Ok(Transaction { inner, operation })
     }
 
     pub async fn close(&self) {
@@ -71,15 +75,10 @@ impl Database {
 #[derive(Debug)]
 pub(crate) struct Transaction {
     inner: sqlx::Transaction<'static, Postgres>,
-    scope: Scope,
     operation: &'static str,
 }
 
 impl Transaction {
-    pub const fn scope(&self) -> Scope {
-        self.scope
-    }
-
     /// The purpose; completes "while ..." in an error.
     pub const fn operation(&self) -> &'static str {
         self.operation
@@ -91,6 +90,14 @@ impl Transaction {
 
     pub async fn roll_back(self) -> Result<(), StoreError> {
         self.inner.rollback().await.map_err(StoreError::database(self.operation))
+    }
+
+    /// Takes the lock of [`Scope::Queue`] without waiting, which others might do for what this transaction has locked.
+    pub async fn take_the_queue(&mut self) -> Result<bool, sqlx::Error> {
+        sqlx::query_scalar("SELECT pg_try_advisory_xact_lock($1)")
+            .bind(QUEUE_LOCK)
+            .fetch_one(self.connection())
+            .await
     }
 
     /// Wakes workers that wait for a task when the transaction is committed.
@@ -106,7 +113,10 @@ impl Transaction {
 
     /// Returns when all claims that have begun are committed.
     pub async fn wait_for_claims(&mut self) -> Result<(), sqlx::Error> {
-        self.execute(sqlx::query("LOCK TABLE attempt IN SHARE MODE")).await
+        for lock in [QUEUE_LOCK, LEASE_LOCK] {
+            self.execute(sqlx::query("SELECT pg_advisory_xact_lock($1)").bind(lock)).await?;
+        }
+        Ok(())
     }
 
     /// Executes a statement that answers nothing.

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use sqlx::migrate::{Migrate, Migration, MigrationType, Migrator};
 use sqlx::postgres::{PgConnectOptions, PgPoolOptions};
-use sqlx::{ConnectOptions, Connection, PgConnection, SqlStr};
+use sqlx::{ConnectOptions, Connection, Executor, PgConnection, SqlStr};
 
 use super::Database;
 use crate::location::DatabaseUrl;
@@ -13,8 +13,10 @@ use crate::patience::PATIENCE;
 use crate::{Access, StoreError};
 
 /// Number, name and statements of each file in `migrations/postgres`.
-const FILES: [(i64, &str, &str); 1] =
-    [(1, "initial", include_str!("../../../migrations/postgres/0001_initial.sql"))];
+const FILES: [(i64, &str, &str); 2] = [
+    (1, "initial", include_str!("../../../migrations/postgres/0001_initial.sql")),
+    (2, "task_states", include_str!("../../../migrations/postgres/0002_task_states.sql")),
+];
 
 static MIGRATIONS: LazyLock<Migrator> = LazyLock::new(|| {
     let migration = |&(version, name, sql): &(i64, &'static str, &'static str)| {
@@ -29,6 +31,13 @@ const REQUEST_WAITS: Duration = Duration::from_secs(10);
 
 /// Connections that nobody uses are closed after so long: a hundred workers keep about a hundred open.
 const IDLE_TIMEOUT: Duration = Duration::from_secs(30);
+
+/// By default a statement is planned anew for each of its first executions in a connection. Ours find rows by index, whatever
+/// the parameters are.
+const PLAN_ONCE: &str = "SET plan_cache_mode = force_generic_plan";
+
+/// A connection that nobody used for so long is asked whether it stands before it is used.
+const ASKED_AFTER: Duration = Duration::from_millis(200);
 
 /// Connections of a server, which answers many requests at once.
 const SERVER_CONNECTIONS: u32 = 16;
@@ -50,6 +59,11 @@ pub async fn open(url: &DatabaseUrl, access: Access) -> Result<Database, StoreEr
         .max_connections(connections)
         .acquire_timeout(patience)
         .idle_timeout(IDLE_TIMEOUT)
+        .after_connect(|connection, _| {
+            Box::pin(async { connection.execute(PLAN_ONCE).await.map(drop) })
+        })
+        .test_before_acquire(false)
+        .before_acquire(|connection, used| Box::pin(is_alive(connection, used.idle_for)))
         .connect_lazy_with(options.clone());
     let failed = |source| unusable(&place, &options, source);
     let found = found_schema(&mut connection).await.map_err(failed)?;
@@ -70,6 +84,11 @@ pub async fn open(url: &DatabaseUrl, access: Access) -> Result<Database, StoreEr
     }
     let _ = connection.close().await;
     Ok(Database { reader: pool, options: Box::new(options) })
+}
+
+/// Whether a connection still stands. One that was used a moment ago is not asked.
+async fn is_alive(connection: &mut PgConnection, idle_for: Duration) -> Result<bool, sqlx::Error> {
+    Ok(idle_for < ASKED_AFTER || connection.ping().await.is_ok())
 }
 
 /// The newest schema this binary knows.

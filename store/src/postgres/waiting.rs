@@ -22,15 +22,15 @@ impl Database {
 }
 
 impl Bell {
-    /// Returns when tasks may have been queued, or after `longest`.
-    pub async fn wait(&mut self, longest: Duration) -> Result<(), sqlx::Error> {
+    /// Returns when tasks may have been queued, or after `longest`, and which of both it is.
+    pub async fn wait(&mut self, longest: Duration) -> Result<bool, sqlx::Error> {
         // A connection that broke may have missed something: that is looked at like a notification.
-        let rung = tokio::time::timeout(longest, self.0.try_recv()).await;
-        if let Ok(notification) = rung {
-            notification?;
-        }
+        let Ok(notification) = tokio::time::timeout(longest, self.0.try_recv()).await else {
+            return Ok(false);
+        };
+        notification?;
         // One look answers all that came meanwhile.
         while self.0.next_buffered().is_some() {}
-        Ok(())
+        Ok(true)
     }
 }

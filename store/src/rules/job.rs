@@ -11,6 +11,8 @@ pub(crate) struct TaskTally {
     pub cancelled: bool,
     /// The first stage with a task that has not ended.
     pub open_stage: Option<u32>,
+    /// The first stage with a task that waits; all tasks of a stage do, or none.
+    pub waiting_stage: Option<u32>,
 }
 
 /// The consequence for a job.
@@ -30,7 +32,10 @@ pub(crate) fn after_task(job: JobState, tasks: TaskTally) -> Step {
         // It failed while one of its tasks was still running.
         _ if job.is_final() => Step::Nothing,
         TaskTally { failed: true, .. } => Step::End(JobState::Failed),
-        TaskTally { open_stage: Some(stage), .. } => Step::QueueStage(stage),
+        TaskTally { open_stage: Some(stage), waiting_stage, .. } => match waiting_stage {
+            Some(waiting) if waiting == stage => Step::QueueStage(stage),
+            _ => Step::Nothing,
+        },
         TaskTally { cancelled: true, .. } => Step::End(JobState::Cancelled),
         TaskTally { .. } => Step::End(JobState::Succeeded),
     }

@@ -247,10 +247,12 @@ impl Queue {
         let tasks = &self.tasks[self.jobs[job].tasks.clone()];
         let any = |state| tasks.iter().any(|task| task.standing.state == state);
         let open = tasks.iter().filter(|task| !has_ended(task.standing.state));
+        let waiting = tasks.iter().filter(|task| task.standing.state == TaskState::Waiting);
         let tally = TaskTally {
             failed: any(TaskState::Failed),
             cancelled: any(TaskState::Cancelled),
             open_stage: open.map(|task| task.stage).min(),
+            waiting_stage: waiting.map(|task| task.stage).min(),
         };
         match after_task(self.jobs[job].state, tally) {
             Step::Nothing => {}

@@ -71,6 +71,13 @@ macro_rules! locked {
 /// The same, passing over rows that somebody else keeps.
 pub(super) const LOCKED_OR_SKIPPED: &str = "";
 
+/// Two statements that change rows of different tables, as one.
+macro_rules! together {
+    ($first:expr, $second:expr) => {
+        concat!($first, "; ", $second)
+    };
+}
+
 /// The larger of two numbers.
 macro_rules! larger {
     ($a:expr, $b:expr) => {
@@ -82,7 +89,7 @@ macro_rules! larger {
 /// are `$2` to `$5`. The first of each combination of resources is at the beginning of the index, however many wait.
 pub(super) fn first_in_line(may_be_claimed: &str, locked: &str) -> String {
     format!(
-        "SELECT first.id FROM resources AS asked JOIN task AS first ON first.id = \
+        "SELECT first.* FROM resources AS asked JOIN task AS first ON first.id = \
              (SELECT id FROM task WHERE resources = asked.id AND {may_be_claimed} \
               ORDER BY turn, id LIMIT 1{locked}) \
          WHERE asked.cpus <= $2 AND asked.gpus <= $3 AND asked.memory_mb <= $4 \

@@ -20,6 +20,7 @@ use sqlx::sqlite::{
 use sqlx::{ConnectOptions, Connection, SqlStr, Sqlite, SqliteConnection, SqlitePool};
 
 use crate::data_dir::DataDir;
+use crate::database::Scope;
 use crate::error::sqlite_code;
 use crate::{Access, JobId, StoreError};
 
@@ -27,12 +28,13 @@ pub(crate) use waiting::Bell;
 
 /// Number, name and statements of each file in `migrations/sqlite`. sqlx has a macro that lists them, which builds
 /// a second SQLite for the compiler.
-const FILES: [(i64, &str, &str); 5] = [
+const FILES: [(i64, &str, &str); 6] = [
     (1, "initial", include_str!("../../../migrations/sqlite/0001_initial.sql")),
     (2, "forgiving_queue", include_str!("../../../migrations/sqlite/0002_forgiving_queue.sql")),
     (3, "identity", include_str!("../../../migrations/sqlite/0003_identity.sql")),
     (4, "logs", include_str!("../../../migrations/sqlite/0004_logs.sql")),
     (5, "resources", include_str!("../../../migrations/sqlite/0005_resources.sql")),
+    (6, "task_states", include_str!("../../../migrations/sqlite/0006_task_states.sql")),
 ];
 
 static MIGRATIONS: LazyLock<Migrator> = LazyLock::new(|| migrations(&FILES));
@@ -96,8 +98,19 @@ impl Database {
 
     /// A transaction that holds the write lock from its start, so that what it reads cannot
     /// change before it writes.
-    pub async fn begin(&self, operation: &'static str) -> Result<Transaction, StoreError> {
-        let begun = self.writer.begin_with("BEGIN IMMEDIATE").await;
+    pub async fn begin(
+        &self,
+        scope: Scope,
+        operation: &'static str,
+    ) -> Result<Transaction, StoreError> {
+        // All processes are on this machine. What is not synced is so with the next commit that is.
+        let begun = self.writer.begin_with(match scope {
+            Scope::Lease => "PRAGMA synchronous = NORMAL; BEGIN IMMEDIATE",
+            Scope::Queue | Scope::Task | Scope::Rows => {
+                "PRAGMA synchronous = FULL; BEGIN IMMEDIATE"
+            }
+        });
+        let begun = begun.await;
         let inner = begun.map_err(StoreError::database(operation))?;
         Ok(Transaction { inner, operation, bell: self.bell.clone(), rings: false })
     }
@@ -309,10 +322,32 @@ mod tests {
         connection.close().await.unwrap();
 
         let database = Database::open(&dir, Access::Server).await.unwrap();
-        let mut tx = database.begin("testing").await.unwrap();
+        let mut tx = database.begin(Scope::Queue, "testing").await.unwrap();
         let next = tx.next_task("w", &spec::Resources::default()).await.unwrap().unwrap();
         let limit = Some(Duration::from_secs(7));
         assert_eq!((next.task.job, next.task.time_limit), (JobId(2), limit));
+    }
+
+    #[tokio::test]
+    async fn every_commit_is_synced_but_those_of_leases() {
+        let folder = tempfile::tempdir().unwrap();
+        let dir = DataDir::new(folder.path());
+        let database = Database::open(&dir, Access::Server).await.unwrap();
+        const NORMAL: i64 = 1;
+        const FULL: i64 = 2;
+        for (scope, expected) in [
+            (Scope::Lease, NORMAL),
+            (Scope::Rows, FULL),
+            (Scope::Lease, NORMAL),
+            (Scope::Task, FULL),
+            (Scope::Queue, FULL),
+        ] {
+            let mut tx = database.begin(scope, "testing").await.unwrap();
+            let synchronous: i64 =
+                sqlx::query_scalar("PRAGMA synchronous").fetch_one(tx.connection()).await.unwrap();
+            assert_eq!(synchronous, expected, "{scope:?}");
+            tx.commit().await.unwrap();
+        }
     }
 
     #[tokio::test]
@@ -321,14 +356,14 @@ mod tests {
         let dir = DataDir::new(folder.path());
         let database = Database::open(&dir, Access::Server).await.unwrap();
         for _ in 0..3 {
-            let mut tx = database.begin("testing").await.unwrap();
+            let mut tx = database.begin(Scope::Queue, "testing").await.unwrap();
             sqlx::query("INSERT OR ROLLBACK INTO _sqlx_migrations SELECT * FROM _sqlx_migrations")
                 .execute(tx.connection())
                 .await
                 .unwrap_err();
             drop(tx);
         }
-        database.begin("testing").await.unwrap().commit().await.unwrap();
+        database.begin(Scope::Queue, "testing").await.unwrap().commit().await.unwrap();
     }
 
     /// A commit that fails because the disk is full leaves the transaction open.
@@ -340,6 +375,6 @@ mod tests {
         let mut connection = database.writer.acquire().await.unwrap();
         sqlx::query("BEGIN IMMEDIATE").execute(&mut *connection).await.unwrap();
         drop(connection);
-        database.begin("testing").await.unwrap().commit().await.unwrap();
+        database.begin(Scope::Queue, "testing").await.unwrap().commit().await.unwrap();
     }
 }

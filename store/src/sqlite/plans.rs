@@ -9,6 +9,7 @@ use super::dialect::first_in_line;
 use super::statements::jobs::{SELECT_JOB, experiments};
 use super::statements::line::may_be_claimed;
 use crate::data_dir::DataDir;
+use crate::database::Scope;
 use crate::{Access, Page};
 
 /// However many jobs pipelines made, none of them is looked at.
@@ -35,7 +36,7 @@ const TASKS: u32 = 100_000;
 async fn with_many_tasks(dir: &DataDir) -> Database {
     dir.create().unwrap();
     let database = Database::open(dir, Access::Server).await.unwrap();
-    let mut tx = database.begin("testing").await.unwrap();
+    let mut tx = database.begin(Scope::Queue, "testing").await.unwrap();
     let gpu = Resources { gpus: 1, ..Resources::default() };
     let gpu = tx.resources_id(&gpu).await.unwrap();
     sqlx::query(
@@ -87,7 +88,7 @@ async fn the_first_in_line_is_found_in_an_index_without_sorting() {
 
     let nothing = Resources::default();
     assert!(database.is_any_claimable("w", &nothing).await.unwrap());
-    let mut tx = database.begin("testing").await.unwrap();
+    let mut tx = database.begin(Scope::Queue, "testing").await.unwrap();
     let next = tx.next_task("w", &nothing).await.unwrap().unwrap();
     assert_eq!(next.task.ordinal, 3);
 }

@@ -50,16 +50,18 @@ pub(super) fn ring_after_commit(path: &Path) {
 }
 
 impl Bell {
-    /// Returns when tasks may have been queued, or after `longest`.
-    pub async fn wait(&mut self, longest: Duration) {
+    /// Returns when tasks were queued, or after `longest`, and which of both it is.
+    pub async fn wait(&mut self, longest: Duration) -> bool {
         let Some(watched) = &self.0 else {
             tokio::time::sleep(longest.min(LOOK_EVERY)).await;
-            return;
+            return false;
         };
-        if let Ok(Ok(mut ready)) = tokio::time::timeout(longest, watched.readable()).await {
-            let mut events = [0; 1024];
-            while (&mut watched.get_ref()).read(&mut events).is_ok_and(|count| count > 0) {}
-            ready.clear_ready();
-        }
+        let Ok(Ok(mut ready)) = tokio::time::timeout(longest, watched.readable()).await else {
+            return false;
+        };
+        let mut events = [0; 1024];
+        while (&mut watched.get_ref()).read(&mut events).is_ok_and(|count| count > 0) {}
+        ready.clear_ready();
+        true
     }
 }

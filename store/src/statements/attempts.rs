@@ -22,24 +22,6 @@ impl Database {
 }
 
 impl Transaction {
-    pub async fn begin_attempt(
-        &mut self,
-        job: JobId,
-        fence: Fence,
-        worker: &str,
-    ) -> Result<(), sqlx::Error> {
-        let statement = sqlx::query(concat!(
-            "INSERT INTO attempt (job, task, epoch, worker, started_at) VALUES ($1, $2, $3, $4, ",
-            now!(),
-            ")"
-        ))
-        .bind(job)
-        .bind(fence.task)
-        .bind(fence.epoch)
-        .bind(worker);
-        self.execute(statement).await
-    }
-
     /// Nothing of a task that was claimed by a version that kept no attempts.
     pub async fn end_attempt(
         &mut self,

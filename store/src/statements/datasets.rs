@@ -62,6 +62,21 @@ impl Database {
         .await
     }
 
+    /// Whether the shard with these bytes was committed at the fence's epoch.
+    pub async fn is_committed(&self, fence: Fence, sha256: Digest) -> Result<bool, sqlx::Error> {
+        sqlx::query_scalar(
+            "SELECT EXISTS (SELECT 1 FROM shard JOIN shard_file AS file \
+             ON file.dataset = shard.dataset AND file.ordinal = shard.ordinal \
+             WHERE shard.task = $1 AND shard.epoch = $2 AND file.content = 'trajectories' \
+             AND file.sha256 = $3)",
+        )
+        .bind(fence.task)
+        .bind(fence.epoch)
+        .bind(sha256.to_string())
+        .fetch_one(&self.reader)
+        .await
+    }
+
     pub async fn datasets_by_id(&self, ids: &[DatasetId]) -> Result<Vec<Dataset>, sqlx::Error> {
         sqlx::query_as(select_dataset!(
             "WHERE dataset.id IN ",
@@ -141,25 +156,6 @@ impl Transaction {
         .bind(integer(trajectories))
         .bind(i64::from(samples));
         self.execute(statement).await
-    }
-
-    /// Whether the shard with these bytes was committed at the fence's epoch.
-    pub async fn is_committed(
-        &mut self,
-        fence: Fence,
-        sha256: Digest,
-    ) -> Result<bool, sqlx::Error> {
-        sqlx::query_scalar(
-            "SELECT EXISTS (SELECT 1 FROM shard JOIN shard_file AS file \
-             ON file.dataset = shard.dataset AND file.ordinal = shard.ordinal \
-             WHERE shard.task = $1 AND shard.epoch = $2 AND file.content = 'trajectories' \
-             AND file.sha256 = $3)",
-        )
-        .bind(fence.task)
-        .bind(fence.epoch)
-        .bind(sha256.to_string())
-        .fetch_one(self.connection())
-        .await
     }
 
     /// The shard of a task, whose ordinal it has.

@@ -7,9 +7,9 @@ use sqlx::{AssertSqlSafe, FromRow, Row};
 use super::super::dialect::{LOCKED_OR_SKIPPED, first_in_line};
 use super::rows::text_of_tags;
 use super::{Database, DbRow, Transaction, milliseconds};
+use crate::ClaimedTask;
 use crate::leases::NextTask;
 use crate::rules::task::{LONGEST_DELAY, TaskStanding};
-use crate::{ClaimedTask, TaskId};
 
 impl Database {
     /// Whether there is a task for `worker`.
@@ -37,8 +37,14 @@ impl Transaction {
         worker: &str,
         offers: &Resources,
     ) -> Result<Option<NextTask>, sqlx::Error> {
-        let statement = first_in_line(&may_be_claimed(), LOCKED_OR_SKIPPED);
-        let first: Option<TaskId> = sqlx::query_scalar(AssertSqlSafe(statement))
+        // Of a row that is locked, PostgreSQL shows the newest version.
+        let statement = format!(
+            "SELECT next.*, job.kind, job.spec, job.digest, job.time_limit_s, job.state AS job_state, \
+             run.id AS run FROM ({}) AS next JOIN job ON job.id = next.job \
+             LEFT JOIN run ON run.job = job.id",
+            first_in_line(&may_be_claimed(), LOCKED_OR_SKIPPED)
+        );
+        let row: Option<DbRow> = sqlx::query(AssertSqlSafe(statement))
             .bind(worker)
             .bind(i64::from(offers.cpus.unwrap_or(0)))
             .bind(i64::from(offers.gpus))
@@ -46,16 +52,7 @@ impl Transaction {
             .bind(text_of_tags(&offers.tags))
             .fetch_optional(self.connection())
             .await?;
-        let Some(first) = first else { return Ok(None) };
-        // Read once it is locked: it may have been claimed and given back since it was found.
-        let row: DbRow = sqlx::query(
-            "SELECT task.*, job.kind, job.spec, job.digest, job.time_limit_s, \
-             job.state AS job_state, run.id AS run FROM task JOIN job ON job.id = task.job \
-             LEFT JOIN run ON run.job = job.id WHERE task.id = $1",
-        )
-        .bind(first)
-        .fetch_one(self.connection())
-        .await?;
+        let Some(row) = row else { return Ok(None) };
         let Text(job_state) = row.try_get("job_state")?;
         Ok(Some(NextTask {
             task: ClaimedTask::from_row(&row)?,

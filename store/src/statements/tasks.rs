@@ -2,6 +2,7 @@ use std::time::Duration;
 
 use serde_json::Value;
 use sqlx::{FromRow, Row};
+use wire::AttemptOutcome;
 
 use super::rows::{digest, json, number, optional_number, state};
 use super::{Database, DbRow, Transaction, integer, milliseconds};
@@ -42,7 +43,7 @@ impl Database {
 }
 
 impl Transaction {
-    /// Leases a task to `worker`; its progress begins anew.
+    /// Leases a task to `worker`, whose attempt begins; its progress begins anew.
     pub async fn lease(
         &mut self,
         task: TaskId,
@@ -50,12 +51,19 @@ impl Transaction {
         worker: &str,
         ttl: Duration,
     ) -> Result<(), sqlx::Error> {
-        let statement = sqlx::query(concat!(
-            "UPDATE task SET state = $1, attempt = $2, epoch = $3, worker = $4, lease_until = ",
-            now!(),
-            " + $6, lease_ms = $6, started_at = COALESCE(started_at, ",
-            now!(),
-            "), done = 0, rate = NULL, message = NULL WHERE id = $5"
+        let statement = sqlx::query(together!(
+            concat!(
+                "UPDATE task SET state = $1, attempt = $2, epoch = $3, worker = $4, lease_until = ",
+                now!(),
+                " + $6, lease_ms = $6, started_at = COALESCE(started_at, ",
+                now!(),
+                "), done = 0, rate = NULL, message = NULL WHERE id = $5"
+            ),
+            concat!(
+                "INSERT INTO attempt (job, task, epoch, worker, started_at) SELECT job, id, $3, $4, ",
+                now!(),
+                " FROM task WHERE id = $5"
+            )
         ))
         .bind(standing.state.as_str())
         .bind(i64::from(standing.attempt))
@@ -81,6 +89,27 @@ impl Transaction {
         .fetch_optional(self.connection())
         .await?;
         row.map(|row| Ok((row.try_get("job")?, TaskStanding::from_row(&row)?))).transpose()
+    }
+
+    /// The same, and whether another task of its stage is queued.
+    pub async fn standing_in_stage(
+        &mut self,
+        task: TaskId,
+    ) -> Result<Option<(JobId, TaskStanding, bool)>, sqlx::Error> {
+        let row = sqlx::query(concat!(
+            "SELECT job, state, attempt, max_attempts, epoch, cancel_requested, \
+             EXISTS (SELECT 1 FROM task AS other WHERE other.job = task.job \
+                     AND other.state = 'queued' AND other.stage = task.stage) AS goes_on \
+             FROM task WHERE id = $1",
+            locked!()
+        ))
+        .bind(task)
+        .fetch_optional(self.connection())
+        .await?;
+        let read = |row: DbRow| {
+            Ok((row.try_get("job")?, TaskStanding::from_row(&row)?, row.try_get("goes_on")?))
+        };
+        row.map(read).transpose()
     }
 
     pub async fn renew(
@@ -136,22 +165,31 @@ impl Transaction {
         self.execute(statement).await
     }
 
-    /// A task that succeeded has no error left.
+    /// Ends a task that succeeded, and the attempt: no error is left.
     pub async fn complete_task(
         &mut self,
         task: TaskId,
         standing: &TaskStanding,
         result: Option<&Value>,
     ) -> Result<(), sqlx::Error> {
-        let statement = sqlx::query(concat!(
-            "UPDATE task SET state = $1, done = total, result = $2, error = NULL, \
-              lease_until = NULL, rate = NULL, message = NULL, finished_at = ",
-            now!(),
-            " WHERE id = $3"
+        let statement = sqlx::query(together!(
+            concat!(
+                "UPDATE task SET state = $1, done = total, result = $2, error = NULL, \
+                  lease_until = NULL, rate = NULL, message = NULL, finished_at = ",
+                now!(),
+                " WHERE id = $3"
+            ),
+            concat!(
+                "UPDATE attempt SET outcome = $4, reason = NULL, ended_at = ",
+                now!(),
+                " WHERE task = $3 AND epoch = $5"
+            )
         ))
         .bind(standing.state.as_str())
         .bind(result.map(Value::to_string))
-        .bind(task);
+        .bind(task)
+        .bind(AttemptOutcome::Succeeded.as_str())
+        .bind(standing.epoch);
         self.execute(statement).await
     }
 
@@ -202,20 +240,26 @@ impl Transaction {
         self.ring().await
     }
 
+    /// Each part is the first entry of an index, however many tasks the job has.
     pub async fn tally(&mut self, job: JobId) -> Result<TaskTally, sqlx::Error> {
         let row = sqlx::query(
-            "SELECT COUNT(*) FILTER (WHERE state = 'failed') > 0 AS failed, \
-             COUNT(*) FILTER (WHERE state = 'cancelled') > 0 AS cancelled, \
-             MIN(CASE WHEN state IN ('waiting', 'queued', 'running') THEN stage END) AS open_stage \
-             FROM task WHERE job = $1",
+            "SELECT EXISTS (SELECT 1 FROM task WHERE job = $1 AND state = 'failed') AS failed, \
+             EXISTS (SELECT 1 FROM task WHERE job = $1 AND state = 'cancelled') AS cancelled, \
+             (SELECT MIN(stage) FROM task WHERE job = $1 AND state = 'waiting') AS waiting, \
+             (SELECT MIN(stage) FROM task WHERE job = $1 AND state = 'queued') AS queued, \
+             (SELECT MIN(stage) FROM task WHERE job = $1 AND state = 'running') AS running",
         )
         .bind(job)
         .fetch_one(self.connection())
         .await?;
+        let waiting_stage: Option<u32> = optional_number(&row, "waiting")?;
+        let claimable: Option<u32> = optional_number(&row, "queued")?;
+        let claimed: Option<u32> = optional_number(&row, "running")?;
         Ok(TaskTally {
             failed: row.try_get("failed")?,
             cancelled: row.try_get("cancelled")?,
-            open_stage: optional_number(&row, "open_stage")?,
+            open_stage: [waiting_stage, claimable, claimed].into_iter().flatten().min(),
+            waiting_stage,
         })
     }
 

@@ -23,7 +23,7 @@ use rustls::pki_types::{CertificateDer, PrivateKeyDer};
 use s3s::Body;
 use s3s::auth::SimpleAuth;
 use s3s::service::{S3Service, S3ServiceBuilder};
-use store::{ObjectsUrl, Patience, S3Options};
+use store::{ObjectsUrl, Patience, RemoteObjects, S3Options};
 use tempfile::TempDir;
 use tokio::net::TcpListener;
 use tokio::runtime::Runtime;
@@ -203,6 +203,11 @@ impl S3Server {
     /// A place for objects in its bucket.
     pub fn url(prefix: &str) -> ObjectsUrl {
         format!("s3://{BUCKET}/{prefix}").parse().unwrap()
+    }
+
+    /// A prefix of its bucket.
+    pub async fn objects(&self, prefix: &str) -> RemoteObjects {
+        Self::url(prefix).connect(&self.options(&[])).await.unwrap()
     }
 
     /// The file of an object, or its folder.

@@ -104,6 +104,24 @@ pub async fn the_last_tasks_of_a_job_end_together(f: Fixture) {
     }
 }
 
+/// Whoever ends a task while others are queued leaves the job to those who end the others.
+pub async fn no_stage_and_no_job_is_left_open(f: Fixture) {
+    let mut jobs = Vec::new();
+    for seed in 0..60 {
+        let mut job = evaluate(&simulate(seed), &simulate(1000 + seed), vec![]);
+        job.tasks = (0..6).map(|n| task(n / 3, n % 3, 1)).collect();
+        jobs.push(f.submit_one(job).await);
+    }
+    at_once(&f, |store, number| async move {
+        let worker = format!("w{number}");
+        while let Some(task) = store.claim(&worker, &Resources::default(), LONG).await.unwrap() {
+            store.complete(task.fence, None).await.unwrap();
+        }
+    })
+    .await;
+    assert_eq!(f.states(&jobs).await, [JobState::Succeeded; 60]);
+}
+
 pub async fn a_stage_begins_once_whoever_ends_the_one_before(f: Fixture) {
     let mut job = evaluate(&simulate(1), &simulate(2), vec![]);
     job.tasks = (0..16).map(|cell| task(0, cell, 1)).chain([task(1, 0, 1)]).collect();

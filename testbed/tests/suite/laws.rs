@@ -83,6 +83,7 @@ macro_rules! all_laws {
                 tasks_of_many_jobs_are_claimed_once,
                 pipelines_are_worked_off_to_their_ends,
                 the_last_tasks_of_a_job_end_together,
+                no_stage_and_no_job_is_left_open,
                 a_stage_begins_once_whoever_ends_the_one_before,
                 the_last_shards_complete_their_dataset_together,
                 submissions_of_one_spec_make_one_job,

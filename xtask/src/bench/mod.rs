@@ -9,6 +9,7 @@ mod million;
 mod networks;
 mod parquet;
 mod peak;
+mod queue;
 mod quickstart;
 mod serving;
 mod training;
@@ -54,7 +55,7 @@ struct Benchmark {
     run: fn(Wanted) -> anyhow::Result<Report>,
 }
 
-const ALL: [Benchmark; 6] = [
+const ALL: [Benchmark; 7] = [
     Benchmark {
         name: "control",
         about: "milliseconds from a measured sample to the prediction, over a WebSocket",
@@ -75,6 +76,11 @@ const ALL: [Benchmark; 6] = [
         name: "parquet",
         about: "writing and reading trajectories, beside pyarrow and polars",
         run: parquet::run,
+    },
+    Benchmark {
+        name: "queue",
+        about: "tasks claimed per second, from submit to start, idle workers; beside apalis and Graphile Worker",
+        run: queue::run,
     },
     Benchmark {
         name: "quickstart",

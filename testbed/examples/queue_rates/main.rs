@@ -1,0 +1,80 @@
+//! The queue as `cargo xtask bench queue` drives it: a program that submits, and processes of workers.
+//!
+//! `queue_rates ROLE FOLDER DATABASE ...`, where DATABASE is `sqlite`, in the folder, or a URL of PostgreSQL:
+//!
+//! - `cluster` (alone) starts a PostgreSQL of its own. For each name that it reads it creates a database and prints its URL
+//!   and the server's process; it ends with its input.
+//! - `setup` creates the tables.
+//! - `submit many N` submits a job of N tasks, `submit each N` N jobs of one task.
+//! - `offer N PERIOD_MS` submits N jobs of one task, one every so often.
+//! - `work N` is a process of N workers with connections of their own; see `working.rs` for what it reads and prints.
+//!
+//! Programs that measure other queues understand the same words, `cluster` apart.
+
+mod submitting;
+mod working;
+
+use std::io::BufRead;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::{Duration, SystemTime};
+
+use serde_json::json;
+use store::{Access, Location, Store};
+use testbed::{Cluster, Durability};
+
+type Outcome<T> = Result<T, Box<dyn std::error::Error + Send + Sync>>;
+
+fn main() -> Outcome<()> {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
+    if arguments == ["cluster"] {
+        return cluster();
+    }
+    let [role, folder, database, rest @ ..] = &arguments[..] else {
+        return Err("usage: queue_rates ROLE FOLDER DATABASE ...".into());
+    };
+    let place = location(folder, database)?;
+    tokio::runtime::Runtime::new()?.block_on(async {
+        match (*role, rest) {
+            ("setup", []) => {
+                let store = Store::open_at(&place, Access::Server).await?;
+                store.register_server(working::VERSION).await?;
+                store.close().await;
+                Ok(())
+            }
+            ("submit", ["many", count]) => submitting::one_job(&place, count.parse()?).await,
+            ("submit", ["each", count]) => submitting::many_jobs(&place, count.parse()?).await,
+            ("offer", [count, period]) => {
+                let period = Duration::from_millis(period.parse()?);
+                submitting::every_so_often(&place, count.parse()?, period).await
+            }
+            ("work", [count]) => working::run(&place, count.parse()?).await,
+            _ => Err(format!("what is {arguments:?}?").into()),
+        }
+    })
+}
+
+fn location(folder: &str, database: &str) -> Outcome<Location> {
+    let url = match database {
+        "sqlite" => None,
+        url => Some(url.parse()?),
+    };
+    Ok(Location { database: url, ..Location::in_folder(Path::new(folder)) })
+}
+
+fn cluster() -> Outcome<()> {
+    let cluster = Arc::new(Cluster::start(Durability::Full));
+    for name in std::io::stdin().lock().lines() {
+        let name = name?;
+        cluster.psql("postgres", &format!("CREATE DATABASE {name}"));
+        println!("{}", json!({"url": cluster.url("postgres", &name), "server": cluster.process()}));
+    }
+    Ok(())
+}
+
+/// The present, which processes of one machine agree on, in microseconds since 1970.
+fn now_us() -> u64 {
+    let elapsed = SystemTime::UNIX_EPOCH.elapsed().unwrap_or_default();
+    u64::try_from(elapsed.as_micros()).unwrap_or(u64::MAX)
+}

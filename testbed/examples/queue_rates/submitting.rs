@@ -1,0 +1,94 @@
+//! Jobs of tasks that do nothing. A task's payload is the moment at which its submission was called.
+
+use std::time::Duration;
+
+use serde_json::{Value, json};
+use spec::{Digest, Resources};
+use store::{
+    Access, JobReuse, Location, NewJob, NewTask, Output, PartReuse, Reuse, Store, StoreError,
+    Submission,
+};
+
+use crate::{Outcome, now_us};
+
+/// Submissions that are on their way at once, as from many clients of one server.
+const CLIENTS: u32 = 8;
+
+/// A job of `count` tasks.
+pub async fn one_job(place: &Location, count: u32) -> Outcome<()> {
+    let store = open(place).await?;
+    submit(&store, count).await?;
+    store.close().await;
+    Ok(())
+}
+
+/// `count` jobs of one task.
+pub async fn many_jobs(place: &Location, count: u32) -> Outcome<()> {
+    let store = open(place).await?;
+    let mut clients = Vec::new();
+    for client in 0..CLIENTS {
+        let store = store.clone();
+        let share = count / CLIENTS + u32::from(client < count % CLIENTS);
+        clients.push(tokio::spawn(async move {
+            for _ in 0..share {
+                submit(&store, 1).await?;
+            }
+            Ok::<(), StoreError>(())
+        }));
+    }
+    for client in clients {
+        client.await??;
+    }
+    store.close().await;
+    Ok(())
+}
+
+/// `count` jobs of one task, one every `period`.
+pub async fn every_so_often(place: &Location, count: u32, period: Duration) -> Outcome<()> {
+    let store = open(place).await?;
+    let mut ticks = tokio::time::interval(period);
+    for _ in 0..count {
+        ticks.tick().await;
+        submit(&store, 1).await?;
+    }
+    store.close().await;
+    Ok(())
+}
+
+async fn open(place: &Location) -> Result<Store, StoreError> {
+    Store::open_at(place, Access::Server).await
+}
+
+async fn submit(store: &Store, tasks: u32) -> Result<(), StoreError> {
+    let called_at = now_us();
+    let spec = json!({"kind": "nothing", "called_at_us": called_at});
+    let job = NewJob {
+        name: "nothing".to_owned(),
+        kind: "nothing".to_owned(),
+        digest: Digest::of_json(&spec),
+        spec,
+        unit: "tasks".to_owned(),
+        priority: 0,
+        max_attempts: 3,
+        time_limit_s: None,
+        resources: Resources::default(),
+        not_before: None,
+        output: Output::Nothing,
+        reuse: JobReuse { whole: false, parts: PartReuse::Nothing },
+        tasks: (0..tasks).map(|ordinal| task(ordinal, &json!(called_at))).collect(),
+        needs: vec![],
+    };
+    let submission =
+        Submission { jobs: vec![job], pipeline: None, reuse: Reuse::Never, idempotency: None };
+    store.submit(submission).await.map(|_| ())
+}
+
+fn task(ordinal: u32, payload: &Value) -> NewTask {
+    NewTask {
+        stage: 0,
+        ordinal,
+        label: format!("task {ordinal}"),
+        payload: payload.clone(),
+        total: 1,
+    }
+}

@@ -1,0 +1,55 @@
+//! Programs that understand the words of `testbed/examples/queue_rates`.
+
+use std::path::PathBuf;
+use std::process::{Command, Stdio};
+
+use anyhow::{Context, ensure};
+
+use crate::places::repository;
+
+/// What such a program is told in place of a URL.
+pub const SQLITE: &str = "sqlite";
+
+pub struct Program {
+    path: PathBuf,
+    /// Arguments before all others.
+    leading: Vec<String>,
+}
+
+/// Where a queue is.
+pub struct Place {
+    pub folder: PathBuf,
+    /// [`SQLITE`], or a URL of PostgreSQL.
+    pub database: String,
+}
+
+impl Program {
+    pub fn new(path: PathBuf, leading: impl IntoIterator<Item = String>) -> Self {
+        Self { path, leading: leading.into_iter().collect() }
+    }
+
+    /// Not started yet, with its standard input at its end.
+    pub fn alone(&self, role: &str) -> Command {
+        let mut command = Command::new(&self.path);
+        command.args(&self.leading).arg(role).current_dir(repository()).stdin(Stdio::null());
+        command
+    }
+
+    pub fn command(&self, role: &str, place: &Place, rest: &[&str]) -> Command {
+        let mut command = self.alone(role);
+        command.arg(&place.folder).arg(&place.database).args(rest);
+        command
+    }
+
+    /// Runs to the end, which must be a success.
+    pub fn run(&self, role: &str, place: &Place, rest: &[&str]) -> anyhow::Result<()> {
+        let program = self.path.display();
+        let output = self
+            .command(role, place, rest)
+            .output()
+            .with_context(|| format!("cannot run {program}"))?;
+        let error = String::from_utf8_lossy(&output.stderr);
+        ensure!(output.status.success(), "{program} {role}: {error}");
+        Ok(())
+    }
+}
