@@ -1,6 +1,6 @@
 -- Times are milliseconds since 1970 by the database's clock; digests are 64 hexadecimal digits;
--- specs, payloads and results are JSON text, kept as it was written. Text that lists are sorted by has the collation "C":
--- names come in the same order whatever the database's locale.
+-- specs, payloads, results and metrics of checkpoints are JSON text, kept as it was written. Text that lists are sorted by has
+-- the collation "C": names come in the same order whatever the database's locale.
 
 CREATE FUNCTION refuse() RETURNS trigger LANGUAGE plpgsql AS $$
 BEGIN
@@ -223,7 +223,7 @@ CREATE TABLE checkpoint (
     is_final   BOOLEAN NOT NULL,
     -- Whether its validation is the best of the training so far, and what it was.
     is_best    BOOLEAN NOT NULL,
-    metrics    JSONB   NOT NULL,
+    metrics    TEXT    NOT NULL,
     created_at BIGINT  NOT NULL,
     UNIQUE (job, step)
 );
