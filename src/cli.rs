@@ -3,9 +3,9 @@
 use clap::{Parser, Subcommand};
 
 use crate::commands::{
-    attempts, cancel, decode_recording, devices, drain, import, jobs, logs, pause, presets,
-    quickstart, resume, retry, serve, simulate, study, submit, undrain, verify, watch, worker,
-    workers,
+    attempts, cancel, decode_recording, devices, drain, import, jobs, logs, migrate, pause,
+    presets, quickstart, resume, retry, serve, simulate, study, submit, undrain, verify, watch,
+    worker, workers,
 };
 
 /// In-context identification of robot dynamics as a service: simulate, train, evaluate.
@@ -62,6 +62,8 @@ pub enum Command {
     Drain(drain::Arguments),
     /// Have a worker that was drained begin tasks again
     Undrain(undrain::Arguments),
+    /// Move a data folder to PostgreSQL and a bucket, or back
+    Migrate(migrate::Arguments),
     /// List the presets, or show one
     Presets(presets::Arguments),
     /// Decode the recording on standard input; a worker starts this for itself

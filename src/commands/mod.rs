@@ -8,6 +8,7 @@ pub mod drain;
 pub mod import;
 pub mod jobs;
 pub mod logs;
+pub mod migrate;
 mod own_server;
 pub mod pause;
 pub mod presets;
@@ -52,6 +53,7 @@ pub async fn run(command: Command, log: &Logging) -> anyhow::Result<ExitCode> {
         Command::Resume(arguments) => resume::run(arguments).await,
         Command::Drain(arguments) => drain::run(arguments).await,
         Command::Undrain(arguments) => undrain::run(arguments).await,
+        Command::Migrate(arguments) => migrate::run(arguments).await,
         Command::Presets(arguments) => presets::run(arguments).await,
         Command::DecodeRecording(arguments) => decode_recording::run(&arguments),
     }

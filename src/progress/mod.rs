@@ -3,6 +3,7 @@
 mod bars;
 mod lines;
 pub mod measure;
+mod own_parts;
 mod own_work;
 mod rate;
 mod row;
@@ -15,6 +16,7 @@ use wire::Job;
 use crate::client::{Client, ClientError};
 use bars::Bars;
 use lines::Lines;
+pub use own_parts::{Part, follow_parts};
 pub use own_work::{Report, follow_own};
 use rate::Rate;
 use row::Row;

@@ -13,6 +13,15 @@ pub enum Access {
     Server,
     /// Uses what a server made; any number at a time.
     Worker,
+    /// Fills a new store with what another holds: as a server, also where that was begun before.
+    Transfer,
+}
+
+impl Access {
+    /// Whether it makes what is not there yet, and is alone.
+    pub(crate) fn is_owner(self) -> bool {
+        self != Self::Worker
+    }
 }
 
 /// Paths inside a data folder.

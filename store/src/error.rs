@@ -29,7 +29,7 @@ pub enum StoreError {
     NewerSchema { place: String, found: i64, known: i64 },
 
     #[error(
-        "{place} has schema {found}, this worker needs {known}; start a server of this version first"
+        "{place} has schema {found}, this torqued needs {known}; start a server of this version first"
     )]
     OlderSchema { place: String, found: i64, known: i64 },
 
@@ -44,6 +44,40 @@ pub enum StoreError {
         "objects at {place} belong to another database, whose server would delete what this one writes; {remedy}"
     )]
     ForeignObjects { place: String, remedy: &'static str },
+
+    /// A store that somebody uses cannot move.
+    #[error("{place} is in use by {by}; {remedy}")]
+    InService { place: String, by: String, remedy: &'static str },
+
+    /// A server of one store would delete objects of the other.
+    #[error(
+        "{to} shares a folder, the database or a prefix with {from}; name a place that has all of its own"
+    )]
+    SharedPlace { from: String, to: String },
+
+    #[error("{place} has {found} already; name an empty place to move a store to")]
+    NotEmpty { place: String, found: String },
+
+    #[error(
+        "{place} has a part of a store whose move is not finished; repeat `torqued migrate` with the same \
+         places; to give it up, delete what is there and in its database"
+    )]
+    UnfinishedTransfer { place: String },
+
+    #[error("{place} has {what}, which this torqued cannot move")]
+    UnknownTable { place: String, what: String },
+
+    #[error(
+        "table {table} differs: {source_rows} rows in {source_place}, {target_rows} in {target_place}; \
+         delete the latter and move the store again"
+    )]
+    RowsDiffer {
+        table: &'static str,
+        source_place: String,
+        source_rows: u64,
+        target_place: String,
+        target_rows: u64,
+    },
 
     #[error(
         "the database was deleted or replaced since it was opened, and nothing that is done from now on would last; \

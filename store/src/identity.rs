@@ -1,19 +1,29 @@
 //! Which store objects belong to. A server deletes objects that no row of its database names, so that it must not be
-//! led to those of another database.
+//! led to those of another database. While a store moves to a place, a second mark says that its objects are not all there.
 
 use bytes::Bytes;
+use object_store::path::Path;
 use object_store::{ObjectStoreExt, PutMode, PutOptions};
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use crate::boxed;
 use crate::database::sql;
-use crate::objects::path::MARKER;
+use crate::objects::path::{MARKER, MOVE_MARKER};
 use crate::{Access, Store, StoreError};
 
 /// The object that says whose the objects beside it are.
 #[derive(Debug, PartialEq, Eq, Serialize, Deserialize)]
 struct Marker {
     store: String,
+}
+
+/// The object that says that another store is moving here. It lies beside the marker from before the first object until
+/// the rows are committed.
+#[derive(Debug, Serialize, Deserialize)]
+struct MoveMarker {
+    /// The identity of the store that moves.
+    from: String,
 }
 
 const REMEDY: &str = "give each database a folder or a bucket's prefix of its own";
@@ -29,27 +39,46 @@ impl Store {
     }
 
     /// # Errors
-    /// [`StoreError::ForeignObjects`] when the objects belong to another store.
+    /// [`StoreError::ForeignObjects`] when the objects belong to another store; [`StoreError::UnfinishedTransfer`] when a
+    /// store was moving here and they may not all be there.
     pub(crate) async fn check_objects(&self, access: Access) -> Result<(), StoreError> {
         let own = Marker { store: self.identity().await? };
-        let found = match self.marker().await? {
-            None if access == Access::Server => {
-                self.mark(&own).await?;
-                self.marker().await?
+        let found: Option<Marker> = match self.read_mark(MARKER).await? {
+            None if access.is_owner() => {
+                self.write_mark(MARKER, &own).await?;
+                self.read_mark(MARKER).await?
             }
             found => found,
         };
+        let place = || self.objects().place();
         if found.is_some_and(|found| found != own) {
-            let place = self.objects().place();
-            return Err(StoreError::ForeignObjects { place, remedy: REMEDY });
+            return Err(StoreError::ForeignObjects { place: place(), remedy: REMEDY });
+        }
+        if access != Access::Transfer && self.moving_from().await?.is_some() {
+            return Err(StoreError::UnfinishedTransfer { place: place() });
         }
         Ok(())
     }
 
-    async fn marker(&self) -> Result<Option<Marker>, StoreError> {
-        let failed = || StoreError::object("reading", MARKER);
-        let found = match self.objects().remote().get(&object_store::path::Path::from(MARKER)).await
-        {
+    /// The identity of the store that is moving here, if one is.
+    pub(crate) async fn moving_from(&self) -> Result<Option<String>, StoreError> {
+        let found: Option<MoveMarker> = self.read_mark(MOVE_MARKER).await?;
+        Ok(found.map(|found| found.from))
+    }
+
+    /// No server and no worker opens this store until the move has ended.
+    pub(crate) async fn begin_move(&self, from: String) -> Result<(), StoreError> {
+        self.write_mark(MOVE_MARKER, &MoveMarker { from }).await
+    }
+
+    pub(crate) async fn end_move(&self) -> Result<(), StoreError> {
+        let deleted = self.objects().remote().delete(&Path::from(MOVE_MARKER)).await;
+        deleted.map_err(StoreError::object("deleting", MOVE_MARKER))
+    }
+
+    async fn read_mark<M: DeserializeOwned>(&self, path: &str) -> Result<Option<M>, StoreError> {
+        let failed = || StoreError::object("reading", path);
+        let found = match self.objects().remote().get(&Path::from(path)).await {
             Err(object_store::Error::NotFound { .. }) => return Ok(None),
             found => found.map_err(failed())?,
         };
@@ -62,19 +91,18 @@ impl Store {
     }
 
     /// Two servers may do so at once: one of them is first.
-    async fn mark(&self, own: &Marker) -> Result<(), StoreError> {
-        let text = Bytes::from(format!("{{\"store\": \"{}\"}}\n", own.store));
+    async fn write_mark(&self, path: &str, mark: &impl Serialize) -> Result<(), StoreError> {
+        let text = Bytes::from(format!("{}\n", serde_json::json!(mark)));
         if self.objects().away().is_some() {
-            return match self.put_object(MARKER, text).await {
+            return match self.put_object(path, text).await {
                 Ok(_) | Err(StoreError::ObjectTaken { .. }) => Ok(()),
                 Err(error) => Err(error),
             };
         }
         let create = PutOptions { mode: PutMode::Create, ..PutOptions::default() };
-        let path = object_store::path::Path::from(MARKER);
-        match self.objects().remote().put_opts(&path, text.into(), create).await {
+        match self.objects().remote().put_opts(&Path::from(path), text.into(), create).await {
             Ok(_) | Err(object_store::Error::AlreadyExists { .. }) => Ok(()),
-            Err(error) => Err(StoreError::object("writing", MARKER)(error)),
+            Err(error) => Err(StoreError::object("writing", path)(error)),
         }
     }
 }

@@ -26,6 +26,19 @@ impl Location {
     }
 }
 
+/// As errors name it.
+impl fmt::Display for Location {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let folder = self.folder.display();
+        match (&self.database, &self.objects) {
+            (None, None) => write!(f, "data folder {folder}"),
+            (None, Some(objects)) => write!(f, "data folder {folder} with {objects}"),
+            (Some(database), None) => write!(f, "{database} with data folder {folder}"),
+            (Some(database), Some(objects)) => write!(f, "{database} with {objects}"),
+        }
+    }
+}
+
 /// A PostgreSQL database, as `postgres://USER:PASSWORD@HOST:PORT/DATABASE?sslmode=verify-full`. Shown without the password.
 #[derive(Clone)]
 pub struct DatabaseUrl {

@@ -77,14 +77,11 @@ impl Store {
     ) -> Result<Self, StoreError> {
         let dir = DataDir::new(&location.folder);
         let is_shared = location.database.is_some();
-        if access == Access::Server || is_shared {
+        if access.is_owner() || is_shared {
             dir.create()?;
         }
         // Servers that share a database agree through it.
-        let lock = match access {
-            Access::Server if !is_shared => Some(dir.lock()?),
-            Access::Server | Access::Worker => None,
-        };
+        let lock = (access.is_owner() && !is_shared).then(|| dir.lock()).transpose()?;
         let database = Database::open(&dir, location.database.as_ref(), access).await?;
         let file = (!is_shared).then(|| FileIdentity::of(&dir.database())).transpose();
         let database_file = file.map_err(|reason| dir.unusable(reason))?;

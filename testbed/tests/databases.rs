@@ -6,6 +6,7 @@ mod postgres;
 #[expect(dead_code, reason = "tests/s3.rs has it fail")]
 mod s3_server;
 mod suite;
+mod transfer;
 
 /// SQLite, with objects in the data folder.
 mod sqlite {

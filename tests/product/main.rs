@@ -14,6 +14,7 @@ mod imports;
 mod killed_server;
 mod killed_worker;
 mod logs;
+mod migration;
 mod noise;
 mod other_arms;
 mod pipeline;

@@ -100,7 +100,8 @@ impl Store {
         });
     }
 
-    async fn read_to_the_end(&self, object: &StoredObject) -> Result<(), StoreError> {
+    /// Checks an object.
+    pub(crate) async fn read_to_the_end(&self, object: &StoredObject) -> Result<(), StoreError> {
         let mut pieces = self.open_object(object, None).await?.stream;
         while pieces.try_next().await?.is_some() {}
         Ok(())

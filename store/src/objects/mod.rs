@@ -171,13 +171,25 @@ impl Objects {
         }
     }
 
-    /// The paths of all objects that were published before `limit`, without the store's own mark.
+    /// The path of an object, if there is one beside the store's own marks.
+    pub async fn any(&self) -> Result<Option<String>, StoreError> {
+        let mut listed = self.remote().list(None);
+        let failed = || StoreError::object("listing", "objects");
+        while let Some(object) = listed.try_next().await.map_err(failed())? {
+            if !path::is_mark(object.location.as_ref()) {
+                return Ok(Some(object.location.to_string()));
+            }
+        }
+        Ok(None)
+    }
+
+    /// The paths of all objects that were published before `limit`, without the store's own marks.
     pub async fn older_than(&self, limit: SystemTime) -> Result<Vec<String>, StoreError> {
         self.remote()
             .list(None)
             .try_filter(|object| {
                 let is_old = SystemTime::from(object.last_modified) < limit;
-                std::future::ready(is_old && object.location.as_ref() != path::MARKER)
+                std::future::ready(is_old && !path::is_mark(object.location.as_ref()))
             })
             .map_ok(|object| object.location.to_string())
             .try_collect()

@@ -7,6 +7,14 @@ use crate::{Epoch, FileContent, JobId, RunId};
 /// Says whose the objects beside it are.
 pub(crate) const MARKER: &str = "store.json";
 
+/// Says which store is moving here.
+pub(crate) const MOVE_MARKER: &str = "unfinished-move.json";
+
+/// Whether an object is about the place and none of a store's.
+pub(crate) fn is_mark(path: &str) -> bool {
+    path == MARKER || path == MOVE_MARKER
+}
+
 pub fn shard(job: JobId, ordinal: u32, epoch: Epoch, content: FileContent) -> String {
     format!("datasets/{job}/shard-{ordinal:05}-e{epoch}-{content}.parquet")
 }

@@ -25,6 +25,12 @@ impl ObjectsUrl {
     pub(crate) const fn prefix(&self) -> &Path {
         &self.prefix
     }
+
+    /// Whether objects of the one may lie below the other.
+    pub(crate) fn overlaps(&self, other: &Self) -> bool {
+        let lies_in = |inner: &Self, outer: &Self| inner.prefix.prefix_matches(&outer.prefix);
+        self.bucket == other.bucket && (lies_in(self, other) || lies_in(other, self))
+    }
 }
 
 impl FromStr for ObjectsUrl {

@@ -14,6 +14,7 @@ mod duty;
 mod opening;
 #[path = "../statements/mod.rs"]
 mod statements;
+mod transfer;
 mod waiting;
 
 use sqlx::postgres::{PgArguments, PgConnectOptions};

@@ -6,6 +6,7 @@ mod dialect;
 mod plans;
 #[path = "../statements/mod.rs"]
 mod statements;
+mod transfer;
 mod waiting;
 
 use std::path::PathBuf;
@@ -72,7 +73,7 @@ impl Database {
         }
         let options = SqliteConnectOptions::new()
             .filename(dir.database())
-            .create_if_missing(access == Access::Server)
+            .create_if_missing(access.is_owner())
             .journal_mode(SqliteJournalMode::Wal)
             .synchronous(SqliteSynchronous::Full)
             .foreign_keys(true)
@@ -84,7 +85,7 @@ impl Database {
             .connect_with(options.clone())
             .await
             .map_err(|source| failed_to_open(dir, source))?;
-        if access == Access::Server {
+        if access.is_owner() {
             MIGRATIONS.run(&writer).await.map_err(|source| failed_to_migrate(dir, source))?;
         }
         let reader = SqlitePoolOptions::new()
@@ -206,7 +207,7 @@ async fn refuse_unknown(dir: &DataDir, access: Access) -> Result<(), StoreError>
         .connect()
         .await
         .map_err(|source| failed_to_open(dir, source))?;
-    if access == Access::Server {
+    if access.is_owner() {
         let verdict: String = sqlx::query_scalar("PRAGMA quick_check(1)")
             .fetch_one(&mut connection)
             .await

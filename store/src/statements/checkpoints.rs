@@ -4,7 +4,7 @@ use spec::Digest;
 use sqlx::types::Json;
 use sqlx::{FromRow, Row};
 
-use super::rows::{digest, number, stored_object};
+use super::rows::{digest, json, number, stored_object};
 use super::{Database, DbRow, Transaction, integer};
 use crate::{
     Checkpoint, CheckpointFile, CheckpointId, JobId, NewCheckpoint, Page, RunId, WhichCheckpoint,
@@ -159,7 +159,7 @@ impl Transaction {
         .bind(integer(new.step))
         .bind(new.is_final)
         .bind(new.is_best)
-        .bind(sqlx::types::Json(&new.metrics))
+        .bind(serde_json::json!(new.metrics).to_string())
         .fetch_one(self.connection())
         .await
     }
@@ -232,7 +232,7 @@ impl FromRow<'_, DbRow> for Checkpoint {
             is_final: row.try_get("is_final")?,
             is_best: row.try_get("is_best")?,
             is_last: row.try_get("is_last")?,
-            metrics: row.try_get::<sqlx::types::Json<_>, _>("metrics")?.0,
+            metrics: json(row, "metrics")?,
             digest: digest(row, "digest")?,
             files: Vec::new(),
             created_at: row.try_get("created_at")?,

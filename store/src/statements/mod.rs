@@ -25,6 +25,7 @@ mod submission;
 mod takeover;
 mod task_lists;
 mod tasks;
+mod transfer;
 mod uploads;
 mod workers;
 

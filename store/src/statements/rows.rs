@@ -1,6 +1,6 @@
 //! Columns of text that hold something else.
 
-use serde_json::Value;
+use serde::de::DeserializeOwned;
 use spec::{Digest, Moment, Resources};
 use sqlx::Row;
 use sqlx::types::Text;
@@ -22,7 +22,7 @@ pub(super) fn digest(row: &DbRow, column: &str) -> Result<Digest, sqlx::Error> {
     text.parse().map_err(|error: spec::ParseDigestError| undecodable(column, error.into()))
 }
 
-pub(super) fn json(row: &DbRow, column: &str) -> Result<Value, sqlx::Error> {
+pub(super) fn json<T: DeserializeOwned>(row: &DbRow, column: &str) -> Result<T, sqlx::Error> {
     let text: &str = row.try_get(column)?;
     serde_json::from_str(text).map_err(|error| undecodable(column, error.into()))
 }

@@ -10,7 +10,7 @@ use store::{
 use super::{Fixture, LONG, simulate, task, train};
 
 /// Letters of many scripts, quotes, marks of parameters, and what looks like an escape.
-const UNUSUAL: &str = "Länge «λ» 腕 🦾 'quoted' \"twice\" $1 ? % \\u0000 \n\ttabbed";
+pub const UNUSUAL: &str = "Länge «λ» 腕 🦾 'quoted' \"twice\" $1 ? % \\u0000 \n\ttabbed";
 
 pub async fn an_unusual_name_comes_back(f: Fixture) {
     let job = f.submit_one(NewJob { name: UNUSUAL.to_owned(), ..simulate(1) }).await;

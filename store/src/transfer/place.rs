@@ -1,0 +1,154 @@
+//! The two places of a move: who may not use them meanwhile, and what must be there.
+
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use super::Side;
+use crate::database::{Scope, sql};
+use crate::{Access, Duty, DutyClaim, Location, S3Options, Store, StoreError};
+
+const SOURCE_REMEDY: &str =
+    "let its tasks end (`torqued pause --wait`), then stop its servers and workers and try again";
+
+const TARGET_REMEDY: &str = "stop it first";
+
+/// How long PostgreSQL may take to notice that a process ended which had a duty, as an interrupted move has.
+const RELEASED_WITHIN: Duration = Duration::from_secs(1);
+
+/// Tasks that an error names.
+const NAMED_TASKS: i64 = 3;
+
+/// Refuses places of which one lies in the other. Databases are told apart once they are open.
+pub(super) fn refuse_shared(from: &Location, to: &Location) -> Result<(), StoreError> {
+    let (from_folder, to_folder) = (resolved(&from.folder), resolved(&to.folder));
+    let has_folder = from_folder.starts_with(&to_folder) || to_folder.starts_with(&from_folder);
+    let has_bucket = match (&from.objects, &to.objects) {
+        (Some(from), Some(to)) => from.overlaps(to),
+        _ => false,
+    };
+    if has_folder || has_bucket { Err(shared(from, to)) } else { Ok(()) }
+}
+
+pub(super) fn shared(from: &Location, to: &Location) -> StoreError {
+    StoreError::SharedPlace { from: from.to_string(), to: to.to_string() }
+}
+
+/// Without links, as far as the folder exists.
+fn resolved(folder: &Path) -> PathBuf {
+    let absolute = std::path::absolute(folder).unwrap_or_else(|_| folder.to_owned());
+    let existing = absolute.ancestors().find_map(|ancestor| {
+        let rest = absolute.strip_prefix(ancestor).ok()?;
+        Some(ancestor.canonicalize().ok()?.join(rest))
+    });
+    existing.unwrap_or(absolute)
+}
+
+/// Opens the store that moves. It must have the schema that this program knows, and nobody may use it.
+pub(super) async fn open_source(location: &Location, s3: &S3Options) -> Result<Side, StoreError> {
+    let (store, place) = (open(location, Access::Worker, s3).await?, location.to_string());
+    // A folder with SQLite is locked by its server. PostgreSQL knows who keeps house.
+    let lock = location.database.is_none().then(|| store.dir().lock()).transpose()?;
+    let duties = refuse_users(&store, &place, SOURCE_REMEDY).await?;
+    let mut side = Side::keep_still(store, Scope::Queue, place.clone(), lock, duties).await?;
+    // Those of workers that died move as they are: the next server takes them back.
+    let leased = sql!(&mut side.transaction, leased_tasks(NAMED_TASKS))?;
+    if !leased.is_empty() {
+        return Err(StoreError::InService { place, by: leased.join(", "), remedy: SOURCE_REMEDY });
+    }
+    Ok(side)
+}
+
+/// The identity of the store that is at a place, if one is, looked up before anything there could change.
+///
+/// # Errors
+/// When it is of another version, or cannot be opened.
+pub(super) async fn identity(
+    location: &Location,
+    s3: &S3Options,
+) -> Result<Option<String>, StoreError> {
+    match open(location, Access::Worker, s3).await {
+        Ok(store) => {
+            let identity = store.identity().await?;
+            store.close().await;
+            Ok(Some(identity))
+        }
+        Err(
+            StoreError::Absent { .. }
+            | StoreError::OlderSchema { found: 0, .. }
+            | StoreError::UnfinishedTransfer { .. },
+        ) => Ok(None),
+        Err(error) => Err(error),
+    }
+}
+
+/// Opens the place that a store moves into; makes it, if it is new.
+pub(super) async fn open_target(location: &Location, s3: &S3Options) -> Result<Side, StoreError> {
+    let (store, place) = (open(location, Access::Transfer, s3).await?, location.to_string());
+    let duties = refuse_users(&store, &place, TARGET_REMEDY).await?;
+    Side::keep_still(store, Scope::Rows, place, None, duties).await
+}
+
+async fn open(location: &Location, access: Access, s3: &S3Options) -> Result<Store, StoreError> {
+    match &location.objects {
+        None => Store::open_at(location, access).await,
+        Some(url) => Store::open_with_objects(location, access, url.connect(s3).await?).await,
+    }
+}
+
+/// Takes the duties of servers, so that none keeps house meanwhile.
+async fn refuse_users(
+    store: &Store,
+    place: &str,
+    remedy: &'static str,
+) -> Result<Vec<DutyClaim>, StoreError> {
+    let in_use = |by: String| StoreError::InService { place: place.to_owned(), by, remedy };
+    let mut duties = Vec::new();
+    for duty in [Duty::Reaping, Duty::Sweeping] {
+        let mut claim = store.duty(duty);
+        let began = Instant::now();
+        while !claim.is_mine().await? {
+            if began.elapsed() > RELEASED_WITHIN {
+                return Err(in_use("a server".to_owned()));
+            }
+            tokio::time::sleep(RELEASED_WITHIN / 10).await;
+        }
+        duties.push(claim);
+    }
+    let workers = store.workers().await?;
+    if let Some(worker) = workers.iter().find(|worker| worker.is_alive) {
+        let process = &worker.process;
+        let (name, host, pid) = (&process.name, &process.host, process.pid);
+        return Err(in_use(format!("worker {name} (pid {pid} on {host})")));
+    }
+    Ok(duties)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn places_that_lie_in_each_other_are_shared() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| Location::in_folder(folder.path().join(name));
+        let is_shared = |from: &Location, to: &Location| refuse_shared(from, to).is_err();
+        std::fs::create_dir_all(folder.path().join("a/b")).unwrap();
+        std::os::unix::fs::symlink("a", folder.path().join("link")).unwrap();
+        for (from, to) in [("a", "a"), ("a", "a/new/one"), ("a/b", "a"), ("a", "link/new")] {
+            assert!(is_shared(&at(from), &at(to)), "{from} and {to}");
+        }
+        for (from, to) in [("a", "ab"), ("a/b", "a/c"), ("new", "newer")] {
+            assert!(!is_shared(&at(from), &at(to)), "{from} and {to}");
+        }
+
+        let in_bucket =
+            |name: &str, url: &str| Location { objects: Some(url.parse().unwrap()), ..at(name) };
+        let from = in_bucket("a", "s3://lab/arm");
+        for url in ["s3://lab/arm", "s3://lab/arm/new", "s3://lab"] {
+            assert!(is_shared(&from, &in_bucket("c", url)), "{url}");
+        }
+        for url in ["s3://lab/arms", "s3://other/arm"] {
+            assert!(!is_shared(&from, &in_bucket("c", url)), "{url}");
+        }
+    }
+}

@@ -1,0 +1,97 @@
+//! Which tables move. Their columns are asked of the database, so that a new one cannot be forgotten.
+
+use std::collections::BTreeMap;
+
+use super::rows::{Column, Kind, Table};
+use crate::StoreError;
+
+/// The tables that move, each after those that its rows refer to.
+pub(crate) const TABLES: [&str; 20] = [
+    "resources",
+    "job",
+    "job_need",
+    "pipeline_member",
+    "task",
+    "attempt",
+    "attempt_log",
+    "idempotency_key",
+    "run",
+    "metric",
+    "metric_latest",
+    "artifact",
+    "dataset",
+    "shard",
+    "shard_file",
+    "checkpoint",
+    "checkpoint_file",
+    "upload",
+    "worker",
+    "queue",
+];
+
+/// Those of them that may have rows in a store without jobs.
+pub(super) const NEVER_EMPTY: [&str; 3] = ["resources", "worker", "queue"];
+
+/// Tables that speak of their database and not of what it holds: which store it is, when it was written to last, and
+/// which server was started on it.
+const STAYING: [&str; 3] = ["store", "probe", "server"];
+
+/// A column, as a database describes it.
+#[derive(Clone, Debug)]
+pub(crate) struct FoundColumn {
+    pub table: String,
+    pub name: String,
+    pub type_name: String,
+}
+
+/// The tables that move, with the columns that they have in a database.
+///
+/// # Errors
+/// [`StoreError::UnknownTable`] when there is a table, or a type of column, that nobody thought of.
+pub(super) fn tables(found: Vec<FoundColumn>, place: &str) -> Result<Vec<Table>, StoreError> {
+    let unknown = |table: &str, column: &str| {
+        let column = if column.is_empty() { String::new() } else { format!(".{column}") };
+        StoreError::UnknownTable { place: place.to_owned(), what: format!("{table}{column}") }
+    };
+    let mut by_table: BTreeMap<String, Vec<Column>> = BTreeMap::new();
+    for FoundColumn { table, name, type_name } in found {
+        let kind = Kind::of_type(&type_name).ok_or_else(|| unknown(&table, &name))?;
+        by_table.entry(table).or_default().push(Column { name, kind });
+    }
+    let mut tables = Vec::new();
+    for name in TABLES {
+        let mut columns = by_table.remove(name).ok_or_else(|| unknown(name, ""))?;
+        columns.sort_by(|a, b| a.name.cmp(&b.name));
+        tables.push(Table { name, columns });
+    }
+    match by_table.keys().find(|table| !STAYING.contains(&table.as_str())) {
+        Some(table) => Err(unknown(table, "")),
+        None => Ok(tables),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn found(tables: &[&str], type_name: &str) -> Vec<FoundColumn> {
+        let column = |table: &&str| FoundColumn {
+            table: (*table).to_owned(),
+            name: "id".to_owned(),
+            type_name: type_name.to_owned(),
+        };
+        tables.iter().map(column).collect()
+    }
+
+    #[test]
+    fn a_table_that_nobody_thought_of_is_refused() {
+        let known = found(&[&TABLES[..], &STAYING].concat(), "INTEGER");
+        assert_eq!(tables(known.clone(), "here").unwrap().len(), TABLES.len());
+        let more = [known, found(&["log"], "TEXT")].concat();
+        let error = tables(more, "here").unwrap_err().to_string();
+        assert_eq!(error, "here has log, which this torqued cannot move");
+        let error = tables(found(&TABLES, "BLOB"), "here").unwrap_err().to_string();
+        assert_eq!(error, "here has job.id, which this torqued cannot move");
+        assert!(tables(found(&TABLES[1..], "TEXT"), "here").is_err());
+    }
+}

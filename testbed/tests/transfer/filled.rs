@@ -1,0 +1,160 @@
+//! A store with something in every table, and with what databases keep in different ways.
+
+use std::time::Duration;
+
+use bytes::Bytes;
+use serde_json::json;
+use spec::{Digest, Resources};
+use store::{
+    Access, CheckpointFile, ClaimedTask, Idempotency, Metric, NewArtifact, NewCheckpoint, NewJob,
+    NewLogChunk, NewTask, Output, Progress, Retry, Reuse, Store, Submission, object_path,
+};
+use tempfile::TempDir;
+
+use super::sqlite;
+use crate::suite::texts::UNUSUAL;
+use crate::suite::workers::worker;
+use crate::suite::{
+    Fixture, alone, asking, beginning, files_of, import, pipeline, resources, simulate, task,
+    train, verify,
+};
+
+/// A data folder with tasks in every state; the running one is of a worker that died.
+pub async fn filled() -> TempDir {
+    let dir = tempfile::tempdir().unwrap();
+    let store = Store::open(dir.path(), Access::Server).await.unwrap();
+    let f = Fixture { store, objects: files_of(&dir), dir, keep: Box::new(()) };
+    finished_pipeline(&f).await;
+    failed_and_cancelled_jobs(&f).await;
+    imported_file(&f).await;
+    task_of_a_dead_worker(&f).await;
+    jobs_to_do(&f).await;
+    f.store.register_server("1.2.3").await.unwrap();
+    f.store.check_database().await.unwrap();
+    f.store.pause_queue().await.unwrap();
+    f.store.close().await;
+    let mut connection = sqlite(f.dir.path()).await;
+    let long_ago = "UPDATE worker SET seen_at = seen_at - 3600000";
+    sqlx::query(long_ago).execute(&mut connection).await.unwrap();
+    f.dir
+}
+
+async fn finished_pipeline(f: &Fixture) {
+    let asked = Idempotency { key: UNUSUAL.to_owned(), request: Digest::of(b"request") };
+    f.submit(Submission { idempotency: Some(asked), ..pipeline(1) }).await;
+    // A member that is there already.
+    f.submit(alone(simulate(1))).await;
+    while let Some(task) = f.claim().await {
+        if task.run.is_some() && task.stage == 0 {
+            record(f, &task).await;
+        }
+        match task.kind.as_str() {
+            "simulate" => {
+                let shard = f.publish_shard(&task).await;
+                f.store
+                    .commit_shard(task.fence, &shard, Some(&json!({"left": 1e-300})))
+                    .await
+                    .unwrap();
+            }
+            _ => {
+                let result = json!({"text": UNUSUAL, "numbers": [0.1, -0.0, 5e-324, 1e300, null]});
+                f.store.complete(task.fence, Some(&result)).await.unwrap();
+            }
+        }
+    }
+}
+
+/// Metrics, a checkpoint and an artifact.
+async fn record(f: &Fixture, task: &ClaimedTask) {
+    let values = [0.1, -0.0, f64::NAN, f64::INFINITY, f64::MIN_POSITIVE, 1e300, 3.0];
+    let mut metrics = Vec::new();
+    for (step, value) in (1..).zip(values) {
+        metrics.push(Metric { key: UNUSUAL.to_owned(), step, value });
+    }
+    // More than one statement takes.
+    metrics.extend((1..=15_000_u32).map(|step| Metric {
+        key: "loss".to_owned(),
+        step: u64::from(step),
+        value: 1.0 / f64::from(step),
+    }));
+    f.store.record_metrics(task.fence, &metrics).await.unwrap();
+    let bytes = Bytes::from(UNUSUAL);
+    let new = NewArtifact { name: "Länge $1.txt", media_type: "text/plain", bytes };
+    f.store.put_artifact(task.fence, new).await.unwrap();
+    let logged = NewLogChunk { position: 7, text: format!("{UNUSUAL}\n") };
+    f.store.append_log(task.fence, &[logged]).await.unwrap();
+    if task.kind != "train" {
+        return;
+    }
+    for (step, is_final) in [(5, false), (10, true)] {
+        let mut files = Vec::new();
+        for name in ["model.safetensors", "config.json", "empty"] {
+            let path = object_path::checkpoint(task.job, step, task.fence.epoch, name);
+            let length = if name == "empty" { 0 } else { 700_000 };
+            let bytes = Bytes::from(vec![b'x'; length]);
+            let object = f.store.put_object(&path, bytes).await.unwrap();
+            files.push(CheckpointFile { name: name.to_owned(), object });
+        }
+        let metrics = [("loss", 1e-300), ("Loss", -0.0), ("large", 1e16), ("third", 1.0 / 3.0)];
+        let metrics = metrics.map(|(key, value)| (key.to_owned(), value)).into();
+        let new = NewCheckpoint { step, is_final, is_best: is_final, metrics, files };
+        f.store.commit_checkpoint(task.fence, &new).await.unwrap();
+    }
+}
+
+async fn failed_and_cancelled_jobs(f: &Fixture) {
+    f.submit_one(train(&simulate(2), vec![])).await;
+    let released = f.must_claim().await;
+    f.store.release(released.fence).await.unwrap();
+    let failed = f.must_claim().await;
+    f.store.fail(failed.fence, UNUSUAL, Retry::Never).await.unwrap();
+    let cancelled = f.submit_one(simulate(3)).await;
+    let running = f.must_claim().await;
+    let shard = f.publish_shard(&running).await;
+    f.store.commit_shard(running.fence, &shard, None).await.unwrap();
+    f.store.cancel(cancelled).await.unwrap();
+}
+
+async fn imported_file(f: &Fixture) {
+    let mut writer = f.store.begin_upload().await.unwrap();
+    writer.write(&[7; 3_000_000]).await.unwrap();
+    let file = writer.finish(UNUSUAL).await.unwrap();
+    f.submit_one(import(file.object.sha256)).await;
+    f.work_off().await;
+}
+
+async fn task_of_a_dead_worker(f: &Fixture) {
+    let dead = worker("dead", 17);
+    f.store.register_worker(&dead).await.unwrap();
+    f.store.see_worker(&dead, Some(UNUSUAL)).await.unwrap();
+    f.submit_one(simulate(5)).await;
+    let offers = Resources::default();
+    let task = f.store.claim("dead", &offers, Duration::ZERO).await.unwrap().unwrap();
+    let message = Some(UNUSUAL.to_owned());
+    let progress = Progress { done: 1, rate_per_second: Some(1.0 / 3.0), message };
+    f.store.renew(task.fence, Duration::ZERO, &progress).await.unwrap();
+    f.store.drain_worker("dead").await.unwrap();
+}
+
+async fn jobs_to_do(f: &Fixture) {
+    let spec = json!({"tiny": 5e-324, "zero": -0.0, "text": UNUSUAL, "nothing": null});
+    let tasks = (0..3000).map(|k| NewTask { label: format!("{UNUSUAL} {k}"), ..task(0, k, 1) });
+    let new = NewJob {
+        name: UNUSUAL.to_owned(),
+        digest: Digest::of_json(&spec),
+        spec,
+        output: Output::Nothing,
+        tasks: tasks.collect(),
+        time_limit_s: Some(3600),
+        ..simulate(4)
+    };
+    let asked = asking(new, resources(8, 1, &["a100", "lab-3"]));
+    let now = f.store.now().await.unwrap();
+    let job = f.submit_one(beginning(asked, now, 100)).await;
+    f.submit_one(verify(job)).await;
+    f.submit(Submission { reuse: Reuse::Never, ..pipeline(6) }).await;
+    // A task that is tried again later.
+    let task = f.must_claim().await;
+    f.store.fail(task.fence, "a first time", Retry::Allowed).await.unwrap();
+    tokio::time::sleep(Duration::from_millis(2)).await;
+}
