@@ -297,6 +297,7 @@ CREATE TABLE attempt (
 CREATE INDEX attempt_by_job ON attempt (job, id);
 CREATE INDEX attempt_running ON attempt (job) WHERE ended_at IS NULL;
 CREATE INDEX attempt_logged ON attempt (job, id) WHERE log_bytes IS NOT NULL;
+CREATE INDEX attempt_by_worker ON attempt (worker, id);
 
 -- What attempts logged, in chunks of whole lines. Ids of one job grow in the order in which chunks can be read, so that
 -- a reader goes on after the last one that it has.
@@ -337,3 +338,25 @@ CREATE TABLE store (
 );
 
 INSERT INTO store (id) VALUES (replace(CAST(gen_random_uuid() AS TEXT), '-', ''));
+
+-- The engine that workers are asked of: one row, and none while servers start their own.
+CREATE TABLE engine (
+    id       BIGINT  PRIMARY KEY CHECK (id = 1),
+    name     TEXT    NOT NULL,
+    -- Why no workers come from it at the moment.
+    obstacle TEXT
+);
+
+-- Workers that were asked of an engine, as it showed them last. Those that ended stay for a day.
+CREATE TABLE placement (
+    worker     TEXT COLLATE "C" PRIMARY KEY,
+    engine     TEXT    NOT NULL,
+    -- What the engine calls it.
+    identifier TEXT,
+    state      TEXT    NOT NULL CHECK (state IN ('pending', 'running', 'ended')),
+    -- Why it waits, or how it ended.
+    reason     TEXT,
+    node       TEXT,
+    asked_at   BIGINT  NOT NULL,
+    changed_at BIGINT  NOT NULL
+);
