@@ -1,6 +1,6 @@
 use std::any::Any;
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use models::{Device, DeviceKind};
 use recordings::DecoderProgram;
@@ -34,6 +34,8 @@ pub struct WorkerOptions {
     pub offers: Resources,
     /// How long a lease lasts without a heartbeat: how late a death is noticed.
     pub lease: Duration,
+    /// How long to look for a task before the worker ends; `None` looks for ever.
+    pub idle_exit: Option<Duration>,
     /// Whether to work for a server of another version, too.
     pub any_version: bool,
     /// What models are computed on.
@@ -51,8 +53,8 @@ const LOOK_EVERY: Duration = Duration::from_secs(1);
 /// Between two tries when the database did not answer, or while there is no room on the disk.
 const RETRY: Duration = Duration::from_secs(2);
 
-/// Executes tasks until `shutdown`, then gives back the one it has. While the disk is nearly full it claims none: they
-/// would fail one after the other.
+/// Executes tasks until `shutdown`, then gives back the one it has, or until it found none for long enough. While the
+/// disk is nearly full it claims none: they would fail one after the other.
 ///
 /// # Errors
 /// A data folder or a device that cannot be opened; a device that failed; work that does not end when it is told to.
@@ -77,7 +79,7 @@ pub async fn run(options: &WorkerOptions, shutdown: CancellationToken) -> Result
     worked
 }
 
-/// Claims and executes tasks until `shutdown`.
+/// Claims and executes tasks until `shutdown`, or until it found none for long enough.
 ///
 /// # Errors
 /// As of [`execute`].
@@ -89,7 +91,12 @@ async fn work_on(
     shutdown: &CancellationToken,
 ) -> Result<(), WorkerError> {
     let mut bell = None;
+    let mut idle_since = Instant::now();
     while !shutdown.is_cancelled() {
+        if options.idle_exit.is_some_and(|idle| idle_since.elapsed() >= idle) {
+            tracing::info!("ends: it found no task for {} s", idle_since.elapsed().as_secs());
+            return Ok(());
+        }
         let obstacle = match store.obstacle() {
             None if !options.any_version => other_version(store).await,
             obstacle => obstacle,
@@ -101,6 +108,7 @@ async fn work_on(
                 Ok(Some(task)) => {
                     bell = None;
                     execute(store, device, task, options, shutdown).await?;
+                    idle_since = Instant::now();
                     Duration::ZERO
                 }
                 Ok(None) => {
