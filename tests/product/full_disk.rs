@@ -1,14 +1,13 @@
 //! A disk that runs full fails a job with one clear reason and damages nothing; nor does a file that
 //! may not grow.
 
-use std::io::Write;
 use std::path::Path;
 use std::process::Command;
 use std::time::Duration;
 
 use serde_json::{Value, json};
 
-use crate::product::{Product, run_to_end, small_pipeline, torqued};
+use crate::product::{Product, run_to_end, skip, small_pipeline, torqued};
 
 /// A small file system in memory, as long as this lives.
 struct SmallDisk(tempfile::TempDir);
@@ -36,16 +35,6 @@ impl SmallDisk {
 impl Drop for SmallDisk {
     fn drop(&mut self) {
         let _ = Command::new("umount").arg("--lazy").arg(self.path()).status();
-    }
-}
-
-/// Says so, and tells `cargo xtask test`, which counts what was skipped.
-fn skip(test: &str, reason: &str) {
-    let line = format!("{test}: {reason}");
-    eprintln!("SKIPPED {line}");
-    if let Some(list) = std::env::var_os("SKIPPED_TESTS") {
-        let mut list = std::fs::File::options().append(true).create(true).open(list).unwrap();
-        writeln!(list, "{line}").unwrap();
     }
 }
 
