@@ -45,11 +45,11 @@ pub struct WorkerOfferArguments {
     #[arg(long, env = "TORQUED_WORKER_CPUS", value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
     worker_cpus: Option<u32>,
 
-    /// GPUs that each worker offers to tasks [default: 1 when its device is one, else 0]
+    /// GPUs that each worker offers to tasks [default: 1 when its device is one, else 0; 0 on a cluster]
     #[arg(long, env = "TORQUED_WORKER_GPUS", value_name = "N", value_parser = clap::value_parser!(u32).range(0..=64))]
     worker_gpus: Option<u32>,
 
-    /// Memory that each worker offers to tasks, in GB [default: its share of what there is]
+    /// Memory that each worker offers to tasks, in GB [default: its share of what there is; 8 on a cluster]
     #[arg(long, env = "TORQUED_WORKER_MEMORY_GB", value_name = "GB", value_parser = gigabytes)]
     worker_memory_gb: Option<f64>,
 
@@ -59,6 +59,17 @@ pub struct WorkerOfferArguments {
 }
 
 impl WorkerOfferArguments {
+    /// What each worker offers that a cluster is asked for.
+    pub fn of_a_clusters_worker(&self, threads: u32) -> Resources {
+        const MEMORY_GB: f64 = 8.0;
+        Resources {
+            cpus: Some(self.worker_cpus.unwrap_or(threads)),
+            gpus: self.worker_gpus.unwrap_or(0),
+            memory_gb: Some(self.worker_memory_gb.unwrap_or(MEMORY_GB)),
+            tags: self.worker_tags.iter().cloned().collect(),
+        }
+    }
+
     /// The flags of each of `count` workers, which share the machine's memory.
     pub fn flags(&self, count: usize) -> Vec<String> {
         let mut flags = Vec::new();
@@ -140,6 +151,9 @@ mod tests {
             ["serve", "--worker-gpus", "2", "--worker-memory-gb", "3", "--worker-tag", "lab-3"];
         let flags = Serve::parse_from(told).offers.flags(4);
         assert_eq!(flags, ["--gpus", "2", "--memory-gb", "3", "--tag", "lab-3"]);
+        let tags = ["lab-3".to_owned()].into();
+        let expected = Resources { cpus: Some(4), gpus: 2, memory_gb: Some(3.0), tags };
+        assert_eq!(Serve::parse_from(told).offers.of_a_clusters_worker(4), expected);
         let flags = Serve::parse_from(["serve"]).offers.flags(2);
         let half = memory::bytes().map(|bytes| in_gigabytes(bytes / 2).to_string());
         assert_eq!(flags.last(), half.as_ref());

@@ -7,9 +7,6 @@ use nix::sys::resource::{Resource, getrlimit, setrlimit};
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 
-/// The exit code of a worker that ended because its task did not, which is no crash: EX_TEMPFAIL of sysexits.h.
-pub const GAVE_UP: u8 = 75;
-
 /// The program that this process runs, for it to run once more: the very same, also when another version has taken
 /// its place since.
 ///

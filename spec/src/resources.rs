@@ -43,6 +43,18 @@ impl Resources {
             && self.tags.is_superset(&asked.tags)
     }
 
+    /// The least that covers these and `others`.
+    #[must_use]
+    pub fn and(&self, others: &Self) -> Self {
+        let memory = self.megabytes().max(others.megabytes());
+        Self {
+            cpus: self.cpus.max(others.cpus),
+            gpus: self.gpus.max(others.gpus),
+            memory_gb: Self::gigabytes(memory),
+            tags: self.tags.union(&others.tags).cloned().collect(),
+        }
+    }
+
     /// The memory in units of 10^6 bytes; 0 where nothing is said of it.
     #[expect(
         clippy::cast_possible_truncation,
@@ -128,7 +140,14 @@ mod tests {
         ] {
             assert!(!offer.cover(&asked), "{asked}");
             assert!(!Resources::default().cover(&asked), "{asked}");
+            let both = offer.and(&asked);
+            assert!(both.cover(&offer) && both.cover(&asked), "{both}");
         }
+        assert_eq!(offer.and(&Resources::default()), offer);
+        assert_eq!(
+            resources(1, 0, 2.0, &["x"]).and(&resources(2, 1, 1.0, &["y"])),
+            resources(2, 1, 2.0, &["x", "y"])
+        );
     }
 
     #[test]

@@ -35,6 +35,9 @@ pub struct Arguments {
 
     #[command(flatten)]
     offers: OfferArguments,
+    /// End after so many seconds without a task [default: wait for ever]
+    #[arg(long, value_name = "SECONDS", value_parser = clap::value_parser!(u64).range(1..=86_400))]
+    idle_exit: Option<u64>,
 
     /// Work for a server of another version, too; its results may differ
     #[arg(long)]
@@ -68,6 +71,7 @@ pub async fn run(arguments: Arguments, log: &AttemptLog) -> anyhow::Result<ExitC
         threads,
         offers: arguments.offers.complete(threads.unwrap_or_else(machine), gpus),
         lease: Duration::from_secs(arguments.lease_seconds),
+        idle_exit: arguments.idle_exit.map(Duration::from_secs),
         any_version: arguments.any_version,
         device: arguments.device.device,
         decoder: decode_recording::program()?,
@@ -78,16 +82,18 @@ pub async fn run(arguments: Arguments, log: &AttemptLog) -> anyhow::Result<ExitC
         // The log says why.
         Err(WorkerError::Unstoppable { .. }) => {
             process::kill_children();
-            Ok(ExitCode::from(process::GAVE_UP))
+            Ok(ExitCode::from(executors::GAVE_UP))
         }
         Err(error) => Err(error.into()),
     }
 }
 
+/// A second Ctrl-C kills. A second SIGTERM does not: Slurm sends one when a worker is to be gone soon, and one when its
+/// time is over.
 async fn watch_signals(mut interrupts: Interrupts, shutdown: CancellationToken) {
     interrupts.next().await;
     shutdown.cancel();
-    interrupts.next().await;
+    interrupts.next_from_terminal().await;
     std::process::exit(1);
 }
 

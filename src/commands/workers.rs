@@ -2,7 +2,7 @@ use std::process::ExitCode;
 
 use clap::Args;
 use reports::{Align, Table};
-use wire::{Worker, WorkersTask};
+use wire::{Placement, Worker, Workers, WorkersTask};
 
 use crate::arguments::ServerArguments;
 use crate::progress::measure;
@@ -25,8 +25,8 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
         println!("{}", client.raw(PATH).await?);
         return Ok(ExitCode::SUCCESS);
     }
-    let workers = client.workers(PATH).await?.workers;
-    if workers.is_empty() {
+    let Workers { workers, placements } = client.workers(PATH).await?;
+    if workers.is_empty() && placements.is_empty() {
         println!("no worker; `torqued serve` starts its own, `torqued worker` another");
         return Ok(ExitCode::SUCCESS);
     }
@@ -42,6 +42,9 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     ]);
     for worker in workers {
         table.push(row(worker));
+    }
+    for placement in placements {
+        table.push(asked_for(placement));
     }
     print!("{}", table.render());
     Ok(ExitCode::SUCCESS)
@@ -60,6 +63,19 @@ fn row(worker: Worker) -> Vec<String> {
         seen.map(|age| format!("{} ago", measure::duration(age))).unwrap_or_default(),
         does,
     ]
+}
+
+/// A worker that an engine was asked for and that does not show itself.
+fn asked_for(placement: Placement) -> Vec<String> {
+    let changed = measure::since(&placement.changed_at, None);
+    let place = [Some(placement.engine), placement.identifier, placement.node];
+    let reason = placement.reason.map(|reason| format!(": {reason}")).unwrap_or_default();
+    let mut row = vec![String::new(); 8];
+    row[0] = placement.worker;
+    row[1] = place.into_iter().flatten().collect::<Vec<_>>().join(" ");
+    row[6] = changed.map(|age| format!("{} ago", measure::duration(age))).unwrap_or_default();
+    row[7] = format!("{}{reason}", placement.state);
+    row
 }
 
 fn does(worker: &Worker) -> String {

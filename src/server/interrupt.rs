@@ -14,6 +14,11 @@ impl Interrupts {
         Ok(Self { interrupt, terminate })
     }
 
+    /// Returns at the next Ctrl-C.
+    pub async fn next_from_terminal(&mut self) {
+        self.interrupt.recv().await;
+    }
+
     /// Returns at the next one.
     pub async fn next(&mut self) {
         tokio::select! {

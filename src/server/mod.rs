@@ -1,11 +1,11 @@
-//! A server: store, HTTP, reaper and worker processes, started and stopped together.
+//! A server: store, HTTP, reaper and what runs the workers, started and stopped together.
 
+mod executor;
 mod housekeeping;
 mod interrupt;
 mod listen;
 pub mod memory;
 mod places;
-mod worker_processes;
 
 use std::net::SocketAddr;
 use std::num::NonZero;
@@ -16,17 +16,18 @@ use std::time::Duration;
 use anyhow::Context;
 use api::App;
 use clap::Args;
+use executors::{Control, WorkerProcesses};
 use live::Live;
 use spec::{DataSpec, JobKind, TrainSpec};
-use store::{Access, Store};
+use store::{Access, Duty, Store};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
 use crate::arguments::{DeviceArguments, StoreArguments};
 use crate::offers::WorkerOfferArguments;
 use crate::{allocator, device, process};
+use executor::ExecutorArguments;
 pub use interrupt::Interrupts;
-use worker_processes::WorkerProcesses;
 
 /// What `serve` and `quickstart` can be told about the server they run.
 #[derive(Debug, Args)]
@@ -38,16 +39,19 @@ pub struct Options {
     #[arg(long, env = "TORQUED_LISTEN", value_name = "ADDRESS:PORT")]
     pub listen: Option<SocketAddr>,
 
-    /// Worker processes to run, 0 to 64
+    /// Worker processes to run on this machine, 0 to 64; with a cluster as --executor none are
     #[arg(long, env = "TORQUED_WORKERS", value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(0..=64))]
     pub workers: u16,
 
-    /// Threads of each worker [default: the machine's, divided among the workers]
+    /// Threads of each worker [default: the machine's, divided among the workers; 4 on a cluster]
     #[arg(long, env = "TORQUED_WORKER_THREADS", value_name = "N")]
     pub worker_threads: Option<NonZero<usize>>,
 
     #[command(flatten)]
     pub offers: WorkerOfferArguments,
+
+    #[command(flatten)]
+    pub executor: ExecutorArguments,
 
     #[command(flatten)]
     pub device: DeviceArguments,
@@ -107,6 +111,8 @@ impl Server {
         device::require(options.device.device).await?;
         let store = Store::open_at(&options.store.location(), Access::Server).await?;
         store.register_server(env!("CARGO_PKG_VERSION")).await?;
+        let command = executor::worker_command(options, log)?;
+        let engine = options.executor.engine(options, command.clone(), &store).await?;
         let listener = listen::bind(options.listen).await?;
         let address = listener.local_addr().context("cannot tell the address listened on")?;
 
@@ -137,17 +143,25 @@ impl Server {
         let kill_workers = CancellationToken::new();
         workers.spawn(housekeeping::reap(store.clone(), stop_workers.clone()));
         workers.spawn(housekeeping::sweep(store.clone(), stop_workers.clone()));
-        WorkerProcesses {
-            store: store.clone(),
-            location: options.store.location(),
-            count: usize::from(options.workers),
-            threads: worker_threads(options),
-            offers: options.offers.flags(usize::from(options.workers)),
-            device: options.device.device,
-            lease_seconds: options.lease_seconds,
-            log: log.to_owned(),
+        if let Some((engine, settings)) = engine {
+            let control = Control::new(store.clone(), engine, settings).await?;
+            workers.spawn(control.run(stop_workers.clone()));
+        } else {
+            // Unless another server asks one.
+            if store.duty(Duty::Placing).is_mine().await? {
+                store.set_engine(None).await?;
+            }
+            let count = usize::from(options.workers);
+            WorkerProcesses {
+                store: store.clone(),
+                command,
+                count,
+                name: names_of_workers(options),
+                threads: worker_threads(options),
+                offers: options.offers.flags(count),
+            }
+            .spawn(&workers, &stop_workers, &kill_workers);
         }
-        .spawn(&workers, &stop_workers, &kill_workers);
         workers.close();
 
         let url = format!("http://{address}");
@@ -211,12 +225,21 @@ fn time_limit(text: &str) -> Result<(JobKind, u32), String> {
     Ok((kind, seconds.ok_or(format!("allowed: 1 to {LONGEST} seconds"))?))
 }
 
-fn worker_threads(options: &Options) -> usize {
-    if let Some(threads) = options.worker_threads {
-        return threads.get();
+/// What the names of this server's workers begin with. Servers that share a database have workers of the same index.
+fn names_of_workers(options: &Options) -> String {
+    if options.store.database.is_none() {
+        return "worker-".to_owned();
     }
-    let machine = std::thread::available_parallelism().map_or(1, NonZero::get);
-    (machine / usize::from(options.workers).max(1)).max(1)
+    format!("{}-{}-worker-", process::host(), std::process::id())
+}
+
+fn worker_threads(options: &Options) -> u32 {
+    let machine = || std::thread::available_parallelism().map_or(1, NonZero::get);
+    let threads = match options.worker_threads {
+        Some(threads) => threads.get(),
+        None => (machine() / usize::from(options.workers).max(1)).max(1),
+    };
+    u32::try_from(threads).unwrap_or(u32::MAX)
 }
 
 #[cfg(test)]

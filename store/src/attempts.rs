@@ -16,7 +16,7 @@ pub struct Attempt {
     pub worker: String,
     /// `None` while it lasts.
     pub outcome: Option<AttemptOutcome>,
-    /// Why it failed.
+    /// Why it failed, or why the worker had to give the task back.
     pub reason: Option<String>,
     pub started_at: Timestamp,
     pub ended_at: Option<Timestamp>,

@@ -12,6 +12,8 @@ pub enum Duty {
     Reaping,
     /// Deleting objects without a row.
     Sweeping,
+    /// Asking a cluster's engine for workers.
+    Placing,
 }
 
 /// A claim to a [`Duty`].

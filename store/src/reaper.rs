@@ -81,11 +81,13 @@ impl Reaped {
     }
 }
 
-/// How a worker process ended, as its parent saw it.
+/// How a worker ended, as its parent or the engine that placed it saw it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum WorkerEnd<'a> {
     /// By itself, and how: completes "worker NAME ...".
     Died(&'a str),
+    /// From outside, for which its task is not to blame, and how: completes "worker NAME ...".
+    Interrupted(&'a str),
     /// It was told to; its task is no worse for it.
     Stopped,
 }
@@ -103,9 +105,16 @@ impl Store {
                 WorkerEnd::Died(how) => {
                     (Ending::Failed(Retry::Allowed), Some(format!("worker {worker} {how}")))
                 }
+                WorkerEnd::Interrupted(how) => {
+                    (Ending::Released, Some(format!("worker {worker} {how}")))
+                }
                 WorkerEnd::Stopped => (Ending::Released, None),
             };
             reaped.count(task_end::give_back(&mut tx, fence, ending, error.as_deref()).await?);
+        }
+        if let WorkerEnd::Interrupted(how) = end {
+            // It may have put its task down in time, without knowing why it had to.
+            sql!(&mut tx, explain_release(worker, &format!("worker {worker} {how}")))?;
         }
         tx.commit().await?;
         Ok(reaped)

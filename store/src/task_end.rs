@@ -144,6 +144,8 @@ pub(crate) async fn give_back(
         _ if standing.state == TaskState::Cancelled => None,
         Ending::Failed(Retry::Allowed) => error
             .map(|error| format!("{error} (attempt {} of {})", held.attempt, held.max_attempts)),
+        // The task is no worse for it.
+        Ending::Released => None,
         _ => error.map(str::to_owned),
     };
     if standing.state == TaskState::Queued {

@@ -48,7 +48,7 @@ pub struct WorkersTask {
 }
 
 /// How long workers that died are remembered.
-const REMEMBER: Duration = Duration::from_secs(24 * 60 * 60);
+pub(crate) const REMEMBER: Duration = Duration::from_secs(24 * 60 * 60);
 
 impl Store {
     /// A worker that was not seen for so long is taken for dead.

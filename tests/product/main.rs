@@ -4,6 +4,7 @@
 mod bad_specs;
 mod closed_loop;
 mod data_folder;
+mod deployment;
 mod devices;
 mod everywhere;
 mod forgiving;
@@ -14,6 +15,7 @@ mod imports;
 mod killed_server;
 mod killed_worker;
 mod logs;
+mod lone_worker;
 mod migration;
 mod noise;
 mod other_arms;
@@ -26,6 +28,8 @@ mod quickstart;
 #[path = "../../testbed/tests/s3_server/mod.rs"]
 mod s3_server;
 mod shards;
+mod slurm;
+mod slurm_cluster;
 mod stopping;
 mod streams;
 mod sweeps;

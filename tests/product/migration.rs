@@ -53,7 +53,9 @@ impl Lab {
         self.bucket.fail(Asked::Put, [Fault::Busy; 60]);
         let mut process = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
         let started = Instant::now();
-        while self.bucket.count(Asked::Put) <= TAKEN {
+        // The marks are the first two of them.
+        let copied = || files(&self.bucket.file("arm")) > 2;
+        while self.bucket.count(Asked::Put) <= TAKEN || !copied() {
             assert!(started.elapsed() < PATIENCE && process.try_wait().unwrap().is_none());
             tokio::time::sleep(Duration::from_millis(5)).await;
         }
@@ -66,6 +68,13 @@ impl Lab {
             http.put(url).send().await.unwrap();
         }
     }
+}
+
+/// The files in a folder and in those within it.
+fn files(folder: &Path) -> usize {
+    let entries =
+        std::fs::read_dir(folder).into_iter().flatten().map(|entry| entry.unwrap().path());
+    entries.map(|path| if path.is_dir() { files(&path) } else { 1 }).sum()
 }
 
 /// Runs a command that must succeed; returns its output and its errors.

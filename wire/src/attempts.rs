@@ -18,7 +18,7 @@ pub struct Attempt {
     /// Missing while it lasts.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub outcome: Option<AttemptOutcome>,
-    /// Why it failed.
+    /// Why it failed, or why the worker had to give the task back.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
     pub started_at: String,

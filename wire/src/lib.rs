@@ -57,7 +57,7 @@ pub use report::{
     TrainedOn, WorstCase, at_noise,
 };
 pub use runs::{Artifact, LatestMetric, Metric, MetricPoint, Run, Runs};
-pub use states::{AttemptOutcome, DatasetState, JobState, TaskState, UnknownState};
+pub use states::{AttemptOutcome, DatasetState, JobState, PlacementState, TaskState, UnknownState};
 pub use streams::{
     FilledContext, Nothing, StreamLatency, StreamMessage, StreamOpened, StreamReply,
     StreamSettings, StreamStep, StreamedPrediction,
@@ -67,4 +67,4 @@ pub use tasks::{Task, Tasks, findings, findings_of};
 pub use trajectories::Trajectory;
 pub use verifications::{Verification, VerifiedShard};
 pub use warnings::{Warning, WarningKind};
-pub use workers::{Worker, Workers, WorkersTask};
+pub use workers::{Placement, Worker, Workers, WorkersTask};

@@ -91,6 +91,15 @@ states! {
     }
 }
 
+states! {
+    /// Where a worker stands that was asked of a cluster's engine.
+    PlacementState {
+        Pending = "pending",
+        Running = "running",
+        Ended = "ended",
+    }
+}
+
 impl JobState {
     /// True of a job that has ended.
     pub const fn is_final(self) -> bool {

@@ -4,6 +4,8 @@ use serde::{Deserialize, Serialize};
 use spec::Resources;
 use utoipa::ToSchema;
 
+use crate::PlacementState;
+
 /// A worker, as it showed itself last.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Worker {
@@ -33,6 +35,9 @@ pub struct Worker {
     /// The task that it has.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub task: Option<WorkersTask>,
+    /// As the engine shows it that placed it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub placement: Option<Placement>,
     pub started_at: String,
     pub seen_at: String,
 }
@@ -62,8 +67,33 @@ pub struct WorkersTask {
     pub label: String,
 }
 
+/// What a cluster's engine says of a worker that was asked of it.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct Placement {
+    /// The worker's name.
+    pub worker: String,
+    #[schema(example = "Slurm")]
+    pub engine: String,
+    /// What the engine calls it: the number of a Slurm job, the name of a Pod.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub identifier: Option<String>,
+    pub state: PlacementState,
+    /// Why it waits, or how it ended.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reason: Option<String>,
+    /// Where it runs.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub node: Option<String>,
+    pub asked_at: String,
+    pub changed_at: String,
+}
+
 /// Workers by name: those that are there, and those that died within a day.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Workers {
     pub workers: Vec<Worker>,
+    /// Workers that were asked of an engine and are not among `workers`: those that wait for their place, and those
+    /// that ended within a day.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub placements: Vec<Placement>,
 }

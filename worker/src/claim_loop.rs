@@ -35,6 +35,8 @@ pub struct WorkerOptions {
     pub offers: Resources,
     /// How long a lease lasts without a heartbeat: how late a death is noticed.
     pub lease: Duration,
+    /// How long to look for a task before the worker ends; `None` looks for ever.
+    pub idle_exit: Option<Duration>,
     /// Whether to work for a server of another version, too.
     pub any_version: bool,
     /// What models are computed on.
@@ -55,8 +57,8 @@ const BELL_KEPT: Duration = Duration::from_secs(2);
 /// Between two tries when the database did not answer, or while there is no room on the disk.
 const RETRY: Duration = Duration::from_secs(2);
 
-/// Executes tasks until `shutdown`, then gives back the one it has. While the disk is nearly full it claims none: they
-/// would fail one after the other.
+/// Executes tasks until `shutdown`, then gives back the one it has, or until it found none for long enough. While the
+/// disk is nearly full it claims none: they would fail one after the other.
 ///
 /// # Errors
 /// A data folder or a device that cannot be opened; a device that failed; work that does not end when it is told to.
@@ -81,7 +83,7 @@ pub async fn run(options: &WorkerOptions, shutdown: CancellationToken) -> Result
     worked
 }
 
-/// Claims and executes tasks until `shutdown`.
+/// Claims and executes tasks until `shutdown`, or until it found none for long enough.
 ///
 /// # Errors
 /// As of [`execute`].
@@ -94,7 +96,12 @@ async fn work_on(
 ) -> Result<(), WorkerError> {
     let mut bell = None;
     let mut same_version_at: Option<Instant> = None;
+    let mut idle_since = Instant::now();
     while !shutdown.is_cancelled() {
+        if options.idle_exit.is_some_and(|idle| idle_since.elapsed() >= idle) {
+            tracing::info!("ends: it found no task for {} s", idle_since.elapsed().as_secs());
+            return Ok(());
+        }
         let is_known = same_version_at.is_some_and(|at| at.elapsed() < LOOK_EVERY);
         let obstacle = match store.obstacle() {
             None if !options.any_version && !is_known => {
@@ -118,6 +125,7 @@ async fn work_on(
                             execution.await?;
                         }
                     }
+                    idle_since = Instant::now();
                     Duration::ZERO
                 }
                 Ok(None) => {

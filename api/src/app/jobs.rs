@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 use serde_json::Value;
 use spec::{JobKind, Product};
-use store::{JobFilter, JobId, Timestamp, Wait};
+use store::{JobFilter, JobId, Timestamp};
 use wire::{Job, JobState, Jobs, Member, Progress};
 
 use crate::app::waits::sentence;
@@ -49,6 +49,17 @@ impl App {
         jobs.map(|(row, warnings)| known.complete(row, warnings)).collect()
     }
 
+    /// Why the queued jobs among these wait, in sentences.
+    async fn waits(&self, jobs: &[JobId]) -> Result<HashMap<JobId, String>, ApiError> {
+        let waits = self.store.waits(jobs).await?;
+        if waits.is_empty() {
+            return Ok(HashMap::new());
+        }
+        let engine = self.store.engine().await?.map(|engine| engine.name);
+        let told = |(job, wait)| (job, sentence(&wait, engine.as_deref()));
+        Ok(waits.into_iter().map(told).collect())
+    }
+
     async fn known_of(&self, rows: &[store::Job]) -> Result<Known, ApiError> {
         let mut known = Known::default();
         let jobs: Vec<JobId> = rows.iter().map(|row| row.id).collect();
@@ -68,11 +79,10 @@ impl App {
         let open_members = members.iter().filter(|row| !row.state.is_final()).map(|row| row.job);
         let open: BTreeSet<JobId> = open.chain(open_members).collect();
         if !open.is_empty() {
-            known.waits = self.store.waits(&open.into_iter().collect::<Vec<_>>()).await?;
+            known.waits = self.waits(&open.into_iter().collect::<Vec<_>>()).await?;
         }
         for member in members {
-            let (pipeline, waits_for) =
-                (member.pipeline, known.waits.get(&member.job).map(sentence));
+            let (pipeline, waits_for) = (member.pipeline, known.waits.get(&member.job).cloned());
             let member = seen_by_pipeline(member, waits_for)?;
             known.members.entry(pipeline).or_default().push(member);
         }
@@ -98,7 +108,8 @@ impl App {
 struct Known {
     needs: HashMap<JobId, Vec<i64>>,
     members: HashMap<JobId, Vec<Member>>,
-    waits: HashMap<JobId, Wait>,
+    /// Why queued jobs wait, in sentences.
+    waits: HashMap<JobId, String>,
     checkpoints: HashMap<JobId, Vec<i64>>,
     /// The datasets that the jobs of verifications make again, by the job that fills each.
     datasets: HashMap<i64, i64>,
@@ -134,7 +145,7 @@ impl Known {
             time_limit_s: row.time_limit_s,
             resources: row.resources,
             not_before: row.not_before.map(|moment| moment.to_string()),
-            waits_for: self.waits.get(&row.id).map(sentence),
+            waits_for: self.waits.get(&row.id).cloned(),
             cancel_requested: row.cancel_requested,
             created_at: row.created_at.to_string(),
             started_at: text(row.started_at),

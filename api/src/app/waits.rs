@@ -5,15 +5,18 @@ use std::fmt::Write;
 use spec::Resources;
 use store::Wait;
 
-/// Goes on from "queued, ".
-pub(super) fn sentence(wait: &Wait) -> String {
-    match wait {
-        Wait::Until(moment) => format!("from {moment} on"),
-        Wait::Unoffered(resources) => format!(
+/// Goes on from "queued, ". An `engine` is asked for workers that are lacking.
+pub(super) fn sentence(wait: &Wait, engine: Option<&str>) -> String {
+    match (wait, engine) {
+        (Wait::Until(moment), _) => format!("from {moment} on"),
+        (Wait::Unoffered(resources) | Wait::Drained { resources, .. }, Some(engine)) => {
+            format!("no worker offers {resources}; {engine} is asked for one")
+        }
+        (Wait::Unoffered(resources), None) => format!(
             "no worker offers {resources}; start one with `torqued worker{}`",
             flags(resources)
         ),
-        Wait::Drained { resources, workers } => format!(
+        (Wait::Drained { resources, workers }, None) => format!(
             "only drained workers offer {resources}; end that with `torqued undrain {}`",
             workers.join("` or `torqued undrain ")
         ),
@@ -49,17 +52,22 @@ mod tests {
         let tags = ["a100".to_owned(), "lab-3".to_owned()].into();
         let resources = Resources { cpus: Some(4), gpus: 1, memory_gb: Some(7.5), tags };
         assert_eq!(
-            sentence(&Wait::Unoffered(resources)),
+            sentence(&Wait::Unoffered(resources.clone()), None),
             "no worker offers cpus >= 4, gpus >= 1, memory_gb >= 7.5, tag a100 and tag lab-3; start one \
              with `torqued worker --cpus 4 --gpus 1 --memory-gb 7.5 --tag a100 --tag lab-3`"
+        );
+        assert_eq!(
+            sentence(&Wait::Unoffered(resources), Some("Slurm")),
+            "no worker offers cpus >= 4, gpus >= 1, memory_gb >= 7.5, tag a100 and tag lab-3; Slurm is asked \
+             for one"
         );
         let resources = Resources { gpus: 2, ..Resources::default() };
         let workers = vec!["w1".to_owned(), "w2".to_owned()];
         assert_eq!(
-            sentence(&Wait::Drained { resources, workers }),
+            sentence(&Wait::Drained { resources, workers }, None),
             "only drained workers offer gpus >= 2; end that with `torqued undrain w1` or `torqued undrain w2`"
         );
         let moment = "2026-12-01T09:00:00+01:00".parse().unwrap();
-        assert_eq!(sentence(&Wait::Until(moment)), "from 2026-12-01T08:00:00Z on");
+        assert_eq!(sentence(&Wait::Until(moment), None), "from 2026-12-01T08:00:00Z on");
     }
 }

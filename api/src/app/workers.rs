@@ -1,7 +1,7 @@
 //! Workers, and whether all is well.
 
 use store::WorkerProcess;
-use wire::{Health, Worker, WorkersTask};
+use wire::{Health, Placement, Worker, Workers, WorkersTask};
 
 use crate::app::jobs::text;
 use crate::app::waits::sentence;
@@ -9,8 +9,17 @@ use crate::app::{App, VERSION};
 use crate::error::ApiError;
 
 impl App {
-    pub async fn workers(&self) -> Result<Vec<Worker>, ApiError> {
-        Ok(self.store.workers().await?.into_iter().map(worker).collect())
+    pub async fn workers(&self) -> Result<Workers, ApiError> {
+        let mut workers: Vec<Worker> =
+            self.store.workers().await?.into_iter().map(worker).collect();
+        let mut placements = Vec::new();
+        for placement in self.store.placements().await?.into_iter().map(placement) {
+            match workers.iter_mut().find(|worker| worker.name == placement.worker) {
+                Some(worker) => worker.placement = Some(placement),
+                None => placements.push(placement),
+            }
+        }
+        Ok(Workers { workers, placements })
     }
 
     /// Why tasks wait although they could be executed, in sentences; empty when all is well.
@@ -20,9 +29,12 @@ impl App {
             obstacles
                 .push(format!("the queue is paused since {since}; `torqued resume` ends that"));
         }
+        let engine = self.store.engine().await?;
         let are_alive = workers.iter().any(|worker| worker.alive);
         let are_free = workers.iter().any(|worker| worker.alive && worker.drained_at.is_none());
-        if !are_alive {
+        if engine.is_some() {
+            // It is asked for whatever workers are lacking, and has an obstacle where that fails.
+        } else if !are_alive {
             let nobody = "no worker is alive, so that tasks wait; start one with `torqued worker`";
             obstacles.push(nobody.to_owned());
         } else if !are_free {
@@ -30,8 +42,10 @@ impl App {
                 "every worker is drained, so that tasks wait; `torqued undrain NAME` ends that";
             obstacles.push(nobody.to_owned());
         } else if let Some(wait) = self.store.why_all_wait().await? {
-            obstacles.push(format!("no worker can take any task that waits: {}", sentence(&wait)));
+            let why = sentence(&wait, None);
+            obstacles.push(format!("no worker can take any task that waits: {why}"));
         }
+        obstacles.extend(engine.and_then(|engine| engine.obstacle));
         obstacles.extend(self.store.obstacle());
         Ok(obstacles)
     }
@@ -49,7 +63,7 @@ impl App {
     }
 
     async fn worker(&self, name: &str) -> Result<Worker, ApiError> {
-        let workers = self.workers().await?;
+        let Workers { workers, .. } = self.workers().await?;
         let found = workers.into_iter().find(|worker| worker.name == name);
         found.ok_or_else(|| ApiError::not_found("worker", name))
     }
@@ -58,7 +72,7 @@ impl App {
     /// [`ApiError::Unwritable`] when the database cannot be written.
     pub async fn health(&self) -> Result<Health, ApiError> {
         self.store.check_database().await.map_err(ApiError::Unwritable)?;
-        let workers = self.workers().await?;
+        let workers = self.workers().await?.workers;
         let reasons = self.obstacles(&workers).await?;
         let status = if reasons.is_empty() { "ok" } else { "degraded" };
         Ok(Health {
@@ -90,7 +104,22 @@ fn worker(row: store::Worker) -> Worker {
             job: task.job.0,
             label: task.label,
         }),
+        placement: None,
         started_at: row.started_at.to_string(),
         seen_at: row.seen_at.to_string(),
+    }
+}
+
+fn placement(row: store::Placement) -> Placement {
+    let store::Placed { worker, engine, identifier, state, reason, node } = row.placed;
+    Placement {
+        worker,
+        engine,
+        identifier,
+        state,
+        reason,
+        node,
+        asked_at: row.asked_at.to_string(),
+        changed_at: row.changed_at.to_string(),
     }
 }

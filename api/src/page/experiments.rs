@@ -62,7 +62,8 @@ pub async fn show(
         rows,
     });
     let settled = jobs.jobs.iter().all(|job| job.state.is_final());
-    let obstacles = if settled { Vec::new() } else { app.obstacles(&app.workers().await?).await? };
+    let obstacles =
+        if settled { Vec::new() } else { app.obstacles(&app.workers().await?.workers).await? };
     let page = ExperimentsPage {
         obstacles,
         commands: Commands::new(&app, &headers),

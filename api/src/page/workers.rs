@@ -3,7 +3,7 @@
 use askama::Template;
 use axum::extract::State;
 use axum::response::{Redirect, Response};
-use wire::{Queue, Worker, WorkersTask};
+use wire::{Placement, PlacementState, Queue, Worker, Workers, WorkersTask};
 
 use crate::app::App;
 use crate::extract::Path;
@@ -16,6 +16,7 @@ struct WorkersPage {
     queue: Queue,
     obstacles: Vec<String>,
     workers: Vec<WorkerRow>,
+    placements: Vec<PlacementRow>,
 }
 
 struct WorkerRow {
@@ -30,14 +31,26 @@ struct WorkerRow {
     task: Option<WorkersTask>,
     /// In words, without a task.
     does: String,
+    placement: Option<PlacementRow>,
+}
+
+/// What an engine says of a worker.
+struct PlacementRow {
+    worker: String,
+    /// The engine and what it calls the worker.
+    place: String,
+    state: PlacementState,
+    reason: String,
+    changed_at: String,
 }
 
 pub async fn show(State(app): State<App>) -> Result<Response, PageError> {
-    let workers = app.workers().await?;
+    let Workers { workers, placements } = app.workers().await?;
     let page = WorkersPage {
         obstacles: app.obstacles(&workers).await?,
         queue: app.queue().await?,
         workers: workers.into_iter().map(WorkerRow::from).collect(),
+        placements: placements.into_iter().map(PlacementRow::from).collect(),
     };
     Ok(html(&page)?)
 }
@@ -92,6 +105,20 @@ impl From<Worker> for WorkerRow {
             seen_at: instant(&worker.seen_at),
             task: worker.task.filter(|_| worker.alive),
             does,
+            placement: worker.placement.map(PlacementRow::from),
+        }
+    }
+}
+
+impl From<Placement> for PlacementRow {
+    fn from(placement: Placement) -> Self {
+        let place = [Some(placement.engine), placement.identifier, placement.node];
+        Self {
+            worker: placement.worker,
+            place: place.into_iter().flatten().collect::<Vec<_>>().join(" "),
+            state: placement.state,
+            reason: placement.reason.unwrap_or_default(),
+            changed_at: instant(&placement.changed_at),
         }
     }
 }

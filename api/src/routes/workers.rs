@@ -16,7 +16,7 @@ use crate::extract::Path;
     responses((status = 200, body = Workers)),
 )]
 pub async fn list(State(app): State<App>) -> Result<Json<Workers>, ApiError> {
-    Ok(Json(Workers { workers: app.workers().await? }))
+    Ok(Json(app.workers().await?))
 }
 
 /// Have a worker claim no more tasks; it ends the one that it has. That lasts until the worker ends, or is undrained.

@@ -42,6 +42,19 @@ async fn a_job_that_no_worker_can_take_says_so_everywhere() {
     assert_eq!(health["status"], "degraded", "{health}");
     assert!(health["reasons"][0].as_str().unwrap().ends_with(expected), "{health}");
 
+    // An engine is asked for what is lacking.
+    let engine = store::Engine { name: "Slurm".to_owned(), obstacle: None };
+    server.store.set_engine(Some(&engine)).await.unwrap();
+    assert_eq!(server.json("/healthz").await["status"], "ok");
+    let asked = "no worker offers gpus >= 2 and tag a100; Slurm is asked for one";
+    assert_eq!(server.json("/v1/jobs/1").await["waits_for"], asked);
+    let obstacle = Some("squeue of Slurm failed".to_owned());
+    let engine = store::Engine { obstacle, ..engine };
+    server.store.set_engine(Some(&engine)).await.unwrap();
+    let health = server.json("/healthz").await;
+    assert_eq!(health["reasons"], json!(["squeue of Slurm failed"]));
+    server.store.set_engine(None).await.unwrap();
+
     // One that can be taken: the server is well, and the other waits still.
     server.submitted(&small_simulation(2)).await;
     assert_eq!(server.json("/healthz").await["status"], "ok");

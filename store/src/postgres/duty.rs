@@ -49,5 +49,6 @@ const fn key(duty: Duty) -> i64 {
     i64::from_be_bytes(match duty {
         Duty::Reaping => *b"torqreap",
         Duty::Sweeping => *b"torqswep",
+        Duty::Placing => *b"torqplac",
     })
 }

@@ -13,9 +13,15 @@ use crate::patience::PATIENCE;
 use crate::{Access, StoreError};
 
 /// Number, name and statements of each file in `migrations/postgres`.
-const FILES: [(i64, &str, &str); 2] = [
+const FILES: [(i64, &str, &str); 4] = [
     (1, "initial", include_str!("../../../migrations/postgres/0001_initial.sql")),
     (2, "task_states", include_str!("../../../migrations/postgres/0002_task_states.sql")),
+    (
+        3,
+        "checkpoint_metrics",
+        include_str!("../../../migrations/postgres/0003_checkpoint_metrics.sql"),
+    ),
+    (4, "placements", include_str!("../../../migrations/postgres/0004_placements.sql")),
 ];
 
 static MIGRATIONS: LazyLock<Migrator> = LazyLock::new(|| {

@@ -40,6 +40,17 @@ impl Transaction {
         .bind(fence.epoch);
         self.execute(statement).await
     }
+
+    /// Says why a worker gave its last task back, unless that is known.
+    pub async fn explain_release(&mut self, worker: &str, reason: &str) -> Result<(), sqlx::Error> {
+        let statement = sqlx::query(
+            "UPDATE attempt SET reason = $1 WHERE id = (SELECT MAX(id) FROM attempt WHERE worker = $2) \
+             AND outcome = 'released' AND reason IS NULL",
+        )
+        .bind(reason)
+        .bind(worker);
+        self.execute(statement).await
+    }
 }
 
 impl FromRow<'_, DbRow> for Attempt {

@@ -18,6 +18,7 @@ pub(super) mod line;
 mod logs;
 mod metrics;
 mod pipelines;
+mod placements;
 mod queue;
 mod rows;
 mod runs;

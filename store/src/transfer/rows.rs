@@ -153,9 +153,9 @@ mod tests {
         assert_eq!(digest(&rows), digest(&[second.clone(), first.clone()]));
         let others = [
             vec![first.clone()],
-            vec![first.clone(), second.clone(), second.clone()],
+            vec![first.clone(), second.clone(), second],
             vec![first.clone(), vec![Value::Integer(2), text("")]],
-            vec![first.clone(), vec![Value::Real(2.0), Value::Nothing]],
+            vec![first, vec![Value::Real(2.0), Value::Nothing]],
             vec![vec![Value::Integer(2), text("a")], vec![Value::Integer(1), Value::Nothing]],
         ];
         for other in others {

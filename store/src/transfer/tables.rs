@@ -32,9 +32,9 @@ pub(crate) const TABLES: [&str; 20] = [
 /// Those of them that may have rows in a store without jobs.
 pub(super) const NEVER_EMPTY: [&str; 3] = ["resources", "worker", "queue"];
 
-/// Tables that speak of their database and not of what it holds: which store it is, when it was written to last, and
-/// which server was started on it.
-const STAYING: [&str; 3] = ["store", "probe", "server"];
+/// Tables that speak of their database and not of what it holds: which store it is, when it was written to last, which
+/// server was started on it, and what a cluster's engine says of its workers.
+const STAYING: [&str; 5] = ["store", "probe", "server", "engine", "placement"];
 
 /// A column, as a database describes it.
 #[derive(Clone, Debug)]
@@ -91,7 +91,7 @@ mod tests {
         let error = tables(more, "here").unwrap_err().to_string();
         assert_eq!(error, "here has log, which this torqued cannot move");
         let error = tables(found(&TABLES, "BLOB"), "here").unwrap_err().to_string();
-        assert_eq!(error, "here has job.id, which this torqued cannot move");
+        assert_eq!(error, "here has resources.id, which this torqued cannot move");
         assert!(tables(found(&TABLES[1..], "TEXT"), "here").is_err());
     }
 }

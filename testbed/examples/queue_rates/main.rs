@@ -7,10 +7,12 @@
 //! - `setup` creates the tables.
 //! - `submit many N` submits a job of N tasks, `submit each N` N jobs of one task.
 //! - `offer N PERIOD_MS` submits N jobs of one task, one every so often.
+//! - `metrics N` prints how many values of metrics N trainings record per second.
 //! - `work N` is a process of N workers with connections of their own; see `working.rs` for what it reads and prints.
 //!
-//! Programs that measure other queues understand the same words, `cluster` apart.
+//! Programs that measure other queues understand the same words, `cluster` and `metrics` apart.
 
+mod recording;
 mod submitting;
 mod working;
 
@@ -49,6 +51,7 @@ fn main() -> Outcome<()> {
                 let period = Duration::from_millis(period.parse()?);
                 submitting::every_so_often(&place, count.parse()?, period).await
             }
+            ("metrics", [trainings]) => recording::run(&place, trainings.parse()?).await,
             ("work", [count]) => working::run(&place, count.parse()?).await,
             _ => Err(format!("what is {arguments:?}?").into()),
         }

@@ -17,7 +17,7 @@ const CLIENTS: u32 = 8;
 /// A job of `count` tasks.
 pub async fn one_job(place: &Location, count: u32) -> Outcome<()> {
     let store = open(place).await?;
-    submit(&store, count).await?;
+    submit(&store, nothing(count)).await?;
     store.close().await;
     Ok(())
 }
@@ -31,7 +31,7 @@ pub async fn many_jobs(place: &Location, count: u32) -> Outcome<()> {
         let share = count / CLIENTS + u32::from(client < count % CLIENTS);
         clients.push(tokio::spawn(async move {
             for _ in 0..share {
-                submit(&store, 1).await?;
+                submit(&store, nothing(1)).await?;
             }
             Ok::<(), StoreError>(())
         }));
@@ -49,7 +49,7 @@ pub async fn every_so_often(place: &Location, count: u32, period: Duration) -> O
     let mut ticks = tokio::time::interval(period);
     for _ in 0..count {
         ticks.tick().await;
-        submit(&store, 1).await?;
+        submit(&store, nothing(1)).await?;
     }
     store.close().await;
     Ok(())
@@ -59,10 +59,17 @@ async fn open(place: &Location) -> Result<Store, StoreError> {
     Store::open_at(place, Access::Server).await
 }
 
-async fn submit(store: &Store, tasks: u32) -> Result<(), StoreError> {
+pub async fn submit(store: &Store, job: NewJob) -> Result<(), StoreError> {
+    let submission =
+        Submission { jobs: vec![job], pipeline: None, reuse: Reuse::Never, idempotency: None };
+    store.submit(submission).await.map(|_| ())
+}
+
+/// A job of `tasks` tasks that do nothing, submitted now.
+pub fn nothing(tasks: u32) -> NewJob {
     let called_at = now_us();
     let spec = json!({"kind": "nothing", "called_at_us": called_at});
-    let job = NewJob {
+    NewJob {
         name: "nothing".to_owned(),
         kind: "nothing".to_owned(),
         digest: Digest::of_json(&spec),
@@ -77,10 +84,7 @@ async fn submit(store: &Store, tasks: u32) -> Result<(), StoreError> {
         reuse: JobReuse { whole: false, parts: PartReuse::Nothing },
         tasks: (0..tasks).map(|ordinal| task(ordinal, &json!(called_at))).collect(),
         needs: vec![],
-    };
-    let submission =
-        Submission { jobs: vec![job], pipeline: None, reuse: Reuse::Never, idempotency: None };
-    store.submit(submission).await.map(|_| ())
+    }
 }
 
 fn task(ordinal: u32, payload: &Value) -> NewTask {

@@ -123,6 +123,11 @@ macro_rules! all_laws {
                 a_worker_that_began_anew_is_not_forgotten_by_the_one_before,
                 the_task_of_a_worker_that_died_goes_to_the_next_at_once,
                 a_worker_that_was_told_to_stop_loses_no_attempt;
+            placements:
+                the_engine_and_its_obstacle_are_shown_until_there_is_none,
+                a_placement_is_kept_as_the_engine_showed_it_last,
+                a_worker_that_was_interrupted_loses_no_attempt_and_the_reason_is_known,
+                why_a_worker_put_its_task_down_in_time_is_known_afterwards;
             takeover:
                 shards_of_a_job_that_failed_are_there_for_the_next,
                 a_training_goes_on_where_one_that_failed_ended,

@@ -14,6 +14,7 @@ pub mod logs;
 pub mod metrics;
 pub mod moments;
 pub mod objects;
+pub mod placements;
 pub mod propagation;
 pub mod resources;
 pub mod servers;

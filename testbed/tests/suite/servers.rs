@@ -16,7 +16,7 @@ pub async fn a_store_keeps_its_identity(f: Fixture) {
 }
 
 pub async fn a_server_alone_has_every_duty(f: Fixture) {
-    for duty in [Duty::Reaping, Duty::Sweeping] {
+    for duty in [Duty::Reaping, Duty::Sweeping, Duty::Placing] {
         let mut claim = f.store.duty(duty);
         assert!(claim.is_mine().await.unwrap());
         assert!(claim.is_mine().await.unwrap());

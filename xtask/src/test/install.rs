@@ -14,8 +14,9 @@ pub struct Installation {
     pub run: fn() -> anyhow::Result<()>,
 }
 
-pub const ALL: [Installation; 4] = [
+pub const ALL: [Installation; 5] = [
     Installation { name: "install system packages", run: system_packages },
+    Installation { name: "install Slurm", run: slurm },
     Installation { name: "install cargo-nextest", run: nextest },
     Installation { name: "install Python packages", run: python_packages },
     Installation { name: "install Node packages", run: node_packages },
@@ -54,6 +55,16 @@ fn system_packages() -> anyhow::Result<()> {
 pub fn has_postgresql() -> bool {
     let versions = fs::read_dir("/usr/lib/postgresql").into_iter().flatten().flatten();
     versions.into_iter().any(|version| version.path().join("bin/initdb").exists())
+}
+
+/// For the tests of `--executor slurm`, which say that they are skipped where it cannot be had. The tests start daemons
+/// of their own.
+fn slurm() -> anyhow::Result<()> {
+    let missing = if process::exists("sbatch") { &[][..] } else { &["munge", "slurm-wlm"] };
+    if let Err(error) = debian_packages(missing) {
+        eprintln!("without Slurm: {error:#}");
+    }
+    Ok(())
 }
 
 /// A Vulkan driver that computes on the processor.

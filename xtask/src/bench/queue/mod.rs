@@ -26,6 +26,7 @@ use workers::Workers;
 
 const WORKERS: [u32; 3] = [1, 8, 64];
 const IDLE_WORKERS: u32 = 64;
+const TRAININGS: [u32; 2] = [1, 8];
 
 /// Workers may open connections and plan statements for so long before they are counted.
 const WARM_UP: Duration = Duration::from_millis(500);
@@ -175,6 +176,14 @@ fn measure(
                 rows.push(Measurement::compared(what(quantile), ours, peer, "ms", None));
             }
         }
+    }
+
+    for trainings in TRAININGS {
+        eprintln!("{name}, metrics of {trainings} trainings");
+        let queue = Queue::new(database, ours, folder, Work::Each, 0)?;
+        let printed = ours.run("metrics", &queue.place, &[&trainings.to_string()])?;
+        let what = format!("{name}, metrics, 100 at a time, {trainings} trainings");
+        rows.push(Measurement::alone(what, printed.trim().parse()?, "1/s", None));
     }
 
     eprintln!("{name}, {IDLE_WORKERS} idle workers");

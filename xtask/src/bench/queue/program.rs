@@ -41,8 +41,8 @@ impl Program {
         command
     }
 
-    /// Runs to the end, which must be a success.
-    pub fn run(&self, role: &str, place: &Place, rest: &[&str]) -> anyhow::Result<()> {
+    /// Runs to the end, which must be a success, and returns what it prints.
+    pub fn run(&self, role: &str, place: &Place, rest: &[&str]) -> anyhow::Result<String> {
         let program = self.path.display();
         let output = self
             .command(role, place, rest)
@@ -50,6 +50,6 @@ impl Program {
             .with_context(|| format!("cannot run {program}"))?;
         let error = String::from_utf8_lossy(&output.stderr);
         ensure!(output.status.success(), "{program} {role}: {error}");
-        Ok(())
+        Ok(String::from_utf8(output.stdout)?)
     }
 }

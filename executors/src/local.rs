@@ -1,29 +1,31 @@
-//! Workers as child processes, so that a job that crashes or is killed never takes the server
+//! Workers as child processes of the server, so that a job that crashes or is killed never takes the server
 //! along.
 
 use std::process::Stdio;
 use std::time::{Duration, Instant};
 
-use store::{Location, Store, WorkerEnd};
+use store::{Store, WorkerEnd};
 use tokio::process::{Child, Command};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
-use worker::DeviceKind;
 
-use crate::process::{self, GAVE_UP, own_program};
+use crate::WorkerCommand;
+
+/// The exit code of a worker that ended because its task did not, which is no crash: EX_TEMPFAIL of sysexits.h.
+pub const GAVE_UP: u8 = 75;
 
 /// How a server runs its workers.
 #[derive(Clone, Debug)]
 pub struct WorkerProcesses {
     pub store: Store,
-    pub location: Location,
+    pub command: WorkerCommand,
     pub count: usize,
-    pub threads: usize,
+    /// What the name of each begins with, before its number.
+    pub name: String,
+    /// Of each.
+    pub threads: u32,
     /// Flags that say what each offers.
     pub offers: Vec<String>,
-    pub device: DeviceKind,
-    pub lease_seconds: u64,
-    pub log: String,
 }
 
 /// A worker that lived this long was healthy: if it dies, the next one starts at once.
@@ -96,38 +98,26 @@ impl WorkerProcesses {
             }
         };
         if let Err(error) = taken {
-            let error = anyhow::Error::new(error);
-            tracing::error!(worker = index, "cannot take back its task: {error:#}");
+            let error = faults::causes(&error);
+            tracing::error!(worker = index, error, "cannot take back its task");
         }
     }
 
-    /// As it is shown beside tasks. Servers that share a database have workers of the same index.
+    /// As it is shown beside tasks.
     fn name(&self, index: usize) -> String {
-        if self.location.database.is_none() {
-            return format!("worker-{index}");
-        }
-        format!("{}-{}-worker-{index}", process::host(), std::process::id())
+        format!("{}{index}", self.name)
     }
 
     fn start(&self, index: usize) -> std::io::Result<Child> {
-        Command::new(own_program()?)
+        let environment = self.command.environment.iter().map(|(name, value)| (name, value));
+        Command::new(&self.command.program)
             .arg0("torqued")
             .arg("worker")
-            .arg("--data")
-            .arg(&self.location.folder)
-            .args(["--name", &self.name(index)])
-            .args(["--threads", &self.threads.to_string()])
+            .args(&self.command.store)
+            .args(self.command.flags(&self.name(index), self.threads, &self.command.device))
             .args(&self.offers)
-            .args(["--device", self.device.name()])
-            .args(["--lease-seconds", &self.lease_seconds.to_string()])
-            .args(["--log", &self.log])
             .arg("--stop-with-stdin")
-            // Training reuses the same large tensors at every step. Holding on to their pages instead
-            // of giving them back after 10 ms made 150 steps of the quickstart take 4.5 s, not 5.6.
-            .env("MIMALLOC_PURGE_DELAY", "-1")
-            // Passwords are no arguments: other users see those.
-            .envs(self.location.database.iter().map(|url| ("TORQUED_DATABASE", url.expose())))
-            .envs(self.location.objects.iter().map(|url| ("TORQUED_OBJECTS", url.to_string())))
+            .envs(environment)
             // Nothing is ever written: the pipe's closing, with or without a farewell of the
             // server, is what tells the worker to stop.
             .stdin(Stdio::piped())

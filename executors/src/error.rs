@@ -1,0 +1,67 @@
+use std::io;
+use std::time::Duration;
+
+/// Why an engine cannot be asked.
+#[derive(Debug, thiserror::Error)]
+pub enum EngineError {
+    #[error(
+        "cannot run {program} of Slurm: {source}; Slurm's commands must be installed where the server runs"
+    )]
+    Program { program: &'static str, source: io::Error },
+    #[error("{program} of Slurm did not answer within {} s", limit.as_secs())]
+    ProgramSilent { program: &'static str, limit: Duration },
+    #[error("{program} of Slurm failed: {message}")]
+    ProgramFailed { program: &'static str, message: String },
+    #[error("{program} of Slurm printed {line:?}, which is not what was asked for")]
+    Unreadable { program: &'static str, line: String },
+    #[error("Kubernetes did not answer within {} s", limit.as_secs())]
+    KubernetesSilent { limit: Duration },
+    #[error(
+        "Kubernetes does not know who asks (401): {message}; check the credentials or the service account's token"
+    )]
+    Unauthorized { message: String },
+    #[error(
+        "Kubernetes does not allow it (403): {message}; the Role in deploy/kubernetes/server.yaml says what is needed"
+    )]
+    Forbidden { message: String },
+    #[error("Kubernetes refuses ({code}): {message}")]
+    Refused { code: u16, message: String },
+    #[error("cannot ask Kubernetes")]
+    Kubernetes(#[source] Box<kube::Error>),
+}
+
+impl EngineError {
+    /// Whether the engine may have done what it was asked for all the same.
+    pub(crate) fn is_uncertain(&self) -> bool {
+        match self {
+            Self::ProgramSilent { .. } | Self::KubernetesSilent { .. } | Self::Kubernetes(_) => {
+                true
+            }
+            Self::Unreadable { .. } => true,
+            // The words of Slurm's library for an answer that did not come.
+            Self::ProgramFailed { message, .. } => {
+                message.contains("timed out") || message.contains("Zero Bytes")
+            }
+            // A gateway gave up waiting, or the server broke off.
+            Self::Refused { code, .. } => *code >= 500,
+            Self::Program { .. } | Self::Unauthorized { .. } | Self::Forbidden { .. } => false,
+        }
+    }
+
+    /// Whether the engine may well do something else that it is asked for.
+    pub(crate) fn is_of_this_request(&self) -> bool {
+        const TOO_MANY_REQUESTS: u16 = 429;
+        match self {
+            Self::ProgramFailed { .. } => !self.is_uncertain(),
+            // A quota, for example.
+            Self::Forbidden { .. } => true,
+            Self::Refused { code, .. } => *code < 500 && *code != TOO_MANY_REQUESTS,
+            Self::Program { .. }
+            | Self::ProgramSilent { .. }
+            | Self::Unreadable { .. }
+            | Self::KubernetesSilent { .. }
+            | Self::Unauthorized { .. }
+            | Self::Kubernetes(_) => false,
+        }
+    }
+}

@@ -1,0 +1,60 @@
+//! The Job that the operator wrote, from which those of the workers are made.
+
+use k8s_openapi::api::batch::v1::Job;
+use k8s_openapi::api::core::v1::{Container, PodSpec};
+
+/// Why no Jobs can be made.
+#[derive(Debug, thiserror::Error)]
+pub enum TemplateError {
+    #[error("it is no Job of batch/v1")]
+    Unreadable(#[source] serde_saphyr::Error),
+    #[error("it is no Job of batch/v1: it holds {0}")]
+    AnotherKind(String),
+    #[error("spec.template.spec.containers must hold one container called `worker`, or one alone")]
+    NoContainer,
+    #[error(
+        "no cluster is configured here: neither a kubeconfig nor a Pod's service account is there"
+    )]
+    NoCluster(#[source] kube::config::InferConfigError),
+    #[error("the cluster's configuration cannot be used")]
+    Client(#[source] kube::Error),
+}
+
+/// What the container of the worker is called where there are several.
+const WORKER: &str = "worker";
+
+/// # Errors
+/// When the text is not one Job with a container for the worker.
+pub fn read(yaml: &str) -> Result<Job, TemplateError> {
+    let kind: serde_json::Value =
+        serde_saphyr::from_str(yaml).map_err(TemplateError::Unreadable)?;
+    let (version, name) = (&kind["apiVersion"], &kind["kind"]);
+    if (version.as_str(), name.as_str()) != (Some("batch/v1"), Some("Job")) {
+        return Err(TemplateError::AnotherKind(format!("{name} of {version}")));
+    }
+    let mut job: Job = serde_saphyr::from_str(yaml).map_err(TemplateError::Unreadable)?;
+    let pod = job.spec.as_mut().and_then(|spec| spec.template.spec.as_mut());
+    pod.and_then(container).ok_or(TemplateError::NoContainer)?;
+    Ok(job)
+}
+
+/// The container of the worker.
+pub fn container(pod: &mut PodSpec) -> Option<&mut Container> {
+    match pod.containers.as_mut_slice() {
+        [alone] => Some(alone),
+        several => several.iter_mut().find(|container| container.name == WORKER),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_template_that_is_no_job_is_refused_by_saying_what_it_is() {
+        let said = |yaml: &str| read(yaml).unwrap_err().to_string();
+        assert!(said("kind: Pod\napiVersion: v1\n").contains("\"Pod\" of \"v1\""));
+        assert!(said("apiVersion: batch/v1\nkind: Job\n").contains("containers"));
+        assert!(said(": [").contains("no Job"));
+    }
+}

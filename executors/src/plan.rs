@@ -1,0 +1,260 @@
+//! Which workers to ask for and which to let go: a function of what waits and of who is there.
+//!
+//! A waiting task is worth one worker. A worker that does not do anything, or that is still to come, serves one of the
+//! waiting tasks whose needs it covers; for the others workers are asked for, up to the maximum. Workers that find
+//! nothing end by themselves. The plan lets a worker go only if nobody waits for it, or if it is in the way: at the
+//! maximum, tasks that no worker covers get the place of one whose like is there twice.
+
+use std::cmp::Reverse;
+use std::time::Duration;
+
+use spec::Resources;
+use store::Demand;
+
+use crate::resources::rarity;
+
+/// How many workers an engine is asked for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Bounds {
+    /// Kept also while nothing waits.
+    pub min: usize,
+    pub max: usize,
+}
+
+/// A worker, as far as it matters here.
+#[derive(Clone, Debug, PartialEq)]
+pub struct KnownWorker {
+    pub name: String,
+    pub resources: Resources,
+    pub state: WorkerState,
+    /// Whether the engine was asked for it; others count as helpers that come and go.
+    pub is_ours: bool,
+    /// Whether it stays when it finds no task.
+    pub stays: bool,
+    /// Why it claims no more tasks, if that is so: completes "it is let go: ...".
+    pub claims_nothing: Option<&'static str>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum WorkerState {
+    /// It waits for its place, for so long.
+    Pending(Duration),
+    Idle,
+    Busy,
+    /// It was told to end.
+    Ending,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+pub enum Action {
+    Ask {
+        resources: Resources,
+        /// Whether the worker stays when it finds no task.
+        stays: bool,
+    },
+    LetGo {
+        worker: String,
+        why: &'static str,
+    },
+}
+
+/// A worker that nobody waits for any more is let go after it waited so long for its place: what waits comes and goes.
+pub const SETTLED_AFTER: Duration = Duration::from_secs(30);
+
+/// What to do. Workers that are asked for have `usual` at least.
+pub fn plan(
+    demand: &[Demand],
+    workers: &[KnownWorker],
+    bounds: Bounds,
+    usual: &Resources,
+) -> Vec<Action> {
+    let ours = workers.iter().filter(|worker| worker.is_ours);
+    let staying = ours.clone().filter(|worker| worker.stays && worker.is_useful()).count();
+    let mut room = bounds.max.saturating_sub(ours.count());
+    let mut asks = Vec::new();
+    for _ in 0..bounds.min.saturating_sub(staying).min(room) {
+        asks.push(Action::Ask { resources: usual.clone(), stays: true });
+        room -= 1;
+    }
+
+    let Matched { mut unmet, spare } = matched(demand, workers, &vec![usual; asks.len()]);
+    let is_served = |needed: &Resources| {
+        let covers = |worker: &KnownWorker| worker.is_useful() && worker.resources.cover(needed);
+        workers.iter().any(covers)
+    };
+    // Those that nobody can do come first.
+    unmet.sort_by_key(|(demand, _)| is_served(&demand.resources));
+    while room > 0 && !unmet.is_empty() {
+        for (demand, waiting) in &mut unmet {
+            if room == 0 {
+                break;
+            }
+            asks.push(Action::Ask { resources: usual.and(&demand.resources), stays: false });
+            *waiting -= 1;
+            room -= 1;
+        }
+        unmet.retain(|(_, waiting)| *waiting > 0);
+    }
+
+    let is_asked_for = |needed: &Resources| {
+        asks.iter()
+            .any(|ask| matches!(ask, Action::Ask { resources, .. } if resources.cover(needed)))
+    };
+    let starving = demand.iter().filter(|demand| {
+        let needed = &demand.resources;
+        demand.waiting > 0 && !is_served(needed) && !is_asked_for(needed)
+    });
+    let mut leaving = Leaving { workers, spare: &spare, names: Vec::new() };
+    leaving.useless();
+    leaving.unneeded(staying.saturating_sub(bounds.min));
+    leaving.above(bounds.max);
+    leaving.in_the_way(starving.count());
+    let let_go = leaving.names.into_iter();
+    asks.extend(let_go.map(|(worker, why)| Action::LetGo { worker: worker.to_owned(), why }));
+    asks
+}
+
+impl KnownWorker {
+    /// Whether it does tasks, now or later.
+    fn is_useful(&self) -> bool {
+        self.claims_nothing.is_none() && self.state != WorkerState::Ending
+    }
+
+    fn is_pending(&self) -> bool {
+        matches!(self.state, WorkerState::Pending(_))
+    }
+
+    /// Whether it can take a task that waits.
+    fn is_available(&self) -> bool {
+        self.is_useful() && self.state != WorkerState::Busy
+    }
+}
+
+/// Who serves what.
+struct Matched<'a> {
+    /// Demand that nobody serves, the rarest first.
+    unmet: Vec<(&'a Demand, u64)>,
+    /// Names of available workers that serve nothing.
+    spare: Vec<&'a str>,
+}
+
+/// Gives every waiting task an available worker, or one of those that are being asked for: the rarest need goes first
+/// and takes the most common worker that covers it, one that is there before one that is to come.
+fn matched<'a>(
+    demand: &'a [Demand],
+    workers: &'a [KnownWorker],
+    asked: &[&Resources],
+) -> Matched<'a> {
+    let available = workers.iter().filter(|worker| worker.is_available());
+    let mut free: Vec<(Option<&KnownWorker>, &Resources)> = available
+        .map(|worker| (Some(worker), &worker.resources))
+        .chain(asked.iter().map(|resources| (None, *resources)))
+        .collect();
+    free.sort_by_key(|(worker, resources)| {
+        (worker.is_none_or(KnownWorker::is_pending), rarity(resources))
+    });
+    let mut rarest_first: Vec<&Demand> = demand.iter().collect();
+    rarest_first.sort_by_key(|demand| Reverse(rarity(&demand.resources)));
+    let mut unmet = Vec::new();
+    for demand in rarest_first {
+        let mut waiting = demand.waiting;
+        free.retain(|(_, resources)| {
+            let serves = waiting > 0 && resources.cover(&demand.resources);
+            waiting -= u64::from(serves);
+            !serves
+        });
+        if waiting > 0 {
+            unmet.push((demand, waiting));
+        }
+    }
+    let spare = free.iter().filter_map(|(worker, _)| worker.map(|worker| worker.name.as_str()));
+    Matched { unmet, spare: spare.collect() }
+}
+
+/// Workers to let go, and why.
+struct Leaving<'a> {
+    workers: &'a [KnownWorker],
+    spare: &'a [&'a str],
+    names: Vec<(&'a str, &'static str)>,
+}
+
+impl<'a> Leaving<'a> {
+    /// Those of ours that are not told to end yet.
+    fn candidates(&self) -> impl Iterator<Item = &'a KnownWorker> {
+        let told: Vec<&str> = self.names.iter().map(|(name, _)| *name).collect();
+        self.workers.iter().filter(move |worker| {
+            worker.is_ours
+                && worker.state != WorkerState::Ending
+                && !told.contains(&worker.name.as_str())
+        })
+    }
+
+    fn is_spare(&self, worker: &KnownWorker) -> bool {
+        self.spare.contains(&worker.name.as_str())
+    }
+
+    /// Those that claim no tasks any more, once they have none.
+    fn useless(&mut self) {
+        let useless = self
+            .candidates()
+            .filter(|worker| worker.state != WorkerState::Busy)
+            .filter_map(|worker| Some((worker.name.as_str(), worker.claims_nothing?)));
+        let names: Vec<_> = useless.collect();
+        self.names.extend(names);
+    }
+
+    /// Those that nobody waits for, and those that stay although fewer are to.
+    fn unneeded(&mut self, mut too_many_stay: usize) {
+        let mut names = Vec::new();
+        for worker in self.candidates().filter(|worker| self.is_spare(worker)) {
+            let has_settled =
+                matches!(worker.state, WorkerState::Pending(since) if since >= SETTLED_AFTER);
+            let leaves = if worker.stays { too_many_stay > 0 } else { has_settled };
+            if leaves {
+                too_many_stay = too_many_stay.saturating_sub(usize::from(worker.stays));
+                names.push((worker.name.as_str(), "no task waits for it"));
+            }
+        }
+        self.names.extend(names);
+    }
+
+    /// As many as there are too many, those with the least to lose first.
+    fn above(&mut self, max: usize) {
+        let excess = self.candidates().count().saturating_sub(max);
+        let mut by_loss: Vec<&KnownWorker> = self.candidates().collect();
+        by_loss.sort_by_key(|worker| {
+            (worker.state == WorkerState::Busy, !self.is_spare(worker), !worker.is_pending())
+        });
+        let names = by_loss.into_iter().take(excess).map(|worker| worker.name.as_str());
+        self.names.extend(names.map(|name| (name, "there are more workers than allowed")));
+    }
+
+    /// One for each need that no worker covers, unless its place is about to be free: a spare one, or one whose like is
+    /// there twice.
+    fn in_the_way(&mut self, starving: usize) {
+        let ending = self
+            .workers
+            .iter()
+            .filter(|worker| worker.is_ours && worker.state == WorkerState::Ending);
+        let about_to_be_free = ending.count() + self.names.len();
+        for _ in about_to_be_free..starving {
+            let mut by_loss: Vec<&KnownWorker> = self
+                .candidates()
+                .filter(|worker| !worker.stays)
+                .filter(|worker| self.is_spare(worker) || self.has_a_like(worker))
+                .collect();
+            by_loss.sort_by_key(|worker| {
+                (!self.is_spare(worker), worker.state == WorkerState::Busy, !worker.is_pending())
+            });
+            let Some(worker) = by_loss.first() else { return };
+            self.names
+                .push((worker.name.as_str(), "its place goes to tasks that no worker could do"));
+        }
+    }
+
+    /// Whether another of ours does whatever it does.
+    fn has_a_like(&self, worker: &KnownWorker) -> bool {
+        let mut others = self.candidates().filter(|other| other.name != worker.name);
+        others.any(|other| other.is_useful() && other.resources.cover(&worker.resources))
+    }
+}

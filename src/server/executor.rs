@@ -1,0 +1,217 @@
+//! Which executor runs the workers, as the command line says it.
+
+use std::num::NonZero;
+use std::path::PathBuf;
+use std::time::Duration;
+
+use anyhow::{Context, ensure};
+use clap::{Args, ValueEnum};
+use executors::{Bounds, Engine, Kubernetes, Settings, Slurm, WorkerCommand};
+use store::Store;
+use worker::DeviceKind;
+
+use crate::arguments::StoreArguments;
+use crate::process;
+
+use super::Options;
+
+/// What `serve` can be told about where its workers run.
+#[derive(Debug, Args)]
+pub struct ExecutorArguments {
+    /// Who runs the workers: this server as child processes, or a cluster that is asked for them while tasks wait
+    #[arg(long, env = "TORQUED_EXECUTOR", value_enum, value_name = "NAME", default_value_t)]
+    pub executor: Executor,
+
+    /// Workers that a cluster keeps also while nothing waits, 0 to 1000
+    #[arg(long, env = "TORQUED_MIN_WORKERS", value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u16).range(0..=1000))]
+    pub min_workers: u16,
+
+    /// Workers that a cluster is asked for at most, 1 to 1000
+    #[arg(long, env = "TORQUED_MAX_WORKERS", value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u16).range(1..=1000))]
+    pub max_workers: u16,
+
+    /// Seconds after which a cluster's worker ends that finds no task
+    #[arg(long, env = "TORQUED_IDLE_EXIT", value_name = "SECONDS", default_value_t = 300, value_parser = clap::value_parser!(u64).range(1..=86_400))]
+    pub idle_exit: u64,
+
+    /// Device of a cluster's workers that have GPUs [default: cuda or gpu where this program has it, else cpu]
+    #[arg(long, env = "TORQUED_GPU_DEVICE", value_name = "NAME")]
+    pub gpu_device: Option<DeviceKind>,
+
+    /// Seconds between two looks at the cluster
+    #[arg(long, env = "TORQUED_LOOK_EVERY", value_name = "SECONDS", default_value_t = 5, value_parser = clap::value_parser!(u64).range(1..=300))]
+    pub look_every: u64,
+
+    /// Program that Slurm's nodes run [default: this one, at the same path]
+    #[arg(long, env = "TORQUED_WORKER_PROGRAM", value_name = "FILE")]
+    pub worker_program: Option<PathBuf>,
+
+    /// Option of sbatch for every worker, such as `--partition=lab`; may be given several times
+    #[arg(long, value_name = "OPTION", allow_hyphen_values = true)]
+    pub slurm_option: Vec<String>,
+
+    /// Manifest of a Kubernetes Job from which those of the workers are made
+    #[arg(long, env = "TORQUED_KUBERNETES_JOB", value_name = "FILE")]
+    pub kubernetes_job: Option<PathBuf>,
+}
+
+/// Who runs the workers.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub enum Executor {
+    /// This server, as child processes
+    #[default]
+    Local,
+    /// Slurm, through sbatch, squeue and scancel
+    Slurm,
+    /// Kubernetes, as Jobs
+    Kubernetes,
+}
+
+/// Threads of a cluster's worker unless told.
+const THREADS: u32 = 4;
+
+/// What the names of the server's variables begin with that a worker elsewhere needs, keys and passwords among them: how
+/// to reach the object store, and what a URL of PostgreSQL leaves out.
+const PASSED_ON: [&str; 3] = ["AWS_", "TORQUED_S3_", "PG"];
+
+/// The same, in full.
+const PASSED_ON_BY_NAME: [&str; 2] = ["TORQUED_CACHE_BYTES", "TORQUED_INSTRUCTIONS"];
+
+impl ExecutorArguments {
+    /// The engine to ask for workers, and how; `None` where this server runs them itself.
+    ///
+    /// # Errors
+    /// When the arguments contradict each other, or the engine cannot be asked from here.
+    pub async fn engine(
+        &self,
+        options: &Options,
+        command: WorkerCommand,
+        store: &Store,
+    ) -> anyhow::Result<Option<(Engine, Settings)>> {
+        ensure!(
+            self.min_workers <= self.max_workers,
+            "--min-workers {} is more than --max-workers {}",
+            self.min_workers,
+            self.max_workers
+        );
+        let engine = match self.executor {
+            Executor::Local => return Ok(None),
+            Executor::Slurm => {
+                need_postgresql(&options.store, "slurm")?;
+                Engine::Slurm(self.slurm(options, command, store.identity().await?)?)
+            }
+            Executor::Kubernetes => {
+                need_postgresql(&options.store, "kubernetes")?;
+                let kubernetes = self.kubernetes(command, store.identity().await?).await?;
+                Engine::Kubernetes(Box::new(kubernetes))
+            }
+        };
+        let threads = options.worker_threads.map(NonZero::get);
+        let threads = threads.map(u32::try_from).transpose().context("--worker-threads")?;
+        let settings = Settings {
+            bounds: Bounds { min: self.min_workers.into(), max: self.max_workers.into() },
+            usual: options.offers.of_a_clusters_worker(threads.unwrap_or(THREADS)),
+            look_every: Duration::from_secs(self.look_every),
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+        };
+        Ok(Some((engine, settings)))
+    }
+
+    fn slurm(
+        &self,
+        options: &Options,
+        command: WorkerCommand,
+        store: String,
+    ) -> anyhow::Result<Slurm> {
+        let program = match &self.worker_program {
+            Some(program) => program.clone(),
+            None => std::env::current_exe().context("cannot tell where this program lies")?,
+        };
+        let folder = &options.store.data;
+        let folder = folder.canonicalize().context("cannot tell where the data folder lies")?;
+        // With objects in a bucket every machine has a data folder of its own.
+        let logs = options.store.objects.is_none().then(|| folder.join("workers"));
+        if let Some(logs) = &logs {
+            std::fs::create_dir_all(logs)
+                .with_context(|| format!("cannot create {}", logs.display()))?;
+        }
+        let is_passed_on = |name: &str| {
+            PASSED_ON.iter().any(|prefix| name.starts_with(prefix))
+                || PASSED_ON_BY_NAME.contains(&name)
+        };
+        let passed_on = std::env::vars_os()
+            .filter_map(|(name, value)| Some((name.into_string().ok()?, value.into_string().ok()?)))
+            .filter(|(name, _)| is_passed_on(name));
+        let environment = command.environment.iter().cloned().chain(passed_on).collect();
+        let store_flags = vec!["--data".into(), folder.into()];
+        let command = WorkerCommand { program, store: store_flags, environment, ..command };
+        Ok(Slurm { store, command, options: self.slurm_option.clone(), logs })
+    }
+
+    async fn kubernetes(
+        &self,
+        command: WorkerCommand,
+        store: String,
+    ) -> anyhow::Result<Kubernetes> {
+        let file = self.kubernetes_job.as_ref().context(
+            "--executor kubernetes needs --kubernetes-job FILE; deploy/kubernetes/worker.yaml is one to begin with",
+        )?;
+        let manifest = std::fs::read_to_string(file)
+            .with_context(|| format!("cannot read {}", file.display()))?;
+        // Secrets come to a Pod by the template alone: whoever may read Jobs reads all that they hold.
+        let environment = command.environment.iter().filter(|(name, _)| name != DATABASE);
+        let command = WorkerCommand { environment: environment.cloned().collect(), ..command };
+        Kubernetes::connect(store, command, &manifest)
+            .await
+            .with_context(|| format!("--kubernetes-job {}", file.display()))
+    }
+}
+
+fn need_postgresql(store: &StoreArguments, executor: &str) -> anyhow::Result<()> {
+    ensure!(
+        store.database.is_some(),
+        "--executor {executor} needs --database postgres://...: its workers run on other machines, and SQLite must \
+         not be used by several machines at once"
+    );
+    Ok(())
+}
+
+/// How workers are started on this machine.
+///
+/// # Errors
+/// When the system does not tell which program this is.
+pub fn worker_command(options: &Options, log: &str) -> anyhow::Result<WorkerCommand> {
+    let own = options.device.device;
+    let is_elsewhere = options.executor.executor != Executor::Local;
+    let device = if is_elsewhere && own.is_apart() { DeviceKind::Cpu } else { own };
+    // Training reuses the same large tensors at every step. Holding on to their pages instead of giving them back
+    // after 10 ms made 150 steps of the quickstart take 4.5 s, not 5.6.
+    let mut environment = vec![("MIMALLOC_PURGE_DELAY".to_owned(), "-1".to_owned())];
+    environment.extend(urls(&options.store));
+    Ok(WorkerCommand {
+        program: process::own_program().context("cannot tell which program this is")?,
+        store: vec!["--data".into(), options.store.data.clone().into()],
+        device: device.name().to_owned(),
+        gpu_device: options.executor.gpu_device.unwrap_or_else(gpu_device).name().to_owned(),
+        lease_seconds: options.lease_seconds,
+        log: log.to_owned(),
+        idle_exit: Duration::from_secs(options.executor.idle_exit),
+        environment,
+    })
+}
+
+const DATABASE: &str = "TORQUED_DATABASE";
+const OBJECTS: &str = "TORQUED_OBJECTS";
+
+/// Where database and objects are, as variables: passwords are no arguments, which other users see.
+fn urls(store: &StoreArguments) -> impl Iterator<Item = (String, String)> {
+    let database = store.database.as_ref().map(|url| (DATABASE, url.expose().to_owned()));
+    let objects = store.objects.as_ref().map(|url| (OBJECTS, url.to_string()));
+    database.into_iter().chain(objects).map(|(name, value)| (name.to_owned(), value))
+}
+
+/// The GPU that this program was built for.
+fn gpu_device() -> DeviceKind {
+    let built = [DeviceKind::Cuda, DeviceKind::Gpu].into_iter().find(|kind| kind.is_built());
+    built.unwrap_or(DeviceKind::Cpu)
+}

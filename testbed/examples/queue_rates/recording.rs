@@ -1,0 +1,58 @@
+//! Metrics of trainings, as fast as the database takes them.
+
+use std::time::{Duration, Instant};
+
+use serde_json::json;
+use spec::{Digest, Resources};
+use store::{Access, Fence, Location, Metric, Output, Store};
+
+use crate::Outcome;
+use crate::submitting::{nothing, submit};
+
+const LASTS: Duration = Duration::from_secs(3);
+const LEASE: Duration = Duration::from_secs(60);
+
+/// Values at a time: those of as many steps of a training.
+const BATCH: u64 = 100;
+
+/// Prints how many values `trainings` record per second, each with connections of its own.
+pub async fn run(place: &Location, trainings: u32) -> Outcome<()> {
+    let server = Store::open_at(place, Access::Server).await?;
+    for number in 0..trainings {
+        let digest = Digest::of_json(&json!({"training": number}));
+        submit(&server, store::NewJob { digest, output: Output::Run, ..nothing(1) }).await?;
+    }
+    let mut recording = Vec::new();
+    for number in 0..trainings {
+        let store = Store::open_at(place, Access::Worker).await?;
+        let claimed = store.claim(&format!("w{number}"), &Resources::default(), LEASE).await?;
+        let fence = claimed.ok_or("nothing to claim")?.fence;
+        recording.push((store, fence));
+    }
+    let began = Instant::now();
+    let recording: Vec<_> =
+        recording.into_iter().map(|(store, fence)| tokio::spawn(record(store, fence))).collect();
+    let mut values = 0;
+    for training in recording {
+        values += training.await??;
+    }
+    println!("{}", per_second(values, began.elapsed()));
+    Ok(())
+}
+
+async fn record(store: Store, fence: Fence) -> Outcome<u64> {
+    let began = Instant::now();
+    let mut step = 0;
+    while began.elapsed() < LASTS {
+        let metric = |step| Metric { key: "train/loss".to_owned(), step, value: 0.5 };
+        let metrics: Vec<Metric> = (step..step + BATCH).map(metric).collect();
+        store.record_metrics(fence, &metrics).await?;
+        step += BATCH;
+    }
+    Ok(step)
+}
+
+#[expect(clippy::cast_precision_loss, reason = "far fewer values than 2^52")]
+fn per_second(values: u64, elapsed: Duration) -> f64 {
+    values as f64 / elapsed.as_secs_f64()
+}
