@@ -4,7 +4,7 @@
 import { createInterface } from "node:readline";
 import { EventEmitter } from "node:events";
 import { setTimeout as sleep } from "node:timers/promises";
-import { run, runMigrations } from "graphile-worker";
+import { Logger, run, runMigrations } from "graphile-worker";
 import pg from "pg";
 
 const LOCAL_QUEUE = 500;
@@ -34,6 +34,8 @@ async function work(workers) {
   const events = new EventEmitter();
   events.on("job:complete", () => completed++);
   const pool = new pg.Pool({ connectionString, max: workers + 2 });
+  pool.on("error", (error) => console.error(error));
+  pool.on("connect", (client) => client.on("error", (error) => console.error(error)));
   const connections = await Promise.all(Array.from({ length: workers }, () => pool.connect()));
   connections.forEach((connection) => connection.release());
   const begin = () =>
@@ -41,6 +43,8 @@ async function work(workers) {
       pgPool: pool,
       events,
       noHandleSignals: true,
+      // Its output is for answers.
+      logger: new Logger(() => (level, message) => level === "error" && console.error(message)),
       preset: {
         worker: {
           concurrentJobs: workers,
