@@ -19,7 +19,7 @@ use crate::{Action, Ask, Bounds, Cause, End, Engine, EngineError, Phase, PlacedW
 #[derive(Clone, Debug)]
 pub struct Settings {
     pub bounds: Bounds,
-    /// What a worker offers at least.
+    /// Every worker offers at least this.
     pub usual: Resources,
     /// Between two looks.
     pub look_every: Duration,
@@ -76,7 +76,7 @@ impl Control {
     async fn take_turn(&mut self) -> Duration {
         match self.duty.is_mine().await {
             Ok(true) => return self.look().await,
-            // What was known may have changed by the time that it is this server's duty.
+            // The engine's workers may have changed by the time that it is this server's duty.
             Ok(false) => self.memory = Memory::new(self.settings.look_every),
             Err(error) => {
                 let error = faults::causes(&error);
@@ -121,7 +121,7 @@ impl Control {
         Ok(self.memory.obstacle())
     }
 
-    /// What waits for workers, but for what the engine refused to place a moment ago.
+    /// The tasks that wait for workers, without those whose offer the engine refused a moment ago.
     async fn demand(&mut self) -> Result<Vec<Demand>, StoreError> {
         let mut demand = self.store.demand().await?;
         let usual = &self.settings.usual;

@@ -1,4 +1,4 @@
-//! What a cluster's engine is asked and what it answers.
+//! The questions to a cluster's engine and its answers.
 
 use spec::Resources;
 
@@ -17,7 +17,7 @@ pub enum Engine {
 pub struct Ask {
     /// As no other worker of any store has; asking twice under one name makes one worker.
     pub name: String,
-    /// What it offers to tasks.
+    /// The resources that it offers to tasks.
     pub resources: Resources,
     /// Whether it stays when it finds no task.
     pub stays: bool,
@@ -27,9 +27,9 @@ pub struct Ask {
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlacedWorker {
     pub name: String,
-    /// What the engine calls it.
+    /// The engine's name for it.
     pub identifier: String,
-    /// What it offers to tasks.
+    /// The resources that it offers to tasks.
     pub resources: Resources,
     pub stays: bool,
     /// Where it runs or ran.
@@ -56,7 +56,7 @@ pub struct End {
     pub how: String,
 }
 
-/// What a worker's end means for the task that it had.
+/// The meaning of a worker's end for the task that it had.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Cause {
     /// The worker ended in order.

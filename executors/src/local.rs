@@ -20,7 +20,7 @@ pub struct WorkerProcesses {
     pub store: Store,
     pub command: WorkerCommand,
     pub count: usize,
-    /// What the name of each begins with, before its number.
+    /// The beginning of each name, before its number.
     pub name: String,
     /// Of each.
     pub threads: u32,

@@ -1,4 +1,4 @@
-//! What the server that looks after an engine's workers remembers between two looks.
+//! The memory of the server that looks after an engine's workers, from one look to the next.
 
 use std::collections::{HashMap, HashSet};
 use std::time::{Duration, Instant};

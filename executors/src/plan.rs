@@ -61,7 +61,7 @@ pub enum Action {
 /// A worker that nobody waits for any more is let go after it waited so long for its place: what waits comes and goes.
 pub const SETTLED_AFTER: Duration = Duration::from_secs(30);
 
-/// What to do. Workers that are asked for have `usual` at least.
+/// The actions to take. Workers that are asked for have `usual` at least.
 pub fn plan(
     demand: &[Demand],
     workers: &[KnownWorker],

@@ -16,12 +16,12 @@ pub struct WorkerCommand {
     pub program: PathBuf,
     /// The flags that say where the data folder is. Where database and objects are is in the environment.
     pub store: Vec<OsString>,
-    /// What models are computed on without a GPU.
+    /// The device that computes models where there is no GPU.
     pub device: String,
-    /// What models are computed on by a worker that an engine gives GPUs.
+    /// The device that computes models of a worker to which an engine gives GPUs.
     pub gpu_device: String,
     pub lease_seconds: u64,
-    /// What to log.
+    /// The filter of its log.
     pub log: String,
     /// Ends a worker that finds no task for so long.
     pub idle_exit: Duration,
@@ -71,7 +71,7 @@ impl WorkerCommand {
     }
 }
 
-/// What the names of all workers begin with that an engine is asked for on behalf of a store.
+/// The beginning of the names of all workers that an engine is asked for on behalf of a store.
 pub fn prefix(store: &str) -> String {
     format!("torqued-{store}-")
 }

@@ -15,7 +15,7 @@ use crate::process;
 
 use super::Options;
 
-/// What `serve` can be told about where its workers run.
+/// The flags of `serve` that say where its workers run.
 #[derive(Debug, Args)]
 pub struct ExecutorArguments {
     /// Who runs the workers: this server as child processes, or a cluster that is asked for them while tasks wait

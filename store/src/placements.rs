@@ -13,7 +13,7 @@ pub struct Placed {
     pub worker: String,
     /// Slurm or Kubernetes.
     pub engine: String,
-    /// What the engine calls it, once it does.
+    /// The engine's name for it, once it has one.
     pub identifier: Option<String>,
     pub state: PlacementState,
     /// Why it waits, or how it ended.

@@ -34,7 +34,7 @@ struct WorkerRow {
     placement: Option<PlacementRow>,
 }
 
-/// What an engine says of a worker.
+/// An engine's account of a worker.
 struct PlacementRow {
     worker: String,
     /// The engine and what it calls the worker.

@@ -23,7 +23,7 @@ pub const RESOURCES: &str = "torqued/resources";
 /// The annotation of a worker that stays when it finds no task.
 pub const STAYS: &str = "torqued/stays";
 
-/// What the label of a node begins with that is to have a tag.
+/// The beginning of the label of a node that has a tag.
 const TAG: &str = "torqued/";
 
 /// The label that Kubernetes gives the Pods of a Job.

@@ -1,4 +1,4 @@
-//! What a Job and its Pod say of a worker.
+//! The state of a worker, read from its Job and its Pod.
 
 use k8s_openapi::api::batch::v1::{Job, JobCondition};
 use k8s_openapi::api::core::v1::{
@@ -10,7 +10,7 @@ use crate::local::GAVE_UP;
 use crate::resources::read;
 use crate::{Cause, End, Phase, PlacedWorker};
 
-/// What a program's exit code begins at that a signal ended.
+/// A signal ended a program whose exit code is above this.
 const SIGNALS: i32 = 128;
 
 /// The worker of a Job; `None` where nobody here made it.
@@ -129,7 +129,7 @@ fn gave_up(status: &PodStatus) -> bool {
     failure(status).is_some_and(|state| state.exit_code == i32::from(GAVE_UP))
 }
 
-/// What the container of the worker died of.
+/// The reason why the worker's container died.
 fn death(status: &PodStatus) -> String {
     let Some(death) = failure(status) else {
         let why = status.message.as_deref().or(status.reason.as_deref());

@@ -20,7 +20,7 @@ pub enum TemplateError {
     Client(#[source] kube::Error),
 }
 
-/// What the container of the worker is called where there are several.
+/// The name of the worker's container where there are several.
 const WORKER: &str = "worker";
 
 /// # Errors

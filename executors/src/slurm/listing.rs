@@ -1,4 +1,4 @@
-//! What Slurm says of its jobs.
+//! Slurm's lists of its jobs, read.
 
 use spec::Resources;
 
@@ -7,13 +7,13 @@ use crate::local::GAVE_UP;
 use crate::resources::{read, written};
 use crate::{Cause, End, EngineError, Phase, PlacedWorker};
 
-/// What `squeue` is to print of a job; the comment may hold anything and comes last.
+/// The fields that `squeue` prints of a job; the comment may hold anything and comes last.
 pub const FORMAT: &str = "--Format=JobID:|,Name:|,State:|,Reason:|,NodeList:|,exit_code:|,PreemptTime:|,TimeLeft:|,Comment:";
 
 /// Completes "worker NAME ..." of a worker whose place another job takes.
 pub const PREEMPTED: &str = "was preempted by Slurm";
 
-/// What a comment says of a worker that stays when it finds no task.
+/// The word in the comment of a worker that stays when it finds no task.
 const STAYS: &str = ";stays";
 
 /// The comment of a worker's job.

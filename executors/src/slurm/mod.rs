@@ -72,7 +72,7 @@ impl Slurm {
             let tags: Vec<&str> = resources.tags.iter().map(String::as_str).collect();
             sbatch = sbatch.arg(format!("--constraint={}", tags.join("&")));
         }
-        // What comes last wins: the operator's options over these, and what finds workers again over all.
+        // The last option wins: the operator's over these, and those that find workers again over all.
         let printed = sbatch
             .args(&self.options)
             .args([

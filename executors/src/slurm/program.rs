@@ -13,7 +13,7 @@ use crate::EngineError;
 /// How long a command may take. Slurm's own give up on a controller that is away after some 10 to 100 s.
 const LIMIT: Duration = Duration::from_secs(30);
 
-/// What an error may quote.
+/// The part of an output that an error may quote.
 const QUOTED: usize = 500;
 
 pub struct Program {
