@@ -11,6 +11,7 @@ use sqlx::{ConnectOptions, Connection};
 
 use crate::product::{
     PATIENCE, Product, children_of, is_alive, run_to_end, signal, small_pipeline, torqued,
+    until_gone,
 };
 
 /// Longer than work has from a cancellation to its end, and what a busy machine adds.
@@ -56,9 +57,15 @@ async fn stuck_import(
     (job, decoder)
 }
 
+/// Whether a process is a decoder that has limited its memory: it asked to end with its worker before that, and one
+/// that is stopped earlier would stay.
 fn is_decoder(pid: u32) -> bool {
-    let command = std::fs::read(format!("/proc/{pid}/cmdline")).unwrap_or_default();
+    let read = |what| std::fs::read(format!("/proc/{pid}/{what}")).unwrap_or_default();
+    let (command, limits) = (read("cmdline"), read("limits"));
+    let limits = String::from_utf8_lossy(&limits);
+    let memory = limits.lines().find_map(|line| line.strip_prefix("Max data size"));
     String::from_utf8_lossy(&command).contains("decode-recording")
+        && memory.is_some_and(|limit| !limit.trim_start().starts_with("unlimited"))
 }
 
 /// The log of the first attempt.
@@ -88,7 +95,8 @@ async fn a_cancelled_task_that_does_not_end_ends_with_its_worker_and_another_goe
 
     let next = product.submit(&small_pipeline()["jobs"]["train-set"]).await;
     product.succeeded(next).await;
-    assert!(!is_alive(decoder) && !worker.iter().any(|pid| is_alive(*pid)));
+    until_gone(decoder).await;
+    assert!(!worker.iter().any(|pid| is_alive(*pid)));
 }
 
 #[tokio::test]
@@ -104,7 +112,7 @@ async fn a_task_that_takes_too_long_and_does_not_end_fails() {
     assert!(error.contains("time limit of 2 s, and did not end within 30 s"), "{error}");
     let next = product.submit(&small_pipeline()["jobs"]["train-set"]).await;
     product.succeeded(next).await;
-    assert!(!is_alive(decoder));
+    until_gone(decoder).await;
 }
 
 /// A worker on its own, and where its log lines go.
@@ -127,7 +135,7 @@ async fn a_worker_that_is_told_to_stop_gives_back_a_task_that_does_not_end() {
     let (job, decoder) = stuck_import(&product, data.path(), || Some(pid), &json!({})).await;
     signal("TERM", pid);
     assert_eq!(worker.wait().unwrap().code(), GAVE_UP);
-    assert!(!is_alive(decoder));
+    until_gone(decoder).await;
     let tasks = product.get(&format!("/v1/jobs/{job}/tasks")).await;
     let task = &tasks["tasks"][0];
     assert_eq!((&task["state"], &task["attempt"]), (&json!("queued"), &json!(0)), "{task:#}");
@@ -150,7 +158,7 @@ async fn a_worker_whose_task_has_gone_to_another_ends_when_its_work_does_not() {
     sqlx::query(claimed).execute(&mut connection).await.unwrap();
     connection.close().await.unwrap();
     assert_eq!(worker.wait().unwrap().code(), GAVE_UP);
-    assert!(!is_alive(decoder));
+    until_gone(decoder).await;
     let tasks = product.get(&format!("/v1/jobs/{job}/tasks")).await;
     let task = &tasks["tasks"][0];
     assert_eq!(

@@ -1,9 +1,7 @@
 //! A server that dies by SIGKILL leaves no worker behind, and the next one goes on.
 
-use std::time::{Duration, Instant};
-
 use crate::pipeline::results;
-use crate::product::{Product, is_alive, member, small_pipeline};
+use crate::product::{Product, member, small_pipeline, until_gone};
 
 #[tokio::test]
 async fn the_workers_of_a_killed_server_end_and_the_next_server_goes_on() {
@@ -24,11 +22,7 @@ async fn the_workers_of_a_killed_server_end_and_the_next_server_goes_on() {
     assert_eq!(workers.len(), 1);
     product.end_by("KILL");
 
-    let killed = Instant::now();
-    while workers.iter().any(|pid| is_alive(*pid)) {
-        assert!(killed.elapsed() < Duration::from_secs(20), "a worker outlived its server");
-        tokio::time::sleep(Duration::from_millis(50)).await;
-    }
+    until_gone(workers[0]).await;
 
     let product = Product::start(data.path());
     let pipeline = product.succeeded(id).await;

@@ -185,6 +185,15 @@ pub fn is_alive(pid: u32) -> bool {
     stat(pid).is_some_and(|(state, _)| state != 'Z')
 }
 
+/// Waits for the end of a process that the system kills when its parent ends, which is not at once.
+pub async fn until_gone(pid: u32) {
+    let started = Instant::now();
+    while is_alive(pid) {
+        assert!(started.elapsed() < Duration::from_secs(20), "process {pid} outlived its parent");
+        tokio::time::sleep(Duration::from_millis(20)).await;
+    }
+}
+
 /// The processes that a process has started and that are no zombies.
 pub fn children_of(parent: u32) -> Vec<u32> {
     let entries = std::fs::read_dir("/proc").unwrap().flatten();
