@@ -167,7 +167,7 @@ impl Control {
                     *end = let_go_because(why);
                 }
                 self.take_back(&worker.name, end).await?;
-                if end.cause == Cause::Died && !self.memory.began.contains(&worker.name) {
+                if end.cause == Cause::Died && !self.has_begun(&worker.name).await? {
                     let engine = self.engine.name();
                     let how = format!("{} {}", worker.name, end.how);
                     let why = format!("workers of {engine} end before they begin: {how}");
@@ -192,6 +192,11 @@ impl Control {
         }
         self.memory.forget_those_not_in(placed, registered);
         Ok(())
+    }
+
+    /// Whether a worker has ever been there. One may have come, begun a task and gone between two looks.
+    async fn has_begun(&self, worker: &str) -> Result<bool, LookError> {
+        Ok(self.memory.began.contains(worker) || self.store.has_begun_a_task(worker).await?)
     }
 
     /// A worker that the engine does not show any more. Without word of its end its lease tells.

@@ -33,4 +33,13 @@ impl Store {
     pub async fn attempts(&self, job: JobId, page: Page) -> Result<Vec<Attempt>, StoreError> {
         sql!(self.database(), "reading a job's attempts", attempts(job, page))
     }
+
+    /// Whether a worker has ever begun a task.
+    ///
+    /// # Errors
+    /// When the database fails.
+    #[boxed]
+    pub async fn has_begun_a_task(&self, worker: &str) -> Result<bool, StoreError> {
+        sql!(self.database(), "looking for a worker's attempts", has_begun_a_task(worker))
+    }
 }

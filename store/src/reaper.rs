@@ -112,7 +112,7 @@ impl Store {
             };
             reaped.count(task_end::give_back(&mut tx, fence, ending, error.as_deref()).await?);
         }
-        if let WorkerEnd::Interrupted(how) = end {
+        if let WorkerEnd::Interrupted(how) | WorkerEnd::Died(how) = end {
             // It may have put its task down in time, without knowing why it had to.
             sql!(&mut tx, explain_release(worker, &format!("worker {worker} {how}")))?;
         }

@@ -111,7 +111,8 @@ impl Cluster {
             ("SelectType", "select/cons_tres".to_owned()),
             ("SelectTypeParameters", "CR_CPU_Memory".to_owned()),
             ("SlurmdParameters", "config_overrides".to_owned()),
-            ("ReturnToService", "2".to_owned()),
+            // A node that a test takes down stays down until the test resumes it.
+            ("ReturnToService", "1".to_owned()),
             ("KillWait", "30".to_owned()),
             (
                 "SchedulerParameters",

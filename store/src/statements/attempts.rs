@@ -19,6 +19,15 @@ impl Database {
         .fetch_all(&self.reader)
         .await
     }
+
+    pub async fn has_begun_a_task(&self, worker: &str) -> Result<bool, sqlx::Error> {
+        let begun: Option<i32> =
+            sqlx::query_scalar("SELECT 1 FROM attempt WHERE worker = $1 LIMIT 1")
+                .bind(worker)
+                .fetch_optional(&self.reader)
+                .await?;
+        Ok(begun.is_some())
+    }
 }
 
 impl Transaction {

@@ -55,6 +55,14 @@ pub async fn a_worker_that_was_interrupted_loses_no_attempt_and_the_reason_is_kn
 
 pub async fn why_a_worker_put_its_task_down_in_time_is_known_afterwards(f: Fixture) {
     let job = f.submit_one(train(&simulate(1), vec![])).await;
+    assert!(!f.store.has_begun_a_task("w1").await.unwrap());
+    f.store.release(f.must_claim().await.fence).await.unwrap();
+    assert!(f.store.has_begun_a_task("w1").await.unwrap());
+    f.store.take_back("w1", WorkerEnd::Died("lost its node")).await.unwrap();
+    let attempts = f.store.attempts(job, Page::default()).await.unwrap();
+    let ended = (attempts[0].outcome, attempts[0].reason.as_deref());
+    assert_eq!(ended, (Some(AttemptOutcome::Released), Some("worker w1 lost its node")));
+
     f.store.release(f.must_claim().await.fence).await.unwrap();
     let end = WorkerEnd::Interrupted("was preempted by Slurm");
     f.store.take_back("w1", end).await.unwrap();
