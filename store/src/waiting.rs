@@ -10,7 +10,8 @@ use crate::{Store, StoreError, postgres, sqlite};
 /// Rings when tasks were queued.
 ///
 /// All who wait hear it, and few of them get a task. Whoever heard it in vain lets others go first the next time, for a
-/// moment by chance, so that many do not ask the database all at once.
+/// moment by chance, so that many do not ask the database all at once. The more who wait, the more often each hears it in
+/// vain, and the longer the moments: someone goes within a few milliseconds, however many there are.
 #[derive(Debug)]
 pub struct Bell {
     inner: Inner,
@@ -18,8 +19,11 @@ pub struct Bell {
     in_vain: u32,
 }
 
+/// How much longer others may go first after one more ring in vain.
+const COURTESY: Duration = Duration::from_millis(4);
+
 /// The longest that anybody lets others go first.
-const LONGEST_COURTESY: Duration = Duration::from_millis(100);
+const LONGEST_COURTESY: Duration = Duration::from_millis(400);
 
 #[derive(Debug)]
 enum Inner {
@@ -75,7 +79,7 @@ impl Bell {
 
 /// How long to let others go first after so many rings in vain; `chance` is any number.
 fn courtesy(in_vain: u32, chance: u64) -> Duration {
-    let longest = Duration::from_millis((1 << in_vain.min(10)) - 1).min(LONGEST_COURTESY);
+    let longest = COURTESY.saturating_mul(in_vain).min(LONGEST_COURTESY);
     let nanoseconds = u64::try_from(longest.as_nanos()).unwrap_or(u64::MAX);
     Duration::from_nanos(chance % nanoseconds.max(1))
 }
@@ -92,9 +96,9 @@ mod tests {
     #[test]
     fn whoever_hears_many_rings_in_vain_lets_others_go_first_but_not_for_long() {
         let latest = |in_vain| (0..1000).map(|i| courtesy(in_vain, i * 7_919_777)).max().unwrap();
-        assert!(latest(2) < Duration::from_millis(3));
-        assert!(latest(2) > Duration::from_millis(2));
-        assert!(latest(1_000_000) < LONGEST_COURTESY);
-        assert!(latest(1_000_000) > Duration::from_millis(95));
+        assert!(latest(2) < 2 * COURTESY);
+        assert!(latest(2) > COURTESY);
+        assert!(latest(u32::MAX) < LONGEST_COURTESY);
+        assert!(latest(u32::MAX) > LONGEST_COURTESY / 10 * 9);
     }
 }
