@@ -79,30 +79,41 @@ async fn when_under_way(product: &Product, pipeline: i64, finished: usize) -> Va
         .await
 }
 
-#[tokio::test]
-async fn a_pipeline_on_postgresql_by_four_workers_of_which_one_is_killed() {
+/// A pipeline of several workers, of which one is killed in the middle of it. A single one is replaced.
+async fn with_a_worker_killed(lab: &Lab, workers: usize) -> (Product, Value) {
     let expected = expected().await;
-    let lab = Lab::with_a_folder();
     let server = lab.server("0");
-    let mut workers: Vec<LoneWorker> = (0..4).map(|_| lab.worker()).collect();
+    let mut working: Vec<LoneWorker> = (0..workers).map(|_| lab.worker()).collect();
     let id = server.submit(&small_pipeline()).await;
     when_under_way(&server, id, 1).await;
-    drop(workers.remove(0));
+    drop(working.remove(0));
+    if working.is_empty() {
+        working.push(lab.worker());
+    }
     let pipeline = server.succeeded(id).await;
     assert_eq!(results(&server, &pipeline).await, expected);
+    (server, pipeline)
 }
 
 #[tokio::test]
-async fn workers_that_share_no_folder_keep_all_in_a_bucket() {
-    let expected = expected().await;
+async fn a_pipeline_on_postgresql_by_one_worker_that_is_killed_and_replaced() {
+    with_a_worker_killed(&Lab::with_a_folder(), 1).await;
+}
+
+#[tokio::test]
+async fn a_pipeline_on_postgresql_by_four_workers_of_which_one_is_killed() {
+    with_a_worker_killed(&Lab::with_a_folder(), 4).await;
+}
+
+#[tokio::test]
+async fn a_pipeline_in_a_bucket_by_one_worker_that_is_killed_and_replaced() {
+    with_a_worker_killed(&Lab::with_a_bucket(), 1).await;
+}
+
+#[tokio::test]
+async fn a_pipeline_in_a_bucket_by_four_workers_that_share_no_folder_of_which_one_is_killed() {
     let lab = Lab::with_a_bucket();
-    let server = lab.server("0");
-    let mut workers: Vec<LoneWorker> = (0..2).map(|_| lab.worker()).collect();
-    let id = server.submit(&small_pipeline()).await;
-    when_under_way(&server, id, 1).await;
-    drop(workers.remove(0));
-    let pipeline = server.succeeded(id).await;
-    assert_eq!(results(&server, &pipeline).await, expected);
+    let (_server, pipeline) = with_a_worker_killed(&lab, 4).await;
     // Another server, which has no file of it, has the bytes that the row promises.
     let other = lab.server("0");
     let job = other.get(&format!("/v1/jobs/{}", member(&pipeline, "train"))).await;
