@@ -7,10 +7,12 @@ pub mod isa;
 mod measurement;
 mod million;
 mod networks;
+mod objects;
 mod parquet;
 mod peak;
 mod queue;
 mod quickstart;
+mod scale;
 mod serving;
 mod training;
 mod wanted;
@@ -55,7 +57,7 @@ struct Benchmark {
     run: fn(Wanted) -> anyhow::Result<Report>,
 }
 
-const ALL: [Benchmark; 7] = [
+const ALL: [Benchmark; 9] = [
     Benchmark {
         name: "control",
         about: "milliseconds from a measured sample to the prediction, over a WebSocket",
@@ -73,6 +75,11 @@ const ALL: [Benchmark; 7] = [
         run: inference::run,
     },
     Benchmark {
+        name: "objects",
+        about: "bytes per second into and out of a folder, and of a bucket",
+        run: objects::run,
+    },
+    Benchmark {
         name: "parquet",
         about: "writing and reading trajectories, beside pyarrow and polars",
         run: parquet::run,
@@ -86,6 +93,12 @@ const ALL: [Benchmark; 7] = [
         name: "quickstart",
         about: "seconds per stage of `torqued quickstart`, then of a second run",
         run: quickstart::run,
+    },
+    Benchmark {
+        name: "scale",
+        about: "10^4 jobs and 100 workers on PostgreSQL, measured with tasks that do nothing and simulated with tasks that \
+                last",
+        run: scale::run,
     },
     Benchmark {
         name: "training",

@@ -4,10 +4,10 @@
 //! Workers are in processes beside this one, as torqued's are: up to four, so that 64 workers are 16 in each, every one
 //! with connections of its own.
 
-mod cluster;
+pub(super) mod cluster;
 mod processor_time;
-mod program;
-mod workers;
+pub(super) mod program;
+pub(super) mod workers;
 
 use std::fs;
 use std::path::Path;
@@ -29,23 +29,27 @@ const IDLE_WORKERS: u32 = 64;
 const TRAININGS: [u32; 2] = [1, 8];
 
 /// Workers may open connections and plan statements for so long before they are counted.
-const WARM_UP: Duration = Duration::from_millis(500);
+const WARM_UP: Duration = Duration::from_secs(2);
 const COUNTED: Duration = Duration::from_secs(3);
 /// Between two looks at how many tasks are done.
 const LOOK_EVERY: Duration = Duration::from_millis(250);
 
-/// Jobs whose waits are measured, one every so often.
-const OFFERS: u32 = 200;
+/// Jobs that idle workers are offered, one every so often.
+const OFFERS: u32 = 600;
 const OFFER_EVERY_MS: u32 = 25;
+/// The waits of the first third of them are not counted: each worker's first tasks plan their statements.
+const WARM_UP_SHARE: usize = 3;
 
 const SETTLE: Duration = Duration::from_secs(2);
+/// Longer than workers go on looking often.
+const FALL_ASLEEP: Duration = Duration::from_secs(15);
 const IDLE: Duration = Duration::from_secs(10);
 
 /// As many tasks as torqued allows in a job.
 const TASKS_OF_A_JOB: u32 = 10_000;
 const JOBS: u32 = 3000;
 /// Tasks of queues that fetch several at once.
-const TASKS_OF_PEERS: u32 = 30_000;
+const TASKS_OF_PEERS: u32 = 60_000;
 
 /// Tasks per second beside apalis, which fetches and acknowledges one at a time like us.
 const GOAL_RATE: Goal = Goal::AtLeast(1.0);
@@ -139,16 +143,15 @@ fn measure(
     let (name, goal) = (database.name, database.goal_wait_ms);
     let mut many = Queue::new(database, ours, folder, Work::Many, TASKS_OF_A_JOB)?;
     let mut each = Queue::new(database, ours, folder, Work::Each, JOBS)?;
-    let mut theirs = Vec::new();
-    for rival in rivals {
-        theirs.push(Queue::new(database, &rival.program, folder, Work::Many, TASKS_OF_PEERS)?);
-    }
     for workers in WORKERS {
         eprintln!("{name}, tasks per second of {workers} workers");
         let what = format!("{name}, tasks of large jobs, {workers} workers");
         let rate = many.rate(workers)?;
         rows.push(Measurement::alone(&what, rate, "1/s", None));
-        for (rival, queue) in rivals.iter().zip(&mut theirs) {
+        for rival in rivals {
+            // What workers leave behind that were killed slows some of them down.
+            let mut queue =
+                Queue::new(database, &rival.program, folder, Work::Many, TASKS_OF_PEERS)?;
             let peer = Peer { value: queue.rate(workers)?, version: rival.name.clone() };
             let goal = rival.is_bound.then_some(GOAL_RATE);
             rows.push(Measurement::compared(&what, rate, Some(peer), "1/s", goal));
@@ -270,7 +273,9 @@ impl<'a> Queue<'a> {
         while workers.count()? < u64::from(OFFERS) && began.elapsed() < IDLE {
             sleep(LOOK_EVERY);
         }
-        let mut waits = workers.end()?;
+        let waits = workers.end()?;
+        let counted = waits.iter().flat_map(|waits| &waits[waits.len() / WARM_UP_SHARE..]);
+        let mut waits: Vec<f64> = counted.copied().collect();
         anyhow::ensure!(!waits.is_empty(), "no worker got a task");
         waits.sort_by(f64::total_cmp);
         Ok([0.5, 0.99].map(|share| measured_quantile(&waits, share)))
@@ -280,7 +285,7 @@ impl<'a> Queue<'a> {
     fn idle_percent(&mut self, server: Option<u32>) -> anyhow::Result<f64> {
         let mut workers = Workers::start(self.program, &self.place, IDLE_WORKERS)?;
         workers.go()?;
-        sleep(SETTLE);
+        sleep(FALL_ASLEEP);
         let processes = workers.processes();
         let spent = || {
             let of_workers = processes.iter().map(|process| processor_time::of(*process));

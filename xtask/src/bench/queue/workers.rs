@@ -70,13 +70,14 @@ impl Workers {
         self.0.iter().map(|process| process.child.id()).collect()
     }
 
-    /// Ends them, and tells how long each of their tasks had waited, in milliseconds.
-    pub fn end(mut self) -> anyhow::Result<Vec<f64>> {
+    /// Ends them, and tells how long each of their tasks had waited, in milliseconds: a list of each process, in the order
+    /// in which it began them.
+    pub fn end(mut self) -> anyhow::Result<Vec<Vec<f64>>> {
         let mut waits_ms = Vec::new();
         for process in &mut self.0 {
             process.input = None;
             let report: Report = serde_json::from_str(&process.read()?)?;
-            waits_ms.extend(report.waits_us.into_iter().map(|us| us / 1e3));
+            waits_ms.push(report.waits_us.into_iter().map(|us| us / 1e3).collect());
             process.child.wait()?;
         }
         Ok(waits_ms)
