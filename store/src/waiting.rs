@@ -1,7 +1,7 @@
 //! Waiting for a task without asking all the time.
 
 use std::hash::{BuildHasher, RandomState};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use crate::boxed;
 use crate::database::Database;
@@ -17,7 +17,17 @@ pub struct Bell {
     inner: Inner,
     /// Rings since the last that brought a task.
     in_vain: u32,
+    /// When it rang or brought a task, or was hung up.
+    heard_at: Instant,
 }
+
+/// Between two looks for a task that rang for nobody: one that may be claimed from a moment on.
+const LOOK_EVERY: Duration = Duration::from_secs(1);
+
+/// The same after [`QUIET_AFTER`] without anything to do. Many idle workers look at different moments.
+const LOOK_EVERY_WHEN_QUIET: Duration = Duration::from_secs(5);
+
+const QUIET_AFTER: Duration = Duration::from_secs(10);
 
 /// How much longer others may go first after one more ring in vain.
 const COURTESY: Duration = Duration::from_millis(4);
@@ -46,7 +56,7 @@ impl Store {
                 Inner::Postgres(bell)
             }
         };
-        Ok(Bell { inner, in_vain: 0 })
+        Ok(Bell { inner, in_vain: 0, heard_at: Instant::now() })
     }
 }
 
@@ -64,6 +74,7 @@ impl Bell {
             }
         };
         if rang {
+            self.heard_at = Instant::now();
             let courtesy = courtesy(self.in_vain, RandomState::new().hash_one(()));
             self.in_vain = self.in_vain.saturating_add(1);
             tokio::time::sleep(courtesy).await;
@@ -71,9 +82,15 @@ impl Bell {
         Ok(())
     }
 
+    /// How long to wait for a ring before looking without one.
+    pub fn patience(&self) -> Duration {
+        if self.heard_at.elapsed() < QUIET_AFTER { LOOK_EVERY } else { LOOK_EVERY_WHEN_QUIET }
+    }
+
     /// A task was found.
     pub fn brought_a_task(&mut self) {
         self.in_vain = 0;
+        self.heard_at = Instant::now();
     }
 }
 

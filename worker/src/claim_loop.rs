@@ -47,9 +47,8 @@ pub struct WorkerOptions {
     pub log: AttemptLog,
 }
 
-/// How long an idle worker waits to be told of a task before it looks by itself: a task that may be claimed from a
-/// moment on is told to nobody.
-const LOOK_EVERY: Duration = Duration::from_secs(1);
+/// How long the server's version is taken for what it was.
+const KNOWN_FOR: Duration = Duration::from_secs(1);
 
 /// How long a worker that has a task goes on listening, so as not to begin anew after each of many short ones.
 const BELL_KEPT: Duration = Duration::from_secs(2);
@@ -102,7 +101,7 @@ async fn work_on(
             tracing::info!("ends: it found no task for {} s", idle_since.elapsed().as_secs());
             return Ok(());
         }
-        let is_known = same_version_at.is_some_and(|at| at.elapsed() < LOOK_EVERY);
+        let is_known = same_version_at.is_some_and(|at| at.elapsed() < KNOWN_FOR);
         let obstacle = match store.obstacle() {
             None if !options.any_version && !is_known => {
                 let obstacle = other_version(store).await;
@@ -159,12 +158,12 @@ async fn wait_for_a_task(store: &Store, bell: &mut Option<Bell>) {
             }
             Err(error) => Err(error),
         },
-        Some(hung) => hung.wait(LOOK_EVERY).await,
+        Some(hung) => hung.wait(hung.patience()).await,
     };
     if let Err(error) = rung {
         tracing::warn!(error = faults::causes(&error), "cannot listen for tasks");
         *bell = None;
-        tokio::time::sleep(LOOK_EVERY).await;
+        tokio::time::sleep(RETRY).await;
     }
 }
 

@@ -16,7 +16,8 @@ use crate::{Outcome, now_us};
 pub const VERSION: &str = "bench";
 
 /// As in torqued's worker (`worker/src/claim_loop.rs`, `worker/src/presence.rs`), whose claim loop this is.
-const LOOK_EVERY: Duration = Duration::from_secs(1);
+const KNOWN_FOR: Duration = Duration::from_secs(1);
+const RETRY: Duration = Duration::from_secs(2);
 const SHOW_EVERY: Duration = Duration::from_secs(10);
 const LEASE: Duration = Duration::from_secs(15);
 
@@ -83,7 +84,7 @@ async fn claim_and_complete(store: Store, name: String, work: Arc<Work>) {
         if let Err(error) = looked {
             eprintln!("{name}: {error}");
             bell = None;
-            tokio::time::sleep(LOOK_EVERY).await;
+            tokio::time::sleep(RETRY).await;
         }
     }
 }
@@ -97,7 +98,7 @@ async fn look(
     work: &Work,
 ) -> Result<(), StoreError> {
     let _ = store.obstacle();
-    if same_version_at.is_none_or(|at| at.elapsed() >= LOOK_EVERY) {
+    if same_version_at.is_none_or(|at| at.elapsed() >= KNOWN_FOR) {
         store.server_version().await?;
         *same_version_at = Some(Instant::now());
     }
@@ -105,7 +106,7 @@ async fn look(
         match bell {
             // What was queued before it listened is looked for once more.
             None => *bell = Some(store.bell().await?),
-            Some(bell) => bell.wait(LOOK_EVERY).await?,
+            Some(bell) => bell.wait(bell.patience()).await?,
         }
         return Ok(());
     };
