@@ -1,7 +1,8 @@
 //! The data folder: what lies where, and who may serve it.
 
 use std::fs::{File, OpenOptions, TryLockError};
-use std::io::{Read, Seek, Write};
+use std::io::{ErrorKind, Read, Seek, Write};
+use std::os::unix::fs::DirBuilderExt as _;
 use std::path::{Path, PathBuf};
 
 use crate::StoreError;
@@ -64,9 +65,25 @@ impl DataDir {
         self.0.join("server.lock")
     }
 
-    /// Creates the folders.
+    /// Creates the folders. Nobody but their owner may look into a data folder that was not there; one that was keeps the
+    /// mode that somebody gave it.
     pub fn create(&self) -> Result<(), StoreError> {
+        self.create_private().map_err(|reason| self.unusable(reason))?;
         std::fs::create_dir_all(self.objects()).map_err(|reason| self.unusable(reason))
+    }
+
+    fn create_private(&self) -> std::io::Result<()> {
+        let create = || match std::fs::DirBuilder::new().mode(0o700).create(&self.0) {
+            Err(error) if error.kind() == ErrorKind::AlreadyExists => Ok(()),
+            created => created,
+        };
+        match (create(), self.0.parent()) {
+            (Err(error), Some(parent)) if error.kind() == ErrorKind::NotFound => {
+                std::fs::create_dir_all(parent)?;
+                create()
+            }
+            (created, _) => created,
+        }
     }
 
     /// Takes the server's lock, which the returned handle holds until it is dropped or its

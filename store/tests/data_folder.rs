@@ -342,3 +342,21 @@ async fn a_clock_that_was_set_back_lets_nobody_pass_who_came_later() {
     let urgent = store.submit(of_priority(3, 1)).await.unwrap().job;
     assert_eq!(order(&store).await, [urgent, first, second]);
 }
+
+#[tokio::test]
+async fn nobody_else_may_look_into_a_new_folder_and_an_old_one_keeps_its_mode() {
+    use std::os::unix::fs::PermissionsExt as _;
+
+    let parent = tempfile::tempdir().unwrap();
+    let mode =
+        |folder: &std::path::Path| std::fs::metadata(folder).unwrap().permissions().mode() & 0o777;
+    let new = parent.path().join("labs/arm");
+    Store::open(&new, Access::Server).await.unwrap().close().await;
+    assert_eq!(mode(&new), 0o700);
+
+    let shared = parent.path().join("shared");
+    std::fs::create_dir(&shared).unwrap();
+    std::fs::set_permissions(&shared, std::fs::Permissions::from_mode(0o750)).unwrap();
+    Store::open(&shared, Access::Server).await.unwrap().close().await;
+    assert_eq!(mode(&shared), 0o750);
+}
