@@ -11,7 +11,7 @@ use crate::client::{Client, ClientError};
 /// Where the commands that talk to a server find it.
 #[derive(Debug, Args)]
 pub struct ServerArguments {
-    /// The server's address
+    /// The server's address: http://, https:// or unix:PATH
     #[arg(long, env = "TORQUED_SERVER", value_name = "URL", default_value = DEFAULT_SERVER)]
     server: String,
 
@@ -22,7 +22,8 @@ pub struct ServerArguments {
 
 impl ServerArguments {
     pub fn client(&self) -> Result<Client, ClientError> {
-        Client::new(&self.server, self.token.clone())
+        // As for a server, an empty token is none.
+        Client::new(&self.server, self.token.clone().filter(|token| !token.is_empty()))
     }
 }
 

@@ -28,6 +28,19 @@ pub fn open_many_files() {
     }
 }
 
+/// As many of `connections` as leave three files of four to everything else.
+pub fn files_allow(connections: usize) -> usize {
+    let files = getrlimit(Resource::RLIMIT_NOFILE).map_or(u64::MAX, |(now, _)| now);
+    let allowed = usize::try_from(files / 4).unwrap_or(usize::MAX).max(1);
+    if allowed < connections {
+        tracing::warn!(
+            files,
+            "this process may open few files: {allowed} connections at once, not {connections}; raise ulimit -n"
+        );
+    }
+    allowed.min(connections)
+}
+
 /// Has the system end this process before others when memory runs out, where it lets us say so: a worker's task is
 /// tried again, while without its server everything stands still.
 pub fn go_first_when_memory_is_short() {

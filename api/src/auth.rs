@@ -21,8 +21,8 @@ use subtle::ConstantTimeEq;
 use crate::app::App;
 use crate::error::ApiError;
 
-/// The one path that tells nothing and so needs no token.
-const OPEN_PATH: &str = "/healthz";
+/// The paths that tell next to nothing and so need no token.
+const OPEN_PATHS: [&str; 2] = ["/healthz", "/readyz"];
 
 /// The token, as its digest: comparing digests takes the same time wherever they differ, for
 /// tokens of any length.
@@ -48,7 +48,7 @@ pub async fn require_token(
     let Some(token) = app.token() else { return Ok(next.run(request).await) };
     let credentials = request.headers().get(AUTHORIZATION).and_then(|value| value.to_str().ok());
     let accepted = credentials.and_then(offered_token).is_some_and(|it| token.matches(&it));
-    if accepted || request.uri().path() == OPEN_PATH {
+    if accepted || OPEN_PATHS.contains(&request.uri().path()) {
         return Ok(next.run(request).await);
     }
     Err(ApiError::Unauthorized { offered: credentials.is_some() })

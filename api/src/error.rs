@@ -12,7 +12,9 @@ use store::StoreError;
 use thiserror::Error;
 use wire::{JobState, Problem};
 
-use crate::limits::{CONCURRENT_UPLOADS, REQUEST_TIMEOUT, STREAMS, UPLOAD_TIMEOUT};
+use crate::limits::{
+    BODY_WITHIN, CONCURRENT_DOWNLOADS, CONCURRENT_UPLOADS, REQUEST_TIMEOUT, STREAMS, UPLOAD_TIMEOUT,
+};
 use crate::live::LiveError;
 
 const BEARER: &str = r#"Bearer realm="torqued""#;
@@ -116,6 +118,21 @@ pub enum ApiError {
     #[error("the server is answering as many requests as it can; try again in a second")]
     Crowded,
 
+    #[error(
+        "this address asks more often than it may; try again in {} s, or have `serve --max-requests-per-second` set higher",
+        whole_seconds(*wait)
+    )]
+    TooFast { wait: Duration },
+
+    #[error("{CONCURRENT_DOWNLOADS} files are being sent, as many as may be; try again later")]
+    DownloadsCrowded,
+
+    #[error("this server is about to end")]
+    Ending,
+
+    #[error("the body did not come within {} s", BODY_WITHIN.as_secs())]
+    SlowBody,
+
     #[error("the answer took longer than {} s", REQUEST_TIMEOUT.as_secs())]
     Timeout,
 
@@ -150,6 +167,11 @@ pub enum ApiError {
 
     #[error("a fault in the server; its log says more")]
     Internal,
+}
+
+/// As `Retry-After` has it: rounded up.
+fn whole_seconds(wait: Duration) -> u64 {
+    wait.as_secs() + u64::from(wait.subsec_nanos() > 0)
 }
 
 impl ApiError {
@@ -244,6 +266,14 @@ impl ApiError {
                 (S::MISDIRECTED_REQUEST, "host", "The server does not have this name")
             }
             Self::Crowded => (S::SERVICE_UNAVAILABLE, "crowded", "Too many requests at once"),
+            Self::TooFast { .. } => {
+                (S::TOO_MANY_REQUESTS, "too-fast", "Too many requests per second")
+            }
+            Self::DownloadsCrowded => {
+                (S::SERVICE_UNAVAILABLE, "crowded", "Too many files are being sent")
+            }
+            Self::Ending => (S::SERVICE_UNAVAILABLE, "ending", "The server is about to end"),
+            Self::SlowBody => (S::REQUEST_TIMEOUT, "slow-body", "The body did not come in time"),
             Self::Timeout => (S::SERVICE_UNAVAILABLE, "timeout", "The answer took too long"),
             Self::Damaged { .. } => DAMAGED,
             Self::ShardUnreadable { .. } => {
@@ -300,8 +330,12 @@ impl ApiError {
                 headers.append(WWW_AUTHENTICATE, HeaderValue::from_static(BEARER));
                 headers.append(WWW_AUTHENTICATE, HeaderValue::from_static(BASIC));
             }
+            Self::TooFast { wait } => {
+                headers.insert(RETRY_AFTER, HeaderValue::from(whole_seconds(*wait)));
+            }
             Self::Crowded
             | Self::UploadsCrowded
+            | Self::DownloadsCrowded
             | Self::StreamsCrowded
             | Self::Live(LiveError::Queue { .. } | LiveError::Full { .. })
             | Self::Timeout => {

@@ -10,7 +10,7 @@ use axum::response::IntoResponse;
 use serde::de::DeserializeOwned;
 
 use crate::error::ApiError;
-use crate::limits::{BODY_BYTES, IDEMPOTENCY_KEY_BYTES};
+use crate::limits::{BODY_BYTES, BODY_WITHIN, IDEMPOTENCY_KEY_BYTES};
 
 /// The captures of a path.
 pub struct Path<T>(pub T);
@@ -61,9 +61,11 @@ impl<S: Send + Sync, const LIMIT: usize> FromRequest<S> for JsonBytes<LIMIT> {
     async fn from_request(mut request: Request, state: &S) -> Result<Self, ApiError> {
         require_json(request.headers())?;
         DefaultBodyLimit::max(LIMIT).apply(&mut request);
-        match Bytes::from_request(request, state).await {
-            Ok(bytes) => Ok(Self(bytes)),
-            Err(rejection) => Err(unreadable(rejection, LIMIT)),
+        let body = tokio::time::timeout(BODY_WITHIN, Bytes::from_request(request, state));
+        match body.await {
+            Ok(Ok(bytes)) => Ok(Self(bytes)),
+            Ok(Err(rejection)) => Err(unreadable(rejection, LIMIT)),
+            Err(_) => Err(ApiError::SlowBody),
         }
     }
 }

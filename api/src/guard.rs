@@ -2,8 +2,9 @@
 
 use std::any::Any;
 use std::sync::Arc;
+use std::time::Instant;
 
-use axum::extract::{Request, State};
+use axum::extract::{MatchedPath, Request, State};
 use axum::http::header::{
     CONTENT_SECURITY_POLICY, HeaderName, REFERRER_POLICY, X_CONTENT_TYPE_OPTIONS,
 };
@@ -12,6 +13,7 @@ use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use tokio::sync::Semaphore;
 
+use crate::app::App;
 use crate::error::ApiError;
 use crate::limits::{CONCURRENT_REQUESTS, REQUEST_TIMEOUT};
 
@@ -40,6 +42,17 @@ pub async fn admit(
         return Ok(next.run(request).await);
     }
     tokio::time::timeout(REQUEST_TIMEOUT, next.run(request)).await.map_err(|_| ApiError::Timeout)
+}
+
+/// Counts requests by route for those who watch.
+pub async fn count(State(app): State<App>, request: Request, next: Next) -> Response {
+    let began = Instant::now();
+    let route = request.extensions().get::<MatchedPath>().cloned();
+    let method = request.method().clone();
+    let response = next.run(request).await;
+    let route = route.as_ref().map(MatchedPath::as_str);
+    app.count_request(&method, route, response.status(), began.elapsed());
+    response
 }
 
 /// Everything the page needs comes from this server, and nothing may frame it.

@@ -6,12 +6,14 @@
 mod app;
 mod auth;
 mod charts;
+mod connections;
 mod download;
 mod error;
 mod extract;
 mod guard;
 pub mod limits;
 pub mod live;
+mod pace;
 mod page;
 mod parameters;
 mod range;
@@ -21,5 +23,6 @@ mod stream;
 mod upload;
 
 pub use app::{App, Options};
+pub use connections::Listener;
 pub use routes::{openapi, router};
 pub use server::{ServeError, serve};

@@ -97,9 +97,37 @@ pub const STREAM_PING: Duration = Duration::from_secs(15);
 /// How long a client may answer nothing. Crossing it closes the stream.
 pub const STREAM_SILENCE: Duration = Duration::from_secs(45);
 
+/// How long the body of a spec or a question may take to come. Crossing it is a 408. Less than [`REQUEST_TIMEOUT`].
+pub const BODY_WITHIN: Duration = Duration::from_secs(20);
+
 /// How long a request may take until its response begins; downloads may then take as long as
 /// they need. Crossing it is a 503.
 pub const REQUEST_TIMEOUT: Duration = Duration::from_secs(30);
+
+/// Connections open at once, unless the server is told otherwise. The ones beyond wait to be accepted.
+pub const CONNECTIONS: usize = 1024;
+
+/// How long a connection may take to send the head of its next request, and so how long one is kept open between two.
+/// Crossing it closes the connection.
+pub const HEAD_WITHIN: Duration = Duration::from_secs(20);
+
+/// Bytes of the head of a request. Crossing it is a 431.
+pub const HEAD_BYTES: usize = 64 << 10;
+
+/// Fields of the head of a request. Crossing it is a 431.
+pub const HEAD_FIELDS: usize = 100;
+
+/// How long a client may accept no byte of an answer. Crossing it closes the connection.
+pub const WRITE_STALL: Duration = Duration::from_secs(60);
+
+/// Requests per second of one address, unless the server is told otherwise. Crossing it for long is a 429.
+pub const REQUESTS_PER_SECOND: u32 = 300;
+
+/// Seconds of an address's requests that may come at once.
+pub const BURST_SECONDS: u32 = 10;
+
+/// Files that are sent at once; the ones beyond are refused with 503.
+pub const CONCURRENT_DOWNLOADS: usize = 128;
 
 /// Requests answered at once; the ones beyond are refused with 503 instead of piling up.
 pub const CONCURRENT_REQUESTS: usize = 512;

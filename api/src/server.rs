@@ -1,15 +1,14 @@
 //! Listening, and ending in time.
 
-use std::future::{Future, IntoFuture as _};
+use std::future::Future;
 use std::io;
 use std::net::SocketAddr;
 
-use axum::serve::ListenerExt as _;
 use thiserror::Error;
-use tokio::net::TcpListener;
-use tokio::sync::oneshot;
+use tokio_util::sync::CancellationToken;
 
 use crate::app::App;
+use crate::connections::{self, Listener};
 use crate::limits::SHUTDOWN_GRACE;
 use crate::routes;
 
@@ -32,38 +31,34 @@ pub enum ServeError {
 /// [`ServeError::OpenWithoutToken`] when `listener` can be reached from other machines and `app`
 /// has no token.
 pub async fn serve(
-    listener: TcpListener,
+    listener: impl Into<Listener>,
     app: App,
     shutdown: impl Future<Output = ()> + Send + 'static,
 ) -> Result<(), ServeError> {
-    let address = listener.local_addr()?;
-    if app.token().is_none() && !address.ip().is_loopback() {
+    let listener = listener.into();
+    if app.token().is_none()
+        && let Some(address) = listener.open_address()?
+    {
         return Err(ServeError::OpenWithoutToken { address });
     }
-    let (stop, stopped) = oneshot::channel::<()>();
-    let streams = app.clone();
-    // A prediction of a stream is small and late if it waits to be sent together with the next.
-    let listener = listener.tap_io(|connection| {
-        let _ = connection.set_nodelay(true);
-    });
-    let server = axum::serve(listener, routes::router(app)).with_graceful_shutdown(async {
-        // A dropped sender means that this function was dropped: stop as well.
-        let _ = stopped.await;
-    });
-    let deadline = async {
-        shutdown.await;
-        streams.close_streams();
-        let _ = stop.send(());
-        tokio::time::sleep(SHUTDOWN_GRACE).await;
-    };
+    let stop = CancellationToken::new();
+    // When this function is dropped, connections end as well.
+    let _stop = stop.clone().drop_guard();
     // Streams are no connections to the server any more.
     let served = async {
-        let ended = server.into_future().await;
-        streams.streams_closed().await;
-        ended
+        let router = routes::router(app.clone());
+        connections::serve(listener, router, app.connections(), stop.clone()).await;
+        app.streams_closed().await;
+    };
+    let deadline = async {
+        shutdown.await;
+        app.close_streams();
+        stop.cancel();
+        tokio::time::sleep(SHUTDOWN_GRACE).await;
     };
     tokio::select! {
-        ended = served => Ok(ended?),
-        () = deadline => Ok(()),
+        () = served => {}
+        () = deadline => {}
     }
+    Ok(())
 }

@@ -19,11 +19,16 @@ pub use failure::failure;
 /// Items of a list that the server sends at once, at most.
 const LONGEST_PAGE: u32 = 500;
 
-/// A server's API at one address.
+/// What the address of a server begins with that listens on a socket in the file system; its path follows.
+pub const UNIX: &str = "unix:";
+
+/// A server's API at one address: `http://HOST:PORT`, `https://HOST` behind a proxy, or `unix:PATH`.
 #[derive(Clone, Debug)]
 pub struct Client {
     http: reqwest::Client,
     base: Url,
+    /// The file of the socket that all requests go to.
+    socket: Option<String>,
     token: Option<String>,
 }
 
@@ -44,24 +49,33 @@ pub struct Submitted {
 
 impl Client {
     /// # Errors
-    /// When `server` is no `http://` address.
+    /// When `server` is no address as [`Client`] knows them.
     pub fn new(server: &str, token: Option<String>) -> Result<Self, ClientError> {
         let address = |reason: String| ClientError::Address { server: server.to_owned(), reason };
-        let base = Url::parse(server).map_err(|error| address(error.to_string()))?;
-        if base.scheme() != "http" || base.host_str().is_none() {
-            return Err(address("expected http://HOST:PORT".to_owned()));
+        let (web, socket) = match server.strip_prefix(UNIX) {
+            Some(path) => ("http://localhost", Some(path.to_owned())),
+            None => (server, None),
+        };
+        let base = Url::parse(web).map_err(|error| address(error.to_string()))?;
+        let is_web = ["http", "https"].contains(&base.scheme()) && base.host_str().is_some();
+        if !is_web || socket.as_deref() == Some("") {
+            return Err(address("expected http://HOST:PORT, https://HOST or unix:PATH".to_owned()));
         }
         // It is refused where it was done before.
         let _ = rustls::crypto::ring::default_provider().install_default();
-        let http = reqwest::Client::builder()
+        let mut http = reqwest::Client::builder()
             // The server is on this machine or in this laboratory, never behind a web proxy.
             .no_proxy()
             .connect_timeout(Duration::from_secs(5))
             .timeout(Duration::from_secs(60))
-            .user_agent(concat!("torqued/", env!("CARGO_PKG_VERSION")))
-            .build()
-            .map_err(|error| address(error.to_string()))?;
-        Ok(Self { http, base, token })
+            // Before the server closes it.
+            .pool_idle_timeout(api::limits::HEAD_WITHIN / 2)
+            .user_agent(concat!("torqued/", env!("CARGO_PKG_VERSION")));
+        if let Some(path) = &socket {
+            http = http.unix_socket(path.as_str());
+        }
+        let http = http.build().map_err(|error| address(error.to_string()))?;
+        Ok(Self { http, base, socket, token })
     }
 
     /// Submits a spec, `text` being its JSON.
@@ -179,7 +193,23 @@ impl Client {
 
     /// The address of a page or download, for people.
     pub fn url(&self, path: &str) -> String {
+        match &self.socket {
+            // As curl is given it.
+            Some(socket) => format!("--unix-socket {socket} {}", self.address(path)),
+            None => self.address(path),
+        }
+    }
+
+    fn address(&self, path: &str) -> String {
         format!("{}{path}", self.base.as_str().trim_end_matches('/'))
+    }
+
+    /// The server's address as it was given.
+    fn server(&self) -> String {
+        match &self.socket {
+            Some(socket) => format!("{UNIX}{socket}"),
+            None => self.base.to_string(),
+        }
     }
 
     async fn get<T: DeserializeOwned>(&self, path: &str) -> Result<T, ClientError> {
@@ -191,7 +221,7 @@ impl Client {
     }
 
     fn request(&self, method: Method, path: &str) -> RequestBuilder {
-        let request = self.http.request(method, self.url(path));
+        let request = self.http.request(method, self.address(path));
         match &self.token {
             Some(token) => request.bearer_auth(token),
             None => request,
@@ -221,13 +251,13 @@ impl Client {
     }
 
     fn unreachable(&self) -> impl FnOnce(reqwest::Error) -> ClientError {
-        let server = self.base.to_string();
+        let server = self.server();
         |reason| ClientError::Unreachable { server, reason }
     }
 
     fn read<T: DeserializeOwned>(&self, body: &str) -> Result<T, ClientError> {
         serde_json::from_str(body)
-            .map_err(|source| ClientError::Answer { server: self.base.to_string(), source })
+            .map_err(|source| ClientError::Answer { server: self.server(), source })
     }
 }
 

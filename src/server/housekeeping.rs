@@ -2,11 +2,13 @@
 
 use std::time::{Duration, Instant, SystemTime};
 
-use store::{Duty, DutyClaim, Reaped, Reaper, Store};
+use store::{Duty, DutyClaim, Reaped, Reaper, Store, StoreError};
 use tokio_util::sync::CancellationToken;
 
 /// How often leases are looked at: how much later than its lease a death is noticed.
 const REAP_EVERY: Duration = Duration::from_secs(1);
+
+const FORGET_ENGINES_EVERY: Duration = Duration::from_secs(10);
 
 const SWEEP_EVERY: Duration = Duration::from_secs(60 * 60);
 
@@ -42,6 +44,24 @@ pub async fn reap(store: Store, stop: CancellationToken) {
             }
         }
     }
+}
+
+/// Forgets the engine of a server that ended without a word, so that nobody waits for workers that it would have asked for.
+pub async fn forget_engines(store: Store, stop: CancellationToken) {
+    while stop.run_until_cancelled(tokio::time::sleep(FORGET_ENGINES_EVERY)).await.is_some() {
+        if let Err(error) = forget_engine(&store).await {
+            let error = anyhow::Error::new(error);
+            tracing::warn!("cannot tell whether a server asks an engine for workers: {error:#}");
+        }
+    }
+}
+
+/// Forgets the engine unless a server asks it, which has the duty as long as it lives.
+pub async fn forget_engine(store: &Store) -> Result<(), StoreError> {
+    if store.engine().await?.is_some() && store.duty(Duty::Placing).is_mine().await? {
+        store.set_engine(None).await?;
+    }
+    Ok(())
 }
 
 /// Deletes what killed workers left half written. A clock that was set ahead, or a machine that slept, makes no file

@@ -1,7 +1,13 @@
+use std::io::ErrorKind;
 use std::net::{Ipv4Addr, SocketAddr};
+use std::os::unix::fs::{FileTypeExt as _, PermissionsExt as _};
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
 
-use anyhow::{Context, ensure};
-use tokio::net::TcpListener;
+use anyhow::{Context, bail, ensure};
+use tokio::net::{TcpListener, UnixListener, UnixStream};
+
+use crate::client::UNIX;
 
 /// Where the server listens unless told.
 const USUAL_PORT: u16 = 7070;
@@ -9,30 +15,77 @@ const USUAL_PORT: u16 = 7070;
 /// Ports tried after the usual one.
 const MORE_PORTS: u16 = 100;
 
+/// Where a server is told to listen.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Address {
+    Tcp(SocketAddr),
+    /// A socket in the file system, for the user of this process alone.
+    Unix(PathBuf),
+}
+
+impl FromStr for Address {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        if let Some(path) = text.strip_prefix(UNIX) {
+            return match path {
+                "" => Err("expected a file after unix:".to_owned()),
+                path => Ok(Self::Unix(path.into())),
+            };
+        }
+        let address = text.parse();
+        address.map(Self::Tcp).map_err(|_| "expected ADDRESS:PORT or unix:PATH".to_owned())
+    }
+}
+
+/// A listener, and how clients are told of it. A socket's file is deleted with it.
+pub struct Bound {
+    pub listener: api::Listener,
+    pub url: String,
+    pub file: Option<SocketFile>,
+}
+
+/// The file of a socket, which is deleted when this is dropped.
+pub struct SocketFile(PathBuf);
+
+impl Drop for SocketFile {
+    fn drop(&mut self) {
+        // Somebody may have deleted it.
+        let _ = std::fs::remove_file(&self.0);
+    }
+}
+
 /// Anyone who reaches the port can queue work and read results, so beyond this machine a token is
 /// a must.
-pub fn refuse_unguarded(asked: Option<SocketAddr>, token: Option<&str>) -> anyhow::Result<()> {
-    let Some(address) = asked else { return Ok(()) };
+pub fn refuse_unguarded(asked: Option<&Address>, token: Option<&str>) -> anyhow::Result<()> {
+    let Some(Address::Tcp(address)) = asked else { return Ok(()) };
     ensure!(
         address.ip().is_loopback() || token.is_some(),
         "listening on {address}, which other machines can reach, needs a token: give --token or \
-         TORQUED_TOKEN, or listen on 127.0.0.1"
+         TORQUED_TOKEN, which must not be empty, or listen on 127.0.0.1"
     );
     Ok(())
 }
 
 /// Listens where asked; unless asked, on the usual port or the next free one.
-pub async fn bind(asked: Option<SocketAddr>) -> anyhow::Result<TcpListener> {
-    if let Some(address) = asked {
-        return TcpListener::bind(address)
+pub async fn bind(asked: Option<&Address>) -> anyhow::Result<Bound> {
+    let listener = match asked {
+        Some(Address::Unix(path)) => return bind_socket(path).await,
+        Some(Address::Tcp(address)) => TcpListener::bind(address)
             .await
-            .with_context(|| format!("cannot listen on {address}"));
-    }
-    let mut result = Err(std::io::ErrorKind::AddrInUse.into());
+            .with_context(|| format!("cannot listen on {address}"))?,
+        None => bind_a_free_port().await?,
+    };
+    let address = listener.local_addr().context("cannot tell the address listened on")?;
+    Ok(Bound { listener: listener.into(), url: format!("http://{address}"), file: None })
+}
+
+async fn bind_a_free_port() -> anyhow::Result<TcpListener> {
+    let mut result = Err(ErrorKind::AddrInUse.into());
     for port in USUAL_PORT..=USUAL_PORT + MORE_PORTS {
         result = TcpListener::bind((Ipv4Addr::LOCALHOST, port)).await;
         match &result {
-            Err(error) if error.kind() == std::io::ErrorKind::AddrInUse => {}
+            Err(error) if error.kind() == ErrorKind::AddrInUse => {}
             Ok(_) if port != USUAL_PORT => {
                 eprintln!("port {USUAL_PORT} is taken, using {port}");
                 break;
@@ -45,17 +98,73 @@ pub async fn bind(asked: Option<SocketAddr>) -> anyhow::Result<TcpListener> {
     })
 }
 
+/// Listens on a socket that only this user may open, in place of one that a killed server left.
+async fn bind_socket(path: &Path) -> anyhow::Result<Bound> {
+    let shown = path.display();
+    match std::fs::symlink_metadata(path) {
+        Ok(there) if !there.file_type().is_socket() => {
+            bail!("cannot listen on unix:{shown}: there is a file that is no socket")
+        }
+        Ok(_) if UnixStream::connect(path).await.is_ok() => {
+            bail!("cannot listen on unix:{shown}: another server does")
+        }
+        _ => {}
+    }
+    let cannot = || format!("cannot listen on unix:{shown}");
+    // Nobody finds it before its mode is set.
+    let mut new = path.as_os_str().to_owned();
+    new.push(".new");
+    let new = PathBuf::from(new);
+    let _ = std::fs::remove_file(&new);
+    let listener = UnixListener::bind(&new).with_context(cannot)?;
+    std::fs::set_permissions(&new, std::fs::Permissions::from_mode(0o600)).with_context(cannot)?;
+    std::fs::rename(&new, path).with_context(cannot)?;
+    let file = SocketFile(path.to_owned());
+    let absolute = std::path::absolute(path).with_context(cannot)?;
+    let url = format!("{UNIX}{}", absolute.display());
+    Ok(Bound { listener: listener.into(), url, file: Some(file) })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
     fn beyond_this_machine_a_token_is_needed() {
-        let open: SocketAddr = "0.0.0.0:7070".parse().unwrap();
-        let local: SocketAddr = "127.0.0.1:7070".parse().unwrap();
-        assert!(refuse_unguarded(Some(open), None).is_err());
-        assert!(refuse_unguarded(Some(open), Some("secret")).is_ok());
-        assert!(refuse_unguarded(Some(local), None).is_ok());
+        let address = |text: &str| text.parse::<Address>().unwrap();
+        let (open, local) = (address("0.0.0.0:7070"), address("127.0.0.1:7070"));
+        assert!(refuse_unguarded(Some(&open), None).is_err());
+        assert!(refuse_unguarded(Some(&open), Some("secret")).is_ok());
+        assert!(refuse_unguarded(Some(&local), None).is_ok());
+        assert!(refuse_unguarded(Some(&address("unix:/run/torqued")), None).is_ok());
         assert!(refuse_unguarded(None, None).is_ok());
+    }
+
+    #[test]
+    fn an_address_is_a_port_or_a_file() {
+        assert_eq!("unix:/run/torqued".parse(), Ok(Address::Unix("/run/torqued".into())));
+        assert!(matches!("[::1]:80".parse(), Ok(Address::Tcp(_))));
+        for wrong in ["", "unix:", "7070", "localhost:7070", "/run/torqued"] {
+            assert!(wrong.parse::<Address>().is_err(), "{wrong}");
+        }
+    }
+
+    #[tokio::test]
+    async fn a_socket_is_for_its_owner_and_takes_the_place_of_a_dead_one_only() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("torqued");
+        // As a server that was killed leaves it.
+        drop(std::os::unix::net::UnixListener::bind(&path).unwrap());
+        let address = Address::Unix(path.clone());
+        let bound = bind(Some(&address)).await.unwrap();
+        assert_eq!(std::fs::metadata(&path).unwrap().permissions().mode() & 0o777, 0o600);
+        let refused = bind(Some(&address)).await.err().unwrap().to_string();
+        assert!(refused.ends_with("another server does"), "{refused}");
+        drop(bound);
+        assert!(!path.exists());
+        std::fs::write(&path, "precious").unwrap();
+        let refused = bind(Some(&address)).await.err().unwrap().to_string();
+        assert!(refused.ends_with("a file that is no socket"), "{refused}");
+        assert_eq!(std::fs::read_to_string(&path).unwrap(), "precious");
     }
 }

@@ -7,7 +7,6 @@ mod listen;
 pub mod memory;
 mod places;
 
-use std::net::SocketAddr;
 use std::num::NonZero;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -19,7 +18,7 @@ use clap::Args;
 use executors::{Control, WorkerProcesses};
 use live::Live;
 use spec::{DataSpec, JobKind, TrainSpec};
-use store::{Access, Duty, Store};
+use store::{Access, Store};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
@@ -28,6 +27,7 @@ use crate::offers::WorkerOfferArguments;
 use crate::{allocator, device, process};
 use executor::ExecutorArguments;
 pub use interrupt::Interrupts;
+use listen::{Bound, SocketFile};
 
 /// What `serve` and `quickstart` can be told about the server they run.
 #[derive(Debug, Args)]
@@ -35,9 +35,10 @@ pub struct Options {
     #[command(flatten)]
     pub store: StoreArguments,
 
-    /// Address to listen on [default: 127.0.0.1:7070, or the next free port]
+    /// Address to listen on, or unix:PATH for a socket that only you may open [default: 127.0.0.1:7070, or the next free
+    /// port]
     #[arg(long, env = "TORQUED_LISTEN", value_name = "ADDRESS:PORT")]
-    pub listen: Option<SocketAddr>,
+    pub listen: Option<listen::Address>,
 
     /// Worker processes to run on this machine, 0 to 64; with a cluster as --executor none are
     #[arg(long, env = "TORQUED_WORKERS", value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(0..=64))]
@@ -70,7 +71,15 @@ pub struct Options {
 
     /// Token that every request must carry; needed when other machines can connect
     #[arg(long, env = "TORQUED_TOKEN", value_name = "TOKEN", hide_env_values = true)]
-    pub token: Option<String>,
+    token: Option<String>,
+
+    /// Connections open at once, 16 to 100000; fewer where the system allows this process fewer than four times as many files
+    #[arg(long, env = "TORQUED_MAX_CONNECTIONS", value_name = "N", default_value_t = api::limits::CONNECTIONS, value_parser = connections)]
+    pub max_connections: usize,
+
+    /// Requests per second of one address, 1 to 1000000; ten times as many may come at once
+    #[arg(long, env = "TORQUED_MAX_REQUESTS_PER_SECOND", value_name = "N", default_value_t = api::Options::default().requests_per_second)]
+    pub max_requests_per_second: NonZero<u32>,
 
     /// Largest simulation that may be submitted, in trajectories
     #[arg(long, env = "TORQUED_MAX_TRAJECTORIES", value_name = "N", default_value_t = api::limits::MAX_TRAJECTORIES, value_parser = clap::value_parser!(u64).range(1..=spec::MAX_TRAJECTORIES))]
@@ -85,12 +94,19 @@ pub struct Options {
     pub max_upload_bytes: u64,
 }
 
+impl Options {
+    /// The token that requests must carry. An empty one is none.
+    pub fn token(&self) -> Option<&str> {
+        self.token.as_deref().filter(|token| !token.is_empty())
+    }
+}
+
 /// How long requests that are under way may take when the server stops.
 const FINISH_REQUESTS_WITHIN: Duration = Duration::from_secs(3);
 
 /// A running server.
 pub struct Server {
-    /// For example `http://127.0.0.1:7070`.
+    /// `http://127.0.0.1:7070`, or `unix:/run/torqued`.
     pub url: String,
     data: PathBuf,
     store: Store,
@@ -99,13 +115,15 @@ pub struct Server {
     kill_workers: CancellationToken,
     http: tokio::task::JoinHandle<Result<(), api::ServeError>>,
     stop_http: CancellationToken,
+    app: App,
+    _socket: Option<SocketFile>,
 }
 
 impl Server {
     /// # Errors
     /// When the device or the folder cannot be used, or the address cannot be listened on.
     pub async fn start(options: &Options, log: &str) -> anyhow::Result<Self> {
-        listen::refuse_unguarded(options.listen, options.token.as_deref())?;
+        listen::refuse_unguarded(options.listen.as_ref(), options.token())?;
         allocator::keep_freed_memory();
         process::open_many_files();
         device::require(options.device.device).await?;
@@ -113,14 +131,15 @@ impl Server {
         store.register_server(env!("CARGO_PKG_VERSION")).await?;
         let command = executor::worker_command(options, log)?;
         let engine = options.executor.engine(options, command.clone(), &store).await?;
-        let listener = listen::bind(options.listen).await?;
-        let address = listener.local_addr().context("cannot tell the address listened on")?;
+        let Bound { listener, url, file } = listen::bind(options.listen.as_ref()).await?;
 
         let stop_http = CancellationToken::new();
         let app = App::new(
             store.clone(),
             &api::Options {
-                token: options.token.clone(),
+                token: options.token().map(str::to_owned),
+                connections: process::files_allow(options.max_connections),
+                requests_per_second: options.max_requests_per_second,
                 max_trajectories: options.max_trajectories,
                 time_limits_s: options.time_limits.iter().copied().collect(),
                 max_upload_bytes: options.max_upload_bytes,
@@ -136,7 +155,8 @@ impl Server {
             }
             None => app,
         };
-        let http = tokio::spawn(api::serve(listener, app, stop_http.clone().cancelled_owned()));
+        let http =
+            tokio::spawn(api::serve(listener, app.clone(), stop_http.clone().cancelled_owned()));
 
         let workers = TaskTracker::new();
         let stop_workers = CancellationToken::new();
@@ -147,10 +167,8 @@ impl Server {
             let control = Control::new(store.clone(), engine, settings).await?;
             workers.spawn(control.run(stop_workers.clone()));
         } else {
-            // Unless another server asks one.
-            if store.duty(Duty::Placing).is_mine().await? {
-                store.set_engine(None).await?;
-            }
+            housekeeping::forget_engine(&store).await?;
+            workers.spawn(housekeeping::forget_engines(store.clone(), stop_workers.clone()));
             let count = usize::from(options.workers);
             WorkerProcesses {
                 store: store.clone(),
@@ -164,9 +182,19 @@ impl Server {
         }
         workers.close();
 
-        let url = format!("http://{address}");
         let data = options.store.data.clone();
-        Ok(Self { url, data, store, workers, stop_workers, kill_workers, http, stop_http })
+        Ok(Self {
+            url,
+            data,
+            store,
+            workers,
+            stop_workers,
+            kill_workers,
+            http,
+            stop_http,
+            app,
+            _socket: file,
+        })
     }
 
     /// Serves until the first interrupt, then stops; the second kills.
@@ -189,6 +217,7 @@ impl Server {
     /// Takes no more tasks, lets workers put theirs down, finishes requests.
     pub async fn stop(self, interrupts: &mut Interrupts) {
         tracing::info!("stopping; once more to kill");
+        self.app.announce_end();
         self.stop_workers.cancel();
         tokio::select! {
             () = self.workers.wait() => {}
@@ -214,6 +243,12 @@ fn live(store: Store, options: &Options) -> anyhow::Result<Live> {
         loaded_bytes: options.max_loaded_bytes,
     };
     Live::new(store, options).context("cannot start threads for predictions")
+}
+
+fn connections(text: &str) -> Result<usize, String> {
+    const ALLOWED: std::ops::RangeInclusive<usize> = 16..=100_000;
+    let number = text.parse().ok().filter(|number| ALLOWED.contains(number));
+    number.ok_or(format!("allowed: {} to {}", ALLOWED.start(), ALLOWED.end()))
 }
 
 /// Reads `train=3600`.

@@ -19,6 +19,7 @@
 mod artifacts;
 mod attempts;
 mod cancellation;
+mod census;
 mod checkpoints;
 mod clock;
 mod columns;
@@ -71,6 +72,7 @@ pub(crate) use async_recursion::async_recursion as boxed;
 
 pub use artifacts::{Artifact, NewArtifact};
 pub use attempts::Attempt;
+pub use census::Census;
 pub use checkpoints::{Checkpoint, CheckpointFile, NewCheckpoint, WhichCheckpoint};
 pub use clock::Timestamp;
 pub use data_dir::Access;

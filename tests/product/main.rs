@@ -14,6 +14,7 @@ mod hard_stops;
 mod imports;
 mod killed_server;
 mod killed_worker;
+mod listening;
 mod logs;
 mod lone_worker;
 mod migration;

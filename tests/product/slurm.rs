@@ -193,6 +193,23 @@ async fn a_controller_that_is_away_for_a_while_is_said_once_and_waited_for() {
 }
 
 #[tokio::test]
+async fn what_a_server_said_of_slurm_is_forgotten_when_another_without_it_goes_on() {
+    let test = "what_a_server_said_of_slurm_is_forgotten_when_another_without_it_goes_on";
+    let Some(mut cluster) = cluster(test) else { return };
+    let data = tempfile::tempdir().unwrap();
+    let first = cluster.serve(data.path(), &[]);
+    cluster.kill_controller();
+    let speaks_of_slurm = |health: &Value| health.to_string().contains("of Slurm failed");
+    first.when("/healthz", speaks_of_slurm).await;
+    let second = cluster.serve_with(data.path(), &["--workers", "0"]);
+    assert!(speaks_of_slurm(&second.get("/healthz").await));
+    first.end_by("KILL");
+    let health = second.when("/healthz", |health| !speaks_of_slurm(health)).await;
+    let reason = health["reasons"][0].as_str().unwrap();
+    assert!(reason.contains("no worker is alive"), "{reason}");
+}
+
+#[tokio::test]
 async fn a_server_that_is_started_anew_finds_its_workers_again() {
     let test = "a_server_that_is_started_anew_finds_its_workers_again";
     let Some(cluster) = cluster(test) else { return };

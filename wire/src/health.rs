@@ -21,3 +21,10 @@ pub struct Health {
     /// Room on the disk of the data folder.
     pub free_bytes: u64,
 }
+
+/// The answer of a server that requests should be sent to.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct Readiness {
+    #[schema(example = "ready")]
+    pub status: String,
+}

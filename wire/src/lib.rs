@@ -39,7 +39,7 @@ pub use closed_loop::{
 };
 pub use datasets::{Dataset, DatasetFile, Datasets, FileKind};
 pub use evaluations::{CellTask, Evaluation, Evaluations};
-pub use health::Health;
+pub use health::{Health, Readiness};
 pub use imports::ImportCounts;
 pub use jobs::{Job, Jobs, Member, Progress};
 pub use logs::{LogChunk, Logs, left_out};

@@ -65,9 +65,13 @@ impl App {
         }
         match &file.content {
             Content::Stored { object, file } => {
+                let place = self.download_place()?;
                 let failed = |error| ApiError::reading(file, error);
                 let opened = self.store.open_object(object, Some(part)).await.map_err(failed)?;
-                let mut pieces = opened.stream;
+                // The place is free again when the body is sent or given up.
+                let mut pieces = opened.stream.inspect_ok(move |_| {
+                    let _held = &place;
+                });
                 // With the first piece in hand, a small file that is damaged is still answered with a problem.
                 let first = pieces.try_next().await.map_err(failed)?;
                 Ok(Body::from_stream(stream::iter(first.map(Ok)).chain(pieces)))

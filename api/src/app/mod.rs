@@ -11,6 +11,7 @@ mod experiments;
 pub mod files;
 mod jobs;
 pub mod logs;
+pub mod monitoring;
 pub mod paging;
 mod predictions;
 mod questions;
@@ -28,7 +29,9 @@ mod waits;
 mod workers;
 
 use std::collections::HashMap;
+use std::num::NonZero;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use ::jobs::{Limits, MemoryDoubts};
@@ -36,11 +39,13 @@ use spec::JobKind;
 use store::Store;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, watch};
 
+use crate::app::monitoring::Monitor;
 use crate::app::shards::OpenShards;
 use crate::auth::Token;
 use crate::error::ApiError;
 use crate::limits::{
-    CONCURRENT_UPLOADS, LOG_READERS, MAX_TRAJECTORIES, MAX_UPLOAD_BYTES, STREAMS, UPLOAD_STALL,
+    CONCURRENT_DOWNLOADS, CONCURRENT_UPLOADS, CONNECTIONS, LOG_READERS, MAX_TRAJECTORIES,
+    MAX_UPLOAD_BYTES, REQUESTS_PER_SECOND, STREAMS, UPLOAD_STALL,
 };
 use crate::live::LiveModels;
 
@@ -64,6 +69,10 @@ pub struct Options {
     pub max_upload_bytes: u64,
     /// How long a sender may take for the next bytes of a file.
     pub upload_stall: Duration,
+    /// Connections open at once.
+    pub connections: usize,
+    /// Requests per second of one address.
+    pub requests_per_second: NonZero<u32>,
 }
 
 impl Default for Options {
@@ -74,6 +83,8 @@ impl Default for Options {
             time_limits_s: HashMap::new(),
             max_upload_bytes: MAX_UPLOAD_BYTES,
             upload_stall: UPLOAD_STALL,
+            connections: CONNECTIONS,
+            requests_per_second: const { NonZero::new(REQUESTS_PER_SECOND).unwrap() },
         }
     }
 }
@@ -92,11 +103,17 @@ pub struct App {
     upload_places: Arc<Semaphore>,
     /// For the requests that wait for lines of a log.
     log_places: Arc<Semaphore>,
+    /// For the files on their way out.
+    download_places: Arc<Semaphore>,
+    connections: usize,
+    requests_per_second: NonZero<u32>,
     models: Option<Arc<dyn LiveModels>>,
     /// For the streams that are open.
     stream_places: Arc<Semaphore>,
     /// Whether streams are to end.
     closing: watch::Sender<bool>,
+    ending: Arc<AtomicBool>,
+    monitor: Monitor,
 }
 
 impl App {
@@ -114,9 +131,14 @@ impl App {
             memory_doubts: None,
             upload_places: Arc::new(Semaphore::new(CONCURRENT_UPLOADS)),
             log_places: Arc::new(Semaphore::new(LOG_READERS)),
+            download_places: Arc::new(Semaphore::new(CONCURRENT_DOWNLOADS)),
+            connections: options.connections,
+            requests_per_second: options.requests_per_second,
             models: None,
             stream_places: Arc::new(Semaphore::new(STREAMS)),
             closing: watch::Sender::new(false),
+            ending: Arc::default(),
+            monitor: Monitor::new(),
         }
     }
 
@@ -128,6 +150,15 @@ impl App {
     /// The same with something that knows what memory trainings need. Without it none is doubted.
     pub fn with_memory_doubts(self, doubts: Arc<MemoryDoubts>) -> Self {
         Self { memory_doubts: Some(doubts), ..self }
+    }
+
+    /// Says from now on that requests should be sent to another server, and still answers them.
+    pub fn announce_end(&self) {
+        self.ending.store(true, Ordering::Relaxed);
+    }
+
+    pub(crate) fn is_ending(&self) -> bool {
+        self.ending.load(Ordering::Relaxed)
     }
 
     pub(crate) fn token(&self) -> Option<&Token> {
@@ -145,6 +176,19 @@ impl App {
     /// `None` when as many requests wait for lines of a log as may.
     pub(crate) fn log_place(&self) -> Option<OwnedSemaphorePermit> {
         Arc::clone(&self.log_places).try_acquire_owned().ok()
+    }
+
+    pub(crate) fn download_place(&self) -> Result<OwnedSemaphorePermit, ApiError> {
+        let places = Arc::clone(&self.download_places);
+        places.try_acquire_owned().map_err(|_| ApiError::DownloadsCrowded)
+    }
+
+    pub(crate) fn connections(&self) -> usize {
+        self.connections
+    }
+
+    pub(crate) fn requests_per_second(&self) -> NonZero<u32> {
+        self.requests_per_second
     }
 
     pub(crate) fn stream_place(&self) -> Result<OwnedSemaphorePermit, ApiError> {

@@ -1,7 +1,7 @@
 //! Workers, and whether all is well.
 
 use store::WorkerProcess;
-use wire::{Health, Placement, Worker, Workers, WorkersTask};
+use wire::{Health, Placement, Readiness, Worker, Workers, WorkersTask};
 
 use crate::app::jobs::text;
 use crate::app::waits::sentence;
@@ -66,6 +66,16 @@ impl App {
         let Workers { workers, .. } = self.workers().await?;
         let found = workers.into_iter().find(|worker| worker.name == name);
         found.ok_or_else(|| ApiError::not_found("worker", name))
+    }
+
+    /// # Errors
+    /// [`ApiError::Ending`] when the server is about to end, [`ApiError::Unwritable`] when the database cannot be written.
+    pub async fn readiness(&self) -> Result<Readiness, ApiError> {
+        if self.is_ending() {
+            return Err(ApiError::Ending);
+        }
+        self.store.check_database().await.map_err(ApiError::Unwritable)?;
+        Ok(Readiness { status: "ready".to_owned() })
     }
 
     /// # Errors

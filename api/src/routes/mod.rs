@@ -8,6 +8,7 @@ mod health;
 mod jobs;
 mod lists;
 mod logs;
+mod monitoring;
 mod openapi;
 mod predictions;
 mod presets;
@@ -33,6 +34,7 @@ use crate::app::App;
 use crate::error::ApiError;
 use crate::guard::Crowd;
 use crate::limits::BODY_BYTES;
+use crate::pace::{self, Pace};
 use crate::parameters::KnownParameters;
 use crate::routes::openapi::Document;
 use crate::{auth, guard, page, parameters};
@@ -46,6 +48,8 @@ fn documented() -> OpenApiRouter<App> {
 fn operations() -> OpenApiRouter<App> {
     OpenApiRouter::with_openapi(Document::openapi())
         .routes(routes!(health::show))
+        .routes(routes!(health::ready))
+        .routes(routes!(monitoring::metrics))
         .routes(routes!(presets::list))
         .routes(routes!(jobs::list, jobs::submit))
         .routes(routes!(jobs::show))
@@ -86,7 +90,7 @@ fn operations() -> OpenApiRouter<App> {
         .routes(routes!(queue::resume))
 }
 
-/// The OpenAPI document of every operation under `/v1`, and of `/healthz`.
+/// The OpenAPI document of every operation under `/v1`, and of `/healthz`, `/readyz` and `/metrics`.
 pub fn openapi() -> utoipa::openapi::OpenApi {
     documented().into_openapi()
 }
@@ -102,8 +106,10 @@ pub fn router(app: App) -> Router {
     // The first layer is the outermost.
     let guards = ServiceBuilder::new()
         .layer(TraceLayer::new_for_http())
+        .layer(middleware::from_fn_with_state(app.clone(), guard::count))
         .layer(middleware::from_fn(guard::add_browser_headers))
         .layer(CatchPanicLayer::custom(guard::answer_panic))
+        .layer(middleware::from_fn_with_state(Pace::new(app.requests_per_second()), pace::keep))
         .layer(middleware::from_fn_with_state(Crowd::new(), guard::admit))
         .layer(middleware::from_fn_with_state(app.clone(), auth::require_loopback_name))
         .layer(middleware::from_fn_with_state(app.clone(), auth::require_token))

@@ -29,8 +29,10 @@ const PREDICT: &str = "/v1/checkpoints/{id}/predict";
 const STREAM: &str = "/v1/checkpoints/{id}/stream";
 
 /// Every operation, with a request that it answers with success.
-const OPERATIONS: [(&str, &str, &str); 41] = [
+const OPERATIONS: [(&str, &str, &str); 43] = [
     ("get", "/healthz", "/healthz"),
+    ("get", "/readyz", "/readyz"),
+    ("get", "/metrics", "/metrics"),
     ("get", "/v1/presets", "/v1/presets"),
     ("get", "/v1/workers", "/v1/workers"),
     ("post", "/v1/workers/{name}/drain", "/v1/workers/w1/drain"),
@@ -117,7 +119,7 @@ async fn no_documented_operation_answers_without_the_token() {
     let options = api::Options { token: Some("secret".to_owned()), ..api::Options::default() };
     let server = Server::start_with(&options).await;
     for (method, path, request) in OPERATIONS {
-        if path == "/healthz" {
+        if ["/healthz", "/readyz"].contains(&path) {
             continue;
         }
         let method = Method::from_bytes(method.to_uppercase().as_bytes()).unwrap();

@@ -3,6 +3,7 @@
 #![expect(clippy::unwrap_used, reason = "a test stops where its case cannot be set up")]
 
 mod access;
+mod connections;
 mod damage;
 mod documented;
 mod downloads;
@@ -10,6 +11,7 @@ mod fixture;
 mod fuzz;
 mod lists;
 mod logs;
+mod monitoring;
 mod pages;
 mod problems;
 mod references;

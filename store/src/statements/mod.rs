@@ -10,6 +10,7 @@
 
 mod artifacts;
 mod attempts;
+mod census;
 mod checkpoints;
 mod datasets;
 mod demand;

@@ -262,8 +262,8 @@ async fn talk(socket: impl Read + Write + Unpin + Send, service: S3Service, faul
     drop(hyper::server::conn::http1::Builder::new().serve_connection(socket, answer).await);
 }
 
-/// Nobody keeps this key secret, nor trusts its authority.
-fn tls() -> ServerConfig {
+/// For 127.0.0.1, by [`S3Server::authority`]. Nobody keeps this key secret, nor trusts its authority.
+pub fn tls() -> ServerConfig {
     let certificate = CertificateDer::from_pem_slice(include_bytes!("server.pem")).unwrap();
     let key = PrivateKeyDer::from_pem_slice(include_bytes!("server.key")).unwrap();
     let provider = Arc::new(rustls::crypto::ring::default_provider());

@@ -69,7 +69,8 @@ macro_rules! all_laws {
                 a_store_keeps_its_identity,
                 a_server_alone_has_every_duty,
                 a_database_that_answers_can_be_written,
-                the_queue_is_counted;
+                the_queue_is_counted,
+                everything_is_counted_by_kind;
             ends:
                 a_task_may_be_done_before_all_that_was_planned,
                 the_first_failure_is_the_jobs,

@@ -1,6 +1,6 @@
-use store::{Duty, Queue};
+use store::{AttemptOutcome, Census, Duty, JobState, Queue, TaskState};
 
-use super::{Fixture, simulate};
+use super::{Fixture, simulate, train};
 
 pub async fn the_version_of_the_last_server_is_known(f: Fixture) {
     assert_eq!(f.store.server_version().await.unwrap(), None);
@@ -43,4 +43,18 @@ pub async fn the_queue_is_counted(f: Fixture) {
     f.store.resume_queue().await.unwrap();
     f.store.resume_queue().await.unwrap();
     assert_eq!(counts(f.store.queue().await.unwrap()), (2, 1, false));
+}
+
+pub async fn everything_is_counted_by_kind(f: Fixture) {
+    assert_eq!(f.store.census().await.unwrap(), Census::default());
+    f.submit_one(train(&simulate(1), vec![])).await;
+    f.store.release(f.must_claim().await.fence).await.unwrap();
+    f.must_claim().await;
+    let Census { jobs, tasks, attempts } = f.store.census().await.unwrap();
+    assert_eq!(jobs, [("train".to_owned(), JobState::Running, 1)]);
+    assert_eq!(tasks, [("train".to_owned(), TaskState::Running, 1)]);
+    assert_eq!(attempts.len(), 2);
+    for outcome in [None, Some(AttemptOutcome::Released)] {
+        assert!(attempts.contains(&("train".to_owned(), outcome, 1)), "{attempts:?}");
+    }
 }

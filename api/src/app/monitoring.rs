@@ -1,0 +1,208 @@
+//! What a monitoring system is told: requests as they are answered, and numbers of the store when it asks.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use axum::http::{Method, StatusCode};
+use prometheus_client::encoding::EncodeLabelSet;
+use prometheus_client::encoding::text::encode;
+use prometheus_client::metrics::counter::Counter;
+use prometheus_client::metrics::family::Family;
+use prometheus_client::metrics::gauge::Gauge;
+use prometheus_client::metrics::histogram::Histogram;
+use prometheus_client::registry::Registry;
+use store::{Census, DiskSpace, Queue};
+use tokio::sync::Mutex;
+use wire::Worker;
+
+use crate::app::{App, VERSION};
+use crate::error::ApiError;
+
+/// How the answer is written.
+pub const MEDIA_TYPE: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";
+
+/// Names begin with it.
+const PREFIX: &str = "torqued";
+
+/// Upper bounds of the times to an answer that are counted, s.
+const SECONDS: [f64; 11] = [0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 10.0];
+
+/// How long numbers of the store are taken for what they were: counting takes time where there is much.
+const CENSUS_KEPT: Duration = Duration::from_secs(10);
+
+/// The route of requests that none answers.
+const NO_ROUTE: &str = "none";
+
+#[derive(Clone, Debug, Hash, PartialEq, Eq, EncodeLabelSet)]
+struct Asked {
+    method: &'static str,
+    route: String,
+    status: u16,
+}
+
+#[derive(Clone, Debug, Hash, PartialEq, Eq, EncodeLabelSet)]
+struct OfKind {
+    kind: String,
+    state: &'static str,
+}
+
+#[derive(Clone, Debug, Hash, PartialEq, Eq, EncodeLabelSet)]
+struct OfOutcome {
+    kind: String,
+    outcome: &'static str,
+}
+
+#[derive(Clone, Debug, Hash, PartialEq, Eq, EncodeLabelSet)]
+struct OfState {
+    state: &'static str,
+}
+
+#[derive(Clone, Debug, Hash, PartialEq, Eq, EncodeLabelSet)]
+struct OfVersion {
+    version: &'static str,
+}
+
+/// What a server has counted since it began.
+#[derive(Clone)]
+pub struct Monitor {
+    requests: Family<Asked, Histogram>,
+    census: Arc<Mutex<Option<(Instant, Census)>>>,
+}
+
+impl Monitor {
+    pub fn new() -> Self {
+        let histogram: fn() -> Histogram = || Histogram::new(SECONDS);
+        Self { requests: Family::new_with_constructor(histogram), census: Arc::default() }
+    }
+}
+
+/// A method by its name; there are few, whatever clients send.
+fn name(method: &Method) -> &'static str {
+    const KNOWN: [&str; 7] = ["GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS"];
+    KNOWN.into_iter().find(|known| *known == method.as_str()).unwrap_or("other")
+}
+
+impl App {
+    /// Counts a request, and the time until its answer began.
+    pub fn count_request(
+        &self,
+        method: &Method,
+        route: Option<&str>,
+        status: StatusCode,
+        elapsed: Duration,
+    ) {
+        let route = route.unwrap_or(NO_ROUTE).to_owned();
+        let asked = Asked { method: name(method), route, status: status.as_u16() };
+        self.monitor.requests.get_or_create(&asked).observe(elapsed.as_secs_f64());
+    }
+
+    /// Everything that a monitoring system is told, in the text format of OpenMetrics.
+    pub async fn metrics(&self) -> Result<String, ApiError> {
+        let census = self.census().await?;
+        let queue = self.store.queue().await?;
+        let workers = self.workers().await?.workers;
+        let mut registry = Registry::with_prefix(PREFIX);
+        let build = Family::<OfVersion, Gauge>::default();
+        build.get_or_create(&OfVersion { version: VERSION }).set(1);
+        registry.register("build_info", "The version of the server", build);
+        registry.register(
+            "http_request_duration_seconds",
+            "Time from a request to the beginning of its answer, by route",
+            self.monitor.requests.clone(),
+        );
+        tell_census(&mut registry, census);
+        tell_queue(&mut registry, &queue);
+        tell_workers(&mut registry, &workers);
+        let DiskSpace { free_bytes, reserved_bytes } = self.store.disk_space()?;
+        gauge(&mut registry, "disk_free_bytes", "Room on the disk of the data folder", free_bytes);
+        let what = "Room with less of which no task is claimed";
+        gauge(&mut registry, "disk_reserved_bytes", what, reserved_bytes);
+        let mut text = String::new();
+        // A String takes whatever is written.
+        encode(&mut text, &registry).map_err(|_| ApiError::Internal)?;
+        Ok(text)
+    }
+
+    /// Several who ask at once have it counted once.
+    async fn census(&self) -> Result<Census, ApiError> {
+        let mut kept = self.monitor.census.lock().await;
+        if let Some((at, census)) = &*kept
+            && at.elapsed() < CENSUS_KEPT
+        {
+            return Ok(census.clone());
+        }
+        let census = self.store.census().await?;
+        *kept = Some((Instant::now(), census.clone()));
+        Ok(census)
+    }
+}
+
+fn tell_census(registry: &mut Registry, census: Census) {
+    let jobs = Family::<OfKind, Gauge>::default();
+    for (kind, state, number) in census.jobs {
+        jobs.get_or_create(&OfKind { kind, state: state.as_str() }).set(signed(number));
+    }
+    registry.register("jobs", "Jobs by kind and state", jobs);
+
+    let tasks = Family::<OfKind, Gauge>::default();
+    for (kind, state, number) in census.tasks {
+        tasks.get_or_create(&OfKind { kind, state: state.as_str() }).set(signed(number));
+    }
+    registry.register("tasks", "Tasks by kind of job and state", tasks);
+
+    let attempts = Family::<OfOutcome, Counter>::default();
+    for (kind, outcome, number) in census.attempts {
+        if let Some(outcome) = outcome {
+            attempts.get_or_create(&OfOutcome { kind, outcome: outcome.as_str() }).inc_by(number);
+        }
+    }
+    registry.register(
+        "attempts",
+        "Attempts at tasks that have ended, by kind of job and outcome",
+        attempts,
+    );
+}
+
+fn tell_queue(registry: &mut Registry, queue: &Queue) {
+    gauge(registry, "queue_queued_tasks", "Tasks that may be claimed, now or later", queue.queued);
+    gauge(registry, "queue_running_tasks", "Tasks that workers have", queue.running);
+    let is_paused = u64::from(queue.paused_at.is_some());
+    gauge(registry, "queue_paused", "1 while no task is claimed", is_paused);
+}
+
+fn tell_workers(registry: &mut Registry, workers: &[Worker]) {
+    let states = Family::<OfState, Gauge>::default();
+    for state in ["busy", "idle", "drained", "dead"] {
+        states.get_or_create(&OfState { state }).set(0);
+    }
+    for worker in workers {
+        states.get_or_create(&OfState { state: state(worker) }).inc();
+    }
+    registry.register("workers", "Workers by what they do", states);
+    let alive = || workers.iter().filter(|worker| worker.alive);
+    let offers = || alive().map(|worker| &worker.offers);
+    let cpus = alive().map(|worker| u64::from(worker.offers.cpus.unwrap_or(worker.threads))).sum();
+    gauge(registry, "worker_cpus", "Processors that living workers offer", cpus);
+    let gpus = offers().map(|offer| u64::from(offer.gpus)).sum();
+    gauge(registry, "worker_gpus", "GPUs that living workers offer", gpus);
+}
+
+/// A drained worker may have a task as well.
+fn state(worker: &Worker) -> &'static str {
+    match worker {
+        Worker { alive: false, .. } => "dead",
+        Worker { drained_at: Some(_), .. } => "drained",
+        Worker { task: Some(_), .. } => "busy",
+        _ => "idle",
+    }
+}
+
+fn gauge(registry: &mut Registry, name: &str, help: &str, value: u64) {
+    let gauge = Gauge::<i64>::default();
+    gauge.set(signed(value));
+    registry.register(name, help, gauge);
+}
+
+fn signed(number: u64) -> i64 {
+    i64::try_from(number).unwrap_or(i64::MAX)
+}

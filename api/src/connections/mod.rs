@@ -1,0 +1,186 @@
+//! Connections: where they come from, how many there are, and how long each may keep quiet.
+
+mod quiet;
+
+use std::convert::Infallible;
+use std::io;
+use std::net::{IpAddr, SocketAddr};
+use std::pin::pin;
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::Router;
+use axum::body::Body;
+use axum::http::Request;
+use http_body_util::BodyExt as _;
+use hyper::body::Incoming;
+use hyper::server::conn::http1;
+use hyper_util::rt::{TokioIo, TokioTimer};
+use hyper_util::service::TowerToHyperService;
+use quiet::QuietOnes;
+use tokio::io::{AsyncRead, AsyncWrite};
+use tokio::net::{TcpListener, TcpStream, UnixListener, UnixStream};
+use tokio::sync::Semaphore;
+use tokio_io_timeout::TimeoutStream;
+use tokio_util::sync::CancellationToken;
+use tokio_util::task::TaskTracker;
+use tower::ServiceExt as _;
+
+use crate::limits::{HEAD_BYTES, HEAD_FIELDS, HEAD_WITHIN, WRITE_STALL};
+
+/// Before the next try when a connection could not be accepted, as when there are no descriptors left.
+const RETRY: Duration = Duration::from_secs(1);
+
+/// Where a server listens.
+#[derive(Debug)]
+pub enum Listener {
+    Tcp(TcpListener),
+    /// Whoever may open the socket's file.
+    Unix(UnixListener),
+}
+
+impl From<TcpListener> for Listener {
+    fn from(listener: TcpListener) -> Self {
+        Self::Tcp(listener)
+    }
+}
+
+impl From<UnixListener> for Listener {
+    fn from(listener: UnixListener) -> Self {
+        Self::Unix(listener)
+    }
+}
+
+/// The address of a request's client, for those that came over a network.
+#[derive(Clone, Copy, Debug)]
+pub struct Peer(pub IpAddr);
+
+enum Stream {
+    Tcp(TcpStream, Peer),
+    Unix(UnixStream),
+}
+
+impl Listener {
+    /// The address that other machines can reach, if they can.
+    pub fn open_address(&self) -> io::Result<Option<SocketAddr>> {
+        match self {
+            Self::Tcp(listener) => {
+                Ok(Some(listener.local_addr()?).filter(|address| !address.ip().is_loopback()))
+            }
+            Self::Unix(_) => Ok(None),
+        }
+    }
+
+    async fn accept(&self) -> io::Result<Stream> {
+        match self {
+            Self::Tcp(listener) => {
+                let (stream, from) = listener.accept().await?;
+                // A prediction of a stream is small and late if it waits to be sent together with the next.
+                let _ = stream.set_nodelay(true);
+                Ok(Stream::Tcp(stream, Peer(from.ip().to_canonical())))
+            }
+            Self::Unix(listener) => Ok(Stream::Unix(listener.accept().await?.0)),
+        }
+    }
+}
+
+/// Answers requests on at most `connections` at once until `stop`, and returns when the last of them has ended: requests
+/// that are under way are answered, and connections between two requests closed.
+pub async fn serve(
+    listener: Listener,
+    router: Router,
+    connections: usize,
+    stop: CancellationToken,
+) {
+    let places = Arc::new(Semaphore::new(connections));
+    let (open, quiet) = (TaskTracker::new(), QuietOnes::default());
+    let accept = async {
+        loop {
+            let stream = match listener.accept().await {
+                Ok(stream) => stream,
+                Err(error) if is_of_one_connection(&error) => continue,
+                Err(error) => {
+                    tracing::error!(%error, "cannot accept a connection");
+                    tokio::time::sleep(RETRY).await;
+                    continue;
+                }
+            };
+            if places.available_permits() == 0 {
+                quiet.close_one();
+            }
+            // The semaphore is never closed.
+            let Ok(place) = Arc::clone(&places).acquire_owned().await else { return };
+            let (router, quiet, stop) = (router.clone(), quiet.clone(), stop.clone());
+            open.spawn(async move {
+                match stream {
+                    Stream::Tcp(stream, peer) => {
+                        answer(stream, Some(peer), router, &quiet, stop).await;
+                    }
+                    Stream::Unix(stream) => answer(stream, None, router, &quiet, stop).await,
+                }
+                drop(place);
+            });
+        }
+    };
+    let _ = stop.run_until_cancelled(accept).await;
+    drop(listener);
+    open.close();
+    open.wait().await;
+}
+
+fn is_of_one_connection(error: &io::Error) -> bool {
+    use io::ErrorKind as K;
+    matches!(error.kind(), K::ConnectionAborted | K::ConnectionRefused | K::ConnectionReset)
+}
+
+/// Answers the requests of one connection.
+async fn answer<S>(
+    stream: S,
+    peer: Option<Peer>,
+    router: Router,
+    quiet: &QuietOnes,
+    stop: CancellationToken,
+) where
+    S: AsyncRead + AsyncWrite + Send + 'static,
+{
+    let mut stream = TimeoutStream::new(stream);
+    stream.set_write_timeout(Some(WRITE_STALL));
+    let visitor = quiet.visitor();
+    let asks = Arc::clone(&visitor);
+    let service = tower::service_fn(move |mut request: Request<Incoming>| {
+        let (router, asking) = (router.clone(), asks.asks());
+        if let Some(peer) = peer {
+            request.extensions_mut().insert(peer);
+        }
+        async move {
+            let answer = router.oneshot(request.map(Body::new)).await?;
+            // The request is under way until its answer is sent.
+            Ok::<_, Infallible>(answer.map(|body| {
+                body.map_frame(move |frame| {
+                    let _held = &asking;
+                    frame
+                })
+            }))
+        }
+    });
+    let connection = http1::Builder::new()
+        .timer(TokioTimer::new())
+        .header_read_timeout(HEAD_WITHIN)
+        .max_buf_size(HEAD_BYTES)
+        .max_headers(HEAD_FIELDS)
+        .serve_connection(TokioIo::new(Box::pin(stream)), TowerToHyperService::new(service))
+        .with_upgrades();
+    let mut connection = pin!(connection);
+    let ended = tokio::select! {
+        ended = connection.as_mut() => ended,
+        () = visitor.unwanted() => Ok(()),
+        () = stop.cancelled() => {
+            connection.as_mut().graceful_shutdown();
+            connection.as_mut().await
+        }
+    };
+    visitor.goes();
+    if let Err(error) = ended {
+        tracing::debug!(%error, "a connection broke off");
+    }
+}

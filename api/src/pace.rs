@@ -1,0 +1,91 @@
+//! How often one address may ask.
+
+use std::net::{IpAddr, Ipv6Addr};
+use std::num::NonZero;
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::extract::{Request, State};
+use axum::middleware::Next;
+use axum::response::Response;
+use governor::clock::{Clock as _, DefaultClock};
+use governor::{DefaultKeyedRateLimiter, Quota, RateLimiter};
+
+use crate::connections::Peer;
+use crate::error::ApiError;
+use crate::limits::BURST_SECONDS;
+
+/// Addresses that are remembered before those are forgotten that have not asked for long.
+const REMEMBERED: usize = 10_000;
+
+/// What each address has left.
+#[derive(Clone)]
+pub struct Pace(Arc<DefaultKeyedRateLimiter<IpAddr>>);
+
+impl Pace {
+    pub fn new(requests_per_second: NonZero<u32>) -> Self {
+        let burst =
+            requests_per_second.saturating_mul(const { NonZero::new(BURST_SECONDS).unwrap() });
+        Self(Arc::new(RateLimiter::keyed(
+            Quota::per_second(requests_per_second).allow_burst(burst),
+        )))
+    }
+
+    /// How long the address has to wait, if it has.
+    fn wait(&self, address: IpAddr) -> Option<Duration> {
+        if self.0.len() > REMEMBERED {
+            self.0.retain_recent();
+        }
+        let refused = self.0.check_key(&network(address)).err()?;
+        Some(refused.wait_time_from(DefaultClock::default().now()))
+    }
+}
+
+/// One address of version 4; of version 6 a network, of which one machine has all addresses.
+fn network(address: IpAddr) -> IpAddr {
+    match address {
+        IpAddr::V4(_) => address,
+        IpAddr::V6(address) => {
+            let [a, b, c, d, ..] = address.segments();
+            Ipv6Addr::new(a, b, c, d, 0, 0, 0, 0).into()
+        }
+    }
+}
+
+/// Refuses whoever asks too often.
+pub async fn keep(
+    State(pace): State<Pace>,
+    request: Request,
+    next: Next,
+) -> Result<Response, ApiError> {
+    let peer = request.extensions().get::<Peer>().copied();
+    match peer.and_then(|Peer(address)| pace.wait(address)) {
+        Some(wait) => Err(ApiError::TooFast { wait }),
+        None => Ok(next.run(request).await),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_address_may_ask_for_some_seconds_at_once_and_others_are_not_held_up() {
+        let pace = Pace::new(NonZero::<u32>::MIN);
+        let (one, other): (IpAddr, IpAddr) = ("10.0.0.1".parse().unwrap(), "::1".parse().unwrap());
+        for _ in 0..BURST_SECONDS {
+            assert_eq!(pace.wait(one), None);
+        }
+        let wait = pace.wait(one).unwrap();
+        assert!(wait > Duration::ZERO && wait <= Duration::from_secs(1), "{wait:?}");
+        assert_eq!(pace.wait(other), None);
+    }
+
+    #[test]
+    fn a_network_of_version_6_is_one_machine() {
+        let of = |text: &str| network(text.parse().unwrap());
+        assert_eq!(of("2001:db8:1:2:3:4:5:6"), of("2001:db8:1:2::9"));
+        assert_ne!(of("2001:db8:1:2::9"), of("2001:db8:1:3::9"));
+        assert_ne!(of("10.0.0.1"), of("10.0.0.2"));
+    }
+}

@@ -1,0 +1,181 @@
+//! Clients that say nothing, half of something, too much, or ask too often.
+
+use std::net::SocketAddr;
+use std::num::NonZero;
+use std::time::{Duration, Instant};
+
+use api::limits::{BODY_WITHIN, CONCURRENT_DOWNLOADS, HEAD_WITHIN};
+use api::{App, Options};
+use axum::body::Body;
+use axum::http::Request;
+use store::{Access, Store};
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::{TcpListener, TcpStream};
+
+use crate::fixture::Server;
+
+const REQUEST: &[u8] = b"GET /healthz HTTP/1.1\r\nHost: localhost\r\n\r\n";
+const HALF: &[u8] = b"GET /healthz HTTP/1.1\r\nHost: localhost\r\n";
+/// Beyond a deadline, on a machine that is busy.
+const LATE: Duration = Duration::from_secs(10);
+
+struct Listening {
+    address: SocketAddr,
+    _folder: tempfile::TempDir,
+}
+
+impl Listening {
+    async fn with(options: &Options) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::open(folder.path(), Access::Server).await.unwrap();
+        let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+        let address = listener.local_addr().unwrap();
+        let app = App::new(store, options);
+        tokio::spawn(api::serve(listener, app, std::future::pending()));
+        Self { address, _folder: folder }
+    }
+
+    async fn connect(&self) -> TcpStream {
+        TcpStream::connect(self.address).await.unwrap()
+    }
+
+    /// A connection on which this was said.
+    async fn having_said(&self, said: &[u8]) -> TcpStream {
+        let mut connection = self.connect().await;
+        connection.write_all(said).await.unwrap();
+        connection
+    }
+}
+
+/// The head of an answer.
+async fn head(connection: &mut TcpStream) -> String {
+    let mut head = Vec::new();
+    while !head.ends_with(b"\r\n\r\n") {
+        head.push(connection.read_u8().await.unwrap());
+    }
+    String::from_utf8(head).unwrap()
+}
+
+async fn everything(mut connection: TcpStream) -> String {
+    let mut text = Vec::new();
+    // Whether by an end or by a reset, it is closed.
+    let _ = connection.read_to_end(&mut text).await;
+    String::from_utf8(text).unwrap()
+}
+
+async fn is_closed(connection: &mut TcpStream) -> bool {
+    let mut byte = [0];
+    let read = tokio::time::timeout(Duration::from_millis(50), connection.read(&mut byte)).await;
+    read.is_ok_and(|read| read.map_or(true, |bytes| bytes == 0))
+}
+
+#[tokio::test]
+async fn a_connection_is_closed_on_which_no_request_comes_in_time() {
+    let server = Listening::with(&Options::default()).await;
+    let began = Instant::now();
+    let mut idle = server.having_said(REQUEST).await;
+    assert!(head(&mut idle).await.starts_with("HTTP/1.1 200"));
+    let (silent, half) = (server.connect().await, server.having_said(HALF).await);
+    let mut trickling = server.having_said(HALF).await;
+    let trickle = async {
+        while trickling.write_all(b"X-A: b\r\n").await.is_ok() {
+            tokio::time::sleep(Duration::from_millis(500)).await;
+        }
+    };
+    let all =
+        async { tokio::join!(everything(idle), everything(silent), everything(half), trickle) };
+    tokio::time::timeout(HEAD_WITHIN + LATE, all).await.unwrap();
+    assert!(began.elapsed() >= HEAD_WITHIN);
+}
+
+#[tokio::test]
+async fn many_half_requests_keep_nobody_out() {
+    let connections = 8;
+    let server = Listening::with(&Options { connections, ..Options::default() }).await;
+    let mut asking = server.having_said(b"POST /v1/jobs HTTP/1.1\r\nHost: localhost\r\n").await;
+    asking
+        .write_all(b"Content-Type: application/json\r\nContent-Length: 20\r\n\r\n")
+        .await
+        .unwrap();
+    let mut half = Vec::new();
+    for _ in 0..10 * connections {
+        half.push(server.having_said(HALF).await);
+    }
+    let mut late = server.having_said(REQUEST).await;
+    assert!(head(&mut late).await.starts_with("HTTP/1.1 200"));
+    assert!(is_closed(&mut half[0]).await, "the oldest is not closed");
+    // A request that is under way is not.
+    asking.write_all(b"{\"kind\": \"nothing\"}\n").await.unwrap();
+    assert!(head(&mut asking).await.starts_with("HTTP/1.1 422"));
+}
+
+#[tokio::test]
+async fn a_body_that_does_not_come_is_a_timeout() {
+    let server = Listening::with(&Options::default()).await;
+    let half = b"POST /v1/jobs HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n\
+                 Content-Length: 20\r\n\r\n{";
+    let mut slow = server.having_said(half).await;
+    let head = tokio::time::timeout(BODY_WITHIN + LATE, head(&mut slow)).await.unwrap();
+    assert!(head.starts_with("HTTP/1.1 408"), "{head}");
+}
+
+#[tokio::test]
+async fn a_head_that_is_too_large_is_refused() {
+    let server = Listening::with(&Options::default()).await;
+    for (name, count) in
+        [("X-Long: ".to_owned() + &"x".repeat(70_000), 1), ("X-A: b".to_owned(), 101)]
+    {
+        let mut connection = server.having_said(HALF).await;
+        for _ in 0..count {
+            // It may be closed before all is said.
+            let _ = connection.write_all(format!("{name}\r\n").as_bytes()).await;
+        }
+        let _ = connection.write_all(b"\r\n").await;
+        let answer = everything(connection).await;
+        assert!(answer.is_empty() || answer.starts_with("HTTP/1.1 431"), "{answer}");
+    }
+    let mut fine = server.having_said(REQUEST).await;
+    assert!(head(&mut fine).await.starts_with("HTTP/1.1 200"));
+}
+
+#[tokio::test]
+async fn an_address_that_asks_too_often_is_told_when_to_come_again() {
+    let requests_per_second = NonZero::new(2).unwrap();
+    let server = Listening::with(&Options { requests_per_second, ..Options::default() }).await;
+    let mut connection = server.connect().await;
+    let mut refused = None;
+    for asked in 0..100 {
+        connection.write_all(b"HEAD /healthz HTTP/1.1\r\nHost: localhost\r\n\r\n").await.unwrap();
+        let head = head(&mut connection).await;
+        if head.starts_with("HTTP/1.1 429") {
+            assert!(asked >= 20, "only {asked} at once");
+            refused = Some(head);
+            break;
+        }
+    }
+    let refused = refused.unwrap().to_lowercase();
+    assert!(refused.contains("retry-after: 1\r\n"), "{refused}");
+    tokio::time::sleep(Duration::from_secs(1)).await;
+    connection.write_all(REQUEST).await.unwrap();
+    assert!(head(&mut connection).await.starts_with("HTTP/1.1 200"));
+}
+
+#[tokio::test]
+async fn as_many_files_are_sent_at_once_as_may_be() {
+    let server = Server::with_small_pipeline().await;
+    let get = || Request::get("/v1/checkpoints/1/files/model.safetensors");
+    let mut sending = Vec::new();
+    for _ in 0..CONCURRENT_DOWNLOADS {
+        let answer = server.answer(get().body(Body::empty()).unwrap()).await;
+        assert_eq!(answer.status(), 200);
+        sending.push(answer);
+    }
+    let refused = server.send(get().body(Body::empty()).unwrap()).await;
+    refused.problem(503);
+    assert_eq!(refused.header("retry-after"), "1");
+    // Headers alone take no place.
+    let asked = Request::head("/v1/checkpoints/1/files/model.safetensors");
+    assert_eq!(server.send(asked.body(Body::empty()).unwrap()).await.status, 200);
+    sending.pop();
+    assert_eq!(server.send(get().body(Body::empty()).unwrap()).await.status, 200);
+}

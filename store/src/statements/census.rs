@@ -1,0 +1,40 @@
+use sqlx::types::Text;
+use wire::{AttemptOutcome, JobState, TaskState};
+
+use super::Database;
+use crate::census::Census;
+
+impl Database {
+    pub async fn census(&self) -> Result<Census, sqlx::Error> {
+        let jobs: Vec<(String, Text<JobState>, i64)> =
+            sqlx::query_as("SELECT kind, state, COUNT(*) FROM job GROUP BY kind, state")
+                .fetch_all(&self.reader)
+                .await?;
+        let tasks: Vec<(String, Text<TaskState>, i64)> = sqlx::query_as(
+            "SELECT job.kind, task.state, COUNT(*) FROM task JOIN job ON job.id = task.job \
+             GROUP BY job.kind, task.state",
+        )
+        .fetch_all(&self.reader)
+        .await?;
+        let attempts: Vec<(String, Option<Text<AttemptOutcome>>, i64)> = sqlx::query_as(
+            "SELECT job.kind, attempt.outcome, COUNT(*) FROM attempt JOIN job ON job.id = attempt.job \
+             GROUP BY job.kind, attempt.outcome",
+        )
+        .fetch_all(&self.reader)
+        .await?;
+        Ok(Census {
+            jobs: jobs
+                .into_iter()
+                .map(|(kind, state, n)| (kind, state.0, n.unsigned_abs()))
+                .collect(),
+            tasks: tasks
+                .into_iter()
+                .map(|(kind, state, n)| (kind, state.0, n.unsigned_abs()))
+                .collect(),
+            attempts: attempts
+                .into_iter()
+                .map(|(kind, outcome, n)| (kind, outcome.map(|it| it.0), n.unsigned_abs()))
+                .collect(),
+        })
+    }
+}

@@ -1,0 +1,115 @@
+//! Where a server listens, and who may connect.
+
+use std::io::{BufRead as _, BufReader, Read as _, Write as _};
+use std::net::TcpStream;
+use std::os::unix::fs::PermissionsExt as _;
+use std::process::{Child, Stdio};
+use std::sync::Arc;
+
+use tokio::net::TcpListener;
+use tokio_rustls::TlsAcceptor;
+
+use crate::product::{Product, run_to_end, signal, torqued};
+use crate::s3_server;
+
+/// Of the certificate that the proxy has.
+const AUTHORITY: &str =
+    concat!(env!("CARGO_MANIFEST_DIR"), "/testbed/tests/s3_server/authority.pem");
+
+/// A server that was told where to listen, and what it says of that.
+fn listening(data: &std::path::Path, address: &str) -> (Child, String) {
+    let mut command = torqued(&["serve", "--workers", "0", "--listen", address, "--data"]);
+    let mut server = command.arg(data).stdout(Stdio::piped()).spawn().unwrap();
+    let mut line = String::new();
+    BufReader::new(server.stdout.take().unwrap()).read_line(&mut line).unwrap();
+    (server, line.split_whitespace().last().unwrap_or_default().to_owned())
+}
+
+#[test]
+fn a_socket_serves_its_owner_and_goes_with_the_server() {
+    let folder = tempfile::tempdir().unwrap();
+    let socket = folder.path().join("torqued.socket");
+    let address = format!("unix:{}", socket.display());
+    let (mut server, url) = listening(&folder.path().join("data"), &address);
+    assert_eq!(url, address);
+    assert_eq!(std::fs::metadata(&socket).unwrap().permissions().mode() & 0o777, 0o600);
+    let data = std::fs::metadata(folder.path().join("data")).unwrap();
+    assert_eq!(data.permissions().mode() & 0o777, 0o700);
+
+    let (code, output, errors) = run_to_end(&mut torqued(&["jobs", "--json", "--server", &url]));
+    assert_eq!(code, Some(0), "{errors}");
+    assert!(output.contains("\"jobs\""), "{output}");
+    signal("TERM", server.id());
+    assert_eq!(server.wait().unwrap().code(), Some(0));
+    assert!(!socket.exists());
+    let (code, _, errors) = run_to_end(&mut torqued(&["jobs", "--server", &url]));
+    assert_eq!(code, Some(1), "{errors}");
+    assert!(errors.contains(&address), "{errors}");
+}
+
+#[test]
+fn an_empty_token_is_no_token() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut command = torqued(&["serve", "--listen", "0.0.0.0:0", "--data"]);
+    let (code, _, errors) =
+        run_to_end(command.arg(folder.path().join("data")).env("TORQUED_TOKEN", ""));
+    assert_eq!(code, Some(1), "{errors}");
+    assert!(errors.contains("needs a token"), "{errors}");
+}
+
+#[tokio::test]
+async fn the_command_line_speaks_tls_to_a_proxy() {
+    let folder = tempfile::tempdir().unwrap();
+    let product = Product::start_with(folder.path(), &["--workers", "0", "--token", "secret"]);
+    let to = product.url.trim_start_matches("http://").to_owned();
+    let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let proxy = format!("https://{}", listener.local_addr().unwrap());
+    let tls = TlsAcceptor::from(Arc::new(s3_server::tls()));
+    tokio::spawn(async move {
+        loop {
+            let (client, _) = listener.accept().await.unwrap();
+            let (tls, to) = (tls.clone(), to.clone());
+            tokio::spawn(async move {
+                let Ok(mut client) = tls.accept(client).await else { return };
+                let mut server = tokio::net::TcpStream::connect(to).await.unwrap();
+                let _ = tokio::io::copy_bidirectional(&mut client, &mut server).await;
+            });
+        }
+    });
+    let asked = move |authority: bool| {
+        let mut command = torqued(&["jobs", "--json", "--token", "secret", "--server", &proxy]);
+        if authority {
+            command.env("SSL_CERT_FILE", AUTHORITY);
+        }
+        run_to_end(&mut command)
+    };
+    let asking = tokio::task::spawn_blocking(move || (asked(true), asked(false)));
+    let (trusted, unknown) = asking.await.unwrap();
+    assert_eq!(trusted.0, Some(0), "{}", trusted.2);
+    assert_eq!(unknown.0, Some(1), "{}", unknown.2);
+}
+
+#[tokio::test]
+async fn a_server_that_may_open_few_files_answers_beside_four_hundred_half_requests() {
+    let folder = tempfile::tempdir().unwrap();
+    let program = env!("CARGO_BIN_EXE_torqued");
+    let script = "ulimit -n 256; exec \"$0\" serve --workers 0 --listen 127.0.0.1:0 --data \"$1\"";
+    let mut command = std::process::Command::new("sh");
+    let product = Product::spawn(command.args(["-c", script, program]).arg(folder.path()));
+    let address = product.url.trim_start_matches("http://");
+    let half: Vec<TcpStream> = (0..400)
+        .map(|_| {
+            let mut connection = TcpStream::connect(address).unwrap();
+            connection.write_all(b"GET /healthz HTTP/1.1\r\n").unwrap();
+            connection
+        })
+        .collect();
+    let health = product.get("/healthz").await;
+    assert!(health["status"].is_string(), "{health}");
+    // The last ones are still there.
+    let mut last = half.last().unwrap();
+    last.write_all(b"Host: localhost\r\nConnection: close\r\n\r\n").unwrap();
+    let mut answer = String::new();
+    last.read_to_string(&mut answer).unwrap();
+    assert!(answer.starts_with("HTTP/1.1 200"), "{answer}");
+}
