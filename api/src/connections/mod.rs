@@ -31,6 +31,9 @@ use crate::limits::{HEAD_BYTES, HEAD_FIELDS, HEAD_WITHIN, WRITE_STALL};
 /// Before the next try when a connection could not be accepted, as when there are no descriptors left.
 const RETRY: Duration = Duration::from_secs(1);
 
+/// How long the end of an answer may take to be sent whose connection gives its place to another.
+const LAST_BYTES: Duration = Duration::from_millis(100);
+
 /// Where a server listens.
 #[derive(Debug)]
 pub enum Listener {
@@ -173,7 +176,13 @@ async fn answer<S>(
     let mut connection = pin!(connection);
     let ended = tokio::select! {
         ended = connection.as_mut() => ended,
-        () = visitor.unwanted() => Ok(()),
+        () = visitor.unwanted() => {
+            if visitor.has_asked() {
+                connection.as_mut().graceful_shutdown();
+                let _ = tokio::time::timeout(LAST_BYTES, connection.as_mut()).await;
+            }
+            Ok(())
+        }
         () = stop.cancelled() => {
             connection.as_mut().graceful_shutdown();
             connection.as_mut().await

@@ -2,6 +2,7 @@
 //! one, the one goes that has waited for longest.
 
 use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use tokio_util::sync::CancellationToken;
@@ -14,6 +15,8 @@ pub struct QuietOnes(Arc<Mutex<Line>>);
 struct Line {
     next: u64,
     quiet: BTreeMap<u64, CancellationToken>,
+    /// Somebody waits for a place that no quiet connection had: the next to become quiet gives its own.
+    is_wanted: bool,
 }
 
 /// A connection, quiet until a request comes.
@@ -21,6 +24,7 @@ pub struct Visitor {
     all: QuietOnes,
     close: CancellationToken,
     standing: Mutex<Standing>,
+    has_asked: AtomicBool,
 }
 
 enum Standing {
@@ -33,33 +37,41 @@ enum Standing {
 pub struct Asking(Arc<Visitor>);
 
 impl QuietOnes {
+    /// One who has got a place.
     pub fn visitor(&self) -> Arc<Visitor> {
         let close = CancellationToken::new();
-        let number = self.enter(&close);
-        Arc::new(Visitor {
-            all: self.clone(),
-            close,
-            standing: Mutex::new(Standing::Quiet(number)),
-        })
-    }
-
-    /// Has the connection closed that has been quiet for longest, if one is.
-    pub fn close_one(&self) {
-        if let Some((_, close)) = lock(&self.0).quiet.pop_first() {
-            close.cancel();
-        }
-    }
-
-    fn enter(&self, close: &CancellationToken) -> u64 {
         let mut line = lock(&self.0);
-        let number = line.next;
-        line.next += 1;
-        line.quiet.insert(number, close.clone());
-        number
+        line.is_wanted = false;
+        let standing = Mutex::new(Standing::Quiet(line.enter(&close)));
+        drop(line);
+        Arc::new(Visitor { all: self.clone(), close, standing, has_asked: AtomicBool::new(false) })
+    }
+
+    /// Has the connection closed that has been quiet for longest; while none is, the next that becomes quiet, until
+    /// somebody has got a place.
+    pub fn close_one(&self) {
+        let mut line = lock(&self.0);
+        match line.quiet.pop_first() {
+            Some((_, close)) => close.cancel(),
+            None => line.is_wanted = true,
+        }
     }
 
     fn leave(&self, number: u64) {
         lock(&self.0).quiet.remove(&number);
+    }
+}
+
+impl Line {
+    fn enter(&mut self, close: &CancellationToken) -> u64 {
+        let number = self.next;
+        self.next += 1;
+        if std::mem::take(&mut self.is_wanted) {
+            close.cancel();
+        } else {
+            self.quiet.insert(number, close.clone());
+        }
+        number
     }
 }
 
@@ -71,8 +83,14 @@ impl Visitor {
 
     /// A request has come, and is under way until what this returns is dropped.
     pub fn asks(self: &Arc<Self>) -> Asking {
+        self.has_asked.store(true, Ordering::Relaxed);
         self.change(Standing::Busy);
         Asking(Arc::clone(self))
+    }
+
+    /// Whether a part of an answer may still be on its way.
+    pub fn has_asked(&self) -> bool {
+        self.has_asked.load(Ordering::Relaxed)
     }
 
     /// The connection is closed, or speaks something else than HTTP.
@@ -91,10 +109,10 @@ impl Visitor {
 
 impl Drop for Asking {
     fn drop(&mut self) {
-        let Visitor { all, close, standing } = &*self.0;
+        let Visitor { all, close, standing, .. } = &*self.0;
         let mut standing = lock(standing);
         if matches!(*standing, Standing::Busy) {
-            *standing = Standing::Quiet(all.enter(close));
+            *standing = Standing::Quiet(lock(&all.0).enter(close));
         }
     }
 }
@@ -116,12 +134,24 @@ mod tests {
         third.goes();
         all.close_one();
         assert!(second.close.is_cancelled() && !first.close.is_cancelled());
-        // Nobody is quiet.
+        // Nobody is quiet, until the first has its answer.
         all.close_one();
         assert!(!first.close.is_cancelled() && !third.close.is_cancelled());
         drop(asking);
-        all.close_one();
         assert!(first.close.is_cancelled());
+        // One place was wanted, and not every one.
+        assert!(!all.visitor().close.is_cancelled());
+    }
+
+    #[test]
+    fn whoever_has_got_a_place_that_became_free_keeps_it() {
+        let all = QuietOnes::default();
+        let only = all.visitor();
+        let asking = only.asks();
+        all.close_one();
+        only.goes();
+        drop(asking);
+        assert!(!all.visitor().close.is_cancelled());
     }
 
     #[test]

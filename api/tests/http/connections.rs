@@ -110,6 +110,24 @@ async fn many_half_requests_keep_nobody_out() {
 }
 
 #[tokio::test]
+async fn a_connection_that_is_answered_makes_room_for_one_that_waits() {
+    let server = Listening::with(&Options { connections: 1, ..Options::default() }).await;
+    let begun = b"POST /v1/jobs HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n\
+                  Content-Length: 20\r\n\r\n";
+    let mut first = server.having_said(begun).await;
+    // It is under way when the others come.
+    tokio::time::sleep(Duration::from_millis(200)).await;
+    let (second, third) = (server.having_said(REQUEST).await, server.having_said(REQUEST).await);
+    let began = Instant::now();
+    first.write_all(b"{\"kind\": \"nothing\"}\n").await.unwrap();
+    assert!(everything(first).await.starts_with("HTTP/1.1 422"));
+    for mut waited in [second, third] {
+        assert!(head(&mut waited).await.starts_with("HTTP/1.1 200"));
+    }
+    assert!(began.elapsed() < HEAD_WITHIN);
+}
+
+#[tokio::test]
 async fn a_body_that_does_not_come_is_a_timeout() {
     let server = Listening::with(&Options::default()).await;
     let half = b"POST /v1/jobs HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n\
