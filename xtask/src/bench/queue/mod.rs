@@ -149,9 +149,10 @@ fn measure(
         let rate = many.rate(workers)?;
         rows.push(Measurement::alone(&what, rate, "1/s", None));
         for rival in rivals {
-            // What workers leave behind that were killed slows some of them down.
-            let mut queue =
-                Queue::new(database, &rival.program, folder, Work::Many, TASKS_OF_PEERS)?;
+            // What workers leave behind that were killed slows some of them down, and so does a long queue: those that we
+            // are held to have no longer one than we.
+            let fill = if rival.is_bound { TASKS_OF_A_JOB } else { TASKS_OF_PEERS };
+            let mut queue = Queue::new(database, &rival.program, folder, Work::Many, fill)?;
             let peer = Peer { value: queue.rate(workers)?, version: rival.name.clone() };
             let goal = rival.is_bound.then_some(GOAL_RATE);
             rows.push(Measurement::compared(&what, rate, Some(peer), "1/s", goal));
