@@ -18,7 +18,7 @@ use crate::limits::BURST_SECONDS;
 /// Addresses that are remembered before those are forgotten that have not asked for long.
 const REMEMBERED: usize = 10_000;
 
-/// What each address has left.
+/// A limiter that holds how many requests each address may still send.
 #[derive(Clone)]
 pub struct Pace(Arc<DefaultKeyedRateLimiter<IpAddr>>);
 

@@ -19,7 +19,7 @@ pub use failure::failure;
 /// Items of a list that the server sends at once, at most.
 const LONGEST_PAGE: u32 = 500;
 
-/// What the address of a server begins with that listens on a socket in the file system; its path follows.
+/// The prefix of a server's address when the server listens on a Unix socket; the socket's path follows.
 pub const UNIX: &str = "unix:";
 
 /// A server's API at one address: `http://HOST:PORT`, `https://HOST` behind a proxy, or `unix:PATH`.

@@ -12,7 +12,7 @@ use tokio_rustls::TlsAcceptor;
 use crate::product::{Product, run_to_end, signal, torqued};
 use crate::s3_server;
 
-/// Of the certificate that the proxy has.
+/// The authority that signed the proxy's certificate.
 const AUTHORITY: &str =
     concat!(env!("CARGO_MANIFEST_DIR"), "/testbed/tests/s3_server/authority.pem");
 

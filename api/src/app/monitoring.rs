@@ -1,4 +1,4 @@
-//! What a monitoring system is told: requests as they are answered, and numbers of the store when it asks.
+//! Metrics for a monitoring system: the server counts requests as it answers them, and the store when the system asks.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -62,7 +62,7 @@ struct OfVersion {
     version: &'static str,
 }
 
-/// What a server has counted since it began.
+/// The requests that this server has answered since it started, and the last census of the store.
 #[derive(Clone)]
 pub struct Monitor {
     requests: Family<Asked, Histogram>,

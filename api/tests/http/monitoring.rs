@@ -1,4 +1,4 @@
-//! What a monitoring system sees.
+//! Metrics and readiness, as a monitoring system reads them.
 
 use api::Options;
 

@@ -21,7 +21,7 @@ use store::{Access, Location, Store, StoredObject};
 
 type Outcome<T> = Result<T, Box<dyn std::error::Error + Send + Sync>>;
 
-/// What is written and read at a time.
+/// Bytes of one write.
 const PIECE: usize = 1 << 20;
 
 fn main() -> Outcome<()> {

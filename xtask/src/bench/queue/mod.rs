@@ -149,8 +149,8 @@ fn measure(
         let rate = many.rate(workers)?;
         rows.push(Measurement::alone(&what, rate, "1/s", None));
         for rival in rivals {
-            // What workers leave behind that were killed slows some of them down, and so does a long queue: those that we
-            // are held to have no longer one than we.
+            // Some rivals slow down with the rows that killed workers leave, and with a long queue. A rival that we are held
+            // to gets a queue as long as ours.
             let fill = if rival.is_bound { TASKS_OF_A_JOB } else { TASKS_OF_PEERS };
             let mut queue = Queue::new(database, &rival.program, folder, Work::Many, fill)?;
             let peer = Peer { value: queue.rate(workers)?, version: rival.name.clone() };
