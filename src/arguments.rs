@@ -76,4 +76,16 @@ pub fn worker_name(name: &str) -> Result<String, String> {
     }
 }
 
+/// Reads the name of a token.
+///
+/// # Errors
+/// What is allowed.
+pub fn token_name(name: &str) -> Result<String, String> {
+    if api::is_token_name(name) {
+        Ok(name.to_owned())
+    } else {
+        Err(format!("allowed: {}", api::TOKEN_NAMES))
+    }
+}
+
 const DEFAULT_SERVER: &str = "http://127.0.0.1:7070";

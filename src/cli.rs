@@ -3,9 +3,9 @@
 use clap::{Parser, Subcommand};
 
 use crate::commands::{
-    attempts, cancel, decode_recording, devices, drain, import, jobs, logs, migrate, pause,
-    presets, quickstart, resume, retry, serve, simulate, study, submit, undrain, verify, watch,
-    worker, workers,
+    attempts, audit, backup, cancel, decode_recording, devices, drain, import, jobs, logs, migrate,
+    pause, presets, quickstart, restore, resume, retry, serve, simulate, study, submit, token,
+    undrain, verify, watch, worker, workers,
 };
 
 /// In-context identification of robot dynamics as a service: simulate, train, evaluate.
@@ -62,6 +62,14 @@ pub enum Command {
     Drain(drain::Arguments),
     /// Have a worker that was drained begin tasks again
     Undrain(undrain::Arguments),
+    /// Make, list and revoke the tokens that let people in
+    Token(token::Arguments),
+    /// List who changed what, newest first
+    Audit(audit::Arguments),
+    /// Copy everything into a new data folder while servers and workers go on
+    Backup(backup::Arguments),
+    /// Copy a backup to a new place
+    Restore(restore::Arguments),
     /// Move a data folder to PostgreSQL and a bucket, or back
     Migrate(migrate::Arguments),
     /// List the presets, or show one

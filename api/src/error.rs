@@ -102,10 +102,15 @@ pub enum ApiError {
     )]
     DatasetIncomplete { id: i64, job: i64, state: JobState },
 
-    #[error("{}", if *.offered { "the token is not the server's" } else {
+    #[error("{}", if *.offered { "the token opens nothing here: it is unknown, expired or revoked" } else {
         "this server wants a token; send Authorization: Bearer TOKEN"
     })]
     Unauthorized { offered: bool },
+
+    #[error(
+        "the token {token} has the scope {scope}, and this needs {needed}; ask whoever administers the server for one"
+    )]
+    Scope { token: String, scope: wire::Scope, needed: wire::Scope },
 
     #[error("another site's page may not change anything here")]
     CrossSite,
@@ -161,6 +166,9 @@ pub enum ApiError {
 
     #[error("drawing a figure failed")]
     Figure(#[from] figures::FigureError),
+
+    #[error("the system gives no random bits")]
+    Random(#[from] getrandom::Error),
 
     #[error("rendering a page failed")]
     Page(#[from] askama::Error),
@@ -261,6 +269,7 @@ impl ApiError {
                 (S::CONFLICT, "dataset-incomplete", "The dataset is not complete")
             }
             Self::Unauthorized { .. } => (S::UNAUTHORIZED, "token", "A token is required"),
+            Self::Scope { .. } => (S::FORBIDDEN, "scope", "The token does not reach so far"),
             Self::CrossSite => (S::FORBIDDEN, "cross-site", "The request came from another site"),
             Self::ForeignHost { .. } => {
                 (S::MISDIRECTED_REQUEST, "host", "The server does not have this name")
@@ -279,7 +288,7 @@ impl ApiError {
             Self::ShardUnreadable { .. } => {
                 (S::INTERNAL_SERVER_ERROR, "shard-unreadable", "A shard cannot be read")
             }
-            Self::Arrow(_) | Self::Figure(_) | Self::Page(_) | Self::Internal => {
+            Self::Arrow(_) | Self::Figure(_) | Self::Random(_) | Self::Page(_) | Self::Internal => {
                 (S::INTERNAL_SERVER_ERROR, "internal", "The server failed")
             }
         }
@@ -379,6 +388,9 @@ fn of_store(error: &StoreError) -> (StatusCode, &'static str, &'static str) {
         StoreError::NeedNotMet { .. } => {
             (S::CONFLICT, "need-not-met", "A job that this one needs has just ended")
         }
+        StoreError::TokenExists { .. }
+        | StoreError::TooManyTokens
+        | StoreError::FirstToken { .. } => (S::CONFLICT, "tokens", "The token cannot be made"),
         StoreError::DiskFull { .. } => (S::INSUFFICIENT_STORAGE, "disk-full", "The disk is full"),
         StoreError::DamagedObject { .. } => DAMAGED,
         _ => (S::INTERNAL_SERVER_ERROR, "internal", "The server failed"),
@@ -420,6 +432,9 @@ fn store_message(error: &StoreError) -> String {
         StoreError::NotFound { .. }
         | StoreError::IdempotencyConflict { .. }
         | StoreError::NeedNotMet { .. }
+        | StoreError::TokenExists { .. }
+        | StoreError::TooManyTokens
+        | StoreError::FirstToken { .. }
         | StoreError::DiskFull { .. } => error.to_string(),
         StoreError::DamagedObject { .. } => format!("{error}; {REMEDY}"),
         _ => "a fault in the server; its log says more".to_owned(),

@@ -3,8 +3,8 @@
 //! A handler parses, calls [`app`], and answers. `app` knows what a job, a dataset or an evaluation
 //! is to a user and asks the store; nothing here runs a job, writes SQL or touches a file path.
 
+mod access;
 mod app;
-mod auth;
 mod charts;
 mod connections;
 mod download;
@@ -22,7 +22,11 @@ mod server;
 mod stream;
 mod upload;
 
+pub use access::credentials::digest as token_digest;
+pub use access::secret::token as new_token;
+pub use app::tokens::{TOKEN_NAMES, is_token_name};
 pub use app::{App, Options};
 pub use connections::Listener;
+pub use page::paths as page_paths;
 pub use routes::{openapi, router};
 pub use server::{ServeError, serve};

@@ -59,6 +59,15 @@ pub const UPLOAD_TIMEOUT: Duration = Duration::from_secs(6 * 60 * 60);
 /// Bytes of the name of a file.
 pub const UPLOAD_NAME_BYTES: usize = 200;
 
+/// Bytes of a token's name.
+pub const TOKEN_NAME_BYTES: usize = 100;
+
+/// The shortest and the longest time after which a token expires, s.
+pub const TOKEN_LIFETIME_S: (u64, u64) = (60, 10 * 365 * 24 * 60 * 60);
+
+/// How long a browser stays logged in.
+pub const SESSION_LASTS: Duration = Duration::from_secs(7 * 24 * 60 * 60);
+
 /// Bytes of an `Idempotency-Key`.
 pub const IDEMPOTENCY_KEY_BYTES: usize = 255;
 

@@ -31,10 +31,11 @@ impl KnownParameters {
     }
 }
 
-fn operations(item: &PathItem) -> impl Iterator<Item = (Method, &Operation)> {
+pub fn operations(item: &PathItem) -> impl Iterator<Item = (Method, &Operation)> {
     let get = item.get.as_ref().map(|operation| (Method::GET, operation));
     let post = item.post.as_ref().map(|operation| (Method::POST, operation));
-    get.into_iter().chain(post)
+    let delete = item.delete.as_ref().map(|operation| (Method::DELETE, operation));
+    get.into_iter().chain(post).chain(delete)
 }
 
 fn query_parameters(operation: &Operation) -> Vec<String> {

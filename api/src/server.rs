@@ -4,6 +4,7 @@ use std::future::Future;
 use std::io;
 use std::net::SocketAddr;
 
+use store::StoreError;
 use thiserror::Error;
 use tokio_util::sync::CancellationToken;
 
@@ -22,6 +23,9 @@ pub enum ServeError {
 
     #[error("serving HTTP failed")]
     Io(#[from] io::Error),
+
+    #[error("cannot tell whether a token is asked for")]
+    Store(#[from] StoreError),
 }
 
 /// Answers requests until `shutdown` is done, and the requests then under way for
@@ -29,14 +33,14 @@ pub enum ServeError {
 ///
 /// # Errors
 /// [`ServeError::OpenWithoutToken`] when `listener` can be reached from other machines and `app`
-/// has no token.
+/// asks for no token. When the database fails.
 pub async fn serve(
     listener: impl Into<Listener>,
     app: App,
     shutdown: impl Future<Output = ()> + Send + 'static,
 ) -> Result<(), ServeError> {
     let listener = listener.into();
-    if app.token().is_none()
+    if app.is_open().await?
         && let Some(address) = listener.open_address()?
     {
         return Err(ServeError::OpenWithoutToken { address });

@@ -9,8 +9,8 @@ use std::time::Duration;
 use reqwest::{Method, RequestBuilder, Response, StatusCode, Url};
 use serde::de::DeserializeOwned;
 use wire::{
-    Attempts, Checkpoint, ControlReport, Dataset, Evaluation, Job, Jobs, Logs, Presets, Queue,
-    Task, Tasks, Worker, Workers,
+    Attempts, Audit, Checkpoint, ControlReport, CreatedToken, Dataset, Evaluation, Job, Jobs, Logs,
+    NewToken, Presets, Queue, Task, Tasks, Token, Tokens, Worker, Workers,
 };
 
 pub use error::ClientError;
@@ -148,6 +148,24 @@ impl Client {
 
     pub async fn undrain_worker(&self, name: &str) -> Result<Worker, ClientError> {
         self.post(&format!("/v1/workers/{name}/undrain")).await
+    }
+
+    pub async fn tokens(&self) -> Result<Tokens, ClientError> {
+        self.get("/v1/tokens").await
+    }
+
+    pub async fn create_token(&self, token: &NewToken) -> Result<CreatedToken, ClientError> {
+        let request = self.request(Method::POST, "/v1/tokens").json(token);
+        self.read(&self.text(request).await?)
+    }
+
+    pub async fn revoke_token(&self, id: i64) -> Result<Token, ClientError> {
+        let request = self.request(Method::DELETE, &format!("/v1/tokens/{id}"));
+        self.read(&self.text(request).await?)
+    }
+
+    pub async fn audit(&self, path: &str) -> Result<Audit, ClientError> {
+        self.get(path).await
     }
 
     pub async fn cancel(&self, id: i64) -> Result<Job, ClientError> {

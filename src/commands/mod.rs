@@ -1,7 +1,10 @@
 //! One file per command.
 
 pub mod attempts;
+pub mod audit;
+pub mod backup;
 pub mod cancel;
+mod copied_store;
 pub mod decode_recording;
 pub mod devices;
 pub mod drain;
@@ -13,12 +16,14 @@ mod own_server;
 pub mod pause;
 pub mod presets;
 pub mod quickstart;
+pub mod restore;
 pub mod resume;
 pub mod retry;
 pub mod serve;
 pub mod simulate;
 pub mod study;
 pub mod submit;
+pub mod token;
 pub mod undrain;
 pub mod verify;
 pub mod watch;
@@ -53,6 +58,10 @@ pub async fn run(command: Command, log: &Logging) -> anyhow::Result<ExitCode> {
         Command::Resume(arguments) => resume::run(arguments).await,
         Command::Drain(arguments) => drain::run(arguments).await,
         Command::Undrain(arguments) => undrain::run(arguments).await,
+        Command::Token(arguments) => token::run(arguments).await,
+        Command::Audit(arguments) => audit::run(arguments).await,
+        Command::Backup(arguments) => backup::run(arguments).await,
+        Command::Restore(arguments) => restore::run(arguments).await,
         Command::Migrate(arguments) => migrate::run(arguments).await,
         Command::Presets(arguments) => presets::run(arguments).await,
         Command::DecodeRecording(arguments) => decode_recording::run(&arguments),

@@ -32,7 +32,7 @@ pub async fn run(arguments: Arguments, log: &str) -> anyhow::Result<ExitCode> {
 }
 
 async fn compute_and_show(arguments: &Arguments, server: &Server) -> anyhow::Result<()> {
-    let client = Client::new(&server.url, arguments.server.token().map(str::to_owned))?;
+    let client = Client::new(&server.url, Some(server.own_token.clone()))?;
     let reuse = if arguments.force { Reuse::ComputeAnew } else { Reuse::ByDigest };
     let Submitted { job, existed } = client.submit(SPEC.into(), reuse).await?;
     let page = client.url(&format!("/jobs/{}", job.id));

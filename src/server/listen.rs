@@ -57,12 +57,12 @@ impl Drop for SocketFile {
 
 /// Anyone who reaches the port can queue work and read results, so beyond this machine a token is
 /// a must.
-pub fn refuse_unguarded(asked: Option<&Address>, token: Option<&str>) -> anyhow::Result<()> {
+pub fn refuse_unguarded(asked: Option<&Address>, has_token: bool) -> anyhow::Result<()> {
     let Some(Address::Tcp(address)) = asked else { return Ok(()) };
     ensure!(
-        address.ip().is_loopback() || token.is_some(),
-        "listening on {address}, which other machines can reach, needs a token: give --token or \
-         TORQUED_TOKEN, which must not be empty, or listen on 127.0.0.1"
+        address.ip().is_loopback() || has_token,
+        "listening on {address}, which other machines can reach, needs a token: make one with `torqued token create NAME --scope \
+         admin --directly`, give TORQUED_TOKEN, which must not be empty, or listen on 127.0.0.1"
     );
     Ok(())
 }
@@ -133,11 +133,11 @@ mod tests {
     fn beyond_this_machine_a_token_is_needed() {
         let address = |text: &str| text.parse::<Address>().unwrap();
         let (open, local) = (address("0.0.0.0:7070"), address("127.0.0.1:7070"));
-        assert!(refuse_unguarded(Some(&open), None).is_err());
-        assert!(refuse_unguarded(Some(&open), Some("secret")).is_ok());
-        assert!(refuse_unguarded(Some(&local), None).is_ok());
-        assert!(refuse_unguarded(Some(&address("unix:/run/torqued")), None).is_ok());
-        assert!(refuse_unguarded(None, None).is_ok());
+        assert!(refuse_unguarded(Some(&open), false).is_err());
+        assert!(refuse_unguarded(Some(&open), true).is_ok());
+        assert!(refuse_unguarded(Some(&local), false).is_ok());
+        assert!(refuse_unguarded(Some(&address("unix:/run/torqued")), false).is_ok());
+        assert!(refuse_unguarded(None, false).is_ok());
     }
 
     #[test]

@@ -69,7 +69,8 @@ pub struct Options {
     #[arg(long, env = "TORQUED_LEASE_SECONDS", value_name = "SECONDS", default_value_t = 15, value_parser = clap::value_parser!(u64).range(1..=3600))]
     pub lease_seconds: u64,
 
-    /// Token that every request must carry; needed when other machines can connect
+    /// A token of scope admin beside those that `torqued token create` makes; one of either kind is needed when other
+    /// machines can connect
     #[arg(long, env = "TORQUED_TOKEN", value_name = "TOKEN", hide_env_values = true)]
     token: Option<String>,
 
@@ -108,6 +109,8 @@ const FINISH_REQUESTS_WITHIN: Duration = Duration::from_secs(3);
 pub struct Server {
     /// `http://127.0.0.1:7070`, or `unix:/run/torqued`.
     pub url: String,
+    /// What this process may ask the server with.
+    pub own_token: String,
     data: PathBuf,
     store: Store,
     workers: TaskTracker,
@@ -123,21 +126,24 @@ impl Server {
     /// # Errors
     /// When the device or the folder cannot be used, or the address cannot be listened on.
     pub async fn start(options: &Options, log: &str) -> anyhow::Result<Self> {
-        listen::refuse_unguarded(options.listen.as_ref(), options.token())?;
         allocator::keep_freed_memory();
         process::open_many_files();
         device::require(options.device.device).await?;
         let store = Store::open_at(&options.store.location(), Access::Server).await?;
+        let has_token = options.token().is_some() || !store.tokens().await?.is_empty();
+        listen::refuse_unguarded(options.listen.as_ref(), has_token)?;
         store.register_server(env!("CARGO_PKG_VERSION")).await?;
         let command = executor::worker_command(options, log)?;
         let engine = options.executor.engine(options, command.clone(), &store).await?;
         let Bound { listener, url, file } = listen::bind(options.listen.as_ref()).await?;
 
         let stop_http = CancellationToken::new();
+        let own_token = api::new_token().context("the system gives no random bits")?;
         let app = App::new(
             store.clone(),
             &api::Options {
                 token: options.token().map(str::to_owned),
+                own_token: Some(own_token.clone()),
                 connections: process::files_allow(options.max_connections),
                 requests_per_second: options.max_requests_per_second,
                 max_trajectories: options.max_trajectories,
@@ -185,6 +191,7 @@ impl Server {
         let data = options.store.data.clone();
         Ok(Self {
             url,
+            own_token,
             data,
             store,
             workers,

@@ -124,6 +124,21 @@ impl Transaction {
 }
 
 impl Store {
+    /// A transaction that reads what was there at one moment, beside those who write.
+    pub(crate) async fn begin_snapshot(
+        &self,
+        operation: &'static str,
+    ) -> Result<Transaction, StoreError> {
+        match self.database() {
+            Database::Sqlite(database) => {
+                database.begin_snapshot(operation).await.map(Transaction::Sqlite)
+            }
+            Database::Postgres(database) => {
+                database.begin_snapshot(operation).await.map(Transaction::Postgres)
+            }
+        }
+    }
+
     pub(crate) async fn begin(
         &self,
         scope: Scope,

@@ -6,10 +6,10 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use thiserror::Error;
-use wire::JobState;
+use wire::{JobState, Scope};
 
 use crate::objects::trouble::{Trouble, advice, in_short};
-use crate::{Epoch, Fingerprint, JobId, TaskId};
+use crate::{Epoch, Fingerprint, JobId, MAX_TOKENS, TaskId};
 
 #[derive(Debug, Error)]
 #[non_exhaustive]
@@ -59,8 +59,8 @@ pub enum StoreError {
     NotEmpty { place: String, found: String },
 
     #[error(
-        "{place} has a part of a store whose move is not finished; repeat `torqued migrate` with the same \
-         places; to give it up, delete what is there and in its database"
+        "{place} has a part of a store whose copy is not finished; repeat `torqued migrate`, `backup` or `restore` with the \
+         same places; to give it up, delete what is there and in its database"
     )]
     UnfinishedTransfer { place: String },
 
@@ -132,6 +132,18 @@ pub enum StoreError {
 
     #[error("there is no {what} {id}")]
     NotFound { what: &'static str, id: String },
+
+    #[error("a token is called {name} already; revoke it, or choose another name")]
+    TokenExists { name: String },
+
+    #[error("there are {MAX_TOKENS} tokens, as many as may be; revoke some")]
+    TooManyTokens,
+
+    #[error(
+        "the first token must have the scope admin, not {scope}: from then on the server asks for a token, and nobody could \
+         make another"
+    )]
+    FirstToken { scope: Scope },
 
     #[error("a submission is inconsistent: {reason}")]
     InvalidSubmission { reason: String },

@@ -30,6 +30,7 @@ identifier!(TaskId);
 identifier!(RunId);
 identifier!(DatasetId);
 identifier!(CheckpointId);
+identifier!(TokenId);
 identifier!(
     /// A combination of what tasks ask for.
     ResourcesId

@@ -113,3 +113,55 @@ async fn a_server_that_may_open_few_files_answers_beside_four_hundred_half_reque
     last.read_to_string(&mut answer).unwrap();
     assert!(answer.starts_with("HTTP/1.1 200"), "{answer}");
 }
+
+/// Runs a command of tokens on the data folder itself.
+fn directly(data: &std::path::Path, arguments: &[&str]) -> (Option<i32>, String, String) {
+    run_to_end(torqued(&["token"]).args(arguments).arg("--data").arg(data))
+}
+
+#[test]
+fn the_first_token_is_made_beside_the_server_and_closes_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let data = folder.path().join("data");
+    let (mut server, url) = listening(&data, "127.0.0.1:0");
+    let (code, token, errors) =
+        directly(&data, &["create", "ana", "--scope", "admin", "--directly"]);
+    assert_eq!(code, Some(0), "{errors}");
+    let ask = |arguments: &[&str], token: &str| {
+        let mut command = torqued(arguments);
+        run_to_end(command.args(["--server", &url]).env("TORQUED_TOKEN", token))
+    };
+    let token = token.trim();
+    let (code, output, errors) = ask(&["token", "list"], token);
+    assert_eq!(code, Some(0), "{errors}");
+    assert!(output.contains("ana"), "{output}");
+    let (code, _, errors) = ask(&["jobs"], "");
+    assert_ne!(code, Some(0));
+    assert!(errors.contains("this server wants a token"), "{errors}");
+
+    let (_, reader, _) =
+        ask(&["token", "create", "ben", "--scope", "read", "--expires", "1h"], token);
+    assert_eq!(ask(&["jobs"], reader.trim()).0, Some(0));
+    let (_, _, errors) = ask(&["pause"], reader.trim());
+    assert!(errors.contains("this needs admin"), "{errors}");
+    assert_eq!(ask(&["token", "revoke", "ben"], token).0, Some(0));
+    assert_ne!(ask(&["jobs"], reader.trim()).0, Some(0));
+    let (_, audit, _) = ask(&["audit"], token);
+    assert!(audit.contains("token create ana") && audit.contains("directly"), "{audit}");
+    assert!(audit.contains("DELETE /v1/tokens/2"), "{audit}");
+    signal("TERM", server.id());
+    server.wait().unwrap();
+
+    // From now on other machines may be let in; no machine has this address.
+    let listen_elsewhere = || {
+        let mut command = torqued(&["serve", "--listen", "192.0.2.1:0", "--data"]);
+        let (code, _, errors) = run_to_end(command.arg(&data));
+        assert_eq!(code, Some(1), "{errors}");
+        errors
+    };
+    let errors = listen_elsewhere();
+    assert!(errors.contains("cannot listen on 192.0.2.1:0"), "{errors}");
+    assert_eq!(directly(&data, &["clear"]).0, Some(0));
+    let errors = listen_elsewhere();
+    assert!(errors.contains("needs a token"), "{errors}");
+}

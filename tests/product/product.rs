@@ -67,6 +67,13 @@ impl Product {
         self.ask(self.http.get(self.address(path))).await
     }
 
+    /// The bytes of a file that must be there.
+    pub async fn download(&self, path: &str) -> Vec<u8> {
+        let response = self.http.get(self.address(path)).send().await.unwrap();
+        assert_eq!(response.status(), StatusCode::OK, "GET {path}");
+        response.bytes().await.unwrap().to_vec()
+    }
+
     /// POST of a body, as it is.
     pub async fn post(&self, path: &str, body: impl Into<String>) -> (StatusCode, Value) {
         let request = self.http.post(self.address(path)).header("content-type", "application/json");

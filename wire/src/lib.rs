@@ -8,6 +8,7 @@
 //! `before` of the following page and missing on the last one. Tasks are in the order in which they run, and `next` is
 //! the `after` of the following page; of logs likewise, whose `next` is there on every page. Readers ignore fields that they do not know.
 
+mod access;
 mod attempts;
 mod checkpoints;
 mod closed_loop;
@@ -32,6 +33,7 @@ mod verifications;
 mod warnings;
 mod workers;
 
+pub use access::{Audit, AuditEntry, CreatedToken, NewToken, Token, Tokens};
 pub use attempts::{Attempt, Attempts};
 pub use checkpoints::{Checkpoint, Checkpoints, StoredFile};
 pub use closed_loop::{
@@ -57,7 +59,9 @@ pub use report::{
     TrainedOn, WorstCase, at_noise,
 };
 pub use runs::{Artifact, LatestMetric, Metric, MetricPoint, Run, Runs};
-pub use states::{AttemptOutcome, DatasetState, JobState, PlacementState, TaskState, UnknownState};
+pub use states::{
+    AttemptOutcome, DatasetState, JobState, PlacementState, Scope, TaskState, UnknownState,
+};
 pub use streams::{
     FilledContext, Nothing, StreamLatency, StreamMessage, StreamOpened, StreamReply,
     StreamSettings, StreamStep, StreamedPrediction,

@@ -1,4 +1,4 @@
-//! The states of jobs, tasks and datasets: the same words in JSON, in SQL and on the page.
+//! The states of jobs, tasks and datasets, and the scopes of tokens: the same words in JSON, in SQL and on the page.
 
 use std::error::Error;
 use std::fmt;
@@ -10,7 +10,7 @@ use utoipa::ToSchema;
 macro_rules! states {
     ($(#[$about:meta])* $name:ident { $($(#[$meaning:meta])* $state:ident = $word:literal,)+ }) => {
         $(#[$about])*
-        #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, ToSchema)]
         #[serde(rename_all = "lowercase")]
         pub enum $name {
             $($(#[$meaning])* $state,)+
@@ -41,6 +41,18 @@ macro_rules! states {
             }
         }
     };
+}
+
+states! {
+    /// What a token lets its bearer do; each scope holds those before it.
+    Scope {
+        /// Look at everything, download, and ask models for predictions.
+        Read = "read",
+        /// Submit, cancel and retry jobs, and send recordings.
+        Submit = "submit",
+        /// Hold the queue and its workers up, and make and revoke tokens.
+        Admin = "admin",
+    }
 }
 
 states! {

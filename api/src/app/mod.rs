@@ -4,6 +4,7 @@
 //! types of [`wire`]. Routes and page call these, and nothing else calls the store.
 
 mod attempts;
+mod audit;
 pub mod checkpoints;
 mod datasets;
 mod evaluations;
@@ -17,11 +18,13 @@ mod predictions;
 mod questions;
 mod queue;
 mod runs;
+mod sessions;
 mod shards;
 pub mod streams;
 pub mod submission;
 mod summaries;
 pub mod tasks;
+pub mod tokens;
 pub mod trajectories;
 mod uploads;
 pub mod verifications;
@@ -39,9 +42,9 @@ use spec::JobKind;
 use store::Store;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, watch};
 
+use crate::access::{KnownTokens, Token};
 use crate::app::monitoring::Monitor;
 use crate::app::shards::OpenShards;
-use crate::auth::Token;
 use crate::error::ApiError;
 use crate::limits::{
     CONCURRENT_DOWNLOADS, CONCURRENT_UPLOADS, CONNECTIONS, LOG_READERS, MAX_TRAJECTORIES,
@@ -58,9 +61,11 @@ pub(crate) const VERSION: &str = env!("CARGO_PKG_VERSION");
 /// How the server is to behave.
 #[derive(Clone, Debug)]
 pub struct Options {
-    /// What callers must send as `Authorization: Bearer TOKEN`; without it everyone on this
-    /// machine may ask.
+    /// A token of scope admin beside those of the store. Without any token everyone on this machine may do
+    /// everything.
     pub token: Option<String>,
+    /// The token of the process that serves, in which it asks itself.
+    pub own_token: Option<String>,
     /// Trajectories of one simulation, at most.
     pub max_trajectories: u64,
     /// Seconds that an attempt at a task may take, of the kinds of jobs that have a limit.
@@ -79,6 +84,7 @@ impl Default for Options {
     fn default() -> Self {
         Self {
             token: None,
+            own_token: None,
             max_trajectories: MAX_TRAJECTORIES,
             time_limits_s: HashMap::new(),
             max_upload_bytes: MAX_UPLOAD_BYTES,
@@ -95,6 +101,8 @@ pub struct App {
     store: Store,
     open_shards: OpenShards,
     token: Option<Token>,
+    own_token: Option<Token>,
+    tokens: KnownTokens,
     limits: Arc<Limits>,
     max_upload_bytes: u64,
     upload_stall: Duration,
@@ -122,6 +130,8 @@ impl App {
             store,
             open_shards: OpenShards::new(),
             token: options.token.as_deref().map(Token::new),
+            own_token: options.own_token.as_deref().map(Token::new),
+            tokens: KnownTokens::default(),
             limits: Arc::new(Limits {
                 max_trajectories: options.max_trajectories,
                 time_limits_s: options.time_limits_s.clone(),
@@ -159,10 +169,6 @@ impl App {
 
     pub(crate) fn is_ending(&self) -> bool {
         self.ending.load(Ordering::Relaxed)
-    }
-
-    pub(crate) fn token(&self) -> Option<&Token> {
-        self.token.as_ref()
     }
 
     pub(crate) fn max_upload_bytes(&self) -> u64 {

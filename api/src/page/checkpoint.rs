@@ -41,7 +41,7 @@ pub async fn show(
     let checkpoint = app.checkpoint(id).await?;
     let job = app.job(checkpoint.job).await?;
     let extents = app.checkpoint_extents(id).await?;
-    let commands = Commands::new(&app, &headers);
+    let commands = Commands::new(&headers);
     let page = CheckpointPage {
         id,
         job: job.id,

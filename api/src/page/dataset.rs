@@ -84,7 +84,7 @@ pub async fn show(
         viewer: Viewer::new(&app, &dataset, &summary, view.trajectory).await?,
         files: dataset.files.iter().take(FILES).map(FileRow::of_dataset).collect(),
         files_left_out: dataset.files.len().saturating_sub(FILES),
-        snippet: snippet(&Commands::new(&app, &headers), &dataset),
+        snippet: snippet(&Commands::new(&headers), &dataset),
         spec: spec_text(&job.spec),
     };
     Ok(html(&page)?)

@@ -66,7 +66,7 @@ pub async fn show(
         if settled { Vec::new() } else { app.obstacles(&app.workers().await?.workers).await? };
     let page = ExperimentsPage {
         obstacles,
-        commands: Commands::new(&app, &headers),
+        commands: Commands::new(&headers),
         filters: filters(listing.state),
         filtered: listing.state.is_some() || listing.before.is_some(),
         settled,

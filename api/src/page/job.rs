@@ -114,7 +114,7 @@ pub async fn show(
         attempts: attempts.into_iter().filter_map(AttemptRow::of_no_success).collect(),
         log,
         spec: spec_text(&job.spec),
-        commands: Commands::new(&app, &headers),
+        commands: Commands::new(&headers),
     };
     Ok(html(&page)?)
 }

@@ -10,6 +10,7 @@ mod evaluation;
 mod experiments;
 mod job;
 mod kinds;
+mod login;
 mod parts;
 mod recordings;
 mod report;
@@ -24,38 +25,42 @@ mod workers;
 use axum::Router;
 use axum::extract::Request;
 use axum::http::HeaderMap;
-use axum::http::header::ACCEPT;
 use axum::response::{IntoResponse, Response};
-use axum::routing::{get, post};
+use axum::routing::{MethodRouter, get, post};
 
+use crate::access::{LOGIN, LOGOUT, accepts_html};
 use crate::app::App;
 use crate::error::ApiError;
 use crate::page::answer::PageError;
 
 pub fn routes() -> Router<App> {
-    Router::new()
-        .route("/", get(experiments::show))
-        .route("/jobs/{id}", get(job::show))
-        .route("/jobs/{id}/cancel", post(job::cancel))
-        .route("/runs/{id}", get(run::show))
-        .route("/evaluations/{id}", get(evaluation::show))
-        .route("/datasets/{id}", get(dataset::show))
-        .route("/datasets/{id}/verify", post(dataset::verify))
-        .route("/checkpoints/{id}", get(checkpoint::show))
-        .route("/workers", get(workers::show))
-        .route("/workers/{name}/drain", post(workers::drain))
-        .route("/workers/{name}/undrain", post(workers::undrain))
-        .route("/queue/pause", post(workers::pause))
-        .route("/queue/resume", post(workers::resume))
-        .route("/static/{name}", get(assets::show))
+    paths().into_iter().fold(Router::new(), |router, (path, methods)| router.route(path, methods))
+}
+
+/// Every path of the page, with what answers it.
+pub fn paths() -> [(&'static str, MethodRouter<App>); 16] {
+    [
+        ("/", get(experiments::show)),
+        ("/jobs/{id}", get(job::show)),
+        ("/jobs/{id}/cancel", post(job::cancel)),
+        ("/runs/{id}", get(run::show)),
+        ("/evaluations/{id}", get(evaluation::show)),
+        ("/datasets/{id}", get(dataset::show)),
+        ("/datasets/{id}/verify", post(dataset::verify)),
+        ("/checkpoints/{id}", get(checkpoint::show)),
+        ("/workers", get(workers::show)),
+        ("/workers/{name}/drain", post(workers::drain)),
+        ("/workers/{name}/undrain", post(workers::undrain)),
+        ("/queue/pause", post(workers::pause)),
+        ("/queue/resume", post(workers::resume)),
+        (LOGIN, get(login::show).post(login::log_in)),
+        (LOGOUT, post(login::log_out)),
+        ("/static/{name}", get(assets::show)),
+    ]
 }
 
 /// Answers what no route does: in HTML to a browser, as a problem to everyone else.
 pub async fn no_route(headers: HeaderMap, request: Request) -> Response {
     let error = ApiError::NoRoute { path: request.uri().path().to_owned() };
-    let accepts_html = headers
-        .get(ACCEPT)
-        .and_then(|accept| accept.to_str().ok())
-        .is_some_and(|accept| accept.contains("text/html"));
-    if accepts_html { PageError(error).into_response() } else { error.into_response() }
+    if accepts_html(&headers) { PageError(error).into_response() } else { error.into_response() }
 }

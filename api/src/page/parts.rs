@@ -5,7 +5,7 @@ use axum::http::header::HOST;
 use spec::JobKind;
 use wire::{Artifact, Job, JobState, Progress};
 
-use crate::app::App;
+use crate::access;
 use crate::page::text;
 
 /// A progress bar and the words below it.
@@ -138,11 +138,12 @@ pub struct Commands {
 }
 
 impl Commands {
-    pub fn new(app: &App, headers: &HeaderMap) -> Self {
+    pub fn new(headers: &HeaderMap) -> Self {
         let host = headers.get(HOST).and_then(|host| host.to_str().ok());
-        let curl = match app.token() {
-            Some(_) => "curl -H \"Authorization: Bearer $TORQUED_TOKEN\"",
-            None => "curl",
+        let curl = if access::asked_for_a_token() {
+            "curl -H \"Authorization: Bearer $TORQUED_TOKEN\""
+        } else {
+            "curl"
         };
         Self {
             curl: curl.to_owned(),

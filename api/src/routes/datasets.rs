@@ -64,6 +64,7 @@ pub async fn file(
     post,
     path = "/v1/datasets/{id}/verify",
     tag = "datasets",
+    security((), ("token" = ["submit"])),
     params(("id" = i64, Path)),
     responses((status = 202, body = Job, headers(("Location" = String)))),
 )]

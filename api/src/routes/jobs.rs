@@ -43,6 +43,7 @@ pub struct JobsParameters {
     post,
     path = "/v1/jobs",
     tag = "jobs",
+    security((), ("token" = ["submit"])),
     params(
         SubmitParameters,
         (
@@ -79,6 +80,7 @@ fn answer(submitted: Submitted) -> Response {
     post,
     path = "/v1/jobs/{id}/retry",
     tag = "jobs",
+    security((), ("token" = ["submit"])),
     params(("id" = i64, Path)),
     responses(
         (status = 201, body = Job, headers(("Location" = String))),
@@ -123,6 +125,7 @@ pub async fn show(State(app): State<App>, Path(id): Path<i64>) -> Result<Json<Jo
     post,
     path = "/v1/jobs/{id}/cancel",
     tag = "jobs",
+    security((), ("token" = ["submit"])),
     params(("id" = i64, Path)),
     responses((status = 200, body = Job)),
 )]

@@ -1,5 +1,6 @@
 //! Every path of the API, once: the router and the OpenAPI document are built from one list.
 
+mod audit;
 mod checkpoints;
 mod datasets;
 mod evaluations;
@@ -14,6 +15,7 @@ mod predictions;
 mod presets;
 mod queue;
 mod runs;
+mod tokens;
 mod trajectories;
 mod uploads;
 mod workers;
@@ -30,6 +32,7 @@ use utoipa::OpenApi as _;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
+use crate::access::Scopes;
 use crate::app::App;
 use crate::error::ApiError;
 use crate::guard::Crowd;
@@ -37,7 +40,7 @@ use crate::limits::BODY_BYTES;
 use crate::pace::{self, Pace};
 use crate::parameters::KnownParameters;
 use crate::routes::openapi::Document;
-use crate::{auth, guard, page, parameters};
+use crate::{access, guard, page, parameters};
 
 fn documented() -> OpenApiRouter<App> {
     let mut router = operations();
@@ -88,6 +91,9 @@ fn operations() -> OpenApiRouter<App> {
         .routes(routes!(queue::show))
         .routes(routes!(queue::pause))
         .routes(routes!(queue::resume))
+        .routes(routes!(tokens::list, tokens::create))
+        .routes(routes!(tokens::revoke))
+        .routes(routes!(audit::list))
 }
 
 /// The OpenAPI document of every operation under `/v1`, and of `/healthz`, `/readyz` and `/metrics`.
@@ -99,6 +105,7 @@ pub fn openapi() -> utoipa::openapi::OpenApi {
 pub fn router(app: App) -> Router {
     let (api, document) = documented().split_for_parts();
     let known = KnownParameters::of(&document);
+    let scopes = Scopes::of(&document);
     let api = api
         .route("/v1/openapi.json", get(async move || Json(document)))
         .layer(middleware::from_fn_with_state(known, parameters::refuse_unknown));
@@ -111,8 +118,8 @@ pub fn router(app: App) -> Router {
         .layer(CatchPanicLayer::custom(guard::answer_panic))
         .layer(middleware::from_fn_with_state(Pace::new(app.requests_per_second()), pace::keep))
         .layer(middleware::from_fn_with_state(Crowd::new(), guard::admit))
-        .layer(middleware::from_fn_with_state(app.clone(), auth::require_loopback_name))
-        .layer(middleware::from_fn_with_state(app.clone(), auth::require_token))
+        .layer(middleware::from_fn_with_state(app.clone(), access::require_loopback_name))
+        .layer(middleware::from_fn_with_state((app.clone(), scopes), access::require_scope))
         .layer(CsrfLayer::new().with_rejection_response(refuse_cross_site))
         .layer(DefaultBodyLimit::max(BODY_BYTES));
 

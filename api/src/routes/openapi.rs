@@ -20,7 +20,7 @@ use wire::Problem;
                        problem of type `damaged` from then on.",
         license(name = "MIT OR Apache-2.0", identifier = "MIT OR Apache-2.0"),
     ),
-    security((), ("token" = [])),
+    security((), ("token" = ["read"])),
     // The schemas of a pipeline's member and of a job refer to each other, which the derive does not
     // follow. The report of a control job is an artifact, and a stream speaks WebSocket.
     components(schemas(
@@ -38,7 +38,10 @@ impl utoipa::Modify for TokenScheme {
         use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityScheme};
         let scheme = HttpBuilder::new()
             .scheme(HttpAuthScheme::Bearer)
-            .description(Some("Only when the server was started with a token."))
+            .description(Some(
+                "Once the server was started with a token or has made one. An operation lists the scope that it needs: \
+                 `read`, `submit` or `admin`, each of which holds those before it.",
+            ))
             .build();
         document
             .components
@@ -72,7 +75,7 @@ pub fn add_problems(document: &mut openapi::OpenApi) {
         .content("application/problem+json", content)
         .build();
     for item in document.paths.paths.values_mut() {
-        for operation in [&mut item.get, &mut item.post].into_iter().flatten() {
+        for operation in [&mut item.get, &mut item.post, &mut item.delete].into_iter().flatten() {
             operation.responses.responses.insert("default".to_owned(), problem.clone().into());
         }
     }

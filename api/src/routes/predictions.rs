@@ -21,6 +21,7 @@ use crate::stream;
     post,
     path = "/v1/checkpoints/{id}/predict",
     tag = "predictions",
+    security((), ("token" = ["read"])),
     params(("id" = i64, Path)),
     request_body = PredictionRequest,
     responses((status = 200, body = Prediction)),

@@ -18,6 +18,7 @@ pub async fn show(State(app): State<App>) -> Result<Json<Queue>, ApiError> {
     post,
     path = "/v1/queue/pause",
     tag = "queue",
+    security((), ("token" = ["admin"])),
     responses((status = 200, body = Queue)),
 )]
 pub async fn pause(State(app): State<App>) -> Result<Json<Queue>, ApiError> {
@@ -29,6 +30,7 @@ pub async fn pause(State(app): State<App>) -> Result<Json<Queue>, ApiError> {
     post,
     path = "/v1/queue/resume",
     tag = "queue",
+    security((), ("token" = ["admin"])),
     responses((status = 200, body = Queue)),
 )]
 pub async fn resume(State(app): State<App>) -> Result<Json<Queue>, ApiError> {

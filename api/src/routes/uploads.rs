@@ -48,6 +48,7 @@ pub struct UploadForm {
     post,
     path = "/v1/datasets",
     tag = "datasets",
+    security((), ("token" = ["submit"])),
     params(
         UploadParameters,
         (

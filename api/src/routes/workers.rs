@@ -24,6 +24,7 @@ pub async fn list(State(app): State<App>) -> Result<Json<Workers>, ApiError> {
     post,
     path = "/v1/workers/{name}/drain",
     tag = "workers",
+    security((), ("token" = ["admin"])),
     params(("name" = String, Path)),
     responses((status = 200, body = Worker)),
 )]
@@ -39,6 +40,7 @@ pub async fn drain(
     post,
     path = "/v1/workers/{name}/undrain",
     tag = "workers",
+    security((), ("token" = ["admin"])),
     params(("name" = String, Path)),
     responses((status = 200, body = Worker)),
 )]

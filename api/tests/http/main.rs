@@ -20,6 +20,7 @@ mod serving;
 mod streams;
 mod submission;
 mod tables;
+mod tokens;
 mod trainings;
 mod trajectories;
 mod uploads;

@@ -61,7 +61,7 @@ async fn compute_and_write(
     plan: &Plan,
     server: &Server,
 ) -> anyhow::Result<()> {
-    let client = Client::new(&server.url, arguments.server.token().map(str::to_owned))?;
+    let client = Client::new(&server.url, Some(server.own_token.clone()))?;
     let reuse = if arguments.force { Reuse::ComputeAnew } else { Reuse::ByDigest };
     let Submitted { job, existed } = client.submit(Plan::request(plan.scale), reuse).await?;
     let page = client.url(&format!("/jobs/{}", job.id));

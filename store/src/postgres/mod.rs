@@ -67,6 +67,15 @@ impl Database {
         Ok(Transaction { inner, operation })
     }
 
+    /// A transaction that reads what was there at one moment, beside those who write.
+    pub async fn begin_snapshot(&self, operation: &'static str) -> Result<Transaction, StoreError> {
+        let begin = "BEGIN ISOLATION LEVEL REPEATABLE READ, READ ONLY; \
+                     SET LOCAL idle_in_transaction_session_timeout = 0";
+        let begun = self.reader.begin_with(begin).await;
+        let inner = begun.map_err(StoreError::database(operation))?;
+        Ok(Transaction { inner, operation })
+    }
+
     pub async fn close(&self) {
         self.reader.close().await;
     }

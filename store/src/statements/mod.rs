@@ -10,6 +10,7 @@
 
 mod artifacts;
 mod attempts;
+mod audit;
 mod census;
 mod checkpoints;
 mod datasets;
@@ -27,6 +28,7 @@ mod submission;
 mod takeover;
 mod task_lists;
 mod tasks;
+mod tokens;
 mod transfer;
 mod uploads;
 mod workers;

@@ -3,7 +3,7 @@ use sqlx::{QueryBuilder, Row};
 use tokio::sync::mpsc;
 
 use super::rows::stored_object;
-use super::{Db, DbRow, Transaction};
+use super::{Database, Db, DbRow, Transaction};
 use crate::StoredObject;
 use crate::transfer::rows::{Column, Kind, Table, Value, Values};
 
@@ -13,7 +13,25 @@ const VALUES_PER_STATEMENT: usize = 32_000;
 /// About how many bytes the rows have that are read or written at once.
 const BYTES_PER_BATCH: usize = 4 * 1024 * 1024;
 
+impl Database {
+    /// Whether a row names the object.
+    pub async fn names_object(&self, table: &str, path: &str) -> Result<bool, sqlx::Error> {
+        let mut query = QueryBuilder::<Db>::new(format!("SELECT COUNT(*) FROM {table}"));
+        query.push(" WHERE path = ").push_bind(path);
+        let count: i64 = query.build_query_scalar().fetch_one(&self.reader).await?;
+        Ok(count > 0)
+    }
+}
+
 impl Transaction {
+    /// Forgets the checkpoint with a file at `path`.
+    pub async fn forget_checkpoint_with(&mut self, path: &str) -> Result<(), sqlx::Error> {
+        let statement = sqlx::query(
+            "DELETE FROM checkpoint WHERE id IN (SELECT checkpoint FROM checkpoint_file WHERE path = $1)",
+        );
+        self.execute(statement.bind(path)).await
+    }
+
     pub async fn count_rows(&mut self, table: &str) -> Result<u64, sqlx::Error> {
         let count: i64 = QueryBuilder::<Db>::new(format!("SELECT COUNT(*) FROM {table}"))
             .build_query_scalar()

@@ -1,4 +1,4 @@
-//! A store moves to another place: from the data folder to PostgreSQL, or back.
+//! A store moves to another place: from the data folder to PostgreSQL, or back. Or it is copied while it is used: a backup.
 //!
 //! Objects go first, and then all rows in one transaction, so that the target has everything or no jobs at all. Until it
 //! has, a mark among its objects (`store::identity`) says so: no server serves it, and the move can be done again. Both
@@ -6,6 +6,10 @@
 //!
 //! The target is a store of its own, with another identity and with objects of its own: a server of the source
 //! that somebody starts by mistake cannot sweep them.
+//!
+//! A backup has the rows of one moment, which a transaction that only reads keeps. Of the objects that they name those of
+//! checkpoints alone may vanish before they are copied, since trainings delete outdated ones; such a checkpoint is left
+//! out of the backup.
 
 mod objects;
 mod place;
@@ -36,6 +40,8 @@ pub struct Transfer {
     contents: StoreContents,
     /// Whether the rows are in the target already, from a move that ended just before it was finished.
     has_rows: bool,
+    /// Objects of checkpoints that were deleted since the source's moment.
+    vanished: Vec<String>,
 }
 
 /// A store that is kept as it is.
@@ -44,6 +50,8 @@ struct Side {
     place: String,
     transaction: Transaction,
     tables: Vec<Table>,
+    /// Whether others use it meanwhile.
+    is_in_use: bool,
     /// Held to the end.
     _lock: Option<File>,
     _duties: Vec<DutyClaim>,
@@ -85,7 +93,30 @@ impl Transfer {
         s3: &S3Options,
     ) -> Result<Self, StoreError> {
         place::refuse_shared(from, to)?;
-        let mut source = place::open_source(from, s3).await?;
+        let source = place::open_source(from, s3).await?;
+        Self::prepare_from(source, from, to, s3).await
+    }
+
+    /// The same as a copy of what is there at this moment, while servers and workers go on.
+    ///
+    /// # Errors
+    /// As [`Transfer::prepare`], but for the use of the source.
+    pub async fn prepare_backup(
+        from: &Location,
+        to: &Location,
+        s3: &S3Options,
+    ) -> Result<Self, StoreError> {
+        place::refuse_shared(from, to)?;
+        let source = place::open_snapshot(from, s3).await?;
+        Self::prepare_from(source, from, to, s3).await
+    }
+
+    async fn prepare_from(
+        mut source: Side,
+        from: &Location,
+        to: &Location,
+        s3: &S3Options,
+    ) -> Result<Self, StoreError> {
         let source_identity = source.store.identity().await?;
         if place::identity(to, s3).await?.is_some_and(|found| found == source_identity) {
             return Err(place::shared(from, to));
@@ -107,7 +138,7 @@ impl Transfer {
             return Err(StoreError::NotEmpty { place: target.place, found });
         }
         target.store.begin_move(source_identity).await?;
-        Ok(Self { source, target, contents, has_rows })
+        Ok(Self { source, target, contents, has_rows, vanished: Vec::new() })
     }
 
     pub const fn contents(&self) -> StoreContents {
@@ -133,6 +164,9 @@ impl Transfer {
                 return Err(self.rows_differ(place, expected, found));
             }
         }
+        for path in &self.vanished {
+            sql!(&mut self.target.transaction, forget_checkpoint_with(path))?;
+        }
         self.target.transaction.commit().await?;
         self.target.store.end_move().await?;
         self.source.transaction.roll_back().await?;
@@ -149,7 +183,14 @@ impl Transfer {
                 let objects = objects_after(&mut source.transaction, table.name, &after).await?;
                 let Some(last) = objects.last() else { break };
                 after.clone_from(&last.path);
-                objects::copy_all(objects, &source.store, &self.target.store, progress).await?;
+                let missing =
+                    objects::copy_all(objects, &source.store, &self.target.store, progress).await?;
+                for (path, error) in missing {
+                    if !source.has_deleted(table.name, &path).await? {
+                        return Err(error);
+                    }
+                    self.vanished.push(path);
+                }
             }
         }
         Ok(())
@@ -205,6 +246,33 @@ async fn objects_after(
 }
 
 impl Side {
+    /// Begins a transaction that reads what is there now, and goes on doing so.
+    async fn snapshot(store: Store, place: String) -> Result<Self, StoreError> {
+        let mut transaction = store.begin_snapshot("copying a store").await?;
+        let columns = sql!(&mut transaction, columns(&TABLES))?;
+        let tables = tables::tables(columns, &place)?;
+        let (lock, duties) = (None, Vec::new());
+        Ok(Self {
+            store,
+            place,
+            transaction,
+            tables,
+            is_in_use: true,
+            _lock: lock,
+            _duties: duties,
+        })
+    }
+
+    /// Whether an object is missing because its checkpoint was deleted meanwhile.
+    async fn has_deleted(&self, table: &'static str, path: &str) -> Result<bool, StoreError> {
+        if !self.is_in_use || table != "checkpoint_file" {
+            return Ok(false);
+        }
+        let is_there =
+            sql!(self.store.database(), "looking for a checkpoint", names_object(table, path))?;
+        Ok(!is_there)
+    }
+
     /// Begins a transaction that nobody else writes beside.
     async fn keep_still(
         store: Store,
@@ -217,7 +285,15 @@ impl Side {
         sql!(&mut transaction, keep_still(&TABLES))?;
         let columns = sql!(&mut transaction, columns(&TABLES))?;
         let tables = tables::tables(columns, &place)?;
-        Ok(Self { store, place, transaction, tables, _lock: lock, _duties: duties })
+        Ok(Self {
+            store,
+            place,
+            transaction,
+            tables,
+            is_in_use: false,
+            _lock: lock,
+            _duties: duties,
+        })
     }
 
     async fn contents(&mut self) -> Result<StoreContents, StoreError> {

@@ -21,15 +21,21 @@ enum Piece {
     End,
 }
 
-/// Copies objects and compares each with its digest while it passes.
+/// Copies objects and compares each with its digest while it passes. Returns those that are not there, with the error.
 pub(super) async fn copy_all(
     objects: Vec<StoredObject>,
     source: &Store,
     target: &Store,
     progress: &TransferProgress,
-) -> Result<(), StoreError> {
-    let copies = objects.iter().map(|object| copy(object, source, target, progress));
-    futures::stream::iter(copies).buffer_unordered(AT_A_TIME).try_collect().await
+) -> Result<Vec<(String, StoreError)>, StoreError> {
+    let copies =
+        objects.iter().map(async |object| match copy(object, source, target, progress).await {
+            Ok(()) => Ok(None),
+            Err(error) if error.is_missing_file() => Ok(Some((object.path.clone(), error))),
+            Err(error) => Err(error),
+        });
+    let copied = futures::stream::iter(copies).buffer_unordered(AT_A_TIME);
+    copied.try_filter_map(async |missing| Ok(missing)).try_collect().await
 }
 
 async fn copy(

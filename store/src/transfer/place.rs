@@ -58,6 +58,12 @@ pub(super) async fn open_source(location: &Location, s3: &S3Options) -> Result<S
     Ok(side)
 }
 
+/// Opens a store as it is at this moment, beside its servers and workers.
+pub(super) async fn open_snapshot(location: &Location, s3: &S3Options) -> Result<Side, StoreError> {
+    let (store, place) = (open(location, Access::Worker, s3).await?, location.to_string());
+    Side::snapshot(store, place).await
+}
+
 /// The identity of the store that is at a place, if one is, looked up before anything there could change.
 ///
 /// # Errors

@@ -6,7 +6,7 @@ use super::rows::{Column, Kind, Table};
 use crate::StoreError;
 
 /// The tables that move, each after those that its rows refer to.
-pub(crate) const TABLES: [&str; 20] = [
+pub(crate) const TABLES: [&str; 22] = [
     "resources",
     "job",
     "job_need",
@@ -27,14 +27,16 @@ pub(crate) const TABLES: [&str; 20] = [
     "upload",
     "worker",
     "queue",
+    "token",
+    "audit",
 ];
 
 /// Those of them that may have rows in a store without jobs.
 pub(super) const NEVER_EMPTY: [&str; 3] = ["resources", "worker", "queue"];
 
 /// Tables that speak of their database and not of what it holds: which store it is, when it was written to last, which
-/// server was started on it, and what a cluster's engine says of its workers.
-const STAYING: [&str; 5] = ["store", "probe", "server", "engine", "placement"];
+/// server was started on it, who is logged in to it, and what a cluster's engine says of its workers.
+const STAYING: [&str; 6] = ["store", "probe", "server", "session", "engine", "placement"];
 
 /// A column, as a database describes it.
 #[derive(Clone, Debug)]

@@ -48,6 +48,15 @@ macro_rules! all_laws {
                 the_end_of_a_pause_rings,
                 what_queues_nothing_rings_for_nobody,
                 whoever_waits_looks_by_itself_after_a_while;
+            tokens:
+                a_token_is_listed_with_its_scope_until_it_is_revoked_and_after,
+                a_name_belongs_to_one_token_that_is_not_revoked,
+                the_first_token_is_an_admins_unless_there_is_another,
+                a_token_expires,
+                the_last_use_of_a_token_is_known,
+                a_session_leads_to_its_token_until_it_ends,
+                forgotten_tokens_leave_no_session,
+                the_audit_log_is_read_page_by_page_and_by_actor;
             texts:
                 an_unusual_name_comes_back,
                 an_unusual_error_comes_back,

@@ -6,8 +6,9 @@ use bytes::Bytes;
 use serde_json::json;
 use spec::{Digest, Resources};
 use store::{
-    Access, CheckpointFile, ClaimedTask, Idempotency, Metric, NewArtifact, NewCheckpoint, NewJob,
-    NewLogChunk, NewTask, Output, Progress, Retry, Reuse, Store, Submission, object_path,
+    Access, AuditEntry, CheckpointFile, ClaimedTask, Idempotency, Metric, NewArtifact,
+    NewCheckpoint, NewJob, NewLogChunk, NewTask, NewToken, Output, Progress, Retry, Reuse, Scope,
+    Store, Submission, object_path,
 };
 use tempfile::TempDir;
 
@@ -29,6 +30,7 @@ pub async fn filled() -> TempDir {
     imported_file(&f).await;
     task_of_a_dead_worker(&f).await;
     jobs_to_do(&f).await;
+    tokens_and_what_was_done_with_them(&f).await;
     f.store.register_server("1.2.3").await.unwrap();
     f.store.check_database().await.unwrap();
     f.store.pause_queue().await.unwrap();
@@ -121,6 +123,25 @@ async fn imported_file(f: &Fixture) {
     let file = writer.finish(UNUSUAL).await.unwrap();
     f.submit_one(import(file.object.sha256)).await;
     f.work_off().await;
+}
+
+async fn tokens_and_what_was_done_with_them(f: &Fixture) {
+    let token = |name, lifetime| NewToken {
+        name,
+        digest: Digest::of(str::as_bytes(name)),
+        scope: Scope::Admin,
+        lifetime,
+        needs_an_admin: true,
+    };
+    let lasting = f.store.create_token(&token("ana", None)).await.unwrap();
+    f.store.token_used(lasting.id).await.unwrap();
+    let hour = Some(Duration::from_secs(3600));
+    let revoked = f.store.create_token(&token("ben", hour)).await.unwrap();
+    f.store.revoke_token(revoked.id).await.unwrap();
+    let text = || UNUSUAL.to_owned();
+    let (actor, address, method, path) = (text(), text(), text(), text());
+    let entry = AuditEntry { actor, address, method, path, status: 403, made: Some(text()) };
+    f.store.record_audit(&entry).await.unwrap();
 }
 
 async fn task_of_a_dead_worker(f: &Fixture) {

@@ -1,5 +1,6 @@
 //! A store moves from one place to another and back, whole or not at all.
 
+mod backup;
 mod filled;
 mod interrupted;
 mod refusals;
@@ -124,7 +125,7 @@ async fn columns(connection: &mut SqliteConnection) -> Vec<(String, String)> {
 }
 
 /// Tables that belong to a database and do not move.
-const STAYING: [&str; 3] = ["store", "probe", "server"];
+const STAYING: [&str; 4] = ["store", "probe", "server", "session"];
 
 /// Every row of every table, as SQLite quotes it.
 async fn dump(folder: &Path) -> Vec<String> {
@@ -180,8 +181,8 @@ async fn both_databases_have_the_same_tables_and_columns_and_a_filled_store_has_
         columns.iter().map(|(table, name)| format!("{table}.{name}")).collect();
     assert_eq!(names.iter().map(String::as_str).collect::<BTreeSet<_>>(), in_postgres);
 
-    // What a cluster's engine says of the workers of a database stays there.
-    let moves = |table: &str| !["engine", "placement"].contains(&table);
+    // What a cluster's engine says of the workers of a database stays there, and who is logged in to it.
+    let moves = |table: &str| !["engine", "placement", "session"].contains(&table);
     for (table, name) in columns.into_iter().filter(|(table, _)| moves(table)) {
         let select = format!("SELECT count(\"{name}\") FROM \"{table}\"");
         let values: i64 =

@@ -1,0 +1,91 @@
+//! What a request brings to be let in.
+
+use axum::http::HeaderMap;
+use axum::http::header::{AUTHORIZATION, COOKIE};
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD as BASE64;
+use spec::Digest;
+
+/// The cookie of a browser that logged in.
+pub const SESSION_COOKIE: &str = "torqued_session";
+
+/// Credentials, as digests: comparing these takes the same time wherever they differ, and a database that is read by
+/// others tells nobody a token.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Credentials {
+    None,
+    /// An `Authorization` that holds no token, or a cookie that holds no session.
+    Unreadable,
+    Token(Digest),
+    Session(Digest),
+}
+
+impl Credentials {
+    pub fn of(headers: &HeaderMap) -> Self {
+        if let Some(value) = headers.get(AUTHORIZATION) {
+            let token = value.to_str().ok().and_then(token);
+            return token.map_or(Self::Unreadable, |token| Self::Token(digest(&token)));
+        }
+        session(headers).map_or(Self::None, |session| Self::Session(digest(session)))
+    }
+}
+
+/// The digest under which a token or a session is known.
+pub fn digest(secret: &str) -> Digest {
+    Digest::of(secret.as_bytes())
+}
+
+/// The token of `Bearer TOKEN`, or of `Basic` as its password, which is how curl and a browser can send it.
+fn token(credentials: &str) -> Option<String> {
+    let (scheme, value) = credentials.split_once(' ')?;
+    if scheme.eq_ignore_ascii_case("bearer") {
+        return Some(value.trim().to_owned());
+    }
+    if !scheme.eq_ignore_ascii_case("basic") {
+        return None;
+    }
+    let decoded = String::from_utf8(BASE64.decode(value.trim()).ok()?).ok()?;
+    let (_user, password) = decoded.split_once(':')?;
+    Some(password.to_owned())
+}
+
+/// The session of a browser's cookie.
+pub fn session(headers: &HeaderMap) -> Option<&str> {
+    let cookies = headers.get_all(COOKIE).iter().filter_map(|value| value.to_str().ok());
+    let mut pairs =
+        cookies.flat_map(|cookies| cookies.split(';')).filter_map(|it| it.split_once('='));
+    let (_, session) = pairs.find(|(name, _)| name.trim() == SESSION_COOKIE)?;
+    Some(session.trim())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn credentials(name: &'static str, value: &str) -> Credentials {
+        Credentials::of(&HeaderMap::from_iter([(name.parse().unwrap(), value.parse().unwrap())]))
+    }
+
+    #[test]
+    fn a_token_comes_as_bearer_or_as_the_password_of_basic() {
+        let secret = Credentials::Token(digest("secret"));
+        let basic = format!("Basic {}", BASE64.encode("anyone:secret"));
+        for value in ["Bearer secret", "bearer secret", &basic] {
+            assert_eq!(credentials("authorization", value), secret);
+        }
+        for value in ["secret", "Digest secret", "Basic !"] {
+            assert_eq!(credentials("authorization", value), Credentials::Unreadable, "{value}");
+        }
+        assert_ne!(credentials("authorization", "Bearer secret2"), secret);
+    }
+
+    #[test]
+    fn a_session_comes_as_a_cookie_among_others() {
+        let session = Credentials::Session(digest("s1"));
+        assert_eq!(credentials("cookie", "theme=dark; torqued_session=s1; a=b"), session);
+        assert_eq!(credentials("cookie", "torqued_session=s1"), session);
+        for value in ["theme=dark", "xtorqued_session=s1", ""] {
+            assert_eq!(credentials("cookie", value), Credentials::None, "{value}");
+        }
+    }
+}

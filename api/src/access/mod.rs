@@ -1,0 +1,182 @@
+//! Who may ask for what: tokens and sessions with their scopes, and never another site's page.
+//!
+//! A server is *open* as long as it was started without a token and its store has none. It listens on loopback alone
+//! then, where the danger is a web page in the
+//! user's own browser. Two guards stand against it: state-changing requests from another site are
+//! refused ([`tower_http::csrf`]), and so are requests addressed to a name that is not loopback,
+//! which is how DNS rebinding shows itself. With a token neither could get in anyway, and a proxy
+//! may use any name.
+
+mod caller;
+pub mod credentials;
+mod scopes;
+pub mod secret;
+mod tokens;
+
+use std::net::IpAddr;
+
+use axum::extract::{MatchedPath, Request, State};
+use axum::http::header::{ACCEPT, HOST, LOCATION};
+use axum::http::uri::Authority;
+use axum::http::{HeaderMap, HeaderValue, Method};
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Redirect, Response};
+use spec::Digest;
+use store::AuditEntry;
+use subtle::ConstantTimeEq;
+use wire::Scope;
+
+use crate::app::App;
+use crate::connections::Peer;
+use crate::error::ApiError;
+
+pub(crate) use caller::{ANYONE, OWN_PROCESS, SERVERS_TOKEN};
+pub use caller::{Caller, asked_for_a_token, logged_in_as};
+pub use credentials::Credentials;
+pub use scopes::Scopes;
+pub(crate) use tokens::{Found, KnownTokens};
+
+/// The routes that tell next to nothing and so need no token.
+const OPEN_ROUTES: [&str; 5] = ["/healthz", "/readyz", "/static/{name}", LOGIN, LOGOUT];
+
+/// The form for a token, and where it is sent to.
+pub const LOGIN: &str = "/login";
+
+pub const LOGOUT: &str = "/logout";
+
+/// Longest path that the audit log keeps whole, in bytes.
+const LOGGED_PATH_BYTES: usize = 500;
+
+/// A token that this process knows, as its digest.
+#[derive(Clone)]
+pub struct Token(Digest);
+
+impl Token {
+    pub fn new(token: &str) -> Self {
+        Self(credentials::digest(token))
+    }
+
+    pub fn is(&self, offered: Digest) -> bool {
+        self.0.as_bytes().ct_eq(offered.as_bytes()).into()
+    }
+}
+
+/// Lets a request in whose caller may send it, and records what changes something.
+pub async fn require_scope(
+    State((app, scopes)): State<(App, Scopes)>,
+    request: Request,
+    next: Next,
+) -> Result<Response, ApiError> {
+    let route = request.extensions().get::<MatchedPath>().map(MatchedPath::as_str);
+    if route.is_some_and(|route| OPEN_ROUTES.contains(&route)) {
+        return Ok(next.run(request).await);
+    }
+    let needed = scopes.needed(route, request.method());
+    let offered = Credentials::of(request.headers());
+    let Some(caller) = app.caller(offered).await? else {
+        if offered_by_a_browser(&request) {
+            return Ok(to_login(&request));
+        }
+        return Err(ApiError::Unauthorized { offered: offered != Credentials::None });
+    };
+    if needed == Scope::Read {
+        return Ok(caller::CALLER.scope(caller, next.run(request)).await);
+    }
+    let mut entry = entry(&caller, &request);
+    let response = if caller.scope < needed {
+        ApiError::Scope { token: caller.name, scope: caller.scope, needed }.into_response()
+    } else {
+        caller::CALLER.scope(caller, next.run(request)).await
+    };
+    entry.status = response.status().as_u16();
+    let made = response.headers().get(LOCATION).and_then(|path| path.to_str().ok());
+    entry.made = made.map(str::to_owned);
+    app.record(&entry).await;
+    Ok(response)
+}
+
+/// An entry of the audit log for a request that is not answered yet.
+fn entry(caller: &Caller, request: &Request) -> AuditEntry {
+    let path = request.uri().path_and_query().map_or("", |path| path.as_str());
+    let end = path.floor_char_boundary(LOGGED_PATH_BYTES);
+    AuditEntry {
+        actor: caller.name.clone(),
+        address: address(request),
+        method: request.method().to_string(),
+        path: path[..end].to_owned(),
+        status: 0,
+        made: None,
+    }
+}
+
+/// The address that a request comes from.
+fn address(request: &Request) -> String {
+    let peer = request.extensions().get::<Peer>();
+    peer.map_or("socket".to_owned(), |Peer(address)| address.to_string())
+}
+
+/// Whether a person with a browser would see the answer, and has not logged in.
+fn offered_by_a_browser(request: &Request) -> bool {
+    let is_token = matches!(
+        Credentials::of(request.headers()),
+        Credentials::Token(_) | Credentials::Unreadable
+    );
+    request.method() == Method::GET && !is_token && accepts_html(request.headers())
+}
+
+pub fn accepts_html(headers: &HeaderMap) -> bool {
+    let accept = headers.get(ACCEPT).map(HeaderValue::to_str);
+    matches!(accept, Some(Ok(accept)) if accept.contains("text/html"))
+}
+
+/// Sends a browser to the login, and from there back.
+fn to_login(request: &Request) -> Response {
+    let path = request.uri().path_and_query().map_or("/", |path| path.as_str());
+    let back = form_urlencoded::byte_serialize(path.as_bytes()).collect::<String>();
+    Redirect::to(&format!("{LOGIN}?back={back}")).into_response()
+}
+
+pub async fn require_loopback_name(
+    State(app): State<App>,
+    request: Request,
+    next: Next,
+) -> Result<Response, ApiError> {
+    if !app.is_open().await? {
+        return Ok(next.run(request).await);
+    }
+    let header = request.headers().get(HOST).map(|value| value.to_str().unwrap_or("").to_owned());
+    let target = request.uri().authority().map(Authority::to_string);
+    for name in header.into_iter().chain(target) {
+        if !is_loopback(&name) {
+            return Err(ApiError::ForeignHost { name });
+        }
+    }
+    Ok(next.run(request).await)
+}
+
+/// Whether `authority`, a host with or without a port, is this machine's loopback.
+fn is_loopback(authority: &str) -> bool {
+    let Ok(authority) = authority.parse::<Authority>() else { return false };
+    let host = authority.host();
+    let address = host.trim_start_matches('[').trim_end_matches(']');
+    match address.parse::<IpAddr>() {
+        Ok(address) => address.is_loopback(),
+        Err(_) => host.eq_ignore_ascii_case("localhost"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_loopback_names_are_loopback() {
+        for name in ["localhost", "LOCALHOST:7070", "127.0.0.1:7070", "127.9.9.9", "[::1]:80"] {
+            assert!(is_loopback(name), "{name}");
+        }
+        for name in ["", "evil.example", "localhost.evil.example", "10.0.0.1:7070", "[::2]", "a b"]
+        {
+            assert!(!is_loopback(name), "{name}");
+        }
+    }
+}

@@ -1,0 +1,80 @@
+//! Which scope a request needs. The OpenAPI document is what decides: an operation names its scope there.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+
+use axum::http::Method;
+use utoipa::openapi::OpenApi;
+use utoipa::openapi::path::Operation;
+use wire::Scope;
+
+use crate::parameters::operations;
+
+/// The security scheme of the document that lists a scope.
+const SCHEME: &str = "token";
+
+/// What the API's paths begin with and the page's do not.
+const API: &str = "/v1";
+
+/// The scope that each path and method needs.
+#[derive(Clone, Default)]
+pub struct Scopes(Arc<HashMap<(String, Method), Scope>>);
+
+impl Scopes {
+    pub fn of(document: &OpenApi) -> Self {
+        let mut scopes = HashMap::new();
+        for (path, item) in &document.paths.paths {
+            for (method, operation) in operations(item) {
+                let scope = declared(operation).unwrap_or_else(|| usual(&method));
+                scopes.insert((path.clone(), method), scope);
+            }
+        }
+        Self(Arc::new(scopes))
+    }
+
+    /// The scope of a request to a route, `None` where there is no route. A form of the page does what the operation of the same
+    /// path does, and needs the same.
+    pub fn needed(&self, route: Option<&str>, method: &Method) -> Scope {
+        // The answer says only that there is nothing.
+        let Some(route) = route else { return Scope::Read };
+        let asked = if *method == Method::HEAD { &Method::GET } else { method };
+        let known = |path: String| self.0.get(&(path, asked.clone())).copied();
+        known(route.to_owned())
+            .or_else(|| known(format!("{API}{route}")))
+            .unwrap_or_else(|| usual(method))
+    }
+}
+
+/// The scope that an operation names.
+fn declared(operation: &Operation) -> Option<Scope> {
+    let requirements = serde_json::to_value(operation.security.as_ref()?).ok()?;
+    let mut schemes = requirements.as_array()?.iter().filter_map(|scheme| scheme.get(SCHEME));
+    schemes.find_map(|scopes| scopes.get(0)?.as_str()?.parse().ok())
+}
+
+/// The scope of what says nothing of it: whoever forgets to say opens nothing.
+fn usual(method: &Method) -> Scope {
+    if method.is_safe() { Scope::Read } else { Scope::Admin }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_operation_says_its_scope_and_a_form_of_the_page_needs_the_same() {
+        let scopes = Scopes::of(&crate::openapi());
+        let post = |route| scopes.needed(Some(route), &Method::POST);
+        assert_eq!(post("/v1/jobs/{id}/cancel"), Scope::Submit);
+        assert_eq!(post("/jobs/{id}/cancel"), Scope::Submit);
+        assert_eq!(post("/queue/pause"), Scope::Admin);
+        assert_eq!(post("/v1/checkpoints/{id}/predict"), Scope::Read);
+        assert_eq!(post("/no/such/route"), Scope::Admin);
+        for method in [Method::GET, Method::HEAD] {
+            assert_eq!(scopes.needed(Some("/v1/tokens"), &method), Scope::Admin);
+        }
+        assert_eq!(scopes.needed(Some("/jobs/{id}"), &Method::GET), Scope::Read);
+        assert_eq!(scopes.needed(Some("/jobs/{id}"), &Method::HEAD), Scope::Read);
+        assert_eq!(scopes.needed(None, &Method::POST), Scope::Read);
+    }
+}

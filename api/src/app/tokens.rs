@@ -1,0 +1,121 @@
+//! Tokens: who a caller is, and how tokens are made and revoked.
+
+use std::time::Duration;
+
+use store::{Timestamp, TokenId};
+use wire::{CreatedToken, NewToken, Token, Tokens};
+
+use crate::access::{
+    ANYONE, Caller, Credentials, Found, OWN_PROCESS, SERVERS_TOKEN, credentials, secret,
+};
+use crate::app::App;
+use crate::app::questions::Violations;
+use crate::error::ApiError;
+use crate::limits::{TOKEN_LIFETIME_S, TOKEN_NAME_BYTES};
+
+impl App {
+    /// Whether everybody who reaches this server may do everything.
+    pub(crate) async fn is_open(&self) -> Result<bool, store::StoreError> {
+        Ok(self.token.is_none() && !self.tokens.are_there(&self.store).await?)
+    }
+
+    /// Who asks; `None` for somebody who may not.
+    pub(crate) async fn caller(&self, offered: Credentials) -> Result<Option<Caller>, ApiError> {
+        let (token, is_logged_in) = match offered {
+            Credentials::Token(token) => (Some(token), false),
+            Credentials::Session(session) => (self.store.session(session).await?, true),
+            Credentials::None | Credentials::Unreadable => (None, false),
+        };
+        let is = |known: &Option<crate::access::Token>| {
+            known.as_ref().zip(token).is_some_and(|(known, token)| known.is(token))
+        };
+        for (known, name) in [(&self.token, SERVERS_TOKEN), (&self.own_token, OWN_PROCESS)] {
+            if is(known) {
+                return Ok(Some(Caller { is_logged_in, ..Caller::admin(name) }));
+            }
+        }
+        if self.is_open().await? {
+            return Ok(Some(Caller::admin(ANYONE)));
+        }
+        let Some(token) = token else { return Ok(None) };
+        let found = self.tokens.find(token, &self.store).await?;
+        let (Found::Token(token) | Found::ToRecord(token)) = &found else { return Ok(None) };
+        if let Found::ToRecord(token) = &found
+            && let Err(error) = self.store.token_used(token.id).await
+        {
+            tracing::warn!(%error, token = token.name, "cannot record that a token was used");
+        }
+        Ok(Some(Caller { name: token.name.clone(), scope: token.scope, is_logged_in }))
+    }
+
+    pub async fn tokens(&self) -> Result<Tokens, ApiError> {
+        let tokens = self.store.tokens().await?;
+        Ok(Tokens { tokens: tokens.into_iter().map(about).collect() })
+    }
+
+    /// # Errors
+    /// What is wrong with the token that is asked for.
+    pub async fn create_token(&self, asked: &NewToken) -> Result<CreatedToken, ApiError> {
+        check(asked)?;
+        let secret = secret::token()?;
+        let token = store::NewToken {
+            name: &asked.name,
+            digest: credentials::digest(&secret),
+            scope: asked.scope,
+            lifetime: asked.expires_in_s.map(Duration::from_secs),
+            needs_an_admin: self.token.is_none(),
+        };
+        let token = about(self.store.create_token(&token).await?);
+        self.tokens.forget().await;
+        Ok(CreatedToken { secret, token })
+    }
+
+    /// # Errors
+    /// When there is no such token.
+    pub async fn revoke_token(&self, id: i64) -> Result<Token, ApiError> {
+        let token = about(self.store.revoke_token(TokenId(id)).await?);
+        self.tokens.forget().await;
+        Ok(token)
+    }
+}
+
+/// What a token may be called.
+pub const TOKEN_NAMES: &str = "1 to 100 letters, digits, dashes, underscores, dots and @";
+
+/// Whether a token may be called so.
+pub fn is_token_name(name: &str) -> bool {
+    let is_plain = |b: u8| b.is_ascii_alphanumeric() || b"-_.@".contains(&b);
+    (1..=TOKEN_NAME_BYTES).contains(&name.len()) && name.bytes().all(is_plain)
+}
+
+fn check(asked: &NewToken) -> Result<(), ApiError> {
+    let NewToken { name, scope: _, expires_in_s } = asked;
+    let mut violations = Violations::default();
+    if !is_token_name(name) {
+        violations.add("name", name, TOKEN_NAMES);
+    }
+    if [ANYONE, SERVERS_TOKEN].contains(&name.as_str()) {
+        violations.add("name", name, "a name that the audit log uses for nothing else");
+    }
+    let (shortest, longest) = TOKEN_LIFETIME_S;
+    if let Some(seconds) = expires_in_s
+        && !(shortest..=longest).contains(seconds)
+    {
+        violations.add("expires_in_s", seconds, format!("{shortest} to {longest}, or left out"));
+    }
+    violations.finish()
+}
+
+fn about(token: store::Token) -> Token {
+    let text = |moment: Option<Timestamp>| moment.map(|moment| moment.to_string());
+    Token {
+        id: token.id.0,
+        name: token.name,
+        scope: token.scope,
+        valid: token.is_valid,
+        created_at: token.created_at.to_string(),
+        expires_at: text(token.expires_at),
+        last_used_at: text(token.last_used_at),
+        revoked_at: text(token.revoked_at),
+    }
+}

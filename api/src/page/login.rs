@@ -1,0 +1,107 @@
+//! Logging in with a token, and out.
+
+use askama::Template;
+use axum::extract::rejection::FormRejection;
+use axum::extract::{Form, State};
+use axum::http::header::SET_COOKIE;
+use axum::http::{HeaderMap, StatusCode};
+use axum::response::{IntoResponse, Redirect, Response};
+use serde::Deserialize;
+
+use crate::access::credentials::{SESSION_COOKIE, session};
+use crate::app::App;
+use crate::error::ApiError;
+use crate::extract::Query;
+use crate::limits::SESSION_LASTS;
+use crate::page::answer::{InPage, PageError, html};
+
+#[derive(Template)]
+#[template(path = "login.html")]
+struct LoginPage {
+    back: String,
+    was_refused: bool,
+}
+
+#[derive(Deserialize)]
+pub struct WayBack {
+    /// The page to go to afterwards.
+    #[serde(default)]
+    back: String,
+}
+
+#[derive(Deserialize)]
+pub struct Login {
+    token: String,
+    #[serde(default)]
+    back: String,
+}
+
+/// The form for a token; a server that asks for none shows its first page.
+pub async fn show(
+    State(app): State<App>,
+    InPage(Query(WayBack { back })): InPage<Query<WayBack>>,
+) -> Result<Response, PageError> {
+    if app.is_open().await? {
+        return Ok(Redirect::to("/").into_response());
+    }
+    Ok(html(&LoginPage { back: own_page(back), was_refused: false })?)
+}
+
+/// Opens a session and goes on to the page that was asked for; shows the form again for a token that opens nothing.
+pub async fn log_in(
+    State(app): State<App>,
+    headers: HeaderMap,
+    form: Result<Form<Login>, FormRejection>,
+) -> Result<Response, PageError> {
+    let unreadable = |rejection: FormRejection| ApiError::Form { reason: rejection.body_text() };
+    let Form(Login { token, back }) = form.map_err(unreadable)?;
+    let back = own_page(back);
+    let Some((caller, session)) = app.log_in(token.trim()).await? else {
+        tracing::warn!("somebody tried to log in with a token that opens nothing");
+        let page = html(&LoginPage { back, was_refused: true })?;
+        return Ok((StatusCode::UNAUTHORIZED, page).into_response());
+    };
+    tracing::info!(token = caller.name, "somebody logged in");
+    let cookie = cookie(&session, SESSION_LASTS.as_secs(), &headers);
+    Ok(([(SET_COOKIE, cookie)], Redirect::to(&back)).into_response())
+}
+
+/// Closes the session.
+pub async fn log_out(State(app): State<App>, headers: HeaderMap) -> Result<Response, PageError> {
+    if let Some(session) = session(&headers) {
+        app.log_out(session).await?;
+    }
+    Ok(([(SET_COOKIE, cookie("", 0, &headers))], Redirect::to("/")).into_response())
+}
+
+/// A cookie that scripts cannot read and other sites cannot use. Behind a proxy with TLS it is sent over TLS alone.
+fn cookie(value: &str, seconds: u64, headers: &HeaderMap) -> String {
+    let is_https = headers.get("x-forwarded-proto").is_some_and(|scheme| scheme == "https");
+    let secure = if is_https { "; Secure" } else { "" };
+    format!("{SESSION_COOKIE}={value}; Path=/; Max-Age={seconds}; HttpOnly; SameSite=Lax{secure}")
+}
+
+/// A path of this server, whatever was asked for.
+fn own_page(back: String) -> String {
+    // A browser takes `//host` and `/\host` for another server.
+    let leads_away = back[1.min(back.len())..].starts_with(['/', '\\']);
+    let is_plain = back.bytes().all(|byte| byte.is_ascii_graphic());
+    if back.starts_with('/') && !leads_away && is_plain { back } else { "/".to_owned() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_login_leads_back_to_this_server_alone() {
+        for page in ["/", "/jobs/1", "/?job=3&x=//y"] {
+            assert_eq!(own_page(page.to_owned()), page);
+        }
+        for elsewhere in
+            ["", "//evil.example", "/\\evil.example", "https://evil.example", "jobs/1", "/\r\nx: y"]
+        {
+            assert_eq!(own_page(elsewhere.to_owned()), "/", "{elsewhere}");
+        }
+    }
+}

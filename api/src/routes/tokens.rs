@@ -1,0 +1,52 @@
+//! Tokens that let their bearers in.
+
+use axum::Json;
+use axum::extract::State;
+use axum::http::StatusCode;
+use wire::{CreatedToken, NewToken, Token, Tokens};
+
+use crate::app::{App, read_question};
+use crate::error::ApiError;
+use crate::extract::{JsonBytes, Path};
+
+/// All tokens, those that are revoked or expired included, oldest first.
+#[utoipa::path(
+    get,
+    path = "/v1/tokens",
+    tag = "access",
+    security((), ("token" = ["admin"])),
+    responses((status = 200, body = Tokens)),
+)]
+pub async fn list(State(app): State<App>) -> Result<Json<Tokens>, ApiError> {
+    Ok(Json(app.tokens().await?))
+}
+
+/// Make a token. The answer shows it this once. From the first token on the server asks for one.
+#[utoipa::path(
+    post,
+    path = "/v1/tokens",
+    tag = "access",
+    security((), ("token" = ["admin"])),
+    request_body = NewToken,
+    responses((status = 201, body = CreatedToken)),
+)]
+pub async fn create(
+    State(app): State<App>,
+    JsonBytes(body): JsonBytes,
+) -> Result<(StatusCode, Json<CreatedToken>), ApiError> {
+    let asked: NewToken = read_question(&body)?;
+    Ok((StatusCode::CREATED, Json(app.create_token(&asked).await?)))
+}
+
+/// Revoke a token: it opens nothing any more, here at once and on other servers of the database within 5 s.
+#[utoipa::path(
+    delete,
+    path = "/v1/tokens/{id}",
+    tag = "access",
+    security((), ("token" = ["admin"])),
+    params(("id" = i64, Path)),
+    responses((status = 200, body = Token)),
+)]
+pub async fn revoke(State(app): State<App>, Path(id): Path<i64>) -> Result<Json<Token>, ApiError> {
+    Ok(Json(app.revoke_token(id).await?))
+}

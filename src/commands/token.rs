@@ -1,0 +1,275 @@
+//! Tokens, over HTTP as everything else, or directly in the database: whoever can write to that needs no token.
+
+use std::process::ExitCode;
+use std::time::Duration;
+
+use anyhow::{Context, bail};
+use clap::{Args, Subcommand};
+use reports::{Align, Table};
+use store::{Access, AuditEntry, Store, StoreError, TokenId};
+use wire::{CreatedToken, NewToken, Scope, Token, Tokens};
+
+use crate::arguments::{ServerArguments, StoreArguments, token_name};
+use crate::client::Client;
+
+#[derive(Debug, Args)]
+pub struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Make a token and print it, this once
+    Create(Create),
+    /// List tokens, those that are revoked or expired included
+    List(List),
+    /// Have a token open nothing any more
+    Revoke(Revoke),
+    /// Forget all tokens, directly in the database: a server that is started afterwards asks for none
+    Clear(Clear),
+}
+
+/// Where tokens are kept.
+#[derive(Debug, Args)]
+struct Place {
+    /// Work on the database itself and not through its server, for the first token or when none is left
+    #[arg(long)]
+    directly: bool,
+
+    #[command(flatten)]
+    server: ServerArguments,
+
+    #[command(flatten)]
+    store: StoreArguments,
+}
+
+#[derive(Debug, Args)]
+struct Create {
+    /// Who it is for: 1 to 100 letters, digits, dashes, underscores, dots and @
+    #[arg(value_parser = token_name)]
+    name: String,
+
+    /// What it lets do: read, submit (jobs and recordings, too) or admin (everything)
+    #[arg(long, default_value_t = Scope::Submit)]
+    scope: Scope,
+
+    /// Time until it expires, such as 90d or 12h; for ever without it
+    #[arg(long, value_name = "TIME", value_parser = lifetime)]
+    expires: Option<Duration>,
+
+    /// Print the server's answer as JSON
+    #[arg(long)]
+    json: bool,
+
+    #[command(flatten)]
+    place: Place,
+}
+
+#[derive(Debug, Args)]
+struct List {
+    /// Print the server's answer as JSON
+    #[arg(long)]
+    json: bool,
+
+    #[command(flatten)]
+    place: Place,
+}
+
+#[derive(Debug, Args)]
+struct Revoke {
+    /// The token's name
+    #[arg(value_parser = token_name)]
+    name: String,
+
+    #[command(flatten)]
+    place: Place,
+}
+
+#[derive(Debug, Args)]
+struct Clear {
+    #[command(flatten)]
+    store: StoreArguments,
+}
+
+/// What keeps tokens.
+enum Keeper {
+    Server(Client),
+    Database(Box<api::App>, Store),
+}
+
+pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
+    match arguments.command {
+        Command::Create(arguments) => create(arguments).await?,
+        Command::List(arguments) => list(arguments).await?,
+        Command::Revoke(arguments) => revoke(arguments).await?,
+        Command::Clear(arguments) => clear(&arguments.store).await?,
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+async fn create(arguments: Create) -> anyhow::Result<()> {
+    let Create { name, scope, expires, json, place } = arguments;
+    let token = NewToken { name, scope, expires_in_s: expires.map(|expires| expires.as_secs()) };
+    let created = Keeper::at(&place).await?.create(&token).await?;
+    if json {
+        println!("{}", serde_json::to_string_pretty(&created)?);
+        return Ok(());
+    }
+    // The token alone, for `TORQUED_TOKEN=$(torqued token create ana)`.
+    println!("{}", created.secret);
+    let until = created.token.expires_at.map(|at| format!(" until {at}")).unwrap_or_default();
+    eprintln!("it lets {} {scope}{until}, and is not shown again", created.token.name);
+    Ok(())
+}
+
+async fn list(arguments: List) -> anyhow::Result<()> {
+    let tokens = Keeper::at(&arguments.place).await?.tokens().await?;
+    if arguments.json {
+        println!("{}", serde_json::to_string_pretty(&tokens)?);
+        return Ok(());
+    }
+    if tokens.tokens.is_empty() {
+        println!("no token; `torqued token create NAME --scope admin` makes the first");
+        return Ok(());
+    }
+    let mut table = Table::new([
+        ("name", Align::Left),
+        ("scope", Align::Left),
+        ("state", Align::Left),
+        ("created", Align::Left),
+        ("expires", Align::Left),
+        ("last used", Align::Left),
+    ]);
+    for token in tokens.tokens {
+        let state = state(&token);
+        table.push(vec![
+            token.name,
+            token.scope.to_string(),
+            state.to_owned(),
+            token.created_at,
+            token.expires_at.unwrap_or_default(),
+            token.last_used_at.unwrap_or_default(),
+        ]);
+    }
+    print!("{}", table.render());
+    Ok(())
+}
+
+fn state(token: &Token) -> &'static str {
+    match (token.valid, &token.revoked_at) {
+        (true, _) => "valid",
+        (false, Some(_)) => "revoked",
+        (false, None) => "expired",
+    }
+}
+
+async fn revoke(arguments: Revoke) -> anyhow::Result<()> {
+    let Revoke { name, place } = arguments;
+    let keeper = Keeper::at(&place).await?;
+    let tokens = keeper.tokens().await?.tokens;
+    let named = tokens.iter().find(|token| token.name == name && token.revoked_at.is_none());
+    let Some(token) = named else {
+        bail!("no token is called {name}; `torqued token list` shows all");
+    };
+    keeper.revoke(token.id).await?;
+    println!("revoked {name}");
+    Ok(())
+}
+
+async fn clear(place: &StoreArguments) -> anyhow::Result<()> {
+    let store = open(place).await?;
+    let count = store.forget_tokens().await?;
+    record(&store, "token clear", None).await?;
+    store.close().await;
+    println!("forgot {count} tokens; a server that runs asks for one until it is started anew");
+    Ok(())
+}
+
+impl Keeper {
+    async fn at(place: &Place) -> anyhow::Result<Self> {
+        if !place.directly {
+            return Ok(Self::Server(place.server.client()?));
+        }
+        let store = open(&place.store).await?;
+        let app = api::App::new(store.clone(), &api::Options::default());
+        Ok(Self::Database(Box::new(app), store))
+    }
+
+    async fn tokens(&self) -> anyhow::Result<Tokens> {
+        match self {
+            Self::Server(client) => Ok(client.tokens().await?),
+            Self::Database(app, _) => Ok(app.tokens().await?),
+        }
+    }
+
+    async fn create(&self, token: &NewToken) -> anyhow::Result<CreatedToken> {
+        match self {
+            Self::Server(client) => Ok(client.create_token(token).await?),
+            Self::Database(app, store) => {
+                let created = app.create_token(token).await?;
+                let made = format!("/v1/tokens/{}", created.token.id);
+                record(store, &format!("token create {}", token.name), Some(made)).await?;
+                Ok(created)
+            }
+        }
+    }
+
+    async fn revoke(&self, id: i64) -> anyhow::Result<()> {
+        match self {
+            Self::Server(client) => {
+                client.revoke_token(id).await?;
+            }
+            Self::Database(_, store) => {
+                let token = store.revoke_token(TokenId(id)).await?;
+                record(store, &format!("token revoke {}", token.name), None).await?;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Opens the store beside its server, or makes it where there is none yet.
+async fn open(place: &StoreArguments) -> anyhow::Result<Store> {
+    let location = place.location();
+    let store = match Store::open_at(&location, Access::Server).await {
+        Err(StoreError::InUse { .. }) => Store::open_at(&location, Access::Worker).await,
+        opened => opened,
+    };
+    store.with_context(|| format!("cannot open {location}"))
+}
+
+/// Adds to the audit log what was done beside the server.
+async fn record(store: &Store, what: &str, made: Option<String>) -> anyhow::Result<()> {
+    let user = nix::unistd::User::from_uid(nix::unistd::getuid()).ok().flatten();
+    let user = user.map_or("somebody".to_owned(), |user| user.name);
+    let entry = AuditEntry {
+        actor: format!("{user} directly"),
+        address: crate::process::host(),
+        method: "torqued".to_owned(),
+        path: what.to_owned(),
+        status: 200,
+        made,
+    };
+    Ok(store.record_audit(&entry).await?)
+}
+
+fn lifetime(text: &str) -> Result<Duration, String> {
+    let (shortest, longest) = api::limits::TOKEN_LIFETIME_S;
+    let time = humantime::parse_duration(text).ok();
+    let time = time.filter(|time| (shortest..=longest).contains(&time.as_secs()));
+    time.ok_or_else(|| "allowed: 1m to 3650d, for example 90d or 12h".to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_lifetime_has_a_unit_and_bounds() {
+        assert_eq!(lifetime("90d"), Ok(Duration::from_secs(90 * 24 * 60 * 60)));
+        for wrong in ["", "90", "59s", "3651d", "-1d", "soon"] {
+            assert!(lifetime(wrong).is_err(), "{wrong}");
+        }
+    }
+}

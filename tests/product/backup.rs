@@ -1,0 +1,134 @@
+//! `torqued backup` and `restore`: a store is saved while it works, and goes on elsewhere.
+
+use std::path::Path;
+use std::process::Command;
+
+use serde_json::{Value, json};
+use spec::Digest;
+use testbed::Cluster;
+
+use crate::product::{Product, run_to_end, small_pipeline, torqued};
+
+fn succeed(command: &mut Command) -> String {
+    let (code, output, errors) = run_to_end(command);
+    assert_eq!(code, Some(0), "{errors}");
+    output
+}
+
+fn backup(from: &Path, to: &Path) -> Command {
+    let mut command = torqued(&["backup"]);
+    command.arg(to).arg("--data").arg(from);
+    command
+}
+
+fn restore(from: &Path, to: &Path) -> Command {
+    let mut command = torqued(&["restore"]);
+    command.arg(from).arg("--data").arg(to);
+    command
+}
+
+/// What was done before the backup, as a server lists it.
+async fn done(product: &Product) -> Vec<Value> {
+    let mut lists = Vec::new();
+    for path in ["/v1/jobs?state=succeeded", "/v1/datasets", "/v1/evaluations"] {
+        lists.push(product.get(path).await);
+    }
+    lists
+}
+
+/// A training that takes long and deletes an outdated checkpoint every few steps.
+fn long_training() -> Value {
+    let mut spec = small_pipeline()["jobs"]["train"].clone();
+    spec["data"] = json!({"stream": {"preset": "D1-multisine", "samples": 60}});
+    spec["steps"] = 100_000.into();
+    spec["keep_checkpoints"] = 1.into();
+    spec
+}
+
+/// Waits until a job has a checkpoint past a step; returns the last one's step.
+async fn when_beyond(product: &Product, job: i64, step: u64) -> u64 {
+    loop {
+        let answer = product.job_when(job, |job| last_checkpoint(job).is_some()).await;
+        let id = last_checkpoint(&answer).unwrap();
+        // It may have been deleted meanwhile.
+        let (_, checkpoint) = product.try_get(&format!("/v1/checkpoints/{id}")).await;
+        if let Some(found) = checkpoint["step"].as_u64().filter(|found| *found > step) {
+            return found;
+        }
+    }
+}
+
+fn last_checkpoint(job: &Value) -> Option<i64> {
+    job["checkpoints"].as_array()?.iter().filter_map(Value::as_i64).max()
+}
+
+/// Downloads every file of every checkpoint that a job has, and compares it with its digest.
+async fn download_checkpoints(product: &Product, job: i64) {
+    let job = product.get(&format!("/v1/jobs/{job}")).await;
+    let ids = job["checkpoints"].as_array().unwrap();
+    assert!(!ids.is_empty());
+    for id in ids {
+        let checkpoint = product.get(&format!("/v1/checkpoints/{id}")).await;
+        for file in checkpoint["files"].as_array().unwrap() {
+            let bytes = product.download(file["url"].as_str().unwrap()).await;
+            assert_eq!(Digest::of(&bytes).to_string(), file["sha256"].as_str().unwrap());
+        }
+    }
+}
+
+#[tokio::test]
+async fn a_backup_taken_under_load_is_restored_with_equal_listings_and_goes_on() {
+    let folder = || tempfile::tempdir().unwrap();
+    let (data, saved, restored) = (folder(), folder(), folder());
+    let (saved, restored) = (saved.path().join("backup"), restored.path().join("data"));
+    let product = Product::start(data.path());
+    let id = product.submit(&small_pipeline()).await;
+    product.succeeded(id).await;
+    let expected = done(&product).await;
+    let training = product.submit(&long_training()).await;
+    let saved_step = when_beyond(&product, training, 0).await;
+
+    let said = succeed(&mut backup(data.path(), &saved));
+    assert!(said.contains("saved ") && said.contains("torqued restore"), "{said}");
+    assert_eq!(product.get(&format!("/v1/jobs/{training}")).await["state"], "running");
+    assert_eq!(product.end_by("TERM").0, Some(0));
+
+    succeed(&mut restore(&saved, &restored));
+    let (code, _, errors) = run_to_end(&mut restore(&saved, &restored));
+    assert_eq!(code, Some(1));
+    assert!(errors.contains("name an empty place"), "{errors}");
+
+    // Nobody works yet.
+    let product = Product::start_with(&restored, &["--workers", "0"]);
+    assert!(done(&product).await == expected, "the restored store answers otherwise");
+    download_checkpoints(&product, training).await;
+    assert_eq!(product.end_by("TERM").0, Some(0));
+    // The training goes on from its checkpoint.
+    let product = Product::start(&restored);
+    when_beyond(&product, training, saved_step).await;
+    let attempts = product.get(&format!("/v1/jobs/{training}/attempts")).await;
+    assert_eq!(attempts["attempts"].as_array().unwrap().len(), 2, "{attempts:#}");
+    product.post(&format!("/v1/jobs/{training}/cancel"), "").await;
+}
+
+#[tokio::test]
+async fn postgresql_is_saved_into_a_folder_and_restored_into_another_database() {
+    let (data, saved) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let saved = saved.path().join("backup");
+    let (database, other) = (Cluster::shared().database(), Cluster::shared().database());
+    let serve = |data: &Path, url: &str| {
+        let mut command = torqued(&["serve", "--listen", "127.0.0.1:0", "--worker-threads", "1"]);
+        command.arg("--data").arg(data).env("TORQUED_DATABASE", url);
+        Product::spawn(&mut command)
+    };
+    let product = serve(data.path(), &database.url());
+    let id = product.submit(&small_pipeline()).await;
+    product.succeeded(id).await;
+    let expected = done(&product).await;
+    succeed(backup(data.path(), &saved).env("TORQUED_DATABASE", database.url()));
+
+    let elsewhere = tempfile::tempdir().unwrap();
+    succeed(restore(&saved, elsewhere.path()).env("TORQUED_DATABASE", other.url()));
+    let restored = serve(elsewhere.path(), &other.url());
+    assert!(done(&restored).await == expected, "the restored store answers otherwise");
+}
