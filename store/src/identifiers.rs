@@ -31,6 +31,11 @@ identifier!(RunId);
 identifier!(DatasetId);
 identifier!(CheckpointId);
 identifier!(
+    /// An experiment of tracked runs.
+    ExperimentId
+);
+identifier!(TrackedRunId);
+identifier!(
     /// A combination of what tasks ask for.
     ResourcesId
 );

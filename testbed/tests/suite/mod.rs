@@ -21,6 +21,7 @@ pub mod servers;
 pub mod submission;
 pub mod takeover;
 pub mod texts;
+pub mod tracked_runs;
 pub mod uploads;
 pub mod waiting;
 pub mod workers;
