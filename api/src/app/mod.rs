@@ -11,6 +11,7 @@ mod experiments;
 pub mod files;
 mod jobs;
 pub mod logs;
+pub mod mlflow;
 pub mod monitoring;
 pub mod paging;
 mod predictions;
