@@ -314,8 +314,11 @@ impl ApiError {
     pub fn to_json(&self) -> Response {
         // Strings and numbers only, so serialization cannot fail; an empty body would still say
         // its status.
-        let body = serde_json::to_vec(&self.to_problem()).unwrap_or_default();
+        let problem = self.to_problem();
+        let body = serde_json::to_vec(&problem).unwrap_or_default();
         let mut response = (self.status(), body).into_response();
+        // For those who say it in another shape.
+        response.extensions_mut().insert(problem);
         let media_type = HeaderValue::from_static("application/problem+json");
         response.headers_mut().insert(CONTENT_TYPE, media_type);
         response
@@ -391,6 +394,13 @@ fn of_store(error: &StoreError) -> (StatusCode, &'static str, &'static str) {
         StoreError::TokenExists { .. }
         | StoreError::TooManyTokens
         | StoreError::FirstToken { .. } => (S::CONFLICT, "tokens", "The token cannot be made"),
+        StoreError::ExperimentTaken { .. } => {
+            (S::CONFLICT, "experiment-taken", "The experiment exists already")
+        }
+        StoreError::Deleted { .. } => (S::CONFLICT, "deleted", "The thing is deleted"),
+        StoreError::ParamChanged { .. } => {
+            (S::CONFLICT, "param-changed", "The param has another value already")
+        }
         StoreError::DiskFull { .. } => (S::INSUFFICIENT_STORAGE, "disk-full", "The disk is full"),
         StoreError::DamagedObject { .. } => DAMAGED,
         _ => (S::INTERNAL_SERVER_ERROR, "internal", "The server failed"),
@@ -435,6 +445,9 @@ fn store_message(error: &StoreError) -> String {
         | StoreError::TokenExists { .. }
         | StoreError::TooManyTokens
         | StoreError::FirstToken { .. }
+        | StoreError::ExperimentTaken { .. }
+        | StoreError::Deleted { .. }
+        | StoreError::ParamChanged { .. }
         | StoreError::DiskFull { .. } => error.to_string(),
         StoreError::DamagedObject { .. } => format!("{error}; {REMEDY}"),
         _ => "a fault in the server; its log says more".to_owned(),

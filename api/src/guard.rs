@@ -17,8 +17,9 @@ use crate::app::App;
 use crate::error::ApiError;
 use crate::limits::{CONCURRENT_REQUESTS, REQUEST_TIMEOUT};
 
-/// Where files are sent to.
+/// Where files are sent to, to become datasets and to become artifacts of MLflow's runs.
 const UPLOADS: &str = "/v1/datasets";
+const ARTIFACTS: &str = "/api/2.0/mlflow-artifacts/artifacts/";
 
 /// Places for the requests answered at once.
 #[derive(Clone)]
@@ -38,7 +39,9 @@ pub async fn admit(
     next: Next,
 ) -> Result<Response, ApiError> {
     let _place = crowd.0.try_acquire().map_err(|_| ApiError::Crowded)?;
-    if request.method() == Method::POST && request.uri().path() == UPLOADS {
+    let path = request.uri().path();
+    let is_artifact = request.method() == Method::PUT && path.starts_with(ARTIFACTS);
+    if is_artifact || (request.method() == Method::POST && path == UPLOADS) {
         return Ok(next.run(request).await);
     }
     tokio::time::timeout(REQUEST_TIMEOUT, next.run(request)).await.map_err(|_| ApiError::Timeout)

@@ -13,6 +13,7 @@ mod extract;
 mod guard;
 pub mod limits;
 pub mod live;
+mod mlflow;
 mod pace;
 mod page;
 mod parameters;

@@ -35,6 +35,14 @@ pub struct IncomingFile {
     patience: Patience,
 }
 
+/// A file on its way in that is all of a body, whatever it holds.
+pub struct IncomingBytes {
+    body: BoxStream<'static, Result<Bytes, axum::Error>>,
+    received: u64,
+    limit: u64,
+    patience: Patience,
+}
+
 /// How long a sender is waited for.
 #[derive(Clone, Copy)]
 struct Patience {
@@ -234,6 +242,35 @@ impl IncomingFile {
                 }
             },
         };
+        self.received += piece.as_ref().map_or(0, |piece| piece.len() as u64);
+        if self.received > self.limit {
+            return Err(ApiError::UploadTooLarge { limit: self.limit });
+        }
+        Ok(piece)
+    }
+}
+
+impl FromRequest<App> for IncomingBytes {
+    type Rejection = ApiError;
+
+    async fn from_request(request: Request, app: &App) -> Result<Self, ApiError> {
+        let limit = app.max_upload_bytes();
+        refuse_longer(request.headers(), limit, limit)?;
+        let deadline = Instant::now() + UPLOAD_TIMEOUT;
+        let patience = Patience { stall: app.upload_stall(), deadline };
+        let body = request.into_body().into_data_stream().boxed();
+        Ok(Self { body, received: 0, limit, patience })
+    }
+}
+
+impl IncomingBytes {
+    /// The bytes that follow, or `None` at the end.
+    ///
+    /// # Errors
+    /// When they do not come in time, are cut off, or are too many.
+    pub async fn next(&mut self) -> Result<Option<Bytes>, ApiError> {
+        let piece = self.patience.wait(self.body.next()).await?.transpose();
+        let piece = piece.map_err(|error| ApiError::Body { reason: error.to_string() })?;
         self.received += piece.as_ref().map_or(0, |piece| piece.len() as u64);
         if self.received > self.limit {
             return Err(ApiError::UploadTooLarge { limit: self.limit });

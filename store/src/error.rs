@@ -153,6 +153,18 @@ pub enum StoreError {
 
     #[error("idempotency key {key:?} came with a different request before")]
     IdempotencyConflict { key: String },
+
+    #[error("an experiment {name:?} exists already")]
+    ExperimentTaken { name: String },
+
+    /// A tracked run, or its experiment.
+    #[error("{what} {id} is deleted; restore it first")]
+    Deleted { what: &'static str, id: String },
+
+    #[error(
+        "param {key:?} of run {run} is {logged:?} since it was first logged; {new:?} cannot replace it"
+    )]
+    ParamChanged { run: String, key: String, logged: String, new: String },
 }
 
 fn of_process(pid: Option<u32>) -> String {

@@ -32,6 +32,11 @@ identifier!(DatasetId);
 identifier!(CheckpointId);
 identifier!(TokenId);
 identifier!(
+    /// An experiment of tracked runs.
+    ExperimentId
+);
+identifier!(TrackedRunId);
+identifier!(
     /// A combination of what tasks ask for.
     ResourcesId
 );

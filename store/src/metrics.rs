@@ -101,6 +101,21 @@ impl Store {
         sql!(self.database(), "reading the latest metrics", latest_values(runs, key))
     }
 
+    /// Points of a metric by step, none left out: `limit` after the first `skipped`.
+    ///
+    /// # Errors
+    /// When the database fails.
+    #[boxed]
+    pub async fn points_after(
+        &self,
+        run: RunId,
+        key: &str,
+        skipped: u64,
+        limit: u32,
+    ) -> Result<Vec<SeriesPoint>, StoreError> {
+        sql!(self.database(), "reading a metric", points_after(run, key, skipped, limit))
+    }
+
     /// A metric in at most `points` points: all of them, or the lowest and the highest of each of
     /// `points / 2` equal ranges of steps, so that no spike is lost.
     ///

@@ -53,8 +53,13 @@ impl Store {
     /// When the disk is full or fails.
     #[boxed]
     pub async fn begin_upload(&self) -> Result<UploadWriter, StoreError> {
+        self.receive("uploads/upload").await
+    }
+
+    /// Begins to receive an object whose path begins with `prefix`.
+    pub(crate) async fn receive(&self, prefix: &str) -> Result<UploadWriter, StoreError> {
         // Its digest is known at its end only.
-        let path = unique_name("uploads/upload");
+        let path = unique_name(prefix);
         let to = match self.objects().away() {
             Some(elsewhere) => {
                 let copy = elsewhere.begin(&path)?;
@@ -152,6 +157,12 @@ impl UploadWriter {
     /// When the disk is full or fails, the store of objects refuses or does not answer; there is no upload then.
     #[boxed]
     pub async fn finish(self, name: &str) -> Result<Upload, StoreError> {
+        let (store, object) = self.into_object().await?;
+        store.commit_upload(name, &object).await
+    }
+
+    /// Syncs and publishes what was received.
+    pub(crate) async fn into_object(self) -> Result<(Store, StoredObject), StoreError> {
         let sha256 = self.digest();
         let object = StoredObject { path: self.path, size: self.size, sha256 };
         match self.to {
@@ -163,7 +174,7 @@ impl UploadWriter {
                 publish(self.store.clone(), copy, object.clone()).await?;
             }
         }
-        self.store.commit_upload(name, &object).await
+        Ok((self.store, object))
     }
 }
 

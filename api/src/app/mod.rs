@@ -12,6 +12,7 @@ mod experiments;
 pub mod files;
 mod jobs;
 pub mod logs;
+pub mod mlflow;
 pub mod monitoring;
 pub mod paging;
 mod predictions;

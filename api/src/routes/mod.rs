@@ -9,6 +9,7 @@ mod health;
 mod jobs;
 mod lists;
 mod logs;
+mod mlflow;
 mod monitoring;
 mod openapi;
 mod predictions;
@@ -115,6 +116,7 @@ pub fn router(app: App) -> Router {
         .layer(TraceLayer::new_for_http())
         .layer(middleware::from_fn_with_state(app.clone(), guard::count))
         .layer(middleware::from_fn(guard::add_browser_headers))
+        .layer(middleware::from_fn(crate::mlflow::translate))
         .layer(CatchPanicLayer::custom(guard::answer_panic))
         .layer(middleware::from_fn_with_state(Pace::new(app.requests_per_second()), pace::keep))
         .layer(middleware::from_fn_with_state(Crowd::new(), guard::admit))
@@ -124,6 +126,7 @@ pub fn router(app: App) -> Router {
         .layer(DefaultBodyLimit::max(BODY_BYTES));
 
     api.merge(page::routes())
+        .merge(mlflow::routes())
         .fallback(page::no_route)
         .method_not_allowed_fallback(refuse_method)
         .layer(guards)

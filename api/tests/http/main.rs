@@ -11,6 +11,7 @@ mod fixture;
 mod fuzz;
 mod lists;
 mod logs;
+mod mlflow;
 mod monitoring;
 mod pages;
 mod problems;

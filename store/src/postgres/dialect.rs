@@ -59,6 +59,13 @@ macro_rules! field {
     };
 }
 
+/// 32 hexadecimal digits that nothing else has.
+macro_rules! unique_digits {
+    () => {
+        "replace(CAST(gen_random_uuid() AS TEXT), '-', '')"
+    };
+}
+
 /// A number from 0 to 250 by chance.
 macro_rules! chance {
     () => {

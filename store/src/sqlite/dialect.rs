@@ -54,6 +54,13 @@ macro_rules! field {
     };
 }
 
+/// 32 hexadecimal digits that nothing else has.
+macro_rules! unique_digits {
+    () => {
+        "lower(hex(randomblob(16)))"
+    };
+}
+
 /// A number from 0 to 250 by chance.
 macro_rules! chance {
     () => {

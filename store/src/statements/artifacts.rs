@@ -48,7 +48,8 @@ impl Database {
     pub async fn named_objects(&self) -> Result<Vec<String>, sqlx::Error> {
         sqlx::query_scalar(
             "SELECT path FROM shard_file UNION ALL SELECT path FROM checkpoint_file \
-             UNION ALL SELECT path FROM artifact UNION ALL SELECT path FROM upload",
+             UNION ALL SELECT path FROM artifact UNION ALL SELECT path FROM upload \
+             UNION ALL SELECT path FROM tracked_artifact",
         )
         .fetch_all(&self.reader)
         .await

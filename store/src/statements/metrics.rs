@@ -66,6 +66,26 @@ impl Database {
         .await
     }
 
+    /// By step: `limit` points after the first `skipped`.
+    pub async fn points_after(
+        &self,
+        run: RunId,
+        key: &str,
+        skipped: u64,
+        limit: u32,
+    ) -> Result<Vec<SeriesPoint>, sqlx::Error> {
+        sqlx::query_as(
+            "SELECT step, time, value FROM metric WHERE run = $1 AND key = $2 ORDER BY step \
+             LIMIT $3 OFFSET $4",
+        )
+        .bind(run)
+        .bind(key)
+        .bind(i64::from(limit))
+        .bind(integer(skipped))
+        .fetch_all(&self.reader)
+        .await
+    }
+
     /// The lowest and the highest of each of `ranges` equal ranges of steps, by step.
     pub async fn extreme_points(
         &self,

@@ -6,7 +6,7 @@ use super::rows::{Column, Kind, Table};
 use crate::StoreError;
 
 /// The tables that move, each after those that its rows refer to.
-pub(crate) const TABLES: [&str; 22] = [
+pub(crate) const TABLES: [&str; 30] = [
     "resources",
     "job",
     "job_need",
@@ -29,10 +29,18 @@ pub(crate) const TABLES: [&str; 22] = [
     "queue",
     "token",
     "audit",
+    "tracked_experiment",
+    "tracked_experiment_tag",
+    "tracked_run",
+    "tracked_param",
+    "tracked_tag",
+    "tracked_metric",
+    "tracked_metric_latest",
+    "tracked_artifact",
 ];
 
 /// Those of them that may have rows in a store without jobs.
-pub(super) const NEVER_EMPTY: [&str; 3] = ["resources", "worker", "queue"];
+pub(super) const NEVER_EMPTY: [&str; 4] = ["resources", "worker", "queue", "tracked_experiment"];
 
 /// Tables that speak of their database and not of what it holds: which store it is, when it was written to last, which
 /// server was started on it, who is logged in to it, and what a cluster's engine says of its workers.

@@ -26,6 +26,16 @@ macro_rules! all_laws {
                 a_worker_that_lost_its_task_adds_nothing_to_its_log,
                 old_attempts_of_a_job_lose_their_logs,
                 a_log_may_grow_until_its_tasks_have_ended;
+            tracked_runs:
+                two_experiments_are_there_from_the_start,
+                a_name_of_an_experiment_is_given_once,
+                a_run_keeps_what_its_client_said,
+                numbers_and_moments_of_metrics_come_back_bit_by_bit,
+                a_batch_that_is_sent_again_is_there_once,
+                the_latest_point_is_that_of_the_highest_step_however_they_come,
+                a_param_keeps_its_first_value_and_a_tag_its_last,
+                a_deleted_run_takes_nothing_until_it_is_restored,
+                a_file_of_a_run_is_replaced_by_the_next_of_its_name;
             line:
                 a_job_is_not_begun_before_its_moment,
                 a_moment_far_ahead_is_waited_for,

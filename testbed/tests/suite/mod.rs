@@ -22,6 +22,7 @@ pub mod submission;
 pub mod takeover;
 pub mod texts;
 pub mod tokens;
+pub mod tracked_runs;
 pub mod uploads;
 pub mod waiting;
 pub mod workers;

@@ -7,8 +7,9 @@ use serde_json::json;
 use spec::{Digest, Resources};
 use store::{
     Access, AuditEntry, CheckpointFile, ClaimedTask, Idempotency, Metric, NewArtifact,
-    NewCheckpoint, NewJob, NewLogChunk, NewTask, NewToken, Output, Progress, Retry, Reuse, Scope,
-    Store, Submission, object_path,
+    NewCheckpoint, NewJob, NewLogChunk, NewTask, NewToken, NewTrackedRun, Output, Progress, Retry,
+    Reuse, Scope, Store, Submission, Timestamp, TrackedBatch, TrackedMetric, TrackedRunChange,
+    object_path,
 };
 use tempfile::TempDir;
 
@@ -31,6 +32,7 @@ pub async fn filled() -> TempDir {
     task_of_a_dead_worker(&f).await;
     jobs_to_do(&f).await;
     tokens_and_what_was_done_with_them(&f).await;
+    tracked_run(&f).await;
     f.store.register_server("1.2.3").await.unwrap();
     f.store.check_database().await.unwrap();
     f.store.pause_queue().await.unwrap();
@@ -142,6 +144,35 @@ async fn tokens_and_what_was_done_with_them(f: &Fixture) {
     let (actor, address, method, path) = (text(), text(), text(), text());
     let entry = AuditEntry { actor, address, method, path, status: 403, made: Some(text()) };
     f.store.record_audit(&entry).await.unwrap();
+}
+
+/// As a client of MLflow logs it.
+async fn tracked_run(f: &Fixture) {
+    let tag = (UNUSUAL.to_owned(), UNUSUAL.to_owned());
+    let tags = [tag];
+    let experiment = f.store.create_experiment(UNUSUAL, &tags).await.unwrap();
+    let new = NewTrackedRun {
+        experiment,
+        name: Some(UNUSUAL.to_owned()),
+        user: UNUSUAL.to_owned(),
+        start_time: Timestamp::from_milliseconds(i64::MAX),
+        tags: tags.to_vec(),
+    };
+    let run = f.store.create_tracked_run(&new).await.unwrap();
+    let values = [0.1, f64::NAN, f64::NEG_INFINITY, 1e300];
+    let metric = |(step, value)| {
+        let time = Timestamp::from_milliseconds(step);
+        TrackedMetric { key: UNUSUAL.to_owned(), step, time, value }
+    };
+    let metrics = (1..).zip(values).map(metric).collect();
+    let batch = TrackedBatch { metrics, params: tags.to_vec(), ..TrackedBatch::default() };
+    f.store.log_batch(&run.identifier, &batch).await.unwrap();
+    let mut writer = f.store.begin_tracked_artifact(&run).await.unwrap();
+    writer.write(UNUSUAL.as_bytes()).await.unwrap();
+    writer.finish_as_artifact(&run.identifier, "a/b.txt").await.unwrap();
+    let end_time = Some(Timestamp::from_milliseconds(i64::MIN));
+    let change = TrackedRunChange { end_time, ..TrackedRunChange::default() };
+    f.store.change_tracked_run(&run.identifier, &change).await.unwrap();
 }
 
 async fn task_of_a_dead_worker(f: &Fixture) {

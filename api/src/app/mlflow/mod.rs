@@ -1,0 +1,80 @@
+//! MLflow's view of the service: experiments, torqued's own runs, and the runs that clients log beside them.
+
+mod artifacts;
+mod experiments;
+mod own_runs;
+mod runs;
+mod search;
+
+use std::fmt;
+
+use store::{ExperimentId, RunId};
+
+use crate::mlflow::{ErrorCode, MlflowError};
+
+pub use artifacts::{ArtifactPlace, artifact_name};
+pub use experiments::ExperimentSearch;
+pub use search::RunSearch;
+
+/// A run as clients name it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum RunName {
+    /// Torqued's own: `torqued-17`.
+    Own(RunId),
+    /// One that a client logs.
+    Tracked(String),
+}
+
+const OWN: &str = "torqued-";
+
+impl RunName {
+    pub fn parse(text: &str) -> Self {
+        let number = text.strip_prefix(OWN).and_then(|number| number.parse().ok());
+        number.map_or_else(|| Self::Tracked(text.to_owned()), |id| Self::Own(RunId(id)))
+    }
+
+    /// The name of a run that clients may write to.
+    pub fn writable(&self) -> Result<&str, MlflowError> {
+        match self {
+            Self::Tracked(identifier) => Ok(identifier),
+            Self::Own(_) => {
+                let message = format!(
+                    "run {self} is torqued's own and can only be read here; create a run to log to"
+                );
+                Err(MlflowError::refused(ErrorCode::PermissionDenied, message))
+            }
+        }
+    }
+}
+
+impl fmt::Display for RunName {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Own(id) => write!(f, "{OWN}{id}"),
+            Self::Tracked(identifier) => f.write_str(identifier),
+        }
+    }
+}
+
+/// Reads an id as clients send it, which is a text.
+pub fn experiment_id(text: &str) -> Result<ExperimentId, MlflowError> {
+    let id = text.parse().map(ExperimentId);
+    id.map_err(|_| MlflowError::not_found(format!("there is no experiment {text:?}")))
+}
+
+/// Where clients ask for the files of an experiment, and with a run for those of it.
+fn artifact_location(experiment: ExperimentId) -> String {
+    format!("mlflow-artifacts:/{experiment}")
+}
+
+fn artifact_uri(experiment: ExperimentId, run: &RunName) -> String {
+    format!("mlflow-artifacts:/{experiment}/{run}/artifacts")
+}
+
+/// The part of a list that a page shows, and the token of the next one: how many items come before it.
+fn page<T>(items: Vec<T>, skipped: usize, limit: u32) -> (Vec<T>, Option<String>) {
+    let end = skipped.saturating_add(usize::try_from(limit).unwrap_or(usize::MAX));
+    let next = (end < items.len()).then(|| end.to_string());
+    let shown = items.into_iter().skip(skipped).take(end - skipped).collect();
+    (shown, next)
+}

@@ -1,0 +1,115 @@
+//! Runs, one at a time: torqued's own are read, those of clients are written, too.
+
+use store::{ExperimentId, NewTrackedRun, Timestamp, TrackedBatch, TrackedRun, TrackedRunChange};
+
+use super::{RunName, artifact_uri};
+use crate::app::App;
+use crate::mlflow::MlflowError;
+use crate::mlflow::entities::{Metric, Run, RunInfo, Stage};
+use crate::mlflow::limits::HISTORY_PAGE;
+
+impl App {
+    /// `start_time` is the present without one.
+    pub async fn create_tracked_run(
+        &self,
+        experiment: ExperimentId,
+        name: Option<String>,
+        user: String,
+        start_time: Option<i64>,
+        tags: Vec<(String, String)>,
+    ) -> Result<Run, MlflowError> {
+        let start_time = match start_time {
+            Some(milliseconds) => Timestamp::from_milliseconds(milliseconds),
+            None => self.store.now().await?,
+        };
+        let new = NewTrackedRun { experiment, name, user, start_time, tags };
+        let run = self.store.create_tracked_run(&new).await?;
+        self.mlflow_run(&RunName::Tracked(run.identifier)).await
+    }
+
+    pub async fn change_tracked_run(
+        &self,
+        run: &RunName,
+        change: &TrackedRunChange,
+    ) -> Result<RunInfo, MlflowError> {
+        Ok(info(&self.store.change_tracked_run(run.writable()?, change).await?))
+    }
+
+    pub async fn set_tracked_run_deleted(
+        &self,
+        run: &RunName,
+        is_deleted: bool,
+    ) -> Result<(), MlflowError> {
+        Ok(self.store.set_tracked_run_deleted(run.writable()?, is_deleted).await?)
+    }
+
+    pub async fn log_batch(&self, run: &RunName, batch: &TrackedBatch) -> Result<(), MlflowError> {
+        Ok(self.store.log_batch(run.writable()?, batch).await?)
+    }
+
+    pub async fn delete_tracked_tag(&self, run: &RunName, key: &str) -> Result<(), MlflowError> {
+        Ok(self.store.delete_tracked_tag(run.writable()?, key).await?)
+    }
+
+    /// Points of a metric after the first `skipped`, and the token of the next page.
+    pub async fn metric_history(
+        &self,
+        run: &RunName,
+        key: &str,
+        skipped: u64,
+        limit: u32,
+    ) -> Result<(Vec<Metric>, Option<String>), MlflowError> {
+        let limit = limit.min(HISTORY_PAGE);
+        // One more than is shown tells whether there is another page.
+        let mut points: Vec<Metric> = match run {
+            RunName::Own(id) => {
+                let run = self.store.run(*id).await?;
+                let points = self.store.points_after(run.id, key, skipped, limit + 1).await?;
+                points.iter().map(|point| own_metric(key.to_owned(), point)).collect()
+            }
+            RunName::Tracked(identifier) => {
+                let run = self.store.tracked_run(identifier).await?;
+                let points = self.store.tracked_history(run.id, key, skipped, limit + 1).await?;
+                points.into_iter().map(tracked_metric).collect()
+            }
+        };
+        let has_more = points.len() > usize::try_from(limit).unwrap_or(usize::MAX);
+        points.truncate(usize::try_from(limit).unwrap_or(usize::MAX));
+        let next = has_more.then(|| (skipped + u64::from(limit)).to_string());
+        Ok((points, next))
+    }
+}
+
+pub(super) fn info(run: &TrackedRun) -> RunInfo {
+    let name = RunName::Tracked(run.identifier.clone());
+    RunInfo {
+        run_id: run.identifier.clone(),
+        run_uuid: run.identifier.clone(),
+        run_name: run.name.clone(),
+        experiment_id: run.experiment.to_string(),
+        user_id: run.user.clone(),
+        status: run.status.as_str(),
+        start_time: run.start_time.milliseconds(),
+        end_time: run.end_time.map(Timestamp::milliseconds),
+        artifact_uri: artifact_uri(run.experiment, &name),
+        lifecycle_stage: Stage::of(run.is_deleted),
+    }
+}
+
+pub(super) fn own_metric(key: String, point: &store::SeriesPoint) -> Metric {
+    Metric {
+        key,
+        value: point.value,
+        timestamp: point.time.milliseconds(),
+        step: i64::try_from(point.step).unwrap_or(i64::MAX),
+    }
+}
+
+pub(super) fn tracked_metric(metric: store::TrackedMetric) -> Metric {
+    Metric {
+        key: metric.key,
+        value: metric.value,
+        timestamp: metric.time.milliseconds(),
+        step: metric.step,
+    }
+}

@@ -1,0 +1,244 @@
+//! Searches of runs: torqued's own and those of clients pass the same filter and come in one order.
+//!
+//! A search reads a row of every run of the experiments, and of metrics, params and tags only what the filter and the
+//! order ask for. The runs of the page alone are read whole.
+
+use std::cmp::Ordering;
+use std::collections::{BTreeSet, HashMap};
+
+use store::{ExperimentId, Page, RunId, TrackedRunId};
+
+use super::runs::{own_metric, tracked_metric};
+use super::{RunName, own_runs, page, runs};
+use crate::app::App;
+use crate::mlflow::entities::{Pair, Run, RunData, RunInfo, Stage, View};
+use crate::mlflow::filter::Filter;
+use crate::mlflow::order::Order;
+use crate::mlflow::{Attribute, Datum, Field, MlflowError};
+
+pub struct RunSearch {
+    pub experiments: Vec<ExperimentId>,
+    pub filter: Filter,
+    pub orders: Vec<Order>,
+    pub view: View,
+    pub limit: u32,
+    pub skipped: usize,
+}
+
+/// Which of both kinds a run is, with its key in the store.
+enum Source {
+    Own(Box<store::Run>),
+    Tracked(TrackedRunId),
+}
+
+/// A run that a search may find, with the values that it asks for.
+struct Candidate {
+    source: Source,
+    info: RunInfo,
+    numbers: HashMap<Field, f64>,
+    texts: HashMap<Field, String>,
+}
+
+/// The keys that a search asks for.
+#[derive(Default)]
+struct Keys {
+    metrics: Vec<String>,
+    params: Vec<String>,
+    tags: Vec<String>,
+}
+
+impl App {
+    pub async fn mlflow_run(&self, run: &RunName) -> Result<Run, MlflowError> {
+        let candidate = match run {
+            RunName::Own(id) => Candidate::own(self.store.run(*id).await?),
+            RunName::Tracked(identifier) => {
+                Candidate::tracked(&self.store.tracked_run(identifier).await?)
+            }
+        };
+        let run = self.whole_runs(vec![candidate]).await?.pop();
+        run.ok_or_else(|| crate::error::ApiError::Internal.into())
+    }
+
+    /// The runs of a page, and the token of the next one.
+    pub async fn search_runs(
+        &self,
+        search: &RunSearch,
+    ) -> Result<(Vec<Run>, Option<String>), MlflowError> {
+        let keys = Keys::of(search);
+        let mut candidates = self.tracked_candidates(search, &keys).await?;
+        if search.experiments.contains(&ExperimentId::TORQUED) {
+            candidates.extend(self.own_candidates(&keys).await?);
+        }
+        candidates.retain(|candidate| {
+            search.view.shows(candidate.info.lifecycle_stage == Stage::Deleted)
+                && search.filter.is_met(|field| candidate.datum(field))
+        });
+        let last = [Order::descending(Attribute::StartTime), Order::ascending(Attribute::RunId)];
+        candidates.sort_by(|a, b| {
+            let orders = search.orders.iter().chain(&last);
+            let compare =
+                |order: &Order| order.compare(a.datum(&order.field), b.datum(&order.field));
+            orders.map(compare).find(|order| order.is_ne()).unwrap_or(Ordering::Equal)
+        });
+        let (shown, next) = page(candidates, search.skipped, search.limit);
+        Ok((self.whole_runs(shown).await?, next))
+    }
+
+    async fn tracked_candidates(
+        &self,
+        search: &RunSearch,
+        keys: &Keys,
+    ) -> Result<Vec<Candidate>, MlflowError> {
+        let mut rows = self.store.tracked_runs(&search.experiments).await?;
+        rows.retain(|run| search.view.shows(run.is_deleted));
+        let mut candidates: Vec<Candidate> = rows.iter().map(Candidate::tracked).collect();
+        let ids: Vec<TrackedRunId> = rows.iter().map(|run| run.id).collect();
+        let places: HashMap<TrackedRunId, usize> =
+            ids.iter().enumerate().map(|(place, id)| (*id, place)).collect();
+        if !keys.metrics.is_empty() {
+            for (id, metric) in self.store.latest_tracked(&ids, Some(&keys.metrics)).await? {
+                let numbers = &mut candidates[places[&id]].numbers;
+                numbers.insert(Field::Metric(metric.key), metric.value);
+            }
+        }
+        if !keys.params.is_empty() {
+            for (id, key, value) in self.store.tracked_params(&ids, Some(&keys.params)).await? {
+                candidates[places[&id]].texts.insert(Field::Param(key), value);
+            }
+        }
+        if !keys.tags.is_empty() {
+            for (id, key, value) in self.store.tracked_tags(&ids, Some(&keys.tags)).await? {
+                candidates[places[&id]].texts.insert(Field::Tag(key), value);
+            }
+        }
+        Ok(candidates)
+    }
+
+    async fn own_candidates(&self, keys: &Keys) -> Result<Vec<Candidate>, MlflowError> {
+        let all = Page { before: None, limit: u32::MAX };
+        let rows = self.store.runs(None, all).await?;
+        let ids: Vec<RunId> = rows.iter().map(|run| run.id).collect();
+        let places: HashMap<RunId, usize> =
+            ids.iter().enumerate().map(|(place, id)| (*id, place)).collect();
+        let mut candidates = Vec::with_capacity(rows.len());
+        for row in rows {
+            let mut texts = HashMap::new();
+            if !keys.params.is_empty() {
+                texts.extend(asked(own_runs::params(&row.spec), &keys.params, Field::Param));
+            }
+            if !keys.tags.is_empty() {
+                texts.extend(asked(own_runs::tags(&row), &keys.tags, Field::Tag));
+            }
+            candidates.push(Candidate { texts, ..Candidate::own(row) });
+        }
+        for key in &keys.metrics {
+            for (id, point) in self.store.latest_values(&ids, key).await? {
+                let numbers = &mut candidates[places[&id]].numbers;
+                numbers.insert(Field::Metric(key.clone()), point.value);
+            }
+        }
+        Ok(candidates)
+    }
+
+    /// With all of their metrics, params and tags.
+    async fn whole_runs(&self, candidates: Vec<Candidate>) -> Result<Vec<Run>, MlflowError> {
+        let (mut own, mut tracked) = (Vec::new(), Vec::new());
+        for candidate in &candidates {
+            match &candidate.source {
+                Source::Own(run) => own.push(run.id),
+                Source::Tracked(id) => tracked.push(*id),
+            }
+        }
+        let mut of_own: HashMap<RunId, RunData> = HashMap::new();
+        if !own.is_empty() {
+            for (id, key, point) in self.store.latest_metrics(&own).await? {
+                of_own.entry(id).or_default().metrics.push(own_metric(key, &point));
+            }
+        }
+        let mut of_tracked: HashMap<TrackedRunId, RunData> = HashMap::new();
+        if !tracked.is_empty() {
+            for (id, metric) in self.store.latest_tracked(&tracked, None).await? {
+                of_tracked.entry(id).or_default().metrics.push(tracked_metric(metric));
+            }
+            for (id, key, value) in self.store.tracked_params(&tracked, None).await? {
+                of_tracked.entry(id).or_default().params.push(Pair { key, value });
+            }
+            for (id, key, value) in self.store.tracked_tags(&tracked, None).await? {
+                of_tracked.entry(id).or_default().tags.push(Pair { key, value });
+            }
+        }
+        let run = |candidate: Candidate| {
+            let data = match candidate.source {
+                Source::Own(run) => RunData {
+                    params: own_runs::params(&run.spec),
+                    tags: own_runs::tags(&run),
+                    ..of_own.remove(&run.id).unwrap_or_default()
+                },
+                Source::Tracked(id) => of_tracked.remove(&id).unwrap_or_default(),
+            };
+            Run { info: candidate.info, data }
+        };
+        Ok(candidates.into_iter().map(run).collect())
+    }
+}
+
+fn asked<'a>(
+    pairs: Vec<Pair>,
+    keys: &'a [String],
+    field: fn(String) -> Field,
+) -> impl Iterator<Item = (Field, String)> + 'a {
+    let is_asked = |pair: &Pair| keys.contains(&pair.key);
+    pairs.into_iter().filter(is_asked).map(move |pair| (field(pair.key), pair.value))
+}
+
+impl Keys {
+    fn of(search: &RunSearch) -> Self {
+        let ordered = search.orders.iter().map(|order| &order.field);
+        let (mut metrics, mut params, mut tags) =
+            (BTreeSet::new(), BTreeSet::new(), BTreeSet::new());
+        for field in search.filter.fields().chain(ordered) {
+            match field {
+                Field::Metric(key) => metrics.insert(key.clone()),
+                Field::Param(key) => params.insert(key.clone()),
+                Field::Tag(key) => tags.insert(key.clone()),
+                Field::Attribute(_) => false,
+            };
+        }
+        let list = |keys: BTreeSet<String>| keys.into_iter().collect();
+        Self { metrics: list(metrics), params: list(params), tags: list(tags) }
+    }
+}
+
+impl Candidate {
+    fn own(run: store::Run) -> Self {
+        let info = own_runs::info(&run);
+        let source = Source::Own(Box::new(run));
+        Self { source, info, numbers: HashMap::new(), texts: HashMap::new() }
+    }
+
+    fn tracked(run: &store::TrackedRun) -> Self {
+        let source = Source::Tracked(run.id);
+        Self { source, info: runs::info(run), numbers: HashMap::new(), texts: HashMap::new() }
+    }
+
+    fn datum(&self, field: &Field) -> Option<Datum<'_>> {
+        let info = &self.info;
+        let Field::Attribute(attribute) = field else {
+            let text = || self.texts.get(field).map(|text| Datum::Text(text));
+            return self.numbers.get(field).copied().map(Datum::Number).or_else(text);
+        };
+        match attribute {
+            Attribute::RunId => Some(Datum::Text(&info.run_id)),
+            Attribute::RunName => Some(Datum::Text(&info.run_name)),
+            Attribute::UserId => Some(Datum::Text(&info.user_id)),
+            Attribute::Status => Some(Datum::Text(info.status)),
+            Attribute::ArtifactUri => Some(Datum::Text(&info.artifact_uri)),
+            Attribute::StartTime => Some(Datum::moment(info.start_time)),
+            Attribute::EndTime => info.end_time.map(Datum::moment),
+            Attribute::Name
+            | Attribute::ExperimentId
+            | Attribute::CreationTime
+            | Attribute::LastUpdateTime => None,
+        }
+    }
+}

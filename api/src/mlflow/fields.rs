@@ -1,0 +1,162 @@
+//! The fields of a request, which MLflow's clients send as JSON or, with GET, in the query.
+
+use std::borrow::Cow;
+
+use axum::extract::{FromRequest, Query, Request as HttpRequest};
+use axum::http::Method;
+use serde_json::{Map, Value};
+
+use super::MlflowError;
+use crate::error::ApiError;
+use crate::extract::JsonBytes;
+
+/// Everything that a request says; fields that nobody reads are ignored, as MLflow's own server does.
+pub struct Request(Map<String, Value>);
+
+/// The fields of a request, or of an object in one of its lists.
+#[derive(Clone, Copy)]
+pub struct Fields<'a> {
+    map: &'a Map<String, Value>,
+    /// The list that the object is in, and its place there.
+    within: Option<(&'static str, usize)>,
+}
+
+impl Request {
+    pub const fn fields(&self) -> Fields<'_> {
+        Fields { map: &self.0, within: None }
+    }
+}
+
+impl<S: Send + Sync> FromRequest<S> for Request {
+    type Rejection = MlflowError;
+
+    async fn from_request(request: HttpRequest, state: &S) -> Result<Self, MlflowError> {
+        if request.method() == Method::GET || request.method() == Method::HEAD {
+            let pairs = Query::<Vec<(String, String)>>::try_from_uri(request.uri());
+            let Query(pairs) =
+                pairs.map_err(|error| ApiError::Query { reason: error.body_text() })?;
+            return Ok(Self(of_query(pairs)));
+        }
+        let JsonBytes(bytes) =
+            JsonBytes::<{ crate::limits::BODY_BYTES }>::from_request(request, state).await?;
+        match serde_json::from_slice(&bytes).map_err(ApiError::Json)? {
+            Value::Object(fields) => Ok(Self(fields)),
+            other => Err(MlflowError::invalid("the body", &other.to_string(), "a JSON object")),
+        }
+    }
+}
+
+/// A field that comes more than once is a list.
+fn of_query(pairs: Vec<(String, String)>) -> Map<String, Value> {
+    let mut fields = Map::new();
+    for (name, value) in pairs {
+        match fields.get_mut(&name) {
+            None => drop(fields.insert(name, Value::String(value))),
+            Some(Value::Array(values)) => values.push(Value::String(value)),
+            Some(first) => *first = Value::Array(vec![first.take(), Value::String(value)]),
+        }
+    }
+    fields
+}
+
+impl<'a> Fields<'a> {
+    /// The field's name in messages, such as `metrics[3].value`.
+    pub fn path(&self, name: &str) -> String {
+        match self.within {
+            None => name.to_owned(),
+            Some((list, place)) => format!("{list}[{place}].{name}"),
+        }
+    }
+
+    /// A field that is `null` is not there.
+    fn value(&self, name: &str) -> Option<&'a Value> {
+        self.map.get(name).filter(|value| !value.is_null())
+    }
+
+    fn invalid(&self, name: &str, value: &Value, allowed: &str) -> MlflowError {
+        let value = value.as_str().map_or_else(|| Cow::Owned(value.to_string()), Cow::Borrowed);
+        MlflowError::invalid(&self.path(name), &value, allowed)
+    }
+
+    /// Texts of `most` characters. No database keeps the character NUL.
+    pub fn text(&self, name: &str, most: usize) -> Result<Option<&'a str>, MlflowError> {
+        let Some(value) = self.value(name) else { return Ok(None) };
+        match value.as_str() {
+            // Characters are no more than bytes, which are counted at once.
+            Some(text)
+                if (text.len() <= most || text.chars().count() <= most) && !text.contains('\0') =>
+            {
+                Ok(Some(text))
+            }
+            _ => {
+                let allowed = format!("a text of {most} characters at most, without NUL");
+                Err(self.invalid(name, value, &allowed))
+            }
+        }
+    }
+
+    pub fn required_text(&self, name: &str, most: usize) -> Result<&'a str, MlflowError> {
+        let text = self.text(name, most)?.filter(|text| !text.is_empty());
+        text.ok_or_else(|| MlflowError::missing(&self.path(name)))
+    }
+
+    /// A whole number of 64 bits, which JSON of protobuf writes as a text.
+    pub fn integer(&self, name: &str) -> Result<Option<i64>, MlflowError> {
+        let Some(value) = self.value(name) else { return Ok(None) };
+        let number = match value {
+            Value::String(text) => text.parse().ok(),
+            value => value.as_i64(),
+        };
+        let allowed = "a whole number of 64 bits";
+        number.map(Some).ok_or_else(|| self.invalid(name, value, allowed))
+    }
+
+    /// A double, or the words that JSON of protobuf has for what is not finite.
+    pub fn number(&self, name: &str) -> Result<Option<f64>, MlflowError> {
+        let Some(value) = self.value(name) else { return Ok(None) };
+        let number = match value {
+            Value::String(text) => match text.as_str() {
+                "NaN" => Some(f64::NAN),
+                "Infinity" => Some(f64::INFINITY),
+                "-Infinity" => Some(f64::NEG_INFINITY),
+                text => text.parse().ok(),
+            },
+            value => value.as_f64(),
+        };
+        let allowed = "a number, \"NaN\", \"Infinity\" or \"-Infinity\"";
+        number.map(Some).ok_or_else(|| self.invalid(name, value, allowed))
+    }
+
+    /// The objects of a list of `most` items; none without the field.
+    pub fn objects(&self, name: &'static str, most: usize) -> Result<Vec<Fields<'a>>, MlflowError> {
+        let object = |(place, value): (usize, &'a Value)| match value.as_object() {
+            Some(map) => Ok(Fields { map, within: Some((name, place)) }),
+            None => Err(self.invalid(name, value, "a list of objects")),
+        };
+        self.list(name, most)?.iter().enumerate().map(object).collect()
+    }
+
+    /// The texts of a list of `most` items; none without the field.
+    pub fn texts(&self, name: &'static str, most: usize) -> Result<Vec<&'a str>, MlflowError> {
+        // In a query a list of one looks like a text.
+        if let Some(text) = self.value(name).and_then(Value::as_str) {
+            return Ok(vec![text]);
+        }
+        let text = |value: &'a Value| {
+            value.as_str().ok_or_else(|| self.invalid(name, value, "a list of texts"))
+        };
+        self.list(name, most)?.iter().map(text).collect()
+    }
+
+    fn list(&self, name: &'static str, most: usize) -> Result<&'a [Value], MlflowError> {
+        match self.value(name) {
+            None => Ok(&[]),
+            Some(Value::Array(values)) if values.len() <= most => Ok(values),
+            Some(Value::Array(values)) => {
+                let found = format!("{} items", values.len());
+                Err(MlflowError::invalid(name, &found, &format!("{most} items at most")))
+            }
+            Some(other) => Err(self.invalid(name, other, "a list")),
+        }
+    }
+}

@@ -1,0 +1,43 @@
+//! MLflow's own limits (`mlflow/utils/validation.py`), in characters or items. Crossing one is an INVALID_PARAMETER_VALUE.
+
+/// Characters of the key of a metric, a param or a tag.
+pub const KEY: usize = 250;
+
+/// Characters of the value of a param.
+pub const PARAM_VALUE: usize = 6000;
+
+/// Characters of the value of a tag of a run.
+pub const TAG_VALUE: usize = 8000;
+
+/// Characters of the value of a tag of an experiment.
+pub const EXPERIMENT_TAG_VALUE: usize = 20_000;
+
+/// Characters of the name of an experiment.
+pub const EXPERIMENT_NAME: usize = 500;
+
+/// Characters of the name of a run, and of its user.
+pub const RUN_NAME: usize = 500;
+
+/// Metrics of one batch.
+pub const METRICS_PER_BATCH: usize = 1000;
+
+/// Params of one batch, and tags.
+pub const TEXTS_PER_BATCH: usize = 100;
+
+/// Metrics, params and tags of one batch together.
+pub const ENTITIES_PER_BATCH: usize = 1000;
+
+/// Runs or experiments of one page when the request does not say.
+pub const PAGE_DEFAULT: u32 = 1000;
+
+/// Runs or experiments of one page at most.
+pub const PAGE_MAXIMUM: u32 = 50_000;
+
+/// Points of one page of a metric.
+pub const HISTORY_PAGE: u32 = 25_000;
+
+/// Bytes of the name of an artifact, its folders included.
+pub const ARTIFACT_NAME: usize = 1000;
+
+/// Clauses of one filter, and of one order.
+pub const CLAUSES: usize = 100;
