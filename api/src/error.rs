@@ -7,7 +7,7 @@ use axum::http::header::{CONTENT_TYPE, RETRY_AFTER, UPGRADE, WWW_AUTHENTICATE};
 use axum::http::{HeaderValue, Method, StatusCode};
 use axum::response::{IntoResponse, Response};
 use jobs::SubmissionError;
-use spec::SpecError;
+use spec::{JsonFault, SpecError};
 use store::StoreError;
 use thiserror::Error;
 use wire::{JobState, Problem};
@@ -69,7 +69,7 @@ pub enum ApiError {
     Body { reason: String },
 
     #[error("the body is not valid JSON: {0}")]
-    Json(serde_json::Error),
+    Json(JsonFault),
 
     #[error("{0}")]
     Spec(SpecError),

@@ -12,6 +12,7 @@ use axum::extract::ws::{CloseFrame, Message, Utf8Bytes, WebSocket, close_code};
 use spec::SpecError;
 use tokio::sync::OwnedSemaphorePermit;
 use tokio::time::{Instant, sleep, timeout};
+use tungstenite::error::ProtocolError;
 use wire::StreamReply;
 
 use crate::app::streams::PredictionStream;
@@ -116,10 +117,7 @@ impl Client {
         let message = match timeout(STREAM_PING, self.socket.recv()).await {
             Ok(None | Some(Ok(Message::Close(_)))) => return Err(End(None)),
             Ok(Some(Ok(message))) => message,
-            // Among the errors of tungstenite, a client can only mend the size.
-            Ok(Some(Err(error))) => {
-                return Err(End(Some((close_code::SIZE, error.to_string().into()))));
-            }
+            Ok(Some(Err(error))) => return Err(ended_by(error)),
             Err(_) if self.heard.elapsed() > STREAM_SILENCE => {
                 let reason = "nothing was heard for too long";
                 return Err(End(Some((close_code::POLICY, reason.into()))));
@@ -145,6 +143,24 @@ impl Client {
             Ok(Err(_)) | Err(_) => Err(End(None)),
         }
     }
+}
+
+/// The end of a stream whose client sent what no stream may have (RFC 6455, section 7.4.1).
+fn ended_by(error: axum::Error) -> End {
+    let error = error.into_inner();
+    let code = match error.downcast_ref::<tungstenite::Error>() {
+        Some(tungstenite::Error::Capacity(_)) => close_code::SIZE,
+        Some(tungstenite::Error::Utf8(_)) => close_code::INVALID,
+        Some(tungstenite::Error::Protocol(ProtocolError::ResetWithoutClosingHandshake)) => {
+            return End(None);
+        }
+        Some(tungstenite::Error::Protocol(_)) => close_code::PROTOCOL,
+        _ => return End(None),
+    };
+    let mut reason = error.to_string();
+    // A control frame has 125 bytes, two of which are the code.
+    reason.truncate(reason.floor_char_boundary(123));
+    End(Some((code, reason.into())))
 }
 
 fn length(message: &Message) -> usize {

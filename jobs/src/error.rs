@@ -6,7 +6,7 @@ use thiserror::Error;
 #[derive(Debug, Error)]
 pub enum SubmissionError {
     #[error("the spec is not valid JSON: {0}")]
-    Json(serde_json::Error),
+    Json(spec::JsonFault),
     #[error("{0}")]
     Spec(SpecError),
     #[error("job {id} is {state}; only what failed or was cancelled can be tried again")]

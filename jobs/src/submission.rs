@@ -31,7 +31,7 @@ pub async fn submit(
     if let Some(submitted) = repeated(store, idempotency.as_ref()).await? {
         return Ok(submitted);
     }
-    serde_json::from_slice::<IgnoredAny>(text).map_err(SubmissionError::Json)?;
+    spec::read_json::<IgnoredAny>(text).map_err(SubmissionError::Json)?;
     let spec = spec::parse(text)?;
     submit_new(store, limits, &spec, reuse, idempotency).await
 }

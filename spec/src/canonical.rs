@@ -61,7 +61,7 @@ impl PartialSchema for Digest {
     fn schema() -> RefOr<Schema> {
         ObjectBuilder::new()
             .schema_type(Type::String)
-            .pattern(Some("^[0-9a-f]{64}$"))
+            .pattern(Some("^[0-9a-fA-F]{64}$"))
             .description(Some("SHA-256 in hexadecimal"))
             .into()
     }

@@ -3,6 +3,9 @@
 use std::fmt::{Debug, Display};
 use std::ops::RangeInclusive;
 
+use serde::Serialize;
+use serde_json::Value;
+
 use crate::{Range, SpecError, Violation};
 
 /// A spec, or a part of one, that can say what is wrong with its values.
@@ -15,6 +18,28 @@ pub(crate) trait Check {
 pub(crate) struct Report {
     path: Vec<String>,
     violations: Vec<Violation>,
+    /// The bounds that values were held to, if they are asked for.
+    bounds: Option<Vec<Bound>>,
+}
+
+/// An interval that a check holds a number to: the source of the bounds in the OpenAPI document.
+pub(crate) struct Bound {
+    /// Path of the field, as violations name it.
+    pub field: String,
+    pub of: Bounded,
+    pub least: Value,
+    pub most: Value,
+}
+
+/// The number that is bounded.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Bounded {
+    /// The value itself.
+    Value,
+    /// The value itself, which lies below the upper bound.
+    ValueBelow,
+    /// The items of a list, or the bytes of a text.
+    Length,
 }
 
 impl Report {
@@ -24,6 +49,15 @@ impl Report {
         } else {
             Err(SpecError { violations: self.violations })
         }
+    }
+
+    /// A report that notes all bounds which it is asked to hold values to.
+    pub fn of_bounds() -> Self {
+        Self { bounds: Some(Vec::new()), ..Self::default() }
+    }
+
+    pub fn into_bounds(self) -> Vec<Bound> {
+        self.bounds.unwrap_or_default()
     }
 
     pub fn count(&self) -> usize {
@@ -38,20 +72,58 @@ impl Report {
     }
 
     pub fn violation(&mut self, field: &str, value: impl Display, allowed: impl Into<String>) {
-        let mut path = self.path.clone();
-        path.push(field.to_owned());
         self.violations.push(Violation {
-            field: path.join("."),
+            field: self.path_to(field),
             value: value.to_string(),
             allowed: allowed.into(),
         });
     }
 
-    pub fn within<T: PartialOrd + Display>(
+    fn path_to(&self, field: &str) -> String {
+        let mut path = self.path.clone();
+        path.push(field.to_owned());
+        path.join(".")
+    }
+
+    fn note(&mut self, field: &str, of: Bounded, [least, most]: [&impl Serialize; 2]) {
+        if self.bounds.is_none() {
+            return;
+        }
+        let field = self.path_to(field);
+        let [least, most] = [least, most].map(|it| serde_json::to_value(it).unwrap_or_default());
+        self.bounds.get_or_insert_default().push(Bound { field, of, least, most });
+    }
+
+    pub fn within<T: PartialOrd + Display + Serialize>(
         &mut self,
         field: &str,
         value: T,
         allowed: RangeInclusive<T>,
+    ) {
+        self.note(field, Bounded::Value, [allowed.start(), allowed.end()]);
+        self.hold(field, value, &allowed);
+    }
+
+    /// Items of a list, or bytes of a text.
+    pub fn length(&mut self, field: &str, length: usize, allowed: RangeInclusive<usize>) {
+        let measured = field.strip_suffix(".length").unwrap_or(field);
+        self.note(measured, Bounded::Length, [allowed.start(), allowed.end()]);
+        self.hold(field, length, &allowed);
+    }
+
+    /// A share that is less than all.
+    pub fn below_one(&mut self, field: &str, share: f64) {
+        self.note(field, Bounded::ValueBelow, [&0.0, &1.0]);
+        if !(0.0..1.0).contains(&share) {
+            self.violation(field, share, "0 to below 1");
+        }
+    }
+
+    fn hold<T: PartialOrd + Display>(
+        &mut self,
+        field: &str,
+        value: T,
+        allowed: &RangeInclusive<T>,
     ) {
         // NaN lies in no interval, so it is refused here as well.
         if !allowed.contains(&value) {

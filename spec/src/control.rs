@@ -377,7 +377,7 @@ impl Check for ControlSpec {
         if self.checkpoints.is_empty() && self.baselines.is_empty() {
             report.violation("checkpoints", "[]", "at least one checkpoint or baseline");
         }
-        report.within("checkpoints", self.checkpoints.len(), 0..=20);
+        report.length("checkpoints", self.checkpoints.len(), 0..=20);
         report.each_once("checkpoints", &self.checkpoints);
         report.each_once("baselines", &self.baselines);
         report.within("robots", self.robots, 1..=100);

@@ -10,9 +10,10 @@ use utoipa::ToSchema;
 use crate::check::{Check, Report};
 use crate::fields::shorten;
 use crate::kind::KindSpec;
+use crate::schema::{listed, nearest};
 use crate::{
     ControlSpec, DataSpec, Digest, Doubt, EvaluateSpec, Execution, ImportSpec, PipelineSpec,
-    Product, Reference, SimulateSpec, SpecError, TrainSpec, VerifySpec, preset, stream,
+    Product, Reference, SimulateSpec, SpecError, TrainSpec, VerifySpec, Violation, preset, stream,
 };
 
 /// Hands every kind of job but the pipeline to `$callback!`, as `name => Variant(Spec)`.
@@ -78,10 +79,14 @@ macro_rules! job_specs {
             }
 
             /// Deserializes a job of one kind, without checking its values.
-            pub(crate) fn read(kind: JobKind, fields: Map<String, Value>) -> Result<Self, SpecError> {
+            pub(crate) fn read(
+                kind: JobKind,
+                fields: Map<String, Value>,
+                found: Vec<Violation>,
+            ) -> Result<Self, SpecError> {
                 match kind {
-                    $(JobKind::$Kind => $Spec::read(fields).map(Self::$Kind),)*
-                    JobKind::Pipeline => PipelineSpec::read(fields).map(Self::Pipeline),
+                    $(JobKind::$Kind => $Spec::read(fields, found).map(Self::$Kind),)*
+                    JobKind::Pipeline => PipelineSpec::read(fields, found).map(Self::Pipeline),
                 }
             }
 
@@ -122,7 +127,11 @@ impl FromStr for JobKind {
 
     fn from_str(text: &str) -> Result<Self, SpecError> {
         let known = Self::ALL.iter().copied().find(|kind| kind.as_str() == text);
-        known.ok_or_else(|| SpecError::one("kind", format!("{text:?}"), Self::names()))
+        known.ok_or_else(|| {
+            let names: Vec<String> = Self::ALL.iter().map(ToString::to_string).collect();
+            let meant = nearest(text, names.iter().map(String::as_str));
+            SpecError::one("kind", format!("{text:?}"), listed(&names, meant))
+        })
     }
 }
 
@@ -150,7 +159,9 @@ impl JobSpec {
             Some(other) => return Err(SpecError::one("kind", shorten(&other), JobKind::names())),
             None => return Err(SpecError::one("kind", "missing", JobKind::names())),
         };
-        Self::read(kind, stream::resolve(fields)?)
+        let mut found = Vec::new();
+        let fields = stream::resolve(fields, &mut found);
+        Self::read(kind, fields, found)
     }
 
     /// How to run it; a pipeline's members have their own.

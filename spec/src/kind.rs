@@ -2,19 +2,21 @@
 
 use serde::de::DeserializeOwned;
 use serde_json::{Map, Value};
+use utoipa::ToSchema;
 
 use crate::check::Check;
 use crate::fields::from_fields;
-use crate::{DataSpec, Doubt, Execution, Product, Reference, SpecError};
+use crate::{DataSpec, Doubt, Execution, Product, Reference, SpecError, Violation};
 
 /// The fields of one kind of job.
 pub(crate) trait KindSpec: Check {
-    /// Deserializes them, without checking values. Presets and streams are resolved before.
-    fn read(fields: Map<String, Value>) -> Result<Self, SpecError>
+    /// Deserializes them, without checking values. Presets and streams are resolved before, with what was `found` wrong
+    /// with them.
+    fn read(fields: Map<String, Value>, found: Vec<Violation>) -> Result<Self, SpecError>
     where
-        Self: Sized + DeserializeOwned,
+        Self: Sized + DeserializeOwned + ToSchema,
     {
-        from_fields(fields)
+        from_fields(fields, found)
     }
 
     /// The product of a job of this kind, which others may refer to.

@@ -15,6 +15,7 @@ mod execution;
 mod fields;
 mod import;
 mod job;
+mod json;
 mod kind;
 mod model;
 mod moment;
@@ -25,6 +26,7 @@ mod range;
 mod reference;
 mod resources;
 mod robot;
+mod schema;
 mod simulate;
 mod stream;
 mod study;
@@ -47,6 +49,7 @@ pub use import::{
     TimeUnit,
 };
 pub use job::{JobKind, JobSpec};
+pub use json::{JsonFault, read_json};
 pub use model::*;
 pub use moment::{Moment, ParseMomentError};
 pub use parse::parse;
@@ -61,6 +64,7 @@ pub use robot::{
     AttachedBody, BodyDescription, BuiltInRobot, HandDescription, InertiaScheme, InitialState,
     JointDescription, JointFriction, MAX_JOINTS, Randomization, RobotDescription, RobotModel,
 };
+pub use schema::{schemas, shape_violations};
 pub use simulate::{
     Cell, Chirp, ChirpBand, Column, ColumnType, Doubt, Excitation, Family, Frequency, Friction,
     Gravity, Integrator, MAX_POSITION_NOISE_RAD, MAX_TRAJECTORIES, Multisine, Observations,

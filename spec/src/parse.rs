@@ -3,15 +3,15 @@
 use serde_json::Value;
 
 use crate::check::{Check, Report};
-use crate::{JobSpec, SpecError};
+use crate::{JobSpec, SpecError, read_json};
 
 /// Reads a spec: resolves `preset`, refuses unknown fields and checks every value.
 ///
 /// # Errors
 /// Names every field that cannot be accepted, its value and what is allowed.
 pub fn parse(text: &[u8]) -> Result<JobSpec, SpecError> {
-    let value: Value = serde_json::from_slice(text)
-        .map_err(|error| SpecError::one("", "", format!("not valid JSON: {error}")))?;
+    let value: Value = read_json(text)
+        .map_err(|fault| SpecError::one("", "", format!("not valid JSON: {fault}")))?;
     let spec = JobSpec::from_json(value)?;
     let mut report = Report::default();
     spec.check(&mut report);

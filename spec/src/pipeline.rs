@@ -7,7 +7,8 @@ use utoipa::ToSchema;
 use crate::check::{Check, Report};
 use crate::fields::{from_fields, shorten};
 use crate::kind::KindSpec;
-use crate::{Digest, Doubt, Execution, JobKind, JobSpec, SpecError};
+use crate::schema::nearest;
+use crate::{Digest, Doubt, Execution, JobKind, JobSpec, SpecError, Violation};
 
 /// The most jobs one pipeline may have.
 pub const MAX_MEMBERS: usize = 200;
@@ -43,7 +44,7 @@ impl PipelineMember {
 
 impl KindSpec for PipelineSpec {
     /// Reads the members one by one, so that an error names its path and presets work inside.
-    fn read(mut fields: Map<String, Value>) -> Result<Self, SpecError> {
+    fn read(mut fields: Map<String, Value>, mut found: Vec<Violation>) -> Result<Self, SpecError> {
         let members = match fields.insert("jobs".to_owned(), Value::Object(Map::new())) {
             Some(Value::Object(members)) => members,
             Some(other) => {
@@ -51,23 +52,27 @@ impl KindSpec for PipelineSpec {
             }
             None => return Err(SpecError::one("jobs", "missing", "an object of named jobs")),
         };
-        let mut pipeline: Self = from_fields(fields)?;
+        let names: Vec<String> = members.keys().cloned().collect();
+        let mut jobs = BTreeMap::new();
         for (name, member) in members {
             let path = format!("jobs.{name}");
-            let Value::Object(mut member) = member else {
-                return Err(SpecError::one(path, shorten(&member), "a JSON object"));
-            };
-            let needs = match member.remove("needs") {
-                Some(needs) => serde_json::from_value(needs).map_err(|error| {
-                    SpecError::one(format!("{path}.needs"), "", error.to_string())
-                })?,
-                None => Vec::new(),
-            };
-            let spec =
-                JobSpec::from_json(Value::Object(member)).map_err(|error| error.within(&path))?;
-            pipeline.jobs.insert(name, PipelineMember { needs, spec });
+            match read_member(&name, member, &names) {
+                Ok(member) => drop(jobs.insert(name, member)),
+                Err(error) => found.extend(error.within(&path).violations),
+            }
         }
-        Ok(pipeline)
+        if found.is_empty() {
+            let pipeline = from_fields(fields, found)?;
+            return Ok(Self { jobs, ..pipeline });
+        }
+        // The values of members that can be read are reported together with those that cannot.
+        let mut report = Report::default();
+        jobs.iter().for_each(|(name, job)| report.part(&format!("jobs.{name}"), &job.spec));
+        found.extend(report.finish().err().into_iter().flat_map(|error| error.violations));
+        if let Err(error) = from_fields::<Self>(fields, Vec::new()) {
+            found.extend(error.violations);
+        }
+        Err(SpecError { violations: found })
     }
 
     fn execution(&self) -> Execution {
@@ -80,6 +85,32 @@ impl KindSpec for PipelineSpec {
             member.spec.doubts().into_iter().map(move |doubt| doubt.within(&path))
         };
         self.jobs.iter().flat_map(of_member).collect()
+    }
+}
+
+/// Reads the member `name`, fields of whose error are its own; `names` are those of all members.
+fn read_member(name: &str, member: Value, names: &[String]) -> Result<PipelineMember, SpecError> {
+    let Value::Object(mut member) = member else {
+        return Err(SpecError::one("", shorten(&member), "a JSON object"));
+    };
+    if !member.contains_key("kind") && !member.contains_key("preset") {
+        let others = names.iter().map(String::as_str).filter(|other| *other != name);
+        if let Some(meant) = nearest(name, others) {
+            let allowed = format!("a job with its kind; did you mean `{meant}`?");
+            return Err(SpecError::one("", shorten(&Value::Object(member)), allowed));
+        }
+    }
+    let needs = member.remove("needs").unwrap_or_else(|| Value::Array(Vec::new()));
+    let read_needs = serde_json::from_value(needs.clone());
+    let spec = JobSpec::from_json(Value::Object(member));
+    match (read_needs, spec) {
+        (Ok(needs), Ok(spec)) => Ok(PipelineMember { needs, spec }),
+        (Ok(_), Err(error)) => Err(error),
+        (Err(_), spec) => {
+            let mut error = SpecError::one("needs", shorten(&needs), "a list of names of jobs");
+            error.violations.extend(spec.err().into_iter().flat_map(|it| it.violations));
+            Err(error)
+        }
     }
 }
 
@@ -120,7 +151,7 @@ impl PipelineSpec {
 
 impl Check for PipelineSpec {
     fn check(&self, report: &mut Report) {
-        report.within("name", self.name.len(), 1..=100);
+        report.length("name", self.name.len(), 1..=100);
         if self.jobs.is_empty() || self.jobs.len() > MAX_MEMBERS {
             report.violation("jobs", format!("{} jobs", self.jobs.len()), "1 to 200 jobs");
         }

@@ -7,7 +7,9 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use utoipa::ToSchema;
 
-use crate::{SpecError, study};
+use crate::fields::shorten;
+use crate::schema::{listed, nearest};
+use crate::{SpecError, Violation, study};
 
 /// Name and text of each file of the folder `presets`, in order.
 static FILES: &[(&str, &str)] = include!(concat!(env!("OUT_DIR"), "/presets.rs"));
@@ -67,13 +69,15 @@ pub(crate) fn resolve_job(fields: Map<String, Value>) -> Result<Map<String, Valu
 /// Does the same in a train job's `model`.
 pub(crate) fn resolve_model(
     mut fields: Map<String, Value>,
-) -> Result<Map<String, Value>, SpecError> {
+    found: &mut Vec<Violation>,
+) -> Map<String, Value> {
     if let Some(Value::Object(model)) = fields.get_mut("model") {
-        let resolved = resolve(std::mem::take(model), PresetPlace::Model)
-            .map_err(|error| error.within("model"))?;
-        *model = resolved;
+        match resolve(std::mem::take(model), PresetPlace::Model) {
+            Ok(resolved) => *model = resolved,
+            Err(error) => found.extend(error.within("model").violations),
+        }
     }
-    Ok(fields)
+    fields
 }
 
 fn resolve(
@@ -84,8 +88,7 @@ fn resolve(
     let candidates: Vec<&Preset> =
         presets().iter().filter(|preset| preset.place == place).collect();
     let Some(preset) = candidates.iter().find(|preset| name == preset.name.as_str()) else {
-        let names: Vec<&str> = candidates.iter().map(|preset| preset.name.as_str()).collect();
-        return Err(SpecError::one("preset", name.to_string(), names.join(", ")));
+        return Err(unknown(&name, place, &candidates));
     };
     let mut merged = preset.spec.clone();
     merge(&mut merged, Value::Object(fields));
@@ -95,8 +98,28 @@ fn resolve(
     }
 }
 
+fn unknown(name: &Value, place: PresetPlace, candidates: &[&Preset]) -> SpecError {
+    let elsewhere = presets().iter().find(|preset| *name == preset.name.as_str());
+    if let Some(elsewhere) = elsewhere {
+        let allowed = match place {
+            PresetPlace::Job => format!(
+                "the preset of a job; this one is a model and belongs in a train job: \
+                 {{\"kind\": \"train\", \"model\": {{\"preset\": {name}}}, ...}}"
+            ),
+            PresetPlace::Model => format!(
+                "the preset of a model; this one is a job ({}) and belongs at the top of a spec",
+                elsewhere.spec["kind"].as_str().unwrap_or_default()
+            ),
+        };
+        return SpecError::one("preset", name.to_string(), allowed);
+    }
+    let names: Vec<String> = candidates.iter().map(|preset| preset.name.clone()).collect();
+    let meant = nearest(name.as_str().unwrap_or_default(), names.iter().map(String::as_str));
+    SpecError::one("preset", shorten(name), listed(&names, meant))
+}
+
 /// Fields that hold one of several choices: merging would mix two of them.
-const REPLACED_WHOLE: [&str; 6] =
+pub(crate) const REPLACED_WHOLE: [&str; 6] =
     ["frequency_hz", "data", "integrator", "checkpoints", "path", "residual"];
 
 /// Merges objects field by field; everything else replaces. `null` does too: it is a value of specs, and

@@ -4,14 +4,19 @@ use serde_json::{Map, Value};
 
 use crate::check::{Check, Report};
 use crate::fields::shorten;
-use crate::{DataSource, MAX_TRAJECTORIES, SpecError, preset, simulate};
+use crate::{DataSource, MAX_TRAJECTORIES, SpecError, Violation, preset, simulate};
 
 /// Resolves the preset of a stream, and takes the `kind` that a copied job may have.
-pub(crate) fn resolve(mut fields: Map<String, Value>) -> Result<Map<String, Value>, SpecError> {
-    if let Some(stream) = stream_of(&mut fields) {
-        resolve_fields(stream).map_err(|error| error.within("data.stream"))?;
+pub(crate) fn resolve(
+    mut fields: Map<String, Value>,
+    found: &mut Vec<Violation>,
+) -> Map<String, Value> {
+    if let Some(stream) = stream_of(&mut fields)
+        && let Err(error) = resolve_fields(stream)
+    {
+        found.extend(error.within("data.stream").violations);
     }
-    Ok(fields)
+    fields
 }
 
 /// For a training, whose stream need not say how many robots it has.

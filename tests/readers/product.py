@@ -1,4 +1,4 @@
-"""A torqued server for these tests, with a quickstart whose training is cut short."""
+"""Torqued servers for these tests: an empty one, and one with a quickstart whose training is cut short."""
 
 import json
 import os
@@ -32,20 +32,18 @@ def usual_port_is_free():
     return True
 
 
-class Product:
-    """Serves until `stop`; `url` is where, `pipeline` the job that succeeded."""
+class Server:
+    """Serves an empty data folder until `stop`; `url` is where."""
 
-    def __init__(self):
+    def __init__(self, *options):
         self.folder = tempfile.TemporaryDirectory(prefix="torqued-readers-")
         listen = "127.0.0.1:7070" if usual_port_is_free() else "127.0.0.1:0"
         self.process = subprocess.Popen(
-            [TORQUED, "serve", "--data", self.folder.name, "--listen", listen],
+            [TORQUED, "serve", "--data", f"{self.folder.name}/data", "--listen", listen, *options],
             stdout=subprocess.PIPE,
             text=True,
         )
         self.url = self.process.stdout.readline().split()[-1]
-        self.pipeline = self.post("/v1/jobs", SPEC)["id"]
-        self.wait(self.pipeline)
 
     def get(self, path):
         with urllib.request.urlopen(self.url + path) as answer:
@@ -69,11 +67,6 @@ class Product:
             time.sleep(0.1)
         raise TimeoutError(f"job {job} does not end")
 
-    def member(self, name):
-        members = self.get(f"/v1/jobs/{self.pipeline}")["members"]
-        job = next(member["job"] for member in members if member["name"] == name)
-        return self.get(f"/v1/jobs/{job}")
-
     def download(self, url, folder):
         path = pathlib.Path(folder) / url.rsplit("/", 1)[-1]
         urllib.request.urlretrieve(self.url + url, path)
@@ -84,3 +77,17 @@ class Product:
         self.process.wait(timeout=60)
         self.process.stdout.close()
         self.folder.cleanup()
+
+
+class Product(Server):
+    """A server where the quickstart `pipeline` has succeeded."""
+
+    def __init__(self):
+        super().__init__()
+        self.pipeline = self.post("/v1/jobs", SPEC)["id"]
+        self.wait(self.pipeline)
+
+    def member(self, name):
+        members = self.get(f"/v1/jobs/{self.pipeline}")["members"]
+        job = next(member["job"] for member in members if member["name"] == name)
+        return self.get(f"/v1/jobs/{job}")

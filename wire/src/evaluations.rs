@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use spec::{Digest, EvaluateSpec};
+use spec::{Digest, JobSpec};
 use utoipa::ToSchema;
 
 use crate::{Artifact, JobState, Report, TaskState};
@@ -16,7 +16,7 @@ pub struct Evaluation {
     pub digest: Digest,
     pub state: JobState,
     pub error: Option<String>,
-    #[schema(value_type = EvaluateSpec)]
+    #[schema(value_type = JobSpec)]
     pub spec: Value,
     /// Written when all cells are there; in a list of evaluations, left out.
     pub report: Option<Report>,

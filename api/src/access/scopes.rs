@@ -13,6 +13,9 @@ use crate::parameters::operations;
 /// The security scheme of the document that lists a scope.
 const SCHEME: &str = "token";
 
+/// What the paths of MLflow begin with.
+const MLFLOW: &str = "/api/";
+
 /// What the API's paths begin with and the page's do not.
 const API: &str = "/v1";
 
@@ -37,6 +40,9 @@ impl Scopes {
     pub fn needed(&self, route: Option<&str>, method: &Method) -> Scope {
         // The answer says only that there is nothing.
         let Some(route) = route else { return Scope::Read };
+        if route.starts_with(MLFLOW) {
+            return of_mlflow(route, method);
+        }
         let asked = if *method == Method::HEAD { &Method::GET } else { method };
         let known = |path: String| self.0.get(&(path, asked.clone())).copied();
         known(route.to_owned())
@@ -52,6 +58,17 @@ fn declared(operation: &Operation) -> Option<Scope> {
     schemes.find_map(|scopes| scopes.get(0)?.as_str()?.parse().ok())
 }
 
+/// The scope of a path of MLflow, which the document leaves out: whoever may submit may log runs. Its clients search by POST.
+fn of_mlflow(route: &str, method: &Method) -> Scope {
+    if method.is_safe() || route.ends_with("/search") { Scope::Read } else { Scope::Submit }
+}
+
+/// Whether the audit log has requests to a route. What runs of MLflow's clients log is not a deed of its own.
+pub fn is_recorded(route: Option<&str>) -> bool {
+    let is_logged = |route: &str| route.starts_with(MLFLOW) && route.contains("/runs/log-");
+    !route.is_some_and(is_logged)
+}
+
 /// The scope of what says nothing of it: whoever forgets to say opens nothing.
 fn usual(method: &Method) -> Scope {
     if method.is_safe() { Scope::Read } else { Scope::Admin }
@@ -63,7 +80,7 @@ mod tests {
 
     #[test]
     fn an_operation_says_its_scope_and_a_form_of_the_page_needs_the_same() {
-        let scopes = Scopes::of(&crate::openapi());
+        let scopes = Scopes::of(&crate::routes::operations().into_openapi());
         let post = |route| scopes.needed(Some(route), &Method::POST);
         assert_eq!(post("/v1/jobs/{id}/cancel"), Scope::Submit);
         assert_eq!(post("/jobs/{id}/cancel"), Scope::Submit);
@@ -76,5 +93,9 @@ mod tests {
         assert_eq!(scopes.needed(Some("/jobs/{id}"), &Method::GET), Scope::Read);
         assert_eq!(scopes.needed(Some("/jobs/{id}"), &Method::HEAD), Scope::Read);
         assert_eq!(scopes.needed(None, &Method::POST), Scope::Read);
+        assert_eq!(post("/api/2.0/mlflow/runs/search"), Scope::Read);
+        assert_eq!(post("/api/2.0/mlflow/runs/create"), Scope::Submit);
+        assert!(is_recorded(Some("/api/2.0/mlflow/runs/delete")) && is_recorded(None));
+        assert!(!is_recorded(Some("/api/2.0/mlflow/runs/log-batch")));
     }
 }

@@ -2,10 +2,11 @@
 
 use std::fmt::Display;
 
-use serde::Deserialize;
-use serde::de::IgnoredAny;
+use serde::de::DeserializeOwned;
+use serde_json::Value;
 use series::{MeasurementNoise, Series, Shape, ShapeError};
-use spec::{MAX_POSITION_NOISE_RAD, SpecError, Violation};
+use spec::{MAX_POSITION_NOISE_RAD, SpecError, Violation, read_json, shape_violations};
+use utoipa::ToSchema;
 use wire::{PredictionRequest, PredictionSampling};
 
 use crate::error::ApiError;
@@ -16,18 +17,21 @@ use crate::live::{AboutModel, Question};
 ///
 /// # Errors
 /// [`ApiError::Json`] for what is no JSON, [`ApiError::Question`] for JSON of something else.
-pub fn read<'a, T: Deserialize<'a>>(bytes: &'a [u8]) -> Result<T, ApiError> {
-    // The second reading keeps track of where it is, which costs time that a good question has not.
-    serde_json::from_slice(bytes).or_else(|error| {
-        if serde_json::from_slice::<IgnoredAny>(bytes).is_err() {
-            return Err(ApiError::Json(error));
+pub fn read<T: DeserializeOwned + ToSchema>(bytes: &[u8]) -> Result<T, ApiError> {
+    // The second reading finds all that is wrong, which costs time that a good question has not.
+    serde_json::from_slice(bytes).map_err(|error| {
+        let message: Value = match read_json(bytes) {
+            Ok(message) => message,
+            Err(fault) => return ApiError::Json(fault),
+        };
+        let mut violations = shape_violations::<T>(&message);
+        if violations.is_empty() {
+            return ApiError::Question(SpecError::one("the message", "", error.to_string()));
         }
-        let mut json = serde_json::Deserializer::from_slice(bytes);
-        serde_path_to_error::deserialize(&mut json).map_err(|error| {
-            let path = error.path().to_string();
-            let path = if path == "." { "the message".to_owned() } else { path };
-            ApiError::Question(SpecError::one(path, "", error.into_inner().to_string()))
-        })
+        for violation in violations.iter_mut().filter(|it| it.field.is_empty()) {
+            violation.field = "the message".to_owned();
+        }
+        ApiError::Question(SpecError { violations })
     })
 }
 

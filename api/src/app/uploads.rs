@@ -1,7 +1,7 @@
 //! Files that are sent to become datasets.
 
 use serde_json::{Map, Value};
-use spec::{Digest, FileFormat, ImportSpec, JobSpec, SpecError};
+use spec::{Digest, FileFormat, ImportSpec, JobSpec, SpecError, read_json};
 use store::{Idempotency, Reuse};
 
 use crate::app::App;
@@ -51,7 +51,7 @@ fn import_spec(
     text: &[u8],
     declared: Option<FileFormat>,
 ) -> Result<(ImportSpec, Option<Digest>), ApiError> {
-    let fields: Value = serde_json::from_slice(text).map_err(ApiError::Json)?;
+    let fields: Value = read_json(text).map_err(ApiError::Json)?;
     let Value::Object(mut fields) = fields else {
         return Err(SpecError::one("", "no object", "an import spec, a JSON object").into());
     };

@@ -9,9 +9,8 @@ use wire::{Checkpoint, Checkpoints};
 use crate::app::App;
 use crate::error::ApiError;
 use crate::extract::{Path, Query};
-use crate::routes::files::send;
+use crate::routes::files::{CheckpointFile, send};
 use crate::routes::lists::ListParameters;
-use crate::routes::openapi::FileResponses;
 
 /// Checkpoints, newest first.
 #[utoipa::path(
@@ -49,7 +48,7 @@ pub async fn show(
     path = "/v1/checkpoints/{id}/files/{name}",
     tag = "checkpoints",
     params(("id" = i64, Path), ("name" = String, Path)),
-    responses(FileResponses),
+    responses(CheckpointFile),
 )]
 pub async fn file(
     State(app): State<App>,

@@ -10,9 +10,8 @@ use wire::{Dataset, Datasets, Job};
 use crate::app::App;
 use crate::error::ApiError;
 use crate::extract::{Path, Query};
-use crate::routes::files::send;
+use crate::routes::files::{DatasetFile, send};
 use crate::routes::lists::ListParameters;
-use crate::routes::openapi::FileResponses;
 
 /// Datasets, newest first.
 #[utoipa::path(
@@ -47,7 +46,7 @@ pub async fn show(State(app): State<App>, Path(id): Path<i64>) -> Result<Json<Da
     path = "/v1/datasets/{id}/files/{name}",
     tag = "datasets",
     params(("id" = i64, Path), ("name" = String, Path)),
-    responses(FileResponses),
+    responses(DatasetFile),
 )]
 pub async fn file(
     State(app): State<App>,

@@ -1,8 +1,15 @@
 //! A file as an answer.
 
+use std::collections::BTreeMap;
+
 use axum::body::Body;
 use axum::http::{HeaderMap, Method};
 use axum::response::Response;
+use utoipa::openapi::schema::SchemaType;
+use utoipa::openapi::{
+    self, ContentBuilder, Object, RefOr, ResponseBuilder, ResponsesBuilder, Schema,
+};
+use utoipa::{IntoResponses, PartialSchema as _};
 
 use crate::app::App;
 use crate::app::files::Download;
@@ -27,4 +34,61 @@ pub async fn send(
         }
     };
     Ok(answer.with_body(body))
+}
+
+/// The answers of a download, which may be of several media types.
+macro_rules! downloads {
+    ($($(#[$about:meta])* $name:ident: $($media_type:literal => $schema:ident),*;)*) => {$(
+        $(#[$about])*
+        pub struct $name;
+
+        impl IntoResponses for $name {
+            fn responses() -> BTreeMap<String, RefOr<openapi::Response>> {
+                answers(&[$(($media_type, $schema())),*])
+            }
+        }
+    )*};
+}
+
+downloads! {
+    /// A file of a dataset.
+    DatasetFile: "application/vnd.apache.parquet" => bytes, "application/json" => any;
+    /// A file of a checkpoint.
+    CheckpointFile: "application/octet-stream" => bytes, "application/json" => any;
+    /// An artifact of a run.
+    ArtifactFile:
+        "application/json" => any, "image/svg+xml" => text, "text/csv" => text,
+        "application/vnd.apache.parquet" => bytes, "application/octet-stream" => bytes;
+    /// The log of an attempt.
+    LogFile: "text/plain" => text;
+}
+
+fn bytes() -> RefOr<Schema> {
+    Vec::<u8>::schema()
+}
+
+fn text() -> RefOr<Schema> {
+    String::schema()
+}
+
+fn any() -> RefOr<Schema> {
+    Object::with_type(SchemaType::AnyValue).into()
+}
+
+fn answers(contents: &[(&str, RefOr<Schema>)]) -> BTreeMap<String, RefOr<openapi::Response>> {
+    let of = |description: &str| {
+        let builder = ResponseBuilder::new().description(description);
+        contents.iter().fold(builder, |builder, (media_type, schema)| {
+            let content = ContentBuilder::new().schema(Some(schema.clone())).build();
+            builder.content(*media_type, content)
+        })
+    };
+    let empty = |description: &str| ResponseBuilder::new().description(description);
+    ResponsesBuilder::new()
+        .response("200", of("The file"))
+        .response("206", of("The part asked for"))
+        .response("304", empty("The caller has the file"))
+        .response("416", empty("The part asked for lies beyond the end"))
+        .build()
+        .into()
 }

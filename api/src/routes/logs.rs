@@ -12,8 +12,7 @@ use crate::app::App;
 use crate::app::logs::LogQuery;
 use crate::error::ApiError;
 use crate::extract::{Path, Query};
-use crate::routes::files::send;
-use crate::routes::openapi::FileResponses;
+use crate::routes::files::{LogFile, send};
 
 #[derive(Deserialize, IntoParams)]
 #[into_params(parameter_in = Query)]
@@ -56,7 +55,7 @@ pub async fn list(
     path = "/v1/attempts/{id}/log",
     tag = "jobs",
     params(("id" = i64, Path)),
-    responses(FileResponses),
+    responses(LogFile),
 )]
 pub async fn file(
     State(app): State<App>,

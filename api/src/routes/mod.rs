@@ -11,9 +11,11 @@ mod lists;
 mod logs;
 mod mlflow;
 mod monitoring;
+mod names;
 mod openapi;
 mod predictions;
 mod presets;
+mod problems;
 mod queue;
 mod runs;
 mod tokens;
@@ -43,13 +45,7 @@ use crate::parameters::KnownParameters;
 use crate::routes::openapi::Document;
 use crate::{access, guard, page, parameters};
 
-fn documented() -> OpenApiRouter<App> {
-    let mut router = operations();
-    openapi::add_problems(router.get_openapi_mut());
-    router
-}
-
-fn operations() -> OpenApiRouter<App> {
+pub fn operations() -> OpenApiRouter<App> {
     OpenApiRouter::with_openapi(Document::openapi())
         .routes(routes!(health::show))
         .routes(routes!(health::ready))
@@ -98,15 +94,16 @@ fn operations() -> OpenApiRouter<App> {
 }
 
 /// The OpenAPI document of every operation under `/v1`, and of `/healthz`, `/readyz` and `/metrics`.
-pub fn openapi() -> utoipa::openapi::OpenApi {
-    documented().into_openapi()
+pub fn openapi() -> serde_json::Value {
+    openapi::complete(&operations().into_openapi())
 }
 
 /// The whole service: the API, the page, and the guards in front of them.
 pub fn router(app: App) -> Router {
-    let (api, document) = documented().split_for_parts();
-    let known = KnownParameters::of(&document);
-    let scopes = Scopes::of(&document);
+    let (api, operations) = operations().split_for_parts();
+    let known = KnownParameters::of(&operations);
+    let scopes = Scopes::of(&operations);
+    let document = openapi::complete(&operations);
     let api = api
         .route("/v1/openapi.json", get(async move || Json(document)))
         .layer(middleware::from_fn_with_state(known, parameters::refuse_unknown));

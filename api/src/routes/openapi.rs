@@ -1,10 +1,13 @@
 //! The OpenAPI document: what the handlers do not say of themselves.
 
-use std::collections::BTreeMap;
+use std::collections::BTreeSet;
 
-use utoipa::openapi::{self, ContentBuilder, Ref, RefOr, ResponseBuilder, ResponsesBuilder};
-use utoipa::{IntoResponses, PartialSchema as _};
+use serde_json::{Value, json};
+use utoipa::openapi;
 use wire::Problem;
+
+use super::{names, problems};
+use crate::limits::{LOG_WAIT_SECONDS, LOGS_MAXIMUM, PAGE_MAXIMUM, POINTS_MAXIMUM};
 
 #[derive(utoipa::OpenApi)]
 #[openapi(
@@ -50,33 +53,100 @@ impl utoipa::Modify for TokenScheme {
     }
 }
 
-/// What a download answers with.
-pub struct FileResponses;
+/// The document of the operations in `operations`, with exact schemas of specs, every bound and every error.
+pub fn complete(operations: &openapi::OpenApi) -> Value {
+    // It holds strings, numbers and lists only, so this cannot fail.
+    let mut document = serde_json::to_value(operations).expect("a document is JSON");
+    for (path, item) in document["paths"].as_object_mut().into_iter().flatten() {
+        for (method, operation) in item.as_object_mut().into_iter().flatten() {
+            operation["operationId"] = names::of_operation(method, path).into();
+            describe_answers(operation);
+            problems::add(operation, method, path);
+            bound_parameters(operation, path);
+            declare_bytes(operation);
+        }
+    }
+    let submitted = json!({"$ref": "#/components/schemas/SubmittedJob"});
+    document["paths"]["/v1/jobs"]["post"]["requestBody"]["content"]["application/json"]["schema"] =
+        submitted;
+    add_specs(&mut document);
+    document
+}
 
-impl IntoResponses for FileResponses {
-    fn responses() -> BTreeMap<String, RefOr<openapi::Response>> {
-        let bytes = || ContentBuilder::new().schema(Some(Vec::<u8>::schema())).build();
-        let of = |description: &str| ResponseBuilder::new().description(description);
-        ResponsesBuilder::new()
-            .response("200", of("The file").content("application/octet-stream", bytes()))
-            .response("206", of("The part asked for").content("application/octet-stream", bytes()))
-            .response("304", of("The caller has the file"))
-            .response("416", of("The part asked for lies beyond the end"))
-            .build()
-            .into()
+/// Every answer is described, if only by its status.
+fn describe_answers(operation: &mut Value) {
+    for (status, response) in operation["responses"].as_object_mut().into_iter().flatten() {
+        if response["description"].as_str().is_none_or(str::is_empty) {
+            response["description"] = match status.as_str() {
+                "201" => "It is new",
+                "202" => "It has begun",
+                _ => "The answer",
+            }
+            .into();
+        }
     }
 }
 
-/// Every operation may answer with a problem instead.
-pub fn add_problems(document: &mut openapi::OpenApi) {
-    let content = ContentBuilder::new().schema(Some(Ref::from_schema_name("Problem"))).build();
-    let problem = ResponseBuilder::new()
-        .description("An error: the fault, its place, and what is allowed")
-        .content("application/problem+json", content)
-        .build();
-    for item in document.paths.paths.values_mut() {
-        for operation in [&mut item.get, &mut item.post, &mut item.delete].into_iter().flatten() {
-            operation.responses.responses.insert("default".to_owned(), problem.clone().into());
+/// Replaces the schemas of specs, and leaves out those that nothing refers to.
+fn add_specs(document: &mut Value) {
+    let mut specs = spec::schemas();
+    let Some(schemas) = document["components"]["schemas"].as_object_mut() else { return };
+    schemas.retain(|name, _| !specs.contains_key(name));
+    let mut used = BTreeSet::new();
+    let mut open = Vec::new();
+    find_references(&document["components"], &mut open);
+    find_references(&document["paths"], &mut open);
+    while let Some(name) = open.pop() {
+        if let Some(schema) = specs.get(&name).filter(|_| used.insert(name)) {
+            find_references(schema, &mut open);
         }
     }
+    specs.retain(|name, _| used.contains(name));
+    if let Some(schemas) = document["components"]["schemas"].as_object_mut() {
+        schemas.append(&mut specs);
+    }
+}
+
+fn find_references(value: &Value, found: &mut Vec<String>) {
+    match value {
+        Value::Object(fields) => {
+            let target = fields.get("$ref").and_then(Value::as_str);
+            found.extend(target.and_then(|it| it.rsplit('/').next()).map(str::to_owned));
+            fields.values().for_each(|value| find_references(value, found));
+        }
+        Value::Array(items) => items.iter().for_each(|value| find_references(value, found)),
+        _ => {}
+    }
+}
+
+/// Bounds of numbers in queries, from the limits that requests are held to.
+fn bound_parameters(operation: &mut Value, path: &str) {
+    let page = if path.ends_with("/logs") { LOGS_MAXIMUM } else { PAGE_MAXIMUM };
+    let bounds = [("limit", 1, page), ("points", 2, POINTS_MAXIMUM), ("wait", 0, LOG_WAIT_SECONDS)];
+    for parameter in operation["parameters"].as_array_mut().into_iter().flatten() {
+        let known = bounds.iter().find(|(name, ..)| parameter["name"] == *name);
+        if let Some((_, least, most)) = known {
+            parameter["schema"]["minimum"] = json!(least);
+            parameter["schema"]["maximum"] = json!(most);
+        }
+    }
+}
+
+/// Bodies of bytes are binary, not lists of numbers.
+fn declare_bytes(value: &mut Value) {
+    match value {
+        Value::Object(fields) => {
+            if fields.get("schema").is_some_and(is_list_of_bytes) {
+                fields.insert("schema".to_owned(), json!({"type": "string", "format": "binary"}));
+            }
+            fields.values_mut().for_each(declare_bytes);
+        }
+        Value::Array(items) => items.iter_mut().for_each(declare_bytes),
+        _ => {}
+    }
+}
+
+fn is_list_of_bytes(schema: &Value) -> bool {
+    use utoipa::PartialSchema as _;
+    serde_json::to_value(Vec::<u8>::schema()).is_ok_and(|bytes| bytes == *schema)
 }

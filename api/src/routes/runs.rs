@@ -14,9 +14,8 @@ use crate::app::App;
 use crate::error::ApiError;
 use crate::extract::{Path, Query};
 use crate::limits::{POINTS_DEFAULT, POINTS_MAXIMUM};
-use crate::routes::files::send;
+use crate::routes::files::{ArtifactFile, send};
 use crate::routes::lists::ListParameters;
-use crate::routes::openapi::FileResponses;
 
 #[derive(Deserialize, IntoParams)]
 #[into_params(parameter_in = Query)]
@@ -105,7 +104,7 @@ pub async fn metric_of_group(
     path = "/v1/runs/{id}/artifacts/{name}",
     tag = "runs",
     params(("id" = i64, Path), ("name" = String, Path)),
-    responses(FileResponses),
+    responses(ArtifactFile),
 )]
 pub async fn artifact(
     State(app): State<App>,
@@ -123,7 +122,10 @@ pub async fn artifact(
     path = "/v1/runs/{id}/figures/{name}",
     tag = "runs",
     params(("id" = i64, Path), ("name" = String, Path)),
-    responses((status = 200, body = String, content_type = "image/svg+xml")),
+    responses((
+        status = 200,
+        content((String = "image/svg+xml"), (String = "text/csv")),
+    )),
 )]
 pub async fn figure(
     State(app): State<App>,

@@ -12,6 +12,7 @@ use axum::http::{HeaderMap, Method, Request, StatusCode};
 use axum::response::Response;
 use bytes::Bytes;
 use http_body_util::BodyExt;
+use hyper::body::Body as _;
 use serde_json::{Value, json};
 use spec::{DataSpec, JobKind, JobSpec, Resources};
 use store::{
@@ -21,6 +22,7 @@ use store::{
 use tempfile::TempDir;
 use tower::ServiceExt;
 
+use crate::contract::Asked;
 use crate::tables;
 
 pub struct Server {
@@ -105,11 +107,24 @@ impl Server {
         self.router.clone().oneshot(request).await.unwrap()
     }
 
+    /// An answer that is what the OpenAPI document says, as the request is if it was accepted.
     pub async fn send(&self, request: Request<Body>) -> Answer {
-        let response = self.answer(request).await;
+        let (parts, mut body) = request.into_parts();
+        // Only a body that is here already is looked at: those of uploads may come slowly.
+        let json = if body.size_hint().exact().is_some() {
+            let bytes = body.collect().await.unwrap().to_bytes();
+            body = Body::from(bytes.clone());
+            Some(bytes)
+        } else {
+            None
+        };
+        let asked = Asked::new(&parts, json.as_deref());
+        let response = self.answer(Request::from_parts(parts, body)).await;
         let (parts, body) = response.into_parts();
         let body = body.collect().await.unwrap().to_bytes();
-        Answer { status: parts.status, headers: parts.headers, body }
+        let answer = Answer { status: parts.status, headers: parts.headers, body };
+        asked.check(&answer);
+        answer
     }
 
     /// The status that GET answers with, and the body if it comes to its end.

@@ -4,6 +4,7 @@
 
 mod access;
 mod connections;
+mod contract;
 mod damage;
 mod documented;
 mod downloads;

@@ -134,7 +134,7 @@ async fn a_spec_that_cannot_be_accepted_is_refused_before_the_file() {
     refused(with("kind", json!("simulate")), "kind").await;
     refused(with("format", json!("parquet")), "format").await;
     refused(json!([]), "").await;
-    refused(json!({}), "").await;
+    refused(json!({}), "columns").await;
     let no_spec = send(&server, "/v1/datasets", "text/csv", never()).await.problem(400);
     assert!(no_spec["detail"].as_str().unwrap().contains("spec"), "{no_spec}");
     send(&server, "/v1/datasets?spec=%7B", "text/csv", never()).await.problem(400);

@@ -16,7 +16,7 @@ impl Check for EvaluateSpec {
         if self.checkpoints.is_empty() && self.baselines.is_empty() {
             report.violation("checkpoints", "[]", "at least one checkpoint or baseline");
         }
-        report.within("checkpoints", self.checkpoints.len(), 0..=50);
+        report.length("checkpoints", self.checkpoints.len(), 0..=50);
         if let Some(twice) = first_repeated(&self.checkpoints) {
             report.violation("checkpoints", format!("{twice:?} twice"), "each once");
         }
@@ -38,12 +38,12 @@ impl Check for EvaluateSpec {
         if let Some(scenarios) = self.scenarios {
             report.within("scenarios", scenarios, 1..=10_000);
         }
-        report.within("samplers", self.samplers.len(), 0..=50);
+        report.length("samplers", self.samplers.len(), 0..=50);
         for (i, sampler) in self.samplers.iter().enumerate() {
             report.part(&format!("samplers[{i}]"), sampler);
         }
         report.within("samples", self.samples, 1..=MAX_SAMPLES);
-        report.within("position_noise_rad", self.position_noise_rad.len(), 1..=MAX_LEVELS);
+        report.length("position_noise_rad", self.position_noise_rad.len(), 1..=MAX_LEVELS);
         let allowed = 0.0..=MAX_POSITION_NOISE_RAD;
         report.all_within("position_noise_rad", &self.position_noise_rad, &allowed);
         if let Some(twice) = first_repeated(&self.position_noise_rad) {

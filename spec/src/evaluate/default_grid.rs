@@ -4,7 +4,7 @@ use serde_json::{Map, Value, json};
 
 use super::spec::EvaluateSpec;
 use crate::fields::from_fields;
-use crate::{DataSource, SpecError};
+use crate::{DataSource, SpecError, Violation};
 
 /// Samples in the horizon where neither the spec nor its data says how many.
 const HORIZON: u32 = 80;
@@ -16,12 +16,15 @@ const SEED: u64 = 1_000_003;
 const SCENARIOS: u32 = 100;
 
 /// An evaluation from its JSON, without checking its values.
-pub(super) fn read(mut fields: Map<String, Value>) -> Result<EvaluateSpec, SpecError> {
+pub(super) fn read(
+    mut fields: Map<String, Value>,
+    found: Vec<Violation>,
+) -> Result<EvaluateSpec, SpecError> {
     let names_data = fields.contains_key("data");
     if !names_data {
         fields.insert("data".to_owned(), stream_over_grid());
     }
-    let mut spec: EvaluateSpec = from_fields(fields)?;
+    let mut spec: EvaluateSpec = from_fields(fields, found)?;
     if !names_data {
         spec.fit_grid();
     }

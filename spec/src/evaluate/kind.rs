@@ -7,11 +7,11 @@ use serde_json::{Map, Value};
 use super::default_grid;
 use super::spec::EvaluateSpec;
 use crate::kind::KindSpec;
-use crate::{Doubt, Execution, Reference, SpecError};
+use crate::{Doubt, Execution, Reference, SpecError, Violation};
 
 impl KindSpec for EvaluateSpec {
-    fn read(fields: Map<String, Value>) -> Result<Self, SpecError> {
-        default_grid::read(fields)
+    fn read(fields: Map<String, Value>, found: Vec<Violation>) -> Result<Self, SpecError> {
+        default_grid::read(fields, found)
     }
 
     fn execution(&self) -> Execution {

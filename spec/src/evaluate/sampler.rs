@@ -148,7 +148,7 @@ impl Check for EvaluationSampler {
     fn check(&self, report: &mut Report) {
         if let Some(steps) = &self.steps {
             let each = steps.each();
-            report.within("steps", each.len(), 1..=100);
+            report.length("steps", each.len(), 1..=100);
             for &steps in each {
                 report.within("steps", steps, 1..=10_000);
             }

@@ -6,15 +6,17 @@ use super::spec::ImportSpec;
 use crate::fields::from_fields;
 use crate::kind::KindSpec;
 use crate::simulate::complete_robot;
-use crate::{DataSpec, Execution, Product, Reference, Referred, SpecError};
+use crate::{DataSpec, Execution, Product, Reference, Referred, SpecError, Violation};
 
 impl KindSpec for ImportSpec {
-    fn read(mut fields: Map<String, Value>) -> Result<Self, SpecError> {
-        complete_robot(&mut fields)?;
+    fn read(mut fields: Map<String, Value>, mut found: Vec<Violation>) -> Result<Self, SpecError> {
+        if let Err(error) = complete_robot(&mut fields) {
+            found.extend(error.violations);
+        }
         if fields.get("robot").is_some_and(|robot| !robot.is_null()) {
             leave_ranges_to_robot(&mut fields);
         }
-        from_fields(fields)
+        from_fields(fields, found)
     }
 
     fn makes() -> Option<Product> {

@@ -106,9 +106,7 @@ impl ArchitectureSpec for CdtSpec {
     fn report_options(&self, report: &mut Report) {
         let shares = [("dropout", self.dropout), ("embedding_dropout", self.embedding_dropout)];
         for (field, share) in shares {
-            if !(0.0..1.0).contains(&share) {
-                report.violation(field, share, "0 to below 1");
-            }
+            report.below_one(field, share);
         }
         if self.loss != PointLoss::MeanSquare && self.objective != Objective::Regression {
             let allowed = "mean-square, unless objective is regression";

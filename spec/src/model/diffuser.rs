@@ -22,6 +22,7 @@ pub struct DiffuserSpec {
     /// Weights of the squared errors of u and of y, the paper's W. With `clean-and-masked` only y
     /// has errors and the second is a mere scale.
     #[serde(default = "weights")]
+    #[schema(min_items = 2, max_items = 2)]
     pub weights: [f64; 2],
     #[serde(default)]
     pub diffusion: DiffusionSpec,
@@ -51,7 +52,7 @@ const fn weights() -> [f64; 2] {
 impl Check for DiffuserSpec {
     fn check(&self, report: &mut Report) {
         check_width(report, "width", self.width);
-        report.within("multipliers.length", self.multipliers.len(), 1..=8);
+        report.length("multipliers.length", self.multipliers.len(), 1..=8);
         for (i, &multiplier) in self.multipliers.iter().enumerate() {
             report.within(&format!("multipliers[{i}]"), multiplier, 1..=64);
         }

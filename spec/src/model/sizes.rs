@@ -30,7 +30,7 @@ pub(super) fn check_unet(report: &mut Report, embedding: u32, widths: &[u32]) {
     if !embedding.is_multiple_of(2) {
         report.violation("embedding", embedding, "a multiple of 2, for sine and cosine");
     }
-    report.within("widths.length", widths.len(), 1..=8);
+    report.length("widths.length", widths.len(), 1..=8);
     for (i, &width) in widths.iter().enumerate() {
         check_width(report, &format!("widths[{i}]"), width);
     }

@@ -11,7 +11,7 @@ const NAME: std::ops::RangeInclusive<usize> = 1..=200;
 
 impl Check for RobotDescription {
     fn check(&self, report: &mut Report) {
-        report.within("name.length", self.name.len(), NAME);
+        report.length("name.length", self.name.len(), NAME);
         if !(1..=MAX_JOINTS).contains(&self.joints.len()) {
             let allowed = format!("1 to {MAX_JOINTS} joints");
             report.violation("joints", format!("{} joints", self.joints.len()), allowed);
@@ -34,7 +34,7 @@ impl Check for RobotDescription {
 
 impl Check for JointDescription {
     fn check(&self, report: &mut Report) {
-        report.within("name.length", self.name.len(), NAME);
+        report.length("name.length", self.name.len(), NAME);
         report.within("a_m", self.a_m, LENGTH_M);
         report.within("alpha_deg", self.alpha_deg, -360.0..=360.0);
         report.within("d_m", self.d_m, LENGTH_M);
@@ -68,12 +68,12 @@ impl Check for JointFriction {
 
 impl Check for HandDescription {
     fn check(&self, report: &mut Report) {
-        report.within("contents.length", self.contents.len(), 0..=200);
+        report.length("contents.length", self.contents.len(), 0..=200);
         report.within("flange_m", self.flange_m, LENGTH_M);
         report.within("yaw_deg", self.yaw_deg, -360.0..=360.0);
-        report.within("bodies", self.bodies.len(), 0..=16);
+        report.length("bodies", self.bodies.len(), 0..=16);
         for (i, body) in self.bodies.iter().enumerate() {
-            report.within(&format!("bodies[{i}].name.length"), body.name.len(), NAME);
+            report.length(&format!("bodies[{i}].name.length"), body.name.len(), NAME);
             report.all_within(&format!("bodies[{i}].position_m"), &body.position_m, &LENGTH_M);
             report.part(&format!("bodies[{i}].body"), &body.body);
         }

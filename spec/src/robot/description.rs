@@ -96,8 +96,10 @@ pub struct JointFriction {
 pub struct BodyDescription {
     pub mass_kg: f64,
     /// Centre of mass, m.
+    #[schema(min_items = 3, max_items = 3)]
     pub center_m: [f64; 3],
     /// xx, xy, xz, yy, yz, zz about the centre of mass, kg·m².
+    #[schema(min_items = 6, max_items = 6)]
     pub inertia_kg_m2: [f64; 6],
     /// Takes the nearest inertia that a body can have; otherwise one that no body has is refused.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
@@ -125,6 +127,7 @@ pub struct AttachedBody {
     pub name: String,
     /// Origin of the body's frame in the hand's, m; their axes are parallel.
     #[serde(default)]
+    #[schema(min_items = 3, max_items = 3)]
     pub position_m: [f64; 3],
     pub body: BodyDescription,
 }

@@ -4,7 +4,8 @@ use serde::Serialize;
 use serde_json::{Map, Value};
 
 use super::robot_spec::{Friction, RobotSpec};
-use crate::fields::from_fields;
+use crate::fields::shorten;
+use crate::schema::explain;
 use crate::{RobotModel, SpecError};
 
 /// Completes a simulation's fields with what the description of its robot says. The defaults of the types
@@ -35,12 +36,7 @@ pub(crate) fn complete_robot(
         return Ok(None);
     };
     let Some(model) = robot.get("model") else { return Ok(None) };
-    #[derive(serde::Deserialize)]
-    struct Named {
-        model: RobotModel,
-    }
-    let named = Map::from_iter([("model".to_owned(), model.clone())]);
-    let Named { model } = from_fields(named).map_err(|error| error.within("robot"))?;
+    let model = read_model(model).map_err(|error| error.within("robot.model"))?;
     if model == RobotModel::panda() {
         return Ok(None);
     }
@@ -63,6 +59,15 @@ pub(crate) fn complete_robot(
     }
     add_missing(robot, &RobotSpec::of(model.clone()));
     Ok(Some(model))
+}
+
+fn read_model(value: &Value) -> Result<RobotModel, SpecError> {
+    let violations = explain("RobotModel", value).violations;
+    if !violations.is_empty() {
+        return Err(SpecError { violations });
+    }
+    serde_json::from_value(value.clone())
+        .map_err(|error| SpecError::one("", shorten(value), error.to_string()))
 }
 
 /// Adds the fields of `defaults` that are not given.

@@ -137,6 +137,7 @@ pub struct Multisine {
     pub base: Range,
     /// m0 to m3.
     #[serde(default = "multisine::multiples")]
+    #[schema(min_items = 4, max_items = 4)]
     pub multiples: [f64; 4],
     /// Whether s and s' are ±1 with equal probability; otherwise 1.
     #[serde(default = "yes")]

@@ -7,12 +7,14 @@ use super::following::Doubt;
 use super::spec::SimulateSpec;
 use crate::fields::from_fields;
 use crate::kind::KindSpec;
-use crate::{DataSpec, Execution, Product, SpecError};
+use crate::{DataSpec, Execution, Product, SpecError, Violation};
 
 impl KindSpec for SimulateSpec {
-    fn read(mut fields: Map<String, Value>) -> Result<Self, SpecError> {
-        complete(&mut fields)?;
-        from_fields(fields)
+    fn read(mut fields: Map<String, Value>, mut found: Vec<Violation>) -> Result<Self, SpecError> {
+        if let Err(error) = complete(&mut fields) {
+            found.extend(error.violations);
+        }
+        from_fields(fields, found)
     }
 
     fn makes() -> Option<Product> {

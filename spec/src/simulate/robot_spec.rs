@@ -130,6 +130,7 @@ pub struct Payload {
     pub mass_kg: Range,
     /// Centre along x, y and z of the hand's frame, whose z points from the flange to the fingers, m.
     #[serde(default = "between_the_fingertips")]
+    #[schema(min_items = 3, max_items = 3)]
     pub center_m: [Range; 3],
     /// Radius, m.
     #[serde(default = "radius")]

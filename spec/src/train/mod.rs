@@ -12,7 +12,7 @@ use crate::fields::from_fields;
 use crate::kind::KindSpec;
 use crate::{
     DataSource, DataSpec, Doubt, Execution, Length, Lengths, ModelSpec, Product, Reference,
-    SpecError, preset, stream,
+    SpecError, Violation, preset, stream,
 };
 
 pub use early_stop::{EarlyStopSpec, ValidationMetric};
@@ -134,6 +134,7 @@ pub struct OptimizerSpec {
     pub learning_rate: f64,
     pub final_learning_rate_ratio: f64,
     pub warmup_steps: u64,
+    #[schema(min_items = 2, max_items = 2)]
     pub betas: [f64; 2],
     /// Added to the root of the second moment; 1e-8 as in PyTorch.
     pub epsilon: f64,
@@ -222,11 +223,11 @@ mod defaults {
 }
 
 impl KindSpec for TrainSpec {
-    fn read(mut fields: Map<String, Value>) -> Result<Self, SpecError> {
+    fn read(mut fields: Map<String, Value>, mut found: Vec<Violation>) -> Result<Self, SpecError> {
         stream::make_endless(&mut fields);
-        let fields = preset::resolve_model(fields)?;
+        let fields = preset::resolve_model(fields, &mut found);
         let is_given = fields.contains_key("normalization");
-        let mut spec: Self = from_fields(fields)?;
+        let mut spec: Self = from_fields(fields, found)?;
         if !is_given {
             spec.normalization = Normalization::default_for(&spec.model);
         }

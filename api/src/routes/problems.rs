@@ -1,0 +1,76 @@
+//! The errors of each operation, for the OpenAPI document.
+
+use serde_json::{Value, json};
+
+/// Errors that depend on the operation alone.
+const OF_OPERATIONS: [(&str, &str, &[u16]); 8] = [
+    ("post", "/v1/jobs", &[409, 422, 507]),
+    ("post", "/v1/jobs/{id}/retry", &[409, 422, 507]),
+    ("post", "/v1/jobs/{id}/cancel", &[409]),
+    ("post", "/v1/datasets", &[409, 422, 507]),
+    ("post", "/v1/datasets/{id}/verify", &[409, 422, 507]),
+    ("post", "/v1/checkpoints/{id}/predict", &[422, 501, 507]),
+    ("post", "/v1/tokens", &[409, 422]),
+    ("get", "/v1/checkpoints/{id}/stream", &[403, 422, 426, 501, 507]),
+];
+
+/// Errors of every request.
+const OF_ALL: [u16; 5] = [400, 421, 429, 500, 503];
+
+/// Errors of requests with a body.
+const OF_BODIES: [u16; 4] = [400, 408, 413, 415];
+
+/// Adds the errors that an operation can be answered with.
+pub fn add(operation: &mut Value, method: &str, path: &str) {
+    let mut statuses = OF_ALL.to_vec();
+    let is_open = operation["security"].as_array().is_some_and(|it| it.contains(&json!({})))
+        && !operation["security"].to_string().contains("token");
+    if !is_open {
+        statuses.push(401);
+    }
+    let needs_more = ["submit", "admin"].iter().any(|scope| {
+        operation["security"].to_string().contains(&format!("\"{scope}\""))
+    });
+    if method != "get" || needs_more {
+        statuses.push(403);
+    }
+    if path.contains('{') {
+        statuses.push(404);
+    }
+    if operation.get("requestBody").is_some() {
+        statuses.extend(OF_BODIES);
+    }
+    for (of_method, of_path, own) in OF_OPERATIONS {
+        if (of_method, of_path) == (method, path) {
+            statuses.extend(own);
+        }
+    }
+    let schema = json!({"$ref": "#/components/schemas/Problem"});
+    for status in statuses {
+        operation["responses"][status.to_string()] = json!({
+            "description": meaning(status),
+            "content": {"application/problem+json": {"schema": schema}},
+        });
+    }
+}
+
+fn meaning(status: u16) -> &'static str {
+    match status {
+        400 => "A parameter, or the body, cannot be read",
+        401 => "A token is required",
+        403 => "The scope of the token does not reach so far, or the request came from another site",
+        404 => "There is no such thing",
+        408 => "The body did not come in time",
+        409 => "The state of what is asked for does not allow it",
+        413 => "The body is too large",
+        415 => "The body is declared as something else",
+        421 => "The server does not have this name",
+        422 => "The spec or question cannot be accepted; `violations` names every field",
+        426 => "The path speaks WebSocket",
+        429 => "Too many requests per second; `Retry-After` says when to come again",
+        501 => "The server computes no predictions",
+        503 => "Too many requests at once, or the database cannot be written",
+        507 => "There is no room for it",
+        _ => "The server failed",
+    }
+}

@@ -1,0 +1,96 @@
+//! Faults of JSON text, placed as an editor places them.
+
+use std::fmt;
+
+use serde::de::DeserializeOwned;
+use thiserror::Error;
+
+/// A place where a text is not JSON.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+pub struct JsonFault {
+    /// From 1.
+    line: usize,
+    /// Characters from the beginning of the line, from 1.
+    column: usize,
+    /// The text from there on, cut short.
+    found: String,
+    expected: &'static str,
+}
+
+/// Reads JSON of any type.
+///
+/// # Errors
+/// The first place where `text` is not JSON, or not of this type.
+pub fn read_json<T: DeserializeOwned>(text: &[u8]) -> Result<T, JsonFault> {
+    serde_json::from_slice(text).map_err(|error| JsonFault::new(text, &error))
+}
+
+impl JsonFault {
+    pub fn new(text: &[u8], error: &serde_json::Error) -> Self {
+        let text = String::from_utf8_lossy(text);
+        let row = text.split('\n').nth(error.line().saturating_sub(1)).unwrap_or_default();
+        // serde_json counts bytes, and points behind the byte that it did not expect.
+        let at = row.floor_char_boundary(error.column().saturating_sub(1));
+        let (before, rest) = row.split_at(at);
+        Self {
+            line: error.line().max(1),
+            column: before.chars().count() + 1,
+            found: rest.trim_end().chars().take(20).collect(),
+            expected: expected(&error.to_string()),
+        }
+    }
+}
+
+impl fmt::Display for JsonFault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "line {}, column {}: ", self.line, self.column)?;
+        if self.found.is_empty() {
+            return write!(f, "the text ends, where {} was expected", self.expected);
+        }
+        write!(f, "found {:?}, where {} was expected", self.found, self.expected)
+    }
+}
+
+/// The words of serde_json in those of a reader.
+fn expected(message: &str) -> &'static str {
+    const WORDS: [(&str, &str); 13] = [
+        ("expected ident", "true, false or null"),
+        ("expected value", "a value"),
+        ("expected `,` or `}`", "a comma or }"),
+        ("expected `,` or `]`", "a comma or ]"),
+        ("expected `:`", "a colon"),
+        ("trailing characters", "the end"),
+        ("trailing comma", "another item after the comma"),
+        ("key must be a string", "the name of a field in double quotes"),
+        ("invalid number", "a number"),
+        ("number out of range", "a number below 1.8e308"),
+        ("recursion limit", "no more than 128 levels"),
+        ("control character", "a text without line breaks and other control characters"),
+        ("escape", "an escape that JSON has"),
+    ];
+    let known =
+        WORDS.iter().find(|(theirs, _)| message.starts_with(theirs) || message.contains(theirs));
+    known.map_or("more", |(_, ours)| ours)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn fault(text: &str) -> String {
+        read_json::<serde_json::Value>(text.as_bytes()).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn a_fault_is_where_an_editor_shows_it() {
+        assert_eq!(
+            fault("{\n  \"ü\": nul\n}"),
+            "line 2, column 8: found \"nul\", where true, false or null was expected"
+        );
+        assert_eq!(
+            fault("{\"a\": 1,}"),
+            "line 1, column 9: found \"}\", where another item after the comma was expected"
+        );
+        assert_eq!(fault("[1"), "line 1, column 3: the text ends, where more was expected");
+    }
+}

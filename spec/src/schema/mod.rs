@@ -1,0 +1,51 @@
+//! JSON Schemas of specs: as they are after presets were merged, and as they may be submitted.
+//!
+//! Shapes come from the types, and the bounds of numbers from the checks: see [`bounds`]. Errors about shapes are
+//! told by the same schemas ([`explain`]), so that the document and the server cannot differ.
+
+mod bounds;
+mod explain;
+mod resolved;
+mod submitted;
+mod words;
+
+use std::sync::LazyLock;
+
+use serde_json::{Map, Value};
+use utoipa::ToSchema;
+
+use crate::Violation;
+
+use explain::explain_in;
+pub(crate) use explain::{explain, nearest};
+pub(crate) use words::listed;
+
+/// Schemas by name.
+pub(crate) type Components = Map<String, Value>;
+
+/// The schemas of specs without presets: what [`explain`] holds values to.
+static RESOLVED: LazyLock<Components> = LazyLock::new(resolved::components);
+
+/// The schemas of all specs by name, for `components.schemas` of an OpenAPI 3.1 document. `SubmittedJob` is what can
+/// be submitted, and `JobSpec` a job whose kind is given.
+pub fn schemas() -> Map<String, Value> {
+    submitted::components(&RESOLVED)
+}
+
+/// Everything that is wrong with the shape of a value that should be a `T`.
+pub fn shape_violations<T: ToSchema>(value: &Value) -> Vec<Violation> {
+    let name = T::name().into_owned();
+    let mut schemas = vec![(name.clone(), T::schema())];
+    T::schemas(&mut schemas);
+    explain_in(&resolved::strict(schemas), &name, value).violations
+}
+
+/// The name that a schema refers to.
+pub(crate) fn referred(schema: &Value) -> Option<&str> {
+    schema.get("$ref")?.as_str()?.rsplit('/').next()
+}
+
+/// A schema that refers to another.
+pub(crate) fn reference(name: &str) -> Value {
+    serde_json::json!({ "$ref": format!("#/components/schemas/{name}") })
+}

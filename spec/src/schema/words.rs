@@ -1,0 +1,130 @@
+//! Schemas in words, as errors tell what is allowed.
+
+use serde_json::Value;
+
+use super::explain::only_field;
+use super::{Components, referred};
+
+/// What `schema` allows.
+pub(super) fn allowed(components: &Components, schema: &Value) -> String {
+    if let Some(named) = referred(schema).and_then(|name| components.get(name)) {
+        return allowed(components, named);
+    }
+    if let Some(Value::Array(choices)) = schema.get("oneOf") {
+        return either(choices.iter().flat_map(|choice| forms(components, choice)).collect());
+    }
+    match &schema["type"] {
+        Value::Array(types) => {
+            let one = |name: &Value| {
+                let mut single = schema.clone();
+                single["type"] = name.clone();
+                allowed(components, &single)
+            };
+            either(types.iter().map(one).collect())
+        }
+        Value::String(name) => of_type(components, schema, name),
+        _ => "a JSON value".to_owned(),
+    }
+}
+
+fn of_type(components: &Components, schema: &Value, name: &str) -> String {
+    match name {
+        "null" => "null".to_owned(),
+        "boolean" => "true or false".to_owned(),
+        "integer" => numbers("a whole number", schema),
+        "number" => numbers("a number", schema),
+        "string" => text(schema),
+        "array" => list(components, schema),
+        _ => object(schema),
+    }
+}
+
+/// A choice as a value of JSON, names in their quotes.
+fn forms(components: &Components, choice: &Value) -> Vec<String> {
+    let choice = referred(choice).and_then(|name| components.get(name)).unwrap_or(choice);
+    if let Some(names) = choice.get("enum").and_then(Value::as_array) {
+        return names.iter().map(ToString::to_string).collect();
+    }
+    match only_field(choice) {
+        Some(field) => vec![format!("{{\"{field}\": ...}}")],
+        None => vec![allowed(components, choice)],
+    }
+}
+
+fn either(mut forms: Vec<String>) -> String {
+    match forms.pop() {
+        None => String::new(),
+        Some(last) if forms.is_empty() => last,
+        Some(last) => format!("{} or {last}", forms.join(", ")),
+    }
+}
+
+fn numbers(kind: &str, schema: &Value) -> String {
+    match schema.get("maximum").or(schema.get("exclusiveMaximum")) {
+        Some(_) => format!("{kind} from {}", range_of(schema)),
+        None => kind.to_owned(),
+    }
+}
+
+/// The bounds of a number, as `1 to 1000`.
+pub(super) fn range_of(schema: &Value) -> String {
+    let number = |keyword: &str| {
+        let value = schema.get(keyword)?;
+        value.as_u64().map(|it| it.to_string()).or_else(|| Some(value.as_f64()?.to_string()))
+    };
+    match (number("minimum"), number("maximum"), number("exclusiveMaximum")) {
+        (Some(least), Some(most), _) => format!("{least} to {most}"),
+        (Some(least), None, Some(most)) => format!("{least} to below {most}"),
+        (Some(least), None, None) => format!("{least} or more"),
+        _ => "a number".to_owned(),
+    }
+}
+
+fn text(schema: &Value) -> String {
+    if let Some(names) = schema.get("enum").and_then(Value::as_array) {
+        let names: Vec<&str> = names.iter().filter_map(Value::as_str).collect();
+        return names.join(", ");
+    }
+    if let Some(name) = schema.get("const").and_then(Value::as_str) {
+        return name.to_owned();
+    }
+    if schema.get("pattern").is_some() {
+        return "64 hexadecimal digits of a SHA-256".to_owned();
+    }
+    if schema.get("format").is_some_and(|it| it == "date-time") {
+        return "a moment with its zone, such as 2026-12-01T08:00:00Z or 2026-12-01T09:00:00+01:00"
+            .to_owned();
+    }
+    "a text".to_owned()
+}
+
+fn list(components: &Components, schema: &Value) -> String {
+    let each = schema.get("items").map(|items| allowed(components, items)).unwrap_or_default();
+    let count = |keyword: &str| schema.get(keyword).and_then(Value::as_u64);
+    match (count("minItems"), count("maxItems")) {
+        (Some(2), Some(2)) if schema["items"]["type"] == "number" => {
+            format!("[min, max], each {each}")
+        }
+        (Some(least), Some(most)) if least == most => format!("a list of {most}, each {each}"),
+        _ => format!("a list, each item {each}"),
+    }
+}
+
+fn object(schema: &Value) -> String {
+    let fields = schema.get("properties").and_then(Value::as_object);
+    let names: Vec<&str> = fields.into_iter().flatten().map(|(name, _)| name.as_str()).collect();
+    if names.is_empty() {
+        "an object".to_owned()
+    } else {
+        format!("an object with {}", names.join(", "))
+    }
+}
+
+/// Names that are allowed, with the one that was probably meant.
+pub(crate) fn listed(names: &[String], meant: Option<&str>) -> String {
+    let names = names.join(", ");
+    match meant {
+        Some(meant) => format!("{names}; did you mean `{meant}`?"),
+        None => names,
+    }
+}
