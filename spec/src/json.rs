@@ -27,18 +27,28 @@ pub fn read_json<T: DeserializeOwned>(text: &[u8]) -> Result<T, JsonFault> {
 
 impl JsonFault {
     pub fn new(text: &[u8], error: &serde_json::Error) -> Self {
-        let text = String::from_utf8_lossy(text);
-        let row = text.split('\n').nth(error.line().saturating_sub(1)).unwrap_or_default();
-        // serde_json counts bytes, and points behind the byte that it did not expect.
-        let at = row.floor_char_boundary(error.column().saturating_sub(1));
-        let (before, rest) = row.split_at(at);
+        let at = if error.is_eof() { text.len() } else { beginning(text, error) };
+        let (before, rest) = text.split_at(at);
+        let line_begin = before.iter().rposition(|byte| *byte == b'\n').map_or(0, |it| it + 1);
+        let rest = String::from_utf8_lossy(rest);
         Self {
-            line: error.line().max(1),
-            column: before.chars().count() + 1,
-            found: rest.trim_end().chars().take(20).collect(),
+            line: before.iter().filter(|byte| **byte == b'\n').count() + 1,
+            column: String::from_utf8_lossy(&before[line_begin..]).chars().count() + 1,
+            found: rest.lines().next().unwrap_or_default().trim_end().chars().take(20).collect(),
             expected: expected(&error.to_string()),
         }
     }
+}
+
+/// Where the word begins that serde_json did not expect: it counts bytes, and stops behind or inside it.
+fn beginning(text: &[u8], error: &serde_json::Error) -> usize {
+    let lines = text.split_inclusive(|byte| *byte == b'\n').take(error.line().saturating_sub(1));
+    let read: usize = lines.map(<[u8]>::len).sum::<usize>() + error.column();
+    let mut at = read.saturating_sub(1).min(text.len());
+    while at > 0 && text[at - 1].is_ascii_alphanumeric() {
+        at -= 1;
+    }
+    at
 }
 
 impl fmt::Display for JsonFault {

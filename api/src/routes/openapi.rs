@@ -123,7 +123,9 @@ fn find_references(value: &Value, found: &mut Vec<String>) {
 fn bound_parameters(operation: &mut Value, path: &str) {
     let page = if path.ends_with("/logs") { LOGS_MAXIMUM } else { PAGE_MAXIMUM };
     let bounds = [("limit", 1, page), ("points", 2, POINTS_MAXIMUM), ("wait", 0, LOG_WAIT_SECONDS)];
-    for parameter in operation["parameters"].as_array_mut().into_iter().flatten() {
+    for parameter in
+        operation.get_mut("parameters").and_then(Value::as_array_mut).into_iter().flatten()
+    {
         let known = bounds.iter().find(|(name, ..)| parameter["name"] == *name);
         if let Some((_, least, most)) = known {
             parameter["schema"]["minimum"] = json!(least);
