@@ -3,6 +3,7 @@
 
 mod bad_specs;
 mod closed_loop;
+mod commands;
 mod data_folder;
 mod deployment;
 mod devices;
