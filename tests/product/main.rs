@@ -1,6 +1,7 @@
 //! The whole product from outside: the shipped program, its HTTP API, signals and full disks.
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+mod archives;
 mod bad_specs;
 mod closed_loop;
 mod commands;
