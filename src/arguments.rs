@@ -27,6 +27,14 @@ impl ServerArguments {
     }
 }
 
+/// How a command says what the server answered.
+#[derive(Clone, Copy, Debug, Args)]
+pub struct OutputArguments {
+    /// Print the server's answer as JSON, of a command that waits a line for each
+    #[arg(long)]
+    pub json: bool,
+}
+
 /// Where the store of a server and its workers is.
 #[derive(Clone, Debug, Args)]
 pub struct StoreArguments {

@@ -3,14 +3,16 @@
 use clap::{Parser, Subcommand};
 
 use crate::commands::{
-    attempts, audit, backup, cancel, decode_recording, devices, drain, import, jobs, logs, migrate,
-    pause, presets, quickstart, restore, resume, retry, serve, simulate, study, submit, token,
-    undrain, verify, watch, worker, workers,
+    attempts, audit, backup, cancel, checkpoints, completions, datasets, decode_recording, devices, download,
+    drain, evaluations, health, import, jobs, logs, man, metrics, migrate, open, pause, predict,
+    presets, queue, quickstart, restore, resume, retry, runs, serve, show, simulate, study, submit, summary,
+    tasks, token, trajectory, undrain, verify, watch, worker, workers,
 };
+use crate::exit;
 
 /// In-context identification of robot dynamics as a service: simulate, train, evaluate.
 #[derive(Debug, Parser)]
-#[command(name = "torqued", version, about, max_term_width = 100)]
+#[command(name = "torqued", version, about, max_term_width = 100, after_help = exit::HELP)]
 pub struct Cli {
     #[command(subcommand)]
     pub command: Command,
@@ -38,12 +40,40 @@ pub enum Command {
     Verify(verify::Arguments),
     /// Submit a job
     Submit(submit::Arguments),
+    /// Ask a checkpoint where joints will be
+    Predict(predict::Arguments),
     /// Send recordings of one's own and make them a dataset
     Import(import::Arguments),
     /// List workers, and what each does
     Workers(workers::Arguments),
+    /// Say whether the server works, and tasks are executed
+    Health(health::Arguments),
+    /// Say whether tasks are begun, and how many there are
+    Queue(queue::Arguments),
     /// List jobs, newest first
     Jobs(jobs::Arguments),
+    /// List datasets, newest first
+    Datasets(datasets::Arguments),
+    /// List runs, newest first: the records of trainings, evaluations and control jobs
+    Runs(runs::Arguments),
+    /// List checkpoints, newest first
+    Checkpoints(checkpoints::Arguments),
+    /// List evaluations, newest first
+    Evaluations(evaluations::Arguments),
+    /// Show a job, a dataset, a run, a checkpoint or an evaluation
+    Show(show::Arguments),
+    /// Bring the files of a dataset, a checkpoint, a run or an evaluation into a folder
+    Download(download::Arguments),
+    /// Print the metrics of a run as CSV
+    Metrics(metrics::Arguments),
+    /// Show what the trajectories of a dataset are like
+    Summary(summary::Arguments),
+    /// Print a trajectory of a dataset
+    Trajectory(trajectory::Arguments),
+    /// Open the page in a browser, and print its address
+    Open(open::Arguments),
+    /// List the tasks of a job, in the order in which they run
+    Tasks(tasks::Arguments),
     /// List every time that a worker had a task of a job, and how it ended
     Attempts(attempts::Arguments),
     /// Print what the tasks of a job logged
@@ -74,6 +104,10 @@ pub enum Command {
     Migrate(migrate::Arguments),
     /// List the presets, or show one
     Presets(presets::Arguments),
+    /// Print what completes commands and flags in a shell
+    Completions(completions::Arguments),
+    /// Print the manual
+    Man(man::Arguments),
     /// Decode the recording on standard input; a worker starts this for itself
     #[command(hide = true)]
     DecodeRecording(decode_recording::Arguments),
@@ -87,6 +121,79 @@ mod tests {
     #[test]
     fn the_command_line_is_consistent() {
         Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn every_command_that_asks_a_server_can_answer_in_json() {
+        for command in Cli::command().get_subcommands().filter(|it| it.get_name() != "open") {
+            let has = |flag| command.get_arguments().any(|it| it.get_long() == Some(flag));
+            assert_eq!(has("server"), has("json"), "{}", command.get_name());
+        }
+    }
+
+    /// The operations of the API that one command each does, and those that none does: a stream is for programs.
+    const COMMANDS: &[(&str, &str)] = &[
+        ("get /healthz", "health"),
+        ("get /readyz", "health"),
+        ("get /metrics", "health"),
+        ("get /v1/presets", "presets"),
+        ("get /v1/jobs", "jobs"),
+        ("post /v1/jobs", "submit"),
+        ("get /v1/jobs/{id}", "show"),
+        ("post /v1/jobs/{id}/cancel", "cancel"),
+        ("post /v1/jobs/{id}/retry", "retry"),
+        ("get /v1/jobs/{id}/tasks", "tasks"),
+        ("get /v1/jobs/{id}/attempts", "attempts"),
+        ("get /v1/jobs/{id}/logs", "logs"),
+        ("get /v1/attempts/{id}/log", "logs"),
+        ("get /v1/datasets", "datasets"),
+        ("post /v1/datasets", "import"),
+        ("get /v1/datasets/{id}", "show"),
+        ("get /v1/datasets/{id}/files/{name}", "download"),
+        ("get /v1/datasets/{id}/tar", "download"),
+        ("post /v1/datasets/{id}/verify", "verify"),
+        ("get /v1/datasets/{id}/trajectories/{index}", "trajectory"),
+        ("get /v1/datasets/{id}/trajectories/{index}/figure.svg", "trajectory"),
+        ("get /v1/datasets/{id}/trajectories/{index}/figure.csv", "trajectory"),
+        ("get /v1/datasets/{id}/summary", "summary"),
+        ("get /v1/datasets/{id}/spectrum.svg", "summary"),
+        ("get /v1/datasets/{id}/spectrum.csv", "summary"),
+        ("get /v1/runs", "runs"),
+        ("get /v1/runs/{id}", "show"),
+        ("get /v1/runs/{id}/metrics/{key}", "metrics"),
+        ("get /v1/runs/{id}/metrics/{group}/{name}", "metrics"),
+        ("get /v1/runs/{id}/artifacts/{name}", "download"),
+        ("get /v1/runs/{id}/figures/{name}", "metrics"),
+        ("get /v1/checkpoints", "checkpoints"),
+        ("get /v1/checkpoints/{id}", "show"),
+        ("get /v1/checkpoints/{id}/files/{name}", "download"),
+        ("get /v1/checkpoints/{id}/tar", "download"),
+        ("post /v1/checkpoints/{id}/predict", "predict"),
+        ("get /v1/checkpoints/{id}/stream", ""),
+        ("get /v1/evaluations", "evaluations"),
+        ("get /v1/evaluations/{id}", "show"),
+        ("get /v1/workers", "workers"),
+        ("post /v1/workers/{name}/drain", "drain"),
+        ("post /v1/workers/{name}/undrain", "undrain"),
+        ("get /v1/queue", "queue"),
+        ("post /v1/queue/pause", "pause"),
+        ("post /v1/queue/resume", "resume"),
+    ];
+
+    #[test]
+    fn everything_that_the_api_does_has_a_command() {
+        let document = serde_json::to_value(api::openapi()).unwrap();
+        let paths = document["paths"].as_object().unwrap();
+        let methods = |path: &str| paths[path].as_object().unwrap().keys().cloned();
+        let operations = paths.keys().flat_map(|path| {
+            methods(path).map(move |method| format!("{method} {path}")).collect::<Vec<_>>()
+        });
+        let cli = Cli::command();
+        for operation in operations {
+            let found = COMMANDS.iter().find(|(known, _)| *known == operation);
+            let (_, command) = found.unwrap_or_else(|| panic!("no command does {operation}"));
+            assert!(command.is_empty() || cli.find_subcommand(command).is_some(), "{command}");
+        }
     }
 
     #[test]

@@ -9,10 +9,13 @@ mod cli;
 mod client;
 mod commands;
 mod device;
+mod exit;
+mod lists;
 mod logging;
 mod offers;
 mod process;
 mod progress;
+mod resource;
 mod server;
 
 use std::io::Write;
@@ -55,5 +58,5 @@ fn fail(error: &anyhow::Error) -> ExitCode {
     }
     // Whoever closed stderr does not want to hear it.
     let _ = writeln!(std::io::stderr(), "error: {message}");
-    ExitCode::FAILURE
+    exit::code(error)
 }

@@ -23,7 +23,23 @@ pub struct FileInfo {
     pub name: String,
     pub media_type: String,
     pub size: u64,
-    pub sha256: Digest,
+    pub identity: Identity,
+}
+
+/// What a file is known by, its `ETag`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Identity {
+    /// The SHA-256 digest of its bytes, which the answer states besides.
+    Bytes(Digest),
+    /// A digest of what it is made from: the same gives the same bytes.
+    Parts(Digest),
+}
+
+impl Identity {
+    fn tag(self) -> String {
+        let (Self::Bytes(digest) | Self::Parts(digest)) = self;
+        format!("\"{digest}\"")
+    }
 }
 
 /// The answer to a request for a file: its headers, and the bytes to send, if any.
@@ -38,14 +54,14 @@ pub struct Answer {
 impl Answer {
     /// Decides by RFC 9110, sections 13.2.2 and 14.2.
     pub fn new(method: &Method, request: &HeaderMap, file: &FileInfo) -> Self {
-        let tag = format!("\"{}\"", file.sha256);
+        let tag = file.identity.tag();
         let mut headers = HeaderMap::new();
         headers.insert(ETAG, ascii(&tag));
         headers.insert(ACCEPT_RANGES, HeaderValue::from_static("bytes"));
-        headers.insert(
-            REPR_DIGEST,
-            ascii(&format!("sha-256=:{}:", BASE64.encode(file.sha256.as_bytes()))),
-        );
+        if let Identity::Bytes(sha256) = file.identity {
+            let digest = BASE64.encode(sha256.as_bytes());
+            headers.insert(REPR_DIGEST, ascii(&format!("sha-256=:{digest}:")));
+        }
         // The bytes behind an id never change, but a data folder may be replaced by another one.
         headers.insert(CACHE_CONTROL, HeaderValue::from_static("no-cache"));
         if text(request, IF_NONE_MATCH).is_some_and(|known| lists_tag(known, &tag)) {
@@ -128,7 +144,7 @@ mod tests {
             name: "d1 \"x\"\r\n.parquet".to_owned(),
             media_type: "application/vnd.apache.parquet".to_owned(),
             size: 1000,
-            sha256: Digest::of(b"bytes"),
+            identity: Identity::Bytes(Digest::of(b"bytes")),
         }
     }
 
@@ -145,7 +161,7 @@ mod tests {
     }
 
     fn tag() -> String {
-        format!("\"{}\"", file().sha256)
+        file().identity.tag()
     }
 
     #[test]
@@ -154,7 +170,7 @@ mod tests {
         assert_eq!((answer.status, answer.part.clone()), (StatusCode::OK, Some(0..1000)));
         assert_eq!(header(&answer, CONTENT_LENGTH), "1000");
         assert_eq!(header(&answer, ETAG), tag());
-        let digest = BASE64.encode(file().sha256.as_bytes());
+        let digest = BASE64.encode(Digest::of(b"bytes").as_bytes());
         assert_eq!(header(&answer, REPR_DIGEST), format!("sha-256=:{digest}:"));
         assert_eq!(
             header(&answer, CONTENT_DISPOSITION),

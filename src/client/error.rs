@@ -1,6 +1,7 @@
 use std::fmt::Write;
 
 use reqwest::StatusCode;
+use spec::Digest;
 use thiserror::Error;
 use wire::Problem;
 
@@ -15,6 +16,23 @@ pub enum ClientError {
 
     #[error("cannot read {}: {reason}", path.display())]
     File { path: std::path::PathBuf, reason: std::io::Error },
+
+    #[error("cannot write {}: {reason}", path.display())]
+    Write { path: std::path::PathBuf, reason: std::io::Error },
+
+    #[error(
+        "checksum mismatch of {name}: expected {expected}, received {found}; repeat the command"
+    )]
+    Checksum { name: String, expected: Digest, found: Digest },
+
+    #[error(
+        "{} differs from the server's: expected {expected}, found {found}; delete it, or name another folder",
+        path.display()
+    )]
+    Differs { path: std::path::PathBuf, expected: Digest, found: Digest },
+
+    #[error("the server names a file {name:?}, allowed: a name without folders")]
+    Name { name: String },
 
     /// An RFC 9457 problem, one violation per line.
     #[error("{message}")]

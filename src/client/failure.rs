@@ -1,7 +1,24 @@
+use thiserror::Error;
 use wire::{Job, JobState};
 
+/// A job that was to succeed ended otherwise.
+#[derive(Debug, Error)]
+#[error("job {id} {state}: {reason}")]
+pub struct JobEnded {
+    id: i64,
+    state: JobState,
+    reason: String,
+}
+
+impl JobEnded {
+    /// The error of a job that has ended without success.
+    pub fn new(job: &Job) -> Self {
+        Self { id: job.id, state: job.state, reason: failure(job) }
+    }
+}
+
 /// Why a job did not succeed: the reasons of its members, else its own.
-pub fn failure(job: &Job) -> String {
+fn failure(job: &Job) -> String {
     let failed = job.members.iter().filter(|member| member.state == JobState::Failed);
     let reasons: Vec<String> = failed
         .filter_map(|member| Some(format!("{}: {}", member.name, member.error.as_ref()?)))

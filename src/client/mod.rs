@@ -1,5 +1,6 @@
 //! A client of the HTTP API, with what the command line needs of it.
 
+mod download;
 mod error;
 mod failure;
 mod upload;
@@ -10,11 +11,12 @@ use reqwest::{Method, RequestBuilder, Response, StatusCode, Url};
 use serde::de::DeserializeOwned;
 use wire::{
     Attempts, Audit, Checkpoint, ControlReport, CreatedToken, Dataset, Evaluation, Job, Jobs, Logs,
-    NewToken, Presets, Queue, Task, Tasks, Token, Tokens, Worker, Workers,
+    Metric, NewToken, Presets, Queue, Task, Tasks, Token, Tokens, Worker, Workers,
 };
 
+pub use download::Fetched;
 pub use error::ClientError;
-pub use failure::failure;
+pub use failure::JobEnded;
 
 /// Items of a list that the server sends at once, at most.
 const LONGEST_PAGE: u32 = 500;
@@ -209,6 +211,28 @@ impl Client {
         Ok(response.bytes().await.map_err(self.unreachable())?.to_vec())
     }
 
+    /// A question to a checkpoint, `question` being its JSON; the answer as the server wrote it.
+    pub async fn predict(&self, checkpoint: i64, question: Vec<u8>) -> Result<String, ClientError> {
+        let path = format!("/v1/checkpoints/{checkpoint}/predict");
+        let request = self.request(Method::POST, &path).header("content-type", "application/json");
+        self.text(request.body(question)).await
+    }
+
+    /// The values of a metric, thinned out to `points`.
+    pub async fn metric(&self, run: i64, key: &str, points: u32) -> Result<Metric, ClientError> {
+        let mut address = self.base.clone();
+        // A slash of the key belongs to it.
+        if let Ok(mut segments) = address.path_segments_mut() {
+            segments.clear().extend(["v1", "runs", &run.to_string(), "metrics", key]);
+        }
+        self.get(&format!("{}?points={points}", address.path())).await
+    }
+
+    /// Whether the server listens on a socket, which no browser opens.
+    pub fn is_on_socket(&self) -> bool {
+        self.socket.is_some()
+    }
+
     /// The address of a page or download, for people.
     pub fn url(&self, path: &str) -> String {
         match &self.socket {
@@ -230,7 +254,8 @@ impl Client {
         }
     }
 
-    async fn get<T: DeserializeOwned>(&self, path: &str) -> Result<T, ClientError> {
+    /// An answer of the API, by its path.
+    pub async fn get<T: DeserializeOwned>(&self, path: &str) -> Result<T, ClientError> {
         self.read(&self.text(self.request(Method::GET, path)).await?)
     }
 

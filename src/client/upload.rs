@@ -75,7 +75,8 @@ fn form_urlencoded(parameters: &[(&str, String)]) -> String {
     url.ok().and_then(|url| url.query().map(str::to_owned)).unwrap_or_default()
 }
 
-async fn sha256(path: &Path) -> io::Result<Digest> {
+/// The digest of a file.
+pub(super) async fn sha256(path: &Path) -> io::Result<Digest> {
     let mut file = tokio::fs::File::open(path).await?;
     let mut digest = Sha256::new();
     let mut piece = vec![0; PIECE];

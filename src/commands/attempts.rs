@@ -4,7 +4,7 @@ use clap::Args;
 use reports::{Align, Table};
 use wire::{Attempt, AttemptOutcome};
 
-use crate::arguments::ServerArguments;
+use crate::arguments::{OutputArguments, ServerArguments};
 use crate::progress::measure;
 
 #[derive(Debug, Args)]
@@ -17,9 +17,8 @@ pub struct Arguments {
     #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=500))]
     limit: u32,
 
-    /// Print the server's answer as it is
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    output: OutputArguments,
 
     #[command(flatten)]
     server: ServerArguments,
@@ -28,7 +27,7 @@ pub struct Arguments {
 pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     let path = format!("/v1/jobs/{}/attempts?limit={}", arguments.job, arguments.limit);
     let client = arguments.server.client()?;
-    if arguments.json {
+    if arguments.output.json {
         println!("{}", client.raw(&path).await?);
         return Ok(ExitCode::SUCCESS);
     }

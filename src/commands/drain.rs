@@ -4,7 +4,8 @@ use std::time::Duration;
 use clap::Args;
 use wire::WorkersTask;
 
-use crate::arguments::{ServerArguments, worker_name};
+use crate::arguments::{OutputArguments, ServerArguments, worker_name};
+use crate::output::write_json;
 
 #[derive(Debug, Args)]
 pub struct Arguments {
@@ -17,6 +18,9 @@ pub struct Arguments {
     wait: bool,
 
     #[command(flatten)]
+    output: OutputArguments,
+
+    #[command(flatten)]
     server: ServerArguments,
 }
 
@@ -24,10 +28,11 @@ pub struct Arguments {
 const LOOK_EVERY: Duration = Duration::from_secs(1);
 
 pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
-    let Arguments { worker: name, wait, server } = arguments;
+    let Arguments { worker: name, wait, output, server } = arguments;
     let client = server.client()?;
     let mut worker = client.drain_worker(&name).await?;
     match &worker.task {
+        _ if output.json => {}
         Some(WorkersTask { job, label, .. }) if worker.alive => {
             println!("drained; {name} ends {label} of job {job} and begins no other");
         }
@@ -40,7 +45,9 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
         let Some(found) = workers.into_iter().find(|worker| worker.name == name) else { break };
         worker = found;
     }
-    if wait {
+    if output.json {
+        write_json(&worker)?;
+    } else if wait {
         println!("{name} has no task any more; torqued undrain {name} lets it go on");
     }
     Ok(ExitCode::SUCCESS)

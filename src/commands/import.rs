@@ -4,10 +4,12 @@ use std::process::ExitCode;
 use anyhow::{Context, ensure};
 use clap::Args;
 use serde_json::Value;
+use wire::Job;
 
-use crate::arguments::ServerArguments;
-use crate::client::{Reuse, Submitted};
+use crate::arguments::{OutputArguments, ServerArguments};
+use crate::client::{Client, Reuse, Submitted};
 use crate::commands::watch;
+use crate::output::write_json;
 
 #[derive(Debug, Args)]
 pub struct Arguments {
@@ -28,6 +30,9 @@ pub struct Arguments {
     wait: bool,
 
     #[command(flatten)]
+    output: OutputArguments,
+
+    #[command(flatten)]
     server: ServerArguments,
 }
 
@@ -36,12 +41,24 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     let client = arguments.server.client()?;
     let reuse = if arguments.force { Reuse::ComputeAnew } else { Reuse::ByDigest };
     let Submitted { job, existed } = client.import(&arguments.file, &spec, reuse).await?;
+    let output = arguments.output;
+    match (output.json, arguments.wait) {
+        (false, _) => print_places(&client, &job, existed),
+        (true, false) => write_json(&job)?,
+        (true, true) => {}
+    }
+    if !arguments.wait {
+        return Ok(ExitCode::SUCCESS);
+    }
+    watch::to_the_end(&client, job.id, output).await
+}
+
+fn print_places(client: &Client, job: &Job, existed: bool) {
     let note = if existed { ", imported before" } else { "" };
     println!("job {} {}{note}: {}", job.id, job.state, client.url(&format!("/jobs/{}", job.id)));
     if let Some(dataset) = job.dataset {
         println!("dataset {dataset}: {}", client.url(&format!("/datasets/{dataset}")));
     }
-    if arguments.wait { watch::to_the_end(&client, job.id).await } else { Ok(ExitCode::SUCCESS) }
 }
 
 /// Reads the spec and adds the format that the file's name tells, unless the spec says it.

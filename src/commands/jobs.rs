@@ -6,7 +6,7 @@ use reports::{Align, Table};
 use spec::JobKind;
 use wire::{Job, JobState, Progress};
 
-use crate::arguments::ServerArguments;
+use crate::arguments::{OutputArguments, ServerArguments};
 use crate::progress::measure;
 
 #[derive(Debug, Args)]
@@ -27,9 +27,8 @@ pub struct Arguments {
     #[arg(long, value_name = "ID")]
     before: Option<i64>,
 
-    /// Print the server's answer as it is
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    output: OutputArguments,
 
     #[command(flatten)]
     server: ServerArguments,
@@ -38,7 +37,7 @@ pub struct Arguments {
 pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     let path = path(&arguments);
     let client = arguments.server.client()?;
-    if arguments.json {
+    if arguments.output.json {
         println!("{}", client.raw(&path).await?);
         return Ok(ExitCode::SUCCESS);
     }

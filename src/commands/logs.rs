@@ -5,8 +5,9 @@ use std::time::{Duration, Instant};
 use clap::Args;
 use wire::{LogChunk, Logs, left_out};
 
-use crate::arguments::ServerArguments;
+use crate::arguments::{OutputArguments, ServerArguments};
 use crate::client::{Client, ClientError};
+use crate::output::write_json;
 
 #[derive(Debug, Args)]
 pub struct Arguments {
@@ -31,6 +32,9 @@ pub struct Arguments {
     lines: u32,
 
     #[command(flatten)]
+    output: OutputArguments,
+
+    #[command(flatten)]
     server: ServerArguments,
 }
 
@@ -52,8 +56,8 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
         attempt: arguments.attempt,
     };
     let (newest, mut next, mut complete) = asked.newest(arguments.lines as usize).await?;
-    let mut printer = Printer::default();
-    newest.iter().for_each(|chunk| printer.print(chunk));
+    let mut printer = Printer::new(arguments.output);
+    newest.iter().try_for_each(|chunk| printer.print(chunk))?;
     if !arguments.follow {
         if newest.is_empty() && arguments.lines > 0 {
             eprintln!("nothing was logged yet, or the log is not kept any more");
@@ -63,7 +67,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     while !complete {
         let began = Instant::now();
         let page = asked.after(next).await?;
-        page.chunks.iter().for_each(|chunk| printer.print(chunk));
+        page.chunks.iter().try_for_each(|chunk| printer.print(chunk))?;
         (next, complete) = (page.next, page.complete);
         if page.chunks.is_empty() && !complete {
             tokio::time::sleep(PAUSE.saturating_sub(began.elapsed())).await;
@@ -136,9 +140,9 @@ fn keep_last(chunks: &mut Vec<LogChunk>, lines: usize) {
     });
 }
 
-/// Prints chunks of several attempts with a line between them that says whose lines follow.
-#[derive(Default)]
+/// Prints chunks of several attempts with a line between them that says whose lines follow, or each as JSON.
 struct Printer {
+    output: OutputArguments,
     /// The attempt that was printed last.
     last: Option<i64>,
     /// Where the last chunk of each ended.
@@ -146,8 +150,16 @@ struct Printer {
 }
 
 impl Printer {
-    fn print(&mut self, chunk: &LogChunk) {
+    fn new(output: OutputArguments) -> Self {
+        Self { output, last: None, ends: HashMap::new() }
+    }
+
+    fn print(&mut self, chunk: &LogChunk) -> serde_json::Result<()> {
+        if self.output.json {
+            return write_json(chunk);
+        }
         print!("{}", self.render(chunk));
+        Ok(())
     }
 
     fn render(&mut self, chunk: &LogChunk) -> String {
@@ -186,7 +198,7 @@ mod tests {
 
     #[test]
     fn lines_of_another_attempt_are_announced_and_gaps_shown() {
-        let mut printer = Printer::default();
+        let mut printer = Printer::new(OutputArguments { json: false });
         let chunks =
             [chunk(1, 0, "a\n"), chunk(1, 2, "b\n"), chunk(2, 7, "c\n"), chunk(1, 9, "d\n")];
         let text: String = chunks.iter().map(|chunk| printer.render(chunk)).collect();

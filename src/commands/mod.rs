@@ -4,26 +4,42 @@ pub mod attempts;
 pub mod audit;
 pub mod backup;
 pub mod cancel;
+pub mod checkpoints;
+pub mod completions;
 mod copied_store;
+pub mod datasets;
 pub mod decode_recording;
 pub mod devices;
+pub mod download;
 pub mod drain;
+pub mod evaluations;
+pub mod health;
 pub mod import;
 pub mod jobs;
 pub mod logs;
+pub mod man;
+pub mod metrics;
 pub mod migrate;
+pub mod open;
 mod own_server;
 pub mod pause;
+pub mod predict;
 pub mod presets;
+pub mod queue;
 pub mod quickstart;
 pub mod restore;
 pub mod resume;
 pub mod retry;
+pub mod runs;
 pub mod serve;
+pub mod show;
 pub mod simulate;
 pub mod study;
 pub mod submit;
+pub mod summary;
+pub mod tasks;
 pub mod token;
+pub mod trajectory;
 pub mod undrain;
 pub mod verify;
 pub mod watch;
@@ -64,6 +80,22 @@ pub async fn run(command: Command, log: &Logging) -> anyhow::Result<ExitCode> {
         Command::Restore(arguments) => restore::run(arguments).await,
         Command::Migrate(arguments) => migrate::run(arguments).await,
         Command::Presets(arguments) => presets::run(arguments).await,
+        Command::Checkpoints(arguments) => checkpoints::run(arguments).await,
+        Command::Completions(arguments) => completions::run(&arguments),
+        Command::Datasets(arguments) => datasets::run(arguments).await,
+        Command::Download(arguments) => download::run(arguments).await,
+        Command::Evaluations(arguments) => evaluations::run(arguments).await,
+        Command::Health(arguments) => health::run(arguments).await,
+        Command::Man(arguments) => man::run(&arguments),
+        Command::Metrics(arguments) => metrics::run(arguments).await,
+        Command::Open(arguments) => open::run(arguments).await,
+        Command::Predict(arguments) => predict::run(arguments).await,
+        Command::Queue(arguments) => queue::run(arguments).await,
+        Command::Runs(arguments) => runs::run(arguments).await,
+        Command::Show(arguments) => show::run(arguments).await,
+        Command::Summary(arguments) => summary::run(arguments).await,
+        Command::Tasks(arguments) => tasks::run(arguments).await,
+        Command::Trajectory(arguments) => trajectory::run(arguments).await,
         Command::DecodeRecording(arguments) => decode_recording::run(&arguments),
     }
 }

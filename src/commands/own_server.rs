@@ -2,10 +2,8 @@
 
 use std::process::ExitCode;
 
+use crate::exit::INTERRUPTED;
 use crate::server::{Interrupts, Options, Server};
-
-/// What a shell reports for a program that Ctrl-C ended.
-const INTERRUPTED: u8 = 130;
 
 /// Does `work` with a server, and serves on until Ctrl-C unless it is to `exit` or the work failed.
 pub async fn work_and_serve(

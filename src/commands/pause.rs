@@ -3,13 +3,17 @@ use std::time::Duration;
 
 use clap::Args;
 
-use crate::arguments::ServerArguments;
+use crate::arguments::{OutputArguments, ServerArguments};
+use crate::output::write_json;
 
 #[derive(Debug, Args)]
 pub struct Arguments {
     /// Wait until no worker has a task any more
     #[arg(long)]
     wait: bool,
+
+    #[command(flatten)]
+    output: OutputArguments,
 
     #[command(flatten)]
     server: ServerArguments,
@@ -21,12 +25,16 @@ const LOOK_EVERY: Duration = Duration::from_secs(1);
 pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     let client = arguments.server.client()?;
     let mut queue = client.pause_queue().await?;
-    println!("paused; {} tasks wait, {} still run", queue.queued, queue.running);
+    if !arguments.output.json {
+        println!("paused; {} tasks wait, {} still run", queue.queued, queue.running);
+    }
     while arguments.wait && queue.running > 0 {
         tokio::time::sleep(LOOK_EVERY).await;
         queue = client.queue().await?;
     }
-    if arguments.wait {
+    if arguments.output.json {
+        write_json(&queue)?;
+    } else if arguments.wait {
         println!("no task runs any more; torqued resume lets the queue go on");
     }
     Ok(ExitCode::SUCCESS)

@@ -4,12 +4,16 @@ use anyhow::bail;
 use clap::Args;
 use reports::{Align, Table};
 
-use crate::arguments::ServerArguments;
+use crate::arguments::{OutputArguments, ServerArguments};
+use crate::output::write_json;
 
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// Print this preset's JSON
+    /// Print this preset's spec
     name: Option<String>,
+
+    #[command(flatten)]
+    output: OutputArguments,
 
     #[command(flatten)]
     server: ServerArguments,
@@ -17,6 +21,10 @@ pub struct Arguments {
 
 pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     let client = arguments.server.client()?;
+    if arguments.output.json && arguments.name.is_none() {
+        println!("{}", client.raw("/v1/presets").await?);
+        return Ok(ExitCode::SUCCESS);
+    }
     let presets = client.presets().await?.presets;
     let Some(name) = arguments.name else {
         let mut table = Table::new(["name", "of a", "about"].map(|name| (name, Align::Left)));
@@ -30,6 +38,10 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
         let names: Vec<&str> = presets.iter().map(|preset| preset.name.as_str()).collect();
         bail!("there is no preset {name:?}, only {}", names.join(", "));
     };
-    println!("{}", serde_json::to_string_pretty(&preset.spec)?);
+    if arguments.output.json {
+        write_json(preset)?;
+    } else {
+        println!("{}", serde_json::to_string_pretty(&preset.spec)?);
+    }
     Ok(ExitCode::SUCCESS)
 }

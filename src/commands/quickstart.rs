@@ -1,11 +1,11 @@
 use std::process::ExitCode;
 
-use anyhow::{Context, bail};
+use anyhow::Context;
 use clap::Args;
 use reports::{Align, Table};
 use wire::{Job, JobState};
 
-use crate::client::{Client, Reuse, Submitted, failure};
+use crate::client::{Client, JobEnded, Reuse, Submitted};
 use crate::commands::own_server::work_and_serve;
 use crate::progress;
 use crate::server::{Options, Server};
@@ -45,7 +45,7 @@ async fn compute_and_show(arguments: &Arguments, server: &Server) -> anyhow::Res
     }
     let job = progress::follow(&client, job.id).await?;
     if job.state != JobState::Succeeded {
-        bail!("job {} {}: {}", job.id, job.state, failure(&job));
+        return Err(JobEnded::new(&job).into());
     }
     let evaluation = member(&job, "evaluate")?;
     let report = client

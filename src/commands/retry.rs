@@ -2,9 +2,10 @@ use std::process::ExitCode;
 
 use clap::Args;
 
-use crate::arguments::ServerArguments;
+use crate::arguments::{OutputArguments, ServerArguments};
 use crate::client::Submitted;
 use crate::commands::watch;
+use crate::output::write_json;
 
 #[derive(Debug, Args)]
 pub struct Arguments {
@@ -16,13 +17,27 @@ pub struct Arguments {
     watch: bool,
 
     #[command(flatten)]
+    output: OutputArguments,
+
+    #[command(flatten)]
     server: ServerArguments,
 }
 
 pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     let client = arguments.server.client()?;
     let Submitted { job, existed } = client.retry(arguments.id).await?;
+    let output = arguments.output;
     let note = if existed { ", tried again before" } else { "" };
-    println!("job {} {}{note}: {}", job.id, job.state, client.url(&format!("/jobs/{}", job.id)));
-    if arguments.watch { watch::to_the_end(&client, job.id).await } else { Ok(ExitCode::SUCCESS) }
+    match (output.json, arguments.watch) {
+        (false, _) => {
+            let page = client.url(&format!("/jobs/{}", job.id));
+            println!("job {} {}{note}: {page}", job.id, job.state);
+        }
+        (true, false) => write_json(&job)?,
+        (true, true) => {}
+    }
+    if !arguments.watch {
+        return Ok(ExitCode::SUCCESS);
+    }
+    watch::to_the_end(&client, job.id, output).await
 }

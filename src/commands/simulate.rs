@@ -7,7 +7,7 @@ use clap::Args;
 use spec::{JobSpec, SimulateSpec};
 use worker::DatasetFolder;
 
-use crate::commands::submit::read_spec;
+use crate::commands::submit::{MAX_SPEC_BYTES, read_json};
 use crate::progress::{self, measure};
 
 #[derive(Debug, Args)]
@@ -26,7 +26,7 @@ pub struct Arguments {
 }
 
 pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
-    let spec = simulation(&read_spec(&arguments.spec)?)?;
+    let spec = simulation(&read_json(&arguments.spec, MAX_SPEC_BYTES)?)?;
     compute_with(arguments.threads)?;
     let mut folder = DatasetFolder::begin(&arguments.out, &spec)?;
     let work = move |report: progress::Report<'_>| folder.complete(report).map(|()| folder);

@@ -1,13 +1,14 @@
 use std::io::Read;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context, ensure};
 use clap::Args;
 
-use crate::arguments::ServerArguments;
+use crate::arguments::{OutputArguments, ServerArguments};
 use crate::client::{Reuse, Submitted};
 use crate::commands::watch;
+use crate::output::write_json;
 
 #[derive(Debug, Args)]
 pub struct Arguments {
@@ -24,42 +25,57 @@ pub struct Arguments {
     watch: bool,
 
     #[command(flatten)]
+    output: OutputArguments,
+
+    #[command(flatten)]
     server: ServerArguments,
 }
 
 /// The largest spec the server takes.
-const MAX_SPEC_BYTES: u64 = 1 << 20;
+pub const MAX_SPEC_BYTES: u64 = 1 << 20;
 
 pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
-    let spec = read_spec(&arguments.spec)?;
+    let spec = read_json(&arguments.spec, MAX_SPEC_BYTES)?;
     let client = arguments.server.client()?;
     let reuse = if arguments.force { Reuse::ComputeAnew } else { Reuse::ByDigest };
     let Submitted { job, existed } = client.submit(spec, reuse).await?;
+    let output = arguments.output;
     let note = if existed { ", submitted before" } else { "" };
-    println!("job {} {}{note}: {}", job.id, job.state, client.url(&format!("/jobs/{}", job.id)));
+    match (output.json, arguments.watch) {
+        (false, _) => {
+            let page = client.url(&format!("/jobs/{}", job.id));
+            println!("job {} {}{note}: {page}", job.id, job.state);
+        }
+        (true, false) => write_json(&job)?,
+        (true, true) => {}
+    }
     for warning in &job.warnings {
         eprintln!("warning: {warning}");
     }
-    if arguments.watch { watch::to_the_end(&client, job.id).await } else { Ok(ExitCode::SUCCESS) }
+    if !arguments.watch {
+        return Ok(ExitCode::SUCCESS);
+    }
+    watch::to_the_end(&client, job.id, output).await
 }
 
-/// Reads a spec's JSON; `-` is standard input.
-pub fn read_spec(path: &PathBuf) -> anyhow::Result<Vec<u8>> {
+/// Reads a spec or a question of at most so many bytes; `-` is standard input.
+pub fn read_json(path: &Path, max_bytes: u64) -> anyhow::Result<Vec<u8>> {
     let mut spec = Vec::new();
     if path.as_os_str() == "-" {
         std::io::stdin()
-            .take(MAX_SPEC_BYTES + 1)
+            .take(max_bytes + 1)
             .read_to_end(&mut spec)
             .context("cannot read standard input")?;
     } else {
         std::fs::File::open(path)
-            .and_then(|file| file.take(MAX_SPEC_BYTES + 1).read_to_end(&mut spec))
+            .and_then(|file| file.take(max_bytes + 1).read_to_end(&mut spec))
             .with_context(|| format!("cannot read {}", path.display()))?;
     }
     ensure!(
-        spec.len() as u64 <= MAX_SPEC_BYTES,
-        "{} is larger than 1 MiB, the most a spec may have",
-        path.display()
+        spec.len() as u64 <= max_bytes,
+        "{} is larger than {} MiB, the most that is allowed",
+        path.display(),
+        max_bytes >> 20
     );
     Ok(spec)
 }

@@ -2,7 +2,8 @@ use std::process::ExitCode;
 
 use clap::Args;
 
-use crate::arguments::{ServerArguments, worker_name};
+use crate::arguments::{OutputArguments, ServerArguments, worker_name};
+use crate::output::write_json;
 
 #[derive(Debug, Args)]
 pub struct Arguments {
@@ -11,11 +12,18 @@ pub struct Arguments {
     worker: String,
 
     #[command(flatten)]
+    output: OutputArguments,
+
+    #[command(flatten)]
     server: ServerArguments,
 }
 
 pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     let worker = arguments.server.client()?.undrain_worker(&arguments.worker).await?;
-    println!("{} begins tasks again", worker.name);
+    if arguments.output.json {
+        write_json(&worker)?;
+    } else {
+        println!("{} begins tasks again", worker.name);
+    }
     Ok(ExitCode::SUCCESS)
 }

@@ -2,10 +2,11 @@ use std::num::NonZero;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
+use anyhow::bail;
 use clap::Args;
 use worker::{DatasetFolder, Verified};
 
-use crate::arguments::ServerArguments;
+use crate::arguments::{OutputArguments, ServerArguments};
 use crate::commands::simulate::compute_with;
 use crate::commands::watch;
 use crate::progress::{self, measure};
@@ -19,6 +20,9 @@ pub struct Arguments {
     /// Threads to compute with, for a folder [default: the machine's]
     #[arg(long, value_name = "N")]
     threads: Option<NonZero<usize>>,
+
+    #[command(flatten)]
+    output: OutputArguments,
 
     #[command(flatten)]
     server: ServerArguments,
@@ -43,8 +47,14 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
         Target::Server(id) => {
             let client = arguments.server.client()?;
             let job = client.verify(id).await?;
-            println!("job {} {}: {}", job.id, job.state, client.url(&format!("/jobs/{}", job.id)));
-            watch::to_the_end(&client, job.id).await
+            if !arguments.output.json {
+                let page = client.url(&format!("/jobs/{}", job.id));
+                println!("job {} {}: {page}", job.id, job.state);
+            }
+            watch::to_the_end(&client, job.id, arguments.output).await
+        }
+        Target::Folder(_) if arguments.output.json => {
+            bail!("--json is for the id of a server's dataset, not for a folder")
         }
         Target::Folder(dir) => {
             compute_with(arguments.threads)?;

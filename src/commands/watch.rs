@@ -4,8 +4,10 @@ use clap::Args;
 use spec::JobKind;
 use wire::{Job, JobState};
 
-use crate::arguments::ServerArguments;
+use crate::arguments::{OutputArguments, ServerArguments};
 use crate::client::Client;
+use crate::exit::JOB_FAILED;
+use crate::output::write_json;
 use crate::progress;
 
 #[derive(Debug, Args)]
@@ -14,17 +16,27 @@ pub struct Arguments {
     id: i64,
 
     #[command(flatten)]
+    output: OutputArguments,
+
+    #[command(flatten)]
     server: ServerArguments,
 }
 
 pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     let client = arguments.server.client()?;
-    to_the_end(&client, arguments.id).await
+    to_the_end(&client, arguments.id, arguments.output).await
 }
 
 /// Follows a job; only success is a success. Prints what its jobs found, except for those whose
-/// datasets and checkpoints speak for them.
-pub async fn to_the_end(client: &Client, id: i64) -> anyhow::Result<ExitCode> {
+/// datasets and checkpoints speak for them. As JSON, it prints the job whenever it has changed and nothing else.
+pub async fn to_the_end(
+    client: &Client,
+    id: i64,
+    output: OutputArguments,
+) -> anyhow::Result<ExitCode> {
+    if output.json {
+        return print_changes(client, id).await;
+    }
     let job = progress::follow(client, id).await?;
     let reason = job.error.as_ref().map(|error| format!(": {error}")).unwrap_or_default();
     println!("job {id} {}{reason}", job.state);
@@ -47,9 +59,27 @@ pub async fn to_the_end(client: &Client, id: i64) -> anyhow::Result<ExitCode> {
             _ => {}
         }
     }
+    Ok(code(&job))
+}
+
+async fn print_changes(client: &Client, id: i64) -> anyhow::Result<ExitCode> {
+    let mut last: Option<Job> = None;
+    let mut written = Ok(());
+    let job = progress::follow_quietly(client, id, |job| {
+        if last.as_ref() != Some(job) && written.is_ok() {
+            written = write_json(job);
+            last = Some(job.clone());
+        }
+    });
+    let job = job.await?;
+    written?;
+    Ok(code(&job))
+}
+
+fn code(job: &Job) -> ExitCode {
     match job.state {
-        JobState::Succeeded => Ok(ExitCode::SUCCESS),
-        _ => Ok(ExitCode::FAILURE),
+        JobState::Succeeded => ExitCode::SUCCESS,
+        _ => ExitCode::from(JOB_FAILED),
     }
 }
 

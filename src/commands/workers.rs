@@ -4,14 +4,13 @@ use clap::Args;
 use reports::{Align, Table};
 use wire::{Placement, Worker, Workers, WorkersTask};
 
-use crate::arguments::ServerArguments;
+use crate::arguments::{OutputArguments, ServerArguments};
 use crate::progress::measure;
 
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// Print the server's answer as it is
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    output: OutputArguments,
 
     #[command(flatten)]
     server: ServerArguments,
@@ -21,7 +20,7 @@ const PATH: &str = "/v1/workers";
 
 pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     let client = arguments.server.client()?;
-    if arguments.json {
+    if arguments.output.json {
         println!("{}", client.raw(PATH).await?);
         return Ok(ExitCode::SUCCESS);
     }

@@ -47,6 +47,21 @@ pub fn since(from: &str, to: Option<&str>) -> Option<Duration> {
     Some(to.duration_since(from).unwrap_or_default())
 }
 
+/// How long ago an RFC 3339 instant was: `2m 05s ago`.
+pub fn ago(from: &str) -> String {
+    since(from, None).map(|age| format!("{} ago", duration(age))).unwrap_or_default()
+}
+
+/// A size in the unit that suits it: `12.3 MB`.
+pub fn size(bytes: u64) -> String {
+    match bytes {
+        0..1_000 => format!("{bytes} B"),
+        1_000..1_000_000 => format!("{:.1} kB", bytes as f64 / 1e3),
+        1_000_000..1_000_000_000 => format!("{:.1} MB", bytes as f64 / 1e6),
+        _ => format!("{:.1} GB", bytes as f64 / 1e9),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -55,6 +70,12 @@ mod tests {
     fn digits_are_grouped_by_three_from_the_right() {
         let texts = [7, 999, 1000, 16_384, 10_000_000].map(count);
         assert_eq!(texts, ["7", "999", "1 000", "16 384", "10 000 000"]);
+    }
+
+    #[test]
+    fn a_size_is_in_the_unit_that_suits_it() {
+        let texts = [999, 1_500, 12_345_678, 7_000_000_000].map(size);
+        assert_eq!(texts, ["999 B", "1.5 kB", "12.3 MB", "7.0 GB"]);
     }
 
     #[test]

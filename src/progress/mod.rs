@@ -34,6 +34,30 @@ const PATIENCE: Duration = Duration::from_secs(30);
 pub async fn follow(client: &Client, id: i64) -> Result<Job, ClientError> {
     let mut display = Display::new();
     let mut rates: Vec<Rate> = Vec::new();
+    let show = |job: &Job| {
+        let now = Instant::now();
+        let mut rows = rows(job);
+        rates.resize_with(rows.len(), Rate::default);
+        for (row, rate) in rows.iter_mut().zip(&mut rates) {
+            let observed = rate.observe(row.progress.done, now);
+            row.rate_per_second = row.progress.rate_per_second.or(observed);
+        }
+        display.show(&rows);
+    };
+    let job = follow_quietly(client, id, show).await?;
+    display.finish();
+    Ok(job)
+}
+
+/// Has `seen` look at a job again and again until it ends, and returns it.
+///
+/// # Errors
+/// When the server refuses, or does not answer for 30 s.
+pub async fn follow_quietly(
+    client: &Client,
+    id: i64,
+    mut seen: impl FnMut(&Job),
+) -> Result<Job, ClientError> {
     let mut last_answer = Instant::now();
     loop {
         let job = match client.job(id).await {
@@ -45,15 +69,8 @@ pub async fn follow(client: &Client, id: i64) -> Result<Job, ClientError> {
             Err(error) => return Err(error),
         };
         last_answer = Instant::now();
-        let mut rows = rows(&job);
-        rates.resize_with(rows.len(), Rate::default);
-        for (row, rate) in rows.iter_mut().zip(&mut rates) {
-            let observed = rate.observe(row.progress.done, last_answer);
-            row.rate_per_second = row.progress.rate_per_second.or(observed);
-        }
-        display.show(&rows);
+        seen(&job);
         if job.state.is_final() {
-            display.finish();
             return Ok(job);
         }
         tokio::time::sleep(POLL_EVERY).await;

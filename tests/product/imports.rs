@@ -89,7 +89,7 @@ async fn a_file_that_is_not_as_its_mapping_says_fails_alone() {
 
     let cut = write("cut.parquet", &good[..good.len() / 2]);
     let (code, output, _) = import(&product, &cut, spec);
-    assert_eq!(code, Some(1));
+    assert_eq!(code, Some(3));
     assert!(output.contains("does not end with PAR1"), "{output}");
 
     let mut damaged = good;
@@ -98,13 +98,13 @@ async fn a_file_that_is_not_as_its_mapping_says_fails_alone() {
     }
     let damaged = write("damaged.parquet", &damaged);
     let (code, output, _) = import(&product, &damaged, spec);
-    assert_eq!(code, Some(1), "{output}");
+    assert_eq!(code, Some(3), "{output}");
 
     let mut whole = mapping();
     whole["split"] = json!({"kind": "whole"});
     let whole = write("whole.json", whole.to_string().as_bytes());
     let (code, output, _) = import(&product, RECORDINGS, &whole);
-    assert_eq!(code, Some(1));
+    assert_eq!(code, Some(3));
     assert!(
         output.contains("recording \"0\", row 0: ") && output.contains("450 samples"),
         "{output}"
@@ -114,7 +114,7 @@ async fn a_file_that_is_not_as_its_mapping_says_fails_alone() {
     lost["columns"]["time"] = json!("time");
     let lost = write("lost.json", lost.to_string().as_bytes());
     let (code, output, _) = import(&product, RECORDINGS, &lost);
-    assert_eq!(code, Some(1));
+    assert_eq!(code, Some(3));
     assert!(output.contains("\"time\" (columns.time)") && output.contains("\"t\""), "{output}");
 
     let mut impossible = mapping();
@@ -149,7 +149,7 @@ async fn a_file_that_takes_too_much_memory_ends_its_import_alone() {
     std::fs::write(&spec, mapping.to_string()).unwrap();
     let (code, output, errors) =
         import(&product, "tests/data/long_names.parquet", spec.to_str().unwrap());
-    assert_eq!(code, Some(1), "{output}{errors}");
+    assert_eq!(code, Some(3), "{output}{errors}");
     for words in ["\"long_names.parquet\" cannot be imported", "more than 1024 MiB of memory"] {
         assert!(output.contains(words), "{output}{errors}");
     }

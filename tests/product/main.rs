@@ -1,9 +1,11 @@
 //! The whole product from outside: the shipped program, its HTTP API, signals and full disks.
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+mod archives;
 mod backup;
 mod bad_specs;
 mod closed_loop;
+mod commands;
 mod data_folder;
 mod deployment;
 mod devices;

@@ -1,11 +1,14 @@
 """What torqued writes, read by the libraries that notebooks use."""
 
 import hashlib
+import io
 import json
 import pathlib
 import subprocess
+import tarfile
 import tempfile
 import unittest
+import urllib.request
 
 import numpy
 import polars
@@ -15,6 +18,38 @@ import safetensors.numpy
 from product import REPOSITORY, TORQUED, Product
 
 CHANNELS = [f"u{k}" for k in range(1, 8)] + [f"q{k}" for k in range(1, 8)]
+
+
+class Remote(io.RawIOBase):
+    """A file behind an address, of which only the ranges are fetched that somebody reads."""
+
+    def __init__(self, url, size):
+        self.url, self.size, self.position, self.read_bytes = url, size, 0, 0
+
+    def readable(self):
+        return True
+
+    def seekable(self):
+        return True
+
+    def tell(self):
+        return self.position
+
+    def seek(self, offset, whence=io.SEEK_SET):
+        self.position = offset + {io.SEEK_SET: 0, io.SEEK_CUR: self.position, io.SEEK_END: self.size}[whence]
+        return self.position
+
+    def read(self, count=-1):
+        end = self.size if count < 0 else min(self.position + count, self.size)
+        if end <= self.position:
+            return b""
+        headers = {"range": f"bytes={self.position}-{end - 1}"}
+        with urllib.request.urlopen(urllib.request.Request(self.url, headers=headers)) as answer:
+            assert answer.status == 206, answer.status
+            data = answer.read()
+        self.position += len(data)
+        self.read_bytes += len(data)
+        return data
 
 
 class Files(unittest.TestCase):
@@ -50,6 +85,29 @@ class Files(unittest.TestCase):
         self.assertTrue(numpy.isfinite(values).all())
         # Joint limits of the arm: no position may lie beyond the widest of them.
         self.assertLess(frame.select(polars.col("^q.$").abs().max()).to_numpy().max(), 3.8)
+
+    def test_polars_scans_shards_by_url(self):
+        urls = [self.product.url + file["url"] for file, _ in self.paths["trajectories"]]
+        scan = polars.scan_parquet(urls).select("trajectory", "q1")
+        self.assertEqual(scan.select(polars.len()).collect().item(), 2048 * 400)
+        local = polars.concat(polars.read_parquet(path) for _, path in self.paths["trajectories"])
+        last = scan.filter(polars.col("trajectory") == 2047).collect()
+        expected = local.filter(polars.col("trajectory") == 2047).select("trajectory", "q1")
+        self.assertTrue(last.equals(expected))
+
+    def test_pyarrow_reads_a_row_group_by_url_without_the_rest(self):
+        file, path = self.paths["trajectories"][0]
+        remote = Remote(self.product.url + file["url"], file["size"])
+        group = pyarrow.parquet.ParquetFile(remote).read_row_group(0, columns=["q1"])
+        self.assertTrue(group.equals(pyarrow.parquet.ParquetFile(path).read_row_group(0, columns=["q1"])))
+        self.assertLess(remote.read_bytes, file["size"] / 2)
+
+    def test_the_tar_of_a_dataset_has_its_files(self):
+        path = self.product.download(f"/v1/datasets/{self.dataset['id']}/tar", self.folder.name)
+        with tarfile.open(path) as archive:
+            for file in self.dataset["files"]:
+                data = archive.extractfile(f"dataset-{self.dataset['id']}/{file['name']}").read()
+                self.assertEqual(hashlib.sha256(data).hexdigest(), file["sha256"])
 
     def test_pyarrow_finds_the_encodings_that_make_the_files_small(self):
         for _, path in self.paths["trajectories"]:

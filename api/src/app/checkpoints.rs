@@ -7,6 +7,7 @@ use serde_json::Value;
 use store::{CheckpointId, JobId};
 use wire::{Checkpoint, Checkpoints, StoredFile};
 
+use crate::app::archive::{Content, Member};
 use crate::app::files::Download;
 use crate::app::{App, Paging};
 use crate::error::ApiError;
@@ -63,6 +64,17 @@ impl App {
             .ok_or_else(|| ApiError::not_found("file", format!("{name:?} in checkpoint {id}")))?;
         let file = format!("{name} of checkpoint {id}");
         Ok(Download::new(format!("checkpoint-{id}-{name}"), media_type(name), object, file))
+    }
+
+    /// All files of a checkpoint as a tar.
+    pub async fn checkpoint_tar(&self, id: i64) -> Result<Download, ApiError> {
+        let checkpoint = self.store.checkpoint(CheckpointId(id)).await?;
+        let member = |file: store::CheckpointFile| {
+            let what = format!("{} of checkpoint {id}", file.name);
+            Member { name: file.name, content: Content::Stored { object: file.object, file: what } }
+        };
+        let files = checkpoint.files.into_iter().map(member).collect();
+        Download::tar(&format!("checkpoint-{id}"), files)
     }
 }
 

@@ -6,6 +6,7 @@ use spec::{DataSpec, Digest, JobSpec};
 use store::{DatasetDescription, DatasetId, FileContent, Shard, ShardDescription};
 use wire::{Dataset, DatasetFile, Datasets, FileKind};
 
+use crate::app::archive::{Content, Member};
 use crate::app::files::Download;
 use crate::app::{App, Paging};
 use crate::error::ApiError;
@@ -55,6 +56,24 @@ impl App {
         let file =
             file.ok_or_else(|| ApiError::not_found("file", format!("{name:?} in dataset {id}")))?;
         Ok(Download::new(saved_as, PARQUET, file, format!("{name} of dataset {id}")))
+    }
+
+    /// All files of a dataset that exist so far as a tar.
+    pub async fn dataset_tar(&self, id: i64) -> Result<Download, ApiError> {
+        let dataset = self.store.dataset(DatasetId(id)).await?;
+        let shards = self.store.shards(dataset.id).await?;
+        let description = description(&dataset, &shards).map(|json| Member {
+            name: DatasetDescription::FILE_NAME.to_owned(),
+            content: Content::Made(json.into()),
+        });
+        let files = shards.iter().flat_map(|shard| {
+            shard.contents.files().map(|(content, object)| {
+                let name = content.file_name(shard.ordinal);
+                let file = format!("{name} of dataset {id}");
+                Member { name, content: Content::Stored { object: object.clone(), file } }
+            })
+        });
+        Download::tar(&format!("dataset-{id}"), description.into_iter().chain(files).collect())
     }
 }
 

@@ -1,28 +1,30 @@
 //! Files that the store holds, and how they are sent.
 
+use std::ops::Range;
+
+use axum::BoxError;
 use axum::body::{Body, Bytes};
-use futures::stream::{self, StreamExt, TryStreamExt};
+use futures::stream::{self, BoxStream, StreamExt, TryStreamExt};
 use spec::Digest;
 use store::StoredObject;
 
 use crate::app::App;
-use crate::download::FileInfo;
+use crate::app::archive::{Archive, Content, Member};
+use crate::download::{FileInfo, Identity};
 use crate::error::ApiError;
 
 /// A file about to be sent.
 #[derive(Clone, Debug)]
 pub struct Download {
     pub info: FileInfo,
-    content: Content,
+    source: Source,
 }
 
-/// Where the bytes of a file are.
+/// What a file is made from.
 #[derive(Clone, Debug)]
-enum Content {
-    /// In the store. `file` says which file it is to a reader.
-    Stored { object: StoredObject, file: String },
-    /// Here.
-    Made(Bytes),
+enum Source {
+    One(Content),
+    Many(Archive),
 }
 
 impl Download {
@@ -32,9 +34,9 @@ impl Download {
             name,
             media_type: media_type.to_owned(),
             size: object.size,
-            sha256: object.sha256,
+            identity: Identity::Bytes(object.sha256),
         };
-        Self { info, content: Content::Stored { object: object.clone(), file } }
+        Self { info, source: Source::One(Content::Stored { object: object.clone(), file }) }
     }
 
     /// A file that is made when it is asked for.
@@ -43,42 +45,91 @@ impl Download {
             name,
             media_type: media_type.to_owned(),
             size: bytes.len() as u64,
-            sha256: Digest::of(&bytes),
+            identity: Identity::Bytes(Digest::of(&bytes)),
         };
-        Self { info, content: Content::Made(bytes.into()) }
+        Self { info, source: Source::One(Content::Made(bytes.into())) }
+    }
+
+    /// The files of something called `name`, such as `dataset-3`, in a folder of that name.
+    ///
+    /// # Errors
+    /// [`ApiError::Internal`] when a name is too long for a tar, which none of ours is.
+    pub fn tar(name: &str, files: Vec<Member>) -> Result<Self, ApiError> {
+        let archive = Archive::new(name, files).map_err(|error| {
+            tracing::error!("cannot put {name} into a tar: {error}");
+            ApiError::Internal
+        })?;
+        let info = FileInfo {
+            name: format!("{name}.tar"),
+            media_type: "application/x-tar".to_owned(),
+            size: archive.size,
+            identity: Identity::Parts(archive.digest),
+        };
+        Ok(Self { info, source: Source::Many(archive) })
+    }
+
+    /// The bytes of `part`, as contents and their bytes.
+    fn parts(&self, part: Range<u64>) -> Vec<(Content, Range<u64>)> {
+        match &self.source {
+            Source::One(content) => vec![(content.clone(), part)],
+            Source::Many(archive) => archive.parts(part).collect(),
+        }
+    }
+
+    /// Whether all of it is here, so that sending it reads nothing.
+    fn is_made(&self) -> bool {
+        matches!(self.source, Source::One(Content::Made(_)))
     }
 }
 
 impl App {
     /// The bytes of `part` of a file, read as they are sent. The body of a whole file that turns out damaged ends with
-    /// an error before its last bytes, so that nobody takes it for the file.
+    /// an error before its last bytes, so that nobody takes it for the file; that of a tar with a damaged file in it, before
+    /// the last bytes of that.
     ///
     /// # Errors
     /// [`ApiError::Damaged`] when the file is known to be, or shows it in its first piece.
-    pub async fn read(
-        &self,
-        file: &Download,
-        part: std::ops::Range<u64>,
-    ) -> Result<Body, ApiError> {
+    pub async fn read(&self, file: &Download, part: Range<u64>) -> Result<Body, ApiError> {
         if part.is_empty() {
             return Ok(Body::empty());
         }
-        match &file.content {
+        let mut parts = file.parts(part).into_iter();
+        let Some((content, range)) = parts.next() else { return Ok(Body::empty()) };
+        let place = if file.is_made() { None } else { Some(self.download_place()?) };
+        // With the first piece in hand, a small file that is damaged is still answered with a problem.
+        let mut pieces = self.open(&content, range).await?;
+        let first = pieces.try_next().await?;
+        let app = self.clone();
+        let others = stream::iter(parts)
+            .then(move |(content, range)| {
+                let app = app.clone();
+                async move { app.open(&content, range).await }
+            })
+            .try_flatten();
+        let pieces = stream::iter(first.map(Ok)).chain(pieces).chain(others);
+        // The place is free again when the body is sent or given up.
+        let pieces = pieces.map_err(BoxError::from).inspect_ok(move |_| {
+            let _held = &place;
+        });
+        Ok(Body::from_stream(pieces))
+    }
+
+    async fn open(
+        &self,
+        content: &Content,
+        range: Range<u64>,
+    ) -> Result<BoxStream<'static, Result<Bytes, ApiError>>, ApiError> {
+        match content {
             Content::Stored { object, file } => {
-                let place = self.download_place()?;
-                let failed = |error| ApiError::reading(file, error);
-                let opened = self.store.open_object(object, Some(part)).await.map_err(failed)?;
-                // The place is free again when the body is sent or given up.
-                let mut pieces = opened.stream.inspect_ok(move |_| {
-                    let _held = &place;
-                });
-                // With the first piece in hand, a small file that is damaged is still answered with a problem.
-                let first = pieces.try_next().await.map_err(failed)?;
-                Ok(Body::from_stream(stream::iter(first.map(Ok)).chain(pieces)))
+                let file = file.clone();
+                let failed = move |error| ApiError::reading(&file, error);
+                let opened = self.store.open_object(object, Some(range)).await;
+                Ok(opened.map_err(&failed)?.stream.map_err(failed).boxed())
             }
             Content::Made(bytes) => {
                 let position = |at: u64| usize::try_from(at).unwrap_or(usize::MAX).min(bytes.len());
-                Ok(Body::from(bytes.slice(position(part.start)..position(part.end))))
+                let bytes = bytes.slice(position(range.start)..position(range.end));
+                Ok(stream::iter([Ok(bytes)]).boxed())
             }
         }
     }
@@ -88,12 +139,12 @@ impl App {
     /// # Errors
     /// [`ApiError::Damaged`] when the file is missing or known to be damaged.
     pub async fn look_up(&self, file: &Download) -> Result<(), ApiError> {
-        match &file.content {
-            Content::Stored { object, file } => {
-                let found = self.store.look_up_object(object).await;
-                found.map_err(|error| ApiError::reading(file, error))
+        for (content, _) in file.parts(0..file.info.size) {
+            if let Content::Stored { object, file } = content {
+                let found = self.store.look_up_object(&object).await;
+                found.map_err(|error| ApiError::reading(&file, error))?;
             }
-            Content::Made(_) => Ok(()),
         }
+        Ok(())
     }
 }

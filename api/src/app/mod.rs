@@ -3,6 +3,7 @@
 //! One file per resource, with the methods of [`App`] that read or change it and answer with the
 //! types of [`wire`]. Routes and page call these, and nothing else calls the store.
 
+mod archive;
 mod attempts;
 mod audit;
 pub mod checkpoints;

@@ -59,3 +59,20 @@ pub async fn file(
     let file = app.checkpoint_file(id, &name).await?;
     send(&app, &method, &headers, file).await
 }
+
+/// All files of a checkpoint as one tar, which streams: its size is known at once, and parts of it can be asked for.
+#[utoipa::path(
+    get,
+    path = "/v1/checkpoints/{id}/tar",
+    tag = "checkpoints",
+    params(("id" = i64, Path)),
+    responses(FileResponses),
+)]
+pub async fn tar(
+    State(app): State<App>,
+    Path(id): Path<i64>,
+    method: Method,
+    headers: HeaderMap,
+) -> Result<Response, ApiError> {
+    send(&app, &method, &headers, app.checkpoint_tar(id).await?).await
+}

@@ -58,6 +58,23 @@ pub async fn file(
     send(&app, &method, &headers, file).await
 }
 
+/// All files of a dataset as one tar, which streams: its size is known at once, and parts of it can be asked for.
+#[utoipa::path(
+    get,
+    path = "/v1/datasets/{id}/tar",
+    tag = "datasets",
+    params(("id" = i64, Path)),
+    responses(FileResponses),
+)]
+pub async fn tar(
+    State(app): State<App>,
+    Path(id): Path<i64>,
+    method: Method,
+    headers: HeaderMap,
+) -> Result<Response, ApiError> {
+    send(&app, &method, &headers, app.dataset_tar(id).await?).await
+}
+
 /// Make every shard again and compare: a new job each time, of which the dataset tells the outcome.
 #[utoipa::path(
     post,

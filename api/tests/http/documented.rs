@@ -29,7 +29,7 @@ const PREDICT: &str = "/v1/checkpoints/{id}/predict";
 const STREAM: &str = "/v1/checkpoints/{id}/stream";
 
 /// Every operation, with a request that it answers with success.
-const OPERATIONS: [(&str, &str, &str); 47] = [
+const OPERATIONS: [(&str, &str, &str); 49] = [
     ("get", "/healthz", "/healthz"),
     ("get", "/readyz", "/readyz"),
     ("get", "/metrics", "/metrics"),
@@ -55,6 +55,7 @@ const OPERATIONS: [(&str, &str, &str); 47] = [
     ("post", "/v1/datasets", "/v1/datasets"),
     ("get", "/v1/datasets/{id}", "/v1/datasets/1"),
     ("get", "/v1/datasets/{id}/files/{name}", "/v1/datasets/1/files/robots-00000.parquet"),
+    ("get", "/v1/datasets/{id}/tar", "/v1/datasets/1/tar"),
     ("post", "/v1/datasets/{id}/verify", "/v1/datasets/1/verify"),
     ("get", "/v1/datasets/{id}/summary", "/v1/datasets/1/summary"),
     ("get", "/v1/datasets/{id}/spectrum.svg", "/v1/datasets/1/spectrum.svg"),
@@ -79,6 +80,7 @@ const OPERATIONS: [(&str, &str, &str); 47] = [
     ("get", "/v1/checkpoints", "/v1/checkpoints"),
     ("get", "/v1/checkpoints/{id}", "/v1/checkpoints/1"),
     ("get", "/v1/checkpoints/{id}/files/{name}", "/v1/checkpoints/1/files/config.json"),
+    ("get", "/v1/checkpoints/{id}/tar", "/v1/checkpoints/1/tar"),
     ("post", PREDICT, "/v1/checkpoints/1/predict"),
     ("get", STREAM, "/v1/checkpoints/1/stream"),
     ("get", "/v1/evaluations", "/v1/evaluations"),

@@ -1,5 +1,7 @@
 //! Downloads: whole, in part, not again, and only their headers.
 
+use std::io::Read;
+
 use axum::http::Method;
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD as BASE64;
@@ -129,4 +131,57 @@ async fn the_loss_curve_is_drawn_and_its_numbers_are_there() {
     assert!(svg.text().starts_with("<svg") && svg.text().contains("validation"));
     let csv = server.get(&format!("/v1/runs/{}/figures/loss.csv", train["run"])).await;
     assert_eq!(csv.text().lines().count(), 1 + 100 + 10);
+}
+
+/// Paths and bytes of the files of a tar.
+fn unpacked(tar: &[u8]) -> Vec<(String, Vec<u8>)> {
+    let mut archive = tar::Archive::new(tar);
+    let entry = |entry: std::io::Result<tar::Entry<'_, &[u8]>>| {
+        let mut entry = entry.unwrap();
+        let mut bytes = Vec::new();
+        entry.read_to_end(&mut bytes).unwrap();
+        (entry.path().unwrap().to_str().unwrap().to_owned(), bytes)
+    };
+    archive.entries().unwrap().map(entry).collect()
+}
+
+#[tokio::test]
+async fn a_tar_has_every_file_under_the_name_of_its_dataset_or_checkpoint() {
+    let server = Server::with_small_pipeline().await;
+    for thing in ["dataset", "checkpoint"] {
+        let path = format!("/v1/{thing}s/1");
+        let answer = server.get(&format!("{path}/tar")).await;
+        assert_eq!(answer.status, 200);
+        assert_eq!(answer.header("content-type"), "application/x-tar");
+        assert_eq!(answer.header("content-length"), answer.body.len().to_string());
+        assert!(answer.header("content-disposition").contains(&format!("{thing}-1.tar")));
+        assert!(!answer.headers.contains_key("repr-digest"), "nobody has read the bytes");
+        let mut expected = Vec::new();
+        for file in server.json(&path).await["files"].as_array().unwrap() {
+            let name = format!("{thing}-1/{}", file["name"].as_str().unwrap());
+            let bytes = server.get(file["url"].as_str().unwrap()).await.body;
+            expected.push((name, bytes.to_vec()));
+        }
+        assert_eq!(unpacked(&answer.body), expected);
+        assert_eq!(server.get(&format!("{path}/tar")).await.body, answer.body);
+    }
+    server.get("/v1/datasets/9/tar").await.problem(404);
+}
+
+#[tokio::test]
+async fn a_tar_is_taken_up_where_it_broke_off_and_not_sent_again() {
+    const TAR: &str = "/v1/checkpoints/1/tar";
+    let server = Server::with_small_pipeline().await;
+    let whole = server.get(TAR).await;
+    let tag = whole.header("etag").to_owned();
+    let head = server.request(Method::HEAD, TAR, &[]).await;
+    assert_eq!(head.header("content-length"), whole.body.len().to_string());
+    for begin in [0, 511, 512, 1700, whole.body.len() - 1] {
+        let range = format!("bytes={begin}-");
+        let headers = [("range", range.as_str()), ("if-range", tag.as_str())];
+        let rest = server.request(Method::GET, TAR, &headers).await;
+        assert_eq!((rest.status.as_u16(), &rest.body[..]), (206, &whole.body[begin..]), "{begin}");
+    }
+    let again = server.request(Method::GET, TAR, &[("if-none-match", &tag)]).await;
+    assert_eq!((again.status.as_u16(), again.body.len()), (304, 0));
 }

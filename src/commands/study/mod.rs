@@ -6,12 +6,11 @@ mod gather;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use anyhow::bail;
 use clap::Args;
 use reports::study::{self, Plan, Scale};
 use wire::{Job, JobState};
 
-use crate::client::{Client, Reuse, Submitted, failure};
+use crate::client::{Client, JobEnded, Reuse, Submitted};
 use crate::commands::own_server::work_and_serve;
 use crate::progress;
 use crate::server::{Options, Server};
@@ -69,7 +68,7 @@ async fn compute_and_write(
     eprintln!("{verb}job {}: {page}", job.id);
     let job: Job = progress::follow(&client, job.id).await?;
     if job.state != JobState::Succeeded {
-        bail!("job {} {}: {}", job.id, job.state, failure(&job));
+        return Err(JobEnded::new(&job).into());
     }
     let study = gather::gather(&client, plan, &job).await?;
     study::write(&arguments.out, &study)?;

@@ -1,0 +1,53 @@
+use std::process::ExitCode;
+
+use clap::Args;
+use wire::Health;
+
+use crate::arguments::{OutputArguments, ServerArguments};
+use crate::progress::measure;
+
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// Ask whether the server takes requests, as load balancers do, and nothing else
+    #[arg(long, conflicts_with = "metrics")]
+    ready: bool,
+
+    /// Print the server's metrics as Prometheus reads them
+    #[arg(long, conflicts_with = "json")]
+    metrics: bool,
+
+    #[command(flatten)]
+    output: OutputArguments,
+
+    #[command(flatten)]
+    server: ServerArguments,
+}
+
+pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
+    let client = arguments.server.client()?;
+    if arguments.metrics {
+        print!("{}", client.raw("/metrics").await?);
+        return Ok(ExitCode::SUCCESS);
+    }
+    let path = if arguments.ready { "/readyz" } else { "/healthz" };
+    let answer = client.raw(path).await?;
+    if arguments.output.json {
+        println!("{answer}");
+    }
+    if arguments.ready {
+        if !arguments.output.json {
+            println!("ready");
+        }
+        return Ok(ExitCode::SUCCESS);
+    }
+    let health: Health = serde_json::from_str(&answer)?;
+    if !arguments.output.json {
+        let Health { status, version, workers, free_bytes, .. } = &health;
+        let free = measure::size(*free_bytes);
+        println!("{status}: torqued {version}, {workers} workers, {free} free");
+        for reason in &health.reasons {
+            println!("  {reason}");
+        }
+    }
+    Ok(if health.status == "ok" { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}

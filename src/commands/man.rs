@@ -1,0 +1,34 @@
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use anyhow::Context;
+use clap::{Args, CommandFactory};
+use clap_mangen::Man;
+
+use crate::cli::Cli;
+use crate::output::write_bytes;
+
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// Write a page per command into this folder, in place of the first to standard output; created if missing
+    #[arg(long, value_name = "DIR")]
+    dir: Option<PathBuf>,
+}
+
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
+    match &arguments.dir {
+        None => {
+            let mut page = Vec::new();
+            Man::new(Cli::command()).render(&mut page).context("cannot make the manual")?;
+            write_bytes(&page)?;
+        }
+        Some(dir) => {
+            std::fs::create_dir_all(dir)
+                .with_context(|| format!("cannot create {}", dir.display()))?;
+            clap_mangen::generate_to(Cli::command(), dir)
+                .with_context(|| format!("cannot write into {}", dir.display()))?;
+            println!("{}", dir.join("torqued.1").display());
+        }
+    }
+    Ok(ExitCode::SUCCESS)
+}

@@ -1,0 +1,86 @@
+use std::ffi::OsString;
+use std::process::{Command, ExitCode, Stdio};
+
+use anyhow::bail;
+use clap::Args;
+
+use crate::arguments::ServerArguments;
+use crate::resource::Resource;
+
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// Open the page of a thing of this kind [default: the list of jobs]
+    #[arg(value_name = "KIND", requires = "id")]
+    resource: Option<Resource>,
+
+    /// Its id
+    #[arg(value_name = "ID")]
+    id: Option<i64>,
+
+    /// Print the address, and open nothing
+    #[arg(long)]
+    print: bool,
+
+    #[command(flatten)]
+    server: ServerArguments,
+}
+
+pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
+    let client = arguments.server.client()?;
+    if client.is_on_socket() {
+        bail!(
+            "no browser opens a socket; forward it to a port, as docs/operate.md says, and name \
+             that with --server"
+        );
+    }
+    let path = match (arguments.resource, arguments.id) {
+        (Some(resource), Some(id)) => resource.page_path(id),
+        _ => "/".to_owned(),
+    };
+    let url = client.url(&path);
+    println!("{url}");
+    if !arguments.print {
+        open(&url);
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Has a browser open the address, where there is one. The address was printed, so that nothing is lost otherwise.
+fn open(url: &str) {
+    let Some(program) = browser(|name| std::env::var_os(name).filter(|value| !value.is_empty()))
+    else {
+        return;
+    };
+    let mut command = Command::new(program);
+    command.arg(url).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
+    if let Err(error) = command.spawn() {
+        tracing::debug!("cannot start a browser: {error}");
+    }
+}
+
+/// What opens addresses: `BROWSER`, or what the desktop uses.
+fn browser(variable: impl Fn(&str) -> Option<OsString>) -> Option<OsString> {
+    if let Some(browser) = variable("BROWSER") {
+        return Some(browser);
+    }
+    if cfg!(target_os = "macos") {
+        return Some("open".into());
+    }
+    let has_desktop = ["DISPLAY", "WAYLAND_DISPLAY"].into_iter().any(|it| variable(it).is_some());
+    has_desktop.then(|| "xdg-open".into())
+}
+
+#[cfg(all(test, target_os = "linux"))]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_browser_is_looked_for_where_there_is_a_desktop_or_one_is_named() {
+        let with = |set: &'static str| {
+            browser(move |name| (name == set).then(|| OsString::from("something")))
+        };
+        assert_eq!(with("BROWSER"), Some("something".into()));
+        assert_eq!(with("WAYLAND_DISPLAY"), Some("xdg-open".into()));
+        assert_eq!(with("SSH_TTY"), None);
+    }
+}

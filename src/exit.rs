@@ -1,0 +1,34 @@
+//! The codes that the program ends with, so that a script knows what happened.
+
+use std::process::ExitCode;
+
+use crate::client::{ClientError, JobEnded};
+
+/// The job that was waited for failed or was cancelled.
+pub const JOB_FAILED: u8 = 3;
+
+/// No server answered.
+pub const UNREACHABLE: u8 = 4;
+
+/// A shell reports this of a program that Ctrl-C ended.
+pub const INTERRUPTED: u8 = 130;
+
+/// The codes as `--help` and the manual have them; docs/commands.md says more.
+pub const HELP: &str = "\
+Exit codes:
+  0    done
+  1    failed, or refused by the server
+  2    the command line is wrong
+  3    the job that was waited for failed or was cancelled
+  4    no server answered
+  130  interrupted by Ctrl-C
+  141  nobody read the output any more";
+
+/// The code of an error that ended a command.
+pub fn code(error: &anyhow::Error) -> ExitCode {
+    let of = |cause: &(dyn std::error::Error + 'static)| match cause.downcast_ref() {
+        Some(ClientError::Unreachable { .. }) => Some(UNREACHABLE),
+        _ => cause.is::<JobEnded>().then_some(JOB_FAILED),
+    };
+    error.chain().find_map(of).map_or(ExitCode::FAILURE, ExitCode::from)
+}
