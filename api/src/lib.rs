@@ -17,6 +17,7 @@ mod pace;
 mod page;
 mod parameters;
 mod range;
+mod request_id;
 mod routes;
 mod server;
 mod stream;

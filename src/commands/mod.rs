@@ -7,6 +7,7 @@ pub mod completions;
 pub mod datasets;
 pub mod decode_recording;
 pub mod devices;
+pub mod doctor;
 pub mod download;
 pub mod drain;
 pub mod evaluations;
@@ -49,11 +50,11 @@ use crate::logging::Logging;
 /// Runs a command.
 pub async fn run(command: Command, log: &Logging) -> anyhow::Result<ExitCode> {
     match command {
-        Command::Serve(arguments) => serve::run(arguments, &log.filter).await,
+        Command::Serve(arguments) => serve::run(arguments, log).await,
         Command::Worker(arguments) => worker::run(arguments, &log.attempt).await,
         Command::Devices(arguments) => devices::run(&arguments).await,
-        Command::Quickstart(arguments) => quickstart::run(arguments, &log.filter).await,
-        Command::Study(arguments) => study::run(arguments, &log.filter).await,
+        Command::Quickstart(arguments) => quickstart::run(arguments, log).await,
+        Command::Study(arguments) => study::run(arguments, log).await,
         Command::Simulate(arguments) => simulate::run(arguments).await,
         Command::Verify(arguments) => verify::run(arguments).await,
         Command::Submit(arguments) => submit::run(arguments).await,
@@ -74,6 +75,7 @@ pub async fn run(command: Command, log: &Logging) -> anyhow::Result<ExitCode> {
         Command::Checkpoints(arguments) => checkpoints::run(arguments).await,
         Command::Completions(arguments) => completions::run(&arguments),
         Command::Datasets(arguments) => datasets::run(arguments).await,
+        Command::Doctor(arguments) => doctor::run(arguments).await,
         Command::Download(arguments) => download::run(arguments).await,
         Command::Evaluations(arguments) => evaluations::run(arguments).await,
         Command::Health(arguments) => health::run(arguments).await,

@@ -15,6 +15,7 @@ mod monitoring;
 mod pages;
 mod problems;
 mod references;
+mod request_ids;
 mod resources;
 mod serving;
 mod streams;
