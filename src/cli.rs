@@ -4,7 +4,7 @@ use clap::{Parser, Subcommand};
 
 use crate::commands::{
     attempts, cancel, checkpoints, completions, datasets, decode_recording, devices, doctor,
-    download, drain, evaluations, health, import, jobs, logs, man, metrics, migrate, open,
+    download, drain, evaluations, export, health, import, jobs, logs, man, metrics, migrate, open,
     pause, predict, presets, queue, quickstart, resume, retry, runs, serve, show, simulate, study,
     submit, summary, tasks, trajectory, undrain, verify, watch, worker, workers,
 };
@@ -71,6 +71,8 @@ pub enum Command {
     Show(show::Arguments),
     /// Bring the files of a dataset, a checkpoint, a run or an evaluation into a folder
     Download(download::Arguments),
+    /// Write a dataset for LeRobot, or a checkpoint for the Hugging Face hub
+    Export(export::Arguments),
     /// Print the metrics of a run as CSV
     Metrics(metrics::Arguments),
     /// Show what the trajectories of a dataset are like

@@ -11,6 +11,7 @@ pub mod doctor;
 pub mod download;
 pub mod drain;
 pub mod evaluations;
+pub mod export;
 pub mod health;
 pub mod import;
 pub mod jobs;
@@ -77,6 +78,7 @@ pub async fn run(command: Command, log: &Logging) -> anyhow::Result<ExitCode> {
         Command::Datasets(arguments) => datasets::run(arguments).await,
         Command::Doctor(arguments) => doctor::run(arguments).await,
         Command::Download(arguments) => download::run(arguments).await,
+        Command::Export(arguments) => export::run(arguments).await,
         Command::Evaluations(arguments) => evaluations::run(arguments).await,
         Command::Health(arguments) => health::run(arguments).await,
         Command::Man(arguments) => man::run(&arguments),
