@@ -3,12 +3,13 @@
 use clap::{Parser, Subcommand};
 
 use crate::commands::{
-    attempts, audit, backup, cancel, checkpoints, completions, datasets, decode_recording, devices, download,
-    drain, evaluations, health, import, jobs, logs, man, metrics, migrate, open, pause, predict,
-    presets, queue, quickstart, restore, resume, retry, runs, serve, show, simulate, study, submit, summary,
-    tasks, token, trajectory, undrain, verify, watch, worker, workers,
+    attempts, audit, backup, cancel, checkpoints, completions, datasets, decode_recording, devices, doctor,
+    download, drain, evaluations, export, health, import, jobs, logs, man, metrics, migrate, open,
+    pause, predict, presets, queue, quickstart, restore, resume, retry, runs, serve, show, simulate, study,
+    submit, summary, tasks, token, trajectory, undrain, verify, watch, worker, workers,
 };
 use crate::exit;
+use crate::logging::{LOG_FORMAT, LogFormat};
 
 /// In-context identification of robot dynamics as a service: simulate, train, evaluate.
 #[derive(Debug, Parser)]
@@ -20,6 +21,10 @@ pub struct Cli {
     /// What to log to stderr: error, warn, info, debug, or a filter such as `warn,worker=debug`
     #[arg(long, global = true, env = "TORQUED_LOG", value_name = "FILTER")]
     pub log: Option<String>,
+
+    /// How log lines are written: for people, or one JSON object each
+    #[arg(long, global = true, env = LOG_FORMAT, value_enum, value_name = "FORMAT", default_value_t)]
+    pub log_format: LogFormat,
 }
 
 #[derive(Debug, Subcommand)]
@@ -28,6 +33,8 @@ pub enum Command {
     Serve(serve::Arguments),
     /// Run one worker; `serve` starts its own
     Worker(worker::Arguments),
+    /// Look whether this machine, a data folder and a server are as they should be
+    Doctor(doctor::Arguments),
     /// List what models can be computed on, and try each
     Devices(devices::Arguments),
     /// Simulate, train and evaluate a small model, and show the result
@@ -64,6 +71,8 @@ pub enum Command {
     Show(show::Arguments),
     /// Bring the files of a dataset, a checkpoint, a run or an evaluation into a folder
     Download(download::Arguments),
+    /// Write a dataset for LeRobot, or a checkpoint for the Hugging Face hub
+    Export(export::Arguments),
     /// Print the metrics of a run as CSV
     Metrics(metrics::Arguments),
     /// Show what the trajectories of a dataset are like

@@ -4,6 +4,9 @@ use std::process::ExitCode;
 
 use crate::client::{ClientError, JobEnded};
 
+/// The command line or the configuration file is wrong.
+pub const USAGE: u8 = 2;
+
 /// The job that was waited for failed or was cancelled.
 pub const JOB_FAILED: u8 = 3;
 
@@ -18,7 +21,7 @@ pub const HELP: &str = "\
 Exit codes:
   0    done
   1    failed, or refused by the server
-  2    the command line is wrong
+  2    the command line or the configuration file is wrong
   3    the job that was waited for failed or was cancelled
   4    no server answered
   130  interrupted by Ctrl-C
@@ -31,4 +34,20 @@ pub fn code(error: &anyhow::Error) -> ExitCode {
         _ => cause.is::<JobEnded>().then_some(JOB_FAILED),
     };
     error.chain().find_map(of).map_or(ExitCode::FAILURE, ExitCode::from)
+}
+
+/// An error and what caused it, in a line.
+pub fn message(error: &anyhow::Error) -> String {
+    let mut message = String::new();
+    for cause in error.chain().map(ToString::to_string) {
+        // Many errors name their cause themselves.
+        if message.ends_with(&cause) {
+            continue;
+        }
+        if !message.is_empty() {
+            message.push_str(": ");
+        }
+        message.push_str(&cause);
+    }
+    message
 }

@@ -8,6 +8,7 @@ mod arguments;
 mod cli;
 mod client;
 mod commands;
+mod configuration;
 mod device;
 mod exit;
 mod lists;
@@ -21,11 +22,16 @@ mod server;
 use std::io::Write;
 use std::process::ExitCode;
 
-use clap::Parser;
 use simd::InstructionSet;
 
 fn main() -> ExitCode {
-    let cli = cli::Cli::parse();
+    let cli = match configuration::parse() {
+        Ok(cli) => cli,
+        Err(error) => {
+            fail(&error);
+            return ExitCode::from(exit::USAGE);
+        }
+    };
     let log = logging::start(&cli);
     if let Err(error) = InstructionSet::chosen() {
         return fail(&anyhow::Error::new(error).context(simd::VARIABLE));
@@ -45,18 +51,7 @@ fn main() -> ExitCode {
 
 /// Says what went wrong in one line: the error and what caused it.
 fn fail(error: &anyhow::Error) -> ExitCode {
-    let mut message = String::new();
-    for cause in error.chain().map(ToString::to_string) {
-        // Many errors name their cause themselves.
-        if message.ends_with(&cause) {
-            continue;
-        }
-        if !message.is_empty() {
-            message.push_str(": ");
-        }
-        message.push_str(&cause);
-    }
     // Whoever closed stderr does not want to hear it.
-    let _ = writeln!(std::io::stderr(), "error: {message}");
+    let _ = writeln!(std::io::stderr(), "error: {}", exit::message(error));
     exit::code(error)
 }

@@ -18,6 +18,7 @@ mod pace;
 mod page;
 mod parameters;
 mod range;
+mod request_id;
 mod routes;
 mod server;
 mod stream;

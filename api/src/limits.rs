@@ -71,6 +71,9 @@ pub const SESSION_LASTS: Duration = Duration::from_secs(7 * 24 * 60 * 60);
 /// Bytes of an `Idempotency-Key`.
 pub const IDEMPOTENCY_KEY_BYTES: usize = 255;
 
+/// Bytes of an `X-Request-Id`; another name takes the place of a longer one.
+pub const REQUEST_ID_BYTES: usize = 128;
+
 /// Bytes of a question to a model, and of a message on a stream. Crossing it is a 413, or closes the
 /// stream with 1009.
 pub const QUESTION_BYTES: usize = 8 << 20;

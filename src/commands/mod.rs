@@ -10,9 +10,11 @@ mod copied_store;
 pub mod datasets;
 pub mod decode_recording;
 pub mod devices;
+pub mod doctor;
 pub mod download;
 pub mod drain;
 pub mod evaluations;
+pub mod export;
 pub mod health;
 pub mod import;
 pub mod jobs;
@@ -54,11 +56,11 @@ use crate::logging::Logging;
 /// Runs a command.
 pub async fn run(command: Command, log: &Logging) -> anyhow::Result<ExitCode> {
     match command {
-        Command::Serve(arguments) => serve::run(arguments, &log.filter).await,
+        Command::Serve(arguments) => serve::run(arguments, log).await,
         Command::Worker(arguments) => worker::run(arguments, &log.attempt).await,
         Command::Devices(arguments) => devices::run(&arguments).await,
-        Command::Quickstart(arguments) => quickstart::run(arguments, &log.filter).await,
-        Command::Study(arguments) => study::run(arguments, &log.filter).await,
+        Command::Quickstart(arguments) => quickstart::run(arguments, log).await,
+        Command::Study(arguments) => study::run(arguments, log).await,
         Command::Simulate(arguments) => simulate::run(arguments).await,
         Command::Verify(arguments) => verify::run(arguments).await,
         Command::Submit(arguments) => submit::run(arguments).await,
@@ -83,7 +85,9 @@ pub async fn run(command: Command, log: &Logging) -> anyhow::Result<ExitCode> {
         Command::Checkpoints(arguments) => checkpoints::run(arguments).await,
         Command::Completions(arguments) => completions::run(&arguments),
         Command::Datasets(arguments) => datasets::run(arguments).await,
+        Command::Doctor(arguments) => doctor::run(arguments).await,
         Command::Download(arguments) => download::run(arguments).await,
+        Command::Export(arguments) => export::run(arguments).await,
         Command::Evaluations(arguments) => evaluations::run(arguments).await,
         Command::Health(arguments) => health::run(arguments).await,
         Command::Man(arguments) => man::run(&arguments),

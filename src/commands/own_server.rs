@@ -3,12 +3,13 @@
 use std::process::ExitCode;
 
 use crate::exit::INTERRUPTED;
+use crate::logging::Logging;
 use crate::server::{Interrupts, Options, Server};
 
 /// Does `work` with a server, and serves on until Ctrl-C unless it is to `exit` or the work failed.
 pub async fn work_and_serve(
     options: &Options,
-    log: &str,
+    log: &Logging,
     exit: bool,
     work: impl AsyncFnOnce(&Server) -> anyhow::Result<()>,
 ) -> anyhow::Result<ExitCode> {

@@ -7,6 +7,7 @@ use wire::{Job, JobState};
 
 use crate::client::{Client, JobEnded, Reuse, Submitted};
 use crate::commands::own_server::work_and_serve;
+use crate::logging::Logging;
 use crate::progress;
 use crate::server::{Options, Server};
 
@@ -26,7 +27,7 @@ pub struct Arguments {
 
 const SPEC: &str = r#"{"preset": "quickstart"}"#;
 
-pub async fn run(arguments: Arguments, log: &str) -> anyhow::Result<ExitCode> {
+pub async fn run(arguments: Arguments, log: &Logging) -> anyhow::Result<ExitCode> {
     let work = async |server: &Server| compute_and_show(&arguments, server).await;
     work_and_serve(&arguments.server, log, arguments.exit, work).await
 }

@@ -11,6 +11,7 @@ use store::Store;
 use worker::DeviceKind;
 
 use crate::arguments::StoreArguments;
+use crate::logging::{LOG_FORMAT, Logging};
 use crate::process;
 
 use super::Options;
@@ -180,13 +181,14 @@ fn need_postgresql(store: &StoreArguments, executor: &str) -> anyhow::Result<()>
 ///
 /// # Errors
 /// When the system does not tell which program this is.
-pub fn worker_command(options: &Options, log: &str) -> anyhow::Result<WorkerCommand> {
+pub fn worker_command(options: &Options, log: &Logging) -> anyhow::Result<WorkerCommand> {
     let own = options.device.device;
     let is_elsewhere = options.executor.executor != Executor::Local;
     let device = if is_elsewhere && own.is_apart() { DeviceKind::Cpu } else { own };
     // Training reuses the same large tensors at every step. Holding on to their pages instead of giving them back
     // after 10 ms made 150 steps of the quickstart take 4.5 s, not 5.6.
     let mut environment = vec![("MIMALLOC_PURGE_DELAY".to_owned(), "-1".to_owned())];
+    environment.push((LOG_FORMAT.to_owned(), log.format.as_str().to_owned()));
     environment.extend(urls(&options.store));
     Ok(WorkerCommand {
         program: process::own_program().context("cannot tell which program this is")?,
@@ -194,7 +196,7 @@ pub fn worker_command(options: &Options, log: &str) -> anyhow::Result<WorkerComm
         device: device.name().to_owned(),
         gpu_device: options.executor.gpu_device.unwrap_or_else(gpu_device).name().to_owned(),
         lease_seconds: options.lease_seconds,
-        log: log.to_owned(),
+        log: log.filter.clone(),
         idle_exit: Duration::from_secs(options.executor.idle_exit),
         environment,
     })

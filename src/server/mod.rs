@@ -23,6 +23,7 @@ use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
 use crate::arguments::{DeviceArguments, StoreArguments};
+use crate::logging::Logging;
 use crate::offers::WorkerOfferArguments;
 use crate::{allocator, device, process};
 use executor::ExecutorArguments;
@@ -125,7 +126,7 @@ pub struct Server {
 impl Server {
     /// # Errors
     /// When the device or the folder cannot be used, or the address cannot be listened on.
-    pub async fn start(options: &Options, log: &str) -> anyhow::Result<Self> {
+    pub async fn start(options: &Options, log: &Logging) -> anyhow::Result<Self> {
         allocator::keep_freed_memory();
         process::open_many_files();
         device::require(options.device.device).await?;

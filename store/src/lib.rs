@@ -35,6 +35,7 @@ mod health;
 mod idempotency;
 mod identifiers;
 mod identity;
+mod inventory;
 mod jobs;
 mod leases;
 mod location;
@@ -93,6 +94,7 @@ pub use idempotency::Idempotency;
 pub use identifiers::{
     CheckpointId, DatasetId, Epoch, ExperimentId, JobId, RunId, TaskId, TokenId, TrackedRunId,
 };
+pub use inventory::ObjectPlace;
 pub use jobs::{Job, JobFilter, JobProgress, Page};
 pub use leases::{ClaimedTask, Fence, Lease, Progress};
 pub use location::{DatabaseUrl, Location};

@@ -80,7 +80,7 @@ async fn everything_that_a_pipeline_leaves_is_listed_shown_and_downloaded() {
         ("dataset", &dataset, "trajectories-00003.parquet"),
         ("run", &run, "train/loss"),
         ("checkpoint", &checkpoint, "model.safetensors"),
-        ("evaluation", &evaluation, "predictor"),
+        ("evaluation", &evaluation, "hold-last"),
     ] {
         let text = asking.output(&["show", kind, id]);
         assert!(text.contains(words), "no {words:?} in {text}");

@@ -15,8 +15,18 @@ use store::{Fence, NewLogChunk, Store, StoreError};
 #[derive(Clone, Debug, Default)]
 pub struct AttemptLog {
     lines: Arc<Mutex<Option<Lines>>>,
+    current: Arc<Mutex<Option<CurrentAttempt>>>,
     /// Held while lines are on their way, so that none goes twice.
     sending: Arc<tokio::sync::Mutex<()>>,
+}
+
+/// The attempt that a process is at, as its lines are marked with.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct CurrentAttempt {
+    pub job: i64,
+    /// The task's label.
+    pub task: String,
+    pub epoch: i64,
 }
 
 /// Bytes of one event at most; what is longer is cut.
@@ -45,13 +55,24 @@ struct Line {
 
 impl AttemptLog {
     /// From now on lines belong to an attempt that has logged nothing.
-    pub(crate) fn begin(&self) {
+    pub(crate) fn begin(&self, attempt: CurrentAttempt) {
         *self.lock() = Some(Lines::default());
+        *self.lock_current() = Some(attempt);
     }
 
     /// From now on lines belong to nothing. What was not sent is lost.
     pub(crate) fn end(&self) {
         *self.lock() = None;
+        *self.lock_current() = None;
+    }
+
+    /// The attempt that lines belong to, if there is one.
+    pub fn current(&self) -> Option<CurrentAttempt> {
+        self.lock_current().clone()
+    }
+
+    fn lock_current(&self) -> MutexGuard<'_, Option<CurrentAttempt>> {
+        self.current.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Sends all lines to the store.
@@ -177,19 +198,19 @@ mod tests {
     fn lines_between_attempts_belong_to_none() {
         let mut log = AttemptLog::default();
         log.write_all(b"before\n").unwrap();
-        log.begin();
+        log.begin(CurrentAttempt::default());
         log.write_all(b"during\n").unwrap();
         assert_eq!(unsent(&log), [NewLogChunk { position: 0, text: "during\n".to_owned() }]);
         log.end();
         log.write_all(b"after\n").unwrap();
-        log.begin();
+        log.begin(CurrentAttempt::default());
         assert_eq!(unsent(&log), []);
     }
 
     #[test]
     fn lines_of_all_threads_belong_to_the_attempt() {
         let log = AttemptLog::default();
-        log.begin();
+        log.begin(CurrentAttempt::default());
         std::thread::scope(|scope| {
             for _ in 0..4 {
                 let mut log = log.clone();
@@ -203,7 +224,7 @@ mod tests {
     #[test]
     fn memory_for_lines_has_a_limit_and_what_is_left_out_shows() {
         let mut log = AttemptLog::default();
-        log.begin();
+        log.begin(CurrentAttempt::default());
         let line = format!("{}\n", "x".repeat(999));
         for _ in 0..5000 {
             log.write_all(line.as_bytes()).unwrap();

@@ -13,6 +13,7 @@ use tokio_util::sync::CancellationToken;
 use crate::WorkerError;
 use crate::attempt::Attempt;
 use crate::attempt_log::AttemptLog;
+use crate::attempt_log::CurrentAttempt;
 use crate::error::TaskError;
 use crate::heartbeat::{LeaseTerms, ProgressCell, keep_alive};
 use crate::held_task::HeldTask;
@@ -190,7 +191,11 @@ async fn execute(
     options: &WorkerOptions,
     shutdown: &CancellationToken,
 ) -> Result<(), WorkerError> {
-    options.log.begin();
+    options.log.begin(CurrentAttempt {
+        job: task.job.0,
+        task: task.label.clone(),
+        epoch: task.fence.epoch.0,
+    });
     say_what_begins(&task, options);
     let held = HeldTask {
         store,

@@ -28,7 +28,7 @@ mod train;
 mod trajectories;
 mod verify;
 
-pub use attempt_log::AttemptLog;
+pub use attempt_log::{AttemptLog, CurrentAttempt};
 pub use claim_loop::{WorkerOptions, run};
 pub use error::{RehearsalError, WorkerError};
 pub use folder::{DatasetFolder, FolderError, Verified};

@@ -43,7 +43,7 @@ use crate::limits::BODY_BYTES;
 use crate::pace::{self, Pace};
 use crate::parameters::KnownParameters;
 use crate::routes::openapi::Document;
-use crate::{access, guard, page, parameters};
+use crate::{access, guard, page, parameters, request_id};
 
 pub fn operations() -> OpenApiRouter<App> {
     OpenApiRouter::with_openapi(Document::openapi())
@@ -112,6 +112,7 @@ pub fn router(app: App) -> Router {
 
     // The first layer is the outermost.
     let guards = ServiceBuilder::new()
+        .layer(middleware::from_fn(request_id::identify))
         .layer(TraceLayer::new_for_http())
         .layer(middleware::from_fn_with_state(app.clone(), guard::count))
         .layer(middleware::from_fn(guard::add_browser_headers))

@@ -17,6 +17,7 @@ mod monitoring;
 mod pages;
 mod problems;
 mod references;
+mod request_ids;
 mod resources;
 mod serving;
 mod streams;

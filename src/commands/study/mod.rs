@@ -12,6 +12,7 @@ use wire::{Job, JobState};
 
 use crate::client::{Client, JobEnded, Reuse, Submitted};
 use crate::commands::own_server::work_and_serve;
+use crate::logging::Logging;
 use crate::progress;
 use crate::server::{Options, Server};
 
@@ -41,7 +42,7 @@ pub struct Arguments {
     server: Options,
 }
 
-pub async fn run(arguments: Arguments, log: &str) -> anyhow::Result<ExitCode> {
+pub async fn run(arguments: Arguments, log: &Logging) -> anyhow::Result<ExitCode> {
     let plan = Plan::of(arguments.scale)?;
     if arguments.dry_run {
         let device = arguments.server.device.device;

@@ -79,6 +79,11 @@ impl Database {
     pub async fn close(&self) {
         self.reader.close().await;
     }
+
+    /// Nothing: PostgreSQL looks after its own files.
+    pub async fn damage(&self) -> Result<Option<String>, sqlx::Error> {
+        Ok(None)
+    }
 }
 
 /// An open transaction, which is rolled back when it is dropped.

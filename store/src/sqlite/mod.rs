@@ -130,6 +130,13 @@ impl Database {
         self.reader.close().await;
         self.writer.close().await;
     }
+
+    /// What is wrong with the file, if anything is.
+    pub async fn damage(&self) -> Result<Option<String>, sqlx::Error> {
+        let verdict: String =
+            sqlx::query_scalar("PRAGMA integrity_check(1)").fetch_one(&self.reader).await?;
+        Ok(Some(verdict.replace('\n', " ")).filter(|verdict| verdict != "ok"))
+    }
 }
 
 /// An open transaction, which is rolled back when it is dropped.

@@ -15,6 +15,7 @@ mod census;
 mod checkpoints;
 mod datasets;
 mod demand;
+mod inventory;
 pub(super) mod jobs;
 pub(super) mod line;
 mod logs;

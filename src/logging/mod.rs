@@ -1,10 +1,13 @@
 //! Where log lines go.
 
+mod json;
+
 use std::backtrace::Backtrace;
 use std::io::{self, IsTerminal};
 use std::panic;
 use std::thread;
 
+use clap::ValueEnum;
 use tracing_subscriber::filter::{FilterExt as _, LevelFilter};
 use tracing_subscriber::layer::{Layer as _, SubscriberExt as _};
 use tracing_subscriber::util::SubscriberInitExt as _;
@@ -12,11 +15,33 @@ use tracing_subscriber::{EnvFilter, fmt, registry};
 use worker::AttemptLog;
 
 use crate::cli::{Cli, Command};
+use json::JsonLines;
+
+/// The variable that says how log lines are written.
+pub const LOG_FORMAT: &str = "TORQUED_LOG_FORMAT";
+
+/// How log lines are written.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub enum LogFormat {
+    #[default]
+    Human,
+    Json,
+}
+
+impl LogFormat {
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Human => "human",
+            Self::Json => "json",
+        }
+    }
+}
 
 /// The part of the log that commands must know.
 pub struct Logging {
-    /// The filter in use, for child processes.
+    /// The filter and the format in use, for child processes.
     pub filter: String,
+    pub format: LogFormat,
     /// The lines of a worker that belong to its attempt.
     pub attempt: AttemptLog,
 }
@@ -34,9 +59,14 @@ pub fn start(cli: &Cli) -> Logging {
     };
     let filter = cli.log.as_deref().unwrap_or(usual);
     let parsed = || EnvFilter::builder().parse_lossy(filter);
-    let stderr = fmt::layer().with_writer(io::stderr).with_ansi(io::stderr().is_terminal());
-    let subscriber = registry().with(stderr.with_filter(parsed()));
     let attempt = AttemptLog::default();
+    let stderr = match cli.log_format {
+        LogFormat::Human => {
+            fmt::layer().with_writer(io::stderr).with_ansi(io::stderr().is_terminal()).boxed()
+        }
+        LogFormat::Json => JsonLines { attempt: attempt.clone() }.boxed(),
+    };
+    let subscriber = registry().with(stderr.with_filter(parsed()));
     if matches!(cli.command, Command::Worker(_)) {
         let lines = attempt.clone();
         let lines = fmt::layer().with_writer(move || lines.clone()).with_ansi(false);
@@ -45,7 +75,7 @@ pub fn start(cli: &Cli) -> Logging {
     } else {
         subscriber.init();
     }
-    Logging { filter: filter.to_owned(), attempt }
+    Logging { filter: filter.to_owned(), format: cli.log_format, attempt }
 }
 
 /// Has panics of every thread logged, with the head of a backtrace.

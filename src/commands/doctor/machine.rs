@@ -1,0 +1,52 @@
+use std::time::{Duration, SystemTime};
+
+use nix::sys::resource::{Resource, getrlimit};
+use worker::DeviceKind;
+
+use super::Report;
+use crate::device;
+
+/// No clock is right that shows an earlier time: 2026-01-01T00:00:00Z.
+const EARLIEST: Duration = Duration::from_secs(1_767_225_600);
+
+/// Files per connection that a server keeps free for everything else.
+const FILES_PER_CONNECTION: u64 = 4;
+
+pub async fn look(report: &mut Report) -> anyhow::Result<()> {
+    clock(report)?;
+    files(report)?;
+    for kind in DeviceKind::ALL.into_iter().filter(|kind| kind.is_built()) {
+        match device::probe(kind).await {
+            Ok(probed) => {
+                let adapter = probed.device.adapter.unwrap_or("this processor".to_owned());
+                report.good("device", format!("{kind}: {adapter}, {:.2} s", probed.seconds))?;
+            }
+            Err(error) => {
+                let remedy = "torqued devices says more; serve and worker take another --device";
+                report.wrong("device", format!("{kind}: {error}"), remedy)?;
+            }
+        }
+    }
+    Ok(())
+}
+
+fn clock(report: &mut Report) -> anyhow::Result<()> {
+    let now = SystemTime::now();
+    let shown = humantime::format_rfc3339_seconds(now);
+    match now.duration_since(SystemTime::UNIX_EPOCH) {
+        Ok(since) if since >= EARLIEST => report.good("clock", shown.to_string()),
+        _ => report.wrong("clock", shown.to_string(), "set it, with NTP if possible"),
+    }
+}
+
+/// A server raises its own limit as far as it may.
+fn files(report: &mut Report) -> anyhow::Result<()> {
+    let (_, most) = getrlimit(Resource::RLIMIT_NOFILE)?;
+    let needed = FILES_PER_CONNECTION * api::limits::CONNECTIONS as u64;
+    let found = format!("a process may open {most}");
+    if most >= needed {
+        return report.good("files", found);
+    }
+    let found = format!("{found}, which allows {} connections", most / FILES_PER_CONNECTION);
+    report.note("files", found, "raise ulimit -Hn, or LimitNOFILE= of the systemd unit")
+}

@@ -1,0 +1,225 @@
+//! The configuration file of `serve`: TOML whose keys are the command's flags. Which those are, and what each allows, is asked of
+//! the command itself.
+
+use std::ffi::OsString;
+use std::path::Path;
+
+use anyhow::{Context, anyhow, bail, ensure};
+use clap::builder::ArgAction;
+use clap::error::{ContextKind, ContextValue};
+use clap::parser::ValueSource;
+use clap::{Arg, ArgMatches, Command, CommandFactory, FromArgMatches};
+use toml::{Table, Value};
+
+use crate::cli::Cli;
+
+/// The command that takes a file, and the flag that names it.
+const COMMAND: &str = "serve";
+const FLAG: &str = "config";
+
+/// Flags that no file has: the one that names it, and those that only print.
+const NO_KEYS: [&str; 3] = [FLAG, "help", "version"];
+
+/// Reads the command line, and after it the file that it or `TORQUED_CONFIG` names. A flag stands before a variable, a
+/// variable before the file, the file before what is built in. A command line that is wrong ends the process, as `--help` does.
+///
+/// # Errors
+/// The file, the key and what is allowed.
+pub fn parse() -> anyhow::Result<Cli> {
+    let arguments: Vec<OsString> = std::env::args_os().collect();
+    let matches = Cli::command().get_matches_from(&arguments);
+    let cli = match file(&matches) {
+        None => Cli::from_arg_matches(&matches),
+        Some((path, given)) => {
+            let text = std::fs::read_to_string(path)
+                .with_context(|| format!("cannot read {}", path.display()))?;
+            let more = arguments_of(&text, given).with_context(|| path.display().to_string())?;
+            let all = arguments.into_iter().chain(more);
+            Cli::from_arg_matches(&Cli::command().get_matches_from(all))
+        }
+    };
+    Ok(cli.unwrap_or_else(|error| error.exit()))
+}
+
+/// The file that is named, and what was given beside it.
+fn file(matches: &ArgMatches) -> Option<(&Path, &ArgMatches)> {
+    let (name, given) = matches.subcommand()?;
+    if name != COMMAND {
+        return None;
+    }
+    let path = given.get_one::<std::path::PathBuf>(FLAG)?;
+    Some((path, given))
+}
+
+/// The flags that `text` stands for, without those that a flag or a variable gave.
+fn arguments_of(text: &str, given: &ArgMatches) -> anyhow::Result<Vec<OsString>> {
+    let table: Table = text.parse().map_err(|error: toml::de::Error| syntax(text, &error))?;
+    let mut command = Cli::command();
+    command.build();
+    let command = command.find_subcommand(COMMAND).context("there is no such command")?;
+    let mut arguments = Vec::new();
+    for (key, value) in &table {
+        let argument = known(command, key)?;
+        let flags = flags(argument, key, value)?;
+        check(argument, key, value, &flags)?;
+        let by_file = !matches!(
+            given.value_source(argument.get_id().as_str()),
+            Some(ValueSource::CommandLine | ValueSource::EnvVariable)
+        );
+        if by_file {
+            arguments.extend(flags);
+        }
+    }
+    Ok(arguments)
+}
+
+fn syntax(text: &str, error: &toml::de::Error) -> anyhow::Error {
+    let before = error.span().map_or("", |span| text.get(..span.start).unwrap_or_default());
+    let line = before.matches('\n').count() + 1;
+    anyhow!("line {line} is not valid TOML: {}", error.message())
+}
+
+/// The key of a flag: `max_connections` of `--max-connections`.
+fn key_of(argument: &Arg) -> Option<String> {
+    let long = argument.get_long().filter(|long| !NO_KEYS.contains(long))?;
+    Some(long.replace('-', "_"))
+}
+
+fn known<'a>(command: &'a Command, key: &str) -> anyhow::Result<&'a Arg> {
+    let mut arguments = command.get_arguments();
+    if let Some(argument) = arguments.find(|it| key_of(it).is_some_and(|known| known == key)) {
+        return Ok(argument);
+    }
+    let keys: Vec<String> = command.get_arguments().filter_map(key_of).collect();
+    let nearest = keys.iter().min_by_key(|known| edits(known, key));
+    match nearest.filter(|nearest| edits(nearest, key) <= key.len().max(3) / 3) {
+        Some(nearest) => bail!("{key} is no key; did you mean {nearest}?"),
+        None => bail!("{key} is no key; allowed: {}", keys.join(", ")),
+    }
+}
+
+/// The flags of a key. A list gives one for each of its values, and a table one for each `NAME=VALUE`.
+fn flags(argument: &Arg, key: &str, value: &Value) -> anyhow::Result<Vec<OsString>> {
+    let long = argument.get_long().unwrap_or_default();
+    let flag = |text: &str| OsString::from(format!("--{long}={text}"));
+    let takes_several = matches!(argument.get_action(), ArgAction::Append);
+    Ok(match value {
+        Value::Boolean(on) if matches!(argument.get_action(), ArgAction::SetTrue) => {
+            if *on {
+                vec![format!("--{long}").into()]
+            } else {
+                Vec::new()
+            }
+        }
+        Value::Array(values) if takes_several => {
+            let texts = values.iter().map(|value| text(key, value));
+            texts.map(|text| Ok(flag(&text?))).collect::<anyhow::Result<_>>()?
+        }
+        Value::Table(values) if takes_several => {
+            let pair = |(name, value)| Ok(flag(&format!("{name}={}", text(key, value)?)));
+            values.iter().map(pair).collect::<anyhow::Result<_>>()?
+        }
+        value => vec![flag(&text(key, value)?)],
+    })
+}
+
+/// A single value as the command line has it.
+fn text(key: &str, value: &Value) -> anyhow::Result<String> {
+    Ok(match value {
+        Value::String(text) => text.clone(),
+        Value::Integer(number) => number.to_string(),
+        Value::Float(number) => number.to_string(),
+        other => bail!("{key} is {other}, allowed: a single text or number"),
+    })
+}
+
+/// Has the command look at the flags of one key alone, so that an error is about that key.
+fn check(argument: &Arg, key: &str, value: &Value, flags: &[OsString]) -> anyhow::Result<()> {
+    let command = ["torqued", COMMAND].map(OsString::from);
+    let checked = Cli::command().try_get_matches_from(command.iter().chain(flags));
+    let Err(error) = checked else { return Ok(()) };
+    let allowed = match (error.get(ContextKind::ValidValue), std::error::Error::source(&error)) {
+        (Some(ContextValue::Strings(values)), _) if !values.is_empty() => {
+            format!("allowed: {}", values.join(", "))
+        }
+        (_, Some(reason)) => reason.to_string(),
+        _ => "not allowed".to_owned(),
+    };
+    // Passwords and tokens are not repeated.
+    ensure!(!argument.is_hide_env_values_set(), "{key}: {allowed}");
+    bail!("{key} is {value}: {allowed}")
+}
+
+/// Characters to insert, delete or replace to make one word of the other.
+fn edits(one: &str, other: &str) -> usize {
+    let other: Vec<char> = other.chars().collect();
+    let mut row: Vec<usize> = (0..=other.len()).collect();
+    for (i, a) in one.chars().enumerate() {
+        let mut diagonal = std::mem::replace(&mut row[0], i + 1);
+        for (j, b) in other.iter().enumerate() {
+            let replaced = diagonal + usize::from(a != *b);
+            diagonal = row[j + 1];
+            row[j + 1] = replaced.min(row[j] + 1).min(diagonal + 1);
+        }
+    }
+    row[other.len()]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn given(arguments: &[&str]) -> ArgMatches {
+        let all = ["torqued", COMMAND].iter().chain(arguments);
+        Cli::command().get_matches_from(all).subcommand().unwrap().1.clone()
+    }
+
+    fn read(text: &str) -> anyhow::Result<Vec<OsString>> {
+        arguments_of(text, &given(&["--lease-seconds", "7"]))
+    }
+
+    #[test]
+    fn every_flag_of_serve_is_a_key_and_a_flag_that_was_given_stands() {
+        let text = "max_connections = 64\nlease_seconds = 9\nlog = \"warn\"\nslurm_option = [\"-p lab\", \"-q x\"]\n\
+                    [time_limit]\ntrain = 3600\n";
+        let flags = [
+            "--max-connections=64",
+            "--log=warn",
+            "--slurm-option=-p lab",
+            "--slurm-option=-q x",
+            "--time-limit=train=3600",
+        ];
+        let mut found = read(text).unwrap();
+        found.sort();
+        let mut expected = flags.map(OsString::from);
+        expected.sort();
+        assert_eq!(found, expected);
+    }
+
+    #[test]
+    fn an_error_names_the_key_its_value_and_what_is_allowed() {
+        for (text, words) in [
+            ("max_conections = 64", "max_conections is no key; did you mean max_connections?"),
+            ("wrokers = 1", "wrokers is no key; did you mean workers?"),
+            ("colour = 1", "colour is no key; allowed: "),
+            ("config = \"x\"", "config is no key"),
+            ("max_connections = 2", "max_connections is 2: allowed: 16 to 100000"),
+            ("workers = 65", "workers is 65: 65 is not in 0..=64"),
+            ("executor = \"slrum\"", "executor is \"slrum\": allowed: local, slurm, kubernetes"),
+            ("workers = [1]", "workers is [1], allowed: a single text or number"),
+            ("workers = true", "workers is true, allowed: a single text or number"),
+            ("workers = 1\nlog = ", "line 2 is not valid TOML"),
+        ] {
+            let error = read(text).unwrap_err().to_string();
+            assert!(error.starts_with(words), "{text}: {error}");
+        }
+        let error = read("database = \"mysql://u:secret@h/d\"").unwrap_err().to_string();
+        assert!(!error.contains("secret"), "{error}");
+    }
+
+    #[test]
+    fn a_typo_is_a_few_edits_away() {
+        assert_eq!(edits("workers", "wrokers"), 2);
+        assert_eq!((edits("", "abc"), edits("abc", "abc")), (3, 0));
+    }
+}

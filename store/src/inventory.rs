@@ -1,0 +1,83 @@
+//! For those who look whether a store is whole: what its rows name, and whether that is there.
+
+use futures::TryStreamExt;
+
+use crate::database::sql;
+use crate::{Store, StoreError, StoredObject, boxed};
+
+/// The tables whose rows name objects.
+const TABLES: [&str; 4] = ["shard_file", "artifact", "checkpoint_file", "upload"];
+
+/// Objects that are asked for at once.
+const PAGE: i64 = 500;
+
+/// A place among all objects that rows name, where the next page begins.
+#[derive(Clone, Debug, Default)]
+pub struct ObjectPlace {
+    table: usize,
+    path: String,
+}
+
+impl Store {
+    /// The next objects that rows name. None come after the last.
+    ///
+    /// # Errors
+    /// When the database fails.
+    #[boxed]
+    pub async fn next_objects(
+        &self,
+        place: &mut ObjectPlace,
+    ) -> Result<Vec<StoredObject>, StoreError> {
+        while let Some(table) = TABLES.get(place.table) {
+            let path = place.path.as_str();
+            let operation = "listing objects";
+            let objects = sql!(self.database(), operation, objects_named_by(table, path, PAGE))?;
+            if let Some(last) = objects.last() {
+                place.path.clone_from(&last.path);
+                return Ok(objects);
+            }
+            *place = ObjectPlace { table: place.table + 1, path: String::new() };
+        }
+        Ok(Vec::new())
+    }
+
+    /// Reads an object to its end, and compares its digest.
+    ///
+    /// # Errors
+    /// [`StoreError::DamagedObject`] when it has other bytes than were published; when it is not there.
+    #[boxed]
+    pub async fn check_object(&self, object: &StoredObject) -> Result<(), StoreError> {
+        let mut bytes = self.open_object(object, None).await?.stream;
+        while bytes.try_next().await?.is_some() {}
+        Ok(())
+    }
+
+    /// What is wrong inside of the database; `None` when nothing is. PostgreSQL watches over its own files.
+    ///
+    /// # Errors
+    /// When the database cannot be read.
+    #[boxed]
+    pub async fn database_damage(&self) -> Result<Option<String>, StoreError> {
+        sql!(self.database(), "looking for damage", damage())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_table_with_objects_is_listed() {
+        let schema = include_str!("../../migrations/sqlite/0001_initial.sql");
+        let tables = schema
+            .split("CREATE TABLE ")
+            .skip(1)
+            .filter(|table| table.lines().any(|line| line.trim_start().starts_with("path ")));
+        let named: Vec<&str> = tables.filter_map(|table| table.split_whitespace().next()).collect();
+        let mut listed = TABLES.to_vec();
+        listed.sort_unstable();
+        let mut found = named;
+        found.sort_unstable();
+        assert_eq!(listed, found);
+    }
+}
