@@ -3,10 +3,11 @@
 use clap::{Parser, Subcommand};
 
 use crate::commands::{
-    attempts, audit, backup, cancel, checkpoints, completions, datasets, decode_recording, devices, doctor,
-    download, drain, evaluations, export, health, import, jobs, logs, man, metrics, migrate, open,
-    pause, predict, presets, queue, quickstart, restore, resume, retry, runs, serve, show, simulate, study,
-    submit, summary, tasks, token, trajectory, undrain, verify, watch, worker, workers,
+    attempts, audit, backup, cancel, checkpoints, completions, datasets, decode_recording, devices,
+    doctor, download, drain, evaluations, export, health, import, jobs, logs, man, metrics,
+    migrate, open, pause, predict, presets, queue, quickstart, restore, resume, retry, runs, serve,
+    show, simulate, study, submit, summary, tasks, token, trajectory, undrain, verify, watch,
+    worker, workers,
 };
 use crate::exit;
 use crate::logging::{LOG_FORMAT, LogFormat};
@@ -187,6 +188,10 @@ mod tests {
         ("get /v1/queue", "queue"),
         ("post /v1/queue/pause", "pause"),
         ("post /v1/queue/resume", "resume"),
+        ("get /v1/tokens", "token"),
+        ("post /v1/tokens", "token"),
+        ("delete /v1/tokens/{id}", "token"),
+        ("get /v1/audit", "audit"),
     ];
 
     #[test]

@@ -3,7 +3,7 @@ use std::process::ExitCode;
 use clap::Args;
 use reports::{Align, Table};
 
-use crate::arguments::ServerArguments;
+use crate::arguments::{OutputArguments, ServerArguments};
 
 /// Requests that changed something, or tried to: who sent them, from where, and what became of them. It needs a token of scope admin.
 #[derive(Debug, Args)]
@@ -16,9 +16,8 @@ pub struct Arguments {
     #[arg(long, value_name = "N", default_value_t = 50, value_parser = clap::value_parser!(u32).range(1..=500))]
     limit: u32,
 
-    /// Print the server's answer as it is
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    output: OutputArguments,
 
     #[command(flatten)]
     server: ServerArguments,
@@ -28,7 +27,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     let client = arguments.server.client()?;
     let actor = arguments.actor.map(|name| format!("&actor={name}")).unwrap_or_default();
     let path = format!("/v1/audit?limit={}{actor}", arguments.limit);
-    if arguments.json {
+    if arguments.output.json {
         println!("{}", client.raw(&path).await?);
         return Ok(ExitCode::SUCCESS);
     }

@@ -6,10 +6,10 @@ use std::time::Duration;
 use anyhow::{Context, bail};
 use clap::{Args, Subcommand};
 use reports::{Align, Table};
-use store::{Access, AuditEntry, Store, StoreError, TokenId};
+use store::{Access, AuditEntry, Store, StoreError};
 use wire::{CreatedToken, NewToken, Scope, Token, Tokens};
 
-use crate::arguments::{ServerArguments, StoreArguments, token_name};
+use crate::arguments::{OutputArguments, ServerArguments, StoreArguments, token_name};
 use crate::client::Client;
 
 #[derive(Debug, Args)]
@@ -58,9 +58,8 @@ struct Create {
     #[arg(long, value_name = "TIME", value_parser = lifetime)]
     expires: Option<Duration>,
 
-    /// Print the server's answer as JSON
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    output: OutputArguments,
 
     #[command(flatten)]
     place: Place,
@@ -68,9 +67,8 @@ struct Create {
 
 #[derive(Debug, Args)]
 struct List {
-    /// Print the server's answer as JSON
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    output: OutputArguments,
 
     #[command(flatten)]
     place: Place,
@@ -81,6 +79,9 @@ struct Revoke {
     /// The token's name
     #[arg(value_parser = token_name)]
     name: String,
+
+    #[command(flatten)]
+    output: OutputArguments,
 
     #[command(flatten)]
     place: Place,
@@ -109,10 +110,10 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
 }
 
 async fn create(arguments: Create) -> anyhow::Result<()> {
-    let Create { name, scope, expires, json, place } = arguments;
+    let Create { name, scope, expires, output, place } = arguments;
     let token = NewToken { name, scope, expires_in_s: expires.map(|expires| expires.as_secs()) };
     let created = Keeper::at(&place).await?.create(&token).await?;
-    if json {
+    if output.json {
         println!("{}", serde_json::to_string_pretty(&created)?);
         return Ok(());
     }
@@ -125,7 +126,7 @@ async fn create(arguments: Create) -> anyhow::Result<()> {
 
 async fn list(arguments: List) -> anyhow::Result<()> {
     let tokens = Keeper::at(&arguments.place).await?.tokens().await?;
-    if arguments.json {
+    if arguments.output.json {
         println!("{}", serde_json::to_string_pretty(&tokens)?);
         return Ok(());
     }
@@ -165,14 +166,18 @@ fn state(token: &Token) -> &'static str {
 }
 
 async fn revoke(arguments: Revoke) -> anyhow::Result<()> {
-    let Revoke { name, place } = arguments;
+    let Revoke { name, output, place } = arguments;
     let keeper = Keeper::at(&place).await?;
     let tokens = keeper.tokens().await?.tokens;
     let named = tokens.iter().find(|token| token.name == name && token.revoked_at.is_none());
     let Some(token) = named else {
         bail!("no token is called {name}; `torqued token list` shows all");
     };
-    keeper.revoke(token.id).await?;
+    let revoked = keeper.revoke(token.id).await?;
+    if output.json {
+        println!("{}", serde_json::to_string_pretty(&revoked)?);
+        return Ok(());
+    }
     println!("revoked {name}");
     Ok(())
 }
@@ -215,17 +220,15 @@ impl Keeper {
         }
     }
 
-    async fn revoke(&self, id: i64) -> anyhow::Result<()> {
+    async fn revoke(&self, id: i64) -> anyhow::Result<Token> {
         match self {
-            Self::Server(client) => {
-                client.revoke_token(id).await?;
-            }
-            Self::Database(_, store) => {
-                let token = store.revoke_token(TokenId(id)).await?;
+            Self::Server(client) => Ok(client.revoke_token(id).await?),
+            Self::Database(app, store) => {
+                let token = app.revoke_token(id).await?;
                 record(store, &format!("token revoke {}", token.name), None).await?;
+                Ok(token)
             }
         }
-        Ok(())
     }
 }
 

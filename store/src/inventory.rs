@@ -6,7 +6,8 @@ use crate::database::sql;
 use crate::{Store, StoreError, StoredObject, boxed};
 
 /// The tables whose rows name objects.
-const TABLES: [&str; 4] = ["shard_file", "artifact", "checkpoint_file", "upload"];
+const TABLES: [&str; 5] =
+    ["shard_file", "artifact", "checkpoint_file", "upload", "tracked_artifact"];
 
 /// Objects that are asked for at once.
 const PAGE: i64 = 500;

@@ -39,7 +39,7 @@ impl<S: Send + Sync> FromRequest<S> for Request {
         }
         let JsonBytes(bytes) =
             JsonBytes::<{ crate::limits::BODY_BYTES }>::from_request(request, state).await?;
-        match serde_json::from_slice(&bytes).map_err(ApiError::Json)? {
+        match spec::read_json(&bytes).map_err(ApiError::Json)? {
             Value::Object(fields) => Ok(Self(fields)),
             other => Err(MlflowError::invalid("the body", &other.to_string(), "a JSON object")),
         }

@@ -9,7 +9,7 @@ use wire::{Checkpoint, Checkpoints};
 use crate::app::App;
 use crate::error::ApiError;
 use crate::extract::{Path, Query};
-use crate::routes::files::{CheckpointFile, send};
+use crate::routes::files::{CheckpointFile, TarFile, send};
 use crate::routes::lists::ListParameters;
 
 /// Checkpoints, newest first.
@@ -66,7 +66,7 @@ pub async fn file(
     path = "/v1/checkpoints/{id}/tar",
     tag = "checkpoints",
     params(("id" = i64, Path)),
-    responses(FileResponses),
+    responses(TarFile),
 )]
 pub async fn tar(
     State(app): State<App>,

@@ -10,7 +10,7 @@ use wire::{Dataset, Datasets, Job};
 use crate::app::App;
 use crate::error::ApiError;
 use crate::extract::{Path, Query};
-use crate::routes::files::{DatasetFile, send};
+use crate::routes::files::{DatasetFile, TarFile, send};
 use crate::routes::lists::ListParameters;
 
 /// Datasets, newest first.
@@ -64,7 +64,7 @@ pub async fn file(
     path = "/v1/datasets/{id}/tar",
     tag = "datasets",
     params(("id" = i64, Path)),
-    responses(FileResponses),
+    responses(TarFile),
 )]
 pub async fn tar(
     State(app): State<App>,

@@ -59,6 +59,8 @@ downloads! {
     ArtifactFile:
         "application/json" => any, "image/svg+xml" => text, "text/csv" => text,
         "application/vnd.apache.parquet" => bytes, "application/octet-stream" => bytes;
+    /// All files of a dataset or a checkpoint.
+    TarFile: "application/x-tar" => bytes;
     /// The log of an attempt.
     LogFile: "text/plain" => text;
 }

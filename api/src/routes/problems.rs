@@ -28,9 +28,9 @@ pub fn add(operation: &mut Value, method: &str, path: &str) {
     if !is_open {
         statuses.push(401);
     }
-    let needs_more = ["submit", "admin"].iter().any(|scope| {
-        operation["security"].to_string().contains(&format!("\"{scope}\""))
-    });
+    let needs_more = ["submit", "admin"]
+        .iter()
+        .any(|scope| operation["security"].to_string().contains(&format!("\"{scope}\"")));
     if method != "get" || needs_more {
         statuses.push(403);
     }
@@ -58,7 +58,9 @@ fn meaning(status: u16) -> &'static str {
     match status {
         400 => "A parameter, or the body, cannot be read",
         401 => "A token is required",
-        403 => "The scope of the token does not reach so far, or the request came from another site",
+        403 => {
+            "The scope of the token does not reach so far, or the request came from another site"
+        }
         404 => "There is no such thing",
         408 => "The body did not come in time",
         409 => "The state of what is asked for does not allow it",
