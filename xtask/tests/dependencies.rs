@@ -138,6 +138,42 @@ fn one(words: &mut Words<'_>) -> bool {
     LICENCES.contains(&licence.as_str())
 }
 
+/// The features of each package in a build.
+fn features(what: &[&str]) -> BTreeMap<String, BTreeSet<String>> {
+    let output = Command::new(env!("CARGO"))
+        .args(["tree", "--offline", "--locked", "--target", "x86_64-unknown-linux-gnu"])
+        .args(["--prefix", "none", "--format", "{p}|{f}"])
+        .args(what)
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let text = String::from_utf8(output.stdout).unwrap();
+    let mut found: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
+    for line in text.lines().filter(|line| !line.is_empty()) {
+        let (package, features) = line.split_once('|').unwrap();
+        let features = features.trim_end_matches("(*)").trim().split(',').map(str::to_owned);
+        found.entry(package.to_owned()).or_default().extend(features);
+    }
+    found
+}
+
+/// A dependency of tests that asks for a feature which the program does without has arrow, parquet or burn built a second
+/// time. Such features are listed among the dependencies of `torqued`.
+#[test]
+fn the_program_and_its_tests_are_made_from_one_build() {
+    let tests = features(&["--workspace", "--edges", "all"]);
+    let program = features(&["--package", "torqued", "--edges", "normal,build"]);
+    let differ: Vec<String> = program
+        .iter()
+        .filter_map(|(package, features)| {
+            let more: Vec<_> = tests.get(package)?.difference(features).collect();
+            (!more.is_empty()).then(|| format!("{package}: {more:?}"))
+        })
+        .collect();
+    assert!(differ.is_empty(), "tests ask these for more features: {differ:#?}");
+}
+
 #[test]
 fn an_expression_of_licences_is_read_as_spdx_means_it() {
     assert!(is_fine("MIT") && is_fine("MIT/Apache-2.0") && is_fine("GPL-3.0 OR MIT"));
