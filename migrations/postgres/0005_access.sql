@@ -28,7 +28,8 @@ CREATE TABLE audit (
     actor   TEXT    NOT NULL,
     address TEXT    NOT NULL,
     method  TEXT    NOT NULL,
-    path    TEXT    NOT NULL,
+    -- Path and query.
+    target  TEXT    NOT NULL,
     status  BIGINT  NOT NULL,
     -- Path of what the request made.
     made    TEXT

@@ -122,7 +122,7 @@ async fn who_may_only_read_submits_nothing_and_learns_why() {
     );
     let headers = [("authorization", guarded.credentials["submit"].as_str())];
     let answer = guarded.server.submit_to("/v1/jobs", &spec, &headers).await;
-    assert_eq!(answer.status, 202, "{answer:?}");
+    assert_eq!(answer.status, 201, "{answer:?}");
 }
 
 #[tokio::test]
@@ -233,7 +233,7 @@ async fn the_audit_log_says_who_did_what_and_what_became_of_it() {
         entries,
         [
             "read POST /v1/jobs/1/cancel?x=1 403 ",
-            "submit POST /v1/jobs 202 /v1/jobs/1",
+            "submit POST /v1/jobs 201 /v1/jobs/1",
             "admin POST /v1/tokens 201 ",
             "admin POST /v1/tokens 201 ",
             "anyone POST /v1/tokens 201 ",

@@ -25,7 +25,7 @@ impl Database {
 impl Transaction {
     pub async fn insert_audit(&mut self, entry: &AuditEntry, keep: u32) -> Result<(), sqlx::Error> {
         let id: i64 = sqlx::query_scalar(concat!(
-            "INSERT INTO audit (at, actor, address, method, path, status, made) VALUES (",
+            "INSERT INTO audit (at, actor, address, method, target, status, made) VALUES (",
             now!(),
             ", $1, $2, $3, $4, $5, $6) RETURNING id"
         ))
@@ -51,7 +51,7 @@ impl FromRow<'_, DbRow> for AuditRecord {
                 actor: row.try_get("actor")?,
                 address: row.try_get("address")?,
                 method: row.try_get("method")?,
-                path: row.try_get("path")?,
+                path: row.try_get("target")?,
                 status: number(row, "status")?,
                 made: row.try_get("made")?,
             },
