@@ -17,7 +17,7 @@ use hyper::body::Incoming;
 use hyper::server::conn::http1;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
-use quiet::QuietOnes;
+use quiet::{QuietOnes, Visitor};
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::{TcpListener, TcpStream, UnixListener, UnixStream};
 use tokio::sync::Semaphore;
@@ -113,13 +113,15 @@ pub async fn serve(
             }
             // The semaphore is never closed.
             let Ok(place) = Arc::clone(&places).acquire_owned().await else { return };
-            let (router, quiet, stop) = (router.clone(), quiet.clone(), stop.clone());
+            // Before the next one comes, which may need its place.
+            let visitor = quiet.visitor();
+            let (router, stop) = (router.clone(), stop.clone());
             open.spawn(async move {
                 match stream {
                     Stream::Tcp(stream, peer) => {
-                        answer(stream, Some(peer), router, &quiet, stop).await;
+                        answer(stream, Some(peer), router, visitor, stop).await;
                     }
-                    Stream::Unix(stream) => answer(stream, None, router, &quiet, stop).await,
+                    Stream::Unix(stream) => answer(stream, None, router, visitor, stop).await,
                 }
                 drop(place);
             });
@@ -141,14 +143,13 @@ async fn answer<S>(
     stream: S,
     peer: Option<Peer>,
     router: Router,
-    quiet: &QuietOnes,
+    visitor: Arc<Visitor>,
     stop: CancellationToken,
 ) where
     S: AsyncRead + AsyncWrite + Send + 'static,
 {
     let mut stream = TimeoutStream::new(stream);
     stream.set_write_timeout(Some(WRITE_STALL));
-    let visitor = quiet.visitor();
     let asks = Arc::clone(&visitor);
     let service = tower::service_fn(move |mut request: Request<Incoming>| {
         let (router, asking) = (router.clone(), asks.asks());
