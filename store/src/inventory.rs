@@ -53,7 +53,7 @@ impl Store {
         Ok(())
     }
 
-    /// What is wrong inside of the database; `None` when nothing is. PostgreSQL watches over its own files.
+    /// The damage inside the database, if there is any. PostgreSQL watches over its own files.
     ///
     /// # Errors
     /// When the database cannot be read.

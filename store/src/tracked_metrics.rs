@@ -129,7 +129,7 @@ fn latest(metrics: &[TrackedMetric]) -> Vec<TrackedMetric> {
 }
 
 impl TrackedMetric {
-    /// What is not a number counts as 0, as MLflow's own server has it.
+    /// NaN counts as 0, as MLflow's own server has it.
     pub(crate) fn stored_value(&self) -> f64 {
         if self.value.is_nan() { 0.0 } else { self.value }
     }

@@ -27,7 +27,7 @@ fn restore(from: &Path, to: &Path) -> Command {
     command
 }
 
-/// What was done before the backup, as a server lists it.
+/// The lists of everything that was done before the backup.
 async fn done(product: &Product) -> Vec<Value> {
     let mut lists = Vec::new();
     for path in ["/v1/jobs?state=succeeded", "/v1/datasets", "/v1/evaluations"] {
@@ -86,7 +86,7 @@ async fn a_backup_taken_under_load_is_restored_with_equal_listings_and_goes_on()
     product.succeeded(id).await;
     let expected = done(&product).await;
     let training = product.submit(&long_training()).await;
-    let saved_step = when_beyond(&product, training, 0).await;
+    when_beyond(&product, training, 0).await;
 
     let said = succeed(&mut backup(data.path(), &saved));
     assert!(said.contains("saved ") && said.contains("torqued restore"), "{said}");
@@ -94,11 +94,15 @@ async fn a_backup_taken_under_load_is_restored_with_equal_listings_and_goes_on()
     assert_eq!(product.end_by("TERM").0, Some(0));
 
     succeed(&mut restore(&saved, &restored));
+    let (code, _, errors) = run_to_end(&mut restore(&saved, &restored));
+    assert_eq!(code, Some(1));
+    assert!(errors.contains("name an empty place"), "{errors}");
 
     // Nobody works yet.
     let product = Product::start_with(&restored, &["--workers", "0"]);
     assert!(done(&product).await == expected, "the restored store answers otherwise");
     download_checkpoints(&product, training).await;
+    let saved_step = when_beyond(&product, training, 0).await;
     assert_eq!(product.end_by("TERM").0, Some(0));
     // The training goes on from its checkpoint.
     let product = Product::start(&restored);

@@ -131,7 +131,7 @@ impl Database {
         self.writer.close().await;
     }
 
-    /// What is wrong with the file, if anything is.
+    /// The damage of the file, if there is any.
     pub async fn damage(&self) -> Result<Option<String>, sqlx::Error> {
         let verdict: String =
             sqlx::query_scalar("PRAGMA integrity_check(1)").fetch_one(&self.reader).await?;

@@ -1,7 +1,6 @@
-use sqlx::QueryBuilder;
-
+use super::Database;
 use super::rows::stored_object;
-use super::{Database, Db};
+use super::transfer::select_objects;
 use crate::StoredObject;
 
 impl Database {
@@ -12,9 +11,7 @@ impl Database {
         path: &str,
         limit: i64,
     ) -> Result<Vec<StoredObject>, sqlx::Error> {
-        let mut query = QueryBuilder::<Db>::new(format!("SELECT path, size, sha256 FROM {table}"));
-        query.push(" WHERE path > ").push_bind(path);
-        query.push(" ORDER BY path LIMIT ").push_bind(limit);
+        let mut query = select_objects(table, path, limit);
         let rows = query.build().fetch_all(&self.reader).await?;
         rows.iter().map(stored_object).collect()
     }

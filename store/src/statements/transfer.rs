@@ -13,6 +13,14 @@ const VALUES_PER_STATEMENT: usize = 32_000;
 /// About how many bytes the rows have that are read or written at once.
 const BYTES_PER_BATCH: usize = 4 * 1024 * 1024;
 
+/// Objects that a table names, by path, from the first after `path`.
+pub(super) fn select_objects(table: &str, path: &str, limit: i64) -> QueryBuilder<Db> {
+    let mut query = QueryBuilder::new(format!("SELECT path, size, sha256 FROM {table}"));
+    query.push(" WHERE path > ").push_bind(path.to_owned());
+    query.push(" ORDER BY path LIMIT ").push_bind(limit);
+    query
+}
+
 impl Database {
     /// Whether a row names the object.
     pub async fn names_object(&self, table: &str, path: &str) -> Result<bool, sqlx::Error> {
@@ -57,9 +65,7 @@ impl Transaction {
         path: &str,
         limit: i64,
     ) -> Result<Vec<StoredObject>, sqlx::Error> {
-        let mut query = QueryBuilder::<Db>::new(format!("SELECT path, size, sha256 FROM {table}"));
-        query.push(" WHERE path > ").push_bind(path);
-        query.push(" ORDER BY path LIMIT ").push_bind(limit);
+        let mut query = select_objects(table, path, limit);
         let rows = query.build().fetch_all(self.connection()).await?;
         rows.iter().map(stored_object).collect()
     }

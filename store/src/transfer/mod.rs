@@ -30,6 +30,9 @@ use crate::{DutyClaim, Location, S3Options, Store, StoreError};
 /// Objects that are looked up at once.
 const OBJECTS_PER_PAGE: i64 = 1000;
 
+/// The table that names files which vanish while a backup is made.
+const CHECKPOINT_FILES: &str = "checkpoint_file";
+
 /// Batches of rows that have been read and wait to be written.
 const BATCHES_AHEAD: usize = 2;
 
@@ -167,6 +170,10 @@ impl Transfer {
         for path in &self.vanished {
             sql!(&mut self.target.transaction, forget_checkpoint_with(path))?;
         }
+        if self.source.is_in_use {
+            // They work for the source, and not for its copy.
+            sql!(&mut self.target.transaction, delete_rows("worker"))?;
+        }
         self.target.transaction.commit().await?;
         self.target.store.end_move().await?;
         self.source.transaction.roll_back().await?;
@@ -177,7 +184,11 @@ impl Transfer {
 
     async fn copy_objects(&mut self, progress: &TransferProgress) -> Result<(), StoreError> {
         let source = &mut self.source;
-        for table in source.tables.iter().filter(|table| table.has("path")) {
+        let mut tables: Vec<&Table> =
+            source.tables.iter().filter(|table| table.has("path")).collect();
+        // Trainings delete files of checkpoints, so that these cannot wait for the others.
+        tables.sort_by_key(|table| source.is_in_use && table.name != CHECKPOINT_FILES);
+        for table in tables {
             let mut after = String::new();
             loop {
                 let objects = objects_after(&mut source.transaction, table.name, &after).await?;
@@ -265,7 +276,7 @@ impl Side {
 
     /// Whether an object is missing because its checkpoint was deleted meanwhile.
     async fn has_deleted(&self, table: &'static str, path: &str) -> Result<bool, StoreError> {
-        if !self.is_in_use || table != "checkpoint_file" {
+        if !self.is_in_use || table != CHECKPOINT_FILES {
             return Ok(false);
         }
         let is_there =

@@ -27,6 +27,8 @@ async fn back_up(places: &Places, from: &Location, to: &Location) {
     let copy = places.open(to, Access::Server).await.unwrap();
     assert!(matches!(copy.job(late).await, Err(StoreError::NotFound { .. })));
     assert_eq!(copy.tokens().await.unwrap().len(), before);
+    assert!(copy.workers().await.unwrap().is_empty(), "they work for the source");
+    assert!(!server.workers().await.unwrap().is_empty());
     copy.close().await;
     server.job(late).await.unwrap();
 }
