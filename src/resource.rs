@@ -5,7 +5,7 @@ use clap::ValueEnum;
 /// A kind of thing that the API and the page have an address for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Resource {
-    /// What was submitted
+    /// A job that was submitted
     Job,
     /// Trajectories of many robots
     Dataset,

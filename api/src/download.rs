@@ -26,7 +26,7 @@ pub struct FileInfo {
     pub identity: Identity,
 }
 
-/// What a file is known by, its `ETag`.
+/// The tag that identifies the bytes of a file, its `ETag`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Identity {
     /// The SHA-256 digest of its bytes, which the answer states besides.

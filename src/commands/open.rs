@@ -58,7 +58,7 @@ fn open(url: &str) {
     }
 }
 
-/// What opens addresses: `BROWSER`, or what the desktop uses.
+/// The program that opens addresses: `BROWSER`, or the desktop's own.
 fn browser(variable: impl Fn(&str) -> Option<OsString>) -> Option<OsString> {
     if let Some(browser) = variable("BROWSER") {
         return Some(browser);

@@ -50,7 +50,7 @@ struct Create {
     #[arg(value_parser = token_name)]
     name: String,
 
-    /// What it lets do: read, submit (jobs and recordings, too) or admin (everything)
+    /// Scope of the token: read, submit (jobs and recordings, too) or admin (everything)
     #[arg(long, default_value_t = Scope::Submit)]
     scope: Scope,
 
@@ -93,7 +93,7 @@ struct Clear {
     store: StoreArguments,
 }
 
-/// What keeps tokens.
+/// A keeper of tokens: a server, or its database.
 enum Keeper {
     Server(Client),
     Database(Box<api::App>, Store),

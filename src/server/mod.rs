@@ -110,7 +110,7 @@ const FINISH_REQUESTS_WITHIN: Duration = Duration::from_secs(3);
 pub struct Server {
     /// `http://127.0.0.1:7070`, or `unix:/run/torqued`.
     pub url: String,
-    /// What this process may ask the server with.
+    /// The token with which this process asks its own server.
     pub own_token: String,
     data: PathBuf,
     store: Store,

@@ -136,7 +136,7 @@ fn the_first_token_is_made_beside_the_server_and_closes_it() {
     let (code, output, errors) = ask(&["token", "list"], token);
     assert_eq!(code, Some(0), "{errors}");
     assert!(output.contains("ana"), "{output}");
-    // The server looks for tokens that others made every five seconds.
+    // The server looks for tokens that others made every few seconds.
     let asked = Instant::now();
     let errors = loop {
         let (code, _, errors) = ask(&["jobs"], "");

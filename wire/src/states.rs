@@ -44,7 +44,7 @@ macro_rules! states {
 }
 
 states! {
-    /// What a token lets its bearer do; each scope holds those before it.
+    /// The reach of a token; each scope holds those before it.
     Scope {
         /// Look at everything, download, and ask models for predictions.
         Read = "read",

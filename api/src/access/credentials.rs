@@ -1,4 +1,4 @@
-//! What a request brings to be let in.
+//! The credentials of a request: a token, or a browser's session.
 
 use axum::http::HeaderMap;
 use axum::http::header::{AUTHORIZATION, COOKIE};

@@ -74,7 +74,7 @@ pub async fn require_scope(
     let needed = scopes.needed(route, request.method());
     let offered = Credentials::of(request.headers());
     let Some(caller) = app.caller(offered).await? else {
-        if offered_by_a_browser(&request) {
+        if is_for_a_page(&request, offered) {
             return Ok(to_login(&request));
         }
         return Err(ApiError::Unauthorized { offered: offered != Credentials::None });
@@ -115,13 +115,15 @@ fn address(request: &Request) -> String {
     peer.map_or("socket".to_owned(), |Peer(address)| address.to_string())
 }
 
-/// Whether a person with a browser would see the answer, and has not logged in.
-fn offered_by_a_browser(request: &Request) -> bool {
-    let is_token = matches!(
-        Credentials::of(request.headers()),
-        Credentials::Token(_) | Credentials::Unreadable
-    );
-    request.method() == Method::GET && !is_token && accepts_html(request.headers())
+/// The beginnings of paths that are no pages.
+const NO_PAGES: [&str; 3] = ["/v1/", "/api/", "/metrics"];
+
+/// Whether a browser asks for a page and has not logged in.
+fn is_for_a_page(request: &Request, offered: Credentials) -> bool {
+    let path = request.uri().path();
+    let has_token = matches!(offered, Credentials::Token(_) | Credentials::Unreadable);
+    let is_page = !NO_PAGES.iter().any(|beginning| path.starts_with(beginning));
+    request.method() == Method::GET && !has_token && is_page && accepts_html(request.headers())
 }
 
 pub fn accepts_html(headers: &HeaderMap) -> bool {

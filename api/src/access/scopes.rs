@@ -13,10 +13,10 @@ use crate::parameters::operations;
 /// The security scheme of the document that lists a scope.
 const SCHEME: &str = "token";
 
-/// What the paths of MLflow begin with.
+/// The prefix of MLflow's paths.
 const MLFLOW: &str = "/api/";
 
-/// What the API's paths begin with and the page's do not.
+/// The prefix of the API's paths, which the page's do not have.
 const API: &str = "/v1";
 
 /// The scope that each path and method needs.
@@ -63,7 +63,7 @@ fn of_mlflow(route: &str, method: &Method) -> Scope {
     if method.is_safe() || route.ends_with("/search") { Scope::Read } else { Scope::Submit }
 }
 
-/// Whether the audit log has requests to a route. What runs of MLflow's clients log is not a deed of its own.
+/// Whether the audit log has requests to a route. A metric that a client of MLflow logs is no deed of its own.
 pub fn is_recorded(route: Option<&str>) -> bool {
     let is_logged = |route: &str| route.starts_with(MLFLOW) && route.contains("/runs/log-");
     !route.is_some_and(is_logged)

@@ -20,7 +20,7 @@ pub struct Download {
     source: Source,
 }
 
-/// What a file is made from.
+/// The source of a file's bytes.
 #[derive(Clone, Debug)]
 enum Source {
     One(Content),

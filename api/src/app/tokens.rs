@@ -54,7 +54,7 @@ impl App {
     }
 
     /// # Errors
-    /// What is wrong with the token that is asked for.
+    /// When name or lifetime are not allowed, the name is taken, there are too many tokens, or nobody could make another.
     pub async fn create_token(&self, asked: &NewToken) -> Result<CreatedToken, ApiError> {
         check(asked)?;
         let secret = secret::token()?;
@@ -66,7 +66,7 @@ impl App {
             needs_an_admin: self.token.is_none(),
         };
         let token = about(self.store.create_token(&token).await?);
-        self.tokens.forget().await;
+        self.tokens.forget();
         Ok(CreatedToken { secret, token })
     }
 
@@ -74,12 +74,12 @@ impl App {
     /// When there is no such token.
     pub async fn revoke_token(&self, id: i64) -> Result<Token, ApiError> {
         let token = about(self.store.revoke_token(TokenId(id)).await?);
-        self.tokens.forget().await;
+        self.tokens.forget();
         Ok(token)
     }
 }
 
-/// What a token may be called.
+/// The names that a token may have, in words.
 pub const TOKEN_NAMES: &str = "1 to 100 letters, digits, dashes, underscores, dots and @";
 
 /// Whether a token may be called so.

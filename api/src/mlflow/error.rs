@@ -28,7 +28,7 @@ pub enum MlflowError {
     #[error("{message}")]
     Refused { code: ErrorCode, message: String },
 
-    /// What every other path answers, too; [`super::translate`] says it in MLflow's way.
+    /// An error that any path of the server may answer with; [`super::translate`] says it in MLflow's way.
     #[error(transparent)]
     Api(#[from] ApiError),
 }

@@ -2,7 +2,7 @@
 
 use super::MlflowError;
 
-/// What is left of a filter.
+/// The part of a filter that is not read yet.
 pub struct Scanner<'a> {
     rest: &'a str,
 }

@@ -1,4 +1,4 @@
-//! What the committed OpenAPI document promises, held against every request and answer of these tests.
+//! The promises of the committed OpenAPI document, held against every request and answer of these tests.
 
 use std::collections::HashMap;
 use std::sync::{Arc, LazyLock, Mutex};

@@ -245,7 +245,7 @@ async fn the_audit_log_says_who_did_what_and_what_became_of_it() {
     guarded.request(Method::GET, "/v1/audit", "submit").await.problem(403);
 }
 
-/// What a browser sends for a page, or a form with `body`.
+/// Sends a request as a browser does, for a page or with the fields of a form.
 async fn browse(server: &Server, method: Method, path: &str, cookie: &str, body: &str) -> Answer {
     let request = Request::builder()
         .method(method)
@@ -266,6 +266,8 @@ async fn a_browser_logs_in_goes_on_to_the_page_it_wanted_and_logs_out() {
         (sent.status.as_u16(), sent.header("location")),
         (303, "/login?back=%2Fjobs%2F1%3Fx%3D1")
     );
+    // Programs that take HTML as well are told what is wrong.
+    browse(&server, Method::GET, "/v1/jobs", "", "").await.problem(401);
     let form = browse(&server, Method::GET, sent.header("location"), "", "").await;
     assert!(form.text().contains("value=\"/jobs/1?x=1\""), "{}", form.text());
 

@@ -5,7 +5,7 @@ use serde_json::Value;
 use super::explain::only_field;
 use super::{Components, referred};
 
-/// What `schema` allows.
+/// The values that `schema` allows, in words.
 pub(super) fn allowed(components: &Components, schema: &Value) -> String {
     if let Some(named) = referred(schema).and_then(|name| components.get(name)) {
         return allowed(components, named);

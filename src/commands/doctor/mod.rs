@@ -48,13 +48,13 @@ struct Report {
     doubtful: usize,
 }
 
-/// What was found of one thing.
+/// A finding about one thing.
 #[derive(Debug, Serialize)]
 struct Finding<'a> {
     thing: &'a str,
     state: State,
     found: String,
-    /// What to do about it.
+    /// The remedy.
     #[serde(skip_serializing_if = "Option::is_none")]
     remedy: Option<&'a str>,
 }
