@@ -21,6 +21,7 @@ use quiet::{QuietOnes, Visitor};
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::{TcpListener, TcpStream, UnixListener, UnixStream};
 use tokio::sync::Semaphore;
+use tokio::time::Instant;
 use tokio_io_timeout::TimeoutStream;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
@@ -33,6 +34,9 @@ const RETRY: Duration = Duration::from_secs(1);
 
 /// How long the end of an answer may take to be sent whose connection gives its place to another.
 const LAST_BYTES: Duration = Duration::from_millis(100);
+
+/// How long a new connection keeps its place whatever happens, so that a request which came with it is read.
+const ARRIVAL: Duration = Duration::from_millis(50);
 
 /// Where a server listens.
 #[derive(Debug)]
@@ -148,6 +152,7 @@ async fn answer<S>(
 ) where
     S: AsyncRead + AsyncWrite + Send + 'static,
 {
+    let arrived = Instant::now() + ARRIVAL;
     let mut stream = TimeoutStream::new(stream);
     stream.set_write_timeout(Some(WRITE_STALL));
     let asks = Arc::clone(&visitor);
@@ -177,13 +182,18 @@ async fn answer<S>(
     let mut connection = pin!(connection);
     let ended = tokio::select! {
         ended = connection.as_mut() => ended,
-        () = visitor.unwanted() => {
-            if visitor.has_asked() {
+        () = visitor.unwanted() => match tokio::time::timeout_at(arrived, connection.as_mut()).await {
+            Ok(ended) => ended,
+            Err(_) if visitor.is_asking() => {
                 connection.as_mut().graceful_shutdown();
-                let _ = tokio::time::timeout(LAST_BYTES, connection.as_mut()).await;
+                connection.as_mut().await
             }
-            Ok(())
-        }
+            Err(_) if visitor.has_asked() => {
+                connection.as_mut().graceful_shutdown();
+                tokio::time::timeout(LAST_BYTES, connection.as_mut()).await.unwrap_or(Ok(()))
+            }
+            Err(_) => Ok(()),
+        },
         () = stop.cancelled() => {
             connection.as_mut().graceful_shutdown();
             connection.as_mut().await

@@ -93,6 +93,11 @@ impl Visitor {
         self.has_asked.load(Ordering::Relaxed)
     }
 
+    /// Whether a request is under way.
+    pub fn is_asking(&self) -> bool {
+        matches!(*lock(&self.standing), Standing::Busy)
+    }
+
     /// The connection is closed, or speaks something else than HTTP.
     pub fn goes(&self) {
         self.change(Standing::Gone);
