@@ -85,6 +85,10 @@ impl Visitor {
     pub fn asks(self: &Arc<Self>) -> Asking {
         self.has_asked.store(true, Ordering::Relaxed);
         self.change(Standing::Busy);
+        if self.close.is_cancelled() {
+            // Its place was promised to somebody, who now needs another.
+            self.all.close_one();
+        }
         Asking(Arc::clone(self))
     }
 
@@ -146,6 +150,16 @@ mod tests {
         assert!(first.close.is_cancelled());
         // One place was wanted, and not every one.
         assert!(!all.visitor().close.is_cancelled());
+    }
+
+    #[test]
+    fn one_whose_request_comes_as_it_is_closed_leaves_that_to_the_next() {
+        let all = QuietOnes::default();
+        let (first, second) = (all.visitor(), all.visitor());
+        all.close_one();
+        assert!(first.close.is_cancelled() && !second.close.is_cancelled());
+        let _asking = first.asks();
+        assert!(second.close.is_cancelled());
     }
 
     #[test]

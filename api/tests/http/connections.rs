@@ -106,7 +106,8 @@ async fn many_half_requests_keep_nobody_out() {
     assert!(is_closed(&mut half[0]).await, "the oldest is not closed");
     // A request that is under way is not.
     asking.write_all(b"{\"kind\": \"nothing\"}\n").await.unwrap();
-    assert!(head(&mut asking).await.starts_with("HTTP/1.1 422"));
+    let head = head(&mut asking).await;
+    assert!(head.starts_with("HTTP/1.1 422"), "{head}");
 }
 
 #[tokio::test]
