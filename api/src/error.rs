@@ -12,6 +12,7 @@ use store::StoreError;
 use thiserror::Error;
 use wire::{JobState, Problem};
 
+use crate::app::dependent;
 use crate::limits::{
     BODY_WITHIN, CONCURRENT_DOWNLOADS, CONCURRENT_UPLOADS, REQUEST_TIMEOUT, STREAMS, UPLOAD_TIMEOUT,
 };
@@ -300,6 +301,12 @@ impl ApiError {
             Self::Spec(error) | Self::Question(error) => error.violations.clone(),
             _ => Vec::new(),
         };
+        let dependents = match self {
+            Self::Store(StoreError::Needed { by, .. }) => {
+                by.iter().filter_map(|it| dependent(it).ok()).collect()
+            }
+            _ => Vec::new(),
+        };
         Problem {
             // A tag URI (RFC 4151): a name that does not pretend to be a page.
             kind: format!("tag:torqued,2026:{kind}"),
@@ -307,6 +314,7 @@ impl ApiError {
             status: status.as_u16(),
             detail: self.to_string(),
             violations,
+            dependents,
         }
     }
 
@@ -397,6 +405,18 @@ fn of_store(error: &StoreError) -> (StatusCode, &'static str, &'static str) {
         StoreError::ExperimentTaken { .. } => {
             (S::CONFLICT, "experiment-taken", "The experiment exists already")
         }
+        StoreError::InTrash { .. } | StoreError::Purged { .. } => {
+            (S::GONE, "deleted", "It was deleted")
+        }
+        StoreError::NotDeleted { .. } => (S::CONFLICT, "not-deleted", "It is not in the trash"),
+        StoreError::OwnerDeleted { .. } => {
+            (S::CONFLICT, "owner-deleted", "It is in the trash with what owns it")
+        }
+        StoreError::NotEnded { .. } => (S::CONFLICT, "not-ended", "Its job has not ended"),
+        StoreError::Needed { .. } => (S::CONFLICT, "needed", "Jobs depend on it"),
+        StoreError::InputDeleted { .. } | StoreError::FileDeleted { .. } => {
+            (S::CONFLICT, "input-deleted", "Something that the job reads was just deleted")
+        }
         StoreError::Deleted { .. } => (S::CONFLICT, "deleted", "The thing is deleted"),
         StoreError::ParamChanged { .. } => {
             (S::CONFLICT, "param-changed", "The param has another value already")
@@ -447,6 +467,14 @@ fn store_message(error: &StoreError) -> String {
         | StoreError::FirstToken { .. }
         | StoreError::ExperimentTaken { .. }
         | StoreError::Deleted { .. }
+        | StoreError::InTrash { .. }
+        | StoreError::Purged { .. }
+        | StoreError::NotDeleted { .. }
+        | StoreError::OwnerDeleted { .. }
+        | StoreError::NotEnded { .. }
+        | StoreError::Needed { .. }
+        | StoreError::InputDeleted { .. }
+        | StoreError::FileDeleted { .. }
         | StoreError::ParamChanged { .. }
         | StoreError::DiskFull { .. } => error.to_string(),
         StoreError::DamagedObject { .. } => format!("{error}; {REMEDY}"),

@@ -27,6 +27,7 @@ use crate::logging::Logging;
 use crate::offers::WorkerOfferArguments;
 use crate::{allocator, device, process};
 use executor::ExecutorArguments;
+pub use housekeeping::ORPHANED_AFTER;
 pub use interrupt::Interrupts;
 use listen::{Bound, SocketFile};
 
@@ -94,6 +95,10 @@ pub struct Options {
     /// Largest file that may be sent to be imported, in bytes
     #[arg(long, env = "TORQUED_MAX_UPLOAD_BYTES", value_name = "N", default_value_t = api::limits::MAX_UPLOAD_BYTES, value_parser = clap::value_parser!(u64).range(1..))]
     pub max_upload_bytes: u64,
+
+    /// Days for which what was deleted can be restored, 0 to 3650
+    #[arg(long, env = "TORQUED_TRASH_DAYS", value_name = "DAYS", default_value_t = api::limits::TRASH_DAYS, value_parser = clap::value_parser!(u16).range(0..=3650))]
+    pub trash_days: u16,
 }
 
 impl Options {
@@ -150,6 +155,7 @@ impl Server {
                 max_trajectories: options.max_trajectories,
                 time_limits_s: options.time_limits.iter().copied().collect(),
                 max_upload_bytes: options.max_upload_bytes,
+                keep_deleted: days_long(options.trash_days),
                 ..api::Options::default()
             },
         )
@@ -251,6 +257,10 @@ fn live(store: Store, options: &Options) -> anyhow::Result<Live> {
         loaded_bytes: options.max_loaded_bytes,
     };
     Live::new(store, options).context("cannot start threads for predictions")
+}
+
+pub fn days_long(days: u16) -> Duration {
+    Duration::from_secs(u64::from(days) * 24 * 60 * 60)
 }
 
 fn connections(text: &str) -> Result<usize, String> {
