@@ -55,6 +55,12 @@ pub enum ApiError {
     UploadTooLarge { limit: u64 },
 
     #[error(
+        "files that were sent may take {quota} bytes together, and {used} are taken; delete some and empty the trash with \
+         `torqued gc`, or have `serve --upload-quota-bytes` set higher"
+    )]
+    UploadQuota { quota: u64, used: u64 },
+
+    #[error(
         "the file did not come: its next bytes may take {} s, and all of it {} h",
         stall.as_secs_f64(), UPLOAD_TIMEOUT.as_secs() / 3600
     )]
@@ -237,6 +243,11 @@ impl ApiError {
             Self::UploadTooLarge { .. } => {
                 (S::PAYLOAD_TOO_LARGE, "file-too-large", "The file is too large")
             }
+            Self::UploadQuota { .. } => (
+                S::PAYLOAD_TOO_LARGE,
+                "upload-quota",
+                "The quota of files that are sent is used up",
+            ),
             Self::UploadStalled { .. } => {
                 (S::REQUEST_TIMEOUT, "stalled", "The file did not come in time")
             }

@@ -2,7 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use spec::{DataSource, Digest, JobKind, JobSpec, Product, Reference, Referred, SpecError, TrainSpec};
+use spec::{
+    DataSource, Digest, JobKind, JobSpec, Product, Reference, Referred, SpecError, TrainSpec,
+};
 use store::{DatasetId, Job, JobFilter, JobState, Need, Page, Store, StoreError};
 
 use crate::SubmissionError;
@@ -127,7 +129,8 @@ impl<'a> References<'a> {
         value: &str,
     ) -> Result<Found, SubmissionError> {
         let fitting = |job: Option<Job>| job.filter(|job| makes(job, product));
-        let mut job = fitting(self.store.usable_job_by_digest(digest, &[JobState::Succeeded]).await?);
+        let mut job =
+            fitting(self.store.usable_job_by_digest(digest, &[JobState::Succeeded]).await?);
         if job.is_none() {
             let live = fitting(self.store.usable_job_by_digest(digest, &LIVE).await?);
             job = live.filter(|job| !job.cancel_requested);
@@ -154,8 +157,10 @@ impl<'a> References<'a> {
         if let Some(job) = any.filter(|job| makes(job, product)) {
             let state = if job.cancel_requested { JobState::Cancelled } else { job.state };
             if state == JobState::Succeeded {
-                let value = format!("{value}, of {} job {}, whose results were deleted", job.kind, job.id);
-                let allowed = "of a job whose results are there; restore them, or submit its spec again";
+                let value =
+                    format!("{value}, of {} job {}, whose results were deleted", job.kind, job.id);
+                let allowed =
+                    "of a job whose results are there; restore them, or submit its spec again";
                 return Ok(SpecError::one(field, value, allowed));
             }
             let value = format!("{value}, of {} job {}, which {}", job.kind, job.id, ended(state));
@@ -214,7 +219,8 @@ pub(crate) fn no_such(
 
 /// The same of something that was deleted.
 pub(crate) fn deleted(field: &str, id: i64, error: &StoreError) -> SubmissionError {
-    SpecError::one(field, format!("{id}: {error}"), "the id of something that is not deleted").into()
+    SpecError::one(field, format!("{id}: {error}"), "the id of something that is not deleted")
+        .into()
 }
 
 /// The spec of a stored job; it was resolved when it was stored.

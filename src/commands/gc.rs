@@ -4,12 +4,12 @@ use std::time::Duration;
 use clap::Args;
 use reports::{Align, Table};
 use serde_json::json;
-use store::{Access, Garbage, GarbageKind, Ripe, Store};
+use store::{Access, Garbage, GarbageKind, Outdated, Ripe, Store};
 
-use crate::arguments::StoreArguments;
+use crate::arguments::{RetentionArguments, StoreArguments, days_long};
 use crate::output::write_json;
 use crate::progress::measure;
-use crate::server::{ORPHANED_AFTER, days_long};
+use crate::server::ORPHANED_AFTER;
 
 /// Deletes for good what lay in the trash until its date, and files that nothing refers to. A server does that by itself once an
 /// hour; this may run beside it.
@@ -28,6 +28,9 @@ pub struct Arguments {
     json: bool,
 
     #[command(flatten)]
+    retention: RetentionArguments,
+
+    #[command(flatten)]
     store: StoreArguments,
 }
 
@@ -37,12 +40,18 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
         None => Ripe::AtItsDate { leap: Duration::ZERO },
     };
     let store = Store::open_at(&arguments.store.location(), Access::Worker).await?;
+    let outdated = store.outdated(arguments.retention.retention()).await?;
     let found = if arguments.dry_run {
         store.garbage(ripe, ORPHANED_AFTER).await?
     } else {
         store.collect_garbage(ripe, ORPHANED_AFTER).await?
     };
     store.close().await;
+    if !arguments.json {
+        for Outdated { item, name, reason } in outdated {
+            println!("a server will move {item} ({name}) into the trash: {reason}");
+        }
+    }
     if arguments.json {
         for garbage in &found {
             let (kind, id) = names(garbage);

@@ -170,10 +170,14 @@ pub enum StoreError {
     #[error("{item} is not in the trash")]
     NotDeleted { item: Item },
 
-    #[error("{item} went into the trash with what owns it; restore job {job}, which made it, or its run")]
+    #[error(
+        "{item} went into the trash with what owns it; restore job {job}, which made it, or its run"
+    )]
     OwnerDeleted { item: Item, job: JobId },
 
-    #[error("{item} cannot be deleted while job {job} is {state}; cancel the job, or wait until it has ended")]
+    #[error(
+        "{item} cannot be deleted while job {job} is {state}; cancel the job, or wait until it has ended"
+    )]
     NotEnded { item: Item, job: JobId, state: JobState },
 
     #[error("{item} cannot be deleted: {}", in_words(by))]

@@ -147,7 +147,11 @@ impl Store {
     /// [`StoreError::NotEnded`] while its job goes on; [`StoreError::Needed`] when jobs depend on it; when there is no
     /// such thing, or it was deleted before.
     #[boxed]
-    pub async fn delete(&self, item: Item, order: &DeletionOrder<'_>) -> Result<Deleted, StoreError> {
+    pub async fn delete(
+        &self,
+        item: Item,
+        order: &DeletionOrder<'_>,
+    ) -> Result<Deleted, StoreError> {
         // No job is submitted, and none ends, until this has taken effect.
         let mut tx = self.begin(Scope::Queue, DELETING).await?;
         let row = present(&mut tx, item).await?;
@@ -272,10 +276,9 @@ fn owned(item: Item, reach: &Reach) -> Vec<(ItemKind, &'static str, Vec<i64>)> {
             (ItemKind::Dataset, "job", jobs()),
             (ItemKind::Checkpoint, "job", jobs()),
         ],
-        ItemKind::Run => vec![
-            (ItemKind::Run, "id", vec![item.id]),
-            (ItemKind::Checkpoint, "run", vec![item.id]),
-        ],
+        ItemKind::Run => {
+            vec![(ItemKind::Run, "id", vec![item.id]), (ItemKind::Checkpoint, "run", vec![item.id])]
+        }
         kind => vec![(kind, "id", vec![item.id])],
     }
 }

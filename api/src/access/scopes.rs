@@ -51,7 +51,8 @@ impl Scopes {
         known(route.to_owned())
             .or_else(|| known(format!("{API}{route}")))
             .or_else(|| {
-                let deleted = route.strip_suffix(DELETE_FORM).filter(|_| *method == Method::POST)?;
+                let deleted =
+                    route.strip_suffix(DELETE_FORM).filter(|_| *method == Method::POST)?;
                 self.0.get(&(format!("{API}{deleted}"), Method::DELETE)).copied()
             })
             .unwrap_or_else(|| usual(method))

@@ -19,6 +19,7 @@ pub mod paging;
 mod predictions;
 mod questions;
 mod queue;
+mod quota;
 mod runs;
 mod sessions;
 mod shards;
@@ -76,6 +77,8 @@ pub struct Options {
     pub time_limits_s: HashMap<JobKind, u32>,
     /// Bytes of one file that is sent to be imported, at most.
     pub max_upload_bytes: u64,
+    /// Bytes of all files together that are sent and kept, at most; as many as there is room for without.
+    pub upload_quota_bytes: Option<u64>,
     /// How long a sender may take for the next bytes of a file.
     pub upload_stall: Duration,
     /// How long what was deleted can be restored.
@@ -94,6 +97,7 @@ impl Default for Options {
             max_trajectories: MAX_TRAJECTORIES,
             time_limits_s: HashMap::new(),
             max_upload_bytes: MAX_UPLOAD_BYTES,
+            upload_quota_bytes: None,
             upload_stall: UPLOAD_STALL,
             keep_deleted: Duration::from_secs(u64::from(TRASH_DAYS) * 24 * 60 * 60),
             connections: CONNECTIONS,
@@ -112,6 +116,7 @@ pub struct App {
     tokens: KnownTokens,
     limits: Arc<Limits>,
     max_upload_bytes: u64,
+    upload_quota_bytes: Option<u64>,
     upload_stall: Duration,
     keep_deleted: Duration,
     memory_doubts: Option<Arc<MemoryDoubts>>,
@@ -145,6 +150,7 @@ impl App {
                 time_limits_s: options.time_limits_s.clone(),
             }),
             max_upload_bytes: options.max_upload_bytes,
+            upload_quota_bytes: options.upload_quota_bytes,
             upload_stall: options.upload_stall,
             keep_deleted: options.keep_deleted,
             memory_doubts: None,

@@ -73,13 +73,14 @@ pub fn deletion(kind: ItemKind) -> MethodRouter<App> {
         let days = app.keep_deleted().as_secs() / (24 * 60 * 60);
         Ok::<Response, PageError>(html(&page(&found, days))?)
     };
-    let delete = async move |State(app): State<App>,
-                             InPage(Path(id)): InPage<Path<i64>>,
-                             InPage(Query(Force { force })): InPage<Query<Force>>| {
-        let respect = if force { Respect::Open } else { Respect::All };
-        app.delete(kind, id, respect).await?;
-        Ok::<Redirect, PageError>(Redirect::to("/trash"))
-    };
+    let delete =
+        async move |State(app): State<App>,
+                    InPage(Path(id)): InPage<Path<i64>>,
+                    InPage(Query(Force { force })): InPage<Query<Force>>| {
+            let respect = if force { Respect::Open } else { Respect::All };
+            app.delete(kind, id, respect).await?;
+            Ok::<Redirect, PageError>(Redirect::to("/trash"))
+        };
     get(ask).post(delete)
 }
 

@@ -25,13 +25,14 @@ const OF_OPERATIONS: [(&str, &str, &[u16]); 16] = [
 /// Errors of every request.
 const OF_ALL: [u16; 5] = [400, 421, 429, 500, 503];
 
-/// The beginnings of paths of what can be deleted.
-const DELETABLE: [&str; 5] = [
+/// The beginnings of paths of what can be deleted, or belongs to something that can.
+const DELETABLE: [&str; 6] = [
     "/v1/jobs/{id}",
     "/v1/runs/{id}",
     "/v1/datasets/{id}",
     "/v1/checkpoints/{id}",
     "/v1/evaluations/{id}",
+    "/v1/attempts/{id}",
 ];
 
 /// Errors of requests with a body.

@@ -45,7 +45,10 @@ async fn what_is_deleted_is_answered_with_410_until_it_is_restored() {
         let listed = list[format!("{kind}s")].as_array().unwrap();
         assert!(listed.iter().all(|item| item["id"] != id), "{kind} {id} is listed");
         let trash = server.json("/v1/trash").await;
-        assert_eq!((&trash["items"][0]["kind"], &trash["items"][0]["id"]), (&json!(kind), &json!(id)));
+        assert_eq!(
+            (&trash["items"][0]["kind"], &trash["items"][0]["id"]),
+            (&json!(kind), &json!(id))
+        );
         let restored = server.post(&format!("{path}/restore")).await.json();
         assert_eq!(restored["along"], answer["along"]);
         assert_eq!(server.json(&path).await, before);
@@ -59,25 +62,25 @@ async fn what_is_deleted_is_answered_with_410_until_it_is_restored() {
 #[tokio::test]
 async fn what_depends_on_it_is_respected_and_shown() {
     let server = Server::with_small_pipeline().await;
-    let shown = server.json("/v1/datasets/1/dependents").await;
+    let shown = server.json("/v1/datasets/2/dependents").await;
     let readers: Vec<_> = shown["jobs"].as_array().unwrap().iter().map(|it| &it["id"]).collect();
-    assert_eq!(readers, [3, 4]);
+    assert_eq!(readers, [3]);
     assert_eq!(shown["jobs"][0]["relation"], "reads");
-    assert_eq!(shown["bytes"], server.json("/v1/datasets/1").await["bytes"]);
-    let problem = delete(&server, "/v1/datasets/1").await.problem(409);
+    assert_eq!(shown["bytes"], server.json("/v1/datasets/2").await["bytes"]);
+    let problem = delete(&server, "/v1/datasets/2").await.problem(409);
     assert_eq!(problem["dependents"], shown["jobs"]);
     assert!(problem["detail"].as_str().unwrap().contains("train job 3 (succeeded) reads it"));
     // A training that waits for its turn keeps it, whatever is asked for.
-    let spec = small_training(&json!({"dataset": 1}));
+    let spec = small_training(&json!({"dataset": 2}));
     let training = server.submit_to("/v1/jobs?force=true", &spec, &[]).await.json();
-    let problem = delete(&server, "/v1/datasets/1?force=true").await.problem(409);
+    let problem = delete(&server, "/v1/datasets/2?force=true").await.problem(409);
     let open = format!("train job {} (queued) reads it", training["id"]);
     assert!(problem["detail"].as_str().unwrap().contains(&open), "{problem}");
     delete(&server, &format!("/v1/jobs/{}", training["id"])).await.problem(409);
     let worker = server.claim().await.unwrap();
-    delete(&server, "/v1/datasets/1?force=true").await.problem(409);
+    delete(&server, "/v1/datasets/2?force=true").await.problem(409);
     server.finish(&worker).await;
-    deleted(&server, "/v1/datasets/1").await;
+    deleted(&server, "/v1/datasets/2").await;
 }
 
 #[tokio::test]
@@ -188,5 +191,8 @@ async fn the_page_asks_shows_what_depends_and_brings_back() {
     server.submit_to("/v1/jobs?force=true", &small_pipeline(), &[]).await;
     server.submit_to("/v1/jobs?force=true", &small_training(&json!({"dataset": 1})), &[]).await;
     let question = text("/datasets/1/delete").await;
-    assert!(question.contains("has not ended") && !question.contains("<form method=\"post\" action=\"/datasets"));
+    assert!(
+        question.contains("has not ended")
+            && !question.contains("<form method=\"post\" action=\"/datasets")
+    );
 }

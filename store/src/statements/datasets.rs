@@ -52,7 +52,9 @@ impl Database {
         page: Page,
     ) -> Result<Vec<Dataset>, sqlx::Error> {
         sqlx::query_as(concat!(
-            select_dataset!("WHERE dataset.id < $1 AND dataset.deleted_at IS NULL AND ($2 IS NULL OR "),
+            select_dataset!(
+                "WHERE dataset.id < $1 AND dataset.deleted_at IS NULL AND ($2 IS NULL OR "
+            ),
             standing!(),
             " = $2) ORDER BY dataset.id DESC LIMIT $3"
         ))

@@ -19,9 +19,7 @@ impl Transaction {
     /// Jobs whose specs name the digests, or that need the jobs.
     pub async fn readers(&mut self, reach: &Reach) -> Result<Vec<Dependent>, sqlx::Error> {
         let mut query = others(reach);
-        query.push(COUNTS).push(
-            " AND job.id IN (SELECT job FROM job_input WHERE digest IN ",
-        );
+        query.push(COUNTS).push(" AND job.id IN (SELECT job FROM job_input WHERE digest IN ");
         query.push(LISTED_TEXTS.0).push_bind(Json(reach.digests.clone())).push(LISTED_TEXTS.1);
         query.push(")");
         let mut found = self.jobs_that(Relation::Reads, query).await?;
@@ -39,8 +37,10 @@ impl Transaction {
         let mut query = others(reach);
         query.push(" AND job.digest IN ").push(LISTED_TEXTS.0);
         query.push_bind(Json(reach.digests.clone())).push(LISTED_TEXTS.1);
-        query.push(" AND EXISTS (SELECT 1 FROM job AS earlier WHERE earlier.digest = job.digest \
-             AND earlier.id < job.id AND earlier.id IN ");
+        query.push(
+            " AND EXISTS (SELECT 1 FROM job AS earlier WHERE earlier.digest = job.digest \
+             AND earlier.id < job.id AND earlier.id IN ",
+        );
         push_jobs(&mut query, reach);
         query.push(
             ") AND ((job.takes_over AND job.state NOT IN ('succeeded', 'failed', 'cancelled')) \

@@ -1,10 +1,12 @@
+use std::time::Duration;
+
 use spec::Digest;
 use sqlx::types::Json;
 use sqlx::{QueryBuilder, Row};
 use wire::ItemKind;
 
 use super::rows::{deletion, digest, number, word};
-use super::{Database, Db, DbRow, LISTED_IDS, Transaction};
+use super::{Database, Db, DbRow, LISTED_IDS, Transaction, milliseconds};
 use crate::trash::ItemRow;
 use crate::{Deletion, Item, JobId, Timestamp, TrashPlace, Trashed};
 
@@ -88,6 +90,39 @@ impl Database {
             })
         };
         rows.iter().map(trashed).collect()
+    }
+
+    /// Jobs that failed or were cancelled so long ago; of pipelines, those without a member that succeeded.
+    pub async fn failed_jobs(
+        &self,
+        age: Duration,
+        limit: u32,
+    ) -> Result<Vec<(JobId, String)>, sqlx::Error> {
+        sqlx::query_as(concat!(
+            "SELECT job.id, job.name FROM job WHERE job.state IN ('failed', 'cancelled') \
+             AND job.deleted_at IS NULL AND job.finished_at <= ",
+            now!(),
+            " - $1 AND NOT EXISTS (SELECT 1 FROM pipeline_member AS part JOIN job AS made ON made.id = part.job \
+                 WHERE part.pipeline = job.id AND made.state = 'succeeded') \
+             AND NOT EXISTS (SELECT 1 FROM pipeline_member AS part JOIN job AS holder ON holder.id = part.pipeline \
+                 WHERE part.job = job.id AND holder.deleted_at IS NULL) \
+             ORDER BY job.id LIMIT $2"
+        ))
+        .bind(milliseconds(age))
+        .bind(i64::from(limit))
+        .fetch_all(&self.reader)
+        .await
+    }
+
+    /// Of all files that somebody sent, to be imported or as files of a run.
+    pub async fn sent_bytes(&self) -> Result<u64, sqlx::Error> {
+        let bytes: i64 = sqlx::query_scalar(
+            "SELECT (SELECT CAST(COALESCE(SUM(size), 0) AS BIGINT) FROM upload) \
+             + (SELECT CAST(COALESCE(SUM(size), 0) AS BIGINT) FROM tracked_artifact)",
+        )
+        .fetch_one(&self.reader)
+        .await?;
+        Ok(bytes.unsigned_abs())
     }
 
     /// Of the files of things of one kind.

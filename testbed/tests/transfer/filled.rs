@@ -6,10 +6,10 @@ use bytes::Bytes;
 use serde_json::json;
 use spec::{Digest, Resources};
 use store::{
-    Access, AuditEntry, CheckpointFile, ClaimedTask, DeletionOrder, Idempotency, JobFilter, JobState, Metric,
-    NewArtifact, NewCheckpoint, NewJob, NewLogChunk, NewTask, NewToken, NewTrackedRun, Output, Page,
-    Progress, Respect, Retry, Reuse, Ripe, Scope, Store, Submission, Timestamp, TrackedBatch,
-    TrackedMetric, TrackedRunChange, object_path,
+    Access, AuditEntry, CheckpointFile, ClaimedTask, DeletionOrder, Idempotency, JobFilter,
+    JobState, Metric, NewArtifact, NewCheckpoint, NewJob, NewLogChunk, NewTask, NewToken,
+    NewTrackedRun, Output, Page, Progress, Respect, Retry, Reuse, Ripe, Scope, Store, Submission,
+    Timestamp, TrackedBatch, TrackedMetric, TrackedRunChange, object_path,
 };
 use tempfile::TempDir;
 
@@ -178,11 +178,8 @@ async fn tracked_run(f: &Fixture) {
 
 /// In the trash, and purged from it; the job stays for those that read its data.
 async fn deleted_things(f: &Fixture) {
-    let order = |reason| DeletionOrder {
-        respect: Respect::Open,
-        keep: Duration::from_secs(3600),
-        reason,
-    };
+    let order =
+        |reason| DeletionOrder { respect: Respect::Open, keep: Duration::from_secs(3600), reason };
     let page = Page { before: None, limit: 500 };
     let jobs = f.store.jobs(JobFilter::default(), page).await.unwrap();
     let that = |kind: &str, state| jobs.iter().find(|it| it.kind == kind && it.state == state);
