@@ -72,8 +72,8 @@ pub async fn forget_engine(store: &Store) -> Result<(), StoreError> {
     Ok(())
 }
 
-/// Deletes what killed workers left half written, and what has lain in the trash until its date. A clock that was set ahead, or a machine that slept, makes no file
-/// older than it is.
+/// Deletes what killed workers left half written, and what has lain in the trash until its date. A clock that was set ahead,
+/// or a machine that slept, makes nothing older than it is.
 pub async fn sweep(store: Store, keeping: Keeping, stop: CancellationToken) {
     let mut duty = store.duty(Duty::Sweeping);
     let (began, began_by_clock) = (Instant::now(), SystemTime::now());

@@ -347,6 +347,36 @@ mod tests {
         assert_eq!((next.task.job, next.task.time_limit), (JobId(2), limit));
     }
 
+    /// What was submitted before there was a trash keeps what it reads, too.
+    #[tokio::test]
+    async fn the_digests_in_specs_of_before_the_trash_are_its_inputs() {
+        let folder = tempfile::tempdir().unwrap();
+        let dir = DataDir::new(folder.path());
+        let options = SqliteConnectOptions::new().filename(dir.database()).create_if_missing(true);
+        let mut connection = options.connect().await.unwrap();
+        migrations(&FILES[..9]).run(&mut connection).await.unwrap();
+        let (data, file) = ("a1".repeat(32), "0".repeat(64));
+        let spec = format!(
+            "{{\"data\": {{\"digest\": \"{data}\"}}, \"name\": \"a1\", \"list\": [\"{file}\", \"{data}\", 7]}}"
+        );
+        sqlx::query(
+            "INSERT INTO job (kind, name, spec, digest, state, unit, priority, max_attempts, is_part, \
+             asked_alone, created_at) VALUES ('k', 'n', ?, ?, 'queued', 'u', 0, 3, 0, 1, 0)",
+        )
+        .bind(spec)
+        .bind("f".repeat(64))
+        .execute(&mut connection)
+        .await
+        .unwrap();
+        connection.close().await.unwrap();
+        let database = Database::open(&dir, Access::Server).await.unwrap();
+        let inputs: Vec<String> = sqlx::query_scalar("SELECT digest FROM job_input ORDER BY digest")
+            .fetch_all(&database.reader)
+            .await
+            .unwrap();
+        assert_eq!(inputs, [file, data]);
+    }
+
     #[tokio::test]
     async fn every_commit_is_synced_but_those_of_leases() {
         let folder = tempfile::tempdir().unwrap();
