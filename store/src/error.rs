@@ -208,7 +208,10 @@ const NAMED: usize = 10;
 fn in_words(dependents: &[Dependent]) -> String {
     let open: Vec<&Dependent> = dependents.iter().filter(|it| !it.state.is_final()).collect();
     let (named, advice) = if open.is_empty() {
-        (dependents.iter().collect(), "`--force` (`?force=true`) deletes it and leaves them as they are")
+        (
+            dependents.iter().collect(),
+            "`--force` (`?force=true`) deletes it and leaves them as they are",
+        )
     } else {
         (open, "cancel them, or wait until they have ended")
     };

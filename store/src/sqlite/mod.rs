@@ -370,10 +370,11 @@ mod tests {
         .unwrap();
         connection.close().await.unwrap();
         let database = Database::open(&dir, Access::Server).await.unwrap();
-        let inputs: Vec<String> = sqlx::query_scalar("SELECT digest FROM job_input ORDER BY digest")
-            .fetch_all(&database.reader)
-            .await
-            .unwrap();
+        let inputs: Vec<String> =
+            sqlx::query_scalar("SELECT digest FROM job_input ORDER BY digest")
+                .fetch_all(&database.reader)
+                .await
+                .unwrap();
         assert_eq!(inputs, [file, data]);
     }
 
