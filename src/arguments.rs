@@ -1,9 +1,10 @@
 //! The flags that several commands share.
 
 use std::path::PathBuf;
+use std::time::Duration;
 
 use clap::Args;
-use store::{DatabaseUrl, Location, ObjectsUrl};
+use store::{DatabaseUrl, Location, ObjectsUrl, Retention};
 use worker::DeviceKind;
 
 use crate::client::{Client, ClientError};
@@ -61,6 +62,25 @@ impl StoreArguments {
             objects: self.objects.clone(),
         }
     }
+}
+
+/// What goes into the trash by itself.
+#[derive(Clone, Copy, Debug, Args)]
+pub struct RetentionArguments {
+    /// Days after which jobs that failed or were cancelled go into the trash, unless something depends on them, 1 to 3650
+    /// [default: they stay]
+    #[arg(long, env = "TORQUED_KEEP_FAILED_JOBS_DAYS", value_name = "DAYS", value_parser = clap::value_parser!(u16).range(1..=3650))]
+    pub keep_failed_jobs_days: Option<u16>,
+}
+
+impl RetentionArguments {
+    pub fn retention(self) -> Retention {
+        Retention { failed_jobs: self.keep_failed_jobs_days.map(days_long) }
+    }
+}
+
+pub fn days_long(days: u16) -> Duration {
+    Duration::from_secs(u64::from(days) * 24 * 60 * 60)
 }
 
 /// What the commands that compute models are told about it.

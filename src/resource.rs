@@ -17,6 +17,32 @@ pub enum Resource {
     Evaluation,
 }
 
+/// A kind of thing that can be deleted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Deletable {
+    /// A job with its logs and all that it left; a pipeline with the jobs that were made for it
+    Job,
+    /// The record of a training, an evaluation or a control job, with its checkpoints
+    Run,
+    /// Trajectories of many robots
+    Dataset,
+    /// Weights of a model
+    Checkpoint,
+}
+
+impl Deletable {
+    /// Its address in the API.
+    pub fn api_path(self, id: i64) -> String {
+        let resource = match self {
+            Self::Job => Resource::Job,
+            Self::Run => Resource::Run,
+            Self::Dataset => Resource::Dataset,
+            Self::Checkpoint => Resource::Checkpoint,
+        };
+        resource.api_path(id)
+    }
+}
+
 impl Resource {
     pub fn as_str(self) -> &'static str {
         match self {

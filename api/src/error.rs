@@ -12,6 +12,7 @@ use store::StoreError;
 use thiserror::Error;
 use wire::{JobState, Problem};
 
+use crate::app::dependent;
 use crate::limits::{
     BODY_WITHIN, CONCURRENT_DOWNLOADS, CONCURRENT_UPLOADS, REQUEST_TIMEOUT, STREAMS, UPLOAD_TIMEOUT,
 };
@@ -52,6 +53,12 @@ pub enum ApiError {
 
     #[error("a file may have {limit} bytes at most; `serve --max-upload-bytes` sets the limit")]
     UploadTooLarge { limit: u64 },
+
+    #[error(
+        "files that were sent may take {quota} bytes together, and {used} are taken; delete some and empty the trash with \
+         `torqued gc`, or have `serve --upload-quota-bytes` set higher"
+    )]
+    UploadQuota { quota: u64, used: u64 },
 
     #[error(
         "the file did not come: its next bytes may take {} s, and all of it {} h",
@@ -236,6 +243,11 @@ impl ApiError {
             Self::UploadTooLarge { .. } => {
                 (S::PAYLOAD_TOO_LARGE, "file-too-large", "The file is too large")
             }
+            Self::UploadQuota { .. } => (
+                S::PAYLOAD_TOO_LARGE,
+                "upload-quota",
+                "The quota of files that are sent is used up",
+            ),
             Self::UploadStalled { .. } => {
                 (S::REQUEST_TIMEOUT, "stalled", "The file did not come in time")
             }
@@ -300,6 +312,12 @@ impl ApiError {
             Self::Spec(error) | Self::Question(error) => error.violations.clone(),
             _ => Vec::new(),
         };
+        let dependents = match self {
+            Self::Store(StoreError::Needed { by, .. }) => {
+                by.iter().filter_map(|it| dependent(it).ok()).collect()
+            }
+            _ => Vec::new(),
+        };
         Problem {
             // A tag URI (RFC 4151): a name that does not pretend to be a page.
             kind: format!("tag:torqued,2026:{kind}"),
@@ -307,6 +325,7 @@ impl ApiError {
             status: status.as_u16(),
             detail: self.to_string(),
             violations,
+            dependents,
         }
     }
 
@@ -397,6 +416,18 @@ fn of_store(error: &StoreError) -> (StatusCode, &'static str, &'static str) {
         StoreError::ExperimentTaken { .. } => {
             (S::CONFLICT, "experiment-taken", "The experiment exists already")
         }
+        StoreError::InTrash { .. } | StoreError::Purged { .. } => {
+            (S::GONE, "deleted", "It was deleted")
+        }
+        StoreError::NotDeleted { .. } => (S::CONFLICT, "not-deleted", "It is not in the trash"),
+        StoreError::OwnerDeleted { .. } => {
+            (S::CONFLICT, "owner-deleted", "It is in the trash with what owns it")
+        }
+        StoreError::NotEnded { .. } => (S::CONFLICT, "not-ended", "Its job has not ended"),
+        StoreError::Needed { .. } => (S::CONFLICT, "needed", "Jobs depend on it"),
+        StoreError::InputDeleted { .. } | StoreError::FileDeleted { .. } => {
+            (S::CONFLICT, "input-deleted", "Something that the job reads was just deleted")
+        }
         StoreError::Deleted { .. } => (S::CONFLICT, "deleted", "The thing is deleted"),
         StoreError::ParamChanged { .. } => {
             (S::CONFLICT, "param-changed", "The param has another value already")
@@ -447,6 +478,14 @@ fn store_message(error: &StoreError) -> String {
         | StoreError::FirstToken { .. }
         | StoreError::ExperimentTaken { .. }
         | StoreError::Deleted { .. }
+        | StoreError::InTrash { .. }
+        | StoreError::Purged { .. }
+        | StoreError::NotDeleted { .. }
+        | StoreError::OwnerDeleted { .. }
+        | StoreError::NotEnded { .. }
+        | StoreError::Needed { .. }
+        | StoreError::InputDeleted { .. }
+        | StoreError::FileDeleted { .. }
         | StoreError::ParamChanged { .. }
         | StoreError::DiskFull { .. } => error.to_string(),
         StoreError::DamagedObject { .. } => format!("{error}; {REMEDY}"),

@@ -11,6 +11,9 @@ pub const PAGE_DEFAULT: u32 = 50;
 /// Items of one page of a list at most.
 pub const PAGE_MAXIMUM: u32 = 500;
 
+/// Days for which what was deleted can be restored, unless the server is told otherwise.
+pub const TRASH_DAYS: u16 = 30;
+
 /// Chunks of a page of a log, up to 16 KiB each, when the request does not say.
 pub const LOGS_DEFAULT: u32 = 50;
 

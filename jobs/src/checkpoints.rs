@@ -4,12 +4,16 @@ use spec::{CheckpointRef, Digest, JobSpec, Product, SpecError, TrainingRef, Trai
 use store::{Checkpoint, CheckpointId, Need, StoreError, WhichCheckpoint};
 
 use crate::SubmissionError;
-use crate::references::{Found, References, newest, no_such, stored, training};
+use crate::references::{Found, References, deleted, newest, no_such, stored, training};
 
 /// A checkpoint that a job asks for, and its training.
 pub(crate) struct FoundCheckpoint {
     /// By digest.
     pub reference: CheckpointRef,
+    /// The training's.
+    pub digest: Digest,
+    /// The checkpoint, if it is there already.
+    pub existing: Option<CheckpointId>,
     /// The training, unless the checkpoint is there already.
     pub need: Option<Need>,
     pub training: JobSpec,
@@ -17,7 +21,13 @@ pub(crate) struct FoundCheckpoint {
 
 impl FoundCheckpoint {
     fn of(found: Found, reference: impl Fn(Digest) -> CheckpointRef) -> Self {
-        Self { reference: reference(found.digest), need: Some(found.need), training: found.spec }
+        Self {
+            reference: reference(found.digest),
+            digest: found.digest,
+            existing: None,
+            need: Some(found.need),
+            training: found.spec,
+        }
     }
 }
 
@@ -61,6 +71,9 @@ impl References<'_> {
                         let ids = newest.iter().map(|checkpoint| checkpoint.id.0);
                         Err(no_such(&field, *id, "checkpoint", ids))
                     }
+                    Err(error @ (StoreError::InTrash { .. } | StoreError::Purged { .. })) => {
+                        Err(deleted(&field, *id, &error))
+                    }
                     Err(error) => Err(error.into()),
                 }
             }
@@ -93,7 +106,8 @@ impl References<'_> {
             let Checkpoint { digest, step, .. } = checkpoint;
             CheckpointRef::Step(TrainingStep { digest, step })
         };
-        Ok(FoundCheckpoint { reference, need: None, training })
+        let (digest, existing) = (checkpoint.digest, Some(checkpoint.id));
+        Ok(FoundCheckpoint { reference, digest, existing, need: None, training })
     }
 
     async fn trained(&self, digest: Digest, field: &str) -> Result<Found, SubmissionError> {

@@ -5,7 +5,7 @@ use store::{Dataset, DatasetId, JobState, StoreError};
 
 use crate::SubmissionError;
 use crate::inputs::FoundData;
-use crate::references::{Found, References, newest, no_such, stored};
+use crate::references::{Found, References, deleted, newest, no_such, stored};
 
 impl References<'_> {
     pub async fn data(
@@ -52,6 +52,9 @@ impl References<'_> {
             Err(StoreError::NotFound { .. }) => {
                 let newest = self.store.datasets(None, newest()).await?;
                 Err(no_such(field, id, "dataset", newest.iter().map(|dataset| dataset.id.0)))
+            }
+            Err(error @ (StoreError::InTrash { .. } | StoreError::Purged { .. })) => {
+                Err(deleted(field, id, &error))
             }
             found => Ok(found?),
         }

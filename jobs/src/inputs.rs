@@ -1,7 +1,7 @@
 //! The inputs that the references of a job led to.
 
-use spec::{CheckpointRef, DataSource, DataSpec, SpecError, TrainSpec, Training};
-use store::{Dataset, Need};
+use spec::{CheckpointRef, DataSource, DataSpec, Digest, SpecError, TrainSpec, Training};
+use store::{CheckpointId, Dataset, Need};
 
 /// The data and checkpoints that a job refers to.
 #[derive(Default)]
@@ -12,6 +12,12 @@ pub(crate) struct Inputs {
     pub trainings: Vec<(TrainSpec, DataSpec)>,
     /// Jobs that must succeed first.
     pub needs: Vec<Need>,
+    /// The digests of the jobs that make the data and the checkpoints.
+    pub reads: Vec<Digest>,
+    /// The checkpoints that are there already and need no job.
+    pub existing: Vec<CheckpointId>,
+    /// Files that were sent.
+    pub files: Vec<Digest>,
 }
 
 impl Inputs {

@@ -37,5 +37,8 @@ pub(crate) fn plan(
         reuse: kind.reuse(),
         tasks: kind.tasks(inputs)?,
         needs: kind.needs(inputs),
+        reads: inputs.reads.clone(),
+        checkpoints: inputs.existing.clone(),
+        files: inputs.files.clone(),
     })
 }

@@ -2,8 +2,10 @@
 
 use std::collections::BTreeMap;
 
-use spec::{Digest, JobKind, JobSpec, Product, Reference, Referred, SpecError, TrainSpec};
-use store::{DatasetId, Job, JobFilter, JobState, Need, Page, Store};
+use spec::{
+    DataSource, Digest, JobKind, JobSpec, Product, Reference, Referred, SpecError, TrainSpec,
+};
+use store::{DatasetId, Job, JobFilter, JobState, Need, Page, Store, StoreError};
 
 use crate::SubmissionError;
 use crate::inputs::Inputs;
@@ -71,6 +73,9 @@ impl<'a> References<'a> {
                     let data = self.data(source, &field).await?;
                     *source = data.source.clone();
                     inputs.needs.extend(data.need);
+                    if let DataSource::Digest(digest) = &data.source {
+                        inputs.reads.push(*digest);
+                    }
                     inputs.data.push(data);
                 }
                 Referred::Checkpoint(reference) => {
@@ -84,10 +89,15 @@ impl<'a> References<'a> {
                     let data = self.trained_on(&training, &field).await?;
                     *reference = checkpoint.reference.clone();
                     inputs.needs.extend(checkpoint.need);
+                    inputs.reads.push(checkpoint.digest);
+                    inputs.existing.extend(checkpoint.existing);
                     inputs.checkpoints.push(checkpoint.reference);
                     inputs.trainings.push((training, data));
                 }
-                Referred::File(file) => self.check_sent(*file, &field).await?,
+                Referred::File(file) => {
+                    self.check_sent(*file, &field).await?;
+                    inputs.files.push(*file);
+                }
             }
         }
         if let Some(data) = inputs.data.first() {
@@ -119,9 +129,10 @@ impl<'a> References<'a> {
         value: &str,
     ) -> Result<Found, SubmissionError> {
         let fitting = |job: Option<Job>| job.filter(|job| makes(job, product));
-        let mut job = fitting(self.store.job_by_digest(digest, &[JobState::Succeeded]).await?);
+        let mut job =
+            fitting(self.store.usable_job_by_digest(digest, &[JobState::Succeeded]).await?);
         if job.is_none() {
-            let live = fitting(self.store.job_by_digest(digest, &LIVE).await?);
+            let live = fitting(self.store.usable_job_by_digest(digest, &LIVE).await?);
             job = live.filter(|job| !job.cancel_requested);
         }
         let Some(job) = job else {
@@ -145,6 +156,13 @@ impl<'a> References<'a> {
         let any = self.store.job_by_digest(digest, &JobState::ALL).await?;
         if let Some(job) = any.filter(|job| makes(job, product)) {
             let state = if job.cancel_requested { JobState::Cancelled } else { job.state };
+            if state == JobState::Succeeded {
+                let value =
+                    format!("{value}, of {} job {}, whose results were deleted", job.kind, job.id);
+                let allowed =
+                    "of a job whose results are there; restore them, or submit its spec again";
+                return Ok(SpecError::one(field, value, allowed));
+            }
             let value = format!("{value}, of {} job {}, which {}", job.kind, job.id, ended(state));
             return Ok(SpecError::one(field, value, "of a job that succeeded or still can"));
         }
@@ -197,6 +215,12 @@ pub(crate) fn no_such(
         ids => format!("the id of a {what}, the newest are {}", ids.join(", ")),
     };
     SpecError::one(field, id.to_string(), allowed).into()
+}
+
+/// The same of something that was deleted.
+pub(crate) fn deleted(field: &str, id: i64, error: &StoreError) -> SubmissionError {
+    SpecError::one(field, format!("{id}: {error}"), "the id of something that is not deleted")
+        .into()
 }
 
 /// The spec of a stored job; it was resolved when it was stored.

@@ -162,8 +162,7 @@ impl Client {
     }
 
     pub async fn revoke_token(&self, id: i64) -> Result<Token, ClientError> {
-        let request = self.request(Method::DELETE, &format!("/v1/tokens/{id}"));
-        self.read(&self.text(request).await?)
+        self.delete(&format!("/v1/tokens/{id}")).await
     }
 
     pub async fn audit(&self, path: &str) -> Result<Audit, ClientError> {
@@ -259,8 +258,12 @@ impl Client {
         self.read(&self.text(self.request(Method::GET, path)).await?)
     }
 
-    async fn post<T: DeserializeOwned>(&self, path: &str) -> Result<T, ClientError> {
+    pub async fn post<T: DeserializeOwned>(&self, path: &str) -> Result<T, ClientError> {
         self.read(&self.text(self.request(Method::POST, path)).await?)
+    }
+
+    pub async fn delete<T: DeserializeOwned>(&self, path: &str) -> Result<T, ClientError> {
+        self.read(&self.text(self.request(Method::DELETE, path)).await?)
     }
 
     fn request(&self, method: Method, path: &str) -> RequestBuilder {

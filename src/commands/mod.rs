@@ -9,12 +9,14 @@ pub mod completions;
 mod copied_store;
 pub mod datasets;
 pub mod decode_recording;
+pub mod delete;
 pub mod devices;
 pub mod doctor;
 pub mod download;
 pub mod drain;
 pub mod evaluations;
 pub mod export;
+pub mod gc;
 pub mod health;
 pub mod import;
 pub mod jobs;
@@ -42,6 +44,8 @@ pub mod summary;
 pub mod tasks;
 pub mod token;
 pub mod trajectory;
+pub mod trash;
+pub mod undelete;
 pub mod undrain;
 pub mod verify;
 pub mod watch;
@@ -72,6 +76,10 @@ pub async fn run(command: Command, log: &Logging) -> anyhow::Result<ExitCode> {
         Command::Watch(arguments) => watch::run(arguments).await,
         Command::Cancel(arguments) => cancel::run(arguments).await,
         Command::Retry(arguments) => retry::run(arguments).await,
+        Command::Delete(arguments) => delete::run(arguments).await,
+        Command::Undelete(arguments) => undelete::run(arguments).await,
+        Command::Trash(arguments) => trash::run(arguments).await,
+        Command::Gc(arguments) => gc::run(arguments).await,
         Command::Pause(arguments) => pause::run(arguments).await,
         Command::Resume(arguments) => resume::run(arguments).await,
         Command::Drain(arguments) => drain::run(arguments).await,

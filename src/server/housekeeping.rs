@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant, SystemTime};
 
-use store::{Duty, DutyClaim, Reaped, Reaper, Store, StoreError};
+use store::{Duty, DutyClaim, Reaped, Reaper, Retention, Ripe, Store, StoreError};
 use tokio_util::sync::CancellationToken;
 
 /// How often leases are looked at: how much later than its lease a death is noticed.
@@ -14,7 +14,15 @@ const SWEEP_EVERY: Duration = Duration::from_secs(60 * 60);
 
 /// No file takes this long from its first byte to the row that names it; one that is sent to be
 /// imported may take 6 h.
-const ORPHANED_AFTER: Duration = Duration::from_secs(8 * 60 * 60);
+pub const ORPHANED_AFTER: Duration = Duration::from_secs(8 * 60 * 60);
+
+/// How long things are kept.
+#[derive(Clone, Copy, Debug)]
+pub struct Keeping {
+    pub retention: Retention,
+    /// In the trash.
+    pub trash: Duration,
+}
 
 /// Gives the tasks of workers that died to others.
 pub async fn reap(store: Store, stop: CancellationToken) {
@@ -64,9 +72,9 @@ pub async fn forget_engine(store: &Store) -> Result<(), StoreError> {
     Ok(())
 }
 
-/// Deletes what killed workers left half written. A clock that was set ahead, or a machine that slept, makes no file
-/// older than it is.
-pub async fn sweep(store: Store, stop: CancellationToken) {
+/// Deletes what killed workers left half written, and what has lain in the trash until its date. A clock that was set ahead,
+/// or a machine that slept, makes nothing older than it is.
+pub async fn sweep(store: Store, keeping: Keeping, stop: CancellationToken) {
     let mut duty = store.duty(Duty::Sweeping);
     let (began, began_by_clock) = (Instant::now(), SystemTime::now());
     loop {
@@ -81,9 +89,36 @@ pub async fn sweep(store: Store, stop: CancellationToken) {
                     tracing::error!("cannot delete files that nothing refers to: {error:#}");
                 }
             }
+            retire(&store, keeping).await;
+            purge(&store, leapt).await;
         }
         if stop.run_until_cancelled(tokio::time::sleep(SWEEP_EVERY)).await.is_none() {
             return;
+        }
+    }
+}
+
+async fn retire(store: &Store, Keeping { retention, trash }: Keeping) {
+    match store.retire(retention, trash).await {
+        Ok(retired) if retired.is_empty() => {}
+        Ok(retired) => tracing::info!(count = retired.len(), "moved old jobs into the trash"),
+        Err(error) => {
+            let error = anyhow::Error::new(error);
+            tracing::error!("cannot move old jobs into the trash: {error:#}");
+        }
+    }
+}
+
+async fn purge(store: &Store, leap: Duration) {
+    match store.purge(Ripe::AtItsDate { leap }).await {
+        Ok(deleted) if deleted.is_empty() => {}
+        Ok(deleted) => {
+            let bytes: u64 = deleted.iter().map(|it| it.bytes).sum();
+            tracing::info!(count = deleted.len(), bytes, "deleted for good what was in the trash");
+        }
+        Err(error) => {
+            let error = anyhow::Error::new(error);
+            tracing::error!("cannot empty the trash: {error:#}");
         }
     }
 }

@@ -22,11 +22,12 @@ use store::{Access, Store};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
-use crate::arguments::{DeviceArguments, StoreArguments};
+use crate::arguments::{DeviceArguments, RetentionArguments, StoreArguments, days_long};
 use crate::logging::Logging;
 use crate::offers::WorkerOfferArguments;
 use crate::{allocator, device, process};
 use executor::ExecutorArguments;
+pub use housekeeping::ORPHANED_AFTER;
 pub use interrupt::Interrupts;
 use listen::{Bound, SocketFile};
 
@@ -94,6 +95,17 @@ pub struct Options {
     /// Largest file that may be sent to be imported, in bytes
     #[arg(long, env = "TORQUED_MAX_UPLOAD_BYTES", value_name = "N", default_value_t = api::limits::MAX_UPLOAD_BYTES, value_parser = clap::value_parser!(u64).range(1..))]
     pub max_upload_bytes: u64,
+
+    /// Bytes that all files which are sent may take together, those in the trash included [default: no limit]
+    #[arg(long, env = "TORQUED_UPLOAD_QUOTA_BYTES", value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    pub upload_quota_bytes: Option<u64>,
+
+    /// Days for which what was deleted can be restored, 0 to 3650
+    #[arg(long, env = "TORQUED_TRASH_DAYS", value_name = "DAYS", default_value_t = api::limits::TRASH_DAYS, value_parser = clap::value_parser!(u16).range(0..=3650))]
+    pub trash_days: u16,
+
+    #[command(flatten)]
+    pub retention: RetentionArguments,
 }
 
 impl Options {
@@ -150,6 +162,8 @@ impl Server {
                 max_trajectories: options.max_trajectories,
                 time_limits_s: options.time_limits.iter().copied().collect(),
                 max_upload_bytes: options.max_upload_bytes,
+                upload_quota_bytes: options.upload_quota_bytes,
+                keep_deleted: days_long(options.trash_days),
                 ..api::Options::default()
             },
         )
@@ -169,7 +183,11 @@ impl Server {
         let stop_workers = CancellationToken::new();
         let kill_workers = CancellationToken::new();
         workers.spawn(housekeeping::reap(store.clone(), stop_workers.clone()));
-        workers.spawn(housekeeping::sweep(store.clone(), stop_workers.clone()));
+        let keeping = housekeeping::Keeping {
+            retention: options.retention.retention(),
+            trash: days_long(options.trash_days),
+        };
+        workers.spawn(housekeeping::sweep(store.clone(), keeping, stop_workers.clone()));
         if let Some((engine, settings)) = engine {
             let control = Control::new(store.clone(), engine, settings).await?;
             workers.spawn(control.run(stop_workers.clone()));

@@ -7,8 +7,10 @@ use spec::Digest;
 use crate::boxed;
 use crate::database::{Scope, sql};
 use crate::patience::patiently;
+use crate::trash::refuse_deleted;
 use crate::{
-    CheckpointId, Fence, JobId, Page, RunId, Store, StoreError, StoredObject, Timestamp, leases,
+    CheckpointId, Deletion, Fence, JobId, Page, RunId, Store, StoreError, StoredObject, Timestamp,
+    leases,
 };
 
 #[derive(Clone, Debug)]
@@ -31,6 +33,7 @@ pub struct Checkpoint {
     /// By name.
     pub files: Vec<CheckpointFile>,
     pub created_at: Timestamp,
+    pub deletion: Option<Deletion>,
 }
 
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -144,11 +147,13 @@ impl Store {
     }
 
     /// # Errors
-    /// When there is no such checkpoint.
+    /// When there is no such checkpoint, or it was deleted.
     #[boxed]
     pub async fn checkpoint(&self, id: CheckpointId) -> Result<Checkpoint, StoreError> {
-        sql!(self.database(), READING, checkpoint(id))?
-            .ok_or_else(|| StoreError::not_found("checkpoint", id.to_string()))
+        let found = sql!(self.database(), READING, checkpoint(id))?
+            .ok_or_else(|| StoreError::not_found("checkpoint", id.to_string()))?;
+        refuse_deleted(id, found.deletion.as_ref())?;
+        Ok(found)
     }
 
     /// Newest first.

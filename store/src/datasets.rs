@@ -12,7 +12,8 @@ use crate::boxed;
 use crate::database::sql;
 use crate::patience::patiently;
 use crate::task_end::Completion;
-use crate::{DatasetId, Fence, JobId, Page, Store, StoreError, StoredObject, Timestamp};
+use crate::trash::refuse_deleted;
+use crate::{DatasetId, Deletion, Fence, JobId, Page, Store, StoreError, StoredObject, Timestamp};
 
 #[derive(Clone, Debug)]
 pub struct Dataset {
@@ -35,6 +36,7 @@ pub struct Dataset {
     pub bytes: u64,
     pub created_at: Timestamp,
     pub completed_at: Option<Timestamp>,
+    pub deletion: Option<Deletion>,
 }
 
 /// The two files of a shard.
@@ -184,11 +186,13 @@ impl Store {
     }
 
     /// # Errors
-    /// When there is no such dataset.
+    /// When there is no such dataset, or it was deleted.
     #[boxed]
     pub async fn dataset(&self, id: DatasetId) -> Result<Dataset, StoreError> {
-        sql!(self.database(), "reading a dataset", dataset(id))?
-            .ok_or_else(|| StoreError::not_found("dataset", id.to_string()))
+        let found = sql!(self.database(), "reading a dataset", dataset(id))?
+            .ok_or_else(|| StoreError::not_found("dataset", id.to_string()))?;
+        refuse_deleted(id, found.deletion.as_ref())?;
+        Ok(found)
     }
 
     /// Newest first; all states without a `state`.

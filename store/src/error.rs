@@ -5,11 +5,12 @@ use std::io;
 use std::path::PathBuf;
 use std::time::Duration;
 
+use spec::Digest;
 use thiserror::Error;
-use wire::{JobState, Scope};
+use wire::{JobState, Relation, Scope};
 
 use crate::objects::trouble::{Trouble, advice, in_short};
-use crate::{Epoch, Fingerprint, JobId, MAX_TOKENS, TaskId};
+use crate::{Dependent, Epoch, Fingerprint, Item, JobId, MAX_TOKENS, TaskId, Timestamp};
 
 #[derive(Debug, Error)]
 #[non_exhaustive]
@@ -157,6 +158,39 @@ pub enum StoreError {
     #[error("an experiment {name:?} exists already")]
     ExperimentTaken { name: String },
 
+    #[error(
+        "{item} was deleted on {deleted_at} and is in the trash until {purge_at}; `torqued undelete {item}` or \
+         POST /v1/{}s/{}/restore brings it back", item.kind, item.id
+    )]
+    InTrash { item: Item, deleted_at: Timestamp, purge_at: Timestamp },
+
+    #[error("{item} was deleted, and purged from the trash on {purged_at}")]
+    Purged { item: Item, purged_at: Timestamp },
+
+    #[error("{item} is not in the trash")]
+    NotDeleted { item: Item },
+
+    #[error(
+        "{item} went into the trash with what owns it; restore job {job}, which made it, or its run"
+    )]
+    OwnerDeleted { item: Item, job: JobId },
+
+    #[error(
+        "{item} cannot be deleted while job {job} is {state}; cancel the job, or wait until it has ended"
+    )]
+    NotEnded { item: Item, job: JobId, state: JobState },
+
+    #[error("{item} cannot be deleted: {}", in_words(by))]
+    Needed { item: Item, by: Vec<Dependent> },
+
+    /// What a submission refers to was deleted since it was looked up.
+    #[error("needs {item}, which was deleted or lost its results")]
+    InputDeleted { item: Item },
+
+    /// The same of a file that was sent.
+    #[error("reads the file {digest}, which was deleted; send it again")]
+    FileDeleted { digest: Digest },
+
     /// A tracked run, or its experiment.
     #[error("{what} {id} is deleted; restore it first")]
     Deleted { what: &'static str, id: String },
@@ -165,6 +199,36 @@ pub enum StoreError {
         "param {key:?} of run {run} is {logged:?} since it was first logged; {new:?} cannot replace it"
     )]
     ParamChanged { run: String, key: String, logged: String, new: String },
+}
+
+/// Dependents that an error names; the others are counted.
+const NAMED: usize = 10;
+
+/// Those that keep something from being deleted whatever is asked for, or else all.
+fn in_words(dependents: &[Dependent]) -> String {
+    let open: Vec<&Dependent> = dependents.iter().filter(|it| !it.state.is_final()).collect();
+    let (named, advice) = if open.is_empty() {
+        (
+            dependents.iter().collect(),
+            "`--force` (`?force=true`) deletes it and leaves them as they are",
+        )
+    } else {
+        (open, "cancel them, or wait until they have ended")
+    };
+    let words = |it: &&Dependent| {
+        let relation = match it.relation {
+            Relation::Reads => "reads it",
+            Relation::Needs => "needs it",
+            Relation::Continues => "goes on from it",
+            Relation::Holds => "has it as a member",
+        };
+        format!("{} job {} ({}) {relation}", it.kind, it.job, it.state)
+    };
+    let mut list: Vec<String> = named.iter().take(NAMED).map(words).collect();
+    if named.len() > NAMED {
+        list.push(format!("{} more depend on it", named.len() - NAMED));
+    }
+    format!("{}; {advice}", list.join(", "))
 }
 
 fn of_process(pid: Option<u32>) -> String {

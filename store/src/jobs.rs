@@ -6,7 +6,8 @@ use wire::JobState;
 
 use crate::boxed;
 use crate::database::sql;
-use crate::{DatasetId, JobId, RunId, Store, StoreError, Timestamp};
+use crate::trash::refuse_deleted;
+use crate::{DatasetId, Deletion, JobId, RunId, Store, StoreError, Timestamp};
 
 #[derive(Clone, Debug)]
 pub struct Job {
@@ -37,6 +38,7 @@ pub struct Job {
     pub created_at: Timestamp,
     pub started_at: Option<Timestamp>,
     pub finished_at: Option<Timestamp>,
+    pub deletion: Option<Deletion>,
 }
 
 /// Work done of work to do, over all tasks; of a pipeline, jobs that succeeded of all its jobs.
@@ -87,11 +89,13 @@ pub struct JobFilter<'a> {
 
 impl Store {
     /// # Errors
-    /// When there is no such job.
+    /// When there is no such job, or it was deleted.
     #[boxed]
     pub async fn job(&self, id: JobId) -> Result<Job, StoreError> {
-        sql!(self.database(), READING, job(id))?
-            .ok_or_else(|| StoreError::not_found("job", id.to_string()))
+        let found = sql!(self.database(), READING, job(id))?
+            .ok_or_else(|| StoreError::not_found("job", id.to_string()))?;
+        refuse_deleted(id, found.deletion.as_ref())?;
+        Ok(found)
     }
 
     /// Newest first.
@@ -115,7 +119,7 @@ impl Store {
         sql!(self.database(), READING, experiments(state, page))
     }
 
-    /// The newest job of a digest in one of `states`.
+    /// The newest job of a digest in one of `states`, a deleted one, too, which still says what the digest means.
     ///
     /// # Errors
     /// When the database fails.
@@ -126,6 +130,19 @@ impl Store {
         states: &[JobState],
     ) -> Result<Option<Job>, StoreError> {
         sql!(self.database(), READING, job_by_digest(digest, states))
+    }
+
+    /// The same, of those whose results are there or can still come.
+    ///
+    /// # Errors
+    /// When the database fails.
+    #[boxed]
+    pub async fn usable_job_by_digest(
+        &self,
+        digest: Digest,
+        states: &[JobState],
+    ) -> Result<Option<Job>, StoreError> {
+        sql!(self.database(), READING, usable_job_by_digest(digest, states))
     }
 
     /// The newest job of `kind` that needs the job of this very dataset, not of another with its

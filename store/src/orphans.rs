@@ -18,11 +18,15 @@ impl Store {
         let unfinished = self.objects().delete_unfinished(older_than).await?;
         let orphans = self.orphans(older_than).await?;
         let count = orphans.len() as u64 + unfinished;
-        self.objects().delete(orphans).await;
+        self.objects().delete(orphans.into_iter().map(|(path, _)| path).collect()).await;
         Ok(count)
     }
 
-    async fn orphans(&self, older_than: Duration) -> Result<Vec<String>, StoreError> {
+    /// The paths and sizes of such objects.
+    pub(crate) async fn orphans(
+        &self,
+        older_than: Duration,
+    ) -> Result<Vec<(String, u64)>, StoreError> {
         const OPERATION: &str = "listing the objects that rows name";
         // Their ages are by the clock of the store that they lie in.
         let now = self.objects().now().await?;
@@ -31,7 +35,7 @@ impl Store {
         // Rows are read after the listing, so that what was committed in between is seen.
         let named = sql!(self.database(), OPERATION, named_objects())?;
         let named: HashSet<String> = named.into_iter().collect();
-        old.retain(|path| !named.contains(path));
+        old.retain(|(path, _)| !named.contains(path));
         Ok(old)
     }
 }

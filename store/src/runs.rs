@@ -6,7 +6,8 @@ use wire::JobState;
 
 use crate::boxed;
 use crate::database::sql;
-use crate::{JobId, Page, RunId, Store, StoreError, Timestamp};
+use crate::trash::refuse_deleted;
+use crate::{Deletion, JobId, Page, RunId, Store, StoreError, Timestamp};
 
 #[derive(Clone, Debug)]
 pub struct Run {
@@ -22,15 +23,18 @@ pub struct Run {
     pub created_at: Timestamp,
     pub started_at: Option<Timestamp>,
     pub finished_at: Option<Timestamp>,
+    pub deletion: Option<Deletion>,
 }
 
 impl Store {
     /// # Errors
-    /// When there is no such run.
+    /// When there is no such run, or it was deleted.
     #[boxed]
     pub async fn run(&self, id: RunId) -> Result<Run, StoreError> {
-        sql!(self.database(), "reading a run", run(id))?
-            .ok_or_else(|| StoreError::not_found("run", id.to_string()))
+        let found = sql!(self.database(), "reading a run", run(id))?
+            .ok_or_else(|| StoreError::not_found("run", id.to_string()))?;
+        refuse_deleted(id, found.deletion.as_ref())?;
+        Ok(found)
     }
 
     /// Newest first; all kinds without a `kind`.
@@ -45,10 +49,12 @@ impl Store {
     /// The record of a job.
     ///
     /// # Errors
-    /// When the job has none.
+    /// When the job has none, or it was deleted.
     #[boxed]
     pub async fn run_of_job(&self, job: JobId) -> Result<Run, StoreError> {
-        sql!(self.database(), "reading a run", run_of_job(job))?
-            .ok_or_else(|| StoreError::not_found("run of job", job.to_string()))
+        let found = sql!(self.database(), "reading a run", run_of_job(job))?
+            .ok_or_else(|| StoreError::not_found("run of job", job.to_string()))?;
+        refuse_deleted(found.id, found.deletion.as_ref())?;
+        Ok(found)
     }
 }

@@ -11,7 +11,9 @@ use crate::propagation::{advance, state_of};
 use crate::rules::job::{before_start, is_unsuccessful};
 use crate::rules::reuse::{TaskPlace, stand_in, takes_over};
 use crate::rules::turn::turn;
-use crate::{Idempotency, JobId, Store, StoreError, TaskId, Timestamp, idempotency, pipelines};
+use crate::{
+    CheckpointId, Idempotency, JobId, Store, StoreError, TaskId, Timestamp, idempotency, pipelines,
+};
 
 /// What is asked for at once.
 #[derive(Clone, Debug)]
@@ -47,6 +49,12 @@ pub struct NewJob {
     pub reuse: JobReuse,
     pub tasks: Vec<NewTask>,
     pub needs: Vec<Need>,
+    /// The digests of the jobs whose data and checkpoints it reads.
+    pub reads: Vec<Digest>,
+    /// Checkpoints among them that are there already, so that no job is needed for them.
+    pub checkpoints: Vec<CheckpointId>,
+    /// The files that it reads, of those that were sent.
+    pub files: Vec<Digest>,
 }
 
 /// The product of a job beside the results of its tasks.
@@ -171,7 +179,7 @@ pub(crate) struct CompletedTask {
 
 impl Store {
     /// # Errors
-    /// When a need has failed, an idempotency key comes with another request, or the submission
+    /// When a need has failed or was deleted, an idempotency key comes with another request, or the submission
     /// contradicts itself; nothing is submitted then.
     #[boxed]
     pub async fn submit(&self, submission: Submission) -> Result<Submitted, StoreError> {
@@ -288,7 +296,21 @@ async fn submit_job(
         if is_unsuccessful(state) {
             return Err(StoreError::NeedNotMet { job: *need, state });
         }
+        if sql!(tx, job_is_gone(*need))? {
+            return Err(StoreError::InputDeleted { item: (*need).into() });
+        }
         states.push(state);
+    }
+    for checkpoint in &new.checkpoints {
+        let item = (*checkpoint).into();
+        if sql!(tx, item(item))?.is_none_or(|row| row.deletion.is_some()) {
+            return Err(StoreError::InputDeleted { item });
+        }
+    }
+    for file in &new.files {
+        if sql!(tx, known_upload(*file))?.is_none() {
+            return Err(StoreError::FileDeleted { digest: *file });
+        }
     }
     let state = before_start(states);
     let waits_since = sql!(tx, waits_since())?;
@@ -311,6 +333,7 @@ async fn submit_job(
     for need in needs {
         sql!(tx, insert_need(job, need))?;
     }
+    sql!(tx, insert_inputs(job, &[&new.reads[..], &new.files].concat()))?;
     let turn = turn(waits_since, new.not_before, new.priority);
     sql!(tx, insert_tasks(job, turn, &new.tasks))?;
     match new.output {

@@ -1,6 +1,7 @@
 //! Experiments: names under which clients of MLflow gather their runs.
 
 use std::collections::BTreeMap;
+use std::time::Duration;
 
 use crate::boxed;
 use crate::database::{Scope, sql};
@@ -94,7 +95,7 @@ impl Store {
         tx.commit().await
     }
 
-    /// Deletes an experiment with its runs, or brings both back.
+    /// Deletes an experiment with its runs, which can be brought back for so long, or with `None` brings both back.
     ///
     /// # Errors
     /// When there is no such experiment.
@@ -102,10 +103,10 @@ impl Store {
     pub async fn set_experiment_deleted(
         &self,
         id: ExperimentId,
-        is_deleted: bool,
+        keep: Option<Duration>,
     ) -> Result<(), StoreError> {
         let mut tx = self.begin(Scope::Rows, CHANGING).await?;
-        if !sql!(&mut tx, set_experiment_deleted(id, is_deleted))? {
+        if !sql!(&mut tx, set_experiment_deleted(id, keep))? {
             return Err(StoreError::not_found("experiment", id.to_string()));
         }
         tx.commit().await

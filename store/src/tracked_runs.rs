@@ -2,6 +2,7 @@
 
 use std::fmt;
 use std::str::FromStr;
+use std::time::Duration;
 
 use crate::boxed;
 use crate::database::{Scope, Transaction, sql};
@@ -151,7 +152,7 @@ impl Store {
         Ok(changed)
     }
 
-    /// Deletes a run, or brings it back.
+    /// Deletes a run, which can be brought back for so long, or with `None` brings it back.
     ///
     /// # Errors
     /// When there is no such run.
@@ -159,13 +160,13 @@ impl Store {
     pub async fn set_tracked_run_deleted(
         &self,
         identifier: &str,
-        is_deleted: bool,
+        keep: Option<Duration>,
     ) -> Result<(), StoreError> {
         let mut tx = self.begin(Scope::Rows, CHANGING).await?;
         let Some(run) = sql!(&mut tx, kept_run(identifier))? else {
             return Err(StoreError::not_found("run", identifier.to_owned()));
         };
-        sql!(&mut tx, update_tracked_run(&TrackedRun { is_deleted, ..run }))?;
+        sql!(&mut tx, set_tracked_run_deleted(run.id, keep))?;
         tx.commit().await
     }
 

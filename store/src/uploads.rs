@@ -93,6 +93,16 @@ impl Store {
         sql!(self.database(), "reading uploads", newest_uploads(limit))
     }
 
+    /// The size of all files that somebody sent, to be imported or as files of a tracked run, in bytes. Those in the trash
+    /// count until they are deleted for good.
+    ///
+    /// # Errors
+    /// When the database fails.
+    #[boxed]
+    pub async fn sent_bytes(&self) -> Result<u64, StoreError> {
+        sql!(self.database(), "adding up the files that were sent", sent_bytes())
+    }
+
     /// Opens an upload, once all its bytes have been checked against its digest. Blocks.
     ///
     /// # Errors

@@ -15,7 +15,7 @@ use store::{
 };
 
 /// Of the newest of `migrations/sqlite`.
-const SCHEMA: i64 = 9;
+const SCHEMA: i64 = 12;
 
 async fn serve(dir: &Path) -> Result<Store, StoreError> {
     Store::open(dir, Access::Server).await
@@ -69,6 +69,9 @@ fn simulation(seed: u64, tasks: u32, reuse: Reuse) -> Submission {
         reuse: JobReuse { whole: true, parts: PartReuse::Nothing },
         tasks: (0..tasks).map(task).collect(),
         needs: vec![],
+        reads: vec![],
+        checkpoints: vec![],
+        files: vec![],
     };
     Submission { jobs: vec![job], pipeline: None, reuse, idempotency: None }
 }

@@ -40,3 +40,4 @@ mod stopping;
 mod streams;
 mod sweeps;
 mod trainings;
+mod trash;

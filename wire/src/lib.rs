@@ -29,6 +29,7 @@ mod streams;
 mod summaries;
 mod tasks;
 mod trajectories;
+mod trash;
 mod verifications;
 mod warnings;
 mod workers;
@@ -60,7 +61,8 @@ pub use report::{
 };
 pub use runs::{Artifact, LatestMetric, Metric, MetricPoint, Run, Runs};
 pub use states::{
-    AttemptOutcome, DatasetState, JobState, PlacementState, Scope, TaskState, UnknownState,
+    AttemptOutcome, DatasetState, ItemKind, JobState, PlacementState, Relation, Scope, TaskState,
+    UnknownState,
 };
 pub use streams::{
     FilledContext, Nothing, StreamLatency, StreamMessage, StreamOpened, StreamReply,
@@ -69,6 +71,7 @@ pub use streams::{
 pub use summaries::{ChannelSummary, SpectrumSummary, Summary};
 pub use tasks::{Task, Tasks, findings, findings_of};
 pub use trajectories::Trajectory;
+pub use trash::{Deleted, Dependent, Dependents, Item, Restored, Trash, TrashedItem};
 pub use verifications::{Verification, VerifiedShard};
 pub use warnings::{Warning, WarningKind};
 pub use workers::{Placement, Worker, Workers, WorkersTask};

@@ -4,6 +4,8 @@ use serde::{Deserialize, Serialize};
 use spec::Violation;
 use utoipa::ToSchema;
 
+use crate::Dependent;
+
 /// An error: the fault, its place, and what is allowed.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct Problem {
@@ -18,4 +20,7 @@ pub struct Problem {
     /// Every field of a spec that cannot be accepted.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub violations: Vec<Violation>,
+    /// The jobs that depend on what was to be deleted.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub dependents: Vec<Dependent>,
 }

@@ -112,6 +112,30 @@ states! {
     }
 }
 
+states! {
+    /// A kind of thing that can be deleted.
+    ItemKind {
+        Job = "job",
+        Run = "run",
+        Dataset = "dataset",
+        Checkpoint = "checkpoint",
+    }
+}
+
+states! {
+    /// How a job depends on something.
+    Relation {
+        /// Its spec names the data, or the training.
+        Reads = "reads",
+        /// The job must succeed before it can start.
+        Needs = "needs",
+        /// It goes on from the work of a job with the same digest.
+        Continues = "continues",
+        /// It is a pipeline, and has the job as a member.
+        Holds = "holds",
+    }
+}
+
 impl JobState {
     /// True of a job that has ended.
     pub const fn is_final(self) -> bool {

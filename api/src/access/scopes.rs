@@ -19,6 +19,9 @@ const MLFLOW: &str = "/api/";
 /// The prefix of the API's paths, which the page's do not have.
 const API: &str = "/v1";
 
+/// The end of the path of a form that deletes, since forms have no such method.
+const DELETE_FORM: &str = "/delete";
+
 /// The scope that each path and method needs.
 #[derive(Clone, Default)]
 pub struct Scopes(Arc<HashMap<(String, Method), Scope>>);
@@ -47,6 +50,11 @@ impl Scopes {
         let known = |path: String| self.0.get(&(path, asked.clone())).copied();
         known(route.to_owned())
             .or_else(|| known(format!("{API}{route}")))
+            .or_else(|| {
+                let deleted =
+                    route.strip_suffix(DELETE_FORM).filter(|_| *method == Method::POST)?;
+                self.0.get(&(format!("{API}{deleted}"), Method::DELETE)).copied()
+            })
             .unwrap_or_else(|| usual(method))
     }
 }
@@ -85,6 +93,7 @@ mod tests {
         assert_eq!(post("/v1/jobs/{id}/cancel"), Scope::Submit);
         assert_eq!(post("/jobs/{id}/cancel"), Scope::Submit);
         assert_eq!(post("/queue/pause"), Scope::Admin);
+        assert_eq!(post("/datasets/{id}/delete"), Scope::Submit);
         assert_eq!(post("/v1/checkpoints/{id}/predict"), Scope::Read);
         assert_eq!(post("/no/such/route"), Scope::Admin);
         for method in [Method::GET, Method::HEAD] {

@@ -19,6 +19,8 @@ impl App {
         if job.kind != JobKind::Evaluate.as_str() {
             return Err(ApiError::not_found("evaluation", id));
         }
+        // It may have been deleted by itself.
+        self.store.run_of_job(job.id).await?;
         let completed = self.complete_evaluations(vec![job]).await?.pop();
         let mut evaluation = completed.ok_or_else(|| ApiError::not_found("evaluation", id))?;
         evaluation.report = self.report(evaluation.run).await?;

@@ -136,6 +136,8 @@ impl App {
     /// When there is no such attempt, or its log is not kept any more.
     pub async fn attempt_log(&self, id: i64) -> Result<Download, ApiError> {
         let attempt = self.store.attempt(id).await?;
+        let task = self.store.task(attempt.task).await?;
+        self.store.job(task.job).await?;
         let chunks = self.store.attempt_log(id).await?;
         if chunks.is_empty() && attempt.ended_at.is_some() {
             return Err(ApiError::not_found("log of attempt", id));

@@ -19,6 +19,7 @@ pub mod paging;
 mod predictions;
 mod questions;
 mod queue;
+mod quota;
 mod runs;
 mod sessions;
 mod shards;
@@ -28,6 +29,7 @@ mod summaries;
 pub mod tasks;
 pub mod tokens;
 pub mod trajectories;
+mod trash;
 mod uploads;
 pub mod verifications;
 mod waits;
@@ -50,12 +52,13 @@ use crate::app::shards::OpenShards;
 use crate::error::ApiError;
 use crate::limits::{
     CONCURRENT_DOWNLOADS, CONCURRENT_UPLOADS, CONNECTIONS, LOG_READERS, MAX_TRAJECTORIES,
-    MAX_UPLOAD_BYTES, REQUESTS_PER_SECOND, STREAMS, UPLOAD_STALL,
+    MAX_UPLOAD_BYTES, REQUESTS_PER_SECOND, STREAMS, TRASH_DAYS, UPLOAD_STALL,
 };
 use crate::live::LiveModels;
 
 pub use paging::Paging;
 pub use questions::read as read_question;
+pub use trash::dependent;
 
 /// The server's version, as `/healthz` and the page show it.
 pub(crate) const VERSION: &str = env!("CARGO_PKG_VERSION");
@@ -74,8 +77,12 @@ pub struct Options {
     pub time_limits_s: HashMap<JobKind, u32>,
     /// Bytes of one file that is sent to be imported, at most.
     pub max_upload_bytes: u64,
+    /// Bytes of all files together that are sent and kept, at most; as many as there is room for without.
+    pub upload_quota_bytes: Option<u64>,
     /// How long a sender may take for the next bytes of a file.
     pub upload_stall: Duration,
+    /// How long what was deleted can be restored.
+    pub keep_deleted: Duration,
     /// Connections open at once.
     pub connections: usize,
     /// Requests per second of one address.
@@ -90,7 +97,9 @@ impl Default for Options {
             max_trajectories: MAX_TRAJECTORIES,
             time_limits_s: HashMap::new(),
             max_upload_bytes: MAX_UPLOAD_BYTES,
+            upload_quota_bytes: None,
             upload_stall: UPLOAD_STALL,
+            keep_deleted: Duration::from_secs(u64::from(TRASH_DAYS) * 24 * 60 * 60),
             connections: CONNECTIONS,
             requests_per_second: const { NonZero::new(REQUESTS_PER_SECOND).unwrap() },
         }
@@ -107,7 +116,9 @@ pub struct App {
     tokens: KnownTokens,
     limits: Arc<Limits>,
     max_upload_bytes: u64,
+    upload_quota_bytes: Option<u64>,
     upload_stall: Duration,
+    keep_deleted: Duration,
     memory_doubts: Option<Arc<MemoryDoubts>>,
     /// For the files on their way in.
     upload_places: Arc<Semaphore>,
@@ -139,7 +150,9 @@ impl App {
                 time_limits_s: options.time_limits_s.clone(),
             }),
             max_upload_bytes: options.max_upload_bytes,
+            upload_quota_bytes: options.upload_quota_bytes,
             upload_stall: options.upload_stall,
+            keep_deleted: options.keep_deleted,
             memory_doubts: None,
             upload_places: Arc::new(Semaphore::new(CONCURRENT_UPLOADS)),
             log_places: Arc::new(Semaphore::new(LOG_READERS)),
@@ -175,6 +188,10 @@ impl App {
 
     pub(crate) fn max_upload_bytes(&self) -> u64 {
         self.max_upload_bytes
+    }
+
+    pub(crate) fn keep_deleted(&self) -> Duration {
+        self.keep_deleted
     }
 
     pub(crate) fn upload_stall(&self) -> Duration {

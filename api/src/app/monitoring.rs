@@ -117,6 +117,11 @@ impl App {
         gauge(&mut registry, "disk_free_bytes", "Room on the disk of the data folder", free_bytes);
         let what = "Room with less of which no task is claimed";
         gauge(&mut registry, "disk_reserved_bytes", what, reserved_bytes);
+        let what = "Size of all files that were sent and are kept";
+        gauge(&mut registry, "sent_bytes", what, self.store.sent_bytes().await?);
+        if let Some(quota) = self.upload_quota_bytes {
+            gauge(&mut registry, "sent_quota_bytes", "What they may take together", quota);
+        }
         let mut text = String::new();
         // A String takes whatever is written.
         encode(&mut text, &registry).map_err(|_| ApiError::Internal)?;

@@ -49,7 +49,8 @@ impl App {
     }
 
     pub async fn run_artifact(&self, run: i64, name: &str) -> Result<Download, ApiError> {
-        let artifact = self.store.artifact(RunId(run), name).await?;
+        let run = self.store.run(RunId(run)).await?.id;
+        let artifact = self.store.artifact(run, name).await?;
         let file = format!("{name} of run {run}");
         let saved_as = format!("run-{run}-{name}");
         Ok(Download::new(saved_as, &artifact.media_type, &artifact.object, file))

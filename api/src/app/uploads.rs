@@ -23,9 +23,11 @@ impl App {
     ) -> Result<Submitted, ApiError> {
         let _place = self.upload_places.try_acquire().map_err(|_| ApiError::UploadsCrowded)?;
         let (mut spec, claimed) = import_spec(&file.spec, file.format)?;
+        let room = self.room().await?;
         let mut writer = self.store.begin_upload().await?;
         while let Some(piece) = file.next().await? {
             writer.write(&piece).await?;
+            room.hold(writer.size())?;
         }
         if writer.size() == 0 {
             return Err(SpecError::one("file", "empty", "a file with at least one row").into());

@@ -64,7 +64,7 @@ impl ErrorCode {
     /// The code that says the most about an answer with this status.
     pub fn of_status(status: StatusCode) -> Self {
         match status {
-            StatusCode::NOT_FOUND => Self::ResourceDoesNotExist,
+            StatusCode::NOT_FOUND | StatusCode::GONE => Self::ResourceDoesNotExist,
             StatusCode::UNAUTHORIZED => Self::Unauthenticated,
             StatusCode::FORBIDDEN => Self::PermissionDenied,
             StatusCode::METHOD_NOT_ALLOWED => Self::EndpointNotFound,

@@ -18,6 +18,7 @@ mod rows;
 mod run;
 mod spec_text;
 mod text;
+mod trash;
 mod verification;
 mod viewer;
 mod workers;
@@ -27,6 +28,7 @@ use axum::extract::Request;
 use axum::http::HeaderMap;
 use axum::response::{IntoResponse, Response};
 use axum::routing::{MethodRouter, get, post};
+use wire::ItemKind;
 
 use crate::access::{LOGIN, LOGOUT, accepts_html};
 use crate::app::App;
@@ -38,7 +40,7 @@ pub fn routes() -> Router<App> {
 }
 
 /// Every path of the page, with what answers it.
-pub fn paths() -> [(&'static str, MethodRouter<App>); 16] {
+pub fn paths() -> [(&'static str, MethodRouter<App>); 25] {
     [
         ("/", get(experiments::show)),
         ("/jobs/{id}", get(job::show)),
@@ -53,6 +55,15 @@ pub fn paths() -> [(&'static str, MethodRouter<App>); 16] {
         ("/workers/{name}/undrain", post(workers::undrain)),
         ("/queue/pause", post(workers::pause)),
         ("/queue/resume", post(workers::resume)),
+        ("/jobs/{id}/delete", trash::deletion(ItemKind::Job)),
+        ("/jobs/{id}/restore", trash::restoration(ItemKind::Job)),
+        ("/runs/{id}/delete", trash::deletion(ItemKind::Run)),
+        ("/runs/{id}/restore", trash::restoration(ItemKind::Run)),
+        ("/datasets/{id}/delete", trash::deletion(ItemKind::Dataset)),
+        ("/datasets/{id}/restore", trash::restoration(ItemKind::Dataset)),
+        ("/checkpoints/{id}/delete", trash::deletion(ItemKind::Checkpoint)),
+        ("/checkpoints/{id}/restore", trash::restoration(ItemKind::Checkpoint)),
+        ("/trash", get(trash::show)),
         (LOGIN, get(login::show).post(login::log_in)),
         (LOGOUT, post(login::log_out)),
         ("/static/{name}", get(assets::show)),

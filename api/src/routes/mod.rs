@@ -20,6 +20,7 @@ mod queue;
 mod runs;
 mod tokens;
 mod trajectories;
+mod trash;
 mod uploads;
 mod workers;
 
@@ -52,7 +53,9 @@ pub fn operations() -> OpenApiRouter<App> {
         .routes(routes!(monitoring::metrics))
         .routes(routes!(presets::list))
         .routes(routes!(jobs::list, jobs::submit))
-        .routes(routes!(jobs::show))
+        .routes(routes!(jobs::show, trash::job::remove))
+        .routes(routes!(trash::job::restore))
+        .routes(routes!(trash::job::dependents))
         .routes(routes!(jobs::cancel))
         .routes(routes!(jobs::retry))
         .routes(routes!(jobs::tasks))
@@ -60,7 +63,9 @@ pub fn operations() -> OpenApiRouter<App> {
         .routes(routes!(logs::list))
         .routes(routes!(logs::file))
         .routes(routes!(datasets::list, uploads::create))
-        .routes(routes!(datasets::show))
+        .routes(routes!(datasets::show, trash::dataset::remove))
+        .routes(routes!(trash::dataset::restore))
+        .routes(routes!(trash::dataset::dependents))
         .routes(routes!(datasets::file))
         .routes(routes!(datasets::tar))
         .routes(routes!(datasets::verify))
@@ -71,13 +76,17 @@ pub fn operations() -> OpenApiRouter<App> {
         .routes(routes!(trajectories::spectrum))
         .routes(routes!(trajectories::spectrum_data))
         .routes(routes!(runs::list))
-        .routes(routes!(runs::show))
+        .routes(routes!(runs::show, trash::run::remove))
+        .routes(routes!(trash::run::restore))
+        .routes(routes!(trash::run::dependents))
         .routes(routes!(runs::metric))
         .routes(routes!(runs::metric_of_group))
         .routes(routes!(runs::artifact))
         .routes(routes!(runs::figure))
         .routes(routes!(checkpoints::list))
-        .routes(routes!(checkpoints::show))
+        .routes(routes!(checkpoints::show, trash::checkpoint::remove))
+        .routes(routes!(trash::checkpoint::restore))
+        .routes(routes!(trash::checkpoint::dependents))
         .routes(routes!(checkpoints::file))
         .routes(routes!(checkpoints::tar))
         .routes(routes!(predictions::predict))
@@ -93,6 +102,7 @@ pub fn operations() -> OpenApiRouter<App> {
         .routes(routes!(tokens::list, tokens::create))
         .routes(routes!(tokens::revoke))
         .routes(routes!(audit::list))
+        .routes(routes!(trash::list))
 }
 
 /// The OpenAPI document of every operation under `/v1`, and of `/healthz`, `/readyz` and `/metrics`.

@@ -3,19 +3,37 @@
 use serde_json::{Value, json};
 
 /// Errors that depend on the operation alone.
-const OF_OPERATIONS: [(&str, &str, &[u16]); 8] = [
-    ("post", "/v1/jobs", &[409, 422, 507]),
+const OF_OPERATIONS: [(&str, &str, &[u16]); 16] = [
+    ("post", "/v1/jobs", &[409, 410, 422, 507]),
     ("post", "/v1/jobs/{id}/retry", &[409, 422, 507]),
     ("post", "/v1/jobs/{id}/cancel", &[409]),
-    ("post", "/v1/datasets", &[409, 422, 507]),
+    ("post", "/v1/datasets", &[409, 410, 422, 507]),
     ("post", "/v1/datasets/{id}/verify", &[409, 422, 507]),
     ("post", "/v1/checkpoints/{id}/predict", &[422, 501, 507]),
     ("post", "/v1/tokens", &[409, 422]),
+    ("delete", "/v1/jobs/{id}", &[409]),
+    ("delete", "/v1/runs/{id}", &[409]),
+    ("delete", "/v1/datasets/{id}", &[409]),
+    ("delete", "/v1/checkpoints/{id}", &[409]),
+    ("post", "/v1/jobs/{id}/restore", &[409]),
+    ("post", "/v1/runs/{id}/restore", &[409]),
+    ("post", "/v1/datasets/{id}/restore", &[409]),
+    ("post", "/v1/checkpoints/{id}/restore", &[409]),
     ("get", "/v1/checkpoints/{id}/stream", &[403, 422, 426, 501, 507]),
 ];
 
 /// Errors of every request.
 const OF_ALL: [u16; 5] = [400, 421, 429, 500, 503];
+
+/// The beginnings of paths of what can be deleted, or belongs to something that can.
+const DELETABLE: [&str; 6] = [
+    "/v1/jobs/{id}",
+    "/v1/runs/{id}",
+    "/v1/datasets/{id}",
+    "/v1/checkpoints/{id}",
+    "/v1/evaluations/{id}",
+    "/v1/attempts/{id}",
+];
 
 /// Errors of requests with a body.
 const OF_BODIES: [u16; 4] = [400, 408, 413, 415];
@@ -36,6 +54,9 @@ pub fn add(operation: &mut Value, method: &str, path: &str) {
     }
     if path.contains('{') {
         statuses.push(404);
+    }
+    if DELETABLE.iter().any(|deletable| path.starts_with(deletable)) {
+        statuses.push(410);
     }
     if operation.get("requestBody").is_some() {
         statuses.extend(OF_BODIES);
@@ -64,6 +85,7 @@ fn meaning(status: u16) -> &'static str {
         404 => "There is no such thing",
         408 => "The body did not come in time",
         409 => "The state of what is asked for does not allow it",
+        410 => "It was deleted; the problem says how to bring it back",
         413 => "The body is too large",
         415 => "The body is declared as something else",
         421 => "The server does not have this name",

@@ -29,7 +29,7 @@ const PREDICT: &str = "/v1/checkpoints/{id}/predict";
 const STREAM: &str = "/v1/checkpoints/{id}/stream";
 
 /// Every operation, with a request that it answers with success.
-const OPERATIONS: [(&str, &str, &str); 49] = [
+const OPERATIONS: [(&str, &str, &str); 62] = [
     ("get", "/healthz", "/healthz"),
     ("get", "/readyz", "/readyz"),
     ("get", "/metrics", "/metrics"),
@@ -85,6 +85,19 @@ const OPERATIONS: [(&str, &str, &str); 49] = [
     ("get", STREAM, "/v1/checkpoints/1/stream"),
     ("get", "/v1/evaluations", "/v1/evaluations"),
     ("get", "/v1/evaluations/{id}", "/v1/evaluations/4"),
+    ("get", "/v1/jobs/{id}/dependents", "/v1/jobs/4/dependents"),
+    ("get", "/v1/runs/{id}/dependents", "/v1/runs/2/dependents"),
+    ("get", "/v1/datasets/{id}/dependents", "/v1/datasets/2/dependents"),
+    ("get", "/v1/checkpoints/{id}/dependents", "/v1/checkpoints/1/dependents"),
+    ("delete", "/v1/datasets/{id}", "/v1/datasets/2?force=true"),
+    ("post", "/v1/datasets/{id}/restore", "/v1/datasets/2/restore"),
+    ("delete", "/v1/checkpoints/{id}", "/v1/checkpoints/1?force=true"),
+    ("post", "/v1/checkpoints/{id}/restore", "/v1/checkpoints/1/restore"),
+    ("delete", "/v1/runs/{id}", "/v1/runs/2?force=true"),
+    ("post", "/v1/runs/{id}/restore", "/v1/runs/2/restore"),
+    ("delete", "/v1/jobs/{id}", "/v1/jobs/4?force=true"),
+    ("post", "/v1/jobs/{id}/restore", "/v1/jobs/4/restore"),
+    ("get", "/v1/trash", "/v1/trash"),
     // The last ones: from the first token on the server asks for one.
     ("delete", "/v1/tokens/{id}", "/v1/tokens/1"),
     ("post", "/v1/tokens", "/v1/tokens"),
@@ -115,6 +128,7 @@ async fn every_documented_operation_answers_and_every_one_is_listed_here() {
             "post" if path == "/v1/datasets" => uploads::send_recordings(&server).await,
             "delete" | "post" if path.starts_with("/v1/tokens") => continue,
             "post" => server.request(Method::POST, request, &[]).await,
+            "delete" => server.request(Method::DELETE, request, &[]).await,
             _ => server.get(request).await,
         };
         assert!(answer.status.is_success(), "{method} {request}: {answer:?}");

@@ -26,6 +26,7 @@ mod tables;
 mod tokens;
 mod trainings;
 mod trajectories;
+mod trash;
 mod uploads;
 mod verification;
 mod waiting;

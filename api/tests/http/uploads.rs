@@ -293,3 +293,21 @@ async fn an_imported_dataset_can_be_trained_on_and_evaluated_on() {
     let evaluation = server.submit(&evaluation).await;
     assert_eq!(evaluation.status, StatusCode::CREATED, "{evaluation:?}");
 }
+
+#[tokio::test]
+async fn the_quota_counts_every_file_that_is_kept_and_names_itself() {
+    let room_for_one = CSV.len() as u64 + 4;
+    let options = Options { upload_quota_bytes: Some(room_for_one), ..Options::default() };
+    let server = Server::start_with(&options).await;
+    assert!(send_recordings(&server).await.status.is_success());
+    let more = Body::from("u1,u2\n3,4\n5,6\n");
+    let problem = send(&server, &path(&mapping()), "text/csv", more).await.problem(413);
+    assert_eq!(problem["type"], "tag:torqued,2026:upload-quota");
+    let detail = problem["detail"].as_str().unwrap();
+    let (quota, used) = (room_for_one.to_string(), CSV.len().to_string());
+    assert!(detail.contains(&quota) && detail.contains(&used), "{detail}");
+    assert_eq!(kept(&server).await, 1);
+    let metrics = server.get("/metrics").await;
+    assert!(metrics.text().contains(&format!("torqued_sent_bytes {used}")));
+    assert!(metrics.text().contains(&format!("torqued_sent_quota_bytes {quota}")));
+}

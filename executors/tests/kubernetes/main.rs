@@ -110,6 +110,9 @@ impl Lab {
             reuse: JobReuse { whole: false, parts: PartReuse::Nothing },
             tasks: (0..tasks).map(task).collect(),
             needs: Vec::new(),
+            reads: Vec::new(),
+            checkpoints: Vec::new(),
+            files: Vec::new(),
         };
         let submission = Submission {
             jobs: vec![job],

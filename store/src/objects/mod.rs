@@ -183,15 +183,15 @@ impl Objects {
         Ok(None)
     }
 
-    /// The paths of all objects that were published before `limit`, without the store's own marks.
-    pub async fn older_than(&self, limit: SystemTime) -> Result<Vec<String>, StoreError> {
+    /// The paths and sizes of all objects that were published before `limit`, without the store's own marks.
+    pub async fn older_than(&self, limit: SystemTime) -> Result<Vec<(String, u64)>, StoreError> {
         self.remote()
             .list(None)
             .try_filter(|object| {
                 let is_old = SystemTime::from(object.last_modified) < limit;
                 std::future::ready(is_old && !path::is_mark(object.location.as_ref()))
             })
-            .map_ok(|object| object.location.to_string())
+            .map_ok(|object| (object.location.to_string(), object.size))
             .try_collect()
             .await
             .map_err(StoreError::object("listing", "objects"))

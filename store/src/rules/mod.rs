@@ -5,6 +5,7 @@
 //! those that a row cannot tell (which jobs have a digest).
 
 pub(crate) mod cancellation;
+pub(crate) mod deletion;
 pub(crate) mod job;
 pub(crate) mod pipeline;
 pub(crate) mod placement;

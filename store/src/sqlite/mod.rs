@@ -29,7 +29,7 @@ pub(crate) use waiting::Bell;
 
 /// Number, name and statements of each file in `migrations/sqlite`. sqlx has a macro that lists them, which builds
 /// a second SQLite for the compiler.
-const FILES: [(i64, &str, &str); 9] = [
+const FILES: [(i64, &str, &str); 10] = [
     (1, "initial", include_str!("../../../migrations/sqlite/0001_initial.sql")),
     (2, "forgiving_queue", include_str!("../../../migrations/sqlite/0002_forgiving_queue.sql")),
     (3, "identity", include_str!("../../../migrations/sqlite/0003_identity.sql")),
@@ -39,6 +39,7 @@ const FILES: [(i64, &str, &str); 9] = [
     (7, "placements", include_str!("../../../migrations/sqlite/0007_placements.sql")),
     (8, "access", include_str!("../../../migrations/sqlite/0008_access.sql")),
     (9, "tracked_runs", include_str!("../../../migrations/sqlite/0009_tracked_runs.sql")),
+    (12, "trash", include_str!("../../../migrations/sqlite/0012_trash.sql")),
 ];
 
 static MIGRATIONS: LazyLock<Migrator> = LazyLock::new(|| migrations(&FILES));
@@ -344,6 +345,37 @@ mod tests {
         let next = tx.next_task("w", &spec::Resources::default()).await.unwrap().unwrap();
         let limit = Some(Duration::from_secs(7));
         assert_eq!((next.task.job, next.task.time_limit), (JobId(2), limit));
+    }
+
+    /// What was submitted before there was a trash keeps what it reads, too.
+    #[tokio::test]
+    async fn the_digests_in_specs_of_before_the_trash_are_its_inputs() {
+        let folder = tempfile::tempdir().unwrap();
+        let dir = DataDir::new(folder.path());
+        let options = SqliteConnectOptions::new().filename(dir.database()).create_if_missing(true);
+        let mut connection = options.connect().await.unwrap();
+        migrations(&FILES[..9]).run(&mut connection).await.unwrap();
+        let (data, file) = ("a1".repeat(32), "0".repeat(64));
+        let spec = format!(
+            "{{\"data\": {{\"digest\": \"{data}\"}}, \"name\": \"a1\", \"list\": [\"{file}\", \"{data}\", 7]}}"
+        );
+        sqlx::query(
+            "INSERT INTO job (kind, name, spec, digest, state, unit, priority, max_attempts, is_part, \
+             asked_alone, created_at) VALUES ('k', 'n', ?, ?, 'queued', 'u', 0, 3, 0, 1, 0)",
+        )
+        .bind(spec)
+        .bind("f".repeat(64))
+        .execute(&mut connection)
+        .await
+        .unwrap();
+        connection.close().await.unwrap();
+        let database = Database::open(&dir, Access::Server).await.unwrap();
+        let inputs: Vec<String> =
+            sqlx::query_scalar("SELECT digest FROM job_input ORDER BY digest")
+                .fetch_all(&database.reader)
+                .await
+                .unwrap();
+        assert_eq!(inputs, [file, data]);
     }
 
     #[tokio::test]

@@ -4,7 +4,7 @@ use spec::Digest;
 use sqlx::types::Json;
 use sqlx::{FromRow, Row};
 
-use super::rows::{digest, json, number, stored_object};
+use super::rows::{deletion, digest, json, number, stored_object};
 use super::{Database, DbRow, Transaction, integer};
 use crate::{
     Checkpoint, CheckpointFile, CheckpointId, JobId, NewCheckpoint, Page, RunId, WhichCheckpoint,
@@ -32,7 +32,8 @@ impl Database {
 
     pub async fn checkpoints(&self, page: Page) -> Result<Vec<Checkpoint>, sqlx::Error> {
         let found = sqlx::query_as(select_checkpoint!(
-            "WHERE checkpoint.id < $1 ORDER BY checkpoint.id DESC LIMIT $2"
+            "WHERE checkpoint.id < $1 AND checkpoint.deleted_at IS NULL \
+             ORDER BY checkpoint.id DESC LIMIT $2"
         ))
         .bind(page.before())
         .bind(page.limit())
@@ -44,7 +45,7 @@ impl Database {
     /// By step.
     pub async fn checkpoints_of_job(&self, job: JobId) -> Result<Vec<Checkpoint>, sqlx::Error> {
         let found = sqlx::query_as(select_checkpoint!(
-            "WHERE checkpoint.job = $1 ORDER BY checkpoint.step"
+            "WHERE checkpoint.job = $1 AND checkpoint.deleted_at IS NULL ORDER BY checkpoint.step"
         ))
         .bind(job)
         .fetch_all(&self.reader)
@@ -58,7 +59,7 @@ impl Database {
         jobs: &[JobId],
     ) -> Result<Vec<(JobId, CheckpointId)>, sqlx::Error> {
         sqlx::query_as(concat!(
-            "SELECT job, id FROM checkpoint WHERE job IN ",
+            "SELECT job, id FROM checkpoint WHERE deleted_at IS NULL AND job IN ",
             listed_ids!("$1"),
             " \
              ORDER BY job, step"
@@ -85,14 +86,17 @@ impl Database {
     ) -> Result<Option<Checkpoint>, sqlx::Error> {
         let query = match which {
             WhichCheckpoint::Final => sqlx::query_as(select_checkpoint!(
-                "WHERE job.digest = $1 AND checkpoint.is_final ORDER BY checkpoint.id DESC LIMIT 1"
+                "WHERE job.digest = $1 AND checkpoint.is_final AND checkpoint.deleted_at IS NULL \
+                 ORDER BY checkpoint.id DESC LIMIT 1"
             )),
             WhichCheckpoint::Best => sqlx::query_as(select_checkpoint!(
                 "WHERE job.digest = $1 AND checkpoint.is_best AND job.state = 'succeeded' \
+                 AND checkpoint.deleted_at IS NULL \
                  ORDER BY checkpoint.id DESC LIMIT 1"
             )),
             WhichCheckpoint::Step(_) => sqlx::query_as(select_checkpoint!(
-                "WHERE job.digest = $1 AND checkpoint.step = $2 ORDER BY checkpoint.id DESC LIMIT 1"
+                "WHERE job.digest = $1 AND checkpoint.step = $2 AND checkpoint.deleted_at IS NULL \
+                 ORDER BY checkpoint.id DESC LIMIT 1"
             )),
         };
         let query = query.bind(digest.to_string());
@@ -126,8 +130,8 @@ impl Database {
         for checkpoint in &mut checkpoints {
             checkpoint.files = files.remove(&checkpoint.id).unwrap_or_default();
         }
-        // One that was pruned since its row was read.
-        checkpoints.retain(|checkpoint| !checkpoint.files.is_empty());
+        // One that was pruned since its row was read; of one that was purged the row says so.
+        checkpoints.retain(|it| !it.files.is_empty() || it.deletion.is_some());
         Ok(checkpoints)
     }
 }
@@ -236,6 +240,7 @@ impl FromRow<'_, DbRow> for Checkpoint {
             digest: digest(row, "digest")?,
             files: Vec::new(),
             created_at: row.try_get("created_at")?,
+            deletion: deletion(row)?,
         })
     }
 }

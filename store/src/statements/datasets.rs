@@ -5,7 +5,7 @@ use sqlx::types::Json;
 use sqlx::{FromRow, Row};
 use wire::DatasetState;
 
-use super::rows::{digest, file_content, json, number, state, stored_object};
+use super::rows::{deletion, digest, file_content, json, number, state, stored_object};
 use super::{Database, DbRow, Transaction, integer};
 use crate::{
     Dataset, DatasetId, Fence, FileContent, JobId, Page, Shard, ShardContents, StoredObject,
@@ -23,7 +23,8 @@ macro_rules! select_dataset {
     ($($rest:expr),+ $(,)?) => {
         concat!(
             "SELECT dataset.id, dataset.job, dataset.digest, dataset.trajectories, dataset.samples, \
-             dataset.created_at, dataset.completed_at, ",
+             dataset.created_at, dataset.completed_at, dataset.deleted_at, dataset.purge_at, \
+             dataset.purged_at, dataset.deletion_reason, ",
             standing!(),
             " AS state, job.name, job.spec, \
              (SELECT COUNT(*) FROM shard WHERE shard.dataset = dataset.id) AS shards, \
@@ -51,7 +52,9 @@ impl Database {
         page: Page,
     ) -> Result<Vec<Dataset>, sqlx::Error> {
         sqlx::query_as(concat!(
-            select_dataset!("WHERE dataset.id < $1 AND ($2 IS NULL OR "),
+            select_dataset!(
+                "WHERE dataset.id < $1 AND dataset.deleted_at IS NULL AND ($2 IS NULL OR "
+            ),
             standing!(),
             " = $2) ORDER BY dataset.id DESC LIMIT $3"
         ))
@@ -79,7 +82,7 @@ impl Database {
 
     pub async fn datasets_by_id(&self, ids: &[DatasetId]) -> Result<Vec<Dataset>, sqlx::Error> {
         sqlx::query_as(select_dataset!(
-            "WHERE dataset.id IN ",
+            "WHERE dataset.deleted_at IS NULL AND dataset.id IN ",
             listed_ids!("$1"),
             " ORDER BY dataset.id"
         ))
@@ -93,7 +96,7 @@ impl Database {
         jobs: &[JobId],
     ) -> Result<Vec<(JobId, DatasetId)>, sqlx::Error> {
         sqlx::query_as(concat!(
-            "SELECT job, id FROM dataset WHERE job IN ",
+            "SELECT job, id FROM dataset WHERE deleted_at IS NULL AND job IN ",
             listed_ids!("$1"),
             " ORDER BY job"
         ))
@@ -104,7 +107,7 @@ impl Database {
 
     pub async fn dataset_by_digest(&self, digest: Digest) -> Result<Option<Dataset>, sqlx::Error> {
         sqlx::query_as(select_dataset!(
-            "WHERE dataset.digest = $1 AND dataset.state = 'complete' \
+            "WHERE dataset.digest = $1 AND dataset.state = 'complete' AND dataset.deleted_at IS NULL \
              ORDER BY dataset.id DESC LIMIT 1"
         ))
         .bind(digest.to_string())
@@ -262,6 +265,7 @@ impl FromRow<'_, DbRow> for Dataset {
             bytes: number(row, "bytes")?,
             created_at: row.try_get("created_at")?,
             completed_at: row.try_get("completed_at")?,
+            deletion: deletion(row)?,
         })
     }
 }

@@ -6,7 +6,7 @@ use sqlx::types::{Json, Text};
 use sqlx::{FromRow, QueryBuilder, Row};
 use wire::JobState;
 
-use super::rows::{digest, json, moment, number, optional_number, resources, state};
+use super::rows::{deletion, digest, json, moment, number, optional_number, resources, state};
 use super::{Database, Db, DbRow, IS_EXPERIMENT, LISTED_IDS, LISTED_TEXTS, Transaction};
 use crate::{DatasetId, Job, JobFilter, JobId, JobProgress, Page};
 
@@ -14,7 +14,8 @@ use crate::{DatasetId, Job, JobFilter, JobId, JobProgress, Page};
 pub(crate) const SELECT_JOB: &str = "SELECT job.*, asked.cpus, asked.gpus, asked.memory_mb, asked.tags, \
     dataset.id AS dataset, run.id AS run FROM job \
     LEFT JOIN resources AS asked ON asked.id = job.resources \
-    LEFT JOIN dataset ON dataset.job = job.id LEFT JOIN run ON run.job = job.id ";
+    LEFT JOIN dataset ON dataset.job = job.id AND dataset.deleted_at IS NULL \
+    LEFT JOIN run ON run.job = job.id AND run.deleted_at IS NULL ";
 
 impl Database {
     pub async fn job(&self, id: JobId) -> Result<Option<Job>, sqlx::Error> {
@@ -25,7 +26,7 @@ impl Database {
 
     pub async fn jobs(&self, filter: JobFilter<'_>, page: Page) -> Result<Vec<Job>, sqlx::Error> {
         let mut query = QueryBuilder::new(SELECT_JOB);
-        query.push("WHERE job.id < ").push_bind(page.before());
+        query.push("WHERE job.deleted_at IS NULL AND job.id < ").push_bind(page.before());
         if let Some(kind) = filter.kind {
             query.push(" AND job.kind = ").push_bind(kind.to_owned());
         }
@@ -50,11 +51,18 @@ impl Database {
         digest: Digest,
         states: &[JobState],
     ) -> Result<Option<Job>, sqlx::Error> {
-        let mut query = QueryBuilder::new(SELECT_JOB);
-        query.push("WHERE job.digest = ").push_bind(digest.to_string());
-        let states: Vec<&str> = states.iter().map(|state| state.as_str()).collect();
-        query.push(" AND job.state IN ").push(LISTED_TEXTS.0).push_bind(Json(states));
-        query.push(LISTED_TEXTS.1).push(" ORDER BY job.id DESC LIMIT 1");
+        let mut query = of_digest(digest, states);
+        query.push(" ORDER BY job.id DESC LIMIT 1");
+        Ok(self.jobs_of(query).await?.into_iter().next())
+    }
+
+    pub async fn usable_job_by_digest(
+        &self,
+        digest: Digest,
+        states: &[JobState],
+    ) -> Result<Option<Job>, sqlx::Error> {
+        let mut query = of_digest(digest, states);
+        query.push(concat!(" AND NOT ", is_gone!("job"), " ORDER BY job.id DESC LIMIT 1"));
         Ok(self.jobs_of(query).await?.into_iter().next())
     }
 
@@ -67,7 +75,8 @@ impl Database {
         query.push(
             "WHERE job.id = (SELECT MAX(reader.id) FROM dataset \
              JOIN job_need ON job_need.needs = dataset.job \
-             JOIN job AS reader ON reader.id = job_need.job WHERE reader.kind = ",
+             JOIN job AS reader ON reader.id = job_need.job \
+             WHERE reader.deleted_at IS NULL AND reader.kind = ",
         );
         query.push_bind(kind.to_owned()).push(" AND dataset.id = ").push_bind(dataset).push(")");
         Ok(self.jobs_of(query).await?.into_iter().next())
@@ -240,13 +249,22 @@ impl Transaction {
     }
 }
 
+fn of_digest(digest: Digest, states: &[JobState]) -> QueryBuilder<Db> {
+    let mut query = QueryBuilder::new(SELECT_JOB);
+    query.push("WHERE job.digest = ").push_bind(digest.to_string());
+    let states: Vec<&str> = states.iter().map(|state| state.as_str()).collect();
+    query.push(" AND job.state IN ").push(LISTED_TEXTS.0).push_bind(Json(states));
+    query.push(LISTED_TEXTS.1);
+    query
+}
+
 pub(crate) fn experiments(
     select: impl Into<String>,
     state: Option<JobState>,
     page: Page,
 ) -> QueryBuilder<Db> {
     let mut query = QueryBuilder::new(select);
-    query.push("WHERE ").push(IS_EXPERIMENT);
+    query.push("WHERE job.deleted_at IS NULL AND ").push(IS_EXPERIMENT);
     query.push(" AND job.id < ").push_bind(page.before());
     if let Some(state) = state {
         query.push(" AND job.state = ").push_bind(state.as_str());
@@ -290,6 +308,7 @@ impl FromRow<'_, DbRow> for Job {
             created_at: row.try_get("created_at")?,
             started_at: row.try_get("started_at")?,
             finished_at: row.try_get("finished_at")?,
+            deletion: deletion(row)?,
         })
     }
 }

@@ -8,6 +8,20 @@
 //! truth values are compared with nothing (`WHERE NOT is_part`), sums are cast to `BIGINT`, and no column stands beside
 //! an aggregate without being grouped by.
 
+/// Whether a job, or something of what it was for, was deleted: it stands in for no other, and nobody can read its results.
+macro_rules! is_gone {
+    ($job:literal) => {
+        concat!(
+            "(", $job, ".deleted_at IS NOT NULL \
+             OR EXISTS (SELECT 1 FROM dataset WHERE dataset.job = ", $job, ".id \
+                 AND dataset.deleted_at IS NOT NULL) \
+             OR EXISTS (SELECT 1 FROM run WHERE run.job = ", $job, ".id AND run.deleted_at IS NOT NULL) \
+             OR EXISTS (SELECT 1 FROM checkpoint WHERE checkpoint.job = ", $job, ".id \
+                 AND checkpoint.deleted_at IS NOT NULL AND (checkpoint.is_final OR checkpoint.is_best)))"
+        )
+    };
+}
+
 mod artifacts;
 mod attempts;
 mod audit;
@@ -15,6 +29,8 @@ mod census;
 mod checkpoints;
 mod datasets;
 mod demand;
+mod dependents;
+mod garbage;
 mod inventory;
 pub(super) mod jobs;
 pub(super) mod line;
@@ -35,6 +51,7 @@ mod tracked_experiments;
 mod tracked_metrics;
 mod tracked_runs;
 mod transfer;
+mod trash;
 mod uploads;
 mod workers;
 

@@ -6,7 +6,7 @@ use sqlx::Row;
 use sqlx::types::Text;
 
 use super::{Db, DbRow};
-use crate::{FileContent, StoredObject};
+use crate::{Deletion, FileContent, StoredObject, Timestamp};
 
 /// From the column `state`.
 pub(super) fn state<S>(row: &DbRow) -> Result<S, sqlx::Error>
@@ -15,6 +15,28 @@ where
 {
     let Text(state) = row.try_get("state")?;
     Ok(state)
+}
+
+/// From a column with one of a few words.
+pub(super) fn word<W>(row: &DbRow, column: &str) -> Result<W, sqlx::Error>
+where
+    Text<W>: for<'r> sqlx::Decode<'r, Db> + sqlx::Type<Db>,
+{
+    let Text(word) = row.try_get(column)?;
+    Ok(word)
+}
+
+/// From the columns `deleted_at`, `purge_at`, `purged_at` and `deletion_reason`.
+pub(super) fn deletion(row: &DbRow) -> Result<Option<Deletion>, sqlx::Error> {
+    let deleted_at: Option<Timestamp> = row.try_get("deleted_at")?;
+    let Some(deleted_at) = deleted_at else { return Ok(None) };
+    let purge_at: Option<Timestamp> = row.try_get("purge_at")?;
+    Ok(Some(Deletion {
+        deleted_at,
+        purge_at: purge_at.unwrap_or(deleted_at),
+        purged_at: row.try_get("purged_at")?,
+        reason: row.try_get("deletion_reason")?,
+    }))
 }
 
 pub(super) fn digest(row: &DbRow, column: &str) -> Result<Digest, sqlx::Error> {

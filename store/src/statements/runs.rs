@@ -1,13 +1,14 @@
 use sqlx::{FromRow, Row};
 
-use super::rows::{digest, json, state};
+use super::rows::{deletion, digest, json, state};
 use super::{Database, DbRow, Transaction};
 use crate::{JobId, Page, Run, RunId};
 
 macro_rules! select_run {
     ($($rest:expr),+ $(,)?) => {
         concat!(
-            "SELECT run.id, run.job, run.created_at, job.kind, job.name, job.digest, job.spec, \
+            "SELECT run.id, run.job, run.created_at, run.deleted_at, run.purge_at, run.purged_at, \
+             run.deletion_reason, job.kind, job.name, job.digest, job.spec, \
              job.state, job.error, job.started_at, job.finished_at \
              FROM run JOIN job ON job.id = run.job ",
             $($rest),+
@@ -22,7 +23,8 @@ impl Database {
 
     pub async fn runs(&self, kind: Option<&str>, page: Page) -> Result<Vec<Run>, sqlx::Error> {
         sqlx::query_as(select_run!(
-            "WHERE run.id < $1 AND ($2 IS NULL OR job.kind = $2) ORDER BY run.id DESC LIMIT $3"
+            "WHERE run.id < $1 AND run.deleted_at IS NULL AND ($2 IS NULL OR job.kind = $2) \
+             ORDER BY run.id DESC LIMIT $3"
         ))
         .bind(page.before())
         .bind(kind)
@@ -69,6 +71,7 @@ impl FromRow<'_, DbRow> for Run {
             created_at: row.try_get("created_at")?,
             started_at: row.try_get("started_at")?,
             finished_at: row.try_get("finished_at")?,
+            deletion: deletion(row)?,
         })
     }
 }

@@ -70,15 +70,20 @@ impl Transaction {
         self.execute(statement).await
     }
 
-    /// All jobs of a digest that did not fail and were not cancelled.
+    /// All jobs of a digest that did not fail, were not cancelled, and lost nothing that they left.
     pub async fn earlier_jobs(&mut self, digest: Digest) -> Result<Vec<Earlier>, sqlx::Error> {
-        let rows = sqlx::query(
+        let rows = sqlx::query(concat!(
             "SELECT id, state, cancel_requested, EXISTS (SELECT 1 FROM pipeline_member \
                  JOIN job AS member ON member.id = pipeline_member.job \
                  WHERE pipeline_member.pipeline = job.id \
                  AND member.state IN ('failed', 'cancelled')) AS can_only_fail \
-             FROM job WHERE digest = $1 AND state NOT IN ('failed', 'cancelled')",
-        )
+             FROM job WHERE digest = $1 AND state NOT IN ('failed', 'cancelled') AND NOT ",
+            is_gone!("job"),
+            " AND NOT EXISTS (SELECT 1 FROM pipeline_member AS part JOIN job AS made ON made.id = part.job \
+              WHERE part.pipeline = job.id AND ",
+            is_gone!("made"),
+            ")"
+        ))
         .bind(digest.to_string())
         .fetch_all(self.connection())
         .await?;
@@ -129,6 +134,31 @@ impl Transaction {
             sqlx::query("UPDATE job SET asked_alone = TRUE WHERE id = $1 AND NOT asked_alone")
                 .bind(job);
         self.execute(statement).await
+    }
+
+    /// The digests that a job's spec refers to.
+    pub async fn insert_inputs(
+        &mut self,
+        job: JobId,
+        digests: &[Digest],
+    ) -> Result<(), sqlx::Error> {
+        let statement = sqlx::query(concat!(
+            "INSERT INTO job_input (job, digest) SELECT job.id, named.digest FROM job, ",
+            "(SELECT DISTINCT value AS digest FROM ",
+            listed_texts!("$2"),
+            " AS listed) AS named WHERE job.id = $1"
+        ))
+        .bind(job)
+        .bind(sqlx::types::Json(digests));
+        self.execute(statement).await
+    }
+
+    /// Whether a job was deleted, or something of what it was for.
+    pub async fn job_is_gone(&mut self, job: JobId) -> Result<bool, sqlx::Error> {
+        sqlx::query_scalar(concat!("SELECT ", is_gone!("job"), " FROM job WHERE job.id = $1"))
+            .bind(job)
+            .fetch_one(self.connection())
+            .await
     }
 
     pub async fn insert_need(&mut self, job: JobId, needs: JobId) -> Result<(), sqlx::Error> {
@@ -193,11 +223,13 @@ impl Transaction {
         &mut self,
         digest: Digest,
     ) -> Result<Vec<CompletedTask>, sqlx::Error> {
-        let rows = sqlx::query(
+        let rows = sqlx::query(concat!(
             "SELECT task.id, task.stage, task.ordinal, task.payload FROM task \
              JOIN job ON job.id = task.job WHERE job.digest = $1 \
-             AND task.state = 'succeeded' AND task.result IS NOT NULL ORDER BY task.id",
-        )
+             AND task.state = 'succeeded' AND task.result IS NOT NULL AND NOT ",
+            is_gone!("job"),
+            " ORDER BY task.id"
+        ))
         .bind(digest.to_string())
         .fetch_all(self.connection())
         .await?;

@@ -17,7 +17,7 @@ impl Database {
             "SELECT dataset.id FROM job \
              JOIN job AS other ON other.digest = job.digest AND other.id <> job.id \
              JOIN dataset ON dataset.job = other.id JOIN shard ON shard.dataset = dataset.id \
-             WHERE job.id = $1 AND job.takes_over AND shard.ordinal = $2 \
+             WHERE job.id = $1 AND job.takes_over AND shard.ordinal = $2 AND dataset.deleted_at IS NULL \
              ORDER BY dataset.id DESC LIMIT 1",
         )
         .bind(job)
@@ -47,7 +47,7 @@ impl Database {
             "SELECT other.id FROM job \
              JOIN job AS other ON other.digest = job.digest AND other.id <> job.id \
              JOIN checkpoint ON checkpoint.job = other.id \
-             WHERE job.id = $1 AND job.takes_over \
+             WHERE job.id = $1 AND job.takes_over AND checkpoint.deleted_at IS NULL \
              ORDER BY checkpoint.step DESC, other.id DESC LIMIT 1",
         )
         .bind(job)

@@ -1,9 +1,10 @@
 use std::collections::BTreeMap;
+use std::time::Duration;
 
 use sqlx::types::Json;
-use sqlx::{FromRow, Row};
+use sqlx::{FromRow, QueryBuilder, Row};
 
-use super::{Database, DbRow, Transaction};
+use super::{Database, Db, DbRow, Transaction, milliseconds};
 use crate::{ExperimentId, TrackedExperiment};
 
 impl Database {
@@ -105,23 +106,25 @@ impl Transaction {
     pub async fn set_experiment_deleted(
         &mut self,
         id: ExperimentId,
-        is_deleted: bool,
+        keep: Option<Duration>,
     ) -> Result<bool, sqlx::Error> {
-        let changed = sqlx::query(concat!(
-            "UPDATE tracked_experiment SET is_deleted = $2, updated_at = ",
-            now!(),
-            " WHERE id = $1"
-        ))
-        .bind(id)
-        .bind(is_deleted)
-        .execute(self.connection())
-        .await?;
-        sqlx::query("UPDATE tracked_run SET is_deleted = $2 WHERE experiment = $1")
-            .bind(id)
-            .bind(is_deleted)
-            .execute(self.connection())
-            .await?;
-        Ok(changed.rows_affected() > 0)
+        for (table, column) in [("tracked_run", "experiment"), ("tracked_experiment", "id")] {
+            let mut query = QueryBuilder::<Db>::new(format!("UPDATE {table} SET is_deleted = "));
+            match keep {
+                // The date of a run that is there already stays.
+                Some(keep) => {
+                    query.push("TRUE, deleted_at = ").push(now!()).push(", purge_at = ");
+                    query.push(now!()).push(" + ").push_bind(milliseconds(keep));
+                    query.push(" WHERE NOT is_deleted AND ");
+                }
+                None => {
+                    query.push("FALSE, deleted_at = NULL, purge_at = NULL WHERE ");
+                }
+            }
+            query.push(format!("{column} = ")).push_bind(id);
+            query.build().execute(self.connection()).await?;
+        }
+        self.touch_experiment(id).await
     }
 
     pub async fn touch_experiment(&mut self, id: ExperimentId) -> Result<bool, sqlx::Error> {

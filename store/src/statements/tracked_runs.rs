@@ -1,8 +1,10 @@
+use std::time::Duration;
+
 use sqlx::types::{Json, Text};
 use sqlx::{FromRow, QueryBuilder, Row};
 
 use super::rows::state;
-use super::{Database, Db, DbRow, LISTED_IDS, LISTED_TEXTS, Transaction};
+use super::{Database, Db, DbRow, LISTED_IDS, LISTED_TEXTS, Transaction, milliseconds};
 use crate::{ExperimentId, NewTrackedRun, TrackedRun, TrackedRunId};
 
 macro_rules! select_tracked_run {
@@ -89,14 +91,37 @@ impl Transaction {
 
     pub async fn update_tracked_run(&mut self, run: &TrackedRun) -> Result<(), sqlx::Error> {
         let statement = sqlx::query(
-            "UPDATE tracked_run SET name = $2, status = $3, end_time = $4, is_deleted = $5 \
-             WHERE id = $1",
+            "UPDATE tracked_run SET name = $2, status = $3, end_time = $4 WHERE id = $1",
         )
         .bind(run.id)
         .bind(&run.name)
         .bind(Text(run.status))
-        .bind(run.end_time)
-        .bind(run.is_deleted);
+        .bind(run.end_time);
+        self.execute(statement).await
+    }
+
+    /// In the trash for so long, or out of it; the date of what is there already stays.
+    pub async fn set_tracked_run_deleted(
+        &mut self,
+        run: TrackedRunId,
+        keep: Option<Duration>,
+    ) -> Result<(), sqlx::Error> {
+        let statement = match keep {
+            Some(keep) => sqlx::query(concat!(
+                "UPDATE tracked_run SET is_deleted = TRUE, deleted_at = ",
+                now!(),
+                ", purge_at = ",
+                now!(),
+                " + $2 WHERE id = $1 AND NOT is_deleted"
+            ))
+            .bind(run)
+            .bind(milliseconds(keep)),
+            None => sqlx::query(
+                "UPDATE tracked_run SET is_deleted = FALSE, deleted_at = NULL, purge_at = NULL \
+                 WHERE id = $1",
+            )
+            .bind(run),
+        };
         self.execute(statement).await
     }
 

@@ -6,10 +6,11 @@ use super::rows::{Column, Kind, Table};
 use crate::StoreError;
 
 /// The tables that move, each after those that its rows refer to.
-pub(crate) const TABLES: [&str; 30] = [
+pub(crate) const TABLES: [&str; 31] = [
     "resources",
     "job",
     "job_need",
+    "job_input",
     "pipeline_member",
     "task",
     "attempt",

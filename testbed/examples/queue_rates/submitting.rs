@@ -84,6 +84,9 @@ pub fn nothing(tasks: u32) -> NewJob {
         reuse: JobReuse { whole: false, parts: PartReuse::Nothing },
         tasks: (0..tasks).map(|ordinal| task(ordinal, &json!(called_at))).collect(),
         needs: vec![],
+        reads: vec![],
+        checkpoints: vec![],
+        files: vec![],
     }
 }
 

@@ -148,6 +148,24 @@ macro_rules! all_laws {
                 a_placement_is_kept_as_the_engine_showed_it_last,
                 a_worker_that_was_interrupted_loses_no_attempt_and_the_reason_is_known,
                 why_a_worker_put_its_task_down_in_time_is_known_afterwards;
+            trash:
+                what_was_deleted_is_gone_until_it_is_restored,
+                a_job_that_has_not_ended_keeps_what_it_reads_and_writes,
+                jobs_that_have_ended_keep_what_they_read_unless_that_is_passed_over,
+                a_job_goes_with_all_that_it_left_and_comes_back_with_it,
+                a_pipeline_goes_with_the_jobs_that_were_made_for_it_alone,
+                a_job_that_lost_its_results_stands_in_for_no_other,
+                nothing_is_taken_over_from_what_was_deleted,
+                the_trash_is_read_in_pages_and_tells_of_what_was_asked_for_alone,
+                what_is_purged_leaves_neither_bytes_nor_rows_that_claim_them,
+                a_job_that_others_refer_to_keeps_its_spec,
+                what_would_be_purged_is_what_is_purged,
+                a_file_that_was_sent_goes_with_the_last_job_that_read_it,
+                jobs_that_failed_go_by_themselves_when_nothing_depends_on_them,
+                runs_of_other_clients_are_purged_at_their_date,
+                of_many_deletions_of_one_thing_one_counts,
+                a_submission_and_a_deletion_agree,
+                a_restoration_and_a_purge_agree;
             takeover:
                 shards_of_a_job_that_failed_are_there_for_the_next,
                 a_training_goes_on_where_one_that_failed_ended,
@@ -259,6 +277,10 @@ macro_rules! laws_of_objects {
                 a_checkpoint_that_nobody_can_use_is_discarded,
                 one_checkpoint_of_a_training_is_the_best_and_one_the_last,
                 the_best_checkpoint_is_never_pruned;
+            trash:
+                what_is_purged_leaves_neither_bytes_nor_rows_that_claim_them,
+                what_would_be_purged_is_what_is_purged,
+                a_file_that_was_sent_goes_with_the_last_job_that_read_it;
             takeover:
                 shards_of_a_job_that_failed_are_there_for_the_next,
                 a_training_goes_on_where_one_that_failed_ended,

@@ -23,6 +23,7 @@ pub mod takeover;
 pub mod texts;
 pub mod tokens;
 pub mod tracked_runs;
+pub mod trash;
 pub mod uploads;
 pub mod waiting;
 pub mod workers;
@@ -79,6 +80,9 @@ fn job(kind: &str, spec: Value, output: Output, tasks: Vec<NewTask>) -> NewJob {
         reuse: JobReuse { whole: true, parts: PartReuse::Nothing },
         tasks,
         needs: vec![],
+        reads: vec![],
+        checkpoints: vec![],
+        files: vec![],
     }
 }
 
@@ -95,7 +99,8 @@ pub fn train(data: &NewJob, needs: Vec<Need>) -> NewJob {
     let spec = json!({"kind": "train", "data": data.digest});
     let reuse = JobReuse { whole: true, parts: PartReuse::Objects };
     let tasks = vec![task(0, 0, 10)];
-    NewJob { needs, reuse, unit: "steps".into(), ..job("train", spec, Output::Run, tasks) }
+    let reads = vec![data.digest];
+    NewJob { needs, reads, reuse, unit: "steps".into(), ..job("train", spec, Output::Run, tasks) }
 }
 
 /// Two cells and a report.
@@ -103,7 +108,8 @@ pub fn evaluate(data: &NewJob, trained: &NewJob, needs: Vec<Need>) -> NewJob {
     let spec = json!({"kind": "evaluate", "data": data.digest, "checkpoint": trained.digest});
     let tasks = vec![task(0, 0, 1), task(0, 1, 1), task(1, 0, 1)];
     let reuse = JobReuse { whole: true, parts: PartReuse::Tasks };
-    NewJob { needs, reuse, ..job("evaluate", spec, Output::Run, tasks) }
+    let reads = vec![data.digest, trained.digest];
+    NewJob { needs, reads, reuse, ..job("evaluate", spec, Output::Run, tasks) }
 }
 
 /// Says what is the case when it runs.
@@ -117,7 +123,8 @@ pub fn verify(data: JobId) -> NewJob {
 /// One shard of as many trajectories of 4 samples as come out.
 pub fn import(file: Digest) -> NewJob {
     let output = Output::Dataset { trajectories: 0, samples: 4 };
-    job("import", json!({"kind": "import", "file": file}), output, vec![task(0, 0, 0)])
+    let job = job("import", json!({"kind": "import", "file": file}), output, vec![task(0, 0, 0)]);
+    NewJob { files: vec![file], ..job }
 }
 
 pub fn task(stage: u32, ordinal: u32, total: u64) -> NewTask {

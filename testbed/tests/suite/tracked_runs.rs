@@ -5,7 +5,7 @@ use store::{
     TrackedRunChange, TrackedStatus,
 };
 
-use super::Fixture;
+use super::{Fixture, LONG};
 
 async fn created(f: &Fixture, experiment: ExperimentId) -> TrackedRun {
     let new = NewTrackedRun {
@@ -64,7 +64,7 @@ pub async fn two_experiments_are_there_from_the_start(f: Fixture) {
 
 pub async fn a_name_of_an_experiment_is_given_once(f: Fixture) {
     let id = f.store.create_experiment("robots", &[]).await.unwrap();
-    f.store.set_experiment_deleted(id, true).await.unwrap();
+    f.store.set_experiment_deleted(id, Some(LONG)).await.unwrap();
     let again = f.store.create_experiment("robots", &[]).await.unwrap_err();
     assert!(matches!(again, StoreError::ExperimentTaken { .. }), "{again}");
     let renamed = f.store.rename_experiment(ExperimentId::DEFAULT, "robots").await.unwrap_err();
@@ -162,13 +162,13 @@ pub async fn a_param_keeps_its_first_value_and_a_tag_its_last(f: Fixture) {
 pub async fn a_deleted_run_takes_nothing_until_it_is_restored(f: Fixture) {
     let experiment = f.store.create_experiment("robots", &[]).await.unwrap();
     let run = created(&f, experiment).await;
-    f.store.set_tracked_run_deleted(&run.identifier, true).await.unwrap();
+    f.store.set_tracked_run_deleted(&run.identifier, Some(LONG)).await.unwrap();
     let batch = metrics(vec![point("m", 0, 0, 1.0)]);
     let refused = f.store.log_batch(&run.identifier, &batch).await.unwrap_err();
     assert!(matches!(refused, StoreError::Deleted { what: "run", .. }), "{refused}");
-    f.store.set_tracked_run_deleted(&run.identifier, false).await.unwrap();
+    f.store.set_tracked_run_deleted(&run.identifier, None).await.unwrap();
     f.store.log_batch(&run.identifier, &batch).await.unwrap();
-    f.store.set_experiment_deleted(experiment, true).await.unwrap();
+    f.store.set_experiment_deleted(experiment, Some(LONG)).await.unwrap();
     let runs = f.store.tracked_runs(&[experiment]).await.unwrap();
     assert!(runs[0].is_deleted);
     let new = NewTrackedRun {
@@ -180,7 +180,7 @@ pub async fn a_deleted_run_takes_nothing_until_it_is_restored(f: Fixture) {
     };
     let refused = f.store.create_tracked_run(&new).await.unwrap_err();
     assert!(matches!(refused, StoreError::Deleted { what: "experiment", .. }), "{refused}");
-    f.store.set_experiment_deleted(experiment, false).await.unwrap();
+    f.store.set_experiment_deleted(experiment, None).await.unwrap();
     f.store.log_batch(&run.identifier, &batch).await.unwrap();
 }
 

@@ -82,7 +82,8 @@ pub async fn a_changed_file_is_not_opened(f: Fixture) {
 }
 
 pub async fn an_import_tells_how_many_trajectories_there_are(f: Fixture) {
-    let job = f.submit(alone(import(Digest::of(b"file")))).await.job;
+    let file = send(&f, "arm.csv", &[b"file"]).await;
+    let job = f.submit(alone(import(file.object.sha256))).await.job;
     let id = f.store.job(job).await.unwrap().dataset.unwrap();
     assert_eq!(f.store.dataset(id).await.unwrap().trajectories, 0);
 

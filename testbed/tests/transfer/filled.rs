@@ -6,10 +6,10 @@ use bytes::Bytes;
 use serde_json::json;
 use spec::{Digest, Resources};
 use store::{
-    Access, AuditEntry, CheckpointFile, ClaimedTask, Idempotency, Metric, NewArtifact,
-    NewCheckpoint, NewJob, NewLogChunk, NewTask, NewToken, NewTrackedRun, Output, Progress, Retry,
-    Reuse, Scope, Store, Submission, Timestamp, TrackedBatch, TrackedMetric, TrackedRunChange,
-    object_path,
+    Access, AuditEntry, CheckpointFile, ClaimedTask, DeletionOrder, Idempotency, JobFilter,
+    JobState, Metric, NewArtifact, NewCheckpoint, NewJob, NewLogChunk, NewTask, NewToken,
+    NewTrackedRun, Output, Page, Progress, Respect, Retry, Reuse, Ripe, Scope, Store, Submission,
+    Timestamp, TrackedBatch, TrackedMetric, TrackedRunChange, object_path,
 };
 use tempfile::TempDir;
 
@@ -33,6 +33,7 @@ pub async fn filled() -> TempDir {
     jobs_to_do(&f).await;
     tokens_and_what_was_done_with_them(&f).await;
     tracked_run(&f).await;
+    deleted_things(&f).await;
     f.store.register_server("1.2.3").await.unwrap();
     f.store.check_database().await.unwrap();
     f.store.pause_queue().await.unwrap();
@@ -173,6 +174,32 @@ async fn tracked_run(f: &Fixture) {
     let end_time = Some(Timestamp::from_milliseconds(i64::MIN));
     let change = TrackedRunChange { end_time, ..TrackedRunChange::default() };
     f.store.change_tracked_run(&run.identifier, &change).await.unwrap();
+}
+
+/// In the trash, and purged from it; the job stays for those that read its data.
+async fn deleted_things(f: &Fixture) {
+    let order =
+        |reason| DeletionOrder { respect: Respect::Open, keep: Duration::from_secs(3600), reason };
+    let page = Page { before: None, limit: 500 };
+    let jobs = f.store.jobs(JobFilter::default(), page).await.unwrap();
+    let that = |kind: &str, state| jobs.iter().find(|it| it.kind == kind && it.state == state);
+    let read = that("simulate", JobState::Succeeded).unwrap();
+    let failed = that("train", JobState::Failed).unwrap();
+    let early = f.store.checkpoints(page).await.unwrap().pop().unwrap();
+    for item in [read.id.into(), failed.run.unwrap().into(), early.id.into()] {
+        f.store.delete(item, &order(Some(UNUSUAL))).await.unwrap();
+    }
+    f.store.purge(Ripe::After(Duration::ZERO)).await.unwrap();
+    f.store.delete(early.run.into(), &order(None)).await.unwrap();
+    let new = NewTrackedRun {
+        experiment: f.store.create_experiment("deleted", &[]).await.unwrap(),
+        name: None,
+        user: String::new(),
+        start_time: Timestamp::from_milliseconds(0),
+        tags: vec![],
+    };
+    f.store.create_tracked_run(&new).await.unwrap();
+    f.store.set_experiment_deleted(new.experiment, Some(Duration::from_secs(3600))).await.unwrap();
 }
 
 async fn task_of_a_dead_worker(f: &Fixture) {

@@ -131,7 +131,8 @@ async fn a_bucket_that_fails_leaves_an_unfinished_place() {
     let places = Places::filled().await;
     let (from, to) = (places.first(), places.postgres_and_s3());
     let transfer = places.prepare(&from, &to).await.unwrap();
-    places.bucket.fail(Asked::Put, [Fault::Busy, Fault::LoseAnswer, Fault::Denied]);
+    // A refusal of what is sent again after a lost answer would be settled by reading it back, so none is lost here.
+    places.bucket.fail(Asked::Put, [Fault::Busy, Fault::Denied]);
     let error = transfer.run(&TransferProgress::default()).await.unwrap_err();
     assert!(error.object_path().is_some(), "{error}");
     places.assert_unfinished(&to).await;

@@ -89,9 +89,11 @@ impl App {
         let crowded = |_| ApiError::UploadsCrowded;
         let _place = self.upload_places.try_acquire().map_err(crowded)?;
         let run = self.run_to_fill(place).await?;
+        let room = self.room().await?;
         let mut writer = self.store.begin_tracked_artifact(&run).await?;
         while let Some(piece) = bytes.next().await? {
             writer.write(&piece).await?;
+            room.hold(writer.size())?;
         }
         Ok(writer.finish_as_artifact(&run.identifier, &place.name).await?)
     }

@@ -70,7 +70,8 @@ impl App {
     ) -> Result<(), MlflowError> {
         let id = experiment_id(id)?;
         refuse_own(id, "deleted")?;
-        Ok(self.store.set_experiment_deleted(id, is_deleted).await?)
+        let keep = is_deleted.then(|| self.keep_deleted());
+        Ok(self.store.set_experiment_deleted(id, keep).await?)
     }
 
     /// Sets a tag, or with `None` removes it.

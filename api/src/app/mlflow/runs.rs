@@ -40,7 +40,8 @@ impl App {
         run: &RunName,
         is_deleted: bool,
     ) -> Result<(), MlflowError> {
-        Ok(self.store.set_tracked_run_deleted(run.writable()?, is_deleted).await?)
+        let keep = is_deleted.then(|| self.keep_deleted());
+        Ok(self.store.set_tracked_run_deleted(run.writable()?, keep).await?)
     }
 
     pub async fn log_batch(&self, run: &RunName, batch: &TrackedBatch) -> Result<(), MlflowError> {

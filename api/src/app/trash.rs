@@ -1,0 +1,91 @@
+//! Deleting, restoring, and what depends on what.
+
+use store::{DeletionOrder, Item, Respect, Timestamp, TrashPlace};
+use wire::{Deleted, Dependent, Dependents, ItemKind, Restored, Trash, TrashedItem};
+
+use crate::app::App;
+use crate::error::ApiError;
+
+impl App {
+    /// What a deletion would take along, and the jobs that depend on it.
+    pub async fn dependents(&self, kind: ItemKind, id: i64) -> Result<Dependents, ApiError> {
+        let item = Item::new(kind, id);
+        let (along, jobs) = self.store.dependents(item).await?;
+        let all: Vec<Item> = along.iter().copied().chain([item]).collect();
+        let bytes = self.store.size_of(&all).await?;
+        let jobs = jobs.iter().map(dependent).collect::<Result<_, _>>()?;
+        Ok(Dependents { kind, id, along: items(along), bytes, jobs })
+    }
+
+    /// Moves something into the trash, with all that it owns.
+    pub async fn delete(
+        &self,
+        kind: ItemKind,
+        id: i64,
+        respect: Respect,
+    ) -> Result<Deleted, ApiError> {
+        let order = DeletionOrder { respect, keep: self.keep_deleted(), reason: None };
+        let deleted = self.store.delete(Item::new(kind, id), &order).await?;
+        Ok(Deleted {
+            kind,
+            id,
+            along: items(deleted.along),
+            deleted_at: deleted.deleted_at.to_string(),
+            purge_at: deleted.purge_at.to_string(),
+        })
+    }
+
+    /// Takes something out of the trash, with what went there with it.
+    pub async fn restore(&self, kind: ItemKind, id: i64) -> Result<Restored, ApiError> {
+        let along = self.store.restore(Item::new(kind, id)).await?;
+        Ok(Restored { kind, id, along: items(along) })
+    }
+
+    /// A page of the trash, what was deleted last first.
+    pub async fn trash(&self, limit: u32, before: Option<&str>) -> Result<Trash, ApiError> {
+        let place = before.map(read_place).transpose()?;
+        let found = self.store.trash(place, limit).await?;
+        let is_full = found.len() == limit as usize;
+        let next = found.last().filter(|_| is_full).map(|last| {
+            let Item { kind, id } = last.item;
+            format!("{}-{kind}-{id}", last.deletion.deleted_at.milliseconds())
+        });
+        let trashed = |it: store::Trashed| TrashedItem {
+            kind: it.item.kind,
+            id: it.item.id,
+            name: it.name,
+            bytes: it.bytes,
+            deleted_at: it.deletion.deleted_at.to_string(),
+            purge_at: it.deletion.purge_at.to_string(),
+            reason: it.deletion.reason,
+        };
+        Ok(Trash { items: found.into_iter().map(trashed).collect(), next })
+    }
+}
+
+fn read_place(text: &str) -> Result<TrashPlace, ApiError> {
+    let mut parts = text.splitn(3, '-');
+    let mut place = || {
+        let moment = parts.next()?.parse().ok()?;
+        let kind = parts.next()?.parse().ok()?;
+        let id = parts.next()?.parse().ok()?;
+        let deleted_at = Timestamp::from_milliseconds(moment);
+        Some(TrashPlace { deleted_at, item: Item::new(kind, id) })
+    };
+    place().ok_or_else(|| ApiError::parameter("before", text, "the `next` of the page before"))
+}
+
+fn items(items: Vec<Item>) -> Vec<wire::Item> {
+    items.into_iter().map(|Item { kind, id }| wire::Item { kind, id }).collect()
+}
+
+/// A job that depends on something, as the API shows it.
+pub fn dependent(found: &store::Dependent) -> Result<Dependent, ApiError> {
+    Ok(Dependent {
+        id: found.job.0,
+        kind: found.kind.parse()?,
+        name: found.name.clone(),
+        state: found.state,
+        relation: found.relation,
+    })
+}

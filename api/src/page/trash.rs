@@ -1,0 +1,142 @@
+//! Deleting with a look at what depends on it, and the trash.
+
+use askama::Template;
+use axum::extract::State;
+use axum::response::{Redirect, Response};
+use axum::routing::{MethodRouter, get, post};
+use serde::Deserialize;
+use store::Respect;
+use wire::{Dependents, ItemKind, Relation, Trash, TrashedItem};
+
+use crate::app::App;
+use crate::extract::{Path, Query};
+use crate::limits::PAGE_DEFAULT;
+use crate::page::answer::{InPage, PageError, html};
+use crate::page::text;
+
+#[derive(Template)]
+#[template(path = "delete.html")]
+struct DeletePage {
+    kind: ItemKind,
+    id: i64,
+    size: String,
+    along: Vec<String>,
+    along_left_out: usize,
+    jobs: Vec<DependentRow>,
+    /// Whether a job that has not ended keeps it.
+    is_kept: bool,
+    days: u64,
+}
+
+struct DependentRow {
+    id: i64,
+    name: String,
+    state: wire::JobState,
+    relation: &'static str,
+}
+
+#[derive(Template)]
+#[template(path = "trash.html")]
+struct TrashPage {
+    rows: Vec<TrashedRow>,
+    next: Option<String>,
+}
+
+struct TrashedRow {
+    kind: ItemKind,
+    id: i64,
+    name: String,
+    size: String,
+    deleted_at: String,
+    purge_at: String,
+    reason: String,
+}
+
+#[derive(Deserialize)]
+pub struct Force {
+    #[serde(default)]
+    force: bool,
+}
+
+#[derive(Deserialize)]
+pub struct Place {
+    before: Option<String>,
+}
+
+/// Things named on the page of a deletion; the others are counted.
+const ALONG: usize = 20;
+
+/// The page that asks whether to delete a thing of this kind, and the form that does.
+pub fn deletion(kind: ItemKind) -> MethodRouter<App> {
+    let ask = async move |State(app): State<App>, InPage(Path(id)): InPage<Path<i64>>| {
+        let found = app.dependents(kind, id).await?;
+        let days = app.keep_deleted().as_secs() / (24 * 60 * 60);
+        Ok::<Response, PageError>(html(&page(&found, days))?)
+    };
+    let delete =
+        async move |State(app): State<App>,
+                    InPage(Path(id)): InPage<Path<i64>>,
+                    InPage(Query(Force { force })): InPage<Query<Force>>| {
+            let respect = if force { Respect::Open } else { Respect::All };
+            app.delete(kind, id, respect).await?;
+            Ok::<Redirect, PageError>(Redirect::to("/trash"))
+        };
+    get(ask).post(delete)
+}
+
+/// The form that takes a thing of this kind out of the trash, and shows it.
+pub fn restoration(kind: ItemKind) -> MethodRouter<App> {
+    let restore = async move |State(app): State<App>, InPage(Path(id)): InPage<Path<i64>>| {
+        app.restore(kind, id).await?;
+        Ok::<Redirect, PageError>(Redirect::to(&format!("/{kind}s/{id}")))
+    };
+    post(restore)
+}
+
+/// What is in the trash.
+pub async fn show(
+    State(app): State<App>,
+    InPage(Query(Place { before })): InPage<Query<Place>>,
+) -> Result<Response, PageError> {
+    let Trash { items, next } = app.trash(PAGE_DEFAULT, before.as_deref()).await?;
+    Ok(html(&TrashPage { rows: items.into_iter().map(TrashedRow::from).collect(), next })?)
+}
+
+fn page(found: &Dependents, days: u64) -> DeletePage {
+    let along = found.along.iter().take(ALONG).map(|item| format!("{} {}", item.kind, item.id));
+    let row = |job: &wire::Dependent| DependentRow {
+        id: job.id,
+        name: job.name.clone(),
+        state: job.state,
+        relation: match job.relation {
+            Relation::Reads => "reads it",
+            Relation::Needs => "needs it",
+            Relation::Continues => "goes on from it",
+            Relation::Holds => "has it as a member",
+        },
+    };
+    DeletePage {
+        kind: found.kind,
+        id: found.id,
+        size: text::size(found.bytes),
+        along: along.collect(),
+        along_left_out: found.along.len().saturating_sub(ALONG),
+        jobs: found.jobs.iter().map(row).collect(),
+        is_kept: found.jobs.iter().any(|job| !job.state.is_final()),
+        days,
+    }
+}
+
+impl From<TrashedItem> for TrashedRow {
+    fn from(item: TrashedItem) -> Self {
+        Self {
+            kind: item.kind,
+            id: item.id,
+            name: item.name,
+            size: text::size(item.bytes),
+            deleted_at: text::instant(&item.deleted_at),
+            purge_at: text::instant(&item.purge_at),
+            reason: item.reason.unwrap_or_default(),
+        }
+    }
+}

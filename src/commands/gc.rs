@@ -1,0 +1,104 @@
+use std::process::ExitCode;
+use std::time::Duration;
+
+use clap::Args;
+use reports::{Align, Table};
+use serde_json::json;
+use store::{Access, Garbage, GarbageKind, Outdated, Ripe, Store};
+
+use crate::arguments::{RetentionArguments, StoreArguments, days_long};
+use crate::output::write_json;
+use crate::progress::measure;
+use crate::server::ORPHANED_AFTER;
+
+/// Deletes for good what lay in the trash until its date, and files that nothing refers to. A server does that by itself once an
+/// hour; this may run beside it.
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// Only say what would be deleted
+    #[arg(long)]
+    dry_run: bool,
+
+    /// Empty the trash of what was deleted so many days ago, whatever its date [default: each at its date]
+    #[arg(long, value_name = "DAYS", value_parser = clap::value_parser!(u16).range(0..=3650))]
+    older_than: Option<u16>,
+
+    /// Print what is deleted as JSON, a line for each
+    #[arg(long)]
+    json: bool,
+
+    #[command(flatten)]
+    retention: RetentionArguments,
+
+    #[command(flatten)]
+    store: StoreArguments,
+}
+
+pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
+    let ripe = match arguments.older_than {
+        Some(days) => Ripe::After(days_long(days)),
+        None => Ripe::AtItsDate { leap: Duration::ZERO },
+    };
+    let store = Store::open_at(&arguments.store.location(), Access::Worker).await?;
+    let outdated = store.outdated(arguments.retention.retention()).await?;
+    let found = if arguments.dry_run {
+        store.garbage(ripe, ORPHANED_AFTER).await?
+    } else {
+        store.collect_garbage(ripe, ORPHANED_AFTER).await?
+    };
+    store.close().await;
+    if !arguments.json {
+        for Outdated { item, name, reason } in outdated {
+            println!("a server will move {item} ({name}) into the trash: {reason}");
+        }
+    }
+    if arguments.json {
+        for garbage in &found {
+            let (kind, id) = names(garbage);
+            let Garbage { name, files, bytes, .. } = garbage;
+            let line =
+                json!({"kind": kind, "id": id, "name": name, "files": files, "bytes": bytes});
+            write_json(&line)?;
+        }
+    } else {
+        print!("{}", table(&found));
+        println!("{}", summary(&found, arguments.dry_run));
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn names(garbage: &Garbage) -> (String, String) {
+    match &garbage.kind {
+        GarbageKind::Item(item) => (item.kind.to_string(), item.id.to_string()),
+        GarbageKind::TrackedRun(run) => ("mlflow run".to_owned(), run.clone()),
+        GarbageKind::Upload(digest) => ("upload".to_owned(), digest.short()),
+        GarbageKind::Orphans => ("orphans".to_owned(), String::new()),
+    }
+}
+
+fn table(found: &[Garbage]) -> String {
+    if found.is_empty() {
+        return String::new();
+    }
+    let mut table = Table::new([
+        ("kind", Align::Left),
+        ("id", Align::Right),
+        ("name", Align::Left),
+        ("files", Align::Right),
+        ("size", Align::Right),
+    ]);
+    for garbage in found {
+        let (kind, id) = names(garbage);
+        let (files, size) = (measure::count(garbage.files), measure::size(garbage.bytes));
+        table.push(vec![kind, id, garbage.name.clone(), files, size]);
+    }
+    table.render()
+}
+
+fn summary(found: &[Garbage], dry_run: bool) -> String {
+    let verb = if dry_run { "would delete" } else { "deleted" };
+    let files = measure::count(found.iter().map(|it| it.files).sum());
+    let size = measure::size(found.iter().map(|it| it.bytes).sum());
+    let things = found.iter().filter(|it| it.kind != GarbageKind::Orphans).count();
+    format!("{verb} {things} things, {files} files, {size}")
+}

@@ -1,0 +1,65 @@
+use std::process::ExitCode;
+
+use clap::Args;
+use reports::{Align, Table};
+use wire::{Trash, TrashedItem};
+
+use crate::arguments::{OutputArguments, ServerArguments};
+use crate::progress::measure;
+
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// At most so many
+    #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=500))]
+    limit: u32,
+
+    /// Only what comes after this, which the list before ends with
+    #[arg(long, value_name = "PLACE")]
+    before: Option<String>,
+
+    #[command(flatten)]
+    output: OutputArguments,
+
+    #[command(flatten)]
+    server: ServerArguments,
+}
+
+pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
+    let client = arguments.server.client()?;
+    let before = arguments.before.map(|place| format!("&before={place}")).unwrap_or_default();
+    let path = format!("/v1/trash?limit={}{before}", arguments.limit);
+    if arguments.output.json {
+        println!("{}", client.raw(&path).await?);
+        return Ok(ExitCode::SUCCESS);
+    }
+    let Trash { items, next } = client.get(&path).await?;
+    let mut table = Table::new([
+        ("kind", Align::Left),
+        ("id", Align::Right),
+        ("name", Align::Left),
+        ("size", Align::Right),
+        ("deleted", Align::Right),
+        ("kept until", Align::Left),
+        ("why", Align::Left),
+    ]);
+    for item in items {
+        table.push(row(item));
+    }
+    print!("{}", table.render());
+    if let Some(next) = next {
+        println!("what was deleted before: torqued trash --before {next}");
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn row(item: TrashedItem) -> Vec<String> {
+    vec![
+        item.kind.to_string(),
+        item.id.to_string(),
+        item.name,
+        measure::size(item.bytes),
+        measure::ago(&item.deleted_at),
+        item.purge_at,
+        item.reason.unwrap_or_default(),
+    ]
+}

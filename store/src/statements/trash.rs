@@ -1,0 +1,261 @@
+use std::time::Duration;
+
+use spec::Digest;
+use sqlx::types::Json;
+use sqlx::{QueryBuilder, Row};
+use wire::ItemKind;
+
+use super::rows::{deletion, digest, number, word};
+use super::{Database, Db, DbRow, LISTED_IDS, Transaction, milliseconds};
+use crate::trash::ItemRow;
+use crate::{Deletion, Item, JobId, Timestamp, TrashPlace, Trashed};
+
+/// Rows of things, each with its job's state and with the moment at which its owner was deleted.
+const fn select_item(kind: ItemKind) -> &'static str {
+    match kind {
+        ItemKind::Job => {
+            "SELECT job.id AS job, job.state, job.digest, job.deleted_at, job.purge_at, job.purged_at, \
+             job.deletion_reason, CAST(NULL AS BIGINT) AS owner_deleted_at FROM job WHERE job.id = "
+        }
+        ItemKind::Run => {
+            "SELECT run.job, job.state, job.digest, run.deleted_at, run.purge_at, run.purged_at, \
+             run.deletion_reason, job.deleted_at AS owner_deleted_at \
+             FROM run JOIN job ON job.id = run.job WHERE run.id = "
+        }
+        ItemKind::Dataset => {
+            "SELECT dataset.job, job.state, job.digest, dataset.deleted_at, dataset.purge_at, \
+             dataset.purged_at, dataset.deletion_reason, job.deleted_at AS owner_deleted_at \
+             FROM dataset JOIN job ON job.id = dataset.job WHERE dataset.id = "
+        }
+        ItemKind::Checkpoint => {
+            "SELECT checkpoint.job, job.state, job.digest, checkpoint.deleted_at, checkpoint.purge_at, \
+             checkpoint.purged_at, checkpoint.deletion_reason, run.deleted_at AS owner_deleted_at \
+             FROM checkpoint JOIN job ON job.id = checkpoint.job JOIN run ON run.id = checkpoint.run \
+             WHERE checkpoint.id = "
+        }
+    }
+}
+
+/// What is in the trash and was not taken along by what owns it, with the size of its files and of those that went with it.
+const TRASH: &str = "SELECT * FROM (\
+     SELECT 'job' AS kind, job.id, job.name, job.deleted_at, job.purge_at, job.purged_at, job.deletion_reason, \
+         (SELECT CAST(COALESCE(SUM(file.size), 0) AS BIGINT) FROM dataset \
+              JOIN shard_file AS file ON file.dataset = dataset.id WHERE dataset.job = job.id) \
+         + (SELECT CAST(COALESCE(SUM(file.size), 0) AS BIGINT) FROM run \
+              JOIN artifact AS file ON file.run = run.id WHERE run.job = job.id) \
+         + (SELECT CAST(COALESCE(SUM(file.size), 0) AS BIGINT) FROM checkpoint \
+              JOIN checkpoint_file AS file ON file.checkpoint = checkpoint.id WHERE checkpoint.job = job.id) AS bytes \
+     FROM job WHERE job.deleted_at IS NOT NULL AND job.purged_at IS NULL \
+     AND NOT EXISTS (SELECT 1 FROM pipeline_member AS member JOIN job AS pipeline ON pipeline.id = member.pipeline \
+         WHERE member.job = job.id AND pipeline.deleted_at = job.deleted_at) \
+     UNION ALL SELECT 'run', run.id, job.name, run.deleted_at, run.purge_at, run.purged_at, run.deletion_reason, \
+         (SELECT CAST(COALESCE(SUM(file.size), 0) AS BIGINT) FROM artifact AS file WHERE file.run = run.id) \
+         + (SELECT CAST(COALESCE(SUM(file.size), 0) AS BIGINT) FROM checkpoint \
+              JOIN checkpoint_file AS file ON file.checkpoint = checkpoint.id WHERE checkpoint.run = run.id) \
+     FROM run JOIN job ON job.id = run.job WHERE run.deleted_at IS NOT NULL AND run.purged_at IS NULL \
+     AND (job.deleted_at IS NULL OR job.deleted_at <> run.deleted_at) \
+     UNION ALL SELECT 'dataset', dataset.id, job.name, dataset.deleted_at, dataset.purge_at, dataset.purged_at, \
+         dataset.deletion_reason, \
+         (SELECT CAST(COALESCE(SUM(file.size), 0) AS BIGINT) FROM shard_file AS file WHERE file.dataset = dataset.id) \
+     FROM dataset JOIN job ON job.id = dataset.job WHERE dataset.deleted_at IS NOT NULL AND dataset.purged_at IS NULL \
+     AND (job.deleted_at IS NULL OR job.deleted_at <> dataset.deleted_at) \
+     UNION ALL SELECT 'checkpoint', checkpoint.id, job.name, checkpoint.deleted_at, checkpoint.purge_at, \
+         checkpoint.purged_at, checkpoint.deletion_reason, \
+         (SELECT CAST(COALESCE(SUM(file.size), 0) AS BIGINT) FROM checkpoint_file AS file \
+          WHERE file.checkpoint = checkpoint.id) \
+     FROM checkpoint JOIN job ON job.id = checkpoint.job JOIN run ON run.id = checkpoint.run \
+     WHERE checkpoint.deleted_at IS NOT NULL AND checkpoint.purged_at IS NULL \
+     AND (run.deleted_at IS NULL OR run.deleted_at <> checkpoint.deleted_at)) AS trash";
+
+impl Database {
+    pub async fn trash(
+        &self,
+        after: Option<TrashPlace>,
+        limit: u32,
+    ) -> Result<Vec<Trashed>, sqlx::Error> {
+        let mut query = QueryBuilder::<Db>::new(TRASH);
+        if let Some(TrashPlace { deleted_at, item }) = after {
+            query.push(" WHERE (deleted_at, kind, id) < (").push_bind(deleted_at);
+            query.push(", ").push_bind(item.kind.as_str()).push(", ").push_bind(item.id).push(")");
+        }
+        query.push(" ORDER BY deleted_at DESC, kind DESC, id DESC LIMIT ");
+        query.push_bind(i64::from(limit));
+        let rows = query.build().fetch_all(&self.reader).await?;
+        let trashed = |row: &DbRow| {
+            Ok(Trashed {
+                item: Item::new(word(row, "kind")?, row.try_get("id")?),
+                name: row.try_get("name")?,
+                bytes: number(row, "bytes")?,
+                deletion: deletion(row)?.ok_or(sqlx::Error::RowNotFound)?,
+            })
+        };
+        rows.iter().map(trashed).collect()
+    }
+
+    /// Jobs that failed or were cancelled so long ago; of pipelines, those without a member that succeeded.
+    pub async fn failed_jobs(
+        &self,
+        age: Duration,
+        limit: u32,
+    ) -> Result<Vec<(JobId, String)>, sqlx::Error> {
+        sqlx::query_as(concat!(
+            "SELECT job.id, job.name FROM job WHERE job.state IN ('failed', 'cancelled') \
+             AND job.deleted_at IS NULL AND job.finished_at <= ",
+            now!(),
+            " - $1 AND NOT EXISTS (SELECT 1 FROM pipeline_member AS part JOIN job AS made ON made.id = part.job \
+                 WHERE part.pipeline = job.id AND made.state = 'succeeded') \
+             AND NOT EXISTS (SELECT 1 FROM pipeline_member AS part JOIN job AS holder ON holder.id = part.pipeline \
+                 WHERE part.job = job.id AND holder.deleted_at IS NULL) \
+             ORDER BY job.id LIMIT $2"
+        ))
+        .bind(milliseconds(age))
+        .bind(i64::from(limit))
+        .fetch_all(&self.reader)
+        .await
+    }
+
+    /// Of all files that somebody sent, to be imported or as files of a run.
+    pub async fn sent_bytes(&self) -> Result<u64, sqlx::Error> {
+        let bytes: i64 = sqlx::query_scalar(
+            "SELECT (SELECT CAST(COALESCE(SUM(size), 0) AS BIGINT) FROM upload) \
+             + (SELECT CAST(COALESCE(SUM(size), 0) AS BIGINT) FROM tracked_artifact)",
+        )
+        .fetch_one(&self.reader)
+        .await?;
+        Ok(bytes.unsigned_abs())
+    }
+
+    /// Of the files of things of one kind.
+    pub async fn size_of(&self, kind: ItemKind, ids: &[i64]) -> Result<u64, sqlx::Error> {
+        let (table, column) = match kind {
+            ItemKind::Job => return Ok(0),
+            ItemKind::Run => ("artifact", "run"),
+            ItemKind::Dataset => ("shard_file", "dataset"),
+            ItemKind::Checkpoint => ("checkpoint_file", "checkpoint"),
+        };
+        let mut query = QueryBuilder::<Db>::new(format!(
+            "SELECT CAST(COALESCE(SUM(size), 0) AS BIGINT) FROM {table} WHERE {column} IN "
+        ));
+        query.push(LISTED_IDS.0).push_bind(Json(ids.to_vec())).push(LISTED_IDS.1);
+        let bytes: i64 = query.build_query_scalar().fetch_one(&self.reader).await?;
+        Ok(bytes.unsigned_abs())
+    }
+}
+
+impl Transaction {
+    /// By the database's clock.
+    pub async fn present(&mut self) -> Result<Timestamp, sqlx::Error> {
+        sqlx::query_scalar(concat!("SELECT ", now!())).fetch_one(self.connection()).await
+    }
+
+    pub async fn item(&mut self, item: Item) -> Result<Option<ItemRow>, sqlx::Error> {
+        let mut query = QueryBuilder::<Db>::new(select_item(item.kind));
+        query.push_bind(item.id);
+        let row = query.build().fetch_optional(self.connection()).await?;
+        let found = |row: DbRow| {
+            Ok(ItemRow {
+                item,
+                job: row.try_get("job")?,
+                job_state: word(&row, "state")?,
+                digest: digest(&row, "digest")?,
+                deletion: deletion(&row)?,
+                owner_deleted_at: row.try_get("owner_deleted_at")?,
+            })
+        };
+        row.map(found).transpose()
+    }
+
+    /// Members of a pipeline that were made for it, that nobody asked for by itself, that no other pipeline has and that have
+    /// ended.
+    pub async fn owned_members(
+        &mut self,
+        pipeline: JobId,
+    ) -> Result<Vec<(JobId, Digest)>, sqlx::Error> {
+        let rows = sqlx::query(
+            "SELECT job.id, job.digest FROM pipeline_member AS member JOIN job ON job.id = member.job \
+             WHERE member.pipeline = $1 AND NOT member.reused AND NOT job.asked_alone \
+             AND job.deleted_at IS NULL AND job.state IN ('succeeded', 'failed', 'cancelled') \
+             AND NOT EXISTS (SELECT 1 FROM pipeline_member AS other \
+                 JOIN job AS holder ON holder.id = other.pipeline \
+                 WHERE other.job = member.job AND other.pipeline <> member.pipeline \
+                 AND holder.deleted_at IS NULL)",
+        )
+        .bind(pipeline)
+        .fetch_all(self.connection())
+        .await?;
+        rows.iter().map(|row| Ok((row.try_get("id")?, digest(row, "digest")?))).collect()
+    }
+
+    /// Members that went into the trash together with their pipeline.
+    pub async fn members_deleted_with(
+        &mut self,
+        pipeline: JobId,
+        at: Timestamp,
+    ) -> Result<Vec<JobId>, sqlx::Error> {
+        sqlx::query_scalar(
+            "SELECT DISTINCT job.id FROM pipeline_member AS member JOIN job ON job.id = member.job \
+             WHERE member.pipeline = $1 AND job.deleted_at = $2",
+        )
+        .bind(pipeline)
+        .bind(at)
+        .fetch_all(self.connection())
+        .await
+    }
+
+    /// The things of a kind that `column` names by `ids` and that were not deleted before; returns them.
+    pub async fn mark_deleted(
+        &mut self,
+        kind: ItemKind,
+        column: &str,
+        ids: &[i64],
+        deletion: &Deletion,
+    ) -> Result<Vec<Item>, sqlx::Error> {
+        let mut query = QueryBuilder::<Db>::new(format!("UPDATE {kind} SET deleted_at = "));
+        query.push_bind(deletion.deleted_at);
+        query.push(", purge_at = ").push_bind(deletion.purge_at);
+        query.push(", deletion_reason = ").push_bind(deletion.reason.clone());
+        query.push(format!(" WHERE deleted_at IS NULL AND {column} IN ")).push(LISTED_IDS.0);
+        query.push_bind(Json(ids.to_vec())).push(LISTED_IDS.1).push(" RETURNING id");
+        self.items(kind, query).await
+    }
+
+    /// Those that were deleted at this moment and not purged; returns them.
+    pub async fn mark_restored(
+        &mut self,
+        kind: ItemKind,
+        column: &str,
+        ids: &[i64],
+        at: Timestamp,
+    ) -> Result<Vec<Item>, sqlx::Error> {
+        let mut query = QueryBuilder::<Db>::new(format!(
+            "UPDATE {kind} SET deleted_at = NULL, purge_at = NULL, deletion_reason = NULL \
+             WHERE purged_at IS NULL AND deleted_at = "
+        ));
+        query.push_bind(at).push(format!(" AND {column} IN ")).push(LISTED_IDS.0);
+        query.push_bind(Json(ids.to_vec())).push(LISTED_IDS.1).push(" RETURNING id");
+        self.items(kind, query).await
+    }
+
+    pub async fn items_not_deleted(
+        &mut self,
+        kind: ItemKind,
+        column: &str,
+        ids: &[i64],
+    ) -> Result<Vec<Item>, sqlx::Error> {
+        let mut query = QueryBuilder::<Db>::new(format!(
+            "SELECT id FROM {kind} WHERE deleted_at IS NULL AND {column} IN "
+        ));
+        query.push(LISTED_IDS.0).push_bind(Json(ids.to_vec())).push(LISTED_IDS.1);
+        query.push(" ORDER BY id");
+        self.items(kind, query).await
+    }
+
+    async fn items(
+        &mut self,
+        kind: ItemKind,
+        mut query: QueryBuilder<Db>,
+    ) -> Result<Vec<Item>, sqlx::Error> {
+        let ids: Vec<i64> = query.build_query_scalar().fetch_all(self.connection()).await?;
+        Ok(ids.into_iter().map(|id| Item::new(kind, id)).collect())
+    }
+}
