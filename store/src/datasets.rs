@@ -12,7 +12,7 @@ use crate::boxed;
 use crate::database::sql;
 use crate::patience::patiently;
 use crate::task_end::Completion;
-use crate::{DatasetId, Fence, JobId, Page, Store, StoreError, StoredObject, Timestamp};
+use crate::{DatasetId, Fence, JobId, Listing, Page, Store, StoreError, StoredObject, Timestamp};
 
 #[derive(Clone, Debug)]
 pub struct Dataset {
@@ -20,7 +20,13 @@ pub struct Dataset {
     pub job: JobId,
     /// The job's.
     pub digest: Digest,
+    /// As people call it, or else its job.
     pub name: String,
+    pub note: Option<String>,
+    /// In order.
+    pub tags: Vec<String>,
+    /// The job's, in order.
+    pub job_tags: Vec<String>,
     pub spec: Value,
     pub state: DatasetState,
     /// When complete.
@@ -201,7 +207,8 @@ impl Store {
         state: Option<DatasetState>,
         page: Page,
     ) -> Result<Vec<Dataset>, StoreError> {
-        sql!(self.database(), "reading datasets", datasets(state, page))
+        let state = state.map(|state| state.as_str().to_owned());
+        Ok(self.list_datasets(&Listing { state, ..page.into() }).await?.items)
     }
 
     /// Those of the datasets with these ids that there are, by id.

@@ -37,7 +37,9 @@ mod identifiers;
 mod identity;
 mod inventory;
 mod jobs;
+mod labels;
 mod leases;
+mod listing;
 mod location;
 mod logs;
 mod metrics;
@@ -96,7 +98,9 @@ pub use identifiers::{
 };
 pub use inventory::ObjectPlace;
 pub use jobs::{Job, JobFilter, JobProgress, Page};
+pub use labels::{Labels, MAX_TAGS, Thing};
 pub use leases::{ClaimedTask, Fence, Lease, Progress};
+pub use listing::{Direction, Key, Listed, Listing, Position, Sort};
 pub use location::{DatabaseUrl, Location};
 pub use logs::{LogChunk, LogFilter, LogPage, NewLogChunk};
 pub use metrics::{Metric, Series, SeriesPoint};
@@ -130,5 +134,7 @@ pub use trajectories::ShardReader;
 pub use transfer::{StoreContents, Transfer, TransferProgress};
 pub use uploads::{Upload, UploadWriter};
 pub use waiting::Bell;
-pub use wire::{AttemptOutcome, DatasetState, JobState, PlacementState, Scope, TaskState};
+pub use wire::{
+    AttemptOutcome, DatasetState, JobState, LabelChange, PlacementState, Scope, TaskState, TextChange,
+};
 pub use workers::{Worker, WorkerProcess, WorkersTask};

@@ -10,12 +10,12 @@ use spec::{Digest, Resources};
 use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{ConnectOptions, Connection};
 use store::{
-    Access, ClaimedTask, Idempotency, JobFilter, JobId, JobReuse, JobState, NewJob, NewTask,
-    Output, Page, PartReuse, Reuse, Store, StoreError, Submission, TaskState,
+    Access, ClaimedTask, Idempotency, JobFilter, JobId, JobReuse, JobState, Labels, NewJob,
+    NewTask, Output, Page, PartReuse, Reuse, Store, StoreError, Submission, TaskState,
 };
 
 /// Of the newest of `migrations/sqlite`.
-const SCHEMA: i64 = 9;
+const SCHEMA: i64 = 11;
 
 async fn serve(dir: &Path) -> Result<Store, StoreError> {
     Store::open(dir, Access::Server).await
@@ -70,7 +70,13 @@ fn simulation(seed: u64, tasks: u32, reuse: Reuse) -> Submission {
         tasks: (0..tasks).map(task).collect(),
         needs: vec![],
     };
-    Submission { jobs: vec![job], pipeline: None, reuse, idempotency: None }
+    Submission {
+        jobs: vec![job],
+        pipeline: None,
+        reuse,
+        idempotency: None,
+        labels: Labels::default(),
+    }
 }
 
 #[tokio::test]

@@ -36,7 +36,7 @@ impl Scopes {
     }
 
     /// The scope of a request to a route, `None` where there is no route. A form of the page does what the operation of the same
-    /// path does, and needs the same.
+    /// path does, by POST or by PATCH, which forms cannot send, and needs the same.
     pub fn needed(&self, route: Option<&str>, method: &Method) -> Scope {
         // The answer says only that there is nothing.
         let Some(route) = route else { return Scope::Read };
@@ -44,9 +44,13 @@ impl Scopes {
             return of_mlflow(route, method);
         }
         let asked = if *method == Method::HEAD { &Method::GET } else { method };
-        let known = |path: String| self.0.get(&(path, asked.clone())).copied();
-        known(route.to_owned())
-            .or_else(|| known(format!("{API}{route}")))
+        let known = |path: String, method: &Method| self.0.get(&(path, method.clone())).copied();
+        let of_page = || format!("{API}{route}");
+        let patched =
+            || (asked == Method::POST).then(|| known(of_page(), &Method::PATCH)).flatten();
+        known(route.to_owned(), asked)
+            .or_else(|| known(of_page(), asked))
+            .or_else(patched)
             .unwrap_or_else(|| usual(method))
     }
 }
@@ -84,6 +88,9 @@ mod tests {
         let post = |route| scopes.needed(Some(route), &Method::POST);
         assert_eq!(post("/v1/jobs/{id}/cancel"), Scope::Submit);
         assert_eq!(post("/jobs/{id}/cancel"), Scope::Submit);
+        assert_eq!(post("/jobs/{id}"), Scope::Submit);
+        assert_eq!(post("/v1/jobs/{id}"), Scope::Admin);
+        assert_eq!(scopes.needed(Some("/v1/jobs/{id}"), &Method::PATCH), Scope::Submit);
         assert_eq!(post("/queue/pause"), Scope::Admin);
         assert_eq!(post("/v1/checkpoints/{id}/predict"), Scope::Read);
         assert_eq!(post("/no/such/route"), Scope::Admin);

@@ -23,6 +23,8 @@ mod trajectories;
 mod uploads;
 mod workers;
 
+pub use lists::QueryPairs;
+
 use axum::extract::{DefaultBodyLimit, Request};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
@@ -52,7 +54,7 @@ pub fn operations() -> OpenApiRouter<App> {
         .routes(routes!(monitoring::metrics))
         .routes(routes!(presets::list))
         .routes(routes!(jobs::list, jobs::submit))
-        .routes(routes!(jobs::show))
+        .routes(routes!(jobs::show, jobs::label))
         .routes(routes!(jobs::cancel))
         .routes(routes!(jobs::retry))
         .routes(routes!(jobs::tasks))
@@ -60,7 +62,7 @@ pub fn operations() -> OpenApiRouter<App> {
         .routes(routes!(logs::list))
         .routes(routes!(logs::file))
         .routes(routes!(datasets::list, uploads::create))
-        .routes(routes!(datasets::show))
+        .routes(routes!(datasets::show, datasets::label))
         .routes(routes!(datasets::file))
         .routes(routes!(datasets::tar))
         .routes(routes!(datasets::verify))
@@ -71,13 +73,13 @@ pub fn operations() -> OpenApiRouter<App> {
         .routes(routes!(trajectories::spectrum))
         .routes(routes!(trajectories::spectrum_data))
         .routes(routes!(runs::list))
-        .routes(routes!(runs::show))
+        .routes(routes!(runs::show, runs::label))
         .routes(routes!(runs::metric))
         .routes(routes!(runs::metric_of_group))
         .routes(routes!(runs::artifact))
         .routes(routes!(runs::figure))
         .routes(routes!(checkpoints::list))
-        .routes(routes!(checkpoints::show))
+        .routes(routes!(checkpoints::show, checkpoints::label))
         .routes(routes!(checkpoints::file))
         .routes(routes!(checkpoints::tar))
         .routes(routes!(predictions::predict))

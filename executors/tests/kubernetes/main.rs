@@ -116,6 +116,7 @@ impl Lab {
             pipeline: None,
             reuse: Reuse::SameDigest,
             idempotency: None,
+            labels: Labels::default(),
         };
         self.store.submit(submission).await.unwrap().job
     }
