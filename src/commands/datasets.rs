@@ -25,6 +25,7 @@ pub struct Arguments {
 pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     let Arguments { kind, state, list } = arguments;
     let client = list.server.client()?;
+    let filters = [("kind", &kind), ("state", &state)];
     let mut last = None;
     let mut table = Table::new([
         ("id", Align::Right),
@@ -37,19 +38,18 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
         ("created", Align::Right),
         ("tags", Align::Left),
     ]);
-    let rest =
-        list.each_page(&client, "/v1/datasets", &[("kind", &kind), ("state", &state)], |page| {
-            if list.output.json {
-                println!("{page}");
-                return Ok(());
-            }
-            let page: Datasets = serde_json::from_str(page)?;
-            for item in page.datasets {
-                last = Some(item.id);
-                table.push(row(item));
-            }
-            Ok(())
-        });
+    let rest = list.each_page(&client, "/v1/datasets", &filters, |page| {
+        if list.output.json {
+            println!("{page}");
+            return Ok(());
+        }
+        let page: Datasets = serde_json::from_str(page)?;
+        for item in page.datasets {
+            last = Some(item.id);
+            table.push(row(item));
+        }
+        Ok(())
+    });
     let rest = rest.await?;
     if !list.output.json {
         print!("{}", table.render());

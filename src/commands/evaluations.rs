@@ -20,6 +20,7 @@ pub struct Arguments {
 pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     let Arguments { state, list } = arguments;
     let client = list.server.client()?;
+    let filters = [("state", &state)];
     let mut last = None;
     let mut table = Table::new([
         ("id", Align::Right),
@@ -30,7 +31,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
         ("created", Align::Right),
         ("tags", Align::Left),
     ]);
-    let rest = list.each_page(&client, "/v1/evaluations", &[("state", &state)], |page| {
+    let rest = list.each_page(&client, "/v1/evaluations", &filters, |page| {
         if list.output.json {
             println!("{page}");
             return Ok(());

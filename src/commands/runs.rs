@@ -24,6 +24,7 @@ pub struct Arguments {
 pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     let Arguments { kind, state, list } = arguments;
     let client = list.server.client()?;
+    let filters = [("kind", &kind), ("state", &state)];
     let mut last = None;
     let mut table = Table::new([
         ("id", Align::Right),
@@ -35,7 +36,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
         ("created", Align::Right),
         ("tags", Align::Left),
     ]);
-    let rest = list.each_page(&client, "/v1/runs", &[("kind", &kind), ("state", &state)], |page| {
+    let rest = list.each_page(&client, "/v1/runs", &filters, |page| {
         if list.output.json {
             println!("{page}");
             return Ok(());

@@ -135,6 +135,7 @@ pub use transfer::{StoreContents, Transfer, TransferProgress};
 pub use uploads::{Upload, UploadWriter};
 pub use waiting::Bell;
 pub use wire::{
-    AttemptOutcome, DatasetState, JobState, LabelChange, PlacementState, Scope, TaskState, TextChange,
+    AttemptOutcome, DatasetState, JobState, LabelChange, PlacementState, Scope, TaskState,
+    TextChange,
 };
 pub use workers::{Worker, WorkerProcess, WorkersTask};

@@ -1,6 +1,6 @@
 use store::{
-    CheckpointId, JobId, LabelChange, Labels, Listing, MAX_TAGS, NewJob, Reuse, StoreError, Submission,
-    TextChange, Thing,
+    CheckpointId, JobId, LabelChange, Labels, Listing, MAX_TAGS, NewJob, Reuse, StoreError,
+    Submission, TextChange, Thing,
 };
 
 use super::{Fixture, alone, checkpoints::commit, digest_of, pipeline, simulate, train};
@@ -136,7 +136,8 @@ pub async fn a_submission_brings_labels_that_no_digest_knows(f: Fixture) {
 }
 
 pub async fn the_tags_of_a_pipeline_are_those_of_its_members(f: Fixture) {
-    let shared = f.submit(Submission { labels: labels(None, &["old"]), ..alone(simulate(1)) }).await;
+    let shared =
+        f.submit(Submission { labels: labels(None, &["old"]), ..alone(simulate(1)) }).await;
     let labelled = Submission { labels: labels(Some("sweep"), &["x"]), ..pipeline(1) };
     let submitted = f.submit(labelled).await;
     let members = f.members(submitted.job).await;
@@ -146,8 +147,7 @@ pub async fn the_tags_of_a_pipeline_are_those_of_its_members(f: Fixture) {
         let job = f.store.job(job).await.unwrap();
         found.push((job.name, job.tags.join(" ")));
     }
-    let expected =
-        [("sweep", "x"), ("train-set", "old x"), ("train", "x"), ("evaluate", "x")];
+    let expected = [("sweep", "x"), ("train-set", "old x"), ("train", "x"), ("evaluate", "x")];
     assert_eq!(found, expected.map(|(name, tags)| (name.to_owned(), tags.to_owned())));
 
     let many: Vec<String> = (0..MAX_TAGS).map(|i| format!("t{i:02}")).collect();

@@ -6,9 +6,7 @@ use store::{
 };
 
 use super::labels::{labels, naming, one_of_each, tagging};
-use super::{
-    Fixture, alone, checkpoints::commit, pipeline, simulate, train, with_execution,
-};
+use super::{Fixture, alone, checkpoints::commit, pipeline, simulate, train, with_execution};
 
 /// The ids of a page, and where it ends.
 async fn page(f: &Fixture, thing: Thing, listing: &Listing) -> (Vec<i64>, Option<Position>) {
@@ -94,14 +92,18 @@ pub async fn a_list_is_limited_to_a_span_of_time(f: Fixture) {
     let all = Listing::default;
     assert_eq!(jobs(&f, Listing { since: Some(later), ..all() }).await, [second.0]);
     assert_eq!(jobs(&f, Listing { until: Some(later), ..all() }).await, [first.0]);
-    assert_eq!(jobs(&f, Listing { since: Some(created), until: after(later), ..all() }).await, [first.0, second.0]);
+    assert_eq!(
+        jobs(&f, Listing { since: Some(created), until: after(later), ..all() }).await,
+        [first.0, second.0]
+    );
     assert!(jobs(&f, Listing { since: after(later), ..all() }).await.is_empty());
     assert_eq!(page(&f, Thing::Dataset, &Listing { until: Some(later), ..all() }).await.0.len(), 1);
 }
 
 pub async fn words_are_found_in_any_case_and_no_character_stands_for_others(f: Fixture) {
     let mut ids = Vec::new();
-    for (seed, name) in (1..).zip(["ÄRGER 100%", "ärger_1", "ΟΔΟΣ", "a\\b'c\"", "İstanbul $1"]) {
+    for (seed, name) in (1..).zip(["ÄRGER 100%", "ärger_1", "ΟΔΟΣ", "a\\b'c\"", "İstanbul $1"])
+    {
         ids.push(submitted(&f, simulate(seed), labels(Some(name), &[])).await);
     }
     let note = TextChange::Set("Line one\nLine TWO über alles".to_owned());
@@ -188,7 +190,11 @@ pub async fn every_order_reads_all_of_a_list_once_in_both_directions(f: Fixture)
                 let expected = page(&f, thing, &whole).await.0;
                 for limit in [1, 2, 3] {
                     let listing = Listing { limit, ..whole.clone() };
-                    assert_eq!(read_through(&f, thing, &listing).await, expected, "{thing:?} {sort:?} {limit}");
+                    assert_eq!(
+                        read_through(&f, thing, &listing).await,
+                        expected,
+                        "{thing:?} {sort:?} {limit}"
+                    );
                 }
                 readings.push(expected);
             }

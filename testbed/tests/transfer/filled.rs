@@ -6,10 +6,10 @@ use bytes::Bytes;
 use serde_json::json;
 use spec::{Digest, Resources};
 use store::{
-    Access, AuditEntry, CheckpointFile, ClaimedTask, Idempotency, JobFilter, LabelChange, Metric, NewArtifact,
-    NewCheckpoint, NewJob, NewLogChunk, NewTask, NewToken, NewTrackedRun, Output, Page, Progress, Retry,
-    Reuse, Scope, Store, Submission, TextChange, Thing, Timestamp, TrackedBatch, TrackedMetric, TrackedRunChange,
-    object_path,
+    Access, AuditEntry, CheckpointFile, ClaimedTask, Idempotency, JobFilter, LabelChange, Metric,
+    NewArtifact, NewCheckpoint, NewJob, NewLogChunk, NewTask, NewToken, NewTrackedRun, Output,
+    Page, Progress, Retry, Reuse, Scope, Store, Submission, TextChange, Thing, Timestamp,
+    TrackedBatch, TrackedMetric, TrackedRunChange, object_path,
 };
 use tempfile::TempDir;
 
