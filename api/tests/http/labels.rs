@@ -9,6 +9,8 @@ use crate::fixture::{Answer, Server, small_simulation};
 
 const MERGE_PATCH: &str = "application/merge-patch+json";
 
+const FORM: &str = "application/x-www-form-urlencoded";
+
 async fn send(server: &Server, method: Method, path: &str, kind: &str, body: String) -> Answer {
     let request = Request::builder().method(method).uri(path).header(HOST, "127.0.0.1:7070");
     server.send(request.header(CONTENT_TYPE, kind).body(Body::from(body)).unwrap()).await
@@ -60,12 +62,11 @@ async fn labels_are_given_to_all_four_kinds_of_things_and_shown_in_lists() {
 #[tokio::test]
 async fn clients_of_mlflow_see_what_a_run_is_called() {
     let server = Server::with_small_pipeline().await;
-    patch(&server, "/v1/jobs/1", &json!({"tags": ["of-job"]})).await;
     let job = server.json("/v1/runs/1").await["job"].clone();
     patch(&server, &format!("/v1/jobs/{job}"), &json!({"tags": ["of-job"]})).await;
     let change = json!({"name": "Named", "note": "Said", "tags": ["own"]});
     patch(&server, "/v1/runs/1", &change).await;
-    let search = json!({"experiment_ids": ["1"], "filter": "tags.`torqued.tags` LIKE '%own%'"});
+    let search = json!({"experiment_ids": ["1"], "filter": "tags.torqued.tags LIKE '%own%'"});
     let found = server.submit_to("/api/2.0/mlflow/runs/search", &search, &[]).await.json();
     let run = &found["runs"][0];
     assert_eq!(run["info"]["run_name"], "Named");
@@ -183,9 +184,8 @@ async fn what_a_list_does_not_have_is_refused() {
 #[tokio::test]
 async fn the_page_filters_and_changes_labels_by_plain_forms() {
     let server = Server::with_small_pipeline().await;
-    const FORM: &str = "application/x-www-form-urlencoded";
     for (path, word) in [
-        ("/jobs/1", "quickstart"),
+        ("/jobs/5", "quickstart"),
         ("/runs/1", "train"),
         ("/datasets/1", "train-set"),
         ("/checkpoints/1", "Checkpoint 1"),

@@ -143,7 +143,7 @@ pub async fn the_tags_of_a_pipeline_are_those_of_its_members(f: Fixture) {
     let members = f.members(submitted.job).await;
     assert_eq!(members[0], shared.job);
     let mut found = Vec::new();
-    for job in [&[submitted.job], &members[..]].concat() {
+    for job in [&[submitted.job][..], &members[..]].concat() {
         let job = f.store.job(job).await.unwrap();
         found.push((job.name, job.tags.join(" ")));
     }

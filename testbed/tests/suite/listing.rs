@@ -85,9 +85,8 @@ pub async fn a_list_is_limited_to_a_span_of_time(f: Fixture) {
     let first = f.submit_one(simulate(1)).await;
     tokio::time::sleep(Duration::from_millis(5)).await;
     let second = f.submit_one(simulate(2)).await;
-    let moments = [first, second].map(async |job| f.store.job(job).await.unwrap().created_at);
-    let [created, later] = moments;
-    let (created, later) = (created.await, later.await);
+    let created = f.store.job(first).await.unwrap().created_at;
+    let later = f.store.job(second).await.unwrap().created_at;
     let after = |moment: Timestamp| Some(Timestamp::from_milliseconds(moment.milliseconds() + 1));
     let all = Listing::default;
     assert_eq!(jobs(&f, Listing { since: Some(later), ..all() }).await, [second.0]);
@@ -114,13 +113,13 @@ pub async fn words_are_found_in_any_case_and_no_character_stands_for_others(f: F
         ("ÄRGER", &ids[..2]),
         ("%", &ids[..1]),
         ("_", &ids[1..2]),
-        ("ärger%", &[]),
+        ("ärger%", &ids[..0]),
         ("οδος", &ids[2..3]),
         ("Οσ", &ids[2..3]),
         ("Two ÜBER", &ids[2..3]),
         ("\\b'C\"", &ids[3..4]),
         ("$1", &ids[4..]),
-        ("nowhere", &[]),
+        ("nowhere", &ids[..0]),
     ] {
         let found = jobs(&f, Listing { text: Some(text.to_owned()), ..Listing::default() }).await;
         assert_eq!(found, expected, "{text:?}");
@@ -209,7 +208,7 @@ pub async fn every_order_reads_all_of_a_list_once_in_both_directions(f: Fixture)
 pub async fn orders_are_those_of_their_fields(f: Fixture) {
     let mut ids = Vec::new();
     for (seed, name) in (1..).zip(["b", "B", "ä", "a", "b"]) {
-        let job = with_execution(simulate(seed), i32::try_from(3 - seed).unwrap(), 3);
+        let job = with_execution(simulate(seed), 3 - i32::try_from(seed).unwrap(), 3);
         ids.push(submitted(&f, job, labels(Some(name), &[])).await);
     }
     let order = async |sort: Sort| jobs(&f, Listing { sort, ..Listing::default() }).await;
