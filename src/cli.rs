@@ -4,7 +4,7 @@ use clap::{Parser, Subcommand};
 
 use crate::commands::{
     attempts, audit, backup, cancel, checkpoints, completions, datasets, decode_recording, delete,
-    devices, doctor, download, drain, evaluations, export, gc, health, import, jobs, logs, man,
+    devices, doctor, download, drain, evaluations, export, gc, health, import, jobs, label, logs, man,
     metrics, migrate, open, pause, predict, presets, queue, quickstart, restore, resume, retry,
     runs, serve, show, simulate, study, submit, summary, tasks, token, trajectory, trash, undelete,
     undrain, verify, watch, worker, workers,
@@ -90,6 +90,8 @@ pub enum Command {
     Logs(logs::Arguments),
     /// Follow a job until it ends
     Watch(watch::Arguments),
+    /// Name a job, a run, a dataset or a checkpoint, tag it, and note something on it
+    Label(label::Arguments),
     /// Cancel a job
     Cancel(cancel::Arguments),
     /// Try a job again that failed; what succeeded is kept
@@ -158,6 +160,10 @@ mod tests {
         ("get /v1/jobs", "jobs"),
         ("post /v1/jobs", "submit"),
         ("get /v1/jobs/{id}", "show"),
+        ("patch /v1/jobs/{id}", "label"),
+        ("patch /v1/runs/{id}", "label"),
+        ("patch /v1/datasets/{id}", "label"),
+        ("patch /v1/checkpoints/{id}", "label"),
         ("post /v1/jobs/{id}/cancel", "cancel"),
         ("post /v1/jobs/{id}/retry", "retry"),
         ("get /v1/jobs/{id}/tasks", "tasks"),

@@ -413,6 +413,7 @@ fn of_store(error: &StoreError) -> (StatusCode, &'static str, &'static str) {
         StoreError::TokenExists { .. }
         | StoreError::TooManyTokens
         | StoreError::FirstToken { .. } => (S::CONFLICT, "tokens", "The token cannot be made"),
+        StoreError::TooManyTags { .. } => (S::CONFLICT, "tags", "There are too many tags"),
         StoreError::ExperimentTaken { .. } => {
             (S::CONFLICT, "experiment-taken", "The experiment exists already")
         }
@@ -476,6 +477,7 @@ fn store_message(error: &StoreError) -> String {
         | StoreError::TokenExists { .. }
         | StoreError::TooManyTokens
         | StoreError::FirstToken { .. }
+        | StoreError::TooManyTags { .. }
         | StoreError::ExperimentTaken { .. }
         | StoreError::Deleted { .. }
         | StoreError::InTrash { .. }

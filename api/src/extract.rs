@@ -58,15 +58,37 @@ pub struct JsonBytes<const LIMIT: usize = BODY_BYTES>(pub Bytes);
 impl<S: Send + Sync, const LIMIT: usize> FromRequest<S> for JsonBytes<LIMIT> {
     type Rejection = ApiError;
 
-    async fn from_request(mut request: Request, state: &S) -> Result<Self, ApiError> {
-        require_json(request.headers())?;
-        DefaultBodyLimit::max(LIMIT).apply(&mut request);
-        let body = tokio::time::timeout(BODY_WITHIN, Bytes::from_request(request, state));
-        match body.await {
-            Ok(Ok(bytes)) => Ok(Self(bytes)),
-            Ok(Err(rejection)) => Err(unreadable(rejection, LIMIT)),
-            Err(_) => Err(ApiError::SlowBody),
-        }
+    async fn from_request(request: Request, state: &S) -> Result<Self, ApiError> {
+        require_json(request.headers(), &[JSON])?;
+        read(request, state, LIMIT).await.map(Self)
+    }
+}
+
+/// The bytes of a body that is declared as a merge patch (RFC 7396), or as JSON.
+pub struct PatchBytes(pub Bytes);
+
+impl<S: Send + Sync> FromRequest<S> for PatchBytes {
+    type Rejection = ApiError;
+
+    async fn from_request(request: Request, state: &S) -> Result<Self, ApiError> {
+        require_json(request.headers(), &[JSON, "application/merge-patch+json"])?;
+        read(request, state, BODY_BYTES).await.map(Self)
+    }
+}
+
+const JSON: &str = "application/json";
+
+async fn read<S: Send + Sync>(
+    mut request: Request,
+    state: &S,
+    limit: usize,
+) -> Result<Bytes, ApiError> {
+    DefaultBodyLimit::max(limit).apply(&mut request);
+    let body = tokio::time::timeout(BODY_WITHIN, Bytes::from_request(request, state));
+    match body.await {
+        Ok(Ok(bytes)) => Ok(bytes),
+        Ok(Err(rejection)) => Err(unreadable(rejection, limit)),
+        Err(_) => Err(ApiError::SlowBody),
     }
 }
 
@@ -78,13 +100,13 @@ fn unreadable(rejection: BytesRejection, limit: usize) -> ApiError {
     ApiError::Body { reason }
 }
 
-fn require_json(headers: &HeaderMap) -> Result<(), ApiError> {
+fn require_json(headers: &HeaderMap, types: &[&str]) -> Result<(), ApiError> {
     let found = match headers.get(CONTENT_TYPE) {
         None => return Err(ApiError::ContentType { found: "of no declared type".to_owned() }),
         Some(value) => String::from_utf8_lossy(value.as_bytes()).into_owned(),
     };
     let essence = found.split(';').next().unwrap_or("").trim();
-    if essence.eq_ignore_ascii_case("application/json") {
+    if types.iter().any(|known| essence.eq_ignore_ascii_case(known)) {
         return Ok(());
     }
     Err(ApiError::ContentType { found: format!("declared as {found}") })

@@ -14,6 +14,21 @@ pub const PAGE_MAXIMUM: u32 = 500;
 /// Days for which what was deleted can be restored, unless the server is told otherwise.
 pub const TRASH_DAYS: u16 = 30;
 
+/// Characters of a text that is looked for.
+pub const SEARCH_CHARACTERS: usize = 200;
+
+/// Characters of a name that somebody gives to a thing.
+pub const NAME_CHARACTERS: usize = 200;
+
+/// Bytes of a note.
+pub const NOTE_BYTES: usize = 10_000;
+
+/// Tags of a thing, and those that a list is asked for at once.
+pub const TAGS: usize = store::MAX_TAGS;
+
+/// Characters of a tag.
+pub const TAG_CHARACTERS: usize = 64;
+
 /// Chunks of a page of a log, up to 16 KiB each, when the request does not say.
 pub const LOGS_DEFAULT: u32 = 50;
 

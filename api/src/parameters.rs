@@ -34,8 +34,9 @@ impl KnownParameters {
 pub fn operations(item: &PathItem) -> impl Iterator<Item = (Method, &Operation)> {
     let get = item.get.as_ref().map(|operation| (Method::GET, operation));
     let post = item.post.as_ref().map(|operation| (Method::POST, operation));
+    let patch = item.patch.as_ref().map(|operation| (Method::PATCH, operation));
     let delete = item.delete.as_ref().map(|operation| (Method::DELETE, operation));
-    get.into_iter().chain(post).chain(delete)
+    get.into_iter().chain(post).chain(patch).chain(delete)
 }
 
 fn query_parameters(operation: &Operation) -> Vec<String> {

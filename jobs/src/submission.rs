@@ -3,7 +3,7 @@
 use serde::de::IgnoredAny;
 use serde_json::json;
 use spec::{Digest, JobSpec, SpecError};
-use store::{Idempotency, JobId, JobState, Reuse, Store, Submission, Submitted, Timestamp};
+use store::{Idempotency, JobId, JobState, Labels, Reuse, Store, Submission, Submitted, Timestamp};
 
 use crate::SubmissionError;
 use crate::execution;
@@ -23,6 +23,7 @@ pub async fn submit(
     text: &[u8],
     reuse: Reuse,
     idempotency_key: Option<String>,
+    labels: Labels,
 ) -> Result<Submitted, SubmissionError> {
     let idempotency = idempotency_key.map(|key| Idempotency {
         key,
@@ -33,11 +34,11 @@ pub async fn submit(
     }
     spec::read_json::<IgnoredAny>(text).map_err(SubmissionError::Json)?;
     let spec = spec::parse(text)?;
-    submit_new(store, limits, &spec, reuse, idempotency).await
+    submit_new(store, limits, &spec, reuse, idempotency, labels).await
 }
 
 /// Submits the spec of a job that failed or was cancelled again. What succeeded is not done again:
-/// the jobs of a pipeline, and the tasks of kinds that take over tasks.
+/// the jobs of a pipeline, and the tasks of kinds that take over tasks. The new job has the labels of the old one.
 ///
 /// # Errors
 /// [`SubmissionError::NotFailed`] for any other job; [`SubmissionError::Spec`] when what it refers to
@@ -55,7 +56,9 @@ pub async fn retry(
     if let JobSpec::Pipeline(pipeline) = &mut spec {
         pipeline.name_siblings();
     }
-    submit_new(store, limits, &spec, Reuse::SameDigest, None).await
+    let labels =
+        Labels { name: job.given_name, note: job.note, tags: job.tags.into_iter().collect() };
+    submit_new(store, limits, &spec, Reuse::SameDigest, None, labels).await
 }
 
 /// As [`submit`], for a spec that [`spec::parse`] has read.
@@ -71,7 +74,7 @@ pub async fn submit_spec(
 ) -> Result<Submitted, SubmissionError> {
     match repeated(store, idempotency.as_ref()).await? {
         Some(submitted) => Ok(submitted),
-        None => submit_new(store, limits, spec, reuse, idempotency).await,
+        None => submit_new(store, limits, spec, reuse, idempotency, Labels::default()).await,
     }
 }
 
@@ -93,6 +96,7 @@ async fn submit_new(
     spec: &JobSpec,
     reuse: Reuse,
     idempotency: Option<Idempotency>,
+    labels: Labels,
 ) -> Result<Submitted, SubmissionError> {
     check_limits(spec, limits, store.now().await?)?;
     let references = References::new(store);
@@ -103,7 +107,7 @@ async fn submit_new(
         }
         single => (vec![plan(None, &references.resolve(single).await?, limits)?], None),
     };
-    Ok(store.submit(Submission { jobs, pipeline, reuse, idempotency }).await?)
+    Ok(store.submit(Submission { jobs, pipeline, reuse, idempotency, labels }).await?)
 }
 
 fn check_limits(spec: &JobSpec, limits: &Limits, now: Timestamp) -> Result<(), SpecError> {

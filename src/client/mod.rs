@@ -10,8 +10,9 @@ use std::time::Duration;
 use reqwest::{Method, RequestBuilder, Response, StatusCode, Url};
 use serde::de::DeserializeOwned;
 use wire::{
-    Attempts, Audit, Checkpoint, ControlReport, CreatedToken, Dataset, Evaluation, Job, Jobs, Logs,
-    Metric, NewToken, Presets, Queue, Task, Tasks, Token, Tokens, Worker, Workers,
+    Attempts, Audit, Checkpoint, ControlReport, CreatedToken, Dataset, Evaluation, Job,
+    LabelChange, Logs, Metric, NewToken, Presets, Queue, Task, Tasks, Token, Tokens, Worker,
+    Workers,
 };
 
 pub use download::Fetched;
@@ -82,13 +83,28 @@ impl Client {
 
     /// Submits a spec, `text` being its JSON.
     pub async fn submit(&self, text: Vec<u8>, reuse: Reuse) -> Result<Submitted, ClientError> {
-        let path = match reuse {
-            Reuse::ByDigest => "/v1/jobs",
-            Reuse::ComputeAnew => "/v1/jobs?force=true",
-        };
+        self.submit_labelled(text, reuse, &[]).await
+    }
+
+    /// The same with the parameters `name`, `note` and `tag`, which label the job.
+    pub async fn submit_labelled(
+        &self,
+        text: Vec<u8>,
+        reuse: Reuse,
+        labels: &[(&str, &str)],
+    ) -> Result<Submitted, ClientError> {
+        let mut address = self.base.clone();
+        let force = (reuse == Reuse::ComputeAnew).then_some(&("force", "true"));
+        address.query_pairs_mut().clear().extend_pairs(force.into_iter().chain(labels));
+        let path = format!("/v1/jobs?{}", address.query().unwrap_or_default());
         let request =
-            self.request(Method::POST, path).header("content-type", "application/json").body(text);
+            self.request(Method::POST, &path).header("content-type", "application/json").body(text);
         self.submitted(request).await
+    }
+
+    /// Changes the labels of the thing at `path`; the thing as the server wrote it.
+    pub async fn label(&self, path: &str, change: &LabelChange) -> Result<String, ClientError> {
+        self.text(self.request(Method::PATCH, path).json(change)).await
     }
 
     pub async fn job(&self, id: i64) -> Result<Job, ClientError> {
@@ -110,10 +126,6 @@ impl Client {
     /// The answer as the server wrote it.
     pub async fn raw(&self, path: &str) -> Result<String, ClientError> {
         self.text(self.request(Method::GET, path)).await
-    }
-
-    pub async fn jobs(&self, path: &str) -> Result<Jobs, ClientError> {
-        self.get(path).await
     }
 
     pub async fn attempts(&self, path: &str) -> Result<Attempts, ClientError> {

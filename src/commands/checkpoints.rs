@@ -4,7 +4,7 @@ use clap::Args;
 use reports::{Align, Table};
 use wire::{Checkpoint, Checkpoints};
 
-use crate::lists::{ListArguments, print_next};
+use crate::lists::{ListArguments, both};
 use crate::progress::measure;
 
 #[derive(Debug, Args)]
@@ -16,16 +16,13 @@ pub struct Arguments {
 /// The metric that tells checkpoints apart.
 const ERROR: &str = "validation/rmse_deg";
 
-pub async fn run(Arguments { list }: Arguments) -> anyhow::Result<ExitCode> {
+pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
+    let Arguments { list } = arguments;
     let client = list.server.client()?;
-    let path = list.path("/v1/checkpoints");
-    if list.output.json {
-        println!("{}", client.raw(&path).await?);
-        return Ok(ExitCode::SUCCESS);
-    }
-    let Checkpoints { checkpoints, next } = client.get(&path).await?;
+    let mut last = None;
     let mut table = Table::new([
         ("id", Align::Right),
+        ("name", Align::Left),
         ("model", Align::Left),
         ("step", Align::Right),
         ("error", Align::Right),
@@ -33,12 +30,25 @@ pub async fn run(Arguments { list }: Arguments) -> anyhow::Result<ExitCode> {
         ("size", Align::Right),
         ("job", Align::Right),
         ("created", Align::Right),
+        ("tags", Align::Left),
     ]);
-    for checkpoint in &checkpoints {
-        table.push(row(checkpoint));
+    let rest = list.each_page(&client, "/v1/checkpoints", &[], |page| {
+        if list.output.json {
+            println!("{page}");
+            return Ok(());
+        }
+        let page: Checkpoints = serde_json::from_str(page)?;
+        for item in page.checkpoints {
+            last = Some(item.id);
+            table.push(row(&item));
+        }
+        Ok(())
+    });
+    let rest = rest.await?;
+    if !list.output.json {
+        print!("{}", table.render());
+        list.print_rest("checkpoints", &rest, last);
     }
-    print!("{}", table.render());
-    print_next("checkpoints", next);
     Ok(ExitCode::SUCCESS)
 }
 
@@ -47,6 +57,7 @@ fn row(checkpoint: &Checkpoint) -> Vec<String> {
     let size = checkpoint.files.iter().map(|file| file.size).sum();
     vec![
         checkpoint.id.to_string(),
+        checkpoint.name.clone().unwrap_or_default(),
         checkpoint.architecture.clone(),
         measure::count(checkpoint.step),
         error.unwrap_or_default(),
@@ -54,6 +65,7 @@ fn row(checkpoint: &Checkpoint) -> Vec<String> {
         measure::size(size),
         checkpoint.job.to_string(),
         measure::ago(&checkpoint.created_at),
+        both(&checkpoint.tags, &checkpoint.job_tags),
     ]
 }
 

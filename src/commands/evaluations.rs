@@ -4,23 +4,24 @@ use clap::Args;
 use reports::{Align, Table};
 use wire::{Evaluation, Evaluations, TaskState};
 
-use crate::lists::{ListArguments, print_next};
+use crate::lists::{ListArguments, both};
 use crate::progress::measure;
 
 #[derive(Debug, Args)]
 pub struct Arguments {
+    /// Only in this state
+    #[arg(long, value_name = "STATE", value_parser = crate::commands::jobs::states())]
+    state: Option<String>,
+
     #[command(flatten)]
     list: ListArguments,
 }
 
-pub async fn run(Arguments { list }: Arguments) -> anyhow::Result<ExitCode> {
+pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
+    let Arguments { state, list } = arguments;
     let client = list.server.client()?;
-    let path = list.path("/v1/evaluations");
-    if list.output.json {
-        println!("{}", client.raw(&path).await?);
-        return Ok(ExitCode::SUCCESS);
-    }
-    let Evaluations { evaluations, next } = client.get(&path).await?;
+    let filters = [("state", &state)];
+    let mut last = None;
     let mut table = Table::new([
         ("id", Align::Right),
         ("name", Align::Left),
@@ -28,12 +29,25 @@ pub async fn run(Arguments { list }: Arguments) -> anyhow::Result<ExitCode> {
         ("cells", Align::Right),
         ("run", Align::Right),
         ("created", Align::Right),
+        ("tags", Align::Left),
     ]);
-    for evaluation in evaluations {
-        table.push(row(evaluation));
+    let rest = list.each_page(&client, "/v1/evaluations", &filters, |page| {
+        if list.output.json {
+            println!("{page}");
+            return Ok(());
+        }
+        let page: Evaluations = serde_json::from_str(page)?;
+        for item in page.evaluations {
+            last = Some(item.id);
+            table.push(row(item));
+        }
+        Ok(())
+    });
+    let rest = rest.await?;
+    if !list.output.json {
+        print!("{}", table.render());
+        list.print_rest("evaluations", &rest, last);
     }
-    print!("{}", table.render());
-    print_next("evaluations", next);
     Ok(ExitCode::SUCCESS)
 }
 
@@ -50,5 +64,6 @@ fn row(evaluation: Evaluation) -> Vec<String> {
         cells,
         evaluation.run.to_string(),
         measure::ago(&evaluation.created_at),
+        both(&evaluation.tags, &[]),
     ]
 }

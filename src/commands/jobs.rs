@@ -4,9 +4,9 @@ use clap::Args;
 use clap::builder::PossibleValuesParser;
 use reports::{Align, Table};
 use spec::JobKind;
-use wire::{Job, JobState, Progress};
+use wire::{Job, JobState, Jobs, Progress};
 
-use crate::arguments::{OutputArguments, ServerArguments};
+use crate::lists::ListArguments;
 use crate::progress::measure;
 
 #[derive(Debug, Args)]
@@ -19,29 +19,15 @@ pub struct Arguments {
     #[arg(long, value_name = "KIND", value_parser = kinds())]
     kind: Option<String>,
 
-    /// At most so many
-    #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=100))]
-    limit: u32,
-
-    /// Only jobs older than this one
-    #[arg(long, value_name = "ID")]
-    before: Option<i64>,
-
     #[command(flatten)]
-    output: OutputArguments,
-
-    #[command(flatten)]
-    server: ServerArguments,
+    list: ListArguments,
 }
 
 pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
-    let path = path(&arguments);
-    let client = arguments.server.client()?;
-    if arguments.output.json {
-        println!("{}", client.raw(&path).await?);
-        return Ok(ExitCode::SUCCESS);
-    }
-    let list = client.jobs(&path).await?;
+    let Arguments { kind, state, list } = arguments;
+    let client = list.server.client()?;
+    let filters = [("kind", &kind), ("state", &state)];
+    let mut last = None;
     let mut table = Table::new([
         ("id", Align::Right),
         ("kind", Align::Left),
@@ -50,33 +36,35 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
         ("done", Align::Right),
         ("submitted", Align::Right),
         ("took", Align::Right),
+        ("tags", Align::Left),
         ("waits", Align::Left),
     ]);
-    for job in list.jobs {
-        table.push(row(job));
-    }
-    print!("{}", table.render());
-    if let Some(next) = list.next {
-        println!("older ones: torqued jobs --before {next}");
+    let rest = list.each_page(&client, "/v1/jobs", &filters, |page| {
+        if list.output.json {
+            println!("{page}");
+            return Ok(());
+        }
+        let page: Jobs = serde_json::from_str(page)?;
+        for job in page.jobs {
+            last = Some(job.id);
+            table.push(row(job));
+        }
+        Ok(())
+    });
+    let rest = rest.await?;
+    if !list.output.json {
+        print!("{}", table.render());
+        list.print_rest("jobs", &rest, last);
     }
     Ok(ExitCode::SUCCESS)
 }
 
-fn states() -> PossibleValuesParser {
+pub fn states() -> PossibleValuesParser {
     PossibleValuesParser::new(JobState::ALL.map(JobState::as_str))
 }
 
-fn kinds() -> PossibleValuesParser {
+pub fn kinds() -> PossibleValuesParser {
     PossibleValuesParser::new(JobKind::ALL.iter().map(|kind| kind.as_str()))
-}
-
-fn path(Arguments { state, kind, limit, before, .. }: &Arguments) -> String {
-    let mut path = format!("/v1/jobs?limit={limit}");
-    for (key, value) in [("state", state), ("kind", kind)] {
-        path.extend(value.iter().map(|value| format!("&{key}={value}")));
-    }
-    path.extend(before.iter().map(|id| format!("&before={id}")));
-    path
 }
 
 fn row(job: Job) -> Vec<String> {
@@ -98,6 +86,7 @@ fn row(job: Job) -> Vec<String> {
         share,
         age.unwrap_or_default(),
         took.map(measure::duration).unwrap_or_default(),
+        job.tags.join(" "),
         job.waits_for.unwrap_or_default(),
     ]
 }
@@ -119,7 +108,7 @@ mod tests {
     fn jobs_of_every_kind_can_be_listed() {
         for kind in JobKind::ALL {
             let jobs = Jobs::try_parse_from(["jobs", "--kind", kind.as_str()]).unwrap();
-            assert!(path(&jobs.arguments).ends_with(&format!("&kind={kind}")), "{kind}");
+            assert_eq!(jobs.arguments.kind.as_deref(), Some(kind.as_str()));
         }
     }
 }

@@ -20,6 +20,7 @@ pub mod gc;
 pub mod health;
 pub mod import;
 pub mod jobs;
+pub mod label;
 pub mod logs;
 pub mod man;
 pub mod metrics;
@@ -73,6 +74,7 @@ pub async fn run(command: Command, log: &Logging) -> anyhow::Result<ExitCode> {
         Command::Jobs(arguments) => jobs::run(arguments).await,
         Command::Attempts(arguments) => attempts::run(arguments).await,
         Command::Logs(arguments) => logs::run(arguments).await,
+        Command::Label(arguments) => label::run(arguments).await,
         Command::Watch(arguments) => watch::run(arguments).await,
         Command::Cancel(arguments) => cancel::run(arguments).await,
         Command::Retry(arguments) => retry::run(arguments).await,

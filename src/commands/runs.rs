@@ -4,23 +4,28 @@ use clap::Args;
 use reports::{Align, Table};
 use wire::{Run, Runs};
 
-use crate::lists::{ListArguments, print_next};
+use crate::lists::{ListArguments, both};
 use crate::progress::measure;
 
 #[derive(Debug, Args)]
 pub struct Arguments {
+    /// Only of jobs of this kind
+    #[arg(long, value_name = "KIND", value_parser = crate::commands::jobs::kinds())]
+    kind: Option<String>,
+
+    /// Only in this state
+    #[arg(long, value_name = "STATE", value_parser = crate::commands::jobs::states())]
+    state: Option<String>,
+
     #[command(flatten)]
     list: ListArguments,
 }
 
-pub async fn run(Arguments { list }: Arguments) -> anyhow::Result<ExitCode> {
+pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
+    let Arguments { kind, state, list } = arguments;
     let client = list.server.client()?;
-    let path = list.path("/v1/runs");
-    if list.output.json {
-        println!("{}", client.raw(&path).await?);
-        return Ok(ExitCode::SUCCESS);
-    }
-    let Runs { runs, next } = client.get(&path).await?;
+    let filters = [("kind", &kind), ("state", &state)];
+    let mut last = None;
     let mut table = Table::new([
         ("id", Align::Right),
         ("kind", Align::Left),
@@ -29,12 +34,25 @@ pub async fn run(Arguments { list }: Arguments) -> anyhow::Result<ExitCode> {
         ("step", Align::Right),
         ("job", Align::Right),
         ("created", Align::Right),
+        ("tags", Align::Left),
     ]);
-    for run in runs {
-        table.push(row(run));
+    let rest = list.each_page(&client, "/v1/runs", &filters, |page| {
+        if list.output.json {
+            println!("{page}");
+            return Ok(());
+        }
+        let page: Runs = serde_json::from_str(page)?;
+        for item in page.runs {
+            last = Some(item.id);
+            table.push(row(item));
+        }
+        Ok(())
+    });
+    let rest = rest.await?;
+    if !list.output.json {
+        print!("{}", table.render());
+        list.print_rest("runs", &rest, last);
     }
-    print!("{}", table.render());
-    print_next("runs", next);
     Ok(ExitCode::SUCCESS)
 }
 
@@ -48,5 +66,6 @@ fn row(run: Run) -> Vec<String> {
         step.map(measure::count).unwrap_or_default(),
         run.job.to_string(),
         measure::ago(&run.created_at),
+        both(&run.tags, &run.job_tags),
     ]
 }

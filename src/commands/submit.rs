@@ -24,6 +24,18 @@ pub struct Arguments {
     #[arg(long)]
     watch: bool,
 
+    /// The job's name, in place of its spec's
+    #[arg(long, value_name = "NAME")]
+    name: Option<String>,
+
+    /// A note on the job, in Markdown
+    #[arg(long, value_name = "TEXT")]
+    note: Option<String>,
+
+    /// A tag for the job and, of a pipeline, its jobs; it may be given several times
+    #[arg(long = "tag", value_name = "TAG")]
+    tags: Vec<String>,
+
     #[command(flatten)]
     output: OutputArguments,
 
@@ -38,7 +50,11 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     let spec = read_json(&arguments.spec, MAX_SPEC_BYTES)?;
     let client = arguments.server.client()?;
     let reuse = if arguments.force { Reuse::ComputeAnew } else { Reuse::ByDigest };
-    let Submitted { job, existed } = client.submit(spec, reuse).await?;
+    let named = [("name", &arguments.name), ("note", &arguments.note)];
+    let named = named.into_iter().filter_map(|(key, text)| Some((key, text.as_deref()?)));
+    let tags = arguments.tags.iter().map(|tag| ("tag", tag.as_str()));
+    let labels: Vec<(&str, &str)> = named.chain(tags).collect();
+    let Submitted { job, existed } = client.submit_labelled(spec, reuse, &labels).await?;
     let output = arguments.output;
     let note = if existed { ", submitted before" } else { "" };
     match (output.json, arguments.watch) {

@@ -18,6 +18,13 @@ pub struct Checkpoint {
     pub id: CheckpointId,
     pub job: JobId,
     pub run: RunId,
+    /// As people call it.
+    pub name: Option<String>,
+    pub note: Option<String>,
+    /// In order.
+    pub tags: Vec<String>,
+    /// The job's, in order.
+    pub job_tags: Vec<String>,
     /// Optimizer steps taken.
     pub step: u64,
     /// Whether training ended with it.
@@ -162,7 +169,7 @@ impl Store {
     /// When the database fails.
     #[boxed]
     pub async fn checkpoints(&self, page: Page) -> Result<Vec<Checkpoint>, StoreError> {
-        sql!(self.database(), READING, checkpoints(page))
+        Ok(self.list_checkpoints(&page.into()).await?.items)
     }
 
     /// By step.

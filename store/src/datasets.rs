@@ -13,7 +13,7 @@ use crate::database::sql;
 use crate::patience::patiently;
 use crate::task_end::Completion;
 use crate::trash::refuse_deleted;
-use crate::{DatasetId, Deletion, Fence, JobId, Page, Store, StoreError, StoredObject, Timestamp};
+use crate::{DatasetId, Deletion, Fence, JobId, Listing, Page, Store, StoreError, StoredObject, Timestamp};
 
 #[derive(Clone, Debug)]
 pub struct Dataset {
@@ -21,7 +21,13 @@ pub struct Dataset {
     pub job: JobId,
     /// The job's.
     pub digest: Digest,
+    /// As people call it, or else its job.
     pub name: String,
+    pub note: Option<String>,
+    /// In order.
+    pub tags: Vec<String>,
+    /// The job's, in order.
+    pub job_tags: Vec<String>,
     pub spec: Value,
     pub state: DatasetState,
     /// When complete.
@@ -205,7 +211,8 @@ impl Store {
         state: Option<DatasetState>,
         page: Page,
     ) -> Result<Vec<Dataset>, StoreError> {
-        sql!(self.database(), "reading datasets", datasets(state, page))
+        let state = state.map(|state| state.as_str().to_owned());
+        Ok(self.list_datasets(&Listing { state, ..page.into() }).await?.items)
     }
 
     /// Those of the datasets with these ids that there are, by id.

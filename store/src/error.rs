@@ -10,7 +10,7 @@ use thiserror::Error;
 use wire::{JobState, Relation, Scope};
 
 use crate::objects::trouble::{Trouble, advice, in_short};
-use crate::{Dependent, Epoch, Fingerprint, Item, JobId, MAX_TOKENS, TaskId, Timestamp};
+use crate::{Dependent, Epoch, Fingerprint, Item, JobId, MAX_TAGS, MAX_TOKENS, TaskId, Timestamp};
 
 #[derive(Debug, Error)]
 #[non_exhaustive]
@@ -139,6 +139,9 @@ pub enum StoreError {
 
     #[error("there are {MAX_TOKENS} tokens, as many as may be; revoke some")]
     TooManyTokens,
+
+    #[error("{what} {id} would have {tags} tags, allowed: {MAX_TAGS}; remove some of them first")]
+    TooManyTags { what: &'static str, id: i64, tags: usize },
 
     #[error(
         "the first token must have the scope admin, not {scope}: from then on the server asks for a token, and nobody could \

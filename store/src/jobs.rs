@@ -7,14 +7,20 @@ use wire::JobState;
 use crate::boxed;
 use crate::database::sql;
 use crate::trash::refuse_deleted;
-use crate::{DatasetId, Deletion, JobId, RunId, Store, StoreError, Timestamp};
+use crate::{DatasetId, Deletion, JobId, Listing, RunId, Store, StoreError, Timestamp};
 
 #[derive(Clone, Debug)]
 pub struct Job {
     pub id: JobId,
     /// Opaque to the store.
     pub kind: String,
+    /// As people call it, or else as it was submitted.
     pub name: String,
+    /// Only where people have called it otherwise.
+    pub given_name: Option<String>,
+    pub note: Option<String>,
+    /// In order.
+    pub tags: Vec<String>,
     /// Resolved: every default filled in, every reference a digest.
     pub spec: Value,
     pub digest: Digest,
@@ -64,6 +70,7 @@ pub struct Page {
 }
 
 impl Page {
+    /// Items of a page.
     pub const MAX_LIMIT: u32 = 500;
 
     pub(crate) fn before(self) -> i64 {
@@ -103,7 +110,9 @@ impl Store {
     /// # Errors
     /// When the database fails.
     pub async fn jobs(&self, filter: JobFilter<'_>, page: Page) -> Result<Vec<Job>, StoreError> {
-        sql!(self.database(), READING, jobs(filter, page))
+        let kind = filter.kind.map(str::to_owned);
+        let state = filter.state.map(|state| state.as_str().to_owned());
+        Ok(self.list_jobs(&Listing { kind, state, ..page.into() }).await?.items)
     }
 
     /// Pipelines, and jobs that were not made for one, newest first; all states without a `state`.
@@ -116,7 +125,9 @@ impl Store {
         state: Option<JobState>,
         page: Page,
     ) -> Result<Vec<Job>, StoreError> {
-        sql!(self.database(), READING, experiments(state, page))
+        let state = state.map(|state| state.as_str().to_owned());
+        let listing = Listing { state, experiments_alone: true, ..page.into() };
+        Ok(self.list_jobs(&listing).await?.items)
     }
 
     /// The newest job of a digest in one of `states`, a deleted one, too, which still says what the digest means.

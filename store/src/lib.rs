@@ -39,7 +39,9 @@ mod identifiers;
 mod identity;
 mod inventory;
 mod jobs;
+mod labels;
 mod leases;
+mod listing;
 mod location;
 mod logs;
 mod metrics;
@@ -102,7 +104,9 @@ pub use identifiers::{
 };
 pub use inventory::ObjectPlace;
 pub use jobs::{Job, JobFilter, JobProgress, Page};
+pub use labels::{Labels, MAX_TAGS, Thing};
 pub use leases::{ClaimedTask, Fence, Lease, Progress};
+pub use listing::{Direction, Key, Listed, Listing, Position, Sort};
 pub use location::{DatabaseUrl, Location};
 pub use logs::{LogChunk, LogFilter, LogPage, NewLogChunk};
 pub use metrics::{Metric, Series, SeriesPoint};
@@ -139,6 +143,6 @@ pub use trash::{Deleted, Deletion, DeletionOrder, Item, Respect, TrashPlace, Tra
 pub use uploads::{Upload, UploadWriter};
 pub use waiting::Bell;
 pub use wire::{
-    AttemptOutcome, DatasetState, ItemKind, JobState, PlacementState, Relation, Scope, TaskState,
+    AttemptOutcome, DatasetState, ItemKind, JobState, LabelChange, PlacementState, Relation, Scope, TaskState, TextChange,
 };
 pub use workers::{Worker, WorkerProcess, WorkersTask};

@@ -7,7 +7,7 @@ use wire::JobState;
 use crate::boxed;
 use crate::database::sql;
 use crate::trash::refuse_deleted;
-use crate::{Deletion, JobId, Page, RunId, Store, StoreError, Timestamp};
+use crate::{Deletion, JobId, Listing, Page, RunId, Store, StoreError, Timestamp};
 
 #[derive(Clone, Debug)]
 pub struct Run {
@@ -15,7 +15,13 @@ pub struct Run {
     pub job: JobId,
     /// The job's.
     pub kind: String,
+    /// As people call it, or else its job.
     pub name: String,
+    pub note: Option<String>,
+    /// In order.
+    pub tags: Vec<String>,
+    /// The job's, in order.
+    pub job_tags: Vec<String>,
     pub digest: Digest,
     pub spec: Value,
     pub state: JobState,
@@ -43,7 +49,8 @@ impl Store {
     /// When the database fails.
     #[boxed]
     pub async fn runs(&self, kind: Option<&str>, page: Page) -> Result<Vec<Run>, StoreError> {
-        sql!(self.database(), "reading runs", runs(kind, page))
+        let kind = kind.map(str::to_owned);
+        Ok(self.list_runs(&Listing { kind, ..page.into() }).await?.items)
     }
 
     /// The record of a job.

@@ -90,6 +90,9 @@ impl Store {
         let inner = Inner { dir, database, database_file, objects, found_task, _lock: lock };
         let store = Self { inner: Arc::new(inner) };
         store.check_objects(access).await?;
+        if access == Access::Server {
+            store.fold_names().await?;
+        }
         Ok(store)
     }
 

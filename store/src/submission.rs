@@ -7,12 +7,13 @@ use wire::JobState;
 use crate::boxed;
 use crate::database::{Scope, Transaction, sql};
 use crate::identifiers::ResourcesId;
+use crate::labels::label_submitted;
 use crate::propagation::{advance, state_of};
 use crate::rules::job::{before_start, is_unsuccessful};
 use crate::rules::reuse::{TaskPlace, stand_in, takes_over};
 use crate::rules::turn::turn;
 use crate::{
-    CheckpointId, Idempotency, JobId, Store, StoreError, TaskId, Timestamp, idempotency, pipelines,
+    CheckpointId, Idempotency, JobId, Labels, Store, StoreError, TaskId, Timestamp, idempotency, pipelines,
 };
 
 /// What is asked for at once.
@@ -23,6 +24,8 @@ pub struct Submission {
     pub pipeline: Option<NewPipeline>,
     pub reuse: Reuse,
     pub idempotency: Option<Idempotency>,
+    /// Of the pipeline or the one job. They are no part of a spec, so that no digest knows them.
+    pub labels: Labels,
 }
 
 #[derive(Clone, Debug)]
@@ -228,6 +231,7 @@ async fn submit(tx: &mut Transaction, submission: &Submission) -> Result<Submitt
             submitted
         }
     };
+    label_submitted(tx, submitted.job, &submission.labels).await?;
     if let Some(Idempotency { key, request }) = &submission.idempotency {
         sql!(tx, remember_request(key, *request, &submitted))?;
     }

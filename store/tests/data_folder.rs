@@ -10,8 +10,8 @@ use spec::{Digest, Resources};
 use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{ConnectOptions, Connection};
 use store::{
-    Access, ClaimedTask, Idempotency, JobFilter, JobId, JobReuse, JobState, NewJob, NewTask,
-    Output, Page, PartReuse, Reuse, Store, StoreError, Submission, TaskState,
+    Access, ClaimedTask, Idempotency, JobFilter, JobId, JobReuse, JobState, Labels, Listing,
+    NewJob, NewTask, Output, Page, PartReuse, Reuse, Store, StoreError, Submission, TaskState,
 };
 
 /// Of the newest of `migrations/sqlite`.
@@ -73,7 +73,13 @@ fn simulation(seed: u64, tasks: u32, reuse: Reuse) -> Submission {
         checkpoints: vec![],
         files: vec![],
     };
-    Submission { jobs: vec![job], pipeline: None, reuse, idempotency: None }
+    Submission {
+        jobs: vec![job],
+        pipeline: None,
+        reuse,
+        idempotency: None,
+        labels: Labels::default(),
+    }
 }
 
 #[tokio::test]
@@ -362,4 +368,25 @@ async fn nobody_else_may_look_into_a_new_folder_and_an_old_one_keeps_its_mode() 
     std::fs::set_permissions(&shared, std::fs::Permissions::from_mode(0o750)).unwrap();
     Store::open(&shared, Access::Server).await.unwrap().close().await;
     assert_eq!(mode(&shared), 0o750);
+}
+
+/// What there was before words were looked for is found as well.
+#[tokio::test]
+async fn names_of_an_older_version_are_found_after_the_server_has_started() {
+    let dir = tempfile::tempdir().unwrap();
+    let store = serve(dir.path()).await.unwrap();
+    let named = |name: &str, seed| {
+        let mut submission = simulation(seed, 1, Reuse::Never);
+        submission.jobs[0].name = name.to_owned();
+        submission
+    };
+    store.submit(named("ÄRGER", 1)).await.unwrap();
+    store.submit(named("other", 2)).await.unwrap();
+    store.close().await;
+    drop(store);
+    with_changed_database(dir.path(), "UPDATE job SET searched = NULL").await;
+    let store = serve(dir.path()).await.unwrap();
+    let listing = Listing { text: Some("ärg".to_owned()), ..Listing::default() };
+    let found = store.list_jobs(&listing).await.unwrap().items;
+    assert_eq!(found.iter().map(|job| job.name.as_str()).collect::<Vec<_>>(), ["ÄRGER"]);
 }

@@ -69,6 +69,46 @@ async fn everything_that_a_pipeline_leaves_is_listed_shown_and_downloaded() {
     let table = asking.output(&["datasets", "--limit", "1"]);
     assert!(table.contains("older ones: torqued datasets --before 2"), "{table}");
 
+    let labelled = asking.json(&[
+        "label",
+        "run",
+        "1",
+        "--name",
+        "first",
+        "--note",
+        "line\nline",
+        "--tag",
+        "x",
+        "--tag",
+        "lr=1",
+        "--json",
+    ]);
+    assert_eq!(labelled, product.get("/v1/runs/1").await);
+    let shown = asking.output(&["label", "run", "1", "--remove-tag", "x"]);
+    assert!(shown.contains("lr=1") && shown.contains("note  "), "{shown}");
+    let table = asking.output(&["runs", "--tag", "lr=1", "--text", "FIRST", "--kind", "train"]);
+    assert!(table.contains("first") && table.lines().count() == 2, "{table}");
+    let table = asking.output(&["jobs", "--limit", "1", "--sort", "name"]);
+    let (_, cursor) = table.trim().rsplit_once(' ').unwrap();
+    let rest = asking.output(&["jobs", "--sort", "name", "--cursor", cursor, "--all"]);
+    assert_eq!(rest.lines().count(), 5, "{rest}");
+    assert!(asking.ask(&["label", "run", "1"]).0 == Some(2), "nothing to change");
+    let (code, _, errors) = asking.ask(&["label", "run", "1", "--tag", "a b"]);
+    assert!(code == Some(1) && errors.contains("add_tags[0]"), "{errors}");
+    let again = torqued(&["submit", "-", "--tag", "again", "--json", "--server", &product.url])
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .spawn();
+    let mut again = again.unwrap();
+    again.stdin.take().unwrap().write_all(spec.as_bytes()).unwrap();
+    let again = again.wait_with_output().unwrap();
+    let again: Value = serde_json::from_slice(&again.stdout).unwrap();
+    assert_eq!((&again["id"], &again["tags"]), (&pipeline["id"], &json!(["again"])));
+    assert_eq!(
+        asking.json(&["jobs", "--tag", "again", "--json"])["jobs"].as_array().unwrap().len(),
+        5
+    );
+
     let simulation = member(pipeline, "train-set").to_string();
     let training = member(pipeline, "train");
     let dataset = product.get(&format!("/v1/jobs/{simulation}")).await["dataset"].to_string();

@@ -13,6 +13,18 @@ pub struct Checkpoint {
     /// The training.
     pub job: i64,
     pub run: i64,
+    /// As somebody calls it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub name: Option<String>,
+    /// What somebody says of it, in Markdown.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub note: Option<String>,
+    /// Its tags, in order.
+    #[serde(default)]
+    pub tags: Vec<String>,
+    /// Those of its job, in order; it is found by them, too.
+    #[serde(default)]
+    pub job_tags: Vec<String>,
     /// Optimizer steps taken.
     pub step: u64,
     /// True of the checkpoint that training ended with.
@@ -38,8 +50,8 @@ pub struct Checkpoint {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Checkpoints {
     pub checkpoints: Vec<Checkpoint>,
-    /// The `before` of the following page.
-    pub next: Option<i64>,
+    /// The `cursor` of the following page; `null` on the last one.
+    pub next: Option<String>,
 }
 
 /// A file that can be downloaded.

@@ -13,7 +13,17 @@ pub struct Dataset {
     pub id: i64,
     /// The simulation or import that fills it.
     pub job: i64,
+    /// As somebody calls it, or else its job.
     pub name: String,
+    /// What somebody says of it, in Markdown.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub note: Option<String>,
+    /// Its tags, in order.
+    #[serde(default)]
+    pub tags: Vec<String>,
+    /// Those of its job, in order; it is found by them, too.
+    #[serde(default)]
+    pub job_tags: Vec<String>,
     /// The digest of that job's spec.
     pub digest: Digest,
     pub state: DatasetState,
@@ -67,6 +77,6 @@ pub enum FileKind {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Datasets {
     pub datasets: Vec<Dataset>,
-    /// The `before` of the following page.
-    pub next: Option<i64>,
+    /// The `cursor` of the following page; `null` on the last one.
+    pub next: Option<String>,
 }

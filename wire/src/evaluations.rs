@@ -12,7 +12,14 @@ use crate::{Artifact, JobState, Report, TaskState};
 pub struct Evaluation {
     pub id: i64,
     pub run: i64,
+    /// The job's, and so are note and tags.
     pub name: String,
+    /// What somebody says of it, in Markdown.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub note: Option<String>,
+    /// Its tags, in order.
+    #[serde(default)]
+    pub tags: Vec<String>,
     pub digest: Digest,
     pub state: JobState,
     pub error: Option<String>,
@@ -41,6 +48,6 @@ pub struct CellTask {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Evaluations {
     pub evaluations: Vec<Evaluation>,
-    /// The `before` of the following page.
-    pub next: Option<i64>,
+    /// The `cursor` of the following page; `null` on the last one.
+    pub next: Option<String>,
 }

@@ -12,7 +12,14 @@ use crate::JobState;
 pub struct Job {
     pub id: i64,
     pub kind: JobKind,
+    /// As somebody calls it, or else as its spec does.
     pub name: String,
+    /// What somebody says of it, in Markdown.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub note: Option<String>,
+    /// Its tags, in order.
+    #[serde(default)]
+    pub tags: Vec<String>,
     pub state: JobState,
     /// The reason why it failed or was cancelled.
     pub error: Option<String>,
@@ -93,6 +100,6 @@ pub struct Member {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Jobs {
     pub jobs: Vec<Job>,
-    /// The `before` of the following page.
-    pub next: Option<i64>,
+    /// The `cursor` of the following page; `null` on the last one.
+    pub next: Option<String>,
 }

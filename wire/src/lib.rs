@@ -4,9 +4,9 @@
 //! generated from them. One file per resource. Nothing is computed here but
 //! sentences that the server, its page and the command line share.
 //!
-//! Ids are those of the database. Times are RFC 3339 in UTC. Lists are newest first; `next` is the
-//! `before` of the following page and missing on the last one. Tasks are in the order in which they run, and `next` is
-//! the `after` of the following page; of logs likewise, whose `next` is there on every page. Readers ignore fields that they do not know.
+//! Ids are those of the database. Times are RFC 3339 in UTC. Lists are newest first unless they are sorted;
+//! `next` is the `cursor` of the following page and `null` on the last one. Attempts and the audit log have its `before` there, tasks
+//! its `after`, which are in the order in which they run; of logs likewise, whose `next` is there on every page. Readers ignore fields that they do not know.
 
 mod access;
 mod attempts;
@@ -17,6 +17,7 @@ mod evaluations;
 mod health;
 mod imports;
 mod jobs;
+mod labels;
 mod logs;
 mod predictions;
 mod presets;
@@ -45,6 +46,7 @@ pub use evaluations::{CellTask, Evaluation, Evaluations};
 pub use health::{Health, Readiness};
 pub use imports::ImportCounts;
 pub use jobs::{Job, Jobs, Member, Progress};
+pub use labels::{LabelChange, TextChange};
 pub use logs::{LogChunk, Logs, left_out};
 pub use predictions::{
     ObservedScenario, PredictedQuantile, PredictedScenario, PredictingModel, Prediction,

@@ -15,7 +15,17 @@ pub struct Run {
     pub id: i64,
     pub job: i64,
     pub kind: JobKind,
+    /// As somebody calls it, or else its job.
     pub name: String,
+    /// What somebody says of it, in Markdown.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub note: Option<String>,
+    /// Its tags, in order.
+    #[serde(default)]
+    pub tags: Vec<String>,
+    /// Those of its job, in order; it is found by them, too.
+    #[serde(default)]
+    pub job_tags: Vec<String>,
     pub digest: Digest,
     pub state: JobState,
     pub error: Option<String>,
@@ -52,8 +62,8 @@ pub struct Artifact {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Runs {
     pub runs: Vec<Run>,
-    /// The `before` of the following page.
-    pub next: Option<i64>,
+    /// The `cursor` of the following page; `null` on the last one.
+    pub next: Option<String>,
 }
 
 /// A metric over steps, thinned out to the points asked for.

@@ -39,7 +39,7 @@ impl Scopes {
     }
 
     /// The scope of a request to a route, `None` where there is no route. A form of the page does what the operation of the same
-    /// path does, and needs the same.
+    /// path does, by POST or by PATCH, which forms cannot send, and needs the same.
     pub fn needed(&self, route: Option<&str>, method: &Method) -> Scope {
         // The answer says only that there is nothing.
         let Some(route) = route else { return Scope::Read };
@@ -47,14 +47,18 @@ impl Scopes {
             return of_mlflow(route, method);
         }
         let asked = if *method == Method::HEAD { &Method::GET } else { method };
-        let known = |path: String| self.0.get(&(path, asked.clone())).copied();
-        known(route.to_owned())
-            .or_else(|| known(format!("{API}{route}")))
-            .or_else(|| {
-                let deleted =
-                    route.strip_suffix(DELETE_FORM).filter(|_| *method == Method::POST)?;
-                self.0.get(&(format!("{API}{deleted}"), Method::DELETE)).copied()
-            })
+        let known = |path: String, method: &Method| self.0.get(&(path, method.clone())).copied();
+        let of_page = || format!("{API}{route}");
+        let is_form = *method == Method::POST;
+        let patched = || is_form.then(|| known(of_page(), &Method::PATCH)).flatten();
+        let deleted = || {
+            let of = route.strip_suffix(DELETE_FORM).filter(|_| is_form)?;
+            known(format!("{API}{of}"), &Method::DELETE)
+        };
+        known(route.to_owned(), asked)
+            .or_else(|| known(of_page(), asked))
+            .or_else(patched)
+            .or_else(deleted)
             .unwrap_or_else(|| usual(method))
     }
 }
@@ -92,6 +96,9 @@ mod tests {
         let post = |route| scopes.needed(Some(route), &Method::POST);
         assert_eq!(post("/v1/jobs/{id}/cancel"), Scope::Submit);
         assert_eq!(post("/jobs/{id}/cancel"), Scope::Submit);
+        assert_eq!(post("/jobs/{id}"), Scope::Submit);
+        assert_eq!(post("/v1/jobs/{id}"), Scope::Admin);
+        assert_eq!(scopes.needed(Some("/v1/jobs/{id}"), &Method::PATCH), Scope::Submit);
         assert_eq!(post("/queue/pause"), Scope::Admin);
         assert_eq!(post("/datasets/{id}/delete"), Scope::Submit);
         assert_eq!(post("/v1/checkpoints/{id}/predict"), Scope::Read);

@@ -4,12 +4,13 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use serde::Deserialize;
 use serde_json::Value;
-use store::{CheckpointId, JobId};
+use store::{CheckpointId, JobId, Listed};
 use wire::{Checkpoint, Checkpoints, StoredFile};
 
+use crate::app::App;
 use crate::app::archive::{Content, Member};
 use crate::app::files::Download;
-use crate::app::{App, Paging};
+use crate::app::listing::ListRequest;
 use crate::error::ApiError;
 
 /// How many samples a model is given and how many it predicts.
@@ -36,9 +37,8 @@ impl App {
         Ok(checkpoint(row, &job.spec))
     }
 
-    pub async fn checkpoints(&self, paging: Paging) -> Result<Checkpoints, ApiError> {
-        let rows = self.store.checkpoints(paging.into()).await?;
-        let next = paging.next(rows.len(), rows.last().map(|row| row.id.0));
+    pub async fn checkpoints(&self, request: &ListRequest) -> Result<Checkpoints, ApiError> {
+        let Listed { items: rows, end } = self.store.list_checkpoints(&request.listing).await?;
         let trainings: BTreeSet<JobId> = rows.iter().map(|row| row.job).collect();
         let trainings: Vec<JobId> = trainings.into_iter().collect();
         let specs: BTreeMap<JobId, Value> =
@@ -47,7 +47,8 @@ impl App {
             let spec = specs.get(&row.job);
             checkpoint(row, spec.unwrap_or(&Value::Null))
         };
-        Ok(Checkpoints { checkpoints: rows.into_iter().map(checkpoint).collect(), next })
+        let checkpoints = rows.into_iter().map(checkpoint).collect();
+        Ok(Checkpoints { checkpoints, next: request.next(end) })
     }
 
     /// What a training has made so far, oldest first.
@@ -89,6 +90,10 @@ fn checkpoint(row: store::Checkpoint, spec: &Value) -> Checkpoint {
         id,
         job: row.job.0,
         run: row.run.0,
+        name: row.name,
+        note: row.note,
+        tags: row.tags,
+        job_tags: row.job_tags,
         step: row.step,
         is_final: row.is_final,
         is_best: row.is_best,

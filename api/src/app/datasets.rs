@@ -3,12 +3,13 @@
 use std::collections::BTreeMap;
 
 use spec::{DataSpec, Digest, JobSpec};
-use store::{DatasetDescription, DatasetId, FileContent, Shard, ShardDescription};
+use store::{DatasetDescription, DatasetId, FileContent, Listed, Shard, ShardDescription};
 use wire::{Dataset, DatasetFile, Datasets, FileKind};
 
+use crate::app::App;
 use crate::app::archive::{Content, Member};
 use crate::app::files::Download;
-use crate::app::{App, Paging};
+use crate::app::listing::ListRequest;
 use crate::error::ApiError;
 
 const PARQUET: &str = "application/vnd.apache.parquet";
@@ -33,10 +34,10 @@ impl App {
         Ok(rows.into_iter().map(|row| (row.id.0, without_files(row))).collect())
     }
 
-    pub async fn datasets(&self, paging: Paging) -> Result<Datasets, ApiError> {
-        let rows = self.store.datasets(None, paging.into()).await?;
-        let next = paging.next(rows.len(), rows.last().map(|row| row.id.0));
-        Ok(Datasets { datasets: rows.into_iter().map(without_files).collect(), next })
+    pub async fn datasets(&self, request: &ListRequest) -> Result<Datasets, ApiError> {
+        let Listed { items, end } = self.store.list_datasets(&request.listing).await?;
+        let datasets = items.into_iter().map(without_files).collect();
+        Ok(Datasets { datasets, next: request.next(end) })
     }
 
     pub async fn dataset_file(&self, id: i64, name: &str) -> Result<Download, ApiError> {
@@ -122,6 +123,9 @@ fn without_files(row: store::Dataset) -> Dataset {
         id: row.id.0,
         job: row.job.0,
         name: row.name,
+        note: row.note,
+        tags: row.tags,
+        job_tags: row.job_tags,
         digest: row.digest,
         state: row.state,
         spec: row.spec,

@@ -4,10 +4,11 @@ use std::collections::{BTreeMap, HashMap};
 
 use serde::de::DeserializeOwned;
 use spec::JobKind;
-use store::{Artifact, JobFilter, JobId, RunId};
+use store::{Artifact, JobId, Listed, RunId};
 use wire::{CellTask, Evaluation, Evaluations};
 
-use crate::app::{App, Paging};
+use crate::app::App;
+use crate::app::listing::ListRequest;
 use crate::error::ApiError;
 
 /// The artifact that the last task of an evaluation or of a control job leaves.
@@ -27,11 +28,10 @@ impl App {
         Ok(evaluation)
     }
 
-    pub async fn evaluations(&self, paging: Paging) -> Result<Evaluations, ApiError> {
-        let filter = JobFilter { kind: Some(JobKind::Evaluate.as_str()), ..JobFilter::default() };
-        let rows = self.store.jobs(filter, paging.into()).await?;
-        let next = paging.next(rows.len(), rows.last().map(|row| row.id.0));
-        Ok(Evaluations { evaluations: self.complete_evaluations(rows).await?, next })
+    pub async fn evaluations(&self, request: &ListRequest) -> Result<Evaluations, ApiError> {
+        let Listed { items, end } = self.store.list_jobs(&request.listing).await?;
+        let evaluations = self.complete_evaluations(items).await?;
+        Ok(Evaluations { evaluations, next: request.next(end) })
     }
 
     /// The report that the last task of a run's job left; `None` before its end, and of another version's
@@ -91,6 +91,8 @@ impl App {
                 id: job.id.0,
                 run: run.0,
                 name: job.name,
+                note: job.note,
+                tags: job.tags,
                 digest: job.digest,
                 state: job.state,
                 error: job.error,

@@ -4,11 +4,12 @@ use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 use serde_json::Value;
 use spec::{JobKind, Product};
-use store::{JobFilter, JobId, Timestamp};
+use store::{JobId, Listed, Timestamp};
 use wire::{Job, JobState, Jobs, Member, Progress};
 
+use crate::app::App;
+use crate::app::listing::ListRequest;
 use crate::app::waits::sentence;
-use crate::app::{App, Paging};
 use crate::error::ApiError;
 
 impl App {
@@ -17,10 +18,9 @@ impl App {
         self.complete(vec![row]).await?.pop().ok_or(ApiError::Internal)
     }
 
-    pub async fn jobs(&self, filter: JobFilter<'_>, paging: Paging) -> Result<Jobs, ApiError> {
-        let rows = self.store.jobs(filter, paging.into()).await?;
-        let next = paging.next(rows.len(), rows.last().map(|row| row.id.0));
-        Ok(Jobs { jobs: self.complete(rows).await?, next })
+    pub async fn jobs(&self, request: &ListRequest) -> Result<Jobs, ApiError> {
+        let Listed { items, end } = self.store.list_jobs(&request.listing).await?;
+        Ok(Jobs { jobs: self.complete(items).await?, next: request.next(end) })
     }
 
     /// Those of the jobs with these ids that there are, by id.
@@ -128,6 +128,8 @@ impl Known {
             id: row.id.0,
             kind,
             name: row.name,
+            note: row.note,
+            tags: row.tags,
             state: row.state,
             error: row.error,
             digest: row.digest,

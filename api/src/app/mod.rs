@@ -12,6 +12,8 @@ mod evaluations;
 mod experiments;
 pub mod files;
 mod jobs;
+pub mod labels;
+pub mod listing;
 pub mod logs;
 pub mod mlflow;
 pub mod monitoring;

@@ -1,4 +1,6 @@
-//! Pages of lists: newest first, by id; of tasks, in the order in which they run.
+//! Pages of lists without filters: newest first, by id; of tasks, in the order in which they run.
+
+use std::fmt::Display;
 
 use crate::error::ApiError;
 use crate::limits::{PAGE_DEFAULT, PAGE_MAXIMUM};
@@ -53,12 +55,18 @@ impl TaskPaging {
     }
 }
 
-fn checked(limit: Option<u32>) -> Result<u32, ApiError> {
+/// # Errors
+/// When `limit` is not in 1 to [`PAGE_MAXIMUM`].
+pub fn checked(limit: Option<u32>) -> Result<u32, ApiError> {
     let limit = limit.unwrap_or(PAGE_DEFAULT);
     if !(1..=PAGE_MAXIMUM).contains(&limit) {
-        return Err(ApiError::parameter("limit", limit, format!("1 to {PAGE_MAXIMUM}")));
+        return Err(limit_error(limit));
     }
     Ok(limit)
+}
+
+pub fn limit_error(limit: impl Display) -> ApiError {
+    ApiError::parameter("limit", limit, format!("1 to {PAGE_MAXIMUM}"))
 }
 
 /// Whether more may follow.

@@ -3,11 +3,12 @@
 use std::collections::{BTreeMap, HashMap};
 
 use figures::Figure;
-use store::{RunId, SeriesPoint};
+use store::{Listed, RunId, SeriesPoint};
 use wire::{Artifact, LatestMetric, Metric, MetricPoint, Run, Runs};
 
+use crate::app::App;
 use crate::app::files::Download;
-use crate::app::{App, Paging};
+use crate::app::listing::ListRequest;
 use crate::charts::loss_figure;
 use crate::error::ApiError;
 use crate::limits::POINTS_DEFAULT;
@@ -18,10 +19,9 @@ impl App {
         self.complete_runs(vec![row]).await?.pop().ok_or(ApiError::Internal)
     }
 
-    pub async fn runs(&self, paging: Paging) -> Result<Runs, ApiError> {
-        let rows = self.store.runs(None, paging.into()).await?;
-        let next = paging.next(rows.len(), rows.last().map(|row| row.id.0));
-        Ok(Runs { runs: self.complete_runs(rows).await?, next })
+    pub async fn runs(&self, request: &ListRequest) -> Result<Runs, ApiError> {
+        let Listed { items, end } = self.store.list_runs(&request.listing).await?;
+        Ok(Runs { runs: self.complete_runs(items).await?, next: request.next(end) })
     }
 
     pub async fn metric(&self, run: i64, key: &str, points: u32) -> Result<Metric, ApiError> {
@@ -98,6 +98,9 @@ impl App {
                 job: row.job.0,
                 kind: row.kind.parse()?,
                 name: row.name,
+                note: row.note,
+                tags: row.tags,
+                job_tags: row.job_tags,
                 digest: row.digest,
                 state: row.state,
                 error: row.error,

@@ -1,7 +1,7 @@
 //! Submissions: what becomes of them to a user. How a spec becomes jobs is told by the crate `jobs`.
 
 use spec::JobSpec;
-use store::{Idempotency, JobId};
+use store::{Idempotency, JobId, Labels};
 use wire::Job;
 
 use crate::app::App;
@@ -27,9 +27,11 @@ impl App {
         text: &[u8],
         reuse: Reuse,
         idempotency_key: Option<String>,
+        labels: Labels,
     ) -> Result<Submitted, ApiError> {
+        let limits = &self.limits;
         let submitted =
-            jobs::submit(&self.store, &self.limits, text, reuse, idempotency_key).await?;
+            jobs::submit(&self.store, limits, text, reuse, idempotency_key, labels).await?;
         self.submitted(submitted).await
     }
 

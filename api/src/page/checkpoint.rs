@@ -10,6 +10,7 @@ use crate::app::App;
 use crate::app::checkpoints::Extents;
 use crate::extract::Path;
 use crate::page::answer::{InPage, PageError, html};
+use crate::page::labels::Labelled;
 use crate::page::parts::{Commands, Fact, FileRow};
 use crate::page::spec_text::spec_text;
 use crate::page::text;
@@ -20,6 +21,7 @@ struct CheckpointPage {
     id: i64,
     job: i64,
     job_name: String,
+    labelled: Labelled,
     run: i64,
     step: String,
     marks: String,
@@ -46,6 +48,13 @@ pub async fn show(
         id,
         job: job.id,
         job_name: job.name.clone(),
+        labelled: Labelled::new(
+            format!("/checkpoints/{id}"),
+            checkpoint.name.as_deref().unwrap_or_default(),
+            checkpoint.note.as_ref(),
+            &checkpoint.tags,
+            &checkpoint.job_tags,
+        ),
         run: checkpoint.run,
         step: text::count(checkpoint.step),
         marks: marks(&checkpoint),

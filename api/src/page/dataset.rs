@@ -12,6 +12,7 @@ use crate::app::App;
 use crate::extract::{Path, Query};
 use crate::page::answer::{InPage, PageError, html};
 use crate::page::channels::ChannelRow;
+use crate::page::labels::Labelled;
 use crate::page::parts::{Commands, Fact, FileRow, Standing};
 use crate::page::spec_text::spec_text;
 use crate::page::verification::Checked;
@@ -29,6 +30,7 @@ pub struct View {
 struct DatasetPage {
     id: i64,
     job: Standing,
+    labelled: Labelled,
     settled: bool,
     digest: String,
     short_digest: String,
@@ -68,6 +70,13 @@ pub async fn show(
     let page = DatasetPage {
         id,
         job: Standing::of(&job),
+        labelled: Labelled::new(
+            format!("/datasets/{id}"),
+            &dataset.name,
+            dataset.note.as_ref(),
+            &dataset.tags,
+            &dataset.job_tags,
+        ),
         settled: job.state.is_final() && checked.settled,
         digest: dataset.digest.to_string(),
         short_digest: dataset.digest.short(),

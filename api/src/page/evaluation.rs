@@ -8,6 +8,7 @@ use wire::{Artifact, CellTask, JobState};
 use crate::app::App;
 use crate::extract::Path;
 use crate::page::answer::{InPage, PageError, html};
+use crate::page::labels::Labelled;
 use crate::page::parts::{FileLink, Standing};
 use crate::page::report::ReportView;
 use crate::page::spec_text::spec_text;
@@ -17,6 +18,7 @@ use crate::page::spec_text::spec_text;
 struct EvaluationPage {
     id: i64,
     job: Standing,
+    labelled: Labelled,
     report: Option<ReportView>,
     can_retry: bool,
     figures: Vec<FigureView>,
@@ -40,6 +42,7 @@ pub async fn show(
     let page = EvaluationPage {
         id,
         job: Standing::of(&job),
+        labelled: Labelled::of_job(&job),
         report: evaluation.report.as_ref().map(ReportView::new),
         can_retry: matches!(job.state, JobState::Failed | JobState::Cancelled),
         figures: figures(&evaluation.artifacts),

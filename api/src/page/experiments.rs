@@ -4,30 +4,29 @@ use askama::Template;
 use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::Response;
-use serde::Deserialize;
 use spec::JobKind;
 use wire::JobState;
 
 use crate::app::App;
-use crate::extract::Query;
-use crate::page::answer::{InPage, PageError, html};
+use crate::page::answer::{PageError, html};
+use crate::page::labels::TagLink;
 use crate::page::parts::{Commands, Standing};
 use crate::page::rows::Row;
+use crate::routes::QueryPairs;
 
 /// Experiments of one page; each shows all its jobs.
 const PAGE: u32 = 20;
-
-#[derive(Deserialize)]
-pub struct Listing {
-    state: Option<JobState>,
-    before: Option<i64>,
-}
 
 #[derive(Template)]
 #[template(path = "experiments.html")]
 struct ExperimentsPage {
     commands: Commands,
     filters: Vec<Filter>,
+    /// The fields of the form, as they were filled in.
+    text: String,
+    tags: String,
+    state: String,
+    kinds: Vec<Choice>,
     filtered: bool,
     settled: bool,
     /// Why experiments wait.
@@ -42,44 +41,78 @@ struct Filter {
     current: bool,
 }
 
+struct Choice {
+    kind: &'static str,
+    current: bool,
+}
+
 struct Experiment {
     job: Standing,
+    tags: Vec<TagLink>,
     /// Its only row says the same as its heading.
     is_single: bool,
     rows: Vec<Row>,
 }
 
+/// What is asked for, without the fields of the form that were left empty.
+struct Asked(Vec<(String, String)>);
+
+impl Asked {
+    /// The values of a parameter, in one text.
+    fn value(&self, name: &str) -> String {
+        let values = self.0.iter().filter(|(known, _)| known == name);
+        values.map(|(_, value)| value.as_str()).collect::<Vec<_>>().join(" ")
+    }
+
+    /// The address of the same with another value for a parameter, or without it. It begins with the first page.
+    fn with(&self, name: &str, value: Option<&str>) -> String {
+        let keeps = |known: &&(String, String)| known.0 != name && known.0 != "cursor";
+        let mut query = form_urlencoded::Serializer::new(String::new());
+        query.extend_pairs(self.0.iter().filter(keeps));
+        query.extend_pairs(value.map(|value| (name, value)));
+        match query.finish() {
+            query if query.is_empty() => "/".to_owned(),
+            query => format!("/?{query}"),
+        }
+    }
+}
+
 pub async fn show(
     State(app): State<App>,
-    InPage(Query(listing)): InPage<Query<Listing>>,
+    pairs: QueryPairs,
     headers: HeaderMap,
 ) -> Result<Response, PageError> {
-    let jobs = app.experiments(listing.state, listing.before, PAGE).await?;
+    let asked = Asked(pairs.filled());
+    let jobs = app.experiments(&asked.0, PAGE).await?;
     let rows = Row::of_each(&app, &jobs.jobs).await?;
     let experiments = jobs.jobs.iter().zip(rows).map(|(job, rows)| Experiment {
         job: Standing::of(job),
+        tags: TagLink::all(&job.tags),
         is_single: job.kind != JobKind::Pipeline,
         rows,
     });
     let settled = jobs.jobs.iter().all(|job| job.state.is_final());
     let obstacles =
         if settled { Vec::new() } else { app.obstacles(&app.workers().await?.workers).await? };
+    let (state, kind) = (asked.value("state"), asked.value("kind"));
+    let choice = |known: &JobKind| Choice { kind: known.as_str(), current: kind == known.as_str() };
     let page = ExperimentsPage {
         obstacles,
         commands: Commands::new(&headers),
-        filters: filters(listing.state),
-        filtered: listing.state.is_some() || listing.before.is_some(),
+        filters: filters(&asked, &state),
+        text: asked.value("text"),
+        tags: asked.value("tag"),
+        kinds: JobKind::ALL.iter().map(choice).collect(),
+        filtered: !asked.0.is_empty(),
         settled,
         experiments: experiments.collect(),
-        older: jobs.next.map(|before| match listing.state {
-            Some(state) => format!("/?state={state}&before={before}"),
-            None => format!("/?before={before}"),
-        }),
+        older: jobs.next.map(|cursor| asked.with("cursor", Some(&cursor))),
+        state,
     };
     Ok(html(&page)?)
 }
 
-fn filters(current: Option<JobState>) -> Vec<Filter> {
+fn filters(asked: &Asked, current: &str) -> Vec<Filter> {
     let states = [
         JobState::Running,
         JobState::Queued,
@@ -88,10 +121,10 @@ fn filters(current: Option<JobState>) -> Vec<Filter> {
         JobState::Cancelled,
     ];
     let of_state = states.map(|state| Filter {
-        href: format!("/?state={state}"),
+        href: asked.with("state", Some(state.as_str())),
         label: state.as_str(),
-        current: current == Some(state),
+        current: current == state.as_str(),
     });
-    let all = Filter { href: "/".to_owned(), label: "all", current: current.is_none() };
+    let all = Filter { href: asked.with("state", None), label: "all", current: current.is_empty() };
     [all].into_iter().chain(of_state).collect()
 }

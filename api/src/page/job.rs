@@ -18,6 +18,7 @@ use crate::extract::Path;
 use crate::page::answer::{InPage, PageError, html};
 use crate::page::control::ClosedLoop;
 use crate::page::kinds::{closed_loop, headlines, own_page};
+use crate::page::labels::Labelled;
 use crate::page::parts::{Bar, Commands, FileLink, Link, Standing};
 use crate::page::rows::{Row, results};
 use crate::page::spec_text::spec_text;
@@ -33,6 +34,7 @@ const ATTEMPTS: u32 = 50;
 #[template(path = "job.html")]
 struct JobPage {
     job: Standing,
+    labelled: Labelled,
     warnings: Vec<String>,
     /// What came of it, in words.
     outcome: String,
@@ -100,6 +102,7 @@ pub async fn show(
     };
     let page = JobPage {
         job: Standing::of(&job),
+        labelled: Labelled::of_job(&job),
         warnings: job.warnings.clone(),
         outcome,
         digest: job.digest.to_string(),

@@ -10,6 +10,7 @@ mod evaluation;
 mod experiments;
 mod job;
 mod kinds;
+mod labels;
 mod login;
 mod parts;
 mod recordings;
@@ -43,13 +44,13 @@ pub fn routes() -> Router<App> {
 pub fn paths() -> [(&'static str, MethodRouter<App>); 25] {
     [
         ("/", get(experiments::show)),
-        ("/jobs/{id}", get(job::show)),
+        ("/jobs/{id}", get(job::show).post(labels::job)),
         ("/jobs/{id}/cancel", post(job::cancel)),
-        ("/runs/{id}", get(run::show)),
+        ("/runs/{id}", get(run::show).post(labels::run)),
         ("/evaluations/{id}", get(evaluation::show)),
-        ("/datasets/{id}", get(dataset::show)),
+        ("/datasets/{id}", get(dataset::show).post(labels::dataset)),
         ("/datasets/{id}/verify", post(dataset::verify)),
-        ("/checkpoints/{id}", get(checkpoint::show)),
+        ("/checkpoints/{id}", get(checkpoint::show).post(labels::checkpoint)),
         ("/workers", get(workers::show)),
         ("/workers/{name}/drain", post(workers::drain)),
         ("/workers/{name}/undrain", post(workers::undrain)),

@@ -12,6 +12,7 @@ use crate::extract::Path;
 use crate::page::answer::{InPage, PageError, html};
 use crate::page::checkpoint::marks;
 use crate::page::kinds::own_page;
+use crate::page::labels::Labelled;
 use crate::page::parts::{Fact, Standing};
 use crate::page::spec_text::spec_text;
 use crate::page::text;
@@ -21,6 +22,7 @@ use crate::page::text;
 struct RunPage {
     id: i64,
     job: Standing,
+    labelled: Labelled,
     loss: String,
     metrics: Vec<Fact>,
     checkpoints: Vec<CheckpointRow>,
@@ -52,6 +54,13 @@ pub async fn show(
     let page = RunPage {
         id,
         job: Standing::of(&job),
+        labelled: Labelled::new(
+            format!("/runs/{id}"),
+            &run.name,
+            run.note.as_ref(),
+            &run.tags,
+            &run.job_tags,
+        ),
         loss,
         metrics: run.metrics.iter().map(|(key, latest)| fact(key, latest)).collect(),
         checkpoints: checkpoints.iter().rev().map(CheckpointRow::from).collect(),

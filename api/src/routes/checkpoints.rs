@@ -4,27 +4,29 @@ use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderMap, Method};
 use axum::response::Response;
-use wire::{Checkpoint, Checkpoints};
+use store::Thing;
+use wire::{Checkpoint, Checkpoints, LabelChange};
 
-use crate::app::App;
+use crate::app::listing::CHECKPOINTS;
+use crate::app::{App, read_question};
 use crate::error::ApiError;
-use crate::extract::{Path, Query};
+use crate::extract::{PatchBytes, Path};
 use crate::routes::files::{CheckpointFile, TarFile, send};
-use crate::routes::lists::ListParameters;
+use crate::routes::lists::{CheckpointsParameters, QueryPairs};
 
-/// Checkpoints, newest first.
+/// Checkpoints, newest first unless `sort` says otherwise.
 #[utoipa::path(
     get,
     path = "/v1/checkpoints",
     tag = "checkpoints",
-    params(ListParameters),
+    params(CheckpointsParameters),
     responses((status = 200, body = Checkpoints)),
 )]
 pub async fn list(
     State(app): State<App>,
-    Query(parameters): Query<ListParameters>,
+    pairs: QueryPairs,
 ) -> Result<Json<Checkpoints>, ApiError> {
-    Ok(Json(app.checkpoints(parameters.paging()?).await?))
+    Ok(Json(app.checkpoints(&pairs.list(&CHECKPOINTS)?).await?))
 }
 
 /// A checkpoint with its files.
@@ -39,6 +41,28 @@ pub async fn show(
     State(app): State<App>,
     Path(id): Path<i64>,
 ) -> Result<Json<Checkpoint>, ApiError> {
+    Ok(Json(app.checkpoint(id).await?))
+}
+
+/// Change a checkpoint's name, note or tags.
+#[utoipa::path(
+    patch,
+    path = "/v1/checkpoints/{id}",
+    tag = "checkpoints",
+    security((), ("token" = ["submit"])),
+    params(("id" = i64, Path)),
+    request_body(content(
+        (LabelChange = "application/merge-patch+json"),
+        (LabelChange = "application/json"),
+    )),
+    responses((status = 200, body = Checkpoint)),
+)]
+pub async fn label(
+    State(app): State<App>,
+    Path(id): Path<i64>,
+    PatchBytes(body): PatchBytes,
+) -> Result<Json<Checkpoint>, ApiError> {
+    app.label(Thing::Checkpoint, id, &read_question(&body)?).await?;
     Ok(Json(app.checkpoint(id).await?))
 }
 

@@ -5,27 +5,26 @@ use axum::extract::State;
 use axum::http::header::LOCATION;
 use axum::http::{HeaderMap, Method, StatusCode};
 use axum::response::{IntoResponse, Response};
-use wire::{Dataset, Datasets, Job};
+use store::Thing;
+use wire::{Dataset, Datasets, Job, LabelChange};
 
-use crate::app::App;
+use crate::app::listing::DATASETS;
+use crate::app::{App, read_question};
 use crate::error::ApiError;
-use crate::extract::{Path, Query};
+use crate::extract::{PatchBytes, Path};
 use crate::routes::files::{DatasetFile, TarFile, send};
-use crate::routes::lists::ListParameters;
+use crate::routes::lists::{DatasetsParameters, QueryPairs};
 
-/// Datasets, newest first.
+/// Datasets, newest first unless `sort` says otherwise.
 #[utoipa::path(
     get,
     path = "/v1/datasets",
     tag = "datasets",
-    params(ListParameters),
+    params(DatasetsParameters),
     responses((status = 200, body = Datasets)),
 )]
-pub async fn list(
-    State(app): State<App>,
-    Query(parameters): Query<ListParameters>,
-) -> Result<Json<Datasets>, ApiError> {
-    Ok(Json(app.datasets(parameters.paging()?).await?))
+pub async fn list(State(app): State<App>, pairs: QueryPairs) -> Result<Json<Datasets>, ApiError> {
+    Ok(Json(app.datasets(&pairs.list(&DATASETS)?).await?))
 }
 
 /// A dataset with the files that exist so far.
@@ -37,6 +36,28 @@ pub async fn list(
     responses((status = 200, body = Dataset)),
 )]
 pub async fn show(State(app): State<App>, Path(id): Path<i64>) -> Result<Json<Dataset>, ApiError> {
+    Ok(Json(app.dataset(id).await?))
+}
+
+/// Change a dataset's name, note or tags.
+#[utoipa::path(
+    patch,
+    path = "/v1/datasets/{id}",
+    tag = "datasets",
+    security((), ("token" = ["submit"])),
+    params(("id" = i64, Path)),
+    request_body(content(
+        (LabelChange = "application/merge-patch+json"),
+        (LabelChange = "application/json"),
+    )),
+    responses((status = 200, body = Dataset)),
+)]
+pub async fn label(
+    State(app): State<App>,
+    Path(id): Path<i64>,
+    PatchBytes(body): PatchBytes,
+) -> Result<Json<Dataset>, ApiError> {
+    app.label(Thing::Dataset, id, &read_question(&body)?).await?;
     Ok(Json(app.dataset(id).await?))
 }
 

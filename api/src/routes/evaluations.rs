@@ -5,23 +5,24 @@ use axum::extract::State;
 use wire::{Evaluation, Evaluations};
 
 use crate::app::App;
+use crate::app::listing::EVALUATIONS;
 use crate::error::ApiError;
-use crate::extract::{Path, Query};
-use crate::routes::lists::ListParameters;
+use crate::extract::Path;
+use crate::routes::lists::{EvaluationsParameters, QueryPairs};
 
-/// Evaluations, newest first.
+/// Evaluations, newest first unless `sort` says otherwise.
 #[utoipa::path(
     get,
     path = "/v1/evaluations",
     tag = "evaluations",
-    params(ListParameters),
+    params(EvaluationsParameters),
     responses((status = 200, body = Evaluations)),
 )]
 pub async fn list(
     State(app): State<App>,
-    Query(parameters): Query<ListParameters>,
+    pairs: QueryPairs,
 ) -> Result<Json<Evaluations>, ApiError> {
-    Ok(Json(app.evaluations(parameters.paging()?).await?))
+    Ok(Json(app.evaluations(&pairs.list(&EVALUATIONS)?).await?))
 }
 
 /// An evaluation, by the id of its job; `report` is there once all its cells are.

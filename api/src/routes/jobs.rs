@@ -6,17 +6,18 @@ use axum::http::StatusCode;
 use axum::http::header::LOCATION;
 use axum::response::{IntoResponse, Response};
 use serde::Deserialize;
-use spec::{JobKind, JobSpec};
-use store::JobFilter;
+use spec::JobSpec;
+use store::Thing;
 use utoipa::IntoParams;
-use wire::{Attempts, Job, JobState, Jobs, Tasks};
+use wire::{Attempts, Job, Jobs, LabelChange, Tasks};
 
+use crate::app::listing::JOBS;
 use crate::app::paging::TaskPaging;
 use crate::app::submission::{Reuse, Submitted};
-use crate::app::{App, Paging};
+use crate::app::{App, labels, read_question};
 use crate::error::ApiError;
-use crate::extract::{IdempotencyKey, JsonBytes, Path, Query};
-use crate::routes::lists::ListParameters;
+use crate::extract::{IdempotencyKey, JsonBytes, PatchBytes, Path, Query};
+use crate::routes::lists::{JobsParameters, ListParameters, QueryPairs, TagParameters};
 
 #[derive(Deserialize, IntoParams)]
 #[into_params(parameter_in = Query)]
@@ -24,21 +25,16 @@ pub struct SubmitParameters {
     /// Compute everything anew, even what was already done.
     #[serde(default)]
     force: bool,
+    /// The job's name, in place of the spec's. A job that exists already keeps a name that somebody gave it.
+    #[param(min_length = 1, max_length = 200)]
+    name: Option<String>,
+    /// A note on the job, Markdown. A job that exists already keeps a note that it has.
+    #[param(min_length = 1, max_length = 10_000)]
+    note: Option<String>,
 }
 
-#[derive(Deserialize, IntoParams)]
-#[into_params(parameter_in = Query)]
-pub struct JobsParameters {
-    #[param(inline)]
-    state: Option<JobState>,
-    #[param(inline)]
-    kind: Option<JobKind>,
-    limit: Option<u32>,
-    /// Only jobs with a smaller id.
-    before: Option<i64>,
-}
-
-/// Submit a spec. A job whose digest was already done, or is on its way, is answered with 200.
+/// Submit a spec. A job whose digest was already done, or is on its way, is answered with 200. Its name, note and tags are no part of
+/// the spec, and change no digest.
 #[utoipa::path(
     post,
     path = "/v1/jobs",
@@ -46,6 +42,7 @@ pub struct JobsParameters {
     security((), ("token" = ["submit"])),
     params(
         SubmitParameters,
+        TagParameters,
         (
             "Idempotency-Key" = Option<String>,
             Header,
@@ -61,11 +58,14 @@ pub struct JobsParameters {
 pub async fn submit(
     State(app): State<App>,
     Query(parameters): Query<SubmitParameters>,
+    pairs: QueryPairs,
     IdempotencyKey(key): IdempotencyKey,
     JsonBytes(body): JsonBytes,
 ) -> Result<Response, ApiError> {
-    let reuse = if parameters.force { Reuse::Never } else { Reuse::SameDigest };
-    Ok(answer(app.submit(&body, reuse, key).await?))
+    let SubmitParameters { force, name, note } = parameters;
+    let reuse = if force { Reuse::Never } else { Reuse::SameDigest };
+    let labels = labels::submitted(name, note, pairs.tags())?;
+    Ok(answer(app.submit(&body, reuse, key, labels).await?))
 }
 
 fn answer(submitted: Submitted) -> Response {
@@ -91,7 +91,7 @@ pub async fn retry(State(app): State<App>, Path(id): Path<i64>) -> Result<Respon
     Ok(answer(app.retry(id).await?))
 }
 
-/// Jobs and pipelines, newest first.
+/// Jobs and pipelines, newest first unless `sort` says otherwise.
 #[utoipa::path(
     get,
     path = "/v1/jobs",
@@ -99,13 +99,8 @@ pub async fn retry(State(app): State<App>, Path(id): Path<i64>) -> Result<Respon
     params(JobsParameters),
     responses((status = 200, body = Jobs)),
 )]
-pub async fn list(
-    State(app): State<App>,
-    Query(parameters): Query<JobsParameters>,
-) -> Result<Json<Jobs>, ApiError> {
-    let paging = Paging::new(parameters.limit, parameters.before)?;
-    let filter = JobFilter { state: parameters.state, kind: parameters.kind.map(JobKind::as_str) };
-    Ok(Json(app.jobs(filter, paging).await?))
+pub async fn list(State(app): State<App>, pairs: QueryPairs) -> Result<Json<Jobs>, ApiError> {
+    Ok(Json(app.jobs(&pairs.list(&JOBS)?).await?))
 }
 
 /// A job, how far it is and what it has made.
@@ -117,6 +112,28 @@ pub async fn list(
     responses((status = 200, body = Job)),
 )]
 pub async fn show(State(app): State<App>, Path(id): Path<i64>) -> Result<Json<Job>, ApiError> {
+    Ok(Json(app.job(id).await?))
+}
+
+/// Change a job's name, note or tags.
+#[utoipa::path(
+    patch,
+    path = "/v1/jobs/{id}",
+    tag = "jobs",
+    security((), ("token" = ["submit"])),
+    params(("id" = i64, Path)),
+    request_body(content(
+        (LabelChange = "application/merge-patch+json"),
+        (LabelChange = "application/json"),
+    )),
+    responses((status = 200, body = Job)),
+)]
+pub async fn label(
+    State(app): State<App>,
+    Path(id): Path<i64>,
+    PatchBytes(body): PatchBytes,
+) -> Result<Json<Job>, ApiError> {
+    app.label(Thing::Job, id, &read_question(&body)?).await?;
     Ok(Json(app.job(id).await?))
 }
 

@@ -1,12 +1,22 @@
-//! The parameters of every list.
+//! The parameters of lists.
 
+use std::convert::Infallible;
+
+use axum::extract::FromRequestParts;
+use axum::http::request::Parts;
 use serde::Deserialize;
 use utoipa::IntoParams;
+use utoipa::openapi::path::{Parameter, ParameterBuilder, ParameterIn};
+use utoipa::openapi::schema::{ArrayBuilder, KnownFormat, ObjectBuilder, SchemaFormat, Type};
+use utoipa::openapi::{RefOr, Required, Schema};
 
 use crate::app::Paging;
+use crate::app::labels::TAG_PATTERN;
+use crate::app::listing::{CHECKPOINTS, DATASETS, EVALUATIONS, JOBS, List, ListRequest, RUNS};
 use crate::error::ApiError;
+use crate::limits::{PAGE_DEFAULT, PAGE_MAXIMUM, SEARCH_CHARACTERS, TAGS};
 
-/// Which part of a list is asked for.
+/// Which part of a list is asked for that has no filters.
 #[derive(Deserialize, IntoParams)]
 #[into_params(parameter_in = Query)]
 pub struct ListParameters {
@@ -20,4 +30,136 @@ impl ListParameters {
     pub fn paging(&self) -> Result<Paging, ApiError> {
         Paging::new(self.limit, self.before)
     }
+}
+
+/// The parameters of a query in their order. A name may come several times.
+pub struct QueryPairs(Vec<(String, String)>);
+
+impl<S: Send + Sync> FromRequestParts<S> for QueryPairs {
+    type Rejection = Infallible;
+
+    async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Infallible> {
+        let query = parts.uri.query().unwrap_or_default();
+        Ok(Self(form_urlencoded::parse(query.as_bytes()).into_owned().collect()))
+    }
+}
+
+impl QueryPairs {
+    /// As the parameters of a list.
+    ///
+    /// # Errors
+    /// [`ApiError::Parameter`] for the first that cannot be accepted.
+    pub fn list(&self, list: &'static List) -> Result<ListRequest, ApiError> {
+        ListRequest::read(list, &self.0)
+    }
+
+    /// Every `tag`.
+    pub fn tags(self) -> Vec<String> {
+        let tags = self.0.into_iter().filter(|(name, _)| name == "tag");
+        tags.map(|(_, tag)| tag).collect()
+    }
+
+    /// As a form sends it, with the fields that were left empty, and several tags in one field.
+    pub fn filled(self) -> Vec<(String, String)> {
+        let mut filled = Vec::new();
+        for (name, value) in self.0 {
+            if name == "tag" {
+                let tags = value.split([' ', ',']).filter(|tag| !tag.is_empty());
+                filled.extend(tags.map(|tag| (name.clone(), tag.to_owned())));
+            } else if !value.trim().is_empty() {
+                filled.push((name, value));
+            }
+        }
+        filled
+    }
+}
+
+/// Documents the parameters of a list in the words that they are checked with.
+macro_rules! documented {
+    ($($name:ident = $list:ident,)+) => {$(
+        pub struct $name;
+
+        impl IntoParams for $name {
+            fn into_params(_: impl Fn() -> Option<ParameterIn>) -> Vec<Parameter> {
+                parameters(&$list)
+            }
+        }
+    )+};
+}
+
+documented! {
+    JobsParameters = JOBS,
+    RunsParameters = RUNS,
+    DatasetsParameters = DATASETS,
+    CheckpointsParameters = CHECKPOINTS,
+    EvaluationsParameters = EVALUATIONS,
+}
+
+/// The tags that a submission labels a job with.
+pub struct TagParameters;
+
+impl IntoParams for TagParameters {
+    fn into_params(_: impl Fn() -> Option<ParameterIn>) -> Vec<Parameter> {
+        let about =
+            "A tag for the job, and for the jobs of a pipeline. It may be given several times.";
+        vec![parameter("tag", about, tags())]
+    }
+}
+
+fn tags() -> RefOr<Schema> {
+    let tag = ObjectBuilder::new().schema_type(Type::String).pattern(Some(TAG_PATTERN));
+    ArrayBuilder::new().items(tag).max_items(Some(TAGS)).into()
+}
+
+fn parameter(name: &str, description: &str, schema: RefOr<Schema>) -> Parameter {
+    ParameterBuilder::new()
+        .name(name)
+        .parameter_in(ParameterIn::Query)
+        .required(Required::False)
+        .description(Some(description))
+        .schema(Some(schema))
+        .build()
+}
+
+fn parameters(list: &List) -> Vec<Parameter> {
+    let text = || ObjectBuilder::new().schema_type(Type::String);
+    let number = || ObjectBuilder::new().schema_type(Type::Integer);
+    let moment = || text().format(Some(SchemaFormat::KnownFormat(KnownFormat::DateTime))).into();
+    let one_of = |values: Vec<&'static str>| text().enum_values(Some(values)).into();
+    let mut parameters = Vec::new();
+    let mut add = |name: &str, description: &str, schema: RefOr<Schema>| {
+        parameters.push(parameter(name, description, schema));
+    };
+    if !(list.kinds)().is_empty() {
+        add("kind", "Only of jobs of this kind.", one_of((list.kinds)()));
+    }
+    if !(list.states)().is_empty() {
+        add("state", "Only in this state.", one_of((list.states)()));
+    }
+    let about =
+        "Only with this tag, of its own or of its job. Given several times, with all of them.";
+    add("tag", about, tags());
+    let about = "Only with this in the name or the note, of its own or of its job: any part of it, in upper or lower case. No \
+                 character stands for others.";
+    add("text", about, text().min_length(Some(1)).max_length(Some(SEARCH_CHARACTERS)).into());
+    add("since", "Only made at this moment or after, RFC 3339.", moment());
+    add("until", "Only made before this moment, RFC 3339.", moment());
+    let about = "The order; `-` before it turns it round. What is equal is in the order of ids, `-created` when left out.";
+    add("sort", about, text().enum_values(Some(list.orders())).into());
+    let about = format!("Items at most, 1 to {PAGE_MAXIMUM}; {PAGE_DEFAULT} when left out.");
+    add(
+        "limit",
+        &about,
+        number().format(Some(SchemaFormat::KnownFormat(KnownFormat::Int32))).into(),
+    );
+    let about =
+        "Where the page begins: the `next` of the page before, of this list with the same `sort`.";
+    add("cursor", about, text().into());
+    let about = "Only items with a smaller id.";
+    add(
+        "before",
+        about,
+        number().format(Some(SchemaFormat::KnownFormat(KnownFormat::Int64))).into(),
+    );
+    parameters
 }

@@ -24,6 +24,8 @@ mod trash;
 mod uploads;
 mod workers;
 
+pub use lists::QueryPairs;
+
 use axum::extract::{DefaultBodyLimit, Request};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
@@ -53,7 +55,7 @@ pub fn operations() -> OpenApiRouter<App> {
         .routes(routes!(monitoring::metrics))
         .routes(routes!(presets::list))
         .routes(routes!(jobs::list, jobs::submit))
-        .routes(routes!(jobs::show, trash::job::remove))
+        .routes(routes!(jobs::show, jobs::label, trash::job::remove))
         .routes(routes!(trash::job::restore))
         .routes(routes!(trash::job::dependents))
         .routes(routes!(jobs::cancel))
@@ -63,7 +65,7 @@ pub fn operations() -> OpenApiRouter<App> {
         .routes(routes!(logs::list))
         .routes(routes!(logs::file))
         .routes(routes!(datasets::list, uploads::create))
-        .routes(routes!(datasets::show, trash::dataset::remove))
+        .routes(routes!(datasets::show, datasets::label, trash::dataset::remove))
         .routes(routes!(trash::dataset::restore))
         .routes(routes!(trash::dataset::dependents))
         .routes(routes!(datasets::file))
@@ -76,7 +78,7 @@ pub fn operations() -> OpenApiRouter<App> {
         .routes(routes!(trajectories::spectrum))
         .routes(routes!(trajectories::spectrum_data))
         .routes(routes!(runs::list))
-        .routes(routes!(runs::show, trash::run::remove))
+        .routes(routes!(runs::show, runs::label, trash::run::remove))
         .routes(routes!(trash::run::restore))
         .routes(routes!(trash::run::dependents))
         .routes(routes!(runs::metric))
@@ -84,7 +86,7 @@ pub fn operations() -> OpenApiRouter<App> {
         .routes(routes!(runs::artifact))
         .routes(routes!(runs::figure))
         .routes(routes!(checkpoints::list))
-        .routes(routes!(checkpoints::show, trash::checkpoint::remove))
+        .routes(routes!(checkpoints::show, checkpoints::label, trash::checkpoint::remove))
         .routes(routes!(trash::checkpoint::restore))
         .routes(routes!(trash::checkpoint::dependents))
         .routes(routes!(checkpoints::file))

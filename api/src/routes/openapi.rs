@@ -14,8 +14,9 @@ use crate::limits::{LOG_WAIT_SECONDS, LOGS_MAXIMUM, PAGE_MAXIMUM, POINTS_MAXIMUM
     info(
         title = "torqued",
         description = "In-context identification of robot dynamics as a service: simulate, train, \
-                       evaluate.\n\nErrors are RFC 9457 problem details. Lists are newest first; \
-                       `next` is the `before` of the following page. Tasks are in the order in \
+                       evaluate.\n\nErrors are RFC 9457 problem details. Lists are newest first \
+                       unless they are sorted; `next` is the `cursor` of the following page, and \
+                       `null` on the last one. Of attempts and the audit log it is the `before`. Tasks are in the order in \
                        which they run; `next` is the `after` of the following page; of logs it is there on every page. Downloads \
                        answer HEAD, Range, If-Range and If-None-Match and carry the SHA-256 of the \
                        whole file as ETag and Repr-Digest. They are compared with it: a file that is \

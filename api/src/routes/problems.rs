@@ -3,8 +3,12 @@
 use serde_json::{Value, json};
 
 /// Errors that depend on the operation alone.
-const OF_OPERATIONS: [(&str, &str, &[u16]); 16] = [
+const OF_OPERATIONS: [(&str, &str, &[u16]); 20] = [
     ("post", "/v1/jobs", &[409, 410, 422, 507]),
+    ("patch", "/v1/jobs/{id}", &[409, 422]),
+    ("patch", "/v1/runs/{id}", &[409, 422]),
+    ("patch", "/v1/datasets/{id}", &[409, 422]),
+    ("patch", "/v1/checkpoints/{id}", &[409, 422]),
     ("post", "/v1/jobs/{id}/retry", &[409, 422, 507]),
     ("post", "/v1/jobs/{id}/cancel", &[409]),
     ("post", "/v1/datasets", &[409, 410, 422, 507]),

@@ -7,15 +7,17 @@ use axum::http::{HeaderMap, Method};
 use axum::response::{IntoResponse, Response};
 use figures::Size;
 use serde::Deserialize;
+use store::Thing;
 use utoipa::IntoParams;
-use wire::{Metric, Run, Runs};
+use wire::{LabelChange, Metric, Run, Runs};
 
-use crate::app::App;
+use crate::app::listing::RUNS;
+use crate::app::{App, read_question};
 use crate::error::ApiError;
-use crate::extract::{Path, Query};
+use crate::extract::{PatchBytes, Path, Query};
 use crate::limits::{POINTS_DEFAULT, POINTS_MAXIMUM};
 use crate::routes::files::{ArtifactFile, send};
-use crate::routes::lists::ListParameters;
+use crate::routes::lists::{QueryPairs, RunsParameters};
 
 #[derive(Deserialize, IntoParams)]
 #[into_params(parameter_in = Query)]
@@ -34,19 +36,16 @@ impl MetricParameters {
     }
 }
 
-/// Runs, newest first.
+/// Runs, newest first unless `sort` says otherwise.
 #[utoipa::path(
     get,
     path = "/v1/runs",
     tag = "runs",
-    params(ListParameters),
+    params(RunsParameters),
     responses((status = 200, body = Runs)),
 )]
-pub async fn list(
-    State(app): State<App>,
-    Query(parameters): Query<ListParameters>,
-) -> Result<Json<Runs>, ApiError> {
-    Ok(Json(app.runs(parameters.paging()?).await?))
+pub async fn list(State(app): State<App>, pairs: QueryPairs) -> Result<Json<Runs>, ApiError> {
+    Ok(Json(app.runs(&pairs.list(&RUNS)?).await?))
 }
 
 /// A run with the latest value of every metric and its artifacts.
@@ -58,6 +57,28 @@ pub async fn list(
     responses((status = 200, body = Run)),
 )]
 pub async fn show(State(app): State<App>, Path(id): Path<i64>) -> Result<Json<Run>, ApiError> {
+    Ok(Json(app.run(id).await?))
+}
+
+/// Change a run's name, note or tags.
+#[utoipa::path(
+    patch,
+    path = "/v1/runs/{id}",
+    tag = "runs",
+    security((), ("token" = ["submit"])),
+    params(("id" = i64, Path)),
+    request_body(content(
+        (LabelChange = "application/merge-patch+json"),
+        (LabelChange = "application/json"),
+    )),
+    responses((status = 200, body = Run)),
+)]
+pub async fn label(
+    State(app): State<App>,
+    Path(id): Path<i64>,
+    PatchBytes(body): PatchBytes,
+) -> Result<Json<Run>, ApiError> {
+    app.label(Thing::Run, id, &read_question(&body)?).await?;
     Ok(Json(app.run(id).await?))
 }
 

@@ -4,10 +4,10 @@ use std::collections::BTreeSet;
 use std::path::Path;
 
 use axum::http::Method;
-use serde_json::Value;
+use serde_json::{Value, json};
 
 use crate::fixture::{Server, small_pipeline, small_simulation};
-use crate::{resources, uploads};
+use crate::{labels, resources, uploads};
 
 /// Rewrites the committed document when `UPDATE` is set.
 #[test]
@@ -29,7 +29,7 @@ const PREDICT: &str = "/v1/checkpoints/{id}/predict";
 const STREAM: &str = "/v1/checkpoints/{id}/stream";
 
 /// Every operation, with a request that it answers with success.
-const OPERATIONS: [(&str, &str, &str); 62] = [
+const OPERATIONS: [(&str, &str, &str); 66] = [
     ("get", "/healthz", "/healthz"),
     ("get", "/readyz", "/readyz"),
     ("get", "/metrics", "/metrics"),
@@ -45,6 +45,10 @@ const OPERATIONS: [(&str, &str, &str); 62] = [
     ("post", "/v1/jobs", "/v1/jobs"),
     ("get", "/v1/jobs", "/v1/jobs"),
     ("get", "/v1/jobs/{id}", "/v1/jobs/5"),
+    ("patch", "/v1/jobs/{id}", "/v1/jobs/5"),
+    ("patch", "/v1/datasets/{id}", "/v1/datasets/1"),
+    ("patch", "/v1/runs/{id}", "/v1/runs/1"),
+    ("patch", "/v1/checkpoints/{id}", "/v1/checkpoints/1"),
     ("post", "/v1/jobs/{id}/cancel", "/v1/jobs/6/cancel"),
     ("post", "/v1/jobs/{id}/retry", "/v1/jobs/6/retry"),
     ("get", "/v1/jobs/{id}/tasks", "/v1/jobs/1/tasks"),
@@ -126,6 +130,7 @@ async fn every_documented_operation_answers_and_every_one_is_listed_here() {
         let answer = match method {
             "post" if path == "/v1/jobs" => server.submit(&small_simulation(8)).await,
             "post" if path == "/v1/datasets" => uploads::send_recordings(&server).await,
+            "patch" => labels::patch(&server, request, &json!({"tags": ["a"]})).await,
             "delete" | "post" if path.starts_with("/v1/tokens") => continue,
             "post" => server.request(Method::POST, request, &[]).await,
             "delete" => server.request(Method::DELETE, request, &[]).await,

@@ -159,7 +159,7 @@ fn no_path_query_or_header_is_a_fault_of_the_server() {
     ];
     let query = prop_oneof![
         Just(String::new()),
-        "\\?(limit|before|points|state|kind|force|format|trajectory)=[-0-9a-z%]{0,8}",
+        "\\?(limit|before|cursor|sort|tag|text|since|points|state|kind|force|format|trajectory)=[-0-9a-z%]{0,8}",
         "\\?[ -~]{0,12}",
     ];
     let path = (proptest::collection::vec(segment, 1..6), query)

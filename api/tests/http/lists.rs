@@ -138,3 +138,13 @@ async fn a_page_of_tasks_that_cannot_be_is_refused() {
     assert_eq!(end, json!({"tasks": [], "next": null}));
     server.get("/v1/jobs/9/tasks").await.problem(404);
 }
+
+#[tokio::test]
+async fn filters_and_orders_cost_no_more_statements() {
+    let server = Server::start().await;
+    add_jobs(&server, 1).await;
+    let plain = statements(&server, "/v1/runs").await;
+    for query in ["sort=name", "sort=-finished&kind=train", "tag=a&tag=b&text=c", "state=failed"] {
+        assert!(statements(&server, &format!("/v1/runs?{query}")).await <= plain, "{query}");
+    }
+}

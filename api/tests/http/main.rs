@@ -10,6 +10,7 @@ mod documented;
 mod downloads;
 mod fixture;
 mod fuzz;
+mod labels;
 mod lists;
 mod logs;
 mod mlflow;

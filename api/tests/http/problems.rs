@@ -176,8 +176,8 @@ async fn a_query_that_is_not_understood_is_refused() {
     }
     server.get("/v1/presets?name=D1").await.problem(400);
     server.get("/v1/jobs/1?verbose=1").await.problem(400);
-    let problem = server.get("/v1/datasets?state=complete").await.problem(400);
-    assert!(problem["detail"].as_str().unwrap().contains("limit, before"));
+    let problem = server.get("/v1/datasets?stat=complete").await.problem(400);
+    assert!(problem["detail"].as_str().unwrap().contains("kind, state, tag, text"));
     let forced = server.submit_to("/v1/jobs?force=yes", &small_simulation(1), &[]).await;
     forced.problem(400);
 }

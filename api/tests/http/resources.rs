@@ -69,12 +69,14 @@ async fn jobs_are_listed_newest_first_page_by_page() {
     loop {
         let page = server.json(&path).await;
         seen.extend(page["jobs"].as_array().unwrap().iter().map(|job| job["id"].as_i64().unwrap()));
-        match page["next"].as_i64() {
-            Some(next) => path = format!("/v1/jobs?limit=2&before={next}"),
+        match page["next"].as_str() {
+            Some(next) => path = format!("/v1/jobs?limit=2&cursor={next}"),
             None => break,
         }
     }
     assert_eq!(seen, [5, 4, 3, 2, 1]);
+    let older = server.json("/v1/jobs?before=3").await;
+    assert_eq!(older["jobs"].as_array().unwrap().len(), 2);
 }
 
 #[tokio::test]

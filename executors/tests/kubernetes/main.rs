@@ -11,8 +11,9 @@ use executors::{Bounds, Control, Engine, Kubernetes, Settings, WorkerCommand, pr
 use serde_json::{Value, json};
 use spec::{Digest, Resources};
 use store::{
-    Access, AttemptOutcome, ClaimedTask, JobId, JobReuse, Location, NewJob, NewTask, Output, Page,
-    PartReuse, Placed, PlacementState, Reuse, Store, Submission, TaskState, WorkerProcess,
+    Access, AttemptOutcome, ClaimedTask, JobId, JobReuse, Labels, Location, NewJob, NewTask,
+    Output, Page, PartReuse, Placed, PlacementState, Reuse, Store, Submission, TaskState,
+    WorkerProcess,
 };
 
 use api_server::{ApiServer, Fault};
@@ -119,6 +120,7 @@ impl Lab {
             pipeline: None,
             reuse: Reuse::SameDigest,
             idempotency: None,
+            labels: Labels::default(),
         };
         self.store.submit(submission).await.unwrap().job
     }

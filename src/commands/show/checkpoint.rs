@@ -7,6 +7,8 @@ use crate::progress::measure;
 pub fn text(checkpoint: &Checkpoint) -> String {
     let mut facts = Facts::new();
     facts.add("checkpoint", checkpoint.id);
+    facts.add_some("name", checkpoint.name.as_ref());
+    facts.add_labels(&checkpoint.tags, &checkpoint.job_tags, checkpoint.note.as_deref());
     facts.add("model", &checkpoint.architecture);
     facts.add("step", measure::count(checkpoint.step));
     facts.add_some("is", Some(marks(checkpoint)).filter(|marks| !marks.is_empty()));

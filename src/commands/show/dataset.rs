@@ -7,6 +7,7 @@ pub fn text(dataset: &Dataset) -> String {
     let mut facts = Facts::new();
     facts.add("dataset", dataset.id);
     facts.add("name", &dataset.name);
+    facts.add_labels(&dataset.tags, &dataset.job_tags, dataset.note.as_deref());
     facts.add("state", dataset.state);
     facts.add("job", dataset.job);
     facts.add("trajectories", measure::count(dataset.trajectories));

@@ -6,6 +6,7 @@ pub fn text(evaluation: Evaluation) -> String {
     let mut facts = Facts::new();
     facts.add("evaluation", evaluation.id);
     facts.add("name", &evaluation.name);
+    facts.add_labels(&evaluation.tags, &[], evaluation.note.as_deref());
     facts.add("state", evaluation.state);
     facts.add_some("error", evaluation.error.as_ref());
     facts.add("run", evaluation.run);

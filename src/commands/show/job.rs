@@ -9,6 +9,7 @@ pub fn text(job: Job) -> String {
     facts.add("job", job.id);
     facts.add("kind", job.kind);
     facts.add("name", &job.name);
+    facts.add_labels(&job.tags, &[], job.note.as_deref());
     facts.add("state", job.state);
     facts.add_some("error", job.error.as_ref());
     facts.add_some("waits", job.waits_for.as_ref());

@@ -52,16 +52,20 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
         };
         println!("{}", serde_json::to_string_pretty(spec)?);
     } else {
-        let text = match resource {
-            Resource::Job => job::text(serde_json::from_str(&answer)?),
-            Resource::Dataset => dataset::text(&serde_json::from_str(&answer)?),
-            Resource::Run => run::text(&serde_json::from_str(&answer)?),
-            Resource::Checkpoint => checkpoint::text(&serde_json::from_str(&answer)?),
-            Resource::Evaluation => evaluation::text(serde_json::from_str(&answer)?),
-        };
-        print!("{text}");
+        print!("{}", text(resource, &answer)?);
     }
     Ok(ExitCode::SUCCESS)
+}
+
+/// What the server said of a thing, for people.
+pub fn text(resource: Resource, answer: &str) -> anyhow::Result<String> {
+    Ok(match resource {
+        Resource::Job => job::text(serde_json::from_str(answer)?),
+        Resource::Dataset => dataset::text(&serde_json::from_str(answer)?),
+        Resource::Run => run::text(&serde_json::from_str(answer)?),
+        Resource::Checkpoint => checkpoint::text(&serde_json::from_str(answer)?),
+        Resource::Evaluation => evaluation::text(serde_json::from_str(answer)?),
+    })
 }
 
 /// Names and values, one a line; what has no value is left out.
@@ -79,6 +83,15 @@ impl Facts {
     fn add_some(&mut self, name: &'static str, value: Option<impl Display>) {
         if let Some(value) = value {
             self.add(name, value);
+        }
+    }
+
+    /// The tags of a thing and of its job, and its note, each line of which is one.
+    fn add_labels(&mut self, tags: &[String], job_tags: &[String], note: Option<&str>) {
+        self.add_some("tags", Some(tags.join(" ")).filter(|tags| !tags.is_empty()));
+        self.add_some("job's tags", Some(job_tags.join(" ")).filter(|tags| !tags.is_empty()));
+        for line in note.into_iter().flat_map(str::lines) {
+            self.add("note", line);
         }
     }
 

@@ -11,6 +11,7 @@ pub fn text(run: &Run) -> String {
     facts.add("run", run.id);
     facts.add("kind", run.kind);
     facts.add("name", &run.name);
+    facts.add_labels(&run.tags, &run.job_tags, run.note.as_deref());
     facts.add("state", run.state);
     facts.add_some("error", run.error.as_ref());
     facts.add("job", run.job);

@@ -66,6 +66,23 @@ macro_rules! unique_digits {
     };
 }
 
+/// The tags in a table of them, as JSON: those of the thing whose id is given; `NULL` for none.
+macro_rules! tags_of {
+    ($table:literal, $thing:literal, $id:literal) => {
+        concat!(
+            "(SELECT CAST(json_agg(tag) AS TEXT) FROM ",
+            $table,
+            " WHERE ",
+            $table,
+            ".",
+            $thing,
+            " = ",
+            $id,
+            ")"
+        )
+    };
+}
+
 /// A number from 0 to 250 by chance.
 macro_rules! chance {
     () => {
@@ -111,6 +128,12 @@ pub(super) fn first_in_line(may_be_claimed: &str, locked: &str) -> String {
          ORDER BY first.turn, first.id LIMIT 1"
     )
 }
+
+/// The function that says where a text begins in another, counting from 1; 0 for nowhere.
+pub(super) const FIND: &str = "strpos";
+
+/// Behind a text, has it compared by its bytes.
+pub(super) const BY_BYTES: &str = " COLLATE \"C\"";
 
 /// The condition of the partial indexes of experiments, word for word.
 pub(super) const IS_EXPERIMENT: &str = "NOT job.is_part";

@@ -61,6 +61,23 @@ macro_rules! unique_digits {
     };
 }
 
+/// The tags in a table of them, as JSON: those of the thing whose id is given.
+macro_rules! tags_of {
+    ($table:literal, $thing:literal, $id:literal) => {
+        concat!(
+            "(SELECT json_group_array(tag) FROM ",
+            $table,
+            " WHERE ",
+            $table,
+            ".",
+            $thing,
+            " = ",
+            $id,
+            ")"
+        )
+    };
+}
+
 /// A number from 0 to 250 by chance.
 macro_rules! chance {
     () => {
@@ -106,6 +123,12 @@ pub(super) fn first_in_line(may_be_claimed: &str, locked: &str) -> String {
          ORDER BY first.turn, first.id LIMIT 1"
     )
 }
+
+/// The function that says where a text begins in another, counting from 1; 0 for nowhere.
+pub(super) const FIND: &str = "instr";
+
+/// Behind a text, has it compared by its bytes.
+pub(super) const BY_BYTES: &str = "";
 
 /// The condition of the partial indexes of experiments, word for word.
 pub(super) const IS_EXPERIMENT: &str = "job.is_part = 0";

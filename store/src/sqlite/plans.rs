@@ -6,11 +6,11 @@ use wire::JobState;
 
 use super::Database;
 use super::dialect::first_in_line;
-use super::statements::jobs::{SELECT_JOB, experiments};
 use super::statements::line::may_be_claimed;
+use super::statements::listing::page;
 use crate::data_dir::DataDir;
 use crate::database::Scope;
-use crate::{Access, Page};
+use crate::{Access, Direction, Key, Listing, Position, Sort, Thing};
 
 /// However many jobs pipelines made, none of them is looked at.
 #[tokio::test]
@@ -20,13 +20,49 @@ async fn experiments_are_read_from_an_index_that_holds_nothing_else() {
     dir.create().unwrap();
     let database = Database::open(&dir, Access::Server).await.unwrap();
     for (state, index) in [(None, "experiment"), (Some(JobState::Failed), "experiment_by_state")] {
-        let explain = format!("EXPLAIN QUERY PLAN {SELECT_JOB}");
-        let mut query = experiments(explain, state, Page::default());
-        let plan = query.build().fetch_all(&database.reader).await.unwrap();
-        let steps: Vec<String> = plan.iter().map(|row| row.get("detail")).collect();
-        let expected = format!("SEARCH job USING INDEX {index} (");
-        assert!(steps[0].starts_with(&expected), "{steps:?}");
+        let state = state.map(|state| state.as_str().to_owned());
+        let listing = Listing { state, experiments_alone: true, ..Listing::default() };
+        let steps = steps(&database, Thing::Job, &listing).await;
+        assert!(steps[0].contains(&format!("INDEX {index}")), "{steps:?}");
         assert!(!steps.iter().any(|step| step.contains("B-TREE")), "nothing is sorted: {steps:?}");
+    }
+}
+
+/// How a page of a list is found.
+async fn steps(database: &Database, thing: Thing, listing: &Listing) -> Vec<String> {
+    let mut query = page("EXPLAIN QUERY PLAN ", thing, listing);
+    let plan = query.build().fetch_all(&database.reader).await.unwrap();
+    plan.iter().map(|row| row.get("detail")).collect()
+}
+
+/// The orders that an index has, so that a page costs the same however long the list is.
+#[tokio::test]
+async fn a_page_behind_another_is_read_from_an_index_of_its_order() {
+    let folder = tempfile::tempdir().unwrap();
+    let dir = DataDir::new(folder.path());
+    dir.create().unwrap();
+    let database = Database::open(&dir, Access::Server).await.unwrap();
+    let orders = [
+        (Thing::Job, Sort::Created, "INTEGER PRIMARY KEY"),
+        (Thing::Job, Sort::Finished, "INDEX job_by_finish"),
+        (Thing::Job, Sort::Name, "INDEX job_by_name"),
+        (Thing::Job, Sort::Priority, "INDEX job_by_priority"),
+        (Thing::Run, Sort::Created, "INTEGER PRIMARY KEY"),
+        (Thing::Dataset, Sort::Created, "INTEGER PRIMARY KEY"),
+        (Thing::Dataset, Sort::Trajectories, "INDEX dataset_by_trajectories"),
+        (Thing::Checkpoint, Sort::Created, "INTEGER PRIMARY KEY"),
+        (Thing::Checkpoint, Sort::Step, "INDEX checkpoint_by_step"),
+    ];
+    for (thing, sort, index) in orders {
+        let key = if sort == Sort::Name { Key::Text("n".into()) } else { Key::Integer(7) };
+        for direction in [Direction::Ascending, Direction::Descending] {
+            let after = Some(Position { key: key.clone(), id: 7 });
+            let listing = Listing { sort, direction, after, ..Listing::default() };
+            let steps = steps(&database, thing, &listing).await;
+            let expected = format!("SEARCH {} USING ", thing.as_str());
+            assert!(steps[0].starts_with(&expected) && steps[0].contains(index), "{steps:?}");
+            assert!(!steps.iter().any(|it| it.contains("B-TREE")), "nothing is sorted: {steps:?}");
+        }
     }
 }
 

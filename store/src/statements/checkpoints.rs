@@ -4,16 +4,20 @@ use spec::Digest;
 use sqlx::types::Json;
 use sqlx::{FromRow, Row};
 
-use super::rows::{deletion, digest, json, number, stored_object};
+use super::rows::{deletion, digest, json, number, stored_object, tags};
 use super::{Database, DbRow, Transaction, integer};
 use crate::{
-    Checkpoint, CheckpointFile, CheckpointId, JobId, NewCheckpoint, Page, RunId, WhichCheckpoint,
+    Checkpoint, CheckpointFile, CheckpointId, JobId, NewCheckpoint, RunId, WhichCheckpoint,
 };
 
 macro_rules! select_checkpoint {
     ($($rest:expr),+ $(,)?) => {
         concat!(
-            "SELECT checkpoint.*, job.digest, checkpoint.step = (SELECT MAX(other.step) \
+            "SELECT checkpoint.*, job.digest, ",
+            tags_of!("checkpoint_tag", "checkpoint", "checkpoint.id"),
+            " AS own_tags, ",
+            tags_of!("job_tag", "job", "checkpoint.job"),
+            " AS job_tags, checkpoint.step = (SELECT MAX(other.step) \
              FROM checkpoint AS other WHERE other.job = checkpoint.job) AS is_last \
              FROM checkpoint JOIN job ON job.id = checkpoint.job ",
             $($rest),+
@@ -30,15 +34,15 @@ impl Database {
         Ok(self.with_files(found).await?.into_iter().next())
     }
 
-    pub async fn checkpoints(&self, page: Page) -> Result<Vec<Checkpoint>, sqlx::Error> {
-        let found = sqlx::query_as(select_checkpoint!(
-            "WHERE checkpoint.id < $1 AND checkpoint.deleted_at IS NULL \
-             ORDER BY checkpoint.id DESC LIMIT $2"
-        ))
-        .bind(page.before())
-        .bind(page.limit())
-        .fetch_all(&self.reader)
-        .await?;
+    pub async fn checkpoints_by_id(
+        &self,
+        ids: &[CheckpointId],
+    ) -> Result<Vec<Checkpoint>, sqlx::Error> {
+        let found =
+            sqlx::query_as(select_checkpoint!("WHERE checkpoint.id IN ", listed_ids!("$1")))
+                .bind(Json(ids))
+                .fetch_all(&self.reader)
+                .await?;
         self.with_files(found).await
     }
 
@@ -232,6 +236,10 @@ impl FromRow<'_, DbRow> for Checkpoint {
             id: row.try_get("id")?,
             job: row.try_get("job")?,
             run: row.try_get("run")?,
+            name: row.try_get("given_name")?,
+            note: row.try_get("note")?,
+            tags: tags(row, "own_tags")?,
+            job_tags: tags(row, "job_tags")?,
             step: number(row, "step")?,
             is_final: row.try_get("is_final")?,
             is_best: row.try_get("is_best")?,

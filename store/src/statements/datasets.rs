@@ -3,13 +3,10 @@ use std::collections::BTreeMap;
 use spec::Digest;
 use sqlx::types::Json;
 use sqlx::{FromRow, Row};
-use wire::DatasetState;
 
-use super::rows::{deletion, digest, file_content, json, number, state, stored_object};
+use super::rows::{deletion, digest, file_content, json, number, state, stored_object, tags};
 use super::{Database, DbRow, Transaction, integer};
-use crate::{
-    Dataset, DatasetId, Fence, FileContent, JobId, Page, Shard, ShardContents, StoredObject,
-};
+use crate::{Dataset, DatasetId, Fence, FileContent, JobId, Shard, ShardContents, StoredObject};
 
 /// A dataset is building as long as its job can still fill it.
 macro_rules! standing {
@@ -18,21 +15,25 @@ macro_rules! standing {
          THEN 'abandoned' ELSE dataset.state END"
     };
 }
+pub(super) use standing;
 
 macro_rules! select_dataset {
     ($($rest:expr),+ $(,)?) => {
         concat!(
             "SELECT dataset.id, dataset.job, dataset.digest, dataset.trajectories, dataset.samples, \
              dataset.created_at, dataset.completed_at, dataset.deleted_at, dataset.purge_at, \
-             dataset.purged_at, dataset.deletion_reason, ",
+             dataset.purged_at, dataset.deletion_reason, dataset.note, ",
             standing!(),
-            " AS state, job.name, job.spec, \
+            " AS state, COALESCE(dataset.given_name, job.given_name, job.name) AS name, job.spec, \
              (SELECT COUNT(*) FROM shard WHERE shard.dataset = dataset.id) AS shards, \
              (SELECT CAST(COALESCE(SUM(rejected), 0) AS BIGINT) FROM shard WHERE shard.dataset = dataset.id) \
              AS rejected, \
              (SELECT CAST(COALESCE(SUM(size), 0) AS BIGINT) FROM shard_file WHERE shard_file.dataset = dataset.id) \
-             AS bytes \
-             FROM dataset JOIN job ON job.id = dataset.job ",
+             AS bytes, ",
+            tags_of!("dataset_tag", "dataset", "dataset.id"),
+            " AS own_tags, ",
+            tags_of!("job_tag", "job", "dataset.job"),
+            " AS job_tags FROM dataset JOIN job ON job.id = dataset.job ",
             $($rest),+
         )
     };
@@ -44,25 +45,6 @@ impl Database {
             .bind(id)
             .fetch_optional(&self.reader)
             .await
-    }
-
-    pub async fn datasets(
-        &self,
-        state: Option<DatasetState>,
-        page: Page,
-    ) -> Result<Vec<Dataset>, sqlx::Error> {
-        sqlx::query_as(concat!(
-            select_dataset!(
-                "WHERE dataset.id < $1 AND dataset.deleted_at IS NULL AND ($2 IS NULL OR "
-            ),
-            standing!(),
-            " = $2) ORDER BY dataset.id DESC LIMIT $3"
-        ))
-        .bind(page.before())
-        .bind(state.map(DatasetState::as_str))
-        .bind(page.limit())
-        .fetch_all(&self.reader)
-        .await
     }
 
     /// Whether the shard with these bytes was committed at the fence's epoch.
@@ -256,6 +238,9 @@ impl FromRow<'_, DbRow> for Dataset {
             job: row.try_get("job")?,
             digest: digest(row, "digest")?,
             name: row.try_get("name")?,
+            note: row.try_get("note")?,
+            tags: tags(row, "own_tags")?,
+            job_tags: tags(row, "job_tags")?,
             spec: json(row, "spec")?,
             state: state(row)?,
             trajectories: number(row, "trajectories")?,

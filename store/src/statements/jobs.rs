@@ -6,44 +6,25 @@ use sqlx::types::{Json, Text};
 use sqlx::{FromRow, QueryBuilder, Row};
 use wire::JobState;
 
-use super::rows::{deletion, digest, json, moment, number, optional_number, resources, state};
-use super::{Database, Db, DbRow, IS_EXPERIMENT, LISTED_IDS, LISTED_TEXTS, Transaction};
-use crate::{DatasetId, Job, JobFilter, JobId, JobProgress, Page};
+use super::rows::{deletion, digest, json, moment, number, optional_number, resources, state, tags};
+use super::{Database, Db, DbRow, LISTED_IDS, LISTED_TEXTS, Transaction};
+use crate::{DatasetId, Job, JobId, JobProgress};
 
 /// Completed by a condition.
-pub(crate) const SELECT_JOB: &str = "SELECT job.*, asked.cpus, asked.gpus, asked.memory_mb, asked.tags, \
-    dataset.id AS dataset, run.id AS run FROM job \
-    LEFT JOIN resources AS asked ON asked.id = job.resources \
-    LEFT JOIN dataset ON dataset.job = job.id AND dataset.deleted_at IS NULL \
-    LEFT JOIN run ON run.job = job.id AND run.deleted_at IS NULL ";
+pub(crate) const SELECT_JOB: &str = concat!(
+    "SELECT job.*, asked.cpus, asked.gpus, asked.memory_mb, asked.tags, ",
+    tags_of!("job_tag", "job", "job.id"),
+    " AS own_tags, dataset.id AS dataset, run.id AS run FROM job \
+     LEFT JOIN resources AS asked ON asked.id = job.resources \
+     LEFT JOIN dataset ON dataset.job = job.id AND dataset.deleted_at IS NULL \
+     LEFT JOIN run ON run.job = job.id AND run.deleted_at IS NULL "
+);
 
 impl Database {
     pub async fn job(&self, id: JobId) -> Result<Option<Job>, sqlx::Error> {
         let mut query = QueryBuilder::new(SELECT_JOB);
         query.push("WHERE job.id = ").push_bind(id);
         Ok(self.jobs_of(query).await?.into_iter().next())
-    }
-
-    pub async fn jobs(&self, filter: JobFilter<'_>, page: Page) -> Result<Vec<Job>, sqlx::Error> {
-        let mut query = QueryBuilder::new(SELECT_JOB);
-        query.push("WHERE job.deleted_at IS NULL AND job.id < ").push_bind(page.before());
-        if let Some(kind) = filter.kind {
-            query.push(" AND job.kind = ").push_bind(kind.to_owned());
-        }
-        if let Some(state) = filter.state {
-            query.push(" AND job.state = ").push_bind(state.as_str());
-        }
-        query.push(" ORDER BY job.id DESC LIMIT ").push_bind(page.limit());
-        self.jobs_of(query).await
-    }
-
-    /// Reads no more rows than it returns: the partial indexes hold the very jobs.
-    pub async fn experiments(
-        &self,
-        state: Option<JobState>,
-        page: Page,
-    ) -> Result<Vec<Job>, sqlx::Error> {
-        self.jobs_of(experiments(SELECT_JOB, state, page)).await
     }
 
     pub async fn job_by_digest(
@@ -258,21 +239,6 @@ fn of_digest(digest: Digest, states: &[JobState]) -> QueryBuilder<Db> {
     query
 }
 
-pub(crate) fn experiments(
-    select: impl Into<String>,
-    state: Option<JobState>,
-    page: Page,
-) -> QueryBuilder<Db> {
-    let mut query = QueryBuilder::new(select);
-    query.push("WHERE job.deleted_at IS NULL AND ").push(IS_EXPERIMENT);
-    query.push(" AND job.id < ").push_bind(page.before());
-    if let Some(state) = state {
-        query.push(" AND job.state = ").push_bind(state.as_str());
-    }
-    query.push(" ORDER BY job.id DESC LIMIT ").push_bind(page.limit());
-    query
-}
-
 /// All but the unit.
 impl FromRow<'_, DbRow> for JobProgress {
     fn from_row(row: &DbRow) -> Result<Self, sqlx::Error> {
@@ -288,10 +254,14 @@ impl FromRow<'_, DbRow> for JobProgress {
 
 impl FromRow<'_, DbRow> for Job {
     fn from_row(row: &DbRow) -> Result<Self, sqlx::Error> {
+        let given_name: Option<String> = row.try_get("given_name")?;
         Ok(Self {
             id: row.try_get("id")?,
             kind: row.try_get("kind")?,
-            name: row.try_get("name")?,
+            name: given_name.clone().map_or_else(|| row.try_get("name"), Ok)?,
+            given_name,
+            note: row.try_get("note")?,
+            tags: tags(row, "own_tags")?,
             spec: json(row, "spec")?,
             digest: digest(row, "digest")?,
             state: state(row)?,

@@ -32,8 +32,10 @@ mod demand;
 mod dependents;
 mod garbage;
 mod inventory;
-pub(super) mod jobs;
+mod jobs;
+mod labels;
 pub(super) mod line;
+pub(super) mod listing;
 mod logs;
 mod metrics;
 mod pipelines;
@@ -57,7 +59,7 @@ mod workers;
 
 use std::time::Duration;
 
-use super::dialect::{Db, DbRow, IS_EXPERIMENT, LISTED_IDS, LISTED_TEXTS};
+use super::dialect::{BY_BYTES, Db, DbRow, FIND, IS_EXPERIMENT, LISTED_IDS, LISTED_TEXTS};
 use super::{Database, Transaction};
 
 /// A count as SQL's integer. Counts come from checked specs and sizes of files, far below 2^63.

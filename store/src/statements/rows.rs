@@ -66,6 +66,15 @@ pub(super) fn text_of_tags<T: serde::Serialize>(tags: &T) -> String {
     serde_json::json!(tags).to_string()
 }
 
+/// From a column of `tags_of!`, in order.
+pub(super) fn tags(row: &DbRow, column: &str) -> Result<Vec<String>, sqlx::Error> {
+    let text: Option<&str> = row.try_get(column)?;
+    let tags: Result<Vec<String>, _> = text.map_or(Ok(Vec::new()), serde_json::from_str);
+    let mut tags = tags.map_err(|error| undecodable(column, error.into()))?;
+    tags.sort_unstable();
+    Ok(tags)
+}
+
 /// From a column where 0 is none.
 pub(super) fn moment(row: &DbRow, column: &str) -> Result<Option<Moment>, sqlx::Error> {
     let milliseconds: i64 = row.try_get(column)?;

@@ -1,16 +1,21 @@
+use sqlx::types::Json;
 use sqlx::{FromRow, Row};
 
-use super::rows::{deletion, digest, json, state};
+use super::rows::{deletion, digest, json, state, tags};
 use super::{Database, DbRow, Transaction};
-use crate::{JobId, Page, Run, RunId};
+use crate::{JobId, Run, RunId};
 
 macro_rules! select_run {
     ($($rest:expr),+ $(,)?) => {
         concat!(
-            "SELECT run.id, run.job, run.created_at, run.deleted_at, run.purge_at, run.purged_at, \
-             run.deletion_reason, job.kind, job.name, job.digest, job.spec, \
-             job.state, job.error, job.started_at, job.finished_at \
-             FROM run JOIN job ON job.id = run.job ",
+            "SELECT run.id, run.job, run.created_at, run.note, run.deleted_at, run.purge_at, run.purged_at, \
+             run.deletion_reason, job.kind, job.digest, job.spec, \
+             COALESCE(run.given_name, job.given_name, job.name) AS name, \
+             job.state, job.error, job.started_at, job.finished_at, ",
+            tags_of!("run_tag", "run", "run.id"),
+            " AS own_tags, ",
+            tags_of!("job_tag", "job", "run.job"),
+            " AS job_tags FROM run JOIN job ON job.id = run.job ",
             $($rest),+
         )
     };
@@ -21,16 +26,11 @@ impl Database {
         sqlx::query_as(select_run!("WHERE run.id = $1")).bind(id).fetch_optional(&self.reader).await
     }
 
-    pub async fn runs(&self, kind: Option<&str>, page: Page) -> Result<Vec<Run>, sqlx::Error> {
-        sqlx::query_as(select_run!(
-            "WHERE run.id < $1 AND run.deleted_at IS NULL AND ($2 IS NULL OR job.kind = $2) \
-             ORDER BY run.id DESC LIMIT $3"
-        ))
-        .bind(page.before())
-        .bind(kind)
-        .bind(page.limit())
-        .fetch_all(&self.reader)
-        .await
+    pub async fn runs_by_id(&self, ids: &[RunId]) -> Result<Vec<Run>, sqlx::Error> {
+        sqlx::query_as(select_run!("WHERE run.id IN ", listed_ids!("$1")))
+            .bind(Json(ids))
+            .fetch_all(&self.reader)
+            .await
     }
 
     pub async fn run_of_job(&self, job: JobId) -> Result<Option<Run>, sqlx::Error> {
@@ -64,6 +64,9 @@ impl FromRow<'_, DbRow> for Run {
             job: row.try_get("job")?,
             kind: row.try_get("kind")?,
             name: row.try_get("name")?,
+            note: row.try_get("note")?,
+            tags: tags(row, "own_tags")?,
+            job_tags: tags(row, "job_tags")?,
             digest: digest(row, "digest")?,
             spec: json(row, "spec")?,
             state: state(row)?,

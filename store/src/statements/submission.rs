@@ -6,9 +6,10 @@ use wire::JobState;
 
 use super::rows::{number, state};
 use super::{Database, DbRow, Transaction, integer};
+use crate::labels::searched;
 use crate::rules::reuse::{Earlier, TaskPlace};
 use crate::submission::{CompletedTask, JobRow};
-use crate::{JobId, NewTask, Submitted, TaskId, Timestamp};
+use crate::{JobId, Labels, NewTask, Submitted, TaskId, Timestamp};
 
 impl Database {
     /// As [`Transaction::request`], for a key that is not older than so many milliseconds.
@@ -106,7 +107,8 @@ impl Transaction {
         sqlx::query_scalar(concat!(
             "INSERT INTO job (kind, name, spec, digest, state, unit, priority, max_attempts, ",
             "time_limit_s, resources, not_before, waits_since, is_part, asked_alone, takes_over, ",
-            "created_at) VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13, $14, $15, ",
+            "searched, created_at) VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13, ",
+            "$14, $15, $16, ",
             now!(),
             ") RETURNING id"
         ))
@@ -125,6 +127,7 @@ impl Transaction {
         .bind(row.is_part)
         .bind(!row.is_part)
         .bind(row.takes_over)
+        .bind(searched(Some(row.name), &Labels::default()))
         .fetch_one(self.connection())
         .await
     }

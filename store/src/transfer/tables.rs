@@ -6,7 +6,7 @@ use super::rows::{Column, Kind, Table};
 use crate::StoreError;
 
 /// The tables that move, each after those that its rows refer to.
-pub(crate) const TABLES: [&str; 31] = [
+pub(crate) const TABLES: [&str; 36] = [
     "resources",
     "job",
     "job_need",
@@ -25,6 +25,10 @@ pub(crate) const TABLES: [&str; 31] = [
     "shard_file",
     "checkpoint",
     "checkpoint_file",
+    "job_tag",
+    "run_tag",
+    "dataset_tag",
+    "checkpoint_tag",
     "upload",
     "worker",
     "queue",

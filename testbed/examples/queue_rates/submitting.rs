@@ -5,8 +5,8 @@ use std::time::Duration;
 use serde_json::{Value, json};
 use spec::{Digest, Resources};
 use store::{
-    Access, JobReuse, Location, NewJob, NewTask, Output, PartReuse, Reuse, Store, StoreError,
-    Submission,
+    Access, JobReuse, Labels, Location, NewJob, NewTask, Output, PartReuse, Reuse, Store,
+    StoreError, Submission,
 };
 
 use crate::{Outcome, now_us};
@@ -60,8 +60,13 @@ async fn open(place: &Location) -> Result<Store, StoreError> {
 }
 
 pub async fn submit(store: &Store, job: NewJob) -> Result<(), StoreError> {
-    let submission =
-        Submission { jobs: vec![job], pipeline: None, reuse: Reuse::Never, idempotency: None };
+    let submission = Submission {
+        jobs: vec![job],
+        pipeline: None,
+        reuse: Reuse::Never,
+        idempotency: None,
+        labels: Labels::default(),
+    };
     store.submit(submission).await.map(|_| ())
 }
 

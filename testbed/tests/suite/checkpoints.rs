@@ -7,7 +7,7 @@ use store::{
 
 use super::{Fixture, digest_of, simulate, train};
 
-async fn commit(f: &Fixture, task: &ClaimedTask, step: u64, is_final: bool) -> CheckpointId {
+pub async fn commit(f: &Fixture, task: &ClaimedTask, step: u64, is_final: bool) -> CheckpointId {
     commit_as(f, task, NewCheckpoint { is_final, ..unmarked(step) }).await
 }
 

@@ -195,6 +195,21 @@ macro_rules! all_laws {
                 jobs_are_filtered_by_kind_and_state,
                 a_job_is_found_by_its_digest,
                 what_does_not_exist_is_named;
+            labels:
+                labels_are_given_changed_and_taken_away,
+                a_run_and_a_dataset_have_the_name_and_show_the_tags_of_their_job,
+                a_thing_has_so_many_tags_and_no_more,
+                a_submission_brings_labels_that_no_digest_knows,
+                the_tags_of_a_pipeline_are_those_of_its_members,
+                a_pruned_checkpoint_takes_its_labels_along;
+            listing:
+                all_filters_hold_together,
+                a_list_is_limited_to_a_span_of_time,
+                words_are_found_in_any_case_and_no_character_stands_for_others,
+                a_run_a_dataset_and_a_checkpoint_are_found_by_what_their_job_is_called,
+                every_order_reads_all_of_a_list_once_in_both_directions,
+                orders_are_those_of_their_fields,
+                rows_that_appear_meanwhile_change_no_page_behind;
             lists:
                 tasks_are_read_in_pages_in_the_order_in_which_they_run,
                 results_are_counted_by_the_value_of_a_field,

@@ -6,9 +6,11 @@ pub mod checkpoints;
 pub mod concurrency;
 pub mod datasets;
 pub mod ends;
+pub mod labels;
 pub mod laws;
 pub mod leases;
 pub mod line;
+pub mod listing;
 pub mod lists;
 pub mod logs;
 pub mod metrics;
@@ -38,7 +40,7 @@ use object_store::{ObjectStore, ObjectStoreExt};
 use serde_json::{Value, json};
 use spec::{Digest, Moment, Resources};
 use store::{
-    ClaimedTask, Fence, FileContent, JobId, JobReuse, JobState, Need, NewJob, NewMember,
+    ClaimedTask, Fence, FileContent, JobId, JobReuse, JobState, Labels, Need, NewJob, NewMember,
     NewPipeline, NewTask, Output, PartReuse, Reaped, Reaper, Reuse, ShardContents, Store,
     StoreError, Submission, Submitted, Timestamp, object_path,
 };
@@ -174,11 +176,23 @@ pub fn pipeline_of(jobs: Vec<NewJob>) -> Submission {
         max_attempts: 3,
         members: members.collect(),
     };
-    Submission { pipeline: Some(pipeline), jobs, reuse: Reuse::SameDigest, idempotency: None }
+    Submission {
+        pipeline: Some(pipeline),
+        jobs,
+        reuse: Reuse::SameDigest,
+        idempotency: None,
+        labels: Labels::default(),
+    }
 }
 
 pub fn alone(job: NewJob) -> Submission {
-    Submission { jobs: vec![job], pipeline: None, reuse: Reuse::SameDigest, idempotency: None }
+    Submission {
+        jobs: vec![job],
+        pipeline: None,
+        reuse: Reuse::SameDigest,
+        idempotency: None,
+        labels: Labels::default(),
+    }
 }
 
 impl Fixture {

@@ -7,9 +7,9 @@ use serde_json::json;
 use spec::{Digest, Resources};
 use store::{
     Access, AuditEntry, CheckpointFile, ClaimedTask, DeletionOrder, Idempotency, JobFilter,
-    JobState, Metric, NewArtifact, NewCheckpoint, NewJob, NewLogChunk, NewTask, NewToken,
+    JobState, LabelChange, Metric, NewArtifact, NewCheckpoint, NewJob, NewLogChunk, NewTask, NewToken,
     NewTrackedRun, Output, Page, Progress, Respect, Retry, Reuse, Ripe, Scope, Store, Submission,
-    Timestamp, TrackedBatch, TrackedMetric, TrackedRunChange, object_path,
+    TextChange, Thing, Timestamp, TrackedBatch, TrackedMetric, TrackedRunChange, object_path,
 };
 use tempfile::TempDir;
 
@@ -33,6 +33,7 @@ pub async fn filled() -> TempDir {
     jobs_to_do(&f).await;
     tokens_and_what_was_done_with_them(&f).await;
     tracked_run(&f).await;
+    labels_of_everything(&f).await;
     deleted_things(&f).await;
     f.store.register_server("1.2.3").await.unwrap();
     f.store.check_database().await.unwrap();
@@ -145,6 +146,25 @@ async fn tokens_and_what_was_done_with_them(f: &Fixture) {
     let (actor, address, method, path) = (text(), text(), text(), text());
     let entry = AuditEntry { actor, address, method, path, status: 403, made: Some(text()) };
     f.store.record_audit(&entry).await.unwrap();
+}
+
+async fn labels_of_everything(f: &Fixture) {
+    let page = Page::default();
+    let job = f.store.jobs(JobFilter::default(), page).await.unwrap()[0].id.0;
+    let run = f.store.runs(None, page).await.unwrap()[0].id.0;
+    let dataset = f.store.datasets(None, page).await.unwrap()[0].id.0;
+    let checkpoint = f.store.checkpoints(page).await.unwrap()[0].id.0;
+    let text = || TextChange::Set(UNUSUAL.to_owned());
+    let tags = Some(vec!["baseline".to_owned(), "sweep/3".to_owned()]);
+    let change = LabelChange { name: text(), note: text(), tags, ..LabelChange::default() };
+    for (thing, id) in [
+        (Thing::Job, job),
+        (Thing::Run, run),
+        (Thing::Dataset, dataset),
+        (Thing::Checkpoint, checkpoint),
+    ] {
+        f.store.change_labels(thing, id, &change).await.unwrap();
+    }
 }
 
 /// As a client of MLflow logs it.

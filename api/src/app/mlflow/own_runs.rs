@@ -59,14 +59,14 @@ fn flatten(path: String, value: &Value, params: &mut Vec<Pair>) {
 }
 
 pub fn tags(run: &store::Run) -> Vec<Pair> {
-    let note = format!(
+    let about = format!(
         "A {} of torqued: [job {job}](/jobs/{job}), [run {id}](/runs/{id}).",
         run.kind,
         job = run.job,
         id = run.id
     );
     let mut tags = vec![
-        ("mlflow.note.content", note),
+        ("mlflow.note.content", run.note.clone().unwrap_or(about)),
         ("mlflow.runName", run.name.clone()),
         ("mlflow.source.name", USER.to_owned()),
         ("mlflow.source.type", "JOB".to_owned()),
@@ -84,6 +84,10 @@ pub fn tags(run: &store::Run) -> Vec<Pair> {
         ("torqued.kind", run.kind.clone()),
         ("torqued.page", format!("/runs/{}", run.id)),
     ]);
+    let labels: Vec<&str> = run.tags.iter().chain(&run.job_tags).map(String::as_str).collect();
+    if !labels.is_empty() {
+        tags.push(("torqued.tags", labels.join(" ")));
+    }
     tags.into_iter().map(|(key, value)| Pair { key: key.to_owned(), value }).collect()
 }
 

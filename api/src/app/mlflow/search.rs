@@ -6,7 +6,7 @@
 use std::cmp::Ordering;
 use std::collections::{BTreeSet, HashMap};
 
-use store::{ExperimentId, Page, RunId, TrackedRunId};
+use store::{ExperimentId, Listed, Listing, Page, RunId, TrackedRunId};
 
 use super::runs::{own_metric, tracked_metric};
 use super::{RunName, own_runs, page, runs};
@@ -115,8 +115,7 @@ impl App {
     }
 
     async fn own_candidates(&self, keys: &Keys) -> Result<Vec<Candidate>, MlflowError> {
-        let all = Page { before: None, limit: u32::MAX };
-        let rows = self.store.runs(None, all).await?;
+        let rows = self.all_own_runs().await?;
         let ids: Vec<RunId> = rows.iter().map(|run| run.id).collect();
         let places: HashMap<RunId, usize> =
             ids.iter().enumerate().map(|(place, id)| (*id, place)).collect();
@@ -138,6 +137,20 @@ impl App {
             }
         }
         Ok(candidates)
+    }
+
+    /// Newest first, read in pages.
+    async fn all_own_runs(&self) -> Result<Vec<store::Run>, MlflowError> {
+        let mut listing = Listing { limit: Page::MAX_LIMIT, ..Listing::default() };
+        let mut runs = Vec::new();
+        loop {
+            let Listed { mut items, end } = self.store.list_runs(&listing).await?;
+            runs.append(&mut items);
+            if end.is_none() {
+                return Ok(runs);
+            }
+            listing.after = end;
+        }
     }
 
     /// With all of their metrics, params and tags.

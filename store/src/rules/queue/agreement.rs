@@ -9,8 +9,8 @@ use wire::JobState;
 use super::{Action, Dice, HOUR, Queue};
 use crate::rules::task::Ending;
 use crate::{
-    Access, ClaimedTask, JobId, JobReuse, NewJob, NewMember, NewPipeline, NewTask, Output, Page,
-    PartReuse, Reaper, Retry, Reuse, Store, Submission,
+    Access, ClaimedTask, JobId, JobReuse, Labels, NewJob, NewMember, NewPipeline, NewTask, Output,
+    Page, PartReuse, Reaper, Retry, Reuse, Store, Submission,
 };
 
 const WALKS: u64 = 8;
@@ -80,7 +80,13 @@ impl Twin {
             max_attempts: 1,
             members: (0..jobs.len()).map(member).collect(),
         });
-        let submission = Submission { jobs: new, pipeline, reuse: Reuse::Never, idempotency: None };
+        let submission = Submission {
+            jobs: new,
+            pipeline,
+            reuse: Reuse::Never,
+            idempotency: None,
+            labels: Labels::default(),
+        };
         let submitted = self.store.submit(submission).await.unwrap().job;
         let members = self.store.members(&[submitted]).await.unwrap();
         self.jobs.extend(members.iter().map(|member| member.job));

@@ -1,0 +1,142 @@
+//! Labels: names, notes and tags that people give to things.
+
+use std::collections::BTreeSet;
+
+use store::{Labels, Thing};
+use wire::{LabelChange, TextChange};
+
+use crate::app::App;
+use crate::app::questions::Violations;
+use crate::error::ApiError;
+use crate::limits::{NAME_CHARACTERS, NOTE_BYTES, TAG_CHARACTERS, TAGS};
+
+/// The tags that there can be, in words.
+pub const TAG: &str = "1 to 64 letters, digits and . _ - : / @ + = without accents, beginning with a letter or a digit";
+
+/// The same as a regular expression.
+pub const TAG_PATTERN: &str = "^[A-Za-z0-9][A-Za-z0-9._:/@+=-]{0,63}$";
+
+impl App {
+    /// # Errors
+    /// When the labels are not allowed, there would be too many tags, or there is no such thing.
+    pub async fn label(&self, thing: Thing, id: i64, change: &LabelChange) -> Result<(), ApiError> {
+        check(change)?;
+        Ok(self.store.change_labels(thing, id, change).await?)
+    }
+}
+
+pub fn is_tag(tag: &str) -> bool {
+    let is_plain = |b: u8| b.is_ascii_alphanumeric() || b"._-:/@+=".contains(&b);
+    (1..=TAG_CHARACTERS).contains(&tag.len())
+        && tag.as_bytes()[0].is_ascii_alphanumeric()
+        && tag.bytes().all(is_plain)
+}
+
+/// Whether a text has one line of so many characters at most, and is not blank.
+pub fn is_line(text: &str, characters: usize) -> bool {
+    let ends_a_line = |c: char| c.is_control() || matches!(c, '\u{2028}' | '\u{2029}');
+    !text.trim().is_empty() && text.chars().count() <= characters && !text.contains(ends_a_line)
+}
+
+fn is_note(note: &str) -> bool {
+    let is_strange = |c: char| c.is_control() && !matches!(c, '\n' | '\r' | '\t');
+    (1..=NOTE_BYTES).contains(&note.len()) && !note.contains(is_strange)
+}
+
+/// The labels of a submission, from what its query says.
+///
+/// # Errors
+/// Naming every one that is not allowed.
+pub fn submitted(
+    name: Option<String>,
+    note: Option<String>,
+    tags: Vec<String>,
+) -> Result<Labels, ApiError> {
+    let set = |text: &Option<String>| text.clone().map_or(TextChange::Nothing, TextChange::Set);
+    let tags: BTreeSet<String> = tags.into_iter().collect();
+    check(&LabelChange {
+        name: set(&name),
+        note: set(&note),
+        add_tags: tags.iter().cloned().collect(),
+        ..LabelChange::default()
+    })?;
+    Ok(Labels { name, note, tags })
+}
+
+fn check(change: &LabelChange) -> Result<(), ApiError> {
+    let LabelChange { name, note, tags, add_tags, remove_tags } = change;
+    let mut violations = Violations::default();
+    if let TextChange::Set(name) = name
+        && !is_line(name, NAME_CHARACTERS)
+    {
+        violations.add("name", name, format!("1 to {NAME_CHARACTERS} characters in one line"));
+    }
+    if let TextChange::Set(note) = note
+        && !is_note(note)
+    {
+        let found = format!("{} bytes", note.len());
+        violations.add("note", found, format!("text of 1 to {NOTE_BYTES} bytes, or null"));
+    }
+    let all = tags.as_deref().unwrap_or_default();
+    for (field, tags) in [("tags", all), ("add_tags", add_tags), ("remove_tags", remove_tags)] {
+        for (index, tag) in tags.iter().enumerate().filter(|(_, tag)| !is_tag(tag)) {
+            violations.add(format!("{field}[{index}]"), tag, TAG);
+        }
+        if tags.len() > TAGS {
+            violations.add(field, format!("{} tags", tags.len()), format!("{TAGS} at most"));
+        }
+    }
+    for (field, tags) in [("add_tags", add_tags), ("remove_tags", remove_tags)] {
+        if !tags.is_empty() && change.tags.is_some() {
+            violations.add(field, tags.join(", "), "left out beside tags, which says them all");
+        }
+    }
+    violations.finish()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn refused(change: &LabelChange) -> String {
+        check(change).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn a_tag_has_an_alphabet() {
+        for tag in ["a", "7", "sweep/3", "lr=1e-3", "v1.2_b+c", "team:ana@lab", &"x".repeat(64)] {
+            assert!(is_tag(tag), "{tag}");
+        }
+        for tag in ["", "-a", ".", "a b", "ä", "a,b", "a\0", "a%", &"x".repeat(65)] {
+            assert!(!is_tag(tag), "{tag}");
+        }
+    }
+
+    #[test]
+    fn all_that_is_wrong_with_labels_is_named_at_once() {
+        let set = |text: String| TextChange::Set(text);
+        let longest = LabelChange {
+            name: set("ä".repeat(200)),
+            note: set("# A\n\n- b\t\r\n".to_owned()),
+            tags: Some(vec!["a".to_owned(); 32]),
+            ..LabelChange::default()
+        };
+        assert!(check(&longest).is_ok());
+        let error = refused(&LabelChange {
+            name: set("ä".repeat(201)),
+            note: set("x".repeat(10_001)),
+            tags: Some(vec!["a b".to_owned()]),
+            add_tags: vec!["c".to_owned()],
+            ..LabelChange::default()
+        });
+        for part in ["name", "10001 bytes", "tags[0]", "add_tags", "left out beside tags"] {
+            assert!(error.contains(part), "{part}: {error}");
+        }
+        for name in ["", " ", "a\nb", "a\u{2028}b", "a\0"] {
+            let change = LabelChange { name: set(name.to_owned()), ..LabelChange::default() };
+            assert!(refused(&change).contains("in one line"), "{name:?}");
+        }
+        let change = LabelChange { note: set("a\u{7}".to_owned()), ..LabelChange::default() };
+        assert!(refused(&change).contains("note"));
+    }
+}

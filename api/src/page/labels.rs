@@ -1,0 +1,140 @@
+//! Name, note and tags of a thing: shown, and changed by a form.
+
+use axum::Form;
+use axum::extract::State;
+use axum::extract::rejection::FormRejection;
+use axum::response::{IntoResponse, Redirect, Response};
+use serde::Deserialize;
+use store::Thing;
+use wire::{Job, LabelChange, TextChange};
+
+use crate::app::App;
+use crate::error::ApiError;
+use crate::extract::Path;
+use crate::page::answer::{InPage, PageError};
+
+/// What a page shows of a thing's labels.
+pub struct Labelled {
+    /// Where the form goes.
+    pub action: String,
+    pub name: String,
+    pub note: String,
+    /// Its own, if it is no job.
+    pub tags: Vec<String>,
+    /// The job's.
+    pub job_tags: Vec<TagLink>,
+    /// Its own in a line.
+    pub tag_line: String,
+}
+
+/// A tag, and the experiments that have it.
+pub struct TagLink {
+    pub href: String,
+    pub tag: String,
+}
+
+impl TagLink {
+    /// The tags of a job.
+    pub fn all(tags: &[String]) -> Vec<Self> {
+        let href = |tag: &str| {
+            let tag: String = form_urlencoded::byte_serialize(tag.as_bytes()).collect();
+            format!("/?tag={tag}")
+        };
+        tags.iter().map(|tag| Self { href: href(tag), tag: tag.clone() }).collect()
+    }
+}
+
+impl Labelled {
+    pub fn of_job(job: &Job) -> Self {
+        let action = format!("/jobs/{}", job.id);
+        let tag_line = job.tags.join(" ");
+        Self { tag_line, ..Self::new(action, &job.name, job.note.as_ref(), &[], &job.tags) }
+    }
+
+    pub fn new(
+        action: String,
+        name: &str,
+        note: Option<&String>,
+        tags: &[String],
+        job_tags: &[String],
+    ) -> Self {
+        Self {
+            action,
+            name: name.to_owned(),
+            note: note.cloned().unwrap_or_default(),
+            tags: tags.to_vec(),
+            job_tags: TagLink::all(job_tags),
+            tag_line: tags.join(" "),
+        }
+    }
+}
+
+/// The fields of the form. `shown` is the name that it began with.
+#[derive(Deserialize)]
+pub struct Fields {
+    shown: String,
+    name: String,
+    note: String,
+    tags: String,
+}
+
+impl Fields {
+    fn change(self) -> LabelChange {
+        let text = |text: String| {
+            if text.is_empty() { TextChange::Remove } else { TextChange::Set(text) }
+        };
+        let name = self.name.trim().to_owned();
+        let tags = self.tags.split([' ', ',', '\t']).filter(|tag| !tag.is_empty());
+        LabelChange {
+            // A name that comes from the job stays the job's.
+            name: if name == self.shown { TextChange::Nothing } else { text(name) },
+            // Browsers send lines as mail has them.
+            note: text(self.note.replace("\r\n", "\n").trim_end().to_owned()),
+            tags: Some(tags.map(str::to_owned).collect()),
+            ..LabelChange::default()
+        }
+    }
+}
+
+type Answer = Result<Response, PageError>;
+type Asked = Result<Form<Fields>, FormRejection>;
+
+pub async fn job(
+    State(app): State<App>,
+    InPage(Path(id)): InPage<Path<i64>>,
+    form: Asked,
+) -> Answer {
+    change(&app, Thing::Job, id, form).await
+}
+
+pub async fn run(
+    State(app): State<App>,
+    InPage(Path(id)): InPage<Path<i64>>,
+    form: Asked,
+) -> Answer {
+    change(&app, Thing::Run, id, form).await
+}
+
+pub async fn dataset(
+    State(app): State<App>,
+    InPage(Path(id)): InPage<Path<i64>>,
+    form: Asked,
+) -> Answer {
+    change(&app, Thing::Dataset, id, form).await
+}
+
+pub async fn checkpoint(
+    State(app): State<App>,
+    InPage(Path(id)): InPage<Path<i64>>,
+    form: Asked,
+) -> Answer {
+    change(&app, Thing::Checkpoint, id, form).await
+}
+
+/// Changes the labels and shows the thing.
+async fn change(app: &App, thing: Thing, id: i64, form: Asked) -> Answer {
+    let unreadable = |rejection: FormRejection| ApiError::Form { reason: rejection.body_text() };
+    let Form(fields) = form.map_err(unreadable)?;
+    app.label(thing, id, &fields.change()).await?;
+    Ok(Redirect::to(&format!("/{}s/{id}", thing.as_str())).into_response())
+}

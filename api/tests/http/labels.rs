@@ -1,0 +1,229 @@
+//! Names, notes and tags, and what lists do with them.
+
+use axum::body::Body;
+use axum::http::header::{CONTENT_TYPE, HOST};
+use axum::http::{Method, Request};
+use serde_json::{Value, json};
+
+use crate::fixture::{Answer, Server, small_simulation};
+
+const MERGE_PATCH: &str = "application/merge-patch+json";
+
+const FORM: &str = "application/x-www-form-urlencoded";
+
+async fn send(server: &Server, method: Method, path: &str, kind: &str, body: String) -> Answer {
+    let request = Request::builder().method(method).uri(path).header(HOST, "127.0.0.1:7070");
+    server.send(request.header(CONTENT_TYPE, kind).body(Body::from(body)).unwrap()).await
+}
+
+pub async fn patch(server: &Server, path: &str, change: &Value) -> Answer {
+    send(server, Method::PATCH, path, MERGE_PATCH, change.to_string()).await
+}
+
+fn ids(page: &Value, list: &str) -> Vec<i64> {
+    page[list].as_array().unwrap().iter().map(|item| item["id"].as_i64().unwrap()).collect()
+}
+
+#[tokio::test]
+async fn labels_are_given_to_all_four_kinds_of_things_and_shown_in_lists() {
+    let server = Server::with_small_pipeline().await;
+    let change = json!({"name": "Näme", "note": "# A\n<b>", "tags": ["b", "a/1"]});
+    for (path, list) in [
+        ("/v1/jobs/1", "jobs"),
+        ("/v1/runs/1", "runs"),
+        ("/v1/datasets/1", "datasets"),
+        ("/v1/checkpoints/1", "checkpoints"),
+    ] {
+        let before = server.json(path).await;
+        let answer = patch(&server, path, &change).await;
+        assert_eq!(answer.status, 200, "{answer:?}");
+        let after = server.json(path).await;
+        assert_eq!(answer.json(), after);
+        let labels = (&after["name"], &after["note"], &after["tags"]);
+        assert_eq!(labels, (&json!("Näme"), &json!("# A\n<b>"), &json!(["a/1", "b"])));
+        assert_eq!(after["digest"], before["digest"]);
+        let found = server.json(&format!("/v1/{list}?tag=b&tag=a/1&text=N%C3%84M")).await;
+        let listed = found[list].as_array().unwrap();
+        // Those of the job are found by its labels, too.
+        let listed = listed.iter().find(|item| item["id"] == 1).unwrap();
+        assert_eq!((&listed["name"], &listed["tags"]), (&after["name"], &after["tags"]));
+
+        let tags = json!({"add_tags": ["c"], "remove_tags": ["b"], "note": null});
+        let changed = patch(&server, path, &tags).await.json();
+        assert_eq!((&changed["tags"], changed.get("note")), (&json!(["a/1", "c"]), None));
+        let gone = json!({"name": null, "tags": null});
+        assert_eq!(patch(&server, path, &gone).await.json(), before);
+    }
+    let answer = send(&server, Method::PATCH, "/v1/jobs/1", "application/json", "{}".into()).await;
+    assert_eq!(answer.status, 200);
+    patch(&server, "/v1/runs/77", &json!({})).await.problem(404);
+}
+
+#[tokio::test]
+async fn clients_of_mlflow_see_what_a_run_is_called() {
+    let server = Server::with_small_pipeline().await;
+    let job = server.json("/v1/runs/1").await["job"].clone();
+    patch(&server, &format!("/v1/jobs/{job}"), &json!({"tags": ["of-job"]})).await;
+    let change = json!({"name": "Named", "note": "Said", "tags": ["own"]});
+    patch(&server, "/v1/runs/1", &change).await;
+    let search = json!({"experiment_ids": ["1"], "filter": "tags.torqued.tags LIKE '%own%'"});
+    let found = server.submit_to("/api/2.0/mlflow/runs/search", &search, &[]).await.json();
+    let run = &found["runs"][0];
+    assert_eq!(run["info"]["run_name"], "Named");
+    let tags = run["data"]["tags"].as_array().unwrap();
+    let value = |key: &str| tags.iter().find(|tag| tag["key"] == key).unwrap()["value"].clone();
+    assert_eq!(value("mlflow.note.content"), "Said");
+    assert_eq!(value("torqued.tags"), "own of-job");
+    assert_eq!(found["runs"].as_array().unwrap().len(), 1);
+}
+
+#[tokio::test]
+async fn labels_that_cannot_be_are_refused_with_every_reason() {
+    let server = Server::start().await;
+    server.submitted(&small_simulation(1)).await;
+    let wrong = json!({"name": "a\nb", "note": "", "tags": ["ä"], "add_tags": ["a"]});
+    let problem = patch(&server, "/v1/jobs/1", &wrong).await.problem(422);
+    let fields: Vec<&Value> =
+        problem["violations"].as_array().unwrap().iter().map(|it| &it["field"]).collect();
+    assert_eq!(fields, ["name", "note", "tags[0]", "add_tags"]);
+    let typo = patch(&server, "/v1/jobs/1", &json!({"tag": ["a"]})).await.problem(422);
+    assert!(typo["detail"].as_str().unwrap().contains("tag"), "{typo}");
+    patch(&server, "/v1/jobs/1", &json!(["a"])).await.problem(422);
+    let many: Vec<String> = (0..32).map(|i| format!("t{i}")).collect();
+    assert_eq!(patch(&server, "/v1/jobs/1", &json!({"tags": many})).await.status, 200);
+    let problem = patch(&server, "/v1/jobs/1", &json!({"add_tags": ["more"]})).await.problem(409);
+    assert!(problem["detail"].as_str().unwrap().contains("33 tags, allowed: 32"), "{problem}");
+    let longest = json!({"name": "ä".repeat(200), "note": "x".repeat(10_000)});
+    assert_eq!(patch(&server, "/v1/jobs/1", &longest).await.status, 200);
+    send(&server, Method::PATCH, "/v1/jobs/1", "text/plain", "{}".into()).await.problem(415);
+}
+
+#[tokio::test]
+async fn a_submission_is_labelled_beside_its_spec() {
+    let server = Server::start().await;
+    let spec = small_simulation(1);
+    let plain = server.submitted(&small_simulation(2)).await;
+    let path = "/v1/jobs?name=My%20run&note=Why%3F&tag=x&tag=y";
+    let answer = server.submit_to(path, &spec, &[]).await;
+    assert_eq!(answer.status, 201, "{answer:?}");
+    let job = answer.json();
+    let labels = (&job["name"], &job["note"], &job["tags"]);
+    assert_eq!(labels, (&json!("My run"), &json!("Why?"), &json!(["x", "y"])));
+    assert_ne!(job["name"], plain["name"]);
+    // The spec alone decides what is the same.
+    let again = server.submit_to("/v1/jobs?name=Other&tag=z", &spec, &[]).await;
+    assert_eq!(again.status, 200);
+    let again = again.json();
+    assert_eq!((&again["id"], &again["digest"]), (&job["id"], &job["digest"]));
+    assert_eq!((&again["name"], &again["tags"]), (&json!("My run"), &json!(["x", "y", "z"])));
+    let refused = server.submit_to("/v1/jobs?tag=a%20b", &small_simulation(3), &[]).await;
+    refused.problem(422);
+    assert_eq!(ids(&server.json("/v1/jobs").await, "jobs").len(), 2);
+    // A job that is tried again keeps what it is called.
+    server.post("/v1/jobs/2/cancel").await;
+    let retried = server.post("/v1/jobs/2/retry").await;
+    let retried = retried.json();
+    assert_eq!((&retried["name"], &retried["tags"]), (&again["name"], &again["tags"]));
+}
+
+#[tokio::test]
+async fn every_list_is_read_through_by_its_cursor_in_every_order() {
+    let server = Server::with_small_pipeline().await;
+    for list in ["jobs", "runs", "datasets", "checkpoints", "evaluations"] {
+        let document = server.json("/v1/openapi.json").await;
+        let parameters = &document["paths"][format!("/v1/{list}")]["get"]["parameters"];
+        let sort = parameters.as_array().unwrap().iter().find(|it| it["name"] == "sort").unwrap();
+        let all = ids(&server.json(&format!("/v1/{list}")).await, list);
+        assert!(!all.is_empty(), "{list}");
+        for order in sort["schema"]["enum"].as_array().unwrap() {
+            let path = format!("/v1/{list}?limit=1&sort={}", order.as_str().unwrap());
+            let (mut seen, mut address) = (Vec::new(), path.clone());
+            loop {
+                let page = server.json(&address).await;
+                seen.extend(ids(&page, list));
+                let Some(next) = page["next"].as_str() else { break };
+                address = format!("{path}&cursor={next}");
+            }
+            seen.sort_unstable_by(|a, b| b.cmp(a));
+            assert_eq!(seen, all, "{path}");
+        }
+        let first = server.json(&format!("/v1/{list}?limit=1")).await;
+        if let Some(next) = first["next"].as_str() {
+            let other = if list == "jobs" { "runs" } else { "jobs" };
+            let answer = server.get(&format!("/v1/{other}?cursor={next}")).await;
+            let detail = answer.problem(400)["detail"].to_string();
+            assert!(detail.contains(&format!("this one is of {list}")), "{detail}");
+        }
+    }
+}
+
+#[tokio::test]
+async fn what_a_list_does_not_have_is_refused() {
+    let server = Server::start().await;
+    for query in [
+        "jobs?sort=steps",
+        "jobs?state=complete",
+        "runs?kind=trian",
+        "datasets?state=queued",
+        "checkpoints?kind=train",
+        "evaluations?kind=train",
+        "runs?tag=a%20b",
+        "runs?text=",
+        "runs?text=%00",
+        "runs?since=yesterday",
+        "jobs?cursor=1",
+        "jobs?limit=1&limit=2",
+        "jobs?before=9223372036854775808",
+    ] {
+        server.get(&format!("/v1/{query}")).await.problem(400);
+    }
+    let none = server.json("/v1/jobs?since=2000-01-01T00:00:00Z&until=2000-01-02T00:00:00%2B01:00");
+    assert_eq!(none.await, json!({"jobs": [], "next": null}));
+}
+
+#[tokio::test]
+async fn the_page_filters_and_changes_labels_by_plain_forms() {
+    let server = Server::with_small_pipeline().await;
+    for (path, word) in [
+        ("/jobs/5", "quickstart"),
+        ("/runs/1", "train"),
+        ("/datasets/1", "train-set"),
+        ("/checkpoints/1", "Checkpoint 1"),
+    ] {
+        assert!(server.get(path).await.text().contains(word), "{path}");
+        let fields = "shown=&name=%3Ci%3ENamed&tags=a%2F1+b%2C+c&note=line%0D%0A%3Cscript%3E";
+        let answer = send(&server, Method::POST, path, FORM, fields.to_owned()).await;
+        assert_eq!((answer.status.as_u16(), answer.header("location")), (303, path));
+        let shown = server.json(&format!("/v1{path}")).await;
+        assert_eq!(shown["tags"], json!(["a/1", "b", "c"]));
+        assert_eq!(
+            (&shown["name"], &shown["note"]),
+            (&json!("<i>Named"), &json!("line\n<script>"))
+        );
+        let page = server.get(path).await;
+        assert!(page.text().contains("a/1"), "{path}");
+        for unsafe_text in ["<i>Named", "<script>"] {
+            let inside = page.text().split("<main").nth(1).unwrap();
+            assert!(!inside.contains(unsafe_text), "{path}: {unsafe_text} is not escaped");
+        }
+        let fields = "shown=%3Ci%3ENamed&name=%3Ci%3ENamed&tags=&note=";
+        send(&server, Method::POST, path, FORM, fields.to_owned()).await;
+        let shown = server.json(&format!("/v1{path}")).await;
+        assert_eq!((&shown["name"], &shown["tags"]), (&json!("<i>Named"), &json!([])));
+        let wrong =
+            send(&server, Method::POST, path, FORM, "shown=&name=&tags=%C3%A4&note=".into());
+        assert_eq!(wrong.await.status, 422);
+    }
+    server.submitted(&small_simulation(9)).await;
+    let listed = async |query: &str| {
+        server.get(&format!("/?{query}")).await.text().matches("<article").count()
+    };
+    assert_eq!(listed("").await, 2);
+    assert_eq!(listed("text=&tag=&kind=").await, 2);
+    assert_eq!(listed("text=named&kind=pipeline").await, 1);
+    assert_eq!(listed("kind=simulate&state=queued").await, 1);
+    assert_eq!(listed("tag=absent").await, 0);
+    let page = server.get("/?text=named&kind=pipeline").await;
+    let failed = "href=\"/?text=named&#38;kind=pipeline&#38;state=failed\"";
+    assert!(page.text().contains(failed), "{page:?}");
+}

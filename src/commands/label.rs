@@ -1,0 +1,93 @@
+use std::io::Read;
+use std::process::ExitCode;
+
+use anyhow::{Context, ensure};
+use clap::Args;
+use wire::{LabelChange, TextChange};
+
+use crate::arguments::{OutputArguments, ServerArguments};
+use crate::resource::Resource;
+
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// The kind of thing; the labels of an evaluation are those of its job
+    #[arg(value_name = "KIND")]
+    resource: Resource,
+
+    /// Its id
+    #[arg(value_name = "ID")]
+    id: i64,
+
+    #[command(flatten)]
+    changes: Changes,
+
+    #[command(flatten)]
+    output: OutputArguments,
+
+    #[command(flatten)]
+    server: ServerArguments,
+}
+
+#[derive(Debug, Args)]
+#[group(required = true, multiple = true)]
+struct Changes {
+    /// Its name; an empty one takes the name away
+    #[arg(long, value_name = "NAME")]
+    name: Option<String>,
+
+    /// What there is to say of it, in Markdown; - reads standard input, and an empty one takes the note away
+    #[arg(long, value_name = "TEXT")]
+    note: Option<String>,
+
+    /// Add a tag
+    #[arg(long = "tag", value_name = "TAG")]
+    tags: Vec<String>,
+
+    /// Remove a tag
+    #[arg(long = "remove-tag", value_name = "TAG")]
+    remove_tags: Vec<String>,
+}
+
+/// The longest note that the server takes, and a byte that shows that one is longer.
+const READ_BYTES: u64 = api::limits::NOTE_BYTES as u64 + 1;
+
+pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
+    let Arguments { resource, id, changes, .. } = arguments;
+    let Changes { name, note, tags, remove_tags } = changes;
+    let note = match note {
+        Some(dash) if dash == "-" => Some(read_note()?),
+        note => note,
+    };
+    let change =
+        LabelChange { name: text(name), note: text(note), tags: None, add_tags: tags, remove_tags };
+    let labelled = match resource {
+        Resource::Evaluation => Resource::Job,
+        other => other,
+    };
+    let answer = arguments.server.client()?.label(&labelled.api_path(id), &change).await?;
+    if arguments.output.json {
+        println!("{answer}");
+    } else {
+        print!("{}", super::show::text(labelled, &answer)?);
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn text(given: Option<String>) -> TextChange {
+    match given {
+        None => TextChange::Nothing,
+        Some(text) if text.is_empty() => TextChange::Remove,
+        Some(text) => TextChange::Set(text),
+    }
+}
+
+fn read_note() -> anyhow::Result<String> {
+    let mut note = String::new();
+    std::io::stdin()
+        .take(READ_BYTES)
+        .read_to_string(&mut note)
+        .context("cannot read standard input")?;
+    let bytes = note.trim_end().len() as u64;
+    ensure!(bytes < READ_BYTES, "a note may have {} bytes at most", api::limits::NOTE_BYTES);
+    Ok(note.trim_end().to_owned())
+}

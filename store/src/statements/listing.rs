@@ -1,0 +1,124 @@
+use sqlx::{QueryBuilder, Row};
+
+use super::datasets::standing;
+use super::{BY_BYTES, Database, Db, DbRow, FIND, IS_EXPERIMENT};
+use crate::{Direction, Key, Listing, Position, Sort, Thing};
+
+impl Database {
+    /// The places of the rows of a page, and that of one more if there is one.
+    pub async fn places(
+        &self,
+        thing: Thing,
+        listing: &Listing,
+    ) -> Result<Vec<Position>, sqlx::Error> {
+        let rows = page("", thing, listing).build().fetch_all(&self.reader).await?;
+        let place = |row: &DbRow| {
+            let key = match listing.sort {
+                Sort::Name => Key::Text(row.try_get("sort_key")?),
+                _ => Key::Integer(row.try_get("sort_key")?),
+            };
+            Ok(Position { key, id: row.try_get("id")? })
+        };
+        rows.iter().map(place).collect()
+    }
+}
+
+/// The statement that finds a page, which `start` may have explained.
+pub(crate) fn page(start: &str, thing: Thing, listing: &Listing) -> QueryBuilder<Db> {
+    let table = thing.as_str();
+    let source = match thing {
+        Thing::Job => "job",
+        Thing::Run => "run JOIN job ON job.id = run.job",
+        Thing::Dataset => "dataset JOIN job ON job.id = dataset.job",
+        Thing::Checkpoint => "checkpoint JOIN job ON job.id = checkpoint.job",
+    };
+    let key = key(thing, listing.sort);
+    let select =
+        format!("{start}SELECT {table}.id AS id, {key} AS sort_key FROM {source} WHERE {table}.deleted_at IS NULL");
+    let mut query = QueryBuilder::new(select);
+    filter(&mut query, thing, listing);
+    let (beyond, direction) = match listing.direction {
+        Direction::Ascending => (">", "ASC"),
+        Direction::Descending => ("<", "DESC"),
+    };
+    if let Some(Position { key: last, id }) = &listing.after {
+        if listing.sort == Sort::Created {
+            query.push(format!(" AND {table}.id {beyond} ")).push_bind(*id);
+        } else {
+            // The first condition is one that an index of the key answers.
+            query.push(format!(" AND {key} {beyond}= "));
+            push_key(&mut query, last);
+            query.push(format!(" AND ({key} {beyond} "));
+            push_key(&mut query, last);
+            query.push(format!(" OR {table}.id {beyond} ")).push_bind(*id).push(")");
+        }
+    }
+    query.push(format!(" ORDER BY {key} {direction}, {table}.id {direction} LIMIT "));
+    query.push_bind(i64::from(listing.limit()) + 1);
+    query
+}
+
+/// What an order compares, in the words of the index that has it.
+fn key(thing: Thing, sort: Sort) -> String {
+    let table = thing.as_str();
+    match (sort, thing) {
+        (Sort::Created, _) => format!("{table}.id"),
+        (Sort::Finished, _) => "COALESCE(job.finished_at, 9223372036854775807)".to_owned(),
+        (Sort::Name, Thing::Job) => format!("COALESCE(job.given_name, job.name){BY_BYTES}"),
+        (Sort::Name, _) => {
+            format!("COALESCE({table}.given_name, job.given_name, job.name){BY_BYTES}")
+        }
+        (Sort::Priority, _) => "job.priority".to_owned(),
+        (Sort::Trajectories, Thing::Dataset) => "dataset.trajectories".to_owned(),
+        (Sort::Step, Thing::Checkpoint) => "checkpoint.step".to_owned(),
+        (Sort::Trajectories | Sort::Step, _) => format!("{table}.id"),
+    }
+}
+
+fn push_key(query: &mut QueryBuilder<Db>, key: &Key) {
+    match key {
+        Key::Integer(number) => query.push_bind(*number),
+        Key::Text(text) => query.push_bind(text.clone()),
+    };
+}
+
+fn filter(query: &mut QueryBuilder<Db>, thing: Thing, listing: &Listing) {
+    let table = thing.as_str();
+    if listing.experiments_alone {
+        query.push(" AND ").push(IS_EXPERIMENT);
+    }
+    if let Some(kind) = &listing.kind {
+        query.push(" AND job.kind = ").push_bind(kind.clone());
+    }
+    if let Some(state) = &listing.state {
+        let of_thing = if thing == Thing::Dataset { standing!() } else { "job.state" };
+        query.push(format!(" AND {of_thing} = ")).push_bind(state.clone());
+    }
+    for tag in &listing.tags {
+        let having = format!(" AND ({table}.id IN (SELECT {table} FROM {table}_tag WHERE tag = ");
+        query.push(having).push_bind(tag.clone()).push(")");
+        if thing != Thing::Job {
+            query.push(format!(" OR {table}.job IN (SELECT job FROM job_tag WHERE tag = "));
+            query.push_bind(tag.clone()).push(")");
+        }
+        query.push(")");
+    }
+    if let Some(words) = listing.words() {
+        query.push(format!(" AND ({FIND}({table}.searched, "));
+        query.push_bind(words.clone()).push(") > 0");
+        if thing != Thing::Job {
+            query.push(format!(" OR {FIND}(job.searched, ")).push_bind(words).push(") > 0");
+        }
+        query.push(")");
+    }
+    if let Some(since) = listing.since {
+        query.push(format!(" AND {table}.created_at >= ")).push_bind(since);
+    }
+    if let Some(until) = listing.until {
+        query.push(format!(" AND {table}.created_at < ")).push_bind(until);
+    }
+    // Without it SQLite reads an index of nothing but experiments from its end as well.
+    if let Some(before) = listing.before {
+        query.push(format!(" AND {table}.id < ")).push_bind(before);
+    }
+}

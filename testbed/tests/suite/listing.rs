@@ -1,0 +1,261 @@
+use std::time::Duration;
+
+use store::{
+    Direction, JobId, LabelChange, Labels, Listing, NewJob, Position, Retry, Sort, Submission,
+    TextChange, Thing, Timestamp,
+};
+
+use super::labels::{labels, naming, one_of_each, tagging};
+use super::{Fixture, alone, checkpoints::commit, pipeline, simulate, train, with_execution};
+
+/// The ids of a page, and where it ends.
+async fn page(f: &Fixture, thing: Thing, listing: &Listing) -> (Vec<i64>, Option<Position>) {
+    match thing {
+        Thing::Job => {
+            let page = f.store.list_jobs(listing).await.unwrap();
+            (page.items.iter().map(|it| it.id.0).collect(), page.end)
+        }
+        Thing::Run => {
+            let page = f.store.list_runs(listing).await.unwrap();
+            (page.items.iter().map(|it| it.id.0).collect(), page.end)
+        }
+        Thing::Dataset => {
+            let page = f.store.list_datasets(listing).await.unwrap();
+            (page.items.iter().map(|it| it.id.0).collect(), page.end)
+        }
+        Thing::Checkpoint => {
+            let page = f.store.list_checkpoints(listing).await.unwrap();
+            (page.items.iter().map(|it| it.id.0).collect(), page.end)
+        }
+    }
+}
+
+async fn jobs(f: &Fixture, listing: Listing) -> Vec<i64> {
+    page(f, Thing::Job, &Listing { direction: Direction::Ascending, ..listing }).await.0
+}
+
+/// All ids, page by page.
+async fn read_through(f: &Fixture, thing: Thing, listing: &Listing) -> Vec<i64> {
+    let (mut all, mut listing) = (Vec::new(), listing.clone());
+    loop {
+        let (ids, end) = page(f, thing, &listing).await;
+        assert!(end.is_none() || ids.len() == listing.limit as usize, "a page within is full");
+        all.extend(ids);
+        match end {
+            Some(end) => listing.after = Some(end),
+            None => return all,
+        }
+    }
+}
+
+async fn submitted(f: &Fixture, job: NewJob, labels: Labels) -> i64 {
+    f.submit(Submission { labels, ..alone(job) }).await.job.0
+}
+
+pub async fn all_filters_hold_together(f: Fixture) {
+    let [a, b] = [1, 2].map(|seed| train(&simulate(seed), vec![]));
+    let first = submitted(&f, a, labels(Some("Fast one"), &["x", "y"])).await;
+    let second = submitted(&f, b, labels(Some("Slow one"), &["x"])).await;
+    let third = submitted(&f, simulate(3), labels(Some("fast data"), &["x", "y"])).await;
+    let task = f.must_claim().await;
+    f.store.fail(task.fence, "for a test", Retry::Never).await.unwrap();
+
+    let tags = |tags: &[&str]| tags.iter().map(|tag| (*tag).to_owned()).collect::<Vec<_>>();
+    let all = Listing::default;
+    assert_eq!(jobs(&f, Listing { tags: tags(&["x"]), ..all() }).await, [first, second, third]);
+    assert_eq!(jobs(&f, Listing { tags: tags(&["x", "y"]), ..all() }).await, [first, third]);
+    assert!(jobs(&f, Listing { tags: tags(&["X"]), ..all() }).await.is_empty());
+    let text = Some("FAST".to_owned());
+    assert_eq!(jobs(&f, Listing { text: text.clone(), ..all() }).await, [first, third]);
+    let kind = Some("train".to_owned());
+    let failed = Some("failed".to_owned());
+    assert_eq!(jobs(&f, Listing { state: failed.clone(), ..all() }).await, [first]);
+    let fast = Listing { text, kind, tags: tags(&["y"]), ..all() };
+    assert_eq!(jobs(&f, fast.clone()).await, [first]);
+    assert_eq!(jobs(&f, Listing { state: failed, ..fast.clone() }).await, [first]);
+    assert!(jobs(&f, Listing { state: Some("queued".to_owned()), ..fast }).await.is_empty());
+    assert_eq!(jobs(&f, Listing { before: Some(second), ..all() }).await, [first]);
+
+    let change = LabelChange { remove_tags: tags(&["x"]), ..LabelChange::default() };
+    f.store.change_labels(Thing::Job, third, &change).await.unwrap();
+    assert_eq!(jobs(&f, Listing { tags: tags(&["x"]), ..all() }).await, [first, second]);
+}
+
+pub async fn a_list_is_limited_to_a_span_of_time(f: Fixture) {
+    let first = f.submit_one(simulate(1)).await;
+    tokio::time::sleep(Duration::from_millis(5)).await;
+    let second = f.submit_one(simulate(2)).await;
+    let created = f.store.job(first).await.unwrap().created_at;
+    let later = f.store.job(second).await.unwrap().created_at;
+    let after = |moment: Timestamp| Some(Timestamp::from_milliseconds(moment.milliseconds() + 1));
+    let all = Listing::default;
+    assert_eq!(jobs(&f, Listing { since: Some(later), ..all() }).await, [second.0]);
+    assert_eq!(jobs(&f, Listing { until: Some(later), ..all() }).await, [first.0]);
+    assert_eq!(
+        jobs(&f, Listing { since: Some(created), until: after(later), ..all() }).await,
+        [first.0, second.0]
+    );
+    assert!(jobs(&f, Listing { since: after(later), ..all() }).await.is_empty());
+    assert_eq!(page(&f, Thing::Dataset, &Listing { until: Some(later), ..all() }).await.0.len(), 1);
+}
+
+pub async fn words_are_found_in_any_case_and_no_character_stands_for_others(f: Fixture) {
+    let mut ids = Vec::new();
+    for (seed, name) in (1..).zip(["ÄRGER 100%", "ärger_1", "ΟΔΟΣ", "a\\b'c\"", "İstanbul $1"])
+    {
+        ids.push(submitted(&f, simulate(seed), labels(Some(name), &[])).await);
+    }
+    let note = TextChange::Set("Line one\nLine TWO über alles".to_owned());
+    let change = LabelChange { note, ..LabelChange::default() };
+    f.store.change_labels(Thing::Job, ids[2], &change).await.unwrap();
+    for (text, expected) in [
+        ("ärger", &ids[..2]),
+        ("ÄRGER", &ids[..2]),
+        ("%", &ids[..1]),
+        ("_", &ids[1..2]),
+        ("ärger%", &ids[..0]),
+        ("οδος", &ids[2..3]),
+        ("Οσ", &ids[2..3]),
+        ("Two ÜBER", &ids[2..3]),
+        ("\\b'C\"", &ids[3..4]),
+        ("$1", &ids[4..]),
+        ("nowhere", &ids[..0]),
+    ] {
+        let found = jobs(&f, Listing { text: Some(text.to_owned()), ..Listing::default() }).await;
+        assert_eq!(found, expected, "{text:?}");
+    }
+    // The name that it was submitted with is another one's now.
+    let of_spec = Listing { text: Some("train-set".to_owned()), ..Listing::default() };
+    assert!(jobs(&f, of_spec.clone()).await.is_empty());
+    let change = LabelChange { name: TextChange::Remove, ..LabelChange::default() };
+    f.store.change_labels(Thing::Job, ids[0], &change).await.unwrap();
+    assert_eq!(jobs(&f, of_spec).await, ids[..1]);
+}
+
+pub async fn a_run_a_dataset_and_a_checkpoint_are_found_by_what_their_job_is_called(f: Fixture) {
+    let things = one_of_each(&f).await;
+    let of_training = [things[1], things[3]];
+    f.store.change_labels(Thing::Job, things[0].1, &naming("Big sweep")).await.unwrap();
+    f.store.change_labels(Thing::Job, things[0].1, &tagging(&["sweep"])).await.unwrap();
+    let tagged = Listing { tags: vec!["sweep".to_owned()], ..Listing::default() };
+    let worded = Listing { text: Some("big SWEEP".to_owned()), ..Listing::default() };
+    for (thing, id) in of_training {
+        assert_eq!(page(&f, thing, &tagged).await.0, [id], "{thing:?}");
+        assert_eq!(page(&f, thing, &worded).await.0, [id], "{thing:?}");
+    }
+    assert!(page(&f, Thing::Dataset, &tagged).await.0.is_empty());
+    for (thing, id) in things {
+        f.store.change_labels(thing, id, &tagging(&["own"])).await.unwrap();
+        let own = Listing { tags: vec!["own".to_owned()], ..Listing::default() };
+        assert_eq!(page(&f, thing, &own).await.0, [id], "{thing:?}");
+    }
+    let both = Listing { tags: vec!["own".to_owned(), "sweep".to_owned()], ..Listing::default() };
+    assert_eq!(page(&f, Thing::Run, &both).await.0.len(), 1);
+    assert!(page(&f, Thing::Dataset, &both).await.0.is_empty());
+}
+
+pub async fn every_order_reads_all_of_a_list_once_in_both_directions(f: Fixture) {
+    for seed in 1..=4 {
+        f.submit(pipeline(seed)).await;
+    }
+    // Equal names and priorities, and steps that several trainings have.
+    for seed in 5..=7 {
+        f.submit_one(with_execution(simulate(seed), i32::try_from(seed % 2).unwrap() - 1, 3)).await;
+    }
+    for _ in 0..20 {
+        let Some(task) = f.claim().await else { break };
+        match task.kind.as_str() {
+            "simulate" => {
+                let shard = f.publish_shard(&task).await;
+                f.store.commit_shard(task.fence, &shard, None).await.unwrap();
+            }
+            _ => {
+                if task.kind == "train" {
+                    commit(&f, &task, 100, false).await;
+                    commit(&f, &task, 200, false).await;
+                }
+                f.store.complete(task.fence, None).await.unwrap();
+            }
+        }
+    }
+    for thing in [Thing::Job, Thing::Run, Thing::Dataset, Thing::Checkpoint] {
+        let mut all = page(&f, thing, &Listing { limit: 500, ..Listing::default() }).await.0;
+        assert!(all.len() >= 4, "{thing:?}: {all:?}");
+        all.sort_unstable();
+        for sort in Sort::of(thing) {
+            let mut readings = Vec::new();
+            for direction in [Direction::Ascending, Direction::Descending] {
+                let whole = Listing { sort: *sort, direction, limit: 500, ..Listing::default() };
+                let expected = page(&f, thing, &whole).await.0;
+                for limit in [1, 2, 3] {
+                    let listing = Listing { limit, ..whole.clone() };
+                    assert_eq!(
+                        read_through(&f, thing, &listing).await,
+                        expected,
+                        "{thing:?} {sort:?} {limit}"
+                    );
+                }
+                readings.push(expected);
+            }
+            readings[1].reverse();
+            assert_eq!(readings[0], readings[1], "{thing:?} {sort:?}: the other way round");
+            readings[1].sort_unstable();
+            assert_eq!(readings[1], all, "{thing:?} {sort:?}: each once");
+        }
+    }
+}
+
+pub async fn orders_are_those_of_their_fields(f: Fixture) {
+    let mut ids = Vec::new();
+    for (seed, name) in (1..).zip(["b", "B", "ä", "a", "b"]) {
+        let job = with_execution(simulate(seed), 3 - i32::try_from(seed).unwrap(), 3);
+        ids.push(submitted(&f, job, labels(Some(name), &[])).await);
+    }
+    let order = async |sort: Sort| jobs(&f, Listing { sort, ..Listing::default() }).await;
+    let at = |places: [usize; 5]| places.map(|place| ids[place]).to_vec();
+    assert_eq!(order(Sort::Created).await, ids);
+    assert_eq!(order(Sort::Name).await, at([1, 3, 0, 4, 2]));
+    assert_eq!(order(Sort::Priority).await, at([4, 3, 2, 1, 0]));
+    f.store.cancel(JobId(ids[3])).await.unwrap();
+    tokio::time::sleep(Duration::from_millis(3)).await;
+    f.store.cancel(JobId(ids[1])).await.unwrap();
+    assert_eq!(order(Sort::Finished).await, at([3, 1, 0, 2, 4]));
+}
+
+/// Rows that come between two pages neither repeat nor hide others.
+pub async fn rows_that_appear_meanwhile_change_no_page_behind(f: Fixture) {
+    let mut seed = 0;
+    for name in ["b", "m", "m", "y"] {
+        seed += 1;
+        submitted(&f, simulate(seed), labels(Some(name), &[])).await;
+    }
+    for sort in [Sort::Created, Sort::Name, Sort::Priority, Sort::Finished] {
+        for direction in [Direction::Ascending, Direction::Descending] {
+            let whole = Listing { sort, direction, limit: 500, ..Listing::default() };
+            let before = page(&f, Thing::Job, &whole).await.0;
+            let (mut seen, mut added) = (Vec::new(), 0);
+            let mut listing = Listing { limit: 2, ..whole };
+            loop {
+                let (ids, end) = page(&f, Thing::Job, &listing).await;
+                seen.extend(ids);
+                seed += 1;
+                let (name, priority) = if seed % 2 == 0 { ("a", -5) } else { ("z", 5) };
+                if added < 12 {
+                    added += 1;
+                    let job = with_execution(simulate(seed), priority, 3);
+                    submitted(&f, job, labels(Some(name), &[])).await;
+                }
+                match end {
+                    Some(end) => listing.after = Some(end),
+                    None => break,
+                }
+            }
+            let old: Vec<i64> = seen.iter().copied().filter(|id| before.contains(id)).collect();
+            assert_eq!(old, before, "{sort:?} {direction:?}");
+            let mut once = seen.clone();
+            once.sort_unstable();
+            once.dedup();
+            assert_eq!(once.len(), seen.len(), "{sort:?} {direction:?}: {seen:?}");
+        }
+    }
+}
