@@ -4,7 +4,7 @@ use clap::{Parser, Subcommand};
 
 use crate::commands::{
     attempts, audit, backup, cancel, checkpoints, completions, datasets, decode_recording, devices,
-    doctor, download, drain, evaluations, export, health, import, jobs, logs, man, metrics,
+    doctor, download, drain, evaluations, events, export, health, import, jobs, logs, man, metrics,
     migrate, open, pause, predict, presets, queue, quickstart, restore, resume, retry, runs, serve,
     show, simulate, study, submit, summary, tasks, token, trajectory, undrain, verify, watch,
     worker, workers,
@@ -90,6 +90,8 @@ pub enum Command {
     Logs(logs::Arguments),
     /// Follow a job until it ends
     Watch(watch::Arguments),
+    /// Print what happens to jobs, as it happens
+    Events(events::Arguments),
     /// Cancel a job
     Cancel(cancel::Arguments),
     /// Try a job again that failed; what succeeded is kept
@@ -192,6 +194,9 @@ mod tests {
         ("post /v1/tokens", "token"),
         ("delete /v1/tokens/{id}", "token"),
         ("get /v1/audit", "audit"),
+        ("get /v1/events", "events"),
+        ("get /v1/jobs/{id}/events", "watch"),
+        ("get /v1/runs/{id}/events", "events"),
     ];
 
     #[test]

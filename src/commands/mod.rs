@@ -14,6 +14,7 @@ pub mod doctor;
 pub mod download;
 pub mod drain;
 pub mod evaluations;
+pub mod events;
 pub mod export;
 pub mod health;
 pub mod import;
@@ -70,6 +71,7 @@ pub async fn run(command: Command, log: &Logging) -> anyhow::Result<ExitCode> {
         Command::Attempts(arguments) => attempts::run(arguments).await,
         Command::Logs(arguments) => logs::run(arguments).await,
         Command::Watch(arguments) => watch::run(arguments).await,
+        Command::Events(arguments) => events::run(arguments).await,
         Command::Cancel(arguments) => cancel::run(arguments).await,
         Command::Retry(arguments) => retry::run(arguments).await,
         Command::Pause(arguments) => pause::run(arguments).await,

@@ -170,6 +170,7 @@ impl Server {
         let kill_workers = CancellationToken::new();
         workers.spawn(housekeeping::reap(store.clone(), stop_workers.clone()));
         workers.spawn(housekeeping::sweep(store.clone(), stop_workers.clone()));
+        workers.spawn(housekeeping::forget_events(store.clone(), stop_workers.clone()));
         if let Some((engine, settings)) = engine {
             let control = Control::new(store.clone(), engine, settings).await?;
             workers.spawn(control.run(stop_workers.clone()));

@@ -2,13 +2,16 @@
 
 use std::collections::BTreeMap;
 
+use serde_json::json;
 use spec::Digest;
 
 use crate::boxed;
 use crate::database::{Scope, sql};
+use crate::events::tell;
 use crate::patience::patiently;
 use crate::{
-    CheckpointId, Fence, JobId, Page, RunId, Store, StoreError, StoredObject, Timestamp, leases,
+    CheckpointId, EventKind, Fence, JobId, Page, RunId, Store, StoreError, StoredObject, Timestamp,
+    leases,
 };
 
 #[derive(Clone, Debug)]
@@ -84,8 +87,8 @@ impl Store {
                 self.objects().verify_published(&file.object).await?;
             }
             let mut tx = self.begin(Scope::Rows, "committing a checkpoint").await?;
-            let (job, standing) = leases::held(&mut tx, fence).await?;
-            let run = leases::held_run(&mut tx, fence).await?;
+            let (_, standing) = leases::held(&mut tx, fence).await?;
+            let (job, run) = leases::held_run(&mut tx, fence).await?;
             if sql!(&mut tx, last_step(job))?.is_none_or(|last| last < new.step) {
                 sql!(&mut tx, set_attempt(fence.task, standing.got_on().attempt))?;
             }
@@ -95,6 +98,11 @@ impl Store {
                 replaced.retain(|path| *path != file.object.path);
                 sql!(&mut tx, insert_checkpoint_file(id, file))?;
             }
+            let data = json!({
+                "run": run, "checkpoint": id, "step": new.step, "is_final": new.is_final,
+                "is_best": new.is_best,
+            });
+            tell(&mut tx, EventKind::Checkpoint, job, &data).await?;
             tx.commit().await?;
             self.objects().delete(replaced).await;
             Ok(id)

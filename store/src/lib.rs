@@ -31,6 +31,7 @@ mod demand;
 mod description;
 mod duties;
 mod error;
+mod events;
 mod health;
 mod idempotency;
 mod identifiers;
@@ -89,6 +90,7 @@ pub use demand::{Demand, Wait};
 pub use description::{DatasetDescription, FileDescription, ShardDescription, TableColumns};
 pub use duties::{Duty, DutyClaim};
 pub use error::StoreError;
+pub use events::{EVENTS_KEPT, EVENTS_KEPT_FOR, Event, EventFilter, EventTail};
 pub use health::DiskSpace;
 pub use idempotency::Idempotency;
 pub use identifiers::{
@@ -130,5 +132,7 @@ pub use trajectories::ShardReader;
 pub use transfer::{StoreContents, Transfer, TransferProgress};
 pub use uploads::{Upload, UploadWriter};
 pub use waiting::Bell;
-pub use wire::{AttemptOutcome, DatasetState, JobState, PlacementState, Scope, TaskState};
+pub use wire::{
+    AttemptOutcome, DatasetState, EventKind, JobState, PlacementState, Scope, TaskState,
+};
 pub use workers::{Worker, WorkerProcess, WorkersTask};

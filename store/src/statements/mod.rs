@@ -15,6 +15,7 @@ mod census;
 mod checkpoints;
 mod datasets;
 mod demand;
+mod events;
 mod inventory;
 pub(super) mod jobs;
 pub(super) mod line;
