@@ -3,8 +3,8 @@
 CREATE SEQUENCE event_id;
 SELECT setval('event_id', CAST(EXTRACT(EPOCH FROM clock_timestamp()) * 1000 AS BIGINT));
 
--- A transaction has its number before its events have theirs: whoever sees that all transactions up to a number have ended
--- knows that no event follows with an id that was given before that number.
+-- A transaction has its number before its events have ids: once all transactions up to a number have ended, no event appears
+-- any more with an id that was given before that number.
 CREATE FUNCTION next_event_id() RETURNS BIGINT LANGUAGE plpgsql AS $$
 BEGIN
     PERFORM pg_current_xact_id();

@@ -30,13 +30,16 @@ pub struct Events<'a> {
     /// The id of the last event that has one.
     last: Option<i64>,
     open: Option<(Response, Lines)>,
-    heard_at: Instant,
+    was_open: bool,
+    /// When a connection was lost last.
+    lost_at: Instant,
 }
 
 impl Client {
     /// The events at `path`, from those after the id `after` on, or from now on.
     pub fn events(&self, path: String, after: Option<i64>) -> Events<'_> {
-        Events { client: self, path, last: after, open: None, heard_at: Instant::now() }
+        let lost_at = Instant::now();
+        Events { client: self, path, last: after, open: None, was_open: false, lost_at }
     }
 }
 
@@ -44,7 +47,7 @@ impl Events<'_> {
     /// The next event that this version knows. A job's stream is over with its [`Event::End`]; do not ask further then.
     ///
     /// # Errors
-    /// When the server refuses, or does not answer for 30 s.
+    /// When the server refuses or does not answer; once it has answered, when it does not for 30 s.
     pub async fn next(&mut self) -> Result<Event, ClientError> {
         loop {
             if let Some((_, lines)) = &mut self.open
@@ -54,30 +57,44 @@ impl Events<'_> {
                 self.last = event.id().or(self.last);
                 return Ok(event);
             }
-            if !self.receive().await {
+            if self.receive().await {
+                continue;
+            }
+            if self.was_open {
                 tokio::time::sleep(PAUSE).await;
-                match self.connect().await {
-                    Ok(response) => {
-                        self.heard_at = Instant::now();
-                        self.open = Some((response, Lines::default()));
-                    }
-                    Err(error) if is_passing(&error) && self.heard_at.elapsed() < PATIENCE => {}
-                    Err(error) => return Err(error),
+            }
+            match self.connect().await {
+                Ok(response) => {
+                    self.open = Some((response, Lines::default()));
+                    self.was_open = true;
                 }
+                Err(error) if self.is_passing(&error) => tokio::time::sleep(PAUSE).await,
+                Err(error) => return Err(error),
             }
         }
+    }
+
+    /// Whether a server that had answered may do so again in a moment. One that was started again may have no room, or no
+    /// database, for a while.
+    fn is_passing(&self, error: &ClientError) -> bool {
+        const BUSY: [StatusCode; 2] =
+            [StatusCode::SERVICE_UNAVAILABLE, StatusCode::TOO_MANY_REQUESTS];
+        let may_pass = match error {
+            ClientError::Unreachable { .. } => true,
+            ClientError::Refused { status, .. } => BUSY.contains(status),
+            _ => false,
+        };
+        may_pass && self.was_open && self.lost_at.elapsed() < PATIENCE
     }
 
     /// Receives more of an open stream, if there is one and it does not end.
     async fn receive(&mut self) -> bool {
         let Some((response, lines)) = &mut self.open else { return false };
         match tokio::time::timeout(SILENCE, response.chunk()).await {
-            Ok(Ok(Some(chunk))) if lines.take(&chunk) => {
-                self.heard_at = Instant::now();
-                true
-            }
+            Ok(Ok(Some(chunk))) if lines.take(&chunk) => true,
             _ => {
                 self.open = None;
+                self.lost_at = Instant::now();
                 false
             }
         }
@@ -91,17 +108,6 @@ impl Events<'_> {
             None => request,
         };
         self.client.answer(request).await
-    }
-}
-
-/// Whether the same may be answered in a moment.
-fn is_passing(error: &ClientError) -> bool {
-    match error {
-        ClientError::Unreachable { .. } => true,
-        ClientError::Refused { status, .. } => {
-            [StatusCode::SERVICE_UNAVAILABLE, StatusCode::TOO_MANY_REQUESTS].contains(status)
-        }
-        _ => false,
     }
 }
 

@@ -71,19 +71,22 @@ pub async fn follow_quietly(
             }
             Err(error) => return Err(error),
         };
+        last_answer = Instant::now();
         seen(&job);
         if job.state.is_final() {
             return Ok(job);
         }
-        match &mut events {
-            Some(stream) => match progress_until_change(stream, &mut job, &mut seen).await {
-                Ok(()) => {}
-                Err(ClientError::Refused { status, .. }) if tells_nothing(status) => events = None,
-                Err(error) => return Err(error),
-            },
-            None => tokio::time::sleep(POLL_EVERY).await,
+        let Some(stream) = &mut events else {
+            tokio::time::sleep(POLL_EVERY).await;
+            continue;
+        };
+        match progress_until_change(stream, &mut job, &mut seen).await {
+            Ok(()) => last_answer = Instant::now(),
+            // Asking for the job tells whether the server is gone.
+            Err(ClientError::Unreachable { .. }) => {}
+            Err(ClientError::Refused { status, .. }) if tells_nothing(status) => events = None,
+            Err(error) => return Err(error),
         }
-        last_answer = Instant::now();
     }
 }
 

@@ -82,6 +82,8 @@ async fn an_event_is_not_told_before_one_with_a_smaller_id_that_is_still_being_w
     for end in ["COMMIT", "ROLLBACK"] {
         slow.execute("BEGIN").await.unwrap();
         let first: i64 = sqlx::query_scalar(INSERT).fetch_one(&mut slow).await.unwrap();
+        // No transaction with a larger number has ended yet.
+        assert_eq!(tail.read().await.unwrap(), []);
         let second: i64 = sqlx::query_scalar(INSERT).fetch_one(&mut fast).await.unwrap();
         assert!(first < second);
         let (_, newest) = store.kept_events().await.unwrap();

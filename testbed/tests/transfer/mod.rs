@@ -116,6 +116,7 @@ async fn events_stay_where_they_happened_and_their_ids_are_of_no_others() {
     let store = places.open(&from, Access::Server).await.unwrap();
     let (_, newest) = store.kept_events().await.unwrap();
     store.close().await;
+    drop(store);
     places.transfer(&from, &to).await.unwrap();
     let store = places.open(&to, Access::Server).await.unwrap();
     let events = store.events(&EventFilter::default(), 0, i64::MAX, 10).await.unwrap();
