@@ -4,7 +4,7 @@ use clap::{Parser, Subcommand};
 
 use crate::commands::{
     attempts, audit, backup, cancel, checkpoints, completions, datasets, decode_recording, delete,
-    devices, doctor, download, drain, evaluations, export, gc, health, import, jobs, label, logs, man,
+    devices, doctor, download, drain, evaluations, events, export, gc, health, import, jobs, label, logs, man,
     metrics, migrate, open, pause, predict, presets, queue, quickstart, restore, resume, retry,
     runs, serve, show, simulate, study, submit, summary, tasks, token, trajectory, trash, undelete,
     undrain, verify, watch, worker, workers,
@@ -92,6 +92,8 @@ pub enum Command {
     Watch(watch::Arguments),
     /// Name a job, a run, a dataset or a checkpoint, tag it, and note something on it
     Label(label::Arguments),
+    /// Print what happens to jobs, as it happens
+    Events(events::Arguments),
     /// Cancel a job
     Cancel(cancel::Arguments),
     /// Try a job again that failed; what succeeded is kept
@@ -219,6 +221,9 @@ mod tests {
         ("get /v1/checkpoints/{id}/dependents", "delete"),
         ("post /v1/checkpoints/{id}/restore", "undelete"),
         ("get /v1/trash", "trash"),
+        ("get /v1/events", "events"),
+        ("get /v1/jobs/{id}/events", "watch"),
+        ("get /v1/runs/{id}/events", "events"),
     ];
 
     #[test]

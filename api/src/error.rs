@@ -14,7 +14,8 @@ use wire::{JobState, Problem};
 
 use crate::app::dependent;
 use crate::limits::{
-    BODY_WITHIN, CONCURRENT_DOWNLOADS, CONCURRENT_UPLOADS, REQUEST_TIMEOUT, STREAMS, UPLOAD_TIMEOUT,
+    BODY_WITHIN, CONCURRENT_DOWNLOADS, CONCURRENT_UPLOADS, EVENT_STREAMS, REQUEST_TIMEOUT, STREAMS,
+    UPLOAD_TIMEOUT,
 };
 use crate::live::LiveError;
 
@@ -96,6 +97,9 @@ pub enum ApiError {
 
     #[error("{STREAMS} streams are open, as many as may be; try again later")]
     StreamsCrowded,
+
+    #[error("{EVENT_STREAMS} streams of events are open, as many as may be; try again later")]
+    EventsCrowded,
 
     #[error("job {id} is {state}, which is final, so it cannot be cancelled")]
     AlreadyFinal { id: i64, state: JobState },
@@ -271,6 +275,9 @@ impl ApiError {
             Self::StreamsCrowded => {
                 (S::SERVICE_UNAVAILABLE, "crowded", "Too many streams are open")
             }
+            Self::EventsCrowded => {
+                (S::SERVICE_UNAVAILABLE, "crowded", "Too many streams of events are open")
+            }
             Self::Store(error) => of_store(error),
             Self::Unwritable(_) => {
                 (S::SERVICE_UNAVAILABLE, "database", "The database cannot be written")
@@ -368,6 +375,7 @@ impl ApiError {
             | Self::UploadsCrowded
             | Self::DownloadsCrowded
             | Self::StreamsCrowded
+            | Self::EventsCrowded
             | Self::Live(LiveError::Queue { .. } | LiveError::Full { .. })
             | Self::Timeout => {
                 headers.insert(RETRY_AFTER, HeaderValue::from_static("1"));

@@ -127,6 +127,31 @@ pub const STREAM_PING: Duration = Duration::from_secs(15);
 /// How long a client may answer nothing. Crossing it closes the stream.
 pub const STREAM_SILENCE: Duration = Duration::from_secs(45);
 
+/// Streams of events open at once; the ones beyond are refused with 503.
+pub const EVENT_STREAMS: usize = 256;
+
+/// How often a stream of events says that it is there while nothing happens.
+pub const EVENT_HEARTBEAT: Duration = Duration::from_secs(15);
+
+/// How long a client is told to wait before it connects again.
+pub const EVENT_RETRY: Duration = Duration::from_secs(1);
+
+/// Events that a client may be behind before it has those between read from the database.
+pub const EVENT_BACKLOG: usize = 1024;
+
+/// Events that are read from the database at once for a client that goes on from an id.
+pub const EVENT_PAGE: u32 = 200;
+
+/// Between two looks for new events, for all clients together; none without a client.
+pub const EVENT_POLL: Duration = Duration::from_millis(200);
+
+/// Between two looks at the progress of the jobs that are followed, for all clients together, while nothing else happens.
+pub const EVENT_PROGRESS: Duration = Duration::from_secs(1);
+
+/// How often it is asked whether a client may still read. A list of tokens may be 5 s old, so the stream
+/// of a token that was revoked ends within 10 s.
+pub const EVENT_ACCESS_CHECKED: Duration = Duration::from_secs(5);
+
 /// How long the body of a spec or a question may take to come. Crossing it is a 408. Less than [`REQUEST_TIMEOUT`].
 pub const BODY_WITHIN: Duration = Duration::from_secs(20);
 

@@ -2,6 +2,7 @@
 
 mod download;
 mod error;
+mod events;
 mod failure;
 mod upload;
 
@@ -17,6 +18,7 @@ use wire::{
 
 pub use download::Fetched;
 pub use error::ClientError;
+pub use events::Events;
 pub use failure::JobEnded;
 
 /// Items of a list that the server sends at once, at most.

@@ -15,6 +15,7 @@ pub mod doctor;
 pub mod download;
 pub mod drain;
 pub mod evaluations;
+pub mod events;
 pub mod export;
 pub mod gc;
 pub mod health;
@@ -76,6 +77,7 @@ pub async fn run(command: Command, log: &Logging) -> anyhow::Result<ExitCode> {
         Command::Logs(arguments) => logs::run(arguments).await,
         Command::Label(arguments) => label::run(arguments).await,
         Command::Watch(arguments) => watch::run(arguments).await,
+        Command::Events(arguments) => events::run(arguments).await,
         Command::Cancel(arguments) => cancel::run(arguments).await,
         Command::Retry(arguments) => retry::run(arguments).await,
         Command::Delete(arguments) => delete::run(arguments).await,

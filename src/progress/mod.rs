@@ -11,9 +11,10 @@ mod row;
 use std::io::IsTerminal;
 use std::time::{Duration, Instant};
 
-use wire::Job;
+use reqwest::StatusCode;
+use wire::{Event, Job, JobProgress};
 
-use crate::client::{Client, ClientError};
+use crate::client::{Client, ClientError, Events};
 use bars::Bars;
 use lines::Lines;
 pub use own_parts::{Part, follow_parts};
@@ -21,7 +22,7 @@ pub use own_work::{Report, follow_own};
 use rate::Rate;
 use row::Row;
 
-/// How often the server is asked.
+/// How often this process, or a server that has no events to tell, is asked.
 const POLL_EVERY: Duration = Duration::from_millis(400);
 
 /// How long a server that does not answer is waited for: it may be restarting.
@@ -49,7 +50,8 @@ pub async fn follow(client: &Client, id: i64) -> Result<Job, ClientError> {
     Ok(job)
 }
 
-/// Has `seen` look at a job again and again until it ends, and returns it.
+/// Has `seen` look at a job whenever it has changed until it ends, and returns it. The server tells of changes; one that
+/// cannot, as it is of an earlier version or has too many clients, is asked again and again.
 ///
 /// # Errors
 /// When the server refuses, or does not answer for 30 s.
@@ -58,9 +60,10 @@ pub async fn follow_quietly(
     id: i64,
     mut seen: impl FnMut(&Job),
 ) -> Result<Job, ClientError> {
+    let mut events = Some(client.events(format!("/v1/jobs/{id}/events"), None));
     let mut last_answer = Instant::now();
     loop {
-        let job = match client.job(id).await {
+        let mut job = match client.job(id).await {
             Ok(job) => job,
             Err(ClientError::Unreachable { .. }) if last_answer.elapsed() < PATIENCE => {
                 tokio::time::sleep(POLL_EVERY).await;
@@ -73,8 +76,56 @@ pub async fn follow_quietly(
         if job.state.is_final() {
             return Ok(job);
         }
-        tokio::time::sleep(POLL_EVERY).await;
+        let Some(stream) = &mut events else {
+            tokio::time::sleep(POLL_EVERY).await;
+            continue;
+        };
+        match progress_until_change(stream, &mut job, &mut seen).await {
+            Ok(()) => last_answer = Instant::now(),
+            // Asking for the job tells whether the server is gone.
+            Err(ClientError::Unreachable { .. }) => {}
+            Err(ClientError::Refused { status, .. }) if tells_nothing(status) => events = None,
+            Err(error) => return Err(error),
+        }
     }
+}
+
+/// Whether a server with this answer has no events for us.
+fn tells_nothing(status: StatusCode) -> bool {
+    [StatusCode::NOT_FOUND, StatusCode::SERVICE_UNAVAILABLE, StatusCode::TOO_MANY_REQUESTS]
+        .contains(&status)
+}
+
+/// Brings `job` up to date while it gets on, and returns when more of it has changed than that.
+async fn progress_until_change(
+    events: &mut Events<'_>,
+    job: &mut Job,
+    seen: &mut impl FnMut(&Job),
+) -> Result<(), ClientError> {
+    loop {
+        match events.next().await? {
+            Event::Progress(progress) if progress.state == job.state => {
+                get_on(job, progress);
+                seen(job);
+            }
+            // The progress that follows has them.
+            Event::Task(_) | Event::Metrics(_) => {}
+            Event::Job(event) if event.job != job.id => {}
+            Event::Progress(_)
+            | Event::Job(_)
+            | Event::Checkpoint(_)
+            | Event::Gap(_)
+            | Event::End(_) => return Ok(()),
+        }
+    }
+}
+
+fn get_on(job: &mut Job, now: JobProgress) {
+    job.error = now.error;
+    job.cancel_requested = now.cancel_requested;
+    job.progress = now.progress;
+    job.waits_for = now.waits_for;
+    job.members = now.members;
 }
 
 fn rows(job: &Job) -> Vec<Row> {

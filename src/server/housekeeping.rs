@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant, SystemTime};
 
-use store::{Duty, DutyClaim, Reaped, Reaper, Retention, Ripe, Store, StoreError};
+use store::{Duty, DutyClaim, EVENTS_KEPT, EVENTS_KEPT_FOR, Reaped, Reaper, Retention, Ripe, Store, StoreError};
 use tokio_util::sync::CancellationToken;
 
 /// How often leases are looked at: how much later than its lease a death is noticed.
@@ -11,6 +11,8 @@ const REAP_EVERY: Duration = Duration::from_secs(1);
 const FORGET_ENGINES_EVERY: Duration = Duration::from_secs(10);
 
 const SWEEP_EVERY: Duration = Duration::from_secs(60 * 60);
+
+const FORGET_EVENTS_EVERY: Duration = Duration::from_secs(60);
 
 /// No file takes this long from its first byte to the row that names it; one that is sent to be
 /// imported may take 6 h.
@@ -119,6 +121,19 @@ async fn purge(store: &Store, leap: Duration) {
         Err(error) => {
             let error = anyhow::Error::new(error);
             tracing::error!("cannot empty the trash: {error:#}");
+        }
+    }
+}
+
+/// Forgets events that are old, and the oldest where there are too many.
+pub async fn forget_events(store: Store, stop: CancellationToken) {
+    let mut duty = store.duty(Duty::Forgetting);
+    while stop.run_until_cancelled(tokio::time::sleep(FORGET_EVENTS_EVERY)).await.is_some() {
+        if is_mine(&mut duty).await
+            && let Err(error) = store.forget_events(EVENTS_KEPT, EVENTS_KEPT_FOR).await
+        {
+            let error = anyhow::Error::new(error);
+            tracing::error!("cannot forget old events: {error:#}");
         }
     }
 }

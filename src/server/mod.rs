@@ -188,6 +188,7 @@ impl Server {
             trash: days_long(options.trash_days),
         };
         workers.spawn(housekeeping::sweep(store.clone(), keeping, stop_workers.clone()));
+        workers.spawn(housekeeping::forget_events(store.clone(), stop_workers.clone()));
         if let Some((engine, settings)) = engine {
             let control = Control::new(store.clone(), engine, settings).await?;
             workers.spawn(control.run(stop_workers.clone()));

@@ -79,7 +79,8 @@ impl Store {
     async fn run_of(&self, fence: Fence) -> Result<RunId, StoreError> {
         patiently!({
             let mut tx = self.begin(Scope::Rows, COMMIT).await?;
-            leases::held_run(&mut tx, fence).await
+            let (_, run) = leases::held_run(&mut tx, fence).await?;
+            Ok(run)
         })
     }
 

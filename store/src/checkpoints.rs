@@ -2,14 +2,16 @@
 
 use std::collections::BTreeMap;
 
+use serde_json::json;
 use spec::Digest;
 
 use crate::boxed;
 use crate::database::{Scope, sql};
+use crate::events::tell;
 use crate::patience::patiently;
 use crate::trash::refuse_deleted;
 use crate::{
-    CheckpointId, Deletion, Fence, JobId, Page, RunId, Store, StoreError, StoredObject, Timestamp,
+    CheckpointId, Deletion, EventKind, Fence, JobId, Page, RunId, Store, StoreError, StoredObject, Timestamp,
     leases,
 };
 
@@ -94,8 +96,8 @@ impl Store {
                 self.objects().verify_published(&file.object).await?;
             }
             let mut tx = self.begin(Scope::Rows, "committing a checkpoint").await?;
-            let (job, standing) = leases::held(&mut tx, fence).await?;
-            let run = leases::held_run(&mut tx, fence).await?;
+            let (_, standing) = leases::held(&mut tx, fence).await?;
+            let (job, run) = leases::held_run(&mut tx, fence).await?;
             if sql!(&mut tx, last_step(job))?.is_none_or(|last| last < new.step) {
                 sql!(&mut tx, set_attempt(fence.task, standing.got_on().attempt))?;
             }
@@ -105,6 +107,11 @@ impl Store {
                 replaced.retain(|path| *path != file.object.path);
                 sql!(&mut tx, insert_checkpoint_file(id, file))?;
             }
+            let data = json!({
+                "run": run, "checkpoint": id, "step": new.step, "is_final": new.is_final,
+                "is_best": new.is_best,
+            });
+            tell(&mut tx, EventKind::Checkpoint, job, &data).await?;
             tx.commit().await?;
             self.objects().delete(replaced).await;
             Ok(id)

@@ -14,6 +14,8 @@ pub enum Duty {
     Sweeping,
     /// Asking a cluster's engine for workers.
     Placing,
+    /// Forgetting old events.
+    Forgetting,
 }
 
 /// A claim to a [`Duty`].

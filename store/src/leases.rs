@@ -184,8 +184,13 @@ pub(crate) async fn held_in_stage(
         .ok_or(StoreError::LeaseLost { task: fence.task, epoch: fence.epoch })
 }
 
-/// The run of a leased task's job.
-pub(crate) async fn held_run(tx: &mut Transaction, fence: Fence) -> Result<RunId, StoreError> {
+/// The job of a leased task, and its run.
+pub(crate) async fn held_run(
+    tx: &mut Transaction,
+    fence: Fence,
+) -> Result<(JobId, RunId), StoreError> {
     let (job, _) = held(tx, fence).await?;
-    sql!(tx, run_id(job))?.ok_or_else(|| StoreError::not_found("run of job", job.to_string()))
+    let run = sql!(tx, run_id(job))?;
+    let run = run.ok_or_else(|| StoreError::not_found("run of job", job.to_string()))?;
+    Ok((job, run))
 }

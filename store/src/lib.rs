@@ -32,6 +32,7 @@ mod dependents;
 mod description;
 mod duties;
 mod error;
+mod events;
 mod garbage;
 mod health;
 mod idempotency;
@@ -96,6 +97,7 @@ pub use dependents::Dependent;
 pub use description::{DatasetDescription, FileDescription, ShardDescription, TableColumns};
 pub use duties::{Duty, DutyClaim};
 pub use error::StoreError;
+pub use events::{EVENTS_KEPT, EVENTS_KEPT_FOR, Event, EventFilter, EventTail};
 pub use garbage::{Garbage, GarbageKind, Ripe};
 pub use health::DiskSpace;
 pub use idempotency::Idempotency;
@@ -143,6 +145,7 @@ pub use trash::{Deleted, Deletion, DeletionOrder, Item, Respect, TrashPlace, Tra
 pub use uploads::{Upload, UploadWriter};
 pub use waiting::Bell;
 pub use wire::{
-    AttemptOutcome, DatasetState, ItemKind, JobState, LabelChange, PlacementState, Relation, Scope, TaskState, TextChange,
+    AttemptOutcome, DatasetState, EventKind, ItemKind, JobState, LabelChange, PlacementState, Relation, Scope,
+    TaskState, TextChange,
 };
 pub use workers::{Worker, WorkerProcess, WorkersTask};

@@ -2,10 +2,13 @@
 
 use std::collections::BTreeMap;
 
+use serde_json::json;
+
 use crate::boxed;
 use crate::database::{Scope, sql};
+use crate::events::tell;
 use crate::patience::patiently;
-use crate::{Fence, RunId, Store, StoreError, Timestamp, leases};
+use crate::{EventKind, Fence, RunId, Store, StoreError, Timestamp, leases};
 
 /// A number to record.
 #[derive(Clone, Debug, PartialEq)]
@@ -44,7 +47,7 @@ impl Store {
     pub async fn record_metrics(&self, fence: Fence, metrics: &[Metric]) -> Result<(), StoreError> {
         patiently!({
             let mut tx = self.begin(Scope::Rows, "recording metrics").await?;
-            let run = leases::held_run(&mut tx, fence).await?;
+            let (job, run) = leases::held_run(&mut tx, fence).await?;
             // Of several values of a key at a step the last one counts.
             let by_key: BTreeMap<(&str, u64), f64> = metrics
                 .iter()
@@ -55,6 +58,10 @@ impl Store {
             sql!(&mut tx, insert_metrics(run, &rows))?;
             for same_key in rows.chunk_by(|(a, ..), (b, ..)| a == b) {
                 sql!(&mut tx, set_latest(run, same_key[0].0))?;
+            }
+            if let Some(step) = metrics.iter().map(|metric| metric.step).max() {
+                let data = json!({"run": run, "step": step});
+                tell(&mut tx, EventKind::Metrics, job, &data).await?;
             }
             tx.commit().await
         })
@@ -68,7 +75,7 @@ impl Store {
     pub async fn delete_metrics_after(&self, fence: Fence, step: u64) -> Result<(), StoreError> {
         patiently!({
             let mut tx = self.begin(Scope::Rows, "deleting metrics").await?;
-            let run = leases::held_run(&mut tx, fence).await?;
+            let (_, run) = leases::held_run(&mut tx, fence).await?;
             for key in sql!(&mut tx, delete_metrics_after(run, step))? {
                 sql!(&mut tx, set_latest(run, &key))?;
             }

@@ -1,11 +1,12 @@
 //! A submission: jobs with their tasks, and perhaps the pipeline they form, in one transaction.
 
-use serde_json::Value;
+use serde_json::{Value, json};
 use spec::{Digest, Moment, Resources};
 use wire::JobState;
 
 use crate::boxed;
 use crate::database::{Scope, Transaction, sql};
+use crate::events::tell;
 use crate::identifiers::ResourcesId;
 use crate::labels::label_submitted;
 use crate::propagation::{advance, state_of};
@@ -13,7 +14,7 @@ use crate::rules::job::{before_start, is_unsuccessful};
 use crate::rules::reuse::{TaskPlace, stand_in, takes_over};
 use crate::rules::turn::turn;
 use crate::{
-    CheckpointId, Idempotency, JobId, Labels, Store, StoreError, TaskId, Timestamp, idempotency, pipelines,
+    CheckpointId, EventKind, Idempotency, JobId, Labels, Store, StoreError, TaskId, Timestamp, idempotency, pipelines,
 };
 
 /// What is asked for at once.
@@ -268,7 +269,7 @@ async fn submit_pipeline(
         is_part: false,
         takes_over: false,
     };
-    let pipeline = sql!(tx, insert_job(&row, JobState::Queued))?;
+    let pipeline = insert_job(tx, &row, JobState::Queued).await?;
     for (ordinal, member) in (0u32..).zip(&new.members) {
         let Submitted { job, reused } = jobs[member.job];
         sql!(tx, insert_member(pipeline, ordinal, &member.name, job, reused))?;
@@ -276,6 +277,20 @@ async fn submit_pipeline(
     // Its members may all have succeeded long ago.
     pipelines::settle(tx, pipeline).await?;
     Ok(Submitted { job: pipeline, reused: false })
+}
+
+/// Inserts a job, and tells of it.
+async fn insert_job(
+    tx: &mut Transaction,
+    row: &JobRow<'_>,
+    state: JobState,
+) -> Result<JobId, StoreError> {
+    let job = sql!(tx, insert_job(row, state))?;
+    let data = json!({
+        "kind": row.kind, "name": row.name, "state": state, "error": null, "cancel_requested": false,
+    });
+    tell(tx, EventKind::Job, job, &data).await?;
+    Ok(job)
 }
 
 /// Inserts `new` or finds the job that stands in for it.
@@ -333,7 +348,7 @@ async fn submit_job(
         is_part,
         takes_over: may_reuse && new.reuse.parts == PartReuse::Objects,
     };
-    let job = sql!(tx, insert_job(&row, state))?;
+    let job = insert_job(tx, &row, state).await?;
     for need in needs {
         sql!(tx, insert_need(job, need))?;
     }

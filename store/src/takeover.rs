@@ -58,7 +58,7 @@ impl Store {
     ) -> Result<(), StoreError> {
         patiently!({
             let mut tx = self.begin(Scope::Rows, "taking over metrics").await?;
-            let run = leases::held_run(&mut tx, fence).await?;
+            let (_, run) = leases::held_run(&mut tx, fence).await?;
             for key in sql!(&mut tx, copy_metrics(from, run, step))? {
                 sql!(&mut tx, set_latest(run, &key))?;
             }

@@ -44,7 +44,10 @@ beforeEach(async () => {
     if (["error", "warning"].includes(message.type())) complaints.push(message.text());
   });
   page.on("pageerror", (error) => complaints.push(error.message));
-  page.on("requestfailed", (request) => complaints.push(`${request.url()} failed`));
+  page.on("requestfailed", (request) => {
+    // A stream of events has no end before the page's.
+    if (request.resourceType() !== "eventsource") complaints.push(`${request.url()} failed`);
+  });
   page.on("response", (response) => {
     if (response.status() >= 400) complaints.push(`${response.url()}: ${response.status()}`);
   });
@@ -126,6 +129,39 @@ test("a dataset is verified by a button, and the page tells when it was", async 
   const outcome = page.getByText(/Verified at .* UTC: all 2 shards agree in every byte/);
   await outcome.waitFor({ timeout: 30_000 });
   assertClean();
+});
+
+test("the page shows what happens without asking for it", async () => {
+  let fetched = 0;
+  page.on("request", (request) => {
+    if (request.url() === `${product.url}/`) fetched += 1;
+  });
+  const opened = page.waitForResponse(`${product.url}/v1/events`);
+  await page.goto(product.url);
+  assert.equal((await opened).headers()["content-type"], "text/event-stream");
+  await page.waitForTimeout(4000);
+  const before = fetched;
+  await page.waitForTimeout(4000);
+  assert.equal(fetched, before, "while nothing happens nothing is fetched");
+
+  const submitted = await fetch(`${product.url}/v1/jobs`, {
+    method: "POST",
+    headers: { "content-type": "application/json" },
+    body: JSON.stringify({ preset: "D1-multisine", trajectories: 10, seed: 77 }),
+  });
+  const { id } = await submitted.json();
+  // Without events it would be seen after half a minute.
+  await page.locator(`a[href="/jobs/${id}"]`).first().waitFor({ timeout: 8000 });
+  await page.locator("article", { has: page.locator(`a[href="/jobs/${id}"]`) })
+    .getByText("succeeded").waitFor({ timeout: 20_000 });
+  assertClean();
+});
+
+test("a page whose stream is refused is fetched now and then", async () => {
+  await page.route(`${product.url}/v1/events`, (route) => route.abort());
+  await page.goto(product.url);
+  await page.waitForRequest(`${product.url}/`, { timeout: 45_000 });
+  assert.deepEqual(strangers, []);
 });
 
 test("the page works without scripts", async () => {

@@ -11,6 +11,7 @@ mod data_folder;
 mod deployment;
 mod devices;
 mod doctor;
+mod events;
 mod everywhere;
 mod forgiving;
 mod four_models;

@@ -1,13 +1,26 @@
-// Keeps the page current: fetches it again and puts in the parts that changed.
-// Everything works without this script; reloading does the same.
+// Keeps the page current: when the server tells that something happened, fetches the page again and puts in the parts that changed.
+// Everything works without this script; reloading does the same. Where events cannot be had, the page is fetched now and then.
 
 const SHORTEST_WAIT = 1500;
 const LONGEST_WAIT = 30000;
 const REQUEST_TIMEOUT = 15000;
 
+// The kinds of events after which something may have changed; `end` comes after the last of a job.
+const KINDS = ["job", "task", "metrics", "checkpoint", "progress", "gap", "end"];
+
+// Lists show how far tasks are, of which no event tells.
+const LIST_WAIT = 10000;
+
 const status = document.getElementById("liveness");
 let wait = SHORTEST_WAIT;
 let timer;
+let refreshedAt = 0;
+let isRefreshing = false;
+let hasHappened = false;
+
+// The stream of events, while there is one.
+let events;
+let isRefused = false;
 
 async function freshPage() {
   const response = await fetch(location.href, {
@@ -46,34 +59,84 @@ function update(page) {
   return changed;
 }
 
+const isSettled = () => document.querySelector("[data-settled]") !== null;
+const isSettledForGood = () => document.querySelector("[data-settled='for-good']") !== null;
+
 async function refresh() {
+  clearTimeout(timer);
+  [isRefreshing, hasHappened, refreshedAt] = [true, false, Date.now()];
   try {
     const changed = update(await freshPage());
     status.className = "liveness";
-    if (document.querySelector("[data-settled]")) {
-      status.textContent = "";
-      if (document.querySelector("[data-settled='for-good']")) return;
-      wait = LONGEST_WAIT;
-    } else {
-      status.textContent = "live";
-      wait = changed ? SHORTEST_WAIT : Math.min(wait * 1.5, LONGEST_WAIT / 3);
-    }
+    status.textContent = isSettled() ? "" : "live";
+    if (isSettled()) wait = LONGEST_WAIT;
+    else wait = changed ? SHORTEST_WAIT : Math.min(wait * 1.5, LONGEST_WAIT / 3);
   } catch (error) {
     wait = Math.min(wait * 2, LONGEST_WAIT);
+    hasHappened = true;
     status.className = "liveness lost";
     status.textContent = `no answer; next try in ${Math.round(wait / 1000)} s`;
   }
+  isRefreshing = false;
   schedule();
 }
 
+// When the page is fetched next: soon after something happened, and now and then where nobody tells.
 function schedule() {
   clearTimeout(timer);
-  if (!document.hidden) timer = setTimeout(refresh, wait);
+  if (document.hidden || isRefreshing) return;
+  if (isSettledForGood()) {
+    close();
+    return;
+  }
+  const isList = events?.url.endsWith("/v1/events") ?? false;
+  if (status.classList.contains("lost")) timer = setTimeout(refresh, wait);
+  else if (hasHappened) timer = setTimeout(refresh, refreshedAt + SHORTEST_WAIT - Date.now());
+  else if (!events) timer = setTimeout(refresh, wait);
+  else if (isList && !isSettled()) timer = setTimeout(refresh, LIST_WAIT);
 }
 
+function listen() {
+  const path = document.querySelector("[data-events]")?.dataset.events;
+  if (!path || events || isRefused || document.hidden || isSettledForGood()) return;
+  events = new EventSource(path);
+  const tell = () => {
+    hasHappened = true;
+    schedule();
+  };
+  // Something may have happened before.
+  events.addEventListener("open", tell);
+  for (const kind of KINDS) events.addEventListener(kind, tell);
+  events.addEventListener("end", close);
+  events.addEventListener("error", () => {
+    if (events?.readyState === EventSource.CLOSED) {
+      // It was refused, and the browser does not try again.
+      isRefused = true;
+      close();
+    }
+    // The page says whether the server is there.
+    tell();
+  });
+}
+
+function close() {
+  events?.close();
+  events = undefined;
+}
+
+// A browser has few connections to one server: pages that nobody sees have none.
 document.addEventListener("visibilitychange", () => {
   wait = SHORTEST_WAIT;
+  if (document.hidden) {
+    close();
+  } else {
+    isRefused = false;
+    listen();
+  }
   schedule();
 });
 
-if (document.querySelector("[data-live]")) schedule();
+if (document.querySelector("[data-live]")) {
+  listen();
+  schedule();
+}

@@ -14,6 +14,7 @@ mod checkpoints;
 mod closed_loop;
 mod datasets;
 mod evaluations;
+mod events;
 mod health;
 mod imports;
 mod jobs;
@@ -43,6 +44,9 @@ pub use closed_loop::{
 };
 pub use datasets::{Dataset, DatasetFile, Datasets, FileKind};
 pub use evaluations::{CellTask, Evaluation, Evaluations};
+pub use events::{
+    CheckpointEvent, Event, EventEnd, EventGap, JobEvent, JobProgress, MetricsEvent, TaskEvent,
+};
 pub use health::{Health, Readiness};
 pub use imports::ImportCounts;
 pub use jobs::{Job, Jobs, Member, Progress};
@@ -63,8 +67,8 @@ pub use report::{
 };
 pub use runs::{Artifact, LatestMetric, Metric, MetricPoint, Run, Runs};
 pub use states::{
-    AttemptOutcome, DatasetState, ItemKind, JobState, PlacementState, Relation, Scope, TaskState,
-    UnknownState,
+    AttemptOutcome, DatasetState, EventKind, ItemKind, JobState, PlacementState, Relation, Scope,
+    TaskState, UnknownState,
 };
 pub use streams::{
     FilledContext, Nothing, StreamLatency, StreamMessage, StreamOpened, StreamReply,

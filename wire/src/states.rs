@@ -82,6 +82,16 @@ states! {
 }
 
 states! {
+    /// What the events that are kept tell of.
+    EventKind {
+        Job = "job",
+        Task = "task",
+        Metrics = "metrics",
+        Checkpoint = "checkpoint",
+    }
+}
+
+states! {
     /// How an attempt at a task ended.
     AttemptOutcome {
         Succeeded = "succeeded",

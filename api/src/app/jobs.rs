@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet, HashMap};
 use serde_json::Value;
 use spec::{JobKind, Product};
 use store::{JobId, Listed, Timestamp};
-use wire::{Job, JobState, Jobs, Member, Progress};
+use wire::{Job, JobProgress, JobState, Jobs, Member, Progress};
 
 use crate::app::App;
 use crate::app::listing::ListRequest;
@@ -47,6 +47,24 @@ impl App {
         let warnings = jobs::warnings(&self.store, &specs, self.memory_doubts.as_deref()).await?;
         let jobs = rows.into_iter().zip(warnings);
         jobs.map(|(row, warnings)| known.complete(row, warnings)).collect()
+    }
+
+    /// How jobs are getting on, with as many statements for one as for many.
+    pub(super) async fn progress_of(
+        &self,
+        rows: Vec<store::Job>,
+    ) -> Result<Vec<JobProgress>, ApiError> {
+        let mut known = self.known_of(&rows).await?;
+        let progress = |row: store::Job| JobProgress {
+            job: row.id.0,
+            state: row.state,
+            error: row.error,
+            cancel_requested: row.cancel_requested,
+            progress: progress(row.progress),
+            waits_for: known.waits.get(&row.id).cloned(),
+            members: known.members.remove(&row.id).unwrap_or_default(),
+        };
+        Ok(rows.into_iter().map(progress).collect())
     }
 
     /// Why the queued jobs among these wait, in sentences.

@@ -9,6 +9,7 @@ mod audit;
 pub mod checkpoints;
 mod datasets;
 mod evaluations;
+pub mod events;
 mod experiments;
 pub mod files;
 mod jobs;
@@ -49,12 +50,14 @@ use store::Store;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, watch};
 
 use crate::access::{KnownTokens, Token};
+use crate::app::events::Feed;
 use crate::app::monitoring::Monitor;
 use crate::app::shards::OpenShards;
 use crate::error::ApiError;
 use crate::limits::{
-    CONCURRENT_DOWNLOADS, CONCURRENT_UPLOADS, CONNECTIONS, LOG_READERS, MAX_TRAJECTORIES,
-    MAX_UPLOAD_BYTES, REQUESTS_PER_SECOND, STREAMS, TRASH_DAYS, UPLOAD_STALL,
+    CONCURRENT_DOWNLOADS, CONCURRENT_UPLOADS, CONNECTIONS, EVENT_HEARTBEAT, EVENT_STREAMS,
+    LOG_READERS, MAX_TRAJECTORIES, MAX_UPLOAD_BYTES, REQUESTS_PER_SECOND, STREAMS, TRASH_DAYS,
+    UPLOAD_STALL,
 };
 use crate::live::LiveModels;
 
@@ -89,6 +92,8 @@ pub struct Options {
     pub connections: usize,
     /// Requests per second of one address.
     pub requests_per_second: NonZero<u32>,
+    /// How often a stream of events says that it is there while nothing happens.
+    pub event_heartbeat: Duration,
 }
 
 impl Default for Options {
@@ -104,6 +109,7 @@ impl Default for Options {
             keep_deleted: Duration::from_secs(u64::from(TRASH_DAYS) * 24 * 60 * 60),
             connections: CONNECTIONS,
             requests_per_second: const { NonZero::new(REQUESTS_PER_SECOND).unwrap() },
+            event_heartbeat: EVENT_HEARTBEAT,
         }
     }
 }
@@ -130,6 +136,10 @@ pub struct App {
     download_places: Arc<Semaphore>,
     connections: usize,
     requests_per_second: NonZero<u32>,
+    events: Feed,
+    /// For the streams of events that are open.
+    event_places: Arc<Semaphore>,
+    event_heartbeat: Duration,
     models: Option<Arc<dyn LiveModels>>,
     /// For the streams that are open.
     stream_places: Arc<Semaphore>,
@@ -161,6 +171,9 @@ impl App {
             download_places: Arc::new(Semaphore::new(CONCURRENT_DOWNLOADS)),
             connections: options.connections,
             requests_per_second: options.requests_per_second,
+            events: Feed::new(),
+            event_places: Arc::new(Semaphore::new(EVENT_STREAMS)),
+            event_heartbeat: options.event_heartbeat,
             models: None,
             stream_places: Arc::new(Semaphore::new(STREAMS)),
             closing: watch::Sender::new(false),
@@ -208,6 +221,15 @@ impl App {
     pub(crate) fn download_place(&self) -> Result<OwnedSemaphorePermit, ApiError> {
         let places = Arc::clone(&self.download_places);
         places.try_acquire_owned().map_err(|_| ApiError::DownloadsCrowded)
+    }
+
+    pub(crate) fn event_place(&self) -> Result<OwnedSemaphorePermit, ApiError> {
+        let places = Arc::clone(&self.event_places);
+        places.try_acquire_owned().map_err(|_| ApiError::EventsCrowded)
+    }
+
+    pub(crate) fn event_heartbeat(&self) -> Duration {
+        self.event_heartbeat
     }
 
     pub(crate) fn connections(&self) -> usize {

@@ -4,6 +4,7 @@ mod audit;
 mod checkpoints;
 mod datasets;
 mod evaluations;
+mod events;
 mod files;
 mod health;
 mod jobs;
@@ -105,6 +106,9 @@ pub fn operations() -> OpenApiRouter<App> {
         .routes(routes!(tokens::revoke))
         .routes(routes!(audit::list))
         .routes(routes!(trash::list))
+        .routes(routes!(events::all))
+        .routes(routes!(events::of_job))
+        .routes(routes!(events::of_run))
 }
 
 /// The OpenAPI document of every operation under `/v1`, and of `/healthz`, `/readyz` and `/metrics`.

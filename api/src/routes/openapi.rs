@@ -26,9 +26,11 @@ use crate::limits::{LOG_WAIT_SECONDS, LOGS_MAXIMUM, PAGE_MAXIMUM, POINTS_MAXIMUM
     ),
     security((), ("token" = ["read"])),
     // The schemas of a pipeline's member and of a job refer to each other, which the derive does not
-    // follow. The report of a control job is an artifact, and a stream speaks WebSocket.
+    // follow. The report of a control job is an artifact, and a stream speaks WebSocket. Events are the data of
+    // messages in a text.
     components(schemas(
         Problem, spec::PipelineMember, wire::ControlReport, wire::StreamMessage, wire::StreamReply,
+        wire::Event,
     )),
     modifiers(&TokenScheme),
 )]

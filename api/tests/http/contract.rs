@@ -136,6 +136,13 @@ fn check(place: &str, holder: &Value, value: &Value, what: &str) {
     assert!(errors.is_empty(), "{what} contradicts the document: {errors:#?}\n{value:#}");
 }
 
+/// Fails where the data of a server-sent event is not what the document says.
+#[track_caller]
+pub fn check_event(data: &Value) {
+    let holder = json!({"schema": {"$ref": "#/components/schemas/Event"}});
+    check("/components/schemas/Event", &holder, data, "an event");
+}
+
 /// The validator of a schema, made once.
 fn validator(place: &str, schema: &Value) -> Arc<Validator> {
     static MADE: LazyLock<Mutex<HashMap<String, Arc<Validator>>>> = LazyLock::new(Mutex::default);

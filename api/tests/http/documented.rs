@@ -29,7 +29,7 @@ const PREDICT: &str = "/v1/checkpoints/{id}/predict";
 const STREAM: &str = "/v1/checkpoints/{id}/stream";
 
 /// Every operation, with a request that it answers with success.
-const OPERATIONS: [(&str, &str, &str); 66] = [
+const OPERATIONS: [(&str, &str, &str); 69] = [
     ("get", "/healthz", "/healthz"),
     ("get", "/readyz", "/readyz"),
     ("get", "/metrics", "/metrics"),
@@ -55,6 +55,9 @@ const OPERATIONS: [(&str, &str, &str); 66] = [
     ("get", "/v1/jobs/{id}/attempts", "/v1/jobs/1/attempts"),
     ("get", "/v1/jobs/{id}/logs", "/v1/jobs/1/logs"),
     ("get", "/v1/attempts/{id}/log", "/v1/attempts/1/log"),
+    ("get", "/v1/events", "/v1/events"),
+    ("get", "/v1/jobs/{id}/events", "/v1/jobs/1/events"),
+    ("get", "/v1/runs/{id}/events", "/v1/runs/1/events"),
     ("get", "/v1/datasets", "/v1/datasets"),
     ("post", "/v1/datasets", "/v1/datasets"),
     ("get", "/v1/datasets/{id}", "/v1/datasets/1"),

@@ -8,6 +8,7 @@ mod contract;
 mod damage;
 mod documented;
 mod downloads;
+mod events;
 mod fixture;
 mod fuzz;
 mod labels;

@@ -50,5 +50,6 @@ const fn key(duty: Duty) -> i64 {
         Duty::Reaping => *b"torqreap",
         Duty::Sweeping => *b"torqswep",
         Duty::Placing => *b"torqplac",
+        Duty::Forgetting => *b"torqforg",
     })
 }

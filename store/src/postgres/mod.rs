@@ -11,6 +11,7 @@
 #[macro_use]
 mod dialect;
 mod duty;
+mod events;
 mod opening;
 #[path = "../statements/mod.rs"]
 mod statements;
@@ -26,6 +27,7 @@ use crate::location::DatabaseUrl;
 use crate::{Access, JobId, StoreError};
 
 pub(crate) use duty::DutyLock;
+pub(crate) use events::Horizon;
 pub(crate) use opening::known_schema;
 pub(crate) use waiting::Bell;
 

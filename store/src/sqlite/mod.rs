@@ -2,6 +2,7 @@
 
 #[macro_use]
 mod dialect;
+mod events;
 #[cfg(test)]
 mod plans;
 #[path = "../statements/mod.rs"]
@@ -25,11 +26,12 @@ use crate::database::Scope;
 use crate::error::sqlite_code;
 use crate::{Access, JobId, StoreError};
 
+pub(crate) use events::Horizon;
 pub(crate) use waiting::Bell;
 
 /// Number, name and statements of each file in `migrations/sqlite`. sqlx has a macro that lists them, which builds
 /// a second SQLite for the compiler.
-const FILES: [(i64, &str, &str); 11] = [
+const FILES: [(i64, &str, &str); 12] = [
     (1, "initial", include_str!("../../../migrations/sqlite/0001_initial.sql")),
     (2, "forgiving_queue", include_str!("../../../migrations/sqlite/0002_forgiving_queue.sql")),
     (3, "identity", include_str!("../../../migrations/sqlite/0003_identity.sql")),
@@ -39,6 +41,7 @@ const FILES: [(i64, &str, &str); 11] = [
     (7, "placements", include_str!("../../../migrations/sqlite/0007_placements.sql")),
     (8, "access", include_str!("../../../migrations/sqlite/0008_access.sql")),
     (9, "tracked_runs", include_str!("../../../migrations/sqlite/0009_tracked_runs.sql")),
+    (10, "events", include_str!("../../../migrations/sqlite/0010_events.sql")),
     (11, "labels", include_str!("../../../migrations/sqlite/0011_labels.sql")),
     (12, "trash", include_str!("../../../migrations/sqlite/0012_trash.sql")),
 ];

@@ -30,6 +30,7 @@ mod checkpoints;
 mod datasets;
 mod demand;
 mod dependents;
+mod events;
 mod garbage;
 mod inventory;
 mod jobs;

@@ -48,8 +48,8 @@ pub(crate) const TABLES: [&str; 36] = [
 pub(super) const NEVER_EMPTY: [&str; 4] = ["resources", "worker", "queue", "tracked_experiment"];
 
 /// Tables that speak of their database and not of what it holds: which store it is, when it was written to last, which
-/// server was started on it, who is logged in to it, and what a cluster's engine says of its workers.
-const STAYING: [&str; 6] = ["store", "probe", "server", "session", "engine", "placement"];
+/// server was started on it, who is logged in to it, what a cluster's engine says of its workers, and what happened in it.
+const STAYING: [&str; 7] = ["store", "probe", "server", "session", "engine", "placement", "event"];
 
 /// A column, as a database describes it.
 #[derive(Clone, Debug)]

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use sqlx::{Connection, Executor, PgConnection};
 use store::{
     Access, Duty, Fence, Lease, Location, Metric, Progress, Reaper, Store, StoreError, TaskState,
 };
@@ -65,6 +66,41 @@ async fn a_schema_of_another_version_is_left_alone() {
         assert!(error.to_string().contains("was made by a newer torqued (schema 99"), "{error}");
     }
     drop(dir);
+}
+
+/// Ids are given in another order than transactions commit in.
+#[tokio::test(flavor = "multi_thread")]
+async fn an_event_is_not_told_before_one_with_a_smaller_id_that_is_still_being_written() {
+    const INSERT: &str =
+        "INSERT INTO event (at, kind, job, data) VALUES (0, 'job', 1, '{}') RETURNING id";
+    let (location, database, _dir) = empty();
+    let store = Store::open_at(&location, Access::Server).await.unwrap();
+    let mut tail = store.event_tail().await.unwrap().unwrap();
+    let url = database.url();
+    let mut slow = PgConnection::connect(&url).await.unwrap();
+    let mut fast = PgConnection::connect(&url).await.unwrap();
+    for end in ["COMMIT", "ROLLBACK"] {
+        slow.execute("BEGIN").await.unwrap();
+        let first: i64 = sqlx::query_scalar(INSERT).fetch_one(&mut slow).await.unwrap();
+        // No transaction with a larger number has ended yet.
+        assert_eq!(tail.read().await.unwrap(), []);
+        let second: i64 = sqlx::query_scalar(INSERT).fetch_one(&mut fast).await.unwrap();
+        assert!(first < second);
+        let (_, newest) = store.kept_events().await.unwrap();
+        assert_eq!(newest, second, "it is there to be read");
+        for _ in 0..20 {
+            assert_eq!(tail.read().await.unwrap(), [], "{first} may come");
+            tokio::time::sleep(Duration::from_millis(5)).await;
+        }
+        slow.execute(end).await.unwrap();
+        let began = Instant::now();
+        let mut told = Vec::new();
+        while !told.contains(&second) {
+            assert!(began.elapsed() < Duration::from_secs(60), "nobody writes any more");
+            told.extend(tail.read().await.unwrap().iter().map(|event| event.id));
+        }
+        assert_eq!(told, if end == "COMMIT" { vec![first, second] } else { vec![second] });
+    }
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -58,6 +58,14 @@ macro_rules! all_laws {
                 the_end_of_a_pause_rings,
                 what_queues_nothing_rings_for_nobody,
                 whoever_waits_looks_by_itself_after_a_while;
+            events:
+                every_change_of_a_job_and_its_tasks_is_told_in_order,
+                metrics_and_checkpoints_are_told_once_for_each_write_and_heartbeats_never,
+                tasks_that_nobody_began_are_told_by_their_job,
+                a_write_that_changes_nothing_tells_nothing,
+                events_are_read_from_any_of_them_on,
+                a_tail_reads_each_event_once_however_many_write,
+                old_events_are_forgotten_and_the_newest_stays;
             tokens:
                 a_token_is_listed_with_its_scope_until_it_is_revoked_and_after,
                 a_name_belongs_to_one_token_that_is_not_revoked,

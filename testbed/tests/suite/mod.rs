@@ -6,6 +6,7 @@ pub mod checkpoints;
 pub mod concurrency;
 pub mod datasets;
 pub mod ends;
+pub mod events;
 pub mod labels;
 pub mod laws;
 pub mod leases;

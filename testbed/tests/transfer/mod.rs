@@ -12,7 +12,8 @@ use std::time::Duration;
 use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{AssertSqlSafe, ConnectOptions, SqliteConnection};
 use store::{
-    Access, Location, Reaper, Store, StoreContents, StoreError, Transfer, TransferProgress,
+    Access, EventFilter, Location, Reaper, Store, StoreContents, StoreError, Transfer,
+    TransferProgress,
 };
 use tempfile::TempDir;
 use testbed::{Cluster, TestDatabase};
@@ -108,6 +109,22 @@ impl Places {
     }
 }
 
+#[tokio::test(flavor = "multi_thread")]
+async fn events_stay_where_they_happened_and_their_ids_are_of_no_others() {
+    let places = Places::filled().await;
+    let (from, to) = (places.first(), places.postgres());
+    let store = places.open(&from, Access::Server).await.unwrap();
+    let (_, newest) = store.kept_events().await.unwrap();
+    store.close().await;
+    drop(store);
+    places.transfer(&from, &to).await.unwrap();
+    let store = places.open(&to, Access::Server).await.unwrap();
+    let events = store.events(&EventFilter::default(), 0, i64::MAX, 10).await.unwrap();
+    assert_eq!(events, []);
+    let (oldest, _) = store.kept_events().await.unwrap();
+    assert!(oldest > newest, "{oldest} and {newest}");
+}
+
 async fn sqlite(folder: &Path) -> SqliteConnection {
     SqliteConnectOptions::new().filename(folder.join("torqued.sqlite")).connect().await.unwrap()
 }
@@ -125,7 +142,7 @@ async fn columns(connection: &mut SqliteConnection) -> Vec<(String, String)> {
 }
 
 /// Tables that belong to a database and do not move.
-const STAYING: [&str; 4] = ["store", "probe", "server", "session"];
+const STAYING: [&str; 5] = ["store", "probe", "server", "session", "event"];
 
 /// Every row of every table, as SQLite quotes it.
 async fn dump(folder: &Path) -> Vec<String> {

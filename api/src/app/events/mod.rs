@@ -1,0 +1,291 @@
+//! Events for one who follows everything, or a job.
+//!
+//! A reader has its place among the events, `position`. It reads what was kept from the store, a page at a time, and goes on with
+//! what the feed sends. Who falls so far behind that the feed passes events over reads these from the store again.
+
+mod feed;
+
+use std::collections::{BTreeMap, VecDeque};
+use std::pin::Pin;
+use std::sync::Arc;
+
+use serde_json::{Value, json};
+use store::{EventFilter, EventKind, JobId, RunId};
+use tokio::sync::{OwnedSemaphorePermit, broadcast, watch};
+use tokio::time::{Interval, MissedTickBehavior, interval};
+use wire::{EventEnd, EventGap, JobProgress};
+
+use crate::access::Credentials;
+use crate::app::App;
+use crate::error::ApiError;
+use crate::limits::{EVENT_ACCESS_CHECKED, EVENT_PAGE};
+
+pub use feed::Feed;
+use feed::Listener;
+
+/// Whose events are asked for.
+#[derive(Clone, Copy, Debug)]
+pub enum Subject {
+    Everything {
+        kind: Option<EventKind>,
+    },
+    Job(i64),
+    /// The events of its job.
+    Run(i64),
+}
+
+/// Reads events for one connection until it ends.
+pub struct EventReader {
+    app: App,
+    /// Whether they may still be read is asked again and again.
+    credentials: Credentials,
+    access_checked: Interval,
+    closing: Pin<Box<dyn Future<Output = ()> + Send>>,
+    /// With those of a pipeline; all without.
+    jobs: Option<Vec<JobId>>,
+    kind: Option<EventKind>,
+    news: broadcast::Receiver<Arc<store::Event>>,
+    /// All events up to this id were sent, or are not asked for.
+    position: i64,
+    /// Up to here events are read from the store.
+    replay_to: i64,
+    followed: Option<Followed>,
+    to_send: VecDeque<wire::Event>,
+    has_ended: bool,
+    _place: OwnedSemaphorePermit,
+}
+
+/// The job that a stream is of.
+struct Followed {
+    job: i64,
+    changes: watch::Receiver<Option<Arc<JobProgress>>>,
+    /// As it was told last.
+    told: Option<JobProgress>,
+}
+
+impl App {
+    /// Opens a stream of events after the id `after`, or from now on. The stream of a job begins with its progress.
+    ///
+    /// # Errors
+    /// When there is no such job or run, or too many streams are open.
+    pub async fn event_reader(
+        &self,
+        subject: Subject,
+        after: Option<i64>,
+        credentials: Credentials,
+    ) -> Result<EventReader, ApiError> {
+        let place = self.event_place()?;
+        let (job, kind) = match subject {
+            Subject::Everything { kind } => (None, kind),
+            Subject::Job(job) => (Some(self.store.job(JobId(job)).await?.id), None),
+            Subject::Run(run) => (Some(self.store.run(RunId(run)).await?.job), None),
+        };
+        let jobs = match job {
+            Some(job) => {
+                let members = self.store.members(&[job]).await?;
+                Some(members.into_iter().map(|member| member.job).chain([job]).collect())
+            }
+            None => None,
+        };
+        let Listener { news, position } = self.events.listen(self).await?;
+        let followed =
+            job.map(|JobId(job)| Followed { job, changes: self.events.watch(job), told: None });
+        let mut access_checked = interval(EVENT_ACCESS_CHECKED);
+        access_checked.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        let mut reader = EventReader {
+            app: self.clone(),
+            credentials,
+            access_checked,
+            closing: Box::pin(self.closing()),
+            jobs,
+            kind,
+            news,
+            position,
+            replay_to: position,
+            followed,
+            to_send: VecDeque::new(),
+            has_ended: false,
+            _place: place,
+        };
+        if let Some(after) = after {
+            reader.go_back_to(after).await?;
+        }
+        Ok(reader)
+    }
+
+    /// Jobs as they are now, by id.
+    pub(super) async fn job_progress(
+        &self,
+        jobs: &[i64],
+    ) -> Result<BTreeMap<i64, JobProgress>, ApiError> {
+        let ids: Vec<JobId> = jobs.iter().copied().map(JobId).collect();
+        let rows = self.store.jobs_by_id(&ids).await?;
+        let progress = self.progress_of(rows).await?;
+        Ok(progress.into_iter().map(|it| (it.job, it)).collect())
+    }
+}
+
+impl EventReader {
+    /// The next event, when it is there; `None` at the end: the job has ended, the server stops, the token is not valid any
+    /// more, or the database does not answer. Whoever connects again goes on where this ended.
+    pub async fn next(&mut self) -> Option<wire::Event> {
+        loop {
+            if let Some(event) = self.to_send.pop_front() {
+                return Some(event);
+            }
+            if self.has_ended {
+                return None;
+            }
+            if let Err(error) = self.advance().await {
+                tracing::warn!(%error, "a stream of events ends");
+                return None;
+            }
+        }
+    }
+
+    async fn advance(&mut self) -> Result<(), ApiError> {
+        if self.position < self.replay_to {
+            return self.replay().await;
+        }
+        if self.followed.as_ref().is_some_and(|followed| followed.told.is_none()) {
+            return self.tell_progress().await;
+        }
+        let changed = async {
+            match &mut self.followed {
+                Some(followed) => followed.changes.changed().await.is_ok(),
+                None => std::future::pending().await,
+            }
+        };
+        tokio::select! {
+            biased;
+            () = &mut self.closing => self.has_ended = true,
+            news = self.news.recv() => match news {
+                Ok(event) => self.take(&event).await?,
+                Err(broadcast::error::RecvError::Lagged(_)) => {
+                    let after = self.position;
+                    self.replay_to = self.app.events.settled();
+                    self.go_back_to(after).await?;
+                }
+                Err(broadcast::error::RecvError::Closed) => self.has_ended = true,
+            },
+            _ = changed => self.take_progress(),
+            _ = self.access_checked.tick() => {
+                self.has_ended = self.app.caller(self.credentials).await?.is_none();
+            }
+        }
+        Ok(())
+    }
+
+    /// Reads on from `after`, if what follows is kept.
+    async fn go_back_to(&mut self, after: i64) -> Result<(), ApiError> {
+        let (oldest, newest) = self.app.store.kept_events().await?;
+        let next_that_is_kept = oldest - 1;
+        self.position = match after {
+            // All that is kept.
+            0 => next_that_is_kept,
+            _ if after < next_that_is_kept => self.gap(after, next_that_is_kept),
+            // Of another database, or written a moment ago and sent by another server.
+            _ if after > newest => self.gap(after, self.replay_to),
+            _ => after,
+        };
+        Ok(())
+    }
+
+    fn gap(&mut self, after: i64, id: i64) -> i64 {
+        self.to_send.push_back(wire::Event::Gap(EventGap { id, after }));
+        id
+    }
+
+    /// Reads a page from the store.
+    async fn replay(&mut self) -> Result<(), ApiError> {
+        let filter = EventFilter { jobs: self.jobs.as_deref(), kind: self.kind };
+        let (after, up_to) = (self.position, self.replay_to);
+        let events = self.app.store.events(&filter, after, up_to, EVENT_PAGE).await?;
+        let is_last = u32::try_from(events.len()).is_ok_and(|read| read < EVENT_PAGE);
+        for event in &events {
+            self.take(event).await?;
+            if self.has_ended {
+                return Ok(());
+            }
+        }
+        if is_last {
+            self.position = up_to;
+        }
+        Ok(())
+    }
+
+    /// Has an event sent if it is asked for and was not sent before. After the final one of the job that is followed, the stream
+    /// ends.
+    async fn take(&mut self, event: &store::Event) -> Result<(), ApiError> {
+        if event.id <= self.position {
+            return Ok(());
+        }
+        self.position = event.id;
+        let is_asked_for = self.jobs.as_ref().is_none_or(|jobs| jobs.contains(&event.job))
+            && self.kind.is_none_or(|kind| kind == event.kind);
+        if !is_asked_for {
+            return Ok(());
+        }
+        let Some(event) = told(event) else { return Ok(()) };
+        let ends = match (&event, &self.followed) {
+            (wire::Event::Job(event), Some(followed)) => {
+                event.job == followed.job && event.state.is_final()
+            }
+            _ => false,
+        };
+        self.to_send.push_back(event);
+        if ends {
+            self.tell_progress().await?;
+        }
+        Ok(())
+    }
+
+    /// Has the present progress of the job sent, and the end if that is its last.
+    async fn tell_progress(&mut self) -> Result<(), ApiError> {
+        let Some(followed) = &mut self.followed else { return Ok(()) };
+        let progress = self.app.job_progress(&[followed.job]).await?.remove(&followed.job);
+        let Some(progress) = progress else {
+            // It was deleted.
+            self.has_ended = true;
+            return Ok(());
+        };
+        followed.told = Some(progress.clone());
+        let end = progress.state.is_final().then(|| EventEnd {
+            job: progress.job,
+            state: progress.state,
+            error: progress.error.clone(),
+        });
+        self.to_send.push_back(wire::Event::Progress(progress));
+        if let Some(end) = end {
+            self.to_send.push_back(wire::Event::End(end));
+            self.has_ended = true;
+        }
+        Ok(())
+    }
+
+    /// Has the progress sent that the feed has read. The final one comes with its event.
+    fn take_progress(&mut self) {
+        let Some(followed) = &mut self.followed else { return };
+        let progress = followed.changes.borrow_and_update().as_deref().cloned();
+        if let Some(progress) = progress
+            && followed.told.as_ref() != Some(&progress)
+            && !progress.state.is_final()
+        {
+            followed.told = Some(progress.clone());
+            self.to_send.push_back(wire::Event::Progress(progress));
+        }
+    }
+}
+
+/// An event as it is told; none of a kind of job that this version does not know.
+fn told(event: &store::Event) -> Option<wire::Event> {
+    let mut data = json!({
+        "event": event.kind, "id": event.id, "at": event.at, "job": event.job,
+    });
+    if let (Value::Object(data), Value::Object(rest)) = (&mut data, &event.data) {
+        data.extend(rest.iter().map(|(name, value)| (name.clone(), value.clone())));
+    }
+    serde_json::from_value(data)
+        .inspect_err(|error| tracing::warn!(%error, event = event.id, "an event cannot be read"))
+        .ok()
+}

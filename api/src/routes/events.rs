@@ -1,0 +1,174 @@
+//! Server-sent events.
+
+use std::convert::Infallible;
+
+use axum::extract::State;
+use axum::http::{HeaderMap, HeaderName, HeaderValue};
+use axum::response::sse::{Event as Message, KeepAlive, Sse};
+use axum::response::{IntoResponse, Response};
+use futures::{Stream, StreamExt, stream};
+use serde::Deserialize;
+use store::EventKind;
+use utoipa::IntoParams;
+
+use crate::access::Credentials;
+use crate::app::App;
+use crate::app::events::{EventReader, Subject};
+use crate::error::ApiError;
+use crate::extract::{Path, Query};
+use crate::limits::EVENT_RETRY;
+
+/// The header with which a client that connects again says where it was.
+const LAST_EVENT_ID: &str = "Last-Event-ID";
+
+const IDS: &str = "the id of an event, or 0";
+
+/// Has nginx pass each event on at once.
+const UNBUFFERED: (HeaderName, HeaderValue) =
+    (HeaderName::from_static("x-accel-buffering"), HeaderValue::from_static("no"));
+
+#[derive(Deserialize, IntoParams)]
+#[into_params(parameter_in = Query)]
+pub struct EventsParameters {
+    /// Only events of this kind.
+    #[param(inline)]
+    kind: Option<EventKind>,
+    /// First the events with larger ids, as far as they are kept; all of those for 0. `Last-Event-ID` goes before it.
+    after: Option<i64>,
+}
+
+#[derive(Deserialize, IntoParams)]
+#[into_params(parameter_in = Query)]
+pub struct PlaceParameters {
+    /// First the events with larger ids, as far as they are kept; all of those for 0. `Last-Event-ID` goes before it.
+    after: Option<i64>,
+}
+
+/// What happens to jobs from now on, or from an event on. It ends when the server stops.
+#[utoipa::path(
+    get,
+    path = "/v1/events",
+    tag = "events",
+    params(
+        EventsParameters,
+        ("Last-Event-ID" = Option<i64>, Header, description = "The id of the last event that was received"),
+    ),
+    responses((
+        status = 200,
+        body = String,
+        content_type = "text/event-stream",
+        description = "Messages: `event` names the kind, `data` is an `Event`, and `id` the place of one that is kept",
+    )),
+)]
+pub async fn all(
+    State(app): State<App>,
+    Query(EventsParameters { kind, after }): Query<EventsParameters>,
+    headers: HeaderMap,
+) -> Result<Response, ApiError> {
+    open(&app, Subject::Everything { kind }, after, &headers).await
+}
+
+/// What happens to a job, or to a pipeline and its jobs. It begins with the job's progress and ends with the job.
+#[utoipa::path(
+    get,
+    path = "/v1/jobs/{id}/events",
+    tag = "events",
+    params(
+        ("id" = i64, Path),
+        PlaceParameters,
+        ("Last-Event-ID" = Option<i64>, Header, description = "The id of the last event that was received"),
+    ),
+    responses((
+        status = 200,
+        body = String,
+        content_type = "text/event-stream",
+        description = "Messages: `event` names the kind, `data` is an `Event`, and `id` the place of one that is kept",
+    )),
+)]
+pub async fn of_job(
+    State(app): State<App>,
+    Path(id): Path<i64>,
+    Query(PlaceParameters { after }): Query<PlaceParameters>,
+    headers: HeaderMap,
+) -> Result<Response, ApiError> {
+    open(&app, Subject::Job(id), after, &headers).await
+}
+
+/// What happens to the job whose record this run is.
+#[utoipa::path(
+    get,
+    path = "/v1/runs/{id}/events",
+    tag = "events",
+    params(
+        ("id" = i64, Path),
+        PlaceParameters,
+        ("Last-Event-ID" = Option<i64>, Header, description = "The id of the last event that was received"),
+    ),
+    responses((
+        status = 200,
+        body = String,
+        content_type = "text/event-stream",
+        description = "Messages: `event` names the kind, `data` is an `Event`, and `id` the place of one that is kept",
+    )),
+)]
+pub async fn of_run(
+    State(app): State<App>,
+    Path(id): Path<i64>,
+    Query(PlaceParameters { after }): Query<PlaceParameters>,
+    headers: HeaderMap,
+) -> Result<Response, ApiError> {
+    open(&app, Subject::Run(id), after, &headers).await
+}
+
+async fn open(
+    app: &App,
+    subject: Subject,
+    after: Option<i64>,
+    headers: &HeaderMap,
+) -> Result<Response, ApiError> {
+    let after = match last_event(headers)? {
+        Some(id) => Some(id),
+        None => place("after", after)?,
+    };
+    let reader = app.event_reader(subject, after, Credentials::of(headers)).await?;
+    let keep_alive = KeepAlive::new().interval(app.event_heartbeat());
+    let stream = Sse::new(messages(reader)).keep_alive(keep_alive);
+    Ok(([UNBUFFERED], stream).into_response())
+}
+
+/// The id in the header. An empty one is none: that is what browsers have before the first event.
+fn last_event(headers: &HeaderMap) -> Result<Option<i64>, ApiError> {
+    let Some(value) = headers.get(LAST_EVENT_ID) else { return Ok(None) };
+    let text = String::from_utf8_lossy(value.as_bytes());
+    if text.trim().is_empty() {
+        return Ok(None);
+    }
+    let id = text.trim().parse().map_err(|_| ApiError::parameter(LAST_EVENT_ID, &text, IDS))?;
+    place(LAST_EVENT_ID, Some(id))
+}
+
+fn place(name: &str, id: Option<i64>) -> Result<Option<i64>, ApiError> {
+    match id {
+        Some(id) if id < 0 => Err(ApiError::parameter(name, id, IDS)),
+        id => Ok(id),
+    }
+}
+
+fn messages(reader: EventReader) -> impl Stream<Item = Result<Message, Infallible>> + Send {
+    let retry = Message::default().retry(EVENT_RETRY);
+    let events = stream::unfold(reader, |mut reader| async move {
+        let event = reader.next().await?;
+        Some((message(&event), reader))
+    });
+    stream::once(async { retry }).chain(events).map(Ok)
+}
+
+fn message(event: &wire::Event) -> Message {
+    // Every document of the API has JSON.
+    let data = serde_json::to_string(event).unwrap_or_default();
+    let message = Message::default().event(event.name()).data(data);
+    match event.id() {
+        Some(id) => message.id(id.to_string()),
+        None => message,
+    }
+}

@@ -1,0 +1,156 @@
+//! Following server-sent events, over lost connections and restarts of the server.
+
+use std::time::{Duration, Instant};
+
+use reqwest::header::ACCEPT;
+use reqwest::{Method, Response, StatusCode};
+use wire::Event;
+
+use super::{Client, ClientError};
+
+/// How long a server that does not answer is waited for: it may be restarting.
+const PATIENCE: Duration = Duration::from_secs(30);
+
+/// Before connecting again.
+const PAUSE: Duration = Duration::from_millis(400);
+
+/// A server says at least every 15 s that it is there.
+const SILENCE: Duration = Duration::from_secs(45);
+
+/// A stream lasts as long as what it tells of.
+const TIMEOUT: Duration = Duration::from_secs(365 * 24 * 60 * 60);
+
+/// Bytes of one line at most: an event has one, and none is that long.
+const LONGEST_LINE: usize = 16 << 20;
+
+/// The events at a path of the API. Whatever ends the connection, the next one goes on after the last event.
+pub struct Events<'a> {
+    client: &'a Client,
+    path: String,
+    /// The id of the last event that has one.
+    last: Option<i64>,
+    open: Option<(Response, Lines)>,
+    was_open: bool,
+    /// When a connection was lost last.
+    lost_at: Instant,
+}
+
+impl Client {
+    /// The events at `path`, from those after the id `after` on, or from now on.
+    pub fn events(&self, path: String, after: Option<i64>) -> Events<'_> {
+        let lost_at = Instant::now();
+        Events { client: self, path, last: after, open: None, was_open: false, lost_at }
+    }
+}
+
+impl Events<'_> {
+    /// The next event that this version knows. A job's stream is over with its [`Event::End`]; do not ask further then.
+    ///
+    /// # Errors
+    /// When the server refuses or does not answer; once it has answered, when it does not for 30 s.
+    pub async fn next(&mut self) -> Result<Event, ClientError> {
+        loop {
+            if let Some((_, lines)) = &mut self.open
+                && let Some(data) = lines.next_data()
+            {
+                let Ok(event) = serde_json::from_str::<Event>(&data) else { continue };
+                self.last = event.id().or(self.last);
+                return Ok(event);
+            }
+            if self.receive().await {
+                continue;
+            }
+            if self.was_open {
+                tokio::time::sleep(PAUSE).await;
+            }
+            match self.connect().await {
+                Ok(response) => {
+                    self.open = Some((response, Lines::default()));
+                    self.was_open = true;
+                }
+                Err(error) if self.is_passing(&error) => tokio::time::sleep(PAUSE).await,
+                Err(error) => return Err(error),
+            }
+        }
+    }
+
+    /// Whether a server that had answered may do so again in a moment. One that was started again may have no room, or no
+    /// database, for a while.
+    fn is_passing(&self, error: &ClientError) -> bool {
+        const BUSY: [StatusCode; 2] =
+            [StatusCode::SERVICE_UNAVAILABLE, StatusCode::TOO_MANY_REQUESTS];
+        let may_pass = match error {
+            ClientError::Unreachable { .. } => true,
+            ClientError::Refused { status, .. } => BUSY.contains(status),
+            _ => false,
+        };
+        may_pass && self.was_open && self.lost_at.elapsed() < PATIENCE
+    }
+
+    /// Receives more of an open stream, if there is one and it does not end.
+    async fn receive(&mut self) -> bool {
+        let Some((response, lines)) = &mut self.open else { return false };
+        match tokio::time::timeout(SILENCE, response.chunk()).await {
+            Ok(Ok(Some(chunk))) if lines.take(&chunk) => true,
+            _ => {
+                self.open = None;
+                self.lost_at = Instant::now();
+                false
+            }
+        }
+    }
+
+    async fn connect(&self) -> Result<Response, ClientError> {
+        let request = self.client.request(Method::GET, &self.path).timeout(TIMEOUT);
+        let request = request.header(ACCEPT, "text/event-stream");
+        let request = match self.last {
+            Some(id) => request.header("last-event-id", id),
+            None => request,
+        };
+        self.client.answer(request).await
+    }
+}
+
+/// The lines of a stream as they arrive.
+#[derive(Debug, Default)]
+struct Lines {
+    bytes: Vec<u8>,
+}
+
+impl Lines {
+    /// Whether there was room.
+    fn take(&mut self, chunk: &[u8]) -> bool {
+        self.bytes.extend_from_slice(chunk);
+        self.bytes.len() <= LONGEST_LINE
+    }
+
+    /// The data of the next event, which the API writes in a line. Its id and its type are in the data as well.
+    fn next_data(&mut self) -> Option<String> {
+        while let Some(end) = self.bytes.iter().position(|byte| *byte == b'\n') {
+            let line: Vec<u8> = self.bytes.drain(..=end).collect();
+            if let Some(data) = line.strip_prefix(b"data:") {
+                return Some(String::from_utf8_lossy(data).trim().to_owned());
+            }
+        }
+        None
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn data_is_read_whole_however_it_is_cut() {
+        let stream =
+            b"retry: 1000\n\nid: 7\nevent: gap\ndata: {\"a\": 1}\n\n:\n\ndata:{\"b\": 2}\n\n";
+        for cut in 0..stream.len() {
+            let (mut lines, mut found) = (Lines::default(), Vec::new());
+            for part in [&stream[..cut], &stream[cut..]] {
+                assert!(lines.take(part));
+                found.extend(std::iter::from_fn(|| lines.next_data()));
+            }
+            assert_eq!(found, [r#"{"a": 1}"#, r#"{"b": 2}"#], "cut at {cut}");
+        }
+    }
+}

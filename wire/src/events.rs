@@ -1,0 +1,150 @@
+//! Server-sent events: what happens to jobs, as it happens.
+
+use serde::{Deserialize, Serialize};
+use spec::JobKind;
+use utoipa::ToSchema;
+
+use crate::{JobState, Member, Progress, TaskState};
+
+/// The data of a server-sent event; its field `event` is also the event's type. Those with an `id` are kept for a while and
+/// can be had again from any of them on. Readers pass over kinds that they do not know.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(tag = "event", rename_all = "lowercase")]
+pub enum Event {
+    Job(JobEvent),
+    Task(TaskEvent),
+    Metrics(MetricsEvent),
+    Checkpoint(CheckpointEvent),
+    Progress(JobProgress),
+    Gap(EventGap),
+    End(EventEnd),
+}
+
+/// A job is new, its state changed, or its cancellation was requested.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct JobEvent {
+    /// Ids grow in the order of the events.
+    pub id: i64,
+    pub at: String,
+    pub job: i64,
+    pub kind: JobKind,
+    pub name: String,
+    pub state: JobState,
+    /// The reason why it failed or was cancelled.
+    pub error: Option<String>,
+    pub cancel_requested: bool,
+}
+
+/// A task was begun by a worker, or ended. It is `queued` again when it is tried once more.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct TaskEvent {
+    pub id: i64,
+    pub at: String,
+    pub job: i64,
+    pub task: i64,
+    pub label: String,
+    pub state: TaskState,
+    pub attempt: u32,
+    pub worker: Option<String>,
+    /// The error of the last attempt that failed.
+    pub error: Option<String>,
+}
+
+/// A run recorded metrics: one event for all that a worker wrote at once.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct MetricsEvent {
+    pub id: i64,
+    pub at: String,
+    pub job: i64,
+    pub run: i64,
+    /// The largest step among them.
+    pub step: u64,
+}
+
+/// A training wrote a checkpoint.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct CheckpointEvent {
+    pub id: i64,
+    pub at: String,
+    pub job: i64,
+    pub run: i64,
+    pub checkpoint: i64,
+    pub step: u64,
+    pub is_final: bool,
+    pub is_best: bool,
+}
+
+/// A job as it is now: when its stream begins, and then whenever it has changed, about once a second. It is not kept and has
+/// no id.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct JobProgress {
+    pub job: i64,
+    pub state: JobState,
+    pub error: Option<String>,
+    pub cancel_requested: bool,
+    pub progress: Progress,
+    /// As of a job.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub waits_for: Option<String>,
+    /// The jobs of a pipeline.
+    pub members: Vec<Member>,
+}
+
+/// Events are missing: those after `after` are not kept any more up to `id`, or `after` is no id of this database. Ask for
+/// what you follow anew, and go on.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct EventGap {
+    /// The events that follow have larger ids.
+    pub id: i64,
+    /// The id that was asked for.
+    pub after: i64,
+}
+
+/// The job has its final state, and its stream ends: do not connect again.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct EventEnd {
+    pub job: i64,
+    pub state: JobState,
+    pub error: Option<String>,
+}
+
+impl Event {
+    /// Its type, as in its JSON.
+    pub const fn name(&self) -> &'static str {
+        match self {
+            Self::Job(_) => "job",
+            Self::Task(_) => "task",
+            Self::Metrics(_) => "metrics",
+            Self::Checkpoint(_) => "checkpoint",
+            Self::Progress(_) => "progress",
+            Self::Gap(_) => "gap",
+            Self::End(_) => "end",
+        }
+    }
+
+    /// The place to go on from after it, if it is one.
+    pub const fn id(&self) -> Option<i64> {
+        match self {
+            Self::Job(event) => Some(event.id),
+            Self::Task(event) => Some(event.id),
+            Self::Metrics(event) => Some(event.id),
+            Self::Checkpoint(event) => Some(event.id),
+            Self::Gap(event) => Some(event.id),
+            Self::Progress(_) | Self::End(_) => None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_event_names_its_kind_in_its_data() {
+        let gap = Event::Gap(EventGap { id: 7, after: 3 });
+        let data = serde_json::to_value(&gap).unwrap();
+        assert_eq!(data, serde_json::json!({"event": "gap", "id": 7, "after": 3}));
+        assert_eq!(data["event"], gap.name());
+        assert_eq!(serde_json::from_value::<Event>(data).unwrap(), gap);
+    }
+}
