@@ -2,7 +2,10 @@
 
 use std::time::{Duration, Instant, SystemTime};
 
-use store::{Duty, DutyClaim, EVENTS_KEPT, EVENTS_KEPT_FOR, Reaped, Reaper, Retention, Ripe, Store, StoreError};
+use store::{
+    Duty, DutyClaim, EVENTS_KEPT, EVENTS_KEPT_FOR, Reaped, Reaper, Retention, Ripe, Store,
+    StoreError,
+};
 use tokio_util::sync::CancellationToken;
 
 /// How often leases are looked at: how much later than its lease a death is noticed.

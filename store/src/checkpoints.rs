@@ -11,8 +11,8 @@ use crate::events::tell;
 use crate::patience::patiently;
 use crate::trash::refuse_deleted;
 use crate::{
-    CheckpointId, Deletion, EventKind, Fence, JobId, Page, RunId, Store, StoreError, StoredObject, Timestamp,
-    leases,
+    CheckpointId, Deletion, EventKind, Fence, JobId, Page, RunId, Store, StoreError, StoredObject,
+    Timestamp, leases,
 };
 
 #[derive(Clone, Debug)]

@@ -13,7 +13,9 @@ use crate::database::sql;
 use crate::patience::patiently;
 use crate::task_end::Completion;
 use crate::trash::refuse_deleted;
-use crate::{DatasetId, Deletion, Fence, JobId, Listing, Page, Store, StoreError, StoredObject, Timestamp};
+use crate::{
+    DatasetId, Deletion, Fence, JobId, Listing, Page, Store, StoreError, StoredObject, Timestamp,
+};
 
 #[derive(Clone, Debug)]
 pub struct Dataset {

@@ -145,7 +145,7 @@ pub use trash::{Deleted, Deletion, DeletionOrder, Item, Respect, TrashPlace, Tra
 pub use uploads::{Upload, UploadWriter};
 pub use waiting::Bell;
 pub use wire::{
-    AttemptOutcome, DatasetState, EventKind, ItemKind, JobState, LabelChange, PlacementState, Relation, Scope,
-    TaskState, TextChange,
+    AttemptOutcome, DatasetState, EventKind, ItemKind, JobState, LabelChange, PlacementState,
+    Relation, Scope, TaskState, TextChange,
 };
 pub use workers::{Worker, WorkerProcess, WorkersTask};

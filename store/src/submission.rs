@@ -14,7 +14,8 @@ use crate::rules::job::{before_start, is_unsuccessful};
 use crate::rules::reuse::{TaskPlace, stand_in, takes_over};
 use crate::rules::turn::turn;
 use crate::{
-    CheckpointId, EventKind, Idempotency, JobId, Labels, Store, StoreError, TaskId, Timestamp, idempotency, pipelines,
+    CheckpointId, EventKind, Idempotency, JobId, Labels, Store, StoreError, TaskId, Timestamp,
+    idempotency, pipelines,
 };
 
 /// What is asked for at once.

@@ -6,7 +6,9 @@ use sqlx::types::{Json, Text};
 use sqlx::{FromRow, QueryBuilder, Row};
 use wire::JobState;
 
-use super::rows::{deletion, digest, json, moment, number, optional_number, resources, state, tags};
+use super::rows::{
+    deletion, digest, json, moment, number, optional_number, resources, state, tags,
+};
 use super::{Database, Db, DbRow, LISTED_IDS, LISTED_TEXTS, Transaction};
 use crate::{DatasetId, Job, JobId, JobProgress};
 

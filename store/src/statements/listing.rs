@@ -33,8 +33,9 @@ pub(crate) fn page(start: &str, thing: Thing, listing: &Listing) -> QueryBuilder
         Thing::Checkpoint => "checkpoint JOIN job ON job.id = checkpoint.job",
     };
     let key = key(thing, listing.sort);
-    let select =
-        format!("{start}SELECT {table}.id AS id, {key} AS sort_key FROM {source} WHERE {table}.deleted_at IS NULL");
+    let select = format!(
+        "{start}SELECT {table}.id AS id, {key} AS sort_key FROM {source} WHERE {table}.deleted_at IS NULL"
+    );
     let mut query = QueryBuilder::new(select);
     filter(&mut query, thing, listing);
     let (beyond, direction) = match listing.direction {

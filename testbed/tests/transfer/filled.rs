@@ -7,9 +7,10 @@ use serde_json::json;
 use spec::{Digest, Resources};
 use store::{
     Access, AuditEntry, CheckpointFile, ClaimedTask, DeletionOrder, Idempotency, JobFilter,
-    JobState, LabelChange, Metric, NewArtifact, NewCheckpoint, NewJob, NewLogChunk, NewTask, NewToken,
-    NewTrackedRun, Output, Page, Progress, Respect, Retry, Reuse, Ripe, Scope, Store, Submission,
-    TextChange, Thing, Timestamp, TrackedBatch, TrackedMetric, TrackedRunChange, object_path,
+    JobState, LabelChange, Metric, NewArtifact, NewCheckpoint, NewJob, NewLogChunk, NewTask,
+    NewToken, NewTrackedRun, Output, Page, Progress, Respect, Retry, Reuse, Ripe, Scope, Store,
+    Submission, TextChange, Thing, Timestamp, TrackedBatch, TrackedMetric, TrackedRunChange,
+    object_path,
 };
 use tempfile::TempDir;
 
