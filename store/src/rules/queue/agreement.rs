@@ -66,6 +66,9 @@ impl Twin {
                 reuse: JobReuse { whole: false, parts: PartReuse::Nothing },
                 tasks: (0u32..).zip(&job.stages).map(task).collect(),
                 needs: job.needs.iter().map(need).collect(),
+                reads: Vec::new(),
+                checkpoints: Vec::new(),
+                files: Vec::new(),
             }
         };
         let new: Vec<NewJob> = jobs.iter().enumerate().map(new_job).collect();
