@@ -23,8 +23,6 @@ mod trajectories;
 mod uploads;
 mod workers;
 
-pub use lists::QueryPairs;
-
 use axum::extract::{DefaultBodyLimit, Request};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
