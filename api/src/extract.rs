@@ -1,5 +1,7 @@
 //! Extractors of axum, with its rejections as problems.
 
+use std::convert::Infallible;
+
 use axum::body::Bytes;
 use axum::extract::rejection::{BytesRejection, PathRejection, QueryRejection};
 use axum::extract::{DefaultBodyLimit, FromRequest, FromRequestParts, Request};
@@ -49,6 +51,40 @@ where
             Ok(axum::extract::Query(query)) => Ok(Self(query)),
             Err(rejection) => Err(ApiError::Query { reason: rejection.body_text() }),
         }
+    }
+}
+
+/// The parameters of a query in their order. A name may come several times.
+pub struct QueryPairs(pub Vec<(String, String)>);
+
+impl<S: Send + Sync> FromRequestParts<S> for QueryPairs {
+    type Rejection = Infallible;
+
+    async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Infallible> {
+        let query = parts.uri.query().unwrap_or_default();
+        Ok(Self(form_urlencoded::parse(query.as_bytes()).into_owned().collect()))
+    }
+}
+
+impl QueryPairs {
+    /// Every `tag`.
+    pub fn tags(self) -> Vec<String> {
+        let tags = self.0.into_iter().filter(|(name, _)| name == "tag");
+        tags.map(|(_, tag)| tag).collect()
+    }
+
+    /// What a form sends: without the fields that were left empty, and with each of the tags in one field.
+    pub fn filled(self) -> Vec<(String, String)> {
+        let mut filled = Vec::new();
+        for (name, value) in self.0 {
+            if name == "tag" {
+                let tags = value.split([' ', ',']).filter(|tag| !tag.is_empty());
+                filled.extend(tags.map(|tag| (name.clone(), tag.to_owned())));
+            } else if !value.trim().is_empty() {
+                filled.push((name, value));
+            }
+        }
+        filled
     }
 }
 

@@ -8,11 +8,11 @@ use spec::JobKind;
 use wire::JobState;
 
 use crate::app::App;
+use crate::extract::QueryPairs;
 use crate::page::answer::{PageError, html};
 use crate::page::labels::TagLink;
 use crate::page::parts::{Commands, Standing};
 use crate::page::rows::Row;
-use crate::routes::QueryPairs;
 
 /// Experiments of one page; each shows all its jobs.
 const PAGE: u32 = 20;

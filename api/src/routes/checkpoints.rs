@@ -7,12 +7,12 @@ use axum::response::Response;
 use store::Thing;
 use wire::{Checkpoint, Checkpoints, LabelChange};
 
-use crate::app::listing::CHECKPOINTS;
+use crate::app::listing::{CHECKPOINTS, ListRequest};
 use crate::app::{App, read_question};
 use crate::error::ApiError;
-use crate::extract::{PatchBytes, Path};
+use crate::extract::{PatchBytes, Path, QueryPairs};
 use crate::routes::files::{CheckpointFile, TarFile, send};
-use crate::routes::lists::{CheckpointsParameters, QueryPairs};
+use crate::routes::lists::CheckpointsParameters;
 
 /// Checkpoints, newest first unless `sort` says otherwise.
 #[utoipa::path(
@@ -26,7 +26,7 @@ pub async fn list(
     State(app): State<App>,
     pairs: QueryPairs,
 ) -> Result<Json<Checkpoints>, ApiError> {
-    Ok(Json(app.checkpoints(&pairs.list(&CHECKPOINTS)?).await?))
+    Ok(Json(app.checkpoints(&ListRequest::read(&CHECKPOINTS, &pairs.0)?).await?))
 }
 
 /// A checkpoint with its files.

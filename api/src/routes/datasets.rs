@@ -8,12 +8,12 @@ use axum::response::{IntoResponse, Response};
 use store::Thing;
 use wire::{Dataset, Datasets, Job, LabelChange};
 
-use crate::app::listing::DATASETS;
+use crate::app::listing::{DATASETS, ListRequest};
 use crate::app::{App, read_question};
 use crate::error::ApiError;
-use crate::extract::{PatchBytes, Path};
+use crate::extract::{PatchBytes, Path, QueryPairs};
 use crate::routes::files::{DatasetFile, TarFile, send};
-use crate::routes::lists::{DatasetsParameters, QueryPairs};
+use crate::routes::lists::DatasetsParameters;
 
 /// Datasets, newest first unless `sort` says otherwise.
 #[utoipa::path(
@@ -24,7 +24,7 @@ use crate::routes::lists::{DatasetsParameters, QueryPairs};
     responses((status = 200, body = Datasets)),
 )]
 pub async fn list(State(app): State<App>, pairs: QueryPairs) -> Result<Json<Datasets>, ApiError> {
-    Ok(Json(app.datasets(&pairs.list(&DATASETS)?).await?))
+    Ok(Json(app.datasets(&ListRequest::read(&DATASETS, &pairs.0)?).await?))
 }
 
 /// A dataset with the files that exist so far.

@@ -5,10 +5,10 @@ use axum::extract::State;
 use wire::{Evaluation, Evaluations};
 
 use crate::app::App;
-use crate::app::listing::EVALUATIONS;
+use crate::app::listing::{EVALUATIONS, ListRequest};
 use crate::error::ApiError;
-use crate::extract::Path;
-use crate::routes::lists::{EvaluationsParameters, QueryPairs};
+use crate::extract::{Path, QueryPairs};
+use crate::routes::lists::EvaluationsParameters;
 
 /// Evaluations, newest first unless `sort` says otherwise.
 #[utoipa::path(
@@ -22,7 +22,7 @@ pub async fn list(
     State(app): State<App>,
     pairs: QueryPairs,
 ) -> Result<Json<Evaluations>, ApiError> {
-    Ok(Json(app.evaluations(&pairs.list(&EVALUATIONS)?).await?))
+    Ok(Json(app.evaluations(&ListRequest::read(&EVALUATIONS, &pairs.0)?).await?))
 }
 
 /// An evaluation, by the id of its job; `report` is there once all its cells are.

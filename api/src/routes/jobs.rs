@@ -11,13 +11,13 @@ use store::Thing;
 use utoipa::IntoParams;
 use wire::{Attempts, Job, Jobs, LabelChange, Tasks};
 
-use crate::app::listing::JOBS;
+use crate::app::listing::{JOBS, ListRequest};
 use crate::app::paging::TaskPaging;
 use crate::app::submission::{Reuse, Submitted};
 use crate::app::{App, labels, read_question};
 use crate::error::ApiError;
-use crate::extract::{IdempotencyKey, JsonBytes, PatchBytes, Path, Query};
-use crate::routes::lists::{JobsParameters, ListParameters, QueryPairs, TagParameters};
+use crate::extract::{IdempotencyKey, JsonBytes, PatchBytes, Path, Query, QueryPairs};
+use crate::routes::lists::{JobsParameters, ListParameters, TagParameters};
 
 #[derive(Deserialize, IntoParams)]
 #[into_params(parameter_in = Query)]
@@ -100,7 +100,7 @@ pub async fn retry(State(app): State<App>, Path(id): Path<i64>) -> Result<Respon
     responses((status = 200, body = Jobs)),
 )]
 pub async fn list(State(app): State<App>, pairs: QueryPairs) -> Result<Json<Jobs>, ApiError> {
-    Ok(Json(app.jobs(&pairs.list(&JOBS)?).await?))
+    Ok(Json(app.jobs(&ListRequest::read(&JOBS, &pairs.0)?).await?))
 }
 
 /// A job, how far it is and what it has made.

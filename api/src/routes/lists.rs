@@ -1,9 +1,5 @@
 //! The parameters of lists.
 
-use std::convert::Infallible;
-
-use axum::extract::FromRequestParts;
-use axum::http::request::Parts;
 use serde::Deserialize;
 use utoipa::IntoParams;
 use utoipa::openapi::path::{Parameter, ParameterBuilder, ParameterIn};
@@ -12,7 +8,7 @@ use utoipa::openapi::{RefOr, Required, Schema};
 
 use crate::app::Paging;
 use crate::app::labels::TAG_PATTERN;
-use crate::app::listing::{CHECKPOINTS, DATASETS, EVALUATIONS, JOBS, List, ListRequest, RUNS};
+use crate::app::listing::{CHECKPOINTS, DATASETS, EVALUATIONS, JOBS, List, RUNS};
 use crate::error::ApiError;
 use crate::limits::{PAGE_DEFAULT, PAGE_MAXIMUM, SEARCH_CHARACTERS, TAGS};
 
@@ -29,48 +25,6 @@ pub struct ListParameters {
 impl ListParameters {
     pub fn paging(&self) -> Result<Paging, ApiError> {
         Paging::new(self.limit, self.before)
-    }
-}
-
-/// The parameters of a query in their order. A name may come several times.
-pub struct QueryPairs(Vec<(String, String)>);
-
-impl<S: Send + Sync> FromRequestParts<S> for QueryPairs {
-    type Rejection = Infallible;
-
-    async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Infallible> {
-        let query = parts.uri.query().unwrap_or_default();
-        Ok(Self(form_urlencoded::parse(query.as_bytes()).into_owned().collect()))
-    }
-}
-
-impl QueryPairs {
-    /// As the parameters of a list.
-    ///
-    /// # Errors
-    /// [`ApiError::Parameter`] for the first that cannot be accepted.
-    pub fn list(&self, list: &'static List) -> Result<ListRequest, ApiError> {
-        ListRequest::read(list, &self.0)
-    }
-
-    /// Every `tag`.
-    pub fn tags(self) -> Vec<String> {
-        let tags = self.0.into_iter().filter(|(name, _)| name == "tag");
-        tags.map(|(_, tag)| tag).collect()
-    }
-
-    /// As a form sends it, with the fields that were left empty, and several tags in one field.
-    pub fn filled(self) -> Vec<(String, String)> {
-        let mut filled = Vec::new();
-        for (name, value) in self.0 {
-            if name == "tag" {
-                let tags = value.split([' ', ',']).filter(|tag| !tag.is_empty());
-                filled.extend(tags.map(|tag| (name.clone(), tag.to_owned())));
-            } else if !value.trim().is_empty() {
-                filled.push((name, value));
-            }
-        }
-        filled
     }
 }
 

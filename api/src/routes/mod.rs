@@ -25,8 +25,6 @@ mod trash;
 mod uploads;
 mod workers;
 
-pub use lists::QueryPairs;
-
 use axum::extract::{DefaultBodyLimit, Request};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;

@@ -11,13 +11,13 @@ use store::Thing;
 use utoipa::IntoParams;
 use wire::{LabelChange, Metric, Run, Runs};
 
-use crate::app::listing::RUNS;
+use crate::app::listing::{ListRequest, RUNS};
 use crate::app::{App, read_question};
 use crate::error::ApiError;
-use crate::extract::{PatchBytes, Path, Query};
+use crate::extract::{PatchBytes, Path, Query, QueryPairs};
 use crate::limits::{POINTS_DEFAULT, POINTS_MAXIMUM};
 use crate::routes::files::{ArtifactFile, send};
-use crate::routes::lists::{QueryPairs, RunsParameters};
+use crate::routes::lists::RunsParameters;
 
 #[derive(Deserialize, IntoParams)]
 #[into_params(parameter_in = Query)]
@@ -45,7 +45,7 @@ impl MetricParameters {
     responses((status = 200, body = Runs)),
 )]
 pub async fn list(State(app): State<App>, pairs: QueryPairs) -> Result<Json<Runs>, ApiError> {
-    Ok(Json(app.runs(&pairs.list(&RUNS)?).await?))
+    Ok(Json(app.runs(&ListRequest::read(&RUNS, &pairs.0)?).await?))
 }
 
 /// A run with the latest value of every metric and its artifacts.
