@@ -13,7 +13,7 @@ use crate::patience::PATIENCE;
 use crate::{Access, StoreError};
 
 /// Number, name and statements of each file in `migrations/postgres`.
-const FILES: [(i64, &str, &str); 6] = [
+const FILES: [(i64, &str, &str); 7] = [
     (1, "initial", include_str!("../../../migrations/postgres/0001_initial.sql")),
     (2, "task_states", include_str!("../../../migrations/postgres/0002_task_states.sql")),
     (
@@ -24,6 +24,7 @@ const FILES: [(i64, &str, &str); 6] = [
     (4, "placements", include_str!("../../../migrations/postgres/0004_placements.sql")),
     (5, "access", include_str!("../../../migrations/postgres/0005_access.sql")),
     (6, "tracked_runs", include_str!("../../../migrations/postgres/0006_tracked_runs.sql")),
+    (11, "metric_extremes", include_str!("../../../migrations/postgres/0011_metric_extremes.sql")),
 ];
 
 static MIGRATIONS: LazyLock<Migrator> = LazyLock::new(|| {

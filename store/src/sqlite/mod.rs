@@ -29,7 +29,7 @@ pub(crate) use waiting::Bell;
 
 /// Number, name and statements of each file in `migrations/sqlite`. sqlx has a macro that lists them, which builds
 /// a second SQLite for the compiler.
-const FILES: [(i64, &str, &str); 9] = [
+const FILES: [(i64, &str, &str); 10] = [
     (1, "initial", include_str!("../../../migrations/sqlite/0001_initial.sql")),
     (2, "forgiving_queue", include_str!("../../../migrations/sqlite/0002_forgiving_queue.sql")),
     (3, "identity", include_str!("../../../migrations/sqlite/0003_identity.sql")),
@@ -39,6 +39,7 @@ const FILES: [(i64, &str, &str); 9] = [
     (7, "placements", include_str!("../../../migrations/sqlite/0007_placements.sql")),
     (8, "access", include_str!("../../../migrations/sqlite/0008_access.sql")),
     (9, "tracked_runs", include_str!("../../../migrations/sqlite/0009_tracked_runs.sql")),
+    (14, "metric_extremes", include_str!("../../../migrations/sqlite/0014_metric_extremes.sql")),
 ];
 
 static MIGRATIONS: LazyLock<Migrator> = LazyLock::new(|| migrations(&FILES));
