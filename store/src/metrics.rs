@@ -57,7 +57,9 @@ impl Store {
                 by_key.iter().map(|((key, step), value)| (*key, *step, *value)).collect();
             sql!(&mut tx, insert_metrics(run, &rows))?;
             for same_key in rows.chunk_by(|(a, ..), (b, ..)| a == b) {
-                sql!(&mut tx, set_latest(run, same_key[0].0))?;
+                let ((key, first, _), (_, last, _)) = (same_key[0], same_key[same_key.len() - 1]);
+                sql!(&mut tx, set_latest(run, key))?;
+                sql!(&mut tx, set_extremes(run, key, first, last))?;
             }
             if let Some(step) = metrics.iter().map(|metric| metric.step).max() {
                 let data = json!({"run": run, "step": step});
@@ -78,6 +80,8 @@ impl Store {
             let (_, run) = leases::held_run(&mut tx, fence).await?;
             for key in sql!(&mut tx, delete_metrics_after(run, step))? {
                 sql!(&mut tx, set_latest(run, &key))?;
+                sql!(&mut tx, delete_extremes_from(run, &key, step))?;
+                sql!(&mut tx, set_extremes(run, &key, step, step))?;
             }
             tx.commit().await
         })
@@ -124,18 +128,21 @@ impl Store {
     }
 
     /// A metric in at most `points` points: all of them, or the lowest and the highest of each of
-    /// `points / 2` equal ranges of steps, so that no spike is lost.
+    /// `points / 2` ranges of steps, so that no spike is lost. Of a long one the ranges are made of whole spans, whose
+    /// extremes are known; there may be half as many then.
     ///
     /// # Errors
     /// When the database fails; a key that was never recorded has no points.
     #[boxed]
     pub async fn series(&self, run: RunId, key: &str, points: u32) -> Result<Series, StoreError> {
         const OPERATION: &str = "reading a metric";
-        let recorded = sql!(self.database(), OPERATION, recorded_points(run, key))?;
+        let (recorded, spans) = sql!(self.database(), OPERATION, recorded_points(run, key))?;
+        let ranges = (points / 2).max(1);
         let points = if recorded <= u64::from(points) {
             sql!(self.database(), OPERATION, all_points(run, key))?
+        } else if spans >= u64::from(ranges / 2) {
+            sql!(self.database(), OPERATION, extremes_of_spans(run, key, ranges))?
         } else {
-            let ranges = (points / 2).max(1);
             sql!(self.database(), OPERATION, extreme_points(run, key, ranges))?
         };
         Ok(Series { key: key.to_owned(), points, recorded })

@@ -24,11 +24,11 @@ fn systemd_finds_nothing_wrong_with_the_units() {
     }
     // It asks whether the program is there; here it lies elsewhere.
     let folder = tempfile::tempdir().unwrap();
-    let program = env!("CARGO_BIN_EXE_torqued");
+    let start = format!("ExecStart={}", env!("CARGO_BIN_EXE_torqued"));
     let mut files = Vec::new();
     for unit in UNITS {
         let file = folder.path().join(unit.replace('@', "@1"));
-        let unit = text(&format!("systemd/{unit}")).replace("/usr/local/bin/torqued", program);
+        let unit = text(&format!("systemd/{unit}")).replace("ExecStart=torqued", &start);
         std::fs::write(&file, unit).unwrap();
         files.push(file);
     }

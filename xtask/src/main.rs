@@ -1,11 +1,13 @@
-//! Developer commands: `cargo xtask test`, `cargo xtask bench NAME`, `cargo xtask peers`.
+//! Developer commands: `cargo xtask test`, `cargo xtask bench NAME`, `cargo xtask peers`, `cargo xtask dist`.
 
 mod bench;
+mod dist;
 mod machine;
 mod peers;
 mod places;
 mod process;
 mod product;
+mod python;
 mod test;
 
 use std::process::ExitCode;
@@ -28,6 +30,8 @@ enum Command {
     Bench(bench::Arguments),
     /// Rebuild simulated robots in MuJoCo and Pinocchio and compare their motions with ours
     Peers(peers::Arguments),
+    /// Make packages of the program in `dist/`: a wheel and a .deb
+    Dist(dist::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -35,6 +39,7 @@ fn main() -> ExitCode {
         Command::Test(arguments) => test::run(&arguments),
         Command::Bench(arguments) => bench::run(&arguments),
         Command::Peers(arguments) => peers::run(&arguments),
+        Command::Dist(arguments) => dist::run(&arguments),
     };
     match result {
         Ok(code) => code,

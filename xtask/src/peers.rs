@@ -11,7 +11,7 @@ use simd::InstructionSet;
 use crate::bench::isa;
 use crate::places::{repository, target};
 use crate::process::{self, command, succeed};
-use crate::product;
+use crate::{product, python};
 
 #[derive(Debug, Args)]
 pub struct Arguments {
@@ -83,6 +83,11 @@ pub fn frax() -> anyhow::Result<PathBuf> {
     environment("frax", "tests/peers/frax-requirements.txt")
 }
 
+/// A Python that has MLflow's server.
+pub fn mlflow() -> anyhow::Result<PathBuf> {
+    environment("mlflow", "tests/peers/mlflow-requirements.txt")
+}
+
 /// A Python that has MuJoCo's simulator on JAX.
 pub fn mjx() -> anyhow::Result<PathBuf> {
     environment("mjx", "tests/peers/mjx-requirements.txt")
@@ -90,20 +95,7 @@ pub fn mjx() -> anyhow::Result<PathBuf> {
 
 /// A Python with these requirements, in an environment of its own.
 fn environment(name: &str, requirements: &str) -> anyhow::Result<PathBuf> {
-    let environment = folder()?.join(name);
-    let python = environment.join("bin/python");
-    let wanted = fs::read_to_string(repository().join(requirements))?;
-    let installed = environment.join("installed-requirements.txt");
-    if fs::read_to_string(&installed).is_ok_and(|installed| installed == wanted) {
-        return Ok(python);
-    }
-    if !python.is_file() {
-        succeed(Command::new("python3").args(["-m", "venv"]).arg(&environment))?;
-    }
-    let pip = ["-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--requirement"];
-    succeed(command(&python.to_string_lossy(), &pip).arg(requirements))?;
-    fs::write(&installed, wanted)?;
-    Ok(python)
+    python::environment(&folder()?.join(name), requirements)
 }
 
 /// Flags that Pinocchio's own CMake files set, without which its headers do not compile.

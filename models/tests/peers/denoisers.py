@@ -2,7 +2,7 @@
 the weights after a step of Adam, and what whole chains of samplers make of given noise.
 `src/agreement_with_pytorch.rs` must get the same.
 
-    pip install ../../../python && python denoisers.py [NAME ...]
+    PYTHONPATH=../../../python python denoisers.py [NAME ...]
 
 Begin a new one with ../data/NAME/config.json, of which `model` alone is read. Without names all are made.
 """

@@ -1,7 +1,7 @@
 """Makes the files of ../data/NAME/ whose model answers in one pass: weights of PyTorch's, what they predict,
 gradients, and the weights after four optimizer steps. `src/agreement_with_pytorch.rs` must get the same.
 
-    pip install ../../../python && python one_pass.py [NAME ...]
+    PYTHONPATH=../../../python python one_pass.py [NAME ...]
 
 Begin a new one with ../data/NAME/config.json, of which `model` alone is read. Without names all are made.
 """

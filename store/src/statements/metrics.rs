@@ -8,6 +8,9 @@ use crate::{RunId, SeriesPoint};
 /// Rows per statement, of four values each: SQLite binds 32 766 at most, PostgreSQL 65 535.
 const ROWS_PER_STATEMENT: usize = 4000;
 
+/// Steps whose lowest and highest point are kept together. The migration that filled the table says the same.
+const SPAN: u64 = 64;
+
 impl Database {
     pub async fn latest_metrics(
         &self,
@@ -45,14 +48,17 @@ impl Database {
         rows.iter().map(|row| Ok((row.try_get("run")?, SeriesPoint::from_row(row)?))).collect()
     }
 
-    pub async fn recorded_points(&self, run: RunId, key: &str) -> Result<u64, sqlx::Error> {
-        let recorded: i64 =
-            sqlx::query_scalar("SELECT COUNT(*) FROM metric WHERE run = $1 AND key = $2")
-                .bind(run)
-                .bind(key)
-                .fetch_one(&self.reader)
-                .await?;
-        Ok(recorded.unsigned_abs())
+    /// Points of a metric, and spans that have any.
+    pub async fn recorded_points(&self, run: RunId, key: &str) -> Result<(u64, u64), sqlx::Error> {
+        let (points, spans): (i64, i64) = sqlx::query_as(
+            "SELECT CAST(COALESCE(SUM(points), 0) AS BIGINT), COUNT(*) FROM metric_extremes \
+             WHERE run = $1 AND key = $2",
+        )
+        .bind(run)
+        .bind(key)
+        .fetch_one(&self.reader)
+        .await?;
+        Ok((points.unsigned_abs(), spans.unsigned_abs()))
     }
 
     /// By step.
@@ -82,6 +88,35 @@ impl Database {
         .bind(key)
         .bind(i64::from(limit))
         .bind(integer(skipped))
+        .fetch_all(&self.reader)
+        .await
+    }
+
+    /// The lowest and the highest of each of `ranges` ranges of spans, by step.
+    pub async fn extremes_of_spans(
+        &self,
+        run: RunId,
+        key: &str,
+        ranges: u32,
+    ) -> Result<Vec<SeriesPoint>, sqlx::Error> {
+        sqlx::query_as(
+            "WITH bound AS MATERIALIZED (SELECT MIN(span) AS first, MAX(span) AS last \
+                            FROM metric_extremes WHERE run = $1 AND key = $2), \
+             parted AS (SELECT low_step, low_time, low_value, high_step, high_time, high_value, \
+                        (span - first) * $3 / (last - first + 1) AS part \
+                        FROM metric_extremes, bound WHERE run = $1 AND key = $2), \
+             ranked AS MATERIALIZED (SELECT low_step, low_time, low_value, high_step, high_time, high_value, \
+                ROW_NUMBER() OVER (PARTITION BY part ORDER BY low_value NULLS FIRST, low_step) AS from_lowest, \
+                ROW_NUMBER() OVER (PARTITION BY part ORDER BY high_value DESC NULLS LAST, high_step) \
+                    AS from_highest \
+                FROM parted) \
+             SELECT low_step AS step, low_time AS time, low_value AS value FROM ranked WHERE from_lowest = 1 \
+             UNION \
+             SELECT high_step, high_time, high_value FROM ranked WHERE from_highest = 1 ORDER BY step",
+        )
+        .bind(run)
+        .bind(key)
+        .bind(i64::from(ranges))
         .fetch_all(&self.reader)
         .await
     }
@@ -153,6 +188,53 @@ impl Transaction {
         )
         .bind(run)
         .bind(key);
+        self.execute(statement).await
+    }
+
+    /// Brings the extremes of the spans from the step `first` to `last` up to date. Spans without points stay as they are.
+    pub async fn set_extremes(
+        &mut self,
+        run: RunId,
+        key: &str,
+        first: u64,
+        last: u64,
+    ) -> Result<(), sqlx::Error> {
+        let statement = sqlx::query(
+            "INSERT INTO metric_extremes (run, key, span, points, low_step, low_time, low_value, \
+                high_step, high_time, high_value) \
+             SELECT run, key, span, COUNT(*), MAX(CASE WHEN from_lowest = 1 THEN step END), \
+                MAX(CASE WHEN from_lowest = 1 THEN time END), MAX(CASE WHEN from_lowest = 1 THEN value END), \
+                MAX(CASE WHEN from_highest = 1 THEN step END), MAX(CASE WHEN from_highest = 1 THEN time END), \
+                MAX(CASE WHEN from_highest = 1 THEN value END) \
+             FROM (SELECT run, key, step / $5 AS span, step, time, value, \
+                ROW_NUMBER() OVER (PARTITION BY step / $5 ORDER BY value NULLS FIRST, step) AS from_lowest, \
+                ROW_NUMBER() OVER (PARTITION BY step / $5 ORDER BY value DESC NULLS LAST, step) AS from_highest \
+                FROM metric WHERE run = $1 AND key = $2 AND step BETWEEN $3 AND $4) AS ranked \
+             WHERE TRUE GROUP BY run, key, span \
+             ON CONFLICT (run, key, span) DO UPDATE SET points = excluded.points, \
+                low_step = excluded.low_step, low_time = excluded.low_time, low_value = excluded.low_value, \
+                high_step = excluded.high_step, high_time = excluded.high_time, high_value = excluded.high_value",
+        )
+        .bind(run)
+        .bind(key)
+        .bind(integer(first - first % SPAN))
+        .bind(integer(last - last % SPAN + (SPAN - 1)))
+        .bind(integer(SPAN));
+        self.execute(statement).await
+    }
+
+    /// Forgets the extremes of the span of `step` and of those after it.
+    pub async fn delete_extremes_from(
+        &mut self,
+        run: RunId,
+        key: &str,
+        step: u64,
+    ) -> Result<(), sqlx::Error> {
+        let statement =
+            sqlx::query("DELETE FROM metric_extremes WHERE run = $1 AND key = $2 AND span >= $3")
+                .bind(run)
+                .bind(key)
+                .bind(integer(step / SPAN));
         self.execute(statement).await
     }
 

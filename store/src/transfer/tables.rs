@@ -6,7 +6,7 @@ use super::rows::{Column, Kind, Table};
 use crate::StoreError;
 
 /// The tables that move, each after those that its rows refer to.
-pub(crate) const TABLES: [&str; 35] = [
+pub(crate) const TABLES: [&str; 36] = [
     "resources",
     "job",
     "job_need",
@@ -19,6 +19,7 @@ pub(crate) const TABLES: [&str; 35] = [
     "run",
     "metric",
     "metric_latest",
+    "metric_extremes",
     "artifact",
     "dataset",
     "shard",

@@ -8,9 +8,10 @@
 //! - `submit many N` submits a job of N tasks, `submit each N` N jobs of one task.
 //! - `offer N PERIOD_MS` submits N jobs of one task, one every so often.
 //! - `metrics N` prints how many values of metrics N trainings record per second.
+//! - `runs N POINTS` leaves N runs of trainings, the last one with a metric of so many points, and prints the id of that.
 //! - `work N` is a process of N workers with connections of their own; see `working.rs` for what it reads and prints.
 //!
-//! Programs that measure other queues understand the same words, `cluster` and `metrics` apart.
+//! Programs that measure other queues understand the same words, `cluster`, `metrics` and `runs` apart.
 
 mod recording;
 mod submitting;
@@ -52,6 +53,9 @@ fn main() -> Outcome<()> {
                 submitting::every_so_often(&place, count.parse()?, period).await
             }
             ("metrics", [trainings]) => recording::run(&place, trainings.parse()?).await,
+            ("runs", [count, points]) => {
+                recording::runs(&place, count.parse()?, points.parse()?).await
+            }
             ("work", [count]) => working::run(&place, count.parse()?).await,
             _ => Err(format!("what is {arguments:?}?").into()),
         }

@@ -15,6 +15,23 @@ const LEASE: Duration = Duration::from_secs(60);
 /// Values at a time: those of as many steps of a training.
 const BATCH: u64 = 100;
 
+/// A training, for what its spec takes of a list.
+const TRAINING: &[u8] =
+    br#"{"kind": "train", "steps": 10000, "model": {"preset": "robomorph-small"},
+    "data": {"stream": {"preset": "D2-mixed"}}}"#;
+
+/// What a training records.
+const KEYS: [&str; 5] = [
+    "train/gradient_norm",
+    "train/learning_rate",
+    "train/seconds",
+    "validation/loss",
+    "validation/rmse_deg",
+];
+
+/// Points that are recorded at once.
+const PART: usize = 4000;
+
 /// Prints how many values `trainings` record per second, each with connections of its own.
 pub async fn run(place: &Location, trainings: u32) -> Outcome<()> {
     let server = Store::open_at(place, Access::Server).await?;
@@ -38,6 +55,48 @@ pub async fn run(place: &Location, trainings: u32) -> Outcome<()> {
     }
     println!("{}", per_second(values, began.elapsed()));
     Ok(())
+}
+
+/// Leaves `count` runs that have ended, each with the metrics of a step and the last one with `points` losses as well.
+/// Prints the id of the last.
+pub async fn runs(place: &Location, count: u32, points: u64) -> Outcome<()> {
+    let store = Store::open_at(place, Access::Server).await?;
+    let spec = spec::parse(TRAINING)?.to_json();
+    let mut last = None;
+    for number in 0..count {
+        let job = store::NewJob {
+            name: format!("training {number}"),
+            kind: "train".to_owned(),
+            digest: Digest::of_json(&json!({"training": number})),
+            spec: spec.clone(),
+            output: Output::Run,
+            ..nothing(1)
+        };
+        submit(&store, job).await?;
+        let claimed = store.claim("w", &Resources::default(), LEASE).await?;
+        let claimed = claimed.ok_or("nothing to claim")?;
+        let value = f64::from(number);
+        let metric = |key: &&str| Metric { key: (*key).to_owned(), step: 1, value };
+        let mut metrics: Vec<Metric> = KEYS.iter().map(metric).collect();
+        store.record_metrics(claimed.fence, &metrics).await?;
+        if number + 1 == count {
+            for first in (0..points).step_by(PART) {
+                metrics.clear();
+                metrics.extend((first..points).take(PART).map(loss));
+                store.record_metrics(claimed.fence, &metrics).await?;
+            }
+        }
+        store.complete(claimed.fence, None).await?;
+        last = claimed.run;
+    }
+    store.close().await;
+    println!("{}", last.ok_or("no runs")?);
+    Ok(())
+}
+
+#[expect(clippy::cast_precision_loss, reason = "far fewer steps than 2^52")]
+fn loss(step: u64) -> Metric {
+    Metric { key: "train/loss".to_owned(), step, value: (step as f64 / 1000.0).sin() }
 }
 
 async fn record(store: Store, fence: Fence) -> Outcome<u64> {

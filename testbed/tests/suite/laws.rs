@@ -235,6 +235,7 @@ macro_rules! all_laws {
                 a_step_that_is_taken_again_replaces_its_metrics,
                 the_latest_value_of_each_key_is_at_hand,
                 a_long_series_is_thinned_out_without_losing_its_extremes,
+                a_long_series_shows_what_replaced_and_forgotten_points_have_left,
                 a_loss_that_is_not_a_number_is_kept_as_such,
                 an_unknown_key_has_no_points;
             datasets:

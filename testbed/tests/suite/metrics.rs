@@ -62,6 +62,37 @@ pub async fn a_long_series_is_thinned_out_without_losing_its_extremes(f: Fixture
     assert_eq!(points(&f, run, 20_000).await.len(), 10_000);
 }
 
+pub async fn a_long_series_shows_what_replaced_and_forgotten_points_have_left(f: Fixture) {
+    let (fence, run) = running(&f).await;
+    let mut metrics: Vec<Metric> =
+        (0..10_000u32).map(|step| loss(u64::from(step), f64::from(step % 7))).collect();
+    metrics[4321].value = 1e6;
+    metrics[7000].value = f64::NAN;
+    metrics[9000].value = -1e6;
+    // As a training records them: a few at a time, so that spans are filled by several.
+    for part in metrics.chunks(900) {
+        f.store.record_metrics(fence, part).await.unwrap();
+    }
+    let thinned = points(&f, run, 100).await;
+    let has = |points: &[(u64, f64)], value: f64| points.iter().any(|(_, it)| *it == value);
+    assert!(has(&thinned, 1e6) && has(&thinned, -1e6));
+    assert!(thinned.iter().any(|(step, value)| *step == 7000 && value.is_nan()));
+    let recorded = |(step, value): &(u64, f64)| {
+        usize::try_from(*step).is_ok_and(|step| metrics[step].value.to_bits() == value.to_bits())
+    };
+    assert!(thinned.iter().filter(|(_, value)| !value.is_nan()).all(recorded));
+
+    f.store.record_metrics(fence, &[loss(4321, 0.0), loss(7000, 0.5)]).await.unwrap();
+    f.store.delete_metrics_after(fence, 8500).await.unwrap();
+    let thinned = f.store.series(run, "train/loss", 100).await.unwrap();
+    assert_eq!(thinned.recorded, 8501);
+    assert!(thinned.points.len() > 90, "{}", thinned.points.len());
+    assert!(thinned.points.iter().all(|point| point.step <= 8500));
+    assert!(thinned.points.iter().all(|point| (0.0..=6.0).contains(&point.value)));
+    f.store.delete_metrics_after(fence, 0).await.unwrap();
+    assert_eq!(points(&f, run, 100).await, [(0, 0.0)]);
+}
+
 pub async fn a_loss_that_is_not_a_number_is_kept_as_such(f: Fixture) {
     let (fence, run) = running(&f).await;
     f.store.record_metrics(fence, &[loss(1, f64::NAN), loss(2, f64::INFINITY)]).await.unwrap();

@@ -5,6 +5,7 @@ mod dynamics;
 mod inference;
 pub mod isa;
 mod measurement;
+mod metrics;
 mod million;
 mod networks;
 mod objects;
@@ -57,7 +58,7 @@ struct Benchmark {
     run: fn(Wanted) -> anyhow::Result<Report>,
 }
 
-const ALL: [Benchmark; 9] = [
+const ALL: [Benchmark; 10] = [
     Benchmark {
         name: "control",
         about: "milliseconds from a measured sample to the prediction, over a WebSocket",
@@ -73,6 +74,11 @@ const ALL: [Benchmark; 9] = [
         name: "inference",
         about: "milliseconds of a prediction of every network, beside PyTorch",
         run: inference::run,
+    },
+    Benchmark {
+        name: "metrics",
+        about: "points logged per second by 64 clients, a curve of 10^6 points, lists of 10^4 runs; beside MLflow's server",
+        run: metrics::run,
     },
     Benchmark {
         name: "objects",

@@ -27,12 +27,14 @@ pub const SOFTWARE_VULKAN: Installation =
     Installation { name: "install a Vulkan driver", run: software_vulkan };
 
 /// Program that shows a package is there, and the package's name in Debian.
-const SYSTEM: [(&str, &str); 5] = [
+const SYSTEM: [(&str, &str); 6] = [
     ("chromium", "chromium"),
     ("curl", "curl"),
     ("node", "nodejs"),
     ("npm", "npm"),
     ("python3", "python3"),
+    // For a processor that has no more than every x86-64 has.
+    ("qemu-x86_64", "qemu-user"),
 ];
 
 fn system_packages() -> anyhow::Result<()> {

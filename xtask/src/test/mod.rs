@@ -127,6 +127,12 @@ fn steps(Arguments { quick, devices }: &Arguments) -> Vec<Step> {
             command: command("cargo", &["build", "--release", "--bin", "torqued"]),
             count: None,
         });
+        steps.push(Step { name: "packages", command: dist(), count: None });
+        steps.push(Step {
+            name: "installed packages",
+            command: with_product(installed_packages()),
+            count: Some(counts::unittest),
+        });
         steps.push(Step {
             name: "readers",
             command: with_product(command(
@@ -194,6 +200,19 @@ fn device_tests() -> Command {
 
 fn telling_what_is_skipped(mut command: Command) -> Command {
     command.env("SKIPPED_TESTS", skipped_tests());
+    command
+}
+
+/// Makes the packages, as `cargo xtask dist`.
+fn dist() -> Command {
+    let own = std::env::current_exe().unwrap_or_else(|_| "target/release/xtask".into());
+    command(&own.to_string_lossy(), &["dist"])
+}
+
+fn installed_packages() -> Command {
+    let tests = ["-m", "unittest", "discover", "--verbose", "--start-directory", "tests/install"];
+    let mut command = command(install::PYTHON, &tests);
+    command.env("PYTHONPATH", repository().join("tests/readers"));
     command
 }
 

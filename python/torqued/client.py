@@ -1,0 +1,215 @@
+"""A client of torqued's HTTP API that needs nothing beside Python."""
+
+import hashlib
+import http.client
+import json
+import os
+import pathlib
+import socket
+import time
+import urllib.parse
+
+DEFAULT_SERVER = "http://127.0.0.1:7070"
+FINAL_STATES = ("succeeded", "failed", "cancelled")
+_CHUNK_BYTES = 1 << 20
+
+
+class ServerError(Exception):
+    """The server refused. `status` is HTTP's, `problem` the answer (RFC 9457) when it came as one."""
+
+    def __init__(self, status, problem):
+        self.status = status
+        self.problem = problem
+        violations = [
+            f"{it['field']}: {it['value']}; allowed: {it['allowed']}"
+            for it in problem.get("violations", ())
+        ]
+        super().__init__("\n".join([problem.get("detail", f"status {status}"), *violations]))
+
+
+class JobEnded(Exception):
+    """A job that was waited for failed or was cancelled. `job` is its last state."""
+
+    def __init__(self, job):
+        self.job = job
+        reason = f": {job['error']}" if job.get("error") else ""
+        super().__init__(f"job {job['id']} is {job['state']}{reason}")
+
+
+class Client:
+    """Asks one server. `server` is http://, https:// or unix:PATH.
+
+    What is left out comes from TORQUED_SERVER and TORQUED_TOKEN, as for the command line. Answers are those of the API
+    (/v1/openapi.json), as dicts and lists.
+    """
+
+    def __init__(self, server=None, token=None, timeout_s=60.0):
+        server = server or os.environ.get("TORQUED_SERVER") or DEFAULT_SERVER
+        self.server = server.rstrip("/")
+        self.timeout_s = timeout_s
+        self._token = token or os.environ.get("TORQUED_TOKEN") or None
+        self._base = ""
+        if not self.server.startswith("unix:"):
+            parts = urllib.parse.urlsplit(self.server)
+            if parts.scheme not in ("http", "https") or not parts.hostname:
+                raise ValueError(f"server {server!r}, allowed: http://, https:// or unix:PATH")
+            self._base = parts.path
+
+    def get(self, path, **parameters):
+        """The answer to GET, such as `get("/v1/jobs", state="running")`."""
+        return self._json("GET", path, parameters)
+
+    def post(self, path, body=None, **parameters):
+        """The answer to POST with `body` as JSON."""
+        return self._json("POST", path, parameters, body)
+
+    def submit(self, spec, force=False):
+        """Submits a job and returns it. One that was done before, or is on its way, is not done again unless `force`."""
+        return self.post("/v1/jobs", spec, force=json.dumps(force))
+
+    def wait(self, job, every_s=0.5, timeout_s=None):
+        """Waits until `job`, an id or what `submit` returned, has succeeded, and returns it.
+
+        Raises JobEnded when it fails or is cancelled, TimeoutError when it takes longer than `timeout_s`.
+        """
+        job_id = job["id"] if isinstance(job, dict) else job
+        deadline = None if timeout_s is None else time.monotonic() + timeout_s
+        while True:
+            job = self.get(f"/v1/jobs/{job_id}")
+            if job["state"] == "succeeded":
+                return job
+            if job["state"] in FINAL_STATES:
+                raise JobEnded(job)
+            if deadline is not None and time.monotonic() > deadline:
+                raise TimeoutError(f"job {job_id} is {job['state']} after {timeout_s} s")
+            time.sleep(every_s)
+
+    def cancel(self, job):
+        return self.post(f"/v1/jobs/{job}/cancel")
+
+    def job(self, job):
+        return self.get(f"/v1/jobs/{job}")
+
+    def dataset(self, dataset):
+        return self.get(f"/v1/datasets/{dataset}")
+
+    def run(self, run):
+        return self.get(f"/v1/runs/{run}")
+
+    def checkpoint(self, checkpoint):
+        return self.get(f"/v1/checkpoints/{checkpoint}")
+
+    def evaluation(self, evaluation):
+        return self.get(f"/v1/evaluations/{evaluation}")
+
+    def metric(self, run, key, points=None):
+        """The points of a metric: dicts with `step`, `time` and `value`, at most `points` of them."""
+        parameters = {} if points is None else {"points": points}
+        key = urllib.parse.quote(key, safe="")
+        return self.get(f"/v1/runs/{run}/metrics/{key}", **parameters)["points"]
+
+    def trajectory(self, dataset, index):
+        """A trajectory: `time_s`, and `columns` such as `u1` (N·m) and `q1` (rad) with a value per sample."""
+        return self.get(f"/v1/datasets/{dataset}/trajectories/{index}")
+
+    def predict(self, checkpoint, scenarios, **options):
+        """Predictions of a checkpoint for scenarios with `u`, `y` and `future_u`, each `[time][joint]`."""
+        body = {"scenarios": scenarios, **options}
+        return self.post(f"/v1/checkpoints/{checkpoint}/predict", body)
+
+    def download(self, kind, item, folder):
+        """Brings all files of a dataset or a checkpoint into `folder` and returns their paths.
+
+        `kind` is "datasets" or "checkpoints". Files that are there with the right SHA-256 stay as they are. Raises
+        ValueError when bytes have another SHA-256 than the server's list says.
+        """
+        if kind not in ("datasets", "checkpoints"):
+            raise ValueError(f"kind {kind!r}, allowed: 'datasets' or 'checkpoints'")
+        folder = pathlib.Path(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        return [self._fetch(file, folder) for file in self.get(f"/v1/{kind}/{item}")["files"]]
+
+    def _fetch(self, file, folder):
+        if pathlib.PurePath(file["name"]).name != file["name"]:
+            raise ValueError(f"file {file['name']!r}, allowed: a name without folders")
+        path = folder / file["name"]
+        if path.is_file() and _sha256(path) == file["sha256"]:
+            return path
+        part = folder / f"{file['name']}.part"
+        digest = hashlib.sha256()
+        with part.open("wb") as output, self._answer("GET", file["url"]) as answer:
+            while chunk := answer.read(_CHUNK_BYTES):
+                digest.update(chunk)
+                output.write(chunk)
+        if digest.hexdigest() != file["sha256"]:
+            part.unlink()
+            raise ValueError(
+                f"checksum mismatch of {file['name']}: expected {file['sha256']}, "
+                f"received {digest.hexdigest()}"
+            )
+        return part.replace(path)
+
+    def _json(self, method, path, parameters, body=None):
+        if parameters:
+            path = f"{path}?{urllib.parse.urlencode(parameters)}"
+        with self._answer(method, path, body) as answer:
+            return json.load(answer)
+
+    def _answer(self, method, path, body=None):
+        """The answer to a request on a connection of its own, which closes with it."""
+        headers = {"accept": "application/json, */*;q=0.5", "connection": "close"}
+        if self._token:
+            headers["authorization"] = f"Bearer {self._token}"
+        if body is not None:
+            headers["content-type"] = "application/json"
+            body = json.dumps(body).encode()
+        connection = self._connection()
+        try:
+            connection.request(method, self._base + path, body, headers)
+            answer = connection.getresponse()
+        except OSError as reason:
+            connection.close()
+            message = f"no answer from {self.server}: {reason}; is `torqued serve` running there?"
+            raise ConnectionError(message) from reason
+        if answer.status >= 400:
+            with answer:
+                raise ServerError(answer.status, _problem(answer))
+        return answer
+
+    def _connection(self):
+        if self.server.startswith("unix:"):
+            return _SocketConnection(self.server.removeprefix("unix:"), self.timeout_s)
+        parts = urllib.parse.urlsplit(self.server)
+        https = parts.scheme == "https"
+        kind = http.client.HTTPSConnection if https else http.client.HTTPConnection
+        return kind(parts.hostname, parts.port, timeout=self.timeout_s)
+
+
+class _SocketConnection(http.client.HTTPConnection):
+    """HTTP over a socket in the file system."""
+
+    def __init__(self, path, timeout_s):
+        super().__init__("localhost", timeout=timeout_s)
+        self._path = path
+
+    def connect(self):
+        self.sock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        self.sock.settimeout(self.timeout)
+        self.sock.connect(self._path)
+
+
+def _problem(answer):
+    text = answer.read().decode(errors="replace")
+    try:
+        problem = json.loads(text)
+    except ValueError:
+        problem = None
+    return problem if isinstance(problem, dict) else {"detail": text.strip() or answer.reason}
+
+
+def _sha256(path):
+    digest = hashlib.sha256()
+    with path.open("rb") as file:
+        while chunk := file.read(_CHUNK_BYTES):
+            digest.update(chunk)
+    return digest.hexdigest()

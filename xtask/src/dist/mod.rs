@@ -1,0 +1,117 @@
+//! `cargo xtask dist`: packages for machines without a compiler.
+//!
+//! Everything is made of the program that tests and benchmarks run; nothing is compiled a second time.
+
+mod deb;
+mod documents;
+mod notices;
+mod wheel;
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, ExitCode};
+
+use anyhow::Context;
+use clap::Args;
+
+use crate::places::repository;
+use crate::product;
+
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// The wheel for pip, and not the others unless they are named, too
+    #[arg(long)]
+    wheel: bool,
+
+    /// The package for Debian, and not the others unless they are named, too
+    #[arg(long)]
+    deb: bool,
+}
+
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
+    let torqued = product::build()?;
+    documents::write(&torqued, &documents_folder())?;
+    let all = !arguments.wheel && !arguments.deb;
+    let folder = repository().join("dist");
+    fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
+    if all || arguments.wheel {
+        remove(&folder, "whl")?;
+        wheel::build(&folder)?;
+    }
+    if all || arguments.deb {
+        remove(&folder, "deb")?;
+        deb::build(&folder)?;
+    }
+    for package in packages(&folder)? {
+        let bytes = fs::metadata(&package)?.len();
+        println!("{} ({:.1} MB)", package.display(), bytes as f64 / 1e6);
+    }
+    if all {
+        // The image is made of the Debian package, or from source, by whoever has an engine for it.
+        println!("{}", repository().join("deploy/container/Containerfile").display());
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Where maturin looks for files that a wheel has beside program and modules, and `Cargo.toml` for those of the
+/// Debian package.
+fn documents_folder() -> PathBuf {
+    repository().join("torqued.data/data/share")
+}
+
+/// Packages of earlier versions would stand beside the new one.
+fn remove(folder: &Path, extension: &str) -> anyhow::Result<()> {
+    for package in packages(folder)? {
+        if package.extension().is_some_and(|it| it == extension) {
+            fs::remove_file(&package)
+                .with_context(|| format!("cannot delete {}", package.display()))?;
+        }
+    }
+    Ok(())
+}
+
+/// The packages of a folder in alphabetical order.
+fn packages(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
+    let mut packages = Vec::new();
+    for entry in fs::read_dir(folder)? {
+        let path = entry?.path();
+        if path.extension().is_some_and(|it| it == "whl" || it == "deb") {
+            packages.push(path);
+        }
+    }
+    packages.sort();
+    Ok(packages)
+}
+
+/// Gives a packager the moment of the commit for all files, so that the same commit makes the same bytes.
+fn dated(command: &mut Command) -> &mut Command {
+    const VARIABLE: &str = "SOURCE_DATE_EPOCH";
+    if std::env::var_os(VARIABLE).is_none() {
+        let commit = Command::new("git")
+            .args(["log", "-1", "--format=%ct"])
+            .current_dir(repository())
+            .output();
+        let moment = commit.ok().filter(|it| it.status.success());
+        // Without a repository files have the time of the build.
+        if let Some(moment) = moment.and_then(|it| String::from_utf8(it.stdout).ok()) {
+            command.env(VARIABLE, moment.trim());
+        }
+    }
+    command
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn packages_of_one_kind_are_removed_and_nothing_else() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["a.whl", "b.deb", "notes.txt"] {
+            fs::write(folder.path().join(name), "").unwrap();
+        }
+        remove(folder.path(), "whl").unwrap();
+        assert_eq!(packages(folder.path()).unwrap(), [folder.path().join("b.deb")]);
+        assert!(folder.path().join("notes.txt").exists());
+    }
+}
