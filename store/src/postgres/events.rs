@@ -69,7 +69,12 @@ impl Horizon {
 mod tests {
     use super::*;
 
-    fn look(horizon: &mut Horizon, last_event: i64, transaction: i64, oldest_open: i64) -> Option<i64> {
+    fn look(
+        horizon: &mut Horizon,
+        last_event: i64,
+        transaction: i64,
+        oldest_open: i64,
+    ) -> Option<i64> {
         if horizon.wants_mark(last_event) {
             horizon.marks.push_back(Mark { last_event, transaction });
         }
