@@ -158,10 +158,22 @@ test("the page shows what happens without asking for it", async () => {
 });
 
 test("a page whose stream is refused is fetched now and then", async () => {
-  await page.route(`${product.url}/v1/events`, (route) => route.abort());
-  await page.goto(product.url);
-  await page.waitForRequest(`${product.url}/`, { timeout: 45_000 });
-  assert.deepEqual(strangers, []);
+  const submitted = await fetch(`${product.url}/v1/jobs`, {
+    method: "POST",
+    headers: { "content-type": "application/json" },
+    body: JSON.stringify({
+      preset: "D1-multisine", trajectories: 10, seed: 78,
+      execution: { not_before: new Date(Date.now() + 3_600_000).toISOString() },
+    }),
+  });
+  const { id } = await submitted.json();
+  await page.route(`${product.url}/v1/jobs/${id}/events`, (route) => route.fulfill({ status: 503 }));
+  await page.goto(`${product.url}/jobs/${id}`);
+  for (let fetched = 0; fetched < 3; fetched += 1) {
+    await page.waitForRequest(`${product.url}/jobs/${id}`, { timeout: 20_000 });
+  }
+  await fetch(`${product.url}/v1/jobs/${id}/cancel`, { method: "POST" });
+  await page.locator("#job").getByText("cancelled").first().waitFor({ timeout: 20_000 });
 });
 
 test("the page works without scripts", async () => {

@@ -159,6 +159,9 @@ impl EventReader {
         tokio::select! {
             biased;
             () = &mut self.closing => self.has_ended = true,
+            _ = self.access_checked.tick() => {
+                self.has_ended = self.app.caller(self.credentials).await?.is_none();
+            }
             news = self.news.recv() => match news {
                 Ok(event) => self.take(&event).await?,
                 Err(broadcast::error::RecvError::Lagged(_)) => {
@@ -169,9 +172,6 @@ impl EventReader {
                 Err(broadcast::error::RecvError::Closed) => self.has_ended = true,
             },
             _ = changed => self.take_progress(),
-            _ = self.access_checked.tick() => {
-                self.has_ended = self.app.caller(self.credentials).await?.is_none();
-            }
         }
         Ok(())
     }
@@ -184,14 +184,18 @@ impl EventReader {
             // All that is kept.
             0 => next_that_is_kept,
             _ if after < next_that_is_kept => self.gap(after, next_that_is_kept),
-            // Of another database, or written a moment ago and sent by another server.
+            // Of another database.
             _ if after > newest => self.gap(after, self.replay_to),
             _ => after,
         };
         Ok(())
     }
 
+    /// Tells of a gap up to `id`. The end of the job may be in it, so that its progress is told anew.
     fn gap(&mut self, after: i64, id: i64) -> i64 {
+        if let Some(followed) = &mut self.followed {
+            followed.told = None;
+        }
         self.to_send.push_back(wire::Event::Gap(EventGap { id, after }));
         id
     }
@@ -263,13 +267,13 @@ impl EventReader {
         Ok(())
     }
 
-    /// Has the progress sent that the feed has read. The final one comes with its event.
+    /// Has the progress sent that the feed has read. Its state may be final before the event of that has settled, with which the
+    /// stream ends.
     fn take_progress(&mut self) {
         let Some(followed) = &mut self.followed else { return };
         let progress = followed.changes.borrow_and_update().as_deref().cloned();
         if let Some(progress) = progress
             && followed.told.as_ref() != Some(&progress)
-            && !progress.state.is_final()
         {
             followed.told = Some(progress.clone());
             self.to_send.push_back(wire::Event::Progress(progress));
