@@ -115,8 +115,7 @@ impl App {
     }
 
     async fn own_candidates(&self, keys: &Keys) -> Result<Vec<Candidate>, MlflowError> {
-        let all = Page { before: None, limit: u32::MAX };
-        let rows = self.store.runs(None, all).await?;
+        let rows = self.own_runs().await?;
         let ids: Vec<RunId> = rows.iter().map(|run| run.id).collect();
         let places: HashMap<RunId, usize> =
             ids.iter().enumerate().map(|(place, id)| (*id, place)).collect();
@@ -138,6 +137,19 @@ impl App {
             }
         }
         Ok(candidates)
+    }
+
+    /// All of them, of which the store hands out one page at a time.
+    async fn own_runs(&self) -> Result<Vec<store::Run>, MlflowError> {
+        let mut runs: Vec<store::Run> = Vec::new();
+        loop {
+            let before = runs.last().map(|run| run.id.0);
+            let rows = self.store.runs(None, Page { before, limit: Page::MAX_LIMIT }).await?;
+            if rows.is_empty() {
+                return Ok(runs);
+            }
+            runs.extend(rows);
+        }
     }
 
     /// With all of their metrics, params and tags.
