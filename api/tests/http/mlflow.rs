@@ -6,7 +6,7 @@ use axum::http::header::HOST;
 use axum::http::{Method, Request};
 use serde_json::{Value, json};
 
-use crate::fixture::{Answer, Server};
+use crate::fixture::{Answer, Server, small_training};
 
 const TRACKING: &str = "/api/2.0/mlflow";
 const ARTIFACTS: &str = "/api/2.0/mlflow-artifacts/artifacts";
@@ -110,6 +110,21 @@ async fn files_of_own_runs_and_their_checkpoints_are_artifacts() {
     assert_eq!(models, json!({"models": []}), "clients ask for these whenever they list files");
     let missing = server.get(&format!("{ARTIFACTS}/1/torqued-2/artifacts/nothing.txt")).await;
     refused(&missing, 404, "RESOURCE_DOES_NOT_EXIST");
+}
+
+/// A search saw the newest 500 alone, as many as the store hands out at once.
+#[tokio::test]
+async fn a_search_finds_all_of_torqueds_own_runs() {
+    const RUNS: u64 = 501;
+    let server = Server::start().await;
+    let mut training = small_training(&json!({"stream": {"preset": "D1-chirp"}}));
+    for seed in 1..=RUNS {
+        training["seed"] = seed.into();
+        server.submitted(&training).await;
+    }
+    let search = json!({"experiment_ids": ["1"], "order_by": ["attributes.start_time ASC"]});
+    let found = names(&server, search).await;
+    assert_eq!(found.len() as u64, RUNS);
 }
 
 #[tokio::test]
