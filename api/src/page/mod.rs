@@ -6,6 +6,7 @@ mod channels;
 mod checkpoint;
 mod control;
 mod dataset;
+mod docs;
 mod evaluation;
 mod experiments;
 mod job;
@@ -38,7 +39,7 @@ pub fn routes() -> Router<App> {
 }
 
 /// Every path of the page, with what answers it.
-pub fn paths() -> [(&'static str, MethodRouter<App>); 16] {
+pub fn paths() -> [(&'static str, MethodRouter<App>); 18] {
     [
         ("/", get(experiments::show)),
         ("/jobs/{id}", get(job::show)),
@@ -55,6 +56,8 @@ pub fn paths() -> [(&'static str, MethodRouter<App>); 16] {
         ("/queue/resume", post(workers::resume)),
         (LOGIN, get(login::show).post(login::log_in)),
         (LOGOUT, post(login::log_out)),
+        ("/docs", get(docs::show)),
+        ("/docs/{name}", get(docs::file)),
         ("/static/{name}", get(assets::show)),
     ]
 }
