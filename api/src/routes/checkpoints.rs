@@ -9,7 +9,7 @@ use wire::{Checkpoint, Checkpoints};
 use crate::app::App;
 use crate::error::ApiError;
 use crate::extract::{Path, Query};
-use crate::routes::files::{CheckpointFile, TarFile, send};
+use crate::routes::files::{CheckpointFile, FileParameters, TarFile, send, send_or_redirect};
 use crate::routes::lists::ListParameters;
 
 /// Checkpoints, newest first.
@@ -47,17 +47,18 @@ pub async fn show(
     get,
     path = "/v1/checkpoints/{id}/files/{name}",
     tag = "checkpoints",
-    params(("id" = i64, Path), ("name" = String, Path)),
+    params(("id" = i64, Path), ("name" = String, Path), FileParameters),
     responses(CheckpointFile),
 )]
 pub async fn file(
     State(app): State<App>,
     Path((id, name)): Path<(i64, String)>,
+    Query(parameters): Query<FileParameters>,
     method: Method,
     headers: HeaderMap,
 ) -> Result<Response, ApiError> {
     let file = app.checkpoint_file(id, &name).await?;
-    send(&app, &method, &headers, file).await
+    send_or_redirect(&app, &method, &headers, file, &parameters).await
 }
 
 /// All files of a checkpoint as one tar, which streams: its size is known at once, and parts of it can be asked for.

@@ -10,7 +10,7 @@ use wire::{Dataset, Datasets, Job};
 use crate::app::App;
 use crate::error::ApiError;
 use crate::extract::{Path, Query};
-use crate::routes::files::{DatasetFile, TarFile, send};
+use crate::routes::files::{DatasetFile, FileParameters, TarFile, send, send_or_redirect};
 use crate::routes::lists::ListParameters;
 
 /// Datasets, newest first.
@@ -45,17 +45,18 @@ pub async fn show(State(app): State<App>, Path(id): Path<i64>) -> Result<Json<Da
     get,
     path = "/v1/datasets/{id}/files/{name}",
     tag = "datasets",
-    params(("id" = i64, Path), ("name" = String, Path)),
+    params(("id" = i64, Path), ("name" = String, Path), FileParameters),
     responses(DatasetFile),
 )]
 pub async fn file(
     State(app): State<App>,
     Path((id, name)): Path<(i64, String)>,
+    Query(parameters): Query<FileParameters>,
     method: Method,
     headers: HeaderMap,
 ) -> Result<Response, ApiError> {
     let file = app.dataset_file(id, &name).await?;
-    send(&app, &method, &headers, file).await
+    send_or_redirect(&app, &method, &headers, file, &parameters).await
 }
 
 /// All files of a dataset as one tar, which streams: its size is known at once, and parts of it can be asked for.
