@@ -3,7 +3,7 @@
 use axum::body::Body;
 use axum::http::header::{
     ACCEPT_RANGES, CACHE_CONTROL, CONTENT_DISPOSITION, CONTENT_LENGTH, CONTENT_RANGE, CONTENT_TYPE,
-    ETAG, HeaderName, IF_NONE_MATCH, IF_RANGE, RANGE,
+    ETAG, HeaderName, IF_NONE_MATCH, IF_RANGE, LOCATION, RANGE,
 };
 use axum::http::{HeaderMap, HeaderValue, Method, StatusCode};
 use axum::response::Response;
@@ -87,6 +87,22 @@ impl Answer {
         headers.insert(CONTENT_LENGTH, HeaderValue::from(part.end - part.start));
         let part = (method != Method::HEAD).then_some(part);
         Self { status, headers, part }
+    }
+
+    /// Whether the caller has the file.
+    pub fn is_known(&self) -> bool {
+        self.status == StatusCode::NOT_MODIFIED
+    }
+
+    /// The same file at another address, which is good for a while.
+    pub fn redirected(mut self, address: &str) -> Response {
+        let about_the_bytes =
+            [ACCEPT_RANGES, CONTENT_TYPE, CONTENT_DISPOSITION, CONTENT_RANGE, CONTENT_LENGTH];
+        about_the_bytes.iter().for_each(|name| drop(self.headers.remove(name)));
+        self.headers.insert(CACHE_CONTROL, HeaderValue::from_static("no-store"));
+        self.headers.insert(LOCATION, ascii(address));
+        self.status = StatusCode::TEMPORARY_REDIRECT;
+        self.with_body(Body::empty())
     }
 
     pub fn with_body(self, body: Body) -> Response {

@@ -71,7 +71,10 @@ const BROWSER_HEADERS: [(HeaderName, HeaderValue); 3] = [
 
 pub async fn add_browser_headers(request: Request, next: Next) -> Response {
     let mut response = next.run(request).await;
-    response.headers_mut().extend(BROWSER_HEADERS);
+    for (name, value) in BROWSER_HEADERS {
+        // A page that needs more than others says so itself.
+        response.headers_mut().entry(name).or_insert(value);
+    }
     response
 }
 

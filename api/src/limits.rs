@@ -106,6 +106,9 @@ pub const QUANTILES: usize = 20;
 /// Largest magnitude of a torque or position of a question, N·m or rad.
 pub const QUESTION_MAGNITUDE: f32 = 1e6;
 
+/// How long an address is good at which a bucket sends a file.
+pub const SIGNED_FOR: Duration = Duration::from_secs(15 * 60);
+
 /// Streams open at once; the ones beyond are refused with 503.
 pub const STREAMS: usize = 16;
 

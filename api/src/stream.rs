@@ -115,7 +115,12 @@ impl Client {
     /// answered along the way.
     async fn listen(&mut self) -> Result<(), End> {
         let message = match timeout(STREAM_PING, self.socket.recv()).await {
-            Ok(None | Some(Ok(Message::Close(_)))) => return Err(End(None)),
+            Ok(None) => return Err(End(None)),
+            Ok(Some(Ok(Message::Close(_)))) => {
+                // The answer to a goodbye lies ready, and goes out with the next read.
+                let _ = timeout(STREAM_WRITE, self.socket.recv()).await;
+                return Err(End(None));
+            }
             Ok(Some(Ok(message))) => message,
             Ok(Some(Err(error))) => return Err(ended_by(error)),
             Err(_) if self.heard.elapsed() > STREAM_SILENCE => {

@@ -129,9 +129,9 @@ impl<I: Iterator<Item = Result<Rows, ImportError>>> Conversion<I> {
         let name = self.rows.recording.as_ref().map(|names| &names[index]);
         let goes_on = self.recording.as_ref().is_some_and(|it| it.name.as_ref() == name);
         if !goes_on {
-            let (name, row) = (name.cloned(), self.rows.first + index as u64);
+            let (name, place) = (name.cloned(), self.rows.place(index));
             self.end_recording()?;
-            self.recording = Some(Recording::new(name, row));
+            self.recording = Some(Recording::new(name, place));
         }
         if let Some(recording) = &mut self.recording {
             let sample = self
@@ -166,7 +166,7 @@ impl<I: Iterator<Item = Result<Rows, ImportError>>> Conversion<I> {
         }
         Err(RowError {
             recording: recording.name.clone(),
-            row: recording.first_row,
+            place: recording.first,
             column: None,
             found: format!("the recording that begins here has {} samples", recording.samples),
             allowed: format!("samples = {expected}; or a split into windows"),

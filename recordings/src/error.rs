@@ -55,13 +55,30 @@ impl ImportError {
     }
 }
 
+/// Where a row is in its file, as whoever opens the file sees it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Place {
+    /// The line of a CSV file in which the row begins. The header is line 1.
+    Line(u64),
+    /// The row of a Parquet file. The first is 1.
+    Row(u64),
+}
+
+impl fmt::Display for Place {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Line(line) => write!(f, "line {line}"),
+            Self::Row(row) => write!(f, "row {row} (counted from 1)"),
+        }
+    }
+}
+
 /// The fault of one row.
 #[derive(Debug, Error)]
 pub struct RowError {
     /// The recording, if the file names them.
     pub recording: Option<String>,
-    /// From 0 over the whole file, a header not counted.
-    pub row: u64,
+    pub place: Place,
     pub column: Option<String>,
     pub found: String,
     pub allowed: String,
@@ -70,13 +87,13 @@ pub struct RowError {
 impl RowError {
     /// The fault of a value, of a recording that is not known here.
     pub(crate) fn value(
-        row: u64,
+        place: Place,
         column: &str,
         found: impl Into<String>,
         allowed: impl Into<String>,
     ) -> Self {
         let (found, allowed) = (found.into(), allowed.into());
-        Self { recording: None, row, column: Some(column.to_owned()), found, allowed }
+        Self { recording: None, place, column: Some(column.to_owned()), found, allowed }
     }
 }
 
@@ -85,7 +102,7 @@ impl fmt::Display for RowError {
         if let Some(recording) = &self.recording {
             write!(f, "recording {recording:?}, ")?;
         }
-        write!(f, "row {}", self.row)?;
+        write!(f, "{}", self.place)?;
         if let Some(column) = &self.column {
             write!(f, ", column {column:?}")?;
         }
@@ -101,9 +118,14 @@ mod tests {
     #[test]
     fn what_is_wrong_in_a_row_is_told_once() {
         let (found, allowed) = ("nothing".to_owned(), "a value in every row".to_owned());
-        let row =
-            RowError { recording: None, row: 7, column: Some("t".to_owned()), found, allowed };
-        let text = "row 7, column \"t\": nothing, allowed: a value in every row";
+        let row = RowError {
+            recording: None,
+            place: Place::Row(7),
+            column: Some("t".to_owned()),
+            found,
+            allowed,
+        };
+        let text = "row 7 (counted from 1), column \"t\": nothing, allowed: a value in every row";
         assert_eq!(faults::causes(&ImportError::from(row)), text);
     }
 }

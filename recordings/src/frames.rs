@@ -5,7 +5,7 @@
 
 use std::io::{self, ErrorKind, Read, Write};
 
-use spec::ImportSpec;
+use spec::{FileFormat, ImportSpec};
 
 use crate::ImportError;
 use crate::rows::{MAX_BATCH_ROWS, MAX_NAME_BYTES, Rows, TimeColumn, channel_columns};
@@ -20,6 +20,7 @@ const MAX_REFUSAL_BYTES: usize = 16 * 1024;
 pub(crate) fn write_rows(out: &mut impl Write, rows: &Rows) -> io::Result<()> {
     let mut content = Vec::new();
     content.extend(length(rows.count)?);
+    content.extend(rows.lines.iter().flatten().flat_map(|line| line.to_le_bytes()));
     match &rows.time {
         None => content.push(0),
         Some(TimeColumn::Integer(times)) => {
@@ -65,6 +66,7 @@ fn length(length: usize) -> io::Result<[u8; 4]> {
 /// the rows of `spec` cannot have.
 pub struct Frames<R> {
     frames: R,
+    has_lines: bool,
     has_time: bool,
     has_names: bool,
     channels: usize,
@@ -76,6 +78,7 @@ impl<R: Read> Frames<R> {
     pub fn new(frames: R, spec: &ImportSpec) -> Self {
         Self {
             frames,
+            has_lines: spec.format == FileFormat::Csv,
             has_time: spec.columns.time.is_some(),
             has_names: spec.columns.recording.is_some(),
             channels: channel_columns(&spec.columns).len(),
@@ -116,13 +119,17 @@ impl<R: Read> Frames<R> {
     }
 
     fn longest_rows(&self) -> usize {
-        let row = 8 + 4 + MAX_NAME_BYTES + 8 * self.channels;
+        let row = 8 + 8 + 4 + MAX_NAME_BYTES + 8 * self.channels;
         4 + 1 + MAX_BATCH_ROWS * row
     }
 
     fn rows(&self, content: &[u8]) -> Option<Rows> {
         let mut content = Content(content);
         let count = content.length().filter(|count| *count <= MAX_BATCH_ROWS)?;
+        let lines = match self.has_lines {
+            true => Some(content.numbers(count)?),
+            false => None,
+        };
         let time = match content.take(1)? {
             [0] if !self.has_time => None,
             [1] if self.has_time => Some(TimeColumn::Integer(content.numbers(count)?)),
@@ -136,7 +143,8 @@ impl<R: Read> Frames<R> {
         let channels = (0..self.channels).map(|_| content.numbers(count));
         let channels = channels.collect::<Option<_>>()?;
         let is_whole = content.0.is_empty();
-        is_whole.then_some(Rows { first: self.next_row, count, time, recording, channels })
+        let first = self.next_row;
+        is_whole.then_some(Rows { first, count, lines, time, recording, channels })
     }
 }
 
@@ -197,6 +205,12 @@ impl Number for i64 {
     }
 }
 
+impl Number for u64 {
+    fn from_bytes(bytes: [u8; 8]) -> Self {
+        Self::from_le_bytes(bytes)
+    }
+}
+
 impl Number for f64 {
     fn from_bytes(bytes: [u8; 8]) -> Self {
         Self::from_le_bytes(bytes)
@@ -223,6 +237,7 @@ mod tests {
         Rows {
             first,
             count,
+            lines: Some((first + 2..).take(count).collect()),
             time: Some(TimeColumn::Integer((0..count as i64).map(|k| i64::MAX - k).collect())),
             recording: Some(names.iter().map(|name| (*name).to_owned()).collect()),
             channels: (0..14).map(|channel| vec![f64::from(channel) + 0.1; count]).collect(),

@@ -21,7 +21,7 @@ pub use confinement::{BATCH_SECONDS, MEMORY_BYTES, TimedOutput, confine};
 pub use conversion::Conversion;
 pub use decoder::{Decoder, DecoderProgram};
 pub use decoding::{decode, decode_standard_input};
-pub use error::{ImportError, RowError};
+pub use error::{ImportError, Place, RowError};
 pub use frames::Frames;
 pub use rows::Rows;
 pub use tables::{ImportedTrajectories, TableSchemas};

@@ -2,7 +2,7 @@
 
 use spec::{ImportSpec, Resampling, TimeUnit};
 
-use crate::error::RowError;
+use crate::error::{Place, RowError};
 use crate::samples::Sample;
 
 /// Times that differ by less than this part of a period are the same: f32 seconds, and decimals cut
@@ -18,7 +18,8 @@ const RATE_TOLERANCE: f64 = 0.01;
 #[derive(Debug)]
 pub(crate) struct Recording {
     pub name: Option<String>,
-    pub first_row: u64,
+    /// Where its first row is.
+    pub first: Place,
     pub rows: u64,
     start_s: f64,
     last: Option<Sample>,
@@ -29,8 +30,8 @@ pub(crate) struct Recording {
 }
 
 impl Recording {
-    pub const fn new(name: Option<String>, first_row: u64) -> Self {
-        Self { name, first_row, rows: 0, start_s: 0.0, last: None, incoming: None, samples: 0 }
+    pub const fn new(name: Option<String>, first: Place) -> Self {
+        Self { name, first, rows: 0, start_s: 0.0, last: None, incoming: None, samples: 0 }
     }
 
     /// Takes the next row, once [`Self::advance`] has nothing more to hand out.
@@ -40,7 +41,7 @@ impl Recording {
     pub fn accept(&mut self, sample: Sample, spec: &ImportSpec) -> Result<(), RowError> {
         match self.last {
             None => self.start_s = sample.time_s,
-            Some(last) => self.check_period(sample.time_s - last.time_s, sample.row, spec)?,
+            Some(last) => self.check_period(sample.time_s - last.time_s, sample.place, spec)?,
         }
         self.rows += 1;
         self.incoming = Some(sample);
@@ -70,11 +71,11 @@ impl Recording {
         })
     }
 
-    fn check_period(&self, period: f64, row: u64, spec: &ImportSpec) -> Result<(), RowError> {
+    fn check_period(&self, period: f64, place: Place, spec: &ImportSpec) -> Result<(), RowError> {
         let expected = 1.0 / spec.rate_hz;
         let off = |allowed: String| {
             let found = format!("{} s after the row before", rounded(period));
-            self.error(row, found, allowed, spec)
+            self.error(place, found, allowed, spec)
         };
         if period <= 0.0 {
             return Err(off("times that rise within a recording".to_owned()));
@@ -121,13 +122,13 @@ impl Recording {
              resampling \"linear\"",
             rounded(expected)
         );
-        Err(self.error(last.row, found, allowed, spec))
+        Err(self.error(last.place, found, allowed, spec))
     }
 
-    fn error(&self, row: u64, found: String, allowed: String, spec: &ImportSpec) -> RowError {
+    fn error(&self, place: Place, found: String, allowed: String, spec: &ImportSpec) -> RowError {
         RowError {
             recording: self.name.clone(),
-            row,
+            place,
             column: spec.columns.time.clone(),
             found,
             allowed,
@@ -178,12 +179,12 @@ mod tests {
 
     /// A sample whose torques and positions are its number.
     fn sample(time_s: f64, row: u64) -> Sample {
-        Sample { time_s, row, values: [row as f64; MAX_CHANNELS] }
+        Sample { time_s, row, place: Place::Line(row + 2), values: [row as f64; MAX_CHANNELS] }
     }
 
     /// Time, torque and position of the samples that come out.
     fn run(times: &[f64], spec: &ImportSpec) -> Result<Vec<(f64, f64, f64)>, String> {
-        let mut recording = Recording::new(Some("a".to_owned()), 0);
+        let mut recording = Recording::new(Some("a".to_owned()), Place::Line(2));
         let mut samples = Vec::new();
         for (row, time) in (0..).zip(times) {
             recording.accept(sample(*time, row), spec).map_err(|error| error.to_string())?;
@@ -231,7 +232,7 @@ mod tests {
     fn a_pause_is_not_bridged() {
         let linear = spec(&json!({"resampling": "linear"}));
         let error = run(&[0.0, 0.1, 0.4], &linear).unwrap_err();
-        assert!(error.contains("row 2, column \"t\": 0.3 s after"), "{error}");
+        assert!(error.contains("line 4, column \"t\": 0.3 s after"), "{error}");
         assert!(error.contains("max_gap_s = 0.1"), "{error}");
     }
 
@@ -241,7 +242,7 @@ mod tests {
             let spec = spec(&json!({"resampling": resampling}));
             for times in [[0.0, 0.1, 0.1], [0.0, 0.1, 0.0]] {
                 let error = run(&times, &spec).unwrap_err();
-                assert!(error.contains("recording \"a\", row 2"), "{error}");
+                assert!(error.contains("recording \"a\", line 4"), "{error}");
                 assert!(error.contains("rise"), "{error}");
             }
         }

@@ -2,7 +2,7 @@
 
 use spec::{ImportColumns, MAX_JOINTS};
 
-use crate::RowError;
+use crate::{Place, RowError};
 
 /// Rows that follow each other.
 #[derive(Debug, Default, PartialEq)]
@@ -10,12 +10,24 @@ pub struct Rows {
     /// Index of the first in the file.
     pub(crate) first: u64,
     pub(crate) count: usize,
+    /// The lines of a CSV file in which they begin; `None` for Parquet.
+    pub(crate) lines: Option<Vec<u64>>,
     /// As written in the file; `None` without a time column.
     pub(crate) time: Option<TimeColumn>,
     /// `None` without a recording column.
     pub(crate) recording: Option<Vec<String>>,
     /// One per column of [`channel_columns`], in the file's units.
     pub(crate) channels: Vec<Vec<f64>>,
+}
+
+impl Rows {
+    /// Where the row at `index` of these is in the file.
+    pub(crate) fn place(&self, index: usize) -> Place {
+        match &self.lines {
+            Some(lines) => Place::Line(lines[index]),
+            None => Place::Row(self.first + index as u64 + 1),
+        }
+    }
 }
 
 /// Times in the file's unit. Whole numbers stay such: nanoseconds since 1970 do not fit into f64.
@@ -79,14 +91,14 @@ fn listed(names: &[&str]) -> String {
 }
 
 /// A value that is not there.
-pub(crate) fn absent(row: u64, column: &str) -> RowError {
-    RowError::value(row, column, "nothing", "a value in every row")
+pub(crate) fn absent(place: Place, column: &str) -> RowError {
+    RowError::value(place, column, "nothing", "a value in every row")
 }
 
-pub(crate) fn check_name(name: &str, row: u64, column: &str) -> Result<(), RowError> {
+pub(crate) fn check_name(name: &str, place: Place, column: &str) -> Result<(), RowError> {
     if name.len() <= MAX_NAME_BYTES {
         return Ok(());
     }
     let found = format!("a name of {} bytes", name.len());
-    Err(RowError::value(row, column, found, format!("at most {MAX_NAME_BYTES}")))
+    Err(RowError::value(place, column, found, format!("at most {MAX_NAME_BYTES}")))
 }

@@ -2,7 +2,7 @@
 
 use spec::{AngleUnit, ImportRanges, ImportSpec, JointDescription, Range};
 
-use crate::error::RowError;
+use crate::error::{Place, RowError};
 use crate::rows::{MAX_CHANNELS, Rows, TimeColumn};
 
 /// Torques, positions and perhaps velocities at a moment.
@@ -10,8 +10,10 @@ use crate::rows::{MAX_CHANNELS, Rows, TimeColumn};
 pub(crate) struct Sample {
     /// Seconds, counted from anywhere; see [`Sampling::file_time_s`].
     pub time_s: f64,
-    /// Row of the file at or before it.
+    /// Row of the file at or before it, counted from 0.
     pub row: u64,
+    /// The same row, for people.
+    pub place: Place,
     /// In N·m, rad and rad/s; those beyond the file's channels are 0.
     pub values: [f64; MAX_CHANNELS],
 }
@@ -81,18 +83,18 @@ impl Sampling {
         index: usize,
         since_start: u64,
     ) -> Result<Sample, RowError> {
-        let row = rows.first + index as u64;
+        let place = rows.place(index);
         let mut values = [0.0; MAX_CHANNELS];
         for ((value, channel), column) in values.iter_mut().zip(&self.channels).zip(&rows.channels)
         {
-            *value = channel.convert(column[index], row)?;
+            *value = channel.convert(column[index], place)?;
         }
         let time_s = match (&mut self.time, &rows.time) {
-            (Some(time), Some(times)) => time.seconds(times, index, row)?,
+            (Some(time), Some(times)) => time.seconds(times, index, place)?,
             #[expect(clippy::cast_precision_loss, reason = "far fewer than 2^53 rows")]
             _ => since_start as f64 / self.rate_hz,
         };
-        Ok(Sample { time_s, row, values })
+        Ok(Sample { time_s, row: rows.first + index as u64, place, values })
     }
 
     /// The time of a sample as the file counts it, in s.
@@ -133,7 +135,7 @@ fn limits(spec: &ImportSpec) -> [Vec<(Range, String)>; 3] {
 type Limit<'a> = &'a dyn Fn(&JointDescription) -> Range;
 
 impl Channel {
-    fn convert(&self, written: f64, row: u64) -> Result<f64, RowError> {
+    fn convert(&self, written: f64, place: Place) -> Result<f64, RowError> {
         let value = written * self.factor;
         if self.range.contains(value) {
             return Ok(value);
@@ -147,19 +149,19 @@ impl Channel {
             allowed.push_str("; if the file is in degrees, say so in units.angle");
         }
         let found = format!("{value} {unit}");
-        Err(RowError::value(row, &self.column, found, allowed))
+        Err(RowError::value(place, &self.column, found, allowed))
     }
 }
 
 impl Time {
     #[expect(clippy::cast_precision_loss, reason = "a difference, not the count since 1970")]
-    fn seconds(&mut self, times: &TimeColumn, index: usize, row: u64) -> Result<f64, RowError> {
+    fn seconds(&mut self, times: &TimeColumn, index: usize, place: Place) -> Result<f64, RowError> {
         let (whole, part) = match times {
             TimeColumn::Integer(times) => (times[index], 0.0),
             TimeColumn::Decimal(times) => (0, times[index]),
         };
         if !part.is_finite() {
-            return Err(RowError::value(row, &self.column, part.to_string(), "a finite number"));
+            return Err(RowError::value(place, &self.column, part.to_string(), "a finite number"));
         }
         let origin = *self.origin.get_or_insert(whole);
         let since_origin = (i128::from(whole) - i128::from(origin)) as f64;

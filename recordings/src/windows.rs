@@ -85,6 +85,7 @@ impl Window {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::error::Place;
     use crate::rows::MAX_CHANNELS;
 
     /// First rows of the trajectories that `count` samples make, and how many are dropped.
@@ -93,7 +94,8 @@ mod tests {
         let mut window = Window { samples, length, stride, skip: 0, seen: 0, trajectories: 0 };
         let mut firsts = Vec::new();
         for row in 0..count {
-            if window.push(Sample { time_s: 0.0, row, values: [0.0; MAX_CHANNELS] }) {
+            let place = Place::Row(row + 1);
+            if window.push(Sample { time_s: 0.0, row, place, values: [0.0; MAX_CHANNELS] }) {
                 assert_eq!(window.trajectory().len(), length);
                 assert_eq!(window.trajectory()[length - 1].row, row);
                 firsts.push(window.trajectory()[0].row);

@@ -43,6 +43,9 @@ pub enum ClientError {
         fields: Vec<String>,
     },
 
+    #[error("the stream to {server} ended: {reason}")]
+    Stream { server: String, reason: String },
+
     #[error("{server} answered something else than torqued does: {source}")]
     Answer { server: String, source: serde_json::Error },
 }

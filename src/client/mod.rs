@@ -4,6 +4,7 @@ mod download;
 mod error;
 mod events;
 mod failure;
+mod stream;
 mod upload;
 
 use std::time::Duration;
@@ -73,6 +74,8 @@ impl Client {
             .no_proxy()
             .connect_timeout(Duration::from_secs(5))
             .timeout(Duration::from_secs(60))
+            // Streams begin as requests of it, and the server speaks no other.
+            .http1_only()
             // Before the server closes it.
             .pool_idle_timeout(api::limits::HEAD_WITHIN / 2)
             .user_agent(concat!("torqued/", env!("CARGO_PKG_VERSION")));

@@ -40,6 +40,7 @@ pub mod runs;
 pub mod serve;
 pub mod show;
 pub mod simulate;
+pub mod stream;
 pub mod study;
 pub mod submit;
 pub mod summary;
@@ -109,6 +110,7 @@ pub async fn run(command: Command, log: &Logging) -> anyhow::Result<ExitCode> {
         Command::Queue(arguments) => queue::run(arguments).await,
         Command::Runs(arguments) => runs::run(arguments).await,
         Command::Show(arguments) => show::run(arguments).await,
+        Command::Stream(arguments) => stream::run(arguments).await,
         Command::Summary(arguments) => summary::run(arguments).await,
         Command::Tasks(arguments) => tasks::run(arguments).await,
         Command::Trajectory(arguments) => trajectory::run(arguments).await,

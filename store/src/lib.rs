@@ -114,7 +114,7 @@ pub use logs::{LogChunk, LogFilter, LogPage, NewLogChunk};
 pub use metrics::{Metric, Series, SeriesPoint};
 pub use objects::{
     Fingerprint, ObjectBytes, ObjectWriter, ObjectsUrl, Patience, RemoteObjects, S3Options,
-    StoredObject, measure_file, path as object_path,
+    SignedFor, StoredObject, measure_file, path as object_path,
 };
 pub use parquet_layout::{STEP, TRAJECTORY, table_schema, trajectories_per_row_group};
 pub use pipelines::Member;

@@ -72,6 +72,20 @@ test("the first page lists the experiment with its state", async () => {
   assertClean();
 });
 
+test("the page of the API shows every operation, and asks one", async () => {
+  const { paths } = await product.get("/v1/openapi.json");
+  const count = Object.values(paths).flatMap((path) => Object.keys(path)).length;
+  await page.goto(`${product.url}/docs`);
+  await page.locator(".opblock").nth(count - 1).waitFor();
+  assert.equal(await page.locator(".opblock").count(), count);
+  const presets = page.locator(".opblock", { hasText: "/v1/presets" });
+  await presets.locator(".opblock-summary-control").click();
+  await presets.getByRole("button", { name: "Try it out" }).click();
+  await presets.getByRole("button", { name: "Execute" }).click();
+  await presets.locator(".live-responses-table .response-col_status", { hasText: "200" }).waitFor();
+  assertClean();
+});
+
 test("a run shows its loss curve", async () => {
   const { run } = await product.get(`/v1/jobs/${member("train")}`);
   await page.goto(`${product.url}/runs/${run}`);

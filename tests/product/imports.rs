@@ -106,7 +106,8 @@ async fn a_file_that_is_not_as_its_mapping_says_fails_alone() {
     let (code, output, _) = import(&product, RECORDINGS, &whole);
     assert_eq!(code, Some(3));
     assert!(
-        output.contains("recording \"0\", row 0: ") && output.contains("450 samples"),
+        output.contains("recording \"0\", row 1 (counted from 1): ")
+            && output.contains("450 samples"),
         "{output}"
     );
 

@@ -37,6 +37,9 @@ class Server:
 
     def __init__(self, *options):
         self.folder = tempfile.TemporaryDirectory(prefix="torqued-readers-")
+        self.start(*options)
+
+    def start(self, *options):
         listen = "127.0.0.1:7070" if usual_port_is_free() else "127.0.0.1:0"
         self.process = subprocess.Popen(
             [TORQUED, "serve", "--data", f"{self.folder.name}/data", "--listen", listen, *options],
@@ -72,10 +75,18 @@ class Server:
         urllib.request.urlretrieve(self.url + url, path)
         return path
 
-    def stop(self):
+    def restart(self, *options):
+        """Serves the same data folder with other options."""
+        self.end()
+        self.start(*options)
+
+    def end(self):
         self.process.terminate()
         self.process.wait(timeout=60)
         self.process.stdout.close()
+
+    def stop(self):
+        self.end()
         self.folder.cleanup()
 
 

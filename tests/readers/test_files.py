@@ -10,8 +10,11 @@ import tempfile
 import unittest
 import urllib.request
 
+import duckdb
+import fsspec
 import numpy
 import polars
+import pyarrow.dataset
 import pyarrow.parquet
 import safetensors.numpy
 
@@ -94,6 +97,15 @@ class Files(unittest.TestCase):
         last = scan.filter(polars.col("trajectory") == 2047).collect()
         expected = local.filter(polars.col("trajectory") == 2047).select("trajectory", "q1")
         self.assertTrue(last.equals(expected))
+
+    def test_duckdb_asks_shards_by_url(self):
+        urls = [self.product.url + file["url"] for file, _ in self.paths["trajectories"]]
+        shards = pyarrow.dataset.dataset(urls, filesystem=fsspec.filesystem("http"))
+        self.assertEqual(shards.count_rows(), 2048 * 400)
+        asked = duckdb.sql("select step, q1 from shards where trajectory = 2047 order by step")
+        local = polars.concat(polars.read_parquet(path) for _, path in self.paths["trajectories"])
+        expected = local.filter(polars.col("trajectory") == 2047).select("step", "q1")
+        self.assertEqual(asked.fetchall(), expected.rows())
 
     def test_pyarrow_reads_a_row_group_by_url_without_the_rest(self):
         file, path = self.paths["trajectories"][0]

@@ -4,14 +4,16 @@ use std::ops::Range;
 
 use axum::BoxError;
 use axum::body::{Body, Bytes};
+use axum::http::Method;
 use futures::stream::{self, BoxStream, StreamExt, TryStreamExt};
 use spec::Digest;
-use store::StoredObject;
+use store::{SignedFor, StoredObject};
 
 use crate::app::App;
 use crate::app::archive::{Archive, Content, Member};
 use crate::download::{FileInfo, Identity};
 use crate::error::ApiError;
+use crate::limits::SIGNED_FOR;
 
 /// A file about to be sent.
 #[derive(Clone, Debug)]
@@ -132,6 +134,22 @@ impl App {
                 Ok(stream::iter([Ok(bytes)]).boxed())
             }
         }
+    }
+
+    /// The address from which a bucket sends a file, to whoever has it, for [`SIGNED_FOR`]; `None` when the file does not lie in
+    /// one.
+    ///
+    /// # Errors
+    /// [`ApiError::Damaged`] when the file is missing or known to be damaged.
+    pub async fn address(
+        &self,
+        file: &Download,
+        method: &Method,
+    ) -> Result<Option<String>, ApiError> {
+        let Source::One(Content::Stored { object, file }) = &file.source else { return Ok(None) };
+        let method = if method == Method::HEAD { SignedFor::Head } else { SignedFor::Get };
+        let signed = self.store.signed_url(object, method, SIGNED_FOR).await;
+        signed.map_err(|error| ApiError::reading(file, error))
     }
 
     /// Looks whether the bytes of a file could be sent, as a request for its headers alone wants to know.

@@ -1,4 +1,4 @@
-//! The style sheet, the script and the icon, which travel inside the binary.
+//! The style sheets, the scripts and the icon, which travel inside the binary.
 
 use axum::extract::Path;
 use axum::http::header::{CACHE_CONTROL, CONTENT_TYPE, ETAG, IF_NONE_MATCH};
@@ -14,7 +14,7 @@ struct Asset {
     bytes: &'static [u8],
 }
 
-const ASSETS: [Asset; 3] = [
+const ASSETS: [Asset; 5] = [
     Asset {
         name: "page.css",
         media_type: "text/css; charset=utf-8",
@@ -24,6 +24,16 @@ const ASSETS: [Asset; 3] = [
         name: "live.js",
         media_type: "text/javascript; charset=utf-8",
         bytes: include_bytes!("../../../web/static/live.js"),
+    },
+    Asset {
+        name: "docs.css",
+        media_type: "text/css; charset=utf-8",
+        bytes: include_bytes!("../../../web/static/docs.css"),
+    },
+    Asset {
+        name: "docs.js",
+        media_type: "text/javascript; charset=utf-8",
+        bytes: include_bytes!("../../../web/static/docs.js"),
     },
     Asset {
         name: "icon.svg",
@@ -37,11 +47,20 @@ pub async fn show(Path(name): Path<String>, headers: HeaderMap) -> Result<Respon
         .iter()
         .find(|asset| asset.name == name)
         .ok_or_else(|| ApiError::NoRoute { path: format!("/static/{name}") })?;
-    let tag = format!("\"{}\"", Digest::of(asset.bytes));
+    Ok(answer(asset.media_type, asset.bytes, &headers))
+}
+
+/// A file that is part of the binary, unless the browser that asks has it.
+pub(super) fn answer(
+    media_type: &'static str,
+    bytes: &'static [u8],
+    headers: &HeaderMap,
+) -> Response {
+    let tag = format!("\"{}\"", Digest::of(bytes));
     // The next version of the binary may bring another file under the same name.
     let validators = [(ETAG, tag.clone()), (CACHE_CONTROL, "no-cache".to_owned())];
     if headers.get(IF_NONE_MATCH).is_some_and(|known| known.as_bytes() == tag.as_bytes()) {
-        return Ok((StatusCode::NOT_MODIFIED, validators).into_response());
+        return (StatusCode::NOT_MODIFIED, validators).into_response();
     }
-    Ok((validators, [(CONTENT_TYPE, asset.media_type)], asset.bytes).into_response())
+    (validators, [(CONTENT_TYPE, media_type)], bytes).into_response()
 }

@@ -6,6 +6,7 @@ mod channels;
 mod checkpoint;
 mod control;
 mod dataset;
+mod docs;
 mod evaluation;
 mod experiments;
 mod job;
@@ -41,7 +42,7 @@ pub fn routes() -> Router<App> {
 }
 
 /// Every path of the page, with what answers it.
-pub fn paths() -> [(&'static str, MethodRouter<App>); 25] {
+pub fn paths() -> [(&'static str, MethodRouter<App>); 27] {
     [
         ("/", get(experiments::show)),
         ("/jobs/{id}", get(job::show).post(labels::job)),
@@ -67,6 +68,8 @@ pub fn paths() -> [(&'static str, MethodRouter<App>); 25] {
         ("/trash", get(trash::show)),
         (LOGIN, get(login::show).post(login::log_in)),
         (LOGOUT, post(login::log_out)),
+        ("/docs", get(docs::show)),
+        ("/docs/{name}", get(docs::file)),
         ("/static/{name}", get(assets::show)),
     ]
 }

@@ -10,8 +10,8 @@ use wire::{Checkpoint, Checkpoints, LabelChange};
 use crate::app::listing::{CHECKPOINTS, ListRequest};
 use crate::app::{App, read_question};
 use crate::error::ApiError;
-use crate::extract::{PatchBytes, Path, QueryPairs};
-use crate::routes::files::{CheckpointFile, TarFile, send};
+use crate::extract::{PatchBytes, Path, Query, QueryPairs};
+use crate::routes::files::{CheckpointFile, FileParameters, TarFile, send, send_or_redirect};
 use crate::routes::lists::CheckpointsParameters;
 
 /// Checkpoints, newest first unless `sort` says otherwise.
@@ -71,17 +71,18 @@ pub async fn label(
     get,
     path = "/v1/checkpoints/{id}/files/{name}",
     tag = "checkpoints",
-    params(("id" = i64, Path), ("name" = String, Path)),
+    params(("id" = i64, Path), ("name" = String, Path), FileParameters),
     responses(CheckpointFile),
 )]
 pub async fn file(
     State(app): State<App>,
     Path((id, name)): Path<(i64, String)>,
+    Query(parameters): Query<FileParameters>,
     method: Method,
     headers: HeaderMap,
 ) -> Result<Response, ApiError> {
     let file = app.checkpoint_file(id, &name).await?;
-    send(&app, &method, &headers, file).await
+    send_or_redirect(&app, &method, &headers, file, &parameters).await
 }
 
 /// All files of a checkpoint as one tar, which streams: its size is known at once, and parts of it can be asked for.

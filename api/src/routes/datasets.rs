@@ -11,8 +11,8 @@ use wire::{Dataset, Datasets, Job, LabelChange};
 use crate::app::listing::{DATASETS, ListRequest};
 use crate::app::{App, read_question};
 use crate::error::ApiError;
-use crate::extract::{PatchBytes, Path, QueryPairs};
-use crate::routes::files::{DatasetFile, TarFile, send};
+use crate::extract::{PatchBytes, Path, Query, QueryPairs};
+use crate::routes::files::{DatasetFile, FileParameters, TarFile, send, send_or_redirect};
 use crate::routes::lists::DatasetsParameters;
 
 /// Datasets, newest first unless `sort` says otherwise.
@@ -66,17 +66,18 @@ pub async fn label(
     get,
     path = "/v1/datasets/{id}/files/{name}",
     tag = "datasets",
-    params(("id" = i64, Path), ("name" = String, Path)),
+    params(("id" = i64, Path), ("name" = String, Path), FileParameters),
     responses(DatasetFile),
 )]
 pub async fn file(
     State(app): State<App>,
     Path((id, name)): Path<(i64, String)>,
+    Query(parameters): Query<FileParameters>,
     method: Method,
     headers: HeaderMap,
 ) -> Result<Response, ApiError> {
     let file = app.dataset_file(id, &name).await?;
-    send(&app, &method, &headers, file).await
+    send_or_redirect(&app, &method, &headers, file, &parameters).await
 }
 
 /// All files of a dataset as one tar, which streams: its size is known at once, and parts of it can be asked for.

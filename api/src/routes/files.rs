@@ -5,16 +5,45 @@ use std::collections::BTreeMap;
 use axum::body::Body;
 use axum::http::{HeaderMap, Method};
 use axum::response::Response;
+use serde::Deserialize;
 use utoipa::openapi::schema::SchemaType;
 use utoipa::openapi::{
-    self, ContentBuilder, Object, RefOr, ResponseBuilder, ResponsesBuilder, Schema,
+    self, ContentBuilder, HeaderBuilder, Object, RefOr, ResponseBuilder, ResponsesBuilder, Schema,
 };
-use utoipa::{IntoResponses, PartialSchema as _};
+use utoipa::{IntoParams, IntoResponses, PartialSchema as _};
 
 use crate::app::App;
 use crate::app::files::Download;
 use crate::download::Answer;
 use crate::error::ApiError;
+
+/// Who sends a file.
+#[derive(Deserialize, IntoParams)]
+#[into_params(parameter_in = Query)]
+pub struct FileParameters {
+    /// Whether a file in a bucket is sent by the bucket: the answer is then 307 with its address. A file that lies elsewhere is sent all the
+    /// same.
+    pub redirect: Option<bool>,
+}
+
+/// Sends a file as [`send`] does, or says where its bucket sends it.
+pub async fn send_or_redirect(
+    app: &App,
+    method: &Method,
+    headers: &HeaderMap,
+    file: Download,
+    parameters: &FileParameters,
+) -> Result<Response, ApiError> {
+    if parameters.redirect == Some(true) {
+        let answer = Answer::new(method, headers, &file.info);
+        if !answer.is_known()
+            && let Some(address) = app.address(&file, method).await?
+        {
+            return Ok(answer.redirected(&address));
+        }
+    }
+    send(app, method, headers, file).await
+}
 
 /// Sends a file, or the part of it that the request asks for.
 pub async fn send(
@@ -38,13 +67,13 @@ pub async fn send(
 
 /// The answers of a download, which may be of several media types.
 macro_rules! downloads {
-    ($($(#[$about:meta])* $name:ident: $($media_type:literal => $schema:ident),*;)*) => {$(
+    ($($(#[$about:meta])* $name:ident $(or $redirect:ident)?: $($media_type:literal => $schema:ident),*;)*) => {$(
         $(#[$about])*
         pub struct $name;
 
         impl IntoResponses for $name {
             fn responses() -> BTreeMap<String, RefOr<openapi::Response>> {
-                answers(&[$(($media_type, $schema())),*])
+                answers(&[$(($media_type, $schema())),*], &[$($redirect())?])
             }
         }
     )*};
@@ -52,11 +81,11 @@ macro_rules! downloads {
 
 downloads! {
     /// A file of a dataset.
-    DatasetFile: "application/vnd.apache.parquet" => bytes, "application/json" => any;
+    DatasetFile or elsewhere: "application/vnd.apache.parquet" => bytes, "application/json" => any;
     /// A file of a checkpoint.
-    CheckpointFile: "application/octet-stream" => bytes, "application/json" => any;
+    CheckpointFile or elsewhere: "application/octet-stream" => bytes, "application/json" => any;
     /// An artifact of a run.
-    ArtifactFile:
+    ArtifactFile or elsewhere:
         "application/json" => any, "image/svg+xml" => text, "text/csv" => text,
         "application/vnd.apache.parquet" => bytes, "application/octet-stream" => bytes;
     /// All files of a dataset or a checkpoint.
@@ -77,7 +106,19 @@ fn any() -> RefOr<Schema> {
     Object::with_type(SchemaType::AnyValue).into()
 }
 
-fn answers(contents: &[(&str, RefOr<Schema>)]) -> BTreeMap<String, RefOr<openapi::Response>> {
+/// The status and the answer of [`send_or_redirect`] that [`send`] does not give.
+fn elsewhere() -> (&'static str, openapi::Response) {
+    let location = HeaderBuilder::new().schema(Some(String::schema()));
+    let answer = ResponseBuilder::new()
+        .description("With `redirect=true`: the bucket sends the file from the address in `Location`, for 15 minutes")
+        .header("Location", location.build());
+    ("307", answer.build())
+}
+
+fn answers(
+    contents: &[(&str, RefOr<Schema>)],
+    further: &[(&'static str, openapi::Response)],
+) -> BTreeMap<String, RefOr<openapi::Response>> {
     let of = |description: &str| {
         let builder = ResponseBuilder::new().description(description);
         contents.iter().fold(builder, |builder, (media_type, schema)| {
@@ -86,11 +127,14 @@ fn answers(contents: &[(&str, RefOr<Schema>)]) -> BTreeMap<String, RefOr<openapi
         })
     };
     let empty = |description: &str| ResponseBuilder::new().description(description);
-    ResponsesBuilder::new()
+    let answers = ResponsesBuilder::new()
         .response("200", of("The file"))
         .response("206", of("The part asked for"))
         .response("304", empty("The caller has the file"))
-        .response("416", empty("The part asked for lies beyond the end"))
+        .response("416", empty("The part asked for lies beyond the end"));
+    let further = further.iter().cloned();
+    further
+        .fold(answers, |answers, (status, answer)| answers.response(status, answer))
         .build()
         .into()
 }

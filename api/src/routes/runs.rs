@@ -16,7 +16,7 @@ use crate::app::{App, read_question};
 use crate::error::ApiError;
 use crate::extract::{PatchBytes, Path, Query, QueryPairs};
 use crate::limits::{POINTS_DEFAULT, POINTS_MAXIMUM};
-use crate::routes::files::{ArtifactFile, send};
+use crate::routes::files::{ArtifactFile, FileParameters, send_or_redirect};
 use crate::routes::lists::RunsParameters;
 
 #[derive(Deserialize, IntoParams)]
@@ -124,17 +124,18 @@ pub async fn metric_of_group(
     get,
     path = "/v1/runs/{id}/artifacts/{name}",
     tag = "runs",
-    params(("id" = i64, Path), ("name" = String, Path)),
+    params(("id" = i64, Path), ("name" = String, Path), FileParameters),
     responses(ArtifactFile),
 )]
 pub async fn artifact(
     State(app): State<App>,
     Path((id, name)): Path<(i64, String)>,
+    Query(parameters): Query<FileParameters>,
     method: Method,
     headers: HeaderMap,
 ) -> Result<Response, ApiError> {
     let file = app.run_artifact(id, &name).await?;
-    send(&app, &method, &headers, file).await
+    send_or_redirect(&app, &method, &headers, file, &parameters).await
 }
 
 /// The loss curve as it is now: `loss.svg`, or its numbers as `loss.csv`.

@@ -244,3 +244,35 @@ async fn the_style_sheet_is_sent_once() {
     let again = server.request(Method::GET, "/static/page.css", &[("if-none-match", &tag)]).await;
     assert_eq!((again.status.as_u16(), again.body.len()), (304, 0));
 }
+
+#[tokio::test]
+async fn the_api_is_shown_by_files_of_this_server_alone() {
+    let server = Server::start().await;
+    let answer = server.get("/docs").await;
+    let policy = answer.header("content-security-policy");
+    assert!(policy.contains("script-src 'self';") && policy.contains("style-src 'self';"));
+    assert!(policy.contains("img-src 'self' data:;") && !policy.contains("unsafe"), "{policy}");
+    let first = server.get("/").await;
+    assert!(!first.header("content-security-policy").contains("data:"));
+    assert!(first.text().contains("href=\"/docs\""));
+
+    let page = page(&server, "/docs").await;
+    assert!(!page.contains("http://") && !page.contains("https://"), "{page}");
+    assert!(!page.contains("<style") && !page.contains(" style="), "{page}");
+    let references = page.split(['"', '\'']).filter(|it| it.starts_with('/'));
+    let files: Vec<&str> =
+        references.filter(|it| it.ends_with(".js") || it.ends_with(".css")).collect();
+    assert!(files.contains(&"/docs/swagger-ui-bundle.js"), "{files:?}");
+    for file in files {
+        let answer = server.get(file).await;
+        let media_type = if file.ends_with(".js") { "text/javascript" } else { "text/css" };
+        assert_eq!(answer.header("content-type"), format!("{media_type}; charset=utf-8"));
+        assert_eq!(answer.status, 200, "{file}");
+        let tag = answer.header("etag").to_owned();
+        let known = server.request(Method::GET, file, &[("if-none-match", &tag)]).await;
+        assert_eq!(known.status, 304, "{file}");
+    }
+    for file in ["index.html", "swagger-initializer.js", "..%2f..%2fCargo.toml"] {
+        server.get(&format!("/docs/{file}")).await.problem(404);
+    }
+}

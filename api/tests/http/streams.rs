@@ -180,6 +180,13 @@ impl Client {
         timeout(PATIENCE, frame).await.expect("a frame in time")
     }
 
+    /// The code that the server closes the stream with.
+    async fn closing_code(&mut self) -> u16 {
+        let (kind, payload) = self.receive().await;
+        assert_eq!(kind, CLOSE, "{}", String::from_utf8_lossy(&payload));
+        u16::from_be_bytes([payload[0], payload[1]])
+    }
+
     async fn say(&mut self, message: &Value) {
         self.send(TEXT, message.to_string().as_bytes()).await;
     }
@@ -257,4 +264,42 @@ async fn pings_are_answered_while_an_answer_is_computed() {
     assert_eq!(client.receive().await, (PONG, b"there?".to_vec()));
     service.permits.add_permits(1);
     assert_eq!(client.hear().await["prediction"]["y"], json!([[7.0]]));
+}
+
+/// RFC 6455, sections 5.1, 5.2, 5.4, 5.5 and 7.4.1.
+#[tokio::test]
+async fn a_client_that_breaks_the_protocol_is_told_1002() {
+    let mut service = Service::start().await;
+    let masked = |first: u8, length: u8| vec![first, 0x80 | length, 0, 0, 0, 0];
+    let faults = [
+        ("a frame without a mask", vec![0x81, 2, b'{', b'}']),
+        ("a kind that nobody knows", masked(0x83, 0)),
+        ("a reserved bit", masked(0xc1, 0)),
+        ("a ping in parts", masked(0x09, 0)),
+        ("the second part of nothing", masked(0x80, 0)),
+        ("half a code in a goodbye", [masked(0x88, 1), vec![3]].concat()),
+    ];
+    for (fault, frame) in faults {
+        let mut client = service.client().await;
+        client.0.write_all(&frame).await.unwrap();
+        assert_eq!(client.closing_code().await, 1002, "{fault}");
+    }
+}
+
+/// RFC 6455, section 8.1.
+#[tokio::test]
+async fn text_that_is_no_utf_8_is_told_1007() {
+    let mut service = Service::start().await;
+    let mut client = service.client().await;
+    client.send(TEXT, &[b'"', 0xc3, 0x28, b'"']).await;
+    assert_eq!(client.closing_code().await, 1007);
+}
+
+/// RFC 6455, section 5.5.1. Caught: the server dropped the connection without an answer.
+#[tokio::test]
+async fn a_goodbye_is_answered_with_its_code() {
+    let mut service = Service::start().await;
+    let mut client = service.client().await;
+    client.send(CLOSE, &1000_u16.to_be_bytes()).await;
+    assert_eq!(client.closing_code().await, 1000);
 }

@@ -1,6 +1,6 @@
 //! Rows of a CSV file (RFC 4180: commas, double quotes, a header), a batch at a time.
 
-use std::cell::Cell;
+use std::cell::{Cell, RefCell};
 use std::io::{self, Read};
 use std::rc::Rc;
 
@@ -8,10 +8,11 @@ use csv::{ByteRecord, Reader, ReaderBuilder};
 use spec::ImportSpec;
 
 use super::DecodeError;
-use crate::RowError;
+use super::line_count::Lines;
 use crate::rows::{
     MAX_BATCH_ROWS, Rows, TimeColumn, absent, channel_columns, check_name, find_columns,
 };
+use crate::{Place, RowError};
 
 /// Rows parsed at a time.
 const BATCH_ROWS: usize = 1024;
@@ -26,6 +27,7 @@ const BUFFER_BYTES: usize = 64 * 1024;
 pub(super) struct CsvRows {
     reader: Reader<Metered<Box<dyn Read>>>,
     budget: Budget,
+    lines: Rc<RefCell<Lines>>,
     record: ByteRecord,
     time: Option<Column>,
     recording: Option<Column>,
@@ -44,11 +46,13 @@ impl CsvRows {
     /// When the file has no header, or one without a column that is asked for.
     pub fn open(file: Box<dyn Read>, spec: &ImportSpec) -> Result<Self, DecodeError> {
         let budget = Budget::default();
-        let file = Metered { inner: file, budget: budget.clone() };
+        let lines = Rc::default();
+        let file = Metered { inner: file, budget: budget.clone(), lines: Rc::clone(&lines) };
         let mut reader =
             ReaderBuilder::new().has_headers(true).buffer_capacity(BUFFER_BYTES).from_reader(file);
-        let header = reader.byte_headers().map_err(|error| too_long(error, 0))?.clone();
+        let header = reader.byte_headers().map_err(|error| explained(error, 0, 1))?.clone();
         budget.refill();
+        lines.borrow_mut().pass(reader.position().byte());
         let names = header_names(&header)?;
         let places = find_columns(&spec.columns, &names)
             .map_err(|error| if names.len() == 1 { without_commas(&error) } else { error })
@@ -63,7 +67,7 @@ impl CsvRows {
         let recording = spec.columns.recording.as_deref().map(&mut column);
         let channels = channel_columns(&spec.columns).into_iter().map(&mut column).collect();
         let record = ByteRecord::new();
-        Ok(Self { reader, budget, record, time, recording, channels, next_row: 0 })
+        Ok(Self { reader, budget, lines, record, time, recording, channels, next_row: 0 })
     }
 
     /// The rows that follow, or `None` at the end.
@@ -72,42 +76,54 @@ impl CsvRows {
     /// When a line has other columns than the header, or a value is missing or no number.
     pub fn next(&mut self) -> Result<Option<Rows>, DecodeError> {
         let mut rows = Rows { first: self.next_row, ..Rows::default() };
+        let mut lines = Vec::with_capacity(BATCH_ROWS);
         let mut times = Times::default();
         let mut names = Vec::new();
         rows.channels = vec![Vec::with_capacity(BATCH_ROWS); self.channels.len()];
         while rows.count < BATCH_ROWS {
-            let row = self.next_row;
-            let more = self.reader.read_byte_record(&mut self.record);
-            if !more.map_err(|error| too_long(error, row))? {
-                break;
-            }
-            self.budget.refill();
+            let Some(line) = self.read_record()? else { break };
+            let place = Place::Line(line);
+            lines.push(line);
             if let Some(column) = &self.time {
-                times.push(self.text(column, row)?, row, &column.name)?;
+                times.push(self.text(column, place)?, place, &column.name)?;
             }
             if let Some(column) = &self.recording {
-                let name = self.text(column, row)?;
-                check_name(name, row, &column.name)?;
+                let name = self.text(column, place)?;
+                check_name(name, place, &column.name)?;
                 names.push(name.to_owned());
             }
             for (values, column) in rows.channels.iter_mut().zip(&self.channels) {
-                values.push(number(self.text(column, row)?, row, &column.name)?);
+                values.push(number(self.text(column, place)?, place, &column.name)?);
             }
             rows.count += 1;
             self.next_row += 1;
         }
+        rows.lines = Some(lines);
         rows.time = self.time.is_some().then(|| times.finish());
         rows.recording = self.recording.is_some().then_some(names);
         Ok((rows.count > 0).then_some(rows))
     }
 
-    fn text(&self, column: &Column, row: u64) -> Result<&str, RowError> {
+    /// Reads the next record and returns the line in which it begins, or `None` at the end.
+    fn read_record(&mut self) -> Result<Option<u64>, DecodeError> {
+        let before = self.lines.borrow().last();
+        let more = self.reader.read_byte_record(&mut self.record);
+        let last = self.lines.borrow_mut().pass(self.reader.position().byte());
+        let line = last - self.record.iter().map(Lines::within).sum::<u64>();
+        if !more.map_err(|error| explained(error, before, line))? {
+            return Ok(None);
+        }
+        self.budget.refill();
+        Ok(Some(line))
+    }
+
+    fn text(&self, column: &Column, place: Place) -> Result<&str, RowError> {
         // The reader has refused records of other lengths than the header's.
         let bytes = self.record.get(column.place).unwrap_or_default();
         let text = std::str::from_utf8(bytes)
-            .map_err(|_| RowError::value(row, &column.name, "bytes that are no text", "UTF-8"))?;
+            .map_err(|_| RowError::value(place, &column.name, "bytes that are no text", "UTF-8"))?;
         let text = text.trim();
-        if text.is_empty() { Err(absent(row, &column.name)) } else { Ok(text) }
+        if text.is_empty() { Err(absent(place, &column.name)) } else { Ok(text) }
     }
 }
 
@@ -130,14 +146,14 @@ fn without_commas(error: &str) -> String {
     format!("{error}; columns are separated by commas")
 }
 
-fn number(text: &str, row: u64, column: &str) -> Result<f64, RowError> {
-    text.parse().map_err(|_| no_number(text, row, column))
+fn number(text: &str, place: Place, column: &str) -> Result<f64, RowError> {
+    text.parse().map_err(|_| no_number(text, place, column))
 }
 
-fn no_number(text: &str, row: u64, column: &str) -> RowError {
+fn no_number(text: &str, place: Place, column: &str) -> RowError {
     const SHOWN: usize = 40;
     let shown: String = text.chars().take(SHOWN).collect();
-    RowError::value(row, column, format!("{shown:?}"), "a number such as -0.25 or 1e-3")
+    RowError::value(place, column, format!("{shown:?}"), "a number such as -0.25 or 1e-3")
 }
 
 /// Times as they come, whole as long as all of them are.
@@ -148,7 +164,7 @@ struct Times {
 }
 
 impl Times {
-    fn push(&mut self, text: &str, row: u64, column: &str) -> Result<(), RowError> {
+    fn push(&mut self, text: &str, place: Place, column: &str) -> Result<(), RowError> {
         if self.decimals.is_empty() {
             if let Ok(time) = text.parse() {
                 self.integers.push(time);
@@ -157,7 +173,7 @@ impl Times {
             #[expect(clippy::cast_precision_loss, reason = "the file mixes them with decimals")]
             self.decimals.extend(self.integers.drain(..).map(|time| time as f64));
         }
-        self.decimals.push(number(text, row, column)?);
+        self.decimals.push(number(text, place, column)?);
         Ok(())
     }
 
@@ -185,11 +201,13 @@ impl Budget {
 struct Metered<R> {
     inner: R,
     budget: Budget,
+    lines: Rc<RefCell<Lines>>,
 }
 
 impl<R: Read> Read for Metered<R> {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         let read = self.inner.read(buffer)?;
+        self.lines.borrow_mut().see(&buffer[..read]);
         let total = self.budget.0.get() + read;
         self.budget.0.set(total);
         // What was read before lies in the buffer whole or in part.
@@ -202,16 +220,18 @@ impl<R: Read> Read for Metered<R> {
 
 const RECORD_TOO_LONG: &str = "a line is too long";
 
-/// Puts the limit on a line into words.
-fn too_long(error: csv::Error, row: u64) -> DecodeError {
-    if let csv::ErrorKind::Io(reason) = error.kind()
-        && reason.kind() == io::ErrorKind::InvalidData
-        && reason.to_string() == RECORD_TOO_LONG
-    {
-        let reason = format!(
-            "row {row} has more than {MAX_RECORD_BYTES} bytes; is a quote in it never closed?"
-        );
-        return DecodeError::File(reason);
+/// Puts into words why the record in `line`, which comes after `before`, cannot be read.
+fn explained(error: csv::Error, before: u64, line: u64) -> DecodeError {
+    match error.kind() {
+        csv::ErrorKind::Io(reason) if reason.to_string() == RECORD_TOO_LONG => {
+            DecodeError::File(format!(
+                "a line after line {before} has more than {MAX_RECORD_BYTES} bytes; is a quote in it \
+                 never closed?"
+            ))
+        }
+        csv::ErrorKind::UnequalLengths { expected_len, len, .. } => DecodeError::File(format!(
+            "line {line} has {len} values, allowed: {expected_len}, as many as the header has columns"
+        )),
+        _ => error.into(),
     }
-    error.into()
 }

@@ -1,6 +1,7 @@
 //! The decoding itself, in the child process: rows of a file as frames on its standard output.
 
 mod csv_rows;
+mod line_count;
 mod parquet_rows;
 
 use std::fs::File;

@@ -25,6 +25,7 @@ use parquet::file::serialized_reader::SerializedPageReader;
 use spec::{ImportSpec, TimeUnit};
 
 use super::DecodeError;
+use crate::error::Place;
 use crate::rows::{
     MAX_BATCH_ROWS, Rows, TimeColumn, absent, channel_columns, check_name, find_columns,
 };
@@ -303,7 +304,7 @@ impl Columns {
         let recording =
             self.recording.as_deref().map(|name| names(&column(name)?, first, name)).transpose()?;
         let channels = self.channels.iter().map(|name| numbers(name)).collect::<Result<_, _>>()?;
-        Ok(Rows { first, count: batch.num_rows(), time, recording, channels })
+        Ok(Rows { first, count: batch.num_rows(), lines: None, time, recording, channels })
     }
 }
 
@@ -314,7 +315,7 @@ fn complete(batch: &RecordBatch, name: &str, first: u64) -> Result<ArrayRef, Dec
         .ok_or_else(|| DecodeError::File(format!("column {name:?} cannot be decoded")))?;
     if column.null_count() > 0 {
         let row = (0..column.len()).position(|row| column.is_null(row)).unwrap_or(0);
-        return Err(absent(first + row as u64, name).into());
+        return Err(absent(Place::Row(first + row as u64 + 1), name).into());
     }
     Ok(Arc::clone(column))
 }
@@ -333,8 +334,8 @@ fn names(column: &ArrayRef, first: u64, name: &str) -> Result<Vec<String>, Decod
         DataType::UInt64 => written(column.as_primitive::<UInt64Type>().values()),
         _ => written(&integers(column)?),
     };
-    for (row, value) in (first..).zip(&names) {
-        check_name(value, row, name)?;
+    for (row, value) in (first + 1..).zip(&names) {
+        check_name(value, Place::Row(row), name)?;
     }
     Ok(names)
 }

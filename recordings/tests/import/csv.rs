@@ -46,17 +46,42 @@ fn a_missing_column_is_named_beside_those_there_are() {
 #[test]
 fn a_value_that_is_no_number_is_named_with_its_place() {
     let spec = spec("csv", &json!({}));
-    let place = ["row 7, column \"tau_3\"", "recording"];
-    check_refused(with(7, 4, "1,5"), &spec, &["line: 9"]);
+    let place = ["line 9, column \"tau_3\"", "recording"];
+    check_refused(with(7, 4, "1,5"), &spec, &["line 9 has 17 values, allowed: 16"]);
     check_refused(with(7, 4, "1.5 Nm"), &spec, &[place[0], "1.5 Nm", "a number"]);
     check_refused(with(7, 4, ""), &spec, &[place[0], "nothing"]);
     check_refused(with(7, 4, "NaN"), &spec, &[place[0], place[1], "finite"]);
     check_refused(with(7, 4, "inf"), &spec, &[place[0], "finite"]);
     check_refused(with(7, 4, "1e9"), &spec, &[place[0], "1000000000 N·m", "-200 to 200"]);
-    check_refused(with(7, 1, "soon"), &spec, &["row 7, column \"t\"", "soon"]);
-    check_refused(with(7, 1, "NaN"), &spec, &["row 7, column \"t\"", "finite"]);
-    check_refused(with(7, 0, ""), &spec, &["row 7, column \"arm\"", "nothing"]);
-    check_refused(with(7, 0, &"x".repeat(201)), &spec, &["row 7, column \"arm\"", "201 bytes"]);
+    check_refused(with(7, 1, "soon"), &spec, &["line 9, column \"t\"", "soon"]);
+    check_refused(with(7, 1, "NaN"), &spec, &["line 9, column \"t\"", "finite"]);
+    check_refused(with(7, 0, ""), &spec, &["line 9, column \"arm\"", "nothing"]);
+    check_refused(with(7, 0, &"x".repeat(201)), &spec, &["line 9, column \"arm\"", "201 bytes"]);
+}
+
+/// The line that an editor shows, whatever ends the lines and however many are empty or belong to one value.
+#[test]
+fn a_row_is_named_by_its_line_in_an_editor() {
+    let spec = spec("csv", &json!({}));
+    let bad = with(7, 4, "soon");
+    let variants = [
+        (bad.clone(), 9),
+        (bad.replace('\n', "\r\n"), 9),
+        (bad.replacen('\n', "\n\n\n", 2), 13),
+        (bad.replacen('\n', "\n\n\n", 2).replace('\n', "\r\n"), 13),
+        (bad.replace("arm 0", "\"arm\n0\""), 16),
+        (bad.replace("arm 0", "\"arm\n0\"").replace('\n', "\r\n"), 16),
+    ];
+    for (file, line) in variants {
+        check_refused(file.clone(), &spec, &[&format!("line {line}, column \"tau_3\"")]);
+        let uneven = file.replacen("soon", "1,5", 1);
+        check_refused(uneven, &spec, &[&format!("line {line} has 17 values")]);
+    }
+    // Beyond what is read at once.
+    let good = Recordings::of(&[3000]).csv();
+    let lines = good.lines().collect::<Vec<_>>();
+    let late = format!("{}\r\narm 0,soon{}", lines[..2500].join("\r\n"), ",0".repeat(14));
+    check_refused(late, &spec, &["line 2501, column \"t\""]);
 }
 
 #[test]
@@ -69,7 +94,7 @@ fn what_is_no_csv_is_refused() {
     let mut bytes = good().into_bytes();
     let place = bytes.len() - 3;
     bytes[place] = 0xff;
-    check_refused(bytes, &spec, &["row 39, column \"pos_7\"", "UTF-8"]);
+    check_refused(bytes, &spec, &["line 41, column \"pos_7\"", "UTF-8"]);
 }
 
 /// Otherwise the rest of the file, which may be gigabytes, would be one value in memory.
@@ -77,7 +102,7 @@ fn what_is_no_csv_is_refused() {
 fn a_quote_that_is_never_closed_ends_at_the_longest_line() {
     let spec = spec("csv", &json!({}));
     let open = with(7, 0, "\"arm 0") + &"1.5,2.5\n".repeat(40_000);
-    check_refused(open, &spec, &["row 7", "65536 bytes", "quote"]);
+    check_refused(open, &spec, &["after line 8", "65536 bytes", "quote"]);
     check_refused("x".repeat(300_000), &spec, &["65536 bytes"]);
 }
 

@@ -29,7 +29,10 @@ fn long_name(length: usize) -> Vec<u8> {
 #[test]
 fn a_long_name_is_refused_by_its_length() {
     let error = error(&long_name(201)).to_string();
-    assert!(error.contains("row 0, column \"arm\": a name of 201 bytes"), "{error}");
+    assert!(
+        error.contains("row 1 (counted from 1), column \"arm\": a name of 201 bytes"),
+        "{error}"
+    );
 }
 
 /// Four gigabytes of names come out of a file of four megabytes.
@@ -55,7 +58,7 @@ fn a_recording_that_leaves_the_limits_of_its_robot_is_refused_unless_ranges_allo
         file.clone(),
         &spec("csv", &fields),
         &[
-            "recording \"arm 0\", row ",
+            "recording \"arm 0\", line ",
             "column \"pos_2\": 0.",
             "allowed: -2.6 to 0.4 rad (position_rad of joint 2 in robot.model; ranges.q_rad replaces it)",
         ],

@@ -109,7 +109,7 @@ fn a_null_is_named_with_its_place() {
     check_refused(
         with("tau_1", Arc::new(holes)),
         &spec("parquet", &json!({})),
-        &["row 57, column \"tau_1\"", "nothing"],
+        &["row 58 (counted from 1), column \"tau_1\"", "nothing"],
     );
 }
 

@@ -53,10 +53,10 @@ fn degrees_and_milliseconds_become_radians_and_seconds() {
     check_refused(
         recordings.csv(),
         &spec("csv", &json!({"units": {"time": "ms"}})),
-        &["recording \"arm 0\", row 0, column \"pos_1\"", "ranges.q_rad", "degrees"],
+        &["recording \"arm 0\", line 2, column \"pos_1\"", "ranges.q_rad", "degrees"],
     );
     let degrees = spec("csv", &json!({"units": {"angle": "deg"}}));
-    check_refused(recordings.csv(), &degrees, &["row 1", "\"t\"", "units.time ms"]);
+    check_refused(recordings.csv(), &degrees, &["line 3", "\"t\"", "units.time ms"]);
 }
 
 #[test]
@@ -94,7 +94,7 @@ fn a_recording_that_is_not_as_long_as_the_others_is_refused_whole() {
     check_refused(
         recordings.csv(),
         &spec("csv", &json!({})),
-        &["recording \"arm 1\", row 40", "has 41 samples", "samples = 40", "windows"],
+        &["recording \"arm 1\", line 42", "has 41 samples", "samples = 40", "windows"],
     );
 }
 

@@ -13,6 +13,7 @@ use tokio::sync::Semaphore;
 
 use super::answers::Answers;
 use super::cache::{CACHE_LIMIT, Cache, UnfinishedCopy};
+use super::signed::UrlSigner;
 use super::trouble::in_short;
 use super::{parse, unique_name};
 use crate::data_dir::DataDir;
@@ -24,6 +25,8 @@ pub struct RemoteObjects {
     pub(super) store: Arc<dyn ObjectStore>,
     pub(super) answers: Answers,
     pub(super) cache_bytes: u64,
+    /// Of a bucket.
+    pub(super) signer: Option<UrlSigner>,
 }
 
 #[derive(Debug)]
@@ -31,6 +34,7 @@ pub(crate) struct Elsewhere {
     pub(super) remote: Arc<dyn ObjectStore>,
     /// Files that objects are read from.
     pub(super) cache: Cache,
+    pub(super) signer: Option<UrlSigner>,
     answers: Answers,
     /// Whether somebody is asking a store that fails whether it still does.
     asks_again: Arc<AtomicBool>,
@@ -48,7 +52,7 @@ const FETCHED_AHEAD: usize = 4;
 
 impl From<Arc<dyn ObjectStore>> for RemoteObjects {
     fn from(store: Arc<dyn ObjectStore>) -> Self {
-        Self { store, answers: Answers::default(), cache_bytes: CACHE_LIMIT }
+        Self { store, answers: Answers::default(), cache_bytes: CACHE_LIMIT, signer: None }
     }
 }
 
@@ -62,12 +66,12 @@ impl RemoteObjects {
 impl Elsewhere {
     /// With copies in the data folder.
     pub fn new(dir: &DataDir, objects: RemoteObjects) -> Result<Self, StoreError> {
-        let RemoteObjects { store: remote, answers, cache_bytes } = objects;
+        let RemoteObjects { store: remote, answers, cache_bytes, signer } = objects;
         let cache = Cache::new(dir.cache(), cache_bytes).map_err(|reason| dir.unusable(reason))?;
         let asks_again = Arc::new(AtomicBool::new(false));
         let ahead = Arc::new(Semaphore::new(FETCHED_AHEAD));
         let runtime = Handle::current();
-        Ok(Self { remote, cache, answers, asks_again, ahead, runtime })
+        Ok(Self { remote, cache, signer, answers, asks_again, ahead, runtime })
     }
 
     /// Threads of the runtime may block when they say so.

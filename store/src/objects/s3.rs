@@ -13,6 +13,7 @@ use super::away::RemoteObjects;
 use super::cache::CACHE_LIMIT;
 use super::client::{Condition, Connector};
 use super::probe::probe;
+use super::signed::UrlSigner;
 use super::url::ObjectsUrl;
 use crate::StoreError;
 
@@ -174,12 +175,13 @@ impl ObjectsUrl {
     ) -> Result<RemoteObjects, StoreError> {
         let answers = Answers::default();
         let bucket = self.bucket_store(options, patience, answers.clone())?;
+        let signer = UrlSigner { bucket: Arc::new(bucket.clone()), prefix: self.prefix().clone() };
         let store: Arc<dyn ObjectStore> = if self.prefix().as_ref().is_empty() {
             Arc::new(bucket)
         } else {
             Arc::new(PrefixStore::new(bucket, self.prefix().clone()))
         };
-        Ok(RemoteObjects { store, answers, cache_bytes: options.cache_bytes })
+        Ok(RemoteObjects { store, answers, cache_bytes: options.cache_bytes, signer: Some(signer) })
     }
 
     fn bucket_store(

@@ -1,0 +1,76 @@
+//! The lines of a text, as an editor counts them.
+
+use std::collections::VecDeque;
+
+/// Line breaks of a file that is read ahead of what is made of it. `\n`, `\r\n` and `\r` are one each.
+///
+/// The reader of CSV counts lines as well, but a record of a file with `\r\n`, or after an empty line, has the number of the
+/// line before there.
+#[derive(Debug, Default)]
+pub(super) struct Lines {
+    /// Bytes seen.
+    bytes: u64,
+    ends_in_return: bool,
+    /// Positions of the breaks that were seen and not passed.
+    ahead: VecDeque<u64>,
+    passed: u64,
+}
+
+impl Lines {
+    /// Takes the bytes that follow in the file.
+    pub fn see(&mut self, bytes: &[u8]) {
+        for (position, byte) in (self.bytes..).zip(bytes) {
+            if is_break(*byte, self.ends_in_return) {
+                self.ahead.push_back(position);
+            }
+            self.ends_in_return = *byte == b'\r';
+        }
+        self.bytes += bytes.len() as u64;
+    }
+
+    /// Goes on to where a record ends, `end` bytes into the file, and returns the line of its last byte.
+    pub fn pass(&mut self, end: u64) -> u64 {
+        // The break that ends the record belongs to its line.
+        while self.ahead.front().is_some_and(|position| position + 1 < end) {
+            self.ahead.pop_front();
+            self.passed += 1;
+        }
+        self.last()
+    }
+
+    /// The line of the last byte that was passed.
+    pub fn last(&self) -> u64 {
+        self.passed + 1
+    }
+
+    /// Breaks within a value.
+    pub fn within(value: &[u8]) -> u64 {
+        let mut lines = Self::default();
+        lines.see(value);
+        lines.ahead.len() as u64
+    }
+}
+
+fn is_break(byte: u8, is_after_return: bool) -> bool {
+    byte == b'\r' || (byte == b'\n' && !is_after_return)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_kind_of_break_counts_once() {
+        for text in ["a\nb\nc", "a\r\nb\r\nc", "a\rb\rc", "a\r\nb\nc"] {
+            assert_eq!(Lines::within(text.as_bytes()), 2, "{text:?}");
+        }
+    }
+
+    #[test]
+    fn a_break_between_two_reads_counts_once() {
+        let mut lines = Lines::default();
+        lines.see(b"a\r");
+        lines.see(b"\nb\n");
+        assert_eq!((lines.pass(2), lines.pass(5)), (1, 2));
+    }
+}

@@ -1,0 +1,73 @@
+"""Requests that schemathesis makes from the OpenAPI document, good ones and bad ones: none breaks the server, and each is answered
+as the document says.
+
+CASES=400 makes so many random ones for each operation, beside those that cover every bound."""
+
+import os
+import re
+import subprocess
+import sys
+import tempfile
+import unittest
+
+from product import Product
+
+CASES = os.environ.get("CASES", "15")
+
+# Without a token the first that a case creates would close the server to all others.
+TOKEN = "a token for this test"
+
+CHECKS = (
+    "not_a_server_error,status_code_conformance,content_type_conformance,"
+    "response_headers_conformance,response_schema_conformance"
+)
+
+# A stream is no HTTP after its handshake.
+STREAM = "GET /v1/checkpoints/{id}/stream"
+
+# Bounds in all combinations of a pipeline's jobs are more than anybody waits for; random ones are not.
+SUBMISSION = "POST /v1/jobs"
+
+
+class Schemathesis(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.product = Product()
+        cls.addClassCleanup(cls.product.stop)
+        # What a case submits is queued and never run.
+        cls.product.restart(
+            *("--workers", "0", "--log", "error", "--token", TOKEN, "--max-requests-per-second", "1000000")
+        )
+
+    def test_every_bound_of_every_parameter(self):
+        cases = self.run_phase("coverage", "--exclude-name", SUBMISSION)
+        self.assertGreater(cases, 2000)
+
+    def test_random_requests(self):
+        cases = self.run_phase("fuzzing", "--max-examples", CASES)
+        self.assertGreater(cases, 15 * int(CASES))
+
+    def test_requests_that_follow_from_answers(self):
+        cases = self.run_phase("stateful", "--max-examples", CASES, "--exclude-name", SUBMISSION)
+        self.assertGreater(cases, 20)
+
+    def run_phase(self, phase, *options):
+        """Runs a phase, and returns its number of cases."""
+        with tempfile.TemporaryDirectory(prefix="torqued-schemathesis-") as folder:
+            command = [
+                *(sys.executable, "-m", "schemathesis.cli", "run", f"{self.product.url}/v1/openapi.json"),
+                *("--header", f"Authorization: Bearer {TOKEN}", "--checks", CHECKS),
+                *("--phases", phase, "--exclude-name", STREAM, *options),
+                *("--continue-on-failure", "--suppress-health-check", "all", "--no-color"),
+                *("--generation-database", "none", "--request-timeout", "60"),
+            ]
+            ended = subprocess.run(command, cwd=folder, capture_output=True, text=True)
+        self.assertEqual(ended.returncode, 0, ended.stdout + ended.stderr)
+        self.assertIsNone(self.product.process.poll(), "the server ended")
+        cases = int(re.search(r"(\d+) generated", ended.stdout)[1])
+        print(f"{phase}: {cases} cases", file=sys.stderr)
+        return cases
+
+
+if __name__ == "__main__":
+    unittest.main()
