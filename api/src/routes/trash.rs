@@ -65,13 +65,13 @@ macro_rules! deletable {
 
             #[doc = $about]
             #[utoipa::path(
-                                        delete,
-                                        path = $path,
-                                        tag = $tag,
-                                        security((), ("token" = ["submit"])),
-                                        params(("id" = i64, Path), DeleteParameters),
-                                        responses((status = 200, body = Deleted)),
-                                    )]
+                                                delete,
+                                                path = $path,
+                                                tag = $tag,
+                                                security((), ("token" = ["submit"])),
+                                                params(("id" = i64, Path), DeleteParameters),
+                                                responses((status = 200, body = Deleted)),
+                                            )]
             pub async fn remove(
                 State(app): State<App>,
                 Path(id): Path<i64>,
@@ -82,13 +82,13 @@ macro_rules! deletable {
 
             /// Take it out of the trash, with what went there with it.
             #[utoipa::path(
-                                        post,
-                                        path = $restore,
-                                        tag = $tag,
-                                        security((), ("token" = ["submit"])),
-                                        params(("id" = i64, Path)),
-                                        responses((status = 200, body = Restored)),
-                                    )]
+                                                post,
+                                                path = $restore,
+                                                tag = $tag,
+                                                security((), ("token" = ["submit"])),
+                                                params(("id" = i64, Path)),
+                                                responses((status = 200, body = Restored)),
+                                            )]
             pub async fn restore(
                 State(app): State<App>,
                 Path(id): Path<i64>,
@@ -98,12 +98,12 @@ macro_rules! deletable {
 
             /// What its deletion would take along, and the jobs that depend on it.
             #[utoipa::path(
-                                        get,
-                                        path = $dependents,
-                                        tag = $tag,
-                                        params(("id" = i64, Path)),
-                                        responses((status = 200, body = Dependents)),
-                                    )]
+                                                get,
+                                                path = $dependents,
+                                                tag = $tag,
+                                                params(("id" = i64, Path)),
+                                                responses((status = 200, body = Dependents)),
+                                            )]
             pub async fn dependents(
                 State(app): State<App>,
                 Path(id): Path<i64>,
