@@ -5,9 +5,9 @@ use clap::{Parser, Subcommand};
 use crate::commands::{
     attempts, audit, backup, cancel, checkpoints, completions, datasets, decode_recording, devices,
     doctor, download, drain, evaluations, export, health, import, jobs, logs, man, metrics,
-    migrate, open, pause, predict, presets, queue, quickstart, restore, resume, retry, runs, serve,
-    show, simulate, stream, study, submit, summary, tasks, token, trajectory, undrain, verify,
-    watch, worker, workers,
+    migrate, open, pause, predict, presets, queue, quickstart, reindex, restore, resume, retry,
+    runs, serve, show, simulate, stream, study, submit, summary, tasks, token, trajectory, undrain,
+    verify, watch, worker, workers,
 };
 use crate::exit;
 use crate::logging::{LOG_FORMAT, LogFormat};
@@ -112,6 +112,8 @@ pub enum Command {
     Backup(backup::Arguments),
     /// Copy a backup to a new place
     Restore(restore::Arguments),
+    /// Make a lost database again from datasets and checkpoints
+    Reindex(reindex::Arguments),
     /// Move a data folder to PostgreSQL and a bucket, or back
     Migrate(migrate::Arguments),
     /// List the presets, or show one

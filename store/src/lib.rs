@@ -31,6 +31,7 @@ mod demand;
 mod description;
 mod duties;
 mod error;
+mod found_objects;
 mod health;
 mod idempotency;
 mod identifiers;
@@ -86,9 +87,13 @@ pub use clock::Timestamp;
 pub use data_dir::Access;
 pub use datasets::{Dataset, FileContent, Shard, ShardContents};
 pub use demand::{Demand, Wait};
-pub use description::{DatasetDescription, FileDescription, ShardDescription, TableColumns};
+pub use description::{
+    CheckpointDescription, CheckpointFileDescription, DatasetDescription, FileDescription,
+    ShardDescription, TableColumns,
+};
 pub use duties::{Duty, DutyClaim};
 pub use error::StoreError;
+pub use found_objects::FoundTable;
 pub use health::DiskSpace;
 pub use idempotency::Idempotency;
 pub use identifiers::{

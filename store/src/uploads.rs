@@ -84,6 +84,16 @@ impl Store {
         sql!(self.database(), "looking up an upload", upload(sha256))
     }
 
+    /// Makes an object that was found the upload of its digest again.
+    ///
+    /// # Errors
+    /// When it is not there, or the database fails.
+    #[boxed]
+    pub async fn adopt_upload(&self, object: &StoredObject) -> Result<(), StoreError> {
+        // Nobody knows any more how its sender called it.
+        self.commit_upload(&object.sha256.to_string(), object).await.map(drop)
+    }
+
     /// The newest uploads.
     ///
     /// # Errors
