@@ -52,11 +52,11 @@ fn training(dataset: &Value) -> Value {
     })
 }
 
-/// Everything that is known of datasets and checkpoints but when they were made, and which of a training's files are whose.
+/// Everything that is known of datasets and checkpoints, but for when they were made.
 async fn listings(product: &Product) -> Value {
     let mut listings = json!({});
-    for (list, key) in [("datasets", "datasets"), ("checkpoints", "checkpoints")] {
-        let mut items = product.get(&format!("/v1/{list}?limit=100")).await[key].take();
+    for list in ["datasets", "checkpoints"] {
+        let mut items = product.get(&format!("/v1/{list}?limit=100")).await[list].take();
         for item in items.as_array_mut().unwrap() {
             for moment in ["created_at", "completed_at"] {
                 item.as_object_mut().unwrap().remove(moment);
