@@ -5,7 +5,7 @@ use clap::{Parser, Subcommand};
 use crate::commands::{
     attempts, audit, backup, cancel, checkpoints, completions, datasets, decode_recording, delete,
     devices, doctor, download, drain, evaluations, events, export, gc, health, import, jobs, label,
-    logs, man, metrics, migrate, open, pause, predict, presets, queue, quickstart, restore, resume,
+    logs, man, metrics, migrate, open, pause, predict, presets, queue, quickstart, reindex, restore, resume,
     retry, runs, serve, show, simulate, stream, study, submit, summary, tasks, token, trajectory,
     trash, undelete, undrain, verify, watch, worker, workers,
 };
@@ -124,6 +124,8 @@ pub enum Command {
     Backup(backup::Arguments),
     /// Copy a backup to a new place
     Restore(restore::Arguments),
+    /// Make a lost database again from datasets and checkpoints
+    Reindex(reindex::Arguments),
     /// Move a data folder to PostgreSQL and a bucket, or back
     Migrate(migrate::Arguments),
     /// List the presets, or show one

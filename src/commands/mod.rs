@@ -33,6 +33,7 @@ pub mod predict;
 pub mod presets;
 pub mod queue;
 pub mod quickstart;
+pub mod reindex;
 pub mod restore;
 pub mod resume;
 pub mod retry;
@@ -92,6 +93,7 @@ pub async fn run(command: Command, log: &Logging) -> anyhow::Result<ExitCode> {
         Command::Token(arguments) => token::run(arguments).await,
         Command::Audit(arguments) => audit::run(arguments).await,
         Command::Backup(arguments) => backup::run(arguments).await,
+        Command::Reindex(arguments) => reindex::run(arguments).await,
         Command::Restore(arguments) => restore::run(arguments).await,
         Command::Migrate(arguments) => migrate::run(arguments).await,
         Command::Presets(arguments) => presets::run(arguments).await,

@@ -16,6 +16,8 @@ pub enum Access {
     Worker,
     /// Fills a new store with what another holds: as a server, also where that was begun before.
     Transfer,
+    /// Makes a database again for objects whose own is lost: as a server, and whosever the objects are.
+    Rebuilding,
 }
 
 impl Access {

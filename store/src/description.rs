@@ -1,4 +1,6 @@
-//! `dataset.json`: what a dataset is, for whoever has only its files.
+//! `dataset.json` and `training.json`: what a dataset and a checkpoint are, for whoever has only their files.
+
+use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -57,6 +59,47 @@ pub struct FileDescription {
     /// In bytes.
     pub size: u64,
     pub sha256: Digest,
+}
+
+/// A function of the training and the step alone.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CheckpointDescription {
+    /// SHA-256 of the training's spec in canonical JSON.
+    pub digest: Digest,
+    /// Of the torqued that describes it.
+    pub version: String,
+    /// Optimizer steps taken.
+    pub step: u64,
+    pub is_final: bool,
+    pub is_best: bool,
+    /// Of the newest validation.
+    pub metrics: BTreeMap<String, f64>,
+    /// What the training found, if it ended with this checkpoint.
+    pub result: Option<Value>,
+    pub files: Vec<CheckpointFileDescription>,
+    /// The job that makes it again.
+    pub spec: Value,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct CheckpointFileDescription {
+    pub name: String,
+    /// In bytes.
+    pub size: u64,
+    pub sha256: Digest,
+}
+
+impl CheckpointDescription {
+    /// What the file is called.
+    pub const FILE_NAME: &str = "training.json";
+
+    /// As `training.json` has it.
+    pub fn to_json(&self) -> Vec<u8> {
+        // Strings and finite numbers only, so this cannot fail.
+        let mut json = serde_json::to_vec_pretty(self).expect("a description serializes to JSON");
+        json.push(b'\n');
+        json
+    }
 }
 
 impl DatasetDescription {

@@ -8,7 +8,7 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use crate::boxed;
-use crate::database::sql;
+use crate::database::{Scope, sql};
 use crate::objects::path::{MARKER, MOVE_MARKER};
 use crate::{Access, Store, StoreError};
 
@@ -43,6 +43,9 @@ impl Store {
     /// store was moving here and they may not all be there.
     pub(crate) async fn check_objects(&self, access: Access) -> Result<(), StoreError> {
         let own = Marker { store: self.identity().await? };
+        if access == Access::Rebuilding {
+            return self.adopt_objects(own).await;
+        }
         let found: Option<Marker> = match self.read_mark(MARKER).await? {
             None if access.is_owner() => {
                 self.write_mark(MARKER, &own).await?;
@@ -58,6 +61,20 @@ impl Store {
             return Err(StoreError::UnfinishedTransfer { place: place() });
         }
         Ok(())
+    }
+
+    /// Makes this store the one that the objects belong to, whose database is lost.
+    async fn adopt_objects(&self, own: Marker) -> Result<(), StoreError> {
+        let found: Option<Marker> = self.read_mark(MARKER).await?;
+        match found {
+            None => self.write_mark(MARKER, &own).await,
+            Some(found) if found == own => Ok(()),
+            Some(found) => {
+                let mut tx = self.begin(Scope::Rows, "taking objects over").await?;
+                sql!(&mut tx, set_identity(&found.store))?;
+                tx.commit().await
+            }
+        }
     }
 
     /// The identity of the store that is moving here, if one is.

@@ -33,6 +33,7 @@ mod description;
 mod duties;
 mod error;
 mod events;
+mod found_objects;
 mod garbage;
 mod health;
 mod idempotency;
@@ -94,10 +95,14 @@ pub use data_dir::Access;
 pub use datasets::{Dataset, FileContent, Shard, ShardContents};
 pub use demand::{Demand, Wait};
 pub use dependents::Dependent;
-pub use description::{DatasetDescription, FileDescription, ShardDescription, TableColumns};
+pub use description::{
+    CheckpointDescription, CheckpointFileDescription, DatasetDescription, FileDescription,
+    ShardDescription, TableColumns,
+};
 pub use duties::{Duty, DutyClaim};
 pub use error::StoreError;
 pub use events::{EVENTS_KEPT, EVENTS_KEPT_FOR, Event, EventFilter, EventTail};
+pub use found_objects::FoundTable;
 pub use garbage::{Garbage, GarbageKind, Ripe};
 pub use health::DiskSpace;
 pub use idempotency::Idempotency;

@@ -84,6 +84,19 @@ impl Store {
         sql!(self.database(), "looking up an upload", upload(sha256))
     }
 
+    /// Makes an object that was found the upload of its digest again, unless there is one.
+    ///
+    /// # Errors
+    /// When it is not there, or the database fails.
+    #[boxed]
+    pub async fn adopt_upload(&self, object: &StoredObject) -> Result<(), StoreError> {
+        if self.upload(object.sha256).await?.is_some() {
+            return Ok(());
+        }
+        // Nobody knows any more how its sender called it.
+        self.commit_upload(&object.sha256.to_string(), object).await.map(drop)
+    }
+
     /// The newest uploads.
     ///
     /// # Errors

@@ -32,6 +32,7 @@ mod predictions;
 mod product;
 mod quickstart;
 mod redirects;
+mod reindex;
 #[expect(dead_code, reason = "testbed has it fail")]
 #[path = "../../testbed/tests/s3_server/mod.rs"]
 mod s3_server;

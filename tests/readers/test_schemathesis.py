@@ -1,7 +1,7 @@
 """Requests that schemathesis makes from the OpenAPI document, good ones and bad ones: none breaks the server, and each is answered
 as the document says.
 
-CASES=400 makes so many random ones for each operation, beside those that cover every bound."""
+CASES=300 makes so many random ones for each operation, beside those that cover every bound."""
 
 import os
 import re

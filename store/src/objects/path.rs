@@ -23,6 +23,20 @@ pub fn checkpoint(job: JobId, step: u64, epoch: Epoch, name: &str) -> String {
     format!("checkpoints/{job}/step-{step:08}-e{epoch}/{name}")
 }
 
+/// The last part of [`description`].
+const DESCRIPTION: &str = "-training.json";
+
+/// What a checkpoint is, which may be said again under the same lease, so its digest is in its path.
+pub fn description(job: JobId, step: u64, epoch: Epoch, run: RunId, digest: &Digest) -> String {
+    checkpoint(job, step, epoch, &format!("run-{run}-{}{DESCRIPTION}", digest.short()))
+}
+
+/// The run of a [`description`], of which this is the last part of the path.
+pub fn described_run(name: &str) -> Option<RunId> {
+    let (run, _) = name.strip_suffix(DESCRIPTION)?.strip_prefix("run-")?.split_once('-')?;
+    run.parse().ok().map(RunId)
+}
+
 /// Whether a path is one of [`checkpoint`].
 pub(crate) fn is_of_checkpoint(path: &str) -> bool {
     path.starts_with("checkpoints/")

@@ -65,7 +65,7 @@ pub async fn open(url: &DatabaseUrl, access: Access) -> Result<Database, StoreEr
     let mut connection = first.map_err(|source| unusable(&place, &options, source))?;
     let (connections, patience) = match access {
         Access::Server => (SERVER_CONNECTIONS, REQUEST_WAITS),
-        Access::Worker | Access::Transfer => (WORKER_CONNECTIONS, PATIENCE),
+        Access::Worker | Access::Transfer | Access::Rebuilding => (WORKER_CONNECTIONS, PATIENCE),
     };
     let pool = PgPoolOptions::new()
         .max_connections(connections)
@@ -88,7 +88,7 @@ pub async fn open(url: &DatabaseUrl, access: Access) -> Result<Database, StoreEr
             Access::Worker if found == 0 => return Err(StoreError::Absent { place }),
             Access::Worker => return Err(StoreError::OlderSchema { place, found, known }),
             // Two servers that start at once wait for each other here.
-            Access::Server | Access::Transfer => MIGRATIONS
+            Access::Server | Access::Transfer | Access::Rebuilding => MIGRATIONS
                 .run_direct(None, &mut connection, false)
                 .await
                 .map_err(|source| failed_to_migrate(&place, &options, source))?,

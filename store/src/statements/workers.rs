@@ -39,6 +39,10 @@ impl Database {
 }
 
 impl Transaction {
+    pub async fn set_identity(&mut self, identity: &str) -> Result<(), sqlx::Error> {
+        self.execute(sqlx::query("UPDATE store SET id = $1").bind(identity)).await
+    }
+
     pub async fn insert_worker(&mut self, new: &WorkerProcess) -> Result<(), sqlx::Error> {
         let statement = sqlx::query(concat!(
             "INSERT INTO worker (name, host, pid, version, device, threads, cpus, gpus, memory_mb, \

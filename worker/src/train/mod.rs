@@ -2,6 +2,7 @@
 
 mod batches;
 mod course;
+mod described;
 mod improvement;
 mod order;
 mod ranges;

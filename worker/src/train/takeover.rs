@@ -1,10 +1,14 @@
 //! The way that another training of the same digest has gone already.
 
 use models::Trainer;
-use store::{Checkpoint, CheckpointFile, NewCheckpoint, Retry, StoreError, object_path};
+use store::{
+    Checkpoint, CheckpointDescription, CheckpointFile, NewCheckpoint, Retry, StoreError,
+    object_path,
+};
 
 use crate::attempt::Attempt;
 use crate::error::TaskError;
+use crate::train::described::describe;
 
 /// Copies the last checkpoint of an earlier training that failed or was cancelled, the best if that is another, and
 /// the metrics up to there, unless this training has a checkpoint of its own. One that is damaged, or that `resume`
@@ -53,13 +57,14 @@ fn pass_over(checkpoint: &Checkpoint, reason: &dyn std::error::Error) {
 fn copy(attempt: &Attempt, earlier: &Checkpoint) -> Result<(), StoreError> {
     let (store, task) = (&attempt.store, &attempt.task);
     let mut files = Vec::new();
-    for CheckpointFile { name, object } in &earlier.files {
+    let described = |file: &&CheckpointFile| file.name == CheckpointDescription::FILE_NAME;
+    for CheckpointFile { name, object } in earlier.files.iter().filter(|file| !described(file)) {
         let path = object_path::checkpoint(task.job, earlier.step, task.fence.epoch, name);
         let object = attempt.wait(store.copy_object(object, &path))?;
         files.push(CheckpointFile { name: name.clone(), object });
     }
     attempt.wait(store.take_over_metrics(task.fence, earlier.run, earlier.step))?;
-    let checkpoint = NewCheckpoint {
+    let mut checkpoint = NewCheckpoint {
         step: earlier.step,
         // Ending is up to this training.
         is_final: false,
@@ -67,6 +72,7 @@ fn copy(attempt: &Attempt, earlier: &Checkpoint) -> Result<(), StoreError> {
         metrics: earlier.metrics.clone(),
         files,
     };
+    describe(attempt, &mut checkpoint, None)?;
     attempt.wait(store.commit_checkpoint(task.fence, &checkpoint))?;
     Ok(())
 }

@@ -17,6 +17,7 @@ use super::recorder::Recorder;
 use crate::attempt::Attempt;
 use crate::error::TaskError;
 use crate::stop::StopReason;
+use crate::train::described::describe;
 
 const LOSS: &str = ValidationMetric::Loss.key();
 const RMSE_DEG: &str = ValidationMetric::RmseDeg.key();
@@ -228,13 +229,15 @@ impl<'a> Training<'a> {
             let object = self.attempt.wait(store.put_object(&path, bytes.into()))?;
             published.push(CheckpointFile { name: name.to_owned(), object });
         }
-        let checkpoint = NewCheckpoint {
+        let mut checkpoint = NewCheckpoint {
             step,
             is_final: matches!(kind, Kind::Final | Kind::FinalAndBest),
             is_best: matches!(kind, Kind::Best | Kind::FinalAndBest),
             metrics: self.trainer.metrics().clone(),
             files: published,
         };
+        let result = checkpoint.is_final.then(|| self.result());
+        describe(self.attempt, &mut checkpoint, result)?;
         let id = self.attempt.wait(store.commit_checkpoint(task.fence, &checkpoint))?;
         let bytes: u64 = checkpoint.files.iter().map(|file| file.object.size).sum();
         let seconds = began.elapsed().as_secs_f64();

@@ -1,0 +1,126 @@
+//! What is found, what is made of it, and what is left out.
+
+use std::collections::BTreeMap;
+
+use spec::{Digest, JobSpec};
+use store::{Epoch, JobId, NewCheckpoint, RunId, ShardContents, StoreError, StoredObject};
+use thiserror::Error;
+
+use crate::SubmissionError;
+
+/// What objects say of themselves.
+#[derive(Debug, Default)]
+pub struct FoundObjects {
+    pub(super) jobs: BTreeMap<JobId, FoundJob>,
+    pub(super) uploads: Vec<StoredObject>,
+    /// The largest ids in paths.
+    pub(super) last_job: i64,
+    pub(super) last_run: i64,
+    pub left_out: Vec<LeftOut>,
+}
+
+/// The work of a job.
+#[derive(Debug)]
+pub(super) struct FoundJob {
+    pub spec: JobSpec,
+    pub work: FoundWork,
+}
+
+#[derive(Debug)]
+pub(super) enum FoundWork {
+    /// By number.
+    Shards(BTreeMap<u32, ShardContents>),
+    Training(FoundTraining),
+}
+
+#[derive(Debug)]
+pub(super) struct FoundTraining {
+    pub run: RunId,
+    /// By step.
+    pub checkpoints: BTreeMap<u64, NewCheckpoint>,
+    /// What it found, if it ended.
+    pub result: Option<serde_json::Value>,
+}
+
+/// A place that an attempt at a shard or a checkpoint wrote to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) struct Written {
+    /// Of the shard, or the step of the checkpoint.
+    pub number: u64,
+    pub epoch: Epoch,
+}
+
+/// An object that the new database does not name.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct LeftOut {
+    pub path: String,
+    pub reason: String,
+}
+
+/// What the new database has.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Rebuilt {
+    pub datasets: u64,
+    pub shards: u64,
+    pub trainings: u64,
+    pub checkpoints: u64,
+    pub uploads: u64,
+    /// Jobs of which a part is missing: workers make it again.
+    pub unfinished: Vec<JobId>,
+    pub left_out: Vec<LeftOut>,
+}
+
+/// Why no database was made again.
+#[derive(Debug, Error)]
+pub enum ReindexError {
+    #[error(
+        "the database has job {0}; only one without jobs is made again: name a data folder or a database of which the jobs are lost"
+    )]
+    HasJobs(JobId),
+    #[error(
+        "job {found} was made where job {expected} was asked for; repeat with an empty database"
+    )]
+    OtherId { expected: JobId, found: JobId },
+    #[error(transparent)]
+    Store(#[from] StoreError),
+}
+
+impl FoundObjects {
+    /// Datasets and trainings that can be made again.
+    pub fn jobs(&self) -> usize {
+        self.jobs.len()
+    }
+
+    pub(super) fn leave_out(&mut self, path: impl Into<String>, reason: impl Into<String>) {
+        self.left_out.push(LeftOut { path: path.into(), reason: reason.into() });
+    }
+}
+
+/// The spec that `text` is, if its digest is the one that is stated beside it.
+pub(super) fn checked_spec(text: &[u8], stated: Digest) -> Result<JobSpec, String> {
+    let spec = spec::parse(text).map_err(|error| format!("its spec cannot be used: {error}"))?;
+    match spec.digest() {
+        digest if digest == stated => Ok(spec),
+        digest => Err(format!("its spec has digest {digest}, and it says {stated}")),
+    }
+}
+
+impl FoundWork {
+    pub fn paths(&self) -> Vec<String> {
+        let objects: Vec<&StoredObject> = match self {
+            Self::Shards(shards) => {
+                shards.values().flat_map(|it| [&it.trajectories, &it.robots]).collect()
+            }
+            Self::Training(training) => {
+                let files = training.checkpoints.values().flat_map(|it| &it.files);
+                files.map(|file| &file.object).collect()
+            }
+        };
+        objects.into_iter().map(|object| object.path.clone()).collect()
+    }
+}
+
+/// The reason why a spec that was found cannot be submitted.
+pub(super) fn refused(error: &SubmissionError) -> String {
+    format!("its job cannot be made again: {error}")
+}

@@ -1,0 +1,78 @@
+use std::process::ExitCode;
+
+use anyhow::bail;
+use clap::Args;
+use jobs::{LeftOut, Rebuilt};
+use store::{Access, Duty, JobId, Store};
+
+use crate::arguments::StoreArguments;
+use crate::commands::copied_store;
+
+/// Datasets and checkpoints say in their files which job they are of. That job is made again in a database without jobs, under its old
+/// id and as completed, so that it is found by its digest. Metrics, logs, evaluations, pipelines, tokens and MLflow's runs are in
+/// the lost database alone: keep backups (docs/operate.md).
+#[derive(Debug, Args)]
+pub struct Arguments {
+    #[command(flatten)]
+    store: StoreArguments,
+
+    /// Go on although files say nothing of themselves; a server deletes them when they are 8 h old
+    #[arg(long)]
+    leave_out: bool,
+}
+
+/// Files that are named one by one.
+const NAMED: usize = 50;
+
+pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
+    let location = arguments.store.location();
+    let store = Store::open_at(&location, Access::Rebuilding).await?;
+    let mut duty = store.duty(Duty::Sweeping);
+    if !duty.is_mine().await? {
+        bail!("a server works on this database; stop it first");
+    }
+    let found = jobs::find_objects(&store).await?;
+    if found.jobs() == 0 {
+        bail!("no dataset and no checkpoint of {location} says what it is; nothing was changed");
+    }
+    if !found.left_out.is_empty() && !arguments.leave_out {
+        name(&found.left_out);
+        bail!(
+            "{} files would be left out, and a server deletes files that its database does not name; copy those that you need, \
+             then repeat with --leave-out; nothing was changed",
+            found.left_out.len()
+        );
+    }
+    let before = found.left_out.len();
+    let rebuilt = jobs::rebuild(&store, found).await?;
+    name(&rebuilt.left_out[before..]);
+    store.close().await;
+    println!("{}", summary(&rebuilt));
+    println!("start a server on it with: {}", copied_store::serve_command(&location));
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Names files that are left out, with the reasons.
+fn name(left_out: &[LeftOut]) {
+    for LeftOut { path, reason } in left_out.iter().take(NAMED) {
+        eprintln!("left out: {path}: {reason}");
+    }
+    if let Some(more) = left_out.len().checked_sub(NAMED).filter(|more| *more > 0) {
+        eprintln!("left out: {more} more");
+    }
+}
+
+fn summary(rebuilt: &Rebuilt) -> String {
+    let Rebuilt { datasets, shards, trainings, checkpoints, uploads, unfinished, left_out } =
+        rebuilt;
+    let mut summary = format!(
+        "made again: {datasets} datasets with {shards} shards, {trainings} trainings with {checkpoints} checkpoints, \
+         {uploads} uploads; {} files left out",
+        left_out.len()
+    );
+    if !unfinished.is_empty() {
+        let jobs: Vec<String> = unfinished.iter().map(JobId::to_string).collect();
+        summary.push_str(&format!("; workers make what is missing of jobs {}", jobs.join(", ")));
+    }
+    summary
+}
