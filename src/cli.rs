@@ -5,9 +5,9 @@ use clap::{Parser, Subcommand};
 use crate::commands::{
     attempts, audit, backup, cancel, checkpoints, completions, datasets, decode_recording, delete,
     devices, doctor, download, drain, evaluations, events, export, gc, health, import, jobs, label,
-    logs, man, metrics, migrate, open, pause, predict, presets, queue, quickstart, reindex, restore, resume,
-    retry, runs, serve, show, simulate, stream, study, submit, summary, tasks, token, trajectory,
-    trash, undelete, undrain, verify, watch, worker, workers,
+    logs, man, metrics, migrate, open, pause, predict, presets, queue, quickstart, reindex,
+    restore, resume, retry, runs, serve, show, simulate, stream, study, submit, summary, tasks,
+    token, trajectory, trash, undelete, undrain, verify, watch, worker, workers,
 };
 use crate::exit;
 use crate::logging::{LOG_FORMAT, LogFormat};
