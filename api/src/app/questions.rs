@@ -18,21 +18,23 @@ use crate::live::{AboutModel, Question};
 /// # Errors
 /// [`ApiError::Json`] for what is no JSON, [`ApiError::Question`] for JSON of something else.
 pub fn read<T: DeserializeOwned + ToSchema>(bytes: &[u8]) -> Result<T, ApiError> {
+    // serde would take a list for an object whose fields have no names.
+    let is_object = bytes.trim_ascii_start().starts_with(b"{");
+    let reason = match serde_json::from_slice(bytes) {
+        Ok(message) if is_object => return Ok(message),
+        Ok(_) => "an object with named fields".to_owned(),
+        Err(error) => error.to_string(),
+    };
     // The second reading finds all that is wrong, which costs time that a good question has not.
-    serde_json::from_slice(bytes).map_err(|error| {
-        let message: Value = match read_json(bytes) {
-            Ok(message) => message,
-            Err(fault) => return ApiError::Json(fault),
-        };
-        let mut violations = shape_violations::<T>(&message);
-        if violations.is_empty() {
-            return ApiError::Question(SpecError::one("the message", "", error.to_string()));
-        }
-        for violation in violations.iter_mut().filter(|it| it.field.is_empty()) {
-            violation.field = "the message".to_owned();
-        }
-        ApiError::Question(SpecError { violations })
-    })
+    let message: Value = read_json(bytes).map_err(ApiError::Json)?;
+    let mut violations = shape_violations::<T>(&message);
+    if violations.is_empty() {
+        return Err(ApiError::Question(SpecError::one("the message", "", reason)));
+    }
+    for violation in violations.iter_mut().filter(|it| it.field.is_empty()) {
+        violation.field = "the message".to_owned();
+    }
+    Err(ApiError::Question(SpecError { violations }))
 }
 
 /// Everything that is wrong with a question.

@@ -187,7 +187,7 @@ async fn the_page_filters_and_changes_labels_by_plain_forms() {
     for (path, word) in [
         ("/jobs/5", "quickstart"),
         ("/runs/1", "train"),
-        ("/datasets/1", "train-set"),
+        ("/datasets/1", "Dataset 1"),
         ("/checkpoints/1", "Checkpoint 1"),
     ] {
         assert!(server.get(path).await.text().contains(word), "{path}");
