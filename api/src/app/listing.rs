@@ -268,7 +268,7 @@ mod tests {
             (&JOBS, "limit", "ten", "1 to 500"),
             (&JOBS, "before", "x", "an id, a whole number"),
             (&JOBS, "kind", "trian", "simulate, train"),
-            (&DATASETS, "state", "queued", "building, abandoned, complete"),
+            (&DATASETS, "state", "queued", "building, complete, abandoned"),
             (&RUNS, "tag", "a b", labels::TAG),
             (&RUNS, "text", "a\nb", "1 to 200 characters in one line"),
             (&RUNS, "since", "yesterday", "a moment with its zone"),
