@@ -27,7 +27,7 @@ pub struct DatasetDescription {
     pub rejected: u64,
     pub columns: TableColumns,
     pub shards: Vec<ShardDescription>,
-    /// The job that makes it again.
+    /// The job that makes it again, without its execution.
     pub spec: Value,
 }
 

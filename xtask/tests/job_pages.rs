@@ -45,7 +45,8 @@ fn a_page_names_every_field_of_its_job() {
 /// Whether a page has the field as code: alone, or as the last part of a path.
 fn names(page: &str, field: &str) -> bool {
     page.split('`').skip(1).step_by(2).any(|code| {
-        code.split(|c: char| !(c.is_alphanumeric() || c == '_')).any(|word| word == field)
+        code.split(|c: char| !(c.is_alphanumeric() || c == '_' || c == '-'))
+            .any(|word| word == field)
     })
 }
 

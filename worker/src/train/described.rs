@@ -17,6 +17,11 @@ pub(super) fn describe(
 ) -> Result<(), StoreError> {
     let (store, task) = (&attempt.store, &attempt.task);
     let Some(run) = task.run else { return Ok(()) };
+    // Another execution changes no result, and so not what is said of it.
+    let mut spec = task.spec.clone();
+    if let Some(fields) = spec.as_object_mut() {
+        fields.remove("execution");
+    }
     let described = |file: &CheckpointFile| CheckpointFileDescription {
         name: file.name.clone(),
         size: file.object.size,
@@ -31,7 +36,7 @@ pub(super) fn describe(
         metrics: checkpoint.metrics.clone(),
         result,
         files: checkpoint.files.iter().map(described).collect(),
-        spec: task.spec.clone(),
+        spec,
     };
     let json = description.to_json();
     let digest = spec::Digest::of(&json);
