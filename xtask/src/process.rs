@@ -18,10 +18,23 @@ pub struct Finished {
 }
 
 /// A program run from the repository's folder.
+///
+/// It does not get what cargo says of this one: some build scripts read that, and a build by hand would compile them, and all
+/// that is made of them, again.
 pub fn command(program: &str, arguments: &[&str]) -> Command {
     let mut command = Command::new(program);
     command.args(arguments).current_dir(repository()).stdin(Stdio::null());
+    for (name, _) in std::env::vars_os() {
+        if name.to_str().is_some_and(is_of_this_package) {
+            command.env_remove(name);
+        }
+    }
     command
+}
+
+/// Whether cargo sets a variable for the package that it runs.
+fn is_of_this_package(variable: &str) -> bool {
+    variable.starts_with("CARGO_PKG_") || variable.starts_with("CARGO_MANIFEST_")
 }
 
 /// Runs to the end, passing every line on to our own standard error.
@@ -84,4 +97,22 @@ pub fn exists(program: &str) -> bool {
     std::env::var_os("PATH").is_some_and(|path| {
         std::env::split_paths(&path).any(|folder| folder.join(program).is_file())
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn programs_hear_nothing_of_this_package_and_everything_else() {
+        // cargo and cargo-nextest set it for tests.
+        assert!(std::env::var_os("CARGO_MANIFEST_DIR").is_some());
+        let env = command("env", &[]).output().unwrap();
+        let text = String::from_utf8(env.stdout).unwrap();
+        assert!(
+            !text.contains("CARGO_MANIFEST_DIR=") && !text.contains("CARGO_PKG_NAME="),
+            "{text}"
+        );
+        assert!(text.contains("PATH="), "{text}");
+    }
 }
