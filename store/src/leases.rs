@@ -137,9 +137,9 @@ impl Store {
         ttl: Duration,
         progress: &Progress,
     ) -> Result<Lease, StoreError> {
-        let mut tx = self.begin(Scope::Lease, "renewing a lease").await?;
-        let standing = match held(&mut tx, fence).await {
-            Ok((_, standing)) => standing,
+        let tx = self.begin(Scope::Lease, "renewing a lease").await?;
+        let (mut tx, standing) = match held_or_rolled_back(tx, fence).await {
+            Ok((tx, _, standing)) => (tx, standing),
             Err(StoreError::LeaseLost { .. }) => return Ok(Lease::Lost),
             Err(error) => return Err(error),
         };
@@ -169,6 +169,24 @@ pub(crate) async fn held(
     sql!(tx, standing(fence.task))?
         .filter(|(_, standing)| standing.is_held_at(fence.epoch))
         .ok_or(StoreError::LeaseLost { task: fence.task, epoch: fence.epoch })
+}
+
+/// The same, and the transaction, which is rolled back at once if the lease is lost. One that is only dropped ends a moment
+/// later, and until then it hides the task from those who claim.
+///
+/// # Errors
+/// As of [`held`].
+pub(crate) async fn held_or_rolled_back(
+    mut tx: Transaction,
+    fence: Fence,
+) -> Result<(Transaction, JobId, TaskStanding), StoreError> {
+    match held(&mut tx, fence).await {
+        Ok((job, standing)) => Ok((tx, job, standing)),
+        Err(error) => {
+            tx.roll_back().await?;
+            Err(error)
+        }
+    }
 }
 
 /// The same, and whether another task of its stage is queued.

@@ -76,8 +76,8 @@ impl Store {
     #[boxed]
     pub async fn append_log(&self, fence: Fence, chunks: &[NewLogChunk]) -> Result<(), StoreError> {
         let (Some(first), Some(last)) = (chunks.first(), chunks.last()) else { return Ok(()) };
-        let mut tx = self.begin(Scope::Rows, "adding to the log of an attempt").await?;
-        let (job, _) = leases::held(&mut tx, fence).await?;
+        let tx = self.begin(Scope::Rows, "adding to the log of an attempt").await?;
+        let (mut tx, job, _) = leases::held_or_rolled_back(tx, fence).await?;
         // A task that was claimed by a version that kept no attempts has none.
         let Some(attempt) = sql!(&mut tx, attempt_at(fence))? else { return Ok(()) };
         sql!(&mut tx, insert_log(job, attempt, chunks))?;
