@@ -97,7 +97,7 @@ class Wheel(unittest.TestCase):
         self.assertGreater(len(found["losses"]), 0)
         self.assertEqual(
             sorted(found["weights"]),
-            ["config.json", "model.safetensors", "optimizer.safetensors"],
+            ["config.json", "model.safetensors", "optimizer.safetensors", "training.json"],
         )
         self.assertIn("pip install 'torqued[pytorch]'", found["needs"])
         self.assertFalse(found["torch"])
