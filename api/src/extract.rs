@@ -73,7 +73,7 @@ impl QueryPairs {
         tags.map(|(_, tag)| tag).collect()
     }
 
-    /// What a form sends: without the fields that were left empty, and with each of the tags in one field.
+    /// The fields that a form sends, without empty ones, and with each tag as one field.
     pub fn filled(self) -> Vec<(String, String)> {
         let mut filled = Vec::new();
         for (name, value) in self.0 {

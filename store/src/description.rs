@@ -74,7 +74,7 @@ pub struct CheckpointDescription {
     pub is_best: bool,
     /// Of the newest validation.
     pub metrics: BTreeMap<String, f64>,
-    /// What the training found, if it ended with this checkpoint.
+    /// The result of the training, if it ended with this checkpoint.
     pub result: Option<Value>,
     pub files: Vec<CheckpointFileDescription>,
     /// The job that makes it again.
@@ -90,7 +90,7 @@ pub struct CheckpointFileDescription {
 }
 
 impl CheckpointDescription {
-    /// What the file is called.
+    /// The name of the file.
     pub const FILE_NAME: &str = "training.json";
 
     /// As `training.json` has it.
@@ -103,7 +103,7 @@ impl CheckpointDescription {
 }
 
 impl DatasetDescription {
-    /// What the file is called.
+    /// The name of the file.
     pub const FILE_NAME: &str = "dataset.json";
 
     /// As `dataset.json` has it.

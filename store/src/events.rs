@@ -1,4 +1,4 @@
-//! What happened to jobs, in order, for those who follow them.
+//! Events of jobs, in order, for clients that follow them.
 //!
 //! Triggers of the database write the events of jobs and tasks that change, so that no change of a state is without one; [`tell`]
 //! writes the others. Each belongs to the transaction of what it tells of. Heartbeats write none.

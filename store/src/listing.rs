@@ -10,7 +10,7 @@ use crate::{
     Thing, Timestamp,
 };
 
-/// What is asked of a list. A filter that is left out lets everything through; all that are there must hold.
+/// A query of a list. A missing filter lets everything through, and an item must match all others.
 #[derive(Clone, Debug)]
 pub struct Listing {
     /// The job's.
@@ -73,7 +73,7 @@ impl Listing {
     }
 }
 
-/// What a list is sorted by. Rows that are equal in it are in the order of their ids.
+/// The sort key of a list. Rows with equal keys are in the order of their ids.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sort {
     /// The order in which things were made, which is that of their ids.

@@ -52,7 +52,7 @@ pub struct DeletionOrder<'a> {
     pub reason: Option<&'a str>,
 }
 
-/// What went into the trash.
+/// The things that a deletion moved into the trash.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Deleted {
     pub item: Item,
@@ -93,7 +93,7 @@ pub(crate) struct ItemRow {
     pub owner_deleted_at: Option<Timestamp>,
 }
 
-/// What a deletion covers.
+/// The extent of a deletion.
 pub(crate) struct Reach {
     /// The job that made the item; of a job, it and the members that it owns.
     pub jobs: Vec<JobId>,

@@ -16,7 +16,7 @@ pub struct Checkpoint {
     /// As somebody calls it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub name: Option<String>,
-    /// What somebody says of it, in Markdown.
+    /// A note in Markdown.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub note: Option<String>,
     /// Its tags, in order.

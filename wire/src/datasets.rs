@@ -15,7 +15,7 @@ pub struct Dataset {
     pub job: i64,
     /// As somebody calls it, or else its job.
     pub name: String,
-    /// What somebody says of it, in Markdown.
+    /// A note in Markdown.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub note: Option<String>,
     /// Its tags, in order.

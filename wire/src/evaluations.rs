@@ -14,7 +14,7 @@ pub struct Evaluation {
     pub run: i64,
     /// The job's, and so are note and tags.
     pub name: String,
-    /// What somebody says of it, in Markdown.
+    /// A note in Markdown.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub note: Option<String>,
     /// Its tags, in order.

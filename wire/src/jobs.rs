@@ -14,7 +14,7 @@ pub struct Job {
     pub kind: JobKind,
     /// As somebody calls it, or else as its spec does.
     pub name: String,
-    /// What somebody says of it, in Markdown.
+    /// A note in Markdown.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub note: Option<String>,
     /// Its tags, in order.

@@ -1,4 +1,4 @@
-//! What is deleted, what depends on it, and the trash.
+//! Deletions, their dependents, and the trash.
 
 use serde::{Deserialize, Serialize};
 use spec::JobKind;
@@ -13,12 +13,12 @@ pub struct Item {
     pub id: i64,
 }
 
-/// What a deletion takes along, and the jobs that depend on it.
+/// The things that a deletion also deletes, and the jobs that depend on it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Dependents {
     pub kind: ItemKind,
     pub id: i64,
-    /// What it owns, which goes into the trash with it.
+    /// The things that it owns, which go into the trash with it.
     pub along: Vec<Item>,
     /// Size of all their files.
     pub bytes: u64,
@@ -36,7 +36,7 @@ pub struct Dependent {
     pub relation: Relation,
 }
 
-/// What went into the trash, and until when it can be restored.
+/// The things moved into the trash, and until when they can be restored.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Deleted {
     pub kind: ItemKind,
@@ -46,7 +46,7 @@ pub struct Deleted {
     pub purge_at: String,
 }
 
-/// What came back from the trash.
+/// The things restored from the trash.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Restored {
     pub kind: ItemKind,

@@ -1,4 +1,4 @@
-//! What can be asked of a list: filters, an order and a page, in words that all lists share.
+//! The parameters of lists: filters, an order and a page, the same for all lists.
 
 use std::collections::BTreeSet;
 

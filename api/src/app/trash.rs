@@ -7,7 +7,7 @@ use crate::app::App;
 use crate::error::ApiError;
 
 impl App {
-    /// What a deletion would take along, and the jobs that depend on it.
+    /// The things that a deletion would also delete, and the jobs that depend on them.
     pub async fn dependents(&self, kind: ItemKind, id: i64) -> Result<Dependents, ApiError> {
         let item = Item::new(kind, id);
         let (along, jobs) = self.store.dependents(item).await?;

@@ -54,7 +54,7 @@ struct Experiment {
     rows: Vec<Row>,
 }
 
-/// What is asked for, without the fields of the form that were left empty.
+/// The query of the form, without its empty fields.
 struct Asked(Vec<(String, String)>);
 
 impl Asked {

@@ -13,7 +13,7 @@ use crate::error::ApiError;
 use crate::extract::Path;
 use crate::page::answer::{InPage, PageError};
 
-/// What a page shows of a thing's labels.
+/// The labels of a thing as a page shows them.
 pub struct Labelled {
     /// Where the form goes.
     pub action: String,

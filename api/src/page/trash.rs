@@ -93,7 +93,7 @@ pub fn restoration(kind: ItemKind) -> MethodRouter<App> {
     post(restore)
 }
 
-/// What is in the trash.
+/// The things in the trash.
 pub async fn show(
     State(app): State<App>,
     InPage(Query(Place { before })): InPage<Query<Place>>,

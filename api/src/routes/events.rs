@@ -44,7 +44,7 @@ pub struct PlaceParameters {
     after: Option<i64>,
 }
 
-/// What happens to jobs from now on, or from an event on. It ends when the server stops.
+/// The events of all jobs from now on, or after an event. The stream ends when the server stops.
 #[utoipa::path(
     get,
     path = "/v1/events",
@@ -68,7 +68,7 @@ pub async fn all(
     open(&app, Subject::Everything { kind }, after, &headers).await
 }
 
-/// What happens to a job, or to a pipeline and its jobs. It begins with the job's progress and ends with the job.
+/// The events of a job, or of a pipeline and its jobs. It begins with the progress and ends with the job.
 #[utoipa::path(
     get,
     path = "/v1/jobs/{id}/events",
@@ -94,7 +94,7 @@ pub async fn of_job(
     open(&app, Subject::Job(id), after, &headers).await
 }
 
-/// What happens to the job whose record this run is.
+/// The events of the run's job.
 #[utoipa::path(
     get,
     path = "/v1/runs/{id}/events",

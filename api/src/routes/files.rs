@@ -17,7 +17,7 @@ use crate::app::files::Download;
 use crate::download::Answer;
 use crate::error::ApiError;
 
-/// Who sends a file.
+/// The sender of a file.
 #[derive(Deserialize, IntoParams)]
 #[into_params(parameter_in = Query)]
 pub struct FileParameters {

@@ -96,7 +96,7 @@ macro_rules! deletable {
                 Ok(Json(app.restore(ItemKind::$kind, id).await?))
             }
 
-            /// What its deletion would take along, and the jobs that depend on it.
+            /// The things that its deletion would also delete, and its dependents.
             #[utoipa::path(
                                                 get,
                                                 path = $dependents,

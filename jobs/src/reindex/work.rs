@@ -1,4 +1,4 @@
-//! What is found, what is made of it, and what is left out.
+//! The objects found, the rows made of them, and the objects left out.
 
 use std::collections::BTreeMap;
 
@@ -8,7 +8,7 @@ use thiserror::Error;
 
 use crate::SubmissionError;
 
-/// What objects say of themselves.
+/// The objects' descriptions of themselves.
 #[derive(Debug, Default)]
 pub struct FoundObjects {
     pub(super) jobs: BTreeMap<JobId, FoundJob>,
@@ -57,7 +57,7 @@ pub struct LeftOut {
     pub reason: String,
 }
 
-/// What the new database has.
+/// The contents of the new database.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Rebuilt {
     pub datasets: u64,

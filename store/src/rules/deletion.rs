@@ -1,4 +1,4 @@
-//! What keeps something from being deleted.
+//! Dependents: the jobs that prevent a deletion.
 
 use wire::JobState;
 

@@ -59,7 +59,7 @@ pub(crate) fn page(start: &str, thing: Thing, listing: &Listing) -> QueryBuilder
     query
 }
 
-/// What an order compares, in the words of the index that has it.
+/// The SQL expression that an order compares, as its index has it.
 fn key(thing: Thing, sort: Sort) -> String {
     let table = thing.as_str();
     match (sort, thing) {

@@ -1,4 +1,4 @@
-//! What a checkpoint says of itself, for whoever has only its files.
+//! The description that a checkpoint carries, for readers who have only its files.
 
 use serde_json::Value;
 use store::{

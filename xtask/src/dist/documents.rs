@@ -1,4 +1,4 @@
-//! What is installed beside the program: its manual, completions for shells, and notices of licences.
+//! Files installed beside the program: manual, shell completions, and licence notices.
 
 use std::fs;
 use std::path::Path;

@@ -25,7 +25,7 @@ struct Inner {
     news: broadcast::Sender<Arc<Event>>,
     /// All events up to this id were sent, or were there before.
     settled: AtomicI64,
-    /// What reads, while somebody listens.
+    /// The task that reads events, while somebody listens.
     reading: tokio::sync::Mutex<Option<JoinHandle<()>>>,
     /// The jobs whose progress is told.
     watched: Mutex<HashMap<i64, Watched>>,

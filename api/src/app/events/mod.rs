@@ -184,7 +184,7 @@ impl EventReader {
             // All that is kept.
             0 => next_that_is_kept,
             _ if after < next_that_is_kept => self.gap(after, next_that_is_kept),
-            // Of another database.
+            // The id belongs to another database.
             _ if after > newest => self.gap(after, self.replay_to),
             _ => after,
         };
