@@ -1,4 +1,4 @@
-//! Whether a bucket can be used, learnt before anything depends on it.
+//! Tests that a bucket can be used before anything depends on it.
 
 use futures::TryStreamExt;
 use object_store::path::Path;

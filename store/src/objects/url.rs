@@ -9,11 +9,12 @@ use crate::StoreError;
 
 /// A bucket of an S3-compatible store, and the prefix of all objects in it: `s3://BUCKET/PREFIX`, or `s3://BUCKET`.
 ///
-/// A bucket and prefix belong to one database: the sweep deletes what no row of it names.
+/// A bucket and prefix belong to one database: the sweep deletes every object that has no row
+/// there.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ObjectsUrl {
     bucket: String,
-    /// Without slashes at its ends; perhaps empty.
+    /// Without slashes at its ends; may be empty.
     prefix: Path,
 }
 
@@ -26,7 +27,7 @@ impl ObjectsUrl {
         &self.prefix
     }
 
-    /// Whether objects of the one may lie below the other.
+    /// Whether objects of one may lie below the other.
     pub(crate) fn overlaps(&self, other: &Self) -> bool {
         let lies_in = |inner: &Self, outer: &Self| inner.prefix.prefix_matches(&outer.prefix);
         self.bucket == other.bucket && (lies_in(self, other) || lies_in(other, self))
