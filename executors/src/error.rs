@@ -1,7 +1,7 @@
 use std::io;
 use std::time::Duration;
 
-/// Why an engine cannot be asked.
+/// Why a request to an engine failed.
 #[derive(Debug, thiserror::Error)]
 pub enum EngineError {
     #[error(
@@ -31,14 +31,14 @@ pub enum EngineError {
 }
 
 impl EngineError {
-    /// Whether the engine may have done what it was asked for all the same.
+    /// Whether the engine may have carried the request out nevertheless.
     pub(crate) fn is_uncertain(&self) -> bool {
         match self {
             Self::ProgramSilent { .. } | Self::KubernetesSilent { .. } | Self::Kubernetes(_) => {
                 true
             }
             Self::Unreadable { .. } => true,
-            // The words of Slurm's library for an answer that did not come.
+            // Slurm's library prints these words when no answer came.
             Self::ProgramFailed { message, .. } => {
                 message.contains("timed out") || message.contains("Zero Bytes")
             }
@@ -48,7 +48,7 @@ impl EngineError {
         }
     }
 
-    /// Whether the engine may well do something else that it is asked for.
+    /// Whether the refusal is about this request only. The engine may accept others.
     pub(crate) fn is_of_this_request(&self) -> bool {
         const TOO_MANY_REQUESTS: u16 = 429;
         match self {

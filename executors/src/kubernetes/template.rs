@@ -1,9 +1,9 @@
-//! The Job that the operator wrote, from which those of the workers are made.
+//! The operator's Job template, from which the workers' Jobs are made.
 
 use k8s_openapi::api::batch::v1::Job;
 use k8s_openapi::api::core::v1::{Container, PodSpec};
 
-/// Why no Jobs can be made.
+/// Why a template cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum TemplateError {
     #[error("it is no Job of batch/v1")]
@@ -20,7 +20,7 @@ pub enum TemplateError {
     Client(#[source] kube::Error),
 }
 
-/// The name of the worker's container where there are several.
+/// The name of the worker's container if there are several containers.
 const WORKER: &str = "worker";
 
 /// # Errors
