@@ -2,7 +2,7 @@ use spec::SpecError;
 use store::{JobId, JobState, StoreError};
 use thiserror::Error;
 
-/// Why nothing was submitted.
+/// Why a submission was refused.
 #[derive(Debug, Error)]
 pub enum SubmissionError {
     #[error("the spec is not valid JSON: {0}")]
@@ -16,7 +16,7 @@ pub enum SubmissionError {
 }
 
 impl SubmissionError {
-    /// The same error, with the fields of a spec seen from an enclosing one.
+    /// The same error, with the fields of a spec as seen from an enclosing spec.
     pub(crate) fn within(self, outer: &str) -> Self {
         match self {
             Self::Spec(error) => Self::Spec(error.within(outer)),
