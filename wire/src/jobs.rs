@@ -49,7 +49,7 @@ pub struct Job {
     /// limit for this kind of job.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub time_limit_s: Option<u32>,
-    /// What a worker must offer to take a task.
+    /// The resources that a worker must offer to take a task.
     #[serde(default)]
     pub resources: Resources,
     /// No task begins before this time.

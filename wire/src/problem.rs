@@ -15,7 +15,7 @@ pub struct Problem {
     /// The type in words.
     pub title: String,
     pub status: u16,
-    /// What was wrong with this request, and what is allowed.
+    /// Says what was wrong with this request, and what is allowed.
     pub detail: String,
     /// Every field of the spec that was refused.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]

@@ -62,7 +62,7 @@ impl Report {
 pub struct PredictorInfo {
     pub name: String,
     pub kind: PredictorKind,
-    /// What it knows about the arms before it sees a context.
+    /// Its knowledge about the arms before it sees a context.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub told: Option<String>,
     /// The digest of the spec that trained a checkpoint.

@@ -1,8 +1,8 @@
-//! Which motions an integration scheme can follow, and what to say of the others.
+//! Whether an integration scheme can follow the motions of a simulation, and warnings if it cannot.
 //!
 //! Numbers are 99th percentiles, over robots, of the largest position error within 400 samples at
-//! 60 Hz, measured over damping, gravity, friction and excitation by
-//! `cargo run --release -p dynamics --example errors`. A motion counts as followed below 10⁻⁴ rad.
+//! 60 Hz. `cargo run --release -p dynamics --example errors` measures them over damping, gravity,
+//! friction and excitation. A motion is followed if its error is below 10⁻⁴ rad.
 
 use std::fmt;
 
@@ -14,26 +14,26 @@ use super::robot_spec::{Gravity, RobotSpec};
 use super::spec::SimulateSpec;
 use crate::check::Report;
 
-/// A value that is allowed and that a reader of the results should know about.
+/// A warning about a value that is allowed. A reader of the results should know about it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Doubt {
     /// Path of the field.
     pub field: String,
-    /// What it is.
+    /// The value.
     pub value: String,
-    /// Why that is doubtful, with numbers, and what to do about it.
+    /// Why the value is doubtful, with numbers, and what to do about it.
     pub reason: String,
 }
 
 impl Doubt {
-    /// The same about a spec that is found at `path` in another.
+    /// The same warning about a spec at `path` in another one.
     #[must_use]
     pub fn within(self, path: &str) -> Self {
         Self { field: format!("{path}.{}", self.field), ..self }
     }
 }
 
-/// A sentence.
+/// Displays the warning as a sentence.
 impl fmt::Display for Doubt {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { field, value, reason } = self;
@@ -41,12 +41,12 @@ impl fmt::Display for Doubt {
     }
 }
 
-/// Runge-Kutta of order 4 is stable while a step is shorter than this many time constants of the
-/// fastest decay (the method's interval of stability on the negative real axis).
+/// Runge-Kutta of order 4 is stable if a step is shorter than this many time constants of the
+/// fastest decay. It is the method's interval of stability on the negative real axis.
 const RUNGE_KUTTA_LIMIT: f64 = 2.785;
 
 impl SimulateSpec {
-    /// What the integrator cannot follow, or the robots cannot do, although the spec is valid.
+    /// Warnings about a valid spec that the integrator cannot follow, or that the robots cannot do.
     pub fn doubts(&self) -> Vec<Doubt> {
         let mut doubts = Vec::new();
         let mut doubt = |field: &str, value: String, reason: String| {
@@ -134,9 +134,10 @@ impl SimulateSpec {
         }
     }
 
-    /// Why some of the arms that can be drawn may diverge although the nominal one does not.
+    /// Why some of the possible arms may diverge although the nominal one does not.
     fn near_instability(&self, substeps: u32) -> Option<String> {
-        /// Of the limit; the least inertias are those of joints, and arms have slightly less.
+        /// Share of the limit that counts as safe. The smallest inertias are given for joints, and
+        /// those of arms are slightly smaller.
         const SAFE: f64 = 0.95;
 
         if !self.robot.knows_least_inertias() {
@@ -176,7 +177,7 @@ impl SimulateSpec {
         })
     }
 
-    /// Refuses explicit damping with steps on which even the nominal arm diverges.
+    /// Refuses explicit damping with step sizes at which even the nominal arm diverges.
     pub(super) fn check_stability(&self, report: &mut Report) {
         let Integrator::Rk4 { substeps } = self.integrator else { return };
         let (joint, rate) = self.robot.fastest_decay(Draw::Nominal);
@@ -200,37 +201,38 @@ impl SimulateSpec {
         );
     }
 
-    /// The fewest Runge-Kutta steps per sample that are stable for a decay at `rate` per second.
+    /// The smallest number of stable Runge-Kutta steps per sample, for a decay with `rate` per
+    /// second.
     fn stable_substeps(&self, rate: f64) -> f64 {
         (rate / (self.rate_hz * RUNGE_KUTTA_LIMIT)).ceil()
     }
 }
 
-/// What to use where extrapolation does not follow.
+/// The integrator to use where extrapolation does not follow.
 const RUNGE_KUTTA: &str = "{\"scheme\": \"rk4\", \"substeps\": 6}";
 
 #[derive(Clone, Copy)]
 enum Draw {
     Nominal,
-    /// The most damping and the least inertia that fractions allow.
+    /// The largest damping and the smallest inertia that the fractions allow.
     Extreme,
 }
 
 impl RobotSpec {
-    /// Of any joint of any robot.
+    /// The smallest damping of any joint of any robot.
     fn least_damping(&self) -> f64 {
         let nominal = self.damping_nm_s_rad.iter().copied().fold(f64::INFINITY, f64::min);
         nominal * (1.0 - self.damping_fraction)
     }
 
-    /// The joint whose damping slows it down fastest, from 0, and the rate per second; a rate of 0 where
-    /// the least inertias are not known.
+    /// The joint with the fastest decay through damping, counted from 0, and its rate per second.
+    /// The rate is 0 if the smallest inertias are not known.
     fn fastest_decay(&self, draw: Draw) -> (usize, f64) {
         let fraction = |fraction: f64| match draw {
             Draw::Nominal => 0.0,
             Draw::Extreme => fraction,
         };
-        // Measured, inertia falls by less than the largest fraction of its ingredients.
+        // In measurements, inertia falls by less than the largest of these fractions.
         let lighter = self.mass_fraction.max(self.com_fraction).max(self.inertia_fraction);
         let nominal = self.damping_nm_s_rad.iter().zip(&self.armature_kg_m2);
         let joints = nominal.zip(&self.description().joints);
