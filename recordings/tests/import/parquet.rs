@@ -1,4 +1,4 @@
-//! Parquet files that are not as they should be.
+//! Faulty Parquet files.
 
 use std::sync::Arc;
 
@@ -14,7 +14,7 @@ use serde_json::json;
 
 use super::{Recordings, check_refused, error, import, ints, parquet_of, small_pages, spec};
 
-/// As different writers would.
+/// Options of different writers.
 pub(super) fn variants() -> Vec<WriterProperties> {
     let of = WriterProperties::builder;
     let encoded = |encoding| {
@@ -136,7 +136,7 @@ fn what_is_no_parquet_is_refused() {
     check_refused(encrypted, &spec, &["encrypted"]);
 }
 
-/// A billion equal rows fit into a few bytes; the decoder would believe the page.
+/// A billion equal rows fit into a few bytes, and the decoder would believe the page.
 #[test]
 fn a_page_with_more_values_than_the_row_group_is_refused() {
     let spec = spec("parquet", &json!({}));
