@@ -5,7 +5,7 @@ use spec::Digest;
 use thiserror::Error;
 use wire::Problem;
 
-/// Why the server gave no answer, or not the one asked for.
+/// Why a request to the server failed.
 #[derive(Debug, Error)]
 pub enum ClientError {
     #[error("{server:?} is no server address: {reason}")]
@@ -34,12 +34,12 @@ pub enum ClientError {
     #[error("the server names a file {name:?}, allowed: a name without folders")]
     Name { name: String },
 
-    /// An RFC 9457 problem, one violation per line.
+    /// An RFC 9457 problem, with one violation per line.
     #[error("{message}")]
     Refused {
         status: StatusCode,
         message: String,
-        /// The fields of the spec that were not accepted.
+        /// The fields of the spec that were refused.
         fields: Vec<String>,
     },
 
@@ -50,7 +50,8 @@ pub enum ClientError {
     Answer { server: String, source: serde_json::Error },
 }
 
-/// `reqwest` wraps the reason ("connection refused") in several layers of its own.
+/// The innermost cause. `reqwest` wraps the reason ("connection refused") in several layers of its
+/// own.
 fn innermost(error: &reqwest::Error) -> String {
     if error.is_timeout() {
         return "timed out".to_owned();
@@ -75,7 +76,7 @@ impl ClientError {
     }
 }
 
-/// The title, with its detail or every violation on a line of its own.
+/// The title, followed by its detail or by one line per violation.
 fn message(problem: &Problem) -> String {
     let mut message = problem.title.clone();
     if problem.violations.is_empty() {

@@ -17,11 +17,11 @@ pub struct Arguments {
     #[arg(value_name = "FILE")]
     file: PathBuf,
 
-    /// The import spec, which says which column is what; `kind` and `file` may be left out
+    /// The import spec, which says what each column means; `kind` and `file` may be left out
     #[arg(long, value_name = "MAPPING.json")]
     spec: PathBuf,
 
-    /// Convert anew, even if the same file was imported in the same way before
+    /// Import again, even if the same file was imported in the same way before
     #[arg(long)]
     force: bool,
 
@@ -61,7 +61,7 @@ fn print_places(client: &Client, job: &Job, existed: bool) {
     }
 }
 
-/// Reads the spec and adds the format that the file's name tells, unless the spec says it.
+/// Reads the spec. If it has no format, adds the one that the file's name suggests.
 fn read_spec(path: &Path, file: &Path) -> anyhow::Result<Value> {
     let text = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
     let mut spec: Value = serde_json::from_slice(&text)

@@ -10,7 +10,8 @@ use crate::output::write_bytes;
 
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// Write a page per command into this folder, in place of the first to standard output; created if missing
+    /// Write one page per command into this folder, instead of the first page to standard output;
+    /// created if missing
     #[arg(long, value_name = "DIR")]
     dir: Option<PathBuf>,
 }

@@ -13,11 +13,11 @@ use crate::server::{Options, Server};
 
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// Compute everything anew, even what was done before
+    /// Compute everything again, even what was done before
     #[arg(long)]
     force: bool,
 
-    /// End when the result is printed, instead of serving until Ctrl-C
+    /// Exit after printing the result, instead of serving until Ctrl-C
     #[arg(long)]
     exit: bool,
 

@@ -8,7 +8,7 @@ use crate::commands::delete::in_words;
 use crate::output::write_json;
 use crate::resource::Deletable;
 
-/// Takes things out of the trash, with what went there with them.
+/// Restores things from the trash, with everything that was deleted together with them.
 #[derive(Debug, Args)]
 pub struct Arguments {
     /// The kind of things

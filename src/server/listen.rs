@@ -9,17 +9,17 @@ use tokio::net::{TcpListener, UnixListener, UnixStream};
 
 use crate::client::UNIX;
 
-/// Where the server listens unless told.
+/// The default port of a server.
 const USUAL_PORT: u16 = 7070;
 
-/// Ports tried after the usual one.
+/// Number of ports that are tried after the default one.
 const MORE_PORTS: u16 = 100;
 
-/// Where a server is told to listen.
+/// An address to listen on.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Address {
     Tcp(SocketAddr),
-    /// A socket in the file system, for the user of this process alone.
+    /// A socket in the file system, which only the user of this process can open.
     Unix(PathBuf),
 }
 
@@ -38,7 +38,7 @@ impl FromStr for Address {
     }
 }
 
-/// A listener, and how clients are told of it. A socket's file is deleted with it.
+/// A listener, and its address for clients. A socket's file is deleted with it.
 pub struct Bound {
     pub listener: api::Listener,
     pub url: String,
@@ -50,13 +50,13 @@ pub struct SocketFile(PathBuf);
 
 impl Drop for SocketFile {
     fn drop(&mut self) {
-        // Somebody may have deleted it.
+        // Somebody may have deleted it already.
         let _ = std::fs::remove_file(&self.0);
     }
 }
 
-/// Anyone who reaches the port can queue work and read results, so beyond this machine a token is
-/// a must.
+/// Refuses an address that other machines can reach without a token. Anybody who reaches the port
+/// could queue work and read results.
 pub fn refuse_unguarded(asked: Option<&Address>, has_token: bool) -> anyhow::Result<()> {
     let Some(Address::Tcp(address)) = asked else { return Ok(()) };
     ensure!(
@@ -67,7 +67,7 @@ pub fn refuse_unguarded(asked: Option<&Address>, has_token: bool) -> anyhow::Res
     Ok(())
 }
 
-/// Listens where asked; unless asked, on the usual port or the next free one.
+/// Listens on the given address. By default, listens on the usual port or the next free one.
 pub async fn bind(asked: Option<&Address>) -> anyhow::Result<Bound> {
     let listener = match asked {
         Some(Address::Unix(path)) => return bind_socket(path).await,
@@ -98,7 +98,7 @@ async fn bind_a_free_port() -> anyhow::Result<TcpListener> {
     })
 }
 
-/// Listens on a socket that only this user may open, in place of one that a killed server left.
+/// Listens on a socket that only this user can open. Replaces the file of a killed server.
 async fn bind_socket(path: &Path) -> anyhow::Result<Bound> {
     let shown = path.display();
     match std::fs::symlink_metadata(path) {
@@ -111,7 +111,7 @@ async fn bind_socket(path: &Path) -> anyhow::Result<Bound> {
         _ => {}
     }
     let cannot = || format!("cannot listen on unix:{shown}");
-    // Nobody finds it before its mode is set.
+    // Nobody finds the socket before its mode is set.
     let mut new = path.as_os_str().to_owned();
     new.push(".new");
     let new = PathBuf::from(new);
@@ -153,7 +153,7 @@ mod tests {
     async fn a_socket_is_for_its_owner_and_takes_the_place_of_a_dead_one_only() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("torqued");
-        // As a server that was killed leaves it.
+        // The file that a killed server leaves.
         drop(std::os::unix::net::UnixListener::bind(&path).unwrap());
         let address = Address::Unix(path.clone());
         let bound = bind(Some(&address)).await.unwrap();

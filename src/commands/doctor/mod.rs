@@ -1,4 +1,4 @@
-//! Whether this machine, a data folder and a server are as they should be.
+//! Checks this machine, a data folder and a server.
 
 mod machine;
 mod server;
@@ -12,13 +12,14 @@ use serde::Serialize;
 use crate::arguments::{OutputArguments, ServerArguments, StoreArguments};
 use crate::output::write_json;
 
-/// Looks and changes nothing, beside a running server, too. Ends with 1 when something is wrong.
+/// Checks without changing anything; it can run beside a server. The exit code is 1 if something is
+/// wrong.
 #[derive(Debug, Args)]
 pub struct Arguments {
     #[command(flatten)]
     store: StoreArguments,
 
-    /// Read every file and compare its SHA-256 digest, which takes as long as reading all data
+    /// Read every file and compare its SHA-256 digest; this takes as long as reading all data
     #[arg(long)]
     bytes: bool,
 
@@ -41,7 +42,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     Ok(if report.wrong == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
-/// Prints what was found, and counts.
+/// Prints findings and counts them.
 struct Report {
     output: OutputArguments,
     wrong: usize,
@@ -54,7 +55,7 @@ struct Finding<'a> {
     thing: &'a str,
     state: State,
     found: String,
-    /// The remedy.
+    /// What to do about it.
     #[serde(skip_serializing_if = "Option::is_none")]
     remedy: Option<&'a str>,
 }
@@ -63,7 +64,7 @@ struct Finding<'a> {
 #[serde(rename_all = "lowercase")]
 enum State {
     Ok,
-    /// Nothing fails for it, but somebody may want to know.
+    /// Not a problem, but worth knowing.
     Note,
     Wrong,
 }

@@ -9,13 +9,13 @@ use super::Report;
 use crate::exit::message;
 use crate::progress::measure;
 
-/// Files that are named one by one; the others are counted.
+/// Number of files that are listed by name. The others are counted.
 const NAMED: usize = 20;
 
-/// A store's clock and this machine's may differ by so much.
+/// The allowed difference between a store's clock and this machine's.
 const CLOCKS_MS: u64 = 5_000;
 
-/// Looks at the folder, then at the database, then at every file that it names.
+/// Checks the folder, then the database, then every file that rows name.
 pub async fn look(location: &Location, bytes: bool, report: &mut Report) -> anyhow::Result<()> {
     let is_there = folder(&location.folder, report)?;
     if !is_there && location.database.is_none() {
@@ -35,7 +35,7 @@ pub async fn look(location: &Location, bytes: bool, report: &mut Report) -> anyh
     Ok(())
 }
 
-/// Whether the folder is there.
+/// Whether the folder exists.
 fn folder(folder: &Path, report: &mut Report) -> anyhow::Result<bool> {
     let name = folder.display();
     let metadata = match std::fs::metadata(folder) {
