@@ -1,4 +1,4 @@
-//! Why a request was not answered as asked.
+//! Errors of requests.
 
 use std::fmt::Display;
 use std::time::Duration;
@@ -82,7 +82,7 @@ pub enum ApiError {
     #[error("{0}")]
     Spec(SpecError),
 
-    /// A question to a model, or what came with it.
+    /// A prediction request, or data that came with it, was refused.
     #[error("{0}")]
     Question(SpecError),
 
@@ -155,14 +155,14 @@ pub enum ApiError {
     #[error("{}", store_message(.0))]
     Store(#[from] StoreError),
 
-    /// The store's own words, but for those that name paths.
+    /// The store's own message, except messages with paths.
     #[error("the database cannot be written: {}", match .0 {
         error @ (StoreError::DatabaseGone | StoreError::DatabaseBusy { .. }) => error.to_string(),
         _ => "the server's log says why".to_owned(),
     })]
     Unwritable(StoreError),
 
-    /// A stored file is not what was written, or is gone.
+    /// A stored file is gone, or differs from what was written.
     #[error("{file} {}; {REMEDY}", harm(.source))]
     Damaged { file: String, source: Box<StoreError> },
 
@@ -188,7 +188,7 @@ pub enum ApiError {
     Internal,
 }
 
-/// As `Retry-After` has it: rounded up.
+/// Seconds for `Retry-After`, rounded up.
 fn whole_seconds(wait: Duration) -> u64 {
     wait.as_secs() + u64::from(wait.subsec_nanos() > 0)
 }
@@ -202,7 +202,7 @@ impl ApiError {
         Self::Parameter { name: name.to_owned(), value: value.to_string(), allowed: allowed.into() }
     }
 
-    /// The error of reading a stored file, which `file` names to a reader.
+    /// The error for a stored file that could not be read. `file` is its name in messages.
     pub fn reading(file: impl Display, error: StoreError) -> Self {
         if matches!(error, StoreError::DamagedObject { .. }) || error.is_missing_file() {
             return Self::Damaged { file: file.to_string(), source: Box::new(error) };
@@ -210,7 +210,7 @@ impl ApiError {
         Self::Store(error)
     }
 
-    /// The same error, with the fields of a spec or question seen from an enclosing one.
+    /// The same error, with the fields of a spec or request as seen from an enclosing one.
     pub fn within(self, outer: &str) -> Self {
         match self {
             Self::Spec(error) => Self::Spec(error.within(outer)),
@@ -223,7 +223,7 @@ impl ApiError {
         self.kind().0
     }
 
-    /// Status, name and title of the kind of problem.
+    /// Status, type and title of the problem.
     fn kind(&self) -> (StatusCode, &'static str, &'static str) {
         use StatusCode as S;
         match self {
@@ -326,7 +326,7 @@ impl ApiError {
             _ => Vec::new(),
         };
         Problem {
-            // A tag URI (RFC 4151): a name that does not pretend to be a page.
+            // A tag URI (RFC 4151). It is a name that does not look like the address of a page.
             kind: format!("tag:torqued,2026:{kind}"),
             title: title.to_owned(),
             status: status.as_u16(),
@@ -338,19 +338,19 @@ impl ApiError {
 
     /// The problem as the body of a response.
     pub fn to_json(&self) -> Response {
-        // Strings and numbers only, so serialization cannot fail; an empty body would still say
-        // its status.
+        // It has only strings and numbers, so serialization cannot fail. An empty body would still
+        // have its status.
         let problem = self.to_problem();
         let body = serde_json::to_vec(&problem).unwrap_or_default();
         let mut response = (self.status(), body).into_response();
-        // For those who say it in another shape.
+        // For middleware that answers in another format.
         response.extensions_mut().insert(problem);
         let media_type = HeaderValue::from_static("application/problem+json");
         response.headers_mut().insert(CONTENT_TYPE, media_type);
         response
     }
 
-    /// Writes to the log what the answer leaves out.
+    /// Logs details that the answer leaves out.
     pub fn log(&self) {
         if let Self::ShardUnreadable { reason, .. } = self {
             tracing::error!(error = %self, reason, "a request failed");
@@ -359,12 +359,13 @@ impl ApiError {
         }
     }
 
-    /// Headers that belong to the answer, whatever its body.
+    /// Adds headers that do not depend on the body's format.
     pub fn add_headers(&self, response: &mut Response) {
         let headers = response.headers_mut();
         match self {
             Self::Unauthorized { .. } => {
-                // Two lines and not one list: browsers do not look for Basic behind a comma.
+                // There are two header lines instead of one list, because browsers do not look for
+                // Basic after a comma.
                 headers.append(WWW_AUTHENTICATE, HeaderValue::from_static(BEARER));
                 headers.append(WWW_AUTHENTICATE, HeaderValue::from_static(BASIC));
             }
@@ -392,11 +393,11 @@ impl ApiError {
 const DAMAGED: (StatusCode, &str, &str) =
     (StatusCode::INTERNAL_SERVER_ERROR, "damaged", "A stored file is damaged");
 
-/// A reader's way out of damage.
+/// The remedy for a damaged file.
 const REMEDY: &str = "restore it from a backup, or make it anew: submit the spec of the job that made it with \
                       `--force` (`?force=true`)";
 
-/// The harm done to a file, in words.
+/// A description of the damage to a file.
 fn harm(error: &StoreError) -> String {
     match error {
         StoreError::DamagedObject { expected, found, .. } => {
@@ -476,7 +477,7 @@ fn live_message(error: &LiveError) -> String {
     }
 }
 
-/// What a caller may know of a failure: paths and SQL stay in the log.
+/// The part of a failure that callers may see. Paths and SQL are only logged.
 fn store_message(error: &StoreError) -> String {
     match error {
         StoreError::NotFound { .. }

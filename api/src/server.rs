@@ -1,4 +1,4 @@
-//! Listening, and ending in time.
+//! Listens for requests, and stops in time.
 
 use std::future::Future;
 use std::io;
@@ -28,12 +28,11 @@ pub enum ServeError {
     Store(#[from] StoreError),
 }
 
-/// Answers requests until `shutdown` is done, and the requests then under way for
-/// [`SHUTDOWN_GRACE`] more.
+/// Answers requests until `shutdown` completes. Running requests then have another
+/// [`SHUTDOWN_GRACE`].
 ///
-/// # Errors
-/// [`ServeError::OpenWithoutToken`] when `listener` can be reached from other machines and `app`
-/// asks for no token. When the database fails.
+/// # Errors [`ServeError::OpenWithoutToken`] when other machines can reach `listener` and `app`
+/// requires no token. Also when the database fails.
 pub async fn serve(
     listener: impl Into<Listener>,
     app: App,
@@ -46,9 +45,9 @@ pub async fn serve(
         return Err(ServeError::OpenWithoutToken { address });
     }
     let stop = CancellationToken::new();
-    // When this function is dropped, connections end as well.
+    // When this function is dropped, connections end too.
     let _stop = stop.clone().drop_guard();
-    // Streams are no connections to the server any more.
+    // WebSocket streams no longer count as connections of the server.
     let served = async {
         let router = routes::router(app.clone());
         connections::serve(listener, router, app.connections(), stop.clone()).await;

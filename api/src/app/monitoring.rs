@@ -1,4 +1,5 @@
-//! Metrics for a monitoring system: the server counts requests as it answers them, and the store when the system asks.
+//! Metrics for a monitoring system. The server counts requests as it answers them, and the store
+//! when the system asks.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -18,19 +19,19 @@ use wire::Worker;
 use crate::app::{App, VERSION};
 use crate::error::ApiError;
 
-/// How the answer is written.
+/// The media type of the answer.
 pub const MEDIA_TYPE: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";
 
-/// Names begin with it.
+/// The prefix of all names.
 const PREFIX: &str = "torqued";
 
-/// Upper bounds of the times to an answer that are counted, s.
+/// Upper bounds of the histogram of response times, s.
 const SECONDS: [f64; 11] = [0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 10.0];
 
-/// How long numbers of the store are taken for what they were: counting takes time where there is much.
+/// How long counts of the store are reused, because counting many rows takes time.
 const CENSUS_KEPT: Duration = Duration::from_secs(10);
 
-/// The route of requests that none answers.
+/// The route label of requests without a route.
 const NO_ROUTE: &str = "none";
 
 #[derive(Clone, Debug, Hash, PartialEq, Eq, EncodeLabelSet)]
@@ -62,7 +63,7 @@ struct OfVersion {
     version: &'static str,
 }
 
-/// The requests that this server has answered since it started, and the last census of the store.
+/// Counts of the requests since this server started, and the last census of the store.
 #[derive(Clone)]
 pub struct Monitor {
     requests: Family<Asked, Histogram>,
@@ -76,7 +77,7 @@ impl Monitor {
     }
 }
 
-/// A method by its name; there are few, whatever clients send.
+/// The label of a method. There are only a few, whatever clients send.
 fn name(method: &Method) -> &'static str {
     const KNOWN: [&str; 7] = ["GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS"];
     KNOWN.into_iter().find(|known| *known == method.as_str()).unwrap_or("other")
@@ -96,7 +97,7 @@ impl App {
         self.monitor.requests.get_or_create(&asked).observe(elapsed.as_secs_f64());
     }
 
-    /// Everything that a monitoring system is told, in the text format of OpenMetrics.
+    /// All metrics, in the text format of OpenMetrics.
     pub async fn metrics(&self) -> Result<String, ApiError> {
         let census = self.census().await?;
         let queue = self.store.queue().await?;
@@ -123,12 +124,12 @@ impl App {
             gauge(&mut registry, "sent_quota_bytes", "What they may take together", quota);
         }
         let mut text = String::new();
-        // A String takes whatever is written.
+        // Writing to a String cannot fail.
         encode(&mut text, &registry).map_err(|_| ApiError::Internal)?;
         Ok(text)
     }
 
-    /// Several who ask at once have it counted once.
+    /// The census of the store. Concurrent requests share one count.
     async fn census(&self) -> Result<Census, ApiError> {
         let mut kept = self.monitor.census.lock().await;
         if let Some((at, census)) = &*kept
@@ -192,7 +193,7 @@ fn tell_workers(registry: &mut Registry, workers: &[Worker]) {
     gauge(registry, "worker_gpus", "GPUs that living workers offer", gpus);
 }
 
-/// A drained worker may have a task as well.
+/// The state of a worker. A drained worker may still have a task.
 fn state(worker: &Worker) -> &'static str {
     match worker {
         Worker { alive: false, .. } => "dead",

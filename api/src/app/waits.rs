@@ -1,11 +1,12 @@
-//! Why queued tasks wait, in sentences.
+//! Sentences about why queued tasks wait.
 
 use std::fmt::Write;
 
 use spec::Resources;
 use store::Wait;
 
-/// Goes on from "queued, ". An `engine` is asked for workers that are lacking.
+/// The part of a sentence after "queued, ". `engine` is the engine that provides missing workers,
+/// if there is one.
 pub(super) fn sentence(wait: &Wait, engine: Option<&str>) -> String {
     match (wait, engine) {
         (Wait::Until(moment), _) => format!("from {moment} on"),
@@ -23,7 +24,7 @@ pub(super) fn sentence(wait: &Wait, engine: Option<&str>) -> String {
     }
 }
 
-/// What a worker is started with to offer `resources`.
+/// The flags with which a worker must be started to offer `resources`.
 fn flags(Resources { cpus, gpus, memory_gb, tags }: &Resources) -> String {
     let mut flags = String::new();
     let mut flag = |name: &str, value: &dyn std::fmt::Display| {

@@ -1,4 +1,4 @@
-//! Workers, and whether all is well.
+//! Workers, and the health of the service.
 
 use store::WorkerProcess;
 use wire::{Health, Placement, Readiness, Worker, Workers, WorkersTask};
@@ -22,7 +22,7 @@ impl App {
         Ok(Workers { workers, placements })
     }
 
-    /// Why tasks wait although they could be executed, in sentences; empty when all is well.
+    /// Sentences about why tasks wait although they could be executed. Empty if all is well.
     pub async fn obstacles(&self, workers: &[Worker]) -> Result<Vec<String>, ApiError> {
         let mut obstacles = Vec::new();
         if let Some(since) = self.queue().await?.paused_at {
@@ -33,7 +33,7 @@ impl App {
         let are_alive = workers.iter().any(|worker| worker.alive);
         let are_free = workers.iter().any(|worker| worker.alive && worker.drained_at.is_none());
         if engine.is_some() {
-            // It is asked for whatever workers are lacking, and has an obstacle where that fails.
+            // The engine provides missing workers. If that fails, it has an obstacle of its own.
         } else if !are_alive {
             let nobody = "no worker is alive, so that tasks wait; start one with `torqued worker`";
             obstacles.push(nobody.to_owned());
@@ -50,13 +50,13 @@ impl App {
         Ok(obstacles)
     }
 
-    /// Has a worker claim no more tasks; it ends the one that it has.
+    /// Drains a worker: it claims no more tasks, and ends the one that it has.
     pub async fn drain_worker(&self, name: &str) -> Result<Worker, ApiError> {
         self.store.drain_worker(name).await?;
         self.worker(name).await
     }
 
-    /// Has a worker that was drained claim tasks again.
+    /// Undrains a worker: it claims tasks again.
     pub async fn undrain_worker(&self, name: &str) -> Result<Worker, ApiError> {
         self.store.undrain_worker(name).await?;
         self.worker(name).await
@@ -69,7 +69,8 @@ impl App {
     }
 
     /// # Errors
-    /// [`ApiError::Ending`] when the server is about to end, [`ApiError::Unwritable`] when the database cannot be written.
+    /// [`ApiError::Ending`] when the server is about to stop. [`ApiError::Unwritable`] when the
+    /// database cannot be written.
     pub async fn readiness(&self) -> Result<Readiness, ApiError> {
         if self.is_ending() {
             return Err(ApiError::Ending);

@@ -12,11 +12,11 @@ use crate::app::listing::{CHECKPOINTS, DATASETS, EVALUATIONS, JOBS, List, RUNS};
 use crate::error::ApiError;
 use crate::limits::{PAGE_DEFAULT, PAGE_MAXIMUM, SEARCH_CHARACTERS, TAGS};
 
-/// Which part of a list is asked for that has no filters.
+/// Parameters of a list without filters.
 #[derive(Deserialize, IntoParams)]
 #[into_params(parameter_in = Query)]
 pub struct ListParameters {
-    /// Items at most, 1 to 500; 50 when left out.
+    /// Largest number of items, 1 to 500; 50 by default.
     pub limit: Option<u32>,
     /// Only items with a smaller id.
     pub before: Option<i64>,
@@ -28,7 +28,7 @@ impl ListParameters {
     }
 }
 
-/// Documents the parameters of a list in the words that they are checked with.
+/// Documents the parameters of a list with the same limits that are checked.
 macro_rules! documented {
     ($($name:ident = $list:ident,)+) => {$(
         pub struct $name;
@@ -49,7 +49,7 @@ documented! {
     EvaluationsParameters = EVALUATIONS,
 }
 
-/// The tags that a submission labels a job with.
+/// The tags for a submitted job.
 pub struct TagParameters;
 
 impl IntoParams for TagParameters {

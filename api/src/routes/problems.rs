@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-/// Errors that depend on the operation alone.
+/// Errors that depend only on the operation.
 const OF_OPERATIONS: [(&str, &str, &[u16]); 20] = [
     ("post", "/v1/jobs", &[409, 410, 422, 507]),
     ("patch", "/v1/jobs/{id}", &[409, 422]),
@@ -29,7 +29,7 @@ const OF_OPERATIONS: [(&str, &str, &[u16]); 20] = [
 /// Errors of every request.
 const OF_ALL: [u16; 5] = [400, 421, 429, 500, 503];
 
-/// The beginnings of paths of what can be deleted, or belongs to something that can.
+/// Prefixes of paths of things that can be deleted, or that belong to such things.
 const DELETABLE: [&str; 6] = [
     "/v1/jobs/{id}",
     "/v1/runs/{id}",
@@ -42,7 +42,7 @@ const DELETABLE: [&str; 6] = [
 /// Errors of requests with a body.
 const OF_BODIES: [u16; 4] = [400, 408, 413, 415];
 
-/// Adds the errors that an operation can be answered with.
+/// Adds the possible errors of an operation.
 pub fn add(operation: &mut Value, method: &str, path: &str) {
     let mut statuses = OF_ALL.to_vec();
     let is_open = operation["security"].as_array().is_some_and(|it| it.contains(&json!({})))

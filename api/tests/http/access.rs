@@ -1,4 +1,4 @@
-//! Who may ask: tokens, other sites, other names.
+//! Access control: tokens, other sites, other host names.
 
 use api::Options;
 use axum::http::Method;

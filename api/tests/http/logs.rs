@@ -1,4 +1,4 @@
-//! The logs of attempts: in pages, as they come, as a file and on the page of the job.
+//! The logs of attempts: in pages, while they grow, as a file and on the page of the job.
 
 use std::time::Duration;
 

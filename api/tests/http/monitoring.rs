@@ -1,4 +1,4 @@
-//! Metrics and readiness, as a monitoring system reads them.
+//! Metrics and readiness, in the view of a monitoring system.
 
 use api::Options;
 

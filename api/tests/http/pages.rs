@@ -1,4 +1,4 @@
-//! The page, as a browser without scripts gets it.
+//! The page in a browser without scripts.
 
 use axum::http::Method;
 use serde_json::json;

@@ -1,4 +1,4 @@
-//! Requests that cannot be accepted, and what they are told.
+//! Refused requests and their errors.
 
 use api::Options;
 use axum::body::Body;

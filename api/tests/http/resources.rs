@@ -1,4 +1,4 @@
-//! Jobs, datasets, runs, checkpoints and evaluations as they are read.
+//! Reading jobs, datasets, runs, checkpoints and evaluations.
 
 use serde_json::json;
 use spec::Resources;

@@ -1,4 +1,4 @@
-//! Tokens with scopes, logins with them, and the log of what was done.
+//! Tokens with scopes, logins with them, and the audit log.
 
 use std::collections::BTreeMap;
 
@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 
 use crate::fixture::{Answer, Server, small_simulation};
 
-/// A server with a token of each scope, named by it.
+/// A server with one token of each scope, named after its scope.
 struct Guarded {
     server: Server,
     /// Values of `Authorization`.
@@ -48,7 +48,7 @@ fn bearer(created: &Answer) -> String {
     format!("Bearer {}", created.json()["secret"].as_str().unwrap())
 }
 
-/// An operation's scope, as the document says it; `None` where no token is needed.
+/// An operation's scope in the document; `None` if it needs no token.
 fn needed(operation: &Value, whole: &Value) -> Option<String> {
     let security = operation.get("security").unwrap_or(&whole["security"]);
     let schemes = security.as_array().unwrap();
@@ -169,7 +169,7 @@ async fn a_token_that_cannot_be_made_is_refused_with_every_reason() {
     for wrong in [json!({"name": "ana", "scope": "root"}), json!({"name": "ana"}), json!([])] {
         create(&server, &wrong, None).await.problem(422);
     }
-    // Nothing was made, so that the server is still open.
+    // No token was created, so the server is still open.
     assert_eq!(server.get("/v1/jobs").await.status, 200);
     let made = create(&server, &json!({"name": "ana", "scope": "admin"}), None).await;
     let (asked, admin) = (json!({"name": "ana", "scope": "admin"}), bearer(&made));
@@ -245,7 +245,7 @@ async fn the_audit_log_says_who_did_what_and_what_became_of_it() {
     guarded.request(Method::GET, "/v1/audit", "submit").await.problem(403);
 }
 
-/// Sends a request as a browser does, for a page or with the fields of a form.
+/// Sends a request like a browser, for a page or with the fields of a form.
 async fn browse(server: &Server, method: Method, path: &str, cookie: &str, body: &str) -> Answer {
     let request = Request::builder()
         .method(method)
@@ -266,7 +266,7 @@ async fn a_browser_logs_in_goes_on_to_the_page_it_wanted_and_logs_out() {
         (sent.status.as_u16(), sent.header("location")),
         (303, "/login?back=%2Fjobs%2F1%3Fx%3D1")
     );
-    // Programs that take HTML as well are told what is wrong.
+    // A program that also accepts HTML gets a problem.
     browse(&server, Method::GET, "/v1/jobs", "", "").await.problem(401);
     let form = browse(&server, Method::GET, sent.header("location"), "", "").await;
     assert!(form.text().contains("value=\"/jobs/1?x=1\""), "{}", form.text());

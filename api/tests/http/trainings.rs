@@ -1,4 +1,4 @@
-//! Trainings: what is refused before anything is queued, what is warned about, what is kept.
+//! Trainings: violations before anything is queued, warnings, and results.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -10,7 +10,7 @@ use store::NewCheckpoint;
 
 use crate::fixture::{Server, small_pipeline, small_simulation, small_training};
 
-/// The violations of a spec that is refused, as `field is value, allowed: ...`.
+/// The violations of a spec that must be refused, as `field is value, allowed: ...`.
 async fn refused(server: &Server, spec: &Value) -> Vec<String> {
     let before = server.json("/v1/jobs").await["jobs"].as_array().unwrap().len();
     let problem = server.submit(spec).await.problem(422);
@@ -129,7 +129,7 @@ async fn an_evaluation_of_other_data_than_the_model_is_for_is_refused_with_both_
     );
 }
 
-/// Doubts trainings of more than 8 trajectories at once.
+/// An app with a warning for batches of more than 8 trajectories.
 fn memory_doubts(app: App) -> App {
     app.with_memory_doubts(Arc::new(|training: &TrainSpec, data: &DataSpec| {
         (training.batch_size > 8).then(|| Doubt {

@@ -1,4 +1,4 @@
-//! Looking into datasets: single trajectories, summaries, figures.
+//! Contents of datasets: single trajectories, summaries, figures.
 
 use arrow_array::RecordBatch;
 use arrow_array::cast::AsArray;
@@ -141,7 +141,7 @@ async fn a_summary_covers_all_shards() {
     assert_eq!(csv.text().lines().count(), 1 + 2 * 4);
 }
 
-/// Caught: the decoder panics on pages that it does not understand.
+/// Regression: the decoder panics on invalid pages.
 #[tokio::test]
 async fn a_damaged_shard_is_told_as_such_and_the_others_can_still_be_read() {
     let server = with_dataset().await;

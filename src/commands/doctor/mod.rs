@@ -55,7 +55,7 @@ struct Finding<'a> {
     thing: &'a str,
     state: State,
     found: String,
-    /// What to do about it.
+    /// The remedy.
     #[serde(skip_serializing_if = "Option::is_none")]
     remedy: Option<&'a str>,
 }
