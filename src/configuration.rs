@@ -93,8 +93,8 @@ fn known<'a>(command: &'a Command, key: &str) -> anyhow::Result<&'a Arg> {
     let keys: Vec<String> = command.get_arguments().filter_map(key_of).collect();
     let nearest = keys.iter().min_by_key(|known| edits(known, key));
     match nearest.filter(|nearest| edits(nearest, key) <= key.len().max(3) / 3) {
-        Some(nearest) => bail!("{key} is no key; did you mean {nearest}?"),
-        None => bail!("{key} is no key; allowed: {}", keys.join(", ")),
+        Some(nearest) => bail!("{key} is not a key; did you mean {nearest}?"),
+        None => bail!("{key} is not a key; allowed: {}", keys.join(", ")),
     }
 }
 
@@ -199,10 +199,10 @@ mod tests {
     #[test]
     fn an_error_names_the_key_its_value_and_what_is_allowed() {
         for (text, words) in [
-            ("max_conections = 64", "max_conections is no key; did you mean max_connections?"),
-            ("wrokers = 1", "wrokers is no key; did you mean workers?"),
-            ("colour = 1", "colour is no key; allowed: "),
-            ("config = \"x\"", "config is no key"),
+            ("max_conections = 64", "max_conections is not a key; did you mean max_connections?"),
+            ("wrokers = 1", "wrokers is not a key; did you mean workers?"),
+            ("colour = 1", "colour is not a key; allowed: "),
+            ("config = \"x\"", "config is not a key"),
             ("max_connections = 2", "max_connections is 2: allowed: 16 to 100000"),
             ("workers = 65", "workers is 65: 65 is not in 0..=64"),
             ("executor = \"slrum\"", "executor is \"slrum\": allowed: local, slurm, kubernetes"),

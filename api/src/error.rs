@@ -36,38 +36,40 @@ pub enum ApiError {
     #[error("{name} is {value:?}, allowed: {allowed}")]
     Parameter { name: String, value: String, allowed: String },
 
-    #[error("the query is not understood: {reason}")]
+    #[error("the query cannot be read: {reason}")]
     Query { reason: String },
 
     #[error("the body is {found}; send JSON with Content-Type: application/json")]
     ContentType { found: String },
 
     #[error(
-        "the body is {}; send a file as multipart/form-data with the parts spec and file, or itself \
-         with Content-Type: text/csv or application/vnd.apache.parquet",
+        "the body is {}; send a form (multipart/form-data) with the parts spec and file, or the \
+         file itself with Content-Type: text/csv or application/vnd.apache.parquet",
         found.as_ref().map_or("of no declared type".to_owned(), |it| format!("declared as {it}"))
     )]
     UploadType { found: Option<String> },
 
-    #[error("a body may have {limit} bytes at most")]
+    #[error("the body is too large, allowed: {limit} bytes")]
     BodyTooLarge { limit: usize },
 
-    #[error("a file may have {limit} bytes at most; `serve --max-upload-bytes` sets the limit")]
+    #[error(
+        "the file is too large, allowed: {limit} bytes; `serve --max-upload-bytes` sets the limit"
+    )]
     UploadTooLarge { limit: u64 },
 
     #[error(
-        "files that were sent may take {quota} bytes together, and {used} are taken; delete some and empty the trash with \
-         `torqued gc`, or have `serve --upload-quota-bytes` set higher"
+        "there is no room for the file: sent files take {used} bytes, allowed: {quota}; delete \
+         some and empty the trash with `torqued gc`, or raise `serve --upload-quota-bytes`"
     )]
     UploadQuota { quota: u64, used: u64 },
 
     #[error(
-        "the file did not come: its next bytes may take {} s, and all of it {} h",
+        "the file did not arrive in time, allowed: {} s for its next bytes and {} h for all of it",
         stall.as_secs_f64(), UPLOAD_TIMEOUT.as_secs() / 3600
     )]
     UploadStalled { stall: Duration },
 
-    #[error("{CONCURRENT_UPLOADS} files are being received, as many as may be; try again later")]
+    #[error("{CONCURRENT_UPLOADS} files are being received, which is the limit; try again later")]
     UploadsCrowded,
 
     #[error("the form cannot be read: {reason}")]
@@ -89,22 +91,22 @@ pub enum ApiError {
     #[error("{}", live_message(.0))]
     Live(LiveError),
 
-    #[error("this server was put together without what computes predictions")]
+    #[error("this server has no models for live predictions")]
     NoModels,
 
     #[error("a stream is opened by a WebSocket handshake: {reason}")]
     Handshake { reason: String },
 
-    #[error("{STREAMS} streams are open, as many as may be; try again later")]
+    #[error("{STREAMS} streams are open, which is the limit; try again later")]
     StreamsCrowded,
 
-    #[error("{EVENT_STREAMS} streams of events are open, as many as may be; try again later")]
+    #[error("{EVENT_STREAMS} streams of events are open, which is the limit; try again later")]
     EventsCrowded,
 
     #[error("job {id} is {state}, which is final, so it cannot be cancelled")]
     AlreadyFinal { id: i64, state: JobState },
 
-    #[error("job {id} is {state}; only what failed or was cancelled can be tried again")]
+    #[error("job {id} is {state}; only failed and cancelled jobs can be retried")]
     NotFailed { id: i64, state: JobState },
 
     #[error(
@@ -113,17 +115,18 @@ pub enum ApiError {
     )]
     DatasetIncomplete { id: i64, job: i64, state: JobState },
 
-    #[error("{}", if *.offered { "the token opens nothing here: it is unknown, expired or revoked" } else {
-        "this server wants a token; send Authorization: Bearer TOKEN"
+    #[error("{}", if *.offered { "the token is not valid: it is unknown, expired or revoked" } else {
+        "this server requires a token; send Authorization: Bearer TOKEN"
     })]
     Unauthorized { offered: bool },
 
     #[error(
-        "the token {token} has the scope {scope}, and this needs {needed}; ask whoever administers the server for one"
+        "the token {token} has the scope {scope}, but this request needs {needed}; ask the \
+         server's administrator for such a token"
     )]
     Scope { token: String, scope: wire::Scope, needed: wire::Scope },
 
-    #[error("another site's page may not change anything here")]
+    #[error("a page of another site may not change anything on this server")]
     CrossSite,
 
     #[error(
@@ -135,18 +138,19 @@ pub enum ApiError {
     Crowded,
 
     #[error(
-        "this address asks more often than it may; try again in {} s, or have `serve --max-requests-per-second` set higher",
+        "this address sends too many requests; try again in {} s, or raise `serve \
+         --max-requests-per-second`",
         whole_seconds(*wait)
     )]
     TooFast { wait: Duration },
 
-    #[error("{CONCURRENT_DOWNLOADS} files are being sent, as many as may be; try again later")]
+    #[error("{CONCURRENT_DOWNLOADS} files are being sent, which is the limit; try again later")]
     DownloadsCrowded,
 
-    #[error("this server is about to end")]
+    #[error("this server is about to stop")]
     Ending,
 
-    #[error("the body did not come within {} s", BODY_WITHIN.as_secs())]
+    #[error("the body did not arrive within {} s", BODY_WITHIN.as_secs())]
     SlowBody,
 
     #[error("the answer took longer than {} s", REQUEST_TIMEOUT.as_secs())]
@@ -184,7 +188,7 @@ pub enum ApiError {
     #[error("rendering a page failed")]
     Page(#[from] askama::Error),
 
-    #[error("a fault in the server; its log says more")]
+    #[error("an internal error of the server; its log has the details")]
     Internal,
 }
 
@@ -233,7 +237,7 @@ impl ApiError {
                 (S::METHOD_NOT_ALLOWED, "method", "The path does not answer this method")
             }
             Self::Parameter { .. } | Self::Query { .. } => {
-                (S::BAD_REQUEST, "parameter", "A parameter cannot be accepted")
+                (S::BAD_REQUEST, "parameter", "A parameter is not allowed")
             }
             Self::ContentType { .. } => {
                 (S::UNSUPPORTED_MEDIA_TYPE, "content-type", "The body is not declared as JSON")
@@ -247,13 +251,11 @@ impl ApiError {
             Self::UploadTooLarge { .. } => {
                 (S::PAYLOAD_TOO_LARGE, "file-too-large", "The file is too large")
             }
-            Self::UploadQuota { .. } => (
-                S::PAYLOAD_TOO_LARGE,
-                "upload-quota",
-                "The quota of files that are sent is used up",
-            ),
+            Self::UploadQuota { .. } => {
+                (S::PAYLOAD_TOO_LARGE, "upload-quota", "The quota of sent files is used up")
+            }
             Self::UploadStalled { .. } => {
-                (S::REQUEST_TIMEOUT, "stalled", "The file did not come in time")
+                (S::REQUEST_TIMEOUT, "stalled", "The file did not arrive in time")
             }
             Self::UploadsCrowded => {
                 (S::SERVICE_UNAVAILABLE, "crowded", "Too many files are being received")
@@ -261,16 +263,16 @@ impl ApiError {
             Self::Form { .. } => (S::BAD_REQUEST, "form", "The form could not be read"),
             Self::Body { .. } => (S::BAD_REQUEST, "body", "The body could not be read"),
             Self::Json(_) => (S::BAD_REQUEST, "json", "The body is not JSON"),
-            Self::Spec(_) => (S::UNPROCESSABLE_ENTITY, "spec", "The spec cannot be accepted"),
+            Self::Spec(_) => (S::UNPROCESSABLE_ENTITY, "spec", "The spec is not allowed"),
             Self::Question(_) => {
-                (S::UNPROCESSABLE_ENTITY, "question", "The question cannot be answered")
+                (S::UNPROCESSABLE_ENTITY, "question", "The prediction request is not allowed")
             }
             Self::Live(error) => of_live(error),
             Self::NoModels => {
-                (S::NOT_IMPLEMENTED, "no-models", "The server computes no predictions")
+                (S::NOT_IMPLEMENTED, "no-models", "The server has no models for predictions")
             }
             Self::Handshake { .. } => {
-                (S::UPGRADE_REQUIRED, "handshake", "The path speaks WebSocket")
+                (S::UPGRADE_REQUIRED, "handshake", "The path needs a WebSocket")
             }
             Self::StreamsCrowded => {
                 (S::SERVICE_UNAVAILABLE, "crowded", "Too many streams are open")
@@ -288,7 +290,7 @@ impl ApiError {
                 (S::CONFLICT, "dataset-incomplete", "The dataset is not complete")
             }
             Self::Unauthorized { .. } => (S::UNAUTHORIZED, "token", "A token is required"),
-            Self::Scope { .. } => (S::FORBIDDEN, "scope", "The token does not reach so far"),
+            Self::Scope { .. } => (S::FORBIDDEN, "scope", "The token's scope is too small"),
             Self::CrossSite => (S::FORBIDDEN, "cross-site", "The request came from another site"),
             Self::ForeignHost { .. } => {
                 (S::MISDIRECTED_REQUEST, "host", "The server does not have this name")
@@ -300,8 +302,8 @@ impl ApiError {
             Self::DownloadsCrowded => {
                 (S::SERVICE_UNAVAILABLE, "crowded", "Too many files are being sent")
             }
-            Self::Ending => (S::SERVICE_UNAVAILABLE, "ending", "The server is about to end"),
-            Self::SlowBody => (S::REQUEST_TIMEOUT, "slow-body", "The body did not come in time"),
+            Self::Ending => (S::SERVICE_UNAVAILABLE, "ending", "The server is about to stop"),
+            Self::SlowBody => (S::REQUEST_TIMEOUT, "slow-body", "The body did not arrive in time"),
             Self::Timeout => (S::SERVICE_UNAVAILABLE, "timeout", "The answer took too long"),
             Self::Damaged { .. } => DAMAGED,
             Self::ShardUnreadable { .. } => {
@@ -394,8 +396,8 @@ const DAMAGED: (StatusCode, &str, &str) =
     (StatusCode::INTERNAL_SERVER_ERROR, "damaged", "A stored file is damaged");
 
 /// The remedy for a damaged file.
-const REMEDY: &str = "restore it from a backup, or make it anew: submit the spec of the job that made it with \
-                      `--force` (`?force=true`)";
+const REMEDY: &str = "restore it from a backup, or make it again: submit the spec of the job that made it with \
+     `--force` (`?force=true`)";
 
 /// A description of the damage to a file.
 fn harm(error: &StoreError) -> String {
@@ -403,7 +405,7 @@ fn harm(error: &StoreError) -> String {
         StoreError::DamagedObject { expected, found, .. } => {
             format!("is damaged: expected {expected}, found {found}")
         }
-        _ => "is not in the data folder any more".to_owned(),
+        _ => "is missing".to_owned(),
     }
 }
 
@@ -421,7 +423,7 @@ fn of_store(error: &StoreError) -> (StatusCode, &'static str, &'static str) {
         }
         StoreError::TokenExists { .. }
         | StoreError::TooManyTokens
-        | StoreError::FirstToken { .. } => (S::CONFLICT, "tokens", "The token cannot be made"),
+        | StoreError::FirstToken { .. } => (S::CONFLICT, "tokens", "The token cannot be created"),
         StoreError::TooManyTags { .. } => (S::CONFLICT, "tags", "There are too many tags"),
         StoreError::ExperimentTaken { .. } => {
             (S::CONFLICT, "experiment-taken", "The experiment exists already")
@@ -431,14 +433,14 @@ fn of_store(error: &StoreError) -> (StatusCode, &'static str, &'static str) {
         }
         StoreError::NotDeleted { .. } => (S::CONFLICT, "not-deleted", "It is not in the trash"),
         StoreError::OwnerDeleted { .. } => {
-            (S::CONFLICT, "owner-deleted", "It is in the trash with what owns it")
+            (S::CONFLICT, "owner-deleted", "It was deleted together with its owner")
         }
         StoreError::NotEnded { .. } => (S::CONFLICT, "not-ended", "Its job has not ended"),
         StoreError::Needed { .. } => (S::CONFLICT, "needed", "Jobs depend on it"),
         StoreError::InputDeleted { .. } | StoreError::FileDeleted { .. } => {
             (S::CONFLICT, "input-deleted", "Something that the job reads was just deleted")
         }
-        StoreError::Deleted { .. } => (S::CONFLICT, "deleted", "The thing is deleted"),
+        StoreError::Deleted { .. } => (S::CONFLICT, "deleted", "It is deleted"),
         StoreError::ParamChanged { .. } => {
             (S::CONFLICT, "param-changed", "The param has another value already")
         }
@@ -452,10 +454,10 @@ fn of_live(error: &LiveError) -> (StatusCode, &'static str, &'static str) {
     use StatusCode as S;
     match error {
         LiveError::Refused(_) => {
-            (S::UNPROCESSABLE_ENTITY, "question", "The question cannot be answered")
+            (S::UNPROCESSABLE_ENTITY, "question", "The prediction request is not allowed")
         }
         LiveError::Queue { .. } | LiveError::Full { .. } => {
-            (S::SERVICE_UNAVAILABLE, "crowded", "Too much is to be predicted at once")
+            (S::SERVICE_UNAVAILABLE, "crowded", "Too many predictions at once")
         }
         LiveError::TooLarge { .. } => {
             (S::INSUFFICIENT_STORAGE, "model-too-large", "The model is too large to be loaded")
@@ -500,7 +502,7 @@ fn store_message(error: &StoreError) -> String {
         | StoreError::ParamChanged { .. }
         | StoreError::DiskFull { .. } => error.to_string(),
         StoreError::DamagedObject { .. } => format!("{error}; {REMEDY}"),
-        _ => "a fault in the server; its log says more".to_owned(),
+        _ => "an internal error of the server; its log has the details".to_owned(),
     }
 }
 

@@ -103,16 +103,16 @@ pub enum LiveError {
     #[error("{0}")]
     Refused(SpecError),
 
-    #[error("{waiting} predictions are waiting to be computed, as many as may; try again later")]
+    #[error("{waiting} predictions are waiting, which is the limit; try again later")]
     Queue { waiting: usize },
 
     #[error(
-        "the models in use fill the {models} places or {bytes} bytes that there are for loaded \
-         models; try again later"
+        "there is no room for another model: the models in use take all {models} places or {bytes} \
+         bytes; try again later"
     )]
     Full { models: usize, bytes: u64 },
 
-    #[error("the model has {found} bytes; loaded models may have {bytes} together")]
+    #[error("the model has {found} bytes, allowed: {bytes} for all loaded models together")]
     TooLarge { found: u64, bytes: u64 },
 
     #[error("the model cannot be loaded: {reason}")]

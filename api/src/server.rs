@@ -16,15 +16,15 @@ use crate::routes;
 #[derive(Debug, Error)]
 pub enum ServeError {
     #[error(
-        "listening on {address} is open to the network and needs a token; \
-         set one, or listen on 127.0.0.1"
+        "other machines can reach {address}, so the server needs a token; set one, or listen on \
+         127.0.0.1"
     )]
     OpenWithoutToken { address: SocketAddr },
 
     #[error("serving HTTP failed")]
     Io(#[from] io::Error),
 
-    #[error("cannot tell whether a token is asked for")]
+    #[error("cannot tell whether the server requires a token")]
     Store(#[from] StoreError),
 }
 

@@ -200,7 +200,7 @@ fn wrong_part(expected: &str, found: Option<&Field<'static>>) -> ApiError {
         None => "nothing".to_owned(),
         Some(part) => format!("part {:?}", part.name().unwrap_or_default()),
     };
-    let reason = format!("{found} came where part {expected:?} should; send spec, then file");
+    let reason = format!("{found} came instead of part {expected:?}; send spec, then file");
     ApiError::Form { reason }
 }
 

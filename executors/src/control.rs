@@ -99,7 +99,7 @@ impl Control {
             }
             Err(LookError::Engine(error)) => {
                 let said = faults::causes(&error);
-                self.tell(Some(format!("no workers can be asked for: {said}"))).await;
+                self.tell(Some(format!("no workers can be requested: {said}"))).await;
                 self.memory.looking.fail()
             }
             Err(LookError::Store(error)) => {
@@ -273,7 +273,7 @@ impl Control {
                     let Some(placed) = placed.iter().find(|placed| placed.name == worker) else {
                         continue;
                     };
-                    tracing::info!("lets worker {worker} go: {why}");
+                    tracing::info!("ends worker {worker}: {why}");
                     self.engine.let_go(&worker, &placed.identifier).await?;
                     self.memory.let_go.insert(worker, why);
                 }
@@ -295,7 +295,7 @@ impl Control {
             Ok(identifier) => identifier,
             Err(error) => {
                 let why = faults::causes(&error);
-                let why = format!("no more workers can be asked for: {why}");
+                let why = format!("no more workers can be requested: {why}");
                 if error.is_of_this_request() {
                     self.memory.refusals.add(&resources, why, Instant::now());
                 } else {
@@ -327,7 +327,7 @@ impl Control {
         match (&obstacle, &self.memory.told) {
             (Some(obstacle), _) => tracing::warn!("{obstacle}"),
             (None, Some(Some(_))) => {
-                tracing::info!("{} can be asked for workers again", self.engine.name());
+                tracing::info!("{} places workers again", self.engine.name());
             }
             (None, _) => {}
         }

@@ -5,28 +5,30 @@ use std::time::Duration;
 #[derive(Debug, thiserror::Error)]
 pub enum EngineError {
     #[error(
-        "cannot run {program} of Slurm: {source}; Slurm's commands must be installed where the server runs"
+        "cannot run Slurm's {program}: {source}; install Slurm's commands where the server runs"
     )]
     Program { program: &'static str, source: io::Error },
-    #[error("{program} of Slurm did not answer within {} s", limit.as_secs())]
+    #[error("Slurm's {program} did not answer within {} s", limit.as_secs())]
     ProgramSilent { program: &'static str, limit: Duration },
-    #[error("{program} of Slurm failed: {message}")]
+    #[error("Slurm's {program} failed: {message}")]
     ProgramFailed { program: &'static str, message: String },
-    #[error("{program} of Slurm printed {line:?}, which is not what was asked for")]
+    #[error("Slurm's {program} printed an unexpected line: {line:?}")]
     Unreadable { program: &'static str, line: String },
     #[error("Kubernetes did not answer within {} s", limit.as_secs())]
     KubernetesSilent { limit: Duration },
     #[error(
-        "Kubernetes does not know who asks (401): {message}; check the credentials or the service account's token"
+        "Kubernetes does not accept the credentials (401): {message}; check them, or the service \
+         account's token"
     )]
     Unauthorized { message: String },
     #[error(
-        "Kubernetes does not allow it (403): {message}; the Role in deploy/kubernetes/server.yaml says what is needed"
+        "Kubernetes does not allow the request (403): {message}; the Role in \
+         deploy/kubernetes/server.yaml has the needed permissions"
     )]
     Forbidden { message: String },
     #[error("Kubernetes refuses ({code}): {message}")]
     Refused { code: u16, message: String },
-    #[error("cannot ask Kubernetes")]
+    #[error("the request to Kubernetes failed")]
     Kubernetes(#[source] Box<kube::Error>),
 }
 

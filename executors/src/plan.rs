@@ -250,8 +250,7 @@ impl<'a> Leaving<'a> {
                 (!self.is_spare(worker), worker.state == WorkerState::Busy, !worker.is_pending())
             });
             let Some(worker) = by_loss.first() else { return };
-            self.names
-                .push((worker.name.as_str(), "its place goes to tasks that no worker could do"));
+            self.names.push((worker.name.as_str(), "tasks that no worker can do need its place"));
         }
     }
 

@@ -84,7 +84,7 @@ impl References<'_> {
                     Some(checkpoint) => self.existing(checkpoint, &field).await,
                     None => {
                         let value = format!("{digest} after step {step}");
-                        let allowed = "a checkpoint that is kept, see the list of a training's";
+                        let allowed = "a stored checkpoint, see the training's list";
                         Err(SpecError::one(field, value, allowed).into())
                     }
                 }

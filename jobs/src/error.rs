@@ -9,7 +9,7 @@ pub enum SubmissionError {
     Json(spec::JsonFault),
     #[error("{0}")]
     Spec(SpecError),
-    #[error("job {id} is {state}; only what failed or was cancelled can be tried again")]
+    #[error("job {id} is {state}; only failed and cancelled jobs can be retried")]
     NotFailed { id: JobId, state: JobState },
     #[error(transparent)]
     Store(#[from] StoreError),

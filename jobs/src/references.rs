@@ -161,11 +161,15 @@ impl<'a> References<'a> {
                 let value =
                     format!("{value}, of {} job {}, whose results were deleted", job.kind, job.id);
                 let allowed =
-                    "of a job whose results are there; restore them, or submit its spec again";
+                    "of a job whose results exist; restore them, or submit its spec again";
                 return Ok(SpecError::one(field, value, allowed));
             }
             let value = format!("{value}, of {} job {}, which {}", job.kind, job.id, ended(state));
-            return Ok(SpecError::one(field, value, "of a job that succeeded or still can"));
+            return Ok(SpecError::one(
+                field,
+                value,
+                "of a job that succeeded or can still succeed",
+            ));
         }
         let kinds: Vec<&str> = JobKind::making(product).into_iter().map(JobKind::as_str).collect();
         let mut existing = Vec::new();

@@ -71,7 +71,7 @@ impl<I: Iterator<Item = Result<Rows, ImportError>>> Conversion<I> {
         }
         let ImportCounts { rows, recordings, dropped_samples, .. } = counts;
         Err(ImportError::file(format!(
-            "no trajectory comes out of it: its {rows} rows are {recordings} recordings with \
+            "it gives no trajectory: its {rows} rows are {recordings} recordings with \
              {dropped_samples} samples together, and a trajectory needs {}",
             self.spec.samples
         )))
@@ -103,7 +103,7 @@ impl<I: Iterator<Item = Result<Rows, ImportError>>> Conversion<I> {
 
     fn keep_trajectory(&mut self, recording: Option<&str>) -> Result<(), ImportError> {
         if self.tables.count() == MAX_TRAJECTORIES {
-            let reason = format!("more than {MAX_TRAJECTORIES} trajectories would come out of it");
+            let reason = format!("it would give more than {MAX_TRAJECTORIES} trajectories");
             return Err(ImportError::file(reason));
         }
         let samples = self.window.trajectory();

@@ -29,8 +29,8 @@ pub enum ImportError {
     Memory { file: String },
 
     #[error(
-        "{file:?} cannot be imported: reading the next rows took more than {BATCH_SECONDS} s on a \
-         processor; write it again"
+        "{file:?} cannot be imported: reading the next rows took more than {BATCH_SECONDS} s of \
+         processor time; write the file again"
     )]
     Time { file: String },
 
@@ -40,7 +40,7 @@ pub enum ImportError {
     #[error("the file cannot be imported: no process could be started to read it")]
     Start(#[source] io::Error),
 
-    #[error("the file cannot be imported: the process that read it was not understood")]
+    #[error("the file cannot be imported: the process that read it sent invalid data")]
     Pipe(#[from] io::Error),
 }
 

@@ -166,7 +166,7 @@ impl<R: Read> Iterator for Frames<R> {
 }
 
 fn malformed() -> ImportError {
-    io::Error::new(ErrorKind::InvalidData, "the process that reads the file said no frame").into()
+    io::Error::new(ErrorKind::InvalidData, "the process that reads the file sent no frame").into()
 }
 
 /// The rest of a frame.

@@ -331,7 +331,7 @@ impl ControlSpec {
                 report.violation("planner.horizon", self.planner.horizon, allowed);
             }
             if training.spec.normalization == Normalization::PaperLeaky {
-                let allowed = "one that needs nothing of the future it predicts";
+                let allowed = "one that does not need the future that it predicts";
                 report.violation(&field, "trained with normalization paper-leaky", allowed);
             }
         }
@@ -416,8 +416,9 @@ impl ControlPath {
         for (i, (value, joint)) in displacement.iter().zip(&robot.joints).enumerate() {
             let free = free(joint);
             if *value > free {
-                let allowed =
-                    format!("0 to {free:.4}, which stays within the joint's limits from anywhere");
+                let allowed = format!(
+                    "0 to {free:.4}, which keeps the joint within its limits from any start"
+                );
                 report.violation(&format!("{field}[{i}]"), value, allowed);
             }
         }

@@ -77,7 +77,7 @@ fn expected(message: &str) -> &'static str {
         ("number out of range", "a number below 1.8e308"),
         ("recursion limit", "no more than 128 levels"),
         ("control character", "a text without line breaks and other control characters"),
-        ("escape", "an escape that JSON has"),
+        ("escape", "an escape sequence of JSON"),
     ];
     let known =
         WORDS.iter().find(|(theirs, _)| message.starts_with(theirs) || message.contains(theirs));

@@ -44,7 +44,11 @@ impl Check for DataSource {
         let Self::Stream(stream) = self else { return };
         report.part("stream", stream.as_ref());
         if !stream.execution.is_default() {
-            report.violation("stream.execution", "given", "nothing: a stream is no job of its own");
+            report.violation(
+                "stream.execution",
+                "given",
+                "left out: a stream is not a job of its own",
+            );
         }
     }
 }

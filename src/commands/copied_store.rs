@@ -30,13 +30,9 @@ pub async fn copy(
     let progress = TransferProgress::default();
     let parts = || parts(&contents, &progress);
     let Some(copied) = progress::follow_parts(transfer.run(&progress), parts).await? else {
-        bail!(
-            "interrupted; {to} is unfinished, and the command goes on with it when it is repeated"
-        );
+        bail!("interrupted; {to} is unfinished; repeat the command to continue");
     };
-    copied.with_context(|| {
-        format!("{to} is unfinished; repeat the command when this is put right")
-    })?;
+    copied.with_context(|| format!("{to} is unfinished; repeat the command when this is fixed"))?;
     println!("{}", summary(verbs.done, &contents, &progress));
     Ok(())
 }

@@ -74,11 +74,11 @@ fn dependent(job: &Dependent) -> String {
     let relation = match job.relation {
         Relation::Reads => "reads it",
         Relation::Needs => "needs it",
-        Relation::Continues => "goes on from it",
+        Relation::Continues => "continues from it",
         Relation::Holds => "has it as a member",
     };
     let Dependent { id, kind, name, state, .. } = job;
-    let weight = if state.is_final() { "--force passes over it" } else { "keeps it" };
+    let weight = if state.is_final() { "--force ignores it" } else { "keeps it" };
     format!("{kind} job {id} ({name}, {state}) {relation}: {weight}")
 }
 

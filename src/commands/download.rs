@@ -67,7 +67,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
         vec![Part { name: "download", unit: "kB", done, total: kilobytes(total) }]
     };
     let Some(kept) = follow_parts(work, parts).await? else {
-        eprintln!("interrupted; the command goes on when it is repeated");
+        eprintln!("interrupted; repeat the command to continue");
         return Ok(ExitCode::from(INTERRUPTED));
     };
     let kept = kept?;

@@ -34,7 +34,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     match &worker.task {
         _ if output.json => {}
         Some(WorkersTask { job, label, .. }) if worker.alive => {
-            println!("drained; {name} ends {label} of job {job} and begins no other");
+            println!("drained; {name} ends {label} of job {job} and begins no other task");
         }
         _ => println!("drained; {name} begins no task"),
     }
@@ -48,7 +48,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     if output.json {
         write_json(&worker)?;
     } else if wait {
-        println!("{name} has no task any more; torqued undrain {name} lets it go on");
+        println!("{name} has no task; `torqued undrain {name}` undrains it");
     }
     Ok(ExitCode::SUCCESS)
 }

@@ -67,14 +67,14 @@ fn read_spec(path: &Path, file: &Path) -> anyhow::Result<Value> {
     let mut spec: Value = serde_json::from_slice(&text)
         .with_context(|| format!("{} is not valid JSON", path.display()))?;
     let fields =
-        spec.as_object_mut().with_context(|| format!("{} holds no JSON object", path.display()))?;
+        spec.as_object_mut().with_context(|| format!("{} is not a JSON object", path.display()))?;
     if !fields.contains_key("format") {
         let extension = file.extension().and_then(|extension| extension.to_str());
         let format = extension.map(str::to_ascii_lowercase);
         let known = format.as_deref().filter(|format| ["csv", "parquet"].contains(format));
         ensure!(
             known.is_some(),
-            "the name {} does not tell whether the file is Parquet or CSV; add \"format\" to {}",
+            "the name {} does not show whether the file is Parquet or CSV; add \"format\" to {}",
             file.display(),
             path.display()
         );

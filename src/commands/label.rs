@@ -89,6 +89,6 @@ fn read_note() -> anyhow::Result<String> {
         .read_to_string(&mut note)
         .context("cannot read standard input")?;
     let bytes = note.trim_end().len() as u64;
-    ensure!(bytes < READ_BYTES, "a note may have {} bytes at most", api::limits::NOTE_BYTES);
+    ensure!(bytes < READ_BYTES, "the note is too long, allowed: {} bytes", api::limits::NOTE_BYTES);
     Ok(note.trim_end().to_owned())
 }

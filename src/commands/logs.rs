@@ -60,7 +60,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     newest.iter().try_for_each(|chunk| printer.print(chunk))?;
     if !arguments.follow {
         if newest.is_empty() && arguments.lines > 0 {
-            eprintln!("nothing was logged yet, or the log is not kept any more");
+            eprintln!("nothing was logged yet, or the log was deleted");
         }
         return Ok(ExitCode::SUCCESS);
     }

@@ -20,7 +20,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     match &arguments.dir {
         None => {
             let mut page = Vec::new();
-            Man::new(Cli::command()).render(&mut page).context("cannot make the manual")?;
+            Man::new(Cli::command()).render(&mut page).context("cannot write the manual")?;
             write_bytes(&page)?;
         }
         Some(dir) => {

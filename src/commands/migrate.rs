@@ -37,7 +37,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     let transfer = Transfer::prepare(&from, &to, &S3Options::from_env()?).await?;
     copied_store::copy(transfer, &from, &to, copied_store::MOVING).await?;
     println!(
-        "{from} is as it was; start a server on the new place with: {}",
+        "{from} has not changed; start a server on the new place with: {}",
         copied_store::serve_command(&to)
     );
     Ok(ExitCode::SUCCESS)

@@ -29,8 +29,8 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     let client = arguments.server.client()?;
     if client.is_on_socket() {
         bail!(
-            "no browser opens a socket; forward it to a port, as docs/operate.md says, and name \
-             that with --server"
+            "browsers cannot open a socket; forward it to a port (docs/operate.md), and give that \
+             address with --server"
         );
     }
     let path = match (arguments.resource, arguments.id) {

@@ -18,7 +18,7 @@ pub async fn work_and_serve(
     let result = tokio::select! {
         result = work(&server) => result,
         () = interrupts.next() => {
-            eprintln!("stopping; run it again to go on");
+            eprintln!("stopping; run the command again to continue");
             server.stop(&mut interrupts).await;
             return Ok(ExitCode::from(INTERRUPTED));
         }

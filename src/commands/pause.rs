@@ -35,7 +35,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     if arguments.output.json {
         write_json(&queue)?;
     } else if arguments.wait {
-        println!("no task runs any more; torqued resume lets the queue go on");
+        println!("no task is running; `torqued resume` resumes the queue");
     }
     Ok(ExitCode::SUCCESS)
 }

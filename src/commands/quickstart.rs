@@ -41,7 +41,7 @@ async fn compute_and_show(arguments: &Arguments, server: &Server) -> anyhow::Res
         (true, JobState::Succeeded) => {
             eprintln!("job {} did all this before: nothing to compute, --force does", job.id);
         }
-        (true, _) => eprintln!("going on with job {}: {page}", job.id),
+        (true, _) => eprintln!("continuing with job {}: {page}", job.id),
         (false, _) => eprintln!("job {}: {page}", job.id),
     }
     let job = progress::follow(&client, job.id).await?;

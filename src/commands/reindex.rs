@@ -35,7 +35,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     }
     let found = jobs::find_objects(&store).await?;
     if found.jobs() == 0 {
-        bail!("no dataset and no checkpoint of {location} says what it is; nothing was changed");
+        bail!("no dataset and no checkpoint of {location} describes itself; nothing was changed");
     }
     if !found.left_out.is_empty() && !arguments.leave_out {
         name(&found.left_out);
@@ -68,13 +68,13 @@ fn summary(rebuilt: &Rebuilt) -> String {
     let Rebuilt { datasets, shards, trainings, checkpoints, uploads, unfinished, left_out } =
         rebuilt;
     let mut summary = format!(
-        "made again: {datasets} datasets with {shards} shards, {trainings} trainings with {checkpoints} checkpoints, \
-         {uploads} uploads; {} files left out",
+        "rebuilt: {datasets} datasets with {shards} shards, {trainings} trainings with \
+         {checkpoints} checkpoints, {uploads} uploads; {} files left out",
         left_out.len()
     );
     if !unfinished.is_empty() {
         let jobs: Vec<String> = unfinished.iter().map(JobId::to_string).collect();
-        summary.push_str(&format!("; workers make what is missing of jobs {}", jobs.join(", ")));
+        summary.push_str(&format!("; workers make the missing parts of jobs {}", jobs.join(", ")));
     }
     summary
 }

@@ -133,7 +133,7 @@ async fn list(arguments: List) -> anyhow::Result<()> {
         return Ok(());
     }
     if tokens.tokens.is_empty() {
-        println!("no token; `torqued token create NAME --scope admin` makes the first");
+        println!("no token; `torqued token create NAME --scope admin` creates the first one");
         return Ok(());
     }
     let mut table = Table::new([
@@ -173,7 +173,7 @@ async fn revoke(arguments: Revoke) -> anyhow::Result<()> {
     let tokens = keeper.tokens().await?.tokens;
     let named = tokens.iter().find(|token| token.name == name && token.revoked_at.is_none());
     let Some(token) = named else {
-        bail!("no token is called {name}; `torqued token list` shows all");
+        bail!("there is no token {name}; `torqued token list` shows all");
     };
     let revoked = keeper.revoke(token.id).await?;
     if output.json {
@@ -189,7 +189,7 @@ async fn clear(place: &StoreArguments) -> anyhow::Result<()> {
     let count = store.forget_tokens().await?;
     record(&store, "token clear", None).await?;
     store.close().await;
-    println!("forgot {count} tokens; a server that runs asks for one until it is started anew");
+    println!("deleted {count} tokens; a running server requires one until it is restarted");
     Ok(())
 }
 

@@ -50,7 +50,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
         Format::Csv => format!("{base}/figure.csv"),
         Format::Svg => format!("{base}/figure.svg"),
         Format::Arrow if std::io::stdout().is_terminal() => {
-            bail!("an Arrow stream is nothing to read on a terminal; write it into a file");
+            bail!("an Arrow stream is binary; redirect it to a file instead of the terminal");
         }
         Format::Arrow => format!("{base}?format=arrow"),
     };

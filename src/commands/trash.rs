@@ -47,7 +47,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     }
     print!("{}", table.render());
     if let Some(next) = next {
-        println!("what was deleted before: torqued trash --before {next}");
+        println!("deleted before: torqued trash --before {next}");
     }
     Ok(ExitCode::SUCCESS)
 }

@@ -34,7 +34,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
         if arguments.output.json {
             write_json(&restored)?;
         } else {
-            println!("{} {id} is back{}", restored.kind, in_words(&restored.along));
+            println!("{} {id} is restored{}", restored.kind, in_words(&restored.along));
         }
     }
     Ok(ExitCode::SUCCESS)

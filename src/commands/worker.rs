@@ -106,7 +106,7 @@ fn watch_stdin(shutdown: CancellationToken) {
         while stdin.read(&mut byte).is_ok_and(|count| count > 0) {}
         shutdown.cancel();
         std::thread::sleep(STOP_WITHIN);
-        tracing::error!("the worker did not stop in time; the lease of its task will run out");
+        tracing::error!("the worker did not stop in time; the lease of its task will expire");
         std::process::exit(1);
     });
 }

@@ -130,10 +130,10 @@ impl ExecutorArguments {
     ) -> anyhow::Result<Slurm> {
         let program = match &self.worker_program {
             Some(program) => program.clone(),
-            None => std::env::current_exe().context("cannot tell where this program lies")?,
+            None => std::env::current_exe().context("cannot find the path of this program")?,
         };
         let folder = &options.store.data;
-        let folder = folder.canonicalize().context("cannot tell where the data folder lies")?;
+        let folder = folder.canonicalize().context("cannot find the path of the data folder")?;
         // With objects in a bucket, every machine has a data folder of its own.
         let logs = options.store.objects.is_none().then(|| folder.join("workers"));
         if let Some(logs) = &logs {
@@ -159,7 +159,8 @@ impl ExecutorArguments {
         store: String,
     ) -> anyhow::Result<Kubernetes> {
         let file = self.kubernetes_job.as_ref().context(
-            "--executor kubernetes needs --kubernetes-job FILE; deploy/kubernetes/worker.yaml is one to begin with",
+            "--executor kubernetes needs --kubernetes-job FILE; begin with \
+             deploy/kubernetes/worker.yaml",
         )?;
         let manifest = std::fs::read_to_string(file)
             .with_context(|| format!("cannot read {}", file.display()))?;
@@ -176,8 +177,8 @@ impl ExecutorArguments {
 fn need_postgresql(store: &StoreArguments, executor: &str) -> anyhow::Result<()> {
     ensure!(
         store.database.is_some(),
-        "--executor {executor} needs --database postgres://...: its workers run on other machines, and SQLite must \
-         not be used by several machines at once"
+        "--executor {executor} needs --database postgres://...: its workers run on other machines, \
+         and SQLite works on one machine only"
     );
     Ok(())
 }
@@ -195,7 +196,7 @@ pub fn worker_command(options: &Options, log: &Logging) -> anyhow::Result<Worker
     environment.push((LOG_FORMAT.to_owned(), log.format.as_str().to_owned()));
     environment.extend(urls(&options.store));
     Ok(WorkerCommand {
-        program: process::own_program().context("cannot tell which program this is")?,
+        program: process::own_program().context("cannot find the path of this program")?,
         store: vec!["--data".into(), options.store.data.clone().into()],
         device: device.name().to_owned(),
         gpu_device: options.executor.gpu_device.unwrap_or_else(gpu_device).name().to_owned(),

@@ -121,7 +121,7 @@ async fn purge(store: &Store, leap: Duration) {
         Ok(deleted) if deleted.is_empty() => {}
         Ok(deleted) => {
             let bytes: u64 = deleted.iter().map(|it| it.bytes).sum();
-            tracing::info!(count = deleted.len(), bytes, "deleted for good what was in the trash");
+            tracing::info!(count = deleted.len(), bytes, "permanently deleted things in the trash");
         }
         Err(error) => {
             let error = anyhow::Error::new(error);
@@ -147,7 +147,7 @@ pub async fn forget_events(store: Store, stop: CancellationToken) {
 async fn is_mine(duty: &mut DutyClaim) -> bool {
     duty.is_mine().await.unwrap_or_else(|error| {
         let error = anyhow::Error::new(error);
-        tracing::warn!("cannot tell whether to keep house: {error:#}");
+        tracing::warn!("cannot tell whether this server has the duty: {error:#}");
         false
     })
 }

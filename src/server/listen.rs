@@ -61,8 +61,9 @@ pub fn refuse_unguarded(asked: Option<&Address>, has_token: bool) -> anyhow::Res
     let Some(Address::Tcp(address)) = asked else { return Ok(()) };
     ensure!(
         address.ip().is_loopback() || has_token,
-        "listening on {address}, which other machines can reach, needs a token: make one with `torqued token create NAME --scope \
-         admin --directly`, give TORQUED_TOKEN, which must not be empty, or listen on 127.0.0.1"
+        "other machines can reach {address}, so the server needs a token: create one with `torqued \
+         token create NAME --scope admin --directly`, set TORQUED_TOKEN, which must not be empty, \
+         or listen on 127.0.0.1"
     );
     Ok(())
 }
@@ -76,7 +77,7 @@ pub async fn bind(asked: Option<&Address>) -> anyhow::Result<Bound> {
             .with_context(|| format!("cannot listen on {address}"))?,
         None => bind_a_free_port().await?,
     };
-    let address = listener.local_addr().context("cannot tell the address listened on")?;
+    let address = listener.local_addr().context("cannot find the address of the listener")?;
     Ok(Bound { listener: listener.into(), url: format!("http://{address}"), file: None })
 }
 
@@ -103,10 +104,10 @@ async fn bind_socket(path: &Path) -> anyhow::Result<Bound> {
     let shown = path.display();
     match std::fs::symlink_metadata(path) {
         Ok(there) if !there.file_type().is_socket() => {
-            bail!("cannot listen on unix:{shown}: there is a file that is no socket")
+            bail!("cannot listen on unix:{shown}: the file exists and is not a socket")
         }
         Ok(_) if UnixStream::connect(path).await.is_ok() => {
-            bail!("cannot listen on unix:{shown}: another server does")
+            bail!("cannot listen on unix:{shown}: another server listens there")
         }
         _ => {}
     }
@@ -159,12 +160,12 @@ mod tests {
         let bound = bind(Some(&address)).await.unwrap();
         assert_eq!(std::fs::metadata(&path).unwrap().permissions().mode() & 0o777, 0o600);
         let refused = bind(Some(&address)).await.err().unwrap().to_string();
-        assert!(refused.ends_with("another server does"), "{refused}");
+        assert!(refused.ends_with("another server listens there"), "{refused}");
         drop(bound);
         assert!(!path.exists());
         std::fs::write(&path, "precious").unwrap();
         let refused = bind(Some(&address)).await.err().unwrap().to_string();
-        assert!(refused.ends_with("a file that is no socket"), "{refused}");
+        assert!(refused.ends_with("the file exists and is not a socket"), "{refused}");
         assert_eq!(std::fs::read_to_string(&path).unwrap(), "precious");
     }
 }

@@ -247,7 +247,7 @@ impl Server {
 
     /// Claims no more tasks, lets workers give theirs back, and finishes requests.
     pub async fn stop(self, interrupts: &mut Interrupts) {
-        tracing::info!("stopping; once more to kill");
+        tracing::info!("stopping; interrupt again to kill");
         self.app.announce_end();
         self.stop_workers.cancel();
         tokio::select! {

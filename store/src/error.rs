@@ -30,7 +30,8 @@ pub enum StoreError {
     NewerSchema { place: String, found: i64, known: i64 },
 
     #[error(
-        "{place} has schema {found}, this torqued needs {known}; start a server of this version first"
+        "{place} has schema {found}, but this torqued needs {known}; start a server of this \
+         version first"
     )]
     OlderSchema { place: String, found: i64, known: i64 },
 
@@ -52,16 +53,17 @@ pub enum StoreError {
 
     /// The server of one store would delete objects of the other.
     #[error(
-        "{to} shares a folder, the database or a prefix with {from}; name a place that has all of its own"
+        "{to} shares a folder, the database or a prefix with {from}; choose a place that shares \
+         nothing with it"
     )]
     SharedPlace { from: String, to: String },
 
-    #[error("{place} has {found} already; name an empty place to move a store to")]
+    #[error("{place} has {found} already; choose an empty place for the store")]
     NotEmpty { place: String, found: String },
 
     #[error(
-        "{place} has a part of a store whose copy is not finished; repeat `torqued migrate`, `backup` or `restore` with the \
-         same places; to give it up, delete what is there and in its database"
+        "{place} has an unfinished copy of a store; repeat `torqued migrate`, `backup` or \
+         `restore` with the same places, or delete the copy and its database"
     )]
     UnfinishedTransfer { place: String },
 
@@ -81,12 +83,12 @@ pub enum StoreError {
     },
 
     #[error(
-        "the database was deleted or replaced since it was opened, and nothing that is done from now on would last; \
-         put it back, and start the server and its workers again"
+        "the database was deleted or replaced after it was opened, so further changes would be \
+         lost; put it back, and start the server and its workers again"
     )]
     DatabaseGone,
 
-    #[error("the database took no write for {} s: another process holds it, or the disk hangs", waited.as_secs())]
+    #[error("the database accepted no write for {} s: another process has locked it, or the disk hangs", waited.as_secs())]
     DatabaseBusy { waited: Duration },
 
     #[error("disk full while {operation}")]
@@ -95,13 +97,13 @@ pub enum StoreError {
     #[error("the database failed while {operation}")]
     Database { operation: &'static str, source: sqlx::Error },
 
-    #[error("the database could not be brought up to date")]
+    #[error("the schema of the database could not be migrated")]
     Migration { source: sqlx::migrate::MigrateError },
 
-    #[error("`{url}` is no place for objects: {reason}; allowed is s3://BUCKET/PREFIX")]
+    #[error("`{url}` is not a place for objects: {reason}; allowed: s3://BUCKET/PREFIX")]
     ObjectsUrl { url: String, reason: String },
 
-    #[error("{name} is `{value}`; allowed is {allowed}")]
+    #[error("{name} is `{value}`, allowed: {allowed}")]
     S3Options { name: &'static str, value: String, allowed: String },
 
     #[error("objects in {url} at {endpoint} cannot be used: {reason}")]
@@ -109,8 +111,8 @@ pub enum StoreError {
 
     /// Two databases probably use the same bucket and prefix.
     #[error(
-        "object {path} is there already, with other bytes; two databases cannot keep their objects in one bucket under \
-         one prefix: give each a prefix of its own"
+        "object {path} exists already with other bytes; two databases cannot share a bucket and a \
+         prefix: give each a prefix of its own"
     )]
     ObjectTaken { path: String },
 
@@ -134,18 +136,18 @@ pub enum StoreError {
     #[error("there is no {what} {id}")]
     NotFound { what: &'static str, id: String },
 
-    #[error("a token is called {name} already; revoke it, or choose another name")]
+    #[error("a token with the name {name} exists already; revoke it, or choose another name")]
     TokenExists { name: String },
 
-    #[error("there are {MAX_TOKENS} tokens, as many as may be; revoke some")]
+    #[error("there are {MAX_TOKENS} tokens, which is the limit; revoke some")]
     TooManyTokens,
 
     #[error("{what} {id} would have {tags} tags, allowed: {MAX_TAGS}; remove some of them first")]
     TooManyTags { what: &'static str, id: i64, tags: usize },
 
     #[error(
-        "the first token must have the scope admin, not {scope}: from then on the server asks for a token, and nobody could \
-         make another"
+        "the first token has the scope {scope}, allowed: admin; the server requires a token from \
+         then on, and without admin nobody could create another one"
     )]
     FirstToken { scope: Scope },
 
@@ -155,7 +157,7 @@ pub enum StoreError {
     #[error("needs job {job}, which is {state}")]
     NeedNotMet { job: JobId, state: JobState },
 
-    #[error("idempotency key {key:?} came with a different request before")]
+    #[error("idempotency key {key:?} was used before with a different request; use another key")]
     IdempotencyConflict { key: String },
 
     #[error("an experiment {name:?} exists already")]
@@ -174,7 +176,7 @@ pub enum StoreError {
     NotDeleted { item: Item },
 
     #[error(
-        "{item} went into the trash with what owns it; restore job {job}, which made it, or its run"
+        "{item} was deleted together with its owner; restore job {job}, which made it, or its run"
     )]
     OwnerDeleted { item: Item, job: JobId },
 
@@ -198,9 +200,7 @@ pub enum StoreError {
     #[error("{what} {id} is deleted; restore it first")]
     Deleted { what: &'static str, id: String },
 
-    #[error(
-        "param {key:?} of run {run} is {logged:?} since it was first logged; {new:?} cannot replace it"
-    )]
+    #[error("param {key:?} of run {run} was logged as {logged:?} and cannot be changed to {new:?}")]
     ParamChanged { run: String, key: String, logged: String, new: String },
 }
 
@@ -222,7 +222,7 @@ fn in_words(dependents: &[Dependent]) -> String {
         let relation = match it.relation {
             Relation::Reads => "reads it",
             Relation::Needs => "needs it",
-            Relation::Continues => "goes on from it",
+            Relation::Continues => "continues from it",
             Relation::Holds => "has it as a member",
         };
         format!("{} job {} ({}) {relation}", it.kind, it.job, it.state)

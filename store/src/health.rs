@@ -96,7 +96,8 @@ impl Store {
         }
         let space = self.disk_space().ok().filter(DiskSpace::is_low)?;
         Some(format!(
-            "the disk of the data folder has {} MB free, and tasks are claimed from {} MB on",
+            "the disk of the data folder has {} MB free, but tasks are only claimed with {} MB or \
+             more",
             space.free_bytes / 1_000_000,
             space.reserved_bytes / 1_000_000
         ))

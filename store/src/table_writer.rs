@@ -195,7 +195,9 @@ impl TableEncoder {
 
     fn encode_columns(&self, rows: &RecordBatch) -> Result<Vec<ArrowColumnChunk>, ParquetError> {
         if rows.schema_ref().fields() != self.schema.fields() {
-            return Err(ParquetError::General("the rows have other columns".to_owned()));
+            return Err(ParquetError::General(
+                "the rows have other columns than the table".to_owned(),
+            ));
         }
         // The index of the row group matters only to encrypted files.
         let writers = self.factory.create_column_writers(0)?;

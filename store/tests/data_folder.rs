@@ -138,7 +138,7 @@ async fn a_database_from_an_older_version_is_refused_to_a_worker() {
     let dir = tempfile::tempdir().unwrap();
     with_changed_database(dir.path(), "DELETE FROM _sqlx_migrations").await;
     let error = refused(dir.path(), Access::Worker).await;
-    assert!(error.contains(&format!("has schema 0, this torqued needs {SCHEMA}")), "{error}");
+    assert!(error.contains(&format!("has schema 0, but this torqued needs {SCHEMA}")), "{error}");
 }
 
 #[tokio::test]

@@ -94,8 +94,8 @@ impl Warning {
             None,
             scenarios,
             format!(
-                "no joint moves by more than {least_rad} rad during the context, so that nothing of the \
-                 robot can be identified from it"
+                "no joint moves by more than {least_rad} rad during the context, so nothing about \
+                 the robot can be identified"
             ),
         )
     }
@@ -107,8 +107,8 @@ impl Warning {
             Some(f64::from(samples)),
             scenarios,
             format!(
-                "the context has {samples} samples; below {fewest} little of the robot can be \
-                 identified from it"
+                "the context has {samples} samples; with fewer than {fewest}, little about the \
+                 robot can be identified"
             ),
         )
     }

@@ -176,8 +176,8 @@ async fn other_version(store: &Store) -> Option<String> {
     const OWN: &str = env!("CARGO_PKG_VERSION");
     let version = store.server_version().await.ok()?.filter(|version| version != OWN)?;
     Some(format!(
-        "the server is torqued {version} and this worker {OWN}, whose results may differ; start a worker of the \
-         server's version, or this one with --any-version"
+        "the server is torqued {version} and this worker is {OWN}, so results may differ; start a \
+         worker of the server's version, or this one with --any-version"
     ))
 }
 

@@ -14,7 +14,7 @@ pub enum WorkerError {
     #[error(transparent)]
     Device(#[from] models::DeviceError),
     /// A driver that failed once is not trusted with the next task.
-    #[error("device `{device}` failed, and a new process has to open it again")]
+    #[error("device `{device}` failed; only a new process can use it again")]
     DeviceFailed { device: DeviceKind },
     /// Only the end of this process ends the work. Its attempt has ended already.
     #[error(
@@ -71,18 +71,18 @@ pub enum TaskError {
     /// A stored file differs from what its spec gives, or from what was stored.
     #[error("{0}")]
     Differs(String),
-    #[error("the data does not suit the job")]
+    #[error("the data does not fit the job")]
     Unsuitable(#[from] spec::SpecError),
     #[error("{what} {name} does not exist any more")]
     Missing { what: &'static str, name: String },
-    #[error("a job of kind {kind} has no tasks that this version knows how to do")]
+    #[error("this version cannot execute tasks of jobs of kind {kind}")]
     UnknownKind { kind: String },
     #[error("cannot start a thread")]
     Threads(#[from] rayon::ThreadPoolBuildError),
     #[error("{0}")]
     Panicked(String),
     /// The device is out of memory, or its driver failed. burn panics in both cases.
-    #[error("device `{device}` failed, for want of memory perhaps: {message}")]
+    #[error("device `{device}` failed, perhaps for lack of memory: {message}")]
     Device { device: DeviceKind, message: String },
 }
 

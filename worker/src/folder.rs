@@ -28,22 +28,21 @@ pub enum FolderError {
     InUse { dir: PathBuf },
     #[error("{} has files but no dataset.json: choose an empty folder", dir.display())]
     NotEmpty { dir: PathBuf },
-    #[error("{} is no dataset: it has no dataset.json", dir.display())]
+    #[error("{} is not the folder of a dataset: it has no dataset.json", dir.display())]
     NoDataset { dir: PathBuf },
     #[error("{} has a dataset.json that this version cannot read: {detail}", dir.display())]
     Unreadable { dir: PathBuf, detail: String },
     #[error(
-        "{} holds another dataset, of digest {}, not the one asked for, of digest {}: choose \
-         another folder",
+        "{} has a dataset with digest {}, but the spec has digest {}: choose another folder",
         dir.display(), found.short(), asked.short()
     )]
     AnotherDataset { dir: PathBuf, found: Digest, asked: Digest },
     #[error(
-        "{} is not complete: it has {found} of {all} shards; simulate into it again to go on",
+        "{} is not complete: it has {found} of {all} shards; simulate into it again to complete it",
         dir.display()
     )]
     Incomplete { dir: PathBuf, found: usize, all: u64 },
-    #[error("stopped; the shards that were done are kept, and the same command goes on")]
+    #[error("stopped; finished shards are kept, and the same command continues")]
     Stopped,
     #[error("shard {shard:05}: {reason}")]
     Shard { shard: u32, reason: String },

@@ -34,18 +34,18 @@ pub struct Probed {
 /// Why a device cannot be used, in one line.
 #[derive(Debug, Error)]
 pub enum ProbeError {
-    #[error("device `{kind}` cannot be tried: no process could be started")]
+    #[error("device `{kind}` cannot be tested: no process could be started")]
     Spawn { kind: DeviceKind, source: std::io::Error },
     /// The child reported this reason itself.
     #[error("{0}")]
     Refused(String),
     #[error("device `{kind}` cannot be used: its first computation panicked: {message}")]
     Panicked { kind: DeviceKind, message: String },
-    #[error("device `{kind}` cannot be used: the process that tried it ended by {status}")]
+    #[error("device `{kind}` cannot be used: the process that tested it ended by {status}")]
     Died { kind: DeviceKind, status: String },
     #[error("device `{kind}` cannot be used: it had no result after {} s", .limit.as_secs_f32())]
     Hung { kind: DeviceKind, limit: Duration },
-    #[error("device `{kind}` cannot be tried: the process that tried it said {said:?}")]
+    #[error("device `{kind}` cannot be tested: the process that tested it printed {said:?}")]
     Unreadable { kind: DeviceKind, said: String },
 }
 

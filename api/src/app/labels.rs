@@ -87,7 +87,7 @@ fn check(change: &LabelChange) -> Result<(), ApiError> {
     }
     for (field, tags) in [("add_tags", add_tags), ("remove_tags", remove_tags)] {
         if !tags.is_empty() && change.tags.is_some() {
-            violations.add(field, tags.join(", "), "left out beside tags, which says them all");
+            violations.add(field, tags.join(", "), "left out, because tags replaces all tags");
         }
     }
     violations.finish()
@@ -128,7 +128,7 @@ mod tests {
             add_tags: vec!["c".to_owned()],
             ..LabelChange::default()
         });
-        for part in ["name", "10001 bytes", "tags[0]", "add_tags", "left out beside tags"] {
+        for part in ["name", "10001 bytes", "tags[0]", "add_tags", "left out, because tags"] {
             assert!(error.contains(part), "{part}: {error}");
         }
         for name in ["", " ", "a\nb", "a\u{2028}b", "a\0"] {

@@ -108,7 +108,7 @@ impl Violations {
             self.add("sampling.samples", samples, "at least 2, for quantiles");
         }
         if quantiles.len() > QUANTILES {
-            self.add("sampling.quantiles", quantiles.len(), format!("{QUANTILES} of them at most"));
+            self.add("sampling.quantiles", quantiles.len(), format!("at most {QUANTILES} of them"));
         }
         for (index, &quantile) in quantiles.iter().enumerate() {
             if !(0.0..=1.0).contains(&quantile) {

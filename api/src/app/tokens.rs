@@ -96,7 +96,7 @@ fn check(asked: &NewToken) -> Result<(), ApiError> {
         violations.add("name", name, TOKEN_NAMES);
     }
     if [ANYONE, SERVERS_TOKEN].contains(&name.as_str()) {
-        violations.add("name", name, "a name that the audit log uses for nothing else");
+        violations.add("name", name, "a name without another meaning in the audit log");
     }
     let (shortest, longest) = TOKEN_LIFETIME_S;
     if let Some(seconds) = expires_in_s

@@ -108,7 +108,7 @@ fn there_are(state: DatasetState, trajectories: u64, shards: &[Shard]) -> String
                 .chunk_by(|a, b| a.end == b.start)
                 .map(|run| format!("{} to {}", run[0].start, run[run.len() - 1].end - 1))
                 .collect();
-            format!("the shards that are finished hold {}", ranges.join(", "))
+            format!("the finished shards have {}", ranges.join(", "))
         }
     }
 }

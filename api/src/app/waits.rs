@@ -18,7 +18,7 @@ pub(super) fn sentence(wait: &Wait, engine: Option<&str>) -> String {
             flags(resources)
         ),
         (Wait::Drained { resources, workers }, None) => format!(
-            "only drained workers offer {resources}; end that with `torqued undrain {}`",
+            "only drained workers offer {resources}; undrain one with `torqued undrain {}`",
             workers.join("` or `torqued undrain ")
         ),
     }
@@ -66,7 +66,7 @@ mod tests {
         let workers = vec!["w1".to_owned(), "w2".to_owned()];
         assert_eq!(
             sentence(&Wait::Drained { resources, workers }, None),
-            "only drained workers offer gpus >= 2; end that with `torqued undrain w1` or `torqued undrain w2`"
+            "only drained workers offer gpus >= 2; undrain one with `torqued undrain w1` or `torqued undrain w2`"
         );
         let moment = "2026-12-01T09:00:00+01:00".parse().unwrap();
         assert_eq!(sentence(&Wait::Until(moment), None), "from 2026-12-01T08:00:00Z on");

@@ -26,8 +26,9 @@ impl App {
     pub async fn obstacles(&self, workers: &[Worker]) -> Result<Vec<String>, ApiError> {
         let mut obstacles = Vec::new();
         if let Some(since) = self.queue().await?.paused_at {
-            obstacles
-                .push(format!("the queue is paused since {since}; `torqued resume` ends that"));
+            obstacles.push(format!(
+                "the queue is paused since {since}; resume it with `torqued resume`"
+            ));
         }
         let engine = self.store.engine().await?;
         let are_alive = workers.iter().any(|worker| worker.alive);
@@ -35,15 +36,15 @@ impl App {
         if engine.is_some() {
             // The engine provides missing workers. If that fails, it has an obstacle of its own.
         } else if !are_alive {
-            let nobody = "no worker is alive, so that tasks wait; start one with `torqued worker`";
+            let nobody = "tasks wait, because no worker is alive; start one with `torqued worker`";
             obstacles.push(nobody.to_owned());
         } else if !are_free {
-            let nobody =
-                "every worker is drained, so that tasks wait; `torqued undrain NAME` ends that";
+            let nobody = "tasks wait, because every worker is drained; undrain one with `torqued undrain \
+                 NAME`";
             obstacles.push(nobody.to_owned());
         } else if let Some(wait) = self.store.why_all_wait().await? {
             let why = sentence(&wait, None);
-            obstacles.push(format!("no worker can take any task that waits: {why}"));
+            obstacles.push(format!("no worker can take any waiting task: {why}"));
         }
         obstacles.extend(engine.and_then(|engine| engine.obstacle));
         obstacles.extend(self.store.obstacle());

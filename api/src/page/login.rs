@@ -58,7 +58,7 @@ pub async fn log_in(
     let Form(Login { token, back }) = form.map_err(unreadable)?;
     let back = own_page(back);
     let Some((caller, session)) = app.log_in(token.trim()).await? else {
-        tracing::warn!("somebody tried to log in with a token that opens nothing");
+        tracing::warn!("somebody tried to log in with a token that is not valid");
         let page = html(&LoginPage { back, was_refused: true })?;
         return Ok((StatusCode::UNAUTHORIZED, page).into_response());
     };

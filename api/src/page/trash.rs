@@ -111,7 +111,7 @@ fn page(found: &Dependents, days: u64) -> DeletePage {
         relation: match job.relation {
             Relation::Reads => "reads it",
             Relation::Needs => "needs it",
-            Relation::Continues => "goes on from it",
+            Relation::Continues => "continues from it",
             Relation::Holds => "has it as a member",
         },
     };

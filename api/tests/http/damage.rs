@@ -125,7 +125,7 @@ async fn a_file_of_another_size_or_none_is_refused_before_its_first_byte() {
     std::fs::write(&path, [&bytes[..], b"more"].concat()).unwrap();
     refused(&["expected 5000 bytes, found 5004 bytes"]).await;
     std::fs::remove_file(&path).unwrap();
-    refused(&["model.safetensors of checkpoint 1 is not in the data folder any more"]).await;
+    refused(&["model.safetensors of checkpoint 1 is missing"]).await;
 }
 
 #[tokio::test]

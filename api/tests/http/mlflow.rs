@@ -278,7 +278,7 @@ async fn a_file_that_is_too_large_is_refused_and_leaves_nothing() {
     let id = new_run(&server).await;
     let sent = put(&server, &format!("0/{id}/artifacts/a.txt"), b"hello").await;
     let message = refused(&sent, 413, "INVALID_PARAMETER_VALUE");
-    assert!(message.contains("4 bytes at most"), "{message}");
+    assert!(message.contains("allowed: 4 bytes"), "{message}");
     let files = got(&server, &format!("artifacts/list?run_id={id}")).await;
     assert_eq!(files["files"], json!([]));
 }

@@ -118,7 +118,7 @@ async fn who_may_only_read_submits_nothing_and_learns_why() {
     let problem = guarded.server.submit_to("/v1/jobs", &spec, &headers).await.problem(403);
     assert_eq!(
         problem["detail"],
-        "the token read has the scope read, and this needs submit; ask whoever administers the server for one"
+        "the token read has the scope read, but this request needs submit; ask the server's administrator for such a token"
     );
     let headers = [("authorization", guarded.credentials["submit"].as_str())];
     let answer = guarded.server.submit_to("/v1/jobs", &spec, &headers).await;
@@ -160,7 +160,10 @@ async fn a_token_that_cannot_be_made_is_refused_with_every_reason() {
     let server = Server::start().await;
     let problem =
         create(&server, &json!({"name": "ana", "scope": "read"}), None).await.problem(409);
-    assert!(problem["detail"].as_str().unwrap().starts_with("the first token must"), "{problem}");
+    assert!(
+        problem["detail"].as_str().unwrap().starts_with("the first token has the scope read"),
+        "{problem}"
+    );
     let asked = json!({"name": "a b", "scope": "admin", "expires_in_s": 1});
     let problem = create(&server, &asked, None).await.problem(422);
     let fields: Vec<_> =
@@ -273,7 +276,7 @@ async fn a_browser_logs_in_goes_on_to_the_page_it_wanted_and_logs_out() {
 
     let refused = browse(&server, Method::POST, "/login", "", "token=wrong&back=%2F").await;
     assert_eq!(refused.status, 401);
-    assert!(refused.text().contains("opens nothing here"));
+    assert!(refused.text().contains("The token is not valid"));
     assert!(refused.headers.get("set-cookie").is_none());
 
     let token = credentials["submit"].strip_prefix("Bearer ").unwrap();

@@ -60,8 +60,8 @@ async fn a_model_that_does_not_fit_its_data_is_refused_with_both_numbers() {
         ),
         (
             json!({"early_stop": {}, "validation_fraction": 0.01}),
-            "validation_fraction is 0.01, allowed: so large that early_stop has trajectories to \
-             validate with: here it keeps 0 of 10",
+            "validation_fraction is 0.01, allowed: a larger value: early_stop needs trajectories to \
+             validate with, and this keeps 0 of 10",
         ),
     ];
     for (fields, expected) in cases {

@@ -102,7 +102,7 @@ async fn finished_shards_can_be_looked_into_while_others_are_missing() {
     server.finish(&server.claim().await.unwrap()).await;
     assert_eq!(server.json("/v1/datasets/1/trajectories/9").await["shard"], 0);
     let detail = server.get("/v1/datasets/1/trajectories/10").await.problem(404)["detail"].clone();
-    assert!(detail.as_str().unwrap().ends_with("the shards that are finished hold 0 to 9"));
+    assert!(detail.as_str().unwrap().ends_with("the finished shards have 0 to 9"));
     let summary = server.json("/v1/datasets/1/summary").await;
     assert_eq!((&summary["trajectories"], &summary["rejected"]), (&json!(10), &json!(3)));
 }

@@ -48,11 +48,11 @@ async fn a_job_that_no_worker_can_take_says_so_everywhere() {
     assert_eq!(server.json("/healthz").await["status"], "ok");
     let asked = "no worker offers gpus >= 2 and tag a100; Slurm is asked for one";
     assert_eq!(server.json("/v1/jobs/1").await["waits_for"], asked);
-    let obstacle = Some("squeue of Slurm failed".to_owned());
+    let obstacle = Some("Slurm's squeue failed".to_owned());
     let engine = store::Engine { obstacle, ..engine };
     server.store.set_engine(Some(&engine)).await.unwrap();
     let health = server.json("/healthz").await;
-    assert_eq!(health["reasons"], json!(["squeue of Slurm failed"]));
+    assert_eq!(health["reasons"], json!(["Slurm's squeue failed"]));
     server.store.set_engine(None).await.unwrap();
 
     // This job can be executed: the server is well, and the other job still waits.

@@ -92,8 +92,8 @@ mod tests {
             program.run(Vec::new()).await.unwrap_err().to_string()
         };
         let said = error("echo 'sh: error: Invalid partition' >&2; exit 1").await;
-        assert_eq!(said, "sh of Slurm failed: Invalid partition");
-        assert_eq!(error("exit 3").await, "sh of Slurm failed: exit status: 3");
+        assert_eq!(said, "Slurm's sh failed: Invalid partition");
+        assert_eq!(error("exit 3").await, "Slurm's sh failed: exit status: 3");
         let absent = Program::new("squeue-of-nobody").run(Vec::new()).await.unwrap_err();
         assert!(matches!(absent, EngineError::Program { .. }), "{absent}");
     }

@@ -244,14 +244,17 @@ async fn an_engine_that_refuses_or_is_away_is_told_and_waited_for() {
     lab.submit(1).await;
     let forbidden = "jobs.batch is forbidden: User \"system:serviceaccount:lab:torqued\" cannot create resource \"jobs\"";
     for (fault, expected) in [
-        (Fault::Refuses(401, "Unauthorized"), "does not know who asks (401)"),
-        (Fault::Refuses(403, forbidden), "does not allow it (403): jobs.batch is forbidden"),
+        (Fault::Refuses(401, "Unauthorized"), "does not accept the credentials (401)"),
+        (
+            Fault::Refuses(403, forbidden),
+            "does not allow the request (403): jobs.batch is forbidden",
+        ),
         (Fault::Refuses(429, "too many requests"), "refuses (429): too many requests"),
         (Fault::Refuses(500, "etcdserver: leader changed"), "refuses (500): etcdserver"),
-        (Fault::Hangs, "no workers can be asked for: cannot ask Kubernetes"),
+        (Fault::Hangs, "no workers can be requested: the request to Kubernetes failed"),
         (
             Fault::RefusesJobs(403, "exceeded quota: compute"),
-            "no more workers can be asked for: Kubernetes does not allow",
+            "no more workers can be requested: Kubernetes does not allow",
         ),
     ] {
         lab.server.set_fault(Some(fault));
@@ -276,7 +279,10 @@ async fn a_cluster_behind_tls_is_asked_by_tls() {
     let mut control = lab.control(1).await;
     look(&mut control).await;
     let obstacle = lab.obstacle().await.unwrap();
-    assert!(obstacle.contains("no workers can be asked for: cannot ask Kubernetes"), "{obstacle}");
+    assert!(
+        obstacle.contains("no workers can be requested: the request to Kubernetes failed"),
+        "{obstacle}"
+    );
 }
 
 #[tokio::test]

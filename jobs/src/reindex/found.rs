@@ -26,7 +26,7 @@ pub async fn find_objects(store: &Store) -> Result<FoundObjects, StoreError> {
     for path in store.list_objects().await? {
         found.note_ids(&path);
         if !sorted.add(&path) {
-            found.leave_out(path, "it does not say what it is");
+            found.leave_out(path, "it does not describe itself");
         }
     }
     for path in std::mem::take(&mut sorted.uploads) {

@@ -90,7 +90,7 @@ fn said_spec(table: &FoundTable) -> Result<JobSpec, String> {
     };
     let digest: Digest = said("torqued.digest")?
         .parse()
-        .map_err(|_| "torqued.digest of its footer is no digest".to_owned())?;
+        .map_err(|_| "torqued.digest of its footer is not a digest".to_owned())?;
     checked_spec(said("torqued.spec")?.as_bytes(), digest)
 }
 

@@ -88,7 +88,7 @@ async fn read_checkpoint(store: &Store, step: u64, files: &mut Files) -> Result<
         let object = store.find_object(&path).await.map_err(|error| error.to_string())?;
         let text = store.read_object(&object).await.map_err(|error| error.to_string())?;
         let description: CheckpointDescription = serde_json::from_slice(&text)
-            .map_err(|error| format!("{path} is no description: {error}"))?;
+            .map_err(|error| format!("{path} is not a description: {error}"))?;
         let rank = |it: &CheckpointDescription| (it.is_final, it.is_best);
         if best.as_ref().is_none_or(|(other, ..)| rank(other) < rank(&description)) {
             let file = CheckpointDescription::FILE_NAME.to_owned();

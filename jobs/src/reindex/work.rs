@@ -74,12 +74,11 @@ pub struct Rebuilt {
 #[derive(Debug, Error)]
 pub enum ReindexError {
     #[error(
-        "the database has job {0}; only one without jobs is made again: name a data folder or a database of which the jobs are lost"
+        "the database has job {0}; only a database without jobs can be rebuilt: choose a data \
+         folder or a database without jobs"
     )]
     HasJobs(JobId),
-    #[error(
-        "job {found} was made where job {expected} was asked for; repeat with an empty database"
-    )]
+    #[error("the rebuilt job has id {found} instead of {expected}; repeat with an empty database")]
     OtherId { expected: JobId, found: JobId },
     #[error(transparent)]
     Store(#[from] StoreError),
@@ -122,5 +121,5 @@ impl FoundWork {
 
 /// Why a found spec cannot be submitted.
 pub(super) fn refused(error: &SubmissionError) -> String {
-    format!("its job cannot be made again: {error}")
+    format!("its job cannot be rebuilt: {error}")
 }

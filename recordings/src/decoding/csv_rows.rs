@@ -122,8 +122,9 @@ impl CsvRows {
     fn text(&self, column: &Column, place: Place) -> Result<&str, RowError> {
         // The reader has refused records with another length than the header.
         let bytes = self.record.get(column.place).unwrap_or_default();
-        let text = std::str::from_utf8(bytes)
-            .map_err(|_| RowError::value(place, &column.name, "bytes that are no text", "UTF-8"))?;
+        let text = std::str::from_utf8(bytes).map_err(|_| {
+            RowError::value(place, &column.name, "bytes that are not UTF-8 text", "UTF-8")
+        })?;
         let text = text.trim();
         if text.is_empty() { Err(absent(place, &column.name)) } else { Ok(text) }
     }

@@ -33,7 +33,7 @@ pub(crate) enum DecodeError {
     Csv(#[from] CsvError),
     #[error(transparent)]
     Row(#[from] RowError),
-    #[error("the file is damaged: decoding it broke off ({0})")]
+    #[error("the file is damaged: decoding it failed ({0})")]
     Panic(String),
 }
 

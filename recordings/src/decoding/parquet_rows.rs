@@ -182,9 +182,10 @@ impl<R: ChunkReader> ChunkReader for SharedFile<R> {
 /// messages do not help.
 fn check_ends<R: ChunkReader>(file: &R) -> Result<(), DecodeError> {
     let size = file.len();
-    let no_parquet = |reason: &str| Err(DecodeError::File(format!("it is no Parquet: {reason}")));
+    let no_parquet =
+        |reason: &str| Err(DecodeError::File(format!("it is not a Parquet file: {reason}")));
     if size < (MAGIC.len() + TAIL) as u64 {
-        return no_parquet(&format!("it has {size} bytes, and none has less than 12"));
+        return no_parquet(&format!("it has {size} bytes, and a Parquet file has at least 12"));
     }
     if *file.get_bytes(0, MAGIC.len())? != *MAGIC {
         return no_parquet("it does not begin with PAR1");
@@ -196,7 +197,7 @@ fn check_ends<R: ChunkReader>(file: &R) -> Result<(), DecodeError> {
     let length = u32::from_le_bytes([tail[0], tail[1], tail[2], tail[3]]);
     let room = size - (MAGIC.len() + TAIL) as u64;
     if u64::from(length) > room {
-        let reason = format!("its footer claims {length} bytes where {room} are");
+        let reason = format!("its footer claims {length} bytes, and there are {room}");
         return Err(DecodeError::File(reason));
     }
     Ok(())
@@ -226,7 +227,7 @@ fn check_row_counts(metadata: &ParquetMetaData) -> Result<(), DecodeError> {
         rows = rows.saturating_add(count);
     }
     if rows > MAX_ROWS {
-        let reason = format!("it claims {rows} rows, allowed are {MAX_ROWS}");
+        let reason = format!("it claims {rows} rows, allowed: at most {MAX_ROWS}");
         return Err(DecodeError::File(reason));
     }
     if u64::try_from(claimed) != Ok(rows) {

@@ -127,7 +127,7 @@ fn every_beginning_of_a_file_is_refused() {
 #[test]
 fn what_is_no_parquet_is_refused() {
     let spec = spec("parquet", &json!({}));
-    check_refused("", &spec, &["no Parquet", "0 bytes"]);
+    check_refused("", &spec, &["not a Parquet file", "0 bytes"]);
     check_refused(Recordings::of(&[40]).csv(), &spec, &["does not begin with PAR1"]);
     check_refused(b"PAR1........PAR1", &spec, &["footer claims"]);
     let mut encrypted = Recordings::of(&[40]).parquet(small_pages());

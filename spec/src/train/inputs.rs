@@ -78,7 +78,8 @@ impl TrainSpec {
                 "validation_fraction",
                 self.validation_fraction,
                 format!(
-                    "so large that early_stop has trajectories to validate with: here it keeps 0 of {all}"
+                    "a larger value: early_stop needs trajectories to validate with, and this \
+                     keeps 0 of {all}"
                 ),
             );
         }

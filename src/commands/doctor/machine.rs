@@ -22,7 +22,7 @@ pub async fn look(report: &mut Report) -> anyhow::Result<()> {
                 report.good("device", format!("{kind}: {adapter}, {:.2} s", probed.seconds))?;
             }
             Err(error) => {
-                let remedy = "torqued devices says more; serve and worker take another --device";
+                let remedy = "see torqued devices; serve and worker take another --device";
                 report.wrong("device", format!("{kind}: {error}"), remedy)?;
             }
         }

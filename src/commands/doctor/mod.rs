@@ -37,7 +37,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     store::look(&arguments.store.location(), arguments.bytes, &mut report).await?;
     server::look(&client, &mut report).await?;
     if !arguments.output.json {
-        println!("{} wrong, {} to know about", report.wrong, report.doubtful);
+        println!("{} wrong, {} notes", report.wrong, report.doubtful);
     }
     Ok(if report.wrong == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }

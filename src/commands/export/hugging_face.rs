@@ -25,7 +25,7 @@ pub async fn export(client: &Client, id: i64, out: &Path, done: &Done) -> anyhow
         done.add(file.size);
     }
     let config = std::fs::read(out.join("config.json")).context("it has no config.json")?;
-    let config = serde_json::from_slice(&config).context("its config.json is no JSON")?;
+    let config = serde_json::from_slice(&config).context("its config.json is not JSON")?;
     let path = out.join("README.md");
     std::fs::write(&path, card(&checkpoint, &config))
         .with_context(|| format!("cannot write {}", path.display()))?;

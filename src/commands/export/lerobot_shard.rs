@@ -206,7 +206,9 @@ fn numbers(column: &ArrayRef) -> anyhow::Result<Vec<i64>> {
     if let Some(column) = column.as_primitive_opt::<Int32Type>() {
         return Ok(column.values().iter().map(|value| i64::from(*value)).collect());
     }
-    let column = column.as_primitive_opt::<Int64Type>().context("a column holds no integers")?;
+    let column = column
+        .as_primitive_opt::<Int64Type>()
+        .context("a column has values that are not integers")?;
     Ok(column.values().to_vec())
 }
 
@@ -216,7 +218,9 @@ fn values(column: &ArrayRef) -> anyhow::Result<Vec<f32>> {
     if let Some(column) = column.as_primitive_opt::<Float32Type>() {
         return Ok(column.values().to_vec());
     }
-    let column = column.as_primitive_opt::<Float64Type>().context("a column holds no numbers")?;
+    let column = column
+        .as_primitive_opt::<Float64Type>()
+        .context("a column has values that are not numbers")?;
     #[expect(clippy::cast_possible_truncation, reason = "the format has 32 bits")]
     let values = column.values().iter().map(|value| *value as f32).collect();
     Ok(values)

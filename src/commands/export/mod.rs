@@ -61,7 +61,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
         }
     };
     let Some(ended) = follow_parts(work, || vec![done.part()]).await? else {
-        eprintln!("interrupted; the command goes on when it is repeated");
+        eprintln!("interrupted; repeat the command to continue");
         return Ok(ExitCode::from(INTERRUPTED));
     };
     let (what, document) = ended?;
@@ -80,7 +80,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
 /// The folder in which the export is written until it is complete.
 fn unfinished(dir: &Path) -> anyhow::Result<PathBuf> {
     if let Ok(mut entries) = std::fs::read_dir(dir) {
-        ensure!(entries.next().is_none(), "{} is not empty; name another folder", dir.display());
+        ensure!(entries.next().is_none(), "{} is not empty; choose another folder", dir.display());
     }
     let name = dir.file_name().with_context(|| format!("{} has no name", dir.display()))?;
     let mut name = name.to_owned();

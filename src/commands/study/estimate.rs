@@ -243,7 +243,7 @@ impl Display for Estimate {
             None => {
                 writeln!(
                     f,
-                    "memory: {} needed; how much there is here is not known",
+                    "memory: {} needed; this machine's memory is not known",
                     in_words(memory)
                 )
             }

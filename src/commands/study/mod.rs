@@ -65,7 +65,7 @@ async fn compute_and_write(
     let reuse = if arguments.force { Reuse::ComputeAnew } else { Reuse::ByDigest };
     let Submitted { job, existed } = client.submit(Plan::request(plan.scale), reuse).await?;
     let page = client.url(&format!("/jobs/{}", job.id));
-    let verb = if existed { "going on with " } else { "" };
+    let verb = if existed { "continuing with " } else { "" };
     eprintln!("{verb}job {}: {page}", job.id);
     let job: Job = progress::follow(&client, job.id).await?;
     if job.state != JobState::Succeeded {

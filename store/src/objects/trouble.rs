@@ -84,12 +84,13 @@ impl Trouble {
             }
             Self::WrongClock => "the clock of this machine differs from the store's; set it",
             Self::NoConditions => {
-                "the store cannot create an object on the condition that there is none; set \
+                "the store cannot create an object only if there is none; set \
                  AWS_CONDITIONAL_PUT=disabled, and give no other database this bucket and prefix"
             }
-            Self::Busy => "the store says that it cannot answer now; see its log, and try again",
+            Self::Busy => "the store cannot answer now; see its log, and try again",
             Self::Unreachable => {
-                "the store does not answer; see that it runs, and that TORQUED_S3_ENDPOINT names it"
+                "the store does not answer; check that it runs, and that TORQUED_S3_ENDPOINT is \
+                 its address"
             }
         }
     }

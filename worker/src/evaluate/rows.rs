@@ -115,7 +115,8 @@ pub(super) fn complete(result: &mut CellResult, table: &[RecordBatch]) -> Result
     if result.take_rows(&rows) {
         return Ok(());
     }
-    let detail = format!("the table of cell {} has not the rows of its predictors", result.cell);
+    let detail =
+        format!("the table of cell {} does not have the rows of its predictors", result.cell);
     Err(ArrowError::InvalidArgumentError(detail))
 }
 

@@ -38,7 +38,7 @@ pub(super) fn record_batch(
     }
     let named = schema.fields().iter().map(|field| field.name());
     if !named.eq(&arrays.names) {
-        let detail = "robots have not the columns that their spec names".to_owned();
+        let detail = "robots do not have the columns that their spec names".to_owned();
         return Err(ArrowError::SchemaError(detail));
     }
     RecordBatch::try_new(Arc::clone(schema), arrays.arrays)

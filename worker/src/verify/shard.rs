@@ -96,13 +96,13 @@ impl File<'_> {
         let path = &self.recorded.path;
         if self.stored.sha256 != self.recorded.sha256 {
             let what = match self.first_difference(Tolerance::NONE)? {
-                Ok(None) => "its values are those of the simulation, though".to_owned(),
+                Ok(None) => "its values are those of the simulation".to_owned(),
                 Ok(Some(difference)) => difference,
                 Err(unreadable) => unreadable,
             };
             return Err(TaskError::Differs(format!(
-                "{path} is not what was written ({} bytes of SHA-256 {} instead of {} bytes of {}): \
-                 {what}",
+                "checksum mismatch of {path}: {} bytes with SHA-256 {} instead of {} bytes with \
+                 {}: {what}",
                 self.stored.size,
                 self.stored.sha256.short(),
                 self.recorded.size,
@@ -116,7 +116,9 @@ impl File<'_> {
                 Ok(Some(difference)) => difference,
                 Err(unreadable) => unreadable,
             };
-            return Err(TaskError::Differs(format!("{path} is made differently again: {what}")));
+            return Err(TaskError::Differs(format!(
+                "{path} differs when it is made again: {what}"
+            )));
         }
         let version = version.unwrap_or_else(|| "unknown".to_owned());
         let tolerance = tolerance_between_versions(self.content);

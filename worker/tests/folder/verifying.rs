@@ -66,10 +66,7 @@ fn a_truncated_or_missing_file_is_told() {
     for length in [0, 3, 100, bytes.len() / 2, bytes.len() - 1] {
         std::fs::write(&path, &bytes[..length]).unwrap();
         let error = fails(dir.path());
-        assert!(
-            error.contains(&format!("{FILE} is not what was written ({length} bytes")),
-            "{error}"
-        );
+        assert!(error.contains(&format!("checksum mismatch of {FILE}: {length} bytes")), "{error}");
     }
     std::fs::remove_file(&path).unwrap();
     assert_eq!(fails(dir.path()), format!("shard 00001: {FILE} is missing"));
@@ -98,7 +95,7 @@ fn a_changed_value_is_named_with_its_place_and_both_values() {
     let honest = made();
     std::fs::write(honest.path().join(FILE), bytes).unwrap();
     let error = fails(honest.path());
-    assert!(error.contains(&expected) && error.contains("not what was written"), "{error}");
+    assert!(error.contains(&expected) && error.contains("checksum mismatch"), "{error}");
 }
 
 #[test]

@@ -110,7 +110,8 @@ impl App {
         };
         for artifact in self.store.tracked_artifacts(run.id).await? {
             if is_above(&artifact.name, &place.name) || is_above(&place.name, &artifact.name) {
-                let allowed = format!("one that is no folder of {:?}, or in it", artifact.name);
+                let allowed =
+                    format!("one that is not a folder of {:?}, and not below it", artifact.name);
                 return Err(MlflowError::invalid("path", &place.name, &allowed));
             }
         }

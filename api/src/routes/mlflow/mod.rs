@@ -61,7 +61,7 @@ async fn no_models(_: Request) -> Json<Value> {
 /// Answers for a missing endpoint. Clients then assume a server that is older than the endpoint.
 async fn absent(method: Method, uri: Uri) -> MlflowError {
     let message = format!(
-        "{method} {} is not among the paths of MLflow that torqued has; docs/mlflow.md lists them",
+        "torqued does not have MLflow's {method} {}; docs/mlflow.md lists the paths that it has",
         uri.path()
     );
     MlflowError::refused(ErrorCode::EndpointNotFound, message)
