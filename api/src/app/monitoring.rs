@@ -115,13 +115,23 @@ impl App {
         tell_queue(&mut registry, &queue);
         tell_workers(&mut registry, &workers);
         let DiskSpace { free_bytes, reserved_bytes } = self.store.disk_space()?;
-        gauge(&mut registry, "disk_free_bytes", "Room on the disk of the data folder", free_bytes);
-        let what = "Room with less of which no task is claimed";
+        gauge(
+            &mut registry,
+            "disk_free_bytes",
+            "Free space on the disk of the data folder",
+            free_bytes,
+        );
+        let what = "Free space below which no task is claimed";
         gauge(&mut registry, "disk_reserved_bytes", what, reserved_bytes);
-        let what = "Size of all files that were sent and are kept";
+        let what = "Size of all sent files that are kept";
         gauge(&mut registry, "sent_bytes", what, self.store.sent_bytes().await?);
         if let Some(quota) = self.upload_quota_bytes {
-            gauge(&mut registry, "sent_quota_bytes", "What they may take together", quota);
+            gauge(
+                &mut registry,
+                "sent_quota_bytes",
+                "Largest size of all sent files together",
+                quota,
+            );
         }
         let mut text = String::new();
         // Writing to a String cannot fail.
@@ -162,18 +172,14 @@ fn tell_census(registry: &mut Registry, census: Census) {
             attempts.get_or_create(&OfOutcome { kind, outcome: outcome.as_str() }).inc_by(number);
         }
     }
-    registry.register(
-        "attempts",
-        "Attempts at tasks that have ended, by kind of job and outcome",
-        attempts,
-    );
+    registry.register("attempts", "Ended attempts at tasks, by kind of job and outcome", attempts);
 }
 
 fn tell_queue(registry: &mut Registry, queue: &Queue) {
     gauge(registry, "queue_queued_tasks", "Tasks that may be claimed, now or later", queue.queued);
     gauge(registry, "queue_running_tasks", "Tasks that workers have", queue.running);
     let is_paused = u64::from(queue.paused_at.is_some());
-    gauge(registry, "queue_paused", "1 while no task is claimed", is_paused);
+    gauge(registry, "queue_paused", "1 while the queue is paused", is_paused);
 }
 
 fn tell_workers(registry: &mut Registry, workers: &[Worker]) {
@@ -184,13 +190,13 @@ fn tell_workers(registry: &mut Registry, workers: &[Worker]) {
     for worker in workers {
         states.get_or_create(&OfState { state: state(worker) }).inc();
     }
-    registry.register("workers", "Workers by what they do", states);
+    registry.register("workers", "Workers by state", states);
     let alive = || workers.iter().filter(|worker| worker.alive);
     let offers = || alive().map(|worker| &worker.offers);
     let cpus = alive().map(|worker| u64::from(worker.offers.cpus.unwrap_or(worker.threads))).sum();
-    gauge(registry, "worker_cpus", "Processors that living workers offer", cpus);
+    gauge(registry, "worker_cpus", "Processors that live workers offer", cpus);
     let gpus = offers().map(|offer| u64::from(offer.gpus)).sum();
-    gauge(registry, "worker_gpus", "GPUs that living workers offer", gpus);
+    gauge(registry, "worker_gpus", "GPUs that live workers offer", gpus);
 }
 
 /// The state of a worker. A drained worker may still have a task.

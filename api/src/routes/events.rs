@@ -60,7 +60,7 @@ pub struct PlaceParameters {
         status = 200,
         body = String,
         content_type = "text/event-stream",
-        description = "Messages: `event` names the kind, `data` is an `Event`, and `id` the place of one that is kept",
+        description = "Messages: `event` is the kind, `data` is an `Event`, and `id` is the id of a stored event",
     )),
 )]
 pub async fn all(
@@ -86,7 +86,7 @@ pub async fn all(
         status = 200,
         body = String,
         content_type = "text/event-stream",
-        description = "Messages: `event` names the kind, `data` is an `Event`, and `id` the place of one that is kept",
+        description = "Messages: `event` is the kind, `data` is an `Event`, and `id` is the id of a stored event",
     )),
 )]
 pub async fn of_job(
@@ -112,7 +112,7 @@ pub async fn of_job(
         status = 200,
         body = String,
         content_type = "text/event-stream",
-        description = "Messages: `event` names the kind, `data` is an `Event`, and `id` the place of one that is kept",
+        description = "Messages: `event` is the kind, `data` is an `Event`, and `id` is the id of a stored event",
     )),
 )]
 pub async fn of_run(

@@ -110,7 +110,7 @@ fn any() -> RefOr<Schema> {
 fn elsewhere() -> (&'static str, openapi::Response) {
     let location = HeaderBuilder::new().schema(Some(String::schema()));
     let answer = ResponseBuilder::new()
-        .description("With `redirect=true`: the bucket sends the file from the address in `Location`, for 15 minutes")
+        .description("With `redirect=true`: the bucket sends the file from the address in `Location`, which is valid for 15 minutes")
         .header("Location", location.build());
     ("307", answer.build())
 }
@@ -129,9 +129,9 @@ fn answers(
     let empty = |description: &str| ResponseBuilder::new().description(description);
     let answers = ResponsesBuilder::new()
         .response("200", of("The file"))
-        .response("206", of("The part asked for"))
-        .response("304", empty("The caller has the file"))
-        .response("416", empty("The part asked for lies beyond the end"));
+        .response("206", of("The requested part"))
+        .response("304", empty("The client has the file"))
+        .response("416", empty("The requested part lies beyond the end"));
     let further = further.iter().cloned();
     further
         .fold(answers, |answers, (status, answer)| answers.response(status, answer))

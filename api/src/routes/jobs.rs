@@ -49,7 +49,7 @@ pub struct SubmitParameters {
         (
             "Idempotency-Key" = Option<String>,
             Header,
-            description = "Sent again with the same spec, it names the same job",
+            description = "A repeated request with the same key and spec gets the same job",
         ),
     ),
     request_body = JobSpec,
@@ -88,7 +88,7 @@ fn answer(submitted: Submitted) -> Response {
     params(("id" = i64, Path)),
     responses(
         (status = 201, body = Job, headers(("Location" = String))),
-        (status = 200, body = Job, description = "The spec is being tried again already"),
+        (status = 200, body = Job, description = "The spec is being retried already"),
     ),
 )]
 pub async fn retry(State(app): State<App>, Path(id): Path<i64>) -> Result<Response, ApiError> {

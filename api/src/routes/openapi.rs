@@ -16,12 +16,13 @@ use crate::limits::{LOG_WAIT_SECONDS, LOGS_MAXIMUM, PAGE_MAXIMUM, POINTS_MAXIMUM
         description = "In-context identification of robot dynamics as a service: simulate, train, \
                        evaluate.\n\nErrors are RFC 9457 problem details. Lists are newest first \
                        unless they are sorted; `next` is the `cursor` of the following page, and \
-                       `null` on the last one. Of attempts and the audit log it is the `before`. Tasks are in the order in \
-                       which they run; `next` is the `after` of the following page; of logs it is there on every page. Downloads \
-                       answer HEAD, Range, If-Range and If-None-Match and carry the SHA-256 of the \
-                       whole file as ETag and Repr-Digest. They are compared with it: a file that is \
-                       damaged on disk breaks off before its last bytes, and is answered with a \
-                       problem of type `damaged` from then on.",
+                       `null` on the last one. In attempts and the audit log, `next` is the `before`. \
+                       Tasks are in the order in which they run, and `next` is the `after`; so it is \
+                       in logs, where every page has it. Downloads answer HEAD, Range, If-Range and \
+                       If-None-Match, and have the SHA-256 of the whole file as ETag and \
+                       Repr-Digest. The bytes are compared with it: a download of a damaged file \
+                       breaks off before its last bytes, and later requests get a problem of type \
+                       `damaged`.",
         license(name = "MIT OR Apache-2.0", identifier = "MIT OR Apache-2.0"),
     ),
     security((), ("token" = ["read"])),
@@ -45,8 +46,8 @@ impl utoipa::Modify for TokenScheme {
         let scheme = HttpBuilder::new()
             .scheme(HttpAuthScheme::Bearer)
             .description(Some(
-                "Once the server was started with a token or has made one. An operation lists the scope that it needs: \
-                 `read`, `submit` or `admin`, each of which holds those before it.",
+                "Required once the server has a token, from its start or created later. An operation lists the scope that it \
+                 needs: `read`, `submit` or `admin`. Each scope includes those before it.",
             ))
             .build();
         document

@@ -122,7 +122,7 @@ deletable!(
     "/v1/jobs/{id}",
     "/v1/jobs/{id}/restore",
     "/v1/jobs/{id}/dependents",
-    "Move a job that has ended into the trash, with its logs and all that it left; a pipeline with the jobs that were made for it."
+    "Move an ended job into the trash, with its logs and all its results; a pipeline with the jobs that were made for it."
 );
 deletable!(
     run,

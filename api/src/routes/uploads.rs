@@ -55,7 +55,7 @@ pub struct UploadForm {
         (
             "Idempotency-Key" = Option<String>,
             Header,
-            description = "Sent again with the same spec and file, it names the same job",
+            description = "A repeated request with the same key, spec and file gets the same job",
         ),
     ),
     request_body(content(
