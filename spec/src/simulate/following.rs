@@ -59,10 +59,10 @@ impl SimulateSpec {
             doubt(
                 "robot.damping_nm_s_rad",
                 format!("down to {least_damping}"),
-                "below 1 N·m·s/rad arms that reach their joint limits move chaotically: at 0.5, accurate schemes \
-                 part by 0.001 to 10 rad within 400 samples, and each shows one possible motion, not the \
-                 motion; chirps that stay inside the limits are still followed to 1e-4 rad with \
-                 {\"scheme\": \"rk4\", \"substeps\": 12}"
+                "below 1 N·m·s/rad, arms that reach their joint limits move chaotically: at 0.5, \
+                 accurate schemes differ by 0.001 to 10 rad within 400 samples, so a trajectory is \
+                 only one of the possible motions; chirps that stay inside the limits are still \
+                 followed to 1e-4 rad with {\"scheme\": \"rk4\", \"substeps\": 12}"
                     .to_owned(),
             );
         }
@@ -76,10 +76,10 @@ impl SimulateSpec {
             doubt(
                 "robot.gravity",
                 "on".to_owned(),
-                "an arm that nothing holds up falls onto its joint limits: of the default excitations, at every \
-                 damping from 0.1 to 30 N·m·s/rad, no draw stayed clear of them for 400 samples at 60 Hz, \
-                 and the simulation fails when rejection.max_draws are used up; compensate gravity, or set \
-                 rejection.position_margin_rad to null"
+                "gravity pulls the arm onto its joint limits: with the default excitations, at \
+                 every damping from 0.1 to 30 N·m·s/rad, no draw kept away from them for 400 \
+                 samples at 60 Hz, so the simulation fails when rejection.max_draws are used up; \
+                 compensate gravity, or set rejection.position_margin_rad to null"
                     .to_owned(),
             );
         }
@@ -91,9 +91,9 @@ impl SimulateSpec {
         let per_sixtieth = |substeps: u32| f64::from(substeps) * self.rate_hz / 60.0;
         match self.integrator {
             Integrator::Reference => Some(
-                "this is what the paper's simulator amounts to, not a solution: errors are 0.002 to 0.005 rad \
-                 without gravity and 0.01 to 0.03 rad with it at damping 10, and grow to more than 1 rad at \
-                 damping 1"
+                "this reproduces the paper's simulator and is not accurate: at damping 10, errors \
+                 are 0.002 to 0.005 rad without gravity and 0.01 to 0.03 rad with it, and at \
+                 damping 1 they grow to more than 1 rad"
                     .to_owned(),
             ),
             Integrator::Extrapolated { order: order @ 1..=2, .. } => Some(format!(
@@ -104,9 +104,10 @@ impl SimulateSpec {
                 if self.robot.friction.is_some() && least_damping * per_sixtieth(substeps) < 30.0 =>
             {
                 Some(format!(
-                    "extrapolation needs smooth motions and friction bends them where joints turn round: at \
-                     damping 10 errors reach 5e-4 rad with one substep and 6e-5 with four, at damping 2 \
-                     0.003 and 4e-4; {RUNGE_KUTTA} leaves 1e-4 at damping 2 to 10"
+                    "extrapolation needs smooth motions, and friction changes abruptly where \
+                     joints change direction: errors reach 5e-4 rad with one substep and 6e-5 with \
+                     four at damping 10, and 0.003 and 4e-4 at damping 2; {RUNGE_KUTTA} leaves 1e-4 \
+                     at damping 2 to 10"
                 ))
             }
             Integrator::Extrapolated { order: 3, substeps }
@@ -122,9 +123,9 @@ impl SimulateSpec {
                 if least_damping * per_sixtieth(substeps) < 6.0 =>
             {
                 Some(format!(
-                    "steps are long for damping as light as {least_damping} N·m·s/rad: with one substep errors reach \
-                     2e-4 rad at damping 5, 0.004 at 2 and more than 0.1 at 1; {RUNGE_KUTTA} leaves 1e-5 \
-                     at 2 and above"
+                    "the steps are too long for a damping of {least_damping} N·m·s/rad: with one \
+                     substep, errors reach 2e-4 rad at damping 5, 0.004 at 2 and more than 0.1 at \
+                     1; {RUNGE_KUTTA} leaves 1e-5 at 2 and above"
                 ))
             }
             Integrator::Extrapolated { .. } => None,
@@ -142,8 +143,8 @@ impl SimulateSpec {
 
         if !self.robot.knows_least_inertias() {
             return Some(
-                "the robot's description has no least_inertia_kg_m2 for every joint, so that nothing tells \
-                 whether explicit steps are stable; one unstable arm fails its shard"
+                "the robot's description does not have least_inertia_kg_m2 for every joint, so it \
+                 is not known whether explicit steps are stable; one unstable arm fails its shard"
                     .to_owned(),
             );
         }
@@ -151,10 +152,10 @@ impl SimulateSpec {
         let step = 1.0 / (self.rate_hz * f64::from(substeps));
         (rate * step > SAFE * RUNGE_KUTTA_LIMIT).then(|| {
             format!(
-                "the damping of joint {} decays at up to {rate:.0} /s in the lightest arms that can be drawn; \
-                 steps of {step:.1e} s make those unstable, or nearly so (the limit is \
-                 {RUNGE_KUTTA_LIMIT} / {step:.1e} s = {:.0} /s), and one unstable arm fails its shard; use {} \
-                 substeps",
+                "joint {} loses its velocity at up to {rate:.0} /s in the lightest possible arms; \
+                 steps of {step:.1e} s make these unstable, or nearly so (the limit is \
+                 {RUNGE_KUTTA_LIMIT} / {step:.1e} s = {:.0} /s), and one unstable arm fails its \
+                 shard; use {} substeps",
                 joint + 1,
                 RUNGE_KUTTA_LIMIT / step,
                 self.stable_substeps(rate / SAFE),
@@ -164,15 +165,17 @@ impl SimulateSpec {
 
     fn runge_kutta_too_coarse(&self, steps_per_sixtieth: f64) -> Option<String> {
         let (needed, errors) = match self.robot.friction {
-            None => (4.0, "reach 1e-4 rad with two or three and 0.005 with one"),
-            Some(_) => {
-                (6.0, "reach 1e-4 rad with four or five, 4e-4 with two or three and 0.2 with one")
-            }
+            None => (4.0, "reach 1e-4 rad with two or three steps per 1/60 s and 0.005 with one"),
+            Some(_) => (
+                6.0,
+                "reach 1e-4 rad with four or five steps per 1/60 s, 4e-4 with two or three and \
+                     0.2 with one",
+            ),
         };
         (steps_per_sixtieth < needed).then(|| {
             format!(
-                "errors {errors} per 1/60 s at damping 1 to 10, and stay within 1e-4 from {needed} on; here \
-                 there are {steps_per_sixtieth}"
+                "errors {errors} at damping 1 to 10, and stay within 1e-4 with {needed} or more; \
+                 this spec has {steps_per_sixtieth}"
             )
         })
     }
