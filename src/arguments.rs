@@ -95,7 +95,8 @@ pub struct DeviceArguments {
 
 /// Reads the name of a worker, which is part of addresses of the API.
 ///
-/// # Errors A text that says which names are allowed.
+/// # Errors
+/// A text that says which names are allowed.
 pub fn worker_name(name: &str) -> Result<String, String> {
     let is_plain = |b: u8| b.is_ascii_alphanumeric() || b"-_.".contains(&b);
     if (1..=100).contains(&name.len()) && name.bytes().all(is_plain) {

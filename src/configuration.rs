@@ -24,7 +24,8 @@ const NO_KEYS: [&str; 3] = [FLAG, "help", "version"];
 /// precedence over a variable, a variable over the file, and the file over the built-in default. An
 /// invalid command line ends the process, as `--help` does.
 ///
-/// # Errors Name the file, the key and what is allowed.
+/// # Errors
+/// Name the file, the key and what is allowed.
 pub fn parse() -> anyhow::Result<Cli> {
     let arguments: Vec<OsString> = std::env::args_os().collect();
     let matches = Cli::command().get_matches_from(&arguments);

@@ -7,7 +7,8 @@ use crate::process::own_program;
 
 /// Tests a device in a child process.
 ///
-/// # Errors One line that says why the device cannot be used.
+/// # Errors
+/// One line that says why the device cannot be used.
 pub async fn probe(kind: DeviceKind) -> Result<Probed, ProbeError> {
     let program = own_program().map_err(|source| ProbeError::Spawn { kind, source })?;
     let mut child = Command::new(program);
@@ -18,7 +19,8 @@ pub async fn probe(kind: DeviceKind) -> Result<Probed, ProbeError> {
 /// Tests a device before work begins on it, and logs its name. Returns the number of GPUs: 0 or 1.
 /// The processor is not tested, because it needs no driver.
 ///
-/// # Errors Like [`probe`].
+/// # Errors
+/// Like [`probe`].
 pub async fn require(kind: DeviceKind) -> Result<u32, ProbeError> {
     if !kind.is_apart() {
         return Ok(0);

@@ -22,7 +22,8 @@ macro_rules! println {
 
 /// Writes to standard output. Ends this process quietly when nobody reads the output.
 ///
-/// # Panics When writing fails for another reason.
+/// # Panics
+/// When writing fails for another reason.
 pub fn write(text: Arguments<'_>) {
     let mut output = io::stdout().lock();
     match output.write_fmt(text).and_then(|()| output.flush()) {
@@ -34,7 +35,8 @@ pub fn write(text: Arguments<'_>) {
 
 /// Writes a document of the API as one line.
 ///
-/// # Errors When it cannot be written as JSON. Every document of the API can.
+/// # Errors
+/// When it cannot be written as JSON. Every document of the API can.
 pub fn write_json(document: &impl Serialize) -> serde_json::Result<()> {
     println!("{}", serde_json::to_string(document)?);
     Ok(())
@@ -42,7 +44,8 @@ pub fn write_json(document: &impl Serialize) -> serde_json::Result<()> {
 
 /// Writes binary data to standard output.
 ///
-/// # Errors When writing fails. If nobody reads the output, that is no error.
+/// # Errors
+/// When writing fails. If nobody reads the output, that is no error.
 pub fn write_bytes(bytes: &[u8]) -> io::Result<()> {
     let mut output = io::stdout().lock();
     match output.write_all(bytes).and_then(|()| output.flush()) {

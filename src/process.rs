@@ -10,7 +10,8 @@ use nix::unistd::Pid;
 /// The program of this process, so that it can start itself again. It is the same program even if
 /// another version has replaced the file since.
 ///
-/// # Errors When the operating system does not provide it.
+/// # Errors
+/// When the operating system does not provide it.
 pub fn own_program() -> io::Result<PathBuf> {
     // Linux resolves this to the program itself, and not to a name that it once had.
     let own = PathBuf::from("/proc/self/exe");

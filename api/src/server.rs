@@ -31,8 +31,9 @@ pub enum ServeError {
 /// Answers requests until `shutdown` completes. Running requests then have another
 /// [`SHUTDOWN_GRACE`].
 ///
-/// # Errors [`ServeError::OpenWithoutToken`] when other machines can reach `listener` and `app`
-/// requires no token. Also when the database fails.
+/// # Errors
+/// [`ServeError::OpenWithoutToken`] when other machines can reach `listener` and `app` requires no
+/// token. Also when the database fails.
 pub async fn serve(
     listener: impl Into<Listener>,
     app: App,

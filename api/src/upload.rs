@@ -218,7 +218,8 @@ fn form_error(error: &multer::Error, limit: u64) -> ApiError {
 impl IncomingFile {
     /// The next bytes; `None` at the end.
     ///
-    /// # Errors When they do not arrive in time, are cut off, or are too many.
+    /// # Errors
+    /// When they do not arrive in time, are cut off, or are too many.
     pub async fn next(&mut self) -> Result<Option<Bytes>, ApiError> {
         let (limit, patience) = (self.limit, self.patience);
         let piece = match &mut self.source {
@@ -265,7 +266,8 @@ impl FromRequest<App> for IncomingBytes {
 impl IncomingBytes {
     /// The next bytes; `None` at the end.
     ///
-    /// # Errors When they do not arrive in time, are cut off, or are too many.
+    /// # Errors
+    /// When they do not arrive in time, are cut off, or are too many.
     pub async fn next(&mut self) -> Result<Option<Bytes>, ApiError> {
         let piece = self.patience.wait(self.body.next()).await?.transpose();
         let piece = piece.map_err(|error| ApiError::Body { reason: error.to_string() })?;

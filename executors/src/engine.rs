@@ -89,7 +89,8 @@ impl Engine {
 
     /// Requests a worker. Returns the engine's name for it.
     ///
-    /// # Errors Like [`Engine::workers`].
+    /// # Errors
+    /// Like [`Engine::workers`].
     pub async fn ask(&self, ask: &Ask) -> Result<String, EngineError> {
         match self {
             Self::Slurm(slurm) => slurm.ask(ask).await,
@@ -99,7 +100,8 @@ impl Engine {
 
     /// Withdraws a worker's request, or tells the worker to give its task back and end.
     ///
-    /// # Errors Like [`Engine::workers`]. A worker that is already gone is no error.
+    /// # Errors
+    /// Like [`Engine::workers`]. A worker that is already gone is no error.
     pub async fn let_go(&self, name: &str, identifier: &str) -> Result<(), EngineError> {
         match self {
             Self::Slurm(slurm) => slurm.let_go(identifier).await,

@@ -23,7 +23,8 @@ pub(crate) struct Inputs {
 impl Inputs {
     /// The trajectories that the job reads.
     ///
-    /// # Errors When it reads no trajectories.
+    /// # Errors
+    /// When it reads no trajectories.
     pub fn data(&self) -> Result<&FoundData, SpecError> {
         self.data.first().ok_or_else(|| SpecError::one("data", "", "a dataset"))
     }

@@ -8,7 +8,8 @@ use crate::references::Resolved;
 
 /// Plans a resolved spec. `name` is its name in a pipeline.
 ///
-/// # Errors When it does not fit its inputs, or needs more tasks than a job may have.
+/// # Errors
+/// When it does not fit its inputs, or needs more tasks than a job may have.
 pub(crate) fn plan(
     name: Option<&str>,
     resolved: &Resolved,

@@ -41,8 +41,9 @@ pub async fn submit(
 /// the jobs of a pipeline, and the tasks of kinds that take over tasks. The new job has the labels
 /// of the old one.
 ///
-/// # Errors [`SubmissionError::NotFailed`] for any other job. [`SubmissionError::Spec`] when the
-/// spec refers to something that is gone.
+/// # Errors
+/// [`SubmissionError::NotFailed`] for any other job. [`SubmissionError::Spec`] when the spec refers
+/// to something that is gone.
 pub async fn retry(
     store: &Store,
     limits: &Limits,
@@ -63,7 +64,8 @@ pub async fn retry(
 
 /// Like [`submit`], for a spec that [`spec::parse`] has read.
 ///
-/// # Errors When it is refused. Nothing is queued then.
+/// # Errors
+/// When it is refused. Nothing is queued then.
 pub async fn submit_spec(
     store: &Store,
     limits: &Limits,

@@ -42,8 +42,9 @@ impl<K: Copy + PartialEq, V> Cache<K, V> {
     /// requests for it wait meanwhile. A value that fails to load is forgotten, and the next
     /// request tries again.
     ///
-    /// # Errors [`LiveError::Full`] when all other values are in use. [`LiveError::TooLarge`] when
-    /// the value is larger than the cache. Also the errors of `load`.
+    /// # Errors
+    /// [`LiveError::Full`] when all other values are in use. [`LiveError::TooLarge`] when the value
+    /// is larger than the cache. Also the errors of `load`.
     pub async fn get<F>(
         &self,
         key: K,

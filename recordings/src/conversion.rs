@@ -50,7 +50,8 @@ impl<I: Iterator<Item = Result<Rows, ImportError>>> Conversion<I> {
 
     /// The next trajectories, perhaps none yet; `None` at the end.
     ///
-    /// # Errors When the file is damaged, or has values that the spec does not allow.
+    /// # Errors
+    /// When the file is damaged, or has values that the spec does not allow.
     pub fn next_trajectories(&mut self) -> Result<Option<ImportedTrajectories>, ImportError> {
         while !self.tables.is_full() && (self.cut()? || self.accept_row()?) {}
         if !self.tables.is_full() && !self.read_rows()? {
@@ -63,7 +64,8 @@ impl<I: Iterator<Item = Result<Rows, ImportError>>> Conversion<I> {
 
     /// The counts of the whole file, after [`Self::next_trajectories`] has reached its end.
     ///
-    /// # Errors When the file gave no trajectory.
+    /// # Errors
+    /// When the file gave no trajectory.
     pub fn finish(self) -> Result<ImportCounts, ImportError> {
         let counts = ImportCounts { trajectories: self.tables.count(), ..self.counts };
         if counts.trajectories > 0 {

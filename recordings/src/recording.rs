@@ -36,7 +36,8 @@ impl Recording {
 
     /// Accepts the next row, after [`Self::advance`] has nothing more to hand out.
     ///
-    /// # Errors When its time is wrong.
+    /// # Errors
+    /// When its time is wrong.
     pub fn accept(&mut self, sample: Sample, spec: &ImportSpec) -> Result<(), RowError> {
         match self.last {
             None => self.start_s = sample.time_s,

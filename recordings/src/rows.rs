@@ -57,7 +57,8 @@ pub(crate) const MAX_CHANNELS: usize = 3 * MAX_JOINTS;
 ///
 /// Returns their indices, in the order of [`ImportColumns::named`].
 ///
-/// # Errors The missing columns, with the existing ones.
+/// # Errors
+/// The missing columns, with the existing ones.
 pub(crate) fn find_columns(
     columns: &ImportColumns,
     existing: &[&str],

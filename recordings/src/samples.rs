@@ -75,7 +75,8 @@ impl Sampling {
 
     /// The sample of row `index` of `rows`. `since_start` rows of its recording came before it.
     ///
-    /// # Errors When a value is not finite or outside its range.
+    /// # Errors
+    /// When a value is not finite or outside its range.
     pub fn sample(
         &mut self,
         rows: &Rows,

@@ -47,7 +47,8 @@ impl fmt::Display for PresetPlace {
 /// All presets in the order in which they are shown: the files, and the study, which is made from
 /// its list of models.
 ///
-/// # Panics If a file of the folder `presets` is invalid. A test checks that none is.
+/// # Panics
+/// If a file of the folder `presets` is invalid. A test checks that none is.
 pub fn presets() -> &'static [Preset] {
     static PRESETS: LazyLock<Vec<Preset>> = LazyLock::new(|| {
         let read = |(file, text): &(&str, &str)| {

@@ -34,8 +34,9 @@ impl Client {
     /// Downloads `file` into `folder`. A part that an earlier download left, `NAME.part`, is
     /// continued. `progress` gets the number of bytes so far.
     ///
-    /// # Errors When the server refuses or is silent for too long, the bytes have another digest,
-    /// or the folder has a file with this name and other bytes.
+    /// # Errors
+    /// When the server refuses or is silent for too long, the bytes have another digest, or the
+    /// folder has a file with this name and other bytes.
     pub async fn fetch(
         &self,
         file: &StoredFile,

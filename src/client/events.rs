@@ -49,8 +49,9 @@ impl Events<'_> {
     /// The next event that this version knows. A job's stream ends with [`Event::End`]; do not call
     /// this after it.
     ///
-    /// # Errors When the server refuses or does not answer. After its first answer, when it does
-    /// not answer for 30 s.
+    /// # Errors
+    /// When the server refuses or does not answer. After its first answer, when it does not answer
+    /// for 30 s.
     pub async fn next(&mut self) -> Result<Event, ClientError> {
         loop {
             if let Some((_, lines)) = &mut self.open

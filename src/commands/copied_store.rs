@@ -18,7 +18,8 @@ pub const RESTORING: Verbs = Verbs { doing: "restoring", done: "restored" };
 
 /// Makes the copy, shows its progress, and prints what was compared.
 ///
-/// # Errors When it fails or is interrupted. `to` is unfinished then.
+/// # Errors
+/// When it fails or is interrupted. `to` is unfinished then.
 pub async fn copy(
     transfer: Transfer,
     from: &Location,

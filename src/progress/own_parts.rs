@@ -20,7 +20,8 @@ pub struct Part {
 /// Waits for `work` and shows the progress of its `parts`. The first interrupt drops the work and
 /// returns nothing.
 ///
-/// # Errors When listening for signals fails.
+/// # Errors
+/// When listening for signals fails.
 pub async fn follow_parts<T, E>(
     work: impl Future<Output = Result<T, E>>,
     parts: impl Fn() -> Vec<Part>,

@@ -19,7 +19,8 @@ pub type Report<'a> = &'a (dyn Fn(u64) -> ControlFlow<()> + Sync);
 /// Does `work` on a thread of its own, and shows its progress out of `total` trajectories. The
 /// first interrupt asks it to stop, and the second ends the process.
 ///
-/// # Errors When the work panics, or listening for signals fails.
+/// # Errors
+/// When the work panics, or listening for signals fails.
 pub async fn follow_own<T, E>(
     name: &str,
     total: u64,

@@ -85,8 +85,8 @@ impl ExecutorArguments {
     /// The engine to request workers from, with its options. `None` if this server runs them
     /// itself.
     ///
-    /// # Errors When the arguments contradict each other, or the engine cannot be reached from
-    /// here.
+    /// # Errors
+    /// When the arguments contradict each other, or the engine cannot be reached from here.
     pub async fn engine(
         &self,
         options: &Options,
@@ -185,7 +185,8 @@ fn need_postgresql(store: &StoreArguments, executor: &str) -> anyhow::Result<()>
 
 /// The command that starts workers on this machine.
 ///
-/// # Errors When the operating system does not provide this program's path.
+/// # Errors
+/// When the operating system does not provide this program's path.
 pub fn worker_command(options: &Options, log: &Logging) -> anyhow::Result<WorkerCommand> {
     let own = options.device.device;
     let is_elsewhere = options.executor.executor != Executor::Local;

@@ -34,7 +34,8 @@ pub struct NewArtifact<'a> {
 impl Store {
     /// Publishes a file and commits it as an artifact of the fence's run.
     ///
-    /// # Errors [`StoreError::LeaseLost`] when the lease is lost. The file is not visible then.
+    /// # Errors
+    /// [`StoreError::LeaseLost`] when the lease is lost. The file is not visible then.
     pub async fn put_artifact(
         &self,
         fence: Fence,
@@ -50,8 +51,9 @@ impl Store {
     /// Publishes a Parquet table and commits it as an artifact of the fence's run. Returns that
     /// run. `footer` goes into the file's key-value metadata.
     ///
-    /// # Errors [`StoreError::LeaseLost`] when the lease is lost. The file is not visible then. It
-    /// also fails when the disk is full.
+    /// # Errors
+    /// [`StoreError::LeaseLost`] when the lease is lost. The file is not visible then. It also
+    /// fails when the disk is full.
     #[boxed]
     pub async fn put_table(
         &self,

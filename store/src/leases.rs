@@ -175,7 +175,8 @@ pub(crate) async fn held(
 /// at once: a transaction that is only dropped ends a moment later, and until then it hides the
 /// task from claims.
 ///
-/// # Errors Like [`held`].
+/// # Errors
+/// Like [`held`].
 pub(crate) async fn held_or_rolled_back(
     mut tx: Transaction,
     fence: Fence,
@@ -191,7 +192,8 @@ pub(crate) async fn held_or_rolled_back(
 
 /// Like [`held`], and tells whether another task of the same stage is queued.
 ///
-/// # Errors Like [`held`]. The answer about the stage may change while tasks are claimed.
+/// # Errors
+/// Like [`held`]. The answer about the stage may change while tasks are claimed.
 pub(crate) async fn held_in_stage(
     tx: &mut Transaction,
     fence: Fence,

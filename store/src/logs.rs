@@ -74,7 +74,8 @@ impl Store {
     /// logs of older attempts of its job. Existing chunks are replaced, because a worker that got
     /// no answer sends them again.
     ///
-    /// # Errors [`StoreError::LeaseLost`] when the lease is lost. Nothing has changed then.
+    /// # Errors
+    /// [`StoreError::LeaseLost`] when the lease is lost. Nothing has changed then.
     #[boxed]
     pub async fn append_log(&self, fence: Fence, chunks: &[NewLogChunk]) -> Result<(), StoreError> {
         let (Some(first), Some(last)) = (chunks.first(), chunks.last()) else { return Ok(()) };

@@ -41,7 +41,8 @@ impl Store {
     /// Records metrics of the run of the fence's job. A value of a step that was recorded before is
     /// replaced, because a resumed training repeats that step.
     ///
-    /// # Errors [`StoreError::LeaseLost`] when the lease is lost. Nothing has changed then.
+    /// # Errors
+    /// [`StoreError::LeaseLost`] when the lease is lost. Nothing has changed then.
     #[boxed]
     pub async fn record_metrics(&self, fence: Fence, metrics: &[Metric]) -> Result<(), StoreError> {
         patiently!({
@@ -70,7 +71,8 @@ impl Store {
 
     /// Deletes values after `step`. A training that resumes from `step` calls this.
     ///
-    /// # Errors [`StoreError::LeaseLost`] when the lease is lost. Nothing has changed then.
+    /// # Errors
+    /// [`StoreError::LeaseLost`] when the lease is lost. Nothing has changed then.
     #[boxed]
     pub async fn delete_metrics_after(&self, fence: Fence, step: u64) -> Result<(), StoreError> {
         patiently!({

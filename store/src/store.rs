@@ -32,9 +32,10 @@ struct Inner {
 impl Store {
     /// Opens a store in a folder.
     ///
-    /// # Errors When the folder cannot be written, is served by another process, has no store yet
-    /// (for a worker), was written by a newer version or is damaged. In the last two cases nothing
-    /// is changed.
+    /// # Errors
+    /// When the folder cannot be written, is served by another process, has no store yet (for a
+    /// worker), was written by a newer version or is damaged. In the last two cases nothing is
+    /// changed.
     #[boxed]
     pub async fn open(dir: &Path, access: Access) -> Result<Self, StoreError> {
         Self::open_at(&Location::in_folder(dir), access).await
@@ -59,7 +60,8 @@ impl Store {
 
     /// Opens a store with objects in `objects` instead of the folder.
     ///
-    /// # Errors Like [`Store::open_at`].
+    /// # Errors
+    /// Like [`Store::open_at`].
     #[boxed]
     pub async fn open_with_objects(
         location: &Location,

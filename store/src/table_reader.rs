@@ -24,14 +24,16 @@ pub struct TableReader {
 impl Store {
     /// Opens a stored table after checking all its bytes against its digest.
     ///
-    /// # Errors When the file cannot be read, or its bytes differ from those that were published.
+    /// # Errors
+    /// When the file cannot be read, or its bytes differ from those that were published.
     pub fn open_table(&self, object: &StoredObject) -> Result<TableReader, StoreError> {
         TableReader::new(self.objects().open_verified(object)?, object.path.clone())
     }
 
     /// Opens a stored table without checking its digest. The decoder may panic on damaged pages.
     ///
-    /// # Errors When the file does not exist or its footer cannot be read.
+    /// # Errors
+    /// When the file does not exist or its footer cannot be read.
     pub fn open_unchecked(&self, object: &StoredObject) -> Result<TableReader, StoreError> {
         TableReader::new(self.objects().open(&object.path)?, object.path.clone())
     }

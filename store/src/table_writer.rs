@@ -136,7 +136,8 @@ impl TableWriter {
 
     /// Writes the remaining rows and publishes the file.
     ///
-    /// # Errors When the disk is full or fails. Nothing lies under the path then.
+    /// # Errors
+    /// When the disk is full or fails. Nothing lies under the path then.
     pub fn finish(mut self) -> Result<StoredObject, StoreError> {
         if let Some(rows) = self.encoder.encode_rest()? {
             self.file.append(rows)?;

@@ -48,7 +48,8 @@ impl Store {
 
     /// Copies the metrics of another run up to `step` into the run of the fence's job.
     ///
-    /// # Errors [`StoreError::LeaseLost`] when the lease is lost. Nothing has changed then.
+    /// # Errors
+    /// [`StoreError::LeaseLost`] when the lease is lost. Nothing has changed then.
     #[boxed]
     pub async fn take_over_metrics(
         &self,

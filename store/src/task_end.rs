@@ -14,7 +14,8 @@ use crate::{Fence, JobId, Retry, Store, StoreError, leases};
 impl Store {
     /// Ends a task that succeeded, with an optional result.
     ///
-    /// # Errors [`StoreError::LeaseLost`] when the lease is lost. Nothing has changed then.
+    /// # Errors
+    /// [`StoreError::LeaseLost`] when the lease is lost. Nothing has changed then.
     #[boxed]
     pub async fn complete(&self, fence: Fence, result: Option<&Value>) -> Result<(), StoreError> {
         patiently!({
@@ -25,7 +26,8 @@ impl Store {
 
     /// Ends a task that succeeded before it did all the planned work: `done` was enough.
     ///
-    /// # Errors [`StoreError::LeaseLost`] when the lease is lost. Nothing has changed then.
+    /// # Errors
+    /// [`StoreError::LeaseLost`] when the lease is lost. Nothing has changed then.
     #[boxed]
     pub async fn complete_early(
         &self,
@@ -42,7 +44,8 @@ impl Store {
 
     /// Ends a task that failed with `error`.
     ///
-    /// # Errors [`StoreError::LeaseLost`] when the lease is lost. Nothing has changed then.
+    /// # Errors
+    /// [`StoreError::LeaseLost`] when the lease is lost. Nothing has changed then.
     #[boxed]
     pub async fn fail(&self, fence: Fence, error: &str, retry: Retry) -> Result<(), StoreError> {
         patiently!({
@@ -54,7 +57,8 @@ impl Store {
 
     /// Puts a task back without counting the attempt. A worker that shuts down calls this.
     ///
-    /// # Errors [`StoreError::LeaseLost`] when the lease is lost. Nothing has changed then.
+    /// # Errors
+    /// [`StoreError::LeaseLost`] when the lease is lost. Nothing has changed then.
     #[boxed]
     pub async fn release(&self, fence: Fence) -> Result<(), StoreError> {
         patiently!({
@@ -66,7 +70,8 @@ impl Store {
 
     /// Ends a task that was stopped because its cancellation was requested.
     ///
-    /// # Errors [`StoreError::LeaseLost`] when the lease is lost. Nothing has changed then.
+    /// # Errors
+    /// [`StoreError::LeaseLost`] when the lease is lost. Nothing has changed then.
     #[boxed]
     pub async fn stopped(&self, fence: Fence) -> Result<(), StoreError> {
         patiently!({

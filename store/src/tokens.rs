@@ -80,7 +80,8 @@ impl Store {
 
     /// Revokes a token. One that is revoked already stays as it is.
     ///
-    /// # Errors [`StoreError::NotFound`] when there is no such token.
+    /// # Errors
+    /// [`StoreError::NotFound`] when there is no such token.
     #[boxed]
     pub async fn revoke_token(&self, id: TokenId) -> Result<Token, StoreError> {
         let mut tx = self.begin(Rows::Rows, "revoking a token").await?;

@@ -115,7 +115,8 @@ impl Store {
 
     /// Sets a tag of an experiment. With `None`, removes it.
     ///
-    /// # Errors When there is no such experiment, or no such tag to remove.
+    /// # Errors
+    /// When there is no such experiment, or no such tag to remove.
     #[boxed]
     pub async fn tag_experiment(
         &self,

@@ -68,7 +68,8 @@ impl Store {
 
     /// Points of a key, sorted by step, time and value: `limit` after the first `skipped`.
     ///
-    /// # Errors When the database fails. A key that was never logged has no points.
+    /// # Errors
+    /// When the database fails. A key that was never logged has no points.
     #[boxed]
     pub async fn tracked_history(
         &self,

@@ -21,7 +21,8 @@ pub struct ShardReader {
 impl Store {
     /// Opens the trajectories of a shard after checking all their bytes against their digest.
     ///
-    /// # Errors When the file cannot be read, or its contents do not match its row.
+    /// # Errors
+    /// When the file cannot be read, or its contents do not match its row.
     pub fn open_shard(&self, shard: &ShardContents) -> Result<ShardReader, StoreError> {
         ShardReader::new(self.open_table(&shard.trajectories)?, shard.range())
     }
@@ -30,7 +31,8 @@ impl Store {
 impl ShardReader {
     /// Reads a table as `trajectories`, in order.
     ///
-    /// # Errors When its rows do not form exactly these trajectories.
+    /// # Errors
+    /// When its rows do not form exactly these trajectories.
     pub fn new(table: TableReader, trajectories: Range<u64>) -> Result<Self, StoreError> {
         let (rows, count) = (table.rows(), trajectories.end.saturating_sub(trajectories.start));
         if count == 0 || rows == 0 || !rows.is_multiple_of(count) {

@@ -144,8 +144,9 @@ impl fmt::Display for Item {
 impl Store {
     /// Moves an item into the trash, with everything that it owns.
     ///
-    /// # Errors [`StoreError::NotEnded`] while its job has not ended. [`StoreError::Needed`] when
-    /// jobs depend on it. It also fails when there is no such item, or it was deleted before.
+    /// # Errors
+    /// [`StoreError::NotEnded`] while its job has not ended. [`StoreError::Needed`] when jobs
+    /// depend on it. It also fails when there is no such item, or it was deleted before.
     #[boxed]
     pub async fn delete(
         &self,
@@ -182,8 +183,9 @@ impl Store {
     /// Restores an item, with everything that was deleted together with it. Returns the restored
     /// items.
     ///
-    /// # Errors [`StoreError::Purged`] when it is too late. [`StoreError::OwnerDeleted`] when its
-    /// owner is in the trash too. [`StoreError::NotDeleted`] when it was not deleted.
+    /// # Errors
+    /// [`StoreError::Purged`] when it is too late. [`StoreError::OwnerDeleted`] when its owner is
+    /// in the trash too. [`StoreError::NotDeleted`] when it was not deleted.
     #[boxed]
     pub async fn restore(&self, item: Item) -> Result<Vec<Item>, StoreError> {
         let mut tx = self.begin(Scope::Queue, "restoring something").await?;

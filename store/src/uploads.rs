@@ -86,7 +86,8 @@ impl Store {
 
     /// Makes a found object an upload under its digest again, unless there is one.
     ///
-    /// # Errors When the object does not exist, or the database fails.
+    /// # Errors
+    /// When the object does not exist, or the database fails.
     #[boxed]
     pub async fn adopt_upload(&self, object: &StoredObject) -> Result<(), StoreError> {
         if self.upload(object.sha256).await?.is_some() {
@@ -117,7 +118,8 @@ impl Store {
 
     /// Opens an upload after checking all its bytes against its digest. Blocks.
     ///
-    /// # Errors When it cannot be read, or its bytes differ from those that were received.
+    /// # Errors
+    /// When it cannot be read, or its bytes differ from those that were received.
     pub fn open_upload(&self, upload: &Upload) -> Result<File, StoreError> {
         self.objects().open_verified(&upload.object)
     }
@@ -175,8 +177,9 @@ impl UploadWriter {
     /// Syncs, publishes and commits the received bytes. If they exist under another name, they keep
     /// that name.
     ///
-    /// # Errors When the disk is full or fails, or the object store refuses or does not answer.
-    /// There is no upload then.
+    /// # Errors
+    /// When the disk is full or fails, or the object store refuses or does not answer. There is no
+    /// upload then.
     #[boxed]
     pub async fn finish(self, name: &str) -> Result<Upload, StoreError> {
         let (store, object) = self.into_object().await?;

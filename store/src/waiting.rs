@@ -68,7 +68,8 @@ impl Bell {
     /// Waits until it rings, or for `longest`. A task that may be claimed only from a moment on
     /// does not ring.
     ///
-    /// # Errors When the database does not answer. Make another bell then.
+    /// # Errors
+    /// When the database does not answer. Make another bell then.
     #[boxed]
     pub async fn wait(&mut self, longest: Duration) -> Result<(), StoreError> {
         let rang = match &mut self.inner {

@@ -52,7 +52,8 @@ impl Attempt {
     /// interrupt and leave the work halfway. The result of interrupted work is never used, whatever
     /// it looks like.
     ///
-    /// # Errors [`TaskError::Stopped`] when the attempt has to end.
+    /// # Errors
+    /// [`TaskError::Stopped`] when the attempt has to end.
     pub fn interruptible<T>(&self, work: impl FnOnce() -> T) -> Result<T, TaskError> {
         self.check_stop()?;
         let done = self.stop.interrupt().guard(|| Ok::<T, TaskError>(work()))?;

@@ -63,8 +63,9 @@ const RETRY: Duration = Duration::from_secs(2);
 /// gives its task back. While the disk is nearly full it claims no task, because one after the
 /// other would fail.
 ///
-/// # Errors When the data folder or the device cannot be opened, the device failed, or work does
-/// not end when it is told to. A failed task is not an error of the worker.
+/// # Errors
+/// When the data folder or the device cannot be opened, the device failed, or work does not end
+/// when it is told to. A failed task is not an error of the worker.
 pub async fn run(options: &WorkerOptions, shutdown: CancellationToken) -> Result<(), WorkerError> {
     if let Some(threads) = options.threads {
         rayon::ThreadPoolBuilder::new()
@@ -87,7 +88,8 @@ pub async fn run(options: &WorkerOptions, shutdown: CancellationToken) -> Result
 
 /// Claims and executes tasks until `shutdown`, or until no task was found for long enough.
 ///
-/// # Errors Like [`execute`].
+/// # Errors
+/// Like [`execute`].
 async fn work_on(
     store: &Store,
     device: &Device,
@@ -183,8 +185,9 @@ async fn other_version(store: &Store) -> Option<String> {
 
 /// Makes one attempt at a task, to its end.
 ///
-/// # Errors When the device failed: it must not be used again, whatever became of the task. When
-/// work does not end although it was told to: the attempt has ended, and this process must end too.
+/// # Errors
+/// When the device failed: it must not be used again, whatever became of the task. When work does
+/// not end although it was told to: the attempt has ended, and this process must end too.
 async fn execute(
     store: &Store,
     device: &Device,

@@ -100,7 +100,8 @@ impl DatasetFolder {
 
     /// Opens a folder with a complete dataset.
     ///
-    /// # Errors When it has no dataset, has only a part of one, or is in use.
+    /// # Errors
+    /// When it has no dataset, has only a part of one, or is in use.
     pub fn open(dir: &Path) -> Result<Self, FolderError> {
         let missing = || FolderError::NoDataset { dir: dir.to_owned() };
         if !dir.join(DatasetDescription::FILE_NAME).is_file() {

@@ -51,8 +51,9 @@ pub enum ProbeError {
 
 /// Opens a device and lets it compute, in this process.
 ///
-/// # Errors When the device is not built in, cannot be opened or computes wrong results. It may
-/// also panic, crash or hang.
+/// # Errors
+/// When the device is not built in, cannot be opened or computes wrong results. It may also panic,
+/// crash or hang.
 pub fn try_device(kind: DeviceKind) -> Result<Probed, DeviceError> {
     let started = Instant::now();
     let device = Device::open(kind)?;
@@ -63,7 +64,8 @@ pub fn try_device(kind: DeviceKind) -> Result<Probed, DeviceError> {
 
 /// Runs `child`, which prints the JSON of [`try_device`]'s result. Kills it after `limit`.
 ///
-/// # Errors When the child does anything else.
+/// # Errors
+/// When the child does anything else.
 pub async fn probe(
     kind: DeviceKind,
     mut child: Command,

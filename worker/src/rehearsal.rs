@@ -43,8 +43,9 @@ pub fn simulation_seconds(spec: &SimulateSpec) -> Result<f64, RehearsalError> {
 
 /// Takes a few steps of a training on robots of `data`, and makes a few predictions.
 ///
-/// # Errors When the training itself fails. Lack of memory is no such error, because the system may
-/// kill the process then. Therefore few trajectories are computed at once.
+/// # Errors
+/// When the training itself fails. Lack of memory is no such error, because the system may kill the
+/// process then. Therefore few trajectories are computed at once.
 pub fn training_times(
     spec: &TrainSpec,
     data: &SimulateSpec,

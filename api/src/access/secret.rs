@@ -8,7 +8,8 @@ const PREFIX: &str = "torqued_";
 
 /// A new token: the prefix and 256 random bits.
 ///
-/// # Errors When the operating system gives no random bits.
+/// # Errors
+/// When the operating system gives no random bits.
 pub fn token() -> Result<String, getrandom::Error> {
     Ok(format!("{PREFIX}{}", session()?))
 }

@@ -37,7 +37,8 @@ impl App {
     /// The report of a run's job. `None` before its last task has ended, and for the report of
     /// another version.
     ///
-    /// # Errors [`ApiError::Damaged`] when the file is damaged.
+    /// # Errors
+    /// [`ApiError::Damaged`] when the file is damaged.
     pub async fn report<T: DeserializeOwned>(&self, run: i64) -> Result<Option<T>, ApiError> {
         let artifacts = self.store.artifacts_named(&[RunId(run)], REPORT).await?;
         match artifacts.first() {

@@ -90,7 +90,8 @@ impl App {
     /// to be damaged, its body ends with an error before the last bytes, so nobody takes it for the
     /// file. In a tar, the body ends before the last bytes of the damaged file.
     ///
-    /// # Errors [`ApiError::Damaged`] when the damage is known, or the first piece shows it.
+    /// # Errors
+    /// [`ApiError::Damaged`] when the damage is known, or the first piece shows it.
     pub async fn read(&self, file: &Download, part: Range<u64>) -> Result<Body, ApiError> {
         if part.is_empty() {
             return Ok(Body::empty());

@@ -45,7 +45,8 @@ fn is_note(note: &str) -> bool {
 
 /// The labels in the query of a submission.
 ///
-/// # Errors Every label that is not allowed.
+/// # Errors
+/// Every label that is not allowed.
 pub fn submitted(
     name: Option<String>,
     note: Option<String>,

@@ -94,7 +94,8 @@ struct Cursor {
 impl ListRequest {
     /// Reads the list parameters of a query, and ignores others.
     ///
-    /// # Errors [`ApiError::Parameter`] for the first invalid one.
+    /// # Errors
+    /// [`ApiError::Parameter`] for the first invalid one.
     pub fn read(list: &'static List, parameters: &[(String, String)]) -> Result<Self, ApiError> {
         let mut listing = store::Listing {
             kind: list.only.map(|kind| kind.as_str().to_owned()),

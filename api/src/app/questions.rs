@@ -15,8 +15,8 @@ use crate::live::{AboutModel, Question};
 
 /// Reads a value of this type from JSON. An error names the field.
 ///
-/// # Errors [`ApiError::Json`] for invalid JSON, and [`ApiError::Question`] for JSON of another
-/// type.
+/// # Errors
+/// [`ApiError::Json`] for invalid JSON, and [`ApiError::Question`] for JSON of another type.
 pub fn read<T: DeserializeOwned + ToSchema>(bytes: &[u8]) -> Result<T, ApiError> {
     // serde would accept a list in place of an object with named fields.
     let is_object = bytes.trim_ascii_start().starts_with(b"{");
@@ -125,7 +125,8 @@ impl Violations {
 
 /// Turns a request into the model's input.
 ///
-/// # Errors Every violation.
+/// # Errors
+/// Every violation.
 pub fn question(request: &PredictionRequest, about: &AboutModel) -> Result<Question, ApiError> {
     let PredictionRequest { scenarios, sampling, position_noise_rad } = request;
     let AboutModel { context, horizon, joints, rate_hz, .. } = *about;

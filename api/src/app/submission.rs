@@ -38,8 +38,9 @@ impl App {
     /// Submits the spec of a failed or cancelled job again. Completed parts are not done again: the
     /// jobs of a pipeline, and the cells of an evaluation.
     ///
-    /// # Errors [`ApiError::NotFailed`] for any other job. [`ApiError::Spec`] when something that
-    /// the spec refers to is gone.
+    /// # Errors
+    /// [`ApiError::NotFailed`] for any other job. [`ApiError::Spec`] when something that the spec
+    /// refers to is gone.
     pub async fn retry(&self, id: i64) -> Result<Submitted, ApiError> {
         let submitted = jobs::retry(&self.store, &self.limits, JobId(id)).await?;
         self.submitted(submitted).await

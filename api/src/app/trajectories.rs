@@ -71,7 +71,8 @@ impl App {
 
     /// The trajectory's row in the table of robots.
     ///
-    /// # Errors When the trajectory does not exist, or its shard cannot be read.
+    /// # Errors
+    /// When the trajectory does not exist, or its shard cannot be read.
     pub async fn robot(&self, dataset: i64, index: u64) -> Result<Map<String, Value>, ApiError> {
         let Place { shard, .. } = self.place(dataset, index).await?;
         let row = index - shard.contents.first;
@@ -190,7 +191,8 @@ impl StoredTrajectory {
     /// An Arrow IPC stream of the samples. Fields have their units, and the schema has dataset,
     /// trajectory, rate and robot.
     ///
-    /// # Errors When arrow cannot write it.
+    /// # Errors
+    /// When arrow cannot write it.
     pub fn to_arrow(&self) -> Result<Vec<u8>, ArrowError> {
         let fields: Vec<Field> = self
             .samples

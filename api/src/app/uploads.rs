@@ -12,8 +12,9 @@ use crate::upload::IncomingFile;
 impl App {
     /// Stores the file and submits its import.
     ///
-    /// # Errors When the spec is refused, which is checked before the file is received. When the
-    /// file does not arrive completely; nothing of it is kept then.
+    /// # Errors
+    /// When the spec is refused, which is checked before the file is received. When the file does
+    /// not arrive completely; nothing of it is kept then.
     pub async fn import(
         &self,
         mut file: IncomingFile,

@@ -38,7 +38,8 @@ impl Kubernetes {
     /// namespace that the template names; otherwise in that of the configuration or the service
     /// account.
     ///
-    /// # Errors When there is no configuration.
+    /// # Errors
+    /// When there is no configuration.
     pub async fn connect(
         store: String,
         command: WorkerCommand,

@@ -23,7 +23,8 @@ pub fn comment(resources: &Resources, stays: bool) -> String {
 
 /// The workers among the jobs that `squeue` printed. Jobs with other names are not ours.
 ///
-/// # Errors When a worker's line does not have the requested fields.
+/// # Errors
+/// When a worker's line does not have the requested fields.
 pub fn workers(printed: &str, prefix: &str) -> Result<Vec<PlacedWorker>, EngineError> {
     let lines = printed
         .lines()

@@ -74,8 +74,9 @@ impl CsvRows {
 
     /// The next rows; `None` at the end.
     ///
-    /// # Errors When a line has a different number of columns than the header, or a value is
-    /// missing or is not a number.
+    /// # Errors
+    /// When a line has a different number of columns than the header, or a value is missing or is
+    /// not a number.
     pub fn next(&mut self) -> Result<Option<Rows>, DecodeError> {
         let mut rows = Rows { first: self.next_row, ..Rows::default() };
         let mut lines = Vec::with_capacity(BATCH_ROWS);

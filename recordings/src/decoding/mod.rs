@@ -40,8 +40,9 @@ pub(crate) enum DecodeError {
 /// The main function of a child process. It decodes the file on its standard input according to
 /// `spec`, which is JSON, and writes to standard output.
 ///
-/// # Errors When the process cannot be limited, or nobody reads its output. A file that cannot be
-/// decoded is no error here: a frame reports it.
+/// # Errors
+/// When the process cannot be limited, or nobody reads its output. A file that cannot be decoded is
+/// no error here: a frame reports it.
 pub fn decode_standard_input(spec: &str) -> io::Result<()> {
     let mut output = confine(io::stdout().lock())?;
     // A panic is reported in a frame, so standard error need not repeat it.

@@ -85,7 +85,8 @@ impl<R: ChunkReader + 'static> ParquetRows<R> {
 
     /// The next rows; `None` at the end.
     ///
-    /// # Errors When the file is damaged, or a value is missing.
+    /// # Errors
+    /// When the file is damaged, or a value is missing.
     pub fn next(&mut self) -> Result<Option<Rows>, DecodeError> {
         loop {
             if let Some(batches) = &mut self.batches {

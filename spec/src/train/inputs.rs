@@ -64,8 +64,9 @@ impl TrainSpec {
 
     /// Checks data whose number of trajectories [`DataSpec::trajectories`] did not know.
     ///
-    /// # Errors When a batch needs more trajectories than there are for training, or early stopping
-    /// has no validation trajectories.
+    /// # Errors
+    /// When a batch needs more trajectories than there are for training, or early stopping has no
+    /// validation trajectories.
     pub fn check_trajectories(&self, all: u64) -> Result<(), SpecError> {
         let mut report = Report::default();
         self.check_count(all, &mut report);

@@ -40,7 +40,8 @@ struct Row {
 
 /// Does a little of every kind of job in the plan on this machine.
 ///
-/// # Errors When a job itself would fail.
+/// # Errors
+/// When a job itself would fail.
 pub fn estimate(plan: &Plan, device: DeviceKind) -> anyhow::Result<Estimate> {
     let mut rehearsal = Rehearsal {
         pipeline: &plan.pipeline,

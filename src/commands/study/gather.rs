@@ -11,7 +11,8 @@ use crate::client::Client;
 
 /// Collects the results of `plan`'s pipeline, which is the job `job`.
 ///
-/// # Errors When the server cannot be reached, or the pipeline has not succeeded.
+/// # Errors
+/// When the server cannot be reached, or the pipeline has not succeeded.
 pub async fn gather(client: &Client, plan: &Plan, job: &Job) -> anyhow::Result<Study> {
     ensure!(job.state == JobState::Succeeded, "job {} is {}", job.id, job.state);
     let members = Members {

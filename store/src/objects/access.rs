@@ -14,8 +14,9 @@ use crate::{ObjectWriter, Store, StoreError, StoredObject};
 impl Store {
     /// Publishes `bytes` under `path`. In a bucket, an object is never replaced by another one.
     ///
-    /// # Errors When the disk is full or fails, or the object store refuses or does not answer.
-    /// Nothing lies under `path` then. [`StoreError::ObjectTaken`] when another object lies there.
+    /// # Errors
+    /// When the disk is full or fails, or the object store refuses or does not answer. Nothing lies
+    /// under `path` then. [`StoreError::ObjectTaken`] when another object lies there.
     #[boxed]
     pub async fn put_object(&self, path: &str, bytes: Bytes) -> Result<StoredObject, StoreError> {
         let object = StoredObject {

@@ -26,8 +26,9 @@ impl Store {
     /// by itself, so the first range of an object starts a background check of the whole object,
     /// for later requests.
     ///
-    /// # Errors [`StoreError::DamagedObject`] when the object has another size or was found damaged
-    /// before. It also fails when the object cannot be opened or `range` is not in it.
+    /// # Errors
+    /// [`StoreError::DamagedObject`] when the object has another size or was found damaged before.
+    /// It also fails when the object cannot be opened or `range` is not in it.
     #[boxed]
     pub async fn open_object(
         &self,
@@ -60,8 +61,9 @@ impl Store {
 
     /// Checks that an object exists, has its size and was not found damaged.
     ///
-    /// # Errors [`StoreError::DamagedObject`] when it was found damaged or has another size. It
-    /// also fails when the object does not exist.
+    /// # Errors
+    /// [`StoreError::DamagedObject`] when it was found damaged or has another size. It also fails
+    /// when the object does not exist.
     #[boxed]
     pub async fn look_up_object(&self, object: &StoredObject) -> Result<(), StoreError> {
         self.sound_version(object).await.map(|_| ())

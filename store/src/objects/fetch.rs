@@ -34,8 +34,9 @@ impl Elsewhere {
     /// Opens a copy of an object. Its bytes were compared with its digest when they were fetched.
     /// Blocks.
     ///
-    /// # Errors [`StoreError::DamagedObject`] when the bytes differ from those that were published.
-    /// It also fails when the store refuses or does not answer, or when the disk is full or fails.
+    /// # Errors
+    /// [`StoreError::DamagedObject`] when the bytes differ from those that were published. It also
+    /// fails when the store refuses or does not answer, or when the disk is full or fails.
     pub fn open_verified(
         &self,
         object: &StoredObject,
@@ -55,7 +56,8 @@ impl Elsewhere {
     /// Opens a copy of an object without checking its bytes. The copy is deleted when it is closed.
     /// Blocks.
     ///
-    /// # Errors Like [`Self::open_verified`], without the check for damage.
+    /// # Errors
+    /// Like [`Self::open_verified`], without the check for damage.
     pub fn open(&self, path: &str) -> Result<File, StoreError> {
         let failed = || StoreError::file("copying", path);
         let location = parse(path)?;

@@ -41,7 +41,8 @@ impl Elsewhere {
 
     /// Publishes a finished file, and keeps it as the cached copy of the object. Blocks.
     ///
-    /// # Errors Like [`Self::put`]. It also fails when the file cannot be read.
+    /// # Errors
+    /// Like [`Self::put`]. It also fails when the file cannot be read.
     pub fn publish(&self, copy: UnfinishedCopy, object: &StoredObject) -> Result<(), StoreError> {
         self.block_on(self.put_file(object, copy.file()))?;
         // The object is published, so an error of the cache does not matter.

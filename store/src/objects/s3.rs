@@ -70,7 +70,8 @@ const TRIES: usize = 100;
 impl S3Options {
     /// The options in the environment of this process.
     ///
-    /// # Errors [`StoreError::S3Options`] when the endpoint is not a URL.
+    /// # Errors
+    /// [`StoreError::S3Options`] when the endpoint is not a URL.
     pub fn from_env() -> Result<Self, StoreError> {
         let variables = std::env::vars_os();
         Self::new(variables.filter_map(|(name, value)| {
@@ -81,8 +82,9 @@ impl S3Options {
     /// The options in `variables`. `TORQUED_S3_ENDPOINT` takes precedence over
     /// `AWS_ENDPOINT_URL_S3` and `AWS_ENDPOINT_URL`.
     ///
-    /// # Errors [`StoreError::S3Options`] when the endpoint is not a URL, or the size of the cache
-    /// is not a number.
+    /// # Errors
+    /// [`StoreError::S3Options`] when the endpoint is not a URL, or the size of the cache is not a
+    /// number.
     pub fn new(variables: impl IntoIterator<Item = (String, String)>) -> Result<Self, StoreError> {
         let mut options = Self {
             variables: Vec::new(),
@@ -162,9 +164,9 @@ fn checked_endpoint(name: &'static str, value: &str) -> Result<String, StoreErro
 impl ObjectsUrl {
     /// Connects to the bucket, after a test that writes, reads and deletes a small object.
     ///
-    /// # Errors [`StoreError::ObjectsUnusable`], in one line that says what to do, when the bucket
-    /// does not exist, does not answer or refuses. [`StoreError::S3Options`] when an option cannot
-    /// be used.
+    /// # Errors
+    /// [`StoreError::ObjectsUnusable`], in one line that says what to do, when the bucket does not
+    /// exist, does not answer or refuses. [`StoreError::S3Options`] when an option cannot be used.
     pub async fn connect(&self, options: &S3Options) -> Result<RemoteObjects, StoreError> {
         probe(self, options, &*self.objects(options, Patience::BRIEF)?.store).await?;
         self.objects(options, options.patience)

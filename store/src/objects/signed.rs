@@ -36,8 +36,9 @@ impl Store {
     /// where objects do not lie in a bucket. The bytes are not compared with their digest on the
     /// way.
     ///
-    /// # Errors [`StoreError::DamagedObject`] when the object has another size or was found
-    /// damaged. It also fails when the object does not exist.
+    /// # Errors
+    /// [`StoreError::DamagedObject`] when the object has another size or was found damaged. It also
+    /// fails when the object does not exist.
     #[boxed]
     pub async fn signed_url(
         &self,

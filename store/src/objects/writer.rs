@@ -86,9 +86,9 @@ impl ObjectWriter {
 
     /// Syncs and publishes the bytes.
     ///
-    /// # Errors When the disk is full or fails, or the object store refuses or does not answer.
-    /// Nothing lies under the path then. [`StoreError::ObjectTaken`] when another object lies
-    /// there.
+    /// # Errors
+    /// When the disk is full or fails, or the object store refuses or does not answer. Nothing lies
+    /// under the path then. [`StoreError::ObjectTaken`] when another object lies there.
     pub fn finish(self) -> Result<StoredObject, StoreError> {
         let sha256 = Digest::from_bytes(self.digest.finalize().into());
         let object = StoredObject { path: self.path, size: self.size, sha256 };

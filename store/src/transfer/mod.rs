@@ -90,9 +90,9 @@ impl Transfer {
     /// Checks that a store can move, and keeps both sides unchanged as long as this lives. `s3` has
     /// the options for buckets on both sides.
     ///
-    /// # Errors When one of them is in use, cannot be opened, has a schema of another version, or
-    /// shares something with the other. When the target holds something that is not from an earlier
-    /// try.
+    /// # Errors
+    /// When one of them is in use, cannot be opened, has a schema of another version, or shares
+    /// something with the other. When the target holds something that is not from an earlier try.
     pub async fn prepare(
         from: &Location,
         to: &Location,
@@ -106,7 +106,8 @@ impl Transfer {
     /// Like [`Transfer::prepare`], but copies the state of this moment while servers and workers go
     /// on.
     ///
-    /// # Errors Like [`Transfer::prepare`], but the source may be in use.
+    /// # Errors
+    /// Like [`Transfer::prepare`], but the source may be in use.
     pub async fn prepare_backup(
         from: &Location,
         to: &Location,

@@ -70,7 +70,8 @@ pub(super) async fn open_snapshot(location: &Location, s3: &S3Options) -> Result
 /// The identity of the store at a place, if there is one. It is looked up before anything there
 /// could change.
 ///
-/// # Errors When the store has another version, or cannot be opened.
+/// # Errors
+/// When the store has another version, or cannot be opened.
 pub(super) async fn identity(
     location: &Location,
     s3: &S3Options,

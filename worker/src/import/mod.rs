@@ -61,8 +61,9 @@ pub(crate) struct WrittenImport {
 /// Converts the rows of a file into the two tables of a dataset. Their bytes depend only on the
 /// file and on `spec`.
 ///
-/// # Errors [`TaskError::Import`] when the file cannot be imported as `spec` says.
-/// [`TaskError::Stopped`] when `progress` breaks. Nothing is published then.
+/// # Errors
+/// [`TaskError::Import`] when the file cannot be imported as `spec` says. [`TaskError::Stopped`]
+/// when `progress` breaks. Nothing is published then.
 pub(crate) fn convert(
     rows: impl Iterator<Item = Result<Rows, ImportError>>,
     spec: &ImportSpec,

@@ -86,8 +86,9 @@ impl<'a> SimulatedShard<'a> {
     /// simulated, both on the threads of the current rayon pool. A separate thread writes the one
     /// before. Memory does not grow with the shard.
     ///
-    /// # Errors [`TaskError::Stopped`] when `progress` breaks. After this or any other error,
-    /// nothing is published.
+    /// # Errors
+    /// [`TaskError::Stopped`] when `progress` breaks. After this or any other error, nothing is
+    /// published.
     pub fn write(
         &self,
         trajectories: ObjectWriter,

@@ -38,8 +38,9 @@ const fn tolerance_between_versions(content: FileContent) -> Tolerance {
 /// Makes a shard again. Compares both files with the files in `place`, and with their `recorded`
 /// sizes and digests.
 ///
-/// # Errors [`TaskError::Differs`] names the first difference. [`TaskError::Stopped`] when
-/// `progress` breaks.
+/// # Errors
+/// [`TaskError::Differs`] names the first difference. [`TaskError::Stopped`] when `progress`
+/// breaks.
 pub(crate) fn verify(
     shard: &SimulatedShard<'_>,
     recorded: &ShardContents,

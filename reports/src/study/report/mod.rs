@@ -21,7 +21,8 @@ pub use folder::check_replaceable;
 
 /// Writes the report of a study into `out`. An older report there is replaced.
 ///
-/// # Errors When the folder has other contents, or on an error of the disk.
+/// # Errors
+/// When the folder has other contents, or on an error of the disk.
 pub fn write(out: &Path, study: &Study) -> anyhow::Result<()> {
     let mut folder = Folder::new();
     for table in tables::all(study) {
