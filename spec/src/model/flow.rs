@@ -17,8 +17,8 @@ pub const FLOW_STEPS: u32 = 2;
 /// U-Net with CDCNN's form that moves noise to y along straight lines (rectified flow, Liu et al.
 /// 2022), given u and the damped integrator's path.
 ///
-/// At time t, from 1 to 0, the series is (1 - t) y + t ε with ε standard normal. Its velocity is ε
-/// - y.
+/// At time t, from 1 to 0, the series is (1 - t) y + t ε with ε standard normal.
+/// Its velocity is ε - y.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct FlowSpec {
