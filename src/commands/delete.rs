@@ -78,7 +78,7 @@ fn dependent(job: &Dependent) -> String {
         Relation::Holds => "has it as a member",
     };
     let Dependent { id, kind, name, state, .. } = job;
-    let weight = if state.is_final() { "--force ignores it" } else { "keeps it" };
+    let weight = if state.is_final() { "--force ignores it" } else { "prevents the deletion" };
     format!("{kind} job {id} ({name}, {state}) {relation}: {weight}")
 }
 
