@@ -1,4 +1,4 @@
-//! Lists the files of `presets`, in the order of their names: to add a preset is to add a file.
+//! Lists the files of the folder `presets`, sorted by name. To add a preset, add a file.
 
 use std::path::{Path, PathBuf};
 

@@ -1,4 +1,4 @@
-//! The flags that several commands share.
+//! Flags that several commands share.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -9,47 +9,49 @@ use worker::DeviceKind;
 
 use crate::client::{Client, ClientError};
 
-/// Where the commands that talk to a server find it.
+/// Flags for the connection to a server.
 #[derive(Debug, Args)]
 pub struct ServerArguments {
     /// The server's address: http://, https:// or unix:PATH
     #[arg(long, env = "TORQUED_SERVER", value_name = "URL", default_value = DEFAULT_SERVER)]
     server: String,
 
-    /// The server's token, if it asks for one
+    /// The server's token, if it requires one
     #[arg(long, env = "TORQUED_TOKEN", value_name = "TOKEN", hide_env_values = true)]
     token: Option<String>,
 }
 
 impl ServerArguments {
     pub fn client(&self) -> Result<Client, ClientError> {
-        // As for a server, an empty token is none.
+        // As for a server, an empty token means no token.
         Client::new(&self.server, self.token.clone().filter(|token| !token.is_empty()))
     }
 }
 
-/// How a command says what the server answered.
+/// Flags for the form of a command's output.
 #[derive(Clone, Copy, Debug, Args)]
 pub struct OutputArguments {
-    /// Print the server's answer as JSON, of a command that waits a line for each
+    /// Print the server's answer as JSON; a command that waits prints one line per answer
     #[arg(long)]
     pub json: bool,
 }
 
-/// Where the store of a server and its workers is.
+/// Flags for the place of a store.
 #[derive(Clone, Debug, Args)]
 pub struct StoreArguments {
     /// Folder for database and files; created if missing
     #[arg(long, env = "TORQUED_DATA", value_name = "DIR", default_value = "./torqued-data")]
     pub data: PathBuf,
 
-    /// PostgreSQL database in place of SQLite in the folder, as postgres://USER:PASSWORD@HOST:PORT/DATABASE; servers and workers
-    /// of many machines may share it
+    /// PostgreSQL database to use instead of SQLite in the folder, as
+    /// postgres://USER:PASSWORD@HOST:PORT/DATABASE; servers and workers on many machines may share
+    /// it
     #[arg(long, env = "TORQUED_DATABASE", value_name = "URL", hide_env_values = true)]
     pub database: Option<DatabaseUrl>,
 
-    /// Bucket of an S3-compatible store for shards, checkpoints and uploads in place of the folder, as s3://BUCKET/PREFIX; where the
-    /// store is, and the keys, come from the environment (docs/scale.md)
+    /// Bucket of an S3-compatible store for shards, checkpoints and uploads, instead of the folder,
+    /// as s3://BUCKET/PREFIX; environment variables give the store's address and its keys
+    /// (docs/scale.md)
     #[arg(long, env = "TORQUED_OBJECTS", value_name = "URL")]
     pub objects: Option<ObjectsUrl>,
 }
@@ -64,11 +66,11 @@ impl StoreArguments {
     }
 }
 
-/// What goes into the trash by itself.
+/// Flags for what is moved into the trash automatically.
 #[derive(Clone, Copy, Debug, Args)]
 pub struct RetentionArguments {
-    /// Days after which jobs that failed or were cancelled go into the trash, unless something depends on them, 1 to 3650
-    /// [default: they stay]
+    /// Days after which failed and cancelled jobs are moved into the trash, unless something
+    /// depends on them, 1 to 3650 [default: they stay]
     #[arg(long, env = "TORQUED_KEEP_FAILED_JOBS_DAYS", value_name = "DAYS", value_parser = clap::value_parser!(u16).range(1..=3650))]
     pub keep_failed_jobs_days: Option<u16>,
 }
@@ -83,7 +85,7 @@ pub fn days_long(days: u16) -> Duration {
     Duration::from_secs(u64::from(days) * 24 * 60 * 60)
 }
 
-/// What the commands that compute models are told about it.
+/// Flags for the device that computes models.
 #[derive(Debug, Args)]
 pub struct DeviceArguments {
     /// Device to compute models on; `torqued devices` lists them
@@ -91,10 +93,10 @@ pub struct DeviceArguments {
     pub device: DeviceKind,
 }
 
-/// Reads the name of a worker, which stands in addresses of the API.
+/// Reads the name of a worker, which is part of addresses of the API.
 ///
 /// # Errors
-/// What is allowed.
+/// A text that says which names are allowed.
 pub fn worker_name(name: &str) -> Result<String, String> {
     let is_plain = |b: u8| b.is_ascii_alphanumeric() || b"-_.".contains(&b);
     if (1..=100).contains(&name.len()) && name.bytes().all(is_plain) {
@@ -106,8 +108,7 @@ pub fn worker_name(name: &str) -> Result<String, String> {
 
 /// Reads the name of a token.
 ///
-/// # Errors
-/// What is allowed.
+/// A text that says which names are allowed.
 pub fn token_name(name: &str) -> Result<String, String> {
     if api::is_token_name(name) {
         Ok(name.to_owned())

@@ -19,11 +19,11 @@ pub struct Cli {
     #[command(subcommand)]
     pub command: Command,
 
-    /// What to log to stderr: error, warn, info, debug, or a filter such as `warn,worker=debug`
+    /// Log filter for stderr: error, warn, info, debug, or a filter such as `warn,worker=debug`
     #[arg(long, global = true, env = "TORQUED_LOG", value_name = "FILTER")]
     pub log: Option<String>,
 
-    /// How log lines are written: for people, or one JSON object each
+    /// Format of log lines: text for people, or one JSON object per line
     #[arg(long, global = true, env = LOG_FORMAT, value_enum, value_name = "FORMAT", default_value_t)]
     pub log_format: LogFormat,
 }
@@ -34,31 +34,31 @@ pub enum Command {
     Serve(serve::Arguments),
     /// Run one worker; `serve` starts its own
     Worker(worker::Arguments),
-    /// Look whether this machine, a data folder and a server are as they should be
+    /// Check this machine, a data folder and a server
     Doctor(doctor::Arguments),
-    /// List what models can be computed on, and try each
+    /// List the devices that can compute models, and test each
     Devices(devices::Arguments),
     /// Simulate, train and evaluate a small model, and show the result
     Quickstart(quickstart::Arguments),
-    /// Run the paper's whole study, and write its report
+    /// Run the paper's whole study and write its report
     Study(study::Arguments),
     /// Simulate a dataset into a folder, without a server
     Simulate(simulate::Arguments),
-    /// Make a dataset again, and compare every byte
+    /// Make a dataset again and compare every byte
     Verify(verify::Arguments),
     /// Submit a job
     Submit(submit::Arguments),
-    /// Ask a checkpoint where joints will be
+    /// Predict joint positions with a checkpoint
     Predict(predict::Arguments),
-    /// Ask a checkpoint at every sample: messages on standard input, answers on standard output
+    /// Predict at every sample: messages on standard input, answers on standard output
     Stream(stream::Arguments),
-    /// Send recordings of one's own and make them a dataset
+    /// Upload your own recordings and turn them into a dataset
     Import(import::Arguments),
-    /// List workers, and what each does
+    /// List workers with their tasks
     Workers(workers::Arguments),
-    /// Say whether the server works, and tasks are executed
+    /// Show whether the server works and tasks are executed
     Health(health::Arguments),
-    /// Say whether tasks are begun, and how many there are
+    /// Show whether the queue is paused, and how many tasks it has
     Queue(queue::Arguments),
     /// List jobs, newest first
     Jobs(jobs::Arguments),
@@ -72,69 +72,69 @@ pub enum Command {
     Evaluations(evaluations::Arguments),
     /// Show a job, a dataset, a run, a checkpoint or an evaluation
     Show(show::Arguments),
-    /// Bring the files of a dataset, a checkpoint, a run or an evaluation into a folder
+    /// Download the files of a dataset, a checkpoint, a run or an evaluation
     Download(download::Arguments),
-    /// Write a dataset for LeRobot, or a checkpoint for the Hugging Face hub
+    /// Write a dataset in LeRobot's format, or a checkpoint for the Hugging Face hub
     Export(export::Arguments),
     /// Print the metrics of a run as CSV
     Metrics(metrics::Arguments),
-    /// Show what the trajectories of a dataset are like
+    /// Show the channels and spectra of a dataset
     Summary(summary::Arguments),
     /// Print a trajectory of a dataset
     Trajectory(trajectory::Arguments),
-    /// Open the page in a browser, and print its address
+    /// Open the page in a browser and print its address
     Open(open::Arguments),
     /// List the tasks of a job, in the order in which they run
     Tasks(tasks::Arguments),
-    /// List every time that a worker had a task of a job, and how it ended
+    /// List the attempts at a job's tasks, and how they ended
     Attempts(attempts::Arguments),
-    /// Print what the tasks of a job logged
+    /// Print the logs of a job's tasks
     Logs(logs::Arguments),
     /// Follow a job until it ends
     Watch(watch::Arguments),
-    /// Name a job, a run, a dataset or a checkpoint, tag it, and note something on it
+    /// Give a job, a run, a dataset or a checkpoint a name, tags and a note
     Label(label::Arguments),
-    /// Print what happens to jobs, as it happens
+    /// Print events of jobs as they happen
     Events(events::Arguments),
     /// Cancel a job
     Cancel(cancel::Arguments),
-    /// Try a job again that failed; what succeeded is kept
+    /// Run a failed or cancelled job again; completed parts are kept
     Retry(retry::Arguments),
     /// Move jobs, runs, datasets or checkpoints into the trash
     Delete(delete::Arguments),
-    /// Take things out of the trash
+    /// Restore things from the trash
     Undelete(undelete::Arguments),
-    /// List what is in the trash, and until when
+    /// List the trash, with the dates until which things can be restored
     Trash(trash::Arguments),
-    /// Empty the trash of what has had its time, and delete files that nothing refers to
+    /// Delete expired things from the trash, and files that nothing refers to
     Gc(gc::Arguments),
-    /// Have no more tasks begun; those that run go on
+    /// Pause the queue: no more tasks begin, and running tasks go on
     Pause(pause::Arguments),
-    /// Have tasks begun again after a pause
+    /// Resume the queue after a pause
     Resume(resume::Arguments),
-    /// Have a worker begin no more tasks; the one that it has goes on
+    /// Drain a worker: it begins no more tasks, and its running task goes on
     Drain(drain::Arguments),
-    /// Have a worker that was drained begin tasks again
+    /// Undrain a worker: it begins tasks again
     Undrain(undrain::Arguments),
-    /// Make, list and revoke the tokens that let people in
+    /// Create, list and revoke access tokens
     Token(token::Arguments),
-    /// List who changed what, newest first
+    /// List changes and who made them, newest first
     Audit(audit::Arguments),
-    /// Copy everything into a new data folder while servers and workers go on
+    /// Copy everything into a new data folder while servers and workers keep running
     Backup(backup::Arguments),
     /// Copy a backup to a new place
     Restore(restore::Arguments),
-    /// Make a lost database again from datasets and checkpoints
+    /// Rebuild a lost database from datasets and checkpoints
     Reindex(reindex::Arguments),
     /// Move a data folder to PostgreSQL and a bucket, or back
     Migrate(migrate::Arguments),
     /// List the presets, or show one
     Presets(presets::Arguments),
-    /// Print what completes commands and flags in a shell
+    /// Print a script that completes commands and flags in a shell
     Completions(completions::Arguments),
-    /// Print the manual
+    /// Print the manual pages
     Man(man::Arguments),
-    /// Decode the recording on standard input; a worker starts this for itself
+    /// Decode the recording on standard input; workers start this themselves
     #[command(hide = true)]
     DecodeRecording(decode_recording::Arguments),
 }
@@ -151,7 +151,7 @@ mod tests {
 
     #[test]
     fn every_command_that_asks_a_server_can_answer_in_json() {
-        // A stream is JSON on both sides, and `open` shows a page.
+        // A stream is JSON in both directions, and `open` shows a page.
         let other = |name: &str| ["open", "stream"].contains(&name);
         for command in Cli::command().get_subcommands().filter(|it| !other(it.get_name())) {
             let has = |flag| command.get_arguments().any(|it| it.get_long() == Some(flag));
@@ -159,7 +159,7 @@ mod tests {
         }
     }
 
-    /// The operations of the API and the command that does each.
+    /// The operations of the API, with their commands.
     const COMMANDS: &[(&str, &str)] = &[
         ("get /healthz", "health"),
         ("get /readyz", "health"),

@@ -1,5 +1,5 @@
-//! The configuration file of `serve`: TOML whose keys are the command's flags. Which those are, and what each allows, is asked of
-//! the command itself.
+//! The configuration file of `serve`. It is TOML with the command's flags as keys. The command
+//! itself defines which keys there are, and which values each allows.
 
 use std::ffi::OsString;
 use std::path::Path;
@@ -13,18 +13,19 @@ use toml::{Table, Value};
 
 use crate::cli::Cli;
 
-/// The command that takes a file, and the flag that names it.
+/// The command that reads the file, and the flag that names it.
 const COMMAND: &str = "serve";
 const FLAG: &str = "config";
 
-/// Flags that no file has: the one that names it, and those that only print.
+/// Flags that are not allowed in the file: the one that names it, and those that only print.
 const NO_KEYS: [&str; 3] = [FLAG, "help", "version"];
 
-/// Reads the command line, and after it the file that it or `TORQUED_CONFIG` names. A flag stands before a variable, a
-/// variable before the file, the file before what is built in. A command line that is wrong ends the process, as `--help` does.
+/// Reads the command line, and then the file that it or `TORQUED_CONFIG` names. A flag takes
+/// precedence over a variable, a variable over the file, and the file over the built-in default. An
+/// invalid command line ends the process, as `--help` does.
 ///
 /// # Errors
-/// The file, the key and what is allowed.
+/// Name the file, the key and what is allowed.
 pub fn parse() -> anyhow::Result<Cli> {
     let arguments: Vec<OsString> = std::env::args_os().collect();
     let matches = Cli::command().get_matches_from(&arguments);
@@ -41,7 +42,7 @@ pub fn parse() -> anyhow::Result<Cli> {
     Ok(cli.unwrap_or_else(|error| error.exit()))
 }
 
-/// The file that is named, and what was given beside it.
+/// The named file, and the other arguments.
 fn file(matches: &ArgMatches) -> Option<(&Path, &ArgMatches)> {
     let (name, given) = matches.subcommand()?;
     if name != COMMAND {
@@ -51,7 +52,7 @@ fn file(matches: &ArgMatches) -> Option<(&Path, &ArgMatches)> {
     Some((path, given))
 }
 
-/// The flags that `text` stands for, without those that a flag or a variable gave.
+/// The flags for the keys in `text`, without those that a flag or a variable has set.
 fn arguments_of(text: &str, given: &ArgMatches) -> anyhow::Result<Vec<OsString>> {
     let table: Table = text.parse().map_err(|error: toml::de::Error| syntax(text, &error))?;
     let mut command = Cli::command();
@@ -79,7 +80,7 @@ fn syntax(text: &str, error: &toml::de::Error) -> anyhow::Error {
     anyhow!("line {line} is not valid TOML: {}", error.message())
 }
 
-/// The key of a flag: `max_connections` of `--max-connections`.
+/// The key of a flag, e.g. `max_connections` for `--max-connections`.
 fn key_of(argument: &Arg) -> Option<String> {
     let long = argument.get_long().filter(|long| !NO_KEYS.contains(long))?;
     Some(long.replace('-', "_"))
@@ -93,12 +94,12 @@ fn known<'a>(command: &'a Command, key: &str) -> anyhow::Result<&'a Arg> {
     let keys: Vec<String> = command.get_arguments().filter_map(key_of).collect();
     let nearest = keys.iter().min_by_key(|known| edits(known, key));
     match nearest.filter(|nearest| edits(nearest, key) <= key.len().max(3) / 3) {
-        Some(nearest) => bail!("{key} is no key; did you mean {nearest}?"),
-        None => bail!("{key} is no key; allowed: {}", keys.join(", ")),
+        Some(nearest) => bail!("{key} is not a key; did you mean {nearest}?"),
+        None => bail!("{key} is not a key; allowed: {}", keys.join(", ")),
     }
 }
 
-/// The flags of a key. A list gives one for each of its values, and a table one for each `NAME=VALUE`.
+/// The flags of a key. A list gives one flag per value, and a table gives one per `NAME=VALUE`.
 fn flags(argument: &Arg, key: &str, value: &Value) -> anyhow::Result<Vec<OsString>> {
     let long = argument.get_long().unwrap_or_default();
     let flag = |text: &str| OsString::from(format!("--{long}={text}"));
@@ -123,7 +124,7 @@ fn flags(argument: &Arg, key: &str, value: &Value) -> anyhow::Result<Vec<OsStrin
     })
 }
 
-/// A single value as the command line has it.
+/// A single value in the form of the command line.
 fn text(key: &str, value: &Value) -> anyhow::Result<String> {
     Ok(match value {
         Value::String(text) => text.clone(),
@@ -133,7 +134,7 @@ fn text(key: &str, value: &Value) -> anyhow::Result<String> {
     })
 }
 
-/// Has the command look at the flags of one key alone, so that an error is about that key.
+/// Lets the command check the flags of one key alone, so that an error is about that key.
 fn check(argument: &Arg, key: &str, value: &Value, flags: &[OsString]) -> anyhow::Result<()> {
     let command = ["torqued", COMMAND].map(OsString::from);
     let checked = Cli::command().try_get_matches_from(command.iter().chain(flags));
@@ -145,12 +146,12 @@ fn check(argument: &Arg, key: &str, value: &Value, flags: &[OsString]) -> anyhow
         (_, Some(reason)) => reason.to_string(),
         _ => "not allowed".to_owned(),
     };
-    // Passwords and tokens are not repeated.
+    // The error does not repeat passwords and tokens.
     ensure!(!argument.is_hide_env_values_set(), "{key}: {allowed}");
     bail!("{key} is {value}: {allowed}")
 }
 
-/// Characters to insert, delete or replace to make one word of the other.
+/// Number of characters to insert, delete or replace to turn one word into the other.
 fn edits(one: &str, other: &str) -> usize {
     let other: Vec<char> = other.chars().collect();
     let mut row: Vec<usize> = (0..=other.len()).collect();
@@ -199,10 +200,10 @@ mod tests {
     #[test]
     fn an_error_names_the_key_its_value_and_what_is_allowed() {
         for (text, words) in [
-            ("max_conections = 64", "max_conections is no key; did you mean max_connections?"),
-            ("wrokers = 1", "wrokers is no key; did you mean workers?"),
-            ("colour = 1", "colour is no key; allowed: "),
-            ("config = \"x\"", "config is no key"),
+            ("max_conections = 64", "max_conections is not a key; did you mean max_connections?"),
+            ("wrokers = 1", "wrokers is not a key; did you mean workers?"),
+            ("colour = 1", "colour is not a key; allowed: "),
+            ("config = \"x\"", "config is not a key"),
             ("max_connections = 2", "max_connections is 2: allowed: 16 to 100000"),
             ("workers = 65", "workers is 65: 65 is not in 0..=64"),
             ("executor = \"slrum\"", "executor is \"slrum\": allowed: local, slurm, kubernetes"),

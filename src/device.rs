@@ -1,14 +1,14 @@
-//! Trying devices: this program started once more, as the child that a driver may take along.
+//! Tests devices in a child process of this program, because a driver may crash it.
 
 use tokio::process::Command;
 use worker::{DeviceKind, PROBE_LIMIT, ProbeError, Probed};
 
 use crate::process::own_program;
 
-/// Has a child process try a device.
+/// Tests a device in a child process.
 ///
 /// # Errors
-/// One line that says why the device is not to be used.
+/// One line that says why the device cannot be used.
 pub async fn probe(kind: DeviceKind) -> Result<Probed, ProbeError> {
     let program = own_program().map_err(|source| ProbeError::Spawn { kind, source })?;
     let mut child = Command::new(program);
@@ -16,11 +16,11 @@ pub async fn probe(kind: DeviceKind) -> Result<Probed, ProbeError> {
     worker::probe(kind, child, PROBE_LIMIT).await
 }
 
-/// Makes sure of a device before work is begun on it, logs what it is, and returns how many GPUs it is: 0 or 1. The
-/// processor needs no driver, and is not tried.
+/// Tests a device before work begins on it, and logs its name. Returns the number of GPUs: 0 or 1.
+/// The processor is not tested, because it needs no driver.
 ///
 /// # Errors
-/// As [`probe`].
+/// Like [`probe`].
 pub async fn require(kind: DeviceKind) -> Result<u32, ProbeError> {
     if !kind.is_apart() {
         return Ok(0);

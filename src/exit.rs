@@ -1,4 +1,4 @@
-//! The codes that the program ends with, so that a script knows what happened.
+//! The exit codes of the program, so that a script knows what happened.
 
 use std::process::ExitCode;
 
@@ -13,10 +13,10 @@ pub const JOB_FAILED: u8 = 3;
 /// No server answered.
 pub const UNREACHABLE: u8 = 4;
 
-/// A shell reports this of a program that Ctrl-C ended.
+/// Shells use this code for a program that Ctrl-C ended.
 pub const INTERRUPTED: u8 = 130;
 
-/// The codes as `--help` and the manual have them; docs/commands.md says more.
+/// The codes in `--help` and in the manual. docs/commands.md says more.
 pub const HELP: &str = "\
 Exit codes:
   0    done
@@ -36,11 +36,11 @@ pub fn code(error: &anyhow::Error) -> ExitCode {
     error.chain().find_map(of).map_or(ExitCode::FAILURE, ExitCode::from)
 }
 
-/// An error and what caused it, in a line.
+/// An error and its causes, in one line.
 pub fn message(error: &anyhow::Error) -> String {
     let mut message = String::new();
     for cause in error.chain().map(ToString::to_string) {
-        // Many errors name their cause themselves.
+        // Many errors contain their cause already.
         if message.ends_with(&cause) {
             continue;
         }

@@ -1,4 +1,4 @@
-//! The flags that all lists of a server share, how pages follow each other, and the last line.
+//! Lists: their shared flags, their pages, and their last line.
 
 use clap::Args;
 use reqwest::Url;
@@ -7,34 +7,35 @@ use serde::Deserialize;
 use crate::arguments::{OutputArguments, ServerArguments};
 use crate::client::Client;
 
-/// Which part of a list is wanted, and in which order.
+/// Flags for the part of a list, and for its order.
 #[derive(Debug, Args)]
 pub struct ListArguments {
-    /// Only those with this tag, of their own or of their job; given several times, with all of them
+    /// Only those with this tag, on themselves or on their job; with several flags, with all of the
+    /// tags
     #[arg(long = "tag", value_name = "TAG")]
     tags: Vec<String>,
 
-    /// Only those with this in name or note, in upper or lower case
+    /// Only those with this text in name or note, ignoring case
     #[arg(long, value_name = "TEXT")]
     text: Option<String>,
 
-    /// Only those made at this moment or after, such as 2026-12-01T08:00:00Z
+    /// Only those created at this time or later, such as 2026-12-01T08:00:00Z
     #[arg(long, value_name = "MOMENT")]
     since: Option<String>,
 
-    /// Only those made before this moment
+    /// Only those created before this time
     #[arg(long, value_name = "MOMENT")]
     until: Option<String>,
 
-    /// The order, such as name or -finished; a dash turns it round
+    /// Sort order, such as name or -finished; a dash reverses it
     #[arg(long, value_name = "ORDER", allow_hyphen_values = true)]
     sort: Option<String>,
 
-    /// At most so many
+    /// Largest number of items to list
     #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=500))]
     limit: u32,
 
-    /// All of them, page by page
+    /// List all of them, page by page
     #[arg(long, conflicts_with = "limit")]
     all: bool,
 
@@ -42,7 +43,7 @@ pub struct ListArguments {
     #[arg(long, value_name = "ID")]
     before: Option<i64>,
 
-    /// Where to go on: the `next` of the page before, with the same --sort
+    /// Continue here: the `next` of the page before, with the same --sort
     #[arg(long, value_name = "NEXT")]
     cursor: Option<String>,
 
@@ -53,22 +54,23 @@ pub struct ListArguments {
     pub server: ServerArguments,
 }
 
-/// Items of a page when all are wanted: as many as the server sends at once.
+/// Number of items per page when all are listed: the most that the server sends at once.
 const LONGEST_PAGE: u32 = 500;
 
-/// How a list goes on.
+/// How a list continues.
 pub struct Rest {
     cursor: Option<String>,
 }
 
-/// What every page says of the one behind it.
+/// The field of every page that leads to the next one.
 #[derive(Deserialize)]
 struct Next {
     next: Option<String>,
 }
 
 impl ListArguments {
-    /// Hands over each page of the list at `path` as the server wrote it. `filters` are those that this list has besides.
+    /// Passes on each page of the list at `path`, as the server wrote it. `filters` are further
+    /// filters of this list.
     pub async fn each_page(
         &self,
         client: &Client,
@@ -117,7 +119,7 @@ impl ListArguments {
         Ok(format!("{path}?{}", address.query().unwrap_or_default()))
     }
 
-    /// Says how the list goes on behind the item with the id `last`, if it does.
+    /// Prints how to continue the list after the item with the id `last`, if there is more.
     pub fn print_rest(&self, command: &str, rest: &Rest, last: Option<i64>) {
         let Some(cursor) = &rest.cursor else { return };
         match last.filter(|_| self.sort.is_none() && self.cursor.is_none()) {
@@ -127,7 +129,7 @@ impl ListArguments {
     }
 }
 
-/// Tags of a thing and of its job, in one cell of a table.
+/// Tags of a thing and of its job, for one cell of a table.
 pub fn both(tags: &[String], job_tags: &[String]) -> String {
     let others = job_tags.iter().filter(|tag| !tags.contains(tag));
     tags.iter().chain(others).map(String::as_str).collect::<Vec<_>>().join(" ")

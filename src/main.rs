@@ -44,14 +44,14 @@ fn main() -> ExitCode {
         Ok(code) => code,
         Err(error) => fail(&error),
     };
-    // A blocking read or computation that is still under way must not keep the process alive.
+    // A running blocking read or computation must not keep the process alive.
     runtime.shutdown_background();
     code
 }
 
-/// Says what went wrong in one line: the error and what caused it.
+/// Prints the error and its causes in one line.
 fn fail(error: &anyhow::Error) -> ExitCode {
-    // Whoever closed stderr does not want to hear it.
+    // An error is ignored, because stderr is closed then.
     let _ = writeln!(std::io::stderr(), "error: {}", exit::message(error));
     exit::code(error)
 }

@@ -1,32 +1,33 @@
-//! The offer of a worker to tasks: told by flags, or found out.
+//! The offer of a worker to tasks, from flags or detected.
 
 use clap::Args;
 use spec::Resources;
 
 use crate::server::memory;
 
-/// The flags that tell a worker its offer.
+/// Flags for a worker's offer.
 #[derive(Debug, Args)]
 pub struct OfferArguments {
     /// Processors to offer to tasks [default: its threads]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
     cpus: Option<u32>,
 
-    /// GPUs to offer to tasks [default: 1 when its device is one, else 0]
+    /// GPUs to offer to tasks [default: 1 if its device is a GPU, otherwise 0]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=64))]
     gpus: Option<u32>,
 
-    /// Memory to offer to tasks, in GB [default: what the machine or its control group has]
+    /// Memory to offer to tasks, in GB [default: the memory of the machine or of its control group]
     #[arg(long, value_name = "GB", value_parser = gigabytes)]
     memory_gb: Option<f64>,
 
-    /// Take tasks that ask for this tag, too; may be repeated
+    /// Also take tasks that ask for this tag; may be given several times
     #[arg(long = "tag", value_name = "NAME", value_parser = tag)]
     tags: Vec<String>,
 }
 
 impl OfferArguments {
-    /// With what was not told: `threads`, the `gpus` of its device, and the memory there is.
+    /// The offer, with defaults for missing flags: `threads`, the `gpus` of its device, and the
+    /// machine's memory.
     pub fn complete(self, threads: usize, gpus: u32) -> Resources {
         let threads = u32::try_from(threads).unwrap_or(u32::MAX);
         Resources {
@@ -38,28 +39,30 @@ impl OfferArguments {
     }
 }
 
-/// The flags that tell a server the offer of each of its own workers.
+/// Flags for the offer of each of a server's own workers.
 #[derive(Clone, Debug, Args)]
 pub struct WorkerOfferArguments {
     /// Processors that each worker offers to tasks [default: its threads]
     #[arg(long, env = "TORQUED_WORKER_CPUS", value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
     worker_cpus: Option<u32>,
 
-    /// GPUs that each worker offers to tasks [default: 1 when its device is one, else 0; 0 on a cluster]
+    /// GPUs that each worker offers to tasks [default: 1 if its device is a GPU, otherwise 0; 0 on
+    /// a cluster]
     #[arg(long, env = "TORQUED_WORKER_GPUS", value_name = "N", value_parser = clap::value_parser!(u32).range(0..=64))]
     worker_gpus: Option<u32>,
 
-    /// Memory that each worker offers to tasks, in GB [default: its share of what there is; 8 on a cluster]
+    /// Memory that each worker offers to tasks, in GB [default: its share of the machine's memory;
+    /// 8 on a cluster]
     #[arg(long, env = "TORQUED_WORKER_MEMORY_GB", value_name = "GB", value_parser = gigabytes)]
     worker_memory_gb: Option<f64>,
 
-    /// Have the workers take tasks that ask for this tag, too; may be repeated
+    /// Workers also take tasks that ask for this tag; may be given several times
     #[arg(long = "worker-tag", env = "TORQUED_WORKER_TAGS", value_name = "NAME", value_delimiter = ',', value_parser = tag)]
     worker_tags: Vec<String>,
 }
 
 impl WorkerOfferArguments {
-    /// What each worker offers that a cluster is asked for.
+    /// The offer of each worker on a cluster.
     pub fn of_a_clusters_worker(&self, threads: u32) -> Resources {
         const MEMORY_GB: f64 = 8.0;
         Resources {
@@ -70,7 +73,7 @@ impl WorkerOfferArguments {
         }
     }
 
-    /// The flags of each of `count` workers, which share the machine's memory.
+    /// The flags for each of `count` workers, which share the machine's memory.
     pub fn flags(&self, count: usize) -> Vec<String> {
         let mut flags = Vec::new();
         let mut flag = |name: &str, value: String| flags.extend([format!("--{name}"), value]);
@@ -91,7 +94,7 @@ impl WorkerOfferArguments {
     }
 }
 
-/// In units of 10^9 bytes, to the megabyte below.
+/// Bytes in units of 10^9 bytes, rounded down to 10^6 bytes.
 fn in_gigabytes(bytes: u64) -> f64 {
     let megabytes = u32::try_from(bytes / 1_000_000).unwrap_or(u32::MAX);
     Resources::gigabytes(megabytes).unwrap_or(0.0)

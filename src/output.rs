@@ -1,5 +1,5 @@
-//! Standard output. [`print!`] and [`println!`] are those of this module throughout the program: the standard library's
-//! panic when nobody reads any more, as after `torqued jobs | head`.
+//! Standard output. Throughout the program, [`print!`] and [`println!`] are those of this module:
+//! the standard library's panic when nobody reads any more, as in `torqued jobs | head`.
 
 use std::fmt::Arguments;
 use std::io::{self, ErrorKind, Write};
@@ -7,7 +7,7 @@ use std::process;
 
 use serde::Serialize;
 
-/// The code that a shell reports for a program that SIGPIPE ended, as it ends other tools.
+/// The exit code that a shell reports for a program ended by SIGPIPE, as other tools are.
 const NOBODY_READS: i32 = 128 + 13;
 
 macro_rules! print {
@@ -20,10 +20,10 @@ macro_rules! println {
     };
 }
 
-/// Writes to standard output; ends this process quietly when nobody reads what it writes.
+/// Writes to standard output. Ends this process quietly when nobody reads the output.
 ///
 /// # Panics
-/// When it cannot be written for another reason.
+/// When writing fails for another reason.
 pub fn write(text: Arguments<'_>) {
     let mut output = io::stdout().lock();
     match output.write_fmt(text).and_then(|()| output.flush()) {
@@ -33,19 +33,19 @@ pub fn write(text: Arguments<'_>) {
     }
 }
 
-/// Writes a document of the API in a line.
+/// Writes a document of the API as one line.
 ///
 /// # Errors
-/// When it has no JSON; every document of the API has.
+/// When it cannot be written as JSON. Every document of the API can.
 pub fn write_json(document: &impl Serialize) -> serde_json::Result<()> {
     println!("{}", serde_json::to_string(document)?);
     Ok(())
 }
 
-/// Writes what is no text to standard output.
+/// Writes binary data to standard output.
 ///
 /// # Errors
-/// When it cannot be written; nobody reading is none.
+/// When writing fails. If nobody reads the output, that is no error.
 pub fn write_bytes(bytes: &[u8]) -> io::Result<()> {
     let mut output = io::stdout().lock();
     match output.write_all(bytes).and_then(|()| output.flush()) {

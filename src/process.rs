@@ -1,4 +1,4 @@
-//! This process among others: which program it runs, its files, its children, and who goes first when memory runs out.
+//! This process: its program, its files, its children, and its priority when memory runs out.
 
 use std::io;
 use std::path::PathBuf;
@@ -7,19 +7,19 @@ use nix::sys::resource::{Resource, getrlimit, setrlimit};
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 
-/// The program that this process runs, for it to run once more: the very same, also when another version has taken
-/// its place since.
+/// The program of this process, so that it can start itself again. It is the same program even if
+/// another version has replaced the file since.
 ///
 /// # Errors
-/// When the system does not tell.
+/// When the operating system does not provide it.
 pub fn own_program() -> io::Result<PathBuf> {
-    // Linux resolves this to the program itself and not to a name that it once had.
+    // Linux resolves this to the program itself, and not to a name that it once had.
     let own = PathBuf::from("/proc/self/exe");
     if own.exists() { Ok(own) } else { std::env::current_exe() }
 }
 
-/// Lets this process open as many files as it is allowed to. Shells and systemd start programs with 1024, which a
-/// server with many downloads, streams and shards gets through.
+/// Raises this process's limit of open files to the allowed maximum. Shells and systemd start
+/// programs with 1024, which is not enough for a server with many downloads, streams and shards.
 pub fn open_many_files() {
     let raised = getrlimit(Resource::RLIMIT_NOFILE)
         .and_then(|(_, most)| setrlimit(Resource::RLIMIT_NOFILE, most, most));
@@ -28,7 +28,8 @@ pub fn open_many_files() {
     }
 }
 
-/// As many of `connections` as leave three files of four to everything else.
+/// The number of connections that leaves three of four files for everything else; at most
+/// `connections`.
 pub fn files_allow(connections: usize) -> usize {
     let files = getrlimit(Resource::RLIMIT_NOFILE).map_or(u64::MAX, |(now, _)| now);
     let allowed = usize::try_from(files / 4).unwrap_or(usize::MAX).max(1);
@@ -41,16 +42,16 @@ pub fn files_allow(connections: usize) -> usize {
     allowed.min(connections)
 }
 
-/// Has the system end this process before others when memory runs out, where it lets us say so: a worker's task is
-/// tried again, while without its server everything stands still.
+/// Makes the system kill this process before others when memory runs out, where that is possible. A
+/// worker's task is retried, but without its server everything stops.
 pub fn go_first_when_memory_is_short() {
-    /// In thousandths, added to the share of memory that the process uses.
+    /// In thousandths, added to the process's share of memory.
     const SCORE: &str = "500";
     // Only Linux has the file.
     let _ = std::fs::write("/proc/self/oom_score_adj", SCORE);
 }
 
-/// The machine's name, where the system tells.
+/// The machine's name, where the system provides it.
 pub fn host() -> String {
     let name = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
     match name.trim() {
@@ -59,22 +60,22 @@ pub fn host() -> String {
     }
 }
 
-/// Kills the processes that this one has started, those that they have started, and all others of its process group
-/// where it leads one. Only Linux tells which those are.
+/// Kills the processes that this one started, those that they started, and the rest of its process
+/// group if it leads one. Only Linux tells which these are.
 pub fn kill_children() {
     let processes = processes();
     let mut found = vec![std::process::id()];
     let mut looked_at = 0;
     while let Some(&parent) = found.get(looked_at) {
         looked_at += 1;
-        // No group but that of its leader has the number of a process that lives.
+        // While a process lives, only the group that it leads has its number.
         let is_child = |it: &&Process| it.parent == parent || it.group == std::process::id();
         let children = processes.iter().filter(is_child).map(|it| it.pid);
         let new: Vec<u32> = children.filter(|pid| !found.contains(pid)).collect();
         found.extend(new);
     }
     for pid in found.into_iter().skip(1).filter_map(|pid| i32::try_from(pid).ok()) {
-        // It may have ended by itself.
+        // The process may have ended by itself.
         let _ = kill(Pid::from_raw(pid), Signal::SIGKILL);
     }
 }
@@ -87,13 +88,13 @@ struct Process {
     group: u32,
 }
 
-/// All that this one may see.
+/// All processes that this one may see.
 fn processes() -> Vec<Process> {
     let entries = std::fs::read_dir("/proc").into_iter().flatten().flatten();
     let read = |entry: std::fs::DirEntry| {
         let pid = entry.file_name().to_str()?.parse().ok()?;
         let stat = std::fs::read_to_string(entry.path().join("stat")).ok()?;
-        // `PID (NAME) STATE PARENT GROUP ...`, and a name may have parentheses in it.
+        // The line is `PID (NAME) STATE PARENT GROUP ...`, and a name may contain parentheses.
         let mut fields = stat.rsplit_once(')')?.1.split_whitespace().skip(1);
         let (parent, group) = (fields.next()?.parse().ok()?, fields.next()?.parse().ok()?);
         Some(Process { pid, parent, group })
@@ -113,7 +114,7 @@ mod tests {
         assert_eq!(own, std::fs::read(std::env::current_exe().unwrap()).unwrap());
     }
 
-    /// One that stands still and takes no other signal, and one that it has started.
+    /// One child is stopped and takes no other signal, and the other was started by it.
     #[test]
     #[cfg(target_os = "linux")]
     fn children_are_killed_with_their_children() {

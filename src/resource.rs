@@ -1,8 +1,8 @@
-//! The kinds of things that a server has, each known by its id.
+//! The kinds of things that a server has. Each thing is known by its id.
 
 use clap::ValueEnum;
 
-/// A kind of thing that the API and the page have an address for.
+/// A kind of thing with an address in the API and on the page.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Resource {
     /// A job that was submitted
@@ -11,7 +11,7 @@ pub enum Resource {
     Dataset,
     /// The record of a training, an evaluation or a control job
     Run,
-    /// Weights of a model
+    /// The weights of a model
     Checkpoint,
     /// A comparison of predictors, by the id of its job
     Evaluation,
@@ -20,13 +20,13 @@ pub enum Resource {
 /// A kind of thing that can be deleted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Deletable {
-    /// A job with its logs and all that it left; a pipeline with the jobs that were made for it
+    /// A job with its logs and all its results; a pipeline with the jobs that were made for it
     Job,
     /// The record of a training, an evaluation or a control job, with its checkpoints
     Run,
     /// Trajectories of many robots
     Dataset,
-    /// Weights of a model
+    /// The weights of a model
     Checkpoint,
 }
 

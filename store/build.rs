@@ -1,4 +1,5 @@
-//! Builds again when a migration is added, which the macro that embeds them cannot notice.
+//! Has the crate built again when a migration is added. The macro that embeds migrations does not
+//! notice a new file.
 
 fn main() {
     println!("cargo::rerun-if-changed=../migrations/sqlite");

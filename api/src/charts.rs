@@ -1,4 +1,4 @@
-//! The figures that the server draws itself.
+//! The figures that the server draws.
 
 use figures::{Axis, Figure, FigureError, Point, Series, Size};
 use store::SeriesPoint;
@@ -6,7 +6,7 @@ use wire::Summary;
 
 use crate::app::trajectories::StoredTrajectory;
 
-/// One of several panels on a sheet.
+/// The size of one panel of several.
 const PANEL: Size = Size { width: 760, height: 300 };
 
 /// Training and validation loss over optimizer steps.
@@ -31,14 +31,14 @@ fn step(step: u64) -> f64 {
     step as f64
 }
 
-/// A quantity that a trajectory may have recorded.
+/// A quantity that a trajectory may have.
 struct Panel {
     title: &'static str,
-    /// What the vertical axis measures.
+    /// The quantity on the vertical axis.
     quantity: &'static str,
-    /// With what the names of its columns begin; a joint's number or an axis follows.
+    /// The prefix of its columns' names; a joint's number or an axis follows.
     prefix: &'static str,
-    /// With what the names in the legend begin.
+    /// The prefix of its names in the legend.
     called: &'static str,
 }
 
@@ -52,7 +52,7 @@ const PANELS: [Panel; 7] = [
     Panel { title: "Orientation of the hand", quantity: "quaternion", prefix: "ee_q", called: "q" },
 ];
 
-/// A panel per quantity, over time.
+/// One panel per quantity, over time.
 ///
 /// # Errors
 /// When drawing fails.
@@ -84,8 +84,8 @@ impl Panel {
         Figure { title: self.title.to_owned(), x, y, series, bands: Vec::new() }
     }
 
-    /// The joint or axis of a column, if it is one of this quantity: `qd1` is no `q`, and `ee_qx`
-    /// no position.
+    /// The joint or axis of a column, if it belongs to this quantity: `qd1` is no `q`, and `ee_qx`
+    /// is no position.
     fn which<'a>(&self, column: &'a str) -> Option<&'a str> {
         let which = column.strip_prefix(self.prefix)?;
         let is_joint = which.parse::<u32>().is_ok();
@@ -94,7 +94,7 @@ impl Panel {
     }
 }
 
-/// A panel per signal.
+/// One panel per signal.
 ///
 /// # Errors
 /// When drawing fails.
@@ -123,7 +123,7 @@ fn spectra(summary: &Summary) -> Vec<Figure> {
         let trajectories = spectrum.map_or(0, |spectrum| spectrum.trajectories);
         let mean_of = format!("mean over the joints of {trajectories} trajectories");
         let points = spectrum.into_iter().flat_map(|spectrum| {
-            // The mean was removed: what is left in the first band says nothing.
+            // The mean was removed, so the first band has no meaning.
             let bands = (0u32..).zip(&spectrum.density).skip(1);
             bands.map(|(band, density)| {
                 Point::new(f64::from(band) * spectrum.step_hz, f64::from(*density))

@@ -1,4 +1,5 @@
-//! Files: with their digest, whole or in part, and only when the caller does not have them yet.
+//! File downloads: with their digest, whole or in part, and only if the client does not have them
+//! yet.
 
 use axum::body::Body;
 use axum::http::header::{
@@ -13,25 +14,25 @@ use spec::Digest;
 
 use crate::range::{self, Requested};
 
-/// RFC 9530; not yet among the constants of `http`.
+/// RFC 9530. It is not among the constants of `http` yet.
 const REPR_DIGEST: HeaderName = HeaderName::from_static("repr-digest");
 
-/// What is known of a file before a byte of it is read.
+/// The facts about a file that are known before it is read.
 #[derive(Clone, Debug)]
 pub struct FileInfo {
-    /// As the caller should save it.
+    /// The name under which the client should save it.
     pub name: String,
     pub media_type: String,
     pub size: u64,
     pub identity: Identity,
 }
 
-/// The tag that identifies the bytes of a file, its `ETag`.
+/// The identity of a file's bytes, for its `ETag`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Identity {
-    /// The SHA-256 digest of its bytes, which the answer states besides.
+    /// The SHA-256 digest of its bytes, which the answer also has in a header.
     Bytes(Digest),
-    /// A digest of what it is made from: the same gives the same bytes.
+    /// A digest of everything that it is made from. The same digest means the same bytes.
     Parts(Digest),
 }
 
@@ -47,12 +48,12 @@ impl Identity {
 pub struct Answer {
     status: StatusCode,
     headers: HeaderMap,
-    /// Bytes of the file to send; `None` when the answer has no body.
+    /// The bytes to send; `None` if the answer has no body.
     pub part: Option<std::ops::Range<u64>>,
 }
 
 impl Answer {
-    /// Decides by RFC 9110, sections 13.2.2 and 14.2.
+    /// Decides according to RFC 9110, sections 13.2.2 and 14.2.
     pub fn new(method: &Method, request: &HeaderMap, file: &FileInfo) -> Self {
         let tag = file.identity.tag();
         let mut headers = HeaderMap::new();
@@ -62,7 +63,8 @@ impl Answer {
             let digest = BASE64.encode(sha256.as_bytes());
             headers.insert(REPR_DIGEST, ascii(&format!("sha-256=:{digest}:")));
         }
-        // The bytes behind an id never change, but a data folder may be replaced by another one.
+        // The bytes behind an id never change, but another data folder may take the place of this
+        // one.
         headers.insert(CACHE_CONTROL, HeaderValue::from_static("no-cache"));
         if text(request, IF_NONE_MATCH).is_some_and(|known| lists_tag(known, &tag)) {
             return Self { status: StatusCode::NOT_MODIFIED, headers, part: None };
@@ -89,12 +91,12 @@ impl Answer {
         Self { status, headers, part }
     }
 
-    /// Whether the caller has the file.
+    /// Whether the client has the file already.
     pub fn is_known(&self) -> bool {
         self.status == StatusCode::NOT_MODIFIED
     }
 
-    /// The same file at another address, which is good for a while.
+    /// Redirects to the file at another address, which is valid for a while.
     pub fn redirected(mut self, address: &str) -> Response {
         let about_the_bytes =
             [ACCEPT_RANGES, CONTENT_TYPE, CONTENT_DISPOSITION, CONTENT_RANGE, CONTENT_LENGTH];
@@ -113,12 +115,12 @@ impl Answer {
     }
 }
 
-/// The part that `Range` asks for, unless `If-Range` says that the caller has another file.
+/// The part that `Range` asks for, unless `If-Range` shows that the client has another file.
 fn requested(method: &Method, request: &HeaderMap, tag: &str, size: u64) -> Requested {
     let Some(range) = text(request, RANGE).filter(|_| method == Method::GET) else {
         return Requested::Whole;
     };
-    // Dates never match: what identifies a file here is its digest.
+    // Dates never match, because a file is identified by its digest here.
     if request.contains_key(IF_RANGE) && text(request, IF_RANGE) != Some(tag) {
         return Requested::Whole;
     }
@@ -129,14 +131,15 @@ fn text(headers: &HeaderMap, name: HeaderName) -> Option<&str> {
     headers.get(name).and_then(|value| value.to_str().ok())
 }
 
-/// Whether `If-None-Match` names `tag`; weak tags count as well there.
+/// Whether `If-None-Match` names `tag`. Weak tags also count there.
 fn lists_tag(list: &str, tag: &str) -> bool {
     list.split(',')
         .map(str::trim)
         .any(|known| known == "*" || known.strip_prefix("W/").unwrap_or(known) == tag)
 }
 
-/// Saves under `name`, with everything replaced that a header or a file system could take amiss.
+/// Tells the client to save the file as `name`. Characters that a header or a file system could not
+/// handle are replaced.
 fn disposition(name: &str) -> HeaderValue {
     let safe: String = name
         .chars()
@@ -145,7 +148,7 @@ fn disposition(name: &str) -> HeaderValue {
     ascii(&format!("attachment; filename=\"{safe}\""))
 }
 
-/// A header value of what was put together here; the callers give ASCII only.
+/// A header value made here. The callers pass only ASCII.
 fn ascii(value: &str) -> HeaderValue {
     HeaderValue::from_str(value)
         .unwrap_or_else(|_| HeaderValue::from_static("application/octet-stream"))

@@ -1,4 +1,4 @@
-//! Why a request was not answered as asked.
+//! Errors of requests.
 
 use std::fmt::Display;
 use std::time::Duration;
@@ -36,38 +36,40 @@ pub enum ApiError {
     #[error("{name} is {value:?}, allowed: {allowed}")]
     Parameter { name: String, value: String, allowed: String },
 
-    #[error("the query is not understood: {reason}")]
+    #[error("the query cannot be read: {reason}")]
     Query { reason: String },
 
     #[error("the body is {found}; send JSON with Content-Type: application/json")]
     ContentType { found: String },
 
     #[error(
-        "the body is {}; send a file as multipart/form-data with the parts spec and file, or itself \
-         with Content-Type: text/csv or application/vnd.apache.parquet",
+        "the body is {}; send a form (multipart/form-data) with the parts spec and file, or the \
+         file itself with Content-Type: text/csv or application/vnd.apache.parquet",
         found.as_ref().map_or("of no declared type".to_owned(), |it| format!("declared as {it}"))
     )]
     UploadType { found: Option<String> },
 
-    #[error("a body may have {limit} bytes at most")]
+    #[error("the body is too large, allowed: {limit} bytes")]
     BodyTooLarge { limit: usize },
 
-    #[error("a file may have {limit} bytes at most; `serve --max-upload-bytes` sets the limit")]
+    #[error(
+        "the file is too large, allowed: {limit} bytes; `serve --max-upload-bytes` sets the limit"
+    )]
     UploadTooLarge { limit: u64 },
 
     #[error(
-        "files that were sent may take {quota} bytes together, and {used} are taken; delete some and empty the trash with \
-         `torqued gc`, or have `serve --upload-quota-bytes` set higher"
+        "there is no room for the file: sent files take {used} bytes, allowed: {quota}; delete \
+         some and empty the trash with `torqued gc`, or raise `serve --upload-quota-bytes`"
     )]
     UploadQuota { quota: u64, used: u64 },
 
     #[error(
-        "the file did not come: its next bytes may take {} s, and all of it {} h",
+        "the file did not arrive in time, allowed: {} s for its next bytes and {} h for all of it",
         stall.as_secs_f64(), UPLOAD_TIMEOUT.as_secs() / 3600
     )]
     UploadStalled { stall: Duration },
 
-    #[error("{CONCURRENT_UPLOADS} files are being received, as many as may be; try again later")]
+    #[error("{CONCURRENT_UPLOADS} files are being received, which is the limit; try again later")]
     UploadsCrowded,
 
     #[error("the form cannot be read: {reason}")]
@@ -82,29 +84,29 @@ pub enum ApiError {
     #[error("{0}")]
     Spec(SpecError),
 
-    /// A question to a model, or what came with it.
+    /// A prediction request, or data that came with it, was refused.
     #[error("{0}")]
     Question(SpecError),
 
     #[error("{}", live_message(.0))]
     Live(LiveError),
 
-    #[error("this server was put together without what computes predictions")]
+    #[error("this server has no models for live predictions")]
     NoModels,
 
     #[error("a stream is opened by a WebSocket handshake: {reason}")]
     Handshake { reason: String },
 
-    #[error("{STREAMS} streams are open, as many as may be; try again later")]
+    #[error("{STREAMS} streams are open, which is the limit; try again later")]
     StreamsCrowded,
 
-    #[error("{EVENT_STREAMS} streams of events are open, as many as may be; try again later")]
+    #[error("{EVENT_STREAMS} streams of events are open, which is the limit; try again later")]
     EventsCrowded,
 
     #[error("job {id} is {state}, which is final, so it cannot be cancelled")]
     AlreadyFinal { id: i64, state: JobState },
 
-    #[error("job {id} is {state}; only what failed or was cancelled can be tried again")]
+    #[error("job {id} is {state}; only failed and cancelled jobs can be retried")]
     NotFailed { id: i64, state: JobState },
 
     #[error(
@@ -113,17 +115,18 @@ pub enum ApiError {
     )]
     DatasetIncomplete { id: i64, job: i64, state: JobState },
 
-    #[error("{}", if *.offered { "the token opens nothing here: it is unknown, expired or revoked" } else {
-        "this server wants a token; send Authorization: Bearer TOKEN"
+    #[error("{}", if *.offered { "the token is not valid: it is unknown, expired or revoked" } else {
+        "this server requires a token; send Authorization: Bearer TOKEN"
     })]
     Unauthorized { offered: bool },
 
     #[error(
-        "the token {token} has the scope {scope}, and this needs {needed}; ask whoever administers the server for one"
+        "the token {token} has the scope {scope}, but this request needs {needed}; ask the \
+         server's administrator for such a token"
     )]
     Scope { token: String, scope: wire::Scope, needed: wire::Scope },
 
-    #[error("another site's page may not change anything here")]
+    #[error("a page of another site may not change anything on this server")]
     CrossSite,
 
     #[error(
@@ -135,18 +138,19 @@ pub enum ApiError {
     Crowded,
 
     #[error(
-        "this address asks more often than it may; try again in {} s, or have `serve --max-requests-per-second` set higher",
+        "this address sends too many requests; try again in {} s, or raise `serve \
+         --max-requests-per-second`",
         whole_seconds(*wait)
     )]
     TooFast { wait: Duration },
 
-    #[error("{CONCURRENT_DOWNLOADS} files are being sent, as many as may be; try again later")]
+    #[error("{CONCURRENT_DOWNLOADS} files are being sent, which is the limit; try again later")]
     DownloadsCrowded,
 
-    #[error("this server is about to end")]
+    #[error("this server is about to stop")]
     Ending,
 
-    #[error("the body did not come within {} s", BODY_WITHIN.as_secs())]
+    #[error("the body did not arrive within {} s", BODY_WITHIN.as_secs())]
     SlowBody,
 
     #[error("the answer took longer than {} s", REQUEST_TIMEOUT.as_secs())]
@@ -155,14 +159,14 @@ pub enum ApiError {
     #[error("{}", store_message(.0))]
     Store(#[from] StoreError),
 
-    /// The store's own words, but for those that name paths.
+    /// The store's own message, except messages with paths.
     #[error("the database cannot be written: {}", match .0 {
         error @ (StoreError::DatabaseGone | StoreError::DatabaseBusy { .. }) => error.to_string(),
         _ => "the server's log says why".to_owned(),
     })]
     Unwritable(StoreError),
 
-    /// A stored file is not what was written, or is gone.
+    /// A stored file is gone, or differs from what was written.
     #[error("{file} {}; {REMEDY}", harm(.source))]
     Damaged { file: String, source: Box<StoreError> },
 
@@ -184,11 +188,11 @@ pub enum ApiError {
     #[error("rendering a page failed")]
     Page(#[from] askama::Error),
 
-    #[error("a fault in the server; its log says more")]
+    #[error("an internal error of the server; its log has the details")]
     Internal,
 }
 
-/// As `Retry-After` has it: rounded up.
+/// Seconds for `Retry-After`, rounded up.
 fn whole_seconds(wait: Duration) -> u64 {
     wait.as_secs() + u64::from(wait.subsec_nanos() > 0)
 }
@@ -202,7 +206,7 @@ impl ApiError {
         Self::Parameter { name: name.to_owned(), value: value.to_string(), allowed: allowed.into() }
     }
 
-    /// The error of reading a stored file, which `file` names to a reader.
+    /// The error for a stored file that could not be read. `file` is its name in messages.
     pub fn reading(file: impl Display, error: StoreError) -> Self {
         if matches!(error, StoreError::DamagedObject { .. }) || error.is_missing_file() {
             return Self::Damaged { file: file.to_string(), source: Box::new(error) };
@@ -210,7 +214,7 @@ impl ApiError {
         Self::Store(error)
     }
 
-    /// The same error, with the fields of a spec or question seen from an enclosing one.
+    /// The same error, with the fields of a spec or request as seen from an enclosing one.
     pub fn within(self, outer: &str) -> Self {
         match self {
             Self::Spec(error) => Self::Spec(error.within(outer)),
@@ -223,7 +227,7 @@ impl ApiError {
         self.kind().0
     }
 
-    /// Status, name and title of the kind of problem.
+    /// Status, type and title of the problem.
     fn kind(&self) -> (StatusCode, &'static str, &'static str) {
         use StatusCode as S;
         match self {
@@ -233,7 +237,7 @@ impl ApiError {
                 (S::METHOD_NOT_ALLOWED, "method", "The path does not answer this method")
             }
             Self::Parameter { .. } | Self::Query { .. } => {
-                (S::BAD_REQUEST, "parameter", "A parameter cannot be accepted")
+                (S::BAD_REQUEST, "parameter", "A parameter is not allowed")
             }
             Self::ContentType { .. } => {
                 (S::UNSUPPORTED_MEDIA_TYPE, "content-type", "The body is not declared as JSON")
@@ -247,13 +251,11 @@ impl ApiError {
             Self::UploadTooLarge { .. } => {
                 (S::PAYLOAD_TOO_LARGE, "file-too-large", "The file is too large")
             }
-            Self::UploadQuota { .. } => (
-                S::PAYLOAD_TOO_LARGE,
-                "upload-quota",
-                "The quota of files that are sent is used up",
-            ),
+            Self::UploadQuota { .. } => {
+                (S::PAYLOAD_TOO_LARGE, "upload-quota", "The quota of sent files is used up")
+            }
             Self::UploadStalled { .. } => {
-                (S::REQUEST_TIMEOUT, "stalled", "The file did not come in time")
+                (S::REQUEST_TIMEOUT, "stalled", "The file did not arrive in time")
             }
             Self::UploadsCrowded => {
                 (S::SERVICE_UNAVAILABLE, "crowded", "Too many files are being received")
@@ -261,16 +263,16 @@ impl ApiError {
             Self::Form { .. } => (S::BAD_REQUEST, "form", "The form could not be read"),
             Self::Body { .. } => (S::BAD_REQUEST, "body", "The body could not be read"),
             Self::Json(_) => (S::BAD_REQUEST, "json", "The body is not JSON"),
-            Self::Spec(_) => (S::UNPROCESSABLE_ENTITY, "spec", "The spec cannot be accepted"),
+            Self::Spec(_) => (S::UNPROCESSABLE_ENTITY, "spec", "The spec is not allowed"),
             Self::Question(_) => {
-                (S::UNPROCESSABLE_ENTITY, "question", "The question cannot be answered")
+                (S::UNPROCESSABLE_ENTITY, "question", "The prediction request is not allowed")
             }
             Self::Live(error) => of_live(error),
             Self::NoModels => {
-                (S::NOT_IMPLEMENTED, "no-models", "The server computes no predictions")
+                (S::NOT_IMPLEMENTED, "no-models", "The server has no models for predictions")
             }
             Self::Handshake { .. } => {
-                (S::UPGRADE_REQUIRED, "handshake", "The path speaks WebSocket")
+                (S::UPGRADE_REQUIRED, "handshake", "The path needs a WebSocket")
             }
             Self::StreamsCrowded => {
                 (S::SERVICE_UNAVAILABLE, "crowded", "Too many streams are open")
@@ -288,7 +290,7 @@ impl ApiError {
                 (S::CONFLICT, "dataset-incomplete", "The dataset is not complete")
             }
             Self::Unauthorized { .. } => (S::UNAUTHORIZED, "token", "A token is required"),
-            Self::Scope { .. } => (S::FORBIDDEN, "scope", "The token does not reach so far"),
+            Self::Scope { .. } => (S::FORBIDDEN, "scope", "The token's scope is too small"),
             Self::CrossSite => (S::FORBIDDEN, "cross-site", "The request came from another site"),
             Self::ForeignHost { .. } => {
                 (S::MISDIRECTED_REQUEST, "host", "The server does not have this name")
@@ -300,8 +302,8 @@ impl ApiError {
             Self::DownloadsCrowded => {
                 (S::SERVICE_UNAVAILABLE, "crowded", "Too many files are being sent")
             }
-            Self::Ending => (S::SERVICE_UNAVAILABLE, "ending", "The server is about to end"),
-            Self::SlowBody => (S::REQUEST_TIMEOUT, "slow-body", "The body did not come in time"),
+            Self::Ending => (S::SERVICE_UNAVAILABLE, "ending", "The server is about to stop"),
+            Self::SlowBody => (S::REQUEST_TIMEOUT, "slow-body", "The body did not arrive in time"),
             Self::Timeout => (S::SERVICE_UNAVAILABLE, "timeout", "The answer took too long"),
             Self::Damaged { .. } => DAMAGED,
             Self::ShardUnreadable { .. } => {
@@ -326,7 +328,7 @@ impl ApiError {
             _ => Vec::new(),
         };
         Problem {
-            // A tag URI (RFC 4151): a name that does not pretend to be a page.
+            // A tag URI (RFC 4151). It is a name that does not look like the address of a page.
             kind: format!("tag:torqued,2026:{kind}"),
             title: title.to_owned(),
             status: status.as_u16(),
@@ -338,19 +340,19 @@ impl ApiError {
 
     /// The problem as the body of a response.
     pub fn to_json(&self) -> Response {
-        // Strings and numbers only, so serialization cannot fail; an empty body would still say
-        // its status.
+        // It has only strings and numbers, so serialization cannot fail. An empty body would still
+        // have its status.
         let problem = self.to_problem();
         let body = serde_json::to_vec(&problem).unwrap_or_default();
         let mut response = (self.status(), body).into_response();
-        // For those who say it in another shape.
+        // For middleware that answers in another format.
         response.extensions_mut().insert(problem);
         let media_type = HeaderValue::from_static("application/problem+json");
         response.headers_mut().insert(CONTENT_TYPE, media_type);
         response
     }
 
-    /// Writes to the log what the answer leaves out.
+    /// Logs details that the answer leaves out.
     pub fn log(&self) {
         if let Self::ShardUnreadable { reason, .. } = self {
             tracing::error!(error = %self, reason, "a request failed");
@@ -359,12 +361,13 @@ impl ApiError {
         }
     }
 
-    /// Headers that belong to the answer, whatever its body.
+    /// Adds headers that do not depend on the body's format.
     pub fn add_headers(&self, response: &mut Response) {
         let headers = response.headers_mut();
         match self {
             Self::Unauthorized { .. } => {
-                // Two lines and not one list: browsers do not look for Basic behind a comma.
+                // There are two header lines instead of one list, because browsers do not look for
+                // Basic after a comma.
                 headers.append(WWW_AUTHENTICATE, HeaderValue::from_static(BEARER));
                 headers.append(WWW_AUTHENTICATE, HeaderValue::from_static(BASIC));
             }
@@ -392,17 +395,17 @@ impl ApiError {
 const DAMAGED: (StatusCode, &str, &str) =
     (StatusCode::INTERNAL_SERVER_ERROR, "damaged", "A stored file is damaged");
 
-/// A reader's way out of damage.
-const REMEDY: &str = "restore it from a backup, or make it anew: submit the spec of the job that made it with \
-                      `--force` (`?force=true`)";
+/// The remedy for a damaged file.
+const REMEDY: &str = "restore it from a backup, or make it again: submit the spec of the job that made it with \
+     `--force` (`?force=true`)";
 
-/// The harm done to a file, in words.
+/// A description of the damage to a file.
 fn harm(error: &StoreError) -> String {
     match error {
         StoreError::DamagedObject { expected, found, .. } => {
             format!("is damaged: expected {expected}, found {found}")
         }
-        _ => "is not in the data folder any more".to_owned(),
+        _ => "is missing".to_owned(),
     }
 }
 
@@ -420,7 +423,7 @@ fn of_store(error: &StoreError) -> (StatusCode, &'static str, &'static str) {
         }
         StoreError::TokenExists { .. }
         | StoreError::TooManyTokens
-        | StoreError::FirstToken { .. } => (S::CONFLICT, "tokens", "The token cannot be made"),
+        | StoreError::FirstToken { .. } => (S::CONFLICT, "tokens", "The token cannot be created"),
         StoreError::TooManyTags { .. } => (S::CONFLICT, "tags", "There are too many tags"),
         StoreError::ExperimentTaken { .. } => {
             (S::CONFLICT, "experiment-taken", "The experiment exists already")
@@ -430,14 +433,14 @@ fn of_store(error: &StoreError) -> (StatusCode, &'static str, &'static str) {
         }
         StoreError::NotDeleted { .. } => (S::CONFLICT, "not-deleted", "It is not in the trash"),
         StoreError::OwnerDeleted { .. } => {
-            (S::CONFLICT, "owner-deleted", "It is in the trash with what owns it")
+            (S::CONFLICT, "owner-deleted", "It was deleted together with its owner")
         }
         StoreError::NotEnded { .. } => (S::CONFLICT, "not-ended", "Its job has not ended"),
         StoreError::Needed { .. } => (S::CONFLICT, "needed", "Jobs depend on it"),
         StoreError::InputDeleted { .. } | StoreError::FileDeleted { .. } => {
             (S::CONFLICT, "input-deleted", "Something that the job reads was just deleted")
         }
-        StoreError::Deleted { .. } => (S::CONFLICT, "deleted", "The thing is deleted"),
+        StoreError::Deleted { .. } => (S::CONFLICT, "deleted", "It is deleted"),
         StoreError::ParamChanged { .. } => {
             (S::CONFLICT, "param-changed", "The param has another value already")
         }
@@ -451,10 +454,10 @@ fn of_live(error: &LiveError) -> (StatusCode, &'static str, &'static str) {
     use StatusCode as S;
     match error {
         LiveError::Refused(_) => {
-            (S::UNPROCESSABLE_ENTITY, "question", "The question cannot be answered")
+            (S::UNPROCESSABLE_ENTITY, "question", "The prediction request is not allowed")
         }
         LiveError::Queue { .. } | LiveError::Full { .. } => {
-            (S::SERVICE_UNAVAILABLE, "crowded", "Too much is to be predicted at once")
+            (S::SERVICE_UNAVAILABLE, "crowded", "Too many predictions at once")
         }
         LiveError::TooLarge { .. } => {
             (S::INSUFFICIENT_STORAGE, "model-too-large", "The model is too large to be loaded")
@@ -476,7 +479,7 @@ fn live_message(error: &LiveError) -> String {
     }
 }
 
-/// What a caller may know of a failure: paths and SQL stay in the log.
+/// The part of a failure that callers may see. Paths and SQL are only logged.
 fn store_message(error: &StoreError) -> String {
     match error {
         StoreError::NotFound { .. }
@@ -499,7 +502,7 @@ fn store_message(error: &StoreError) -> String {
         | StoreError::ParamChanged { .. }
         | StoreError::DiskFull { .. } => error.to_string(),
         StoreError::DamagedObject { .. } => format!("{error}; {REMEDY}"),
-        _ => "a fault in the server; its log says more".to_owned(),
+        _ => "an internal error of the server; its log has the details".to_owned(),
     }
 }
 

@@ -1,4 +1,4 @@
-//! Extractors of axum, with its rejections as problems.
+//! Extractors of axum that answer rejections with problems.
 
 use std::convert::Infallible;
 
@@ -14,7 +14,7 @@ use serde::de::DeserializeOwned;
 use crate::error::ApiError;
 use crate::limits::{BODY_BYTES, BODY_WITHIN, IDEMPOTENCY_KEY_BYTES};
 
-/// The captures of a path.
+/// The variables of a path.
 pub struct Path<T>(pub T);
 
 impl<T, S> FromRequestParts<S> for Path<T>
@@ -34,7 +34,7 @@ where
     }
 }
 
-/// The query string; unknown parameters were refused before.
+/// The query string. Unknown parameters were refused before.
 pub struct Query<T>(pub T);
 
 impl<T, S> FromRequestParts<S> for Query<T>
@@ -54,7 +54,7 @@ where
     }
 }
 
-/// The parameters of a query in their order. A name may come several times.
+/// The parameters of a query, in order. A name may come several times.
 pub struct QueryPairs(pub Vec<(String, String)>);
 
 impl<S: Send + Sync> FromRequestParts<S> for QueryPairs {
@@ -67,13 +67,13 @@ impl<S: Send + Sync> FromRequestParts<S> for QueryPairs {
 }
 
 impl QueryPairs {
-    /// Every `tag`.
+    /// All values of `tag`.
     pub fn tags(self) -> Vec<String> {
         let tags = self.0.into_iter().filter(|(name, _)| name == "tag");
         tags.map(|(_, tag)| tag).collect()
     }
 
-    /// The fields that a form sends, without empty ones, and with each tag as one field.
+    /// The fields of a form, without empty ones and with one field per tag.
     pub fn filled(self) -> Vec<(String, String)> {
         let mut filled = Vec::new();
         for (name, value) in self.0 {
@@ -88,7 +88,7 @@ impl QueryPairs {
     }
 }
 
-/// The bytes of a body that is declared as JSON, `LIMIT` at most.
+/// A body that is declared as JSON, with at most `LIMIT` bytes.
 pub struct JsonBytes<const LIMIT: usize = BODY_BYTES>(pub Bytes);
 
 impl<S: Send + Sync, const LIMIT: usize> FromRequest<S> for JsonBytes<LIMIT> {
@@ -100,7 +100,7 @@ impl<S: Send + Sync, const LIMIT: usize> FromRequest<S> for JsonBytes<LIMIT> {
     }
 }
 
-/// The bytes of a body that is declared as a merge patch (RFC 7396), or as JSON.
+/// A body that is declared as a merge patch (RFC 7396) or as JSON.
 pub struct PatchBytes(pub Bytes);
 
 impl<S: Send + Sync> FromRequest<S> for PatchBytes {

@@ -1,4 +1,5 @@
-//! What every request passes: a bounded crowd, a deadline, and headers that keep a browser safe.
+//! Guards for every request: a limit of concurrent requests, a deadline, and headers that protect
+//! browsers.
 
 use std::any::Any;
 use std::sync::Arc;
@@ -17,11 +18,11 @@ use crate::app::App;
 use crate::error::ApiError;
 use crate::limits::{CONCURRENT_REQUESTS, REQUEST_TIMEOUT};
 
-/// Where files are sent to, to become datasets and to become artifacts of MLflow's runs.
+/// Paths of uploads, for datasets and for artifacts of MLflow's runs.
 const UPLOADS: &str = "/v1/datasets";
 const ARTIFACTS: &str = "/api/2.0/mlflow-artifacts/artifacts/";
 
-/// Places for the requests answered at once.
+/// Permits for concurrent requests.
 #[derive(Clone)]
 pub struct Crowd(Arc<Semaphore>);
 
@@ -31,8 +32,8 @@ impl Crowd {
     }
 }
 
-/// Answers within [`REQUEST_TIMEOUT`] or says that it could not. An upload takes as long as its
-/// sender: it watches over the time itself.
+/// Answers within [`REQUEST_TIMEOUT`], or says that it could not. An upload takes as long as its
+/// sender needs, and checks the time itself.
 pub async fn admit(
     State(crowd): State<Crowd>,
     request: Request,
@@ -47,7 +48,7 @@ pub async fn admit(
     tokio::time::timeout(REQUEST_TIMEOUT, next.run(request)).await.map_err(|_| ApiError::Timeout)
 }
 
-/// Counts requests by route for those who watch.
+/// Counts requests by route, for monitoring.
 pub async fn count(State(app): State<App>, request: Request, next: Next) -> Response {
     let began = Instant::now();
     let route = request.extensions().get::<MatchedPath>().cloned();
@@ -58,7 +59,8 @@ pub async fn count(State(app): State<App>, request: Request, next: Next) -> Resp
     response
 }
 
-/// Everything the page needs comes from this server, and nothing may frame it.
+/// The content security policy. Everything on the page comes from this server, and no site may
+/// embed it in a frame.
 const POLICY: &str = "default-src 'none'; style-src 'self'; script-src 'self'; img-src 'self'; \
                       connect-src 'self'; form-action 'self'; base-uri 'none'; \
                       frame-ancestors 'none'";
@@ -72,13 +74,14 @@ const BROWSER_HEADERS: [(HeaderName, HeaderValue); 3] = [
 pub async fn add_browser_headers(request: Request, next: Next) -> Response {
     let mut response = next.run(request).await;
     for (name, value) in BROWSER_HEADERS {
-        // A page that needs more than others says so itself.
+        // A page that needs more than the others sets its own policy.
         response.headers_mut().entry(name).or_insert(value);
     }
     response
 }
 
-/// The last resort for a fault of ours: the caller learns that it was one, the log learns which.
+/// Answers a panic, as a last resort. The caller learns that it is the server's fault, and the log
+/// has the details.
 #[expect(clippy::needless_pass_by_value, reason = "the layer hands it over")]
 pub fn answer_panic(panic: Box<dyn Any + Send + 'static>) -> Response {
     let message = faults::panic_message(panic.as_ref());

@@ -1,7 +1,7 @@
-//! HTTP: routes, auth, OpenAPI, downloads and the page.
+//! HTTP: routes, authentication, OpenAPI, downloads and the page.
 //!
-//! A handler parses, calls [`app`], and answers. `app` knows what a job, a dataset or an evaluation
-//! is to a user and asks the store; nothing here runs a job, writes SQL or touches a file path.
+//! A handler parses, calls [`app`], and answers. `app` implements the operations on jobs, datasets
+//! and other resources with the store. Nothing here runs a job, writes SQL or touches a file path.
 
 mod access;
 mod app;

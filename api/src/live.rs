@@ -1,6 +1,7 @@
-//! What computes predictions, as seen from here: plain arrays in and out.
+//! The interface to live predictions, with plain arrays.
 //!
-//! Nothing that computes models is compiled for this crate; whoever composes the server brings it.
+//! The code that computes models is not compiled into this crate. The server's composition passes
+//! it in.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -12,7 +13,7 @@ use store::{Checkpoint, StoreError};
 use thiserror::Error;
 use wire::Warning;
 
-/// The models of checkpoints, kept loaded.
+/// The models of checkpoints, which stay loaded.
 pub trait LiveModels: Send + Sync {
     /// The model of a checkpoint. It stays loaded at least as long as somebody holds it.
     fn load<'a>(
@@ -21,12 +22,12 @@ pub trait LiveModels: Send + Sync {
     ) -> BoxFuture<'a, Result<Arc<dyn LiveModel>, LiveError>>;
 }
 
-/// A model that is loaded.
+/// A loaded model.
 pub trait LiveModel: Send + Sync {
     fn about(&self) -> &AboutModel;
 
-    /// Answers a question whose shapes are those of [`AboutModel`]. To drop the future is to give
-    /// the computation up.
+    /// Predicts for a request with the shapes in [`AboutModel`]. Dropping the future cancels the
+    /// computation.
     fn predict(
         &self,
         question: Question,
@@ -36,23 +37,23 @@ pub trait LiveModel: Send + Sync {
 
 #[derive(Clone, Debug)]
 pub struct AboutModel {
-    /// Samples it is given.
+    /// Number of samples of its context.
     pub context: usize,
-    /// Samples it predicts.
+    /// Number of samples of its horizon.
     pub horizon: usize,
-    /// Joints of the arm.
+    /// Number of joints of the arm.
     pub joints: usize,
     pub rate_hz: f64,
-    /// Whether its normalization looks into the horizon, so that it cannot be asked.
+    /// Whether its normalization looks into the horizon, so it cannot predict live.
     pub needs_future: bool,
-    /// As `--device` takes it.
+    /// The device's name, as in `--device`.
     pub device: String,
-    /// That compute one prediction.
+    /// Number of threads that compute one prediction.
     pub threads: usize,
 }
 
-/// Who waits. Those of one lane wait for each other, one prediction after the other, and never for
-/// those of another.
+/// A lane of predictions. Predictions of one lane are computed one after the other, and never wait
+/// for those of another lane.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Lane {
     Requests,
@@ -61,25 +62,25 @@ pub enum Lane {
 
 #[derive(Clone, Debug)]
 pub struct Question {
-    /// Torques of context and horizon, positions of the context.
+    /// Torques of context and horizon, and positions of the context.
     pub scenarios: Series,
-    /// How many answers to each, of a model that has several; `None` is the one it would give if
-    /// asked for one.
+    /// Number of samples per scenario, from a model that can give several. `None` for one
+    /// prediction.
     pub samples: Option<usize>,
-    /// `None` is the checkpoint's.
+    /// `None` for the checkpoint's own sampler.
     pub sampler: Option<SamplerSpec>,
     pub seed: u64,
     pub previous: Option<Previous>,
 }
 
-/// An earlier prediction to begin with instead of noise.
+/// An earlier prediction to start from, instead of noise.
 #[derive(Clone, Debug)]
 pub struct Previous {
     /// Joint positions `[size, horizon, 7]`, rad.
     pub positions: Vec<f32>,
-    /// Samples between that prediction and this one.
+    /// Number of samples from that prediction to this one.
     pub shift: usize,
-    /// Noise levels that are removed again.
+    /// Number of noise levels that are removed again.
     pub steps: u32,
 }
 
@@ -88,9 +89,9 @@ pub struct Answer {
     /// Joint positions `[samples, size, horizon, 7]`, rad; all finite.
     pub positions: Vec<f32>,
     pub samples: usize,
-    /// Doubts about the question and the answer.
+    /// Warnings about the request and the prediction.
     pub warnings: Vec<Warning>,
-    /// Until its turn came.
+    /// Time until its turn came.
     pub queued: Duration,
     pub computed: Duration,
 }
@@ -98,20 +99,20 @@ pub struct Answer {
 /// Why there is no prediction.
 #[derive(Debug, Error)]
 pub enum LiveError {
-    /// What the model of this checkpoint cannot do.
+    /// The model of this checkpoint cannot do this.
     #[error("{0}")]
     Refused(SpecError),
 
-    #[error("{waiting} predictions are waiting to be computed, as many as may; try again later")]
+    #[error("{waiting} predictions are waiting, which is the limit; try again later")]
     Queue { waiting: usize },
 
     #[error(
-        "the models in use fill the {models} places or {bytes} bytes that there are for loaded \
-         models; try again later"
+        "there is no room for another model: the models in use take all {models} places or {bytes} \
+         bytes; try again later"
     )]
     Full { models: usize, bytes: u64 },
 
-    #[error("the model has {found} bytes; loaded models may have {bytes} together")]
+    #[error("the model has {found} bytes, allowed: {bytes} for all loaded models together")]
     TooLarge { found: u64, bytes: u64 },
 
     #[error("the model cannot be loaded: {reason}")]

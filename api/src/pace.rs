@@ -1,4 +1,4 @@
-//! How often one address may ask.
+//! Limits the rate of requests from one address.
 
 use std::net::{IpAddr, Ipv6Addr};
 use std::num::NonZero;
@@ -15,10 +15,10 @@ use crate::connections::Peer;
 use crate::error::ApiError;
 use crate::limits::BURST_SECONDS;
 
-/// Addresses that are remembered before those are forgotten that have not asked for long.
+/// Number of remembered addresses. Above it, addresses without recent requests are forgotten.
 const REMEMBERED: usize = 10_000;
 
-/// A limiter that holds how many requests each address may still send.
+/// A limiter that counts the requests that each address may still send.
 #[derive(Clone)]
 pub struct Pace(Arc<DefaultKeyedRateLimiter<IpAddr>>);
 
@@ -31,7 +31,7 @@ impl Pace {
         )))
     }
 
-    /// How long the address has to wait, if it has.
+    /// How long the address has to wait; `None` if it need not wait.
     fn wait(&self, address: IpAddr) -> Option<Duration> {
         if self.0.len() > REMEMBERED {
             self.0.retain_recent();
@@ -41,7 +41,8 @@ impl Pace {
     }
 }
 
-/// One address of version 4; of version 6 a network, of which one machine has all addresses.
+/// The address itself for version 4. For version 6 its network, because one machine has all
+/// addresses of a network.
 fn network(address: IpAddr) -> IpAddr {
     match address {
         IpAddr::V4(_) => address,
@@ -52,7 +53,7 @@ fn network(address: IpAddr) -> IpAddr {
     }
 }
 
-/// Refuses whoever asks too often.
+/// Refuses an address that sends too many requests.
 pub async fn keep(
     State(pace): State<Pace>,
     request: Request,

@@ -1,7 +1,7 @@
-//! Query parameters that no operation knows are refused, so that a typing error cannot pass for
-//! a filter that matched everything.
+//! Refuses unknown query parameters, so that a typing error is not taken for a filter that matches
+//! everything.
 //!
-//! The OpenAPI document is what decides: a parameter that works is a parameter that is documented.
+//! The OpenAPI document decides: every parameter that works is documented.
 
 use std::collections::HashMap;
 use std::sync::Arc;

@@ -1,9 +1,10 @@
-//! `Range` of RFC 9110, section 14, as far as a file of known size needs it.
+//! `Range` of RFC 9110, section 14, as far as files of known size need it.
 
-/// Which bytes of a file a request asks for.
+/// The bytes of a file that a request asks for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Requested {
-    /// All of them: no range, one that is not understood, or several (a server may ignore those).
+    /// All bytes: there is no range, it cannot be read, or there are several (which a server may
+    /// ignore).
     Whole,
     /// `first..=last`, which lies within the file.
     Part { first: u64, last: u64 },
@@ -50,7 +51,8 @@ fn position(digits: &str) -> Position {
     if !digits.bytes().all(|byte| byte.is_ascii_digit()) {
         return Position::Invalid;
     }
-    // All digits, so the only error is a number beyond u64, which is beyond any file as well.
+    // The text has only digits, so the only error is a number beyond u64, which is also beyond any
+    // file.
     Position::At(digits.parse().unwrap_or(u64::MAX))
 }
 

@@ -1,4 +1,5 @@
-//! A name for every request: the caller's, or one of ours. It is answered, and in every line that is logged meanwhile.
+//! An id for every request: the caller's, or a new one. The answer and every log line about the
+//! request have it.
 
 use std::hash::{BuildHasher, RandomState};
 use std::sync::LazyLock;
@@ -14,7 +15,7 @@ use crate::limits::REQUEST_ID_BYTES;
 
 const X_REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
 
-/// Names the request, and answers the name.
+/// Gives the request its id, and returns the id with the answer.
 pub async fn identify(request: Request, next: Next) -> Response {
     let offered = request.headers().get(&X_REQUEST_ID).and_then(|id| id.to_str().ok());
     let id = offered.filter(|id| is_plain(id)).map_or_else(new_id, str::to_owned);
@@ -27,13 +28,13 @@ pub async fn identify(request: Request, next: Next) -> Response {
     response
 }
 
-/// Another name is not taken, but replaced: it goes into logs.
+/// Whether an id can be used in logs. Other ids are replaced.
 fn is_plain(id: &str) -> bool {
     let is_allowed = |byte: u8| byte.is_ascii_alphanumeric() || b"-_.:/+=".contains(&byte);
     (1..=REQUEST_ID_BYTES).contains(&id.len()) && id.bytes().all(is_allowed)
 }
 
-/// A number that no other request has, of any server.
+/// A unique number, for all requests and servers.
 fn new_id() -> String {
     static KEYS: LazyLock<[RandomState; 2]> = LazyLock::new(Default::default);
     static COUNT: AtomicU64 = AtomicU64::new(0);

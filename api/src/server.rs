@@ -1,4 +1,4 @@
-//! Listening, and ending in time.
+//! Listens for requests, and stops in time.
 
 use std::future::Future;
 use std::io;
@@ -16,24 +16,24 @@ use crate::routes;
 #[derive(Debug, Error)]
 pub enum ServeError {
     #[error(
-        "listening on {address} is open to the network and needs a token; \
-         set one, or listen on 127.0.0.1"
+        "other machines can reach {address}, so the server needs a token; set one, or listen on \
+         127.0.0.1"
     )]
     OpenWithoutToken { address: SocketAddr },
 
     #[error("serving HTTP failed")]
     Io(#[from] io::Error),
 
-    #[error("cannot tell whether a token is asked for")]
+    #[error("cannot tell whether the server requires a token")]
     Store(#[from] StoreError),
 }
 
-/// Answers requests until `shutdown` is done, and the requests then under way for
-/// [`SHUTDOWN_GRACE`] more.
+/// Answers requests until `shutdown` completes. Running requests then have another
+/// [`SHUTDOWN_GRACE`].
 ///
 /// # Errors
-/// [`ServeError::OpenWithoutToken`] when `listener` can be reached from other machines and `app`
-/// asks for no token. When the database fails.
+/// [`ServeError::OpenWithoutToken`] when other machines can reach `listener` and `app` requires no
+/// token. Also when the database fails.
 pub async fn serve(
     listener: impl Into<Listener>,
     app: App,
@@ -46,9 +46,9 @@ pub async fn serve(
         return Err(ServeError::OpenWithoutToken { address });
     }
     let stop = CancellationToken::new();
-    // When this function is dropped, connections end as well.
+    // When this function is dropped, connections end too.
     let _stop = stop.clone().drop_guard();
-    // Streams are no connections to the server any more.
+    // WebSocket streams no longer count as connections of the server.
     let served = async {
         let router = routes::router(app.clone());
         connections::serve(listener, router, app.connections(), stop.clone()).await;

@@ -1,8 +1,9 @@
-//! A WebSocket and what is said on it: one message, one answer, in this order.
+//! A WebSocket and its messages: one message, one answer, in this order.
 //!
-//! The client is listened to while an answer is computed: one that leaves interrupts it. Messages that come meanwhile wait
-//! for their turn, up to a bound; beyond it, a client that sends faster than it is answered fills its own connection and
-//! nothing of ours.
+//! The server reads from the client while it computes an answer, so a client that leaves interrupts
+//! the computation. Messages that arrive meanwhile wait for their turn, up to a limit. Beyond it, a
+//! client that sends faster than it gets answers fills its own connection, and no memory of the
+//! server.
 
 use std::borrow::Cow;
 use std::collections::VecDeque;
@@ -21,8 +22,8 @@ use crate::limits::{
     STREAM_BACKLOG, STREAM_BACKLOG_BYTES, STREAM_PING, STREAM_PROBE, STREAM_SILENCE, STREAM_WRITE,
 };
 
-/// Answers until the client goes, is silent for too long, or `closing` is done. `_place` is one of
-/// the streams that may be open.
+/// Answers until the client leaves, is silent for too long, or `closing` completes. `_place` is the
+/// permit of an open stream.
 pub async fn serve(
     socket: WebSocket,
     mut stream: PredictionStream,
@@ -36,13 +37,13 @@ pub async fn serve(
     };
     if let Some((code, reason)) = farewell {
         let reason = Utf8Bytes::from(reason.into_owned());
-        // Who does not take it is gone already.
+        // If the client does not accept it, it is gone already.
         let _ = client.send(Message::Close(Some(CloseFrame { code, reason }))).await;
     }
 }
 
-/// The end of a stream, with the reason if we are the ones to close it: a number of RFC 6455, and words. Without one the
-/// client has gone.
+/// The end of a stream. If the server closes it, it has the reason: a code of RFC 6455, and words.
+/// Otherwise the client has left.
 struct End(Option<(u16, Cow<'static, str>)>);
 
 async fn converse(client: &mut Client, stream: &mut PredictionStream) -> End {
@@ -68,10 +69,10 @@ async fn converse(client: &mut Client, stream: &mut PredictionStream) -> End {
     }
 }
 
-/// The other end of a stream.
+/// The client of a stream.
 struct Client {
     socket: WebSocket,
-    /// Messages that came while an answer was computed, in their order.
+    /// Messages that came while an answer was computed, in order.
     backlog: VecDeque<Message>,
     backlog_bytes: usize,
     heard: Instant,
@@ -82,7 +83,7 @@ impl Client {
         Self { socket, backlog: VecDeque::new(), backlog_bytes: 0, heard: Instant::now() }
     }
 
-    /// The next message with something in it.
+    /// The next message with content.
     async fn next(&mut self) -> Result<Message, End> {
         loop {
             if let Some(message) = self.backlog.pop_front() {
@@ -93,7 +94,7 @@ impl Client {
         }
     }
 
-    /// Done when the client leaves, and never otherwise.
+    /// Completes when the client leaves, and never otherwise.
     async fn leaves(&mut self) -> End {
         loop {
             let has_room =
@@ -101,7 +102,8 @@ impl Client {
             let heard = if has_room {
                 self.listen().await
             } else {
-                // No room is left to read its goodbye, but a connection that is gone takes no ping.
+                // There is no room to read its close message, but a ping to a closed connection
+                // fails.
                 sleep(STREAM_PROBE).await;
                 self.ping().await
             };
@@ -111,13 +113,13 @@ impl Client {
         }
     }
 
-    /// Hears one message, which joins the backlog, or asks a client that says nothing whether it is there. Pings are
-    /// answered along the way.
+    /// Reads one message into the backlog. If the client is silent, sends it a ping. Pings of the
+    /// client are answered meanwhile.
     async fn listen(&mut self) -> Result<(), End> {
         let message = match timeout(STREAM_PING, self.socket.recv()).await {
             Ok(None) => return Err(End(None)),
             Ok(Some(Ok(Message::Close(_)))) => {
-                // The answer to a goodbye lies ready, and goes out with the next read.
+                // The answer to a close message is ready, and the next read sends it.
                 let _ = timeout(STREAM_WRITE, self.socket.recv()).await;
                 return Err(End(None));
             }
@@ -141,7 +143,7 @@ impl Client {
         self.send(Message::Ping(axum::body::Bytes::new())).await
     }
 
-    /// Fails when the client does not accept the message in time, or is gone.
+    /// Fails if the client does not accept the message in time, or is gone.
     async fn send(&mut self, message: Message) -> Result<(), End> {
         match timeout(STREAM_WRITE, self.socket.send(message)).await {
             Ok(Ok(())) => Ok(()),
@@ -150,7 +152,7 @@ impl Client {
     }
 }
 
-/// The end of a stream whose client sent what no stream may have (RFC 6455, section 7.4.1).
+/// The end of a stream whose client violated the protocol (RFC 6455, section 7.4.1).
 fn ended_by(error: axum::Error) -> End {
     let error = error.into_inner();
     let code = match error.downcast_ref::<tungstenite::Error>() {
@@ -163,7 +165,7 @@ fn ended_by(error: axum::Error) -> End {
         _ => return End(None),
     };
     let mut reason = error.to_string();
-    // A control frame has 125 bytes, two of which are the code.
+    // A control frame has at most 125 bytes, and the code takes two of them.
     reason.truncate(reason.floor_char_boundary(123));
     End(Some((code, reason.into())))
 }
@@ -177,6 +179,6 @@ fn length(message: &Message) -> usize {
 }
 
 fn text_of(reply: &StreamReply) -> Utf8Bytes {
-    // Strings and finite numbers only, so this cannot fail.
+    // It has only strings and finite numbers, so this cannot fail.
     serde_json::to_string(reply).unwrap_or_default().into()
 }

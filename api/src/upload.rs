@@ -1,4 +1,4 @@
-//! A file on its way in: as the part of a form, or as the body itself, never whole in memory.
+//! Receives a file as the part of a form or as the whole body. The file is never whole in memory.
 
 use std::time::Duration;
 
@@ -18,16 +18,16 @@ use crate::error::ApiError;
 use crate::extract::Query;
 use crate::limits::{BODY_BYTES, UPLOAD_NAME_BYTES, UPLOAD_TIMEOUT};
 
-/// Bytes of a form around its file: boundaries, headers of the parts, and the spec.
+/// Bytes of a form besides its file: boundaries, headers of the parts, and the spec.
 const FORM_BYTES: u64 = 64 * 1024 + BODY_BYTES as u64;
 
-/// A file that somebody sends, with what is known before its first byte.
+/// A file that is being sent, with the facts that are known before its first byte.
 pub struct IncomingFile {
     /// The import spec as it was sent.
     pub spec: Bytes,
-    /// What the sender says the file is, if the media type tells.
+    /// The format that the media type declares, if it does.
     pub format: Option<FileFormat>,
-    /// As the sender calls it.
+    /// The name that the sender gave it.
     pub name: String,
     source: Source,
     received: u64,
@@ -35,7 +35,7 @@ pub struct IncomingFile {
     patience: Patience,
 }
 
-/// A file on its way in that is all of a body, whatever it holds.
+/// A body that is received as a file, whatever it holds.
 pub struct IncomingBytes {
     body: BoxStream<'static, Result<Bytes, axum::Error>>,
     received: u64,
@@ -43,7 +43,7 @@ pub struct IncomingBytes {
     patience: Patience,
 }
 
-/// How long a sender is waited for.
+/// How long to wait for a sender.
 #[derive(Clone, Copy)]
 struct Patience {
     /// For the next bytes.
@@ -55,7 +55,7 @@ struct Patience {
 #[expect(clippy::large_enum_variant, reason = "one exists per file on its way in")]
 enum Source {
     Body(BoxStream<'static, Result<Bytes, axum::Error>>),
-    /// The part called `file`, until its end, and the form that it is the last part of.
+    /// The part called `file`, and its form, in which it is the last part.
     Form {
         file: Option<Field<'static>>,
         form: Multipart<'static>,
@@ -121,7 +121,7 @@ fn format_of(essence: &str) -> Option<FileFormat> {
     FileFormat::ALL.into_iter().find(|format| format.media_type() == essence)
 }
 
-/// A sender who says how much will come is stopped before it comes.
+/// Refuses a body that is too long before it is received, if its length is declared.
 fn refuse_longer(headers: &HeaderMap, allowed: u64, limit: u64) -> Result<(), ApiError> {
     let length = headers.get(CONTENT_LENGTH).and_then(|length| length.to_str().ok());
     match length.and_then(|length| length.parse::<u64>().ok()) {
@@ -200,7 +200,7 @@ fn wrong_part(expected: &str, found: Option<&Field<'static>>) -> ApiError {
         None => "nothing".to_owned(),
         Some(part) => format!("part {:?}", part.name().unwrap_or_default()),
     };
-    let reason = format!("{found} came where part {expected:?} should; send spec, then file");
+    let reason = format!("{found} came instead of part {expected:?}; send spec, then file");
     ApiError::Form { reason }
 }
 
@@ -216,10 +216,10 @@ fn form_error(error: &multer::Error, limit: u64) -> ApiError {
 }
 
 impl IncomingFile {
-    /// The bytes that follow, or `None` at the end.
+    /// The next bytes; `None` at the end.
     ///
     /// # Errors
-    /// When they do not come in time, are cut off, or are too many.
+    /// When they do not arrive in time, are cut off, or are too many.
     pub async fn next(&mut self) -> Result<Option<Bytes>, ApiError> {
         let (limit, patience) = (self.limit, self.patience);
         let piece = match &mut self.source {
@@ -234,7 +234,7 @@ impl IncomingFile {
                     let piece = patience.wait(part.chunk()).await?;
                     let piece = piece.map_err(|error| form_error(&error, limit))?;
                     if piece.is_none() {
-                        // A form gives no other part away while one is held.
+                        // A form returns no other part while one is held.
                         *file = None;
                         refuse_more(form, limit, patience).await?;
                     }
@@ -264,10 +264,10 @@ impl FromRequest<App> for IncomingBytes {
 }
 
 impl IncomingBytes {
-    /// The bytes that follow, or `None` at the end.
+    /// The next bytes; `None` at the end.
     ///
     /// # Errors
-    /// When they do not come in time, are cut off, or are too many.
+    /// When they do not arrive in time, are cut off, or are too many.
     pub async fn next(&mut self) -> Result<Option<Bytes>, ApiError> {
         let piece = self.patience.wait(self.body.next()).await?.transpose();
         let piece = piece.map_err(|error| ApiError::Body { reason: error.to_string() })?;

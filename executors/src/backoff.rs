@@ -1,4 +1,4 @@
-//! Pauses that grow while something fails.
+//! Backoff: pauses that grow while something fails.
 
 use std::time::Duration;
 
@@ -15,12 +15,12 @@ impl Backoff {
         Self { first, longest, next: first }
     }
 
-    /// Begins with the first pause again.
+    /// Resets to the first pause.
     pub const fn reset(&mut self) {
         self.next = self.first;
     }
 
-    /// The pause after one more failure: twice as long as the one before, up to a limit.
+    /// The pause after another failure: twice as long as the one before, up to a limit.
     pub fn fail(&mut self) -> Duration {
         let pause = self.next;
         self.next = (pause * 2).min(self.longest);

@@ -1,4 +1,5 @@
-//! Looks at what waits and at who is there, and has the engine place workers or lets them go.
+//! The control loop: looks at waiting tasks and at workers, and asks the engine to place workers or
+//! to end them.
 
 use std::collections::HashMap;
 use std::time::{Duration, Instant};
@@ -15,23 +16,24 @@ use crate::resources::written;
 use crate::worker_command::{new_name, prefix};
 use crate::{Action, Ask, Bounds, Cause, End, Engine, EngineError, Phase, PlacedWorker, plan};
 
-/// How an engine is asked for workers.
+/// Options for requesting workers from an engine.
 #[derive(Clone, Debug)]
 pub struct Settings {
     pub bounds: Bounds,
-    /// Every worker offers at least this.
+    /// The least that every worker offers.
     pub usual: Resources,
-    /// Between two looks.
+    /// Pause between two looks.
     pub look_every: Duration,
-    /// The version of this program: workers of others claim nothing.
+    /// The version of this program. Workers of another version claim no tasks.
     pub version: String,
 }
 
-/// The loop between a store's queue and a cluster's engine. Of several servers that share the store one has it.
+/// The control loop between a store's queue and a cluster's engine. If several servers share the
+/// store, one of them runs it.
 #[derive(Debug)]
 pub struct Control {
     store: Store,
-    /// The store's among others.
+    /// The store's identity.
     identity: String,
     engine: Engine,
     settings: Settings,
@@ -39,7 +41,7 @@ pub struct Control {
     memory: Memory,
 }
 
-/// Why a look came to nothing.
+/// Why a look failed.
 #[derive(Debug, thiserror::Error)]
 enum LookError {
     #[error(transparent)]
@@ -62,7 +64,8 @@ impl Control {
         Ok(control)
     }
 
-    /// Takes its turn again and again until `stop`. Workers outlive the server: they do what waits and then end.
+    /// Looks regularly until `stop`. Workers outlive the server: they do the waiting tasks and then
+    /// end.
     pub async fn run(mut self, stop: CancellationToken) {
         loop {
             let Some(pause) = stop.run_until_cancelled(self.take_turn()).await else { return };
@@ -72,11 +75,11 @@ impl Control {
         }
     }
 
-    /// Looks if that is this server's duty; returns the pause until the next turn.
+    /// Looks if this server has the duty. Returns the pause until the next turn.
     async fn take_turn(&mut self) -> Duration {
         match self.duty.is_mine().await {
             Ok(true) => return self.look().await,
-            // The engine's workers may have changed by the time that it is this server's duty.
+            // Another server has the duty and may change the engine's workers.
             Ok(false) => self.memory = Memory::new(self.settings.look_every),
             Err(error) => {
                 let error = faults::causes(&error);
@@ -86,7 +89,7 @@ impl Control {
         self.settings.look_every
     }
 
-    /// Looks once and does what is to be done; returns the pause until the next look.
+    /// Looks once and takes the planned actions. Returns the pause until the next look.
     pub async fn look(&mut self) -> Duration {
         match self.try_to_look().await {
             Ok(obstacle) => {
@@ -96,7 +99,7 @@ impl Control {
             }
             Err(LookError::Engine(error)) => {
                 let said = faults::causes(&error);
-                self.tell(Some(format!("no workers can be asked for: {said}"))).await;
+                self.tell(Some(format!("no workers can be requested: {said}"))).await;
                 self.memory.looking.fail()
             }
             Err(LookError::Store(error)) => {
@@ -106,10 +109,10 @@ impl Control {
         }
     }
 
-    /// Returns why no workers come, if that is so.
+    /// Returns why no workers come, if there is a reason.
     async fn try_to_look(&mut self) -> Result<Option<String>, LookError> {
-        // In this order: a worker that claims a task in between is counted as one that does nothing, and nobody is
-        // asked for in vain.
+        // The order matters. A worker that claims a task in between counts as idle, so no worker is
+        // requested in vain.
         let placed = self.engine.workers().await?;
         let registered = self.store.workers().await?;
         self.settle(&placed, &registered).await?;
@@ -121,7 +124,7 @@ impl Control {
         Ok(self.memory.obstacle())
     }
 
-    /// The tasks that wait for workers, without those whose offer the engine refused a moment ago.
+    /// The waiting tasks, without those that need an offer that the engine refused a moment ago.
     async fn demand(&mut self) -> Result<Vec<Demand>, StoreError> {
         let mut demand = self.store.demand().await?;
         let usual = &self.settings.usual;
@@ -134,7 +137,7 @@ impl Control {
         Ok(demand)
     }
 
-    /// Ends the tasks of workers that ended, and keeps what the engine says of all.
+    /// Ends the tasks of workers that ended, and records the engine's view of all workers.
     async fn settle(
         &mut self,
         placed: &[PlacedWorker],
@@ -194,12 +197,13 @@ impl Control {
         Ok(())
     }
 
-    /// Whether a worker has ever been there. One may have come, begun a task and gone between two looks.
+    /// Whether a worker ever showed itself. It may have come, begun a task and gone between two
+    /// looks.
     async fn has_begun(&self, worker: &str) -> Result<bool, LookError> {
         Ok(self.memory.began.contains(worker) || self.store.has_begun_a_task(worker).await?)
     }
 
-    /// A worker that the engine does not show any more. Without word of its end its lease tells.
+    /// A worker that the engine no longer shows. If its end is not known, its lease decides.
     async fn gone(&self, record: &Placement) -> Result<Placed, LookError> {
         let name = &record.placed.worker;
         let end = match self.memory.let_go.get(name) {
@@ -214,7 +218,7 @@ impl Control {
         Ok(Placed { state: PlacementState::Ended, reason, ..record.placed.clone() })
     }
 
-    /// Gives the task of a worker that has ended to another, without waiting for its lease to run out.
+    /// Gives the task of an ended worker to another one, without waiting for its lease to expire.
     async fn take_back(&self, worker: &str, end: &End) -> Result<(), LookError> {
         let ended = match end.cause {
             Cause::Finished => WorkerEnd::Stopped,
@@ -269,7 +273,7 @@ impl Control {
                     let Some(placed) = placed.iter().find(|placed| placed.name == worker) else {
                         continue;
                     };
-                    tracing::info!("lets worker {worker} go: {why}");
+                    tracing::info!("ends worker {worker}: {why}");
                     self.engine.let_go(&worker, &placed.identifier).await?;
                     self.memory.let_go.insert(worker, why);
                 }
@@ -278,7 +282,7 @@ impl Control {
         Ok(())
     }
 
-    /// Asks for one worker. What the engine has against it is remembered.
+    /// Requests one worker, and remembers a refusal of the engine.
     async fn ask(&mut self, ask: Ask) -> Result<(), StoreError> {
         let answer = self.engine.ask(&ask).await;
         let Ask { name, resources, stays } = ask;
@@ -291,7 +295,7 @@ impl Control {
             Ok(identifier) => identifier,
             Err(error) => {
                 let why = faults::causes(&error);
-                let why = format!("no more workers can be asked for: {why}");
+                let why = format!("no more workers can be requested: {why}");
                 if error.is_of_this_request() {
                     self.memory.refusals.add(&resources, why, Instant::now());
                 } else {
@@ -315,7 +319,7 @@ impl Control {
         self.store.record_placements(&[placed]).await
     }
 
-    /// Says once why no workers come, and once that they come again.
+    /// Reports once why no workers come, and once that they come again.
     async fn tell(&mut self, obstacle: Option<String>) {
         if self.memory.told.as_ref() == Some(&obstacle) {
             return;
@@ -323,7 +327,7 @@ impl Control {
         match (&obstacle, &self.memory.told) {
             (Some(obstacle), _) => tracing::warn!("{obstacle}"),
             (None, Some(Some(_))) => {
-                tracing::info!("{} can be asked for workers again", self.engine.name());
+                tracing::info!("{} places workers again", self.engine.name());
             }
             (None, _) => {}
         }

@@ -1,4 +1,4 @@
-//! The questions to a cluster's engine and its answers.
+//! The engine of a cluster: the requests to it and its answers.
 
 use spec::Resources;
 
@@ -12,18 +12,18 @@ pub enum Engine {
     Kubernetes(Box<Kubernetes>),
 }
 
-/// A worker to ask for.
+/// A worker to request.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Ask {
-    /// As no other worker of any store has; asking twice under one name makes one worker.
+    /// Unique among the workers of all stores. Requesting twice under one name makes one worker.
     pub name: String,
     /// The resources that it offers to tasks.
     pub resources: Resources,
-    /// Whether it stays when it finds no task.
+    /// Whether it keeps running when it finds no task.
     pub stays: bool,
 }
 
-/// A worker as its engine shows it.
+/// A worker in the engine's view.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlacedWorker {
     pub name: String,
@@ -32,18 +32,18 @@ pub struct PlacedWorker {
     /// The resources that it offers to tasks.
     pub resources: Resources,
     pub stays: bool,
-    /// Where it runs or ran.
+    /// The node on which it runs or ran.
     pub node: Option<String>,
     pub phase: Phase,
 }
 
-/// Where a worker stands.
+/// The phase of a worker.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Phase {
-    /// It waits for its place, and why.
+    /// It waits for its place, for this reason.
     Pending(Option<String>),
     Running,
-    /// It was told to end, and why.
+    /// It was told to end, for this reason.
     Ending(Option<String>),
     Ended(End),
 }
@@ -52,23 +52,23 @@ pub enum Phase {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct End {
     pub cause: Cause,
-    /// Completes "worker NAME ...".
+    /// The text completes "worker NAME ...".
     pub how: String,
 }
 
-/// The meaning of a worker's end for the task that it had.
+/// The consequence of a worker's end for its task.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Cause {
-    /// The worker ended in order.
+    /// The worker ended normally.
     Finished,
-    /// Something from outside ended it, for which its task is not to blame.
+    /// An outside cause ended it, and its task is not to blame.
     Interrupted,
-    /// It died, perhaps of its task.
+    /// It died, and its task may be to blame.
     Died,
 }
 
 impl Engine {
-    /// As people write it.
+    /// The engine's name, as people write it.
     pub const fn name(&self) -> &'static str {
         match self {
             Self::Slurm(_) => "Slurm",
@@ -76,7 +76,7 @@ impl Engine {
         }
     }
 
-    /// The workers of this store, also those that ended lately.
+    /// The workers of this store, including those that ended recently.
     ///
     /// # Errors
     /// When the engine does not answer, refuses or cannot be understood.
@@ -87,10 +87,10 @@ impl Engine {
         }
     }
 
-    /// Asks for a worker; says what the engine calls it.
+    /// Requests a worker. Returns the engine's name for it.
     ///
     /// # Errors
-    /// As [`Engine::workers`].
+    /// Like [`Engine::workers`].
     pub async fn ask(&self, ask: &Ask) -> Result<String, EngineError> {
         match self {
             Self::Slurm(slurm) => slurm.ask(ask).await,
@@ -98,10 +98,10 @@ impl Engine {
         }
     }
 
-    /// Takes a worker's request back, or has the worker put its task down and end.
+    /// Withdraws a worker's request, or tells the worker to give its task back and end.
     ///
     /// # Errors
-    /// As [`Engine::workers`]; a worker that is not there any more is none.
+    /// Like [`Engine::workers`]. A worker that is already gone is no error.
     pub async fn let_go(&self, name: &str, identifier: &str) -> Result<(), EngineError> {
         match self {
             Self::Slurm(slurm) => slurm.let_go(identifier).await,
@@ -109,7 +109,7 @@ impl Engine {
         }
     }
 
-    /// How a worker ended that the engine shows no more; `None` where it does not remember.
+    /// How a worker ended that the engine no longer shows; `None` if the engine does not remember.
     pub async fn remembers(&self, name: &str) -> Option<End> {
         match self {
             Self::Slurm(slurm) => slurm.remembers(name).await,

@@ -1,44 +1,46 @@
 use std::io;
 use std::time::Duration;
 
-/// Why an engine cannot be asked.
+/// Why a request to an engine failed.
 #[derive(Debug, thiserror::Error)]
 pub enum EngineError {
     #[error(
-        "cannot run {program} of Slurm: {source}; Slurm's commands must be installed where the server runs"
+        "cannot run Slurm's {program}: {source}; install Slurm's commands where the server runs"
     )]
     Program { program: &'static str, source: io::Error },
-    #[error("{program} of Slurm did not answer within {} s", limit.as_secs())]
+    #[error("Slurm's {program} did not answer within {} s", limit.as_secs())]
     ProgramSilent { program: &'static str, limit: Duration },
-    #[error("{program} of Slurm failed: {message}")]
+    #[error("Slurm's {program} failed: {message}")]
     ProgramFailed { program: &'static str, message: String },
-    #[error("{program} of Slurm printed {line:?}, which is not what was asked for")]
+    #[error("Slurm's {program} printed an unexpected line: {line:?}")]
     Unreadable { program: &'static str, line: String },
     #[error("Kubernetes did not answer within {} s", limit.as_secs())]
     KubernetesSilent { limit: Duration },
     #[error(
-        "Kubernetes does not know who asks (401): {message}; check the credentials or the service account's token"
+        "Kubernetes does not accept the credentials (401): {message}; check them, or the service \
+         account's token"
     )]
     Unauthorized { message: String },
     #[error(
-        "Kubernetes does not allow it (403): {message}; the Role in deploy/kubernetes/server.yaml says what is needed"
+        "Kubernetes does not allow the request (403): {message}; the Role in \
+         deploy/kubernetes/server.yaml has the needed permissions"
     )]
     Forbidden { message: String },
     #[error("Kubernetes refuses ({code}): {message}")]
     Refused { code: u16, message: String },
-    #[error("cannot ask Kubernetes")]
+    #[error("the request to Kubernetes failed")]
     Kubernetes(#[source] Box<kube::Error>),
 }
 
 impl EngineError {
-    /// Whether the engine may have done what it was asked for all the same.
+    /// Whether the engine may have carried the request out nevertheless.
     pub(crate) fn is_uncertain(&self) -> bool {
         match self {
             Self::ProgramSilent { .. } | Self::KubernetesSilent { .. } | Self::Kubernetes(_) => {
                 true
             }
             Self::Unreadable { .. } => true,
-            // The words of Slurm's library for an answer that did not come.
+            // Slurm's library prints these words when no answer came.
             Self::ProgramFailed { message, .. } => {
                 message.contains("timed out") || message.contains("Zero Bytes")
             }
@@ -48,7 +50,7 @@ impl EngineError {
         }
     }
 
-    /// Whether the engine may well do something else that it is asked for.
+    /// Whether the refusal is about this request only. The engine may accept others.
     pub(crate) fn is_of_this_request(&self) -> bool {
         const TOO_MANY_REQUESTS: u16 = 429;
         match self {

@@ -1,9 +1,10 @@
-//! Who runs the workers. A server starts its own as child processes ([`WorkerProcesses`]), or has a cluster's
-//! [`Engine`] place them: Slurm or Kubernetes.
+//! Runs the workers. A server starts its own workers as child processes ([`WorkerProcesses`]), or
+//! has a cluster's [`Engine`] place them: Slurm or Kubernetes.
 //!
-//! [`Control`] looks again and again: what the engine shows of its workers, who has a task, what waits. What to do
-//! about it is decided by [`plan`], a function of these. Nothing about workers is remembered that the engine can be
-//! asked: their names and labels say whose they are and what they offer, so that the next server finds them.
+//! [`Control`] looks regularly at the engine's workers, at their tasks and at waiting tasks.
+//! [`plan`], a pure function of these, decides what to do. Everything about workers that the engine
+//! can be asked for is not stored: their names and labels say which store they belong to and what
+//! they offer, so the next server finds them.
 
 mod backoff;
 mod control;

@@ -1,5 +1,4 @@
-//! Workers as child processes of the server, so that a job that crashes or is killed never takes the server
-//! along.
+//! Workers as child processes of the server. A job that crashes or is killed never ends the server.
 
 use std::process::Stdio;
 use std::time::{Duration, Instant};
@@ -11,35 +10,36 @@ use tokio_util::task::TaskTracker;
 
 use crate::WorkerCommand;
 
-/// The exit code of a worker that ended because its task did not, which is no crash: EX_TEMPFAIL of sysexits.h.
+/// The exit code of a worker that ended because its task did not. It is no crash: EX_TEMPFAIL of
+/// sysexits.h.
 pub const GAVE_UP: u8 = 75;
 
-/// How a server runs its workers.
+/// Options of a server's own workers.
 #[derive(Clone, Debug)]
 pub struct WorkerProcesses {
     pub store: Store,
     pub command: WorkerCommand,
     pub count: usize,
-    /// The beginning of each name, before its number.
+    /// The prefix of each name, before its number.
     pub name: String,
-    /// Of each.
+    /// Threads of each worker.
     pub threads: u32,
-    /// Flags that say what each offers.
+    /// Flags with the offer of each worker.
     pub offers: Vec<String>,
 }
 
-/// A worker that lived this long was healthy: if it dies, the next one starts at once.
+/// A worker that lived this long was healthy. If it dies, the next one starts at once.
 const HEALTHY_AFTER: Duration = Duration::from_secs(30);
 
 const FIRST_PAUSE: Duration = Duration::from_millis(200);
 const LONGEST_PAUSE: Duration = Duration::from_secs(30);
 
-/// How long workers may take to put down their task: longer than they give it themselves (`worker/src/stop.rs`), since
-/// one that has to be killed here says nothing of why.
+/// How long workers may take to give their tasks back. It is longer than the limit that they set
+/// themselves (`worker/src/stop.rs`), because a worker that is killed here gives no reason.
 const STOP_WITHIN: Duration = Duration::from_secs(25);
 
 impl WorkerProcesses {
-    /// Keeps `count` workers running until `shutdown`, then until they have ended.
+    /// Keeps `count` workers running until `shutdown`, and then waits until they have ended.
     pub fn spawn(
         self,
         tracker: &TaskTracker,
@@ -83,7 +83,7 @@ impl WorkerProcesses {
         }
     }
 
-    /// Gives the task of a worker that has ended to another, without waiting for its lease to run out.
+    /// Gives the task of an ended worker to another one, without waiting for its lease to expire.
     async fn take_back(&self, index: usize, end: &End) {
         let name = self.name(index);
         let taken = match end {
@@ -91,8 +91,9 @@ impl WorkerProcesses {
                 let how = format!("died: {how}");
                 self.store.take_back(&name, WorkerEnd::Died(&how)).await
             }
-            // It may have been killed before it could put its task down, for which the task is not to blame. One that
-            // gave up has ended its attempt, unless the database did not answer.
+            // It may have been killed before it could give its task back, so the task is not to
+            // blame. A worker that gave up has ended its attempt, unless the database did not
+            // answer.
             End::GaveUp | End::Stopped | End::Killed => {
                 self.store.take_back(&name, WorkerEnd::Stopped).await
             }
@@ -103,7 +104,7 @@ impl WorkerProcesses {
         }
     }
 
-    /// As it is shown beside tasks.
+    /// The worker's name, as it is shown beside tasks.
     fn name(&self, index: usize) -> String {
         format!("{}{index}", self.name)
     }
@@ -118,20 +119,20 @@ impl WorkerProcesses {
             .args(&self.offers)
             .arg("--stop-with-stdin")
             .envs(environment)
-            // Nothing is ever written: the pipe's closing, with or without a farewell of the
-            // server, is what tells the worker to stop.
+            // Nothing is ever written to the pipe. The worker stops when it is closed, which
+            // happens even if the server is killed.
             .stdin(Stdio::piped())
             .stdout(Stdio::null())
-            // Ctrl-C in the terminal reaches the server alone, which then stops its workers.
+            // Ctrl-C in the terminal reaches only the server, which then stops its workers.
             .process_group(0)
             .kill_on_drop(true)
             .spawn()
     }
 }
 
-/// How a worker process came to its end.
+/// How a worker process ended.
 enum End {
-    /// By itself, and how.
+    /// By itself, with this description.
     Died(String),
     /// By itself, because its task did not end when it was told to.
     GaveUp,
@@ -139,14 +140,14 @@ enum End {
     Killed,
 }
 
-/// Waits for a worker; asks it to stop on `shutdown`.
+/// Waits for a worker to end. Asks it to stop on `shutdown`.
 async fn run_to_end(
     index: usize,
     mut child: Child,
     shutdown: &CancellationToken,
     kill: &CancellationToken,
 ) -> End {
-    // Taken out, because waiting for a child closes its standard input.
+    // Standard input is taken out, because waiting for a child closes it.
     let stdin = child.stdin.take();
     tokio::select! {
         status = child.wait() => {

@@ -1,4 +1,4 @@
-//! The memory of the server that looks after an engine's workers, from one look to the next.
+//! The memory of the control loop from one look to the next.
 
 use std::collections::{HashMap, HashSet};
 use std::time::{Duration, Instant};
@@ -10,31 +10,31 @@ use crate::backoff::Backoff;
 use crate::refusals::Refusals;
 use crate::{KnownWorker, Phase, PlacedWorker, WorkerState};
 
-/// All of it may be lost: it saves requests, and reasons.
+/// Its loss does no harm: it only avoids requests, and remembers reasons.
 #[derive(Debug)]
 pub struct Memory {
-    /// Workers that were asked for and that the engine has not shown.
+    /// Requested workers that the engine does not show yet.
     pub asked: HashMap<String, Asked>,
-    /// Workers that were let go, and why.
+    /// Workers that were told to end, with the reason.
     pub let_go: HashMap<String, &'static str>,
     /// Workers that have shown themselves.
     pub began: HashSet<String>,
     pub refusals: Refusals,
     pub looking: Backoff,
-    /// Why nobody can be asked for, until somebody is.
+    /// Why no worker can be requested at the moment.
     pub stopped: Option<String>,
-    /// Why no workers come, as it was told last.
+    /// Why no workers come, as it was last reported.
     pub told: Option<Option<String>>,
-    /// Since when workers wait for their place.
+    /// The moment since when a worker waits for its place.
     pending: HashMap<String, Instant>,
-    /// Nobody is asked for until then.
+    /// No worker is requested before this moment.
     asking_from: Instant,
     asking: Backoff,
-    /// Why workers end before they begin, until one begins.
+    /// Why workers end before they begin. Reset when one begins.
     unable: Option<String>,
 }
 
-/// A worker that was asked for.
+/// A worker that was requested.
 #[derive(Debug)]
 pub struct Asked {
     pub resources: Resources,
@@ -42,16 +42,16 @@ pub struct Asked {
     pub at: Instant,
 }
 
-/// For so long a request counts that the engine does not show: it may be on its way.
+/// How long a request counts that the engine does not show. It may still be on its way.
 const ASTRAY_AFTER: Duration = Duration::from_secs(60);
 
 const LONGEST_PAUSE: Duration = Duration::from_secs(60);
 
-/// Between two requests that come to nothing.
+/// The longest pause between two requests that fail.
 const LONGEST_PAUSE_OF_ASKING: Duration = Duration::from_secs(300);
 
 impl Memory {
-    /// With pauses that begin at `first`.
+    /// Pauses begin at `first`.
     pub fn new(first: Duration) -> Self {
         let longest = LONGEST_PAUSE_OF_ASKING.max(first);
         Self {
@@ -69,7 +69,7 @@ impl Memory {
         }
     }
 
-    /// Why no workers come, if that is so.
+    /// Why no workers come, if there is a reason.
     pub fn obstacle(&self) -> Option<String> {
         let told = self.stopped.as_deref().or(self.unable.as_deref());
         told.or(self.refusals.why()).map(str::to_owned)
@@ -94,7 +94,7 @@ impl Memory {
         self.asking_from = Instant::now() + self.asking.fail();
     }
 
-    /// They are as good as they were asked for.
+    /// Records workers that began. They show that requests lead to working workers.
     pub fn workers_began(&mut self, names: Vec<String>) {
         self.asking.reset();
         self.asking_from = Instant::now();
@@ -111,8 +111,8 @@ impl Memory {
         self.let_go.retain(|name, _| there.contains(name));
     }
 
-    /// The workers that matter to the plan: those of the engine, those that are asked for, and those that somebody
-    /// else started. The names of the engine's begin with `ours`.
+    /// The workers that matter to the plan: those of the engine, requested ones, and those that
+    /// somebody else started. The names of the engine's workers begin with `ours`.
     pub fn known(
         &mut self,
         placed: &[PlacedWorker],
@@ -138,7 +138,7 @@ impl Memory {
                     WorkerState::Pending(now.saturating_duration_since(since))
                 }
                 Phase::Ending(_) | Phase::Ended(_) => WorkerState::Ending,
-                // One that hangs does nothing for anybody.
+                // A worker that hangs does no work.
                 Phase::Running if own.is_some_and(|own| own.task.is_some() || !own.is_alive) => {
                     WorkerState::Busy
                 }
@@ -176,7 +176,7 @@ impl Memory {
     }
 }
 
-/// Why a worker claims no tasks of a server of this version, if that is so.
+/// Why a worker claims no tasks of a server with this version, if there is a reason.
 fn why_it_claims_nothing(worker: &Worker, version: &str) -> Option<&'static str> {
     if worker.process.version != version {
         return Some("it is of another version");

@@ -1,9 +1,11 @@
-//! Which workers to ask for and which to let go: a function of what waits and of who is there.
+//! The plan: which workers to request and which to end. It depends only on the waiting tasks and
+//! the workers.
 //!
-//! A waiting task is worth one worker. A worker that does not do anything, or that is still to come, serves one of the
-//! waiting tasks whose needs it covers; for the others workers are asked for, up to the maximum. Workers that find
-//! nothing end by themselves. The plan lets a worker go only if nobody waits for it, or if it is in the way: at the
-//! maximum, tasks that no worker covers get the place of one whose like is there twice.
+//! A waiting task is worth one worker. A worker that is idle or still to come serves one of the
+//! waiting tasks whose needs it covers. Workers are requested for the other tasks, up to the
+//! maximum. Workers that find no task end by themselves. The plan ends a worker only if no task
+//! waits for it, or if it is in the way: at the maximum, a task that no worker covers gets the
+//! place of a worker that has a duplicate.
 
 use std::cmp::Reverse;
 use std::time::Duration;
@@ -13,31 +15,31 @@ use store::Demand;
 
 use crate::resources::rarity;
 
-/// How many workers an engine is asked for.
+/// Limits of the number of workers from an engine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Bounds {
-    /// Kept also while nothing waits.
+    /// Number of workers that are kept even while nothing waits.
     pub min: usize,
     pub max: usize,
 }
 
-/// A worker, as far as it matters here.
+/// A worker, with the facts that matter to the plan.
 #[derive(Clone, Debug, PartialEq)]
 pub struct KnownWorker {
     pub name: String,
     pub resources: Resources,
     pub state: WorkerState,
-    /// Whether the engine was asked for it; others count as helpers that come and go.
+    /// Whether it was requested from the engine. Others come and go by themselves.
     pub is_ours: bool,
-    /// Whether it stays when it finds no task.
+    /// Whether it keeps running when it finds no task.
     pub stays: bool,
-    /// Why it claims no more tasks, if that is so: completes "it is let go: ...".
+    /// Why it claims no more tasks, if there is a reason. Completes "it is let go: ...".
     pub claims_nothing: Option<&'static str>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum WorkerState {
-    /// It waits for its place, for so long.
+    /// It has waited for its place for this long.
     Pending(Duration),
     Idle,
     Busy,
@@ -49,7 +51,7 @@ pub enum WorkerState {
 pub enum Action {
     Ask {
         resources: Resources,
-        /// Whether the worker stays when it finds no task.
+        /// Whether the worker keeps running when it finds no task.
         stays: bool,
     },
     LetGo {
@@ -58,10 +60,11 @@ pub enum Action {
     },
 }
 
-/// A worker that nobody waits for any more is let go after it waited so long for its place: what waits comes and goes.
+/// A worker that no task waits for any more is ended after it has waited this long for its place,
+/// because demand changes.
 pub const SETTLED_AFTER: Duration = Duration::from_secs(30);
 
-/// The actions to take. Workers that are asked for have `usual` at least.
+/// The actions to take. Requested workers have at least `usual`.
 pub fn plan(
     demand: &[Demand],
     workers: &[KnownWorker],
@@ -82,7 +85,7 @@ pub fn plan(
         let covers = |worker: &KnownWorker| worker.is_useful() && worker.resources.cover(needed);
         workers.iter().any(covers)
     };
-    // Those that nobody can do come first.
+    // Demand that no worker can serve comes first.
     unmet.sort_by_key(|(demand, _)| is_served(&demand.resources));
     while room > 0 && !unmet.is_empty() {
         for (demand, waiting) in &mut unmet {
@@ -130,16 +133,16 @@ impl KnownWorker {
     }
 }
 
-/// Who serves what.
+/// An assignment of workers to demand.
 struct Matched<'a> {
-    /// Demand that nobody serves, the rarest first.
+    /// Demand that no worker serves, the rarest first.
     unmet: Vec<(&'a Demand, u64)>,
-    /// Names of available workers that serve nothing.
+    /// Names of available workers that serve no demand.
     spare: Vec<&'a str>,
 }
 
-/// Gives every waiting task an available worker, or one of those that are being asked for: the rarest need goes first
-/// and takes the most common worker that covers it, one that is there before one that is to come.
+/// Gives every waiting task an available or a requested worker. The rarest need goes first and
+/// takes the most common worker that covers it. Existing workers come before requested ones.
 fn matched<'a>(
     demand: &'a [Demand],
     workers: &'a [KnownWorker],
@@ -171,7 +174,7 @@ fn matched<'a>(
     Matched { unmet, spare: spare.collect() }
 }
 
-/// Workers to let go, and why.
+/// Workers to end, with reasons.
 struct Leaving<'a> {
     workers: &'a [KnownWorker],
     spare: &'a [&'a str],
@@ -179,7 +182,7 @@ struct Leaving<'a> {
 }
 
 impl<'a> Leaving<'a> {
-    /// Those of ours that are not told to end yet.
+    /// The engine's workers that were not told to end yet.
     fn candidates(&self) -> impl Iterator<Item = &'a KnownWorker> {
         let told: Vec<&str> = self.names.iter().map(|(name, _)| *name).collect();
         self.workers.iter().filter(move |worker| {
@@ -193,7 +196,7 @@ impl<'a> Leaving<'a> {
         self.spare.contains(&worker.name.as_str())
     }
 
-    /// Those that claim no tasks any more, once they have none.
+    /// Ends idle workers that claim no more tasks.
     fn useless(&mut self) {
         let useless = self
             .candidates()
@@ -203,7 +206,7 @@ impl<'a> Leaving<'a> {
         self.names.extend(names);
     }
 
-    /// Those that nobody waits for, and those that stay although fewer are to.
+    /// Ends workers that no task waits for, and workers that keep running although fewer should.
     fn unneeded(&mut self, mut too_many_stay: usize) {
         let mut names = Vec::new();
         for worker in self.candidates().filter(|worker| self.is_spare(worker)) {
@@ -218,7 +221,7 @@ impl<'a> Leaving<'a> {
         self.names.extend(names);
     }
 
-    /// As many as there are too many, those with the least to lose first.
+    /// Ends workers above the maximum, those with the least to lose first.
     fn above(&mut self, max: usize) {
         let excess = self.candidates().count().saturating_sub(max);
         let mut by_loss: Vec<&KnownWorker> = self.candidates().collect();
@@ -229,8 +232,8 @@ impl<'a> Leaving<'a> {
         self.names.extend(names.map(|name| (name, "there are more workers than allowed")));
     }
 
-    /// One for each need that no worker covers, unless its place is about to be free: a spare one, or one whose like is
-    /// there twice.
+    /// Ends one worker for each need that no worker covers, unless a place will be free soon. It is
+    /// a spare worker, or one with a duplicate.
     fn in_the_way(&mut self, starving: usize) {
         let ending = self
             .workers
@@ -247,12 +250,11 @@ impl<'a> Leaving<'a> {
                 (!self.is_spare(worker), worker.state == WorkerState::Busy, !worker.is_pending())
             });
             let Some(worker) = by_loss.first() else { return };
-            self.names
-                .push((worker.name.as_str(), "its place goes to tasks that no worker could do"));
+            self.names.push((worker.name.as_str(), "tasks that no worker can do need its place"));
         }
     }
 
-    /// Whether another of ours does whatever it does.
+    /// Whether another of the engine's workers can do the same tasks.
     fn has_a_like(&self, worker: &KnownWorker) -> bool {
         let mut others = self.candidates().filter(|other| other.name != worker.name);
         others.any(|other| other.is_useful() && other.resources.cover(&worker.resources))

@@ -1,4 +1,4 @@
-//! Workers that the engine refused to place. Others are asked for meanwhile.
+//! Workers that the engine refused to place. Workers with other offers are requested meanwhile.
 
 use std::time::{Duration, Instant};
 
@@ -6,7 +6,7 @@ use spec::Resources;
 
 use crate::backoff::Backoff;
 
-/// The offers that were refused and are not asked for again before a pause is over.
+/// The refused offers. They are not requested again before a pause is over.
 #[derive(Debug)]
 pub struct Refusals {
     first: Duration,
@@ -28,12 +28,12 @@ impl Refusals {
         Self { first, longest, known: Vec::new() }
     }
 
-    /// Whether a worker with this offer need not be asked for now.
+    /// Whether a worker with this offer should not be requested now.
     pub fn hold(&self, offer: &Resources, now: Instant) -> bool {
         self.known.iter().any(|refusal| refusal.offer == *offer && now < refusal.until)
     }
 
-    /// One more refusal of this offer.
+    /// Adds a refusal of this offer.
     pub fn add(&mut self, offer: &Resources, why: String, now: Instant) {
         match self.known.iter_mut().find(|refusal| refusal.offer == *offer) {
             Some(refusal) => {
@@ -48,17 +48,17 @@ impl Refusals {
         }
     }
 
-    /// The engine placed a worker with this offer after all.
+    /// Removes an offer, because the engine placed a worker with it after all.
     pub fn end(&mut self, offer: &Resources) {
         self.known.retain(|refusal| refusal.offer != *offer);
     }
 
-    /// Forgets those of offers that nobody waits for any more.
+    /// Forgets offers that no task needs any more.
     pub fn keep(&mut self, is_wanted: impl Fn(&Resources) -> bool) {
         self.known.retain(|refusal| is_wanted(&refusal.offer));
     }
 
-    /// The latest reason.
+    /// The latest reason for a refusal.
     pub fn why(&self) -> Option<&str> {
         self.known.last().map(|refusal| refusal.why.as_str())
     }

@@ -1,8 +1,8 @@
-//! The offer of a worker as engines keep it beside the worker: Slurm as a comment, Kubernetes as an annotation.
+//! A worker's offer as text, as engines store it: Slurm as a comment, Kubernetes as an annotation.
 
 use spec::Resources;
 
-/// For example `cpus=4;gpus=0;memory_mb=8000;tags=fast+large`.
+/// Writes an offer, e.g. `cpus=4;gpus=0;memory_mb=8000;tags=fast+large`.
 pub fn written(offer: &Resources) -> String {
     let Resources { cpus, gpus, tags, .. } = offer;
     let tags: Vec<&str> = tags.iter().map(String::as_str).collect();
@@ -14,7 +14,7 @@ pub fn written(offer: &Resources) -> String {
     )
 }
 
-/// What [`written`] wrote; `None` of any other text.
+/// Reads text from [`written`]; `None` for any other text.
 pub fn read(text: &str) -> Option<Resources> {
     let field = |key: &str| {
         let mut fields = text.split(';').filter_map(|field| field.split_once('='));
@@ -30,7 +30,7 @@ pub fn read(text: &str) -> Option<Resources> {
     })
 }
 
-/// Rises with how hard they are to come by.
+/// A rank of resources, higher for those that are harder to get.
 pub fn rarity(resources: &Resources) -> (u32, usize, u32, u32) {
     let Resources { cpus, gpus, tags, .. } = resources;
     (*gpus, tags.len(), resources.megabytes(), cpus.unwrap_or(0))

@@ -1,4 +1,4 @@
-//! How a worker is started, wherever it runs.
+//! The command that starts a worker, wherever it runs.
 
 use std::ffi::OsString;
 use std::fmt;
@@ -12,24 +12,25 @@ use crate::Ask;
 /// The command line and the environment of a worker.
 #[derive(Clone)]
 pub struct WorkerCommand {
-    /// The program, as it is found where the worker runs.
+    /// The path of the program where the worker runs.
     pub program: PathBuf,
-    /// The flags that say where the data folder is. Where database and objects are is in the environment.
+    /// The flags that name the data folder. The environment says where database and objects are.
     pub store: Vec<OsString>,
-    /// The device that computes models where there is no GPU.
+    /// The device that computes models if there is no GPU.
     pub device: String,
-    /// The device that computes models of a worker to which an engine gives GPUs.
+    /// The device that computes models in a worker to which an engine gives GPUs.
     pub gpu_device: String,
     pub lease_seconds: u64,
     /// The filter of its log.
     pub log: String,
-    /// Ends a worker that finds no task for so long.
+    /// A worker ends when it finds no task for this long.
     pub idle_exit: Duration,
-    /// Variables for the worker. What nobody may read off a list of processes is here and nowhere else.
+    /// Variables for the worker. Secrets are only here, because anybody can read a list of
+    /// processes.
     pub environment: Vec<(String, String)>,
 }
 
-/// Without the values of variables.
+/// Leaves out the values of variables.
 impl fmt::Debug for WorkerCommand {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let variables: Vec<&str> = self.environment.iter().map(|(name, _)| name.as_str()).collect();
@@ -42,7 +43,7 @@ impl fmt::Debug for WorkerCommand {
 }
 
 impl WorkerCommand {
-    /// The flags of a worker but for those of its folder and its offer.
+    /// The flags of a worker, without those of its folder and its offer.
     pub(crate) fn flags(&self, name: &str, threads: u32, device: &str) -> Vec<String> {
         let flags = [
             ("--name", name.to_owned()),
@@ -54,7 +55,7 @@ impl WorkerCommand {
         flags.into_iter().flat_map(|(flag, value)| [flag.to_owned(), value]).collect()
     }
 
-    /// The flags of a worker that an engine is asked for.
+    /// The flags of a requested worker.
     pub(crate) fn flags_of(&self, ask: &Ask) -> Vec<String> {
         let Resources { cpus, gpus, memory_gb, tags } = &ask.resources;
         let device = if *gpus > 0 { &self.gpu_device } else { &self.device };
@@ -71,17 +72,17 @@ impl WorkerCommand {
     }
 }
 
-/// The beginning of the names of all workers that an engine is asked for on behalf of a store.
+/// The prefix of the names of all workers that are requested for a store.
 pub fn prefix(store: &str) -> String {
     format!("torqued-{store}-")
 }
 
-/// A name for a worker of a store, as no other has. Letters, digits and hyphens, fewer than 63.
+/// A unique name for a worker of a store. It has letters, digits and hyphens, fewer than 63.
 pub fn new_name(store: &str) -> String {
     use std::hash::{BuildHasher, RandomState};
     use std::sync::atomic::{AtomicU64, Ordering};
     static COUNT: AtomicU64 = AtomicU64::new(0);
-    // The keys of a hash map are the system's randomness.
+    // The keys of a hash map come from the system's randomness.
     let random = RandomState::new().hash_one(COUNT.fetch_add(1, Ordering::Relaxed));
     format!("{}{:010x}", prefix(store), random & 0xff_ffff_ffff)
 }

@@ -1,5 +1,5 @@
-//! The manifests in `deploy/kubernetes`: every field of every document is one that Kubernetes has, and the server may do
-//! what it does and no more.
+//! The manifests in `deploy/kubernetes`. Kubernetes must know every field of every document, and
+//! the server's role must allow exactly what the server does.
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use std::path::{Path, PathBuf};
@@ -31,7 +31,7 @@ fn document(name: &str, kind: &str) -> Value {
     documents.into_iter().find(|document| document["kind"] == kind).unwrap()
 }
 
-/// Fields that are in `written` and not in what Kubernetes' types make of it.
+/// Fields of `written` that Kubernetes' types do not have.
 fn unknown(written: &Value, read: &Value, place: &str) -> Vec<String> {
     match (written, read) {
         (Value::Object(written), Value::Object(read)) => written
@@ -117,7 +117,7 @@ fn names_refer_to_what_is_there() {
     assert_eq!(binding["roleRef"]["name"], document("server.yaml", "Role")["metadata"]["name"]);
 }
 
-/// The test of the engine holds what it does against the same list.
+/// The engine's test compares the actual requests with the same list.
 #[test]
 fn the_role_allows_what_the_server_does_and_no_more() {
     let expected = json!([

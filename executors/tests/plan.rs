@@ -1,4 +1,4 @@
-//! Laws of the plan, on worlds that do what they are told.
+//! Laws of the plan, tested on worlds that obey it.
 
 use std::collections::BTreeSet;
 use std::time::Duration;
@@ -56,7 +56,7 @@ fn workers() -> impl Strategy<Value = Vec<KnownWorker>> {
             state,
             is_ours,
             stays: stays && is_ours && kind == 0,
-            // One that has a task does it to the end.
+            // A worker with a task does it to the end.
             claims_nothing: (age == 0 && state != WorkerState::Busy).then_some("it is drained"),
         };
         named.map(worker).collect()
@@ -71,7 +71,7 @@ fn ours(workers: &[KnownWorker]) -> usize {
     workers.iter().filter(|worker| worker.is_ours).count()
 }
 
-/// Does what the plan says: those that are asked for wait for their place, those that are let go end.
+/// Carries the plan out: requested workers wait for their place, and others end.
 fn obey(workers: &mut Vec<KnownWorker>, actions: &[Action], count: &mut usize) {
     for action in actions {
         match action {
@@ -91,7 +91,7 @@ fn obey(workers: &mut Vec<KnownWorker>, actions: &[Action], count: &mut usize) {
     }
 }
 
-/// The world after the plan has nothing more to say, for an unchanged demand.
+/// The world after the plan. For an unchanged demand, the plan has no more actions.
 fn settled(demand: &[Demand], mut workers: Vec<KnownWorker>, bounds: Bounds) -> Vec<KnownWorker> {
     let mut count = 0;
     for _ in 0..100 {
@@ -140,7 +140,7 @@ proptest! {
     fn a_plan_that_is_followed_comes_to_rest_and_serves_every_need(
         demand in demand(), workers in workers(), min in 0..3_usize, more in 0..3_usize,
     ) {
-        // As many as there are kinds of needs and of workers.
+        // As many places as there are kinds of needs and of workers.
         let bounds = Bounds { min, max: min + 10 + more };
         let workers = settled(&demand, workers, bounds);
         for demand in demand.iter().filter(|demand| demand.waiting > 0) {
@@ -235,12 +235,12 @@ fn at_the_maximum_a_need_that_nobody_covers_gets_the_place_of_a_worker_with_a_li
     let busy = |name: &str| worker(name, usual(), WorkerState::Busy);
     let actions = plan(&demand, &[busy("w1"), busy("w2")], FEW, &usual());
     assert!(matches!(&actions[..], [Action::LetGo { .. }]), "{actions:?}");
-    // While one ends, no other is let go.
+    // While one worker ends, no other is ended.
     let ending = worker("w1", usual(), WorkerState::Ending);
     assert_eq!(plan(&demand, &[ending, busy("w2")], FEW, &usual()), []);
     let with_gpu = usual().and(&gpu);
     assert_eq!(plan(&demand, &[busy("w2")], FEW, &usual()), [ask(with_gpu)]);
-    // The last of its kind goes on.
+    // The last of its kind keeps running.
     let one = Bounds { min: 0, max: 1 };
     assert_eq!(plan(&demand, &[busy("w2")], one, &usual()), []);
 }

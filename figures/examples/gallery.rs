@@ -1,4 +1,4 @@
-//! Writes one SVG per kind of figure into the folder named on the command line, to be looked at.
+//! Writes one SVG per kind of figure into the folder named on the command line.
 
 use std::path::PathBuf;
 use std::{env, fs, io};
@@ -27,7 +27,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     Ok(())
 }
 
-/// A repeatable number between -1 and 1.
+/// A reproducible number between -1 and 1.
 fn jitter(i: u32) -> f64 {
     (f64::from(i) * 12.9898).sin() * (f64::from(i) * 78.233).cos()
 }

@@ -1,4 +1,4 @@
-//! An axis that knows its ends, its ticks and how values become pixels.
+//! Axes: their ends, their ticks, and the positions of values in pixels.
 
 use std::ops::Range;
 
@@ -8,12 +8,12 @@ use crate::ticks::{self, Tick};
 use crate::trace::{drawable, has_place};
 use crate::{Axis, FigureError, Scale, text};
 
-/// Units of the canvas per CSS pixel. The canvas knows whole units only, and a curve drawn on whole
-/// pixels has visible steps.
+/// Units of the canvas per CSS pixel. The canvas only knows whole units, and a curve on whole
+/// pixels would have visible steps.
 pub(crate) const SUBPIXELS: u16 = 4;
 
-/// An axis with its ends fixed. Without values or a range of its own it has no ticks: they would
-/// show numbers that mean nothing.
+/// An axis with fixed ends. Without values or a range of its own it has no ticks, because their
+/// numbers would mean nothing.
 #[derive(Debug, Clone)]
 pub(crate) struct Coordinate {
     scale: Scale,
@@ -24,7 +24,7 @@ pub(crate) struct Coordinate {
     minor: Vec<f64>,
 }
 
-/// Which way an axis runs, and with that which extent of a label matters.
+/// The direction of an axis. It decides whether the width or the height of a label matters.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Direction {
     Horizontal,
@@ -32,7 +32,7 @@ pub(crate) enum Direction {
 }
 
 impl Coordinate {
-    /// An axis over its own range or, without one, over the values that have a place on it.
+    /// An axis over its own range. Without one, it covers the values that have a position on it.
     pub(crate) fn new(
         axis: &Axis,
         direction: Direction,
@@ -66,7 +66,7 @@ impl Coordinate {
         // The last set is the sparsest, and some ticks are better than none.
         self.ticks = sets.swap_remove(fitting.unwrap_or(sets.len() - 1));
         if self.ticks.len() < 2 {
-            // One label alone tells no scale: rather crowd the axis a little.
+            // A single label does not show the scale, so a slightly crowded axis is better.
             let denser = ticks::candidates(self.scale, self.low, self.high, 2 * most);
             let several = |set: &Vec<Tick>| set.len() > 1;
             let fits = |set: &Vec<Tick>| self.fits(set, direction, length, font_size);
@@ -92,8 +92,8 @@ impl Coordinate {
         self.ticks.iter().map(|tick| text::width(&tick.label, font_size)).fold(0.0, f64::max)
     }
 
-    /// Where a value lies between the ends: 0 at the lower, 1 at the upper. What has no place on a
-    /// logarithmic axis lies far below its lower end.
+    /// The position of a value between the ends: 0 at the lower, 1 at the upper. A value without a
+    /// position on a logarithmic axis lies far below its lower end.
     pub(crate) fn position(&self, value: f64) -> f64 {
         match self.scale {
             Scale::Linear => (value - self.low) / (self.high - self.low),
@@ -109,7 +109,8 @@ impl Ranged for Coordinate {
 
     fn map(&self, value: &f64, limit: (i32, i32)) -> i32 {
         let (start, end) = (f64::from(limit.0), f64::from(limit.1));
-        // Far outside, the exact place does not matter, but SVG readers do not take any number.
+        // Far outside, the exact position does not matter, but SVG readers do not accept every
+        // number.
         nearest((start + self.position(*value) * (end - start)).clamp(-1e7, 1e7))
     }
 
@@ -186,7 +187,8 @@ fn range_of(
                 let half = if largest == 0.0 { 1.0 } else { largest / 2.0 };
                 return Some((low - half, high + half));
             }
-            // Heights compare by their ratio, so the axis starts at zero where that costs little.
+            // Heights are compared by their ratio, so the axis starts at zero if that costs little
+            // space.
             let from_zero = direction == Direction::Vertical && low >= 0.0 && low < high / 2.0;
             let lower = if from_zero { 0.0 } else { low - margin * span };
             (lower, high + margin * span)

@@ -1,11 +1,12 @@
-//! A figure in words, for those who do not see it.
+//! Describes a figure in words, for readers who do not see it.
 
 use std::fmt::Write;
 
 use crate::trace::Trace;
 use crate::{Axis, Figure, MARKERS_DRAWN, POINTS_DRAWN, Scale, Series, text};
 
-/// One paragraph: the axes, each series with its extent, the bands, and what is not drawn.
+/// One paragraph with the axes, each series and its extent, the bands, and the points that are not
+/// drawn.
 pub(crate) fn describe(figure: &Figure, traces: &[Trace]) -> String {
     let mut sentences =
         vec![format!("Line chart of {} over {}.", axis(&figure.y), axis(&figure.x))];
@@ -74,7 +75,7 @@ fn omitted(count: usize, noun: &str, why: &str) -> Option<String> {
     (count > 0).then(|| format!("; {} not drawn: {why}", text::counted(count, noun)))
 }
 
-/// Four significant digits, which is what a listener can keep in mind.
+/// Four significant digits, because a listener cannot remember more.
 fn short(value: f64) -> String {
     if !value.is_finite() {
         return value.to_string();

@@ -1,7 +1,7 @@
-//! From a layout to an SVG document.
+//! Draws a layout as an SVG document.
 //!
-//! Each part is drawn by plotters on a canvas of its own and then wrapped in a group, because the
-//! canvas itself has no dashes, no clipping and no names for what belongs together.
+//! plotters draws each part on a canvas of its own, which is then wrapped in a group, because the
+//! canvas has no dashes, no clipping and no named groups.
 
 use plotters::prelude::{ChartBuilder, IntoDrawingArea, RGBColor, SVGBackend};
 use plotters::style::text_anchor::{HPos, Pos, VPos};
@@ -23,17 +23,17 @@ const GRID: RGBColor = RGBColor(0xD6, 0xD6, 0xD6);
 const FINE_GRID: RGBColor = RGBColor(0xEC, 0xEC, 0xEC);
 const SHADE: RGBColor = RGBColor(0x80, 0x80, 0x80);
 const FONT: &str = "system-ui, sans-serif";
-/// Room around the plot for markers and lines of points that lie on its edge, in CSS pixels.
+/// Space around the plot for markers and lines of points on its edge, in CSS pixels.
 const OVERHANG: f64 = 6.0;
 
-/// The figure as a document that stretches to the width of its container.
+/// The figure as a document that fills the width of its container.
 pub(crate) fn svg(figure: &Figure, size: Size) -> Result<String, FigureError> {
     let (traces, layout) = arrange(figure, size, 0.0)?;
     draw(figure, &traces, &layout, "width=\"100%\"")
 }
 
-/// The figure as a part of a larger drawing, `top` pixels from its upper edge; its plot begins
-/// `left` pixels or more from the left one.
+/// The figure as a part of a larger drawing, `top` pixels from its upper edge. Its plot begins at
+/// least `left` pixels from the left edge.
 pub(crate) fn panel(
     figure: &Figure,
     size: Size,
@@ -46,7 +46,7 @@ pub(crate) fn panel(
     draw(figure, &traces, &layout, &place)
 }
 
-/// Where the figure's plot would begin by itself, in pixels from the left edge.
+/// The left edge of the figure's plot by default, in pixels.
 pub(crate) fn left_of_plot(figure: &Figure, size: Size) -> Result<f64, FigureError> {
     let (_, layout) = arrange(figure, size, 0.0)?;
     Ok(layout.plot.left)
@@ -68,7 +68,7 @@ fn arrange(figure: &Figure, size: Size, left: f64) -> Result<(Vec<Trace>, Layout
     Ok((traces, layout))
 }
 
-/// `place` is what the root element says of its position and size.
+/// Draws the figure. `place` has the root element's attributes for position and size.
 fn draw(
     figure: &Figure,
     traces: &[Trace],
@@ -110,7 +110,7 @@ fn document(figure: &Figure, traces: &[Trace], size: Size, place: &str, body: &s
     )
 }
 
-/// What `draw` leaves on an empty canvas, without the canvas's own root element.
+/// The output of `draw` on an empty canvas, without the canvas's own root element.
 fn canvas<E>(
     layout: &Layout,
     name: &'static str,
@@ -135,7 +135,7 @@ fn inside(document: &str) -> Option<&str> {
     rest.strip_suffix("</svg>\n").filter(|_| root.starts_with("<svg "))
 }
 
-/// As much of a text as tells what it is.
+/// The beginning of a text, long enough to recognize it.
 fn shortened(text: &str) -> String {
     const SHOWN: usize = 60;
     let start = text.floor_char_boundary(SHOWN);
@@ -153,7 +153,7 @@ fn bands(layout: &Layout) -> Result<String, FigureError> {
 }
 
 fn draw_band(canvas: &mut SVGBackend, layout: &Layout, band: &PlacedBand) -> Drawn {
-    // A sliver must not pass for a grid line.
+    // A narrow band must not look like a grid line.
     let alpha = if band.right - band.left < 8.0 { 0.55 } else { 0.22 };
     let upper = (subpixels(band.left), subpixels(layout.plot.top));
     let lower = (subpixels(band.right), subpixels(layout.plot.bottom));
@@ -278,7 +278,7 @@ fn titles(layout: &Layout, empty: bool) -> Result<String, FigureError> {
     })
 }
 
-/// Lines in a group that dashes them if their series asks for it.
+/// Lines in a group, dashed if their series is.
 fn stroked(stroke: Stroke, lines: &str) -> String {
     match stroke {
         Stroke::Solid => lines.to_owned(),

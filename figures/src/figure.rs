@@ -1,12 +1,13 @@
-//! A figure as data: axes, series, bands, and what is allowed of them.
+//! A figure as data: axes, series and bands, with their limits.
 
-/// Points drawn per series, at most; see the crate documentation for how the rest is left out.
+/// Largest number of drawn points per series. The crate's documentation says how the rest is left
+/// out.
 pub const POINTS_DRAWN: usize = 2000;
 
-/// A series with more points than this is drawn as its line and ribbon alone.
+/// A series with more points than this is drawn only as line and ribbon.
 pub const MARKERS_DRAWN: usize = 100;
 
-/// Series and bands of one figure, at most, each.
+/// Largest number of series of a figure, and of bands.
 pub const SERIES_ALLOWED: usize = 32;
 
 /// A chart of one or more series over a shared pair of axes.
@@ -59,7 +60,7 @@ pub struct Series {
     pub stroke: Stroke,
 }
 
-/// One point and, if known, the interval its y is believed to lie in.
+/// One point and, if known, an interval of its y.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Point {
     /// Position along the horizontal axis, in its unit.
@@ -72,7 +73,7 @@ pub struct Point {
     pub high: Option<f64>,
 }
 
-/// Whether a series shows its points, and with that how it shows their intervals.
+/// Whether a series shows its points, and in which form it shows their intervals.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Mark {
     /// A line; intervals become a ribbon around it.
@@ -86,7 +87,7 @@ pub enum Mark {
 pub enum Stroke {
     /// Unbroken.
     Solid,
-    /// Dashed, for what the others are compared with.
+    /// Dashed, for a reference.
     Dashed,
 }
 
@@ -104,7 +105,8 @@ pub struct Band {
     pub label: String,
 }
 
-/// The size of a drawing in CSS pixels: its proportions, and what its text sizes relate to.
+/// The size of a drawing in CSS pixels. It determines the proportions and the relative size of
+/// text.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Size {
     /// 240 to 4096.
@@ -119,9 +121,9 @@ pub enum FigureError {
     /// The size leaves no room for the axes, or is needlessly large.
     #[error("a figure cannot be {width} x {height} px; allowed are 240 to 4096 x 200 to 4096 px")]
     Size {
-        /// The width asked for.
+        /// The requested width.
         width: u16,
-        /// The height asked for.
+        /// The requested height.
         height: u16,
     },
     /// The range of an axis is empty, reversed, not finite or, on a logarithmic axis, not positive.
@@ -129,19 +131,19 @@ pub enum FigureError {
     Range {
         /// The axis, by its label.
         label: String,
-        /// The lower end asked for.
+        /// The requested lower end.
         low: f64,
-        /// The upper end asked for.
+        /// The requested upper end.
         high: f64,
-        /// The values that are possible.
+        /// The allowed values.
         allowed: &'static str,
     },
-    /// More series or bands than a reader could tell apart.
+    /// There are more series or bands than a reader could tell apart.
     #[error("a figure cannot have {count} {what}; at most {SERIES_ALLOWED} are allowed")]
     TooMany {
         /// `series` or `bands`.
         what: &'static str,
-        /// How many there were.
+        /// The number of series or bands.
         count: usize,
     },
     /// The drawing backend failed.
@@ -152,12 +154,12 @@ pub enum FigureError {
         /// The reason that the backend gives.
         source: Box<dyn std::error::Error + Send + Sync>,
     },
-    /// The drawing backend wrote something else than a document of its own kind.
+    /// The drawing backend wrote something other than an SVG document.
     #[error("drawing the {layer} failed: not understood: {found:?}, expected an <svg> element")]
     NoSvg {
         /// The figure that was being drawn.
         layer: &'static str,
-        /// How the text begins and ends.
+        /// The beginning and the end of the text.
         found: String,
     },
 }
@@ -175,7 +177,7 @@ impl Axis {
         Self { scale: Scale::Log, ..Self::linear(label) }
     }
 
-    /// The same axis with a unit.
+    /// The axis with a unit.
     #[must_use]
     pub fn in_unit(self, unit: impl Into<String>) -> Self {
         Self { unit: Some(unit.into()), ..self }
@@ -197,13 +199,13 @@ impl Series {
         Self { name: name.into(), points, mark: Mark::Line, stroke: Stroke::Solid }
     }
 
-    /// The same series with a marker at each point.
+    /// The series with a marker at each point.
     #[must_use]
     pub fn with_markers(self) -> Self {
         Self { mark: Mark::LineAndMarkers, ..self }
     }
 
-    /// The same series with a dashed line.
+    /// The series with a dashed line.
     #[must_use]
     pub fn dashed(self) -> Self {
         Self { stroke: Stroke::Dashed, ..self }
@@ -217,7 +219,7 @@ impl Point {
         Self { x, y, low: None, high: None }
     }
 
-    /// A point whose y is believed to lie between `low` and `high`.
+    /// A point whose y has the interval from `low` to `high`.
     #[must_use]
     pub fn with_interval(x: f64, y: f64, low: f64, high: f64) -> Self {
         Self { x, y, low: Some(low), high: Some(high) }
@@ -225,7 +227,7 @@ impl Point {
 }
 
 impl Size {
-    /// Wide enough for a legend at the side, low enough for two on a screen.
+    /// Wide enough for a legend at the side, and low enough for two figures on a screen.
     pub const PAGE: Self = Self { width: 760, height: 420 };
 
     pub(crate) fn check(self) -> Result<(), FigureError> {

@@ -1,4 +1,4 @@
-//! Where everything stands, in CSS pixels from the upper left corner.
+//! The layout of a drawing, in CSS pixels from the upper left corner.
 
 use plotters::coord::ranged1d::Ranged;
 
@@ -11,9 +11,9 @@ pub(crate) const TITLE_FONT_SIZE: f64 = 15.0;
 pub(crate) const MARGIN: f64 = 14.0;
 /// Length of the line in front of a name in the legend.
 pub(crate) const LEGEND_LINE: f64 = 28.0;
-/// Between that line and the name.
+/// Space between that line and the name.
 pub(crate) const LEGEND_SPACE: f64 = 8.0;
-/// Below the plot: tick labels, then the axis's heading.
+/// Height below the plot: tick labels, then the axis's heading.
 pub(crate) const X_AXIS_HEIGHT: f64 = 44.0;
 const LEGEND_ROW: f64 = 20.0;
 const LEGEND_GAP: f64 = 18.0;
@@ -48,7 +48,7 @@ pub(crate) struct Plot {
 /// A line of the legend.
 #[derive(Debug)]
 pub(crate) struct LegendEntry {
-    /// Which series it names; `None` for the note that there are more.
+    /// The series that it names; `None` for the note that there are more.
     pub(crate) series: Option<usize>,
     pub(crate) left: f64,
     /// The vertical middle of the entry.
@@ -72,14 +72,15 @@ pub(crate) struct BandLabel {
     pub(crate) middle: f64,
 }
 
-/// The room that the legend takes, decided before the plot's place is known.
+/// The space for the legend, which is decided before the plot's position.
 enum LegendRoom {
     Right { width: f64 },
     Below { rows: Vec<Vec<(usize, f64)>>, hidden: usize },
 }
 
 impl Layout {
-    /// The plot begins `least_left` pixels from the left edge, or further right if its labels need it.
+    /// The plot begins `least_left` pixels from the left edge, or further right if its labels need
+    /// more space.
     pub(crate) fn new(
         figure: &Figure,
         traces: &[Trace],
@@ -108,7 +109,7 @@ impl Layout {
         let left = (MARGIN + 20.0 + y.label_width(FONT_SIZE) + 10.0).max(least_left);
         let right = match legend_room {
             LegendRoom::Right { width: legend } => width - MARGIN - legend,
-            // Half of the last tick's label hangs over the end of the axis.
+            // Half of the last tick's label extends over the end of the axis.
             LegendRoom::Below { .. } => width - MARGIN - 10.0,
         };
         x.choose_ticks(Direction::Horizontal, right - left, FONT_SIZE);
@@ -120,7 +121,7 @@ impl Layout {
                 legend_below(figure, &plot, &rows, hidden, bottom + X_AXIS_HEIGHT)
             }
         };
-        // The heading is centred on the plot and may reach over its ends.
+        // The heading is centred on the plot and may extend beyond its ends.
         let middle = (top + bottom) / 2.0;
         let y_heading_room = 2.0 * (middle - MARGIN - title_height).min(height - MARGIN - middle);
         Ok(Self {
@@ -138,18 +139,18 @@ impl Layout {
 }
 
 impl Layout {
-    /// Where a dot stands on the canvas.
+    /// The position of a dot on the canvas.
     pub(crate) fn place(&self, dot: &Dot) -> (i32, i32) {
         self.at(dot.x, dot.y)
     }
 
-    /// Where the lower and the upper end of a dot's interval stand on the canvas.
+    /// The positions of the lower and upper ends of a dot's interval on the canvas.
     pub(crate) fn place_interval(&self, dot: &Dot) -> Option<((i32, i32), (i32, i32))> {
         dot.interval.map(|(low, high)| (self.at(dot.x, low), self.at(dot.x, high)))
     }
 
     fn at(&self, x: f64, y: f64) -> (i32, i32) {
-        // plotters takes the last unit inside a rectangle for its end.
+        // plotters takes the last unit inside a rectangle as its end.
         let across = (subpixels(self.plot.left), subpixels(self.plot.right) - 1);
         let up = (subpixels(self.plot.bottom) - 1, subpixels(self.plot.top));
         (self.x.map(&x, across), self.y.map(&y, up))
@@ -180,7 +181,7 @@ fn coordinates(figure: &Figure, traces: &[Trace]) -> Result<(Coordinate, Coordin
     ))
 }
 
-/// The heading of an axis, shortened in its label: a number without its unit misleads.
+/// The heading of an axis. Only its label is shortened, because a number without its unit misleads.
 fn fit_heading(axis: &Axis, room: f64) -> String {
     let heading = text::printable(&axis.heading());
     let unit = axis.unit.as_ref().map(|unit| text::printable(&format!(" ({unit})")));
@@ -194,7 +195,8 @@ fn fit_heading(axis: &Axis, room: f64) -> String {
     }
 }
 
-/// Beside the plot if several rows would be needed below it and the drawing is wide enough.
+/// Chooses the legend's side. It is beside the plot if it would take several rows below, and the
+/// drawing is wide enough.
 fn legend_room(figure: &Figure, width: f64, spare_height: f64) -> LegendRoom {
     let room = width - 2.0 * MARGIN - 60.0;
     let entry_width = |name: &str| LEGEND_LINE + LEGEND_SPACE + text::width(name, FONT_SIZE);
@@ -286,7 +288,8 @@ fn more(hidden: usize, left: f64, middle: f64) -> LegendEntry {
     LegendEntry { series: None, left, middle, name: format!("and {hidden} more") }
 }
 
-/// Places the bands that can be seen, each label in the first row above the plot where it is free.
+/// Places the visible bands. Each label goes into the first row above the plot that has space for
+/// it.
 fn place_bands(bands: &[Band], x: &Coordinate, plot: &Plot, title_height: f64) -> Vec<PlacedBand> {
     let mut row_ends = vec![f64::NEG_INFINITY; bands.len().min(BAND_ROWS)];
     let mut placed = Vec::new();
@@ -298,7 +301,7 @@ fn place_bands(bands: &[Band], x: &Coordinate, plot: &Plot, title_height: f64) -
         let row = row_ends.iter().position(|end| *end + 8.0 <= center - half);
         let label = row.filter(|_| !text.is_empty()).map(|row| {
             row_ends[row] = center + half;
-            // Row 0 is the lowest: nearest to the band it names.
+            // Row 0 is the lowest, nearest to its band.
             let middle = plot.top - (row_count(row) + 0.5) * BAND_ROW;
             BandLabel { text, center, middle: middle.max(MARGIN + title_height) }
         });
@@ -329,7 +332,7 @@ fn band_edges(band: &Band, x: &Coordinate, plot: &Plot) -> Option<(f64, f64)> {
     Some((center - half, center + half))
 }
 
-/// A number of rows or entries, of which there are never more than a few hundred.
+/// A number of rows or entries as a float. There are at most a few hundred.
 fn row_count(rows: usize) -> f64 {
     u32::try_from(rows).map_or(f64::INFINITY, f64::from)
 }

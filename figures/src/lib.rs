@@ -1,12 +1,13 @@
-//! Series in, SVG and its data table out.
+//! Draws series as SVG and writes their data table.
 //!
 //! A [`Figure`] is plain data: two axes, named series, shaded bands. [`Figure::to_svg`] draws it,
-//! [`Figure::to_csv`] writes the numbers behind the drawing. Neither knows what the numbers mean.
+//! and [`Figure::to_csv`] writes the numbers behind the drawing. Neither knows what the numbers
+//! mean.
 //!
-//! The drawing is one self-contained SVG element: no scripts, no style sheets, no ids (so that
-//! several can stand in one page), no fonts of its own. The same figure and size give the same
-//! bytes. It stretches to the width of its container and keeps its own white ground, so that it
-//! reads the same on light and dark pages. `<title>` and `<desc>` say in words what it shows.
+//! The drawing is one self-contained SVG element. It has no scripts, no style sheets, no fonts of
+//! its own, and no ids, so several can be in one page. The same figure and size give the same
+//! bytes. It fills the width of its container and has a white background, so it looks the same on
+//! light and dark pages. `<title>` and `<desc>` describe it in words.
 //!
 //! # What is not drawn
 //!
@@ -41,18 +42,18 @@ impl Figure {
     /// # Errors
     ///
     /// [`FigureError::Size`], [`FigureError::Range`] and [`FigureError::TooMany`] for requests that
-    /// cannot be met. Data never fails: what cannot be drawn is skipped and counted in `<desc>`,
-    /// and a figure with nothing to draw says "no data yet".
+    /// cannot be met. Data never causes an error. Points that cannot be drawn are skipped and
+    /// counted in `<desc>`, and a figure with nothing to draw says "no data yet".
     pub fn to_svg(&self, size: Size) -> Result<String, FigureError> {
         drawing::svg(self, size)
     }
 
-    /// The data behind the drawing, one row per point, none left out.
+    /// The data behind the drawing: one row per point, without omissions.
     ///
     /// RFC 4180 with `\n` line ends. Columns: `series`, the label and unit of x, those of y, `low`,
-    /// `high`. Numbers are the shortest that read back as the same `f64`; `NaN`, `inf` and `-inf`
-    /// are written so, a missing interval is an empty cell. A name that a spreadsheet would run as
-    /// a formula is given a leading apostrophe.
+    /// `high`. Numbers have the fewest digits that read back as the same `f64`. `NaN`, `inf` and
+    /// `-inf` are written as such, and a missing interval is an empty cell. A name that a
+    /// spreadsheet would run as a formula gets a leading apostrophe.
     #[must_use]
     pub fn to_csv(&self) -> String {
         table::csv(self)

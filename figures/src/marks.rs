@@ -1,4 +1,4 @@
-//! How a series looks: its colour, its line, its markers, its intervals.
+//! The look of a series: its colour, its line, its markers, its intervals.
 
 use plotters::prelude::SVGBackend;
 use plotters_backend::{
@@ -10,8 +10,8 @@ use crate::layout::{LEGEND_LINE, Layout, LegendEntry};
 use crate::trace::Trace;
 use crate::{MARKERS_DRAWN, Mark, Series, Stroke};
 
-/// Okabe and Ito's colours for all kinds of colour vision (https://jfly.uni-koeln.de/color/), those
-/// first that differ most from each other; without their yellow, which is hard to see on white.
+/// Okabe and Ito's colours for all kinds of colour vision (https://jfly.uni-koeln.de/color/). The
+/// most different ones come first. Their yellow is left out, because it is hard to see on white.
 const PALETTE: [(u8, u8, u8); 7] = [
     (0x00, 0x72, 0xB2), // blue
     (0xD5, 0x5E, 0x00), // vermillion
@@ -29,10 +29,10 @@ const RIBBON_OPACITY: f64 = 0.18;
 const MARKER_RADIUS: f64 = 3.5;
 const CAP: f64 = 3.0;
 
-/// What drawing on a canvas answers.
+/// The result of drawing on a canvas.
 pub(crate) type Drawn = Result<(), DrawingErrorKind<std::io::Error>>;
 
-/// A colour and a width in subpixels, as plotters' backends take them.
+/// A colour and a width in subpixels, in the form that plotters' backends need.
 pub(crate) struct Pen {
     color: BackendColor,
     width: u32,
@@ -48,7 +48,7 @@ impl BackendStyle for Pen {
     }
 }
 
-/// The look of the series at one place of a figure's list.
+/// The look of the series at an index of a figure's list.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Look {
     rgb: (u8, u8, u8),
@@ -68,7 +68,8 @@ enum Shape {
 
 impl Look {
     pub(crate) fn new(index: usize, series: &Series, trace: &Trace) -> Self {
-        // The shapes' cycle is shorter than the colours', so that colours that return look new.
+        // The cycle of shapes is shorter than that of colours, so a repeated colour gets a new
+        // shape.
         let shapes = [Shape::Circle, Shape::Square, Shape::Triangle, Shape::Diamond];
         let marked = series.mark == Mark::LineAndMarkers && trace.drawable <= MARKERS_DRAWN;
         Self {
@@ -84,7 +85,7 @@ impl Look {
         Pen { color: BackendColor { alpha, rgb: self.rgb }, width: subpixels(width).unsigned_abs() }
     }
 
-    /// Ribbons of runs that have intervals; a lone interval has no width and gets a bar instead.
+    /// Ribbons of runs with intervals. A single interval has no width and gets a bar instead.
     pub(crate) fn draw_ribbons(
         &self,
         canvas: &mut SVGBackend,
@@ -107,7 +108,7 @@ impl Look {
     }
 
     pub(crate) fn draw_lines(&self, canvas: &mut SVGBackend, at: &Layout, trace: &Trace) -> Drawn {
-        // A dense curve goes up and down within its own width; a thin line keeps that visible.
+        // A dense curve moves up and down within its own width, and a thin line keeps that visible.
         let width = if trace.drawable > DENSE { 1.0 } else { LINE_WIDTH };
         for run in trace.runs.iter().filter(|run| run.len() > 1) {
             canvas.draw_path(run.iter().map(|dot| at.place(dot)), &self.pen(width, 1.0))?;
@@ -147,7 +148,7 @@ impl Look {
     fn draw_marker(&self, canvas: &mut SVGBackend, (x, y): BackendCoord) -> Drawn {
         let pen = self.pen(1.0, 1.0);
         let r = subpixels(MARKER_RADIUS);
-        // Each shape about as large in area as the circle.
+        // Each shape has about the same area as the circle.
         match self.shape {
             Shape::Circle => canvas.draw_circle((x, y), r.unsigned_abs(), &pen, true),
             Shape::Square => {

@@ -1,14 +1,14 @@
-//! Several figures on one sheet.
+//! Several figures in one drawing.
 
 use crate::{Figure, FigureError, Size, drawing, text};
 
-/// Draws figures one below the other as one self-contained `<svg>` element, each in `size`.
+/// Draws figures one below the other in one self-contained `<svg>` element, each in `size`.
 ///
-/// For series over the same x whose y have different units. The plots begin at the same x.
+/// Use it for series over the same x whose y have different units. The plots begin at the same x.
 ///
 /// # Errors
 ///
-/// As [`Figure::to_svg`], for the first figure that cannot be drawn.
+/// Like [`Figure::to_svg`], for the first figure that cannot be drawn.
 pub fn stacked(title: &str, figures: &[Figure], size: Size) -> Result<String, FigureError> {
     let mut left: f64 = 0.0;
     for figure in figures {

@@ -2,7 +2,7 @@
 
 use crate::Figure;
 
-/// The figure's points as CSV; the format is described at [`Figure::to_csv`].
+/// The figure's points as CSV. [`Figure::to_csv`] describes the format.
 pub(crate) fn csv(figure: &Figure) -> String {
     let headings = ["series", &figure.x.heading(), &figure.y.heading(), "low", "high"].map(cell);
     let mut table = headings.join(",");
@@ -24,7 +24,7 @@ pub(crate) fn csv(figure: &Figure) -> String {
     table
 }
 
-/// A text cell: quoted where RFC 4180 asks for it, and never a formula.
+/// A text cell. It is quoted where RFC 4180 requires it, and never a formula.
 fn cell(text: &str) -> String {
     // https://owasp.org/www-community/attacks/CSV_Injection
     let formula = text.starts_with(['=', '+', '-', '@', '\t', '\r']);

@@ -1,14 +1,14 @@
-//! Text that others wrote, made fit for XML and for the room there is.
+//! Makes foreign text fit for XML and for the available space.
 
-/// Shown in place of characters that XML 1.0 forbids or that would reorder the text around them.
+/// Replaces characters that XML 1.0 forbids or that would reorder the text around them.
 const REPLACEMENT: char = '\u{FFFD}';
 
-/// The text on one line, without characters that are forbidden in XML 1.0 or invisible but active.
+/// The text on one line, without characters that XML 1.0 forbids or that are invisible but active.
 pub(crate) fn printable(text: &str) -> String {
     text.chars()
         .map(|c| match c {
             '\t' | '\n' | '\r' => ' ',
-            // Bidirectional overrides and isolates: a name must not rearrange its neighbours.
+            // Bidirectional overrides and isolates: a name must not rearrange the text around it.
             '\u{202A}'..='\u{202E}' | '\u{2066}'..='\u{2069}' => REPLACEMENT,
             '\u{FFFE}' | '\u{FFFF}' => REPLACEMENT,
             c if c.is_control() => REPLACEMENT,
@@ -33,27 +33,28 @@ pub(crate) fn xml(text: &str) -> String {
     escaped
 }
 
-/// The width of a text in pixels, guessed: the font is the reader's and is not known here.
+/// The estimated width of a text in pixels. The font is the reader's and is not known here.
 pub(crate) fn width(text: &str, font_size: f64) -> f64 {
     text.chars().map(|c| advance(c) * font_size).sum()
 }
 
-/// The width of a character in em, rather too much than too little for common sans-serif fonts.
+/// The width of a character in em. It is rather too large than too small for common sans-serif
+/// fonts.
 fn advance(c: char) -> f64 {
     match c {
         'i' | 'j' | 'l' | 'I' | '.' | ',' | ':' | ';' | '|' | '!' | '\'' | ' ' => 0.33,
         'f' | 'r' | 't' | '(' | ')' | '[' | ']' | '/' | '-' => 0.42,
         'm' | 'w' | 'M' | 'W' | '@' | '%' => 0.95,
         'A'..='Z' => 0.72,
-        // Digits in superscript, as exponents use them.
+        // Superscript digits, which exponents use.
         '\u{2070}'..='\u{207F}' | '\u{B9}' | '\u{B2}' | '\u{B3}' => 0.42,
-        // Everything from Hangul on, East Asian scripts and emoji included, is up to an em wide.
+        // Everything from Hangul on, including East Asian scripts and emoji, is up to one em wide.
         '\u{1100}'.. => 1.0,
         _ => 0.62,
     }
 }
 
-/// The longest beginning of a text that fits, with an ellipsis where something is missing.
+/// The longest beginning of a text that fits, with an ellipsis if something is cut.
 pub(crate) fn fit(text: &str, font_size: f64, room: f64) -> String {
     let text = printable(text);
     if width(&text, font_size) <= room {

@@ -1,4 +1,4 @@
-//! Where the ticks of an axis stand and what they say.
+//! The positions and labels of an axis's ticks.
 
 use crate::Scale;
 
@@ -11,7 +11,7 @@ pub(crate) struct Tick {
 
 /// Sets of ticks for the range, the densest first, each with its labels.
 ///
-/// `most` bounds how many a linear axis gets. There is always at least one set.
+/// `most` limits the number of a linear axis's ticks. There is always at least one set.
 pub(crate) fn candidates(scale: Scale, low: f64, high: f64, most: u32) -> Vec<Vec<Tick>> {
     match scale {
         Scale::Linear => (1..=most.max(1)).rev().map(|n| linear(low, high, n)).collect(),
@@ -19,7 +19,7 @@ pub(crate) fn candidates(scale: Scale, low: f64, high: f64, most: u32) -> Vec<Ve
     }
 }
 
-/// Unlabelled grid lines: 2 to 9 times each power of ten, if those are far enough apart.
+/// Unlabelled grid lines: 2 to 9 times each power of ten, if they are far enough apart.
 pub(crate) fn minor(scale: Scale, low: f64, high: f64) -> Vec<f64> {
     if scale == Scale::Linear || (high / low).log10() > 8.0 {
         return Vec::new();
@@ -32,7 +32,7 @@ fn linear(low: f64, high: f64, count: u32) -> Vec<Tick> {
     let step = round_step((high - low) / f64::from(count));
     let first = (low / step - 1e-9).ceil();
     let last = (high / step + 1e-9).floor();
-    // `first` is added as a float because the index of a tick far from zero can exceed an integer.
+    // `first` is added as a float, because the index of a tick far from zero can exceed an integer.
     let values: Vec<f64> = (0..=200)
         .map(|i| first + f64::from(i))
         .take_while(|n| *n <= last)
@@ -46,7 +46,7 @@ fn linear(low: f64, high: f64, count: u32) -> Vec<Tick> {
         .collect()
 }
 
-/// The smallest of 1, 2, 5 times a power of ten that is not below `wanted`.
+/// The smallest of 1, 2, 5 times a power of ten that is at least `wanted`.
 fn round_step(wanted: f64) -> f64 {
     let decade = 10f64.powf(wanted.log10().floor());
     let factors = [1.0, 2.0, 5.0, 10.0];
@@ -54,12 +54,12 @@ fn round_step(wanted: f64) -> f64 {
     factor * decade
 }
 
-/// How the labels of a linear axis are written.
+/// The notation of a linear axis's labels.
 #[derive(Debug, Clone, Copy)]
 enum Notation {
-    /// With this divisor and suffix, and so many decimals: `0.25`, `150k`, `2.5M`.
+    /// With this divisor, suffix and number of decimals: `0.25`, `150k`, `2.5M`.
     Plain { divisor: f64, suffix: &'static str, decimals: usize },
-    /// As digits times a power of ten, with so many decimals.
+    /// As digits times a power of ten, with this number of decimals.
     Scientific { decimals: usize },
 }
 
@@ -78,7 +78,7 @@ impl Notation {
     }
 
     fn write(self, value: f64) -> String {
-        // A tick at zero carries the rounding of the others: "0" says it best.
+        // A tick at zero has the rounding error of the others, so it is written as "0".
         match self {
             _ if value == 0.0 => "0".to_owned(),
             Self::Plain { divisor, suffix, decimals } => {
@@ -93,19 +93,19 @@ impl Notation {
     }
 }
 
-/// With a minus sign where there was a hyphen.
+/// The number with a minus sign in place of a hyphen.
 fn signed(number: &str) -> String {
     number.replacen('-', "−", 1)
 }
 
-/// The decimals needed to tell multiples of a round step apart.
+/// The number of decimals that distinguishes multiples of a round step.
 fn decimals_for(step: f64) -> usize {
     (0..17)
         .find(|decimals| step * 10f64.powi(*decimals) >= 1.0 - 1e-9)
         .map_or(17, |d| d.unsigned_abs() as usize)
 }
 
-/// A number of the form digit times a power of ten.
+/// A number with the form digit times a power of ten.
 #[derive(Debug, Clone, Copy)]
 struct Multiple {
     digit: i32,
@@ -115,7 +115,7 @@ struct Multiple {
 impl Multiple {
     fn value(self) -> f64 {
         let power = 10f64.powi(self.exponent.abs());
-        // Dividing rounds once where multiplying by a negative power would round twice.
+        // Dividing rounds only once, while multiplying by a negative power would round twice.
         if self.exponent < 0 {
             f64::from(self.digit) / power
         } else {
@@ -133,7 +133,7 @@ impl Multiple {
 }
 
 fn logarithmic(low: f64, high: f64, most: u32) -> Vec<Vec<Tick>> {
-    // Within these, plain decimals are no longer than powers.
+    // In this range, plain decimals are not longer than powers.
     let plain = low >= 0.9e-3 && high <= 1.2e4;
     let labelled = |multiples: Vec<Multiple>| -> Vec<Tick> {
         multiples.into_iter().map(|m| Tick { value: m.value(), label: m.label(plain) }).collect()
@@ -142,7 +142,7 @@ fn logarithmic(low: f64, high: f64, most: u32) -> Vec<Vec<Tick>> {
     let halves = multiples(low, high, &[1, 2, 5]);
     let mut sets = Vec::new();
     if halves.len() < 3 {
-        // Less than a decade looks nearly linear, and its own ticks would be too few.
+        // Less than a decade looks almost linear, and its own ticks would be too few.
         sets.extend((2..=most.max(2)).rev().map(|n| linear(low, high, n)));
     }
     if decades.len() <= 3 {
@@ -160,7 +160,7 @@ fn logarithmic(low: f64, high: f64, most: u32) -> Vec<Vec<Tick>> {
 
 /// The numbers between `low` and `high` that are one of `digits` times a power of ten, ascending.
 fn multiples(low: f64, high: f64, digits: &[i32]) -> Vec<Multiple> {
-    // A relative margin, so that an axis from exactly 0.1 has its tick there.
+    // A relative margin, so that an axis that begins exactly at 0.1 has a tick there.
     let (low, high) = (low * (1.0 - 1e-9), high * (1.0 + 1e-9));
     (-151..=151)
         .flat_map(|exponent| digits.iter().map(move |&digit| Multiple { digit, exponent }))

@@ -1,31 +1,32 @@
-//! What of a series can be drawn: unbroken runs of points, few enough for a drawing.
+//! The drawable part of a series: unbroken runs of points, few enough for a drawing.
 
 use crate::{Axis, POINTS_DRAWN, Point, Scale};
 
-/// Beyond this the arithmetic of ranges and ticks could overflow.
+/// Beyond this, the arithmetic of ranges and ticks could overflow.
 const LARGEST_DRAWN: f64 = 1e120;
 
-/// A point that has a place on both axes.
+/// A point with a position on both axes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Dot {
     pub(crate) x: f64,
     pub(crate) y: f64,
-    /// The interval's ends, lower first. On a logarithmic axis the lower may lie below the axis.
+    /// The interval's ends, lower first. On a logarithmic axis the lower end may lie below the
+    /// axis.
     pub(crate) interval: Option<(f64, f64)>,
 }
 
 /// The drawable part of a series.
 #[derive(Debug, Default)]
 pub(crate) struct Trace {
-    /// Maximal unbroken runs, none of them empty.
+    /// Maximal unbroken runs. None is empty.
     pub(crate) runs: Vec<Vec<Dot>>,
-    /// The points before decimation that have a place on both axes.
+    /// Number of points with a position on both axes, before decimation.
     pub(crate) drawable: usize,
-    /// The points left out because they are not finite or too large.
+    /// Number of points left out because they are not finite or too large.
     pub(crate) not_finite: usize,
-    /// The points left out because they are not positive on a logarithmic axis.
+    /// Number of points left out because they are not positive on a logarithmic axis.
     pub(crate) not_positive: usize,
-    /// The drawn points whose interval is half given or has no place on the axis.
+    /// Number of drawn points whose interval is incomplete or has no position on the axis.
     pub(crate) broken_intervals: usize,
 }
 
@@ -75,18 +76,18 @@ pub(crate) fn drawable(value: f64) -> bool {
     value.abs() <= LARGEST_DRAWN
 }
 
-/// Whether a drawable value has a place on an axis of this scale.
+/// Whether a drawable value has a position on an axis with this scale.
 pub(crate) fn has_place(value: f64, scale: Scale) -> bool {
     match scale {
         Scale::Linear => true,
-        // Smaller values would be beyond the reach of what `LARGEST_DRAWN` allows upwards.
+        // Smaller values would lie as far down as the limit of `LARGEST_DRAWN` lies up.
         Scale::Log => value >= LARGEST_DRAWN.recip(),
     }
 }
 
-/// At most about [`POINTS_DRAWN`] of the samples: first, last and each bucket's extremes.
+/// At most about [`POINTS_DRAWN`] of the samples: the first, the last, and each bucket's extremes.
 ///
-/// Extremes rather than means, because a spike of a loss curve is what a reader looks for.
+/// Extremes are better than means, because readers of a loss curve look for spikes.
 fn decimate(samples: Vec<Option<Dot>>) -> Vec<Option<Dot>> {
     if samples.len() <= POINTS_DRAWN {
         return samples;
@@ -104,7 +105,7 @@ fn decimate(samples: Vec<Option<Dot>>) -> Vec<Option<Dot>> {
     kept
 }
 
-/// The lowest and the highest of some samples and the first break between them, in their order.
+/// The lowest and the highest of some samples, and the first break between them, in their order.
 fn extremes(samples: &[Option<Dot>]) -> Vec<Option<Dot>> {
     let heights = || samples.iter().enumerate().filter_map(|(i, s)| s.map(|dot| (i, dot.y)));
     let lowest = heights().min_by(|a, b| a.1.total_cmp(&b.1)).map(|(i, _)| i);

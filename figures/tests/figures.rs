@@ -1,4 +1,4 @@
-//! What a drawing and its table must be, whatever the data.
+//! Properties of every drawing and its table, whatever the data.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on should panic")]
 
@@ -102,7 +102,7 @@ fn a_stack_holds_its_figures_one_below_the_other_as_they_are_alone() {
         let (_, drawn) = drawn[panel.range()].split_once(">\n").unwrap();
         assert_eq!(drawn.trim_end(), within.trim_end());
     }
-    // Labels of the one need more room than those of the other.
+    // Labels of one figure need more space than those of the other.
     let figures =
         [1.0, 1e-7].map(|y| figure(vec![Series::line("training", points(&[y, 3.0 * y]))]));
     let drawn = figures::stacked("", &figures, Size::PAGE).unwrap();
@@ -132,14 +132,14 @@ fn axes_legend_and_title_are_written() {
     }
 }
 
-/// Caught: an axis from -47 to 35 in a low panel had one label, 0.
+/// Regression: an axis from -47 to 35 in a low panel had only one label, 0.
 #[test]
 fn a_low_axis_still_has_two_labels() {
     for (low, high) in [(-47.0, 35.0), (-35.0, 25.0), (0.9, 2.1), (-1e-4, 9e-4), (-99.0, 99.0)] {
         let figure = figure(vec![Series::line("u", points(&[low, high]))]);
         let drawn = figure.to_svg(Size { width: 760, height: 200 }).unwrap();
         let document = Document::parse(&drawn).unwrap();
-        // Labels of the vertical axis end at it.
+        // Labels of the vertical axis end at the axis.
         let labels =
             named(&document, "text").filter(|it| it.attribute("text-anchor") == Some("end"));
         assert!(labels.count() >= 2, "{low} to {high}: {:?}", texts(&document));
@@ -339,7 +339,7 @@ fn intervals_are_ribbons_of_lines_and_bars_of_markers() {
 fn baselines_are_dashed() {
     let series = Series::line("hold last", points(&[1.0, 2.0]));
     let dashes = |figure: &Figure| svg(figure).matches("stroke-dasharray").count();
-    // Once on the plot and once in the legend.
+    // One is on the plot, and one in the legend.
     assert_eq!(dashes(&figure(vec![series.clone().dashed()])), 2);
     assert_eq!(dashes(&figure(vec![series])), 0);
 }

@@ -6,15 +6,15 @@ use store::{Checkpoint, CheckpointId, Need, StoreError, WhichCheckpoint};
 use crate::SubmissionError;
 use crate::references::{Found, References, deleted, newest, no_such, stored, training};
 
-/// A checkpoint that a job asks for, and its training.
+/// A checkpoint that a job refers to, and its training.
 pub(crate) struct FoundCheckpoint {
-    /// By digest.
+    /// The reference, by digest.
     pub reference: CheckpointRef,
-    /// The training's.
+    /// The training's digest.
     pub digest: Digest,
-    /// The checkpoint, if it is there already.
+    /// The checkpoint, if it exists already.
     pub existing: Option<CheckpointId>,
-    /// The training, unless the checkpoint is there already.
+    /// The training, unless the checkpoint exists already.
     pub need: Option<Need>,
     pub training: JobSpec,
 }
@@ -84,7 +84,7 @@ impl References<'_> {
                     Some(checkpoint) => self.existing(checkpoint, &field).await,
                     None => {
                         let value = format!("{digest} after step {step}");
-                        let allowed = "a checkpoint that is kept, see the list of a training's";
+                        let allowed = "a stored checkpoint, see the training's list";
                         Err(SpecError::one(field, value, allowed).into())
                     }
                 }
@@ -92,8 +92,8 @@ impl References<'_> {
         }
     }
 
-    /// A checkpoint that is there: nothing has to succeed first, and its training may even have
-    /// failed. The final one is that of every training with the digest.
+    /// A checkpoint that exists already. No job has to succeed first, and its training may even
+    /// have failed. The final checkpoint may come from any training with the digest.
     async fn existing(
         &self,
         checkpoint: Checkpoint,

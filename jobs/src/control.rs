@@ -8,9 +8,9 @@ use crate::kind::{Kind, task};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ControlTask {
-    /// The robot of this trajectory, in the hands of every controller.
+    /// The robot of this trajectory, controlled by every controller in turn.
     Robot(u32),
-    /// All robots put together.
+    /// The report on all robots.
     Report,
 }
 

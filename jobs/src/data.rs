@@ -79,7 +79,7 @@ impl References<'_> {
         match self.store.job_by_digest(digest, &JobState::ALL).await? {
             Some(job) => Ok(data_spec(&stored(&job, field)?, field)?),
             None => {
-                let value = format!("trained on {digest}, of which nothing is known");
+                let value = format!("trained on {digest}, which is unknown");
                 Err(SpecError::one(field, value, "a training with known data").into())
             }
         }

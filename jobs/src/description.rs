@@ -1,8 +1,7 @@
 use spec::{DataSpec, Digest};
 use store::{DatasetDescription, ShardDescription, TableColumns};
 
-/// Describes the dataset that `data` makes, under the digest it is known by, with the shards that are
-/// there, in order.
+/// Describes the dataset that `data` makes, with its digest and the shards that exist, in order.
 pub fn describe_dataset(
     data: &DataSpec,
     digest: Digest,

@@ -2,21 +2,21 @@ use spec::SpecError;
 use store::{JobId, JobState, StoreError};
 use thiserror::Error;
 
-/// Why nothing was submitted.
+/// Why a submission was refused.
 #[derive(Debug, Error)]
 pub enum SubmissionError {
     #[error("the spec is not valid JSON: {0}")]
     Json(spec::JsonFault),
     #[error("{0}")]
     Spec(SpecError),
-    #[error("job {id} is {state}; only what failed or was cancelled can be tried again")]
+    #[error("job {id} is {state}; only failed and cancelled jobs can be retried")]
     NotFailed { id: JobId, state: JobState },
     #[error(transparent)]
     Store(#[from] StoreError),
 }
 
 impl SubmissionError {
-    /// The same error, with the fields of a spec seen from an enclosing one.
+    /// The same error, with the fields of a spec as seen from an enclosing spec.
     pub(crate) fn within(self, outer: &str) -> Self {
         match self {
             Self::Spec(error) => Self::Spec(error.within(outer)),

@@ -8,11 +8,11 @@ use crate::kind::{Kind, task};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum EvaluateTask {
-    /// The cell at this place among those of the spec.
+    /// The cell at this index among those of the spec.
     Cell(u32),
-    /// How long predictions take, while no other task of the job runs.
+    /// The latency of predictions, measured while no other task of the job runs.
     Latency,
-    /// All cells put together.
+    /// The report on all cells.
     Report,
 }
 
@@ -39,7 +39,7 @@ impl Kind for EvaluateSpec {
         Output::Run
     }
 
-    /// The result of a cell says in whose run its table is.
+    /// The result of a cell names the run that has its table.
     fn reuse(&self) -> JobReuse {
         JobReuse { whole: true, parts: PartReuse::Tasks }
     }

@@ -1,17 +1,18 @@
-//! The limits that a server sets on how jobs are run.
+//! The limits of a server on the execution of jobs.
 
 use spec::{JobSpec, Moment, SpecError, Violation};
 use store::Timestamp;
 
 use crate::kind::Limits;
 
-/// How far ahead a job may be told to begin.
+/// How many days ahead the start time of a job may lie.
 const DAYS_AHEAD: i64 = 366;
 
 const DAY_MS: i64 = 24 * 60 * 60 * 1000;
 
 /// # Errors
-/// Names each field of a job's execution that asks for more than the server takes; `now` is by the database's clock.
+/// Names each field of a job's execution that exceeds a limit of the server. `now` is by the
+/// database's clock.
 pub(crate) fn check(spec: &JobSpec, limits: &Limits, now: Timestamp) -> Result<(), SpecError> {
     let execution = spec.execution();
     let mut violations = Vec::new();

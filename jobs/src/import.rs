@@ -14,7 +14,7 @@ impl Kind for ImportSpec {
         Ok(vec![task(0, 0, "import", &json!({}), 0)])
     }
 
-    /// Only the task that reads the file learns how many there are.
+    /// Only the task that reads the file learns the number of trajectories.
     fn output(&self) -> Output {
         Output::Dataset { trajectories: 0, samples: self.samples }
     }

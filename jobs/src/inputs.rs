@@ -1,4 +1,4 @@
-//! The inputs that the references of a job led to.
+//! The inputs that a job's references point to.
 
 use spec::{CheckpointRef, DataSource, DataSpec, Digest, SpecError, TrainSpec, Training};
 use store::{CheckpointId, Dataset, Need};
@@ -8,13 +8,13 @@ use store::{CheckpointId, Dataset, Need};
 pub(crate) struct Inputs {
     pub data: Vec<FoundData>,
     pub checkpoints: Vec<CheckpointRef>,
-    /// The training of each checkpoint, with the data it was trained on.
+    /// The training of each checkpoint, with its data.
     pub trainings: Vec<(TrainSpec, DataSpec)>,
     /// Jobs that must succeed first.
     pub needs: Vec<Need>,
     /// The digests of the jobs that make the data and the checkpoints.
     pub reads: Vec<Digest>,
-    /// The checkpoints that are there already and need no job.
+    /// The checkpoints that exist already and need no job.
     pub existing: Vec<CheckpointId>,
     /// Files that were sent.
     pub files: Vec<Digest>,
@@ -24,7 +24,7 @@ impl Inputs {
     /// The trajectories that the job reads.
     ///
     /// # Errors
-    /// When it reads none.
+    /// When it reads no trajectories.
     pub fn data(&self) -> Result<&FoundData, SpecError> {
         self.data.first().ok_or_else(|| SpecError::one("data", "", "a dataset"))
     }
@@ -36,7 +36,7 @@ impl Inputs {
 
 /// The trajectories that a job reads.
 pub(crate) struct FoundData {
-    /// By digest, or a stream.
+    /// A digest, or a stream.
     pub source: DataSource,
     pub spec: DataSpec,
     /// The job that makes them, unless they are a stream.
@@ -48,7 +48,7 @@ pub(crate) struct FoundData {
 }
 
 impl FoundData {
-    /// The one dataset to look at where it matters which.
+    /// The dataset to use where it matters which of several with the same digest it is.
     pub fn this_dataset(&self) -> Option<&Dataset> {
         self.asked.as_ref().or(self.dataset.as_ref())
     }

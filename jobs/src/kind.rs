@@ -1,4 +1,4 @@
-//! The trait that the module of every kind implements.
+//! The trait of job kinds, which each kind's module implements.
 
 use std::collections::HashMap;
 
@@ -8,52 +8,56 @@ use store::{JobReuse, Need, NewTask, Output, PartReuse};
 
 use crate::inputs::Inputs;
 
-/// Tasks of one job. Crossing it is a violation of the field that asks for so many.
+/// The largest number of tasks of a job. A job with more is refused with a violation that names the
+/// field.
 pub(crate) const TASKS_PER_JOB: u32 = 10_000;
 
-/// Tasks of all jobs of a pipeline. Inserting them takes the write lock of the database, for which leases wait.
+/// The largest number of tasks of all jobs of a pipeline. Inserting them holds the write lock of
+/// the database, and leases wait for it.
 pub(crate) const TASKS_PER_SUBMISSION: usize = 50_000;
 
-/// Why a training on data may not fit into the machine's memory.
+/// Why a training on some data may not fit into the machine's memory.
 ///
-/// Nothing that computes models is compiled for this crate; whoever composes the server brings it.
+/// The code that computes models is not compiled into this crate. The server's composition passes
+/// the function in.
 pub type MemoryDoubts = dyn Fn(&TrainSpec, &DataSpec) -> Option<Doubt> + Send + Sync;
 
-/// The largest requests that a server takes.
+/// The limits of a server on requests.
 #[derive(Clone, Debug)]
 pub struct Limits {
-    /// Trajectories of one simulation.
+    /// Largest number of trajectories of a simulation.
     pub max_trajectories: u64,
-    /// Seconds that an attempt at a task may take, of the kinds that have a limit. Jobs that ask for none get it.
+    /// The time limit of an attempt at a task in seconds, for the kinds that have one. Jobs without
+    /// a limit of their own get it.
     pub time_limits_s: HashMap<JobKind, u32>,
 }
 
-/// A spec of one kind, as a job among others.
+/// A spec of one kind, as a job.
 pub(crate) trait Kind {
-    /// The unit that its progress counts.
+    /// The unit of the job's progress.
     fn unit(&self) -> &'static str;
 
     /// The tasks that workers lease.
     ///
     /// # Errors
-    /// When there would be more than [`TASKS_PER_JOB`], or data that is needed is missing.
+    /// When there would be more than [`TASKS_PER_JOB`], or needed data is missing.
     fn tasks(&self, inputs: &Inputs) -> Result<Vec<NewTask>, SpecError>;
 
     fn output(&self) -> Output;
 
-    /// How far earlier work of the same digest does for it.
+    /// How far the job can use earlier work with the same digest.
     fn reuse(&self) -> JobReuse {
         JobReuse { whole: true, parts: PartReuse::Nothing }
     }
 
     /// # Errors
-    /// Names each field that does not fit what the spec refers to.
+    /// Names each field that does not fit the data that the spec refers to.
     fn check_inputs(&self, _inputs: &Inputs) -> Result<(), SpecError> {
         Ok(())
     }
 
     /// # Errors
-    /// Names each field that asks for more than this server takes.
+    /// Names each field that exceeds a limit of the server.
     fn check_limits(&self, _limits: &Limits) -> Result<(), SpecError> {
         Ok(())
     }
@@ -63,12 +67,13 @@ pub(crate) trait Kind {
         inputs.needs.clone()
     }
 
-    /// Its name outside a pipeline; `None` is its kind with the beginning of its digest.
+    /// The job's name outside a pipeline. `None` stands for its kind with the beginning of its
+    /// digest.
     fn name(&self, _inputs: &Inputs) -> Option<String> {
         None
     }
 
-    /// Why it may not fit into memory with the `data` that it reads.
+    /// Why the job may not fit into memory with its `data`.
     fn memory_doubt(&self, _data: &DataSpec, _memory: &MemoryDoubts) -> Option<Doubt> {
         None
     }
@@ -88,7 +93,7 @@ macro_rules! registered {
 
 spec::for_each_kind!(registered);
 
-/// The task at `ordinal` of its stage, which does `total` units.
+/// The task at `ordinal` of its stage, with `total` units of work.
 pub(crate) fn task(
     stage: u32,
     ordinal: u32,

@@ -1,8 +1,8 @@
-//! From a spec to jobs that wait for workers.
+//! Turns specs into jobs that wait for workers.
 //!
-//! One module per kind of job says which tasks it becomes, what of earlier work it takes over and
-//! what it leaves; the kinds are those of [`spec::for_each_kind`]. The planner and the worker share
-//! the types of the tasks' payloads.
+//! Each kind of job has a module. It defines the job's tasks, the earlier work that it takes over,
+//! and its results. The kinds are those of [`spec::for_each_kind`]. The planner and the worker
+//! share the types of the tasks' payloads.
 
 mod checkpoints;
 mod control;

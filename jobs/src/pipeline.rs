@@ -1,4 +1,4 @@
-//! A pipeline: its jobs one after the other, each with those before it to refer to.
+//! Pipelines: jobs that are resolved one after the other. Each may refer to those before it.
 
 use spec::{JobSpec, PipelineMember, PipelineSpec, SpecError};
 use store::{Need, NewJob, NewMember, NewPipeline};

@@ -1,4 +1,4 @@
-//! A job with its tasks, from a spec whose references are resolved.
+//! Plans a job: turns a spec with resolved references into a job with tasks.
 
 use spec::SpecError;
 use store::NewJob;
@@ -6,10 +6,10 @@ use store::NewJob;
 use crate::kind::{Limits, kind};
 use crate::references::Resolved;
 
-/// Plans a resolved spec; `name` is what a pipeline calls it.
+/// Plans a resolved spec. `name` is its name in a pipeline.
 ///
 /// # Errors
-/// When what it refers to does not fit it, or it needs more tasks than a job may have.
+/// When it does not fit its inputs, or needs more tasks than a job may have.
 pub(crate) fn plan(
     name: Option<&str>,
     resolved: &Resolved,

@@ -1,4 +1,5 @@
-//! References of a spec: found, checked to be usable, and replaced by digests.
+//! Resolves the references of a spec: finds what they refer to, checks that it can be used, and
+//! replaces them by digests.
 
 use std::collections::BTreeMap;
 
@@ -10,10 +11,10 @@ use store::{DatasetId, Job, JobFilter, JobState, Need, Page, Store, StoreError};
 use crate::SubmissionError;
 use crate::inputs::Inputs;
 
-/// How many ids an error names as what exists.
+/// Number of existing ids that an error names.
 const EXISTING_SHOWN: u32 = 10;
 
-/// States of jobs whose results exist or are on their way.
+/// States of jobs whose results exist or are being made.
 const LIVE: [JobState; 3] = [JobState::Waiting, JobState::Queued, JobState::Running];
 
 /// Resolves the references of a job, or of the jobs of a pipeline one after the other.
@@ -25,19 +26,19 @@ pub(crate) struct References<'a> {
 
 /// A resolved job of the same pipeline.
 pub(crate) struct Sibling {
-    /// Among the jobs of the submission.
+    /// Index among the jobs of the submission.
     pub index: usize,
     pub digest: Digest,
     pub spec: JobSpec,
 }
 
-/// A job with every reference resolved, and what they led to.
+/// A job with its references resolved, and its inputs.
 pub(crate) struct Resolved {
     pub spec: JobSpec,
     pub inputs: Inputs,
 }
 
-/// Something that a job needs: the digest of its spec, and the job that makes it.
+/// The digest of a needed spec, and the job that makes its result.
 pub(crate) struct Found {
     pub digest: Digest,
     pub need: Need,
@@ -63,7 +64,7 @@ impl<'a> References<'a> {
     }
 
     /// # Errors
-    /// [`SubmissionError::Spec`] when something that `spec` refers to does not exist or has failed.
+    /// [`SubmissionError::Spec`] when `spec` refers to something that does not exist or has failed.
     pub async fn resolve(&self, spec: &JobSpec) -> Result<Resolved, SubmissionError> {
         let mut spec = spec.clone();
         let mut inputs = Inputs::default();
@@ -120,7 +121,7 @@ impl<'a> References<'a> {
         })
     }
 
-    /// The job that has made, or is going to make, the `product` that `digest` names.
+    /// The job that made, or will make, the `product` with this digest.
     pub async fn made(
         &self,
         digest: Digest,
@@ -160,11 +161,15 @@ impl<'a> References<'a> {
                 let value =
                     format!("{value}, of {} job {}, whose results were deleted", job.kind, job.id);
                 let allowed =
-                    "of a job whose results are there; restore them, or submit its spec again";
+                    "of a job whose results exist; restore them, or submit its spec again";
                 return Ok(SpecError::one(field, value, allowed));
             }
             let value = format!("{value}, of {} job {}, which {}", job.kind, job.id, ended(state));
-            return Ok(SpecError::one(field, value, "of a job that succeeded or still can"));
+            return Ok(SpecError::one(
+                field,
+                value,
+                "of a job that succeeded or can still succeed",
+            ));
         }
         let kinds: Vec<&str> = JobKind::making(product).into_iter().map(JobKind::as_str).collect();
         let mut existing = Vec::new();
@@ -190,7 +195,7 @@ fn makes(job: &Job, product: Product) -> bool {
     job.kind.parse::<JobKind>().is_ok_and(|kind| kind.makes() == Some(product))
 }
 
-/// The page of a list from which an error names what exists.
+/// The page of a list that errors name as existing.
 pub(crate) const fn newest() -> Page {
     Page { before: None, limit: EXISTING_SHOWN }
 }
@@ -217,13 +222,13 @@ pub(crate) fn no_such(
     SpecError::one(field, id.to_string(), allowed).into()
 }
 
-/// The same of something that was deleted.
+/// The error for an item that was deleted.
 pub(crate) fn deleted(field: &str, id: i64, error: &StoreError) -> SubmissionError {
     SpecError::one(field, format!("{id}: {error}"), "the id of something that is not deleted")
         .into()
 }
 
-/// The spec of a stored job; it was resolved when it was stored.
+/// The spec of a stored job. It was resolved before it was stored.
 pub(crate) fn stored(job: &Job, field: &str) -> Result<JobSpec, SpecError> {
     serde_json::from_value(job.spec.clone()).map_err(|error| {
         let value = format!("of job {}, whose spec this version cannot read: {error}", job.id);

@@ -6,7 +6,7 @@ use crate::inputs::Inputs;
 use crate::kind::Limits;
 use crate::kind::{Kind, TASKS_PER_JOB, task};
 
-/// One shard.
+/// The payload of a task: one shard.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub struct ShardTask {
     pub shard: u32,
@@ -34,7 +34,7 @@ impl Kind for SimulateSpec {
         Ok((0..shards).map(shard).collect())
     }
 
-    /// Shards.
+    /// Shards can be copied from an earlier job.
     fn reuse(&self) -> JobReuse {
         JobReuse { whole: true, parts: PartReuse::Objects }
     }
@@ -43,7 +43,7 @@ impl Kind for SimulateSpec {
         Output::Dataset { trajectories: self.trajectories, samples: self.samples }
     }
 
-    /// A stream is not stored and may have any size.
+    /// A stream is not stored, so it may have any size.
     fn check_limits(&self, limits: &Limits) -> Result<(), SpecError> {
         if self.trajectories <= limits.max_trajectories {
             return Ok(());

@@ -1,4 +1,4 @@
-//! From a spec as it is sent to jobs in the store.
+//! Submissions: turns a spec as sent into jobs in the store.
 
 use serde::de::IgnoredAny;
 use serde_json::json;
@@ -15,8 +15,8 @@ use crate::references::References;
 /// Submits the spec in `text`: a job, or a pipeline with all its jobs, in one transaction.
 ///
 /// # Errors
-/// [`SubmissionError::Json`] or [`SubmissionError::Spec`] when it cannot be accepted; nothing is
-/// queued then.
+/// [`SubmissionError::Json`] or [`SubmissionError::Spec`] when it is refused. Nothing is queued
+/// then.
 pub async fn submit(
     store: &Store,
     limits: &Limits,
@@ -37,12 +37,13 @@ pub async fn submit(
     submit_new(store, limits, &spec, reuse, idempotency, labels).await
 }
 
-/// Submits the spec of a job that failed or was cancelled again. What succeeded is not done again:
-/// the jobs of a pipeline, and the tasks of kinds that take over tasks. The new job has the labels of the old one.
+/// Submits the spec of a failed or cancelled job again. Parts that succeeded are not done again:
+/// the jobs of a pipeline, and the tasks of kinds that take over tasks. The new job has the labels
+/// of the old one.
 ///
 /// # Errors
-/// [`SubmissionError::NotFailed`] for any other job; [`SubmissionError::Spec`] when what it refers to
-/// is gone.
+/// [`SubmissionError::NotFailed`] for any other job. [`SubmissionError::Spec`] when the spec refers
+/// to something that is gone.
 pub async fn retry(
     store: &Store,
     limits: &Limits,
@@ -61,10 +62,10 @@ pub async fn retry(
     submit_new(store, limits, &spec, Reuse::SameDigest, None, labels).await
 }
 
-/// As [`submit`], for a spec that [`spec::parse`] has read.
+/// Like [`submit`], for a spec that [`spec::parse`] has read.
 ///
 /// # Errors
-/// When it cannot be accepted; nothing is queued then.
+/// When it is refused. Nothing is queued then.
 pub async fn submit_spec(
     store: &Store,
     limits: &Limits,
@@ -78,8 +79,8 @@ pub async fn submit_spec(
     }
 }
 
-/// The outcome of the same request before. It is looked up before anything of the request is looked at, since limits,
-/// and what a spec refers to, may have changed.
+/// The outcome of an earlier submission of the same request. It is looked up before the request is
+/// checked, because limits and the things that a spec refers to may have changed.
 async fn repeated(
     store: &Store,
     idempotency: Option<&Idempotency>,

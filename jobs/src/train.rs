@@ -14,7 +14,7 @@ impl Kind for TrainSpec {
         Ok(vec![task(0, 0, "train", &json!({}), self.steps)])
     }
 
-    /// Checkpoints, with the metrics up to them.
+    /// Checkpoints can be copied from an earlier job, with the metrics up to them.
     fn reuse(&self) -> JobReuse {
         JobReuse { whole: true, parts: PartReuse::Objects }
     }
@@ -26,7 +26,7 @@ impl Kind for TrainSpec {
     fn check_inputs(&self, inputs: &Inputs) -> Result<(), SpecError> {
         let data = inputs.data()?;
         self.check_data(&data.spec)?;
-        // Only the dataset of an import tells how much there is, once there is one.
+        // Only the dataset of an import knows its number of trajectories, once it exists.
         match (&data.spec.trajectories(), &data.dataset) {
             (None, Some(dataset)) if dataset.state == DatasetState::Complete => {
                 self.check_trajectories(dataset.trajectories)

@@ -5,7 +5,8 @@ use store::{JobReuse, Need, NewTask, Output, PartReuse};
 use crate::inputs::Inputs;
 use crate::kind::{Kind, task};
 
-/// One shard, of a dataset that was there when the job was submitted: others may have its digest.
+/// One shard of a dataset that existed when the job was submitted. Other datasets may have the same
+/// digest.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub struct VerifyTask {
     pub shard: u32,
@@ -37,12 +38,13 @@ impl Kind for VerifySpec {
         Output::Nothing
     }
 
-    /// It says what was the case when it ran.
+    /// A verification is never reused, because its result is about the time when it ran.
     fn reuse(&self) -> JobReuse {
         JobReuse { whole: false, parts: PartReuse::Nothing }
     }
 
-    /// A dataset that is named by its id is looked at, and not another with the same digest.
+    /// A dataset that is named by its id is verified itself, and not another one with the same
+    /// digest.
     fn needs(&self, inputs: &Inputs) -> Vec<Need> {
         let asked = inputs.data().ok().and_then(|data| data.asked.as_ref());
         asked.map_or_else(|| inputs.needs.clone(), |dataset| vec![Need::Existing(dataset.job)])

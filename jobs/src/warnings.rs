@@ -8,12 +8,12 @@ use store::{Store, StoreError};
 
 use crate::kind::{MemoryDoubts, kind};
 
-/// Sentences about the values of each of some stored specs, those of a pipeline's jobs and of streams included, and
-/// about memory, if something is brought that doubts it. None about a spec of another version. The store is asked once
-/// for all of them.
+/// Warnings about the values of stored specs, including those of a pipeline's jobs and of streams.
+/// Also warnings about memory, if a function for it is passed in. A spec of another version gets no
+/// warnings. The store is asked once for all specs.
 ///
 /// # Errors
-/// When the store cannot say what data the jobs read.
+/// When the store cannot look up the data that the jobs read.
 pub async fn warnings(
     store: &Store,
     specs: &[&Value],

@@ -1,4 +1,4 @@
-//! A bounded number of large values, each loaded once however many ask for it.
+//! A cache of a few large values. Each is loaded once, however many requests ask for it.
 
 use std::future::Future;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -12,10 +12,10 @@ pub struct Capacity {
     pub bytes: u64,
 }
 
-/// The values asked for last. One that somebody holds is never given up for another.
+/// The most recently requested values. A value in use is never evicted.
 pub struct Cache<K, V> {
     capacity: Capacity,
-    /// Asked for last, first.
+    /// Most recently requested first.
     slots: Mutex<Vec<Slot<K, V>>>,
 }
 
@@ -26,7 +26,7 @@ struct Slot<K, V> {
 }
 
 impl<K, V> Slot<K, V> {
-    /// Whether somebody loads the value or holds it.
+    /// Whether a request is loading the value or holds it.
     fn is_in_use(&self) -> bool {
         let is_held = |value: &Arc<V>| Arc::strong_count(value) > 1;
         Arc::strong_count(&self.value) > 1 || self.value.get().is_some_and(is_held)
@@ -38,12 +38,13 @@ impl<K: Copy + PartialEq, V> Cache<K, V> {
         Self { capacity, slots: Mutex::new(Vec::new()) }
     }
 
-    /// The value of `key`, of `bytes` bytes, loaded unless it is there. Whoever asks meanwhile waits
-    /// for that; what fails to load is forgotten, and the next one tries again.
+    /// The value of `key`, which takes `bytes` bytes. It is loaded if it is not there, and other
+    /// requests for it wait meanwhile. A value that fails to load is forgotten, and the next
+    /// request tries again.
     ///
     /// # Errors
-    /// [`LiveError::Full`] when all others are in use, [`LiveError::TooLarge`] when there is never
-    /// room, and what `load` returns.
+    /// [`LiveError::Full`] when all other values are in use. [`LiveError::TooLarge`] when the value
+    /// is larger than the cache. Also the errors of `load`.
     pub async fn get<F>(
         &self,
         key: K,
@@ -84,7 +85,8 @@ impl<K: Copy + PartialEq, V> Cache<K, V> {
         Ok(value)
     }
 
-    /// What a panic left behind is whole: nothing is changed in two steps.
+    /// Ignores a poisoned lock: no change takes two steps, so the values are consistent after a
+    /// panic.
     fn lock(&self) -> MutexGuard<'_, Vec<Slot<K, V>>> {
         self.slots.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -102,7 +104,7 @@ mod tests {
         Cache::new(Capacity { count, bytes })
     }
 
-    /// Whether asking for `key` has to load it.
+    /// Whether a request for `key` has to load it.
     async fn loads(cache: &Cache<u32, u32>, key: u32, bytes: u64) -> bool {
         let mut has_loaded = false;
         let load = || {

@@ -1,4 +1,4 @@
-//! Turns at the processor: one prediction at a time, with all threads of its lane.
+//! Lanes: each computes one prediction at a time, with all its threads.
 
 use std::num::NonZero;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -10,7 +10,7 @@ use models::Interrupt;
 use rayon::{ThreadPool, ThreadPoolBuildError, ThreadPoolBuilder};
 use tokio::sync::{Semaphore, oneshot};
 
-/// Predictions of a lane that wait for their turn; those beyond are refused.
+/// Number of predictions of a lane that may wait. Further ones are refused.
 const WAITING: usize = 64;
 
 /// A queue and a pool of threads for each [`Lane`].
@@ -22,17 +22,17 @@ pub struct Lanes {
 
 pub struct Turns {
     threads: ThreadPool,
-    /// Given in the order of asking.
+    /// Permits are given in the order of requests.
     turn: Arc<Semaphore>,
-    /// For those who compute or wait.
+    /// Permits for predictions that compute or wait.
     places: Semaphore,
 }
 
-/// What became of some work.
+/// The result of some work, with its times.
 #[derive(Debug)]
 pub struct Done<T> {
     pub result: Result<T, Panic>,
-    /// Until its turn came.
+    /// Time until its turn came.
     pub queued: Duration,
     pub computed: Duration,
 }
@@ -66,8 +66,8 @@ impl Turns {
         Ok(Self { threads, turn, places: Semaphore::new(WAITING + 1) })
     }
 
-    /// Runs `work` on the lane's threads when its turn comes. It is handed what is raised when
-    /// nobody waits for it any more.
+    /// Runs `work` on the lane's threads when its turn comes. `work` gets an interrupt that is
+    /// raised when nobody waits for it any more.
     pub async fn run<T: Send + 'static>(
         &self,
         work: impl FnOnce(&Interrupt) -> T + Send + 'static,
@@ -85,9 +85,10 @@ impl Turns {
             let result = catch_unwind(AssertUnwindSafe(|| work(&interrupt)));
             let result =
                 result.map_err(|panic| Panic(faults::panic_message(panic.as_ref()).to_owned()));
-            // Before the answer, so that whoever has it finds the lane free.
+            // The turn ends before the answer is sent, so the lane is free for the receiver of the
+            // answer.
             drop(turn);
-            // Nobody may wait any more.
+            // Sending fails if nobody waits any more.
             let _ = sender.send((result, started.elapsed()));
         });
         let lost =
@@ -97,7 +98,7 @@ impl Turns {
     }
 }
 
-/// Ends the work of a future that is dropped.
+/// Interrupts the work when its future is dropped.
 struct RaisedOnDrop(Interrupt);
 
 impl Drop for RaisedOnDrop {

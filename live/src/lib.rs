@@ -1,4 +1,4 @@
-//! Predictions while somebody waits: models that stay loaded, and the threads that compute.
+//! Predictions for waiting clients: models that stay loaded, and the threads that compute.
 
 mod cache;
 mod lane;
@@ -18,18 +18,18 @@ use cache::{Cache, Capacity};
 use lane::Lanes;
 use loaded::Loaded;
 
-/// Models that are kept loaded.
+/// Number of models that are kept loaded.
 pub const LOADED_MODELS: usize = 8;
 
-/// Bytes of weights that are kept loaded, unless the server is told otherwise.
+/// Default limit of the weights that are kept loaded, in bytes.
 pub const LOADED_BYTES: u64 = 2 << 30;
 
 #[derive(Clone, Debug)]
 pub struct Options {
     pub device: DeviceKind,
-    /// That compute one prediction.
+    /// Number of threads that compute one prediction.
     pub threads: NonZero<usize>,
-    /// Of the weights of all models that are loaded at once.
+    /// Limit of the weights of all loaded models together, in bytes.
     pub loaded_bytes: u64,
 }
 
@@ -41,13 +41,13 @@ pub struct Live {
     device: OnceCell<Device>,
     lanes: Arc<Lanes>,
     models: Cache<[spec::Digest; 2], Loaded>,
-    /// For one model at a time on its way into memory, where it takes several times its size.
+    /// Only one model is loaded at a time, because loading takes several times its size in memory.
     loading: Semaphore,
 }
 
 impl Live {
     /// # Errors
-    /// When the system gives no threads.
+    /// When the system cannot start the threads.
     pub fn new(store: Store, options: Options) -> Result<Self, rayon::ThreadPoolBuildError> {
         let lanes = Arc::new(Lanes::new(options.threads)?);
         let capacity = Capacity { count: LOADED_MODELS, bytes: options.loaded_bytes };
@@ -102,7 +102,7 @@ impl LiveModels for Live {
                 checkpoint.file(name).ok_or(LiveError::Unusable { reason })
             };
             let (weights, config) = (file(MODEL_FILE)?, file(CONFIG_FILE)?);
-            // Not by id: a checkpoint may be written again under the same one.
+            // The key is not the id, because a checkpoint may be written again under the same id.
             let key = [weights.sha256, config.sha256];
             let load = || self.read(weights, config);
             let model = self.models.get(key, weights.size, load).await?;

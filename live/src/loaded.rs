@@ -1,4 +1,4 @@
-//! A model that answers questions.
+//! A loaded model that makes predictions.
 
 use std::sync::Arc;
 
@@ -63,7 +63,7 @@ impl LiveModel for Loaded {
     }
 }
 
-/// Positions, and what is to be known of the question and of them.
+/// The predicted positions, with the warnings about the request and about them.
 struct Asked {
     positions: Vec<f32>,
     warnings: Vec<Warning>,
@@ -97,7 +97,7 @@ fn ask(
     Ok(Asked { positions, warnings })
 }
 
-/// What a question asked for in vain, or how the model failed.
+/// The error for a request that the model cannot answer, or for a failure of the model.
 fn live_error(error: ModelError) -> LiveError {
     let refused = |field: &str, value: String, allowed: String| {
         LiveError::Refused(SpecError::one(field, value, allowed))

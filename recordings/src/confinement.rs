@@ -2,22 +2,23 @@
 
 use std::io::{self, Write};
 
-/// Memory that decoding a file may take.
+/// Limit of the memory that decoding a file may take.
 pub const MEMORY_BYTES: u64 = 1 << 30;
 
-/// Seconds on the processor that decoding the next rows may take; a usual file takes milliseconds.
+/// Limit of the processor time for decoding the next rows, in seconds. A usual file takes
+/// milliseconds.
 pub const BATCH_SECONDS: u64 = 60;
 
-/// Limits this process for good: an allocation beyond [`MEMORY_BYTES`] fails, and it ends with the
-/// process that started it. `SIGXCPU` ends it, too, unless it writes something to the returned
-/// output within [`BATCH_SECONDS`] on the processor.
+/// Limits this process permanently. An allocation beyond [`MEMORY_BYTES`] fails. The process ends
+/// when its parent ends. `SIGXCPU` also ends it, unless it writes to the returned output within
+/// [`BATCH_SECONDS`] of processor time.
 ///
 /// # Errors
-/// When the system refuses.
+/// When the operating system refuses a limit.
 pub fn confine<W: Write>(output: W) -> io::Result<TimedOutput<W>> {
     #[cfg(target_os = "linux")]
     end_with_parent()?;
-    // A failed allocation aborts, which must not leave a gigabyte behind.
+    // A failed allocation aborts, and must not leave a core dump of a gigabyte.
     lower(libc::RLIMIT_CORE, 0)?;
     lower(libc::RLIMIT_DATA, data_bytes() + MEMORY_BYTES)?;
     grant_time()?;
@@ -31,7 +32,7 @@ fn end_with_parent() -> io::Result<()> {
     check(unsafe { libc::prctl(libc::PR_SET_PDEATHSIG, signal) })
 }
 
-/// The output of a confined process: whatever is written grants time for the next.
+/// The output of a confined process. Each write grants time for the next one.
 pub struct TimedOutput<W>(W);
 
 impl<W: Write> Write for TimedOutput<W> {
@@ -45,7 +46,7 @@ impl<W: Write> Write for TimedOutput<W> {
     }
 }
 
-/// Memory that this process has already, as far as `RLIMIT_DATA` counts it.
+/// Memory that this process uses already, as `RLIMIT_DATA` counts it.
 fn data_bytes() -> u64 {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let line = status.lines().find_map(|line| line.strip_prefix("VmData:"));
@@ -53,7 +54,7 @@ fn data_bytes() -> u64 {
     kibibytes.map_or(0, |kibibytes: u64| 1024 * kibibytes)
 }
 
-/// Lets this process compute for [`BATCH_SECONDS`] from now on.
+/// Allows this process another [`BATCH_SECONDS`] of processor time.
 fn grant_time() -> io::Result<()> {
     let Limit { hard, .. } = limit(libc::RLIMIT_CPU)?;
     let soft = (seconds_used()? + 1 + BATCH_SECONDS).min(hard);
@@ -70,7 +71,7 @@ type Resource = libc::__rlimit_resource_t;
 #[cfg(not(target_env = "gnu"))]
 type Resource = libc::c_int;
 
-/// The enforced limit and its ceiling; the largest number is no limit.
+/// The enforced limit and its maximum. The largest number means no limit.
 struct Limit {
     soft: u64,
     hard: u64,
@@ -89,7 +90,7 @@ fn set_limit(resource: Resource, Limit { soft, hard }: Limit) -> io::Result<()> 
     check(unsafe { libc::setrlimit(resource, &raw const limit) })
 }
 
-/// Time on the processor of all threads of this process.
+/// Processor time of all threads of this process.
 fn seconds_used() -> io::Result<u64> {
     let mut time = libc::timespec { tv_sec: 0, tv_nsec: 0 };
     // SAFETY: the pointer is to a value that lives through the call, and is not kept.
@@ -105,7 +106,7 @@ fn check(result: libc::c_int) -> io::Result<()> {
 mod tests {
     use super::*;
 
-    /// Memory is left alone here: this process runs the other tests as well.
+    /// The memory limit is not set here, because this process runs other tests as well.
     #[test]
     fn every_frame_grants_the_same_time_again() {
         let granted = || limit(libc::RLIMIT_CPU).unwrap();

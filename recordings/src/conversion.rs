@@ -1,7 +1,7 @@
-//! From the rows of a file to the tables of a dataset.
+//! Converts the rows of a file into the tables of a dataset.
 //!
-//! Memory does not grow with the file: a batch of rows, the samples of one trajectory, and the
-//! trajectories that were not handed on yet.
+//! Memory does not grow with the file. It holds a batch of rows, the samples of one trajectory, and
+//! the trajectories that were not handed on yet.
 
 use spec::{ImportSpec, Split};
 use wire::ImportCounts;
@@ -13,16 +13,16 @@ use crate::samples::Sampling;
 use crate::tables::{ImportedTrajectories, Origin, TableSchemas, Tables};
 use crate::windows::Window;
 
-/// Trajectories of a dataset.
+/// The largest number of trajectories of a dataset.
 const MAX_TRAJECTORIES: u64 = 10_000_000;
 
-/// Rows being made trajectories. What comes out is a function of the rows and the spec.
+/// Converts rows into trajectories. The result depends only on the rows and the spec.
 pub struct Conversion<I> {
     spec: ImportSpec,
     source: I,
     sampling: Sampling,
     rows: Rows,
-    /// Of `rows`, the next to look at.
+    /// Index of the next row of `rows`.
     next: usize,
     recording: Option<Recording>,
     window: Window,
@@ -31,7 +31,7 @@ pub struct Conversion<I> {
 }
 
 impl<I: Iterator<Item = Result<Rows, ImportError>>> Conversion<I> {
-    /// `source` has the rows of a file, `schemas` those of the tables that come out.
+    /// A conversion of the rows of `source` into tables with these `schemas`.
     pub fn new(source: I, spec: &ImportSpec, schemas: TableSchemas) -> Self {
         let sampling = Sampling::new(spec);
         let tables = Tables::new(schemas, sampling.channel_count());
@@ -48,10 +48,10 @@ impl<I: Iterator<Item = Result<Rows, ImportError>>> Conversion<I> {
         }
     }
 
-    /// The trajectories that follow, perhaps none yet; `None` at the end.
+    /// The next trajectories, perhaps none yet; `None` at the end.
     ///
     /// # Errors
-    /// When the file is damaged, or holds what the spec does not allow.
+    /// When the file is damaged, or has values that the spec does not allow.
     pub fn next_trajectories(&mut self) -> Result<Option<ImportedTrajectories>, ImportError> {
         while !self.tables.is_full() && (self.cut()? || self.accept_row()?) {}
         if !self.tables.is_full() && !self.read_rows()? {
@@ -62,10 +62,10 @@ impl<I: Iterator<Item = Result<Rows, ImportError>>> Conversion<I> {
         self.tables.take().map(Some).map_err(unarranged)
     }
 
-    /// The outcome of the file, once [`Self::next_trajectories`] has come to its end.
+    /// The counts of the whole file, after [`Self::next_trajectories`] has reached its end.
     ///
     /// # Errors
-    /// When no trajectory came out of it.
+    /// When the file gave no trajectory.
     pub fn finish(self) -> Result<ImportCounts, ImportError> {
         let counts = ImportCounts { trajectories: self.tables.count(), ..self.counts };
         if counts.trajectories > 0 {
@@ -73,13 +73,13 @@ impl<I: Iterator<Item = Result<Rows, ImportError>>> Conversion<I> {
         }
         let ImportCounts { rows, recordings, dropped_samples, .. } = counts;
         Err(ImportError::file(format!(
-            "no trajectory comes out of it: its {rows} rows are {recordings} recordings with \
+            "it gives no trajectory: its {rows} rows are {recordings} recordings with \
              {dropped_samples} samples together, and a trajectory needs {}",
             self.spec.samples
         )))
     }
 
-    /// Trajectories so far.
+    /// Number of trajectories so far.
     pub const fn trajectories(&self) -> u64 {
         self.tables.count()
     }
@@ -91,11 +91,11 @@ impl<I: Iterator<Item = Result<Rows, ImportError>>> Conversion<I> {
         Ok(true)
     }
 
-    /// Puts a sample of the recording into its window; false when there is none left.
+    /// Moves a sample of the recording into its window. Returns false if there is none.
     fn cut(&mut self) -> Result<bool, ImportError> {
         let Some(recording) = &mut self.recording else { return Ok(false) };
         let Some(sample) = recording.advance(&self.spec) else { return Ok(false) };
-        // A recording that is to be one trajectory must also end with it.
+        // A recording that becomes one trajectory must also end with it.
         if self.window.push(sample) && self.spec.split != Split::Whole {
             let name = recording.name.clone();
             self.keep_trajectory(name.as_deref())?;
@@ -105,7 +105,7 @@ impl<I: Iterator<Item = Result<Rows, ImportError>>> Conversion<I> {
 
     fn keep_trajectory(&mut self, recording: Option<&str>) -> Result<(), ImportError> {
         if self.tables.count() == MAX_TRAJECTORIES {
-            let reason = format!("more than {MAX_TRAJECTORIES} trajectories would come out of it");
+            let reason = format!("it would give more than {MAX_TRAJECTORIES} trajectories");
             return Err(ImportError::file(reason));
         }
         let samples = self.window.trajectory();
@@ -120,7 +120,7 @@ impl<I: Iterator<Item = Result<Rows, ImportError>>> Conversion<I> {
         Ok(())
     }
 
-    /// Hands the next row to its recording; false when all that were read are through.
+    /// Passes the next row to its recording. Returns false if all rows read so far are done.
     fn accept_row(&mut self) -> Result<bool, ImportError> {
         if self.next == self.rows.count {
             return Ok(false);

@@ -21,25 +21,25 @@ pub struct DecoderProgram {
     pub arguments: Vec<String>,
 }
 
-/// The rows of a file, decoded in a child process with limits on its memory and time. It lives no
-/// longer than this.
+/// The rows of a file, decoded in a child process with limits on its memory and time. The child
+/// ends with this value.
 pub struct Decoder {
     process: Child,
     frames: Frames<BufReader<ChildStdout>>,
-    /// Logs what the child says, and returns the beginning of it when the child has ended.
+    /// Logs the child's messages. When the child has ended, returns the first of them.
     listener: Option<JoinHandle<String>>,
-    /// For errors.
+    /// The file's name, for errors.
     name: String,
 }
 
-/// Kept of what a child says before it dies.
+/// Number of bytes kept from a child's messages before it dies.
 const KEPT_BYTES: usize = 16 * 1024;
 
-/// Bytes of a line that are read at once.
+/// Number of bytes of a line that are read at once.
 const LINE_BYTES: u64 = 4 * 1024;
 
 impl Decoder {
-    /// Has `program` decode `file`, which its sender called `name`.
+    /// Starts `program` to decode `file`, which its sender called `name`.
     ///
     /// # Errors
     /// When no process can be started.
@@ -53,7 +53,7 @@ impl Decoder {
             .args(&program.arguments)
             .arg(serde_json::to_string(spec).map_err(|error| ImportError::Start(error.into()))?)
             .env("RUST_BACKTRACE", "0")
-            // mimalloc, which the product allocates with, else takes memory by the gigabyte.
+            // Otherwise mimalloc, the product's allocator, would reserve memory by the gigabyte.
             .env("MIMALLOC_ARENA_EAGER_COMMIT", "0")
             .stdin(file)
             .stdout(Stdio::piped())
@@ -79,7 +79,8 @@ impl Decoder {
         let said = self.listener.take().and_then(|listener| listener.join().ok());
         let said = said.unwrap_or_default();
         let file = self.name.clone();
-        // The words of Rust's allocation error; its decoders ask no other allocator for much.
+        // The message of Rust's allocation error. The decoders allocate little memory in other
+        // ways.
         if said.contains("memory allocation of") {
             ImportError::Memory { file }
         } else if status.signal() == Some(libc::SIGXCPU) {
@@ -91,7 +92,8 @@ impl Decoder {
     }
 }
 
-/// Logs the lines of a child until its end. A child that nobody listened to would stand still when the pipe is full.
+/// Logs the messages of a child until it ends. If nobody read them, the child would block when the
+/// pipe is full.
 fn listen(stderr: ChildStderr) -> String {
     let mut lines = BufReader::new(stderr);
     let mut said = String::new();
@@ -121,7 +123,7 @@ impl Iterator for Decoder {
 
 impl Drop for Decoder {
     fn drop(&mut self) {
-        // Both fail only for a process that has ended and was waited for.
+        // Both fail only if the process has ended and was waited for.
         let _ = self.process.kill();
         let _ = self.process.wait();
     }

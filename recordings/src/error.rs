@@ -6,8 +6,8 @@ use thiserror::Error;
 
 use crate::confinement::{BATCH_SECONDS, MEMORY_BYTES};
 
-/// Why a file cannot be imported. All but [`Self::Start`] and [`Self::Pipe`] is for whoever sent the
-/// file.
+/// Why a file cannot be imported. The sender of the file can act on all of these except
+/// [`Self::Start`] and [`Self::Pipe`].
 #[derive(Debug, Error)]
 pub enum ImportError {
     /// A fault of the file as a whole.
@@ -17,7 +17,7 @@ pub enum ImportError {
     #[error(transparent)]
     Row(#[from] RowError),
 
-    /// The decoder's own words.
+    /// The decoder's own message.
     #[error("{0}")]
     Undecodable(String),
 
@@ -29,8 +29,8 @@ pub enum ImportError {
     Memory { file: String },
 
     #[error(
-        "{file:?} cannot be imported: reading the next rows took more than {BATCH_SECONDS} s on a \
-         processor; write it again"
+        "{file:?} cannot be imported: reading the next rows took more than {BATCH_SECONDS} s of \
+         processor time; write the file again"
     )]
     Time { file: String },
 
@@ -40,7 +40,7 @@ pub enum ImportError {
     #[error("the file cannot be imported: no process could be started to read it")]
     Start(#[source] io::Error),
 
-    #[error("the file cannot be imported: the process that read it was not understood")]
+    #[error("the file cannot be imported: the process that read it sent invalid data")]
     Pipe(#[from] io::Error),
 }
 
@@ -49,13 +49,13 @@ impl ImportError {
         Self::File(reason.into())
     }
 
-    /// Whether the same file may be imported at another attempt.
+    /// Whether another attempt may import the same file.
     pub const fn may_pass(&self) -> bool {
         matches!(self, Self::Start(_) | Self::Pipe(_))
     }
 }
 
-/// Where a row is in its file, as whoever opens the file sees it.
+/// The place of a row in its file, as an editor shows it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Place {
     /// The line of a CSV file in which the row begins. The header is line 1.
@@ -85,7 +85,7 @@ pub struct RowError {
 }
 
 impl RowError {
-    /// The fault of a value, of a recording that is not known here.
+    /// The fault of a value, in a recording that is not known here.
     pub(crate) fn value(
         place: Place,
         column: &str,

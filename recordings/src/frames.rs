@@ -1,7 +1,8 @@
-//! Rows on their way from the process that decodes a file to the one that uses them.
+//! Frames: rows on their way from the process that decodes a file to the process that uses them.
 //!
-//! A frame is its kind (1 byte), the length of what follows (4 bytes), and that: rows; nothing, at the
-//! end of the file; or why the file cannot be read, as UTF-8. Numbers are little-endian.
+//! A frame has its kind (1 byte), the length of its content (4 bytes), and the content. The content
+//! is rows, nothing at the end of the file, or, as UTF-8, the reason why the file cannot be read.
+//! Numbers are little-endian.
 
 use std::io::{self, ErrorKind, Read, Write};
 
@@ -14,7 +15,7 @@ const ROWS: u8 = b'r';
 const END: u8 = b'e';
 const REFUSAL: u8 = b'x';
 
-/// Bytes of the reason why a file cannot be read: names of its columns may be of any length.
+/// Largest number of bytes of a reason, because names of columns may have any length.
 const MAX_REFUSAL_BYTES: usize = 16 * 1024;
 
 pub(crate) fn write_rows(out: &mut impl Write, rows: &Rows) -> io::Result<()> {
@@ -62,8 +63,8 @@ fn length(length: usize) -> io::Result<[u8; 4]> {
     u32::try_from(length).map(u32::to_le_bytes).map_err(io::Error::other)
 }
 
-/// The rows of a file, read from the frames that another process writes. It believes no length that
-/// the rows of `spec` cannot have.
+/// The rows of a file, read from the frames of another process. It refuses lengths that the rows of
+/// `spec` cannot have.
 pub struct Frames<R> {
     frames: R,
     has_lines: bool,
@@ -151,9 +152,9 @@ impl<R: Read> Frames<R> {
 impl<R: Read> Iterator for Frames<R> {
     type Item = Result<Rows, ImportError>;
 
-    /// The rows that follow, until the end of the file, or until an error:
-    /// [`ImportError::Undecodable`] when the file cannot be read, [`ImportError::Pipe`] when the
-    /// frames end before they say so, or are none.
+    /// The next rows until the end of the file, or until an error: [`ImportError::Undecodable`]
+    /// when the file cannot be read, [`ImportError::Pipe`] when the frames end early or are
+    /// invalid.
     fn next(&mut self) -> Option<Self::Item> {
         if self.is_over {
             return None;
@@ -165,7 +166,7 @@ impl<R: Read> Iterator for Frames<R> {
 }
 
 fn malformed() -> ImportError {
-    io::Error::new(ErrorKind::InvalidData, "the process that reads the file said no frame").into()
+    io::Error::new(ErrorKind::InvalidData, "the process that reads the file sent no frame").into()
 }
 
 /// The rest of a frame.

@@ -1,9 +1,9 @@
-//! Somebody's own recordings: decoded in a child process, checked, put on a dataset's clock, and cut
-//! into trajectories.
+//! Imports of recordings: they are decoded in a child process, checked, resampled to a dataset's
+//! rate, and cut into trajectories.
 //!
-//! A Parquet file says of itself how much memory its decoder should reserve, and a decoder believes
-//! it. So a stranger's file is decoded by a [`Decoder`], a child with limits on its memory and its
-//! time, which hands rows back over a pipe. [`Conversion`] makes trajectories of them.
+//! A Parquet file states how much memory its decoder should reserve, and a decoder believes it. So
+//! a foreign file is decoded by a [`Decoder`]: a child process with limits on its memory and time,
+//! which returns rows over a pipe. [`Conversion`] turns them into trajectories.
 
 mod confinement;
 mod conversion;

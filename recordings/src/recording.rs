@@ -1,31 +1,31 @@
-//! One recording: its timing checked, or its samples put where the dataset wants them.
+//! A recording: checks its timing, or resamples it to the dataset's rate.
 
 use spec::{ImportSpec, Resampling, TimeUnit};
 
 use crate::error::{Place, RowError};
 use crate::samples::Sample;
 
-/// Times that differ by less than this part of a period are the same: f32 seconds, and decimals cut
-/// after a few digits, are no more exact.
+/// Times that differ by less than this part of a period are equal. Seconds in f32, and decimals
+/// with a few digits, are not more precise.
 const SAME_TIME: f64 = 1e-3;
 
-/// Part of a period by which one may be off that is not resampled.
+/// The part of a period by which a period may be wrong without resampling.
 const PERIOD_TOLERANCE: f64 = 0.1;
 
-/// Part of a recording by which it may be longer or shorter than its number of samples says.
+/// The part of a recording by which its length may differ from its number of samples.
 const RATE_TOLERANCE: f64 = 0.01;
 
 #[derive(Debug)]
 pub(crate) struct Recording {
     pub name: Option<String>,
-    /// Where its first row is.
+    /// The place of its first row.
     pub first: Place,
     pub rows: u64,
     start_s: f64,
     last: Option<Sample>,
-    /// Accepted, and not yet handed out.
+    /// The accepted sample that was not handed out yet.
     incoming: Option<Sample>,
-    /// Samples handed out.
+    /// Number of samples handed out.
     pub samples: u64,
 }
 
@@ -34,10 +34,10 @@ impl Recording {
         Self { name, first, rows: 0, start_s: 0.0, last: None, incoming: None, samples: 0 }
     }
 
-    /// Takes the next row, once [`Self::advance`] has nothing more to hand out.
+    /// Accepts the next row, after [`Self::advance`] has nothing more to hand out.
     ///
     /// # Errors
-    /// When it does not come when it should.
+    /// When its time is wrong.
     pub fn accept(&mut self, sample: Sample, spec: &ImportSpec) -> Result<(), RowError> {
         match self.last {
             None => self.start_s = sample.time_s,
@@ -102,7 +102,7 @@ impl Recording {
     }
 
     /// # Errors
-    /// When its periods are all right one by one, and wrong together.
+    /// When its periods are right one by one, but wrong together.
     #[expect(clippy::cast_precision_loss, reason = "far fewer than 2^53 rows")]
     pub fn check_rate(&self, spec: &ImportSpec) -> Result<(), RowError> {
         let Some(last) = self.last.filter(|_| spec.resampling == Resampling::None) else {
@@ -136,7 +136,8 @@ impl Recording {
     }
 }
 
-/// Positions and velocities on the line between two samples; torques, of which there are `joints`, are held.
+/// Interpolates positions and velocities linearly between two samples. The first `joints` values,
+/// the torques, are held.
 fn between(last: &Sample, next: &Sample, at: f64, joints: usize) -> Sample {
     let share = (at - last.time_s) / (next.time_s - last.time_s);
     let mut sample = Sample { time_s: at, ..*last };
@@ -154,7 +155,7 @@ fn likely_unit(period: f64, expected: f64, declared: TimeUnit) -> Option<TimeUni
         .find(|unit| (written * unit.seconds() - expected).abs() <= PERIOD_TOLERANCE * expected)
 }
 
-/// For people: six digits.
+/// The number with six significant digits.
 fn rounded(value: f64) -> f64 {
     format!("{value:.5e}").parse().unwrap_or(value)
 }
@@ -177,12 +178,12 @@ mod tests {
         serde_json::from_value(spec).unwrap()
     }
 
-    /// A sample whose torques and positions are its number.
+    /// A sample whose torques and positions equal its number.
     fn sample(time_s: f64, row: u64) -> Sample {
         Sample { time_s, row, place: Place::Line(row + 2), values: [row as f64; MAX_CHANNELS] }
     }
 
-    /// Time, torque and position of the samples that come out.
+    /// Time, torque and position of the resulting samples.
     fn run(times: &[f64], spec: &ImportSpec) -> Result<Vec<(f64, f64, f64)>, String> {
         let mut recording = Recording::new(Some("a".to_owned()), Place::Line(2));
         let mut samples = Vec::new();
@@ -210,7 +211,7 @@ mod tests {
         assert_eq!(samples, expected);
     }
 
-    /// Held torques would otherwise come one sample late wherever a time is rounded up.
+    /// Otherwise held torques would come one sample late wherever a time is rounded up.
     #[test]
     fn a_sample_at_nearly_the_time_asked_for_is_taken_whole() {
         let linear = spec(&json!({"resampling": "linear"}));
@@ -263,7 +264,7 @@ mod tests {
         assert!(error.contains("units.time ms"), "{error}");
     }
 
-    /// Every period is within a tenth, and after 400 samples the recording is 36 samples off.
+    /// Every period is within a tenth, but after 400 samples the recording is off by 36 samples.
     #[test]
     fn a_rate_that_is_off_all_the_time_is_refused() {
         let times: Vec<f64> = (0..400).map(|k| f64::from(k) / 10.9).collect();

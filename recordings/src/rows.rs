@@ -1,27 +1,27 @@
-//! Rows as both formats give them: some at a time, in the order of the file.
+//! Rows in the form that both formats share: several at a time, in the order of the file.
 
 use spec::{ImportColumns, MAX_JOINTS};
 
 use crate::{Place, RowError};
 
-/// Rows that follow each other.
+/// Consecutive rows.
 #[derive(Debug, Default, PartialEq)]
 pub struct Rows {
-    /// Index of the first in the file.
+    /// Index of the first row in the file.
     pub(crate) first: u64,
     pub(crate) count: usize,
-    /// The lines of a CSV file in which they begin; `None` for Parquet.
+    /// The lines in which the rows of a CSV file begin; `None` for Parquet.
     pub(crate) lines: Option<Vec<u64>>,
-    /// As written in the file; `None` without a time column.
+    /// Times as written in the file; `None` without a time column.
     pub(crate) time: Option<TimeColumn>,
-    /// `None` without a recording column.
+    /// Names of recordings; `None` without a recording column.
     pub(crate) recording: Option<Vec<String>>,
-    /// One per column of [`channel_columns`], in the file's units.
+    /// Values, one list per column of [`channel_columns`], in the file's units.
     pub(crate) channels: Vec<Vec<f64>>,
 }
 
 impl Rows {
-    /// Where the row at `index` of these is in the file.
+    /// The place of the row at `index` in the file.
     pub(crate) fn place(&self, index: usize) -> Place {
         match &self.lines {
             Some(lines) => Place::Line(lines[index]),
@@ -30,17 +30,18 @@ impl Rows {
     }
 }
 
-/// Times in the file's unit. Whole numbers stay such: nanoseconds since 1970 do not fit into f64.
+/// Times in the file's unit. Integers stay integers, because nanoseconds since 1970 do not fit into
+/// f64.
 #[derive(Debug, PartialEq)]
 pub(crate) enum TimeColumn {
     Integer(Vec<i64>),
     Decimal(Vec<f64>),
 }
 
-/// Rows that are decoded and handed on together.
+/// Number of rows that are decoded and handed on together.
 pub(crate) const MAX_BATCH_ROWS: usize = 8192;
 
-/// Bytes of a recording's name.
+/// The largest number of bytes of a recording's name.
 pub(crate) const MAX_NAME_BYTES: usize = 200;
 
 /// Columns of torques, positions and, if there are any, velocities.
@@ -49,15 +50,15 @@ pub(crate) fn channel_columns(columns: &ImportColumns) -> Vec<&str> {
     all.into_iter().flatten().flatten().map(String::as_str).collect()
 }
 
-/// Channels of a sample at most: torques, positions, velocities.
+/// The largest number of channels of a sample: torques, positions, velocities.
 pub(crate) const MAX_CHANNELS: usize = 3 * MAX_JOINTS;
 
-/// Finds each column that `columns` asks for among those of the file, once.
+/// Finds each column of `columns` among those of the file. Each must occur once.
 ///
-/// Returns their positions, in the order of [`ImportColumns::named`].
+/// Returns their indices, in the order of [`ImportColumns::named`].
 ///
 /// # Errors
-/// The columns that are not there, beside those that are.
+/// The missing columns, with the existing ones.
 pub(crate) fn find_columns(
     columns: &ImportColumns,
     existing: &[&str],
@@ -80,7 +81,7 @@ pub(crate) fn find_columns(
     Err(format!("it has no column {}; it has {}", missing.join(", "), listed(existing)))
 }
 
-/// Names for people to look through, cut where there are too many.
+/// A list of names for an error, cut if there are too many.
 fn listed(names: &[&str]) -> String {
     const SHOWN: usize = 50;
     let shown: Vec<String> = names.iter().take(SHOWN).map(|name| format!("{name:?}")).collect();
@@ -90,7 +91,7 @@ fn listed(names: &[&str]) -> String {
     }
 }
 
-/// A value that is not there.
+/// The error for a missing value.
 pub(crate) fn absent(place: Place, column: &str) -> RowError {
     RowError::value(place, column, "nothing", "a value in every row")
 }

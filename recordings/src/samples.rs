@@ -1,48 +1,48 @@
-//! Rows as samples: in SI units, each value checked.
+//! Turns rows into samples: in SI units, with each value checked.
 
 use spec::{AngleUnit, ImportRanges, ImportSpec, JointDescription, Range};
 
 use crate::error::{Place, RowError};
 use crate::rows::{MAX_CHANNELS, Rows, TimeColumn};
 
-/// Torques, positions and perhaps velocities at a moment.
+/// Torques, positions and perhaps velocities at one time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Sample {
-    /// Seconds, counted from anywhere; see [`Sampling::file_time_s`].
+    /// Seconds from an arbitrary origin; see [`Sampling::file_time_s`].
     pub time_s: f64,
-    /// Row of the file at or before it, counted from 0.
+    /// Index of the file's row at or before it, from 0.
     pub row: u64,
-    /// The same row, for people.
+    /// The place of the same row, for errors.
     pub place: Place,
-    /// In N·m, rad and rad/s; those beyond the file's channels are 0.
+    /// Values in N·m, rad and rad/s. Those beyond the file's channels are 0.
     pub values: [f64; MAX_CHANNELS],
 }
 
-/// How rows of a file become samples.
+/// Options for turning rows of a file into samples.
 pub(crate) struct Sampling {
     channels: Vec<Channel>,
     time: Option<Time>,
     rate_hz: f64,
 }
 
-/// How a column becomes a channel.
+/// Options for turning a column into a channel.
 struct Channel {
     column: String,
-    /// From the file's unit to `unit`.
+    /// Factor from the file's unit to `unit`.
     factor: f64,
     unit: &'static str,
     range: Range,
-    /// Where that range comes from.
+    /// The source of that range.
     range_source: String,
-    /// Whether the file may in truth be in degrees.
+    /// Whether the file may actually be in degrees.
     maybe_degrees: bool,
 }
 
 struct Time {
     column: String,
-    /// Seconds of the file's unit.
+    /// The file's unit of time in seconds.
     unit_s: f64,
-    /// Where whole numbers are counted from, so that those since 1970 keep all their digits.
+    /// The origin from which integers are counted, so that times since 1970 keep all their digits.
     origin: Option<i64>,
 }
 
@@ -73,10 +73,10 @@ impl Sampling {
         self.channels.len()
     }
 
-    /// Row `index` of `rows`; `since_start` rows of its recording came before it.
+    /// The sample of row `index` of `rows`. `since_start` rows of its recording came before it.
     ///
     /// # Errors
-    /// When a value is not finite or not in its range.
+    /// When a value is not finite or outside its range.
     pub fn sample(
         &mut self,
         rows: &Rows,
@@ -97,14 +97,14 @@ impl Sampling {
         Ok(Sample { time_s, row: rows.first + index as u64, place, values })
     }
 
-    /// The time of a sample as the file counts it, in s.
+    /// The time of a sample in the file's own count, s.
     pub fn file_time_s(&self, sample: &Sample) -> f64 {
         sample.time_s + self.time.as_ref().map_or(0.0, Time::origin_s)
     }
 }
 
-/// What torques, positions and velocities of each joint may lie in, and where that is said: in `ranges`, or
-/// in the description of the robot.
+/// The ranges of each joint's torques, positions and velocities, with their source: `ranges`, or
+/// the description of the robot.
 fn limits(spec: &ImportSpec) -> [Vec<(Range, String)>; 3] {
     let robot = spec.robot();
     let joints = &robot.description().joints;
@@ -131,7 +131,7 @@ fn limits(spec: &ImportSpec) -> [Vec<(Range, String)>; 3] {
     ]
 }
 
-/// A limit of a joint.
+/// Reads a limit of a joint.
 type Limit<'a> = &'a dyn Fn(&JointDescription) -> Range;
 
 impl Channel {
@@ -168,7 +168,7 @@ impl Time {
         Ok((since_origin + part) * self.unit_s)
     }
 
-    /// What to add to get the file's own count back, in s.
+    /// The offset to the file's own count of time, s.
     #[expect(clippy::cast_precision_loss, reason = "a date for people to look at")]
     fn origin_s(&self) -> f64 {
         self.origin.unwrap_or_default() as f64 * self.unit_s

@@ -1,4 +1,4 @@
-//! The two tables of an imported dataset, some trajectories at a time.
+//! The two tables of an imported dataset, several trajectories at a time.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -11,12 +11,12 @@ use arrow_schema::SchemaRef;
 
 use crate::samples::Sample;
 
-/// Trajectories that follow each other in the dataset.
+/// Consecutive trajectories of the dataset.
 #[derive(Debug)]
 pub struct ImportedTrajectories {
-    /// As [`spec::ImportSpec::trajectory_columns`].
+    /// Rows with the columns of [`spec::ImportSpec::trajectory_columns`].
     pub samples: RecordBatch,
-    /// As [`spec::ImportSpec::table_columns`].
+    /// Rows with the columns of [`spec::ImportSpec::table_columns`].
     pub table: RecordBatch,
 }
 
@@ -27,7 +27,7 @@ pub struct TableSchemas {
     pub table: SchemaRef,
 }
 
-/// Trajectories on their way into the tables.
+/// Collects trajectories for the tables.
 pub(crate) struct Tables {
     schemas: TableSchemas,
     next: u64,
@@ -40,15 +40,15 @@ pub(crate) struct Tables {
     first_rows: Vec<i64>,
 }
 
-/// Where a trajectory comes from.
+/// The origin of a trajectory.
 pub(crate) struct Origin<'a> {
-    /// Empty when the file names no recordings.
+    /// Empty if the file names no recordings.
     pub recording: &'a str,
     pub first_time_s: f64,
     pub first_row: u64,
 }
 
-/// Rows of samples after which they are handed on.
+/// Number of rows of samples after which they are handed on.
 const FULL: usize = 50_000;
 
 impl Tables {
@@ -66,7 +66,7 @@ impl Tables {
         }
     }
 
-    /// Trajectories so far.
+    /// Number of trajectories so far.
     pub const fn count(&self) -> u64 {
         self.next
     }
@@ -76,7 +76,7 @@ impl Tables {
     }
 
     /// # Errors
-    /// When there are more trajectories than an index can count.
+    /// When there are more trajectories than the index can count.
     pub fn push(
         &mut self,
         samples: &VecDeque<Sample>,
@@ -98,7 +98,7 @@ impl Tables {
         Ok(())
     }
 
-    /// Hands on what is there.
+    /// Takes the collected trajectories.
     pub fn take(&mut self) -> Result<ImportedTrajectories, ArrowError> {
         let ids = [&mut self.trajectory, &mut self.step];
         let ids = ids.map(|ids| Arc::new(Int32Array::from(std::mem::take(ids))) as ArrayRef);

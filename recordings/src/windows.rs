@@ -1,4 +1,4 @@
-//! How the samples of a recording become trajectories.
+//! Cuts the samples of a recording into trajectories.
 
 use std::collections::VecDeque;
 
@@ -6,15 +6,15 @@ use spec::{ImportSpec, Split};
 
 use crate::samples::Sample;
 
-/// The samples that the next trajectory of a recording has so far.
+/// The collected samples of a recording's next trajectory.
 #[derive(Debug)]
 pub(crate) struct Window {
     samples: VecDeque<Sample>,
     length: usize,
     stride: u64,
-    /// Samples until the next trajectory begins.
+    /// Number of samples until the next trajectory begins.
     skip: u64,
-    /// Samples of the recording so far.
+    /// Number of samples of the recording so far.
     seen: u64,
     trajectories: u64,
 }
@@ -22,7 +22,7 @@ pub(crate) struct Window {
 impl Window {
     pub fn new(spec: &ImportSpec) -> Self {
         let stride = match spec.split {
-            // A recording of another length is refused when it ends.
+            // A recording with another length is refused at its end.
             Split::Whole => u64::MAX,
             Split::Windows { stride } => u64::from(stride),
         };
@@ -31,7 +31,7 @@ impl Window {
         Self { samples, length, stride, skip: 0, seen: 0, trajectories: 0 }
     }
 
-    /// Takes a sample; true when a trajectory is whole, which [`Self::trajectory`] then is.
+    /// Adds a sample. Returns true when a trajectory is complete; [`Self::trajectory`] then has it.
     pub fn push(&mut self, sample: Sample) -> bool {
         if self.is_whole() {
             self.move_on();
@@ -50,7 +50,7 @@ impl Window {
         &self.samples
     }
 
-    /// Samples that are in no trajectory.
+    /// Number of samples that are not part of any trajectory.
     pub fn dropped(&self) -> u64 {
         let length = self.length as u64;
         let covered = match self.trajectories.checked_sub(1) {
@@ -64,7 +64,7 @@ impl Window {
         self.trajectories
     }
 
-    /// Ready for another recording.
+    /// Clears the window for another recording.
     pub fn clear(&mut self) {
         self.samples.clear();
         (self.skip, self.seen, self.trajectories) = (0, 0, 0);
@@ -88,7 +88,7 @@ mod tests {
     use crate::error::Place;
     use crate::rows::MAX_CHANNELS;
 
-    /// First rows of the trajectories that `count` samples make, and how many are dropped.
+    /// First rows of the trajectories that `count` samples give, and the number of dropped samples.
     fn cut(count: u64, length: usize, stride: u64) -> (Vec<u64>, u64) {
         let samples = VecDeque::new();
         let mut window = Window { samples, length, stride, skip: 0, seen: 0, trajectories: 0 };

@@ -2,7 +2,7 @@ use wire::{ControlReport, ControllerSummary, Interval};
 
 use crate::table::{Align, Table};
 
-/// A row for each controller of a control job.
+/// The report of a control job as text, with one row per controller.
 pub fn closed_loop_text(name: &str, report: &ControlReport) -> String {
     let seconds = f64::from(report.steps) / report.rate_hz;
     format!(

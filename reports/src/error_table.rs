@@ -6,11 +6,12 @@ use wire::{
 use super::{degrees, label};
 use crate::table::{Align, Table};
 
-/// RMSE of every predictor in and out of distribution, and what the predictor is told of the arms.
+/// A table of every predictor's RMSE in and out of distribution, and of its knowledge about the
+/// arms.
 pub fn by_group(report: &Report) -> String {
     let groups = report.groups.iter().map(|group| {
         let GroupSummary { name, scenarios, position_noise_rad, .. } = group;
-        // Levels of noise ask about the same scenarios.
+        // All levels of noise use the same scenarios.
         let is_noisy = *position_noise_rad > 0.0;
         let heading =
             if is_noisy { name.clone() } else { format!("{name} ({scenarios} scenarios)") };
@@ -29,8 +30,8 @@ pub fn by_group(report: &Report) -> String {
     table.render()
 }
 
-/// Mean RMSE of every predictor at every frequency, family by family; in distribution is marked by
-/// an asterisk.
+/// A table of every predictor's mean RMSE at every frequency, family by family. An asterisk marks
+/// frequencies in distribution.
 pub fn by_frequency(report: &Report) -> String {
     let mut levels: Vec<f64> = Vec::new();
     for cell in &report.cells {
@@ -59,7 +60,7 @@ fn family_by_frequency(report: &Report, family: Family, level: f64) -> Option<St
         [(format!("{family}{}, Hz", at_noise(level)), Align::Left)].into_iter().chain(frequencies),
     );
     for predictor in &report.predictors {
-        // In line with the frequencies, whose last place is the mark's.
+        // Aligned with the frequencies, whose last place is for the mark.
         let errors = cells.iter().map(|cell| error(predictor, &cell.rmse_deg));
         let errors = errors
             .map(|error| error.map_or_else(none, |error| format!("{} ", degrees(error.mean))));

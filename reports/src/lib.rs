@@ -1,5 +1,4 @@
-//! The results of jobs, for people to read: tables and sentences for the terminal, and the report of the
-//! paper's study.
+//! Reports for people: tables and sentences for the terminal, and the report of the paper's study.
 
 mod closed_loop;
 mod error_table;
@@ -18,7 +17,7 @@ use verdict::verdicts;
 
 use wire::{PredictorInfo, PredictorKind, Report, Warning};
 
-/// Tables of the errors, and in a sentence what to make of each model.
+/// The report of an evaluation as text: tables of the errors, and a sentence about each model.
 pub fn text(report: &Report) -> String {
     let (context, horizon) = (report.context, report.horizon);
     let mut text = format!(
@@ -46,7 +45,7 @@ pub fn text(report: &Report) -> String {
     text
 }
 
-/// A line for each predictor and kind of warning.
+/// One line for each predictor and kind of warning.
 fn warnings(warnings: &[Warning], all: u64, each: &str) -> String {
     let sentences = Warning::sentences(warnings, all, each).into_iter();
     let mut text: String = sentences.map(|sentence| format!("warning: {sentence}\n")).collect();
@@ -61,7 +60,7 @@ fn models(report: &Report) -> impl Iterator<Item = &PredictorInfo> {
     report.predictors.iter().filter(|predictor| predictor.kind == PredictorKind::Checkpoint)
 }
 
-/// The name to print; says so when the predictor has seen the future it predicts.
+/// The name to print. It says if the predictor has seen the future that it predicts.
 fn label(predictor: &PredictorInfo) -> String {
     let name = &predictor.name;
     // Checkpoints carry their normalization in their name.
@@ -72,7 +71,8 @@ fn label(predictor: &PredictorInfo) -> String {
     }
 }
 
-/// Hundredths of a degree, or of what is smaller two significant digits, up to six.
+/// An error in hundredths of a degree. Smaller ones have two significant digits, and at most six
+/// decimals.
 pub fn degrees(x: f64) -> String {
     let decimals = match x.abs() {
         0.0 | 0.1.. => 2,

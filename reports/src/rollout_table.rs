@@ -3,8 +3,8 @@ use wire::{GroupSummary, Interval, Report};
 use super::{degrees, label};
 use crate::table::{Align, Table};
 
-/// How the predictions of every predictor begin, how they jump, and where they went: a table for each
-/// group. Empty for a report that was written before this was measured.
+/// Tables, one per group, of how every predictor's predictions begin, how they jump, and how far
+/// they go. Empty for a report from before this was measured.
 pub fn by_rollout(report: &Report) -> String {
     let measured = |group: &&GroupSummary| {
         !group.rollouts.is_empty() || group.scores.iter().any(|it| it.first_sample_deg.is_some())

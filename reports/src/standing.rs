@@ -1,6 +1,7 @@
 use wire::Interval;
 
-/// How a predictor stands against another. A difference counts when its 95 % interval leaves zero out.
+/// How a predictor compares with another one. A difference counts if its 95 % confidence interval
+/// does not contain zero.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Standing {
     Better,
@@ -9,7 +10,7 @@ pub enum Standing {
 }
 
 impl Standing {
-    /// Of a difference of errors: below 0 is better.
+    /// The standing that follows from a difference of errors. A difference below 0 is better.
     pub fn of(difference: Interval) -> Self {
         if difference.high < 0.0 {
             Self::Better
@@ -20,7 +21,7 @@ impl Standing {
         }
     }
 
-    /// As a cell of a table says it.
+    /// The word for a cell of a table.
     pub const fn word(self) -> &'static str {
         match self {
             Self::Better => "better",
@@ -29,7 +30,7 @@ impl Standing {
         }
     }
 
-    /// Before what it is compared with.
+    /// The words before the name of the other predictor.
     pub const fn words(self) -> &'static str {
         match self {
             Self::Better => "better than",

@@ -1,13 +1,13 @@
-//! Columns of text for people.
+//! Tables in plain text.
 
-/// Which edge of its column a cell stands at.
+/// The edge of its column at which a cell is aligned.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Align {
     Left,
     Right,
 }
 
-/// A table in plain text: a header line and rows, columns two spaces apart.
+/// A table in plain text: a header line and rows, with two spaces between columns.
 #[derive(Debug)]
 pub struct Table {
     columns: Vec<(String, Align)>,
@@ -20,7 +20,7 @@ impl Table {
         Self { columns, rows: Vec::new() }
     }
 
-    /// Adds a row; missing cells stay empty.
+    /// Adds a row. Missing cells stay empty.
     pub fn push(&mut self, row: Vec<String>) {
         self.rows.push(row);
     }
@@ -49,7 +49,7 @@ impl Table {
     }
 }
 
-/// Columns on the terminal; every character we print is one wide.
+/// Width on the terminal. Every character that we print is one column wide.
 fn width(cell: &str) -> usize {
     cell.chars().count()
 }

@@ -2,16 +2,19 @@ use wire::{Interval, PairedDifference, PredictorKind, PredictorSummary, Report};
 
 use super::{Standing, degrees, models, signed_degrees};
 
-/// How each trained model stands against the strongest baseline, against the damped integrator and
-/// against holding the last position, from differences on the same scenarios: a sentence each.
+/// Verdicts on trained models, one sentence each. A model is compared with the strongest baseline,
+/// with the damped integrator and with holding the last position, from differences on the same
+/// scenarios.
 ///
-/// With several levels of noise, at the first. Models that were told the future have none. A difference counts when its 95 % interval leaves zero out.
+/// With several levels of noise, the first level is used. Models that see the future get no
+/// verdict. A difference counts if its 95 % confidence interval does not contain zero.
 pub fn verdicts(report: &Report) -> Vec<String> {
     let honest = models(report).filter(|model| !model.sees_the_future());
     honest.filter_map(|model| verdict(report, &model.name)).collect()
 }
 
-/// The baseline with the lowest error in the first group, which is in distribution if there is one.
+/// The baseline with the lowest error in the first group. If there is one in distribution, it is
+/// the first.
 fn strongest(report: &Report) -> Option<&str> {
     let is_baseline = |rmse: &&PredictorSummary| {
         let mut infos = report.predictors.iter();

@@ -1,4 +1,4 @@
-//! Canonical JSON (RFC 8785) and the digest that names a spec or a file.
+//! Canonical JSON (RFC 8785), and the digest that identifies a spec or a file.
 
 use std::fmt;
 use std::str::FromStr;
@@ -23,13 +23,13 @@ impl Digest {
         &self.0
     }
 
-    /// The digest of `bytes` themselves.
+    /// The digest of `bytes`.
     pub fn of(bytes: &[u8]) -> Self {
         Self(Sha256::digest(bytes).into())
     }
 
-    /// The digest of a value's canonical JSON: the same for every order of fields and spelling
-    /// of numbers.
+    /// The digest of a value's canonical JSON. It does not depend on the order of fields or on the
+    /// spelling of numbers.
     pub fn of_json(value: &serde_json::Value) -> Self {
         Self::of(&canonical_json(value))
     }
@@ -41,7 +41,7 @@ impl Digest {
 }
 
 fn canonical_json(value: &serde_json::Value) -> Vec<u8> {
-    // A `Value` has string keys and finite numbers only, which is all that canonicalization asks.
+    // A `Value` has only string keys and finite numbers, so canonicalization cannot fail.
     serde_json_canonicalizer::to_vec(value).expect("a JSON value has a canonical form")
 }
 

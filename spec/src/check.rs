@@ -8,7 +8,7 @@ use serde_json::Value;
 
 use crate::{Range, SpecError, Violation};
 
-/// A spec, or a part of one, that can say what is wrong with its values.
+/// A spec, or a part of one, that can check its own values.
 pub(crate) trait Check {
     fn check(&self, report: &mut Report);
 }
@@ -18,27 +18,27 @@ pub(crate) trait Check {
 pub(crate) struct Report {
     path: Vec<String>,
     violations: Vec<Violation>,
-    /// The bounds that values were held to, if they are asked for.
+    /// The bounds of checked values, if they are collected.
     bounds: Option<Vec<Bound>>,
 }
 
-/// An interval that a check holds a number to: the source of the bounds in the OpenAPI document.
+/// The bounds of a number in a check. The OpenAPI document gets its bounds from these.
 pub(crate) struct Bound {
-    /// Path of the field, as violations name it.
+    /// Path of the field, as in violations.
     pub field: String,
     pub of: Bounded,
     pub least: Value,
     pub most: Value,
 }
 
-/// The number that is bounded.
+/// The quantity that is bounded.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Bounded {
     /// The value itself.
     Value,
-    /// The value itself, which lies below the upper bound.
+    /// The value itself, which must be less than the upper bound.
     ValueBelow,
-    /// The items of a list, or the bytes of a text.
+    /// The number of items of a list, or of bytes of a text.
     Length,
 }
 
@@ -51,7 +51,7 @@ impl Report {
         }
     }
 
-    /// A report that notes all bounds which it is asked to hold values to.
+    /// A report that collects all bounds of the checks.
     pub fn of_bounds() -> Self {
         Self { bounds: Some(Vec::new()), ..Self::default() }
     }
@@ -64,7 +64,7 @@ impl Report {
         self.violations.len()
     }
 
-    /// Checks `part`, with its fields reported as `field.…`.
+    /// Checks `part`. Its fields are reported as `field.…`.
     pub fn part(&mut self, field: &str, part: &impl Check) {
         self.path.push(field.to_owned());
         part.check(self);
@@ -104,14 +104,14 @@ impl Report {
         self.hold(field, value, &allowed);
     }
 
-    /// Items of a list, or bytes of a text.
+    /// Checks the number of items of a list, or of bytes of a text.
     pub fn length(&mut self, field: &str, length: usize, allowed: RangeInclusive<usize>) {
         let measured = field.strip_suffix(".length").unwrap_or(field);
         self.note(measured, Bounded::Length, [allowed.start(), allowed.end()]);
         self.hold(field, length, &allowed);
     }
 
-    /// A share that is less than all.
+    /// Checks a share that must be less than 1.
     pub fn below_one(&mut self, field: &str, share: f64) {
         self.note(field, Bounded::ValueBelow, [&0.0, &1.0]);
         if !(0.0..1.0).contains(&share) {
@@ -125,7 +125,7 @@ impl Report {
         value: T,
         allowed: &RangeInclusive<T>,
     ) {
-        // NaN lies in no interval, so it is refused here as well.
+        // NaN lies in no interval, so this refuses it too.
         if !allowed.contains(&value) {
             self.violation(field, value, format!("{} to {}", allowed.start(), allowed.end()));
         }
@@ -137,7 +137,7 @@ impl Report {
         }
     }
 
-    /// A list with one number for each of a robot's `joints`.
+    /// Checks a list that must have one number per joint, `joints` in all.
     pub fn one_per_joint(&mut self, field: &str, values: &[f64], joints: usize) {
         if values.len() != joints {
             let allowed = format!("{joints} numbers, one for each joint of the robot");
@@ -145,7 +145,7 @@ impl Report {
         }
     }
 
-    /// An interval with ordered ends, both in `allowed`.
+    /// Checks an interval: its ends must be in order and lie in `allowed`.
     pub fn interval(&mut self, field: &str, range: Range, allowed: &RangeInclusive<f64>) {
         self.within(&format!("{field}[0]"), range.min, allowed.clone());
         self.within(&format!("{field}[1]"), range.max, allowed.clone());
@@ -158,7 +158,7 @@ impl Report {
         }
     }
 
-    /// A list without repetitions.
+    /// Checks that a list has no repetitions.
     pub fn each_once<T: PartialEq + Debug>(&mut self, field: &str, items: &[T]) {
         let repeated = |(i, item): &(usize, &T)| items[..*i].contains(*item);
         if let Some((_, twice)) = items.iter().enumerate().find(repeated) {
@@ -166,7 +166,7 @@ impl Report {
         }
     }
 
-    /// A seed; JSON numbers are exact only up to 2^53.
+    /// Checks a seed. JSON numbers are exact only up to 2^53.
     pub fn seed(&mut self, field: &str, seed: u64) {
         self.within(field, seed, 0..=(1 << 53) - 1);
     }

@@ -1,4 +1,4 @@
-//! Closed loop: robots moved along a path by model predictive control.
+//! Closed loop: model predictive control moves robots along a path.
 
 use std::f64::consts::TAU;
 use std::iter;
@@ -13,34 +13,35 @@ use crate::{
     MAX_JOINTS, Normalization, Range, Reference, RobotDescription, RobotModel, SpecError, Training,
 };
 
-/// Move robots along a path by model predictive control, once through every predictor.
+/// Moves robots along a path by model predictive control, once with every predictor.
 ///
-/// Each robot is excited for `context` samples as in `data`, and controlled from there on. All
-/// controllers have the same planner, random numbers and cost; only what they foresee differs.
+/// Each robot is excited for `context` samples as in `data`, and then controlled. All controllers
+/// have the same planner, random numbers and cost. They differ only in their predictions.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ControlSpec {
-    /// A simulation. Its first `robots` trajectories are the robots, where they begin, and what
-    /// excites them before they are controlled.
+    /// A simulation. Its first `robots` trajectories give the robots, their initial states and
+    /// their excitation before control.
     pub data: DataSource,
     #[serde(default)]
     pub checkpoints: Vec<CheckpointRef>,
     #[serde(default = "ControlBaseline::all")]
     pub baselines: Vec<ControlBaseline>,
-    /// Robots to control.
+    /// Number of robots.
     #[serde(default = "defaults::robots")]
     pub robots: u32,
-    /// Samples of excitation before control begins; checkpoints always see as many, the latest.
+    /// Number of excitation samples before control begins. A checkpoint always sees this many of
+    /// the latest samples.
     #[serde(default = "defaults::context")]
     pub context: u32,
-    /// Of control, s.
+    /// Duration of control, s.
     #[serde(default = "defaults::duration_s")]
     pub duration_s: f64,
     #[serde(default)]
     pub path: ControlPath,
     #[serde(default)]
     pub planner: Planner,
-    /// Key of the planner's random numbers, 0 to 2^53 - 1.
+    /// Seed of the planner's random numbers, 0 to 2^53 - 1.
     #[serde(default)]
     pub seed: u64,
     #[serde(default)]
@@ -53,18 +54,19 @@ pub struct ControlSpec {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum ControlBaseline {
-    /// No torque at all: how far the path leads away.
+    /// Applies no torque. It shows how far the path leads away.
     ZeroTorque,
     /// Plans with q̇ = u / D and the nominal damping D.
     DampedIntegrator,
-    /// Plans with the simulator of the nominal arm, from the robot's true state.
+    /// Plans with a simulator of the nominal arm, from the robot's true state.
     NominalSimulator,
-    /// Plans with the simulator of the robot itself, from its true state: as good as this planner gets.
+    /// Plans with a simulator of the robot itself, from its true state. It shows the best result of
+    /// this planner.
     Oracle,
 }
 
 impl ControlBaseline {
-    /// From the one that knows least to the one that knows all.
+    /// All baselines, from the one that knows least to the one that knows most.
     pub fn all() -> Vec<Self> {
         vec![Self::ZeroTorque, Self::DampedIntegrator, Self::NominalSimulator, Self::Oracle]
     }
@@ -79,14 +81,14 @@ impl ControlBaseline {
     }
 }
 
-/// Joint positions over time. It begins at rest where the robot is when control begins; each joint
-/// leaves towards the limit that is farther away.
+/// Desired joint positions over time. The path begins at rest, at the robot's position when control
+/// begins. Each joint moves towards the limit that is farther away.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum ControlPath {
-    /// There and back again, over and over.
+    /// Goes there and back, again and again.
     Swing(Swing),
-    /// To another place, and rest there.
+    /// Goes to another place and rests there.
     PointToPoint(PointToPoint),
 }
 
@@ -94,14 +96,14 @@ pub enum ControlPath {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Swing {
-    /// a of each joint, rad; left out, as far as 0.4 rad is free.
+    /// a of each joint, rad. Default: as far as the joint's free range allows, at most 0.4 rad.
     pub amplitude_rad: Vec<f64>,
-    /// f of each joint, Hz; left out, 0.15 to 0.3.
+    /// f of each joint, Hz. Default: 0.15 to 0.3.
     pub frequency_hz: Vec<f64>,
 }
 
-/// q(t) = q(0) ± d (10 s³ − 15 s⁴ + 6 s⁵) with s = t / T up to T: of least jerk (Flash and Hogan 1985,
-/// "The coordination of arm movements").
+/// q(t) = q(0) ± d (10 s³ − 15 s⁴ + 6 s⁵) with s = t / T up to T. It has minimum jerk (Flash and
+/// Hogan 1985, "The coordination of arm movements").
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PointToPoint {
@@ -124,7 +126,8 @@ impl Default for Swing {
 }
 
 impl Swing {
-    /// For `robot`: what q̇ = u / D asks of a Panda lies within the torques of the training set D1.
+    /// The default path for `robot`. For a Panda, the torques that q̇ = u / D needs for it lie
+    /// within those of the training set D1.
     fn of(robot: &RobotDescription) -> Self {
         const AMPLITUDE_RAD: f64 = 0.4;
         const FREQUENCY_HZ: [f64; MAX_JOINTS] = [0.15, 0.2, 0.25, 0.15, 0.2, 0.25, 0.3, 0.15];
@@ -136,14 +139,15 @@ impl Swing {
     }
 }
 
-/// How far a joint can go from anywhere within its limits, rad: half its range is free on one side.
+/// How far a joint can move from any position within its limits, rad. Half its range is free on one
+/// side.
 fn free(joint: &JointDescription) -> f64 {
     let Range { min, max } = joint.position_rad;
     0.5 * (max - min) - CLEARANCE_RAD
 }
 
 impl ControlPath {
-    /// How far each joint is from where it began after `t` seconds, rad; not negative.
+    /// Distance of each joint from its initial position after `t` seconds, rad; not negative.
     pub fn displacement(&self, t: f64) -> Vec<f64> {
         match self {
             Self::Swing(Swing { amplitude_rad, frequency_hz }) => {
@@ -163,46 +167,48 @@ impl ControlPath {
 }
 
 /// Model predictive path integral control (Williams et al. 2017, "Information theoretic MPC for
-/// model-based reinforcement learning", algorithm 2): torque sequences around the last plan are
-/// foreseen, and the new plan is their mean, weighted by e to the power of minus their cost.
+/// model-based reinforcement learning", algorithm 2). It predicts the results of torque sequences
+/// around the last plan. The new plan is their mean, weighted by e to the power of minus their
+/// cost.
 ///
-/// What differs from there: the temperature is relative, noise is a line between knots, so that
-/// torques stay as smooth as those models were trained on, and the cost of effort is explicit.
+/// There are three differences to the paper. The temperature is relative. Noise is linear between
+/// knots, so torques stay as smooth as in the models' training data. The cost of effort is
+/// explicit.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Planner {
-    /// Torque sequences that are foreseen at once. The first is the plan as it is.
+    /// Number of torque sequences per iteration. The first is the plan itself.
     pub samples: u32,
-    /// Rounds of sampling per plan.
+    /// Number of iterations per plan.
     pub iterations: u32,
-    /// Samples ahead that a plan covers. A checkpoint with a longer horizon is asked with the plan's
-    /// last torques held, and what it says beyond the plan does not count.
+    /// Length of a plan in samples. A checkpoint with a longer horizon gets the plan's last torques
+    /// held, and its prediction beyond the plan does not count.
     pub horizon: u32,
-    /// Samples of a plan that are carried out before the next is made.
+    /// Number of samples of a plan that are executed before the next plan is made.
     pub replan_every: u32,
-    /// Standard deviation of the noise at its knots of each joint, N·m; left out, 2, or a sixth of the rated
-    /// torque where that is less.
+    /// Standard deviation of each joint's noise at the knots, N·m. Default: 2, or a sixth of the
+    /// rated torque if that is less.
     pub noise_nm: Vec<f64>,
-    /// Samples between two knots of the noise.
+    /// Number of samples between two knots of the noise.
     pub knot_every: u32,
-    /// Factor on the noise from one iteration to the next.
+    /// Factor of the noise from one iteration to the next.
     pub noise_decay: f64,
     /// λ of the weights exp(−(S − min S) / (λ (mean S − min S))).
     pub temperature: f64,
     pub weights: PlanWeights,
-    /// The cost S is the mean of (q − path)² over the plan, plus this times the mean of u²;
-    /// rad²/(N·m)².
+    /// Weight of the effort, rad²/(N·m)². The cost S is the mean of (q − path)² over the plan, plus
+    /// this weight times the mean of u².
     pub effort_rad2_nm2: f64,
 }
 
-/// Which cost a torque sequence is weighted by.
+/// The cost that weights a torque sequence.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum PlanWeights {
-    /// Each joint's torques by that joint's own cost: what other joints do to it counts as noise. On
-    /// an arm that damping rules it needs far fewer samples.
+    /// Each joint's torques are weighted by that joint's own cost. The effects of other joints
+    /// count as noise. On an arm with dominant damping this needs far fewer samples.
     Joint,
-    /// All joints' torques by their common cost, as published.
+    /// The torques of all joints are weighted by their common cost, as published.
     Sequence,
 }
 
@@ -223,7 +229,8 @@ impl Default for Planner {
     }
 }
 
-/// 2 N·m at every joint of a Panda; less where a joint's rated torque is below the Panda's least, 12 N·m.
+/// 2 N·m at every joint of a Panda. It is less for a joint with a lower rated torque than any of
+/// the Panda's, 12 N·m.
 fn usual_noise_nm(robot: &RobotDescription) -> Vec<f64> {
     robot.per_joint(|joint| f64::min(2.0, joint.torque_nm / 6.0))
 }
@@ -240,14 +247,14 @@ mod defaults {
     }
 }
 
-/// What a path keeps from a joint's limit, wherever it begins, rad.
+/// Smallest distance of a path to a joint's limit from any start, rad.
 const CLEARANCE_RAD: f64 = 0.1;
 
-/// The most control steps of one robot.
+/// The largest number of control steps of one robot.
 const MAX_STEPS: f64 = 100_000.0;
 
 impl ControlSpec {
-    /// Samples of control at `rate_hz`.
+    /// Number of control samples at `rate_hz`.
     #[expect(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,
@@ -324,7 +331,7 @@ impl ControlSpec {
                 report.violation("planner.horizon", self.planner.horizon, allowed);
             }
             if training.spec.normalization == Normalization::PaperLeaky {
-                let allowed = "one that needs nothing of the future it predicts";
+                let allowed = "one that does not need the future that it predicts";
                 report.violation(&field, "trained with normalization paper-leaky", allowed);
             }
         }
@@ -333,8 +340,8 @@ impl ControlSpec {
 }
 
 impl KindSpec for ControlSpec {
-    /// Lists as they are left out, the Panda's, become those of the data's robot where that has another
-    /// number of joints.
+    /// Replaces default lists, which are for the Panda, if the data's robot has another number of
+    /// joints.
     fn fit_to_data(&mut self, data: &DataSpec) {
         let Some(simulation) = data.simulation() else { return };
         let robot = simulation.robot.description();
@@ -393,7 +400,7 @@ impl Check for ControlSpec {
 }
 
 impl ControlPath {
-    /// Whether an arm can follow it from wherever it begins.
+    /// Checks that an arm can follow the path from any start.
     fn check_robot(&self, robot: &RobotDescription, report: &mut Report) {
         let joints = robot.joints.len();
         let (field, displacement) = match self {
@@ -409,8 +416,9 @@ impl ControlPath {
         for (i, (value, joint)) in displacement.iter().zip(&robot.joints).enumerate() {
             let free = free(joint);
             if *value > free {
-                let allowed =
-                    format!("0 to {free:.4}, which stays within the joint's limits from anywhere");
+                let allowed = format!(
+                    "0 to {free:.4}, which keeps the joint within its limits from any start"
+                );
                 report.violation(&format!("{field}[{i}]"), value, allowed);
             }
         }
@@ -462,7 +470,7 @@ mod tests {
         let there = ControlPath::PointToPoint(point);
         assert!((there.displacement(1.0)[3] - 0.35).abs() < 1e-12);
         assert!((there.displacement(9.0)[3] - 0.7).abs() < 1e-12);
-        // Joint 5 swings at 0.2 Hz.
+        // Joint 5 moves at 0.2 Hz.
         assert!((ControlPath::default().displacement(2.5)[4] - 0.4).abs() < 1e-12);
     }
 }

@@ -1,6 +1,6 @@
 use crate::{Cell, Column, ImportSpec, Observations, Range, RobotSpec, SimulateSpec};
 
-/// What makes trajectories: the spec behind a dataset or a stream.
+/// The spec that makes trajectories, of a dataset or a stream.
 #[expect(clippy::large_enum_variant, reason = "few exist at a time")]
 #[derive(Clone, Debug, PartialEq)]
 pub enum DataSpec {
@@ -9,7 +9,7 @@ pub enum DataSpec {
 }
 
 impl DataSpec {
-    /// Of the table with a row per time step.
+    /// Columns of the table with one row per time step.
     pub fn trajectory_columns(&self) -> Vec<Column> {
         match self {
             Self::Simulation(spec) => spec.trajectory_columns(),
@@ -17,7 +17,7 @@ impl DataSpec {
         }
     }
 
-    /// Of the table with a row per trajectory.
+    /// Columns of the table with one row per trajectory.
     pub fn table_columns(&self) -> Vec<Column> {
         match self {
             Self::Simulation(spec) => spec.robot_columns(),
@@ -25,7 +25,7 @@ impl DataSpec {
         }
     }
 
-    /// Joints of the robot: channels of u, and of y.
+    /// Number of joints, which is the number of channels of u and of y.
     pub fn joints(&self) -> usize {
         match self {
             Self::Simulation(spec) => spec.joints(),
@@ -33,8 +33,8 @@ impl DataSpec {
         }
     }
 
-    /// Limits of each joint's position, rad, from the robot's description. A recording whose import names no
-    /// robot has those of the default one.
+    /// Position limits of each joint, rad, from the robot's description. An import that names no
+    /// robot has the limits of the default robot.
     pub fn limits_rad(&self) -> Vec<Range> {
         let limits = |robot: &RobotSpec| robot.description().per_joint(|joint| joint.position_rad);
         match self {
@@ -43,7 +43,7 @@ impl DataSpec {
         }
     }
 
-    /// Rated torque of each joint, N·m, of the same robot.
+    /// Rated torque of each joint, N·m, from the same description.
     pub fn limits_nm(&self) -> Vec<f64> {
         let limits = |robot: &RobotSpec| robot.description().per_joint(|joint| joint.torque_nm);
         match self {
@@ -52,7 +52,7 @@ impl DataSpec {
         }
     }
 
-    /// Samples per trajectory.
+    /// Number of samples per trajectory.
     pub fn samples(&self) -> u32 {
         match self {
             Self::Simulation(spec) => spec.samples,
@@ -67,7 +67,7 @@ impl DataSpec {
         }
     }
 
-    /// `None` for an import, of which only its result tells.
+    /// Number of trajectories; `None` for an import, because only its result tells.
     pub fn trajectories(&self) -> Option<u64> {
         match self {
             Self::Simulation(spec) => Some(spec.trajectories),
@@ -75,7 +75,7 @@ impl DataSpec {
         }
     }
 
-    /// Shards, and so tasks, of the dataset.
+    /// Number of shards of the dataset, which is also its number of tasks.
     pub fn shard_count(&self) -> u64 {
         match self {
             Self::Simulation(spec) => spec.shard_count(),
@@ -83,12 +83,12 @@ impl DataSpec {
         }
     }
 
-    /// The cells of a simulation's frequency grid, in order; none without one.
+    /// The cells of a simulation's frequency grid, in order. Empty without a grid.
     pub fn cells(&self) -> Vec<Cell> {
         self.simulation().map(SimulateSpec::cells).unwrap_or_default()
     }
 
-    /// Columns beside torques and positions, and the noise of measurements; of an import nothing is known.
+    /// Additional columns and measurement noise. For an import these are not known.
     pub fn observations(&self) -> Observations {
         self.simulation().map(|spec| spec.observations).unwrap_or_default()
     }

@@ -4,14 +4,14 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 use utoipa::ToSchema;
 
-/// One reason why a spec cannot be accepted.
+/// One reason why a spec was refused.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct Violation {
-    /// Path of the field, e.g. `excitation.multisine.frequency_hz`; empty for the whole spec.
+    /// Path of the field, e.g. `excitation.multisine.frequency_hz`. Empty for the whole spec.
     pub field: String,
     /// The offending value, as JSON.
     pub value: String,
-    /// What would have been accepted.
+    /// The values that are allowed.
     pub allowed: String,
 }
 
@@ -26,7 +26,7 @@ impl fmt::Display for Violation {
     }
 }
 
-/// A spec that cannot be accepted, with every reason.
+/// A spec was refused, for all these reasons.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub struct SpecError {
     pub violations: Vec<Violation>,
@@ -47,7 +47,7 @@ impl SpecError {
         }
     }
 
-    /// The same violations, with the fields seen from an enclosing spec.
+    /// The same violations, with the fields as seen from an enclosing spec.
     pub fn within(mut self, outer: &str) -> Self {
         for violation in &mut self.violations {
             violation.field = match violation.field.as_str() {

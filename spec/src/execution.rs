@@ -4,20 +4,20 @@ use utoipa::ToSchema;
 use crate::check::{Check, Report};
 use crate::{Moment, Resources};
 
-/// How a job is run. Cannot change any result, so it is no part of the digest.
+/// How a job is executed. It cannot change any result, so it is not part of the digest.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Execution {
-    /// Higher goes first, -100 to 100; a point is worth an hour of waiting.
+    /// Higher goes first, -100 to 100. One point is worth one hour of waiting.
     pub priority: i32,
-    /// Times a task may be claimed before it fails, 1 to 20.
+    /// Number of times that a task may be claimed before it fails, 1 to 20.
     pub max_attempts: u32,
-    /// Seconds that an attempt at a task may take, 1 to 2 592 000 (30 days); `null` is what the server allows jobs of
-    /// the kind. A task that takes longer fails and is not tried again.
+    /// Time limit of an attempt at a task in seconds, 1 to 2 592 000 (30 days). `null` uses the
+    /// server's limit for this kind of job. A task that takes longer fails and is not retried.
     pub time_limit_s: Option<u32>,
-    /// What a worker must offer to take a task of the job.
+    /// The resources that a worker must offer to take a task of the job.
     pub resources: Resources,
-    /// No task is begun before, by the database's clock; at most 366 days ahead.
+    /// No task begins before this time, by the database's clock. At most 366 days ahead.
     pub not_before: Option<Moment>,
 }
 

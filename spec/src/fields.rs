@@ -1,4 +1,4 @@
-//! The fields of a JSON object, before they are a spec.
+//! The fields of a JSON object, before they become a spec.
 
 use serde::de::DeserializeOwned;
 use serde_json::{Map, Value};
@@ -7,7 +7,8 @@ use utoipa::ToSchema;
 use crate::schema::explain;
 use crate::{SpecError, Violation};
 
-/// Deserializes `fields`. An error names everything that is wrong with their shape, besides what was `found` before.
+/// Deserializes `fields`. An error names everything that is wrong with their shape, in addition to
+/// the violations `found` before.
 pub(crate) fn from_fields<T: DeserializeOwned + ToSchema>(
     fields: Map<String, Value>,
     mut found: Vec<Violation>,
@@ -30,13 +31,13 @@ pub(crate) fn from_fields<T: DeserializeOwned + ToSchema>(
     })
 }
 
-/// Whether a fault at `found` explains one at `field`, which lies inside or beside it.
+/// Whether a violation at `found` explains one at `field`, which lies inside or beside it.
 fn covers(found: &str, field: &str) -> bool {
     let parent = found.rsplit_once('.').map_or(found, |(parent, _)| parent);
     field.strip_prefix(parent).is_some_and(|rest| rest.is_empty() || rest.starts_with(['.', '[']))
 }
 
-/// A value as it appears in an error: whole when short.
+/// A value as text for an error; cut if it is long.
 pub(crate) fn shorten(value: &Value) -> String {
     let text = value.to_string();
     if text.chars().count() <= 60 {

@@ -16,9 +16,9 @@ use crate::{
     Product, Reference, SimulateSpec, SpecError, TrainSpec, VerifySpec, Violation, preset, stream,
 };
 
-/// Hands every kind of job but the pipeline to `$callback!`, as `name => Variant(Spec)`.
+/// Passes every kind of job except the pipeline to `$callback!`, as `name => Variant(Spec)`.
 ///
-/// This is the one list of kinds. A kind's name is that of its module in every crate that has one.
+/// This is the only list of kinds. A kind's module has the kind's name in every crate that has one.
 #[macro_export]
 macro_rules! for_each_kind {
     ($callback:ident) => {
@@ -35,7 +35,7 @@ macro_rules! for_each_kind {
 
 macro_rules! job_specs {
     ($($name:ident => $Kind:ident($Spec:ident),)*) => {
-        /// Anything a user can ask for.
+        /// A job that a user can submit.
         #[expect(clippy::large_enum_variant, reason = "few exist at a time")]
         #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
         #[serde(tag = "kind", rename_all = "snake_case")]
@@ -61,7 +61,7 @@ macro_rules! job_specs {
                 }
             }
 
-            /// The product of a job of this kind, which others may refer to.
+            /// The product of jobs of this kind, which other jobs may refer to.
             pub fn makes(self) -> Option<Product> {
                 match self {
                     $(Self::$Kind => $Spec::makes(),)*
@@ -78,7 +78,7 @@ macro_rules! job_specs {
                 }
             }
 
-            /// Deserializes a job of one kind, without checking its values.
+            /// Deserializes a job of this kind, without checking its values.
             pub(crate) fn read(
                 kind: JobKind,
                 fields: Map<String, Value>,
@@ -148,7 +148,7 @@ impl Check for JobSpec {
 }
 
 impl JobSpec {
-    /// Deserializes one job, by `kind`, without checking its values.
+    /// Deserializes one job by its `kind`, without checking its values.
     pub(crate) fn from_json(value: Value) -> Result<Self, SpecError> {
         let Value::Object(fields) = value else {
             return Err(SpecError::one("", shorten(&value), "a JSON object"));
@@ -164,23 +164,24 @@ impl JobSpec {
         Self::read(kind, fields, found)
     }
 
-    /// How to run it; a pipeline's members have their own.
+    /// How the job is executed. A pipeline's members have their own execution.
     pub fn execution(&self) -> Execution {
         self.fields().execution()
     }
 
-    /// Everything in this job that names the work of others; of a pipeline nothing, only of its members.
+    /// All references of this job to other work. A pipeline has none; its members have.
     pub fn references(&mut self) -> Vec<Reference<'_>> {
         self.fields_mut().references()
     }
 
-    /// Puts what was left out, and depends on the robot, as the `data` that its references led to asks for.
+    /// Sets defaults that depend on the robot, according to the `data` that the references were
+    /// resolved to.
     pub fn fit_to_data(&mut self, data: &DataSpec) {
         self.fields_mut().fit_to_data(data);
     }
 
-    /// Sentences about values that are allowed and yet probably no intention, those of streams and of
-    /// a pipeline's members included.
+    /// Warnings about values that are allowed but probably not intended, including those of streams
+    /// and of a pipeline's members.
     pub fn doubts(&self) -> Vec<Doubt> {
         self.fields().doubts()
     }
@@ -198,20 +199,21 @@ impl JobSpec {
 
     /// The spec as JSON with every default filled in.
     pub fn to_json(&self) -> Value {
-        // The types hold finite numbers and string keys only, so this cannot fail.
+        // The types have only finite numbers and string keys, so this cannot fail.
         serde_json::to_value(self).expect("a spec serializes to JSON")
     }
 
-    /// What names the results of this spec; see the crate's documentation.
+    /// The digest that identifies the results of this spec; see the crate's documentation.
     ///
-    /// Covers everything upstream once the references are digests, and nothing of `execution`.
+    /// It covers everything upstream once the references are digests. It does not cover
+    /// `execution`.
     pub fn digest(&self) -> Digest {
         let mut json = self.to_json();
         remove_execution(&mut json);
         Digest::of_json(&json)
     }
 
-    /// The names of other jobs of the same pipeline that it refers to.
+    /// References to other jobs of the same pipeline.
     pub(crate) fn named_jobs(&self) -> Vec<NamedJob> {
         let mut spec = self.clone();
         let named = |reference: Reference<'_>| {
@@ -223,12 +225,12 @@ impl JobSpec {
 }
 
 impl DataSpec {
-    /// The data that `job` makes; `None` for jobs that make none.
+    /// The data that `job` makes; `None` if it makes none.
     pub fn of(job: &JobSpec) -> Option<Self> {
         job.fields().data()
     }
 
-    /// The job that makes this data, without how it is run: what a file says of itself.
+    /// The job that makes this data, without its execution. Files contain it as metadata.
     pub fn job(&self) -> JobSpec {
         let execution = Execution::default();
         match self {
@@ -238,10 +240,10 @@ impl DataSpec {
     }
 }
 
-/// Another job of the same pipeline, and where a spec names it.
+/// A reference to another job of the same pipeline, and its place in the spec.
 pub(crate) struct NamedJob {
     pub field: String,
-    /// The product that is asked of that job.
+    /// The product that the reference needs.
     pub product: Product,
     pub name: String,
 }

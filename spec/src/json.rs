@@ -1,18 +1,18 @@
-//! Faults of JSON text, placed as an editor places them.
+//! Errors in JSON text, with line and column as in an editor.
 
 use std::fmt;
 
 use serde::de::DeserializeOwned;
 use thiserror::Error;
 
-/// A place where a text is not JSON.
+/// The place where a text is not valid JSON.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub struct JsonFault {
     /// From 1.
     line: usize,
-    /// Characters from the beginning of the line, from 1.
+    /// Number of the character in the line, from 1.
     column: usize,
-    /// The text from there on, cut short.
+    /// The text from there on, cut.
     found: String,
     expected: &'static str,
 }
@@ -20,7 +20,7 @@ pub struct JsonFault {
 /// Reads JSON of any type.
 ///
 /// # Errors
-/// The first place where `text` is not JSON, or not of this type.
+/// The first place where `text` is not valid JSON, or does not fit this type.
 pub fn read_json<T: DeserializeOwned>(text: &[u8]) -> Result<T, JsonFault> {
     serde_json::from_slice(text).map_err(|error| JsonFault::new(text, &error))
 }
@@ -40,7 +40,8 @@ impl JsonFault {
     }
 }
 
-/// Where the word begins that serde_json did not expect: it counts bytes, and stops behind or inside it.
+/// The beginning of the word that serde_json did not expect. serde_json counts bytes, and stops
+/// behind or inside the word.
 fn beginning(text: &[u8], error: &serde_json::Error) -> usize {
     let lines = text.split_inclusive(|byte| *byte == b'\n').take(error.line().saturating_sub(1));
     let read: usize = lines.map(<[u8]>::len).sum::<usize>() + error.column();
@@ -61,7 +62,7 @@ impl fmt::Display for JsonFault {
     }
 }
 
-/// The words of serde_json in those of a reader.
+/// Translates a message of serde_json for readers.
 fn expected(message: &str) -> &'static str {
     const WORDS: [(&str, &str); 13] = [
         ("expected ident", "true, false or null"),
@@ -76,7 +77,7 @@ fn expected(message: &str) -> &'static str {
         ("number out of range", "a number below 1.8e308"),
         ("recursion limit", "no more than 128 levels"),
         ("control character", "a text without line breaks and other control characters"),
-        ("escape", "an escape that JSON has"),
+        ("escape", "an escape sequence of JSON"),
     ];
     let known =
         WORDS.iter().find(|(theirs, _)| message.starts_with(theirs) || message.contains(theirs));

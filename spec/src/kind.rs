@@ -10,8 +10,8 @@ use crate::{DataSpec, Doubt, Execution, Product, Reference, SpecError, Violation
 
 /// The fields of one kind of job.
 pub(crate) trait KindSpec: Check {
-    /// Deserializes them, without checking values. Presets and streams are resolved before, with what was `found` wrong
-    /// with them.
+    /// Deserializes the fields, without checking values. Presets and streams are resolved before;
+    /// `found` has their violations.
     fn read(fields: Map<String, Value>, found: Vec<Violation>) -> Result<Self, SpecError>
     where
         Self: Sized + DeserializeOwned + ToSchema,
@@ -19,7 +19,7 @@ pub(crate) trait KindSpec: Check {
         from_fields(fields, found)
     }
 
-    /// The product of a job of this kind, which others may refer to.
+    /// The product of jobs of this kind, which other jobs may refer to.
     fn makes() -> Option<Product>
     where
         Self: Sized,
@@ -29,20 +29,21 @@ pub(crate) trait KindSpec: Check {
 
     fn execution(&self) -> Execution;
 
-    /// Everything that names the work of others, in the order in which it is looked up.
+    /// All references to other work, in the order in which they are resolved.
     fn references(&mut self) -> Vec<Reference<'_>> {
         Vec::new()
     }
 
-    /// Puts what was left out, and depends on the robot, as the `data` that its references led to asks for.
+    /// Sets defaults that depend on the robot, according to the `data` that the references were
+    /// resolved to.
     fn fit_to_data(&mut self, _data: &DataSpec) {}
 
-    /// The trajectories that it makes, if it makes any.
+    /// The trajectories that the job makes, if it makes any.
     fn data(&self) -> Option<DataSpec> {
         None
     }
 
-    /// Values that are allowed and yet probably not intended.
+    /// Warnings about values that are allowed but probably not intended.
     fn doubts(&self) -> Vec<Doubt> {
         Vec::new()
     }

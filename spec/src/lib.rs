@@ -1,9 +1,10 @@
-//! The language of torqued: every job a user can ask for.
+//! Specs: the language for every job that a user can submit.
 //!
-//! [`parse`] is the only way in: it resolves presets, refuses unknown fields, checks every value
-//! and reports all violations at once. What it returns can be trusted by every other crate.
+//! [`parse`] is the only way in. It resolves presets, refuses unknown fields, checks every value
+//! and reports all violations at once. Every other crate can trust its result.
 //!
-//! Units are SI and named in the field (`_hz`, `_rad`, `_nm`); angles are radians, torques N·m.
+//! Units are SI and named in the field (`_hz`, `_rad`, `_nm`). Angles are in radians, and torques
+//! in N·m.
 
 mod canonical;
 mod check;

@@ -8,7 +8,8 @@ use utoipa::openapi::schema::{KnownFormat, SchemaFormat, Type};
 use utoipa::openapi::{ObjectBuilder, RefOr, Schema};
 use utoipa::{PartialSchema, ToSchema};
 
-/// A moment, to the millisecond. Read as RFC 3339 with any zone, written in UTC.
+/// A moment, precise to the millisecond. It is read as RFC 3339 in any time zone, and written in
+/// UTC.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub struct Moment(i64);
@@ -18,7 +19,7 @@ impl Moment {
         Self(milliseconds)
     }
 
-    /// Since 1970-01-01T00:00:00Z.
+    /// Milliseconds since 1970-01-01T00:00:00Z.
     pub const fn milliseconds(self) -> i64 {
         self.0
     }

@@ -1,4 +1,4 @@
-//! From JSON to a spec that can be trusted.
+//! Parses JSON into a spec that can be trusted.
 
 use serde_json::Value;
 
@@ -8,7 +8,7 @@ use crate::{JobSpec, SpecError, read_json};
 /// Reads a spec: resolves `preset`, refuses unknown fields and checks every value.
 ///
 /// # Errors
-/// Names every field that cannot be accepted, its value and what is allowed.
+/// Every refused field, with its value and what is allowed.
 pub fn parse(text: &[u8]) -> Result<JobSpec, SpecError> {
     let value: Value = read_json(text)
         .map_err(|fault| SpecError::one("", "", format!("not valid JSON: {fault}")))?;
@@ -20,7 +20,7 @@ pub fn parse(text: &[u8]) -> Result<JobSpec, SpecError> {
     Ok(spec)
 }
 
-/// A job on its own has no siblings to refer to by name.
+/// Refuses references by name, because a job on its own has no siblings.
 fn check_outside_pipeline(spec: &JobSpec, report: &mut Report) {
     for job in spec.named_jobs() {
         let allowed = format!("{}; {{\"job\": NAME}} only in a pipeline", job.product.names());

@@ -10,15 +10,15 @@ use crate::kind::KindSpec;
 use crate::schema::nearest;
 use crate::{Digest, Doubt, Execution, JobKind, JobSpec, SpecError, Violation};
 
-/// The most jobs one pipeline may have.
+/// The largest number of jobs of a pipeline.
 pub const MAX_MEMBERS: usize = 200;
 
-/// Named jobs, some of which need others. Order follows from references and `needs`.
+/// Named jobs, some of which need others. Their order follows from references and `needs`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PipelineSpec {
     pub name: String,
-    /// 1 to 200 jobs; names are lower-case letters, digits and dashes.
+    /// 1 to 200 jobs. Names have lower-case letters, digits and dashes.
     #[schema(no_recursion)]
     pub jobs: BTreeMap<String, PipelineMember>,
 }
@@ -26,7 +26,7 @@ pub struct PipelineSpec {
 /// A job of a pipeline: any job spec but a pipeline, with `needs` beside its fields.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct PipelineMember {
-    /// Jobs that must succeed first, besides those this one refers to.
+    /// Jobs that must succeed first, in addition to those that this job refers to.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub needs: Vec<String>,
     #[serde(flatten)]
@@ -35,7 +35,7 @@ pub struct PipelineMember {
 }
 
 impl PipelineMember {
-    /// Every job of the pipeline that must succeed before this one.
+    /// All jobs of the pipeline that must succeed before this one.
     pub fn all_needs(&self) -> BTreeSet<String> {
         let referred = self.spec.named_jobs().into_iter().map(|job| job.name);
         self.needs.iter().cloned().chain(referred).collect()
@@ -43,7 +43,7 @@ impl PipelineMember {
 }
 
 impl KindSpec for PipelineSpec {
-    /// Reads the members one by one, so that an error names its path and presets work inside.
+    /// Reads the members one by one, so that errors name a member's path and presets work inside.
     fn read(mut fields: Map<String, Value>, mut found: Vec<Violation>) -> Result<Self, SpecError> {
         let members = match fields.insert("jobs".to_owned(), Value::Object(Map::new())) {
             Some(Value::Object(members)) => members,
@@ -65,7 +65,7 @@ impl KindSpec for PipelineSpec {
             let pipeline = from_fields(fields, found)?;
             return Ok(Self { jobs, ..pipeline });
         }
-        // The values of members that can be read are reported together with those that cannot.
+        // The violations of readable members are reported together with those of unreadable ones.
         let mut report = Report::default();
         jobs.iter().for_each(|(name, job)| report.part(&format!("jobs.{name}"), &job.spec));
         found.extend(report.finish().err().into_iter().flat_map(|error| error.violations));
@@ -88,7 +88,7 @@ impl KindSpec for PipelineSpec {
     }
 }
 
-/// Reads the member `name`, fields of whose error are its own; `names` are those of all members.
+/// Reads the member `name`. Fields in its errors are its own; `names` has the names of all members.
 fn read_member(name: &str, member: Value, names: &[String]) -> Result<PipelineMember, SpecError> {
     let Value::Object(mut member) = member else {
         return Err(SpecError::one("", shorten(&member), "a JSON object"));
@@ -115,7 +115,8 @@ fn read_member(name: &str, member: Value, names: &[String]) -> Result<PipelineMe
 }
 
 impl PipelineSpec {
-    /// Names of the jobs, each after all it needs; `None` when they need each other in a circle.
+    /// Names of the jobs, each after all jobs that it needs; `None` if they need each other in a
+    /// circle.
     pub fn order(&self) -> Option<Vec<&str>> {
         let mut waiting: Vec<(&str, BTreeSet<String>)> =
             self.jobs.iter().map(|(name, job)| (name.as_str(), job.all_needs())).collect();
@@ -136,8 +137,8 @@ impl PipelineSpec {
         Some(order)
     }
 
-    /// Turns digests of the pipeline's own jobs back into their names, from which their order follows:
-    /// what resolving them did, undone.
+    /// Replaces digests of the pipeline's own jobs by their names, from which the order follows.
+    /// This undoes the resolution of references.
     pub fn name_siblings(&mut self) {
         let names: BTreeMap<Digest, String> =
             self.jobs.iter().map(|(name, job)| (job.spec.digest(), name.clone())).collect();

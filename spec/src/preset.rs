@@ -1,4 +1,4 @@
-//! Named starting points: a preset's fields, with the user's own merged over them.
+//! Presets: named starting points. The user's fields are merged over a preset's fields.
 
 use std::fmt;
 use std::sync::LazyLock;
@@ -11,21 +11,21 @@ use crate::fields::shorten;
 use crate::schema::{listed, nearest};
 use crate::{SpecError, Violation, study};
 
-/// Name and text of each file of the folder `presets`, in order.
+/// Name and text of each file in the folder `presets`, sorted.
 static FILES: &[(&str, &str)] = include!(concat!(env!("OUT_DIR"), "/presets.rs"));
 
 /// A named starting point for a job or for a model.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Preset {
     pub name: String,
-    /// What it is, in one line.
+    /// A description in one line.
     pub about: String,
     pub place: PresetPlace,
     #[schema(value_type = Object)]
     pub spec: Value,
 }
 
-/// Where `"preset": NAME` may be written.
+/// The places where `"preset": NAME` may be written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum PresetPlace {
@@ -44,10 +44,11 @@ impl fmt::Display for PresetPlace {
     }
 }
 
-/// Every preset, in the order to show them: the files, and the study, which is made from its list of models.
+/// All presets in the order in which they are shown: the files, and the study, which is made from
+/// its list of models.
 ///
 /// # Panics
-/// If a file of the folder `presets` is no preset, of which a test would have told.
+/// If a file of the folder `presets` is invalid. A test checks that none is.
 pub fn presets() -> &'static [Preset] {
     static PRESETS: LazyLock<Vec<Preset>> = LazyLock::new(|| {
         let read = |(file, text): &(&str, &str)| {
@@ -61,7 +62,8 @@ pub fn presets() -> &'static [Preset] {
     &PRESETS
 }
 
-/// Replaces `"preset"` at the top of a job by that preset with the other fields merged over it.
+/// Replaces `"preset"` at the top of a job by the preset's fields, with the other fields merged
+/// over them.
 pub(crate) fn resolve_job(fields: Map<String, Value>) -> Result<Map<String, Value>, SpecError> {
     resolve(fields, PresetPlace::Job)
 }
@@ -118,12 +120,13 @@ fn unknown(name: &Value, place: PresetPlace, candidates: &[&Preset]) -> SpecErro
     SpecError::one("preset", shorten(name), listed(&names, meant))
 }
 
-/// Fields that hold one of several choices: merging would mix two of them.
+/// Fields that hold one of several choices. They are replaced as a whole, because merging would mix
+/// two choices.
 pub(crate) const REPLACED_WHOLE: [&str; 6] =
     ["frequency_hz", "data", "integrator", "checkpoints", "path", "residual"];
 
-/// Merges objects field by field; everything else replaces. `null` does too: it is a value of specs, and
-/// removes nothing.
+/// Merges objects field by field. Every other value replaces the one before. That includes `null`,
+/// which is a value in specs and does not remove anything.
 pub(crate) fn merge(base: &mut Value, over: Value) {
     match (base, over) {
         (Value::Object(base), Value::Object(over)) => {

@@ -3,7 +3,7 @@ use utoipa::openapi::schema::{ArrayBuilder, Type};
 use utoipa::openapi::{Object, RefOr, Schema};
 use utoipa::{PartialSchema, ToSchema};
 
-/// A closed interval, written `[min, max]`; draws from it are uniform.
+/// A closed interval, written `[min, max]`. Draws from it are uniform.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(from = "[f64; 2]", into = "[f64; 2]")]
 pub struct Range {
@@ -20,7 +20,7 @@ impl Range {
         self.min <= value && value <= self.max
     }
 
-    /// The value that divides the interval as `unit` in [0, 1) divides [0, 1).
+    /// The value at position `unit` in [0, 1) of the interval.
     pub fn at(&self, unit: f64) -> f64 {
         self.min + (self.max - self.min) * unit
     }

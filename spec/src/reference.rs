@@ -1,4 +1,4 @@
-//! How a job names the work of others.
+//! References of a job to other work.
 
 use std::collections::BTreeMap;
 
@@ -7,7 +7,7 @@ use utoipa::ToSchema;
 
 use crate::{Digest, Doubt, SimulateSpec};
 
-/// Where a job's trajectories come from: a dataset, by one of three names, or a stream.
+/// The source of a job's trajectories: a dataset, under one of three names, or a stream.
 ///
 /// A stored spec always has the digest or the stream.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -17,27 +17,28 @@ pub enum DataSource {
     Job(String),
     /// A dataset's id.
     Dataset(i64),
-    /// The digest of the spec that produces it.
+    /// The digest of the spec that makes the dataset.
     Digest(Digest),
-    /// Robots simulated when they are needed and never stored: what the simulation with this spec
-    /// would hold. A training goes on past its `trajectories`, with new robots forever.
+    /// Robots that are simulated when they are needed and never stored. They are those that a
+    /// simulation with this spec would store. A training continues past its `trajectories`, with
+    /// new robots forever.
     Stream(Box<SimulateSpec>),
 }
 
-/// A checkpoint. A stored spec names it by its training's digest, which with `best` or a step is
-/// exact too: the same training makes the same checkpoints.
+/// A checkpoint. A stored spec names it by its training's digest, which is also exact with `best`
+/// or a step: the same training makes the same checkpoints.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum CheckpointRef {
-    /// A train job of the same pipeline: its final checkpoint.
+    /// A train job of the same pipeline. It stands for the final checkpoint.
     Job(String),
     /// A checkpoint's id.
     Checkpoint(i64),
-    /// The digest of the training's spec: its final checkpoint.
+    /// The digest of the training's spec. It stands for the final checkpoint.
     Digest(Digest),
-    /// The checkpoint of the best validation of a training.
+    /// The checkpoint with the best validation of a training.
     Best(TrainingRef),
-    /// The checkpoint of a training after so many steps.
+    /// The checkpoint of a training after this number of steps.
     Step(TrainingStep),
 }
 
@@ -54,7 +55,7 @@ pub enum TrainingRef {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct TrainingStep {
-    /// Of the training's spec.
+    /// The digest of the training's spec.
     pub digest: Digest,
     /// Optimizer steps taken.
     pub step: u64,
@@ -73,7 +74,7 @@ impl CheckpointRef {
     }
 }
 
-/// The product of a job, which others may refer to.
+/// The product of a job, which other jobs may refer to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Product {
     Trajectories,
@@ -81,7 +82,7 @@ pub enum Product {
 }
 
 impl Product {
-    /// How it is named where no pipeline's jobs are at hand.
+    /// How to refer to it outside a pipeline.
     pub(crate) const fn names(self) -> &'static str {
         match self {
             Self::Trajectories => r#"{"dataset": ID} or {"digest": HEX}"#,
@@ -92,7 +93,7 @@ impl Product {
     }
 }
 
-/// A place in a spec that names the work of others.
+/// A place in a spec that refers to other work.
 #[derive(Debug)]
 pub struct Reference<'a> {
     /// Its field, e.g. `checkpoints[0]`.
@@ -104,7 +105,7 @@ pub struct Reference<'a> {
 pub enum Referred<'a> {
     Data(&'a mut DataSource),
     Checkpoint(&'a mut CheckpointRef),
-    /// A file that somebody sent, by its SHA-256.
+    /// A sent file, by its SHA-256.
     File(&'a mut Digest),
 }
 
@@ -122,7 +123,7 @@ impl<'a> Reference<'a> {
 }
 
 impl Referred<'_> {
-    /// The product of the job behind it; no job makes a file.
+    /// The product that the reference needs. `None` for a file, because no job makes files.
     pub const fn product(&self) -> Option<Product> {
         match self {
             Self::Data(_) => Some(Product::Trajectories),
@@ -131,7 +132,7 @@ impl Referred<'_> {
         }
     }
 
-    /// The job of the same pipeline that it names.
+    /// The job of the same pipeline that it refers to.
     pub fn job(&self) -> Option<&str> {
         match self {
             Self::Data(DataSource::Job(name)) => Some(name),
@@ -140,7 +141,7 @@ impl Referred<'_> {
         }
     }
 
-    /// Names a job of the same pipeline by its name instead of its digest.
+    /// Replaces a digest by the name of a job in the same pipeline.
     pub(crate) fn name_job(self, names: &BTreeMap<Digest, String>) {
         match self {
             Self::Data(source) => {
@@ -171,7 +172,7 @@ impl Referred<'_> {
 }
 
 impl DataSource {
-    /// Doubts about a stream.
+    /// Warnings about a stream.
     pub(crate) fn doubts(&self) -> Vec<Doubt> {
         let Self::Stream(stream) = self else { return Vec::new() };
         stream.doubts().into_iter().map(|doubt| doubt.within("data.stream")).collect()

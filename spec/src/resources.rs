@@ -6,16 +6,17 @@ use utoipa::ToSchema;
 
 use crate::check::{Check, Report};
 
-/// What a job asks of the workers that take its tasks, or what a worker offers. A worker takes a task if it offers as
-/// much of everything that is asked for, and all of the tags; what it offers beyond that does not matter.
+/// Resources that a job asks of the workers for its tasks, or that a worker offers. A worker takes
+/// a task if it offers at least as much of every resource, and all of the tags. More than that does
+/// not matter.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Resources {
-    /// Processors, 1 to 1024; a worker offers its threads.
+    /// Number of processors, 1 to 1024. A worker offers its threads.
     pub cpus: Option<u32>,
-    /// 0 to 64.
+    /// Number of GPUs, 0 to 64.
     pub gpus: u32,
-    /// Memory in units of 10^9 bytes, 0.1 to 100 000, to the megabyte.
+    /// Memory in units of 10^9 bytes, 0.1 to 100 000, with a precision of 10^6 bytes.
     pub memory_gb: Option<f64>,
     /// At most 16 names of 1 to 60 lower-case letters, digits and dashes.
     pub tags: BTreeSet<String>,
@@ -30,12 +31,12 @@ impl Resources {
     pub const GPUS: std::ops::RangeInclusive<u32> = 0..=64;
     pub const MEMORY_GB: std::ops::RangeInclusive<f64> = 0.1..=100_000.0;
 
-    /// Whether every worker will do.
+    /// Whether any worker can take the task.
     pub fn are_any(&self) -> bool {
         *self == Self::default()
     }
 
-    /// Whether a worker that offers these can take a task that asks for `asked`.
+    /// Whether a worker with this offer can take a task that asks for `asked`.
     pub fn cover(&self, asked: &Self) -> bool {
         self.cpus.unwrap_or(0) >= asked.cpus.unwrap_or(0)
             && self.gpus >= asked.gpus
@@ -43,7 +44,7 @@ impl Resources {
             && self.tags.is_superset(&asked.tags)
     }
 
-    /// The least that covers these and `others`.
+    /// The smallest resources that cover these and `others`.
     #[must_use]
     pub fn and(&self, others: &Self) -> Self {
         let memory = self.megabytes().max(others.megabytes());
@@ -55,7 +56,7 @@ impl Resources {
         }
     }
 
-    /// The memory in units of 10^6 bytes; 0 where nothing is said of it.
+    /// The memory in units of 10^6 bytes; 0 if it is not specified.
     #[expect(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,
@@ -65,7 +66,7 @@ impl Resources {
         self.memory_gb.map_or(0, |gigabytes| (gigabytes * MEGABYTES_PER_GB).round() as u32)
     }
 
-    /// So many units of 10^6 bytes, as `memory_gb` has them; `None` for 0.
+    /// A number of units of 10^6 bytes as `memory_gb`; `None` for 0.
     pub fn gigabytes(megabytes: u32) -> Option<f64> {
         (megabytes > 0).then(|| f64::from(megabytes) / MEGABYTES_PER_GB)
     }

@@ -6,7 +6,7 @@ use crate::check::{Check, Report};
 use crate::fields::shorten;
 use crate::{DataSource, MAX_TRAJECTORIES, SpecError, Violation, preset, simulate};
 
-/// Resolves the preset of a stream, and takes the `kind` that a copied job may have.
+/// Resolves the preset of a stream, and accepts the `kind` that a copied job may have.
 pub(crate) fn resolve(
     mut fields: Map<String, Value>,
     found: &mut Vec<Violation>,
@@ -19,7 +19,7 @@ pub(crate) fn resolve(
     fields
 }
 
-/// For a training, whose stream need not say how many robots it has.
+/// Makes the stream of a training endless, because it need not say how many robots it has.
 pub(crate) fn make_endless(fields: &mut Map<String, Value>) {
     if let Some(stream) = stream_of(fields) {
         stream.entry("trajectories").or_insert_with(|| MAX_TRAJECTORIES.into());
@@ -44,7 +44,11 @@ impl Check for DataSource {
         let Self::Stream(stream) = self else { return };
         report.part("stream", stream.as_ref());
         if !stream.execution.is_default() {
-            report.violation("stream.execution", "given", "nothing: a stream is no job of its own");
+            report.violation(
+                "stream.execution",
+                "given",
+                "left out: a stream is not a job of its own",
+            );
         }
     }
 }

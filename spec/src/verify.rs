@@ -5,11 +5,11 @@ use crate::check::{Check, Report};
 use crate::kind::KindSpec;
 use crate::{DataSource, Execution, Reference};
 
-/// Make a dataset again, shard by shard, and compare it with what is stored.
+/// Makes a dataset again, shard by shard, and compares it with the stored files.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct VerifySpec {
-    /// A dataset; a stream has nothing to compare with.
+    /// A dataset. A stream is not stored, so there is nothing to compare it with.
     pub data: DataSource,
     #[serde(default, skip_serializing_if = "Execution::is_default")]
     pub execution: Execution,

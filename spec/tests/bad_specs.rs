@@ -1,4 +1,4 @@
-//! What a user sees after a mistake: the field, the value and what is allowed.
+//! Errors of specs: each names the field, the value and what is allowed.
 
 #![expect(clippy::unwrap_used, reason = "a test may panic")]
 
@@ -21,7 +21,7 @@ fn train() -> Value {
     })
 }
 
-/// Parses `base` with `value` at the JSON pointer `at`; returns the error's text.
+/// Parses `base` with `value` at the JSON pointer `at`. Returns the error's text.
 fn error_of(mut base: Value, at: &str, value: Value) -> String {
     let (parent, field) = at.rsplit_once('/').unwrap();
     base.pointer_mut(parent).unwrap().as_object_mut().unwrap().insert(field.to_owned(), value);
@@ -264,7 +264,7 @@ fn every_violation_is_reported_at_once() {
     assert_eq!(error.violations.len(), 2 + 1, "rate, samples and Nyquist: {error}");
 }
 
-/// Whatever makes trajectories may stand behind `data`, and nothing else.
+/// `data` accepts every job that makes trajectories, and no other.
 #[test]
 fn a_member_reads_from_members_that_make_what_it_asks_for() {
     let file = "0".repeat(64);

@@ -1,4 +1,5 @@
-//! A digest names results: it must change with anything that changes them, and with nothing else.
+//! A digest identifies results. It must change with everything that changes them, and with nothing
+//! else.
 
 #![expect(clippy::unwrap_used, reason = "a test may panic")]
 
@@ -49,7 +50,7 @@ fn the_digest_of_a_known_spec_is_pinned() {
     );
 }
 
-/// What an evaluation can be asked since has not changed those that do not ask for it.
+/// Options added later do not change the digests of evaluations that do not use them.
 #[test]
 fn the_digest_of_an_evaluation_is_pinned() {
     let baselines = [
@@ -100,7 +101,7 @@ proptest! {
     }
 }
 
-/// Noise came later: what does not ask for it means what it meant before.
+/// Noise was added later. A spec that does not use it means the same as before.
 #[test]
 fn noise_at_its_default_is_not_part_of_a_spec() {
     let simulate = json!({

@@ -1,4 +1,4 @@
-//! Values that are allowed and that a reader of the results should know about.
+//! Warnings about values that are allowed, for readers of the results.
 
 #![expect(clippy::unwrap_used, reason = "a test may panic")]
 

@@ -57,7 +57,7 @@ fn evaluate(extra: &Value) -> EvaluateSpec {
     }
 }
 
-/// What is said of an evaluation of `samples` samples with checkpoints trained on 400.
+/// The error for an evaluation of `samples` samples with checkpoints trained on 400.
 fn refusal(extra: &Value, samples: u32, models: &[&str]) -> String {
     let trainings: Vec<TrainSpec> = models.iter().map(|model| train(model)).collect();
     refusal_of(extra, samples, &trainings)
@@ -92,7 +92,7 @@ fn checkpoints_of_another_length_are_refused_with_both_numbers() {
     assert!(error.contains("trained with context 320") && error.contains("context 300"), "{error}");
     let error = refusal(&json!({}), 380, &["cdt-tiny"]);
     assert!(error.contains("trained with samples 400") && error.contains("samples 380"), "{error}");
-    // Equations have no length.
+    // Equations do not depend on the length.
     assert_eq!(refusal(&json!({"context": 20}), 340, &["lagrangian-tiny"]), "");
     let error = refusal(&json!({"context": 20}), 340, &["lagrangian-tiny", "cdt-tiny"]);
     assert!(error.contains("checkpoints[1]") && !error.contains("checkpoints[0]"), "{error}");

@@ -1,5 +1,5 @@
-//! Presets are what most people run: their digests are pinned, so that no change of how they are written
-//! changes what they mean.
+//! The digests of presets are pinned, because most people run presets. Changing how they are
+//! written must not change what they mean.
 
 #![expect(clippy::unwrap_used, reason = "a test may panic")]
 
@@ -8,7 +8,8 @@ use std::path::Path;
 use serde_json::json;
 use spec::{PresetPlace, parse, presets};
 
-/// One line per preset, by name: the name and the digest. A model's digest is that of a training of it.
+/// One line per preset with its name and its digest. A model's digest is that of a training with
+/// it.
 fn digests() -> String {
     let mut lines: Vec<String> = presets()
         .iter()
@@ -28,7 +29,7 @@ fn digests() -> String {
     lines.concat()
 }
 
-/// Writes them anew when `UPDATE` is set.
+/// Writes the digests anew if `UPDATE` is set.
 #[test]
 fn the_digests_of_all_presets_are_pinned() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/preset_digests.txt");

@@ -1,4 +1,4 @@
-//! Robots by description: what they default to, and what is refused.
+//! Robots given by descriptions: their defaults, and the descriptions that are refused.
 
 #![expect(clippy::unwrap_used, reason = "a test may panic")]
 
@@ -27,7 +27,7 @@ fn accepted(spec: &Value) -> SimulateSpec {
     }
 }
 
-/// The error of a description in which `value` is at the JSON pointer `at`.
+/// Checks the error of a description with `value` at the JSON pointer `at`.
 #[track_caller]
 fn check_refused(at: &str, value: Value, expected: &[&str]) {
     let mut model = arm_of_six();
@@ -169,7 +169,7 @@ fn explicit_steps_are_in_doubt_where_nothing_tells_whether_they_are_stable() {
     assert!(doubts[0].reason.contains("least_inertia_kg_m2"), "{}", doubts[0].reason);
 }
 
-/// An import of recordings with a column for each of `joints` joints.
+/// An import of recordings with one column per joint, for `joints` joints.
 fn import(joints: usize, fields: &Value) -> Value {
     let columns = |prefix: &str| -> Vec<String> {
         (1..=joints).map(|joint| format!("{prefix}{joint}")).collect()

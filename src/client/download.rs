@@ -1,4 +1,4 @@
-//! Bringing a file into a folder: what is there of it already stays, and its digest is compared.
+//! Downloads a file into a folder. An existing part is continued, and the digest is compared.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -13,30 +13,30 @@ use wire::StoredFile;
 use super::upload::sha256;
 use super::{Client, ClientError};
 
-/// How long a server that does not answer, or sends nothing, is waited for: it may be restarting.
+/// How long to wait for a server that does not answer or sends nothing. It may be restarting.
 const PATIENCE: Duration = Duration::from_secs(30);
 
-/// Between two requests of which the first broke off.
+/// Pause before the next request, after one broke off.
 const PAUSE: Duration = Duration::from_millis(400);
 
-/// A file may take longer than other answers.
+/// Time limit of a download. It is longer than for other answers.
 const TIMEOUT: Duration = Duration::from_secs(24 * 60 * 60);
 
-/// How a file came into the folder.
+/// The result of a download.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fetched {
-    /// It was there with this digest.
+    /// The folder already had the file with this digest.
     Kept,
     Received,
 }
 
 impl Client {
-    /// Brings `file` into `folder`. The part that an earlier download left, `NAME.part`, is completed. `progress` hears
-    /// how many bytes are there.
+    /// Downloads `file` into `folder`. A part that an earlier download left, `NAME.part`, is
+    /// continued. `progress` gets the number of bytes so far.
     ///
     /// # Errors
-    /// When the server refuses or is silent for too long, the bytes have another digest, or a file of this name with
-    /// other bytes is there.
+    /// When the server refuses or is silent for too long, the bytes have another digest, or the
+    /// folder has a file with this name and other bytes.
     pub async fn fetch(
         &self,
         file: &StoredFile,
@@ -64,7 +64,7 @@ impl Client {
         Ok(Fetched::Received)
     }
 
-    /// Requests what is missing of `part` until nothing is.
+    /// Requests the missing bytes of `part` until it is complete.
     async fn complete(
         &self,
         file: &StoredFile,
@@ -98,7 +98,8 @@ impl Client {
         output.sync_all().await.map_err(unwritable(part))
     }
 
-    /// Appends to `output` what one request brings. `have` says how much is there, also when the request breaks off.
+    /// Appends the bytes of one request to `output`. `have` counts all bytes, also if the request
+    /// breaks off.
     async fn receive(
         &self,
         file: &StoredFile,
@@ -121,7 +122,7 @@ impl Client {
         loop {
             let chunk = match tokio::time::timeout(PATIENCE, response.chunk()).await {
                 Ok(chunk) => chunk.map_err(self.unreachable())?,
-                // The next request goes on.
+                // The next request continues.
                 Err(_) => None,
             };
             let Some(chunk) = chunk else { break };
@@ -133,7 +134,7 @@ impl Client {
     }
 }
 
-/// The name, unless it would lead out of the folder.
+/// The name, if it does not lead out of the folder.
 fn plain(name: &str) -> Result<&str, ClientError> {
     let is_plain = Path::new(name).file_name().is_some_and(|plain| plain == name);
     if is_plain { Ok(name) } else { Err(ClientError::Name { name: name.to_owned() }) }

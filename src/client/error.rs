@@ -5,10 +5,10 @@ use spec::Digest;
 use thiserror::Error;
 use wire::Problem;
 
-/// Why the server gave no answer, or not the one asked for.
+/// Why a request to the server failed.
 #[derive(Debug, Error)]
 pub enum ClientError {
-    #[error("{server:?} is no server address: {reason}")]
+    #[error("{server:?} is not a server address: {reason}")]
     Address { server: String, reason: String },
 
     #[error("no answer from {server}: {}; is `torqued serve` running there?", innermost(reason))]
@@ -26,7 +26,8 @@ pub enum ClientError {
     Checksum { name: String, expected: Digest, found: Digest },
 
     #[error(
-        "{} differs from the server's: expected {expected}, found {found}; delete it, or name another folder",
+        "{} differs from the server's: expected {expected}, found {found}; delete it, or choose \
+         another folder",
         path.display()
     )]
     Differs { path: std::path::PathBuf, expected: Digest, found: Digest },
@@ -34,23 +35,24 @@ pub enum ClientError {
     #[error("the server names a file {name:?}, allowed: a name without folders")]
     Name { name: String },
 
-    /// An RFC 9457 problem, one violation per line.
+    /// An RFC 9457 problem, with one violation per line.
     #[error("{message}")]
     Refused {
         status: StatusCode,
         message: String,
-        /// The fields of the spec that were not accepted.
+        /// The fields of the spec that were refused.
         fields: Vec<String>,
     },
 
     #[error("the stream to {server} ended: {reason}")]
     Stream { server: String, reason: String },
 
-    #[error("{server} answered something else than torqued does: {source}")]
+    #[error("{server} sent an answer that is not torqued's: {source}")]
     Answer { server: String, source: serde_json::Error },
 }
 
-/// `reqwest` wraps the reason ("connection refused") in several layers of its own.
+/// The innermost cause. `reqwest` wraps the reason ("connection refused") in several layers of its
+/// own.
 fn innermost(error: &reqwest::Error) -> String {
     if error.is_timeout() {
         return "timed out".to_owned();
@@ -75,7 +77,7 @@ impl ClientError {
     }
 }
 
-/// The title, with its detail or every violation on a line of its own.
+/// The title, followed by its detail or by one line per violation.
 fn message(problem: &Problem) -> String {
     let mut message = problem.title.clone();
     if problem.violations.is_empty() {
@@ -93,14 +95,14 @@ mod tests {
 
     #[test]
     fn a_problem_names_each_field_its_value_and_what_is_allowed() {
-        let body = r#"{"type":"/problems/spec","title":"The spec cannot be accepted","status":422,
+        let body = r#"{"type":"/problems/spec","title":"The spec is not allowed","status":422,
             "detail":"steps is 0, allowed: 1 to 10; stesp: unknown field",
             "violations":[{"field":"steps","value":"0","allowed":"1 to 10"},
                           {"field":"stesp","value":"","allowed":"unknown field"}]}"#;
         let error = ClientError::refused(StatusCode::UNPROCESSABLE_ENTITY, body);
         assert_eq!(
             error.to_string(),
-            "The spec cannot be accepted\n  steps is 0, allowed: 1 to 10\n  stesp: unknown field"
+            "The spec is not allowed\n  steps is 0, allowed: 1 to 10\n  stesp: unknown field"
         );
     }
 

@@ -1,4 +1,4 @@
-//! Following server-sent events, over lost connections and restarts of the server.
+//! Follows server-sent events, across lost connections and restarts of the server.
 
 use std::time::{Duration, Instant};
 
@@ -8,35 +8,37 @@ use wire::Event;
 
 use super::{Client, ClientError};
 
-/// How long a server that does not answer is waited for: it may be restarting.
+/// How long to wait for a server that does not answer. It may be restarting.
 const PATIENCE: Duration = Duration::from_secs(30);
 
-/// Before connecting again.
+/// Pause before connecting again.
 const PAUSE: Duration = Duration::from_millis(400);
 
-/// A server says at least every 15 s that it is there.
+/// A silent connection counts as lost after this time. A server sends something at least every 15
+/// s.
 const SILENCE: Duration = Duration::from_secs(45);
 
-/// A stream lasts as long as what it tells of.
+/// A stream lasts as long as its job, so the time limit is long.
 const TIMEOUT: Duration = Duration::from_secs(365 * 24 * 60 * 60);
 
-/// Bytes of one line at most: an event has one, and none is that long.
+/// The largest number of bytes of a line. An event has one line, and none is that long.
 const LONGEST_LINE: usize = 16 << 20;
 
-/// The events at a path of the API. Whatever ends the connection, the next one goes on after the last event.
+/// The events at a path of the API. After a lost connection, the next one continues after the last
+/// event.
 pub struct Events<'a> {
     client: &'a Client,
     path: String,
-    /// The id of the last event that has one.
+    /// The id of the last event that had one.
     last: Option<i64>,
     open: Option<(Response, Lines)>,
     was_open: bool,
-    /// When a connection was lost last.
+    /// The time when a connection was last lost.
     lost_at: Instant,
 }
 
 impl Client {
-    /// The events at `path`, from those after the id `after` on, or from now on.
+    /// The events at `path`: those after the id `after`, or new ones.
     pub fn events(&self, path: String, after: Option<i64>) -> Events<'_> {
         let lost_at = Instant::now();
         Events { client: self, path, last: after, open: None, was_open: false, lost_at }
@@ -44,10 +46,12 @@ impl Client {
 }
 
 impl Events<'_> {
-    /// The next event that this version knows. A job's stream is over with its [`Event::End`]; do not ask further then.
+    /// The next event that this version knows. A job's stream ends with [`Event::End`]; do not call
+    /// this after it.
     ///
     /// # Errors
-    /// When the server refuses or does not answer; once it has answered, when it does not for 30 s.
+    /// When the server refuses or does not answer. After its first answer, when it does not answer
+    /// for 30 s.
     pub async fn next(&mut self) -> Result<Event, ClientError> {
         loop {
             if let Some((_, lines)) = &mut self.open
@@ -74,8 +78,8 @@ impl Events<'_> {
         }
     }
 
-    /// Whether a server that had answered may do so again in a moment. One that was started again may have no room, or no
-    /// database, for a while.
+    /// Whether a server that answered before may answer again soon. A restarted server may have no
+    /// room, or no database, for a while.
     fn is_passing(&self, error: &ClientError) -> bool {
         const BUSY: [StatusCode; 2] =
             [StatusCode::SERVICE_UNAVAILABLE, StatusCode::TOO_MANY_REQUESTS];
@@ -87,7 +91,7 @@ impl Events<'_> {
         may_pass && self.was_open && self.lost_at.elapsed() < PATIENCE
     }
 
-    /// Receives more of an open stream, if there is one and it does not end.
+    /// Receives more of the open stream. Returns false if there is no stream, or it ended.
     async fn receive(&mut self) -> bool {
         let Some((response, lines)) = &mut self.open else { return false };
         match tokio::time::timeout(SILENCE, response.chunk()).await {
@@ -118,13 +122,14 @@ struct Lines {
 }
 
 impl Lines {
-    /// Whether there was room.
+    /// Adds bytes. Returns false if there was no room.
     fn take(&mut self, chunk: &[u8]) -> bool {
         self.bytes.extend_from_slice(chunk);
         self.bytes.len() <= LONGEST_LINE
     }
 
-    /// The data of the next event, which the API writes in a line. Its id and its type are in the data as well.
+    /// The data of the next event, which the API writes in one line. The data also has the event's
+    /// id and type.
     fn next_data(&mut self) -> Option<String> {
         while let Some(end) = self.bytes.iter().position(|byte| *byte == b'\n') {
             let line: Vec<u8> = self.bytes.drain(..=end).collect();

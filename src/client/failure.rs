@@ -1,7 +1,7 @@
 use thiserror::Error;
 use wire::{Job, JobState};
 
-/// A job that was to succeed ended otherwise.
+/// A job that had to succeed failed or was cancelled.
 #[derive(Debug, Error)]
 #[error("job {id} {state}: {reason}")]
 pub struct JobEnded {
@@ -11,13 +11,13 @@ pub struct JobEnded {
 }
 
 impl JobEnded {
-    /// The error of a job that has ended without success.
+    /// The error of a job that ended without success.
     pub fn new(job: &Job) -> Self {
         Self { id: job.id, state: job.state, reason: failure(job) }
     }
 }
 
-/// Why a job did not succeed: the reasons of its members, else its own.
+/// Why a job did not succeed: the reasons of its members, or its own if it has none.
 fn failure(job: &Job) -> String {
     let failed = job.members.iter().filter(|member| member.state == JobState::Failed);
     let reasons: Vec<String> = failed

@@ -1,4 +1,4 @@
-//! A client of the HTTP API, with what the command line needs of it.
+//! A client of the HTTP API, with the operations that the command line needs.
 
 mod download;
 mod error;
@@ -22,23 +22,23 @@ pub use error::ClientError;
 pub use events::Events;
 pub use failure::JobEnded;
 
-/// Items of a list that the server sends at once, at most.
+/// The largest number of items on a page of a list.
 const LONGEST_PAGE: u32 = 500;
 
-/// The prefix of a server's address when the server listens on a Unix socket; the socket's path follows.
+/// The prefix of the address of a server on a Unix socket. The socket's path follows.
 pub const UNIX: &str = "unix:";
 
-/// A server's API at one address: `http://HOST:PORT`, `https://HOST` behind a proxy, or `unix:PATH`.
+/// A server's API at an address: `http://HOST:PORT`, `https://HOST` behind a proxy, or `unix:PATH`.
 #[derive(Clone, Debug)]
 pub struct Client {
     http: reqwest::Client,
     base: Url,
-    /// The file of the socket that all requests go to.
+    /// The file of the socket for all requests, if the server listens on one.
     socket: Option<String>,
     token: Option<String>,
 }
 
-/// Whether results that already exist are taken.
+/// Whether existing results are used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Reuse {
     ByDigest,
@@ -49,13 +49,13 @@ pub enum Reuse {
 #[derive(Debug)]
 pub struct Submitted {
     pub job: Job,
-    /// The job existed before: nothing was queued.
+    /// Whether the job existed before, so that nothing was queued.
     pub existed: bool,
 }
 
 impl Client {
     /// # Errors
-    /// When `server` is no address as [`Client`] knows them.
+    /// When `server` is not an address that [`Client`] supports.
     pub fn new(server: &str, token: Option<String>) -> Result<Self, ClientError> {
         let address = |reason: String| ClientError::Address { server: server.to_owned(), reason };
         let (web, socket) = match server.strip_prefix(UNIX) {
@@ -67,16 +67,16 @@ impl Client {
         if !is_web || socket.as_deref() == Some("") {
             return Err(address("expected http://HOST:PORT, https://HOST or unix:PATH".to_owned()));
         }
-        // It is refused where it was done before.
+        // This fails if a provider is installed already.
         let _ = rustls::crypto::ring::default_provider().install_default();
         let mut http = reqwest::Client::builder()
             // The server is on this machine or in this laboratory, never behind a web proxy.
             .no_proxy()
             .connect_timeout(Duration::from_secs(5))
             .timeout(Duration::from_secs(60))
-            // Streams begin as requests of it, and the server speaks no other.
+            // Streams begin as requests of HTTP/1.1, and the server supports no other version.
             .http1_only()
-            // Before the server closes it.
+            // Shorter than the time after which the server closes a connection.
             .pool_idle_timeout(api::limits::HEAD_WITHIN / 2)
             .user_agent(concat!("torqued/", env!("CARGO_PKG_VERSION")));
         if let Some(path) = &socket {
@@ -86,12 +86,12 @@ impl Client {
         Ok(Self { http, base, socket, token })
     }
 
-    /// Submits a spec, `text` being its JSON.
+    /// Submits a spec, given as JSON in `text`.
     pub async fn submit(&self, text: Vec<u8>, reuse: Reuse) -> Result<Submitted, ClientError> {
         self.submit_labelled(text, reuse, &[]).await
     }
 
-    /// The same with the parameters `name`, `note` and `tag`, which label the job.
+    /// Submits a spec with the parameters `name`, `note` and `tag`, which label the job.
     pub async fn submit_labelled(
         &self,
         text: Vec<u8>,
@@ -107,7 +107,7 @@ impl Client {
         self.submitted(request).await
     }
 
-    /// Changes the labels of the thing at `path`; the thing as the server wrote it.
+    /// Changes the labels of the thing at `path`. Returns the thing as the server wrote it.
     pub async fn label(&self, path: &str, change: &LabelChange) -> Result<String, ClientError> {
         self.text(self.request(Method::PATCH, path).json(change)).await
     }
@@ -116,7 +116,7 @@ impl Client {
         self.get(&format!("/v1/jobs/{id}")).await
     }
 
-    /// All tasks of a job, page by page, in the order in which they run.
+    /// All tasks of a job, in the order in which they run. They are read page by page.
     pub async fn tasks(&self, job: i64) -> Result<Vec<Task>, ClientError> {
         let path = format!("/v1/jobs/{job}/tasks?limit={LONGEST_PAGE}");
         let mut page: Tasks = self.get(&path).await?;
@@ -128,7 +128,7 @@ impl Client {
         Ok(tasks)
     }
 
-    /// The answer as the server wrote it.
+    /// An answer, as the server wrote it.
     pub async fn raw(&self, path: &str) -> Result<String, ClientError> {
         self.text(self.request(Method::GET, path)).await
     }
@@ -137,7 +137,7 @@ impl Client {
         self.get(path).await
     }
 
-    /// A page of what the tasks of a job logged.
+    /// A page of the logs of a job's tasks.
     pub async fn logs(&self, job: i64, query: &[(&str, String)]) -> Result<Logs, ClientError> {
         let mut address = self.base.clone();
         address.query_pairs_mut().extend_pairs(query);
@@ -190,12 +190,12 @@ impl Client {
         self.post(&format!("/v1/jobs/{id}/cancel")).await
     }
 
-    /// Submits the spec of a job that failed again.
+    /// Submits the spec of a failed or cancelled job again.
     pub async fn retry(&self, id: i64) -> Result<Submitted, ClientError> {
         self.submitted(self.request(Method::POST, &format!("/v1/jobs/{id}/retry"))).await
     }
 
-    /// Asks for a dataset to be verified; returns the job.
+    /// Submits a verification of a dataset. Returns the job.
     pub async fn verify(&self, dataset: i64) -> Result<Job, ClientError> {
         self.post(&format!("/v1/datasets/{dataset}/verify")).await
     }
@@ -216,43 +216,44 @@ impl Client {
         self.get(&format!("/v1/evaluations/{id}")).await
     }
 
-    /// What a control job found.
+    /// The report of a control job.
     pub async fn control_report(&self, run: i64) -> Result<ControlReport, ClientError> {
         self.get(&format!("/v1/runs/{run}/artifacts/report.json")).await
     }
 
-    /// A file, by the path that an answer gave.
+    /// A file, by the path in an answer.
     pub async fn download(&self, path: &str) -> Result<Vec<u8>, ClientError> {
         let response = self.answer(self.request(Method::GET, path)).await?;
         Ok(response.bytes().await.map_err(self.unreachable())?.to_vec())
     }
 
-    /// A question to a checkpoint, `question` being its JSON; the answer as the server wrote it.
+    /// Requests a prediction with a checkpoint; `question` is JSON. Returns the answer as the
+    /// server wrote it.
     pub async fn predict(&self, checkpoint: i64, question: Vec<u8>) -> Result<String, ClientError> {
         let path = format!("/v1/checkpoints/{checkpoint}/predict");
         let request = self.request(Method::POST, &path).header("content-type", "application/json");
         self.text(request.body(question)).await
     }
 
-    /// The values of a metric, thinned out to `points`.
+    /// The values of a metric, downsampled to `points`.
     pub async fn metric(&self, run: i64, key: &str, points: u32) -> Result<Metric, ClientError> {
         let mut address = self.base.clone();
-        // A slash of the key belongs to it.
+        // A slash in the key is part of it.
         if let Ok(mut segments) = address.path_segments_mut() {
             segments.clear().extend(["v1", "runs", &run.to_string(), "metrics", key]);
         }
         self.get(&format!("{}?points={points}", address.path())).await
     }
 
-    /// Whether the server listens on a socket, which no browser opens.
+    /// Whether the server listens on a socket, which browsers cannot open.
     pub fn is_on_socket(&self) -> bool {
         self.socket.is_some()
     }
 
-    /// The address of a page or download, for people.
+    /// The address of a page or a download, for messages.
     pub fn url(&self, path: &str) -> String {
         match &self.socket {
-            // As curl is given it.
+            // The arguments for curl.
             Some(socket) => format!("--unix-socket {socket} {}", self.address(path)),
             None => self.address(path),
         }
@@ -302,7 +303,7 @@ impl Client {
         self.answer(request).await?.text().await.map_err(self.unreachable())
     }
 
-    /// The answer to a request that the server did not refuse.
+    /// The answer to a request, unless the server refused it.
     async fn answer(&self, request: RequestBuilder) -> Result<Response, ClientError> {
         let response = request.send().await.map_err(self.unreachable())?;
         let status = response.status();

@@ -1,4 +1,4 @@
-//! A stream of predictions: a WebSocket to the server.
+//! A prediction stream: a WebSocket to the server.
 
 use futures::{SinkExt as _, StreamExt as _};
 use reqwest::header::{CONNECTION, SEC_WEBSOCKET_KEY, SEC_WEBSOCKET_VERSION, UPGRADE};
@@ -10,14 +10,14 @@ use tokio_tungstenite::tungstenite::{Error, Message};
 
 use super::{Client, ClientError};
 
-/// An open stream. Its messages are JSON, as docs/prediction.md has them.
+/// An open stream. Its messages are JSON; docs/prediction.md describes them.
 pub struct Stream {
     server: String,
     socket: WebSocketStream<Upgraded>,
 }
 
 impl Client {
-    /// Opens a stream of predictions by a checkpoint.
+    /// Opens a prediction stream with a checkpoint.
     pub async fn stream(&self, checkpoint: i64) -> Result<Stream, ClientError> {
         let request = self
             .request(Method::GET, &format!("/v1/checkpoints/{checkpoint}/stream"))
@@ -43,7 +43,7 @@ impl Stream {
         sent.map_err(|reason| self.broken(reason.to_string()))
     }
 
-    /// The next message. The server's pings are answered along the way.
+    /// The next message. Pings of the server are answered meanwhile.
     ///
     /// # Errors
     /// When the server closes the stream, or the connection breaks off.
@@ -64,9 +64,9 @@ impl Stream {
         }
     }
 
-    /// Says goodbye.
+    /// Closes the stream in order.
     pub async fn close(mut self) {
-        // Who has gone needs none.
+        // An error does not matter, because the server is gone then.
         let _ = self.socket.close(None).await;
     }
 

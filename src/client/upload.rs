@@ -1,4 +1,4 @@
-//! Sending a file.
+//! Uploads a file.
 
 use std::io;
 use std::path::Path;
@@ -14,15 +14,15 @@ use tokio_util::io::ReaderStream;
 
 use super::{Client, ClientError, Reuse, Submitted};
 
-/// The server gives a file no longer than this.
+/// Time limit of an upload, which the server has too.
 const TIMEOUT: Duration = Duration::from_secs(6 * 60 * 60);
 
-/// Bytes that are read from the disk at once.
+/// Number of bytes that are read from the disk at once.
 const PIECE: usize = 256 * 1024;
 
 impl Client {
-    /// Imports `file` as `spec` says, which names its format. A file that the server has already is
-    /// not sent again: its digest is enough.
+    /// Imports `file` according to `spec`, which names its format. A file that the server already
+    /// has is not sent again, because its digest is enough.
     pub async fn import(
         &self,
         file: &Path,
@@ -49,7 +49,7 @@ impl Client {
         let unreadable = |reason| ClientError::File { path: path.to_owned(), reason };
         let file = tokio::fs::File::open(path).await.map_err(unreadable)?;
         let size = file.metadata().await.map_err(unreadable)?.len();
-        // The server has accepted the spec by now, but for the file.
+        // The server has checked everything in the spec except the file.
         let format = FileFormat::deserialize(&spec["format"]);
         let media_type = format.map_or("application/octet-stream", FileFormat::media_type);
         let name = path.file_name().unwrap_or_default().to_string_lossy();
@@ -68,14 +68,14 @@ impl Client {
     }
 }
 
-/// A query string.
+/// Encodes a query string.
 fn form_urlencoded(parameters: &[(&str, String)]) -> String {
-    // Any address will do to have a query appended.
+    // Any address works for appending a query.
     let url = Url::parse_with_params("http://localhost", parameters);
     url.ok().and_then(|url| url.query().map(str::to_owned)).unwrap_or_default()
 }
 
-/// The digest of a file.
+/// The SHA-256 digest of a file.
 pub(super) async fn sha256(path: &Path) -> io::Result<Digest> {
     let mut file = tokio::fs::File::open(path).await?;
     let mut digest = Sha256::new();

@@ -13,7 +13,7 @@ pub struct Arguments {
     #[arg(value_name = "JOB")]
     job: i64,
 
-    /// At most so many
+    /// Largest number of attempts to list
     #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=500))]
     limit: u32,
 

@@ -5,14 +5,15 @@ use reports::{Align, Table};
 
 use crate::arguments::{OutputArguments, ServerArguments};
 
-/// Requests that changed something, or tried to: who sent them, from where, and what became of them. It needs a token of scope admin.
+/// Lists requests that changed something or were refused: who sent them, from where, and how they
+/// were answered. It needs a token of scope admin.
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// Only what was done with the token of this name
+    /// Only actions with the token of this name
     #[arg(long, value_name = "NAME", value_parser = crate::arguments::token_name)]
     actor: Option<String>,
 
-    /// Entries at most, 1 to 500
+    /// Largest number of entries, 1 to 500
     #[arg(long, value_name = "N", default_value_t = 50, value_parser = clap::value_parser!(u32).range(1..=500))]
     limit: u32,
 

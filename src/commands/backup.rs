@@ -7,9 +7,10 @@ use store::{Location, S3Options, Transfer};
 use crate::arguments::StoreArguments;
 use crate::commands::copied_store;
 
-/// Copies every row as it is at one moment, and every file that a row names, into a new data folder, and compares all with their
-/// digests. Servers and workers go on meanwhile. The backup is a data folder like any other: `torqued serve --data DIR` shows it,
-/// and `torqued restore DIR` copies it to another place.
+/// Copies all rows as they are at one moment, and all files that rows name, into a new data folder.
+/// Compares everything with its digest. Servers and workers keep running meanwhile. The backup is
+/// an ordinary data folder: `torqued serve --data DIR` shows it, and `torqued restore DIR` copies
+/// it to another place.
 #[derive(Debug, Args)]
 pub struct Arguments {
     /// Data folder for the backup; created if missing

@@ -13,7 +13,7 @@ pub struct Arguments {
     list: ListArguments,
 }
 
-/// The metric that tells checkpoints apart.
+/// The metric that is shown for checkpoints.
 const ERROR: &str = "validation/rmse_deg";
 
 pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
@@ -69,7 +69,7 @@ fn row(checkpoint: &Checkpoint) -> Vec<String> {
     ]
 }
 
-/// Which of its training's checkpoints it is: `best, final`.
+/// Marks among the checkpoints of its training, e.g. `best, final`.
 pub fn marks(checkpoint: &Checkpoint) -> String {
     let marks = [
         (checkpoint.is_best, "best"),

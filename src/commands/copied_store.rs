@@ -1,11 +1,11 @@
-//! A copy of a store, with its progress and what is said at its end.
+//! Copies a store, with its progress and a summary at its end.
 
 use anyhow::{Context, bail};
 use store::{Location, StoreContents, Transfer, TransferProgress};
 
 use crate::progress::{self, Part, measure};
 
-/// How a copy is called while it is made, and when it is there.
+/// The verbs for a copy in progress and for a finished one.
 #[derive(Clone, Copy)]
 pub struct Verbs {
     doing: &'static str,
@@ -16,10 +16,10 @@ pub const MOVING: Verbs = Verbs { doing: "moving", done: "moved" };
 pub const SAVING: Verbs = Verbs { doing: "saving", done: "saved" };
 pub const RESTORING: Verbs = Verbs { doing: "restoring", done: "restored" };
 
-/// Makes the copy, shows how far it is, and prints what was compared.
+/// Makes the copy, shows its progress, and prints what was compared.
 ///
 /// # Errors
-/// When it fails or is interrupted: `to` is unfinished then.
+/// When it fails or is interrupted. `to` is unfinished then.
 pub async fn copy(
     transfer: Transfer,
     from: &Location,
@@ -31,13 +31,9 @@ pub async fn copy(
     let progress = TransferProgress::default();
     let parts = || parts(&contents, &progress);
     let Some(copied) = progress::follow_parts(transfer.run(&progress), parts).await? else {
-        bail!(
-            "interrupted; {to} is unfinished, and the command goes on with it when it is repeated"
-        );
+        bail!("interrupted; {to} is unfinished; repeat the command to continue");
     };
-    copied.with_context(|| {
-        format!("{to} is unfinished; repeat the command when this is put right")
-    })?;
+    copied.with_context(|| format!("{to} is unfinished; repeat the command when this is fixed"))?;
     println!("{}", summary(verbs.done, &contents, &progress));
     Ok(())
 }
@@ -71,7 +67,8 @@ fn parts(contents: &StoreContents, progress: &TransferProgress) -> Vec<Part> {
     ]
 }
 
-/// The URL of the database is left out: it has a password.
+/// The command that serves the copy. It leaves out the URL of the database, because that has a
+/// password.
 pub fn serve_command(to: &Location) -> String {
     let database = if to.database.is_some() { " --database URL" } else { "" };
     let objects = to.objects.iter().map(|url| format!(" --objects {url}")).collect::<String>();

@@ -10,11 +10,11 @@ use crate::progress::measure;
 
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// Only of jobs of this kind
+    /// Only datasets from jobs of this kind
     #[arg(long, value_name = "KIND", value_parser = crate::commands::jobs::kinds())]
     kind: Option<String>,
 
-    /// Only in this state
+    /// Only datasets in this state
     #[arg(long, value_name = "STATE", value_parser = states())]
     state: Option<String>,
 

@@ -5,7 +5,7 @@ use recordings::DecoderProgram;
 
 use crate::process::own_program;
 
-/// As it is typed.
+/// The name of the command.
 const NAME: &str = "decode-recording";
 
 #[derive(Debug, Args)]
@@ -14,7 +14,7 @@ pub struct Arguments {
     spec: String,
 }
 
-/// This program, as the child that a worker has decode a stranger's file.
+/// This program as a worker's child, which decodes a foreign file.
 pub fn program() -> std::io::Result<DecoderProgram> {
     let program = own_program()?;
     Ok(DecoderProgram { program, arguments: vec![NAME.to_owned()] })

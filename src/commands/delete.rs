@@ -8,8 +8,9 @@ use crate::output::write_json;
 use crate::progress::measure;
 use crate::resource::Deletable;
 
-/// Moves things into the trash, from where `torqued undelete` brings them back. A job goes with its logs and all that it left, a
-/// run with its checkpoints. Jobs that have not ended keep what they read; jobs that have ended do so unless `--force` is given.
+/// Moves things into the trash; `torqued undelete` restores them. A job is deleted with its logs
+/// and all its results, and a run with its checkpoints. Jobs that have not ended prevent the
+/// deletion of their inputs. Jobs that have ended do so unless `--force` is given.
 #[derive(Debug, Args)]
 pub struct Arguments {
     /// The kind of things
@@ -20,11 +21,11 @@ pub struct Arguments {
     #[arg(value_name = "ID", required = true)]
     ids: Vec<i64>,
 
-    /// Delete although jobs that have ended depend on them; those stay as they are
+    /// Delete even if ended jobs depend on them; those jobs stay as they are
     #[arg(long)]
     force: bool,
 
-    /// Only say what would go along, and which jobs depend on it
+    /// Only print what would be deleted with them, and which jobs depend on them
     #[arg(long, conflicts_with = "force")]
     dry_run: bool,
 
@@ -73,15 +74,16 @@ fn dependent(job: &Dependent) -> String {
     let relation = match job.relation {
         Relation::Reads => "reads it",
         Relation::Needs => "needs it",
-        Relation::Continues => "goes on from it",
+        Relation::Continues => "continues from it",
         Relation::Holds => "has it as a member",
     };
     let Dependent { id, kind, name, state, .. } = job;
-    let weight = if state.is_final() { "--force passes over it" } else { "keeps it" };
+    let weight = if state.is_final() { "--force ignores it" } else { "prevents the deletion" };
     format!("{kind} job {id} ({name}, {state}) {relation}: {weight}")
 }
 
-/// What goes or comes along, or nothing.
+/// A phrase with the things that are deleted or restored together with another one; empty without
+/// any.
 pub fn in_words(along: &[wire::Item]) -> String {
     const NAMED: usize = 10;
     if along.is_empty() {

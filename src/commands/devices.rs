@@ -8,11 +8,11 @@ use crate::device;
 
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// Try this one only, and fail if it does not work
+    /// Test only this device, and fail if it does not work
     #[arg(value_name = "NAME")]
     device: Option<DeviceKind>,
 
-    /// Try it without a process of its own, and print JSON
+    /// Test it in this process, and print JSON
     #[arg(long, hide = true, requires = "device")]
     in_this_process: bool,
 }
@@ -56,7 +56,7 @@ pub async fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// What computes, as its driver calls it.
+/// The name of the hardware, as its driver gives it.
 fn hardware(Probed { device, .. }: &Probed) -> String {
     match (&device.adapter, &device.driver) {
         (Some(adapter), Some(driver)) => format!("{adapter}, {driver}"),

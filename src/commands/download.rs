@@ -13,11 +13,11 @@ use crate::output::write_json;
 use crate::progress::{Part, follow_parts, measure};
 use crate::resource::Resource;
 
-/// Every file is compared with the server's SHA-256 digest. Files that are there already are kept, and one that was
-/// interrupted goes on where it ended.
+/// Downloads files and compares each with the server's SHA-256 digest. Existing files are kept, and
+/// an interrupted download continues where it ended.
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// The kind of thing whose files to bring
+    /// The kind of thing whose files to download
     #[arg(value_name = "KIND")]
     resource: Resource,
 
@@ -29,7 +29,7 @@ pub struct Arguments {
     #[arg(value_name = "DIR")]
     dir: Option<PathBuf>,
 
-    /// Only this file; may be repeated
+    /// Only this file; may be given several times
     #[arg(long, value_name = "NAME")]
     only: Vec<String>,
 
@@ -67,7 +67,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
         vec![Part { name: "download", unit: "kB", done, total: kilobytes(total) }]
     };
     let Some(kept) = follow_parts(work, parts).await? else {
-        eprintln!("interrupted; the command goes on when it is repeated");
+        eprintln!("interrupted; repeat the command to continue");
         return Ok(ExitCode::from(INTERRUPTED));
     };
     let kept = kept?;
@@ -121,7 +121,7 @@ fn artifact(Artifact { name, size, sha256, url, .. }: Artifact) -> StoredFile {
     StoredFile { name, size, sha256, url }
 }
 
-/// The files with these names, or all where none is named.
+/// The files with these names, or all files if none is named.
 fn chosen(files: Vec<StoredFile>, only: &[String], of: &str) -> anyhow::Result<Vec<StoredFile>> {
     ensure!(!files.is_empty(), "{of} has no files yet");
     for name in only {

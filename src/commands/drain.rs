@@ -13,7 +13,7 @@ pub struct Arguments {
     #[arg(value_name = "WORKER", value_parser = worker_name)]
     worker: String,
 
-    /// Wait until it has no task any more
+    /// Wait until it has no task
     #[arg(long)]
     wait: bool,
 
@@ -24,7 +24,7 @@ pub struct Arguments {
     server: ServerArguments,
 }
 
-/// Between two looks at the worker's task.
+/// Pause between two looks at the worker's task.
 const LOOK_EVERY: Duration = Duration::from_secs(1);
 
 pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
@@ -34,21 +34,21 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     match &worker.task {
         _ if output.json => {}
         Some(WorkersTask { job, label, .. }) if worker.alive => {
-            println!("drained; {name} ends {label} of job {job} and begins no other");
+            println!("drained; {name} ends {label} of job {job} and begins no other task");
         }
         _ => println!("drained; {name} begins no task"),
     }
     while wait && worker.alive && worker.task.is_some() {
         tokio::time::sleep(LOOK_EVERY).await;
         let workers = client.workers("/v1/workers").await?.workers;
-        // One that has left the list has ended.
+        // A worker that left the list has ended.
         let Some(found) = workers.into_iter().find(|worker| worker.name == name) else { break };
         worker = found;
     }
     if output.json {
         write_json(&worker)?;
     } else if wait {
-        println!("{name} has no task any more; torqued undrain {name} lets it go on");
+        println!("{name} has no task; `torqued undrain {name}` undrains it");
     }
     Ok(ExitCode::SUCCESS)
 }

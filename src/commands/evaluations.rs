@@ -9,7 +9,7 @@ use crate::progress::measure;
 
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// Only in this state
+    /// Only evaluations in this state
     #[arg(long, value_name = "STATE", value_parser = crate::commands::jobs::states())]
     state: Option<String>,
 

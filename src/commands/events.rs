@@ -7,23 +7,23 @@ use crate::arguments::{OutputArguments, ServerArguments};
 use crate::output::write_json;
 use crate::progress::measure;
 
-/// What happens to jobs, as it happens: states of jobs and tasks, metrics and checkpoints. It goes on until Ctrl-C, or until
-/// the job ends.
+/// Prints events as they happen: states of jobs and tasks, metrics and checkpoints. It runs until
+/// Ctrl-C, or until the job ends.
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// Only of this job, or of this pipeline and its jobs
+    /// Only events of this job, or of this pipeline and its jobs
     #[arg(long, value_name = "ID", conflicts_with_all = ["run", "kind"])]
     job: Option<i64>,
 
-    /// Only of the job with this run
+    /// Only events of the job with this run
     #[arg(long, value_name = "ID", conflicts_with = "kind")]
     run: Option<i64>,
 
-    /// Only of this kind: job, task, metrics or checkpoint
+    /// Only events of this kind: job, task, metrics or checkpoint
     #[arg(long, value_name = "KIND", value_parser = kind)]
     kind: Option<EventKind>,
 
-    /// First the events after the one with this id, as far as they are kept; all of those for 0
+    /// Begin with the stored events after the one with this id; 0 for all stored events
     #[arg(long, value_name = "ID", value_parser = clap::value_parser!(i64).range(0..))]
     after: Option<i64>,
 
@@ -61,7 +61,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     }
 }
 
-/// An event in a line, for people.
+/// An event as one line, for people.
 fn line(event: &Event) -> String {
     let because = |error: &Option<String>| {
         error.as_ref().map(|error| format!(": {error}")).unwrap_or_default()

@@ -11,19 +11,20 @@ use crate::output::write_json;
 use crate::progress::measure;
 use crate::server::ORPHANED_AFTER;
 
-/// Deletes for good what lay in the trash until its date, and files that nothing refers to. A server does that by itself once an
-/// hour; this may run beside it.
+/// Permanently deletes things whose time in the trash is over, and files that nothing refers to. A
+/// server does this once an hour; this command may run beside it.
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// Only say what would be deleted
+    /// Only print what would be deleted
     #[arg(long)]
     dry_run: bool,
 
-    /// Empty the trash of what was deleted so many days ago, whatever its date [default: each at its date]
+    /// Delete things that were moved into the trash this many days ago, whatever their date
+    /// [default: each at its date]
     #[arg(long, value_name = "DAYS", value_parser = clap::value_parser!(u16).range(0..=3650))]
     older_than: Option<u16>,
 
-    /// Print what is deleted as JSON, a line for each
+    /// Print deleted things as JSON, one per line
     #[arg(long)]
     json: bool,
 

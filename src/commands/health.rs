@@ -8,11 +8,11 @@ use crate::progress::measure;
 
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// Ask whether the server takes requests, as load balancers do, and nothing else
+    /// Only ask whether the server accepts requests, as load balancers do
     #[arg(long, conflicts_with = "metrics")]
     ready: bool,
 
-    /// Print the server's metrics as Prometheus reads them
+    /// Print the server's metrics in Prometheus' format
     #[arg(long, conflicts_with = "json")]
     metrics: bool,
 

@@ -17,11 +17,11 @@ pub struct Arguments {
     #[arg(value_name = "FILE")]
     file: PathBuf,
 
-    /// The import spec, which says which column is what; `kind` and `file` may be left out
+    /// The import spec, which says what each column means; `kind` and `file` may be left out
     #[arg(long, value_name = "MAPPING.json")]
     spec: PathBuf,
 
-    /// Convert anew, even if the same file was imported in the same way before
+    /// Import again, even if the same file was imported in the same way before
     #[arg(long)]
     force: bool,
 
@@ -61,20 +61,20 @@ fn print_places(client: &Client, job: &Job, existed: bool) {
     }
 }
 
-/// Reads the spec and adds the format that the file's name tells, unless the spec says it.
+/// Reads the spec. If it has no format, adds the one that the file's name suggests.
 fn read_spec(path: &Path, file: &Path) -> anyhow::Result<Value> {
     let text = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
     let mut spec: Value = serde_json::from_slice(&text)
         .with_context(|| format!("{} is not valid JSON", path.display()))?;
     let fields =
-        spec.as_object_mut().with_context(|| format!("{} holds no JSON object", path.display()))?;
+        spec.as_object_mut().with_context(|| format!("{} is not a JSON object", path.display()))?;
     if !fields.contains_key("format") {
         let extension = file.extension().and_then(|extension| extension.to_str());
         let format = extension.map(str::to_ascii_lowercase);
         let known = format.as_deref().filter(|format| ["csv", "parquet"].contains(format));
         ensure!(
             known.is_some(),
-            "the name {} does not tell whether the file is Parquet or CSV; add \"format\" to {}",
+            "the name {} does not show whether the file is Parquet or CSV; add \"format\" to {}",
             file.display(),
             path.display()
         );

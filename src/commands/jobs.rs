@@ -103,7 +103,7 @@ mod tests {
         arguments: Arguments,
     }
 
-    /// Catches a list of kinds kept by hand, which `control` was missing from.
+    /// Catches a hand-written list of kinds, which lacked `control`.
     #[test]
     fn jobs_of_every_kind_can_be_listed() {
         for kind in JobKind::ALL {

@@ -10,7 +10,7 @@ use crate::resource::Resource;
 
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// The kind of thing; the labels of an evaluation are those of its job
+    /// The kind of thing; an evaluation has the labels of its job
     #[arg(value_name = "KIND")]
     resource: Resource,
 
@@ -31,11 +31,11 @@ pub struct Arguments {
 #[derive(Debug, Args)]
 #[group(required = true, multiple = true)]
 struct Changes {
-    /// Its name; an empty one takes the name away
+    /// Its name; an empty name removes it
     #[arg(long, value_name = "NAME")]
     name: Option<String>,
 
-    /// What there is to say of it, in Markdown; - reads standard input, and an empty one takes the note away
+    /// A note in Markdown; - reads standard input, and an empty note removes it
     #[arg(long, value_name = "TEXT")]
     note: Option<String>,
 
@@ -48,7 +48,8 @@ struct Changes {
     remove_tags: Vec<String>,
 }
 
-/// The longest note that the server takes, and a byte that shows that one is longer.
+/// The largest number of bytes to read: the server's limit for a note, and one more to detect a
+/// longer one.
 const READ_BYTES: u64 = api::limits::NOTE_BYTES as u64 + 1;
 
 pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
@@ -88,6 +89,6 @@ fn read_note() -> anyhow::Result<String> {
         .read_to_string(&mut note)
         .context("cannot read standard input")?;
     let bytes = note.trim_end().len() as u64;
-    ensure!(bytes < READ_BYTES, "a note may have {} bytes at most", api::limits::NOTE_BYTES);
+    ensure!(bytes < READ_BYTES, "the note is too long, allowed: {} bytes", api::limits::NOTE_BYTES);
     Ok(note.trim_end().to_owned())
 }

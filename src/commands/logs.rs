@@ -19,15 +19,15 @@ pub struct Arguments {
     #[arg(long, short)]
     follow: bool,
 
-    /// Only of this task
+    /// Only logs of this task
     #[arg(long, value_name = "LABEL|ID")]
     task: Option<String>,
 
-    /// Only of this attempt; `torqued attempts` lists them
+    /// Only the log of this attempt; `torqued attempts` lists them
     #[arg(long, value_name = "ID")]
     attempt: Option<i64>,
 
-    /// Begin with the last lines, so many
+    /// Number of last lines to begin with
     #[arg(long, value_name = "N", default_value_t = 200, value_parser = clap::value_parser!(u32).range(0..=100_000))]
     lines: u32,
 
@@ -38,13 +38,13 @@ pub struct Arguments {
     server: ServerArguments,
 }
 
-/// Seconds that the server may wait for a line before it answers.
+/// How many seconds the server may wait for a line before it answers.
 const WAIT_S: u32 = 20;
 
-/// How long a server that does not answer is waited for: it may be restarting.
+/// How long to wait for a server that does not answer. It may be restarting.
 const PATIENCE: Duration = Duration::from_secs(30);
 
-/// Between two questions that were answered at once.
+/// Pause between two requests that were answered at once.
 const PAUSE: Duration = Duration::from_millis(400);
 
 pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
@@ -60,7 +60,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     newest.iter().try_for_each(|chunk| printer.print(chunk))?;
     if !arguments.follow {
         if newest.is_empty() && arguments.lines > 0 {
-            eprintln!("nothing was logged yet, or the log is not kept any more");
+            eprintln!("nothing was logged yet, or the log was deleted");
         }
         return Ok(ExitCode::SUCCESS);
     }
@@ -76,7 +76,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// The logs that are asked for.
+/// The requested logs.
 struct Asked<'a> {
     client: &'a Client,
     job: i64,
@@ -85,7 +85,8 @@ struct Asked<'a> {
 }
 
 impl Asked<'_> {
-    /// The last `lines` lines, the `after` of what follows, and whether nothing does.
+    /// The last `lines` lines, the `after` for the following ones, and whether the logs are
+    /// complete.
     async fn newest(&self, lines: usize) -> Result<(Vec<LogChunk>, i64, bool), ClientError> {
         let mut page = self.page(&[]).await?;
         let (next, complete) = (page.next, page.complete);
@@ -100,7 +101,7 @@ impl Asked<'_> {
         Ok((chunks, next, complete))
     }
 
-    /// What follows, when there is something; a server that is being restarted is waited for.
+    /// The next lines, when there are any. Waits for a server that is restarting.
     async fn after(&self, next: i64) -> Result<Logs, ClientError> {
         let parameters = [("after", next.to_string()), ("wait", WAIT_S.to_string())];
         let began = Instant::now();
@@ -140,12 +141,13 @@ fn keep_last(chunks: &mut Vec<LogChunk>, lines: usize) {
     });
 }
 
-/// Prints chunks of several attempts with a line between them that says whose lines follow, or each as JSON.
+/// Prints chunks of several attempts. A line before each change of attempt names it. With JSON it
+/// prints each chunk as one line.
 struct Printer {
     output: OutputArguments,
-    /// The attempt that was printed last.
+    /// The last printed attempt.
     last: Option<i64>,
-    /// Where the last chunk of each ended.
+    /// The end of each attempt's last chunk.
     ends: HashMap<i64, u64>,
 }
 

@@ -10,7 +10,8 @@ use crate::output::write_bytes;
 
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// Write a page per command into this folder, in place of the first to standard output; created if missing
+    /// Write one page per command into this folder, instead of the first page to standard output;
+    /// created if missing
     #[arg(long, value_name = "DIR")]
     dir: Option<PathBuf>,
 }
@@ -19,7 +20,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     match &arguments.dir {
         None => {
             let mut page = Vec::new();
-            Man::new(Cli::command()).render(&mut page).context("cannot make the manual")?;
+            Man::new(Cli::command()).render(&mut page).context("cannot write the manual")?;
             write_bytes(&page)?;
         }
         Some(dir) => {

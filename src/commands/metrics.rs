@@ -17,11 +17,12 @@ pub struct Arguments {
     #[arg(value_name = "KEY")]
     keys: Vec<String>,
 
-    /// Points of each at most; of each part of a longer curve the lowest and the highest are kept
+    /// Largest number of points per metric; each part of a longer curve keeps its lowest and
+    /// highest point
     #[arg(long, value_name = "N", default_value_t = api::limits::POINTS_MAXIMUM, value_parser = clap::value_parser!(u32).range(2..=i64::from(api::limits::POINTS_MAXIMUM)))]
     points: u32,
 
-    /// Print the loss curve as SVG in place of numbers
+    /// Print the loss curve as SVG instead of numbers
     #[arg(long, conflicts_with_all = ["json", "keys"])]
     figure: bool,
 
@@ -64,7 +65,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// A line per point; the value of one that was not a finite number is empty.
+/// One line per point. The value is empty if it was not finite.
 fn csv(metric: &Metric) -> String {
     let key = if metric.key.contains([',', '"', '\n']) {
         format!("\"{}\"", metric.key.replace('"', "\"\""))

@@ -7,9 +7,9 @@ use store::{DatabaseUrl, Location, ObjectsUrl, S3Options, Transfer};
 use crate::arguments::StoreArguments;
 use crate::commands::copied_store;
 
-/// Every job with its id and every file are copied and compared with their digests; what `--data`, `--database` and `--objects` name
-/// stays as it is. Its servers and workers must be stopped. A move that was interrupted goes on when the command is
-/// repeated (docs/scale.md).
+/// Copies all jobs with their ids, and all files, and compares them with their digests. The store
+/// that `--data`, `--database` and `--objects` name does not change. Its servers and workers must
+/// be stopped. If the move is interrupted, repeat the command to continue (docs/scale.md).
 #[derive(Debug, Args)]
 pub struct Arguments {
     #[command(flatten)]
@@ -19,13 +19,13 @@ pub struct Arguments {
     #[arg(long, env = "TORQUED_TO_DATA", value_name = "DIR")]
     to_data: PathBuf,
 
-    /// PostgreSQL database of the new place, as postgres://USER:PASSWORD@HOST:PORT/DATABASE, without jobs so far; SQLite in the folder
-    /// without it
+    /// PostgreSQL database of the new place, as postgres://USER:PASSWORD@HOST:PORT/DATABASE; it
+    /// must have no jobs [default: SQLite in the folder]
     #[arg(long, env = "TORQUED_TO_DATABASE", value_name = "URL", hide_env_values = true)]
     to_database: Option<DatabaseUrl>,
 
-    /// Bucket of the new place, as s3://BUCKET/PREFIX, without objects so far; files in the folder without it. It is reached as that
-    /// of --objects is, with the same keys
+    /// Bucket of the new place, as s3://BUCKET/PREFIX; it must have no objects. It uses the same
+    /// store and keys as --objects [default: files in the folder]
     #[arg(long, env = "TORQUED_TO_OBJECTS", value_name = "URL")]
     to_objects: Option<ObjectsUrl>,
 }
@@ -37,7 +37,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     let transfer = Transfer::prepare(&from, &to, &S3Options::from_env()?).await?;
     copied_store::copy(transfer, &from, &to, copied_store::MOVING).await?;
     println!(
-        "{from} is as it was; start a server on the new place with: {}",
+        "{from} has not changed; start a server on the new place with: {}",
         copied_store::serve_command(&to)
     );
     Ok(ExitCode::SUCCESS)

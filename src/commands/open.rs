@@ -17,7 +17,7 @@ pub struct Arguments {
     #[arg(value_name = "ID")]
     id: Option<i64>,
 
-    /// Print the address, and open nothing
+    /// Print the address without opening it
     #[arg(long)]
     print: bool,
 
@@ -29,8 +29,8 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     let client = arguments.server.client()?;
     if client.is_on_socket() {
         bail!(
-            "no browser opens a socket; forward it to a port, as docs/operate.md says, and name \
-             that with --server"
+            "browsers cannot open a socket; forward it to a port (docs/operate.md), and give that \
+             address with --server"
         );
     }
     let path = match (arguments.resource, arguments.id) {
@@ -45,7 +45,8 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Has a browser open the address, where there is one. The address was printed, so that nothing is lost otherwise.
+/// Opens the address in a browser, if there is one. The address is printed before, so nothing is
+/// lost without one.
 fn open(url: &str) {
     let Some(program) = browser(|name| std::env::var_os(name).filter(|value| !value.is_empty()))
     else {
@@ -58,7 +59,7 @@ fn open(url: &str) {
     }
 }
 
-/// The program that opens addresses: `BROWSER`, or the desktop's own.
+/// The program that opens addresses: the one in `BROWSER`, or the desktop's own.
 fn browser(variable: impl Fn(&str) -> Option<OsString>) -> Option<OsString> {
     if let Some(browser) = variable("BROWSER") {
         return Some(browser);

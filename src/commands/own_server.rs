@@ -1,4 +1,4 @@
-//! What commands share that bring a server of their own.
+//! Shared by commands that start a server of their own.
 
 use std::process::ExitCode;
 
@@ -6,7 +6,7 @@ use crate::exit::INTERRUPTED;
 use crate::logging::Logging;
 use crate::server::{Interrupts, Options, Server};
 
-/// Does `work` with a server, and serves on until Ctrl-C unless it is to `exit` or the work failed.
+/// Does `work` with a server. Then serves until Ctrl-C, unless `exit` is set or the work failed.
 pub async fn work_and_serve(
     options: &Options,
     log: &Logging,
@@ -18,7 +18,7 @@ pub async fn work_and_serve(
     let result = tokio::select! {
         result = work(&server) => result,
         () = interrupts.next() => {
-            eprintln!("stopping; run it again to go on");
+            eprintln!("stopping; run the command again to continue");
             server.stop(&mut interrupts).await;
             return Ok(ExitCode::from(INTERRUPTED));
         }

@@ -8,7 +8,7 @@ use crate::output::write_json;
 
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// Wait until no worker has a task any more
+    /// Wait until no worker has a task
     #[arg(long)]
     wait: bool,
 
@@ -19,7 +19,7 @@ pub struct Arguments {
     server: ServerArguments,
 }
 
-/// Between two looks at the tasks that are left.
+/// Pause between two looks at the remaining tasks.
 const LOOK_EVERY: Duration = Duration::from_secs(1);
 
 pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
@@ -35,7 +35,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     if arguments.output.json {
         write_json(&queue)?;
     } else if arguments.wait {
-        println!("no task runs any more; torqued resume lets the queue go on");
+        println!("no task is running; `torqued resume` resumes the queue");
     }
     Ok(ExitCode::SUCCESS)
 }

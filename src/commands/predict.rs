@@ -12,7 +12,7 @@ pub struct Arguments {
     #[arg(value_name = "CHECKPOINT")]
     checkpoint: i64,
 
-    /// The question's JSON, as docs/prediction.md has it; `-` reads standard input
+    /// The request as JSON, see docs/prediction.md; `-` reads standard input
     #[arg(value_name = "FILE")]
     question: PathBuf,
 

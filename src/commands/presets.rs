@@ -9,7 +9,7 @@ use crate::output::write_json;
 
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// Print this preset's spec
+    /// Print the spec of this preset
     name: Option<String>,
 
     #[command(flatten)]

@@ -22,7 +22,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
         return Ok(ExitCode::SUCCESS);
     }
     let state = match (queue.paused, &queue.paused_at) {
-        (false, _) => "tasks are begun".to_owned(),
+        (false, _) => "running".to_owned(),
         (true, None) => "paused".to_owned(),
         (true, Some(since)) => format!("paused {}", measure::ago(since)),
     };

@@ -13,11 +13,11 @@ use crate::server::{Options, Server};
 
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// Compute everything anew, even what was done before
+    /// Compute everything again, even what was done before
     #[arg(long)]
     force: bool,
 
-    /// End when the result is printed, instead of serving until Ctrl-C
+    /// Exit after printing the result, instead of serving until Ctrl-C
     #[arg(long)]
     exit: bool,
 
@@ -41,7 +41,7 @@ async fn compute_and_show(arguments: &Arguments, server: &Server) -> anyhow::Res
         (true, JobState::Succeeded) => {
             eprintln!("job {} did all this before: nothing to compute, --force does", job.id);
         }
-        (true, _) => eprintln!("going on with job {}: {page}", job.id),
+        (true, _) => eprintln!("continuing with job {}: {page}", job.id),
         (false, _) => eprintln!("job {}: {page}", job.id),
     }
     let job = progress::follow(&client, job.id).await?;

@@ -8,20 +8,22 @@ use store::{Access, Duty, JobId, Store};
 use crate::arguments::StoreArguments;
 use crate::commands::copied_store;
 
-/// Datasets and checkpoints say in their files which job they are of. That job is made again in a database without jobs, under its old
-/// id and as completed, so that it is found by its digest. Metrics, logs, evaluations, pipelines, tokens and MLflow's runs are in
-/// the lost database alone: keep backups (docs/operate.md).
+/// Rebuilds jobs in a database without jobs. The files of datasets and checkpoints say which job
+/// made them. That job is recorded again under its old id and as completed, so that it is found by
+/// its digest. Metrics, logs, evaluations, pipelines, tokens and MLflow's runs are lost, because
+/// only the lost database had them: keep backups (docs/operate.md).
 #[derive(Debug, Args)]
 pub struct Arguments {
     #[command(flatten)]
     store: StoreArguments,
 
-    /// Go on although files say nothing of themselves; a server deletes them when they are 8 h old
+    /// Continue although some files do not describe themselves; a server deletes them when they are
+    /// 8 h old
     #[arg(long)]
     leave_out: bool,
 }
 
-/// Files that are named one by one.
+/// Number of files that are listed by name.
 const NAMED: usize = 50;
 
 pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
@@ -33,7 +35,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     }
     let found = jobs::find_objects(&store).await?;
     if found.jobs() == 0 {
-        bail!("no dataset and no checkpoint of {location} says what it is; nothing was changed");
+        bail!("no dataset and no checkpoint of {location} describes itself; nothing was changed");
     }
     if !found.left_out.is_empty() && !arguments.leave_out {
         name(&found.left_out);
@@ -52,7 +54,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Names files that are left out, with the reasons.
+/// Lists files that are left out, with the reasons.
 fn name(left_out: &[LeftOut]) {
     for LeftOut { path, reason } in left_out.iter().take(NAMED) {
         eprintln!("left out: {path}: {reason}");
@@ -66,13 +68,13 @@ fn summary(rebuilt: &Rebuilt) -> String {
     let Rebuilt { datasets, shards, trainings, checkpoints, uploads, unfinished, left_out } =
         rebuilt;
     let mut summary = format!(
-        "made again: {datasets} datasets with {shards} shards, {trainings} trainings with {checkpoints} checkpoints, \
-         {uploads} uploads; {} files left out",
+        "rebuilt: {datasets} datasets with {shards} shards, {trainings} trainings with \
+         {checkpoints} checkpoints, {uploads} uploads; {} files left out",
         left_out.len()
     );
     if !unfinished.is_empty() {
         let jobs: Vec<String> = unfinished.iter().map(JobId::to_string).collect();
-        summary.push_str(&format!("; workers make what is missing of jobs {}", jobs.join(", ")));
+        summary.push_str(&format!("; workers make the missing parts of jobs {}", jobs.join(", ")));
     }
     summary
 }

@@ -7,8 +7,10 @@ use store::{Location, S3Options, Transfer};
 use crate::arguments::StoreArguments;
 use crate::commands::copied_store;
 
-/// Copies a backup into a new data folder, or a new PostgreSQL database and bucket, and compares every row and file with the backup's.
-/// The place that `--data`, `--database` and `--objects` name must be empty. Tasks that ran when the backup was made are queued again.
+/// Copies a backup into a new data folder, or into a new PostgreSQL database and bucket, and
+/// compares every row and file with the backup. The place that `--data`, `--database` and
+/// `--objects` name must be empty. Tasks that were running when the backup was made are queued
+/// again.
 #[derive(Debug, Args)]
 pub struct Arguments {
     /// Data folder that `torqued backup` made

@@ -19,7 +19,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     if arguments.output.json {
         write_json(&queue)?;
     } else {
-        println!("goes on; {} tasks wait, {} run", queue.queued, queue.running);
+        println!("resumed; {} tasks wait, {} run", queue.queued, queue.running);
     }
     Ok(ExitCode::SUCCESS)
 }

@@ -27,7 +27,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     let client = arguments.server.client()?;
     let Submitted { job, existed } = client.retry(arguments.id).await?;
     let output = arguments.output;
-    let note = if existed { ", tried again before" } else { "" };
+    let note = if existed { ", retried before" } else { "" };
     match (output.json, arguments.watch) {
         (false, _) => {
             let page = client.url(&format!("/jobs/{}", job.id));

@@ -9,11 +9,11 @@ use crate::progress::measure;
 
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// Only of jobs of this kind
+    /// Only runs of jobs of this kind
     #[arg(long, value_name = "KIND", value_parser = crate::commands::jobs::kinds())]
     kind: Option<String>,
 
-    /// Only in this state
+    /// Only runs of jobs in this state
     #[arg(long, value_name = "STATE", value_parser = crate::commands::jobs::states())]
     state: Option<String>,
 

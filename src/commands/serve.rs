@@ -8,7 +8,8 @@ use crate::server::{Interrupts, Options, Server};
 
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// TOML file with these flags as keys, such as `max_connections = 64`; flags and variables stand before it
+    /// TOML file with these flags as keys, such as `max_connections = 64`; flags and environment
+    /// variables take precedence
     #[arg(long, env = "TORQUED_CONFIG", value_name = "FILE")]
     pub config: Option<PathBuf>,
 

@@ -12,11 +12,11 @@ use crate::progress::{self, measure};
 
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// The job's JSON, of kind simulate; `-` reads standard input
+    /// The job as JSON, with kind simulate; `-` reads standard input
     #[arg(long, value_name = "FILE")]
     spec: PathBuf,
 
-    /// Folder for the dataset; one with a part of it is completed
+    /// Folder for the dataset; a partial dataset there is completed
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
 
@@ -51,7 +51,7 @@ fn simulation(text: &[u8]) -> anyhow::Result<SimulateSpec> {
     }
 }
 
-/// Sets how many threads this process computes with.
+/// Sets the number of threads with which this process computes.
 pub fn compute_with(threads: Option<NonZero<usize>>) -> anyhow::Result<()> {
     let Some(threads) = threads else { return Ok(()) };
     rayon::ThreadPoolBuilder::new()

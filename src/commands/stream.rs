@@ -25,7 +25,7 @@ pub struct Arguments {
 
 pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     let mut stream = arguments.server.client()?.stream(arguments.checkpoint).await?;
-    // The server takes no longer ones.
+    // The server accepts no longer lines.
     let codec = LinesCodec::new_with_max_length(api::limits::QUESTION_BYTES);
     let mut lines = FramedRead::new(tokio::io::stdin(), codec);
     let mut refused = 0_u64;
@@ -33,7 +33,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     loop {
         let line = tokio::select! {
             line = lines.next() => line,
-            // A message that nobody asked for is the end, and pings are answered meanwhile.
+            // An unexpected message is the end of the stream, and pings are answered meanwhile.
             end = stream.receive() => anyhow::bail!("the server said without being asked: {}", end?),
         };
         let Some(line) = line else { break };

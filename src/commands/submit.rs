@@ -12,11 +12,11 @@ use crate::output::write_json;
 
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// The job's JSON; `-` reads standard input
+    /// The job as JSON; `-` reads standard input
     #[arg(value_name = "FILE")]
     spec: PathBuf,
 
-    /// Compute anew, even if the same job was done before
+    /// Compute again, even if the same job was done before
     #[arg(long)]
     force: bool,
 
@@ -24,7 +24,7 @@ pub struct Arguments {
     #[arg(long)]
     watch: bool,
 
-    /// The job's name, in place of its spec's
+    /// The job's name, which replaces the one in its spec
     #[arg(long, value_name = "NAME")]
     name: Option<String>,
 
@@ -32,7 +32,7 @@ pub struct Arguments {
     #[arg(long, value_name = "TEXT")]
     note: Option<String>,
 
-    /// A tag for the job and, of a pipeline, its jobs; it may be given several times
+    /// A tag for the job and, for a pipeline, for its jobs; may be given several times
     #[arg(long = "tag", value_name = "TAG")]
     tags: Vec<String>,
 
@@ -43,7 +43,7 @@ pub struct Arguments {
     server: ServerArguments,
 }
 
-/// The largest spec the server takes.
+/// The largest spec that the server accepts.
 pub const MAX_SPEC_BYTES: u64 = 1 << 20;
 
 pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
@@ -74,7 +74,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     watch::to_the_end(&client, job.id, output).await
 }
 
-/// Reads a spec or a question of at most so many bytes; `-` is standard input.
+/// Reads a spec or a request of at most `max_bytes`; `-` is standard input.
 pub fn read_json(path: &Path, max_bytes: u64) -> anyhow::Result<Vec<u8>> {
     let mut spec = Vec::new();
     if path.as_os_str() == "-" {

@@ -13,7 +13,8 @@ pub struct Arguments {
     #[arg(value_name = "DATASET")]
     dataset: i64,
 
-    /// Print the mean spectra of torques and positions in this format, in place of the ranges of the channels
+    /// Print the mean spectra of torques and positions in this format, instead of the ranges of the
+    /// channels
     #[arg(long, value_name = "FORMAT", value_enum, conflicts_with = "json")]
     spectrum: Option<Drawing>,
 
@@ -24,7 +25,7 @@ pub struct Arguments {
     server: ServerArguments,
 }
 
-/// How something that can be drawn is printed.
+/// The format of a drawing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum Drawing {
     Csv,

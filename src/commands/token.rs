@@ -1,4 +1,5 @@
-//! Tokens, over HTTP as everything else, or directly in the database: whoever can write to that needs no token.
+//! Manages tokens, over HTTP or directly in the database. Anybody who can write to the database
+//! needs no token.
 
 use std::process::ExitCode;
 use std::time::Duration;
@@ -20,20 +21,21 @@ pub struct Arguments {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Make a token and print it, this once
+    /// Create a token and print it, only this once
     Create(Create),
-    /// List tokens, those that are revoked or expired included
+    /// List tokens, including revoked and expired ones
     List(List),
-    /// Have a token open nothing any more
+    /// Revoke a token
     Revoke(Revoke),
-    /// Forget all tokens, directly in the database: a server that is started afterwards asks for none
+    /// Delete all tokens, directly in the database; a server that is started afterwards requires
+    /// none
     Clear(Clear),
 }
 
-/// Where tokens are kept.
+/// The place of tokens.
 #[derive(Debug, Args)]
 struct Place {
-    /// Work on the database itself and not through its server, for the first token or when none is left
+    /// Write to the database instead of asking its server, for the first token or if none is left
     #[arg(long)]
     directly: bool,
 
@@ -46,15 +48,15 @@ struct Place {
 
 #[derive(Debug, Args)]
 struct Create {
-    /// Who it is for: 1 to 100 letters, digits, dashes, underscores, dots and @
+    /// The name of its user: 1 to 100 letters, digits, dashes, underscores, dots and @
     #[arg(value_parser = token_name)]
     name: String,
 
-    /// Scope of the token: read, submit (jobs and recordings, too) or admin (everything)
+    /// Scope of the token: read, submit (also jobs and recordings) or admin (everything)
     #[arg(long, default_value_t = Scope::Submit)]
     scope: Scope,
 
-    /// Time until it expires, such as 90d or 12h; for ever without it
+    /// Time until it expires, such as 90d or 12h [default: it does not expire]
     #[arg(long, value_name = "TIME", value_parser = lifetime)]
     expires: Option<Duration>,
 
@@ -93,7 +95,7 @@ struct Clear {
     store: StoreArguments,
 }
 
-/// A keeper of tokens: a server, or its database.
+/// The store of tokens: a server, or its database.
 enum Keeper {
     Server(Client),
     Database(Box<api::App>, Store),
@@ -117,7 +119,7 @@ async fn create(arguments: Create) -> anyhow::Result<()> {
         println!("{}", serde_json::to_string_pretty(&created)?);
         return Ok(());
     }
-    // The token alone, for `TORQUED_TOKEN=$(torqued token create ana)`.
+    // Prints only the token, for `TORQUED_TOKEN=$(torqued token create ana)`.
     println!("{}", created.secret);
     let until = created.token.expires_at.map(|at| format!(" until {at}")).unwrap_or_default();
     eprintln!("it lets {} {scope}{until}, and is not shown again", created.token.name);
@@ -131,7 +133,7 @@ async fn list(arguments: List) -> anyhow::Result<()> {
         return Ok(());
     }
     if tokens.tokens.is_empty() {
-        println!("no token; `torqued token create NAME --scope admin` makes the first");
+        println!("no token; `torqued token create NAME --scope admin` creates the first one");
         return Ok(());
     }
     let mut table = Table::new([
@@ -171,7 +173,7 @@ async fn revoke(arguments: Revoke) -> anyhow::Result<()> {
     let tokens = keeper.tokens().await?.tokens;
     let named = tokens.iter().find(|token| token.name == name && token.revoked_at.is_none());
     let Some(token) = named else {
-        bail!("no token is called {name}; `torqued token list` shows all");
+        bail!("there is no token {name}; `torqued token list` shows all");
     };
     let revoked = keeper.revoke(token.id).await?;
     if output.json {
@@ -187,7 +189,7 @@ async fn clear(place: &StoreArguments) -> anyhow::Result<()> {
     let count = store.forget_tokens().await?;
     record(&store, "token clear", None).await?;
     store.close().await;
-    println!("forgot {count} tokens; a server that runs asks for one until it is started anew");
+    println!("deleted {count} tokens; a running server requires one until it is restarted");
     Ok(())
 }
 
@@ -232,7 +234,7 @@ impl Keeper {
     }
 }
 
-/// Opens the store beside its server, or makes it where there is none yet.
+/// Opens the store beside its server, or creates it if there is none.
 async fn open(place: &StoreArguments) -> anyhow::Result<Store> {
     let location = place.location();
     let store = match Store::open_at(&location, Access::Server).await {
@@ -242,7 +244,7 @@ async fn open(place: &StoreArguments) -> anyhow::Result<Store> {
     store.with_context(|| format!("cannot open {location}"))
 }
 
-/// Adds to the audit log what was done beside the server.
+/// Adds an action without the server to the audit log.
 async fn record(store: &Store, what: &str, made: Option<String>) -> anyhow::Result<()> {
     let user = nix::unistd::User::from_uid(nix::unistd::getuid()).ok().flatten();
     let user = user.map_or("somebody".to_owned(), |user| user.name);

@@ -13,11 +13,11 @@ pub struct Arguments {
     #[arg(value_name = "DATASET")]
     dataset: i64,
 
-    /// Its index in the dataset, from 0 on
+    /// Index in the dataset, from 0
     #[arg(value_name = "INDEX")]
     index: u64,
 
-    /// How to print it
+    /// Output format
     #[arg(long, value_name = "FORMAT", value_enum, default_value_t = Format::Csv, conflicts_with = "json")]
     format: Format,
 
@@ -28,10 +28,10 @@ pub struct Arguments {
     server: ServerArguments,
 }
 
-/// How a trajectory is printed.
+/// The output format of a trajectory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum Format {
-    /// A line per sample
+    /// One line per sample
     Csv,
     /// A figure
     Svg,
@@ -50,7 +50,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
         Format::Csv => format!("{base}/figure.csv"),
         Format::Svg => format!("{base}/figure.svg"),
         Format::Arrow if std::io::stdout().is_terminal() => {
-            bail!("an Arrow stream is nothing to read on a terminal; write it into a file");
+            bail!("an Arrow stream is binary; redirect it to a file instead of the terminal");
         }
         Format::Arrow => format!("{base}?format=arrow"),
     };

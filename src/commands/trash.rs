@@ -9,11 +9,11 @@ use crate::progress::measure;
 
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// At most so many
+    /// Largest number of things to list
     #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=500))]
     limit: u32,
 
-    /// Only what comes after this, which the list before ends with
+    /// Only things after this position, which the previous list printed at its end
     #[arg(long, value_name = "PLACE")]
     before: Option<String>,
 
@@ -47,7 +47,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     }
     print!("{}", table.render());
     if let Some(next) = next {
-        println!("what was deleted before: torqued trash --before {next}");
+        println!("deleted before: torqued trash --before {next}");
     }
     Ok(ExitCode::SUCCESS)
 }

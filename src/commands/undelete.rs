@@ -8,7 +8,7 @@ use crate::commands::delete::in_words;
 use crate::output::write_json;
 use crate::resource::Deletable;
 
-/// Takes things out of the trash, with what went there with them.
+/// Restores things from the trash, with everything that was deleted together with them.
 #[derive(Debug, Args)]
 pub struct Arguments {
     /// The kind of things
@@ -34,7 +34,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
         if arguments.output.json {
             write_json(&restored)?;
         } else {
-            println!("{} {id} is back{}", restored.kind, in_words(&restored.along));
+            println!("{} {id} is restored{}", restored.kind, in_words(&restored.along));
         }
     }
     Ok(ExitCode::SUCCESS)

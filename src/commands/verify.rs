@@ -28,7 +28,7 @@ pub struct Arguments {
     server: ServerArguments,
 }
 
-/// Which dataset is meant.
+/// The dataset to verify.
 #[derive(Debug, PartialEq, Eq)]
 enum Target {
     Folder(PathBuf),
@@ -36,7 +36,7 @@ enum Target {
 }
 
 impl Target {
-    /// A number is an id; a folder of that name can be written `./7`.
+    /// A number is an id. A folder with such a name can be written as `./7`.
     fn of(dataset: &str) -> Self {
         dataset.parse().map_or_else(|_| Self::Folder(PathBuf::from(dataset)), Self::Server)
     }

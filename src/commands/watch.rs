@@ -27,8 +27,9 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     to_the_end(&client, arguments.id, arguments.output).await
 }
 
-/// Follows a job; only success is a success. Prints what its jobs found, except for those whose
-/// datasets and checkpoints speak for them. As JSON, it prints the job whenever it has changed and nothing else.
+/// Follows a job to its end. Only a job that succeeds gives exit code 0. Prints the findings of its
+/// jobs, except for jobs that leave datasets or checkpoints. With JSON, prints only the job, each
+/// time it changes.
 pub async fn to_the_end(
     client: &Client,
     id: i64,
@@ -83,7 +84,7 @@ fn code(job: &Job) -> ExitCode {
     }
 }
 
-/// The jobs that succeeded: the job itself, or members of a pipeline.
+/// The jobs that succeeded: the job itself, or the members of a pipeline.
 async fn succeeded(client: &Client, job: &Job) -> anyhow::Result<Vec<Job>> {
     if job.members.is_empty() {
         return Ok(if job.state == JobState::Succeeded { vec![job.clone()] } else { Vec::new() });

@@ -18,7 +18,7 @@ pub struct Arguments {
     #[command(flatten)]
     store: StoreArguments,
 
-    /// Name to show beside its tasks [default: machine and process id]
+    /// Name shown beside its tasks [default: machine and process id]
     #[arg(long, value_name = "NAME", value_parser = worker_name)]
     name: Option<String>,
 
@@ -26,7 +26,7 @@ pub struct Arguments {
     #[arg(long, env = "TORQUED_WORKER_THREADS", value_name = "N")]
     threads: Option<NonZero<usize>>,
 
-    /// Seconds without a sign of life after which its task is given to another worker
+    /// Seconds without a heartbeat after which another worker gets its task
     #[arg(long, env = "TORQUED_LEASE_SECONDS", value_name = "SECONDS", default_value_t = 15, value_parser = clap::value_parser!(u64).range(1..=3600))]
     lease_seconds: u64,
 
@@ -35,20 +35,21 @@ pub struct Arguments {
 
     #[command(flatten)]
     offers: OfferArguments,
-    /// End after so many seconds without a task [default: wait for ever]
+    /// Exit after this many seconds without a task [default: wait for ever]
     #[arg(long, value_name = "SECONDS", value_parser = clap::value_parser!(u64).range(1..=86_400))]
     idle_exit: Option<u64>,
 
-    /// Work for a server of another version, too; its results may differ
+    /// Also work for a server of another version; its results may differ
     #[arg(long)]
     any_version: bool,
 
-    /// Stop when standard input closes, as it does when the server that started this worker dies
+    /// Stop when standard input closes, which happens when the server that started this worker dies
     #[arg(long)]
     stop_with_stdin: bool,
 }
 
-/// How long the process may take to end when its server has died: longer than it gives its task.
+/// How long the process may take to end after its server died. It is longer than the time for its
+/// task.
 const STOP_WITHIN: Duration = Duration::from_secs(30);
 
 pub async fn run(arguments: Arguments, log: &AttemptLog) -> anyhow::Result<ExitCode> {
@@ -79,7 +80,7 @@ pub async fn run(arguments: Arguments, log: &AttemptLog) -> anyhow::Result<ExitC
     };
     match worker::run(&options, shutdown).await {
         Ok(()) => Ok(ExitCode::SUCCESS),
-        // The log says why.
+        // The log has the reason.
         Err(WorkerError::Unstoppable { .. }) => {
             process::kill_children();
             Ok(ExitCode::from(executors::GAVE_UP))
@@ -88,8 +89,8 @@ pub async fn run(arguments: Arguments, log: &AttemptLog) -> anyhow::Result<ExitC
     }
 }
 
-/// A second Ctrl-C kills. A second SIGTERM does not: Slurm sends one when a worker is to be gone soon, and one when its
-/// time is over.
+/// A second Ctrl-C kills the process. A second SIGTERM does not: Slurm sends one when a worker has
+/// to end soon, and one when its time is over.
 async fn watch_signals(mut interrupts: Interrupts, shutdown: CancellationToken) {
     interrupts.next().await;
     shutdown.cancel();
@@ -97,7 +98,7 @@ async fn watch_signals(mut interrupts: Interrupts, shutdown: CancellationToken) 
     std::process::exit(1);
 }
 
-/// A thread of its own: a read of standard input cannot be abandoned.
+/// Uses a thread of its own, because a read of standard input cannot be abandoned.
 fn watch_stdin(shutdown: CancellationToken) {
     std::thread::spawn(move || {
         let mut stdin = std::io::stdin().lock();
@@ -105,7 +106,7 @@ fn watch_stdin(shutdown: CancellationToken) {
         while stdin.read(&mut byte).is_ok_and(|count| count > 0) {}
         shutdown.cancel();
         std::thread::sleep(STOP_WITHIN);
-        tracing::error!("the worker did not stop in time; the lease of its task will run out");
+        tracing::error!("the worker did not stop in time; the lease of its task will expire");
         std::process::exit(1);
     });
 }

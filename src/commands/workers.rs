@@ -64,7 +64,7 @@ fn row(worker: Worker) -> Vec<String> {
     ]
 }
 
-/// A worker that an engine was asked for and that does not show itself.
+/// The row of a worker that was requested from an engine and has not reported yet.
 fn asked_for(placement: Placement) -> Vec<String> {
     let changed = measure::since(&placement.changed_at, None);
     let place = [Some(placement.engine), placement.identifier, placement.node];

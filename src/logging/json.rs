@@ -1,4 +1,4 @@
-//! Log lines as JSON: one object each, with everything that is known of where it comes from beside what it says.
+//! Log lines as JSON: one object per line, with the message and its context.
 
 use std::fmt::Debug;
 use std::io::{self, Write};
@@ -12,13 +12,13 @@ use tracing_subscriber::layer::{Context, Layer};
 use tracing_subscriber::registry::LookupSpan;
 use worker::AttemptLog;
 
-/// Writes events to stderr. Fields of the spans around an event, such as the `request`, are beside its own; a worker's
-/// events have `job`, `task` and `epoch` of the attempt that it is at.
+/// Writes events to stderr. An event includes the fields of the spans around it, such as the
+/// `request`. A worker's events have the `job`, `task` and `epoch` of its attempt.
 pub struct JsonLines {
     pub attempt: AttemptLog,
 }
 
-/// The fields of a span, kept while it lasts.
+/// The fields of a span, kept while it is open.
 #[derive(Default)]
 struct Fields(Map<String, Value>);
 
@@ -62,7 +62,7 @@ impl<S: Subscriber + for<'a> LookupSpan<'a>> Layer<S> for JsonLines {
         event.record(&mut fields);
         let mut text = Value::Object(fields.0).to_string();
         text.push('\n');
-        // Whoever closed stderr does not want to hear it.
+        // An error is ignored, because stderr is closed then.
         let _ = io::stderr().lock().write_all(text.as_bytes());
     }
 }

@@ -1,4 +1,4 @@
-//! Where log lines go.
+//! Destinations and formats of log lines.
 
 mod json;
 
@@ -17,10 +17,10 @@ use worker::AttemptLog;
 use crate::cli::{Cli, Command};
 use json::JsonLines;
 
-/// The variable that says how log lines are written.
+/// The variable for the format of log lines.
 pub const LOG_FORMAT: &str = "TORQUED_LOG_FORMAT";
 
-/// How log lines are written.
+/// The format of log lines.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub enum LogFormat {
     #[default]
@@ -37,21 +37,21 @@ impl LogFormat {
     }
 }
 
-/// The part of the log that commands must know.
+/// The part of logging that commands need.
 pub struct Logging {
     /// The filter and the format in use, for child processes.
     pub filter: String,
     pub format: LogFormat,
-    /// The lines of a worker that belong to its attempt.
+    /// Collects the lines of a worker that belong to its attempt.
     pub attempt: AttemptLog,
 }
 
-/// Lines of a backtrace that are logged.
+/// Number of lines of a backtrace that are logged.
 const BACKTRACE_LINES: usize = 40;
 
-/// Sends log lines to stderr. What a user waits for is shown by the command itself, so only the
-/// long-running commands log what they do. A worker keeps the lines of its attempts besides: those that stderr has, and
-/// all from `info` on whatever the filter says.
+/// Sends log lines to stderr. Commands show their own progress, so only long-running commands log
+/// what they do. A worker also keeps the lines of its attempts: those on stderr, and all from
+/// `info` on, whatever the filter is.
 pub fn start(cli: &Cli) -> Logging {
     let usual = match cli.command {
         Command::Serve(_) | Command::Worker(_) => "info",
@@ -78,7 +78,7 @@ pub fn start(cli: &Cli) -> Logging {
     Logging { filter: filter.to_owned(), format: cli.log_format, attempt }
 }
 
-/// Has panics of every thread logged, with the head of a backtrace.
+/// Logs panics of every thread, with the beginning of a backtrace.
 fn log_panics() {
     panic::set_hook(Box::new(|panic| {
         let thread = thread::current();
@@ -94,7 +94,7 @@ fn log_panics() {
 fn head(backtrace: &str) -> String {
     let lines: Vec<&str> = backtrace.lines().collect();
     let machinery = |line: &&str| line.contains("core::panicking::") || line.contains("__rustc");
-    // A frame is followed by its place in the source.
+    // A frame is followed by its position in the source.
     let first = lines.iter().rposition(machinery).map_or(0, |last| last + 2);
     let first = if first < lines.len() { first } else { 0 };
     lines[first..].iter().take(BACKTRACE_LINES).copied().collect::<Vec<_>>().join("\n")

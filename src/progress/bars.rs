@@ -2,13 +2,13 @@ use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 
 use super::row::Row;
 
-/// For a terminal: one bar per row, redrawn in place.
+/// Progress for a terminal: one bar per row, redrawn in place.
 pub struct Bars {
     all: MultiProgress,
     bars: Vec<ProgressBar>,
 }
 
-/// Positions of a bar; finer than any terminal is wide.
+/// Number of positions of a bar. It is finer than any terminal is wide.
 const RESOLUTION: u64 = 1000;
 
 impl Bars {
@@ -29,7 +29,7 @@ impl Bars {
         }
     }
 
-    /// Leaves the bars where they are.
+    /// Leaves the bars on the screen.
     pub fn finish(self) {
         for bar in &self.bars {
             bar.abandon();

@@ -4,13 +4,14 @@ use wire::JobState;
 
 use super::row::Row;
 
-/// For logs and pipes: a line when a state changes, and now and then while something runs.
+/// Progress for logs and pipes: a line when a state changes, and from time to time while something
+/// runs.
 #[derive(Debug, Default)]
 pub struct Lines {
     said: Vec<Said>,
 }
 
-/// What was last said of a row.
+/// The last message about a row.
 #[derive(Clone, Debug)]
 struct Said {
     state: JobState,

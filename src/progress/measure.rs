@@ -1,4 +1,4 @@
-//! Numbers and times as people read them.
+//! Numbers and times in a form that is easy to read.
 
 use std::time::{Duration, SystemTime};
 
@@ -18,7 +18,7 @@ fn grouped(digits: &str) -> String {
     text
 }
 
-/// About three digits.
+/// A number with about three digits.
 pub fn rounded(number: f64) -> String {
     if number >= 100.0 {
         grouped(&format!("{number:.0}"))
@@ -29,7 +29,7 @@ pub fn rounded(number: f64) -> String {
     }
 }
 
-/// `9s`, `2m 05s`, `3h 07m`.
+/// A duration, e.g. `9s`, `2m 05s`, `3h 07m`.
 pub fn duration(time: Duration) -> String {
     let seconds = time.as_secs();
     match seconds {
@@ -52,7 +52,7 @@ pub fn ago(from: &str) -> String {
     since(from, None).map(|age| format!("{} ago", duration(age))).unwrap_or_default()
 }
 
-/// A size in the unit that suits it: `12.3 MB`.
+/// A size in a suitable unit, e.g. `12.3 MB`.
 pub fn size(bytes: u64) -> String {
     match bytes {
         0..1_000 => format!("{bytes} B"),

@@ -1,4 +1,4 @@
-//! A job's progress on stderr until it ends: bars on a terminal, else plain lines.
+//! Shows a job's progress on stderr until it ends: bars on a terminal, and plain lines otherwise.
 
 mod bars;
 mod lines;
@@ -22,10 +22,10 @@ pub use own_work::{Report, follow_own};
 use rate::Rate;
 use row::Row;
 
-/// How often this process, or a server that has no events to tell, is asked.
+/// How often this process, or a server without events, is asked.
 const POLL_EVERY: Duration = Duration::from_millis(400);
 
-/// How long a server that does not answer is waited for: it may be restarting.
+/// How long to wait for a server that does not answer. It may be restarting.
 const PATIENCE: Duration = Duration::from_secs(30);
 
 /// Shows a job until it ends, and returns it.
@@ -50,8 +50,9 @@ pub async fn follow(client: &Client, id: i64) -> Result<Job, ClientError> {
     Ok(job)
 }
 
-/// Has `seen` look at a job whenever it has changed until it ends, and returns it. The server tells of changes; one that
-/// cannot, as it is of an earlier version or has too many clients, is asked again and again.
+/// Passes a job to `seen` whenever it has changed, until it ends, and returns it. The server sends
+/// changes. A server that cannot, because it is an earlier version or has too many clients, is
+/// polled.
 ///
 /// # Errors
 /// When the server refuses, or does not answer for 30 s.
@@ -82,7 +83,7 @@ pub async fn follow_quietly(
         };
         match progress_until_change(stream, &mut job, &mut seen).await {
             Ok(()) => last_answer = Instant::now(),
-            // Asking for the job tells whether the server is gone.
+            // The next request for the job shows whether the server is gone.
             Err(ClientError::Unreachable { .. }) => {}
             Err(ClientError::Refused { status, .. }) if tells_nothing(status) => events = None,
             Err(error) => return Err(error),
@@ -90,13 +91,13 @@ pub async fn follow_quietly(
     }
 }
 
-/// Whether a server with this answer has no events for us.
+/// Whether a server with this status has no events for this client.
 fn tells_nothing(status: StatusCode) -> bool {
     [StatusCode::NOT_FOUND, StatusCode::SERVICE_UNAVAILABLE, StatusCode::TOO_MANY_REQUESTS]
         .contains(&status)
 }
 
-/// Brings `job` up to date while it gets on, and returns when more of it has changed than that.
+/// Updates the progress of `job`, and returns when something else has changed.
 async fn progress_until_change(
     events: &mut Events<'_>,
     job: &mut Job,
@@ -108,7 +109,7 @@ async fn progress_until_change(
                 get_on(job, progress);
                 seen(job);
             }
-            // The progress that follows has them.
+            // The progress event that follows includes these changes.
             Event::Task(_) | Event::Metrics(_) => {}
             Event::Job(event) if event.job != job.id => {}
             Event::Progress(_)

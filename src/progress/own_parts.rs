@@ -1,4 +1,4 @@
-//! Work of several parts that this process does itself and waits for, shown as the members of a pipeline are.
+//! Progress of work with several parts in this process, shown like the members of a pipeline.
 
 use std::time::Instant;
 
@@ -9,7 +9,7 @@ use super::row::Row;
 use super::{Display, POLL_EVERY};
 use crate::server::Interrupts;
 
-/// A part of the work, and how much of it is done.
+/// A part of the work and its progress.
 pub struct Part {
     pub name: &'static str,
     pub unit: &'static str,
@@ -17,10 +17,11 @@ pub struct Part {
     pub total: u64,
 }
 
-/// Waits for `work` and shows how far its `parts` are. The first interrupt drops the work; nothing is returned then.
+/// Waits for `work` and shows the progress of its `parts`. The first interrupt drops the work and
+/// returns nothing.
 ///
 /// # Errors
-/// When signals cannot be listened for.
+/// When listening for signals fails.
 pub async fn follow_parts<T, E>(
     work: impl Future<Output = Result<T, E>>,
     parts: impl Fn() -> Vec<Part>,

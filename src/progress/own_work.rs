@@ -1,4 +1,4 @@
-//! Work that this process does itself, shown as a job of a server is.
+//! Progress of work in this process, shown like a job of a server.
 
 use std::ops::ControlFlow;
 use std::sync::Arc;
@@ -13,14 +13,14 @@ use super::row::Row;
 use super::{Display, POLL_EVERY};
 use crate::server::Interrupts;
 
-/// Called with how much is done; breaks when the work is to stop.
+/// A callback that gets the amount of finished work, and breaks when the work has to stop.
 pub type Report<'a> = &'a (dyn Fn(u64) -> ControlFlow<()> + Sync);
 
-/// Does `work` on a thread of its own and shows how far it is, of `total` trajectories. The first
-/// interrupt asks it to stop, the second ends the process.
+/// Does `work` on a thread of its own, and shows its progress out of `total` trajectories. The
+/// first interrupt asks it to stop, and the second ends the process.
 ///
 /// # Errors
-/// When the work panics, or signals cannot be listened for.
+/// When the work panics, or listening for signals fails.
 pub async fn follow_own<T, E>(
     name: &str,
     total: u64,
@@ -43,7 +43,7 @@ where
             name: name.to_owned(),
             state,
             reused: false,
-            // The command says it, after the last line.
+            // The command prints it after the last line.
             error: None,
             waits_for: None,
             rate_per_second: rate.observe(done, Instant::now()),

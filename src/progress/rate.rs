@@ -1,7 +1,7 @@
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
-/// Progress per second over the last half minute, as seen from outside.
+/// Progress per second over the last half minute, as observed by this client.
 #[derive(Debug, Default)]
 pub struct Rate {
     seen: VecDeque<(Instant, u64)>,
@@ -10,9 +10,9 @@ pub struct Rate {
 const WINDOW: Duration = Duration::from_secs(30);
 
 impl Rate {
-    /// Takes note of `done` at `now`; returns the rate once there is progress to divide.
+    /// Records `done` at `now`. Returns the rate as soon as there is progress.
     pub fn observe(&mut self, done: u64, now: Instant) -> Option<f64> {
-        // Work that was lost with a killed worker is done again: begin anew.
+        // Work that was lost with a killed worker is done again, so the measurement begins anew.
         if self.seen.back().is_some_and(|(_, before)| done < *before) {
             self.seen.clear();
         }

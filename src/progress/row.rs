@@ -11,15 +11,15 @@ pub struct Row {
     pub state: JobState,
     pub reused: bool,
     pub error: Option<String>,
-    /// Why queued tasks wait, if it is not only for their turn.
+    /// Why queued tasks wait, besides waiting for their turn.
     pub waits_for: Option<String>,
     pub progress: Progress,
-    /// In units of `progress`.
+    /// In units of `progress` per second.
     pub rate_per_second: Option<f64>,
 }
 
 impl Row {
-    /// What is known beside the name: state, amount, rate, time left.
+    /// The description beside the name: state, amount, rate, time left.
     pub fn describe(&self) -> String {
         if self.reused && self.state == JobState::Succeeded {
             return "reused, computed before".to_owned();

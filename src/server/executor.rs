@@ -1,4 +1,4 @@
-//! Which executor runs the workers, as the command line says it.
+//! Chooses the executor that runs the workers, from the command line.
 
 use std::num::NonZero;
 use std::path::PathBuf;
@@ -16,26 +16,28 @@ use crate::process;
 
 use super::Options;
 
-/// The flags of `serve` that say where its workers run.
+/// Flags of `serve` for the place where its workers run.
 #[derive(Debug, Args)]
 pub struct ExecutorArguments {
-    /// Who runs the workers: this server as child processes, or a cluster that is asked for them while tasks wait
+    /// Where workers run: as child processes of this server, or on a cluster, which places them
+    /// while tasks wait
     #[arg(long, env = "TORQUED_EXECUTOR", value_enum, value_name = "NAME", default_value_t)]
     pub executor: Executor,
 
-    /// Workers that a cluster keeps also while nothing waits, 0 to 1000
+    /// Workers that a cluster keeps even while nothing waits, 0 to 1000
     #[arg(long, env = "TORQUED_MIN_WORKERS", value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u16).range(0..=1000))]
     pub min_workers: u16,
 
-    /// Workers that a cluster is asked for at most, 1 to 1000
+    /// Largest number of workers on a cluster, 1 to 1000
     #[arg(long, env = "TORQUED_MAX_WORKERS", value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u16).range(1..=1000))]
     pub max_workers: u16,
 
-    /// Seconds after which a cluster's worker ends that finds no task
+    /// Seconds after which a cluster's worker exits if it finds no task
     #[arg(long, env = "TORQUED_IDLE_EXIT", value_name = "SECONDS", default_value_t = 300, value_parser = clap::value_parser!(u64).range(1..=86_400))]
     pub idle_exit: u64,
 
-    /// Device of a cluster's workers that have GPUs [default: cuda or gpu where this program has it, else cpu]
+    /// Device of a cluster's workers with GPUs [default: cuda or gpu if this program has it,
+    /// otherwise cpu]
     #[arg(long, env = "TORQUED_GPU_DEVICE", value_name = "NAME")]
     pub gpu_device: Option<DeviceKind>,
 
@@ -47,16 +49,16 @@ pub struct ExecutorArguments {
     #[arg(long, env = "TORQUED_WORKER_PROGRAM", value_name = "FILE")]
     pub worker_program: Option<PathBuf>,
 
-    /// Option of sbatch for every worker, such as `--partition=lab`; may be given several times
+    /// sbatch option for every worker, such as `--partition=lab`; may be given several times
     #[arg(long, value_name = "OPTION", allow_hyphen_values = true)]
     pub slurm_option: Vec<String>,
 
-    /// Manifest of a Kubernetes Job from which those of the workers are made
+    /// Manifest of a Kubernetes Job, which is the template of the workers' Jobs
     #[arg(long, env = "TORQUED_KUBERNETES_JOB", value_name = "FILE")]
     pub kubernetes_job: Option<PathBuf>,
 }
 
-/// Who runs the workers.
+/// The executor of the workers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub enum Executor {
     /// This server, as child processes
@@ -68,21 +70,23 @@ pub enum Executor {
     Kubernetes,
 }
 
-/// Threads of a cluster's worker unless told.
+/// Default number of threads of a cluster's worker.
 const THREADS: u32 = 4;
 
-/// What the names of the server's variables begin with that a worker elsewhere needs, keys and passwords among them: how
-/// to reach the object store, and what a URL of PostgreSQL leaves out.
+/// Prefixes of the server's variables that a worker elsewhere needs. They say how to reach the
+/// object store, and have the parts that a URL of PostgreSQL leaves out, including keys and
+/// passwords.
 const PASSED_ON: [&str; 3] = ["AWS_", "TORQUED_S3_", "PG"];
 
-/// The same, in full.
+/// Further such variables by their full names.
 const PASSED_ON_BY_NAME: [&str; 2] = ["TORQUED_CACHE_BYTES", "TORQUED_INSTRUCTIONS"];
 
 impl ExecutorArguments {
-    /// The engine to ask for workers, and how; `None` where this server runs them itself.
+    /// The engine to request workers from, with its options. `None` if this server runs them
+    /// itself.
     ///
     /// # Errors
-    /// When the arguments contradict each other, or the engine cannot be asked from here.
+    /// When the arguments contradict each other, or the engine cannot be reached from here.
     pub async fn engine(
         &self,
         options: &Options,
@@ -126,11 +130,11 @@ impl ExecutorArguments {
     ) -> anyhow::Result<Slurm> {
         let program = match &self.worker_program {
             Some(program) => program.clone(),
-            None => std::env::current_exe().context("cannot tell where this program lies")?,
+            None => std::env::current_exe().context("cannot find the path of this program")?,
         };
         let folder = &options.store.data;
-        let folder = folder.canonicalize().context("cannot tell where the data folder lies")?;
-        // With objects in a bucket every machine has a data folder of its own.
+        let folder = folder.canonicalize().context("cannot find the path of the data folder")?;
+        // With objects in a bucket, every machine has a data folder of its own.
         let logs = options.store.objects.is_none().then(|| folder.join("workers"));
         if let Some(logs) = &logs {
             std::fs::create_dir_all(logs)
@@ -155,11 +159,13 @@ impl ExecutorArguments {
         store: String,
     ) -> anyhow::Result<Kubernetes> {
         let file = self.kubernetes_job.as_ref().context(
-            "--executor kubernetes needs --kubernetes-job FILE; deploy/kubernetes/worker.yaml is one to begin with",
+            "--executor kubernetes needs --kubernetes-job FILE; begin with \
+             deploy/kubernetes/worker.yaml",
         )?;
         let manifest = std::fs::read_to_string(file)
             .with_context(|| format!("cannot read {}", file.display()))?;
-        // Secrets come to a Pod by the template alone: whoever may read Jobs reads all that they hold.
+        // Secrets come to a Pod only through the template, because anybody who may read Jobs can
+        // read everything in them.
         let environment = command.environment.iter().filter(|(name, _)| name != DATABASE);
         let command = WorkerCommand { environment: environment.cloned().collect(), ..command };
         Kubernetes::connect(store, command, &manifest)
@@ -171,27 +177,27 @@ impl ExecutorArguments {
 fn need_postgresql(store: &StoreArguments, executor: &str) -> anyhow::Result<()> {
     ensure!(
         store.database.is_some(),
-        "--executor {executor} needs --database postgres://...: its workers run on other machines, and SQLite must \
-         not be used by several machines at once"
+        "--executor {executor} needs --database postgres://...: its workers run on other machines, \
+         and SQLite works on one machine only"
     );
     Ok(())
 }
 
-/// How workers are started on this machine.
+/// The command that starts workers on this machine.
 ///
 /// # Errors
-/// When the system does not tell which program this is.
+/// When the operating system does not provide this program's path.
 pub fn worker_command(options: &Options, log: &Logging) -> anyhow::Result<WorkerCommand> {
     let own = options.device.device;
     let is_elsewhere = options.executor.executor != Executor::Local;
     let device = if is_elsewhere && own.is_apart() { DeviceKind::Cpu } else { own };
-    // Training reuses the same large tensors at every step. Holding on to their pages instead of giving them back
-    // after 10 ms made 150 steps of the quickstart take 4.5 s, not 5.6.
+    // Training reuses the same large tensors at every step. Keeping their pages instead of
+    // returning them after 10 ms made 150 steps of the quickstart take 4.5 s instead of 5.6 s.
     let mut environment = vec![("MIMALLOC_PURGE_DELAY".to_owned(), "-1".to_owned())];
     environment.push((LOG_FORMAT.to_owned(), log.format.as_str().to_owned()));
     environment.extend(urls(&options.store));
     Ok(WorkerCommand {
-        program: process::own_program().context("cannot tell which program this is")?,
+        program: process::own_program().context("cannot find the path of this program")?,
         store: vec!["--data".into(), options.store.data.clone().into()],
         device: device.name().to_owned(),
         gpu_device: options.executor.gpu_device.unwrap_or_else(gpu_device).name().to_owned(),
@@ -205,7 +211,8 @@ pub fn worker_command(options: &Options, log: &Logging) -> anyhow::Result<Worker
 const DATABASE: &str = "TORQUED_DATABASE";
 const OBJECTS: &str = "TORQUED_OBJECTS";
 
-/// Where database and objects are, as variables: passwords are no arguments, which other users see.
+/// The places of database and objects, as variables. They have passwords, and other users can see
+/// arguments.
 fn urls(store: &StoreArguments) -> impl Iterator<Item = (String, String)> {
     let database = store.database.as_ref().map(|url| (DATABASE, url.expose().to_owned()));
     let objects = store.objects.as_ref().map(|url| (OBJECTS, url.to_string()));

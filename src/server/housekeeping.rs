@@ -1,4 +1,5 @@
-//! What a server does beside answering: leases of dead workers, files nobody owns.
+//! Housekeeping of a server: leases of dead workers, files without an owner, the trash and old
+//! events.
 
 use std::time::{Duration, Instant, SystemTime};
 
@@ -8,7 +9,7 @@ use store::{
 };
 use tokio_util::sync::CancellationToken;
 
-/// How often leases are looked at: how much later than its lease a death is noticed.
+/// How often leases are checked. A death is noticed at most this long after its lease has ended.
 const REAP_EVERY: Duration = Duration::from_secs(1);
 
 const FORGET_ENGINES_EVERY: Duration = Duration::from_secs(10);
@@ -17,8 +18,8 @@ const SWEEP_EVERY: Duration = Duration::from_secs(60 * 60);
 
 const FORGET_EVENTS_EVERY: Duration = Duration::from_secs(60);
 
-/// No file takes this long from its first byte to the row that names it; one that is sent to be
-/// imported may take 6 h.
+/// No file takes this long from its first byte to its row. A file that is sent to be imported may
+/// take 6 h.
 pub const ORPHANED_AFTER: Duration = Duration::from_secs(8 * 60 * 60);
 
 /// How long things are kept.
@@ -29,7 +30,7 @@ pub struct Keeping {
     pub trash: Duration,
 }
 
-/// Gives the tasks of workers that died to others.
+/// Gives the tasks of dead workers to others.
 pub async fn reap(store: Store, stop: CancellationToken) {
     let mut reaper = Reaper::new(store.clone(), REAP_EVERY);
     let mut duty = store.duty(Duty::Reaping);
@@ -59,7 +60,8 @@ pub async fn reap(store: Store, stop: CancellationToken) {
     }
 }
 
-/// Forgets the engine of a server that ended without a word, so that nobody waits for workers that it would have asked for.
+/// Removes the engine of a server that died, so that nobody waits for workers that it would have
+/// requested.
 pub async fn forget_engines(store: Store, stop: CancellationToken) {
     while stop.run_until_cancelled(tokio::time::sleep(FORGET_ENGINES_EVERY)).await.is_some() {
         if let Err(error) = forget_engine(&store).await {
@@ -69,7 +71,7 @@ pub async fn forget_engines(store: Store, stop: CancellationToken) {
     }
 }
 
-/// Forgets the engine unless a server asks it, which has the duty as long as it lives.
+/// Removes the engine unless a server uses it. Such a server has the duty as long as it lives.
 pub async fn forget_engine(store: &Store) -> Result<(), StoreError> {
     if store.engine().await?.is_some() && store.duty(Duty::Placing).is_mine().await? {
         store.set_engine(None).await?;
@@ -77,8 +79,8 @@ pub async fn forget_engine(store: &Store) -> Result<(), StoreError> {
     Ok(())
 }
 
-/// Deletes what killed workers left half written, and what has lain in the trash until its date. A clock that was set ahead,
-/// or a machine that slept, makes nothing older than it is.
+/// Deletes files that killed workers left unfinished, and things whose time in the trash is over.
+/// Nothing appears older because a clock was set ahead or the machine slept.
 pub async fn sweep(store: Store, keeping: Keeping, stop: CancellationToken) {
     let mut duty = store.duty(Duty::Sweeping);
     let (began, began_by_clock) = (Instant::now(), SystemTime::now());
@@ -119,7 +121,7 @@ async fn purge(store: &Store, leap: Duration) {
         Ok(deleted) if deleted.is_empty() => {}
         Ok(deleted) => {
             let bytes: u64 = deleted.iter().map(|it| it.bytes).sum();
-            tracing::info!(count = deleted.len(), bytes, "deleted for good what was in the trash");
+            tracing::info!(count = deleted.len(), bytes, "permanently deleted things in the trash");
         }
         Err(error) => {
             let error = anyhow::Error::new(error);
@@ -128,7 +130,7 @@ async fn purge(store: &Store, leap: Duration) {
     }
 }
 
-/// Forgets events that are old, and the oldest where there are too many.
+/// Deletes old events, and the oldest ones if there are too many.
 pub async fn forget_events(store: Store, stop: CancellationToken) {
     let mut duty = store.duty(Duty::Forgetting);
     while stop.run_until_cancelled(tokio::time::sleep(FORGET_EVENTS_EVERY)).await.is_some() {
@@ -141,11 +143,11 @@ pub async fn forget_events(store: Store, stop: CancellationToken) {
     }
 }
 
-/// Whether this server is the one that does it; nobody's while the database does not answer.
+/// Whether this server has the duty. No server has it while the database does not answer.
 async fn is_mine(duty: &mut DutyClaim) -> bool {
     duty.is_mine().await.unwrap_or_else(|error| {
         let error = anyhow::Error::new(error);
-        tracing::warn!("cannot tell whether to keep house: {error:#}");
+        tracing::warn!("cannot tell whether this server has the duty: {error:#}");
         false
     })
 }

@@ -1,7 +1,7 @@
 use anyhow::Context;
 use tokio::signal::unix::{Signal, SignalKind, signal};
 
-/// Ctrl-C and SIGTERM.
+/// Listens for Ctrl-C and SIGTERM.
 pub struct Interrupts {
     interrupt: Signal,
     terminate: Signal,
@@ -14,12 +14,12 @@ impl Interrupts {
         Ok(Self { interrupt, terminate })
     }
 
-    /// Returns at the next Ctrl-C.
+    /// Waits for the next Ctrl-C.
     pub async fn next_from_terminal(&mut self) {
         self.interrupt.recv().await;
     }
 
-    /// Returns at the next one.
+    /// Waits for the next Ctrl-C or SIGTERM.
     pub async fn next(&mut self) {
         tokio::select! {
             _ = self.interrupt.recv() => {}

@@ -9,17 +9,17 @@ use tokio::net::{TcpListener, UnixListener, UnixStream};
 
 use crate::client::UNIX;
 
-/// Where the server listens unless told.
+/// The default port of a server.
 const USUAL_PORT: u16 = 7070;
 
-/// Ports tried after the usual one.
+/// Number of ports that are tried after the default one.
 const MORE_PORTS: u16 = 100;
 
-/// Where a server is told to listen.
+/// An address to listen on.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Address {
     Tcp(SocketAddr),
-    /// A socket in the file system, for the user of this process alone.
+    /// A socket in the file system, which only the user of this process can open.
     Unix(PathBuf),
 }
 
@@ -38,7 +38,7 @@ impl FromStr for Address {
     }
 }
 
-/// A listener, and how clients are told of it. A socket's file is deleted with it.
+/// A listener, and its address for clients. A socket's file is deleted with it.
 pub struct Bound {
     pub listener: api::Listener,
     pub url: String,
@@ -50,24 +50,25 @@ pub struct SocketFile(PathBuf);
 
 impl Drop for SocketFile {
     fn drop(&mut self) {
-        // Somebody may have deleted it.
+        // Somebody may have deleted it already.
         let _ = std::fs::remove_file(&self.0);
     }
 }
 
-/// Anyone who reaches the port can queue work and read results, so beyond this machine a token is
-/// a must.
+/// Refuses an address that other machines can reach without a token. Anybody who reaches the port
+/// could queue work and read results.
 pub fn refuse_unguarded(asked: Option<&Address>, has_token: bool) -> anyhow::Result<()> {
     let Some(Address::Tcp(address)) = asked else { return Ok(()) };
     ensure!(
         address.ip().is_loopback() || has_token,
-        "listening on {address}, which other machines can reach, needs a token: make one with `torqued token create NAME --scope \
-         admin --directly`, give TORQUED_TOKEN, which must not be empty, or listen on 127.0.0.1"
+        "other machines can reach {address}, so the server needs a token: create one with `torqued \
+         token create NAME --scope admin --directly`, set TORQUED_TOKEN, which must not be empty, \
+         or listen on 127.0.0.1"
     );
     Ok(())
 }
 
-/// Listens where asked; unless asked, on the usual port or the next free one.
+/// Listens on the given address. By default, listens on the usual port or the next free one.
 pub async fn bind(asked: Option<&Address>) -> anyhow::Result<Bound> {
     let listener = match asked {
         Some(Address::Unix(path)) => return bind_socket(path).await,
@@ -76,7 +77,7 @@ pub async fn bind(asked: Option<&Address>) -> anyhow::Result<Bound> {
             .with_context(|| format!("cannot listen on {address}"))?,
         None => bind_a_free_port().await?,
     };
-    let address = listener.local_addr().context("cannot tell the address listened on")?;
+    let address = listener.local_addr().context("cannot find the address of the listener")?;
     Ok(Bound { listener: listener.into(), url: format!("http://{address}"), file: None })
 }
 
@@ -98,20 +99,20 @@ async fn bind_a_free_port() -> anyhow::Result<TcpListener> {
     })
 }
 
-/// Listens on a socket that only this user may open, in place of one that a killed server left.
+/// Listens on a socket that only this user can open. Replaces the file of a killed server.
 async fn bind_socket(path: &Path) -> anyhow::Result<Bound> {
     let shown = path.display();
     match std::fs::symlink_metadata(path) {
         Ok(there) if !there.file_type().is_socket() => {
-            bail!("cannot listen on unix:{shown}: there is a file that is no socket")
+            bail!("cannot listen on unix:{shown}: the file exists and is not a socket")
         }
         Ok(_) if UnixStream::connect(path).await.is_ok() => {
-            bail!("cannot listen on unix:{shown}: another server does")
+            bail!("cannot listen on unix:{shown}: another server listens there")
         }
         _ => {}
     }
     let cannot = || format!("cannot listen on unix:{shown}");
-    // Nobody finds it before its mode is set.
+    // Nobody finds the socket before its mode is set.
     let mut new = path.as_os_str().to_owned();
     new.push(".new");
     let new = PathBuf::from(new);
@@ -153,18 +154,18 @@ mod tests {
     async fn a_socket_is_for_its_owner_and_takes_the_place_of_a_dead_one_only() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("torqued");
-        // As a server that was killed leaves it.
+        // The file that a killed server leaves.
         drop(std::os::unix::net::UnixListener::bind(&path).unwrap());
         let address = Address::Unix(path.clone());
         let bound = bind(Some(&address)).await.unwrap();
         assert_eq!(std::fs::metadata(&path).unwrap().permissions().mode() & 0o777, 0o600);
         let refused = bind(Some(&address)).await.err().unwrap().to_string();
-        assert!(refused.ends_with("another server does"), "{refused}");
+        assert!(refused.ends_with("another server listens there"), "{refused}");
         drop(bound);
         assert!(!path.exists());
         std::fs::write(&path, "precious").unwrap();
         let refused = bind(Some(&address)).await.err().unwrap().to_string();
-        assert!(refused.ends_with("a file that is no socket"), "{refused}");
+        assert!(refused.ends_with("the file exists and is not a socket"), "{refused}");
         assert_eq!(std::fs::read_to_string(&path).unwrap(), "precious");
     }
 }

@@ -1,9 +1,9 @@
-//! How much memory this machine lets a process have.
+//! The memory that this machine allows a process.
 
 use std::path::Path;
 
-/// What the machine has, or the least that the process's control groups allow; `None` where
-/// nothing says so, as on systems other than Linux.
+/// The machine's memory, or the smallest limit of the process's control groups. `None` where the
+/// system does not provide it, e.g. on systems other than Linux.
 pub fn bytes() -> Option<u64> {
     let machine = std::fs::read_to_string("/proc/meminfo").ok().and_then(|text| total(&text))?;
     let groups = std::fs::read_to_string("/proc/self/cgroup").unwrap_or_default();
@@ -16,8 +16,8 @@ fn total(meminfo: &str) -> Option<u64> {
     Some(1024 * kib)
 }
 
-/// The least of the limits of the groups in `groups`, which is a `/proc/self/cgroup`, and of those
-/// they are in. Version 2 has `memory.max`, version 1 a hierarchy of its own for memory.
+/// The smallest limit of the groups in `groups`, which is the text of `/proc/self/cgroup`, and of
+/// their parents. Version 2 has `memory.max`, and version 1 has a separate hierarchy for memory.
 fn group_limit(groups: &str, root: &Path) -> Option<u64> {
     let limits = groups.lines().filter_map(|line| {
         let (controllers, path) = line.split_once(':')?.1.split_once(':')?;
@@ -27,7 +27,7 @@ fn group_limit(groups: &str, root: &Path) -> Option<u64> {
             _ => return None,
         };
         let group = root.join(path.trim_start_matches('/'));
-        // Inside a container the path may lead nowhere, and the root is the container's own group.
+        // Inside a container the path may not exist, and the root is the container's own group.
         group
             .ancestors()
             .take_while(|folder| folder.starts_with(&root))

@@ -1,4 +1,4 @@
-//! A server: store, HTTP, reaper and what runs the workers, started and stopped together.
+//! A server: store, HTTP, reaper and executor, which are started and stopped together.
 
 mod executor;
 mod housekeeping;
@@ -31,22 +31,24 @@ pub use housekeeping::ORPHANED_AFTER;
 pub use interrupt::Interrupts;
 use listen::{Bound, SocketFile};
 
-/// What `serve` and `quickstart` can be told about the server they run.
+/// Options of the server for `serve` and `quickstart`.
 #[derive(Debug, Args)]
 pub struct Options {
     #[command(flatten)]
     pub store: StoreArguments,
 
-    /// Address to listen on, or unix:PATH for a socket that only you may open [default: 127.0.0.1:7070, or the next free
-    /// port]
+    /// Address to listen on, or unix:PATH for a socket that only you can open [default:
+    /// 127.0.0.1:7070, or the next free port]
     #[arg(long, env = "TORQUED_LISTEN", value_name = "ADDRESS:PORT")]
     pub listen: Option<listen::Address>,
 
-    /// Worker processes to run on this machine, 0 to 64; with a cluster as --executor none are
+    /// Number of worker processes on this machine, 0 to 64; there are none if --executor is a
+    /// cluster
     #[arg(long, env = "TORQUED_WORKERS", value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(0..=64))]
     pub workers: u16,
 
-    /// Threads of each worker [default: the machine's, divided among the workers; 4 on a cluster]
+    /// Threads of each worker [default: the machine's threads divided by the number of workers; 4
+    /// on a cluster]
     #[arg(long, env = "TORQUED_WORKER_THREADS", value_name = "N")]
     pub worker_threads: Option<NonZero<usize>>,
 
@@ -63,44 +65,46 @@ pub struct Options {
     #[arg(long, env = "TORQUED_PREDICTION_THREADS", value_name = "N")]
     pub prediction_threads: Option<NonZero<usize>>,
 
-    /// Weights of models kept loaded for live predictions, in bytes
+    /// Limit of the models' weights that are kept loaded for live predictions, in bytes
     #[arg(long, env = "TORQUED_MAX_LOADED_BYTES", value_name = "N", default_value_t = live::LOADED_BYTES, value_parser = clap::value_parser!(u64).range(1..))]
     pub max_loaded_bytes: u64,
 
-    /// Seconds without a sign of life after which a worker's task is given to another
+    /// Seconds without a heartbeat after which another worker gets a task
     #[arg(long, env = "TORQUED_LEASE_SECONDS", value_name = "SECONDS", default_value_t = 15, value_parser = clap::value_parser!(u64).range(1..=3600))]
     pub lease_seconds: u64,
 
-    /// A token of scope admin beside those that `torqued token create` makes; one of either kind is needed when other
-    /// machines can connect
+    /// A token of scope admin, in addition to those from `torqued token create`; a token is
+    /// required if other machines can connect
     #[arg(long, env = "TORQUED_TOKEN", value_name = "TOKEN", hide_env_values = true)]
     token: Option<String>,
 
-    /// Connections open at once, 16 to 100000; fewer where the system allows this process fewer than four times as many files
+    /// Largest number of open connections, 16 to 100000; it is lower if the system allows this
+    /// process fewer than four files per connection
     #[arg(long, env = "TORQUED_MAX_CONNECTIONS", value_name = "N", default_value_t = api::limits::CONNECTIONS, value_parser = connections)]
     pub max_connections: usize,
 
-    /// Requests per second of one address, 1 to 1000000; ten times as many may come at once
+    /// Requests per second from one address, 1 to 1000000; ten times as many may come at once
     #[arg(long, env = "TORQUED_MAX_REQUESTS_PER_SECOND", value_name = "N", default_value_t = api::Options::default().requests_per_second)]
     pub max_requests_per_second: NonZero<u32>,
 
-    /// Largest simulation that may be submitted, in trajectories
+    /// Largest simulation that can be submitted, in trajectories
     #[arg(long, env = "TORQUED_MAX_TRAJECTORIES", value_name = "N", default_value_t = api::limits::MAX_TRAJECTORIES, value_parser = clap::value_parser!(u64).range(1..=spec::MAX_TRAJECTORIES))]
     pub max_trajectories: u64,
 
-    /// Seconds that an attempt at a task may take, of all jobs of a kind that ask for no less; may be repeated
+    /// Time limit of an attempt at a task in seconds, for one kind of job: the largest that jobs
+    /// may ask for, and the default; may be given several times
     #[arg(long = "time-limit", env = "TORQUED_TIME_LIMITS", value_name = "KIND=SECONDS", value_delimiter = ',', value_parser = time_limit)]
     pub time_limits: Vec<(JobKind, u32)>,
 
-    /// Largest file that may be sent to be imported, in bytes
+    /// Largest file that can be sent for an import, in bytes
     #[arg(long, env = "TORQUED_MAX_UPLOAD_BYTES", value_name = "N", default_value_t = api::limits::MAX_UPLOAD_BYTES, value_parser = clap::value_parser!(u64).range(1..))]
     pub max_upload_bytes: u64,
 
-    /// Bytes that all files which are sent may take together, those in the trash included [default: no limit]
+    /// Limit of all sent files together in bytes, including those in the trash [default: no limit]
     #[arg(long, env = "TORQUED_UPLOAD_QUOTA_BYTES", value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     pub upload_quota_bytes: Option<u64>,
 
-    /// Days for which what was deleted can be restored, 0 to 3650
+    /// Days for which deleted things can be restored, 0 to 3650
     #[arg(long, env = "TORQUED_TRASH_DAYS", value_name = "DAYS", default_value_t = api::limits::TRASH_DAYS, value_parser = clap::value_parser!(u16).range(0..=3650))]
     pub trash_days: u16,
 
@@ -109,20 +113,20 @@ pub struct Options {
 }
 
 impl Options {
-    /// The token that requests must carry. An empty one is none.
+    /// The token that requests must carry. An empty token means none.
     pub fn token(&self) -> Option<&str> {
         self.token.as_deref().filter(|token| !token.is_empty())
     }
 }
 
-/// How long requests that are under way may take when the server stops.
+/// How long open requests may take when the server stops.
 const FINISH_REQUESTS_WITHIN: Duration = Duration::from_secs(3);
 
 /// A running server.
 pub struct Server {
-    /// `http://127.0.0.1:7070`, or `unix:/run/torqued`.
+    /// The address, e.g. `http://127.0.0.1:7070` or `unix:/run/torqued`.
     pub url: String,
-    /// The token with which this process asks its own server.
+    /// The token for requests of this process to its own server.
     pub own_token: String,
     data: PathBuf,
     store: Store,
@@ -137,7 +141,7 @@ pub struct Server {
 
 impl Server {
     /// # Errors
-    /// When the device or the folder cannot be used, or the address cannot be listened on.
+    /// When the device or the folder cannot be used, or listening on the address fails.
     pub async fn start(options: &Options, log: &Logging) -> anyhow::Result<Self> {
         allocator::keep_freed_memory();
         process::open_many_files();
@@ -224,7 +228,7 @@ impl Server {
         })
     }
 
-    /// Serves until the first interrupt, then stops; the second kills.
+    /// Serves until the first interrupt, and then stops. The second interrupt kills the process.
     pub async fn run_until_interrupted(
         mut self,
         interrupts: &mut Interrupts,
@@ -241,9 +245,9 @@ impl Server {
         Ok(())
     }
 
-    /// Takes no more tasks, lets workers put theirs down, finishes requests.
+    /// Claims no more tasks, lets workers give theirs back, and finishes requests.
     pub async fn stop(self, interrupts: &mut Interrupts) {
-        tracing::info!("stopping; once more to kill");
+        tracing::info!("stopping; interrupt again to kill");
         self.app.announce_end();
         self.stop_workers.cancel();
         tokio::select! {
@@ -261,7 +265,7 @@ impl Server {
     }
 }
 
-/// What computes predictions beside the workers.
+/// The part that computes live predictions.
 fn live(store: Store, options: &Options) -> anyhow::Result<Live> {
     let machine = || std::thread::available_parallelism().unwrap_or(NonZero::<usize>::MIN);
     let options = live::Options {
@@ -278,7 +282,7 @@ fn connections(text: &str) -> Result<usize, String> {
     number.ok_or(format!("allowed: {} to {}", ALLOWED.start(), ALLOWED.end()))
 }
 
-/// Reads `train=3600`.
+/// Reads a time limit, e.g. `train=3600`.
 fn time_limit(text: &str) -> Result<(JobKind, u32), String> {
     const LONGEST: u32 = 30 * 24 * 60 * 60;
     let (kind, seconds) = text.split_once('=').ok_or("expected KIND=SECONDS, e.g. train=86400")?;
@@ -287,7 +291,8 @@ fn time_limit(text: &str) -> Result<(JobKind, u32), String> {
     Ok((kind, seconds.ok_or(format!("allowed: 1 to {LONGEST} seconds"))?))
 }
 
-/// What the names of this server's workers begin with. Servers that share a database have workers of the same index.
+/// The prefix of the names of this server's workers. Servers that share a database have workers
+/// with the same index.
 fn names_of_workers(options: &Options) -> String {
     if options.store.database.is_none() {
         return "worker-".to_owned();

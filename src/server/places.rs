@@ -1,4 +1,4 @@
-//! Where results lie on this machine's disk, for whoever runs the server on it.
+//! Paths of results on this machine's disk, for the user who runs the server on it.
 
 use std::path::{Path, PathBuf};
 

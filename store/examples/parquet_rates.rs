@@ -2,8 +2,8 @@
 //!
 //! `cargo run --release -p store --example parquet_rates -- trajectories-00000.parquet`
 //!
-//! One thread; every time is the best of three. Writing includes the digest, and ends when the file
-//! is on the disk.
+//! It uses one thread, and every time is the best of three. Writing includes the digest, and ends
+//! when the file is on the disk.
 
 use std::path::Path;
 use std::time::Instant;
@@ -15,7 +15,7 @@ use mimalloc::MiMalloc;
 use serde_json::json;
 use store::{ObjectWriter, STEP, StoreError, TableReader, TableWriter};
 
-/// As in the product.
+/// The allocator that the product uses.
 #[global_allocator]
 static ALLOCATOR: MiMalloc = MiMalloc;
 
@@ -47,7 +47,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     Ok(())
 }
 
-/// Seconds; what an action returns is dropped outside of its time.
+/// The shortest duration of three runs of `action`, in seconds. Dropping the result is not timed.
 fn best<T>(mut action: impl FnMut() -> Result<T, StoreError>) -> Result<f64, StoreError> {
     let mut best = f64::INFINITY;
     for _ in 0..REPETITIONS {
@@ -78,7 +78,7 @@ fn write(batches: &[RecordBatch], samples: u32, file: &Path) -> Result<(), Store
     Ok(())
 }
 
-/// Of each trajectory.
+/// The number of samples of each trajectory.
 fn samples(batches: &[RecordBatch]) -> Result<u32, Box<dyn std::error::Error>> {
     let first = batches.first().ok_or("the file has no rows")?;
     let steps = first.column_by_name(STEP).ok_or("the file has no column step")?;

@@ -25,17 +25,17 @@ pub struct Artifact {
 
 #[derive(Clone, Debug)]
 pub struct NewArtifact<'a> {
-    /// E.g. `rmse-multisine.svg`; replaces what the run has under this name.
+    /// E.g. `rmse-multisine.svg`. An artifact of the run with the same name is replaced.
     pub name: &'a str,
     pub media_type: &'a str,
     pub bytes: Bytes,
 }
 
 impl Store {
-    /// Publishes and commits a file of the run of the fence's job.
+    /// Publishes a file and commits it as an artifact of the fence's run.
     ///
     /// # Errors
-    /// [`StoreError::LeaseLost`] when the lease is lost; nothing is visible then.
+    /// [`StoreError::LeaseLost`] when the lease is lost. The file is not visible then.
     pub async fn put_artifact(
         &self,
         fence: Fence,
@@ -48,11 +48,12 @@ impl Store {
         self.commit_artifact(fence, run, artifact.name, artifact.media_type, &object).await
     }
 
-    /// Writes, publishes and commits a Parquet table as a file of the run of the fence's job, which
-    /// it returns. `footer` goes into the file's key-value metadata.
+    /// Publishes a Parquet table and commits it as an artifact of the fence's run. Returns that
+    /// run. `footer` goes into the file's key-value metadata.
     ///
     /// # Errors
-    /// [`StoreError::LeaseLost`] when the lease is lost; nothing is visible then. A full disk.
+    /// [`StoreError::LeaseLost`] when the lease is lost. The file is not visible then. It also
+    /// fails when the disk is full.
     #[boxed]
     pub async fn put_table(
         &self,
@@ -84,7 +85,7 @@ impl Store {
         })
     }
 
-    /// The row that makes a published object an artifact.
+    /// Commits the row that makes a published object an artifact.
     async fn commit_artifact(
         &self,
         fence: Fence,
@@ -104,7 +105,7 @@ impl Store {
         })
     }
 
-    /// Those of all `runs`, by run and name.
+    /// The artifacts of all `runs`, sorted by run and name.
     ///
     /// # Errors
     /// When the database fails.
@@ -113,7 +114,7 @@ impl Store {
         sql!(self.database(), "reading the artifacts of runs", artifacts(runs))
     }
 
-    /// The artifact of this name of each of `runs` that has one.
+    /// For each of `runs`, its artifact with this name, if it has one.
     ///
     /// # Errors
     /// When the database fails.

@@ -1,4 +1,4 @@
-//! Every time that a worker had a task: who, from when to when, and how it ended.
+//! Attempts: which worker had a task, from when to when, and how the attempt ended.
 
 use wire::AttemptOutcome;
 
@@ -10,17 +10,17 @@ use crate::{Epoch, JobId, Page, Store, StoreError, TaskId, Timestamp};
 pub struct Attempt {
     pub id: i64,
     pub task: TaskId,
-    /// The task's.
+    /// The task's label.
     pub label: String,
     pub epoch: Epoch,
     pub worker: String,
-    /// `None` while it lasts.
+    /// `None` while the attempt is running.
     pub outcome: Option<AttemptOutcome>,
     /// Why it failed, or why the worker had to give the task back.
     pub reason: Option<String>,
     pub started_at: Timestamp,
     pub ended_at: Option<Timestamp>,
-    /// Bytes that it has logged, those that were left out included; `None` without a log.
+    /// Bytes logged, including those that were dropped; `None` without a log.
     pub log_bytes: Option<u64>,
 }
 

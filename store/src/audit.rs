@@ -4,26 +4,26 @@ use crate::boxed;
 use crate::database::{Scope, sql};
 use crate::{Page, Store, StoreError, Timestamp};
 
-/// Entries that are kept; the oldest make room.
+/// Number of entries kept. Older ones are deleted.
 pub const AUDIT_ENTRIES: u32 = 100_000;
 
-/// A request that changed something, or tried to.
+/// A request that changed something, or was refused.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AuditEntry {
-    /// Name of the token that let the request in, or what else did.
+    /// Name of the token that let the request in, or of what else let it in.
     pub actor: String,
     /// The address that the request came from.
     pub address: String,
     pub method: String,
-    /// With its query.
+    /// The path and the query.
     pub path: String,
-    /// The answer's.
+    /// The status of the answer.
     pub status: u16,
-    /// Path of what the request made.
+    /// Path of the resource that the request created.
     pub made: Option<String>,
 }
 
-/// An entry, with its place and moment.
+/// An entry with its id and its time.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AuditRecord {
     pub id: i64,
@@ -32,7 +32,7 @@ pub struct AuditRecord {
 }
 
 impl Store {
-    /// Adds an entry; all but the newest [`AUDIT_ENTRIES`] are forgotten.
+    /// Adds an entry, and deletes all but the newest [`AUDIT_ENTRIES`].
     ///
     /// # Errors
     /// When the database fails.
@@ -43,7 +43,7 @@ impl Store {
         tx.commit().await
     }
 
-    /// Newest first; of one actor, if any is named.
+    /// Lists entries, newest first; only those of `actor` if it is given.
     ///
     /// # Errors
     /// When the database fails.

@@ -1,4 +1,4 @@
-//! Cancellation, as users ask for it.
+//! Cancellation of jobs by users.
 
 use crate::boxed;
 use crate::database::{Scope, Transaction, sql};
@@ -7,9 +7,9 @@ use crate::rules::cancellation::members_to_cancel;
 use crate::{JobId, Store, StoreError, pipelines};
 
 impl Store {
-    /// Cancels a job: tasks that nobody has end now, running ones when their worker notices.
-    /// Of a pipeline, cancels the members that nothing else alive needs. A job that has ended
-    /// stays as it is.
+    /// Cancels a job. Its queued tasks end now, and its running tasks end when their workers
+    /// notice. Cancelling a pipeline cancels the members that no other active job needs. A job that
+    /// has ended stays as it is.
     ///
     /// # Errors
     /// When there is no such job.
@@ -36,8 +36,8 @@ async fn cancel_members(tx: &mut Transaction, pipeline: JobId) -> Result<(), Sto
         candidate.needed_by = sql!(tx, waiting_dependents(candidate.job))?;
     }
     let members = members_to_cancel(&candidates);
-    // All are marked before the first ends, since a pipeline settles when none that is marked is
-    // left.
+    // All members are marked before the first one ends, because a pipeline settles when none of its
+    // marked members is left.
     for member in &members {
         sql!(tx, request_cancellation(*member))?;
     }

@@ -1,4 +1,4 @@
-//! How many there are of everything, for whoever watches over a server.
+//! Counts of jobs, tasks and attempts, for the server's metrics.
 
 use wire::{AttemptOutcome, JobState, TaskState};
 
@@ -6,17 +6,18 @@ use crate::boxed;
 use crate::database::sql;
 use crate::{Store, StoreError};
 
-/// Numbers by kind of job. What there is none of is left out.
+/// Counts by kind of job. Counts of zero are left out.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Census {
     pub jobs: Vec<(String, JobState, u64)>,
     pub tasks: Vec<(String, TaskState, u64)>,
-    /// Without an outcome, those that go on.
+    /// Counts by kind and outcome; attempts without an outcome are running.
     pub attempts: Vec<(String, Option<AttemptOutcome>, u64)>,
 }
 
 impl Store {
-    /// Counts all jobs, tasks and attempts, which takes the longer the more there are: some 0.2 s for a million.
+    /// Counts all jobs, tasks and attempts. The time grows with their number: about 0.2 s for a
+    /// million.
     ///
     /// # Errors
     /// When the database fails.

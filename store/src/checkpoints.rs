@@ -1,4 +1,4 @@
-//! Checkpoints of trainings: enough to resume from, or to predict with.
+//! Checkpoints of trainings. A training resumes from one, and a model predicts with one.
 
 use std::collections::BTreeMap;
 
@@ -20,26 +20,26 @@ pub struct Checkpoint {
     pub id: CheckpointId,
     pub job: JobId,
     pub run: RunId,
-    /// As people call it.
+    /// The name that users gave it.
     pub name: Option<String>,
     pub note: Option<String>,
-    /// In order.
+    /// Sorted.
     pub tags: Vec<String>,
-    /// The job's, in order.
+    /// Tags of the job, sorted.
     pub job_tags: Vec<String>,
     /// Optimizer steps taken.
     pub step: u64,
-    /// Whether training ended with it.
+    /// Whether the training ended with it.
     pub is_final: bool,
-    /// Whether its validation is the best so far.
+    /// Whether it has the best validation metric so far.
     pub is_best: bool,
-    /// Whether there is none after it.
+    /// Whether it is the training's latest.
     pub is_last: bool,
-    /// Of the newest validation when it was written.
+    /// Metrics of the newest validation at the time it was written.
     pub metrics: BTreeMap<String, f64>,
-    /// The job's.
+    /// The job's digest.
     pub digest: Digest,
-    /// By name.
+    /// Sorted by name.
     pub files: Vec<CheckpointFile>,
     pub created_at: Timestamp,
     pub deletion: Option<Deletion>,
@@ -62,26 +62,28 @@ impl Checkpoint {
 pub struct NewCheckpoint {
     pub step: u64,
     pub is_final: bool,
-    /// Takes this from the one that was best before; never taken back by a later commit of the step.
+    /// Makes this the best checkpoint in place of the one before. A later commit of the same step
+    /// does not undo that.
     pub is_best: bool,
     pub metrics: BTreeMap<String, f64>,
-    /// Published before.
+    /// Files that are published already.
     pub files: Vec<CheckpointFile>,
 }
 
-/// One of the checkpoints of the trainings of a digest.
+/// Selects one of the checkpoints of the trainings with a digest.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum WhichCheckpoint {
     Final,
-    /// Of a training that succeeded.
+    /// The best one of a training that succeeded.
     Best,
-    /// After so many steps.
+    /// The one after this number of optimizer steps.
     Step(u64),
 }
 
 impl Store {
-    /// Commits a checkpoint of the fence's job; one of the same step is replaced and keeps its id. With one of a later
-    /// step than all others the task got on, and attempts before this one do not count any more.
+    /// Commits a checkpoint of the fence's job. It replaces a checkpoint of the same step and keeps
+    /// its id. A checkpoint of a later step than all others shows progress: earlier attempts then
+    /// no longer count towards the limit.
     ///
     /// # Errors
     /// [`StoreError::LeaseLost`] when the lease is lost; nothing is visible then.
@@ -200,7 +202,7 @@ impl Store {
         sql!(self.database(), READING, checkpoint_ids(jobs))
     }
 
-    /// What a training resumes from.
+    /// The checkpoint from which a training resumes.
     ///
     /// # Errors
     /// When the database fails.

@@ -1,4 +1,4 @@
-//! Moments by the database's clock: processes and machines need not agree on theirs.
+//! Moments by the database's clock. The clocks of processes and machines need not agree.
 
 use std::fmt;
 
@@ -34,7 +34,7 @@ impl fmt::Display for Timestamp {
 }
 
 impl Store {
-    /// The present by the database's clock.
+    /// The current moment by the database's clock.
     ///
     /// # Errors
     /// When the database fails.

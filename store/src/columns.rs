@@ -1,7 +1,7 @@
-//! Numbers with a type of their own, in columns of integers.
+//! Columns of integers for number types of our own.
 
-/// Lets `$name`, which holds one `i64`, be bound to statements and read from rows, of any database. sqlx derives
-/// the same by a macro of its own, which builds a second SQLite for the compiler.
+/// Lets `$name`, which holds one `i64`, be bound to statements and read from rows of any database.
+/// sqlx has a derive macro for the same, but it builds a second SQLite for the compiler.
 macro_rules! integer_column {
     ($name:ident) => {
         impl<DB: sqlx::Database> sqlx::Type<DB> for $name

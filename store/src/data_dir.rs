@@ -1,4 +1,4 @@
-//! The data folder: what lies where, and who may serve it.
+//! The data folder: its layout, and the lock of its server.
 
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{ErrorKind, Read, Seek, Write};
@@ -7,21 +7,23 @@ use std::path::{Path, PathBuf};
 
 use crate::StoreError;
 
-/// What a process opens the store for.
+/// The purpose for which a process opens the store.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Access {
-    /// Creates the folder, brings the schema up to date and holds the folder's lock: one at a time.
+    /// Creates the folder, migrates the schema and holds the folder's lock. Only one at a time.
     Server,
-    /// Uses what a server made; any number at a time.
+    /// Uses a store that a server made. Any number at a time.
     Worker,
-    /// Fills a new store with what another holds: as a server, also where that was begun before.
+    /// Fills a new store with the contents of another one. Like a server, but it also continues a
+    /// transfer that was begun before.
     Transfer,
-    /// Makes a database again for objects whose own is lost: as a server, and whosever the objects are.
+    /// Rebuilds a lost database from its objects. Like a server, but it also takes over objects of
+    /// another store.
     Rebuilding,
 }
 
 impl Access {
-    /// Whether it makes what is not there yet, and is alone.
+    /// Whether the process creates missing parts and holds the lock.
     pub(crate) fn is_owner(self) -> bool {
         self != Self::Worker
     }
@@ -44,12 +46,12 @@ impl DataDir {
         self.0.join("torqued.sqlite")
     }
 
-    /// Closed by whoever queues tasks, watched by workers.
+    /// The file that is closed by processes that queue tasks, and watched by workers.
     pub fn bell(&self) -> PathBuf {
         self.0.join("queue.bell")
     }
 
-    /// As errors name it.
+    /// The folder's name in errors.
     pub fn place(&self) -> String {
         format!("data folder {}", self.0.display())
     }
@@ -58,7 +60,7 @@ impl DataDir {
         self.0.join("objects")
     }
 
-    /// Copies of objects that lie elsewhere.
+    /// The folder with copies of remote objects.
     pub fn cache(&self) -> PathBuf {
         self.0.join("cache")
     }
@@ -67,8 +69,8 @@ impl DataDir {
         self.0.join("server.lock")
     }
 
-    /// Creates the folders. Nobody but their owner may look into a data folder that was not there; one that was keeps the
-    /// mode that somebody gave it.
+    /// Creates the folders. Only the owner may read a new data folder. An existing folder keeps its
+    /// mode.
     pub fn create(&self) -> Result<(), StoreError> {
         self.create_private().map_err(|reason| self.unusable(reason))?;
         std::fs::create_dir_all(self.objects()).map_err(|reason| self.unusable(reason))
@@ -88,8 +90,8 @@ impl DataDir {
         }
     }
 
-    /// Takes the server's lock, which the returned handle holds until it is dropped or its
-    /// process dies.
+    /// Takes the server's lock. The returned handle holds it until it is dropped or its process
+    /// dies.
     pub fn lock(&self) -> Result<File, StoreError> {
         let mut file = OpenOptions::new()
             .read(true)

@@ -1,19 +1,20 @@
-//! The seam between the store and its databases. What the store asks of a database are the functions
-//! of `statements`, which are compiled for each; [`sql`] calls one of them.
+//! The seam between the store and its databases. The functions of `statements` are everything that
+//! the store asks of a database. They are compiled for each database, and [`sql`] calls one of
+//! them.
 
 use crate::data_dir::DataDir;
 use crate::location::DatabaseUrl;
 use crate::{Access, Store, StoreError, postgres, sqlite};
 
-/// A database, open.
+/// An open database.
 #[derive(Debug)]
 pub(crate) enum Database {
     Sqlite(sqlite::Database),
     Postgres(postgres::Database),
 }
 
-/// Statements that take effect together. What a transaction has read of what its [`Scope`] covers stays so until it
-/// ends.
+/// Statements that take effect together. Rows that the transaction has read and its [`Scope`]
+/// covers do not change until it ends.
 pub(crate) enum Transaction {
     Sqlite(sqlite::Transaction),
     Postgres(postgres::Transaction),
@@ -24,17 +25,18 @@ pub(crate) enum Transaction {
 pub(crate) enum Scope {
     /// The states of jobs and tasks: one such transaction at a time.
     Queue,
-    /// The end of one leased task after which its job stays as it is: many at a time, but none beside one of `Queue`.
+    /// The end of one leased task that leaves its job as it is. Many at a time, but none beside one
+    /// of `Queue`.
     Task,
-    /// Rows of one leased task, whose own row it locks first; or rows of no task.
+    /// Rows of one leased task, whose own row it locks first. Or rows that belong to no task.
     Rows,
-    /// As `Rows`, of what means nothing without the process that wrote it: a lease, a sign of life. A power cut that ends
-    /// all such processes together with the database may take it along.
+    /// Like `Rows`, for rows that mean nothing without the process that wrote them: a lease or a
+    /// heartbeat. A power cut that ends the database and all such processes may lose them.
     Lease,
 }
 
-/// Calls a statement: `sql!(database, "reading jobs", jobs(filter))`, whose operation completes
-/// "while ..." in an error, or `sql!(transaction, end_job(job))`.
+/// Calls a statement: `sql!(database, "reading jobs", jobs(filter))` or `sql!(transaction,
+/// end_job(job))`. The operation completes "while ..." in an error.
 macro_rules! sql {
     ($database:expr, $operation:expr, $statement:ident($($argument:expr),* $(,)?)) => {
         match $database {
@@ -65,7 +67,7 @@ macro_rules! sql {
 pub(crate) use sql;
 
 impl Database {
-    /// Opens the database at `url`, or else that in the data folder.
+    /// Opens the database at `url`, or the one in the data folder.
     pub async fn open(
         dir: &DataDir,
         url: Option<&DatabaseUrl>,
@@ -101,7 +103,8 @@ impl Transaction {
         }
     }
 
-    /// Ends it without a trace. One that is dropped is rolled back as well, but a moment later.
+    /// Rolls the transaction back now. A dropped transaction is rolled back too, but a moment
+    /// later.
     pub async fn roll_back(self) -> Result<(), StoreError> {
         match self {
             Self::Sqlite(transaction) => transaction.roll_back().await,
@@ -109,8 +112,9 @@ impl Transaction {
         }
     }
 
-    /// Widens its scope to [`Scope::Queue`] if that is possible at once: nobody else moves the queue or ends a task.
-    /// Otherwise roll it back and begin another one, which waits.
+    /// Widens its scope to [`Scope::Queue`] if that is possible at once, because no other
+    /// transaction moves the queue or ends a task. If it returns false, roll this transaction back
+    /// and begin another one, which waits.
     pub async fn take_the_queue(&mut self) -> Result<bool, StoreError> {
         match self {
             // Nobody else writes meanwhile.
@@ -124,7 +128,7 @@ impl Transaction {
 }
 
 impl Store {
-    /// A transaction that reads what was there at one moment, beside those who write.
+    /// Begins a transaction that reads the state of one moment while others write.
     pub(crate) async fn begin_snapshot(
         &self,
         operation: &'static str,

@@ -1,4 +1,5 @@
-//! Datasets and their shards. A job whose output is one fills it, and has it from its submission on.
+//! Datasets and their shards. A job that makes a dataset has it from its submission on and fills
+//! it.
 
 use std::fmt;
 use std::ops::Range;
@@ -21,26 +22,26 @@ use crate::{
 pub struct Dataset {
     pub id: DatasetId,
     pub job: JobId,
-    /// The job's.
+    /// The job's digest.
     pub digest: Digest,
-    /// As people call it, or else its job.
+    /// The name that users gave it, or the name of its job.
     pub name: String,
     pub note: Option<String>,
-    /// In order.
+    /// Sorted.
     pub tags: Vec<String>,
-    /// The job's, in order.
+    /// Tags of the job, sorted.
     pub job_tags: Vec<String>,
     pub spec: Value,
     pub state: DatasetState,
-    /// When complete.
+    /// Number of trajectories when it is complete.
     pub trajectories: u64,
-    /// Of each trajectory.
+    /// Number of samples of each trajectory.
     pub samples: u32,
-    /// So far.
+    /// Shards committed so far.
     pub shards: u64,
     /// Draws refused so far.
     pub rejected: u64,
-    /// Of all files so far.
+    /// Size of all files so far.
     pub bytes: u64,
     pub created_at: Timestamp,
     pub completed_at: Option<Timestamp>,
@@ -51,9 +52,9 @@ pub struct Dataset {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum FileContent {
-    /// A row per time step.
+    /// One row per time step.
     Trajectories,
-    /// A row per trajectory: its robot and its excitation.
+    /// One row per trajectory: its robot and its excitation.
     Robots,
 }
 
@@ -72,7 +73,7 @@ impl FileContent {
         format!("{self}-{shard:05}.parquet")
     }
 
-    /// Rows of the file of a shard with so many trajectories of so many samples.
+    /// The number of rows of a shard's file with this many trajectories of this many samples.
     pub fn rows(self, trajectories: u64, samples: u32) -> u64 {
         match self {
             Self::Trajectories => trajectories * u64::from(samples),
@@ -125,21 +126,22 @@ impl ShardContents {
     }
 }
 
-/// Where it stands how many trajectories a dataset has.
+/// Where the number of a dataset's trajectories comes from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Count {
-    /// In its row since the submission.
+    /// From the dataset's row, since the submission.
     Submitted,
-    /// In its one shard.
+    /// From its only shard.
     OfShard,
 }
 
 impl Store {
-    /// Commits the shard of the fence's task, whose ordinal it has, and completes the task; the
-    /// last shard completes dataset and job in the same transaction. Harmless when repeated.
+    /// Commits the shard of the fence's task and completes the task. The task's ordinal is the
+    /// shard's index. The last shard completes dataset and job in the same transaction. Repeating
+    /// the call does no harm.
     ///
     /// # Errors
-    /// [`StoreError::LeaseLost`] when the lease is lost; nothing is changed then.
+    /// [`StoreError::LeaseLost`] when the lease is lost. Nothing has changed then.
     #[boxed]
     pub async fn commit_shard(
         &self,
@@ -150,10 +152,11 @@ impl Store {
         self.commit(fence, shard, result, Count::Submitted).await
     }
 
-    /// The same for the one shard of an import, which tells how many trajectories the dataset has.
+    /// Like [`Self::commit_shard`], for the one shard of an import. It sets the dataset's number of
+    /// trajectories.
     ///
     /// # Errors
-    /// [`StoreError::LeaseLost`] when the lease is lost; nothing is changed then.
+    /// [`StoreError::LeaseLost`] when the lease is lost. Nothing has changed then.
     #[boxed]
     pub async fn commit_import(
         &self,
@@ -180,7 +183,7 @@ impl Store {
             if let Err(StoreError::LeaseLost { .. }) = begun
                 && sql!(self.database(), OPERATION, is_committed(fence, shard.trajectories.sha256))?
             {
-                // This very commit went through before, its answer lost on the way.
+                // The same commit succeeded before, and its answer was lost.
                 return Ok(());
             }
             let mut completion = begun?;
@@ -203,7 +206,7 @@ impl Store {
         Ok(found)
     }
 
-    /// Newest first; all states without a `state`.
+    /// Datasets, newest first; in every state if `state` is `None`.
     ///
     /// # Errors
     /// When the database fails.
@@ -217,7 +220,7 @@ impl Store {
         Ok(self.list_datasets(&Listing { state, ..page.into() }).await?.items)
     }
 
-    /// Those of the datasets with these ids that there are, by id.
+    /// Those of the datasets with these ids that exist, sorted by id.
     ///
     /// # Errors
     /// When the database fails.
@@ -226,7 +229,7 @@ impl Store {
         sql!(self.database(), "reading datasets", datasets_by_id(ids))
     }
 
-    /// Each of `jobs` that fills a dataset, beside it.
+    /// Pairs of a job and its dataset, for those of `jobs` that fill one.
     ///
     /// # Errors
     /// When the database fails.
@@ -247,7 +250,7 @@ impl Store {
         sql!(self.database(), "looking up a dataset by digest", dataset_by_digest(digest))
     }
 
-    /// In order; while the dataset is building, those that are there.
+    /// The shards in order. While the dataset is building, those that are committed.
     ///
     /// # Errors
     /// When the database fails.

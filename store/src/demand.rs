@@ -1,4 +1,4 @@
-//! The demand of tasks that wait, and why they wait.
+//! The demand for workers: tasks that wait, and why they wait.
 
 use std::collections::HashMap;
 
@@ -9,27 +9,28 @@ use crate::database::sql;
 use crate::rules::placement::{Placement, placement};
 use crate::{JobId, Store, StoreError, Worker};
 
-/// Tasks that wait for a worker and ask for the same.
+/// Waiting tasks that ask for the same resources.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Demand {
     pub resources: Resources,
-    /// How many may be claimed now.
+    /// Number of tasks that may be claimed now.
     pub waiting: u64,
 }
 
-/// Why queued tasks wait, if it is not only for their turn.
+/// Why queued tasks wait, besides waiting for their turn.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Wait {
-    /// They may not begin before.
+    /// They may not begin before this moment.
     Until(Moment),
-    /// No worker that is alive offers what they ask for.
+    /// No live worker offers the resources that they ask for.
     Unoffered(Resources),
-    /// Only these workers do, and are drained.
+    /// Only these workers offer the resources, and they are drained.
     Drained { resources: Resources, workers: Vec<String> },
 }
 
 impl Store {
-    /// The tasks that may be claimed now, by what they ask for, those first in line first; none while the queue is paused.
+    /// The tasks that may be claimed now, grouped by the resources they ask for, in the order of
+    /// the queue. There are none while the queue is paused.
     ///
     /// # Errors
     /// When the database fails.
@@ -38,7 +39,7 @@ impl Store {
         sql!(self.database(), "reading what tasks ask for", demand())
     }
 
-    /// Why the queued tasks of `jobs` wait, as far as there is more to it than their turn.
+    /// Why the queued tasks of `jobs` wait, where it is not only for their turn.
     ///
     /// # Errors
     /// When the database fails.
@@ -59,7 +60,7 @@ impl Store {
         Ok(asked.into_iter().filter_map(wait).collect())
     }
 
-    /// Why the first task in line waits, if no worker that is alive could take any task that waits.
+    /// Why the first task in line waits, if no live worker could take any waiting task.
     ///
     /// # Errors
     /// When the database fails.
@@ -74,7 +75,7 @@ impl Store {
 }
 
 impl Wait {
-    /// `None` where one of `workers` could take the tasks.
+    /// `None` if one of `workers` could take the tasks.
     fn for_workers(resources: Resources, workers: &[Worker]) -> Option<Self> {
         match placement(&resources, workers) {
             Placement::Possible => None,

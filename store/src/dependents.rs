@@ -1,4 +1,4 @@
-//! The jobs that depend on what other jobs left.
+//! The jobs that depend on the results of other jobs.
 
 use spec::Digest;
 use wire::{JobState, Relation};
@@ -7,11 +7,11 @@ use crate::database::{Transaction, sql};
 use crate::trash::Reach;
 use crate::{JobId, StoreError};
 
-/// A job that depends on something.
+/// A job that depends on an item.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Dependent {
     pub job: JobId,
-    /// Opaque to the store.
+    /// The store does not interpret it.
     pub kind: String,
     pub name: String,
     pub state: JobState,
@@ -19,7 +19,8 @@ pub struct Dependent {
     pub digest: Digest,
 }
 
-/// By job. Those that have ended count while something of theirs is there that was made with it.
+/// Dependents, sorted by job. A job that has ended counts as long as a result of it exists that was
+/// made with the item.
 pub(crate) async fn of(tx: &mut Transaction, reach: &Reach) -> Result<Vec<Dependent>, StoreError> {
     let mut found: Vec<Dependent> = sql!(&mut *tx, readers(reach))?;
     found.extend(sql!(&mut *tx, successors(reach))?);

@@ -1,4 +1,5 @@
-//! `dataset.json` and `training.json`: what a dataset and a checkpoint are, for whoever has only their files.
+//! `dataset.json` and `training.json`: they describe a dataset and a checkpoint to readers who have
+//! only their files.
 
 use std::collections::BTreeMap;
 
@@ -8,35 +9,36 @@ use spec::{Column, Digest};
 
 use crate::{FileContent, ShardContents, StoredObject};
 
-/// A function of the spec and the shards alone: the same bytes wherever they were made.
+/// Describes a dataset. It depends only on the spec and the shards, so its bytes are the same
+/// wherever they were made.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DatasetDescription {
     pub name: String,
-    /// SHA-256 of the spec in canonical JSON, which names the dataset.
+    /// SHA-256 of the spec in canonical JSON. It identifies the dataset.
     pub digest: Digest,
-    /// Of the torqued that describes it.
+    /// The version of torqued that wrote the description.
     pub version: String,
     /// Whether all shards are there.
     pub complete: bool,
-    /// In the shards that are there.
+    /// Number of trajectories in the shards that are there.
     pub trajectories: u64,
-    /// Of each trajectory.
+    /// Number of samples of each trajectory.
     pub samples: u32,
     pub rate_hz: f64,
-    /// Draws refused on the way to those trajectories.
+    /// Draws that were refused while making those trajectories.
     pub rejected: u64,
     pub columns: TableColumns,
     pub shards: Vec<ShardDescription>,
-    /// The job that makes it again, without its execution.
+    /// The job that makes the dataset again, without its execution.
     pub spec: Value,
 }
 
 /// The columns of both tables.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct TableColumns {
-    /// A row per time step.
+    /// Columns with one row per time step.
     pub trajectories: Vec<Column>,
-    /// A row per trajectory.
+    /// Columns with one row per trajectory.
     pub robots: Vec<Column>,
 }
 
@@ -61,23 +63,23 @@ pub struct FileDescription {
     pub sha256: Digest,
 }
 
-/// A function of the training and the step alone.
+/// Describes a checkpoint. It depends only on the training and the step.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CheckpointDescription {
     /// SHA-256 of the training's spec in canonical JSON.
     pub digest: Digest,
-    /// Of the torqued that describes it.
+    /// The version of torqued that wrote the description.
     pub version: String,
     /// Optimizer steps taken.
     pub step: u64,
     pub is_final: bool,
     pub is_best: bool,
-    /// Of the newest validation.
+    /// Metrics of the newest validation.
     pub metrics: BTreeMap<String, f64>,
     /// The result of the training, if it ended with this checkpoint.
     pub result: Option<Value>,
     pub files: Vec<CheckpointFileDescription>,
-    /// The job that makes it again.
+    /// The job that makes the checkpoint again.
     pub spec: Value,
 }
 
@@ -93,9 +95,9 @@ impl CheckpointDescription {
     /// The name of the file.
     pub const FILE_NAME: &str = "training.json";
 
-    /// As `training.json` has it.
+    /// The bytes of `training.json`.
     pub fn to_json(&self) -> Vec<u8> {
-        // Strings and finite numbers only, so this cannot fail.
+        // It has only strings and finite numbers, so this cannot fail.
         let mut json = serde_json::to_vec_pretty(self).expect("a description serializes to JSON");
         json.push(b'\n');
         json
@@ -106,9 +108,9 @@ impl DatasetDescription {
     /// The name of the file.
     pub const FILE_NAME: &str = "dataset.json";
 
-    /// As `dataset.json` has it.
+    /// The bytes of `dataset.json`.
     pub fn to_json(&self) -> Vec<u8> {
-        // Strings and finite numbers only, so this cannot fail.
+        // It has only strings and finite numbers, so this cannot fail.
         let mut json = serde_json::to_vec_pretty(self).expect("a description serializes to JSON");
         json.push(b'\n');
         json

@@ -1,20 +1,21 @@
-//! Duties that one server has for all that share a store: two may serve one PostgreSQL, and one of them keeps house.
+//! Duties that one server has for all servers that share a store. Two servers may use one
+//! PostgreSQL, and only one of them does the housekeeping.
 
 use crate::boxed;
 use crate::database::Database;
 use crate::postgres::DutyLock;
 use crate::{Store, StoreError};
 
-/// Work that one server at a time does.
+/// Work that only one server does at a time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Duty {
-    /// Giving the tasks of dead workers to others.
+    /// Giving the tasks of dead workers to other workers.
     Reaping,
     /// Deleting objects without a row.
     Sweeping,
-    /// Asking a cluster's engine for workers.
+    /// Asking Slurm or Kubernetes for workers.
     Placing,
-    /// Forgetting old events.
+    /// Deleting old events.
     Forgetting,
 }
 
@@ -25,7 +26,7 @@ pub struct DutyClaim(Option<DutyLock>);
 impl Store {
     pub fn duty(&self, duty: Duty) -> DutyClaim {
         DutyClaim(match self.database() {
-            // The server of a data folder is alone.
+            // Only one server uses a data folder.
             Database::Sqlite(_) => None,
             Database::Postgres(database) => Some(database.duty_lock(duty)),
         })
@@ -33,8 +34,8 @@ impl Store {
 }
 
 impl DutyClaim {
-    /// Whether the duty is this server's at the moment. It becomes so when the server that had it ends, or can be reached by
-    /// the database no more.
+    /// Whether the duty is this server's at the moment. A server gets it when the server that had
+    /// it ends, or when the database can no longer reach that server.
     ///
     /// # Errors
     /// When the database does not answer.

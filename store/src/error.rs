@@ -1,4 +1,4 @@
-//! What can go wrong, in one enum.
+//! The errors of the store, in one enum.
 
 use std::error::Error;
 use std::io;
@@ -30,14 +30,15 @@ pub enum StoreError {
     NewerSchema { place: String, found: i64, known: i64 },
 
     #[error(
-        "{place} has schema {found}, this torqued needs {known}; start a server of this version first"
+        "{place} has schema {found}, but this torqued needs {known}; start a server of this \
+         version first"
     )]
     OlderSchema { place: String, found: i64, known: i64 },
 
     #[error("the database in {place} is damaged: {detail}; nothing was changed")]
     Damaged { place: String, detail: String },
 
-    /// A database that other programs serve.
+    /// A database that other programs provide.
     #[error("{place} cannot be used: {reason}; {remedy}")]
     DatabaseUnusable { place: String, reason: String, remedy: String },
 
@@ -46,22 +47,23 @@ pub enum StoreError {
     )]
     ForeignObjects { place: String, remedy: &'static str },
 
-    /// A store that somebody uses cannot move.
+    /// A store that is in use cannot be moved.
     #[error("{place} is in use by {by}; {remedy}")]
     InService { place: String, by: String, remedy: &'static str },
 
-    /// A server of one store would delete objects of the other.
+    /// The server of one store would delete objects of the other.
     #[error(
-        "{to} shares a folder, the database or a prefix with {from}; name a place that has all of its own"
+        "{to} shares a folder, the database or a prefix with {from}; choose a place that shares \
+         nothing with it"
     )]
     SharedPlace { from: String, to: String },
 
-    #[error("{place} has {found} already; name an empty place to move a store to")]
+    #[error("{place} has {found} already; choose an empty place for the store")]
     NotEmpty { place: String, found: String },
 
     #[error(
-        "{place} has a part of a store whose copy is not finished; repeat `torqued migrate`, `backup` or `restore` with the \
-         same places; to give it up, delete what is there and in its database"
+        "{place} has an unfinished copy of a store; repeat `torqued migrate`, `backup` or \
+         `restore` with the same places, or delete the copy and its database"
     )]
     UnfinishedTransfer { place: String },
 
@@ -81,12 +83,12 @@ pub enum StoreError {
     },
 
     #[error(
-        "the database was deleted or replaced since it was opened, and nothing that is done from now on would last; \
-         put it back, and start the server and its workers again"
+        "the database was deleted or replaced after it was opened, so further changes would be \
+         lost; put it back, and start the server and its workers again"
     )]
     DatabaseGone,
 
-    #[error("the database took no write for {} s: another process holds it, or the disk hangs", waited.as_secs())]
+    #[error("the database accepted no write for {} s: another process has locked it, or the disk hangs", waited.as_secs())]
     DatabaseBusy { waited: Duration },
 
     #[error("disk full while {operation}")]
@@ -95,22 +97,22 @@ pub enum StoreError {
     #[error("the database failed while {operation}")]
     Database { operation: &'static str, source: sqlx::Error },
 
-    #[error("the database could not be brought up to date")]
+    #[error("the schema of the database could not be migrated")]
     Migration { source: sqlx::migrate::MigrateError },
 
-    #[error("`{url}` is no place for objects: {reason}; allowed is s3://BUCKET/PREFIX")]
+    #[error("`{url}` is not a place for objects: {reason}; allowed: s3://BUCKET/PREFIX")]
     ObjectsUrl { url: String, reason: String },
 
-    #[error("{name} is `{value}`; allowed is {allowed}")]
+    #[error("{name} is `{value}`, allowed: {allowed}")]
     S3Options { name: &'static str, value: String, allowed: String },
 
     #[error("objects in {url} at {endpoint} cannot be used: {reason}")]
     ObjectsUnusable { url: String, endpoint: String, reason: String },
 
-    /// Two databases use one bucket and prefix, most likely.
+    /// Two databases probably use the same bucket and prefix.
     #[error(
-        "object {path} is there already, with other bytes; two databases cannot keep their objects in one bucket under \
-         one prefix: give each a prefix of its own"
+        "object {path} exists already with other bytes; two databases cannot share a bucket and a \
+         prefix: give each a prefix of its own"
     )]
     ObjectTaken { path: String },
 
@@ -120,32 +122,32 @@ pub enum StoreError {
     #[error("object {path} failed while {operation}")]
     ObjectFile { operation: &'static str, path: String, source: io::Error },
 
-    /// An object has other bytes than were published.
+    /// An object's bytes differ from those that were published.
     #[error("object {path} is damaged: expected {expected}, found {found}")]
     DamagedObject { path: String, expected: Fingerprint, found: Fingerprint },
 
     #[error("Parquet file {path} failed while {operation}")]
     Parquet { operation: &'static str, path: String, source: parquet::errors::ParquetError },
 
-    /// The task was meanwhile given to another worker, or has ended.
+    /// The task was given to another worker meanwhile, or has ended.
     #[error("the lease of task {task} at epoch {epoch} is lost")]
     LeaseLost { task: TaskId, epoch: Epoch },
 
     #[error("there is no {what} {id}")]
     NotFound { what: &'static str, id: String },
 
-    #[error("a token is called {name} already; revoke it, or choose another name")]
+    #[error("a token with the name {name} exists already; revoke it, or choose another name")]
     TokenExists { name: String },
 
-    #[error("there are {MAX_TOKENS} tokens, as many as may be; revoke some")]
+    #[error("there are {MAX_TOKENS} tokens, which is the limit; revoke some")]
     TooManyTokens,
 
     #[error("{what} {id} would have {tags} tags, allowed: {MAX_TAGS}; remove some of them first")]
     TooManyTags { what: &'static str, id: i64, tags: usize },
 
     #[error(
-        "the first token must have the scope admin, not {scope}: from then on the server asks for a token, and nobody could \
-         make another"
+        "the first token has the scope {scope}, allowed: admin; the server requires a token from \
+         then on, and without admin nobody could create another one"
     )]
     FirstToken { scope: Scope },
 
@@ -155,7 +157,7 @@ pub enum StoreError {
     #[error("needs job {job}, which is {state}")]
     NeedNotMet { job: JobId, state: JobState },
 
-    #[error("idempotency key {key:?} came with a different request before")]
+    #[error("idempotency key {key:?} was used before with a different request; use another key")]
     IdempotencyConflict { key: String },
 
     #[error("an experiment {name:?} exists already")]
@@ -174,7 +176,7 @@ pub enum StoreError {
     NotDeleted { item: Item },
 
     #[error(
-        "{item} went into the trash with what owns it; restore job {job}, which made it, or its run"
+        "{item} was deleted together with its owner; restore job {job}, which made it, or its run"
     )]
     OwnerDeleted { item: Item, job: JobId },
 
@@ -186,28 +188,26 @@ pub enum StoreError {
     #[error("{item} cannot be deleted: {}", in_words(by))]
     Needed { item: Item, by: Vec<Dependent> },
 
-    /// What a submission refers to was deleted since it was looked up.
+    /// An item that a submission refers to was deleted after it was looked up.
     #[error("needs {item}, which was deleted or lost its results")]
     InputDeleted { item: Item },
 
-    /// The same of a file that was sent.
+    /// A sent file that a submission refers to was deleted after it was looked up.
     #[error("reads the file {digest}, which was deleted; send it again")]
     FileDeleted { digest: Digest },
 
-    /// A tracked run, or its experiment.
+    /// A tracked run or its experiment was deleted.
     #[error("{what} {id} is deleted; restore it first")]
     Deleted { what: &'static str, id: String },
 
-    #[error(
-        "param {key:?} of run {run} is {logged:?} since it was first logged; {new:?} cannot replace it"
-    )]
+    #[error("param {key:?} of run {run} was logged as {logged:?} and cannot be changed to {new:?}")]
     ParamChanged { run: String, key: String, logged: String, new: String },
 }
 
-/// Dependents that an error names; the others are counted.
+/// Number of dependents that an error names. It counts the others.
 const NAMED: usize = 10;
 
-/// Those that keep something from being deleted whatever is asked for, or else all.
+/// Names the dependents that prevent a deletion in every case, or all dependents if there are none.
 fn in_words(dependents: &[Dependent]) -> String {
     let open: Vec<&Dependent> = dependents.iter().filter(|it| !it.state.is_final()).collect();
     let (named, advice) = if open.is_empty() {
@@ -222,7 +222,7 @@ fn in_words(dependents: &[Dependent]) -> String {
         let relation = match it.relation {
             Relation::Reads => "reads it",
             Relation::Needs => "needs it",
-            Relation::Continues => "goes on from it",
+            Relation::Continues => "continues from it",
             Relation::Holds => "has it as a member",
         };
         format!("{} job {} ({}) {relation}", it.kind, it.job, it.state)
@@ -239,7 +239,7 @@ fn of_process(pid: Option<u32>) -> String {
 }
 
 impl StoreError {
-    /// Whether a file that was asked for is not there.
+    /// Whether the requested file does not exist.
     pub fn is_missing_file(&self) -> bool {
         match self {
             Self::ObjectFile { source, .. } => source.kind() == io::ErrorKind::NotFound,
@@ -251,7 +251,8 @@ impl StoreError {
         }
     }
 
-    /// Whether the object that the error is about is gone or damaged, so that trying again does not help.
+    /// Whether the object that the error is about is gone or damaged. Trying again does not help
+    /// then.
     pub fn is_unusable_object(&self) -> bool {
         self.is_missing_file() || matches!(self, Self::DamagedObject { .. })
     }
@@ -267,13 +268,15 @@ impl StoreError {
         }
     }
 
-    /// Whether the database did not answer and may answer again: it was stopped, is starting, or cannot be reached.
+    /// Whether the database did not answer and may answer again later: it was stopped, is starting,
+    /// or cannot be reached.
     pub fn is_database_away(&self) -> bool {
         let Self::Database { source, .. } = self else { return false };
         match source {
             sqlx::Error::Io(_) | sqlx::Error::PoolTimedOut => true,
-            // Connections that break (08), too many of them (53300), a server that ends or starts (57P), and
-            // transactions that were in each other's way (40). SQLite's codes are numbers without letters.
+            // Broken connections (08), too many connections (53300), a server that shuts down or
+            // starts (57P), and conflicting transactions (40). SQLite's codes are numbers without
+            // letters.
             sqlx::Error::Database(error) => error.code().is_some_and(|code| {
                 code.len() == SQLSTATE_LENGTH
                     && ["08", "40", "53300", "57P"].iter().any(|class| code.starts_with(class))
@@ -348,7 +351,7 @@ const SQLSTATE_LENGTH: usize = 5;
 /// `SQLITE_FULL` (https://www.sqlite.org/rescode.html#full).
 const SQLITE_FULL: i32 = 13;
 
-/// Whether the disk, or the quota on it, was exhausted anywhere down the chain of causes.
+/// Whether the cause, at any depth, is a full disk or an exhausted quota.
 pub(crate) fn is_disk_full(error: &(dyn Error + 'static)) -> bool {
     let mut cause = Some(error);
     while let Some(error) = cause {
@@ -363,7 +366,8 @@ pub(crate) fn is_disk_full(error: &(dyn Error + 'static)) -> bool {
         {
             return true;
         }
-        // `source` of an external error is the source of what it wraps, not the wrapped itself.
+        // `source` of an external error is the source of the wrapped error, not the wrapped error
+        // itself.
         if let Some(parquet::errors::ParquetError::External(error)) = error.downcast_ref()
             && is_disk_full(error.as_ref())
         {

@@ -1,7 +1,8 @@
 //! Events of jobs, in order, for clients that follow them.
 //!
-//! Triggers of the database write the events of jobs and tasks that change, so that no change of a state is without one; [`tell`]
-//! writes the others. Each belongs to the transaction of what it tells of. Heartbeats write none.
+//! Triggers of the database write the events of jobs and tasks, so every change of a state has its
+//! event. [`tell`] writes the others. An event is written in the same transaction as the change.
+//! Heartbeats write no events.
 
 use std::time::Duration;
 
@@ -11,24 +12,25 @@ use crate::boxed;
 use crate::database::{Database, Scope, Transaction, sql};
 use crate::{EventKind, JobId, Store, StoreError, Timestamp, postgres, sqlite};
 
-/// Events that are kept; the oldest are forgotten. About 40 MB.
+/// Number of events kept, about 40 MB. Older ones are deleted.
 pub const EVENTS_KEPT: u32 = 100_000;
 
 /// How long an event is kept.
 pub const EVENTS_KEPT_FOR: Duration = Duration::from_secs(7 * 24 * 60 * 60);
 
-/// Events that a tail reads at once.
+/// Number of events that a tail reads at once.
 const PAGE: u32 = 500;
 
 /// Something that happened to a job.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Event {
-    /// Events have settled in the order of their ids: none appears before one that was read from an [`EventTail`].
+    /// The ids follow the order in which events have settled. No event appears later with a smaller
+    /// id than one that was read from an [`EventTail`].
     pub id: i64,
     pub at: Timestamp,
     pub kind: EventKind,
     pub job: JobId,
-    /// The rest of its fields, by the kind.
+    /// The event's other fields. They depend on its kind.
     pub data: Value,
 }
 
@@ -38,7 +40,7 @@ pub struct EventFilter<'a> {
     pub kind: Option<EventKind>,
 }
 
-/// Reads the events that settle from now on, each once.
+/// Reads each event that settles from now on, once.
 #[derive(Debug)]
 pub struct EventTail {
     store: Store,
@@ -53,14 +55,14 @@ enum Horizon {
 }
 
 impl Store {
-    /// A tail that begins after the newest event that has settled; `None` as long as transactions are open that may have written
-    /// events before it.
+    /// A tail that begins after the newest settled event. `None` while transactions are open that
+    /// may have written earlier events.
     ///
     /// # Errors
     /// When the database fails.
     #[boxed]
     pub async fn event_tail(&self) -> Result<Option<EventTail>, StoreError> {
-        /// Between two looks whether those transactions have ended.
+        /// Pause before looking again whether those transactions have ended.
         const LOOK_EVERY: Duration = Duration::from_millis(20);
         const LOOKS: u32 = 100;
         let horizon = match self.database() {
@@ -78,7 +80,8 @@ impl Store {
         Ok(None)
     }
 
-    /// Events by id, those after `after` up to `up_to`, `limit` at most. All that have settled are there.
+    /// Events sorted by id: those after `after` up to `up_to`, `limit` at most. All settled events
+    /// of that range are among them.
     ///
     /// # Errors
     /// When the database fails.
@@ -93,7 +96,8 @@ impl Store {
         sql!(self.database(), "reading events", events(filter, after, up_to, limit))
     }
 
-    /// The ids of the oldest and of the newest event that is kept; that of the beginning counts.
+    /// The ids of the oldest and of the newest event that is kept; the event that marks the
+    /// beginning counts.
     ///
     /// # Errors
     /// When the database fails.
@@ -102,8 +106,8 @@ impl Store {
         sql!(self.database(), "reading events", kept_events())
     }
 
-    /// Forgets all events but the newest `keep`, and those that are older than `age`. The newest one stays. Returns how many
-    /// it forgot.
+    /// Deletes all events but the newest `keep`, and those that are older than `age`. The newest
+    /// event always stays. Returns how many it deleted.
     ///
     /// # Errors
     /// When the database fails.
@@ -117,15 +121,16 @@ impl Store {
 }
 
 impl EventTail {
-    /// All events up to this id were read, or were there before.
+    /// Events up to this id were read, or were written before the tail began.
     pub const fn position(&self) -> i64 {
         self.position
     }
 
-    /// The events that have settled since, by id; some of them if they are many.
+    /// The events that have settled since the last call, sorted by id. If there are many, only the
+    /// first of them.
     ///
     /// # Errors
-    /// When the database fails; ask again then.
+    /// When the database fails. Call it again then.
     #[boxed]
     pub async fn read(&mut self) -> Result<Vec<Event>, StoreError> {
         let Some(settled) = self.settled().await? else { return Ok(Vec::new()) };
@@ -150,14 +155,14 @@ impl EventTail {
             (Horizon::Postgres(horizon), Database::Postgres(database)) => {
                 database.settled_event(horizon).await
             }
-            // A store keeps its database.
+            // A store does not change its database.
             _ => Ok(None),
         };
         settled.map_err(StoreError::database("looking for events"))
     }
 }
 
-/// Tells what no trigger does.
+/// Writes an event that no trigger writes.
 pub(crate) async fn tell(
     tx: &mut Transaction,
     kind: EventKind,

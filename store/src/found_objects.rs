@@ -1,4 +1,4 @@
-//! Objects as they are found where no row names them, for a database that is made again.
+//! Objects found without a row, for rebuilding a lost database.
 
 use arrow_array::Int32Array;
 use arrow_array::cast::AsArray as _;
@@ -18,7 +18,7 @@ pub struct FoundTable {
 }
 
 impl Store {
-    /// The paths of all objects but the store's own marks, in order.
+    /// The paths of all objects but the store's own marks, sorted.
     ///
     /// # Errors
     /// When they cannot be listed.
@@ -43,7 +43,7 @@ impl Store {
         measured.map_err(|error| broken(path, error))?
     }
 
-    /// Reads a table to learn its size, its digest and what its footer says.
+    /// Reads a table to learn its size, its digest and its footer.
     ///
     /// # Errors
     /// When it cannot be read or is no table.
@@ -55,11 +55,11 @@ impl Store {
             let reader = store.open_unchecked(&object)?;
             Ok(FoundTable { object, reader })
         };
-        // A decoder may panic over a file that is damaged.
+        // A decoder may panic on a damaged file.
         tokio::task::spawn_blocking(read).await.map_err(|error| broken(path, error))?
     }
 
-    /// Has the next job and the next run get larger ids than these.
+    /// Raises the next job id and the next run id above these.
     ///
     /// # Errors
     /// When the database fails.

@@ -1,6 +1,7 @@
-//! Deleting for good: what lay in the trash until its date, and objects without a row.
+//! Permanent deletion of items whose time in the trash is over, and of objects without a row.
 //!
-//! Rows go first, objects after them. Whoever is killed in between leaves objects that no row names, which the next sweep
+//! Rows are deleted first, and their objects afterwards. A process that is killed in between leaves
+//! objects without a row, and the next sweep finds them. No row ever names a deleted object.
 //! finds; no row ever names an object that was deleted.
 
 use std::time::Duration;
@@ -12,20 +13,20 @@ use crate::boxed;
 use crate::database::{Scope, sql};
 use crate::{Item, JobId, Store, StoreError, Timestamp};
 
-/// When something in the trash may be deleted for good.
+/// When an item in the trash may be deleted permanently.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ripe {
-    /// At the date that it got when it was deleted. The database's clock may have been set ahead by so much.
+    /// At the date that was set when it was deleted. The database's clock may be ahead by `leap`.
     AtItsDate { leap: Duration },
-    /// When it was deleted so long ago.
+    /// When it was deleted at least this long ago.
     After(Duration),
 }
 
-/// Something that is deleted for good.
+/// Something that is deleted permanently.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Garbage {
     pub kind: GarbageKind,
-    /// Of its job, its run or its file.
+    /// The name of its job, its run or its file.
     pub name: String,
     pub files: u64,
     pub bytes: u64,
@@ -34,29 +35,29 @@ pub struct Garbage {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum GarbageKind {
     Item(Item),
-    /// A run that a client of MLflow logged, by the name that clients have for it.
+    /// A run logged by an MLflow client, under the name that clients use.
     TrackedRun(String),
-    /// A file that was sent, when all jobs that read it are gone.
+    /// A sent file that no remaining job reads.
     Upload(Digest),
     /// Objects that no row names.
     Orphans,
 }
 
-/// The column that tells whether something is ripe, and the last moment at which it is.
+/// The column that tells whether an item is ripe, and the latest moment at which it is.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Limit {
     pub column: &'static str,
     pub moment: Timestamp,
 }
 
-/// Those that own others come after them.
+/// The order of deletion: owners come after the things they own.
 const IN_ORDER: [ItemKind; 4] =
     [ItemKind::Checkpoint, ItemKind::Dataset, ItemKind::Run, ItemKind::Job];
 
 const PURGING: &str = "purging the trash";
 
 impl Store {
-    /// What [`Store::collect_garbage`] would delete, in its order.
+    /// The things that [`Store::collect_garbage`] would delete, in the order of deletion.
     ///
     /// # Errors
     /// When the database or the listing of objects fails.
@@ -74,10 +75,12 @@ impl Store {
         Ok(found)
     }
 
-    /// Deletes for good what is ripe, and objects that are older than `orphaned` and named by no row. Returns it.
+    /// Permanently deletes ripe items, and objects that are older than `orphaned` and have no row.
+    /// Returns them.
     ///
     /// # Errors
-    /// When the database or the listing of objects fails. What was deleted until then stays so.
+    /// When the database or the listing of objects fails. Things deleted before the error stay
+    /// deleted.
     #[boxed]
     pub async fn collect_garbage(
         &self,
@@ -93,10 +96,10 @@ impl Store {
         Ok(deleted)
     }
 
-    /// The same for what is in the trash alone.
+    /// Permanently deletes ripe items of the trash, and nothing else.
     ///
     /// # Errors
-    /// When the database fails. What was deleted until then stays so.
+    /// When the database fails. Things deleted before the error stay deleted.
     #[boxed]
     pub async fn purge(&self, ripe: Ripe) -> Result<Vec<Garbage>, StoreError> {
         let limit = self.limit(ripe).await?;
@@ -105,10 +108,10 @@ impl Store {
             let files = match &garbage.kind {
                 GarbageKind::Item(item) => self.purge_item(*item, limit).await?,
                 GarbageKind::TrackedRun(run) => self.purge_tracked_run(run, limit).await?,
-                // These follow from the rest.
+                // They are deleted as a consequence of the others.
                 GarbageKind::Upload(_) | GarbageKind::Orphans => continue,
             };
-            // Unless somebody restored or purged it meanwhile.
+            // `None` if somebody restored or purged it meanwhile.
             if let Some(files) = files {
                 deleted.push(Garbage {
                     files: files.len() as u64,
@@ -146,7 +149,7 @@ impl Store {
         Ok(found)
     }
 
-    /// The objects that it had, by path and size; `None` when it is not ripe any more.
+    /// The item's objects by path and size; `None` if it is no longer ripe.
     async fn purge_item(
         &self,
         item: Item,
@@ -177,8 +180,8 @@ impl Store {
         Ok(Some(files))
     }
 
-    /// What nothing needs any more once the rest is purged: files that were sent, rows of jobs that no other job refers to,
-    /// experiments without runs.
+    /// Deletes things that nothing needs after the purge: sent files, rows of jobs that no other
+    /// job refers to, experiments without runs.
     async fn purge_remains(&self, limit: Limit) -> Result<Vec<Garbage>, StoreError> {
         // A submission may be about to refer to one of them.
         let mut tx = self.begin(Scope::Queue, PURGING).await?;

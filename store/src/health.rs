@@ -1,4 +1,4 @@
-//! Whether the store can be written to, and whether there is room for more.
+//! Health of the store: whether it can be written to, and whether there is room for more.
 
 use std::fs::Metadata;
 use std::io;
@@ -13,28 +13,28 @@ use crate::database::{Scope, sql};
 use crate::objects::Elsewhere;
 use crate::{Store, StoreError};
 
-/// Room on the disk of the data folder.
+/// Space on the disk of the data folder.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct DiskSpace {
     pub free_bytes: u64,
-    /// Kept free: with less no task is claimed, for it would fail, and the next, and soon the whole queue.
+    /// Space kept free. With less, no task is claimed: each would fail, and soon the whole queue.
     pub reserved_bytes: u64,
 }
 
-/// A file, told from others that had its name.
+/// Tells a file from another one that gets the same path later.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct FileIdentity {
     device: u64,
     inode: u64,
 }
 
-/// Kept free of a large disk.
+/// Space kept free on a large disk.
 const RESERVED_BYTES: u64 = 256 << 20;
 
-/// Kept free of a small one, one part in so many.
+/// The fraction of a small disk that is kept free is 1 / `RESERVED_PART`.
 const RESERVED_PART: u64 = 20;
 
-/// How long a write may take that does next to nothing.
+/// Time limit of a trivial write.
 const WRITE_WITHIN: Duration = Duration::from_secs(2);
 
 impl DiskSpace {
@@ -61,11 +61,12 @@ impl FileIdentity {
 }
 
 impl Store {
-    /// Writes to the database, whose file must still be the one that was opened.
+    /// Writes to the database, and checks that its file is still the one that was opened.
     ///
     /// # Errors
-    /// [`StoreError::DatabaseGone`] when it was deleted or replaced, [`StoreError::DatabaseBusy`] when it takes no
-    /// write for two seconds, and what the database says when it is read-only or damaged.
+    /// [`StoreError::DatabaseGone`] when the file was deleted or replaced.
+    /// [`StoreError::DatabaseBusy`] when the database accepts no write within two seconds. The
+    /// database's own error when it is read-only or damaged.
     #[boxed]
     pub async fn check_database(&self) -> Result<(), StoreError> {
         self.check_database_file()?;
@@ -79,13 +80,13 @@ impl Store {
     }
 
     /// # Errors
-    /// When the system does not tell.
+    /// When the operating system reports an error.
     pub fn disk_space(&self) -> Result<DiskSpace, StoreError> {
         let dir = self.dir();
         DiskSpace::of(dir.path()).map_err(|reason| dir.unusable(reason))
     }
 
-    /// Why nobody should claim a task at the moment; in one line.
+    /// Why no worker should claim a task at the moment, in one line.
     pub fn obstacle(&self) -> Option<String> {
         if let Err(error) = self.check_database_file() {
             return Some(error.to_string());
@@ -95,7 +96,8 @@ impl Store {
         }
         let space = self.disk_space().ok().filter(DiskSpace::is_low)?;
         Some(format!(
-            "the disk of the data folder has {} MB free, and tasks are claimed from {} MB on",
+            "the disk of the data folder has {} MB free, but tasks are only claimed with {} MB or \
+             more",
             space.free_bytes / 1_000_000,
             space.reserved_bytes / 1_000_000
         ))

@@ -1,4 +1,4 @@
-//! Idempotency keys: a request that is sent again is answered as the first time.
+//! Idempotency keys: a repeated request gets the answer of the first one.
 
 use spec::Digest;
 
@@ -6,23 +6,23 @@ use crate::boxed;
 use crate::database::{Transaction, sql};
 use crate::{Store, StoreError, Submitted};
 
-/// Makes a repeated request return what the first one did.
+/// Makes a repeated request return the outcome of the first one.
 #[derive(Clone, Debug)]
 pub struct Idempotency {
     pub key: String,
-    /// Digest of the request, to refuse the same key with another request.
+    /// Digest of the request. The same key with another request is refused.
     pub request: Digest,
 }
 
-/// Idempotency keys are kept for a day.
+/// How long idempotency keys are kept: one day.
 const KEEP_KEYS_MILLISECONDS: i64 = 24 * 60 * 60 * 1000;
 
 impl Store {
-    /// The outcome of a request that was accepted before. To ask this first keeps the answer the same although what the
-    /// request refers to has changed since.
+    /// The outcome of a request that was accepted before. Ask for it first: the answer then stays
+    /// the same even if something that the request refers to has changed since.
     ///
     /// # Errors
-    /// [`StoreError::IdempotencyConflict`] when the key came with another request.
+    /// [`StoreError::IdempotencyConflict`] when the key was used with another request.
     #[boxed]
     pub async fn repeated(&self, asked: &Idempotency) -> Result<Option<Submitted>, StoreError> {
         const OPERATION: &str = "looking up an idempotency key";
@@ -32,7 +32,8 @@ impl Store {
     }
 }
 
-/// The same within the transaction of a submission, between two requests that come at once.
+/// Like [`Store::repeated`], but inside the submission's transaction, so that it also covers two
+/// requests that come at once.
 pub(crate) async fn repeated(
     tx: &mut Transaction,
     asked: &Idempotency,
@@ -43,7 +44,8 @@ pub(crate) async fn repeated(
 }
 
 impl Idempotency {
-    /// The outcome of what is `known` under the key: the digest of a request, and what became of it.
+    /// The outcome recorded under the key, if its request is the same. `known` has the digest of
+    /// that request and its outcome.
     fn outcome(&self, known: Option<(String, Submitted)>) -> Result<Option<Submitted>, StoreError> {
         match known {
             Some((request, submitted)) if request == self.request.to_string() => {

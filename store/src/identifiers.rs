@@ -1,4 +1,4 @@
-//! Numbers that name rows, one type for each so that they cannot be mixed up.
+//! Ids of rows, with one type for each table so that they cannot be mixed up.
 
 use std::fmt;
 
@@ -37,10 +37,10 @@ identifier!(
 );
 identifier!(TrackedRunId);
 identifier!(
-    /// A combination of what tasks ask for.
+    /// A combination of resources that tasks ask for.
     ResourcesId
 );
 identifier!(
-    /// The fencing number of a task: one higher at every claim.
+    /// The fencing number of a task. Every claim raises it by one.
     Epoch
 );

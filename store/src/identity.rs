@@ -1,5 +1,6 @@
-//! Which store objects belong to. A server deletes objects that no row of its database names, so that it must not be
-//! led to those of another database. While a store moves to a place, a second mark says that its objects are not all there.
+//! The identity of a store, which its objects carry. A server deletes objects that have no row in
+//! its database, so it must never run on objects of another database. While a store moves to a new
+//! place, a second mark says that its objects are not all there yet.
 
 use bytes::Bytes;
 use object_store::path::Path;
@@ -12,14 +13,14 @@ use crate::database::{Scope, sql};
 use crate::objects::path::{MARKER, MOVE_MARKER};
 use crate::{Access, Store, StoreError};
 
-/// The object that says whose the objects beside it are.
+/// The object that names the store that the objects beside it belong to.
 #[derive(Debug, PartialEq, Eq, Serialize, Deserialize)]
 struct Marker {
     store: String,
 }
 
-/// The object that says that another store is moving here. It lies beside the marker from before the first object until
-/// the rows are committed.
+/// The object that says that another store is moving here. It exists from before the first object
+/// is copied until the rows are committed.
 #[derive(Debug, Serialize, Deserialize)]
 struct MoveMarker {
     /// The identity of the store that moves.
@@ -29,7 +30,7 @@ struct MoveMarker {
 const REMEDY: &str = "give each database a folder or a bucket's prefix of its own";
 
 impl Store {
-    /// The name that tells this store from others: 32 hexadecimal digits.
+    /// The store's unique name: 32 hexadecimal digits.
     ///
     /// # Errors
     /// When the database fails.
@@ -39,8 +40,9 @@ impl Store {
     }
 
     /// # Errors
-    /// [`StoreError::ForeignObjects`] when the objects belong to another store; [`StoreError::UnfinishedTransfer`] when a
-    /// store was moving here and they may not all be there.
+    /// [`StoreError::ForeignObjects`] when the objects belong to another store.
+    /// [`StoreError::UnfinishedTransfer`] when a store was moving here and its objects may not all
+    /// be there.
     pub(crate) async fn check_objects(&self, access: Access) -> Result<(), StoreError> {
         let own = Marker { store: self.identity().await? };
         if access == Access::Rebuilding {
@@ -63,7 +65,7 @@ impl Store {
         Ok(())
     }
 
-    /// Makes this store the one that the objects belong to, whose database is lost.
+    /// Gives the objects of a store whose database is lost to this store.
     async fn adopt_objects(&self, own: Marker) -> Result<(), StoreError> {
         let found: Option<Marker> = self.read_mark(MARKER).await?;
         match found {
@@ -77,13 +79,13 @@ impl Store {
         }
     }
 
-    /// The identity of the store that is moving here, if one is.
+    /// The identity of the store that is moving here, if there is one.
     pub(crate) async fn moving_from(&self) -> Result<Option<String>, StoreError> {
         let found: Option<MoveMarker> = self.read_mark(MOVE_MARKER).await?;
         Ok(found.map(|found| found.from))
     }
 
-    /// No server and no worker opens this store until the move has ended.
+    /// Begins a move. No server and no worker opens this store until the move has ended.
     pub(crate) async fn begin_move(&self, from: String) -> Result<(), StoreError> {
         self.write_mark(MOVE_MARKER, &MoveMarker { from }).await
     }
@@ -107,7 +109,7 @@ impl Store {
         serde_json::from_slice(&bytes).map(Some).map_err(unreadable).map_err(failed())
     }
 
-    /// Two servers may do so at once: one of them is first.
+    /// Writes a mark. If two servers write it at once, one of them is first.
     async fn write_mark(&self, path: &str, mark: &impl Serialize) -> Result<(), StoreError> {
         let text = Bytes::from(format!("{}\n", serde_json::json!(mark)));
         if self.objects().away().is_some() {

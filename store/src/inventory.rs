@@ -1,4 +1,4 @@
-//! For those who look whether a store is whole: what its rows name, and whether that is there.
+//! An inventory of a store, to check that everything its rows name exists.
 
 use futures::TryStreamExt;
 
@@ -9,10 +9,10 @@ use crate::{Store, StoreError, StoredObject, boxed};
 const TABLES: [&str; 5] =
     ["shard_file", "artifact", "checkpoint_file", "upload", "tracked_artifact"];
 
-/// Objects that are asked for at once.
+/// Number of objects read at once.
 const PAGE: i64 = 500;
 
-/// A place among all objects that rows name, where the next page begins.
+/// A position among all objects that rows name. The next page begins there.
 #[derive(Clone, Debug, Default)]
 pub struct ObjectPlace {
     table: usize,
@@ -20,7 +20,7 @@ pub struct ObjectPlace {
 }
 
 impl Store {
-    /// The next objects that rows name. None come after the last.
+    /// The next objects that rows name; empty after the last.
     ///
     /// # Errors
     /// When the database fails.
@@ -42,10 +42,11 @@ impl Store {
         Ok(Vec::new())
     }
 
-    /// Reads an object to its end, and compares its digest.
+    /// Reads an object to its end and compares its digest.
     ///
     /// # Errors
-    /// [`StoreError::DamagedObject`] when it has other bytes than were published; when it is not there.
+    /// [`StoreError::DamagedObject`] when its bytes differ from those that were published. It also
+    /// fails when the object does not exist.
     #[boxed]
     pub async fn check_object(&self, object: &StoredObject) -> Result<(), StoreError> {
         let mut bytes = self.open_object(object, None).await?.stream;
@@ -53,7 +54,7 @@ impl Store {
         Ok(())
     }
 
-    /// The damage inside the database, if there is any. PostgreSQL watches over its own files.
+    /// Damage inside the database, if there is any. PostgreSQL checks its own files.
     ///
     /// # Errors
     /// When the database cannot be read.

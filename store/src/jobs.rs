@@ -1,4 +1,4 @@
-//! Jobs, as they are looked up.
+//! Looking up jobs.
 
 use serde_json::Value;
 use spec::{Digest, Moment, Resources};
@@ -12,14 +12,14 @@ use crate::{DatasetId, Deletion, JobId, Listing, RunId, Store, StoreError, Times
 #[derive(Clone, Debug)]
 pub struct Job {
     pub id: JobId,
-    /// Opaque to the store.
+    /// The store does not interpret it.
     pub kind: String,
-    /// As people call it, or else as it was submitted.
+    /// The name that users gave it, or the name it was submitted with.
     pub name: String,
-    /// Only where people have called it otherwise.
+    /// The name that users gave it, if they gave one.
     pub given_name: Option<String>,
     pub note: Option<String>,
-    /// In order.
+    /// Sorted.
     pub tags: Vec<String>,
     /// Resolved: every default filled in, every reference a digest.
     pub spec: Value,
@@ -29,11 +29,11 @@ pub struct Job {
     pub error: Option<String>,
     pub priority: i32,
     pub max_attempts: u32,
-    /// How long an attempt at a task may take, in seconds.
+    /// Time limit of an attempt at a task, in seconds.
     pub time_limit_s: Option<u32>,
-    /// What a worker must offer to take a task of it.
+    /// The resources that a worker must offer to take one of its tasks.
     pub resources: Resources,
-    /// No task of it is claimed before.
+    /// None of its tasks is claimed before this moment.
     pub not_before: Option<Moment>,
     pub cancel_requested: bool,
     pub progress: JobProgress,
@@ -47,30 +47,31 @@ pub struct Job {
     pub deletion: Option<Deletion>,
 }
 
-/// Work done of work to do, over all tasks; of a pipeline, jobs that succeeded of all its jobs.
+/// Progress of a job: work done and total work over all tasks. For a pipeline, jobs that succeeded
+/// and all its jobs.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct JobProgress {
     pub done: u64,
     pub total: u64,
-    /// What is counted, e.g. `trajectories`.
+    /// The unit of the counts, e.g. `trajectories`.
     pub unit: String,
-    /// Of all running tasks together.
+    /// Rate of all running tasks together.
     pub rate_per_second: Option<f64>,
-    /// What a running task says of itself.
+    /// A message of a running task.
     pub message: Option<String>,
 }
 
-/// Part of a list, newest first.
+/// A page of a list, newest first.
 #[derive(Clone, Copy, Debug)]
 pub struct Page {
-    /// Only ids below this one: the last of the page before.
+    /// Only ids below this one. Pass the last id of the page before.
     pub before: Option<i64>,
-    /// At most 500.
+    /// Number of items, 500 at most.
     pub limit: u32,
 }
 
 impl Page {
-    /// Items of a page.
+    /// The largest number of items on a page.
     pub const MAX_LIMIT: u32 = 500;
 
     pub(crate) fn before(self) -> i64 {
@@ -105,7 +106,7 @@ impl Store {
         Ok(found)
     }
 
-    /// Newest first.
+    /// Jobs, newest first.
     ///
     /// # Errors
     /// When the database fails.
@@ -115,7 +116,8 @@ impl Store {
         Ok(self.list_jobs(&Listing { kind, state, ..page.into() }).await?.items)
     }
 
-    /// Pipelines, and jobs that were not made for one, newest first; all states without a `state`.
+    /// Pipelines, and jobs that do not belong to one, newest first; in every state if `state` is
+    /// `None`.
     ///
     /// # Errors
     /// When the database fails.
@@ -130,7 +132,8 @@ impl Store {
         Ok(self.list_jobs(&listing).await?.items)
     }
 
-    /// The newest job of a digest in one of `states`, a deleted one, too, which still says what the digest means.
+    /// The newest job with this digest in one of `states`. It may be a deleted job, because its
+    /// spec still says what the digest means.
     ///
     /// # Errors
     /// When the database fails.
@@ -143,7 +146,7 @@ impl Store {
         sql!(self.database(), READING, job_by_digest(digest, states))
     }
 
-    /// The same, of those whose results are there or can still come.
+    /// The newest job with this digest in one of `states` whose results exist or can still come.
     ///
     /// # Errors
     /// When the database fails.
@@ -156,8 +159,8 @@ impl Store {
         sql!(self.database(), READING, usable_job_by_digest(digest, states))
     }
 
-    /// The newest job of `kind` that needs the job of this very dataset, not of another with its
-    /// digest.
+    /// The newest job of `kind` that needs the job of this dataset. Jobs that need another dataset
+    /// with the same digest do not count.
     ///
     /// # Errors
     /// When the database fails.
@@ -170,7 +173,7 @@ impl Store {
         sql!(self.database(), READING, newest_reader(dataset, kind))
     }
 
-    /// Those of the jobs with these ids that there are, by id.
+    /// Those of the jobs with these ids that exist, sorted by id.
     ///
     /// # Errors
     /// When the database fails.
@@ -188,7 +191,7 @@ impl Store {
         sql!(self.database(), READING, specs(ids))
     }
 
-    /// The spec of the newest job of each digest, whatever became of it.
+    /// The spec of the newest job of each digest, in whatever state the job is.
     ///
     /// # Errors
     /// When the database fails.
@@ -200,7 +203,8 @@ impl Store {
         sql!(self.database(), READING, newest_specs(digests))
     }
 
-    /// Each of `jobs` beside every job that must succeed before it can start, in the order of both ids.
+    /// Pairs of a job of `jobs` and a job that must succeed before it can start, sorted by both
+    /// ids.
     ///
     /// # Errors
     /// When the database fails.

@@ -20,20 +20,20 @@ pub enum Thing {
 /// The labels of one thing.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Labels {
-    /// In place of the name that it was made with.
+    /// Replaces the name that the thing was made with.
     pub name: Option<String>,
     pub note: Option<String>,
     pub tags: BTreeSet<String>,
 }
 
-/// Tags of one thing.
+/// The largest number of tags of one thing.
 pub const MAX_TAGS: usize = 32;
 
-/// Rows that are folded at once.
+/// Number of rows that are folded at once.
 const FOLDED_AT_ONCE: i64 = 1000;
 
 impl Thing {
-    /// Its table; `_tag` behind it is that of its tags.
+    /// The name of its table. The table of its tags has the suffix `_tag`.
     pub const fn as_str(self) -> &'static str {
         match self {
             Self::Job => "job",
@@ -65,7 +65,8 @@ impl Labels {
         self
     }
 
-    /// With the name and the note of `others` where it has none, and their tags.
+    /// These labels, with the name and the note of `others` where they have none, and with the tags
+    /// of both.
     fn completed(mut self, others: &Self) -> Self {
         self.name = self.name.or_else(|| others.name.clone());
         self.note = self.note.or_else(|| others.note.clone());
@@ -74,14 +75,15 @@ impl Labels {
     }
 }
 
-/// As words are compared: letter by letter in lower case, the same in every database and locale.
+/// The text in the form in which words are compared: in lower case letter by letter, the same in
+/// every database and locale.
 pub(crate) fn folded(text: &str) -> String {
     let lower = text.chars().flat_map(char::to_lowercase);
-    // A sigma at the end of a word is one in the middle of a longer one.
+    // A final sigma counts as an ordinary sigma, because the word may be part of a longer one.
     lower.map(|letter| if letter == 'ς' { 'σ' } else { letter }).collect()
 }
 
-/// The text in which words are looked for; `made_with` is the name that a job was made with.
+/// The text that is searched for words. `made_with` is the name that a job was made with.
 pub(crate) fn searched(made_with: Option<&str>, labels: &Labels) -> Option<String> {
     let name = labels.name.as_deref().or(made_with);
     if name.is_none() && labels.note.is_none() {
@@ -95,7 +97,8 @@ impl Store {
     /// Changes the labels of the thing with this id.
     ///
     /// # Errors
-    /// When there is no such thing; [`StoreError::TooManyTags`] when it would have more than [`MAX_TAGS`]. Nothing is changed then.
+    /// When there is no such thing. [`StoreError::TooManyTags`] when it would have more than
+    /// [`MAX_TAGS`]. Nothing has changed then.
     #[boxed]
     pub async fn change_labels(
         &self,
@@ -108,7 +111,7 @@ impl Store {
         tx.commit().await
     }
 
-    /// Makes jobs that were there before words were looked for be found.
+    /// Makes older jobs searchable, which were made before there was a search.
     pub(crate) async fn fold_names(&self) -> Result<(), StoreError> {
         const OPERATION: &str = "folding names";
         loop {
@@ -126,8 +129,8 @@ impl Store {
     }
 }
 
-/// Labels what a submission has led to. A job that was there before keeps its name and its note. Tags of a pipeline are
-/// those of its members, too.
+/// Labels the jobs of a submission. A job that existed before keeps its name and its note. The
+/// members of a pipeline get its tags too.
 pub(crate) async fn label_submitted(
     tx: &mut Transaction,
     job: JobId,

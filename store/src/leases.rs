@@ -1,7 +1,7 @@
-//! Leases: how a worker gets a task, keeps it, and loses it.
+//! Leases: how a worker gets a task, keeps it and loses it.
 //!
-//! A claim raises the task's epoch. Whatever the worker writes afterwards names that epoch and
-//! changes nothing once it has passed, so a worker that was thought dead cannot do harm.
+//! A claim raises the task's epoch. Every later write of the worker carries that epoch, and changes
+//! nothing if the task has a newer one. So a worker that was wrongly thought dead does no harm.
 
 use std::sync::atomic::Ordering;
 use std::time::Duration;
@@ -15,7 +15,7 @@ use crate::database::{Scope, Transaction, sql};
 use crate::rules::task::TaskStanding;
 use crate::{Epoch, JobId, RunId, Store, StoreError, TaskId, pipelines};
 
-/// A task and the epoch at which it was claimed: what gives a write its right.
+/// A task and the epoch at which it was claimed. It gives a worker the right to write.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Fence {
     pub task: TaskId,
@@ -26,30 +26,30 @@ pub struct Fence {
 pub struct ClaimedTask {
     pub fence: Fence,
     pub job: JobId,
-    /// The job's, opaque to the store.
+    /// The job's kind. The store does not interpret it.
     pub kind: String,
-    /// The job's, resolved.
+    /// The job's resolved spec.
     pub spec: Value,
-    /// The job's.
+    /// The job's digest.
     pub digest: Digest,
-    /// The job's record, if it leaves one.
+    /// The job's run, if it leaves one.
     pub run: Option<RunId>,
     pub stage: u32,
     pub ordinal: u32,
     pub label: String,
     pub payload: Value,
     pub total: u64,
-    /// 1 at the first claim, and at the first after a checkpoint of a later step.
+    /// 1 at the first claim, and at the first claim after a checkpoint of a later step.
     pub attempt: u32,
     pub max_attempts: u32,
-    /// How long an attempt may take.
+    /// Time limit of an attempt.
     pub time_limit: Option<Duration>,
 }
 
-/// What a worker tells of a running task.
+/// Progress of a running task, as its worker reports it.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Progress {
-    /// In the job's unit, of the task's `total`.
+    /// Work done in the job's unit, out of the task's `total`.
     pub done: u64,
     pub rate_per_second: Option<f64>,
     pub message: Option<String>,
@@ -60,11 +60,11 @@ pub enum Lease {
     Held {
         cancel_requested: bool,
     },
-    /// Somebody else may have the task: stop.
+    /// The lease is lost, and another worker may have the task: stop.
     Lost,
 }
 
-/// The task that is next to be claimed, as it is before the claim.
+/// The next task to be claimed, in its state before the claim.
 #[derive(Clone, Debug)]
 pub(crate) struct NextTask {
     pub task: ClaimedTask,
@@ -73,15 +73,15 @@ pub(crate) struct NextTask {
 }
 
 impl NextTask {
-    /// Whether it is the first task of its job that anybody claims.
+    /// Whether it is the first task of its job to be claimed.
     pub fn begins_its_job(&self) -> bool {
         self.job_state == JobState::Queued
     }
 }
 
 impl Store {
-    /// Leases the next task that asks for no more than `worker` offers to it, for `ttl`; the attempt counts from here on.
-    /// A worker that is drained gets none.
+    /// Leases the next task that asks for no more than `worker` offers, for `ttl`. The attempt
+    /// counts from here on. A drained worker gets no task.
     ///
     /// # Errors
     /// When the database fails.
@@ -93,8 +93,8 @@ impl Store {
         ttl: Duration,
     ) -> Result<Option<ClaimedTask>, StoreError> {
         const OPERATION: &str = "claiming a task";
-        // Idle workers ask often; they should not queue for the write lock to learn nothing. Whoever has just had a task
-        // will most likely get one.
+        // Idle workers ask often, and should not take the write lock only to find nothing. A worker
+        // that has just had a task will probably find another one.
         let is_busy = self.found_task().swap(false, Ordering::Relaxed);
         if !is_busy && !sql!(self.database(), OPERATION, is_any_claimable(worker, offers))? {
             return Ok(None);
@@ -112,7 +112,7 @@ impl Store {
         } else {
             tx.commit().await?;
             if begins_its_job && let Err(error) = self.start_in_turn(task.job).await {
-                // It is begun with its next task, or ends as it is.
+                // The job is shown as running with its next task, or it ends without.
                 tracing::warn!(job = %task.job, %error, "is not shown as running");
             }
         }
@@ -129,7 +129,7 @@ impl Store {
     /// Prolongs a lease to `ttl` from now and records progress.
     ///
     /// # Errors
-    /// When the database fails; a lost lease is an answer, not an error.
+    /// When the database fails. A lost lease is an answer, not an error.
     #[boxed]
     pub async fn renew(
         &self,
@@ -149,7 +149,7 @@ impl Store {
     }
 }
 
-/// Shows a job as running whose first task was claimed.
+/// Shows a job as running after its first task was claimed.
 async fn start(tx: &mut Transaction, job: JobId) -> Result<(), StoreError> {
     if sql!(tx, start_job(job))? {
         pipelines::settle_those_of(tx, job).await?;
@@ -160,7 +160,7 @@ async fn start(tx: &mut Transaction, job: JobId) -> Result<(), StoreError> {
 /// The job of a leased task, and where the task stands.
 ///
 /// # Errors
-/// [`StoreError::LeaseLost`] unless the task is running at the fence's epoch. The answer is good
+/// [`StoreError::LeaseLost`] unless the task is running at the fence's epoch. The answer holds
 /// until the transaction ends.
 pub(crate) async fn held(
     tx: &mut Transaction,
@@ -171,11 +171,12 @@ pub(crate) async fn held(
         .ok_or(StoreError::LeaseLost { task: fence.task, epoch: fence.epoch })
 }
 
-/// The same, and the transaction, which is rolled back at once if the lease is lost. One that is only dropped ends a moment
-/// later, and until then it hides the task from those who claim.
+/// Like [`held`], and returns the transaction. If the lease is lost, the transaction is rolled back
+/// at once: a transaction that is only dropped ends a moment later, and until then it hides the
+/// task from claims.
 ///
 /// # Errors
-/// As of [`held`].
+/// Like [`held`].
 pub(crate) async fn held_or_rolled_back(
     mut tx: Transaction,
     fence: Fence,
@@ -189,10 +190,10 @@ pub(crate) async fn held_or_rolled_back(
     }
 }
 
-/// The same, and whether another task of its stage is queued.
+/// Like [`held`], and tells whether another task of the same stage is queued.
 ///
 /// # Errors
-/// As of [`held`]. Whether another is queued may change as long as tasks are claimed.
+/// Like [`held`]. The answer about the stage may change while tasks are claimed.
 pub(crate) async fn held_in_stage(
     tx: &mut Transaction,
     fence: Fence,
@@ -202,7 +203,7 @@ pub(crate) async fn held_in_stage(
         .ok_or(StoreError::LeaseLost { task: fence.task, epoch: fence.epoch })
 }
 
-/// The job of a leased task, and its run.
+/// The job of a leased task and its run.
 pub(crate) async fn held_run(
     tx: &mut Transaction,
     fence: Fence,

@@ -1,13 +1,14 @@
-//! Everything that lasts: jobs, tasks, runs, metrics, datasets and checkpoints as rows in SQLite,
-//! their bytes as objects on disk, and the Parquet layout of a dataset.
+//! Persistent storage: jobs, tasks, runs, metrics, datasets and checkpoints as rows in SQLite or
+//! PostgreSQL, their bytes as objects, and the Parquet layout of a dataset.
 //!
-//! [`Store`] is the one door; its methods lie in one file per resource. Rules that hold throughout:
+//! [`Store`] is the one door, and its methods lie in one file per resource. These rules hold
+//! throughout:
 //!
-//! - *A row is the commit point.* Bytes are written, synced, digested and published first; the
-//!   transaction that follows makes them exist. Whatever a crash leaves without a row is invisible
-//!   and swept later.
-//! - *Every write of a worker carries a [`Fence`]* and fails with [`StoreError::LeaseLost`] when
-//!   the task was meanwhile given to somebody else.
+//! - *A row is the commit point.* Bytes are written, synced, digested and published first. The
+//!   transaction that follows makes them exist. Anything that a crash leaves without a row is
+//!   invisible and swept later.
+//! - *Every write of a worker carries a [`Fence`].* It fails with [`StoreError::LeaseLost`] when
+//!   the task was given to another worker meanwhile.
 //! - *Moments are those of the database's clock*, and nothing ends because that clock jumps.
 //! - Counts are `u64` here and 64-bit integers in SQL.
 
@@ -81,8 +82,8 @@ mod uploads;
 mod waiting;
 mod workers;
 
-/// Has an asynchronous function return a future of a common type, which the store alone compiles: one of a type of its own
-/// is compiled once more in every part of every crate that awaits it.
+/// Makes an asynchronous function return a boxed future, which only the store compiles. A future of
+/// its own type is compiled again in every part of every crate that awaits it.
 pub(crate) use async_recursion::async_recursion as boxed;
 
 pub use artifacts::{Artifact, NewArtifact};

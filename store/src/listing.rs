@@ -1,4 +1,5 @@
-//! Lists of jobs, runs, datasets and checkpoints: filtered, sorted, and read page by page from where the page before ended.
+//! Lists of jobs, runs, datasets and checkpoints. They are filtered, sorted, and read page by page;
+//! each page begins where the one before ended.
 
 use serde::{Deserialize, Serialize};
 
@@ -10,34 +11,34 @@ use crate::{
     Thing, Timestamp,
 };
 
-/// A query of a list. A missing filter lets everything through, and an item must match all others.
+/// The query of a list. An item must match every filter that is set.
 #[derive(Clone, Debug)]
 pub struct Listing {
-    /// The job's.
+    /// The job's kind.
     pub kind: Option<String>,
     pub state: Option<String>,
-    /// Each of them is a tag of the thing, or of its job.
+    /// The thing or its job must have each of these tags.
     pub tags: Vec<String>,
-    /// Part of the name or the note of the thing or of its job, in upper or lower case.
+    /// Part of the name or the note of the thing or of its job, ignoring case.
     pub text: Option<String>,
-    /// Made at this moment or after.
+    /// Created at this moment or later.
     pub since: Option<Timestamp>,
-    /// Made before this moment.
+    /// Created before this moment.
     pub until: Option<Timestamp>,
-    /// With a smaller id.
+    /// Ids below this one.
     pub before: Option<i64>,
-    /// Jobs that somebody asked for: pipelines, and jobs that were not made for one.
+    /// Only jobs that somebody asked for: pipelines, and jobs that do not belong to one.
     pub experiments_alone: bool,
     pub sort: Sort,
     pub direction: Direction,
-    /// Behind this place of the list, where the page before ended.
+    /// Items after this position. Pass the end of the page before.
     pub after: Option<Position>,
-    /// At most 500.
+    /// Number of items, 500 at most.
     pub limit: u32,
 }
 
 impl Default for Listing {
-    /// The newest 50.
+    /// Lists the newest 50.
     fn default() -> Self {
         Self {
             kind: None,
@@ -67,20 +68,20 @@ impl Listing {
         self.limit.min(Page::MAX_LIMIT)
     }
 
-    /// As names and notes are kept to be looked through.
+    /// The search text, in the form in which names and notes are stored for the search.
     pub(crate) fn words(&self) -> Option<String> {
         self.text.as_deref().map(folded)
     }
 }
 
-/// The sort key of a list. Rows with equal keys are in the order of their ids.
+/// The sort key of a list. Rows with equal keys are sorted by id.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sort {
-    /// The order in which things were made, which is that of their ids.
+    /// The time of creation, which is the order of ids.
     Created,
-    /// The moment at which the job ended. What has not ended comes after all that has.
+    /// The time at which the job ended. Jobs that have not ended come last.
     Finished,
-    /// By bytes.
+    /// The name, compared by bytes.
     Name,
     Priority,
     Trajectories,
@@ -99,7 +100,7 @@ impl Sort {
         }
     }
 
-    /// The orders that a list of such things has.
+    /// The sort keys that lists of these things have.
     pub const fn of(thing: Thing) -> &'static [Self] {
         match thing {
             Thing::Job => &[Self::Created, Self::Finished, Self::Name, Self::Priority],
@@ -116,7 +117,7 @@ pub enum Direction {
     Descending,
 }
 
-/// The place of a row in a list: by what the list is sorted, and then by its id.
+/// The position of a row in a list: its sort key, and then its id.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Position {
     pub key: Key,
@@ -134,18 +135,19 @@ pub enum Key {
 #[derive(Clone, Debug)]
 pub struct Listed<T> {
     pub items: Vec<T>,
-    /// Where it ends; `None` on the last page.
+    /// The position at which the next page begins; `None` on the last page.
     pub end: Option<Position>,
 }
 
-/// The places of a page, in order, and where it ends.
+/// The positions of the rows of a page, in order, and the page's end.
 struct Found {
     ids: Vec<i64>,
     end: Option<Position>,
 }
 
 impl Found {
-    /// The rows of these places, in their order. One that was deleted meanwhile is left out.
+    /// The rows at these positions, in the same order. A row that was deleted meanwhile is left
+    /// out.
     fn with<T>(self, mut rows: Vec<T>, id: impl Fn(&T) -> i64) -> Listed<T> {
         let place = |row: &T| self.ids.iter().position(|found| *found == id(row));
         rows.sort_by_cached_key(place);
@@ -197,11 +199,11 @@ impl Store {
         Ok(found.with(rows, |checkpoint| checkpoint.id.0))
     }
 
-    /// Finds the rows of a page before anything large of them is read.
+    /// Finds the ids of a page before any large column is read.
     async fn found(&self, thing: Thing, listing: &Listing) -> Result<Found, StoreError> {
         let mut places = sql!(self.database(), LISTING, places(thing, listing))?;
         let limit = usize::try_from(listing.limit()).unwrap_or(usize::MAX);
-        // One more than is shown tells whether there is another page.
+        // One row more than the limit tells whether there is another page.
         let has_more = places.len() > limit;
         places.truncate(limit);
         let end = places.last().filter(|_| has_more).cloned();

@@ -1,4 +1,4 @@
-//! Where a store keeps its rows and its bytes.
+//! Where a store keeps its rows and its objects.
 
 use std::fmt;
 use std::path::PathBuf;
@@ -8,25 +8,26 @@ use sqlx::postgres::PgConnectOptions;
 
 use crate::ObjectsUrl;
 
-/// Where a store is. By default all of it lies in one folder.
+/// The location of a store. By default everything lies in one folder.
 #[derive(Clone, Debug)]
 pub struct Location {
-    /// The data folder: the SQLite database and all objects, or else copies of objects and files on their way.
+    /// The data folder. It holds the SQLite database and all objects. With a database or objects
+    /// elsewhere, it holds copies of objects and unfinished files.
     pub folder: PathBuf,
-    /// In place of SQLite.
+    /// The PostgreSQL database, if it is not SQLite.
     pub database: Option<DatabaseUrl>,
-    /// In place of files in the folder.
+    /// The bucket, if objects are not files in the folder.
     pub objects: Option<ObjectsUrl>,
 }
 
 impl Location {
-    /// All in one folder.
+    /// A store with everything in one folder.
     pub fn in_folder(folder: impl Into<PathBuf>) -> Self {
         Self { folder: folder.into(), database: None, objects: None }
     }
 }
 
-/// As errors name it.
+/// The location's name in errors.
 impl fmt::Display for Location {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let folder = self.folder.display();
@@ -39,7 +40,8 @@ impl fmt::Display for Location {
     }
 }
 
-/// A PostgreSQL database, as `postgres://USER:PASSWORD@HOST:PORT/DATABASE?sslmode=verify-full`. Shown without the password.
+/// A PostgreSQL database, as `postgres://USER:PASSWORD@HOST:PORT/DATABASE?sslmode=verify-full`. It
+/// is shown without the password.
 #[derive(Clone)]
 pub struct DatabaseUrl {
     text: String,
@@ -51,7 +53,7 @@ impl DatabaseUrl {
         &self.options
     }
 
-    /// As it was given, with its password: for the environment of a worker.
+    /// The URL with its password, for the environment of a worker.
     pub fn expose(&self) -> &str {
         &self.text
     }
@@ -63,7 +65,7 @@ impl FromStr for DatabaseUrl {
     fn from_str(text: &str) -> Result<Self, String> {
         const ALLOWED: &str = "postgres://USER:PASSWORD@HOST:PORT/DATABASE";
         if !text.starts_with("postgres://") && !text.starts_with("postgresql://") {
-            // What it begins with may be a password.
+            // The text may begin with a password, so the error does not repeat it.
             return Err(format!("it must begin with postgres://, as in {ALLOWED}"));
         }
         let options = text.parse().map_err(|error| format!("{error}; expected {ALLOWED}"))?;

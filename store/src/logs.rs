@@ -1,4 +1,5 @@
-//! The logs of attempts: rows and no files, so that every database has them wherever its workers run.
+//! The logs of attempts. They are rows and not files, so every database has them wherever its
+//! workers run.
 
 use crate::boxed;
 use crate::database::{Scope, sql};
@@ -7,78 +8,80 @@ use crate::{Attempt, Fence, JobId, Store, StoreError, TaskId, Timestamp, leases}
 /// Lines that a worker adds to the log of its attempt.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct NewLogChunk {
-    /// Bytes that the attempt has logged before, those that were left out included.
+    /// Number of bytes that the attempt logged before, including dropped ones.
     pub position: u64,
-    /// Whole lines of [`Store::LOG_CHUNK_BYTES`] at most, without NUL, which not every database keeps in text.
+    /// Whole lines, [`Store::LOG_CHUNK_BYTES`] at most. They contain no NUL, because not every
+    /// database can store it in text.
     pub text: String,
 }
 
 /// Lines of the log of an attempt.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LogChunk {
-    /// Grows from chunk to chunk of a job, whatever attempt logged them.
+    /// Grows from chunk to chunk of a job, for all attempts together.
     pub id: i64,
     pub attempt: i64,
     pub task: TaskId,
-    /// The task's.
+    /// The task's label.
     pub label: String,
     pub worker: String,
-    /// As of a [`NewLogChunk`]; what lies between two chunks was left out.
+    /// See [`NewLogChunk`]. Bytes between two chunks were dropped.
     pub position: u64,
     pub text: String,
     pub written_at: Timestamp,
 }
 
-/// Whose logs are asked for.
+/// Selects logs.
 #[derive(Clone, Debug, Default)]
 pub struct LogFilter {
     pub jobs: Vec<JobId>,
-    /// Only the logs of these tasks.
+    /// Only logs of these tasks.
     pub tasks: Option<Vec<TaskId>>,
     /// Only the log of this attempt.
     pub attempt: Option<i64>,
 }
 
-/// Part of the logs, which is read oldest first.
+/// Part of the logs, oldest first.
 #[derive(Clone, Copy, Debug)]
 pub enum LogPage {
-    /// The first chunks with a larger id, at most `limit`.
+    /// The first chunks with a larger id, `limit` at most.
     After { id: i64, limit: u32 },
-    /// The last chunks with a smaller id, or of all, at most `limit`.
+    /// The last chunks with a smaller id, or the last of all; `limit` at most.
     Before { id: Option<i64>, limit: u32 },
 }
 
 impl NewLogChunk {
-    /// Bytes that the attempt has logged after this chunk.
+    /// Number of bytes that the attempt has logged up to the end of this chunk.
     pub fn end(&self) -> u64 {
         self.position + self.text.len() as u64
     }
 }
 
 impl Store {
-    /// Bytes of one chunk at most, as the schema has it.
+    /// The largest number of bytes of a chunk. The schema has the same limit.
     pub const LOG_CHUNK_BYTES: usize = 16 << 10;
 
-    /// Bytes of the log of one attempt that are kept from its beginning.
+    /// Number of bytes kept from the beginning of an attempt's log.
     pub const LOG_HEAD_BYTES: u64 = 256 << 10;
 
-    /// Bytes of the log of one attempt that are kept from its end; what lies between is left out.
+    /// Number of bytes kept from the end of an attempt's log. The bytes between are dropped.
     pub const LOG_TAIL_BYTES: u64 = 768 << 10;
 
-    /// Attempts of a job that have ended and keep their logs: the newest.
+    /// Number of ended attempts of a job that keep their logs: the newest ones.
     pub const LOGS_PER_JOB: u32 = 200;
 
-    /// Adds to the log of a running attempt, and deletes what is too much of it and of older ones of its job. Chunks
-    /// that are there are replaced, since a worker that heard no answer sends them again.
+    /// Adds to the log of a running attempt. Deletes what exceeds the limits of this log and of the
+    /// logs of older attempts of its job. Existing chunks are replaced, because a worker that got
+    /// no answer sends them again.
     ///
     /// # Errors
-    /// [`StoreError::LeaseLost`] when the lease is lost; nothing is changed then.
+    /// [`StoreError::LeaseLost`] when the lease is lost. Nothing has changed then.
     #[boxed]
     pub async fn append_log(&self, fence: Fence, chunks: &[NewLogChunk]) -> Result<(), StoreError> {
         let (Some(first), Some(last)) = (chunks.first(), chunks.last()) else { return Ok(()) };
         let tx = self.begin(Scope::Rows, "adding to the log of an attempt").await?;
         let (mut tx, job, _) = leases::held_or_rolled_back(tx, fence).await?;
-        // A task that was claimed by a version that kept no attempts has none.
+        // A task that was claimed by a version without attempts has none.
         let Some(attempt) = sql!(&mut tx, attempt_at(fence))? else { return Ok(()) };
         sql!(&mut tx, insert_log(job, attempt, chunks))?;
         let logged = last.end();
@@ -115,7 +118,7 @@ impl Store {
         }
     }
 
-    /// Whether chunks may still come to the logs that are asked for.
+    /// Whether more chunks may still be added to the selected logs.
     ///
     /// # Errors
     /// When the database fails.
@@ -128,7 +131,7 @@ impl Store {
         }
     }
 
-    /// The whole log of an attempt, as far as it is kept.
+    /// The log of an attempt, without the dropped bytes.
     ///
     /// # Errors
     /// When the database fails.
@@ -145,7 +148,7 @@ impl Store {
             .ok_or_else(|| StoreError::not_found("attempt", id.to_string()))
     }
 
-    /// The tasks of `jobs` with a label.
+    /// The tasks of `jobs` with this label.
     ///
     /// # Errors
     /// When the database fails.

@@ -16,17 +16,17 @@ pub struct Metric {
     /// E.g. `train/loss`.
     pub key: String,
     pub step: u64,
-    /// May be NaN, as the loss of a training that diverged.
+    /// May be NaN, e.g. the loss of a training that diverged.
     pub value: f64,
 }
 
-/// A metric over steps, thinned out for drawing.
+/// A metric over steps, downsampled for drawing.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Series {
     pub key: String,
-    /// By step.
+    /// Sorted by step.
     pub points: Vec<SeriesPoint>,
-    /// Points recorded.
+    /// Number of points recorded.
     pub recorded: u64,
 }
 
@@ -38,17 +38,17 @@ pub struct SeriesPoint {
 }
 
 impl Store {
-    /// Records metrics of the run of the fence's job. A step that was recorded before is replaced,
-    /// since a resumed training takes it again.
+    /// Records metrics of the run of the fence's job. A value of a step that was recorded before is
+    /// replaced, because a resumed training repeats that step.
     ///
     /// # Errors
-    /// [`StoreError::LeaseLost`] when the lease is lost; nothing is changed then.
+    /// [`StoreError::LeaseLost`] when the lease is lost. Nothing has changed then.
     #[boxed]
     pub async fn record_metrics(&self, fence: Fence, metrics: &[Metric]) -> Result<(), StoreError> {
         patiently!({
             let mut tx = self.begin(Scope::Rows, "recording metrics").await?;
             let (job, run) = leases::held_run(&mut tx, fence).await?;
-            // Of several values of a key at a step the last one counts.
+            // If a key has several values at a step, the last one counts.
             let by_key: BTreeMap<(&str, u64), f64> = metrics
                 .iter()
                 .map(|metric| ((metric.key.as_str(), metric.step), metric.value))
@@ -69,10 +69,10 @@ impl Store {
         })
     }
 
-    /// Forgets what was recorded after `step`, as a training does that resumes from there.
+    /// Deletes values after `step`. A training that resumes from `step` calls this.
     ///
     /// # Errors
-    /// [`StoreError::LeaseLost`] when the lease is lost; nothing is changed then.
+    /// [`StoreError::LeaseLost`] when the lease is lost. Nothing has changed then.
     #[boxed]
     pub async fn delete_metrics_after(&self, fence: Fence, step: u64) -> Result<(), StoreError> {
         patiently!({
@@ -87,7 +87,7 @@ impl Store {
         })
     }
 
-    /// The value at the last step of every key of each run, by run and key.
+    /// The value at the last step of every key of each run, sorted by run and key.
     ///
     /// # Errors
     /// When the database fails.
@@ -99,7 +99,7 @@ impl Store {
         sql!(self.database(), "reading the latest metrics", latest_metrics(runs))
     }
 
-    /// The value at the last step of one key of each run that has it.
+    /// For each run, the value of one key at its last step. Runs without the key are left out.
     ///
     /// # Errors
     /// When the database fails.
@@ -112,7 +112,7 @@ impl Store {
         sql!(self.database(), "reading the latest metrics", latest_values(runs, key))
     }
 
-    /// Points of a metric by step, none left out: `limit` after the first `skipped`.
+    /// Points of a metric, sorted by step and not downsampled: `limit` after the first `skipped`.
     ///
     /// # Errors
     /// When the database fails.
@@ -127,12 +127,13 @@ impl Store {
         sql!(self.database(), "reading a metric", points_after(run, key, skipped, limit))
     }
 
-    /// A metric in at most `points` points: all of them, or the lowest and the highest of each of
-    /// `points / 2` ranges of steps, so that no spike is lost. Of a long one the ranges are made of whole spans, whose
-    /// extremes are known; there may be half as many then.
+    /// A metric in at most `points` points. If it has more, the result has the lowest and the
+    /// highest value of each of `points / 2` ranges of steps, so no spike is lost. The ranges of a
+    /// long metric are made of whole spans with known extremes; it may then have half as many
+    /// points.
     ///
     /// # Errors
-    /// When the database fails; a key that was never recorded has no points.
+    /// When the database fails. A key that was never recorded has no points.
     #[boxed]
     pub async fn series(&self, run: RunId, key: &str, points: u32) -> Result<Series, StoreError> {
         const OPERATION: &str = "reading a metric";

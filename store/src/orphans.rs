@@ -1,4 +1,5 @@
-//! Objects without a row: what a worker published, or began to write, before it was killed.
+//! Orphans: objects without a row. A worker published them, or began to write them, before it was
+//! killed.
 
 use std::collections::HashSet;
 use std::time::Duration;
@@ -8,8 +9,8 @@ use crate::database::sql;
 use crate::{Store, StoreError};
 
 impl Store {
-    /// Deletes objects that no row names and unfinished files, both only when older than
-    /// `older_than`: a younger one may be about to be committed. Returns how many.
+    /// Deletes objects without a row and unfinished files, if they are older than `older_than`.
+    /// Younger ones may be about to be committed. Returns how many it deleted.
     ///
     /// # Errors
     /// When the database or the listing of objects fails.
@@ -22,17 +23,17 @@ impl Store {
         Ok(count)
     }
 
-    /// The paths and sizes of such objects.
+    /// The paths and sizes of these objects.
     pub(crate) async fn orphans(
         &self,
         older_than: Duration,
     ) -> Result<Vec<(String, u64)>, StoreError> {
         const OPERATION: &str = "listing the objects that rows name";
-        // Their ages are by the clock of the store that they lie in.
+        // The ages of objects are by the clock of the object store.
         let now = self.objects().now().await?;
         let Some(limit) = now.checked_sub(older_than) else { return Ok(Vec::new()) };
         let mut old = self.objects().older_than(limit).await?;
-        // Rows are read after the listing, so that what was committed in between is seen.
+        // Rows are read after the listing, so objects that were committed in between are seen.
         let named = sql!(self.database(), OPERATION, named_objects())?;
         let named: HashSet<String> = named.into_iter().collect();
         old.retain(|(path, _)| !named.contains(path));

@@ -1,10 +1,10 @@
-//! How tables lie in Parquet files.
+//! The layout of tables in Parquet files.
 //!
-//! Trajectories have one row per time step: `trajectory` and `step`, then the channels. Floats
-//! are split by byte and compressed with zstd at level 1, which took a set of 10 000 trajectories
-//! from 224 to 168 MB and wrote and read faster than every denser choice; the two id columns are
-//! delta-encoded, without which they would add 29 %. Row groups hold whole trajectories, so that
-//! training shuffles row groups instead of seeking rows.
+//! Trajectories have one row per time step: `trajectory` and `step`, then the channels. Floats are
+//! split by byte and compressed with zstd at level 1. That took a set of 10 000 trajectories from
+//! 224 to 168 MB, and wrote and read faster than every denser choice. The two id columns are
+//! delta-encoded; otherwise they would add 29 %. Row groups hold whole trajectories, so training
+//! shuffles row groups instead of seeking rows.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -29,15 +29,15 @@ const ROWS_PER_ROW_GROUP: u32 = 200_000;
 
 const PAGE_SIZE: usize = 64 * 1024;
 
-/// Part of a file's bytes, and so of its digest.
+/// It is part of a file's bytes, and so of its digest.
 const CREATED_BY: &str = concat!("torqued version ", env!("CARGO_PKG_VERSION"));
 
-/// How many trajectories of `samples` samples share a row group: 500, or fewer when they are long.
+/// The number of trajectories of `samples` samples per row group: 500, or fewer when they are long.
 pub fn trajectories_per_row_group(samples: u32) -> u32 {
     (ROWS_PER_ROW_GROUP / samples.max(1)).clamp(1, MAX_TRAJECTORIES_PER_ROW_GROUP)
 }
 
-/// A table with these columns.
+/// The schema of a table with these columns.
 pub fn table_schema(columns: &[Column]) -> SchemaRef {
     let field = |column: &Column| {
         let data_type = match column.data_type {
@@ -53,7 +53,7 @@ pub fn table_schema(columns: &[Column]) -> SchemaRef {
     Arc::new(Schema::new(columns.iter().map(field).collect::<Vec<_>>()))
 }
 
-/// Properties that make a file's bytes a function of its rows and `footer`.
+/// Writer properties that make a file's bytes depend only on its rows and `footer`.
 pub(crate) fn writer_properties(
     schema: &Schema,
     rows_per_row_group: usize,
@@ -74,7 +74,7 @@ pub(crate) fn writer_properties(
     for column in ArrowSchemaConverter::new().convert(schema)?.columns() {
         let path = column.path().clone();
         properties = match column.physical_type() {
-            // Statistics of ids let readers skip to a trajectory; those of floats help nobody.
+            // Statistics of ids let readers skip to a trajectory. Statistics of floats help nobody.
             Type::INT32 | Type::INT64 => properties
                 .set_column_encoding(path.clone(), Encoding::DELTA_BINARY_PACKED)
                 .set_column_statistics_enabled(path, EnabledStatistics::Page),

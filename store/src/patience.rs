@@ -1,13 +1,14 @@
-//! Patience of workers with a database that goes away for a while: what they have made is not lost for it.
+//! Patience of workers with a database that is away for a while, so that they do not lose their
+//! work.
 
 use std::time::{Duration, Instant};
 
 use crate::StoreError;
 
-/// How long a worker waits for a database that went away before it gives its task up.
+/// How long a worker waits for an absent database before it gives up its task.
 pub(crate) const PATIENCE: Duration = Duration::from_secs(10 * 60);
 
-/// Between two tries.
+/// Pause between two tries.
 const PAUSE: Duration = Duration::from_secs(1);
 
 #[derive(Debug)]
@@ -20,7 +21,8 @@ impl Patience {
         Self { began: Instant::now() }
     }
 
-    /// Waits a moment if the same may be tried again after `error`, or returns whether not.
+    /// After `error`, waits a moment and returns false if another try may help. Returns true
+    /// otherwise.
     pub async fn is_over(&self, error: &StoreError) -> bool {
         if !error.is_database_away() || self.began.elapsed() > PATIENCE {
             return true;
@@ -31,8 +33,8 @@ impl Patience {
     }
 }
 
-/// Does what may be done twice, again after the database was away: `patiently!({ ... })` with the body of a function that
-/// returns a result.
+/// Repeats an idempotent action after the database was away: `patiently!({ ... })` with the body of
+/// a function that returns a result.
 macro_rules! patiently {
     ($operation:block) => {{
         let patience = $crate::patience::Patience::new();

@@ -1,4 +1,4 @@
-//! Pipelines: jobs whose members are jobs, and whose state is theirs.
+//! Pipelines: jobs whose members are jobs. A pipeline's state follows from its members' states.
 
 use wire::JobState;
 
@@ -8,23 +8,23 @@ use crate::rules::job::is_unsuccessful;
 use crate::rules::pipeline::{MemberStanding, culprit, settled};
 use crate::{JobId, JobProgress, Store, StoreError};
 
-/// A job of a pipeline, seen from the pipeline.
+/// A member of a pipeline.
 #[derive(Clone, Debug)]
 pub struct Member {
     pub pipeline: JobId,
     pub name: String,
     pub job: JobId,
-    /// Opaque to the store.
+    /// The store does not interpret it.
     pub kind: String,
     pub state: JobState,
     /// Why it failed or was cancelled.
     pub error: Option<String>,
     pub progress: JobProgress,
-    /// Whether the job was there before the pipeline was submitted.
+    /// Whether the job existed before the pipeline was submitted.
     pub reused: bool,
 }
 
-/// A member, as its pipeline follows it.
+/// A member, with what its pipeline needs to know.
 #[derive(Clone, Debug)]
 pub(crate) struct MemberRow {
     pub name: String,
@@ -35,7 +35,8 @@ pub(crate) struct MemberRow {
 }
 
 impl Store {
-    /// By pipeline, in the order of submission, each after those it needs; none of what is no pipeline.
+    /// Members grouped by pipeline, in the order of submission. Each comes after the members that
+    /// it needs. A job that is not a pipeline has none.
     ///
     /// # Errors
     /// When the database fails.
@@ -45,7 +46,7 @@ impl Store {
     }
 }
 
-/// Brings all pipelines that `job` is in up to date with it.
+/// Updates all pipelines that `job` belongs to.
 pub(crate) async fn settle_those_of(tx: &mut Transaction, job: JobId) -> Result<(), StoreError> {
     for pipeline in sql!(tx, pipelines_of(job))? {
         settle(tx, pipeline).await?;
@@ -53,7 +54,7 @@ pub(crate) async fn settle_those_of(tx: &mut Transaction, job: JobId) -> Result<
     Ok(())
 }
 
-/// Derives a pipeline's state from its members'.
+/// Derives a pipeline's state from the states of its members.
 pub(crate) async fn settle(tx: &mut Transaction, pipeline: JobId) -> Result<(), StoreError> {
     let (state, cancel_requested) = sql!(tx, pipeline(pipeline))?;
     let members = sql!(tx, member_rows(pipeline))?;

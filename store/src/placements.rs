@@ -1,4 +1,4 @@
-//! Workers that a cluster's engine places, as the engine shows them.
+//! Workers that Slurm or Kubernetes places, in the states that the engine shows.
 
 use wire::PlacementState;
 
@@ -11,18 +11,18 @@ use crate::{Store, StoreError, Timestamp};
 pub struct Placed {
     /// The worker's name.
     pub worker: String,
-    /// Slurm or Kubernetes.
+    /// `slurm` or `kubernetes`.
     pub engine: String,
     /// The engine's name for it, once it has one.
     pub identifier: Option<String>,
     pub state: PlacementState,
     /// Why it waits, or how it ended.
     pub reason: Option<String>,
-    /// Where it runs.
+    /// The node that it runs on.
     pub node: Option<String>,
 }
 
-/// The record of a worker that was asked of an engine.
+/// The record of a worker that was requested from an engine.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Placement {
     pub placed: Placed,
@@ -30,19 +30,19 @@ pub struct Placement {
     pub changed_at: Timestamp,
 }
 
-/// The engine that workers are asked of.
+/// The engine that workers are requested from.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Engine {
     pub name: String,
-    /// Why no workers come from it at the moment.
+    /// Why it provides no workers at the moment.
     pub obstacle: Option<String>,
 }
 
-/// How many workers that ended are remembered.
+/// Number of ended workers that are remembered.
 const REMEMBERED: u32 = 1000;
 
 impl Store {
-    /// Says which engine workers are asked of, `None` where a server starts its own.
+    /// Sets the engine that workers are requested from; `None` where a server starts its own.
     ///
     /// # Errors
     /// When the database fails.
@@ -61,8 +61,8 @@ impl Store {
         sql!(self.database(), "reading the engine", engine())
     }
 
-    /// Records workers as their engine shows them. Those that ended a day ago are forgotten, and all but the newest 1000
-    /// that ended.
+    /// Records workers in the states that their engine shows. Deletes workers that ended a day ago,
+    /// and all but the newest 1000 that ended.
     ///
     /// # Errors
     /// When the database fails.
@@ -75,7 +75,7 @@ impl Store {
         tx.commit().await
     }
 
-    /// The workers that were asked of an engine and those that ended within a day, by name.
+    /// The workers requested from an engine and those that ended within a day, sorted by name.
     ///
     /// # Errors
     /// When the database fails.

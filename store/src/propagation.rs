@@ -1,5 +1,5 @@
-//! What follows when a task ends: its job moves on, jobs that need it are queued or cancelled,
-//! pipelines settle. Always inside the transaction that ended the task.
+//! The consequences of a task's end: its job advances, jobs that need it are queued or cancelled,
+//! and pipelines settle. All this happens in the transaction that ended the task.
 
 use wire::JobState;
 
@@ -7,7 +7,7 @@ use crate::database::{Transaction, sql};
 use crate::rules::job::{Step, after_task, before_start};
 use crate::{JobId, StoreError, pipelines};
 
-/// Moves a job on after it was queued, or after tasks of it ended.
+/// Advances a job after it was queued, or after some of its tasks ended.
 pub(crate) async fn advance(tx: &mut Transaction, job: JobId) -> Result<(), StoreError> {
     let state = state_of(tx, job).await?;
     match after_task(state, sql!(tx, tally(job))?) {
@@ -23,18 +23,18 @@ pub(crate) async fn advance(tx: &mut Transaction, job: JobId) -> Result<(), Stor
     }
 }
 
-/// Ends a job whose cancellation was requested, unless a worker still has some of its tasks.
+/// Ends a job whose cancellation was requested, unless workers still have some of its tasks.
 pub(crate) async fn stop(tx: &mut Transaction, job: JobId) -> Result<(), StoreError> {
     sql!(tx, stop_tasks(job))?;
     advance(tx, job).await
 }
 
-/// The state of a job that a row names.
+/// The state of a job that a row names, so it exists.
 pub(crate) async fn state_of(tx: &mut Transaction, job: JobId) -> Result<JobState, StoreError> {
     sql!(tx, job_state(job))?.ok_or_else(|| StoreError::not_found("job", job.to_string()))
 }
 
-/// Gives a job its final state, and tells all that depends on it.
+/// Gives a job its final state, and informs everything that depends on it.
 async fn finish(
     tx: &mut Transaction,
     job: JobId,

@@ -6,11 +6,11 @@ use crate::{Store, StoreError, Timestamp};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Queue {
-    /// Since when no task is claimed.
+    /// The moment since when the queue is paused.
     pub paused_at: Option<Timestamp>,
-    /// Tasks that may be claimed: now, from a moment on, or after a pause.
+    /// Number of queued tasks: those that may be claimed now, from a moment on, or after the pause.
     pub queued: u64,
-    /// Tasks that workers have.
+    /// Number of tasks that workers have.
     pub running: u64,
 }
 
@@ -22,7 +22,8 @@ impl Store {
         sql!(self.database(), "reading the queue", queue())
     }
 
-    /// Has no more tasks claimed. Those that workers have go on, and everything can be submitted.
+    /// Pauses the queue: no more tasks are claimed. Running tasks go on, and jobs can still be
+    /// submitted.
     ///
     /// # Errors
     /// When the database fails.
@@ -38,7 +39,7 @@ impl Store {
         tx.commit().await
     }
 
-    /// Has tasks claimed again.
+    /// Resumes the queue: tasks are claimed again.
     ///
     /// # Errors
     /// When the database fails.

@@ -10,7 +10,7 @@ use crate::rules::task::Ending;
 use crate::rules::watch::{Leased, Watch};
 use crate::{Retry, Store, StoreError, task_end};
 
-/// Looks at all leases again and again, and ends those that nobody renews.
+/// Checks all leases regularly, and ends those that nobody renews.
 #[derive(Debug)]
 pub struct Reaper {
     store: Store,
@@ -18,10 +18,10 @@ pub struct Reaper {
     watch: Watch,
 }
 
-/// Times the usual pause between two looks that are no pause any more.
+/// A pause between two looks that is this many times the usual one counts as a standstill.
 const LATE: u32 = 3;
 
-/// The fate of the tasks whose leases ended.
+/// The tasks whose leases ended, by their new states.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Reaped {
     pub queued: u32,
@@ -30,13 +30,14 @@ pub struct Reaped {
 }
 
 impl Reaper {
-    /// For somebody who means to look once in `every`.
+    /// A reaper that is meant to look once in `every`.
     pub fn new(store: Store, every: Duration) -> Self {
         Self { store, every, watch: Watch::default() }
     }
 
-    /// Looks, `since` after the look before by a clock that never jumps. After a look that comes far too late all
-    /// watching begins anew: whoever looks stood still, and the workers perhaps, too.
+    /// Checks the leases. `since` is the time since the last look, by a clock that never jumps.
+    /// After a look that comes far too late, all watching begins anew: this process stood still,
+    /// and perhaps the workers did too.
     ///
     /// # Errors
     /// When the database fails.
@@ -54,7 +55,7 @@ impl Reaper {
             self.store.begin(Scope::Queue, "taking back the tasks of dead workers").await?;
         let mut reaped = Reaped::default();
         for Leased { fence, worker, until, .. } in ended {
-            // Renewed at the last moment, or given back.
+            // The lease was renewed at the last moment, or given back.
             if sql!(&mut tx, lease_until(fence.task))? != Some(until) {
                 continue;
             }
@@ -81,19 +82,19 @@ impl Reaped {
     }
 }
 
-/// How a worker ended, as its parent or the engine that placed it saw it.
+/// How a worker ended, in the view of its parent or of the engine that placed it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum WorkerEnd<'a> {
-    /// By itself, and how: completes "worker NAME ...".
+    /// By itself. The text completes "worker NAME ...".
     Died(&'a str),
-    /// From outside, for which its task is not to blame, and how: completes "worker NAME ...".
+    /// By an outside cause that its task is not to blame for. The text completes "worker NAME ...".
     Interrupted(&'a str),
-    /// It was told to; its task is no worse for it.
+    /// It was told to stop. Its task is not to blame.
     Stopped,
 }
 
 impl Store {
-    /// Takes back the tasks of a worker that has ended, without waiting for their leases to run out.
+    /// Takes back the tasks of a worker that has ended, without waiting for their leases to expire.
     ///
     /// # Errors
     /// When the database fails.
@@ -113,7 +114,7 @@ impl Store {
             reaped.count(task_end::give_back(&mut tx, fence, ending, error.as_deref()).await?);
         }
         if let WorkerEnd::Interrupted(how) | WorkerEnd::Died(how) = end {
-            // It may have put its task down in time, without knowing why it had to.
+            // The worker may have given its task back in time, without knowing why it had to.
             sql!(&mut tx, explain_release(worker, &format!("worker {worker} {how}")))?;
         }
         tx.commit().await?;

@@ -1,4 +1,4 @@
-//! Retention: what goes into the trash by itself.
+//! Retention: things that are moved into the trash automatically.
 
 use std::time::Duration;
 
@@ -6,14 +6,15 @@ use crate::boxed;
 use crate::database::sql;
 use crate::{DeletionOrder, Item, Respect, Store, StoreError};
 
-/// How long things are kept that nobody asked to be kept; for ever without a duration.
+/// How long things are kept that nobody asked to keep; `None` for ever.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Retention {
-    /// Jobs that failed or were cancelled, since they ended. Of a pipeline, none of whose members succeeded.
+    /// Jobs that failed or were cancelled, counted from their end. A pipeline counts only if none
+    /// of its members succeeded.
     pub failed_jobs: Option<Duration>,
 }
 
-/// Something whose time has come.
+/// An item whose retention time is over.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Outdated {
     pub item: Item,
@@ -21,13 +22,13 @@ pub struct Outdated {
     pub reason: String,
 }
 
-/// Things of one pass; the next pass has the others.
+/// Number of items moved in one pass. The next pass moves the rest.
 const AT_ONCE: u32 = 500;
 
 const MILLISECONDS_OF_A_DAY: u128 = 24 * 60 * 60 * 1000;
 
 impl Store {
-    /// What [`Store::retire`] would move into the trash.
+    /// The items that [`Store::retire`] would move into the trash.
     ///
     /// # Errors
     /// When the database fails.
@@ -51,8 +52,8 @@ impl Store {
         Ok(found)
     }
 
-    /// Moves what is kept no longer into the trash, where it can be restored for `keep`. What jobs depend on stays. Returns
-    /// what went.
+    /// Moves items whose retention time is over into the trash, where they can be restored for
+    /// `keep`. Items that jobs depend on stay. Returns the moved items.
     ///
     /// # Errors
     /// When the database fails.
@@ -82,7 +83,7 @@ fn reason(age: Duration) -> String {
     format!("failed jobs are kept for {} days", age.as_millis() / MILLISECONDS_OF_A_DAY)
 }
 
-/// Whether somebody else was faster, or began to depend on it.
+/// Whether the item was deleted by somebody else, or a job began to depend on it.
 fn has_passed(error: &StoreError) -> bool {
     matches!(
         error,

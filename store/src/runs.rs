@@ -1,4 +1,5 @@
-//! Runs: the records of jobs whose output is one. Each has it from its submission on.
+//! Runs: the records of trainings and evaluations. A job that leaves a run has it from its
+//! submission on.
 
 use serde_json::Value;
 use spec::Digest;
@@ -13,14 +14,14 @@ use crate::{Deletion, JobId, Listing, Page, RunId, Store, StoreError, Timestamp}
 pub struct Run {
     pub id: RunId,
     pub job: JobId,
-    /// The job's.
+    /// The job's kind.
     pub kind: String,
-    /// As people call it, or else its job.
+    /// The name that users gave it, or the name of its job.
     pub name: String,
     pub note: Option<String>,
-    /// In order.
+    /// Sorted.
     pub tags: Vec<String>,
-    /// The job's, in order.
+    /// Tags of the job, sorted.
     pub job_tags: Vec<String>,
     pub digest: Digest,
     pub spec: Value,
@@ -43,7 +44,7 @@ impl Store {
         Ok(found)
     }
 
-    /// Newest first; all kinds without a `kind`.
+    /// Runs, newest first; of every kind if `kind` is `None`.
     ///
     /// # Errors
     /// When the database fails.
@@ -53,10 +54,10 @@ impl Store {
         Ok(self.list_runs(&Listing { kind, ..page.into() }).await?.items)
     }
 
-    /// The record of a job.
+    /// The run of a job.
     ///
     /// # Errors
-    /// When the job has none, or it was deleted.
+    /// When the job leaves no run, or the run was deleted.
     #[boxed]
     pub async fn run_of_job(&self, job: JobId) -> Result<Run, StoreError> {
         let found = sql!(self.database(), "reading a run", run_of_job(job))?

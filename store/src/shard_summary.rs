@@ -1,4 +1,4 @@
-//! What a shard holds, in a few numbers that add up over shards.
+//! Summaries of shards: a few numbers that can be added up over shards.
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -11,50 +11,50 @@ use crate::{DatasetId, Store, StoreError};
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ShardSummary {
     pub trajectories: u64,
-    /// Of all trajectories together.
+    /// Number of samples of all trajectories together.
     pub samples: u64,
-    /// Draws refused.
+    /// Number of draws that were refused.
     pub rejected: u64,
-    /// Of the channels of the trajectories, in the order of their columns.
+    /// The channels of the trajectories, in the order of their columns.
     pub channels: Vec<ChannelSummary>,
     pub spectra: Vec<Spectrum>,
 }
 
-/// Of all samples of a column.
+/// Statistics of all samples of a column.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ChannelSummary {
     pub name: String,
     pub min: f64,
     pub max: f64,
     pub mean: f64,
-    /// Standard deviation of the samples, not an estimate for more of them.
+    /// Standard deviation of these samples; it is not corrected for an estimate.
     pub std: f64,
 }
 
-/// Mean one-sided power spectral density of a signal: over its seven joints and some trajectories,
-/// each with its mean removed and a Hann window. Its integral is the mean variance.
+/// Mean one-sided power spectral density of a signal over its seven joints and several
+/// trajectories. Each has its mean removed and a Hann window. The integral is the mean variance.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Spectrum {
     /// `u` or `q`.
     pub signal: String,
     pub trajectories: u64,
-    /// Distance of the bands, of which the first is at 0 Hz.
+    /// Distance between frequencies in Hz. The first is 0 Hz.
     pub step_hz: f64,
-    /// In the signal's unit, squared, per Hz.
+    /// In the signal's unit squared per Hz.
     pub density: Vec<f32>,
 }
 
 impl ShardSummary {
-    /// Where the result of a task has the summary of its shard.
+    /// The field of a task's result that has the summary of its shard.
     pub const KEY: &str = "summary";
 
-    /// The result of a task that made a shard, which [`Store::dataset_summary`] reads; a task may
-    /// add entries of its own.
+    /// The result of a task that made a shard. [`Store::dataset_summary`] reads it, and a task may
+    /// add fields of its own.
     pub fn to_result(&self) -> Value {
         json!({ Self::KEY: self })
     }
 
-    /// Adds what another shard of the same dataset holds.
+    /// Adds the summary of another shard of the same dataset.
     pub fn merge(&mut self, other: &Self) {
         if self.samples == 0 {
             let Self { rejected, .. } = *self;
@@ -74,7 +74,7 @@ impl ShardSummary {
 }
 
 impl ChannelSummary {
-    /// Adds `added` samples to `count`.
+    /// Merges the summary of `added` samples into that of `count` samples.
     #[expect(clippy::cast_precision_loss, reason = "weights")]
     fn merge(&mut self, count: u64, other: &Self, added: u64) {
         let share = added as f64 / (count + added) as f64;
@@ -105,7 +105,7 @@ impl Spectrum {
 }
 
 impl Store {
-    /// The shards of a dataset that say what they hold, taken together; `None` when there are none.
+    /// The merged summary of all shards of a dataset that have one; `None` if none has.
     ///
     /// # Errors
     /// When the database fails.

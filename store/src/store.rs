@@ -10,7 +10,7 @@ use crate::health::FileIdentity;
 use crate::objects::Objects;
 use crate::{Access, Location, RemoteObjects, S3Options, StoreError};
 
-/// A data folder, open. Clones share it; several processes may have the same folder open.
+/// An open data folder. Clones share it, and several processes may have the same folder open.
 #[derive(Clone, Debug)]
 pub struct Store {
     inner: Arc<Inner>,
@@ -20,21 +20,22 @@ pub struct Store {
 struct Inner {
     dir: DataDir,
     database: Database,
-    /// SQLite's, as it was opened.
+    /// The identity of SQLite's file when it was opened.
     database_file: Option<FileIdentity>,
     objects: Objects,
-    /// Whether the last claim got a task.
+    /// Whether the last claim found a task.
     found_task: AtomicBool,
-    /// Held for as long as any clone lives.
+    /// Held as long as any clone lives.
     _lock: Option<File>,
 }
 
 impl Store {
-    /// Opens a store that lies in a folder.
+    /// Opens a store in a folder.
     ///
     /// # Errors
     /// When the folder cannot be written, is served by another process, has no store yet (for a
-    /// worker), comes from a newer version or is damaged. Nothing is changed in the last two.
+    /// worker), was written by a newer version or is damaged. In the last two cases nothing is
+    /// changed.
     #[boxed]
     pub async fn open(dir: &Path, access: Access) -> Result<Self, StoreError> {
         Self::open_at(&Location::in_folder(dir), access).await
@@ -43,8 +44,9 @@ impl Store {
     /// Opens a store.
     ///
     /// # Errors
-    /// As [`Store::open`]; [`StoreError::DatabaseUnusable`] when the database cannot be reached or does not let the user in;
-    /// what is wrong with the bucket, or with the environment's variables that say how to reach it.
+    /// Like [`Store::open`]. [`StoreError::DatabaseUnusable`] when the database cannot be reached
+    /// or refuses the user. It also fails when the bucket, or an environment variable about it,
+    /// cannot be used.
     #[boxed]
     pub async fn open_at(location: &Location, access: Access) -> Result<Self, StoreError> {
         match &location.objects {
@@ -56,10 +58,10 @@ impl Store {
         }
     }
 
-    /// The same with objects that lie in `objects` instead of the folder.
+    /// Opens a store with objects in `objects` instead of the folder.
     ///
     /// # Errors
-    /// As [`Store::open_at`].
+    /// Like [`Store::open_at`].
     #[boxed]
     pub async fn open_with_objects(
         location: &Location,
@@ -80,7 +82,7 @@ impl Store {
         if access.is_owner() || is_shared {
             dir.create()?;
         }
-        // Servers that share a database agree through it.
+        // Servers that share a database agree through it instead of a lock.
         let lock = (access.is_owner() && !is_shared).then(|| dir.lock()).transpose()?;
         let database = Database::open(&dir, location.database.as_ref(), access).await?;
         let file = (!is_shared).then(|| FileIdentity::of(&dir.database())).transpose();
@@ -96,7 +98,7 @@ impl Store {
         Ok(store)
     }
 
-    /// Version of the database's schema, as this binary knows it.
+    /// The version of the database schema that this binary knows.
     pub fn schema_version(&self) -> i64 {
         self.database().known_schema()
     }
@@ -110,7 +112,7 @@ impl Store {
         sql!(self.database(), "asking whether it is there", ping())
     }
 
-    /// Ends all connections; SQLite then folds its write-ahead log into the database.
+    /// Closes all connections. SQLite then merges its write-ahead log into the database.
     #[boxed]
     pub async fn close(&self) {
         self.inner.database.close().await;

@@ -1,4 +1,4 @@
-//! A submission: jobs with their tasks, and perhaps the pipeline they form, in one transaction.
+//! Submissions: jobs with their tasks, and perhaps the pipeline that they form, in one transaction.
 
 use serde_json::{Value, json};
 use spec::{Digest, Moment, Resources};
@@ -18,37 +18,38 @@ use crate::{
     idempotency, pipelines,
 };
 
-/// What is asked for at once.
+/// Jobs that are submitted together.
 #[derive(Clone, Debug)]
 pub struct Submission {
-    /// Each after the jobs it needs. Without a pipeline, exactly one.
+    /// The jobs. Each comes after the jobs it needs. Without a pipeline there is exactly one.
     pub jobs: Vec<NewJob>,
     pub pipeline: Option<NewPipeline>,
     pub reuse: Reuse,
     pub idempotency: Option<Idempotency>,
-    /// Of the pipeline or the one job. They are no part of a spec, so that no digest knows them.
+    /// The labels of the pipeline or of the one job. They are not part of a spec and do not change
+    /// its digest.
     pub labels: Labels,
 }
 
 #[derive(Clone, Debug)]
 pub struct NewJob {
     pub name: String,
-    /// Opaque to the store.
+    /// The store does not interpret it.
     pub kind: String,
-    /// With every reference resolved to a digest.
+    /// The spec, with every reference resolved to a digest.
     pub spec: Value,
     pub digest: Digest,
-    /// What progress counts, e.g. `trajectories`.
+    /// The unit of progress, e.g. `trajectories`.
     pub unit: String,
-    /// Higher goes first; a point is worth an hour of waiting.
+    /// Higher goes first. One point is worth one hour of waiting.
     pub priority: i32,
-    /// Times a task may be claimed before it fails.
+    /// Number of times that a task may be claimed before it fails.
     pub max_attempts: u32,
-    /// How long an attempt at a task may take, in seconds.
+    /// Time limit of an attempt at a task, in seconds.
     pub time_limit_s: Option<u32>,
-    /// What a worker must offer to take a task.
+    /// The resources that a worker must offer to take a task.
     pub resources: Resources,
-    /// No task is claimed before.
+    /// No task is claimed before this moment.
     pub not_before: Option<Moment>,
     pub output: Output,
     pub reuse: JobReuse,
@@ -56,72 +57,72 @@ pub struct NewJob {
     pub needs: Vec<Need>,
     /// The digests of the jobs whose data and checkpoints it reads.
     pub reads: Vec<Digest>,
-    /// Checkpoints among them that are there already, so that no job is needed for them.
+    /// Inputs that are existing checkpoints, so no job is needed for them.
     pub checkpoints: Vec<CheckpointId>,
-    /// The files that it reads, of those that were sent.
+    /// The sent files that it reads.
     pub files: Vec<Digest>,
 }
 
-/// The product of a job beside the results of its tasks.
+/// The result of a job, besides the results of its tasks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Output {
-    /// One that its tasks fill with shards.
+    /// A dataset that the job's tasks fill with shards.
     Dataset {
-        /// 0 when only the task that fills it learns how many there are.
+        /// Number of trajectories; 0 if only the task that fills the dataset learns it.
         trajectories: u64,
-        /// Samples of each trajectory.
+        /// Number of samples of each trajectory.
         samples: u32,
     },
-    /// A record of parameters, metrics, artifacts and checkpoints.
+    /// A run: a record of parameters, metrics, artifacts and checkpoints.
     Run,
     Nothing,
 }
 
-/// How far the work of earlier jobs of the same digest does for a new one, under
+/// How far a new job can use the work of earlier jobs with the same digest, under
 /// [`Reuse::SameDigest`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct JobReuse {
-    /// One that succeeded, or still may, stands in for the new job.
+    /// Whether an earlier job that succeeded, or still may, stands in for the new job.
     pub whole: bool,
-    /// The parts of a job that failed or was cancelled that the new one takes over.
+    /// The parts that the new job takes over from a job that failed or was cancelled.
     pub parts: PartReuse,
 }
 
-/// The parts of a job that do for another of the same digest.
+/// The parts of a job that another job with the same digest can use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PartReuse {
     Nothing,
-    /// Tasks that were completed, with their results, as the new job is submitted.
+    /// Results of completed tasks. They are copied when the new job is submitted.
     Tasks,
-    /// Shards and checkpoints: workers of the new job copy them in place of making them, see [`Store::earlier_shard`]
-    /// and [`Store::earlier_checkpoints`].
+    /// Shards and checkpoints. Workers of the new job copy them instead of making them again; see
+    /// [`Store::earlier_shard`] and [`Store::earlier_checkpoints`].
     Objects,
 }
 
 /// A job that must succeed first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Need {
-    /// Index into the jobs of the same submission.
+    /// A job of the same submission, by index.
     New(usize),
     Existing(JobId),
 }
 
 #[derive(Clone, Debug)]
 pub struct NewTask {
-    /// Tasks of a stage wait for all tasks of the stages before.
+    /// Tasks of a stage wait for all tasks of earlier stages.
     pub stage: u32,
     /// Unique in its stage.
     pub ordinal: u32,
     pub label: String,
     pub payload: Value,
-    /// How much of the job's unit this task does.
+    /// Amount of work of this task, in the job's unit.
     pub total: u64,
 }
 
 #[derive(Clone, Debug)]
 pub struct NewPipeline {
     pub name: String,
-    /// Opaque to the store, which knows a pipeline by its members.
+    /// The store does not interpret it; it recognizes a pipeline by its members.
     pub kind: String,
     pub spec: Value,
     pub digest: Digest,
@@ -133,24 +134,24 @@ pub struct NewPipeline {
 #[derive(Clone, Debug)]
 pub struct NewMember {
     pub name: String,
-    /// Index into the jobs of the submission.
+    /// The index of the job in the submission.
     pub job: usize,
 }
 
-/// Whether a job that was already asked for stands in for a new one.
+/// Whether an existing job may stand in for a new one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Reuse {
-    /// As far as the [`JobReuse`] of each job allows; a pipeline as a whole.
+    /// Yes, as far as the [`JobReuse`] of each job allows. A pipeline is reused as a whole.
     SameDigest,
     Never,
 }
 
-/// What became of a submission.
+/// The outcome of a submission.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Submitted {
     /// The pipeline, or the one job.
     pub job: JobId,
-    /// Whether it was there before.
+    /// Whether the job existed before.
     pub reused: bool,
 }
 
@@ -166,25 +167,26 @@ pub(crate) struct JobRow<'a> {
     pub time_limit_s: Option<u32>,
     pub resources: ResourcesId,
     pub not_before: Option<Moment>,
-    /// From when on it has waited.
+    /// The moment since when it has waited.
     pub waits_since: Timestamp,
-    /// Whether it is made for a pipeline.
+    /// Whether it was made for a pipeline.
     pub is_part: bool,
     /// Whether its workers take over shards and checkpoints.
     pub takes_over: bool,
 }
 
-/// A task that succeeded with a result.
+/// A task that succeeded and has a result.
 pub(crate) struct CompletedTask {
     pub task: TaskId,
     pub place: TaskPlace,
-    /// As it is stored.
+    /// The payload as stored.
     pub payload: String,
 }
 
 impl Store {
     /// # Errors
-    /// When a need has failed or was deleted, an idempotency key comes with another request, or the submission
+    /// When a needed job has failed or was deleted, when an idempotency key was used with another
+    /// request, or when the submission contradicts itself. Nothing is submitted then.
     /// contradicts itself; nothing is submitted then.
     #[boxed]
     pub async fn submit(&self, submission: Submission) -> Result<Submitted, StoreError> {
@@ -275,12 +277,12 @@ async fn submit_pipeline(
         let Submitted { job, reused } = jobs[member.job];
         sql!(tx, insert_member(pipeline, ordinal, &member.name, job, reused))?;
     }
-    // Its members may all have succeeded long ago.
+    // All members may have succeeded long ago.
     pipelines::settle(tx, pipeline).await?;
     Ok(Submitted { job: pipeline, reused: false })
 }
 
-/// Inserts a job, and tells of it.
+/// Inserts a job, and writes its event.
 async fn insert_job(
     tx: &mut Transaction,
     row: &JobRow<'_>,
@@ -372,7 +374,7 @@ async fn submit_job(
     Ok(Submitted { job, reused: false })
 }
 
-/// In order, each once.
+/// The ids of the jobs that a new job needs, in order and each once.
 fn needs(new: &NewJob, submitted: &[Submitted]) -> Vec<JobId> {
     let job = |need: &Need| match need {
         Need::New(index) => submitted[*index].job,
@@ -384,8 +386,9 @@ fn needs(new: &NewJob, submitted: &[Submitted]) -> Vec<JobId> {
     needs
 }
 
-/// Completes the tasks of a new job that an earlier one of the same digest completed, though it failed
-/// or was cancelled later: the same digest is the same result. What they left lies in its run.
+/// Completes tasks of a new job that an earlier job with the same digest completed before it failed
+/// or was cancelled. The same digest means the same result. Files that the tasks left stay in the
+/// earlier job's run.
 async fn take_over_tasks(tx: &mut Transaction, job: JobId, new: &NewJob) -> Result<(), StoreError> {
     let last_stage = new.tasks.iter().map(|task| task.stage).max().unwrap_or(0);
     for CompletedTask { task, place, payload } in sql!(tx, completed_tasks(new.digest))? {

@@ -1,4 +1,4 @@
-//! Reading a Parquet table back, a row group at a time. Blocks.
+//! Reads a Parquet table, one row group at a time. Blocks.
 
 use std::fs::File;
 use std::path::Path;
@@ -13,7 +13,7 @@ use parquet::errors::ParquetError;
 use crate::objects::file::PositionedFile;
 use crate::{Store, StoreError, StoredObject};
 
-/// A Parquet table, open. Threads may share it.
+/// An open Parquet table. Threads may share it.
 #[derive(Clone, Debug)]
 pub struct TableReader {
     file: PositionedFile,
@@ -22,19 +22,18 @@ pub struct TableReader {
 }
 
 impl Store {
-    /// Opens a stored table once all its bytes have been checked against the digest they were
-    /// published with.
+    /// Opens a stored table after checking all its bytes against its digest.
     ///
     /// # Errors
-    /// When the file cannot be read or has other bytes.
+    /// When the file cannot be read, or its bytes differ from those that were published.
     pub fn open_table(&self, object: &StoredObject) -> Result<TableReader, StoreError> {
         TableReader::new(self.objects().open_verified(object)?, object.path.clone())
     }
 
-    /// Opens a stored table without a look at its digest: the decoder may panic on damaged pages.
+    /// Opens a stored table without checking its digest. The decoder may panic on damaged pages.
     ///
     /// # Errors
-    /// When the file is not there or its footer cannot be read.
+    /// When the file does not exist or its footer cannot be read.
     pub fn open_unchecked(&self, object: &StoredObject) -> Result<TableReader, StoreError> {
         TableReader::new(self.objects().open(&object.path)?, object.path.clone())
     }
@@ -44,7 +43,7 @@ impl TableReader {
     /// Opens any file.
     ///
     /// # Errors
-    /// When it is not there or its footer cannot be read.
+    /// When it does not exist or its footer cannot be read.
     pub fn open(path: &Path) -> Result<Self, StoreError> {
         let name = path.display().to_string();
         let file = File::open(path).map_err(StoreError::file("opening", &name))?;
@@ -66,7 +65,7 @@ impl TableReader {
         self.metadata.metadata().file_metadata().num_rows().unsigned_abs()
     }
 
-    /// Rows of each row group.
+    /// The number of rows of each row group.
     pub fn row_groups(&self) -> impl Iterator<Item = u64> {
         self.metadata.metadata().row_groups().iter().map(|group| group.num_rows().unsigned_abs())
     }
@@ -76,13 +75,13 @@ impl TableReader {
         self.metadata.schema().fields().iter().map(|field| field.name().as_str()).collect()
     }
 
-    /// What the footer says under `key`.
+    /// The value in the footer under `key`.
     pub fn footer(&self, key: &str) -> Option<&str> {
         let entries = self.metadata.metadata().file_metadata().key_value_metadata()?;
         entries.iter().find(|entry| entry.key == key)?.value.as_deref()
     }
 
-    /// All rows of a row group, with `columns` in the order asked for.
+    /// All rows of a row group, with `columns` in the given order.
     ///
     /// # Errors
     /// When the row group or a column does not exist, or the file cannot be read.

@@ -1,4 +1,4 @@
-//! Writes a Parquet table straight into an object, a few row groups in memory at a time.
+//! Writes a Parquet table straight into an object, with a few row groups in memory at a time.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -18,19 +18,19 @@ use crate::boxed;
 use crate::parquet_layout::writer_properties;
 use crate::{ObjectWriter, Store, StoreError, StoredObject, trajectories_per_row_group};
 
-/// Rows of a table that is not made of trajectories.
+/// Rows per row group of a table that does not hold trajectories.
 const ROWS_PER_ROW_GROUP: usize = 10_000;
 
-/// The bytes are a function of the rows and the footer: never of how rows came in batches, nor of
-/// how many threads encode them.
+/// Writes a Parquet table. Its bytes depend only on the rows and the footer. They do not depend on
+/// the batches in which rows came, or on the number of threads that encode them.
 ///
-/// Blocks, as [`ObjectWriter`] does.
+/// It blocks, like [`ObjectWriter`].
 pub struct TableWriter {
     encoder: TableEncoder,
     file: TableFile,
 }
 
-/// The half of a [`TableWriter`] that computes: columns are encoded in parallel, on the threads of
+/// The half of a [`TableWriter`] that computes. Columns are encoded in parallel, on the threads of
 /// the current rayon pool.
 pub struct TableEncoder {
     factory: ArrowRowGroupWriterFactory,
@@ -47,13 +47,13 @@ pub struct TableFile {
     path: String,
 }
 
-/// A row group, ready to be written.
+/// An encoded row group, ready to be written.
 pub struct EncodedRows {
     columns: Vec<ArrowColumnChunk>,
 }
 
 impl Store {
-    /// Begins a table with a row per trajectory, or any other.
+    /// Begins a table that does not hold trajectories, e.g. one with a row per trajectory.
     ///
     /// # Errors
     /// When the disk is full or fails.
@@ -69,8 +69,8 @@ impl Store {
 }
 
 impl TableWriter {
-    /// Trajectories, each with `samples` rows; `schema` is [`crate::table_schema`]'s. `footer` goes
-    /// into the file's key-value metadata.
+    /// A table of trajectories with `samples` rows each. `schema` comes from
+    /// [`crate::table_schema`]. `footer` goes into the file's key-value metadata.
     ///
     /// # Errors
     /// When the disk is full or fails.
@@ -84,7 +84,7 @@ impl TableWriter {
         Self::new(object, schema, usize::try_from(rows).unwrap_or(usize::MAX), footer)
     }
 
-    /// A table with a row per trajectory, or any other.
+    /// A table that does not hold trajectories, e.g. one with a row per trajectory.
     ///
     /// # Errors
     /// When the disk is full or fails.
@@ -105,8 +105,8 @@ impl TableWriter {
         let path = object.path().to_owned();
         let failed = || StoreError::parquet("starting", &path);
         let properties = writer_properties(&schema, rows_per_row_group, footer).map_err(failed())?;
-        // The footer does not get the schema that arrow would add: it holds maps, whose order is
-        // not fixed.
+        // The footer does not get the schema that arrow would add, because it holds maps in no
+        // fixed order.
         let columns =
             ArrowSchemaConverter::new().schema_root("schema").convert(&schema).map_err(failed())?;
         let writer =
@@ -123,7 +123,7 @@ impl TableWriter {
         Ok(Self { encoder, file: TableFile { writer, path } })
     }
 
-    /// Takes rows in order; full row groups are encoded at once.
+    /// Takes rows in order. Full row groups are encoded at once.
     ///
     /// # Errors
     /// When the disk is full or fails, or the batch has another schema.
@@ -134,10 +134,10 @@ impl TableWriter {
         Ok(())
     }
 
-    /// Writes what is left and publishes the file.
+    /// Writes the remaining rows and publishes the file.
     ///
     /// # Errors
-    /// When the disk is full or fails; nothing lies under the path then.
+    /// When the disk is full or fails. Nothing lies under the path then.
     pub fn finish(mut self) -> Result<StoredObject, StoreError> {
         if let Some(rows) = self.encoder.encode_rest()? {
             self.file.append(rows)?;
@@ -145,7 +145,7 @@ impl TableWriter {
         self.file.finish()
     }
 
-    /// Its halves, for encoding on one thread while another writes.
+    /// Splits the writer into its halves, so that one thread can encode while another writes.
     pub fn split(self) -> (TableEncoder, TableFile) {
         (self.encoder, self.file)
     }
@@ -166,7 +166,7 @@ impl TableEncoder {
         Ok(full)
     }
 
-    /// The rows that fill no row group.
+    /// Encodes the remaining rows, which do not fill a row group.
     ///
     /// # Errors
     /// When a batch had another schema.
@@ -196,9 +196,11 @@ impl TableEncoder {
 
     fn encode_columns(&self, rows: &RecordBatch) -> Result<Vec<ArrowColumnChunk>, ParquetError> {
         if rows.schema_ref().fields() != self.schema.fields() {
-            return Err(ParquetError::General("the rows have other columns".to_owned()));
+            return Err(ParquetError::General(
+                "the rows have other columns than the table".to_owned(),
+            ));
         }
-        // Which row group it is matters to encrypted files alone.
+        // The index of the row group matters only to encrypted files.
         let writers = self.factory.create_column_writers(0)?;
         let columns = writers.into_par_iter().zip(&self.schema.fields()[..]).zip(rows.columns());
         columns
@@ -233,7 +235,7 @@ impl TableFile {
     /// Publishes the file.
     ///
     /// # Errors
-    /// When the disk is full or fails; nothing lies under the path then.
+    /// When the disk is full or fails. Nothing lies under the path then.
     pub fn finish(self) -> Result<StoredObject, StoreError> {
         let object =
             self.writer.into_inner().map_err(StoreError::parquet("writing", &self.path))?;

@@ -1,5 +1,6 @@
-//! The shards and checkpoints that an earlier job of the same digest committed before it failed or was cancelled,
-//! for a new one that need not make them again: the same digest is the same bytes.
+//! Takes over the shards and checkpoints that an earlier job with the same digest committed before
+//! it failed or was cancelled. The same digest means the same bytes, so the new job need not make
+//! them again.
 
 use serde_json::Value;
 
@@ -8,17 +9,17 @@ use crate::database::{Scope, sql};
 use crate::patience::patiently;
 use crate::{Checkpoint, Fence, JobId, RunId, ShardContents, Store, StoreError, leases};
 
-/// A shard of another job of the same digest.
+/// A shard of another job with the same digest.
 #[derive(Clone, Debug)]
 pub struct EarlierShard {
     pub contents: ShardContents,
-    /// Its task was completed with this.
+    /// The result of the task that made it.
     pub result: Option<Value>,
 }
 
 impl Store {
-    /// The shard with this ordinal of the newest other job of `job`'s digest that has one; none for a job that was
-    /// submitted to be done anew.
+    /// The shard with this ordinal from the newest other job that has `job`'s digest and such a
+    /// shard. `None` for a job that was submitted to run anew.
     ///
     /// # Errors
     /// When the database fails.
@@ -31,8 +32,8 @@ impl Store {
         sql!(self.database(), "looking for an earlier shard", earlier_shard(job, ordinal))
     }
 
-    /// The checkpoints, by step, of the other job of `job`'s digest that came farthest; none for a job that was
-    /// submitted to be done anew.
+    /// The checkpoints of another job with `job`'s digest, sorted by step: of the job that got
+    /// furthest. Empty for a job that was submitted to run anew.
     ///
     /// # Errors
     /// When the database fails.
@@ -45,10 +46,10 @@ impl Store {
         }
     }
 
-    /// Records in the run of the fence's job what another run recorded up to `step`.
+    /// Copies the metrics of another run up to `step` into the run of the fence's job.
     ///
     /// # Errors
-    /// [`StoreError::LeaseLost`] when the lease is lost; nothing is changed then.
+    /// [`StoreError::LeaseLost`] when the lease is lost. Nothing has changed then.
     #[boxed]
     pub async fn take_over_metrics(
         &self,

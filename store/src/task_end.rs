@@ -1,5 +1,5 @@
-//! The ways in which a worker gives a task back. Each is one transaction together with what
-//! follows for the job, the jobs that need it and the pipelines it is in.
+//! The ways in which a worker gives a task back. Each is one transaction that also updates the job,
+//! the jobs that need it and its pipelines.
 
 use serde_json::Value;
 use wire::{AttemptOutcome, TaskState};
@@ -12,10 +12,10 @@ use crate::rules::task::{Ending, TaskStanding};
 use crate::{Fence, JobId, Retry, Store, StoreError, leases};
 
 impl Store {
-    /// The task succeeded, with an optional result.
+    /// Ends a task that succeeded, with an optional result.
     ///
     /// # Errors
-    /// [`StoreError::LeaseLost`] when the lease is lost; nothing is changed then.
+    /// [`StoreError::LeaseLost`] when the lease is lost. Nothing has changed then.
     #[boxed]
     pub async fn complete(&self, fence: Fence, result: Option<&Value>) -> Result<(), StoreError> {
         patiently!({
@@ -24,10 +24,10 @@ impl Store {
         })
     }
 
-    /// The task succeeded before all that was planned was done: `done` was enough.
+    /// Ends a task that succeeded before it did all the planned work: `done` was enough.
     ///
     /// # Errors
-    /// [`StoreError::LeaseLost`] when the lease is lost; nothing is changed then.
+    /// [`StoreError::LeaseLost`] when the lease is lost. Nothing has changed then.
     #[boxed]
     pub async fn complete_early(
         &self,
@@ -42,10 +42,10 @@ impl Store {
         })
     }
 
-    /// The task failed with `error`.
+    /// Ends a task that failed with `error`.
     ///
     /// # Errors
-    /// [`StoreError::LeaseLost`] when the lease is lost; nothing is changed then.
+    /// [`StoreError::LeaseLost`] when the lease is lost. Nothing has changed then.
     #[boxed]
     pub async fn fail(&self, fence: Fence, error: &str, retry: Retry) -> Result<(), StoreError> {
         patiently!({
@@ -55,10 +55,10 @@ impl Store {
         })
     }
 
-    /// Puts the task back without counting the attempt, as a worker that shuts down does.
+    /// Puts a task back without counting the attempt. A worker that shuts down calls this.
     ///
     /// # Errors
-    /// [`StoreError::LeaseLost`] when the lease is lost; nothing is changed then.
+    /// [`StoreError::LeaseLost`] when the lease is lost. Nothing has changed then.
     #[boxed]
     pub async fn release(&self, fence: Fence) -> Result<(), StoreError> {
         patiently!({
@@ -68,10 +68,10 @@ impl Store {
         })
     }
 
-    /// The task was stopped because its cancellation was requested.
+    /// Ends a task that was stopped because its cancellation was requested.
     ///
     /// # Errors
-    /// [`StoreError::LeaseLost`] when the lease is lost; nothing is changed then.
+    /// [`StoreError::LeaseLost`] when the lease is lost. Nothing has changed then.
     #[boxed]
     pub async fn stopped(&self, fence: Fence) -> Result<(), StoreError> {
         patiently!({
@@ -82,10 +82,11 @@ impl Store {
     }
 }
 
-/// A transaction that completes a held task.
+/// A transaction that completes a leased task.
 ///
-/// While other tasks of its stage are queued its job stays as it is, and many complete at a time. One of those others finds
-/// none queued when it ends; it moves the job on, once all who did not have committed.
+/// While other tasks of its stage are queued, its job stays as it is, and many tasks complete at a
+/// time. One of these tasks later finds no other queued when it ends. It then advances the job,
+/// after all concurrent completions have committed.
 pub(crate) struct Completion {
     pub tx: Transaction,
     pub job: JobId,
@@ -112,7 +113,7 @@ impl Completion {
         Ok(Self { tx, job, fence, standing, moves_job: !stage_goes_on })
     }
 
-    /// Completes the task, and commits.
+    /// Completes the task and commits.
     pub async fn end(mut self, result: Option<&Value>) -> Result<(), StoreError> {
         let (standing, _) = self.standing.after(Ending::Completed);
         sql!(&mut self.tx, complete_task(self.fence.task, &standing, result))?;
@@ -123,7 +124,7 @@ impl Completion {
     }
 }
 
-/// Takes a task back that was not completed, and says what became of it.
+/// Takes back a task that was not completed, and returns its new state.
 pub(crate) async fn give_back(
     tx: &mut Transaction,
     fence: Fence,
@@ -144,7 +145,7 @@ pub(crate) async fn give_back(
         _ if standing.state == TaskState::Cancelled => None,
         Ending::Failed(Retry::Allowed) => error
             .map(|error| format!("{error} (attempt {} of {})", held.attempt, held.max_attempts)),
-        // The task is no worse for it.
+        // The task is not to blame, so it gets no error.
         Ending::Released => None,
         _ => error.map(str::to_owned),
     };

@@ -1,6 +1,7 @@
-//! Tasks, as they are looked up; see `leases` for how they are worked on.
+//! Looking up tasks; see `leases` for how they are worked on.
 //!
-//! A job may have 10 000 of them, and the result of each may be large: lists read pages, or leave results out.
+//! A job may have 10 000 tasks, and each may have a large result. So lists read pages, or leave
+//! results out.
 
 use serde_json::Value;
 use wire::TaskState;
@@ -18,49 +19,49 @@ pub struct Task {
     pub label: String,
     pub payload: Value,
     pub state: TaskState,
-    /// Times it was claimed since it last got on, see [`Store::commit_checkpoint`].
+    /// Number of claims since it last made progress, see [`Store::commit_checkpoint`].
     pub attempt: u32,
     pub max_attempts: u32,
     pub epoch: Epoch,
-    /// Who has it, or had it last.
+    /// The worker that has it, or had it last.
     pub worker: Option<String>,
     pub lease_until: Option<Timestamp>,
     pub cancel_requested: bool,
     pub progress: Progress,
-    /// How much of the job's unit it does.
+    /// Amount of work in the job's unit.
     pub total: u64,
-    /// What it was completed with.
+    /// The result with which it was completed.
     pub result: Option<Value>,
-    /// Of the last attempt that failed.
+    /// The error of the last attempt that failed.
     pub error: Option<String>,
     pub started_at: Option<Timestamp>,
     pub finished_at: Option<Timestamp>,
 }
 
-/// A task without its payload and its result, which may be large.
+/// A task without its payload and its result, which may both be large.
 #[derive(Clone, Debug)]
 pub struct TaskOverview {
     pub id: TaskId,
     pub job: JobId,
     pub label: String,
     pub state: TaskState,
-    /// As of a [`Task`].
+    /// See [`Task`].
     pub attempt: u32,
-    /// Who has it, or had it last.
+    /// The worker that has it, or had it last.
     pub worker: Option<String>,
     pub progress: Progress,
-    /// How much of the job's unit it does.
+    /// Amount of work in the job's unit.
     pub total: u64,
     /// The error of the last attempt that failed.
     pub error: Option<String>,
 }
 
-/// Part of a job's tasks, in the order in which they run.
+/// A page of a job's tasks, in the order in which they run.
 #[derive(Clone, Copy, Debug)]
 pub struct TaskPage {
-    /// Only tasks that run after this one: the last of the page before.
+    /// Only tasks that run after this one. Pass the last task of the page before.
     pub after: Option<TaskId>,
-    /// At most 500.
+    /// Number of tasks, 500 at most.
     pub limit: u32,
 }
 
@@ -70,17 +71,18 @@ impl TaskPage {
     }
 }
 
-/// How many tasks of a job have the same value in a field of their results.
+/// The number of tasks of a job that have the same value in a field of their results.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ResultTally {
     pub job: JobId,
-    /// `None` of tasks without a result, or without the field.
+    /// `None` for tasks without a result, or without the field.
     pub value: Option<String>,
     pub tasks: u64,
 }
 
 impl Store {
-    /// All of them with their results, as the last task of a job reads them, in the order in which they run.
+    /// All tasks of a job with their results, in the order in which they run. The last task of a
+    /// job reads them.
     ///
     /// # Errors
     /// When there is no such job.
@@ -88,13 +90,13 @@ impl Store {
     pub async fn tasks(&self, job: JobId) -> Result<Vec<Task>, StoreError> {
         let tasks = sql!(self.database(), READING, tasks(job))?;
         if tasks.is_empty() {
-            // A pipeline has none either, and that is no error.
+            // A pipeline has no tasks either, and that is no error.
             self.job(job).await?;
         }
         Ok(tasks)
     }
 
-    /// A page of them, in the order in which they run; none after a task of another job.
+    /// A page of tasks, in the order in which they run. It is empty after a task of another job.
     ///
     /// # Errors
     /// When the database fails.
@@ -123,7 +125,7 @@ impl Store {
         sql!(self.database(), "counting a job's tasks", count_tasks(job))
     }
 
-    /// The tasks of one stage of each of `jobs`.
+    /// The tasks of one stage, for each of `jobs`.
     ///
     /// # Errors
     /// When the database fails.
@@ -136,7 +138,8 @@ impl Store {
         sql!(self.database(), READING, tasks_of_stage(jobs, stage))
     }
 
-    /// The result of the only task of each job's last stage; of jobs whose last stage has several, nothing.
+    /// The result of the only task of each job's last stage. Jobs with several tasks in that stage
+    /// are left out.
     ///
     /// # Errors
     /// When the database fails.
@@ -145,7 +148,7 @@ impl Store {
         sql!(self.database(), "reading the results of jobs", sole_results(jobs))
     }
 
-    /// How many tasks of each job have which value in a field of their results.
+    /// Counts the tasks of each job by the value of a field in their results.
     ///
     /// # Errors
     /// When the database fails.
@@ -158,7 +161,8 @@ impl Store {
         sql!(self.database(), "counting the results of tasks", result_tallies(jobs, field))
     }
 
-    /// Label and result of the first `limit` tasks whose results have another value than `value` in a field.
+    /// Label and result of the first `limit` tasks whose results have a value other than `value` in
+    /// a field.
     ///
     /// # Errors
     /// When the database fails.

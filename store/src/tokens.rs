@@ -1,4 +1,5 @@
-//! Tokens: who may ask the server, and for what. Sessions of browsers that logged in with one.
+//! Tokens: who may use the server, and for what. Also the sessions of browsers that logged in with
+//! one.
 
 use std::time::Duration;
 
@@ -9,13 +10,13 @@ use crate::boxed;
 use crate::database::{Scope as Rows, sql};
 use crate::{Store, StoreError, Timestamp, TokenId};
 
-/// Tokens that are not revoked, at most.
+/// The largest number of tokens that are not revoked.
 pub const MAX_TOKENS: u64 = 1000;
 
-/// Sessions that are open, at most; the oldest make room.
+/// The largest number of open sessions. The oldest are closed first.
 const MAX_SESSIONS: u32 = 10_000;
 
-/// A token, without the token.
+/// A token's record, without the token itself.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Token {
     pub id: TokenId,
@@ -25,29 +26,30 @@ pub struct Token {
     pub scope: Scope,
     pub created_at: Timestamp,
     pub expires_at: Option<Timestamp>,
-    /// To the minute.
+    /// Precise to the minute.
     pub last_used_at: Option<Timestamp>,
     pub revoked_at: Option<Timestamp>,
-    /// Neither revoked nor expired, when it was read.
+    /// Whether it was neither revoked nor expired when it was read.
     pub is_valid: bool,
 }
 
-/// A token to be made.
+/// A token to be created.
 #[derive(Clone, Copy, Debug)]
 pub struct NewToken<'a> {
     pub name: &'a str,
     pub digest: Digest,
     pub scope: Scope,
-    /// For ever without it.
+    /// How long it is valid; `None` for ever.
     pub lifetime: Option<Duration>,
-    /// Refuse it when no valid token, this one included, has the scope admin.
+    /// Refuses to create it if no valid token, this one included, would have the scope admin.
     pub needs_an_admin: bool,
 }
 
 impl Store {
     /// # Errors
-    /// [`StoreError::TokenExists`] when a token has the name and is not revoked, [`StoreError::TooManyTokens`] when
-    /// there are [`MAX_TOKENS`], [`StoreError::FirstToken`] when nobody could make another one afterwards.
+    /// [`StoreError::TokenExists`] when a token that is not revoked has the name.
+    /// [`StoreError::TooManyTokens`] when there are [`MAX_TOKENS`]. [`StoreError::FirstToken`] when
+    /// nobody could create another one afterwards.
     #[boxed]
     pub async fn create_token(&self, token: &NewToken<'_>) -> Result<Token, StoreError> {
         let mut tx = self.begin(Rows::Rows, "creating a token").await?;
@@ -67,7 +69,7 @@ impl Store {
         Ok(made)
     }
 
-    /// All tokens, those that are revoked or expired included, oldest first.
+    /// All tokens, including revoked and expired ones, oldest first.
     ///
     /// # Errors
     /// When the database fails.
@@ -76,10 +78,10 @@ impl Store {
         sql!(self.database(), "listing tokens", tokens())
     }
 
-    /// Has the token open nothing any more. One that is revoked stays as it is.
+    /// Revokes a token. One that is revoked already stays as it is.
     ///
     /// # Errors
-    /// [`StoreError::NotFound`].
+    /// [`StoreError::NotFound`] when there is no such token.
     #[boxed]
     pub async fn revoke_token(&self, id: TokenId) -> Result<Token, StoreError> {
         let mut tx = self.begin(Rows::Rows, "revoking a token").await?;
@@ -89,7 +91,8 @@ impl Store {
         Ok(revoked)
     }
 
-    /// Forgets all tokens, so that a server on this store asks for none, and all sessions. Returns how many tokens there were.
+    /// Deletes all tokens, so that a server on this store requires none, and all sessions. Returns
+    /// how many tokens there were.
     ///
     /// # Errors
     /// When the database fails.
@@ -113,7 +116,7 @@ impl Store {
         tx.commit().await
     }
 
-    /// Opens a session for whoever has the token with the digest `token`.
+    /// Opens a session for the token with the digest `token`.
     ///
     /// # Errors
     /// When the database fails.
@@ -130,7 +133,7 @@ impl Store {
         tx.commit().await
     }
 
-    /// Digest of the token that an open session was opened with.
+    /// Digest of the token that this session was opened with, if the session is open.
     ///
     /// # Errors
     /// When the database fails.

@@ -7,7 +7,7 @@ use crate::{Store, StoreError, StoredObject, Timestamp, TrackedRun, TrackedRunId
 
 #[derive(Clone, Debug)]
 pub struct TrackedArtifact {
-    /// With slashes between folders, e.g. `plots/loss.svg`.
+    /// The name, with slashes between folders, e.g. `plots/loss.svg`.
     pub name: String,
     pub object: StoredObject,
     pub created_at: Timestamp,
@@ -28,7 +28,7 @@ impl Store {
         self.receive(&format!("tracked/{}/artifact", run.id)).await
     }
 
-    /// By name.
+    /// The artifacts of a run, sorted by name.
     ///
     /// # Errors
     /// When the database fails.
@@ -53,7 +53,7 @@ impl Store {
         })
     }
 
-    /// Deletes the artifacts of these names.
+    /// Deletes the artifacts with these names.
     ///
     /// # Errors
     /// When there is no such run, or it is deleted.
@@ -73,10 +73,11 @@ impl Store {
 }
 
 impl UploadWriter {
-    /// Syncs, publishes and commits what was received as a file of a run. It replaces what the run had under this name.
+    /// Syncs, publishes and commits the received bytes as a file of a run. They replace the run's
+    /// file with the same name.
     ///
     /// # Errors
-    /// When there is no such run, or it is deleted; when the disk is full or fails.
+    /// When there is no such run, or it is deleted. When the disk is full or fails.
     #[boxed]
     pub async fn finish_as_artifact(self, run: &str, name: &str) -> Result<(), StoreError> {
         let (store, object) = self.into_object().await?;

@@ -1,4 +1,4 @@
-//! Experiments: names under which clients of MLflow gather their runs.
+//! Experiments: names under which MLflow clients group their runs.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -22,7 +22,7 @@ const CHANGING: &str = "changing an experiment";
 const READING: &str = "reading experiments";
 
 impl ExperimentId {
-    /// The experiment of clients that name none.
+    /// The experiment for clients that name none.
     pub const DEFAULT: Self = Self(0);
 
     /// The experiment of torqued's own runs.
@@ -31,7 +31,7 @@ impl ExperimentId {
 
 impl Store {
     /// # Errors
-    /// [`StoreError::ExperimentTaken`] when there is one of this name, even a deleted one.
+    /// [`StoreError::ExperimentTaken`] when an experiment has this name, even a deleted one.
     #[boxed]
     pub async fn create_experiment(
         &self,
@@ -71,7 +71,7 @@ impl Store {
             .ok_or_else(|| StoreError::not_found("experiment", format!("{name:?}")))
     }
 
-    /// All of them, by id.
+    /// All experiments, sorted by id.
     ///
     /// # Errors
     /// When the database fails.
@@ -95,7 +95,8 @@ impl Store {
         tx.commit().await
     }
 
-    /// Deletes an experiment with its runs, which can be brought back for so long, or with `None` brings both back.
+    /// Deletes an experiment with its runs; they can be restored for `keep`. With `None`, restores
+    /// both.
     ///
     /// # Errors
     /// When there is no such experiment.
@@ -112,10 +113,10 @@ impl Store {
         tx.commit().await
     }
 
-    /// Sets a tag of an experiment, or with `None` removes it.
+    /// Sets a tag of an experiment. With `None`, removes it.
     ///
     /// # Errors
-    /// When there is no such experiment; when the tag to remove is not there.
+    /// When there is no such experiment, or no such tag to remove.
     #[boxed]
     pub async fn tag_experiment(
         &self,

@@ -1,4 +1,4 @@
-//! Metrics of tracked runs, and batches of what is logged to one.
+//! Metrics of tracked runs, and batches of logged data.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -12,13 +12,13 @@ use crate::{Store, StoreError, Timestamp, TrackedRun, TrackedRunId};
 pub struct TrackedMetric {
     pub key: String,
     pub step: i64,
-    /// As the client says.
+    /// The time that the client sent.
     pub time: Timestamp,
     /// May be NaN or infinite.
     pub value: f64,
 }
 
-/// Everything that is logged to a run at once.
+/// Everything that one request logs to a run.
 #[derive(Clone, Debug, Default)]
 pub struct TrackedBatch {
     pub metrics: Vec<TrackedMetric>,
@@ -31,10 +31,11 @@ pub struct TrackedBatch {
 const READING: &str = "reading metrics of tracked runs";
 
 impl Store {
-    /// Logs all of a batch, or nothing. A point that is there already is not logged again.
+    /// Logs a whole batch, or nothing. A point that exists is not logged again.
     ///
     /// # Errors
-    /// When there is no such run or it is deleted; [`StoreError::ParamChanged`] when a param has another value already.
+    /// When there is no such run or it is deleted. [`StoreError::ParamChanged`] when a param
+    /// already has another value.
     #[boxed]
     pub async fn log_batch(&self, run: &str, batch: &TrackedBatch) -> Result<(), StoreError> {
         let mut tx = self.begin(Scope::Rows, "logging to a tracked run").await?;
@@ -51,8 +52,8 @@ impl Store {
         tx.commit().await
     }
 
-    /// The latest point of each key of `runs`, by run and key: of all keys, or of `keys`. The latest is that of the
-    /// highest step, then of the latest time, then of the highest value.
+    /// The latest point of each key of `runs`, or only of `keys`, sorted by run and key. The latest
+    /// point has the highest step, then the latest time, then the highest value.
     ///
     /// # Errors
     /// When the database fails.
@@ -65,10 +66,10 @@ impl Store {
         sql!(self.database(), READING, latest_tracked(runs, keys))
     }
 
-    /// Points of a key, by step, time and value: `limit` after the first `skipped`.
+    /// Points of a key, sorted by step, time and value: `limit` after the first `skipped`.
     ///
     /// # Errors
-    /// When the database fails; a key that was never logged has no points.
+    /// When the database fails. A key that was never logged has no points.
     #[boxed]
     pub async fn tracked_history(
         &self,
@@ -116,7 +117,7 @@ async fn log_params(
     sql!(&mut *tx, add_tracked_params(run.id, &new))
 }
 
-/// The latest of each key, by key.
+/// The latest metric of each key, sorted by key.
 fn latest(metrics: &[TrackedMetric]) -> Vec<TrackedMetric> {
     let mut latest: BTreeMap<&str, &TrackedMetric> = BTreeMap::new();
     for metric in metrics {
@@ -129,7 +130,7 @@ fn latest(metrics: &[TrackedMetric]) -> Vec<TrackedMetric> {
 }
 
 impl TrackedMetric {
-    /// NaN counts as 0, as MLflow's own server has it.
+    /// The value as stored. NaN is stored as 0, as MLflow's own server does.
     pub(crate) fn stored_value(&self) -> f64 {
         if self.value.is_nan() { 0.0 } else { self.value }
     }

@@ -1,4 +1,4 @@
-//! Tracked runs: those that clients of MLflow log beside torqued's own.
+//! Tracked runs: runs that MLflow clients log beside torqued's own.
 
 use std::fmt;
 use std::str::FromStr;
@@ -11,19 +11,19 @@ use crate::{ExperimentId, Store, StoreError, Timestamp, TrackedRunId};
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TrackedRun {
     pub id: TrackedRunId,
-    /// As clients name it: 32 hexadecimal digits.
+    /// The id that clients use: 32 hexadecimal digits.
     pub identifier: String,
     pub experiment: ExperimentId,
     pub name: String,
     pub user: String,
     pub status: TrackedStatus,
-    /// As the client says, and so is the end.
+    /// The start time that the client sent. The end time also comes from the client.
     pub start_time: Timestamp,
     pub end_time: Option<Timestamp>,
     pub is_deleted: bool,
 }
 
-/// How far a run is, in MLflow's words.
+/// The status of a run, in MLflow's words.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TrackedStatus {
     Running,
@@ -36,14 +36,14 @@ pub enum TrackedStatus {
 #[derive(Clone, Debug)]
 pub struct NewTrackedRun {
     pub experiment: ExperimentId,
-    /// `None` names it after its identifier.
+    /// The name; `None` derives it from the identifier.
     pub name: Option<String>,
     pub user: String,
     pub start_time: Timestamp,
     pub tags: Vec<(String, String)>,
 }
 
-/// Fields that get another value.
+/// Fields of a run to change.
 #[derive(Clone, Debug, Default)]
 pub struct TrackedRunChange {
     pub name: Option<String>,
@@ -51,7 +51,7 @@ pub struct TrackedRunChange {
     pub end_time: Option<Timestamp>,
 }
 
-/// The tag in which MLflow keeps a run's name once more.
+/// The tag in which MLflow stores a run's name a second time.
 const NAME_TAG: &str = "mlflow.runName";
 
 const CHANGING: &str = "changing a tracked run";
@@ -117,7 +117,7 @@ impl Store {
             .ok_or_else(|| StoreError::not_found("run", identifier.to_owned()))
     }
 
-    /// All runs of `experiments`, deleted ones too, newest first.
+    /// All runs of `experiments`, including deleted ones, newest first.
     ///
     /// # Errors
     /// When the database fails.
@@ -152,7 +152,7 @@ impl Store {
         Ok(changed)
     }
 
-    /// Deletes a run, which can be brought back for so long, or with `None` brings it back.
+    /// Deletes a run; it can be restored for `keep`. With `None`, restores it.
     ///
     /// # Errors
     /// When there is no such run.
@@ -171,7 +171,7 @@ impl Store {
     }
 
     /// # Errors
-    /// When there is no such run, it is deleted, or it has no such tag.
+    /// When there is no such run, the run is deleted, or it has no such tag.
     #[boxed]
     pub async fn delete_tracked_tag(&self, identifier: &str, key: &str) -> Result<(), StoreError> {
         let mut tx = self.begin(Scope::Rows, CHANGING).await?;
@@ -182,7 +182,7 @@ impl Store {
         tx.commit().await
     }
 
-    /// Params of `runs`, by run and key: all, or those of `keys`.
+    /// Params of `runs`, or only those with `keys`, sorted by run and key.
     ///
     /// # Errors
     /// When the database fails.
@@ -195,7 +195,7 @@ impl Store {
         sql!(self.database(), READING, tracked_texts("tracked_param", runs, keys))
     }
 
-    /// Tags of `runs`, by run and key: all, or those of `keys`.
+    /// Tags of `runs`, or only those with `keys`, sorted by run and key.
     ///
     /// # Errors
     /// When the database fails.
@@ -209,7 +209,8 @@ impl Store {
     }
 }
 
-/// A run that may be written to; nobody else writes to it until the transaction ends.
+/// A run that may be written to. It is locked, so nobody else writes to it until the transaction
+/// ends.
 pub(crate) async fn active_run(
     tx: &mut Transaction,
     identifier: &str,

@@ -1,4 +1,4 @@
-//! Reading trajectories back. All of it blocks, like the training and evaluation it serves.
+//! Reading trajectories. All of it blocks, like the training and evaluation that use it.
 
 use std::ops::Range;
 
@@ -8,32 +8,31 @@ use parquet::errors::ParquetError;
 
 use crate::{ShardContents, Store, StoreError, TableReader};
 
-/// The trajectories of a shard, open. Threads may share it.
+/// The trajectories of an open shard. Threads may share it.
 #[derive(Clone, Debug)]
 pub struct ShardReader {
     table: TableReader,
-    /// Trajectories of each row group.
+    /// The trajectories of each row group.
     row_groups: Vec<Range<u64>>,
-    /// Rows of each trajectory.
+    /// Number of rows of each trajectory.
     samples: u64,
 }
 
 impl Store {
-    /// Opens the trajectories of a shard, once all their bytes have been checked against the digest
-    /// they were published with: what is read later is what was written.
+    /// Opens the trajectories of a shard after checking all their bytes against their digest.
     ///
     /// # Errors
-    /// When the file cannot be read or does not hold what its row says.
+    /// When the file cannot be read, or its contents do not match its row.
     pub fn open_shard(&self, shard: &ShardContents) -> Result<ShardReader, StoreError> {
         ShardReader::new(self.open_table(&shard.trajectories)?, shard.range())
     }
 }
 
 impl ShardReader {
-    /// A table that shall hold `trajectories`, in order.
+    /// Reads a table as `trajectories`, in order.
     ///
     /// # Errors
-    /// When its rows are not so many whole trajectories.
+    /// When its rows do not form exactly these trajectories.
     pub fn new(table: TableReader, trajectories: Range<u64>) -> Result<Self, StoreError> {
         let (rows, count) = (table.rows(), trajectories.end.saturating_sub(trajectories.start));
         if count == 0 || rows == 0 || !rows.is_multiple_of(count) {
@@ -54,17 +53,17 @@ impl ShardReader {
         Ok(Self { table, row_groups, samples })
     }
 
-    /// The trajectories of each row group, by index in their dataset.
+    /// The trajectories of each row group, as indices in their dataset.
     pub fn row_groups(&self) -> &[Range<u64>] {
         &self.row_groups
     }
 
-    /// Rows of each trajectory.
+    /// Number of rows of each trajectory.
     pub fn samples(&self) -> u64 {
         self.samples
     }
 
-    /// All rows of a row group, with `columns` in the order asked for.
+    /// All rows of a row group, with `columns` in the given order.
     ///
     /// # Errors
     /// When the row group or a column does not exist, or the file cannot be read.
@@ -76,7 +75,7 @@ impl ShardReader {
         self.table.read_row_group(row_group, columns)
     }
 
-    /// The rows of `trajectories`, by index in their dataset.
+    /// The rows of `trajectories`, given as indices in their dataset.
     ///
     /// # Errors
     /// When a trajectory or a column is not in the shard, or the file cannot be read.
@@ -89,8 +88,8 @@ impl ShardReader {
         concatenate(parts.into_iter().map(|(_, rows)| rows).collect(), self.table.path())
     }
 
-    /// The rows of `trajectories` as they lie in row groups: no value is copied after it was decoded.
-    /// With each part the trajectories that it holds.
+    /// The rows of `trajectories`, one part per row group, without copying decoded values. Each
+    /// part comes with the trajectories that it holds.
     ///
     /// # Errors
     /// When a column is not in the shard, or the file cannot be read.

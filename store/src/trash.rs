@@ -1,7 +1,8 @@
-//! The trash: what was deleted and can still be restored.
+//! The trash: deleted items that can still be restored.
 //!
-//! A job owns the dataset and the run that it leaves, a run its checkpoints, and a pipeline the members that were made for it
-//! alone. What is owned goes into the trash and comes back together with its owner.
+//! A job owns the dataset and the run that it leaves. A run owns its checkpoints. A pipeline owns
+//! the members that were made for it alone. Owned items are deleted and restored together with
+//! their owner.
 
 use std::fmt;
 use std::time::Duration;
@@ -22,83 +23,83 @@ pub struct Item {
     pub id: i64,
 }
 
-/// That something was deleted.
+/// The record of a deletion.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Deletion {
     pub deleted_at: Timestamp,
-    /// It can be restored until then at least.
+    /// It can be restored until this moment at least.
     pub purge_at: Timestamp,
-    /// When its bytes and details were deleted for good.
+    /// The moment at which its bytes and details were deleted permanently.
     pub purged_at: Option<Timestamp>,
-    /// `None` when somebody asked for it.
+    /// The reason; `None` if somebody asked for it.
     pub reason: Option<String>,
 }
 
-/// Whether jobs that have ended and depend on something keep it from being deleted.
+/// Which dependents prevent a deletion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Respect {
     All,
-    /// Only jobs that have not ended do.
+    /// Only jobs that have not ended.
     Open,
 }
 
-/// How something is to be deleted.
+/// How an item is to be deleted.
 #[derive(Clone, Copy, Debug)]
 pub struct DeletionOrder<'a> {
     pub respect: Respect,
     /// How long it can be restored.
     pub keep: Duration,
-    /// `None` when somebody asks for it.
+    /// The reason; `None` if somebody asks for it.
     pub reason: Option<&'a str>,
 }
 
-/// The things that a deletion moved into the trash.
+/// The items that a deletion moved into the trash.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Deleted {
     pub item: Item,
-    /// What it owns.
+    /// The items that it owns.
     pub along: Vec<Item>,
     pub deleted_at: Timestamp,
     pub purge_at: Timestamp,
 }
 
-/// Something in the trash that no other thing took along.
+/// An item in the trash that was not deleted together with its owner.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Trashed {
     pub item: Item,
-    /// Of its job.
+    /// The name of its job.
     pub name: String,
-    /// Of its files, and of those that went with it.
+    /// Size of its files and of the files of items that were deleted with it.
     pub bytes: u64,
     pub deletion: Deletion,
 }
 
-/// A place in the trash, which is sorted by these, the last first.
+/// A position in the trash, which is sorted by these fields, latest first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TrashPlace {
     pub deleted_at: Timestamp,
     pub item: Item,
 }
 
-/// The row of something that can be deleted.
+/// The row of an item.
 #[derive(Clone, Debug)]
 pub(crate) struct ItemRow {
     pub item: Item,
-    /// That made it, or that it is.
+    /// The job that made it, or the item itself if it is a job.
     pub job: JobId,
     pub job_state: JobState,
     pub digest: Digest,
     pub deletion: Option<Deletion>,
-    /// When its owner was deleted.
+    /// The moment at which its owner was deleted.
     pub owner_deleted_at: Option<Timestamp>,
 }
 
 /// The extent of a deletion.
 pub(crate) struct Reach {
-    /// The job that made the item; of a job, it and the members that it owns.
+    /// The job that made the item. For a job, it and the members that it owns.
     pub jobs: Vec<JobId>,
     pub digests: Vec<Digest>,
-    /// Whether the jobs themselves go, and not only what they left.
+    /// Whether the jobs themselves are deleted, and not only their results.
     pub whole: bool,
 }
 
@@ -141,18 +142,18 @@ impl fmt::Display for Item {
 }
 
 impl Store {
-    /// Moves something into the trash, with all that it owns.
+    /// Moves an item into the trash, with everything that it owns.
     ///
     /// # Errors
-    /// [`StoreError::NotEnded`] while its job goes on; [`StoreError::Needed`] when jobs depend on it; when there is no
-    /// such thing, or it was deleted before.
+    /// [`StoreError::NotEnded`] while its job has not ended. [`StoreError::Needed`] when jobs
+    /// depend on it. It also fails when there is no such item, or it was deleted before.
     #[boxed]
     pub async fn delete(
         &self,
         item: Item,
         order: &DeletionOrder<'_>,
     ) -> Result<Deleted, StoreError> {
-        // No job is submitted, and none ends, until this has taken effect.
+        // No job is submitted and none ends until this has taken effect.
         let mut tx = self.begin(Scope::Queue, DELETING).await?;
         let row = present(&mut tx, item).await?;
         let reach = reach(&mut tx, &row).await?;
@@ -179,11 +180,12 @@ impl Store {
         Ok(Deleted { item, along, deleted_at, purge_at })
     }
 
-    /// Takes something out of the trash, with what went there with it, which is returned.
+    /// Restores an item, with everything that was deleted together with it. Returns the restored
+    /// items.
     ///
     /// # Errors
-    /// [`StoreError::Purged`] when it is too late, [`StoreError::OwnerDeleted`] when its owner is in the trash, too;
-    /// [`StoreError::NotDeleted`] when it was not deleted.
+    /// [`StoreError::Purged`] when it is too late. [`StoreError::OwnerDeleted`] when its owner is
+    /// in the trash too. [`StoreError::NotDeleted`] when it was not deleted.
     #[boxed]
     pub async fn restore(&self, item: Item) -> Result<Vec<Item>, StoreError> {
         let mut tx = self.begin(Scope::Queue, "restoring something").await?;
@@ -205,7 +207,7 @@ impl Store {
         for (kind, column, ids) in owned(item, &reach) {
             restored.extend(sql!(&mut tx, mark_restored(kind, column, &ids, deletion.deleted_at))?);
         }
-        // The statements above wait for a purge under way, and leave what it purged as it is.
+        // The statements above wait for a running purge, and leave purged items as they are.
         let Some(place) = restored.iter().position(|other| *other == item) else {
             let purged_at = sql!(&mut tx, present())?;
             return Err(StoreError::Purged { item, purged_at });
@@ -215,7 +217,7 @@ impl Store {
         Ok(restored)
     }
 
-    /// What a deletion of `item` would take along, and the jobs that depend on it.
+    /// The items that would be deleted together with `item`, and the jobs that depend on it.
     ///
     /// # Errors
     /// When there is no such thing, or it was deleted before.
@@ -251,8 +253,8 @@ impl Store {
         Ok(bytes)
     }
 
-    /// What is in the trash and was not taken along by something else, what was deleted last first, from the first after
-    /// `after` on.
+    /// Items in the trash that were not deleted together with their owner, latest deletion first,
+    /// beginning after `after`.
     ///
     /// # Errors
     /// When the database fails.
@@ -266,7 +268,7 @@ impl Store {
     }
 }
 
-/// The rows that change together: kind, the column that names them, and its values.
+/// The rows that change together: their kind, the column that selects them, and its values.
 fn owned(item: Item, reach: &Reach) -> Vec<(ItemKind, &'static str, Vec<i64>)> {
     let jobs = || reach.jobs.iter().map(|job| job.0).collect();
     match item.kind {
@@ -300,7 +302,7 @@ async fn known(tx: &mut Transaction, item: Item) -> Result<ItemRow, StoreError> 
         .ok_or_else(|| StoreError::not_found(item.kind.as_str(), item.id.to_string()))
 }
 
-/// The row of something that was not deleted.
+/// The row of an item that was not deleted.
 async fn present(tx: &mut Transaction, item: Item) -> Result<ItemRow, StoreError> {
     let row = known(tx, item).await?;
     refuse_deleted(item, row.deletion.as_ref())?;

@@ -1,4 +1,4 @@
-//! Uploads: files that somebody sent to be imported, each kept once under its digest.
+//! Uploads: files that were sent to be imported. Each is kept once, under its digest.
 
 use std::fs::File;
 use std::io;
@@ -16,13 +16,13 @@ use crate::{Store, StoreError, StoredObject, Timestamp};
 
 #[derive(Clone, Debug)]
 pub struct Upload {
-    /// As the sender called it; of a file that was sent twice, the first time.
+    /// The name that the sender gave it. For a file that was sent twice, the first name.
     pub name: String,
     pub object: StoredObject,
     pub created_at: Timestamp,
 }
 
-/// Receives a file piece by piece; dropped before [`UploadWriter::finish`], it leaves nothing.
+/// Receives a file in pieces. If it is dropped before [`UploadWriter::finish`], it leaves nothing.
 #[derive(Debug)]
 pub struct UploadWriter {
     store: Store,
@@ -34,16 +34,16 @@ pub struct UploadWriter {
 
 #[derive(Debug)]
 enum Destination {
-    /// A file of the data folder.
+    /// A file in the data folder.
     Folder(WriteMultipart),
-    /// A file that is published where objects are no files.
+    /// A file that will be published to a remote store.
     Elsewhere(tokio::fs::File, UnfinishedCopy),
 }
 
-/// Bytes that are handed to the disk at once.
+/// Number of bytes that are handed to the disk at once.
 const PART_SIZE: usize = 8 * 1024 * 1024;
 
-/// Parts on their way to the disk at a time, which bounds memory.
+/// Number of parts that are written at a time. It bounds memory.
 const PARTS_IN_FLIGHT: usize = 2;
 
 impl Store {
@@ -58,7 +58,7 @@ impl Store {
 
     /// Begins to receive an object whose path begins with `prefix`.
     pub(crate) async fn receive(&self, prefix: &str) -> Result<UploadWriter, StoreError> {
-        // Its digest is known at its end only.
+        // The digest is not known before the end.
         let path = unique_name(prefix);
         let to = match self.objects().away() {
             Some(elsewhere) => {
@@ -75,7 +75,7 @@ impl Store {
         Ok(UploadWriter { store: self.clone(), to, path, size: 0, digest: Sha256::new() })
     }
 
-    /// The upload with these bytes.
+    /// The upload with this digest.
     ///
     /// # Errors
     /// When the database fails.
@@ -84,16 +84,16 @@ impl Store {
         sql!(self.database(), "looking up an upload", upload(sha256))
     }
 
-    /// Makes an object that was found the upload of its digest again, unless there is one.
+    /// Makes a found object an upload under its digest again, unless there is one.
     ///
     /// # Errors
-    /// When it is not there, or the database fails.
+    /// When the object does not exist, or the database fails.
     #[boxed]
     pub async fn adopt_upload(&self, object: &StoredObject) -> Result<(), StoreError> {
         if self.upload(object.sha256).await?.is_some() {
             return Ok(());
         }
-        // Nobody knows any more how its sender called it.
+        // The name that its sender gave it is lost.
         self.commit_upload(&object.sha256.to_string(), object).await.map(drop)
     }
 
@@ -106,8 +106,8 @@ impl Store {
         sql!(self.database(), "reading uploads", newest_uploads(limit))
     }
 
-    /// The size of all files that somebody sent, to be imported or as files of a tracked run, in bytes. Those in the trash
-    /// count until they are deleted for good.
+    /// The size in bytes of all sent files, for imports and for tracked runs. Files in the trash
+    /// count until they are deleted permanently.
     ///
     /// # Errors
     /// When the database fails.
@@ -116,15 +116,15 @@ impl Store {
         sql!(self.database(), "adding up the files that were sent", sent_bytes())
     }
 
-    /// Opens an upload, once all its bytes have been checked against its digest. Blocks.
+    /// Opens an upload after checking all its bytes against its digest. Blocks.
     ///
     /// # Errors
-    /// When it cannot be read, or has not the bytes that were received.
+    /// When it cannot be read, or its bytes differ from those that were received.
     pub fn open_upload(&self, upload: &Upload) -> Result<File, StoreError> {
         self.objects().open_verified(&upload.object)
     }
 
-    /// Makes a published object the upload of its digest, unless there is one already.
+    /// Makes a published object an upload under its digest, unless there is one.
     async fn commit_upload(&self, name: &str, object: &StoredObject) -> Result<Upload, StoreError> {
         self.objects().verify_published(object).await?;
         let mut tx = self.begin(Scope::Rows, "committing an upload").await?;
@@ -142,12 +142,12 @@ impl Store {
 }
 
 impl UploadWriter {
-    /// Bytes so far.
+    /// Number of bytes received so far.
     pub const fn size(&self) -> u64 {
         self.size
     }
 
-    /// SHA-256 of the bytes so far.
+    /// SHA-256 of the bytes received so far.
     pub fn digest(&self) -> Digest {
         Digest::from_bytes(self.digest.clone().finalize().into())
     }
@@ -160,7 +160,8 @@ impl UploadWriter {
             Destination::Folder(parts) => {
                 let room = parts.wait_for_capacity(PARTS_IN_FLIGHT).await;
                 room.map_err(StoreError::object("writing", &self.path))?;
-                // Copied: a sender who cuts a body into single bytes must not make each of them an object.
+                // The bytes are copied, because a sender that cuts a body into single bytes must
+                // not make each of them an object.
                 parts.write(bytes);
             }
             Destination::Elsewhere(file, _) => {
@@ -173,18 +174,19 @@ impl UploadWriter {
         Ok(())
     }
 
-    /// Syncs, publishes and commits what was received. Bytes that are there already under another
-    /// name keep it.
+    /// Syncs, publishes and commits the received bytes. If they exist under another name, they keep
+    /// that name.
     ///
     /// # Errors
-    /// When the disk is full or fails, the store of objects refuses or does not answer; there is no upload then.
+    /// When the disk is full or fails, or the object store refuses or does not answer. There is no
+    /// upload then.
     #[boxed]
     pub async fn finish(self, name: &str) -> Result<Upload, StoreError> {
         let (store, object) = self.into_object().await?;
         store.commit_upload(name, &object).await
     }
 
-    /// Syncs and publishes what was received.
+    /// Syncs and publishes the received bytes.
     pub(crate) async fn into_object(self) -> Result<(Store, StoredObject), StoreError> {
         let sha256 = self.digest();
         let object = StoredObject { path: self.path, size: self.size, sha256 };
@@ -201,7 +203,8 @@ impl UploadWriter {
     }
 }
 
-/// Goes on when nobody waits for it any more: what was begun is published or given up in order.
+/// Publishes even if nobody waits for it any more, so that what was begun is published or given up
+/// in order.
 async fn publish(
     store: Store,
     copy: UnfinishedCopy,

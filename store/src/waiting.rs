@@ -1,4 +1,4 @@
-//! Waiting for a task without asking all the time.
+//! Waiting for a task without polling the database.
 
 use std::hash::{BuildHasher, RandomState};
 use std::time::{Duration, Instant};
@@ -9,30 +9,33 @@ use crate::{Store, StoreError, postgres, sqlite};
 
 /// Rings when tasks were queued.
 ///
-/// All who wait hear it, and few of them get a task. Whoever heard it in vain lets others go first the next time, for a
-/// moment by chance, so that many do not ask the database all at once. The more who wait, the more often each hears it in
-/// vain, and the longer the moments: someone goes within a few milliseconds, however many there are.
+/// All waiting workers hear it, and few of them get a task. A worker that heard it in vain lets
+/// others go first the next time, for a random moment, so that they do not all ask the database at
+/// once. With more workers, each hears it in vain more often, and the moments grow. One of them
+/// still asks within a few milliseconds, however many there are.
 #[derive(Debug)]
 pub struct Bell {
     inner: Inner,
-    /// Rings since the last that brought a task.
+    /// Rings since the last one that brought a task.
     in_vain: u32,
-    /// When it rang or brought a task, or was hung up.
+    /// When it last rang or brought a task, or when it was created.
     heard_at: Instant,
 }
 
-/// Between two looks for a task that rang for nobody: one that may be claimed from a moment on.
+/// Pause between two looks for tasks that did not ring, because they may be claimed only from a
+/// moment on.
 const LOOK_EVERY: Duration = Duration::from_secs(1);
 
-/// The same after [`QUIET_AFTER`] without anything to do. Many idle workers look at different moments.
+/// The same pause after [`QUIET_AFTER`] without anything to do. Many idle workers look at different
+/// moments.
 const LOOK_EVERY_WHEN_QUIET: Duration = Duration::from_secs(5);
 
 const QUIET_AFTER: Duration = Duration::from_secs(10);
 
-/// How much longer others may go first after one more ring in vain.
+/// How much longer a worker lets others go first after each further ring in vain.
 const COURTESY: Duration = Duration::from_millis(4);
 
-/// The longest that anybody lets others go first.
+/// The longest time for which a worker lets others go first.
 const LONGEST_COURTESY: Duration = Duration::from_millis(400);
 
 #[derive(Debug)]
@@ -42,7 +45,8 @@ enum Inner {
 }
 
 impl Store {
-    /// Tasks that are queued from now on ring. With PostgreSQL a bell is a connection: drop it while work lasts.
+    /// A bell for tasks that are queued from now on. With PostgreSQL a bell is a connection, so
+    /// drop it while working.
     ///
     /// # Errors
     /// When the database does not answer.
@@ -61,10 +65,11 @@ impl Store {
 }
 
 impl Bell {
-    /// Returns when it rings, and after `longest` at the latest: a task that may be claimed from a moment on rings for nobody.
+    /// Waits until it rings, or for `longest`. A task that may be claimed only from a moment on
+    /// does not ring.
     ///
     /// # Errors
-    /// When the database does not answer; make another bell then.
+    /// When the database does not answer. Make another bell then.
     #[boxed]
     pub async fn wait(&mut self, longest: Duration) -> Result<(), StoreError> {
         let rang = match &mut self.inner {
@@ -87,14 +92,14 @@ impl Bell {
         if self.heard_at.elapsed() < QUIET_AFTER { LOOK_EVERY } else { LOOK_EVERY_WHEN_QUIET }
     }
 
-    /// A task was found.
+    /// Tells the bell that a task was found.
     pub fn brought_a_task(&mut self) {
         self.in_vain = 0;
         self.heard_at = Instant::now();
     }
 }
 
-/// How long to let others go first after so many rings in vain; `chance` is any number.
+/// How long to let others go first after this many rings in vain. `chance` is any number.
 fn courtesy(in_vain: u32, chance: u64) -> Duration {
     let longest = COURTESY.saturating_mul(in_vain).min(LONGEST_COURTESY);
     let nanoseconds = u64::try_from(longest.as_nanos()).unwrap_or(u64::MAX);

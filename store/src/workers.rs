@@ -1,4 +1,4 @@
-//! The processes that execute tasks, as they show themselves.
+//! Workers: the processes that execute tasks, as they report themselves.
 
 use std::time::Duration;
 
@@ -8,27 +8,27 @@ use crate::boxed;
 use crate::database::{Scope, sql};
 use crate::{JobId, Store, StoreError, TaskId, Timestamp};
 
-/// A worker as it describes itself.
+/// A worker's description of itself.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WorkerProcess {
-    /// Unique among workers; another of the name that ended takes its place.
+    /// Unique among workers. A new worker takes the place of an ended one with the same name.
     pub name: String,
     pub host: String,
     pub pid: u32,
     /// The version of torqued.
     pub version: String,
-    /// Models are computed on it.
+    /// The device on which it computes models.
     pub device: String,
-    /// Threads for computing.
+    /// Number of threads for computing.
     pub threads: u32,
-    /// It takes tasks that ask for no more.
+    /// It takes tasks that ask for no more than this.
     pub offers: Resources,
 }
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct Worker {
     pub process: WorkerProcess,
-    /// Since when it is to end the task that it has and claim no other.
+    /// The moment since when it is drained: it ends its task and claims no other.
     pub drained_at: Option<Timestamp>,
     /// Why it claims no tasks at the moment.
     pub waits_for: Option<String>,
@@ -47,14 +47,14 @@ pub struct WorkersTask {
     pub label: String,
 }
 
-/// How long workers that died are remembered.
+/// How long dead workers are remembered.
 pub(crate) const REMEMBER: Duration = Duration::from_secs(24 * 60 * 60);
 
 impl Store {
-    /// A worker that was not seen for so long is taken for dead.
+    /// A worker that was not seen for this long counts as dead.
     pub const WORKER_SEEN_WITHIN: Duration = Duration::from_secs(30);
 
-    /// Says which version of torqued serves this store from now on.
+    /// Records the version of torqued that serves this store from now on.
     ///
     /// # Errors
     /// When the database fails.
@@ -65,7 +65,7 @@ impl Store {
         tx.commit().await
     }
 
-    /// The version of the server that was started last; `None` before the first.
+    /// The version of the server that was started last; `None` before the first start.
     ///
     /// # Errors
     /// When the database fails.
@@ -84,7 +84,7 @@ impl Store {
         tx.commit().await
     }
 
-    /// Says that a worker is alive, and why it claims no tasks if that is so.
+    /// Records that a worker is alive and, if so, why it claims no tasks.
     ///
     /// # Errors
     /// When the database fails.
@@ -99,7 +99,7 @@ impl Store {
         tx.commit().await
     }
 
-    /// Forgets a worker that ends in order.
+    /// Deletes a worker that ends normally.
     ///
     /// # Errors
     /// When the database fails.
@@ -110,8 +110,8 @@ impl Store {
         tx.commit().await
     }
 
-    /// Has a worker claim no more tasks; it ends the one that it has. That lasts until the worker ends in order, also when
-    /// it dies and another takes its name.
+    /// Drains a worker: it claims no more tasks, and ends the one that it has. That lasts until it
+    /// ends normally, even if it dies and another worker takes its name.
     ///
     /// # Errors
     /// When there is no such worker.
@@ -124,7 +124,7 @@ impl Store {
         tx.commit().await
     }
 
-    /// Has a worker that was drained claim tasks again.
+    /// Undrains a worker: it claims tasks again.
     ///
     /// # Errors
     /// When there is no such worker.
@@ -137,7 +137,7 @@ impl Store {
         tx.commit().await
     }
 
-    /// By name.
+    /// All workers, sorted by name.
     ///
     /// # Errors
     /// When the database fails.

@@ -1,4 +1,4 @@
-//! What happens when a data folder cannot be opened: one clear line, and nothing damaged.
+//! Data folders that cannot be opened: each gives one clear line, and nothing is damaged.
 
 #![expect(clippy::unwrap_used, reason = "tests")]
 
@@ -14,7 +14,7 @@ use store::{
     NewJob, NewTask, Output, Page, PartReuse, Reuse, Store, StoreError, Submission, TaskState,
 };
 
-/// Of the newest of `migrations/sqlite`.
+/// The number of the newest file in `migrations/sqlite`.
 const SCHEMA: i64 = 14;
 
 async fn serve(dir: &Path) -> Result<Store, StoreError> {
@@ -138,7 +138,7 @@ async fn a_database_from_an_older_version_is_refused_to_a_worker() {
     let dir = tempfile::tempdir().unwrap();
     with_changed_database(dir.path(), "DELETE FROM _sqlx_migrations").await;
     let error = refused(dir.path(), Access::Worker).await;
-    assert!(error.contains(&format!("has schema 0, this torqued needs {SCHEMA}")), "{error}");
+    assert!(error.contains(&format!("has schema 0, but this torqued needs {SCHEMA}")), "{error}");
 }
 
 #[tokio::test]
@@ -178,7 +178,7 @@ async fn everything_is_there_after_a_restart() {
     drop(store);
     let store = serve(dir.path()).await.unwrap();
     assert_eq!(store.job(job).await.unwrap().state, JobState::Running);
-    // The worker outlived its server, and its lease with it.
+    // The worker and its lease outlived its server.
     store.complete(task.fence, None).await.unwrap();
     assert_eq!(store.job(job).await.unwrap().state, JobState::Succeeded);
     store.ping().await.unwrap();
@@ -192,7 +192,7 @@ async fn several_processes_share_a_folder() {
     let job = submit(&server, 40).await;
     let mut workers = Vec::new();
     for i in 0..4 {
-        // Connections of its own are all that tells a process from another, to SQLite.
+        // SQLite tells processes apart only by their connections, so this one opens its own.
         let store = Store::open(dir.path(), Access::Worker).await.unwrap();
         workers.push(tokio::spawn(async move {
             let mut count = 0;
@@ -281,7 +281,7 @@ async fn final_states_cannot_be_changed_by_any_sql() {
     }
 }
 
-/// An hour was added to all moments, as seen by a clock that was set back by one.
+/// Adds an hour to all moments, as a clock that was set back by one hour sees them.
 #[tokio::test]
 async fn a_clock_that_was_set_back_does_not_stall_the_queue() {
     let dir = tempfile::tempdir().unwrap();
@@ -317,7 +317,7 @@ fn of_priority(seed: u64, priority: i32) -> Submission {
     submission
 }
 
-/// The order in which the jobs are claimed that wait.
+/// The order in which the waiting jobs are claimed.
 async fn order(store: &Store) -> Vec<JobId> {
     let mut jobs = Vec::new();
     while let Some(task) = claim(store, "w").await {
@@ -370,7 +370,7 @@ async fn nobody_else_may_look_into_a_new_folder_and_an_old_one_keeps_its_mode() 
     assert_eq!(mode(&shared), 0o750);
 }
 
-/// What there was before words were looked for is found as well.
+/// Names from before there was a search are found as well.
 #[tokio::test]
 async fn names_of_an_older_version_are_found_after_the_server_has_started() {
     let dir = tempfile::tempdir().unwrap();

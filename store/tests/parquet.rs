@@ -205,7 +205,7 @@ async fn a_file_that_is_not_what_its_row_says_is_an_error() {
     assert!(store.open_shard(&shard(0, 10, missing)).is_err());
 }
 
-/// The Parquet decoder panics on some damaged pages and reads others as if nothing were wrong.
+/// The Parquet decoder panics on some damaged pages and reads others as if they were intact.
 #[tokio::test]
 async fn a_file_with_any_bit_changed_is_refused_before_it_is_decoded() {
     let (store, _dir) = store().await;

@@ -124,7 +124,7 @@ async fn a_store_that_cannot_be_used_is_refused_with_one_line_that_says_what_to_
     assert!(line.ends_with("it returned other bytes than it was given"), "{line}");
     server.die();
     let line = refused("s3://lab/arm", &[], &server).await;
-    assert!(line.contains("does not answer; see that it runs"), "{line}");
+    assert!(line.contains("does not answer; check that it runs"), "{line}");
 }
 
 fn faults(error: &dyn std::error::Error) -> String {
@@ -151,7 +151,7 @@ async fn a_server_is_spoken_to_with_tls_when_its_certificate_is_trusted() {
     let absent = [("AWS_CA_BUNDLE", "/absent/ca.pem")];
     let line = url.connect(&server.options(&absent)).await.unwrap_err().to_string();
     assert!(
-        line.starts_with("AWS_CA_BUNDLE is `/absent/ca.pem`; allowed is a file of PEM"),
+        line.starts_with("AWS_CA_BUNDLE is `/absent/ca.pem`, allowed: a file of PEM"),
         "{line}"
     );
 }

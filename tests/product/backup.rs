@@ -99,7 +99,7 @@ async fn a_backup_taken_under_load_is_restored_with_equal_listings_and_goes_on()
     succeed(&mut restore(&saved, &restored));
     let (code, _, errors) = run_to_end(&mut restore(&saved, &restored));
     assert_eq!(code, Some(1));
-    assert!(errors.contains("name an empty place"), "{errors}");
+    assert!(errors.contains("choose an empty place"), "{errors}");
 
     // Nobody works yet.
     let product = Product::start_with(&restored, &["--workers", "0"]);

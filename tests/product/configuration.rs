@@ -43,7 +43,7 @@ async fn a_file_configures_a_server_where_no_flag_or_variable_does() {
 fn a_file_that_is_wrong_is_refused_with_its_name_the_key_and_what_is_allowed() {
     let folder = tempfile::tempdir().unwrap();
     for (text, words) in [
-        ("max_conections = 64", "max_conections is no key; did you mean max_connections?"),
+        ("max_conections = 64", "max_conections is not a key; did you mean max_connections?"),
         ("max_connections = 2", "max_connections is 2: allowed: 16 to 100000"),
         ("workers = ", "line 1 is not valid TOML"),
     ] {

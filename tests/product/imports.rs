@@ -134,7 +134,7 @@ async fn a_file_beyond_the_limit_is_refused_and_leaves_nothing() {
     let product = Product::start_with(data.path(), &["--max-upload-bytes", "10000"]);
     let (code, _, errors) = import(&product, RECORDINGS, "docs/examples/isaac_ms1.json");
     assert_eq!(code, Some(1));
-    assert!(errors.contains("10000 bytes at most"), "{errors}");
+    assert!(errors.contains("allowed: 10000 bytes"), "{errors}");
     assert!(uploads(data.path()).is_empty());
 }
 

@@ -146,13 +146,13 @@ fn the_first_token_is_made_beside_the_server_and_closes_it() {
         assert!(asked.elapsed() < PATIENCE);
         std::thread::sleep(Duration::from_millis(200));
     };
-    assert!(errors.contains("this server wants a token"), "{errors}");
+    assert!(errors.contains("this server requires a token"), "{errors}");
 
     let (_, reader, _) =
         ask(&["token", "create", "ben", "--scope", "read", "--expires", "1h"], token);
     assert_eq!(ask(&["jobs"], reader.trim()).0, Some(0));
     let (_, _, errors) = ask(&["pause"], reader.trim());
-    assert!(errors.contains("this needs admin"), "{errors}");
+    assert!(errors.contains("this request needs admin"), "{errors}");
     assert_eq!(ask(&["token", "revoke", "ben"], token).0, Some(0));
     assert_ne!(ask(&["jobs"], reader.trim()).0, Some(0));
     let (_, audit, _) = ask(&["audit"], token);

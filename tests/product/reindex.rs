@@ -105,7 +105,7 @@ async fn loses_its_database_and_gets_it_again(place: &Place<'_>) {
     );
     let (code, _, errors) = run_to_end(&mut place.command(&["reindex"]));
     assert_eq!(code, Some(1));
-    assert!(errors.contains("only one without jobs is made again"), "{errors}");
+    assert!(errors.contains("only a database without jobs can be rebuilt"), "{errors}");
 
     let product = place.server();
     let after = listings(&product).await;
@@ -172,13 +172,13 @@ async fn what_is_lost_is_made_again_and_what_is_damaged_is_named() {
     std::fs::write(objects.join("notes.txt"), "mine").unwrap();
     let (code, _, errors) = run_to_end(&mut place.command(&["reindex"]));
     assert_eq!(code, Some(1));
-    for named in ["notes.txt: it does not say what it is", "its robots are missing", "--leave-out"]
+    for named in ["notes.txt: it does not describe itself", "its robots are missing", "--leave-out"]
     {
         assert!(errors.contains(named), "{named}: {errors}");
     }
     let (code, output, errors) = run_to_end(&mut place.command(&["reindex", "--leave-out"]));
     assert_eq!(code, Some(0), "{errors}");
-    assert!(output.contains(&format!("missing of jobs {job}")), "{output}");
+    assert!(output.contains(&format!("missing parts of jobs {job}")), "{output}");
     // Its training waits for it, so that nobody can say that its checkpoints are any good.
     assert!(errors.contains("waits for data"), "{errors}");
 

@@ -126,7 +126,7 @@ async fn a_damaged_or_missing_shard_fails_its_verification_for_good_and_harms_no
     std::fs::write(damaged, &bytes).unwrap();
     let failed = verification(&product, id).await;
     let error = failed["error"].as_str().unwrap();
-    assert!(error.contains("shard-00003") && error.contains("not what was written"), "{error}");
+    assert!(error.contains("shard-00003") && error.contains("checksum mismatch"), "{error}");
     let tasks = product.get(&format!("/v1/jobs/{}/tasks", failed["id"])).await;
     let attempts: Vec<i64> = tasks["tasks"]
         .as_array()
@@ -209,7 +209,7 @@ fn a_folder_of_another_spec_and_a_job_of_another_kind_are_refused() {
     spec["seed"] = 77.into();
     let (code, _, errors) = simulate(dir.path(), &spec, &out);
     assert_eq!(code, Some(1));
-    assert!(errors.contains("holds another dataset"), "{errors}");
+    assert!(errors.contains("has a dataset with digest"), "{errors}");
 
     let quickstart = json!({"preset": "quickstart"});
     let (code, _, errors) = simulate(dir.path(), &quickstart, &dir.path().join("other"));

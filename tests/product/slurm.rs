@@ -185,7 +185,7 @@ async fn a_controller_that_is_away_for_a_while_is_said_once_and_waited_for() {
     cluster.kill_controller();
     let health = product.when("/healthz", |health| health["status"] == "degraded").await;
     let reason = health["reasons"][0].as_str().unwrap();
-    assert!(reason.contains("no workers can be asked for: squeue of Slurm failed"), "{reason}");
+    assert!(reason.contains("no workers can be requested: Slurm's squeue failed"), "{reason}");
     let id = product.submit(&simulation()).await;
     cluster.start_controller();
     product.succeeded(id).await;
@@ -199,7 +199,7 @@ async fn what_a_server_said_of_slurm_is_forgotten_when_another_without_it_goes_o
     let data = tempfile::tempdir().unwrap();
     let first = cluster.serve(data.path(), &[]);
     cluster.kill_controller();
-    let speaks_of_slurm = |health: &Value| health.to_string().contains("of Slurm failed");
+    let speaks_of_slurm = |health: &Value| health.to_string().contains("Slurm's squeue failed");
     first.when("/healthz", speaks_of_slurm).await;
     let second = cluster.serve_with(data.path(), &["--workers", "0"]);
     assert!(speaks_of_slurm(&second.get("/healthz").await));
@@ -301,7 +301,7 @@ async fn a_job_that_slurm_cannot_place_holds_up_no_other() {
     let waits = product.submit(&impossible).await;
     let health = product.when("/healthz", |health| health["status"] == "degraded").await;
     let reason = health["reasons"][0].as_str().unwrap();
-    let expected = "no more workers can be asked for: sbatch of Slurm failed";
+    let expected = "no more workers can be requested: Slurm's sbatch failed";
     assert!(reason.contains(expected) && reason.contains("feature"), "{reason}");
     let id = product.submit(&training()).await;
     product.succeeded(id).await;
@@ -328,7 +328,7 @@ async fn workers_that_cannot_begin_are_not_asked_for_again_and_again() {
     let is_refused = |health: &Value| {
         let mut reasons = health["reasons"].as_array().into_iter().flatten();
         reasons.any(|reason| {
-            let refusal = "sbatch of Slurm failed: invalid partition";
+            let refusal = "Slurm's sbatch failed: invalid partition";
             reason.as_str().is_some_and(|reason| reason.contains(refusal))
         })
     };

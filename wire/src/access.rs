@@ -1,11 +1,11 @@
-//! Tokens, and the log of what was done with them.
+//! Tokens, and the audit log.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use crate::Scope;
 
-/// A token that lets its bearer in, without the token itself.
+/// A token's record, without the token itself.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct Token {
     pub id: i64,
@@ -17,7 +17,7 @@ pub struct Token {
     pub created_at: String,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub expires_at: Option<String>,
-    /// To the minute.
+    /// Precise to the minute.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub last_used_at: Option<String>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -30,7 +30,7 @@ pub struct Tokens {
     pub tokens: Vec<Token>,
 }
 
-/// A token to be made.
+/// A token to be created.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct NewToken {
@@ -43,39 +43,39 @@ pub struct NewToken {
     )]
     pub name: String,
     pub scope: Scope,
-    /// Seconds until it expires; left out, it does not.
+    /// Seconds until it expires. Without it, the token does not expire.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(minimum = 60, maximum = 315_360_000)]
     pub expires_in_s: Option<u64>,
 }
 
-/// A new token. The server keeps its digest alone, and shows it this once.
+/// A new token. It is shown only this once, because the server stores only its digest.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct CreatedToken {
-    /// 256 random bits behind the prefix `torqued_`.
+    /// The token: the prefix `torqued_` and 256 random bits.
     #[schema(example = "torqued_3q2-7wEj...")]
     pub secret: String,
     pub token: Token,
 }
 
-/// A request that changed something, or tried to.
+/// A request that changed something, or was refused.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct AuditEntry {
     pub id: i64,
     pub at: String,
-    /// Name of the token; `TORQUED_TOKEN` for the one that the server was started with, and `anyone` where the server
-    /// asks for none.
+    /// Name of the token. `TORQUED_TOKEN` stands for the token that the server was started with,
+    /// and `anyone` is used when the server requires none.
     pub actor: String,
-    /// The address that it came from; `socket` on a Unix socket.
+    /// The address of the client; `socket` on a Unix socket.
     pub address: String,
     #[schema(example = "POST")]
     pub method: String,
-    /// With its query.
+    /// The path and the query.
     #[schema(example = "/v1/jobs/6/cancel")]
     pub path: String,
-    /// The answer's status.
+    /// The status of the answer.
     pub status: u16,
-    /// Path of what it made.
+    /// Path of the resource that the request created.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(example = "/v1/jobs/7")]
     pub made: Option<String>,

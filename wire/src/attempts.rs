@@ -1,21 +1,21 @@
-//! Every time that a worker had a task.
+//! Attempts at tasks.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use crate::AttemptOutcome;
 
-/// One time that a worker had a task.
+/// One attempt of a worker at a task.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct Attempt {
     pub id: i64,
     pub task: i64,
-    /// The task's, e.g. `shard 00003`.
+    /// The task's label, e.g. `shard 00003`.
     pub label: String,
     /// The fencing number of its lease.
     pub epoch: i64,
     pub worker: String,
-    /// Missing while it lasts.
+    /// Missing while the attempt is running.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub outcome: Option<AttemptOutcome>,
     /// Why it failed, or why the worker had to give the task back.
@@ -24,7 +24,8 @@ pub struct Attempt {
     pub started_at: String,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ended_at: Option<String>,
-    /// Where its log is. Missing while it has logged nothing, and of old attempts, whose logs are not kept.
+    /// Path of its log. Missing while nothing was logged, and for old attempts, whose logs are
+    /// deleted.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub log: Option<String>,
 }

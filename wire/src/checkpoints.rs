@@ -6,37 +6,38 @@ use serde::{Deserialize, Serialize};
 use spec::Digest;
 use utoipa::ToSchema;
 
-/// Weights of a model after some steps of training, with everything to resume.
+/// The weights of a model after some steps of training, with everything that is needed to resume.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Checkpoint {
     pub id: i64,
     /// The training.
     pub job: i64,
     pub run: i64,
-    /// As somebody calls it.
+    /// The name that users gave it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub name: Option<String>,
     /// A note in Markdown.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub note: Option<String>,
-    /// Its tags, in order.
+    /// Its tags, sorted.
     #[serde(default)]
     pub tags: Vec<String>,
-    /// Those of its job, in order; it is found by them, too.
+    /// Tags of its job, sorted. Lists also find it by these.
     #[serde(default)]
     pub job_tags: Vec<String>,
     /// Optimizer steps taken.
     pub step: u64,
-    /// True of the checkpoint that training ended with.
+    /// Whether the training ended with it.
     #[serde(rename = "final")]
     pub is_final: bool,
-    /// True of the checkpoint with the best validation so far, by the training's `monitor`.
+    /// Whether it has the best validation so far, measured by the training's `monitor`.
     #[serde(rename = "best")]
     pub is_best: bool,
-    /// True of the newest checkpoint of its training.
+    /// Whether it is the newest checkpoint of its training.
     #[serde(rename = "last")]
     pub is_last: bool,
-    /// Newest values when it was written, `validation/rmse_deg` among them once there was one.
+    /// The newest metrics when it was written. They include `validation/rmse_deg` after the first
+    /// validation.
     pub metrics: BTreeMap<String, f64>,
     /// The digest of the training's spec.
     pub digest: Digest,

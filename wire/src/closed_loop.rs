@@ -8,11 +8,11 @@ use utoipa::ToSchema;
 
 use crate::{Interval, PredictorKind, Warning};
 
-/// The result of a control job, as it is stored, shown and downloaded.
+/// The result of a control job.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ControlReport {
     pub robots: u64,
-    /// Samples of control per robot.
+    /// Number of control samples per robot.
     pub steps: u32,
     pub rate_hz: f64,
     /// Samples of excitation before control begins.
@@ -21,11 +21,12 @@ pub struct ControlReport {
     pub planner: Planner,
     pub bootstrap: Bootstrap,
     pub controllers: Vec<ControllerSummary>,
-    /// Each checkpoint against each controller before it, and each other controller against the one
-    /// before it.
+    /// The differences between controllers: of each checkpoint to each controller before it, and of
+    /// each other controller to the one before it.
     pub paired: Vec<ControlDifference>,
-    /// Torques, positions and rates of the excitation and of the motions that a checkpoint led to, outside of
-    /// what it was trained on. None of checkpoints that do not say what they were trained on.
+    /// Torques, positions and rates that lie outside a checkpoint's training data, in the
+    /// excitation and in the motions under its control. A checkpoint that does not record its
+    /// training data has no warnings.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<Warning>,
 }
@@ -35,12 +36,12 @@ pub struct ControlReport {
 pub struct ControllerInfo {
     pub name: String,
     pub kind: PredictorKind,
-    /// The digest of the spec that a checkpoint was trained by.
+    /// The digest of the spec that trained a checkpoint.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub digest: Option<Digest>,
 }
 
-/// Means over robots. A controller that failed on one of them has none.
+/// Means over robots. They are missing for a controller that failed on any robot.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ControllerSummary {
     #[serde(flatten)]
@@ -54,31 +55,31 @@ pub struct ControllerSummary {
     /// Mean over robots of the largest error of any joint, degrees.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub peak_deg: Option<f64>,
-    /// Root mean square over time and joints, N·m.
+    /// Root mean square of the torques over time and joints, N·m.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub torque_rms_nm: Option<f64>,
-    /// Share of torques larger than 99 % of the excitation's.
+    /// Share of torques that are larger than 99 % of the excitation's torques.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub beyond_excitation: Option<f64>,
-    /// The least distance of any robot to a joint limit, rad; negative beyond it.
+    /// The smallest distance of any robot to a joint limit, rad; negative if a limit was exceeded.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub clearance_rad: Option<f64>,
-    /// The time that one plan takes.
+    /// The computing time of one plan.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub plan: Option<PlanTime>,
-    /// Robots that it failed on.
+    /// Number of robots on which the controller failed.
     pub failed: u64,
-    /// The reason on the first of them.
+    /// The reason for the first failure.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub failure: Option<String>,
 }
 
-/// Times that plans took, beside whatever else the machine had to do.
+/// Computing times of plans, measured while the machine also did other work.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct PlanTime {
     pub median_ms: f64,
     pub p99_ms: f64,
-    /// Threads that computed.
+    /// Number of threads that computed.
     pub threads: u64,
 }
 
@@ -87,6 +88,6 @@ pub struct PlanTime {
 pub struct ControlDifference {
     pub controller: String,
     pub against: String,
-    /// RMS tracking error of `controller` less that of `against`; negative is better.
+    /// RMS tracking error of `controller` minus that of `against`. Negative is better.
     pub difference_deg: Interval,
 }

@@ -13,33 +13,33 @@ pub struct Dataset {
     pub id: i64,
     /// The simulation or import that fills it.
     pub job: i64,
-    /// As somebody calls it, or else its job.
+    /// The name that users gave it, or the name of its job.
     pub name: String,
     /// A note in Markdown.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub note: Option<String>,
-    /// Its tags, in order.
+    /// Its tags, sorted.
     #[serde(default)]
     pub tags: Vec<String>,
-    /// Those of its job, in order; it is found by them, too.
+    /// Tags of its job, sorted. Lists also find it by these.
     #[serde(default)]
     pub job_tags: Vec<String>,
-    /// The digest of that job's spec.
+    /// The digest of the job's spec.
     pub digest: Digest,
     pub state: DatasetState,
     #[schema(value_type = JobSpec)]
     pub spec: Value,
-    /// Trajectories of the complete dataset; 0 for an import that has not ended.
+    /// Number of trajectories of the complete dataset; 0 for an import that has not ended.
     pub trajectories: u64,
-    /// Samples of each trajectory.
+    /// Number of samples of each trajectory.
     pub samples: u32,
     /// Draws refused so far.
     pub rejected: u64,
     /// Size of all files so far.
     pub bytes: u64,
-    /// The files that exist so far; in a list of datasets, none.
+    /// The files that exist so far. Empty in a list of datasets.
     pub files: Vec<DatasetFile>,
-    /// The newest verification; in a list of datasets, left out.
+    /// The newest verification. Left out in a list of datasets.
     pub verification: Option<Verification>,
     pub created_at: String,
     pub completed_at: Option<String>,
@@ -50,9 +50,9 @@ pub struct Dataset {
 pub struct DatasetFile {
     pub name: String,
     pub content: FileKind,
-    /// The shard that it belongs to; `dataset.json` describes all of them.
+    /// The shard of the file. Missing for `dataset.json`, which describes all shards.
     pub shard: Option<u32>,
-    /// Rows of a table.
+    /// Number of rows, if it is a table.
     pub rows: Option<u64>,
     /// Size in bytes.
     pub size: u64,
@@ -65,11 +65,12 @@ pub struct DatasetFile {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum FileKind {
-    /// JSON: columns with units and frames, counts, files with digests, the spec.
+    /// JSON that describes the dataset: columns with units and frames, counts, files with digests,
+    /// the spec.
     Description,
-    /// A row per time step.
+    /// A table with one row per time step.
     Trajectories,
-    /// A row per trajectory.
+    /// A table with one row per trajectory.
     Robots,
 }
 

@@ -7,17 +7,17 @@ use utoipa::ToSchema;
 
 use crate::{Artifact, JobState, Report, TaskState};
 
-/// A comparison of predictors; its id is that of its job.
+/// A comparison of predictors. It has the id of its job.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Evaluation {
     pub id: i64,
     pub run: i64,
-    /// The job's, and so are note and tags.
+    /// The name of its job. Note and tags are also those of the job.
     pub name: String,
     /// A note in Markdown.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub note: Option<String>,
-    /// Its tags, in order.
+    /// Its tags, sorted.
     #[serde(default)]
     pub tags: Vec<String>,
     pub digest: Digest,
@@ -25,22 +25,24 @@ pub struct Evaluation {
     pub error: Option<String>,
     #[schema(value_type = JobSpec)]
     pub spec: Value,
-    /// Written when all cells are there; in a list of evaluations, left out.
+    /// The report, when all cells are evaluated. Left out in a list of evaluations.
     pub report: Option<Report>,
     pub cells: Vec<CellTask>,
-    /// The table of each cell; the report, the table of all scenarios, and figures with their tables.
+    /// The files of the evaluation: the table of each cell, the report, the table of all scenarios,
+    /// and figures with their tables.
     pub artifacts: Vec<Artifact>,
     pub created_at: String,
 }
 
-/// The task of one cell: an excitation at one frequency, or all of data without a frequency grid.
+/// The task of one cell. A cell is an excitation at one frequency, or all data if there is no
+/// frequency grid.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct CellTask {
     pub task: i64,
     #[schema(example = "multisine 0.15 Hz")]
     pub label: String,
     pub state: TaskState,
-    /// The reason why it failed, or its last attempt did.
+    /// Why the task or its last attempt failed.
     pub error: Option<String>,
 }
 

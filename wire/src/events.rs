@@ -1,4 +1,4 @@
-//! Server-sent events: what happens to jobs, as it happens.
+//! Server-sent events about jobs.
 
 use serde::{Deserialize, Serialize};
 use spec::JobKind;
@@ -6,8 +6,9 @@ use utoipa::ToSchema;
 
 use crate::{JobState, Member, Progress, TaskState};
 
-/// The data of a server-sent event; its field `event` is also the event's type. Those with an `id` are kept for a while and
-/// can be had again from any of them on. Readers pass over kinds that they do not know.
+/// The data of a server-sent event. Its field `event` is also the event's type. Events with an `id`
+/// are kept for a while, and a client can read them again from any id on. Clients ignore kinds that
+/// they do not know.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(tag = "event", rename_all = "lowercase")]
 pub enum Event {
@@ -20,22 +21,22 @@ pub enum Event {
     End(EventEnd),
 }
 
-/// A job is new, its state changed, or its cancellation was requested.
+/// A job was created, its state changed, or its cancellation was requested.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct JobEvent {
-    /// Ids grow in the order of the events.
+    /// Ids grow in the order of events.
     pub id: i64,
     pub at: String,
     pub job: i64,
     pub kind: JobKind,
     pub name: String,
     pub state: JobState,
-    /// The reason why it failed or was cancelled.
+    /// Why the job failed or was cancelled.
     pub error: Option<String>,
     pub cancel_requested: bool,
 }
 
-/// A task was begun by a worker, or ended. It is `queued` again when it is tried once more.
+/// A worker began a task, or the task ended. The state is `queued` again when the task is retried.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct TaskEvent {
     pub id: i64,
@@ -50,7 +51,7 @@ pub struct TaskEvent {
     pub error: Option<String>,
 }
 
-/// A run recorded metrics: one event for all that a worker wrote at once.
+/// A run recorded metrics. There is one event for all metrics that a worker wrote at once.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct MetricsEvent {
     pub id: i64,
@@ -74,8 +75,8 @@ pub struct CheckpointEvent {
     pub is_best: bool,
 }
 
-/// A job as it is now: when its stream begins, and then whenever it has changed, about once a second. It is not kept and has
-/// no id.
+/// The present state of a job. It is sent when a stream begins, and then after changes, about once
+/// a second. It is not kept and has no id.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct JobProgress {
     pub job: i64,
@@ -83,24 +84,24 @@ pub struct JobProgress {
     pub error: Option<String>,
     pub cancel_requested: bool,
     pub progress: Progress,
-    /// As of a job.
+    /// Why its queued tasks wait, besides waiting for their turn.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub waits_for: Option<String>,
     /// The jobs of a pipeline.
     pub members: Vec<Member>,
 }
 
-/// Events are missing: those after `after` are not kept any more up to `id`, or `after` is no id of this database. Ask for
-/// what you follow anew, and go on.
+/// Some events are missing: those after `after` up to `id` are no longer kept, or `after` is not an
+/// id of this database. Read the state of your jobs again, and continue.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct EventGap {
-    /// The events that follow have larger ids.
+    /// Later events have larger ids.
     pub id: i64,
-    /// The id that was asked for.
+    /// The id that the client asked for.
     pub after: i64,
 }
 
-/// The job has its final state, and its stream ends: do not connect again.
+/// The job has its final state, and its stream ends. Do not connect again.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct EventEnd {
     pub job: i64,
@@ -109,7 +110,7 @@ pub struct EventEnd {
 }
 
 impl Event {
-    /// Its type, as in its JSON.
+    /// The event's type, as in its JSON.
     pub const fn name(&self) -> &'static str {
         match self {
             Self::Job(_) => "job",
@@ -122,7 +123,7 @@ impl Event {
         }
     }
 
-    /// The place to go on from after it, if it is one.
+    /// The id after which a client can continue, if the event has one.
     pub const fn id(&self) -> Option<i64> {
         match self {
             Self::Job(event) => Some(event.id),

@@ -3,10 +3,10 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// The answer of a server whose database can be written.
+/// The answer of a server that can write to its database.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct Health {
-    /// `ok`, or `degraded` where requests are answered but no task is executed.
+    /// `ok`, or `degraded` if requests are answered but no tasks are executed.
     #[schema(example = "ok")]
     pub status: String,
     /// Why tasks wait, if the status is `degraded`.
@@ -16,13 +16,13 @@ pub struct Health {
     pub version: String,
     /// Version of the database's schema.
     pub database_schema: i64,
-    /// Workers that are alive.
+    /// Number of live workers.
     pub workers: usize,
-    /// Room on the disk of the data folder.
+    /// Free space on the disk of the data folder.
     pub free_bytes: u64,
 }
 
-/// The answer of a server that requests should be sent to.
+/// The answer of a server that is ready for requests.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct Readiness {
     #[schema(example = "ready")]

@@ -1,4 +1,4 @@
-//! Counts of an imported file: trajectories made, recordings and samples dropped.
+//! Counts of an import: trajectories made, recordings and samples dropped.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -11,6 +11,6 @@ pub struct ImportCounts {
     /// Recordings that were too short for a trajectory.
     pub dropped_recordings: u64,
     pub trajectories: u64,
-    /// Samples, at the rate of the dataset, that are in no trajectory.
+    /// Samples at the dataset's rate that are not part of any trajectory.
     pub dropped_samples: u64,
 }

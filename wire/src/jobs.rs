@@ -7,80 +7,81 @@ use utoipa::ToSchema;
 
 use crate::JobState;
 
-/// A job, how far it is and what it has made.
+/// A job, with its progress and its results.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Job {
     pub id: i64,
     pub kind: JobKind,
-    /// As somebody calls it, or else as its spec does.
+    /// The name that users gave it, or the name in its spec.
     pub name: String,
     /// A note in Markdown.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub note: Option<String>,
-    /// Its tags, in order.
+    /// Its tags, sorted.
     #[serde(default)]
     pub tags: Vec<String>,
     pub state: JobState,
-    /// The reason why it failed or was cancelled.
+    /// Why it failed or was cancelled.
     pub error: Option<String>,
     pub digest: Digest,
     /// The spec with every default filled in and every reference resolved to a digest.
     #[schema(value_type = JobSpec)]
     pub spec: Value,
-    /// Doubtful values of the spec that are allowed all the same: field, value and reason.
+    /// Warnings about values of the spec that are allowed but doubtful: field, value and reason.
     pub warnings: Vec<String>,
     pub progress: Progress,
     /// Jobs that must succeed first.
     pub needs: Vec<i64>,
-    /// The jobs of a pipeline, each after those it needs.
+    /// The jobs of a pipeline. Each comes after those it needs.
     pub members: Vec<Member>,
     /// The dataset that a simulation or import fills.
     pub dataset: Option<i64>,
-    /// The dataset that a verification makes again and compares.
+    /// The dataset that a verification checks.
     pub verifies: Option<i64>,
     /// The record of a training, an evaluation or a control job.
     pub run: Option<i64>,
     /// The checkpoints that a training has made so far, oldest first.
     pub checkpoints: Vec<i64>,
     pub priority: i32,
-    /// Times a task may be claimed before it fails.
+    /// Number of times that a task may be claimed before it fails.
     pub max_attempts: u32,
-    /// Seconds that an attempt at a task may take: the spec's, or the server's for jobs of this kind.
+    /// Time limit of an attempt at a task, in seconds. It comes from the spec, or from the server's
+    /// limit for this kind of job.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub time_limit_s: Option<u32>,
-    /// What a worker must offer to take a task.
+    /// The resources that a worker must offer to take a task.
     #[serde(default)]
     pub resources: Resources,
-    /// No task is begun before.
+    /// No task begins before this time.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub not_before: Option<String>,
-    /// Why its queued tasks wait, if it is not only for their turn.
+    /// Why its queued tasks wait, besides waiting for their turn.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(example = "no worker offers gpus >= 1; start one with `torqued worker --gpus 1`")]
     pub waits_for: Option<String>,
-    /// It ends as soon as its workers notice.
+    /// Whether the job ends as soon as its workers notice.
     pub cancel_requested: bool,
-    /// RFC 3339, UTC, like the other times.
+    /// RFC 3339 in UTC, like all times.
     pub created_at: String,
     pub started_at: Option<String>,
     pub finished_at: Option<String>,
-    /// Seconds from start to end.
+    /// Seconds from the start to the end.
     pub duration_seconds: Option<f64>,
 }
 
-/// Work done of work to do. A pipeline counts its jobs and those of them that succeeded.
+/// Work done and total work. For a pipeline: jobs that succeeded and all its jobs.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Progress {
     pub done: u64,
-    /// 0 as long as it is not known.
+    /// 0 while it is not known.
     pub total: u64,
-    /// The things counted, e.g. `trajectories`.
+    /// The unit of the counts, e.g. `trajectories`.
     pub unit: String,
     pub rate_per_second: Option<f64>,
     pub message: Option<String>,
 }
 
-/// A job of a pipeline, seen from the pipeline.
+/// A job of a pipeline.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Member {
     pub name: String,
@@ -89,10 +90,10 @@ pub struct Member {
     pub state: JobState,
     pub error: Option<String>,
     pub progress: Progress,
-    /// As of a job.
+    /// Why its queued tasks wait, besides waiting for their turn.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub waits_for: Option<String>,
-    /// It was there before the pipeline was submitted.
+    /// Whether the job existed before the pipeline was submitted.
     pub reused: bool,
 }
 

@@ -1,42 +1,44 @@
-//! Labels: what people call things, say of them and sort them by.
+//! Labels: names, notes and tags that people give to things.
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use utoipa::ToSchema;
 
-/// A change of name, note and tags: a merge patch (RFC 7396), in which what is left out stays and `null` removes. `add_tags` and
-/// `remove_tags` change single tags, so that two people can do that at once.
+/// A change of name, note and tags. It is a merge patch (RFC 7396): a field that is left out stays,
+/// and `null` removes it. `add_tags` and `remove_tags` change single tags, so two people can change
+/// tags at once.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct LabelChange {
-    /// One line. Without a name of its own a job has that of its spec, and a run or a dataset that of its job.
+    /// One line. Without a name of its own, a job has the name in its spec, and a run or a dataset
+    /// has the name of its job.
     #[serde(default, skip_serializing_if = "TextChange::is_nothing")]
     #[schema(value_type = Option<String>, min_length = 1, max_length = 200, example = "baseline, 3 seeds")]
     pub name: TextChange,
-    /// Markdown, kept and shown as text.
+    /// Markdown, stored and shown as plain text.
     #[serde(default, skip_serializing_if = "TextChange::is_nothing")]
     #[schema(value_type = Option<String>, min_length = 1, max_length = 10_000)]
     pub note: TextChange,
-    /// All tags, in place of those that are there.
+    /// All tags, which replace the present ones.
     #[serde(default, deserialize_with = "all_tags", skip_serializing_if = "Option::is_none")]
     #[schema(max_items = 32, example = json!(["baseline", "sweep/3"]))]
     pub tags: Option<Vec<String>>,
-    /// Tags that are added, where they are not there yet. Not beside `tags`.
+    /// Tags to add. Tags that exist already stay. Not together with `tags`.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     #[schema(max_items = 32)]
     pub add_tags: Vec<String>,
-    /// Tags that are removed, where they are there. Not beside `tags`.
+    /// Tags to remove. Tags that do not exist are ignored. Not together with `tags`.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     #[schema(max_items = 32)]
     pub remove_tags: Vec<String>,
 }
 
-/// A field of a merge patch that is a text.
+/// A text field of a merge patch.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum TextChange {
-    /// It stays: the field is left out.
+    /// The field is left out, so the text stays.
     #[default]
     Nothing,
-    /// It goes: the field is `null`.
+    /// The field is `null`, so the text is removed.
     Remove,
     Set(String),
 }
@@ -62,7 +64,7 @@ impl<'de> Deserialize<'de> for TextChange {
     }
 }
 
-/// `null` is no tags.
+/// Reads `null` as no tags.
 fn all_tags<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<Vec<String>>, D::Error> {
     Ok(Some(Option::deserialize(deserializer)?.unwrap_or_default()))
 }

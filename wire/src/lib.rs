@@ -1,12 +1,14 @@
-//! The answers of the HTTP API and the reports that jobs leave, declared once.
+//! The answers of the HTTP API and the reports of jobs. They are declared once, here.
 //!
 //! The server writes these types, the command line reads them, and the OpenAPI document is
-//! generated from them. One file per resource. Nothing is computed here but
+//! generated from them. There is one file per resource. The only computation here is the wording of
 //! sentences that the server, its page and the command line share.
 //!
-//! Ids are those of the database. Times are RFC 3339 in UTC. Lists are newest first unless they are sorted;
-//! `next` is the `cursor` of the following page and `null` on the last one. Attempts and the audit log have its `before` there, tasks
-//! its `after`, which are in the order in which they run; of logs likewise, whose `next` is there on every page. Readers ignore fields that they do not know.
+//! Ids are those of the database. Times are RFC 3339 in UTC. Lists are newest first unless they are
+//! sorted. `next` is the `cursor` of the following page, and `null` on the last one. In attempts
+//! and the audit log, `next` is the following page's `before`. In tasks, which are in the order in
+//! which they run, it is the following page's `after`. In logs it is also `after`, and every page
+//! has it. Readers ignore fields that they do not know.
 
 mod access;
 mod attempts;

@@ -1,46 +1,46 @@
-//! What attempts at tasks logged.
+//! Logs of attempts at tasks.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// Lines that one attempt logged one after the other.
+/// Consecutive lines in the log of one attempt.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct LogChunk {
-    /// Grows from chunk to chunk, whatever attempt logged them.
+    /// Grows from chunk to chunk of a job, for all attempts together.
     pub id: i64,
     pub attempt: i64,
     pub task: i64,
-    /// The task's, e.g. `shard 00003`.
+    /// The task's label, e.g. `shard 00003`.
     pub label: String,
     pub worker: String,
-    /// Bytes that the attempt had logged before. Those between the end of a chunk and the position of the next were
-    /// left out.
+    /// Number of bytes that the attempt logged before. Bytes between the end of a chunk and the
+    /// position of the next were dropped.
     pub position: u64,
-    /// Whole lines, in UTF-8.
+    /// Whole lines, as UTF-8.
     pub text: String,
     pub written_at: String,
 }
 
-/// A page of the log of a job, or of all jobs of a pipeline, oldest first.
+/// A page of the log of a job, or of all jobs of a pipeline; oldest first.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct Logs {
     pub chunks: Vec<LogChunk>,
-    /// The `after` of the chunks that follow, now or later.
+    /// The `after` for the chunks that follow, now or later.
     pub next: i64,
-    /// The `before` of the page before this one.
+    /// The `before` for the page before this one.
     pub previous: Option<i64>,
-    /// Nothing follows any more: what was asked about has ended, and this is its last page.
+    /// Whether this is the last page: the selected attempts have ended, and no lines will follow.
     pub complete: bool,
 }
 
 impl LogChunk {
-    /// Bytes that the attempt had logged after this chunk.
+    /// Number of bytes that the attempt has logged up to the end of this chunk.
     pub fn end(&self) -> u64 {
         self.position + self.text.len() as u64
     }
 }
 
-/// The line in the place of bytes that were left out.
+/// The line that stands for dropped bytes.
 pub fn left_out(bytes: u64) -> String {
     format!("... {bytes} bytes were left out here ...\n")
 }

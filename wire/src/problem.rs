@@ -6,21 +6,21 @@ use utoipa::ToSchema;
 
 use crate::Dependent;
 
-/// An error: the fault, its place, and what is allowed.
+/// An error: what was wrong, where, and what is allowed.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct Problem {
-    /// The kind of problem; it stays the same when its words change.
+    /// The type of the problem. It stays the same when its wording changes.
     #[serde(rename = "type")]
     pub kind: String,
-    /// The kind in words.
+    /// The type in words.
     pub title: String,
     pub status: u16,
-    /// The fault of this request, and what is allowed.
+    /// Says what was wrong with this request, and what is allowed.
     pub detail: String,
-    /// Every field of a spec that cannot be accepted.
+    /// Every field of the spec that was refused.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub violations: Vec<Violation>,
-    /// The jobs that depend on what was to be deleted.
+    /// The jobs that depend on the item to be deleted.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub dependents: Vec<Dependent>,
 }

@@ -6,13 +6,13 @@ use utoipa::ToSchema;
 /// Whether tasks are claimed, and how many there are.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct Queue {
-    /// Whether no task is claimed until somebody resumes the queue.
+    /// Whether the queue is paused: no task is claimed until somebody resumes it.
     pub paused: bool,
-    /// Since when.
+    /// The time since when it is paused.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub paused_at: Option<String>,
-    /// Tasks that wait for a worker.
+    /// Number of tasks that wait for a worker.
     pub queued: u64,
-    /// Tasks that workers have.
+    /// Number of tasks that workers have.
     pub running: u64,
 }

@@ -1,4 +1,5 @@
-//! The report of an evaluation: every number with its interval, in and out of distribution apart.
+//! The report of an evaluation. Every number has its interval, and numbers in and out of
+//! distribution are separate.
 //!
 //! The last task of an evaluation writes it as `report.json`. Errors are in degrees.
 
@@ -8,48 +9,49 @@ use utoipa::ToSchema;
 
 use crate::Warning;
 
-/// RMSE of every predictor in every cell and over the cells in and out of distribution.
+/// The RMSE of every predictor in every cell, and over the cells in and out of distribution.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Report {
-    /// Samples every predictor was given.
+    /// Number of samples that every predictor was given.
     pub context: u32,
-    /// Samples it had to predict.
+    /// Number of samples that it had to predict.
     pub horizon: u32,
     pub rate_hz: f64,
     pub bootstrap: Bootstrap,
-    /// Samples that each predictor with several was asked for.
+    /// Number of samples drawn from each predictor that can give several.
     pub samples: u32,
-    /// The noise of the data itself; none of data without.
+    /// The noise of the data itself; missing for data without noise.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub data_noise: Option<DataNoise>,
     /// The predictors, in the order of every table.
     pub predictors: Vec<PredictorInfo>,
-    /// The frequencies that all checkpoints were trained on; cells inside are in distribution.
+    /// The frequencies on which all checkpoints were trained. Cells with these are in distribution.
     pub in_distribution: Vec<TrainedOn>,
     pub cells: Vec<CellSummary>,
     pub groups: Vec<GroupSummary>,
     pub paired: Vec<PairedDifference>,
-    /// Predictors without an answer to some scenarios of a cell. They have no mean over that cell,
-    /// nor over a group with it.
+    /// Predictors without an answer to some scenarios of a cell. They have no mean over that cell
+    /// or over a group with it.
     #[serde(default)]
     pub failures: Vec<FailureSummary>,
-    /// The scenarios on which each predictor has its largest errors, the largest first: with the
-    /// seed and its index, a trajectory can be made again.
+    /// The scenarios with the largest errors of each predictor, largest first. With the seed and
+    /// its index, a trajectory can be made again.
     #[serde(default)]
     pub worst: Vec<WorstCase>,
-    /// Cells by how their torques differ from those of the trainings, over the scenarios whose torques the
-    /// robot's motors can give, with trainings that differ in seeds alone taken together. None without checkpoints.
+    /// Cells grouped by how their torques differ from the trainings' torques. Only scenarios whose
+    /// torques the robot's motors can produce count. Trainings that differ only in seeds are
+    /// combined. Missing without checkpoints.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub shifts: Vec<ShiftSummary>,
-    /// Torques, positions and rates that a checkpoint was not trained on, of the data that it was asked
-    /// about, and contexts that nothing can be identified from. None of checkpoints that do not say what they
-    /// were trained on.
+    /// Torques, positions and rates of the evaluation's data that lie outside a checkpoint's
+    /// training data, and contexts from which nothing can be identified. A checkpoint that does not
+    /// record its training data has no warnings.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<Warning>,
 }
 
 impl Report {
-    /// All scenarios that were asked about.
+    /// The number of all scenarios of the evaluation.
     pub fn scenarios(&self) -> u64 {
         self.cells.iter().map(|cell| cell.scenarios).sum()
     }
@@ -60,14 +62,15 @@ impl Report {
 pub struct PredictorInfo {
     pub name: String,
     pub kind: PredictorKind,
-    /// What it knows of the arms before it sees a context.
+    /// Its knowledge about the arms before it sees a context.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub told: Option<String>,
-    /// The digest of the spec that a checkpoint was trained by.
+    /// The digest of the spec that trained a checkpoint.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub digest: Option<Digest>,
-    /// The digest of that spec with the seeds of the training and of its simulated data set to 0: trainings that
-    /// share it are replications. Missing of recordings and of checkpoints that are not final.
+    /// The digest of that spec with the seeds of the training and of its simulated data set to 0.
+    /// Trainings that share it are replications. Missing for recordings and for checkpoints that
+    /// are not final.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub replicates: Option<Digest>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -80,7 +83,7 @@ pub struct PredictorInfo {
 }
 
 impl PredictorInfo {
-    /// `true` if it was told something of the horizon that it predicts.
+    /// `true` if it was given something of the horizon that it predicts.
     pub fn sees_the_future(&self) -> bool {
         self.normalization == Some(Normalization::PaperLeaky)
             || self.sampling.as_ref().is_some_and(|sampling| sampling.start == Start::Oracle)
@@ -97,25 +100,26 @@ pub enum PredictorKind {
 /// The sampling of a denoiser.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct SamplingInfo {
-    /// The name of the curve in figures over steps: predictors that differ in `steps` alone share it.
+    /// The name of the curve in figures over steps. Predictors that differ only in `steps` share
+    /// it.
     pub curve: String,
     pub kind: SamplerKind,
-    /// Passes through the network.
+    /// Number of passes through the network.
     pub steps: u32,
-    /// `oracle` starts with the truth.
+    /// The starting point of the sampler; `oracle` starts with the truth.
     #[serde(default)]
     pub start: Start,
 }
 
-/// Times of one prediction of one robot. They depend on the machine and its load: unlike the rest of
-/// a report, they differ when it is made again.
+/// Latencies of predictions for one robot. They depend on the machine and its load. So unlike the
+/// rest of a report, they differ when the evaluation is repeated.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Latency {
     pub median_ms: f64,
     pub p99_ms: f64,
-    /// Predictions that were timed.
+    /// Number of timed predictions.
     pub repeats: u64,
-    /// Threads that computed.
+    /// Number of threads that computed.
     pub threads: u64,
     pub device: String,
     /// The machine's mean number of running threads in the minute before.
@@ -123,12 +127,12 @@ pub struct Latency {
     pub load: Option<f64>,
 }
 
-/// Master frequencies of one family that trainings drew from.
+/// The master frequencies of one family that trainings drew from.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct TrainedOn {
     pub family: Family,
     pub frequency_hz: Range,
-    /// Interval of amplitudes, N·m, of multisines N·m per Hz; missing in older reports.
+    /// The range of amplitudes, N·m; for multisines N·m per Hz. Missing in older reports.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub amplitude: Option<Range>,
 }
@@ -137,15 +141,15 @@ pub struct TrainedOn {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Shift {
-    /// Not at all: a family, frequency and amplitude of the trainings.
+    /// They do not differ: family, frequency and amplitude occur in the trainings.
     Within,
-    /// The frequency is lower than any of the trainings.
+    /// The frequency is lower than in any training.
     Below,
-    /// The frequency is higher.
+    /// The frequency is higher than in any training.
     Above,
-    /// A frequency of the trainings with larger torques.
+    /// The frequency occurs in the trainings, but the torques are larger.
     Amplitude,
-    /// Another kind of torques.
+    /// The family does not occur in the trainings.
     Family,
 }
 
@@ -166,43 +170,43 @@ impl std::fmt::Display for Shift {
     }
 }
 
-/// All cells with one shift, or those of one family among them.
+/// All cells with one shift, or only those of one family.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ShiftSummary {
     pub shift: Shift,
-    /// Missing of all families together.
+    /// Missing for all families together.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub family: Option<Family>,
-    /// Standard deviation of the noise that was added to the positions of contexts, rad.
+    /// Standard deviation of the noise added to the positions of contexts, rad.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub position_noise_rad: f64,
     pub scenarios: u64,
-    /// The scenarios, among these, whose torques stay within the rated ones of every joint: those that are scored here.
+    /// Number of scored scenarios: those whose torques stay within every joint's rated torque.
     pub scored: u64,
-    /// In the order of every table; none where nothing is scored.
+    /// In the order of every table. Empty if nothing is scored.
     pub models: Vec<ShiftScores>,
-    /// The first predictor of each entry of `models` against that of an entry before it; each stands for its
-    /// replications.
+    /// Differences between the first predictor of each entry of `models` and that of an earlier
+    /// entry. Each predictor stands for its replications.
     pub differences: Vec<ShiftDifference>,
 }
 
-/// Errors of a predictor, or of several that differ in nothing but the seeds of their trainings.
+/// Errors of a predictor, or of several that differ only in the seeds of their trainings.
 ///
-/// Intervals are over robots and seeds: half-widths of both, added as squares; of robots by the bootstrap, of seeds
-/// by Student's t. With a single seed they are over robots alone.
+/// Intervals cover robots and seeds. Their half-widths are the root of the sum of two squares: of
+/// robots by the bootstrap, and of seeds by Student's t. With a single seed they cover only robots.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ShiftScores {
     pub predictors: Vec<String>,
-    /// Missing where some scenario has no answer.
+    /// Missing if some scenario has no answer.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rmse_deg: Option<Interval>,
-    /// The RMSE of each training that this entry takes together, degrees.
+    /// The RMSE of each training that this entry combines, degrees.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub seed_rmse_deg: Vec<f64>,
-    /// 1 - RMSE / RMSE of `damped-integrator`; missing where that was not asked.
+    /// 1 - RMSE / RMSE of `damped-integrator`. Missing if that baseline was not evaluated.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub skill: Option<Interval>,
-    /// The largest RMSE of a scenario, of all seeds.
+    /// The largest RMSE of a scenario, over all seeds.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub worst_deg: Option<f64>,
     /// Mean over scenarios and seeds.
@@ -220,27 +224,27 @@ pub struct ShiftScores {
 pub struct ShiftDifference {
     pub predictor: String,
     pub against: String,
-    /// RMSE of `predictor` less that of `against`; negative is better.
+    /// RMSE of `predictor` minus that of `against`. Negative is better.
     pub difference_deg: Interval,
 }
 
-/// One excitation at one frequency, or all of data without a frequency grid.
+/// One excitation at one frequency, or all data if there is no frequency grid.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct CellSummary {
-    /// Missing for data without a frequency grid, like the frequency.
+    /// Like the frequency, it is missing for data without a frequency grid.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub family: Option<Family>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub frequency_hz: Option<f64>,
-    /// Standard deviation of the noise that was added to the positions of contexts, rad.
+    /// Standard deviation of the noise added to the positions of contexts, rad.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub position_noise_rad: f64,
     pub in_distribution: bool,
-    /// Missing without checkpoints and of data without a frequency grid.
+    /// Missing without checkpoints, and for data without a frequency grid.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub shift: Option<Shift>,
     pub scenarios: u64,
-    /// Share of the scenarios whose torques stay within the rated ones of every joint.
+    /// Share of scenarios whose torques stay within every joint's rated torque.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub within_torque_limits: Option<f64>,
     pub rmse_deg: Vec<PredictorSummary>,
@@ -248,20 +252,20 @@ pub struct CellSummary {
     pub scores: Vec<PredictorScores>,
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub rollouts: Vec<RolloutSummary>,
-    /// Root mean square of the measured motions above the band that jitter is measured from.
+    /// Root mean square of the measured motions above the frequency where jitter begins.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub measured_jitter_deg: Option<f64>,
-    /// Share of the scenarios whose measured motions leave the joints' limits themselves.
+    /// Share of scenarios whose measured motions exceed a joint limit.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub measured_left_limits: Option<f64>,
 }
 
-/// All cells in distribution, all out of it, or all that have no frequency.
+/// All cells in distribution, all cells out of distribution, or all cells without a frequency.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct GroupSummary {
     pub name: String,
     pub scenarios: u64,
-    /// Standard deviation of the noise that was added to the positions of contexts, rad.
+    /// Standard deviation of the noise added to the positions of contexts, rad.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub position_noise_rad: f64,
     pub rmse_deg: Vec<PredictorSummary>,
@@ -271,16 +275,17 @@ pub struct GroupSummary {
     pub rollouts: Vec<RolloutSummary>,
 }
 
-/// Where the predictions of one predictor went. Predictions that are not finite count in both.
+/// How far the predictions of one predictor went. Predictions that are not finite count in both
+/// numbers.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct RolloutSummary {
     pub predictor: String,
-    /// Share of the scenarios in which the prediction leaves the limits of some joint; missing where the
-    /// limits are not known.
+    /// Share of scenarios in which the prediction exceeds a joint limit. Missing if the limits are
+    /// not known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub left_limits: Option<f64>,
-    /// Share of the scenarios in which the prediction is not finite, or more than 180° from the measured
-    /// position.
+    /// Share of scenarios in which the prediction is not finite, or is more than 180° away from the
+    /// measured position.
     pub diverged: f64,
 }
 
@@ -292,8 +297,8 @@ pub struct PredictorSummary {
     pub interval: Interval,
 }
 
-/// Everything else that was measured of one predictor: means over scenarios and joints. Quantities
-/// that were not measured are missing.
+/// Further scores of one predictor: means over scenarios and joints. Scores that were not measured
+/// are missing.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct PredictorScores {
     pub predictor: String,
@@ -304,20 +309,21 @@ pub struct PredictorScores {
     /// Error of the first sample of the horizon: root mean square over scenarios and joints.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub first_sample_deg: Option<Interval>,
-    /// Change of the error from one sample of the horizon to the next, seams left out: root mean square over
-    /// scenarios, joints and samples.
+    /// Change of the error from one sample of the horizon to the next, without seams: root mean
+    /// square over scenarios, joints and samples.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub jump_deg: Option<Interval>,
-    /// The same at the seams of a model that predicts several samples at a time.
+    /// The same change at the seams of a model that predicts several samples at a time.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub seam_jump_deg: Option<Interval>,
-    /// The largest change of the error from one sample to the next, mean over scenarios and joints.
+    /// The largest change of the error from one sample to the next, averaged over scenarios and
+    /// joints.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub largest_jump_deg: Option<Interval>,
-    /// Root mean square of what a prediction has above the signal's band.
+    /// Root mean square of the predictions' jitter, which is their part above the signal's band.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub jitter_deg: Option<Interval>,
-    /// The same after a zero-phase low-pass, like the RMSE after it.
+    /// The jitter after a zero-phase low-pass, which is also used for the smoothed RMSE.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub smoothed_jitter_deg: Option<Interval>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -325,10 +331,10 @@ pub struct PredictorScores {
     /// RMSE of the mean of the samples.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mean_rmse_deg: Option<Interval>,
-    /// Fair estimate from the samples.
+    /// Continuous ranked probability score: a fair estimate from the samples.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub crps_deg: Option<Interval>,
-    /// Fair estimate from the samples.
+    /// Energy score: a fair estimate from the samples.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub energy_score_deg: Option<Interval>,
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
@@ -341,7 +347,7 @@ pub struct PredictorScores {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct IntervalSummary {
     pub nominal: f64,
-    /// Share of measured positions inside.
+    /// Share of measured positions inside the intervals.
     pub coverage: Interval,
     pub width_deg: Interval,
 }
@@ -358,11 +364,11 @@ pub struct Calibration {
 pub struct PairedDifference {
     pub group: String,
     pub predictor: String,
-    /// Standard deviation of the noise that was added to the positions of contexts, rad.
+    /// Standard deviation of the noise added to the positions of contexts, rad.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub position_noise_rad: f64,
     pub against: String,
-    /// RMSE of `predictor` less that of `against`; negative is better.
+    /// RMSE of `predictor` minus that of `against`. Negative is better.
     pub difference_deg: Interval,
 }
 
@@ -374,17 +380,17 @@ pub struct FailureSummary {
     pub family: Option<Family>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub frequency_hz: Option<f64>,
-    /// Standard deviation of the noise that was added to the positions of contexts, rad.
+    /// Standard deviation of the noise added to the positions of contexts, rad.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub position_noise_rad: f64,
     /// The number of those scenarios.
     pub scenarios: u64,
-    /// Index of the first in the dataset.
+    /// Index of the first of them in the dataset.
     pub first: u64,
     pub reason: String,
 }
 
-/// A scenario to look at: with the spec of its dataset, its index makes it again.
+/// A scenario with a large error. With the spec of its dataset and its index it can be made again.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct WorstCase {
     pub predictor: String,
@@ -392,18 +398,18 @@ pub struct WorstCase {
     pub family: Option<Family>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub frequency_hz: Option<f64>,
-    /// Standard deviation of the noise that was added to the positions of contexts, rad.
+    /// Standard deviation of the noise added to the positions of contexts, rad.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub position_noise_rad: f64,
     /// Index in the dataset.
     pub trajectory: u64,
-    /// The seed of the dataset's simulation; recordings have none.
+    /// The seed of the dataset's simulation. Recordings have none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub seed: Option<u64>,
     pub rmse_deg: f64,
 }
 
-/// A mean with the ends of its 95 % interval.
+/// A mean with its 95 % confidence interval.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Interval {
     pub mean: f64,
@@ -411,14 +417,15 @@ pub struct Interval {
     pub high: f64,
 }
 
-/// Standard deviations of the errors of measured values.
+/// Standard deviations of the errors of measured values, without the noise that an evaluation adds.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct DataNoise {
     pub position_rad: f64,
     pub torque_nm: f64,
 }
 
-/// How tables name a level of noise, after what they name a cell or a group: nothing at 0.
+/// The suffix that tables use for a level of noise, after the name of a cell or a group. Empty at
+/// 0.
 pub fn at_noise(position_noise_rad: f64) -> String {
     if position_noise_rad > 0.0 { format!(" at {position_noise_rad} rad") } else { String::new() }
 }

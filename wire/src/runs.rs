@@ -15,15 +15,15 @@ pub struct Run {
     pub id: i64,
     pub job: i64,
     pub kind: JobKind,
-    /// As somebody calls it, or else its job.
+    /// The name that users gave it, or the name of its job.
     pub name: String,
     /// A note in Markdown.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub note: Option<String>,
-    /// Its tags, in order.
+    /// Its tags, sorted.
     #[serde(default)]
     pub tags: Vec<String>,
-    /// Those of its job, in order; it is found by them, too.
+    /// Tags of its job, sorted. Lists also find it by these.
     #[serde(default)]
     pub job_tags: Vec<String>,
     pub digest: Digest,
@@ -31,17 +31,17 @@ pub struct Run {
     pub error: Option<String>,
     #[schema(value_type = JobSpec)]
     pub spec: Value,
-    /// The latest value of each, by key.
+    /// The latest value of each metric, by key.
     pub metrics: BTreeMap<String, LatestMetric>,
     pub artifacts: Vec<Artifact>,
     pub created_at: String,
 }
 
-/// The value of a metric that was recorded last.
+/// The last recorded value of a metric.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct LatestMetric {
     pub step: u64,
-    /// `null` when it was not a finite number.
+    /// `null` if the value was not finite.
     #[schema(required)]
     pub value: Option<f64>,
 }
@@ -66,13 +66,13 @@ pub struct Runs {
     pub next: Option<String>,
 }
 
-/// A metric over steps, thinned out to the points asked for.
+/// A metric over steps, downsampled to the requested number of points.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Metric {
     pub key: String,
-    /// The points in the order of their steps.
+    /// The points, sorted by step.
     pub points: Vec<MetricPoint>,
-    /// Points before thinning out.
+    /// Number of points before downsampling.
     pub recorded: u64,
 }
 
@@ -81,7 +81,7 @@ pub struct Metric {
 pub struct MetricPoint {
     pub step: u64,
     pub time: String,
-    /// `null` when it was not a finite number.
+    /// `null` if the value was not finite.
     #[schema(required)]
     pub value: Option<f64>,
 }

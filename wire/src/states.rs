@@ -1,4 +1,5 @@
-//! The states of jobs, tasks and datasets, and the scopes of tokens: the same words in JSON, in SQL and on the page.
+//! The states of jobs, tasks and datasets, and the scopes of tokens. JSON, SQL and the page use the
+//! same words.
 
 use std::error::Error;
 use std::fmt;
@@ -44,13 +45,13 @@ macro_rules! states {
 }
 
 states! {
-    /// The reach of a token; each scope holds those before it.
+    /// The scope of a token. Each scope includes those before it.
     Scope {
-        /// Look at everything, download, and ask models for predictions.
+        /// May read and download everything, and request predictions.
         Read = "read",
-        /// Submit, cancel and retry jobs, and send recordings.
+        /// May submit, cancel and retry jobs, and send recordings.
         Submit = "submit",
-        /// Hold the queue and its workers up, and make and revoke tokens.
+        /// May pause the queue, drain workers, and create and revoke tokens.
         Admin = "admin",
     }
 }
@@ -58,7 +59,7 @@ states! {
 states! {
     /// The state of a job. Final states never change.
     JobState {
-        /// It waits for jobs that it needs.
+        /// It waits for other jobs that it needs.
         Waiting = "waiting",
         Queued = "queued",
         Running = "running",
@@ -82,7 +83,7 @@ states! {
 }
 
 states! {
-    /// What the events that are kept tell of.
+    /// The kinds of stored events.
     EventKind {
         Job = "job",
         Task = "task",
@@ -96,7 +97,7 @@ states! {
     AttemptOutcome {
         Succeeded = "succeeded",
         Failed = "failed",
-        /// The worker was told to stop, and gave the task back.
+        /// The worker was told to stop and gave the task back.
         Released = "released",
         Cancelled = "cancelled",
     }
@@ -105,16 +106,16 @@ states! {
 states! {
     /// The state of a dataset.
     DatasetState {
-        /// Shards are missing.
+        /// Some shards are missing.
         Building = "building",
         Complete = "complete",
-        /// Shards are missing, and the job that would have made them failed or was cancelled.
+        /// Some shards are missing, and the job that would make them failed or was cancelled.
         Abandoned = "abandoned",
     }
 }
 
 states! {
-    /// Where a worker stands that was asked of a cluster's engine.
+    /// The state of a worker that was requested from a cluster's engine.
     PlacementState {
         Pending = "pending",
         Running = "running",
@@ -133,27 +134,27 @@ states! {
 }
 
 states! {
-    /// How a job depends on something.
+    /// How a job depends on an item.
     Relation {
-        /// Its spec names the data, or the training.
+        /// Its spec refers to the data or the training.
         Reads = "reads",
         /// The job must succeed before it can start.
         Needs = "needs",
-        /// It goes on from the work of a job with the same digest.
+        /// It uses the work of a job with the same digest.
         Continues = "continues",
-        /// It is a pipeline, and has the job as a member.
+        /// It is a pipeline with the job as a member.
         Holds = "holds",
     }
 }
 
 impl JobState {
-    /// True of a job that has ended.
+    /// Whether the job has ended.
     pub const fn is_final(self) -> bool {
         matches!(self, Self::Succeeded | Self::Failed | Self::Cancelled)
     }
 }
 
-/// A word that names no state.
+/// A word that is not a state.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct UnknownState(pub String);
 

@@ -1,4 +1,4 @@
-//! The messages of a stream of predictions, each an object with one field: its name.
+//! The messages of a prediction stream. Each is an object with one field, which names the message.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -9,27 +9,27 @@ use crate::{PredictedScenario, PredictingModel, PredictionSampling, Problem, War
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum StreamMessage {
-    /// The first message: how predictions are made. Sent again, it changes that.
+    /// The first message: the settings of predictions. A later `open` changes them.
     Open(StreamSettings),
     Step(StreamStep),
     /// Forgets the context and the previous prediction.
     Reset(Nothing),
 }
 
-/// The settings of the predictions that follow.
+/// The settings of the following predictions.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct StreamSettings {
     pub sampling: PredictionSampling,
-    /// Noise levels that a prediction which begins with the one before removes; `null` begins with
-    /// noise every time.
+    /// Number of noise levels that a prediction removes when it starts from the one before. `null`
+    /// starts from noise every time.
     pub warm_start_steps: Option<u32>,
-    /// Standard deviation of the noise of positions, rad, 0 to 0.1: models that fit motions filter them
-    /// by it.
+    /// Standard deviation of the noise of positions, rad, 0 to 0.1. Models that fit motions filter
+    /// them accordingly.
     pub position_noise_rad: f64,
 }
 
-/// Samples measured since the last message and, for a prediction, the torques that are planned.
+/// Samples measured since the last message and, to request a prediction, the planned torques.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct StreamStep {
@@ -54,22 +54,22 @@ pub enum StreamReply {
     Opened(StreamOpened),
     Context(FilledContext),
     Prediction(StreamedPrediction),
-    /// The message cannot be accepted and has changed nothing.
+    /// The message was refused and has changed nothing.
     Error(Problem),
 }
 
-/// The model that predicts, and what it needs.
+/// The model that predicts, and the data that it needs.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct StreamOpened {
     #[serde(flatten)]
     pub model: PredictingModel,
     #[serde(flatten)]
     pub filled: FilledContext,
-    /// Samples of a prediction.
+    /// Number of samples of a prediction.
     pub horizon: usize,
 }
 
-/// Samples in the context, and how many there have to be.
+/// Number of samples in the context, and number of samples that are needed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct FilledContext {
     pub filled: usize,
@@ -79,25 +79,26 @@ pub struct FilledContext {
 /// A prediction on a stream.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct StreamedPrediction {
-    /// The number of the prediction, counted from 0.
+    /// The number of the prediction, counting from 0.
     pub number: u64,
     #[serde(flatten)]
     pub predicted: PredictedScenario,
-    /// Samples between the prediction that this one began with and this one; `null` if it began
-    /// with noise.
+    /// Number of samples from the prediction that this one started from; `null` if it started from
+    /// noise.
     pub warm_start_shift: Option<usize>,
     pub latency_ms: StreamLatency,
-    /// As of one question, each kind and joint once in a connection.
+    /// Like the warnings of a single prediction, but each kind and joint appears once per
+    /// connection.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<Warning>,
 }
 
-/// The time of each part of the answer, ms.
+/// The duration of each part of the answer, ms.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct StreamLatency {
-    /// The wait for the computation's turn.
+    /// Waiting for the computation's turn.
     pub queue: f64,
     pub compute: f64,
-    /// The time from the message to the answer, both as text.
+    /// Time from the message to the answer, both as text.
     pub total: f64,
 }

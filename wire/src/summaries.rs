@@ -1,28 +1,28 @@
-//! The contents of a dataset in a few numbers.
+//! The summary of a dataset in a few numbers.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// Counts, ranges and spectra over the shards that are finished.
+/// Counts, ranges and spectra over the finished shards.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Summary {
     pub dataset: i64,
-    /// Trajectories in the shards that are finished.
+    /// Number of trajectories in the finished shards.
     pub trajectories: u64,
-    /// Index of the first of them.
+    /// Index of the first trajectory.
     pub first: u64,
-    /// Samples of all those trajectories together.
+    /// Number of samples of all those trajectories together.
     pub samples: u64,
-    /// Draws refused on the way to those trajectories.
+    /// Number of draws refused while making those trajectories.
     pub rejected: u64,
-    /// Trajectories that channels and spectra tell of: all, unless another version of torqued made
-    /// them.
+    /// Number of trajectories that channels and spectra cover: all, unless another version of
+    /// torqued made some of them.
     pub summarized: u64,
     pub channels: Vec<ChannelSummary>,
     pub spectra: Vec<SpectrumSummary>,
 }
 
-/// All samples of a channel.
+/// Statistics of all samples of a channel.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ChannelSummary {
     #[schema(example = "q1")]
@@ -37,8 +37,8 @@ pub struct ChannelSummary {
     pub std: f64,
 }
 
-/// Mean one-sided power spectral density over all joints and some trajectories of each shard, with
-/// means removed and a Hann window.
+/// Mean one-sided power spectral density over all joints and some trajectories of each shard. Means
+/// are removed, and a Hann window is used.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct SpectrumSummary {
     /// `u` or `q`.
@@ -46,11 +46,11 @@ pub struct SpectrumSummary {
     pub signal: String,
     #[schema(example = "rad²/Hz")]
     pub unit: String,
-    /// Trajectories that it is the mean of.
+    /// Number of trajectories in the mean.
     pub trajectories: u64,
-    /// Distance of the bands; the first is at 0 Hz.
+    /// Distance between frequencies. The first is 0 Hz.
     pub step_hz: f64,
-    /// A value per band, in `unit`.
+    /// One value per frequency, in `unit`.
     #[schema(value_type = Vec<f64>)]
     pub density: Vec<f32>,
 }

@@ -1,4 +1,4 @@
-//! The pieces of a job that workers lease.
+//! Tasks: the pieces of a job that workers lease.
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -10,12 +10,12 @@ use crate::{Progress, TaskState};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Task {
     pub id: i64,
-    /// Tasks of a stage wait for all tasks of the stages before.
+    /// Tasks of a stage wait for all tasks of earlier stages.
     pub stage: u32,
     pub ordinal: u32,
     pub label: String,
     pub state: TaskState,
-    /// Times it was claimed since it last got on, as with a checkpoint of a later step.
+    /// Number of claims since it last made progress, e.g. with a checkpoint of a later step.
     pub attempt: u32,
     pub max_attempts: u32,
     /// The fencing number of its lease.
@@ -26,8 +26,8 @@ pub struct Task {
     /// The error of the last attempt that failed.
     pub error: Option<String>,
     pub progress: Progress,
-    /// Its report: of a verification the agreement of a shard, of an import the counts of the file.
-    /// The resource that it made has the rest.
+    /// Its result, e.g. the comparison of a verified shard, or the counts of an import. Other
+    /// results are in the resource that the task made.
     #[schema(value_type = Option<Object>)]
     pub result: Option<Value>,
     pub started_at: Option<String>,
@@ -42,15 +42,15 @@ pub struct Tasks {
     pub next: Option<i64>,
 }
 
-/// The findings of the job with all of these tasks: those of its last stage's task; `None` where that stage has
-/// several tasks.
+/// The findings of a job with these tasks: those of the task in its last stage. `None` if that
+/// stage has several tasks.
 pub fn findings(tasks: &[Task]) -> Option<String> {
     let last = tasks.last()?;
     let of_stage = tasks.iter().filter(|task| task.stage == last.stage).count();
     last.result.as_ref().filter(|_| of_stage == 1).and_then(findings_of)
 }
 
-/// The plain numbers and words of a result, e.g. `trajectories 1000, samples 400`.
+/// The numbers and words of a result, e.g. `trajectories 1000, samples 400`.
 pub fn findings_of(result: &Value) -> Option<String> {
     let plain = result.as_object()?.iter().filter_map(|(name, value)| {
         let value = match value {

@@ -16,15 +16,16 @@ pub struct Trajectory {
     pub shard: u32,
     pub rate_hz: f64,
     pub samples: u64,
-    /// The time of each sample, from the first one on.
+    /// The time of each sample, counted from the first one.
     pub time_s: Vec<f64>,
-    /// A value per sample: torques `u1`, `u2`, …, positions `q1`, `q2`, … and whatever else was
-    /// recorded. A value that is not a number is `null`.
+    /// One value per sample: torques `u1`, `u2`, …, positions `q1`, `q2`, …, and all other recorded
+    /// channels. A value that is not a number is `null`.
     #[schema(value_type = BTreeMap<String, Vec<Option<f64>>>)]
     pub columns: BTreeMap<String, Vec<Option<f32>>>,
-    /// Units of the columns; those that are not listed have none.
+    /// Units of the columns. Columns that are not listed have none.
     pub units: BTreeMap<String, String>,
-    /// Its row of the other table. For a simulation: all that made it, by the columns that
-    /// `dataset.json` explains. For an import: where in the file it comes from.
+    /// Its row in the other table. For a simulation, it has everything that determines the
+    /// trajectory; `dataset.json` explains the columns. For an import, it says where in the file
+    /// the trajectory comes from.
     pub robot: Map<String, Value>,
 }

@@ -6,27 +6,28 @@ use utoipa::ToSchema;
 
 use crate::{ItemKind, JobState, Relation};
 
-/// A job, a run, a dataset or a checkpoint, by its id.
+/// A job, a run, a dataset or a checkpoint, named by its kind and id.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct Item {
     pub kind: ItemKind,
     pub id: i64,
 }
 
-/// The things that a deletion also deletes, and the jobs that depend on it.
+/// The items that are deleted together with an item, and the jobs that depend on it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Dependents {
     pub kind: ItemKind,
     pub id: i64,
-    /// The things that it owns, which go into the trash with it.
+    /// The items that it owns, which are deleted with it.
     pub along: Vec<Item>,
-    /// Size of all their files.
+    /// Size of all their files together.
     pub bytes: u64,
-    /// Jobs that read it, need it or go on from it. Those that have not ended prevent the deletion.
+    /// Jobs that read it, need it or continue from it. Jobs that have not ended prevent the
+    /// deletion.
     pub jobs: Vec<Dependent>,
 }
 
-/// A job that depends on something.
+/// A job that depends on an item.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct Dependent {
     pub id: i64,
@@ -36,7 +37,7 @@ pub struct Dependent {
     pub relation: Relation,
 }
 
-/// The things moved into the trash, and until when they can be restored.
+/// The items that were moved into the trash, and the time until which they can be restored.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Deleted {
     pub kind: ItemKind,
@@ -54,7 +55,7 @@ pub struct Restored {
     pub along: Vec<Item>,
 }
 
-/// A page of the trash, what was deleted last first.
+/// A page of the trash, latest deletion first.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Trash {
     pub items: Vec<TrashedItem>,
@@ -62,17 +63,17 @@ pub struct Trash {
     pub next: Option<String>,
 }
 
-/// Something in the trash. What it took along is not listed by itself, and comes back with it.
+/// An item in the trash. Items that were deleted with it are not listed, and are restored with it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct TrashedItem {
     pub kind: ItemKind,
     pub id: i64,
-    /// Of its job.
+    /// The name of its job.
     pub name: String,
-    /// Size of its files, and of those that went with it.
+    /// Size of its files and of the files of items that were deleted with it.
     pub bytes: u64,
     pub deleted_at: String,
-    /// From then on its bytes may be deleted for good.
+    /// After this time its bytes may be deleted permanently.
     pub purge_at: String,
     /// Why it was deleted, if nobody asked for it.
     pub reason: Option<String>,

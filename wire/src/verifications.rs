@@ -1,24 +1,24 @@
-//! Verifications: datasets made again and compared with what is stored.
+//! Verifications: datasets that are made again and compared with the stored files.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use crate::JobState;
 
-/// The outcome of comparing a dataset with the same trajectories made again.
+/// The result of comparing a dataset with the same trajectories made again.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Verification {
     pub job: i64,
     /// `succeeded` when nothing differs.
     pub state: JobState,
     pub shards: u64,
-    /// Shards that have been compared, without a difference in any value.
+    /// Number of shards that were compared and have the same values.
     pub shards_verified: u64,
-    /// Those of them whose bytes are the same, to the last one.
+    /// Number of those whose bytes are also the same.
     pub shards_identical: u64,
-    /// Remarks on shards that were compared: the first few of them.
+    /// Remarks on compared shards; only the first few.
     pub remarks: Vec<String>,
-    /// The first difference, or why the dataset could not be compared.
+    /// The first difference, or the reason why the dataset could not be compared.
     pub error: Option<String>,
     pub finished_at: Option<String>,
 }
@@ -28,9 +28,9 @@ pub struct Verification {
 pub struct VerifiedShard {
     pub shard: u32,
     pub dataset: i64,
-    /// `equal`, or in words how the bytes differ or what they were compared with.
+    /// `equal`, or a description of how the bytes differ, or of what they were compared with.
     pub bytes: String,
-    /// The agreement of the values where the bytes differ.
+    /// A description of how the values agree if the bytes differ.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub values: Option<String>,
 }

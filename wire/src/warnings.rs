@@ -1,46 +1,47 @@
-//! Warnings to readers of a report or a prediction about the data behind it.
+//! Warnings about the data behind a report or a prediction.
 
 use serde::{Deserialize, Serialize};
 use spec::Range;
 use utoipa::ToSchema;
 
-/// Data that a checkpoint was not trained on, a context that tells nothing, or a prediction that leaves the
-/// joints' limits.
+/// Data outside a checkpoint's training data, a context without information, or a prediction beyond
+/// the joints' limits.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Warning {
     pub kind: WarningKind,
-    /// The predictor or controller that is concerned; missing where all are, or where only one answers.
+    /// The predictor or controller. Missing if the warning concerns all of them, or if there is
+    /// only one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub predictor: Option<String>,
-    /// From 1; missing where it is about the robot as a whole.
+    /// The joint's number, from 1. Missing if the warning concerns the whole robot.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub joint: Option<u32>,
-    /// The value that lies furthest outside: N·m, rad or rad/s; of a short context its samples.
+    /// The value furthest outside: N·m, rad or rad/s. For a short context, its number of samples.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reached: Option<f64>,
-    /// The range that it lies outside of.
+    /// The range that the value lies outside of.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub range: Option<Range>,
-    /// Scenarios that it is true of; in closed loop, robots.
+    /// Number of scenarios with this warning; in closed loop, number of robots.
     pub scenarios: u64,
-    /// The same in a sentence.
+    /// The warning as a sentence.
     pub message: String,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum WarningKind {
-    /// Torques outside those of the training.
+    /// Torques are outside the range of the training data.
     TorqueRange,
-    /// Positions outside those of the training.
+    /// Positions are outside the range of the training data.
     PositionRange,
-    /// Rates of positions outside those of the training.
+    /// Rates of positions are outside the range of the training data.
     RateRange,
     /// No joint moves during the context.
     NoMotion,
-    /// The context has too few samples to identify anything from.
+    /// The context has too few samples to identify anything.
     ShortContext,
-    /// The prediction leaves the limits of a joint.
+    /// The prediction exceeds the limits of a joint.
     JointLimits,
 }
 
@@ -57,7 +58,8 @@ impl WarningKind {
 }
 
 impl Warning {
-    /// A value of joint `joint`, from 1, outside of `range`, in `scenarios` scenarios.
+    /// A warning that a value of joint `joint`, from 1, is outside `range` in `scenarios`
+    /// scenarios.
     pub fn outside(
         kind: WarningKind,
         joint: u32,
@@ -85,28 +87,28 @@ impl Warning {
         }
     }
 
-    /// No joint moves by more than `least_rad` during the context.
+    /// A warning that no joint moves by more than `least_rad` during the context.
     pub fn no_motion(least_rad: f64, scenarios: u64) -> Self {
         Self::of_context(
             WarningKind::NoMotion,
             None,
             scenarios,
             format!(
-                "no joint moves by more than {least_rad} rad during the context, so that nothing of the \
-                 robot can be identified from it"
+                "no joint moves by more than {least_rad} rad during the context, so nothing about \
+                 the robot can be identified"
             ),
         )
     }
 
-    /// The context has `samples` samples, fewer than `fewest`.
+    /// A warning that the context has `samples` samples, fewer than `fewest`.
     pub fn short_context(samples: u32, fewest: u32, scenarios: u64) -> Self {
         Self::of_context(
             WarningKind::ShortContext,
             Some(f64::from(samples)),
             scenarios,
             format!(
-                "the context has {samples} samples; below {fewest} little of the robot can be \
-                 identified from it"
+                "the context has {samples} samples; with fewer than {fewest}, little about the \
+                 robot can be identified"
             ),
         )
     }
@@ -120,13 +122,13 @@ impl Warning {
         Self { kind, predictor: None, joint: None, reached, range: None, scenarios, message }
     }
 
-    /// The same, said of one predictor.
+    /// The same warning about one predictor.
     #[must_use]
     pub fn of(self, predictor: &str) -> Self {
         Self { predictor: Some(predictor.to_owned()), ..self }
     }
 
-    /// How far beyond its range it lies, in widths of the range.
+    /// The distance to its range, in widths of the range.
     fn excess(&self) -> f64 {
         let (Some(reached), Some(Range { min, max })) = (self.reached, self.range) else {
             return 0.0;
@@ -134,8 +136,8 @@ impl Warning {
         (min - reached).max(reached - max) / (max - min).max(f64::MIN_POSITIVE)
     }
 
-    /// Puts what was found in several places together: one warning for each predictor, kind and joint,
-    /// with the value furthest outside, in the order in which they come first.
+    /// Merges warnings from several places. Each predictor, kind and joint gets one warning with
+    /// the value furthest outside, in the order of first appearance.
     pub fn merge(found: impl IntoIterator<Item = Self>) -> Vec<Self> {
         let mut merged: Vec<Self> = Vec::new();
         for warning in found {
@@ -157,9 +159,9 @@ impl Warning {
         merged
     }
 
-    /// A sentence for each kind and predictor: the joint that is furthest outside, and which others are.
-    /// Predictors of which the same is true share one. `all` are the scenarios there are, and `each` their
-    /// name.
+    /// One sentence for each kind and predictor. It names the joint that is furthest outside, and
+    /// the others. Predictors with the same warning share a sentence. `all` is the number of
+    /// scenarios, and `each` is the noun for them.
     pub fn sentences(warnings: &[Self], all: u64, each: &str) -> Vec<String> {
         let mut sentences: Vec<(Vec<&str>, String)> = Vec::new();
         for (k, warning) in warnings.iter().enumerate() {
@@ -205,7 +207,7 @@ fn joints(others: &[u32]) -> String {
     }
 }
 
-/// Three significant digits, and no more than three decimals.
+/// A number with three significant digits, and at most three decimals.
 fn number(value: f64) -> String {
     let decimals = match value.abs() {
         100.0.. => 0,

@@ -1,4 +1,4 @@
-//! The processes that execute tasks.
+//! Workers: the processes that execute tasks.
 
 use serde::{Deserialize, Serialize};
 use spec::Resources;
@@ -6,7 +6,7 @@ use utoipa::ToSchema;
 
 use crate::PlacementState;
 
-/// A worker, as it showed itself last.
+/// A worker, as it last reported itself.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Worker {
     /// Unique among workers.
@@ -16,17 +16,17 @@ pub struct Worker {
     pub pid: u32,
     /// The version of torqued.
     pub version: String,
-    /// Models are computed on it.
+    /// The device on which it computes models.
     #[schema(example = "cpu")]
     pub device: String,
-    /// Threads for computing.
+    /// Number of threads for computing.
     pub threads: u32,
     /// It takes tasks that ask for no more than this.
     #[serde(default)]
     pub offers: Resources,
-    /// Whether it showed itself within 30 s.
+    /// Whether it reported within 30 s.
     pub alive: bool,
-    /// Since when it is to end the task that it has and claim no other.
+    /// The time since when it is drained: it ends its task and claims no other.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub drained_at: Option<String>,
     /// Why it claims no tasks at the moment.
@@ -35,7 +35,7 @@ pub struct Worker {
     /// The task that it has.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub task: Option<WorkersTask>,
-    /// As the engine shows it that placed it.
+    /// The state that its engine shows, if an engine placed it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub placement: Option<Placement>,
     pub started_at: String,
@@ -43,7 +43,7 @@ pub struct Worker {
 }
 
 impl Worker {
-    /// For example `4 cpus, 1 gpu, 67.4 GB, a100`.
+    /// Its offer in words, e.g. `4 cpus, 1 gpu, 67.4 GB, a100`.
     pub fn offers_in_words(&self) -> String {
         let Resources { cpus, gpus, memory_gb, tags } = &self.offers;
         let count = |number: u32, what: &str| {
@@ -67,33 +67,33 @@ pub struct WorkersTask {
     pub label: String,
 }
 
-/// What a cluster's engine says of a worker that was asked of it.
+/// A worker in the view of the cluster's engine that it was requested from.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct Placement {
     /// The worker's name.
     pub worker: String,
     #[schema(example = "Slurm")]
     pub engine: String,
-    /// What the engine calls it: the number of a Slurm job, the name of a Pod.
+    /// The engine's name for it: the number of a Slurm job, or the name of a Pod.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub identifier: Option<String>,
     pub state: PlacementState,
     /// Why it waits, or how it ended.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
-    /// Where it runs.
+    /// The node on which it runs.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub node: Option<String>,
     pub asked_at: String,
     pub changed_at: String,
 }
 
-/// Workers by name: those that are there, and those that died within a day.
+/// Workers sorted by name: live ones, and those that died within a day.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Workers {
     pub workers: Vec<Worker>,
-    /// Workers that were asked of an engine and are not among `workers`: those that wait for their place, and those
-    /// that ended within a day.
+    /// Workers that were requested from an engine and are not among `workers`: those that wait for
+    /// their place, and those that ended within a day.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub placements: Vec<Placement>,
 }

@@ -15,12 +15,12 @@ use crate::error::TaskError;
 use crate::heartbeat::ProgressCell;
 use crate::stop::StopSignal;
 
-/// One attempt at a task: what the work needs, on the thread it runs on.
+/// One attempt at a task, with everything that the work needs on its thread.
 pub(crate) struct Attempt {
     pub store: Store,
-    /// What models are computed on.
+    /// The device that computes models.
     pub device: Device,
-    /// The decoder of foreign files.
+    /// The program that decodes files of other formats.
     pub decoder: DecoderProgram,
     pub task: ClaimedTask,
     pub progress: Arc<ProgressCell>,
@@ -34,13 +34,13 @@ impl Attempt {
         self.task.fence
     }
 
-    /// Asks the store, which is asynchronous, from the work, which is not.
+    /// Blocks on a future. The store is asynchronous, and the work is not.
     pub fn wait<T>(&self, future: impl Future<Output = T>) -> T {
         self.runtime.block_on(future)
     }
 
     /// # Errors
-    /// [`TaskError::Stopped`] when the attempt is to end.
+    /// [`TaskError::Stopped`] when the attempt has to end.
     pub fn check_stop(&self) -> Result<(), TaskError> {
         match self.stop.get() {
             Some(_) => Err(TaskError::Stopped),
@@ -48,11 +48,12 @@ impl Attempt {
         }
     }
 
-    /// Does `work` unless the attempt is to end, which leaves it halfway: wherever kernels, baselines and laws look
-    /// for an interrupt. What comes of work that was interrupted is no result, whatever it looks like.
+    /// Does `work` unless the attempt has to end. Kernels, baselines and dynamics look for an
+    /// interrupt and leave the work halfway. The result of interrupted work is never used, whatever
+    /// it looks like.
     ///
     /// # Errors
-    /// [`TaskError::Stopped`] when the attempt is to end.
+    /// [`TaskError::Stopped`] when the attempt has to end.
     pub fn interruptible<T>(&self, work: impl FnOnce() -> T) -> Result<T, TaskError> {
         self.check_stop()?;
         let done = self.stop.interrupt().guard(|| Ok::<T, TaskError>(work()))?;
@@ -60,7 +61,7 @@ impl Attempt {
         Ok(done)
     }
 
-    /// Shows how much is done; breaks when the attempt is to end.
+    /// Reports progress. Breaks when the attempt has to end.
     pub fn show(&self, done: u64) -> ControlFlow<()> {
         self.progress.set_done(done);
         match self.stop.get() {
@@ -69,25 +70,26 @@ impl Attempt {
         }
     }
 
-    /// Reads which part of the job this task is, as the job's planner wrote it.
+    /// Reads the task's payload: its part of the job, as the job's planner wrote it.
     pub fn payload<T: DeserializeOwned>(&self) -> Result<T, TaskError> {
         Ok(serde_json::from_value(self.task.payload.clone())?)
     }
 
-    /// Keeps a file in the job's run.
+    /// Stores a file in the job's run.
     pub fn put(&self, name: &str, media_type: &str, bytes: Vec<u8>) -> Result<(), TaskError> {
         let artifact = NewArtifact { name, media_type, bytes: bytes.into() };
         self.wait(self.store.put_artifact(self.fence(), artifact))?;
         Ok(())
     }
 
-    /// Ends the task with what it found.
+    /// Completes the task with its result.
     pub fn complete(&self, result: &impl Serialize) -> Result<(), TaskError> {
         let result = serde_json::to_value(result)?;
         self.end(self.store.complete(self.fence(), Some(&result)))
     }
 
-    /// Ends the task by `commit`. Its log comes first: nothing can be added to it afterwards.
+    /// Ends the task by `commit`. The log is sent first, because nothing can be added to it
+    /// afterwards.
     pub fn end<T>(
         &self,
         commit: impl Future<Output = Result<T, StoreError>>,
@@ -100,7 +102,7 @@ impl Attempt {
         Ok(())
     }
 
-    /// Reads the job's stored spec, which is tagged with its kind.
+    /// Reads the job's stored spec, which carries its kind as a tag.
     pub fn spec<T: DeserializeOwned>(&self) -> Result<T, TaskError> {
         read_spec(&self.task.spec)
     }

@@ -1,4 +1,4 @@
-//! The log of the attempt that runs in this process, on its way to the store.
+//! The log of this process's attempt. Lines are buffered here and sent to the store.
 
 use std::collections::VecDeque;
 use std::io;
@@ -6,21 +6,21 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use store::{Fence, NewLogChunk, Store, StoreError};
 
-/// The log of the attempt that this process is at. It has one at a time, so that the lines of all threads belong to it;
-/// between attempts lines go nowhere. Clones share it.
+/// The log of this process's attempt. A process has only one attempt at a time, so the lines of all
+/// threads belong to it. Between attempts, lines are dropped. Clones share it.
 ///
-/// A writer for `tracing_subscriber`, which writes each event at once. Whatever the database does, writing takes no
-/// longer than adding a line to memory, and what is kept there has a limit: the beginning and the end of the log, as in
-/// the store.
+/// It is a writer for `tracing_subscriber`, which writes each event at once. Writing only adds a
+/// line to memory, whatever the database does. The memory has a limit: it keeps the beginning and
+/// the end of the log, like the store.
 #[derive(Clone, Debug, Default)]
 pub struct AttemptLog {
     lines: Arc<Mutex<Option<Lines>>>,
     current: Arc<Mutex<Option<CurrentAttempt>>>,
-    /// Held while lines are on their way, so that none goes twice.
+    /// Held while lines are sent, so that none is sent twice.
     sending: Arc<tokio::sync::Mutex<()>>,
 }
 
-/// The attempt that a process is at, as its lines are marked with.
+/// The current attempt of a process, which marks its lines.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct CurrentAttempt {
     pub job: i64,
@@ -29,20 +29,20 @@ pub struct CurrentAttempt {
     pub epoch: i64,
 }
 
-/// Bytes of one event at most; what is longer is cut.
+/// Largest number of bytes of one event. A longer one is cut.
 const EVENT_BYTES: usize = 8 << 10;
 
-/// Chunks that are written in one transaction at most.
+/// Largest number of chunks that are written in one transaction.
 const CHUNKS_AT_ONCE: usize = 16;
 
-/// Lines that the store does not have yet.
+/// Lines that were not sent to the store yet.
 #[derive(Debug, Default)]
 struct Lines {
-    /// Bytes logged so far, those that were left out included.
+    /// Number of bytes logged so far, including dropped lines.
     logged: u64,
-    /// Of the beginning of the log.
+    /// Lines from the beginning of the log.
     head: VecDeque<Line>,
-    /// Later ones, the newest of them.
+    /// The newest of the later lines.
     tail: VecDeque<Line>,
     tail_bytes: u64,
 }
@@ -54,13 +54,13 @@ struct Line {
 }
 
 impl AttemptLog {
-    /// From now on lines belong to an attempt that has logged nothing.
+    /// Begins a log for a new attempt. Later lines belong to it.
     pub(crate) fn begin(&self, attempt: CurrentAttempt) {
         *self.lock() = Some(Lines::default());
         *self.lock_current() = Some(attempt);
     }
 
-    /// From now on lines belong to nothing. What was not sent is lost.
+    /// Ends the log of the attempt. Lines that were not sent are lost.
     pub(crate) fn end(&self) {
         *self.lock() = None;
         *self.lock_current() = None;
@@ -78,7 +78,7 @@ impl AttemptLog {
     /// Sends all lines to the store.
     ///
     /// # Errors
-    /// When the database fails or the lease is lost. Lines that were not written are kept for another try.
+    /// When the database fails or the lease is lost. Unwritten lines are kept for another try.
     pub(crate) async fn send(&self, store: &Store, fence: Fence) -> Result<(), StoreError> {
         let _sending = self.sending.lock().await;
         loop {
@@ -109,7 +109,7 @@ impl io::Write for AttemptLog {
     }
 }
 
-/// The lines of an event, without what a terminal or a database could take amiss.
+/// The lines of an event, without characters that a terminal or a database could not handle.
 fn text_of(event: &[u8]) -> String {
     let text = String::from_utf8_lossy(event);
     let mut text: String = text
@@ -161,7 +161,7 @@ impl Lines {
         chunks
     }
 
-    /// Forgets the lines that end at `position` or before.
+    /// Drops the lines that end at `position` or before.
     fn forget_until(&mut self, position: u64) {
         while self.head.front().is_some_and(|line| line.end() <= position) {
             self.head.pop_front();
@@ -220,7 +220,7 @@ mod tests {
         assert_eq!(unsent(&log)[0].text, "line\n".repeat(400));
     }
 
-    /// Without a database that takes them.
+    /// Tests the limit without a database that takes the lines.
     #[test]
     fn memory_for_lines_has_a_limit_and_what_is_left_out_shows() {
         let mut log = AttemptLog::default();

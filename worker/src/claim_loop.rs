@@ -21,48 +21,51 @@ use crate::kinds::{KindModule, module};
 use crate::presence::Presence;
 use crate::stop::{StopReason, StopSignal};
 
-/// How one worker works.
+/// Options of a worker.
 #[derive(Clone, Debug)]
 pub struct WorkerOptions {
-    /// The store of its server.
+    /// The store of the worker's server.
     pub location: Location,
-    /// Shown beside the tasks it has; unique among workers, so that people can tell them apart.
+    /// Its name, shown beside its tasks. It is unique among workers, so that people can tell them
+    /// apart.
     pub name: String,
     /// The machine's name.
     pub host: String,
-    /// Threads for computing; `None` takes all cores.
+    /// Number of threads for computing; `None` for all cores.
     pub threads: Option<usize>,
-    /// It takes tasks that ask for no more.
+    /// It takes tasks that ask for no more than this.
     pub offers: Resources,
-    /// How long a lease lasts without a heartbeat: how late a death is noticed.
+    /// How long a lease lasts without a heartbeat. A death is noticed after this time.
     pub lease: Duration,
-    /// How long to look for a task before the worker ends; `None` looks for ever.
+    /// How long to look for a task before the worker ends; `None` for ever.
     pub idle_exit: Option<Duration>,
-    /// Whether to work for a server of another version, too.
+    /// Whether to work for a server of another version too.
     pub any_version: bool,
-    /// What models are computed on.
+    /// The device that computes models.
     pub device: DeviceKind,
-    /// The decoder of foreign files.
+    /// The program that decodes files of other formats.
     pub decoder: DecoderProgram,
-    /// Where the lines go that this process logs.
+    /// Receives the lines that this process logs.
     pub log: AttemptLog,
 }
 
-/// How long the server's version is taken for what it was.
+/// How long a read of the server's version is trusted.
 const KNOWN_FOR: Duration = Duration::from_secs(1);
 
-/// How long a worker that has a task goes on listening, so as not to begin anew after each of many short ones.
+/// How long a busy worker keeps its bell, so that it need not connect again after each of many
+/// short tasks.
 const BELL_KEPT: Duration = Duration::from_secs(2);
 
-/// Between two tries when the database did not answer, or while there is no room on the disk.
+/// Pause between two tries when the database did not answer, or while the disk has no room.
 const RETRY: Duration = Duration::from_secs(2);
 
-/// Executes tasks until `shutdown`, then gives back the one it has, or until it found none for long enough. While the
-/// disk is nearly full it claims none: they would fail one after the other.
+/// Executes tasks until `shutdown`, or until no task was found for `idle_exit`. On `shutdown` it
+/// gives its task back. While the disk is nearly full it claims no task, because one after the
+/// other would fail.
 ///
 /// # Errors
-/// A data folder or a device that cannot be opened; a device that failed; work that does not end when it is told to.
-/// Failures of tasks are theirs, not the worker's.
+/// When the data folder or the device cannot be opened, the device failed, or work does not end
+/// when it is told to. A failed task is not an error of the worker.
 pub async fn run(options: &WorkerOptions, shutdown: CancellationToken) -> Result<(), WorkerError> {
     if let Some(threads) = options.threads {
         rayon::ThreadPoolBuilder::new()
@@ -83,10 +86,10 @@ pub async fn run(options: &WorkerOptions, shutdown: CancellationToken) -> Result
     worked
 }
 
-/// Claims and executes tasks until `shutdown`, or until it found none for long enough.
+/// Claims and executes tasks until `shutdown`, or until no task was found for long enough.
 ///
 /// # Errors
-/// As of [`execute`].
+/// Like [`execute`].
 async fn work_on(
     store: &Store,
     device: &Device,
@@ -149,7 +152,8 @@ async fn work_on(
     Ok(())
 }
 
-/// Returns when there may be a task. The first time it only listens: what was queued before is looked for once more.
+/// Waits until there may be a task. The first call only begins to listen and returns, because tasks
+/// queued before need one more look.
 async fn wait_for_a_task(store: &Store, bell: &mut Option<Bell>) {
     let rung = match bell {
         None => match store.bell().await {
@@ -168,22 +172,22 @@ async fn wait_for_a_task(store: &Store, bell: &mut Option<Bell>) {
     }
 }
 
-/// Why a worker of this version should not work for the server; a database that does not answer is found out by the
-/// claim that follows.
+/// Why a worker of this version should not work for the server. If the database does not answer,
+/// the next claim reports it.
 async fn other_version(store: &Store) -> Option<String> {
     const OWN: &str = env!("CARGO_PKG_VERSION");
     let version = store.server_version().await.ok()?.filter(|version| version != OWN)?;
     Some(format!(
-        "the server is torqued {version} and this worker {OWN}, whose results may differ; start a worker of the \
-         server's version, or this one with --any-version"
+        "the server is torqued {version} and this worker is {OWN}, so results may differ; start a \
+         worker of the server's version, or this one with --any-version"
     ))
 }
 
-/// One attempt at a task, to its end.
+/// Makes one attempt at a task, to its end.
 ///
 /// # Errors
-/// A device that failed: whatever became of the task, it is not to be used again. Work that does not end when it is
-/// told to: the attempt has ended, and this process is to end, too.
+/// When the device failed: it must not be used again, whatever became of the task. When work does
+/// not end although it was told to: the attempt has ended, and this process must end too.
 async fn execute(
     store: &Store,
     device: &Device,
@@ -246,7 +250,7 @@ async fn execute(
     ended
 }
 
-/// The first line of every log.
+/// Writes the first line of a log.
 fn say_what_begins(task: &ClaimedTask, options: &WorkerOptions) {
     tracing::info!(
         job = %task.job,

@@ -15,29 +15,29 @@ use store::{ShardContents, ShardReader, Store};
 use crate::attempt::Attempt;
 use crate::error::TaskError;
 
-/// A complete dataset, for reading from any thread.
+/// A complete dataset. Any thread may read it.
 #[derive(Clone, Debug)]
 pub(crate) struct DatasetReader {
     pub spec: DataSpec,
     shards: Arc<OpenShards>,
 }
 
-/// The shards of a dataset, of which those that were read last are open: a large dataset has more of them than a
-/// process may have files.
+/// The shards of a dataset. Only the recently read ones are open, because a large dataset has more
+/// shards than a process may have open files.
 #[derive(Debug)]
 struct OpenShards {
     store: Store,
     all: Vec<ShardContents>,
-    /// By their places among all, the one read last first.
+    /// Open shards with their indices, most recently read first.
     open: Mutex<VecDeque<(usize, ShardReader)>>,
 }
 
-/// Shards open at a time.
+/// Number of shards that are open at a time.
 const OPEN: usize = 64;
 
 impl OpenShards {
-    /// Opens a shard unless it is open. The first time that this process does so, it checks the bytes against their
-    /// digest, so that what is read is what was written; shards that lie elsewhere are checked as they are fetched.
+    /// Opens a shard unless it is open. The first time, this process checks the bytes against their
+    /// digest, so that it reads what was written. Remote shards are checked when they are fetched.
     fn get(&self, place: usize) -> Result<ShardReader, TaskError> {
         let mut open = self.open.lock().unwrap_or_else(PoisonError::into_inner);
         let known = open.iter().position(|(at, _)| *at == place);
@@ -55,7 +55,7 @@ impl DatasetReader {
     /// Finds the dataset that a stored spec refers to.
     pub fn open(attempt: &Attempt, reference: &DataSource) -> Result<Self, TaskError> {
         let missing = |name: String| TaskError::Missing { what: "the dataset of simulation", name };
-        // Submission turned every other form of reference into a digest.
+        // Submission replaced every other form of reference by a digest.
         let DataSource::Digest(digest) = reference else {
             return Err(missing(format!("{reference:?}")));
         };
@@ -73,7 +73,7 @@ impl DatasetReader {
         Ok(Self { spec, shards: Arc::new(shards) })
     }
 
-    /// Trajectories in all.
+    /// Number of trajectories.
     pub fn count(&self) -> u64 {
         self.shards.all.last().map_or(0, |shard| shard.range().end)
     }
@@ -83,12 +83,12 @@ impl DatasetReader {
         self.shards.all.iter().map(ShardContents::range).collect()
     }
 
-    /// Trajectories per row group: what is fastest to read at once.
+    /// Number of trajectories per row group. Reading whole row groups is fastest.
     pub fn block(&self) -> u64 {
         u64::from(store::trajectories_per_row_group(self.spec.samples()))
     }
 
-    /// Trajectories within the dataset, in the order of their indices.
+    /// Reads trajectories, in the order of their indices.
     pub fn read(&self, trajectories: Range<u64>) -> Result<Series, TaskError> {
         let blocks = self.blocks(trajectories)?;
         let robots = blocks.iter().map(Block::robots).sum();
@@ -99,7 +99,8 @@ impl DatasetReader {
         Ok(series)
     }
 
-    /// Has the shards that hold these trajectories fetched, unless they are files of this machine already.
+    /// Begins to fetch the shards that hold these trajectories, unless they are files of this
+    /// machine.
     pub fn fetch_ahead(&self, parts: &[Range<u64>]) {
         let Self { shards, .. } = self;
         let is_wanted = |held: &Range<u64>| {
@@ -110,7 +111,7 @@ impl DatasetReader {
         }
     }
 
-    /// No trajectories yet, and memory for so many.
+    /// An empty series with memory for this many trajectories.
     pub fn empty(&self, robots: usize) -> Result<Series, TaskError> {
         let observations = self.spec.observations();
         let noise = MeasurementNoise {
@@ -120,12 +121,12 @@ impl DatasetReader {
         Ok(Series::with_capacity(self.shape(robots), self.spec.rate_hz())?.with_noise(noise))
     }
 
-    /// The shape of so many trajectories.
+    /// The shape of this many trajectories.
     pub fn shape(&self, robots: usize) -> Shape {
         Shape { robots, samples: self.spec.samples() as usize, joints: self.spec.joints() }
     }
 
-    /// The rows of trajectories within the dataset, decoded: a block per row group, in order.
+    /// The decoded rows of trajectories: a block per row group, in order.
     pub fn blocks(&self, trajectories: Range<u64>) -> Result<Vec<Block>, TaskError> {
         let joints = self.spec.joints();
         let observations = self.spec.observations();
@@ -164,15 +165,15 @@ impl DatasetReader {
     }
 }
 
-/// Which values have columns of their own as they were measured.
+/// Which measured values have columns.
 #[derive(Clone, Copy, Debug)]
 struct Measures {
     torques: bool,
     positions: bool,
 }
 
-/// Consecutive trajectories as they were decoded: a column per joint, first of u, then of y, then of those
-/// that were measured.
+/// Consecutive trajectories as they were decoded. There is a column per joint: first for u, then
+/// for y, then for the measured values.
 #[derive(Clone, Debug)]
 pub(crate) struct Block {
     pub trajectories: Range<u64>,
@@ -215,7 +216,7 @@ mod tests {
 
     use super::*;
 
-    /// Two joints; column k holds 10 k, 10 k + 1, ..
+    /// Two joints. Column k holds 10 k, 10 k + 1, ...
     fn block(measures: Measures) -> Block {
         let groups = 2 + usize::from(measures.torques) + usize::from(measures.positions);
         let column = |k: usize| {

@@ -13,10 +13,10 @@ pub enum WorkerError {
     Threads { threads: usize, source: rayon::ThreadPoolBuildError },
     #[error(transparent)]
     Device(#[from] models::DeviceError),
-    /// A driver that failed once is not to be trusted with the next task.
-    #[error("device `{device}` failed, and a new process has to open it again")]
+    /// A driver that failed once is not trusted with the next task.
+    #[error("device `{device}` failed; only a new process can use it again")]
     DeviceFailed { device: DeviceKind },
-    /// Nothing but the end of this process ends the work. Its attempt has ended already.
+    /// Only the end of this process ends the work. Its attempt has ended already.
     #[error(
         "task {task:?} of job {job} did not end within {} s, although {}; it ends with this process",
         reason.within().as_secs(), reason.as_str()
@@ -24,7 +24,7 @@ pub enum WorkerError {
     Unstoppable { job: JobId, task: String, reason: StopReason },
 }
 
-/// Why nothing can be said of what a job would take.
+/// Why the cost of a job cannot be estimated.
 #[derive(Debug, Error)]
 pub enum RehearsalError {
     #[error(transparent)]
@@ -37,7 +37,7 @@ pub enum RehearsalError {
     Device(#[from] models::DeviceError),
 }
 
-/// Why an attempt at a task did not end well.
+/// Why an attempt at a task failed.
 #[derive(Debug, Error)]
 pub enum TaskError {
     #[error("stopped on request")]
@@ -48,7 +48,7 @@ pub enum TaskError {
     Dynamics(#[from] dynamics::DynamicsError),
     #[error(transparent)]
     Model(#[from] models::ModelError),
-    /// Numbers of a training that are not finite: the same spec would come to them again.
+    /// The training produced numbers that are not finite. The same spec would produce them again.
     #[error(
         "the training diverged at {cause}; the batch was {batch}; {checkpoint}; a smaller \
          learning rate, a longer warmup or optimizer.gradient_clip_norm may help"
@@ -68,21 +68,21 @@ pub enum TaskError {
     Table(#[from] csv::Error),
     #[error("the stored spec, a payload or a result cannot be read")]
     Spec(#[from] serde_json::Error),
-    /// What was stored is not what its spec gives, or not what was stored.
+    /// A stored file differs from what its spec gives, or from what was stored.
     #[error("{0}")]
     Differs(String),
-    #[error("the data does not suit the job")]
+    #[error("the data does not fit the job")]
     Unsuitable(#[from] spec::SpecError),
     #[error("{what} {name} does not exist any more")]
     Missing { what: &'static str, name: String },
-    #[error("a job of kind {kind} has no tasks that this version knows how to do")]
+    #[error("this version cannot execute tasks of jobs of kind {kind}")]
     UnknownKind { kind: String },
     #[error("cannot start a thread")]
     Threads(#[from] rayon::ThreadPoolBuildError),
     #[error("{0}")]
     Panicked(String),
-    /// Out of its memory, or its driver failed: burn panics then.
-    #[error("device `{device}` failed, for want of memory perhaps: {message}")]
+    /// The device is out of memory, or its driver failed. burn panics in both cases.
+    #[error("device `{device}` failed, perhaps for lack of memory: {message}")]
     Device { device: DeviceKind, message: String },
 }
 
@@ -93,12 +93,12 @@ impl From<Interrupted> for TaskError {
 }
 
 impl TaskError {
-    /// Whether another attempt could end otherwise: what depends on disk, database and
-    /// device alone may.
+    /// Whether another attempt could succeed. That is so only for failures of the disk, the
+    /// database or the device.
     pub fn retry(&self) -> Retry {
         match self {
             Self::Import(error) if error.may_pass() => Retry::Allowed,
-            // Damage stays.
+            // Damage is permanent.
             Self::Store(StoreError::DamagedObject { .. }) => Retry::Never,
             Self::Store(_)
             | Self::Threads(_)
@@ -123,7 +123,7 @@ impl TaskError {
         }
     }
 
-    /// Whether it may be the device's fault.
+    /// Whether the device may be at fault.
     pub fn is_of_device(&self) -> bool {
         matches!(self, Self::Device { .. } | Self::Model(ModelError::Device(_)))
     }

@@ -1,8 +1,8 @@
-//! A dataset in a folder, made and verified without a server.
+//! Datasets in folders, which are made and verified without a server.
 //!
-//! The folder has `dataset.json` and the two files of each shard, with the bytes that a server's
-//! dataset of the same spec has. `dataset.json` is replaced after each shard: it names what is
-//! there, and a shard that it does not name is none.
+//! The folder has `dataset.json` and two files for each shard. They have the same bytes as a
+//! server's dataset of the same spec. `dataset.json` is replaced after each shard. It names the
+//! shards that are there; files that it does not name do not count.
 
 use std::fs::{File, TryLockError};
 use std::io::{self, Write};
@@ -28,22 +28,21 @@ pub enum FolderError {
     InUse { dir: PathBuf },
     #[error("{} has files but no dataset.json: choose an empty folder", dir.display())]
     NotEmpty { dir: PathBuf },
-    #[error("{} is no dataset: it has no dataset.json", dir.display())]
+    #[error("{} is not the folder of a dataset: it has no dataset.json", dir.display())]
     NoDataset { dir: PathBuf },
     #[error("{} has a dataset.json that this version cannot read: {detail}", dir.display())]
     Unreadable { dir: PathBuf, detail: String },
     #[error(
-        "{} holds another dataset, of digest {}, not the one asked for, of digest {}: choose \
-         another folder",
+        "{} has a dataset with digest {}, but the spec has digest {}: choose another folder",
         dir.display(), found.short(), asked.short()
     )]
     AnotherDataset { dir: PathBuf, found: Digest, asked: Digest },
     #[error(
-        "{} is not complete: it has {found} of {all} shards; simulate into it again to go on",
+        "{} is not complete: it has {found} of {all} shards; simulate into it again to complete it",
         dir.display()
     )]
     Incomplete { dir: PathBuf, found: usize, all: u64 },
-    #[error("stopped; the shards that were done are kept, and the same command goes on")]
+    #[error("stopped; finished shards are kept, and the same command continues")]
     Stopped,
     #[error("shard {shard:05}: {reason}")]
     Shard { shard: u32, reason: String },
@@ -51,28 +50,29 @@ pub enum FolderError {
     Store(#[from] StoreError),
 }
 
-/// A folder with a dataset, or part of one. No other process has it at the same time.
+/// A folder with a dataset, or a part of one. Only one process uses it at a time.
 #[derive(Debug)]
 pub struct DatasetFolder {
     dir: PathBuf,
     spec: SimulateSpec,
     description: DatasetDescription,
-    /// Held for as long as this lives.
+    /// The lock, held as long as this lives.
     _lock: File,
 }
 
-/// What has become of a dataset in a folder.
+/// The result of verifying a dataset in a folder.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Verified {
     pub shards: usize,
     pub trajectories: u64,
-    /// Files whose bytes differ as another version wrote them, though not their values: what is
-    /// said of each.
+    /// Files written by another version, with different bytes but equal values. Each entry is a
+    /// description.
     pub by_other_versions: Vec<String>,
 }
 
 impl DatasetFolder {
-    /// The folder for the dataset of `spec`: a new or empty one, or one with a part of it.
+    /// Opens or begins the folder for the dataset of `spec`. The folder is new, empty, or has a
+    /// part of that dataset.
     ///
     /// # Errors
     /// When it holds something else, cannot be written, or is in use.
@@ -98,10 +98,10 @@ impl DatasetFolder {
         Ok(folder)
     }
 
-    /// A folder with a complete dataset.
+    /// Opens a folder with a complete dataset.
     ///
     /// # Errors
-    /// When it holds none, only a part of one, or is in use.
+    /// When it has no dataset, has only a part of one, or is in use.
     pub fn open(dir: &Path) -> Result<Self, FolderError> {
         let missing = || FolderError::NoDataset { dir: dir.to_owned() };
         if !dir.join(DatasetDescription::FILE_NAME).is_file() {
@@ -110,7 +110,7 @@ impl DatasetFolder {
         let lock = lock(dir)?;
         let description = read_description(dir)?.ok_or_else(missing)?;
         let unreadable = |detail: String| FolderError::Unreadable { dir: dir.to_owned(), detail };
-        // Read like any spec, since anybody may have written it.
+        // The spec is read like any other, because anybody may have written it.
         let text = description.spec.to_string();
         let spec =
             match spec::parse(text.as_bytes()).map_err(|error| unreadable(error.to_string()))? {
@@ -143,11 +143,12 @@ impl DatasetFolder {
         &self.description
     }
 
-    /// Makes the shards that are not there, or not with the bytes that `dataset.json` says. On the
-    /// threads of the current rayon pool; `progress` is told how many trajectories are done.
+    /// Makes the shards that are missing, or whose bytes differ from `dataset.json`. It uses the
+    /// threads of the current rayon pool, and reports the number of finished trajectories to
+    /// `progress`.
     ///
     /// # Errors
-    /// [`FolderError::Stopped`] when `progress` breaks; shards that are done stay.
+    /// [`FolderError::Stopped`] when `progress` breaks. Finished shards stay.
     pub fn complete(&mut self, progress: ProgressOf<'_>) -> Result<(), FolderError> {
         let mut kept: u64 = 0;
         let found = std::mem::take(&mut self.description.shards);
@@ -184,7 +185,7 @@ impl DatasetFolder {
         Ok(written.shard)
     }
 
-    /// Whether a shard is one of this dataset and its files are as they were written.
+    /// Whether a shard belongs to this dataset and its files have their original bytes.
     fn is_intact(&self, shard: &ShardDescription) -> bool {
         let expected = self.spec.shard(u64::from(shard.shard));
         let same = expected == (shard.first..shard.first + shard.trajectories);
@@ -200,7 +201,7 @@ impl DatasetFolder {
     /// Makes every shard again and compares it with its files.
     ///
     /// # Errors
-    /// The first difference; [`FolderError::Stopped`] when `progress` breaks.
+    /// The first difference found. [`FolderError::Stopped`] when `progress` breaks.
     pub fn verify(&self, progress: ProgressOf<'_>) -> Result<Verified, FolderError> {
         let mut verified = Verified {
             shards: self.description.shards.len(),
@@ -225,7 +226,7 @@ impl DatasetFolder {
         Ok(verified)
     }
 
-    /// What `dataset.json` says of a shard, as far as it can be true.
+    /// The entry of a shard in `dataset.json`, if it is plausible.
     fn recorded(
         &self,
         ordinal: u32,
@@ -253,7 +254,7 @@ impl DatasetFolder {
         })
     }
 
-    /// Says what is there now.
+    /// Writes `dataset.json` for the shards that are there now.
     fn write_description(&mut self) -> Result<(), FolderError> {
         let data = DataSpec::Simulation(self.spec.clone());
         let mut shards = std::mem::take(&mut self.description.shards);
@@ -283,7 +284,7 @@ fn failed(dir: &Path, operation: &'static str) -> impl FnOnce(io::Error) -> Fold
     move |source| FolderError::Folder { dir, operation, source }
 }
 
-/// On the folder itself, so that no file is left behind.
+/// Locks the folder itself, so that no lock file is left behind.
 fn lock(dir: &Path) -> Result<File, FolderError> {
     let handle = File::open(dir).map_err(failed(dir, "opening it"))?;
     match handle.try_lock() {
@@ -306,7 +307,8 @@ fn read_description(dir: &Path) -> Result<Option<DatasetDescription>, FolderErro
     serde_json::from_slice(&text).map(Some).map_err(unreadable)
 }
 
-/// Hidden files are what a killed attempt left, or none of our business.
+/// Refuses a folder with other files. Hidden files are ignored: a killed attempt left them, or they
+/// are not ours.
 fn refuse_other_files(dir: &Path) -> Result<(), FolderError> {
     for entry in std::fs::read_dir(dir).map_err(failed(dir, "listing it"))? {
         let entry = entry.map_err(failed(dir, "listing it"))?;

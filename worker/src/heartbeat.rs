@@ -8,21 +8,21 @@ use tokio_util::sync::CancellationToken;
 use crate::attempt_log::AttemptLog;
 use crate::stop::{StopReason, StopSignal};
 
-/// Between two heartbeats: also how long a cancellation may go unnoticed.
+/// Pause between two heartbeats. A cancellation may go unnoticed for this long.
 const INTERVAL: Duration = Duration::from_secs(1);
 
 /// How long one heartbeat waits for the database.
 const ANSWER_WITHIN: Duration = Duration::from_secs(5);
-/// Between two lines of the log that say how far the attempt is.
+/// Pause between two lines of the log about progress.
 const SAY_EVERY: Duration = Duration::from_secs(60);
 
-/// How far an attempt is, written by the work and read by the heartbeat.
+/// The progress of an attempt. The work writes it, and the heartbeat reads it.
 #[derive(Debug)]
 pub struct ProgressCell {
     done: AtomicU64,
     message: Mutex<Option<String>>,
     began: Instant,
-    /// Done when this attempt began, by an earlier one.
+    /// Amount of work done by earlier attempts.
     initial: AtomicU64,
 }
 
@@ -42,13 +42,13 @@ impl ProgressCell {
         self.done.store(done, Ordering::Relaxed);
     }
 
-    /// Starts at what an earlier attempt has left.
+    /// Begins with the work that an earlier attempt has done.
     pub fn begin_at(&self, done: u64) {
         self.initial.store(done, Ordering::Relaxed);
         self.set_done(done);
     }
 
-    /// Since the attempt began.
+    /// Seconds since the attempt began.
     pub fn seconds(&self) -> f64 {
         self.began.elapsed().as_secs_f64()
     }
@@ -68,7 +68,7 @@ impl ProgressCell {
     }
 }
 
-/// The lease of an attempt, and how long the attempt may take.
+/// The duration of an attempt's lease, and the time limit of the attempt.
 #[derive(Clone, Copy, Debug)]
 pub struct LeaseTerms {
     pub fence: Fence,
@@ -77,10 +77,11 @@ pub struct LeaseTerms {
     pub time_limit: Option<Duration>,
 }
 
-/// Renews the lease and sends the log until `over`; tells the work through `stop` when it is to end.
+/// Renews the lease and sends the log until `over`. Tells the work through `stop` when it has to
+/// end.
 ///
-/// A database that does not answer is no reason to stop: nobody can take the task meanwhile, and every write says at which
-/// epoch it was claimed.
+/// A database that does not answer is no reason to stop. Nobody can take the task meanwhile, and
+/// every write carries the epoch of the claim.
 pub async fn keep_alive(
     store: &Store,
     lease: LeaseTerms,
@@ -116,7 +117,7 @@ pub async fn keep_alive(
                     stop.set(StopReason::Cancelled);
                 }
                 match log.send(store, fence).await {
-                    // The next renewal finds out about a lost lease.
+                    // The next renewal detects a lost lease.
                     Ok(()) | Err(StoreError::LeaseLost { .. }) => {}
                     Err(error) => {
                         tracing::warn!(error = faults::causes(&error), "cannot write the log");

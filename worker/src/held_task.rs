@@ -1,4 +1,4 @@
-//! The ways in which an attempt ends that has not ended itself by succeeding.
+//! The ways in which an attempt ends without success.
 
 use std::time::Duration;
 
@@ -18,12 +18,12 @@ pub(crate) struct HeldTask<'a> {
     pub log: &'a AttemptLog,
 }
 
-/// How long a database that does not answer may keep a process from ending whose work does not end. Somebody else takes
-/// the task back then.
+/// How long an absent database may keep a process alive whose work does not end. After that,
+/// another process takes the task back.
 const END_WITHIN: Duration = Duration::from_secs(5);
 
 impl HeldTask<'_> {
-    /// Ends the attempt as its work ended.
+    /// Ends the attempt according to the result of its work.
     pub async fn end(&self, done: &Result<(), TaskError>, told: Option<StopReason>) {
         let (job, task) = (self.job, &self.label);
         let error = match done {
@@ -40,7 +40,7 @@ impl HeldTask<'_> {
         self.send_log().await;
         let ended = match error {
             TaskError::Stopped => self.end_stopped(told.unwrap_or(StopReason::Shutdown), "").await,
-            // The task is not to blame.
+            // The task is not at fault.
             TaskError::Store(error) if error.is_database_away() => {
                 self.store.release(self.fence).await
             }
@@ -49,7 +49,7 @@ impl HeldTask<'_> {
         self.report(ended);
     }
 
-    /// Ends the attempt although its work goes on, and says why this process must end.
+    /// Ends the attempt while its work still runs. Returns why this process must end.
     pub async fn end_without_its_work(&self, told: StopReason) -> WorkerError {
         let error =
             WorkerError::Unstoppable { job: self.job, task: self.label.clone(), reason: told };
@@ -66,7 +66,7 @@ impl HeldTask<'_> {
         error
     }
 
-    /// Ends an attempt that was told to end. `late` completes the reason of one that took too long.
+    /// Ends an attempt that was told to end. `late` completes the reason if it took too long.
     async fn end_stopped(&self, told: StopReason, late: &str) -> Result<(), StoreError> {
         match told {
             StopReason::LeaseLost => Ok(()),

@@ -1,16 +1,16 @@
-//! Which module executes the tasks of which kind of job.
+//! The modules that execute the tasks of each kind of job.
 
 use spec::JobKind;
 
 use crate::attempt::Attempt;
 use crate::error::TaskError;
 
-/// The entry that the module of a kind registers.
+/// The entry that registers the module of a kind.
 #[derive(Clone, Copy)]
 pub(crate) struct KindModule {
-    /// Executes one task and commits what came of it.
+    /// Executes one task and commits its result.
     pub run: fn(&Attempt) -> Result<(), TaskError>,
-    /// Whether that computes models: a panic may then be the fault of the device.
+    /// Whether it computes models. A panic may then be the fault of the device.
     pub computes_models: bool,
 }
 

@@ -1,9 +1,9 @@
 //! Executes tasks: claims one, keeps its lease alive, does the science, commits, repeats.
 //!
-//! One module per job kind turns rows and objects into science and back. They are blocking code on
-//! a thread of their own, while heartbeats go on beside them; when told to stop they end at the
-//! next point where nothing is lost. Work that does not end when it is told to ends with its process, and the attempt
-//! is ended before.
+//! There is one module per job kind, which turns rows and objects into science and back. It is
+//! blocking code on its own thread, while heartbeats go on beside it. When told to stop, it ends at
+//! the next point where nothing is lost. If it does not end, the attempt is ended first, and then
+//! this process ends.
 
 mod attempt;
 mod attempt_log;

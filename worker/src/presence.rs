@@ -1,4 +1,4 @@
-//! Showing that a worker is there, and what keeps it from working.
+//! Presence: shows that a worker is alive, and why it claims no tasks.
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -15,10 +15,10 @@ pub struct Presence {
     waits_for: Mutex<Option<String>>,
 }
 
-/// Between two signs of life; well below [`Store::WORKER_SEEN_WITHIN`].
+/// Pause between two signs of life, well below [`Store::WORKER_SEEN_WITHIN`].
 const INTERVAL: Duration = Duration::from_secs(10);
 
-/// How long a database that does not answer may keep a worker from ending.
+/// How long an absent database may delay the end of a worker.
 const LEAVE_WITHIN: Duration = Duration::from_secs(2);
 
 impl Presence {
@@ -37,7 +37,7 @@ impl Presence {
         Self { store, worker, waits_for: Mutex::default() }
     }
 
-    /// Says why the worker claims no tasks, or that it does.
+    /// Sets the reason why the worker claims no tasks; `None` if it claims them.
     pub fn waits_for(&self, obstacle: Option<String>) {
         let mut current = self.lock();
         match (&*current, &obstacle) {
@@ -48,7 +48,8 @@ impl Presence {
         *current = obstacle;
     }
 
-    /// Shows the worker until `over`. A database that does not answer is for those to complain about who need it.
+    /// Shows the worker until `over`. Errors of the database are ignored here; code that needs the
+    /// database reports them.
     pub async fn show_until(&self, over: &CancellationToken) {
         let mut shown = self.store.register_worker(&self.worker).await;
         while over.run_until_cancelled(tokio::time::sleep(INTERVAL)).await.is_some() {

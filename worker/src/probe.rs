@@ -1,5 +1,5 @@
-//! Trying a device in a process of its own: drivers crash and hang, and burn panics where a
-//! computation fails, none of which may take a server or a worker along.
+//! Tests a device in a separate process. Drivers crash and hang, and burn panics when a computation
+//! fails. None of that may end a server or a worker.
 
 use std::process::{Output, Stdio};
 use std::time::{Duration, Instant};
@@ -10,49 +10,49 @@ use thiserror::Error;
 use tokio::io::{AsyncRead, AsyncReadExt};
 use tokio::process::Command;
 
-/// How long a device may take to its first result. Drivers compile kernels at their first use;
-/// Mesa's software Vulkan needed 73 s for a training step in one of its releases.
+/// Time limit for the first result of a device. Drivers compile kernels at their first use: Mesa's
+/// software Vulkan needed 73 s for a training step in one of its releases.
 pub const PROBE_LIMIT: Duration = Duration::from_secs(120);
 
-/// Kept of what a child says, from its end.
+/// Number of bytes kept from the end of a child's output.
 const KEPT_BYTES: usize = 16 * 1024;
 
-/// The longest reason that is passed on, in characters.
+/// The longest reason that is reported, in characters.
 const LONGEST_REASON: usize = 400;
 
-/// The exit code of a program that says `error: ` and why.
+/// The exit code of a program that prints `error: ` and a reason.
 const FAILURE: i32 = 1;
 
-/// A device that computed something right.
+/// A device that computed a correct result.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Probed {
     pub device: DeviceDescription,
-    /// From opening it to its first results.
+    /// Seconds from opening it to its first results.
     pub seconds: f64,
 }
 
-/// Why a device is not to be used, in one line.
+/// Why a device cannot be used, in one line.
 #[derive(Debug, Error)]
 pub enum ProbeError {
-    #[error("device `{kind}` cannot be tried: no process could be started")]
+    #[error("device `{kind}` cannot be tested: no process could be started")]
     Spawn { kind: DeviceKind, source: std::io::Error },
-    /// What the child found out itself.
+    /// The child reported this reason itself.
     #[error("{0}")]
     Refused(String),
     #[error("device `{kind}` cannot be used: its first computation panicked: {message}")]
     Panicked { kind: DeviceKind, message: String },
-    #[error("device `{kind}` cannot be used: the process that tried it ended by {status}")]
+    #[error("device `{kind}` cannot be used: the process that tested it ended by {status}")]
     Died { kind: DeviceKind, status: String },
     #[error("device `{kind}` cannot be used: it had no result after {} s", .limit.as_secs_f32())]
     Hung { kind: DeviceKind, limit: Duration },
-    #[error("device `{kind}` cannot be tried: the process that tried it said {said:?}")]
+    #[error("device `{kind}` cannot be tested: the process that tested it printed {said:?}")]
     Unreadable { kind: DeviceKind, said: String },
 }
 
-/// Opens a device and has it compute, in this process.
+/// Opens a device and lets it compute, in this process.
 ///
 /// # Errors
-/// A device that is not built in, cannot be opened or computes wrongly. It may as well panic,
+/// When the device is not built in, cannot be opened or computes wrong results. It may also panic,
 /// crash or hang.
 pub fn try_device(kind: DeviceKind) -> Result<Probed, DeviceError> {
     let started = Instant::now();
@@ -62,11 +62,10 @@ pub fn try_device(kind: DeviceKind) -> Result<Probed, DeviceError> {
     Ok(Probed { device: device.description().clone(), seconds })
 }
 
-/// Runs `child`, which prints the JSON of what [`try_device`] gives, and waits for it up to
-/// `limit`; then it is killed.
+/// Runs `child`, which prints the JSON of [`try_device`]'s result. Kills it after `limit`.
 ///
 /// # Errors
-/// Whatever else the child does.
+/// When the child does anything else.
 pub async fn probe(
     kind: DeviceKind,
     mut child: Command,
@@ -89,7 +88,7 @@ pub async fn probe(
     }
 }
 
-/// Reads a stream to its end, and keeps what came last.
+/// Reads a stream to its end, and keeps the last bytes.
 async fn end_of(stream: Option<impl AsyncRead + Unpin>) -> Vec<u8> {
     let mut kept = Vec::new();
     let Some(mut stream) = stream else { return kept };
@@ -112,7 +111,8 @@ fn judge(kind: DeviceKind, output: &Output) -> Result<Probed, ProbeError> {
     if let Some(message) = panic_message(&said) {
         return Err(ProbeError::Panicked { kind, message });
     }
-    // Libraries under a driver write lines like ours; only at a failure of our own is the last one ours.
+    // Libraries under a driver print lines like ours. The last such line is ours only if the
+    // program failed by itself.
     let own = said.lines().rev().find_map(|line| line.strip_prefix("error: "));
     match own {
         Some(message) if status.code() == Some(FAILURE) => {
@@ -122,7 +122,7 @@ fn judge(kind: DeviceKind, output: &Output) -> Result<Probed, ProbeError> {
     }
 }
 
-/// The message of the first panic, which is the cause of those that follow it.
+/// The message of the first panic, which causes the later ones.
 fn panic_message(said: &str) -> Option<String> {
     let begins = |line: &str| line.starts_with("thread '") && line.contains(" panicked at ");
     let mut lines = said.lines().skip_while(|line| !begins(line));
@@ -132,7 +132,7 @@ fn panic_message(said: &str) -> Option<String> {
     Some(one_line(&message.join(" ")))
 }
 
-/// Words of a text, as many as anyone will read.
+/// The words of a text in one line, cut to a readable length.
 fn one_line(text: &str) -> String {
     let words = text.split_whitespace().collect::<Vec<_>>().join(" ");
     match words.char_indices().nth(LONGEST_REASON) {
@@ -154,7 +154,7 @@ mod tests {
         probe(KIND, child, limit).await
     }
 
-    /// The script's child is refused with a line of these words.
+    /// Checks that the script's child is refused with a line that has these words.
     async fn check_refused(script: &str, limit: Duration, expected: &[&str]) {
         let message = probe_script(script, limit).await.unwrap_err().to_string();
         assert_eq!(message.lines().count(), 1, "{message}");

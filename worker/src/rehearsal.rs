@@ -1,4 +1,4 @@
-//! What a job would take on this machine, from doing a little of it.
+//! Rehearsals: estimates the cost of a job on this machine by doing a little of it.
 
 use std::ops::ControlFlow;
 use std::time::Instant;
@@ -10,29 +10,29 @@ use spec::{Baseline, DataSource, DataSpec, Normalization, SamplerSpec, SimulateS
 
 use crate::error::RehearsalError;
 
-/// A step that is shorter is taken whole.
+/// A shorter step is measured with its full batch.
 const SHORT_SECONDS: f64 = 2.0;
-/// Optimizer steps that are taken with each batch.
+/// Number of optimizer steps taken with each batch.
 const STEPS: u32 = 3;
-/// Passes of a network whose time is measured at once.
+/// Number of passes of a network that are timed together.
 const PASSES: u32 = 2;
-/// Scenarios that a network or a baseline is asked about.
+/// Number of scenarios for a network or a baseline.
 const SCENARIOS: usize = 8;
 const ROBOTS: u64 = 512;
 
-/// Seconds that a training's parts take.
+/// Seconds for the parts of a training.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrainingTimes {
-    /// Of an optimizer step with the spec's batch.
+    /// One optimizer step with the spec's batch size.
     pub step: f64,
-    /// Of one pass through the network, for one scenario among several.
+    /// One pass through the network, per scenario of a batch of several.
     pub pass: f64,
 }
 
 /// Seconds for one trajectory of a simulation, on all threads.
 ///
 /// # Errors
-/// What the simulation itself fails of.
+/// When the simulation itself fails.
 pub fn simulation_seconds(spec: &SimulateSpec) -> Result<f64, RehearsalError> {
     let count = ROBOTS.min(spec.trajectories);
     trajectories(spec, count)?;
@@ -41,18 +41,18 @@ pub fn simulation_seconds(spec: &SimulateSpec) -> Result<f64, RehearsalError> {
     Ok(started.elapsed().as_secs_f64() / count as f64)
 }
 
-/// Takes a few steps of a training, on robots of `data`, and predicts a little.
+/// Takes a few steps of a training on robots of `data`, and makes a few predictions.
 ///
 /// # Errors
-/// What the training itself fails of; not for want of memory, which the system may answer by
-/// ending the process: few trajectories are computed at once.
+/// When the training itself fails. Lack of memory is no such error, because the system may kill the
+/// process then. Therefore few trajectories are computed at once.
 pub fn training_times(
     spec: &TrainSpec,
     data: &SimulateSpec,
     device: DeviceKind,
 ) -> Result<TrainingTimes, RehearsalError> {
     let spec = TrainSpec {
-        // Saves the statistics, whose time does not count.
+        // This avoids computing the statistics, whose time does not count.
         normalization: Normalization::default_for(&spec.model),
         gradient_accumulation: 1,
         data: DataSource::Stream(Box::new(data.clone())),
@@ -72,7 +72,7 @@ pub fn training_times(
     let step = if one * full as f64 <= SHORT_SECONDS || full <= 3 {
         step_seconds(&mut trainer, &batch)?
     } else {
-        // What each trajectory adds to what a step takes anyway.
+        // The time that each further trajectory adds to the fixed time of a step.
         let three = step_seconds(&mut trainer, &repeated(&batch, 3)?)?;
         one + (three - one).max(0.0) / 2.0 * (full - 1) as f64
     };
@@ -81,10 +81,10 @@ pub fn training_times(
     Ok(TrainingTimes { step, pass: pass_seconds(&model, &observed)? })
 }
 
-/// Seconds for one scenario, on all threads.
+/// Seconds per scenario, on all threads.
 ///
 /// # Errors
-/// What the simulation of the scenarios fails of. A baseline without an answer took its time, too.
+/// When the simulation of the scenarios fails. A baseline that gives no answer still took its time.
 pub fn baseline_seconds(
     name: Baseline,
     data: &SimulateSpec,
@@ -104,7 +104,7 @@ fn trajectories(spec: &SimulateSpec, count: u64) -> Result<Series, RehearsalErro
     Ok(simulated.series)
 }
 
-/// The first trajectories over and over, as many as are asked for.
+/// Repeats the first trajectories until there are `robots` of them.
 fn repeated(series: &Series, robots: usize) -> Result<Series, ShapeError> {
     let shape = Shape { robots, ..series.shape() };
     let values = shape.values()?;
@@ -112,7 +112,7 @@ fn repeated(series: &Series, robots: usize) -> Result<Series, ShapeError> {
     Series::new(shape, series.rate_hz(), repeated(series.u()), repeated(series.y()))
 }
 
-/// The fastest of a few: the first one makes memory, and others may be disturbed.
+/// The fastest of several steps. The first one allocates memory, and others may be disturbed.
 fn step_seconds(trainer: &mut Trainer, batch: &Series) -> Result<f64, ModelError> {
     let mut fastest = f64::INFINITY;
     for _ in 0..STEPS {

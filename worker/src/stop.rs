@@ -5,22 +5,23 @@ use models::Interrupt;
 use tokio::sync::watch;
 use tokio::time::Instant;
 
-/// Why an attempt is to end before it is done.
+/// Why an attempt has to end before its work is done.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StopReason {
-    /// The worker is to end; another will go on.
+    /// The worker has to end. Another one will continue.
     Shutdown,
-    /// It takes longer than its job allows.
+    /// The attempt exceeds the time limit of its job.
     TimeLimit,
-    /// Its user asked for the job to end.
+    /// A user cancelled the job.
     Cancelled,
-    /// Somebody else has the task: nothing may be written any more.
+    /// Another worker has the task, so nothing may be written any more.
     LeaseLost,
 }
 
 impl StopReason {
-    /// How long the work may take to end when it is told to, before the worker ends without it. A checkpoint of a large
-    /// model takes seconds, and schedulers of clusters give 30 s between a warning and the end.
+    /// How long the work may take to end after it is told to. Then the worker ends without it. A
+    /// checkpoint of a large model takes seconds, and schedulers of clusters give 30 s between a
+    /// warning and the end.
     pub const fn within(self) -> Duration {
         match self {
             Self::Shutdown => Duration::from_secs(20),
@@ -40,12 +41,12 @@ impl StopReason {
     }
 }
 
-/// A reason to stop, set by the heartbeat and looked at by the work. The gravest reason stays.
+/// A reason to stop, which the heartbeat sets and the work checks. The most serious reason stays.
 #[derive(Debug, Default)]
 pub struct StopSignal {
     reason: AtomicU8,
     interrupt: Interrupt,
-    /// When the work should have ended: the earliest of the moments that its reasons give.
+    /// The moment by which the work must end: the earliest that its reasons give.
     deadline: watch::Sender<Option<Instant>>,
 }
 
@@ -68,7 +69,7 @@ impl StopSignal {
         self.interrupt.raise();
     }
 
-    /// Raised with any reason: ends what a model computes.
+    /// An interrupt that any reason raises. It ends the computations of a model.
     pub fn interrupt(&self) -> &Interrupt {
         &self.interrupt
     }
@@ -83,7 +84,7 @@ impl StopSignal {
         }
     }
 
-    /// Returns when the work should have ended, never unless it is told to.
+    /// Waits until the work should have ended. Never returns if it was not told to end.
     pub async fn overdue(&self) {
         let mut deadline = self.deadline.subscribe();
         loop {
@@ -96,7 +97,7 @@ impl StopSignal {
             };
             tokio::select! {
                 () = passed => return,
-                // The sender is this signal's own and never gone.
+                // The sender belongs to this signal and is never gone.
                 _ = deadline.changed() => {}
             }
         }
@@ -126,7 +127,7 @@ mod tests {
         stop.set(StopReason::TimeLimit);
         let of_time_limit = left().unwrap();
         assert!(of_time_limit > StopReason::Cancelled.within(), "{of_time_limit:?}");
-        // Every heartbeat says it again, which gives no more time.
+        // Every heartbeat repeats this, which does not extend the time.
         stop.set(StopReason::TimeLimit);
         assert!(left().unwrap() <= of_time_limit);
         stop.set(StopReason::Cancelled);

@@ -1,4 +1,4 @@
-//! Robots simulated when they are needed and never stored.
+//! Streams: robots that are simulated when they are needed and never stored.
 
 use std::ops::{ControlFlow, Range};
 
@@ -9,8 +9,8 @@ use spec::{DataSpec, SimulateSpec};
 use crate::attempt::Attempt;
 use crate::error::TaskError;
 
-/// What the simulation of a spec would hold, and what would come after it: trajectory `i` for every
-/// `i`, the same each time it is asked for.
+/// An endless simulation of a spec: it has a trajectory `i` for every `i`, and the same one each
+/// time. Its beginning is the dataset that the simulation would store.
 #[derive(Clone, Debug)]
 pub(crate) struct Stream {
     /// A simulation.
@@ -23,14 +23,15 @@ impl Stream {
         Self { data: DataSpec::Simulation(spec.clone()), spec: spec.clone() }
     }
 
-    /// Any trajectories, on the threads of the current rayon pool.
+    /// Reads any trajectories, using the threads of the current rayon pool.
     pub fn read(&self, attempt: &Attempt, range: Range<u64>) -> Result<Series, TaskError> {
         let mut simulated = Trajectories::default();
         self.simulate(range, &|| attempt.stop.get().is_some(), &mut simulated)?;
         Ok(simulated.series)
     }
 
-    /// Simulates in the memory of trajectories that are no longer needed, unless told to stop.
+    /// Simulates, reusing the memory of trajectories that are no longer needed, unless told to
+    /// stop.
     pub fn simulate(
         &self,
         range: Range<u64>,

@@ -1,4 +1,4 @@
-//! What a shard holds: ranges of its channels and spectra of its first trajectories.
+//! The summary of a shard: ranges of its channels, and spectra of its first trajectories.
 
 use arrow_array::types::Float32Type;
 use arrow_array::{Array, Float32Array, RecordBatch};
@@ -6,10 +6,11 @@ use rayon::prelude::*;
 use realfft::RealFftPlanner;
 use store::{ChannelSummary, ShardSummary, Spectrum};
 
-/// Trajectories whose spectra are taken: enough for a smooth mean, and few enough to cost nothing.
+/// Number of trajectories with a spectrum: enough for a smooth mean, and few enough to cost almost
+/// nothing.
 const SPECTRA_OF: usize = 64;
 
-/// Bands of a spectrum, at most: more cannot be told apart in a figure.
+/// Largest number of bands of a spectrum. A figure cannot show more.
 const BANDS: usize = 256;
 
 /// Collects a [`ShardSummary`] from rows as they are written.
@@ -24,7 +25,7 @@ pub(crate) struct SummaryBuilder {
 }
 
 impl SummaryBuilder {
-    /// For trajectories of so many samples at this rate.
+    /// A builder for trajectories of this many samples at this rate.
     pub fn new(samples: u32, rate_hz: f64) -> Self {
         let samples = samples as usize;
         Self {
@@ -42,7 +43,7 @@ impl SummaryBuilder {
         self.rejected += draws;
     }
 
-    /// Adds whole trajectories: every f32 column is a channel.
+    /// Adds whole trajectories. Every f32 column is a channel.
     pub fn add(&mut self, rows: &RecordBatch) {
         let schema = rows.schema_ref();
         let channels: Vec<_> = schema
@@ -109,7 +110,7 @@ impl Default for Moments {
 
 impl Moments {
     fn of(values: &[f32]) -> Self {
-        /// Few enough for sums in f32 to keep six digits.
+        /// Number of values per block, small enough that sums in f32 keep six digits.
         const BLOCK: usize = 1024;
         let mut all = Self::default();
         for block in values.chunks(BLOCK) {
@@ -118,8 +119,8 @@ impl Moments {
         all
     }
 
-    /// In lanes, so that the compiler makes vectors of them, and about the first value, so that
-    /// squares do not swallow small deviations.
+    /// Computed in lanes, so that the compiler vectorizes it. Values are taken relative to the
+    /// first one, so that large squares do not hide small deviations.
     fn of_block(values: &[f32]) -> Self {
         const LANES: usize = 8;
         let Some(&pivot) = values.first() else { return Self::default() };
@@ -177,7 +178,7 @@ impl Moments {
 /// Power of all joints, summed over trajectories.
 struct PowerSpectrum {
     samples: usize,
-    /// Hann's.
+    /// A Hann window.
     window: Vec<f64>,
     trajectories: usize,
     /// The number of joints and trajectories together.
@@ -192,7 +193,7 @@ impl PowerSpectrum {
         Self { samples, window, trajectories: 0, transformed: 0, power: vec![0.0; samples / 2 + 1] }
     }
 
-    /// Adds the first trajectories, until there are enough.
+    /// Adds the first trajectories, until there are enough of them.
     fn add(&mut self, joints: &[&Float32Array]) {
         let Some(rows) = joints.first().map(|values| values.len()) else { return };
         let count = (rows / self.samples).min(SPECTRA_OF - self.trajectories);
@@ -219,7 +220,7 @@ impl PowerSpectrum {
         self.transformed += count * joints.len();
     }
 
-    /// One-sided density, in bands of equal width.
+    /// The one-sided density, in bands of equal width.
     fn finish(self, signal: &str, rate_hz: f64) -> Spectrum {
         let taken = self.transformed.max(1) as f64;
         let energy: f64 = self.window.iter().map(|window| window * window).sum();
@@ -250,7 +251,7 @@ mod tests {
 
     use super::*;
 
-    /// Two hundred samples at 50 Hz, for every joint amplitude · cos at a frequency about an offset.
+    /// 200 samples at 50 Hz. Each joint is a constant plus amplitude · cos at one frequency.
     fn waves(amplitude: f64, frequency_hz: f64, trajectories: usize) -> RecordBatch {
         let value = |k: usize| {
             let turn = std::f64::consts::TAU * frequency_hz * (k % 200) as f64 / 50.0;

@@ -1,4 +1,4 @@
-//! Where the trajectories of a training or an evaluation come from: stored, or simulated.
+//! The trajectories of a training or an evaluation, stored or simulated.
 
 use std::ops::Range;
 
@@ -18,7 +18,7 @@ pub(crate) enum TrajectorySource {
 }
 
 impl TrajectorySource {
-    /// Finds what a stored spec refers to.
+    /// Opens the data that a stored spec refers to.
     pub fn open(attempt: &Attempt, source: &DataSource) -> Result<Self, TaskError> {
         match source {
             DataSource::Stream(spec) => {
@@ -38,7 +38,7 @@ impl TrajectorySource {
         }
     }
 
-    /// Trajectories in all; `None` of a stream, which has no last.
+    /// Number of trajectories; `None` for a stream, which has no end.
     pub fn count(&self) -> Option<u64> {
         match self {
             Self::Dataset(dataset) => Some(dataset.count()),
@@ -46,7 +46,7 @@ impl TrajectorySource {
         }
     }
 
-    /// Trajectories in the order of their indices.
+    /// Reads trajectories, in the order of their indices.
     pub fn read(&self, attempt: &Attempt, range: Range<u64>) -> Result<Series, TaskError> {
         match self {
             Self::Dataset(dataset) => dataset.read(range),

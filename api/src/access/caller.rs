@@ -1,8 +1,8 @@
-//! Who asks.
+//! The caller of a request.
 
 use wire::Scope;
 
-/// Who sent a request that was let in.
+/// The sender of an accepted request.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Caller {
     /// Name of the token, or one of the names below.
@@ -12,7 +12,7 @@ pub struct Caller {
     pub is_logged_in: bool,
 }
 
-/// The name of callers of a server that asks for no token.
+/// The name of callers if the server requires no token.
 pub const ANYONE: &str = "anyone";
 
 /// The name of the token that the server was started with.
@@ -28,16 +28,16 @@ impl Caller {
 }
 
 tokio::task_local! {
-    /// The caller of the request that is being answered.
+    /// The caller of the present request.
     pub(super) static CALLER: Caller;
 }
 
-/// Whether the request that is being answered had to bring a token.
+/// Whether the present request needed a token.
 pub fn asked_for_a_token() -> bool {
     CALLER.try_with(|caller| caller.name != ANYONE).unwrap_or(true)
 }
 
-/// Name of the token with which the browser logged in that the present page is for.
+/// Name of the token with which the browser logged in that gets the present page.
 pub fn logged_in_as() -> Option<String> {
     CALLER.try_with(|caller| caller.is_logged_in.then(|| caller.name.clone())).ok().flatten()
 }

@@ -6,15 +6,15 @@ use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD as BASE64;
 use spec::Digest;
 
-/// The cookie of a browser that logged in.
+/// The cookie of a logged-in browser.
 pub const SESSION_COOKIE: &str = "torqued_session";
 
-/// Credentials, as digests: comparing these takes the same time wherever they differ, and a database that is read by
-/// others tells nobody a token.
+/// Credentials as digests. Comparing digests takes the same time wherever they differ, and reading
+/// the database reveals no token.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Credentials {
     None,
-    /// An `Authorization` that holds no token, or a cookie that holds no session.
+    /// An `Authorization` without a token, or a cookie without a session.
     Unreadable,
     Token(Digest),
     Session(Digest),
@@ -30,12 +30,12 @@ impl Credentials {
     }
 }
 
-/// The digest under which a token or a session is known.
+/// The digest that identifies a token or a session.
 pub fn digest(secret: &str) -> Digest {
     Digest::of(secret.as_bytes())
 }
 
-/// The token of `Bearer TOKEN`, or of `Basic` as its password, which is how curl and a browser can send it.
+/// The token in `Bearer TOKEN`, or the password in `Basic`, so that curl and browsers can send it.
 fn token(credentials: &str) -> Option<String> {
     let (scheme, value) = credentials.split_once(' ')?;
     if scheme.eq_ignore_ascii_case("bearer") {

@@ -1,11 +1,11 @@
-//! Who may ask for what: tokens and sessions with their scopes, and never another site's page.
+//! Access control: tokens and sessions with their scopes, and guards against other sites' pages.
 //!
-//! A server is *open* as long as it was started without a token and its store has none. It listens on loopback alone
-//! then, where the danger is a web page in the
-//! user's own browser. Two guards stand against it: state-changing requests from another site are
-//! refused ([`tower_http::csrf`]), and so are requests addressed to a name that is not loopback,
-//! which is how DNS rebinding shows itself. With a token neither could get in anyway, and a proxy
-//! may use any name.
+//! A server is *open* as long as it was started without a token and its store has none. It then
+//! listens only on loopback, where the danger is a web page in the user's own browser. Two guards
+//! protect an open server. State-changing requests from another site are refused
+//! ([`tower_http::csrf`]). Requests addressed to a name that is not loopback are refused too,
+//! because DNS rebinding uses such names. With a token neither attack works anyway, and a proxy may
+//! use any name.
 
 mod caller;
 pub mod credentials;
@@ -36,18 +36,18 @@ pub use credentials::Credentials;
 pub use scopes::Scopes;
 pub(crate) use tokens::{Found, KnownTokens};
 
-/// The routes that tell next to nothing and so need no token.
+/// Routes that reveal almost nothing and so need no token.
 const OPEN_ROUTES: [&str; 5] = ["/healthz", "/readyz", "/static/{name}", LOGIN, LOGOUT];
 
-/// The form for a token, and where it is sent to.
+/// The path of the login form.
 pub const LOGIN: &str = "/login";
 
 pub const LOGOUT: &str = "/logout";
 
-/// Longest path that the audit log keeps whole, in bytes.
+/// The largest number of bytes of a path that the audit log keeps.
 const LOGGED_PATH_BYTES: usize = 500;
 
-/// A token that this process knows, as its digest.
+/// A token of this process, stored as its digest.
 #[derive(Clone)]
 pub struct Token(Digest);
 
@@ -61,7 +61,7 @@ impl Token {
     }
 }
 
-/// Lets a request in whose caller may send it, and records what changes something.
+/// Accepts a request if its caller may send it, and records changes in the audit log.
 pub async fn require_scope(
     State((app, scopes)): State<(App, Scopes)>,
     request: Request,
@@ -95,7 +95,7 @@ pub async fn require_scope(
     Ok(response)
 }
 
-/// An entry of the audit log for a request that is not answered yet.
+/// An entry of the audit log for a request without an answer yet.
 fn entry(caller: &Caller, request: &Request) -> AuditEntry {
     let path = request.uri().path_and_query().map_or("", |path| path.as_str());
     let end = path.floor_char_boundary(LOGGED_PATH_BYTES);
@@ -115,10 +115,10 @@ fn address(request: &Request) -> String {
     peer.map_or("socket".to_owned(), |Peer(address)| address.to_string())
 }
 
-/// The beginnings of paths that are no pages.
+/// Prefixes of paths that are not pages.
 const NO_PAGES: [&str; 3] = ["/v1/", "/api/", "/metrics"];
 
-/// Whether a browser asks for a page and has not logged in.
+/// Whether a browser without a login asks for a page.
 fn is_for_a_page(request: &Request, offered: Credentials) -> bool {
     let path = request.uri().path();
     let has_token = matches!(offered, Credentials::Token(_) | Credentials::Unreadable);
@@ -131,7 +131,7 @@ pub fn accepts_html(headers: &HeaderMap) -> bool {
     matches!(accept, Some(Ok(accept)) if accept.contains("text/html"))
 }
 
-/// Sends a browser to the login, and from there back.
+/// Redirects a browser to the login, which leads back afterwards.
 fn to_login(request: &Request) -> Response {
     let path = request.uri().path_and_query().map_or("/", |path| path.as_str());
     let back = form_urlencoded::byte_serialize(path.as_bytes()).collect::<String>();

@@ -1,4 +1,5 @@
-//! Which scope a request needs. The OpenAPI document is what decides: an operation names its scope there.
+//! The scope that a request needs. The OpenAPI document decides: each operation names its scope
+//! there.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -10,19 +11,19 @@ use wire::Scope;
 
 use crate::parameters::operations;
 
-/// The security scheme of the document that lists a scope.
+/// The document's security scheme that lists scopes.
 const SCHEME: &str = "token";
 
 /// The prefix of MLflow's paths.
 const MLFLOW: &str = "/api/";
 
-/// The prefix of the API's paths, which the page's do not have.
+/// The prefix of the API's paths. The page's paths do not have it.
 const API: &str = "/v1";
 
-/// The end of the path of a form that deletes, since forms have no such method.
+/// The suffix of a form's path that deletes, because forms cannot send DELETE.
 const DELETE_FORM: &str = "/delete";
 
-/// The scope that each path and method needs.
+/// The scope for each path and method.
 #[derive(Clone, Default)]
 pub struct Scopes(Arc<HashMap<(String, Method), Scope>>);
 
@@ -38,10 +39,11 @@ impl Scopes {
         Self(Arc::new(scopes))
     }
 
-    /// The scope of a request to a route, `None` where there is no route. A form of the page does what the operation of the same
-    /// path does, by POST or by PATCH, which forms cannot send, and needs the same.
+    /// The scope for a request to a route; `route` is `None` if no route exists. A form of the page
+    /// does the same as the operation with its path and POST, or PATCH, which forms cannot send. It
+    /// needs the same scope.
     pub fn needed(&self, route: Option<&str>, method: &Method) -> Scope {
-        // The answer says only that there is nothing.
+        // The answer reveals only that nothing is there.
         let Some(route) = route else { return Scope::Read };
         if route.starts_with(MLFLOW) {
             return of_mlflow(route, method);
@@ -70,18 +72,20 @@ fn declared(operation: &Operation) -> Option<Scope> {
     schemes.find_map(|scopes| scopes.get(0)?.as_str()?.parse().ok())
 }
 
-/// The scope of a path of MLflow, which the document leaves out: whoever may submit may log runs. Its clients search by POST.
+/// The scope for a path of MLflow, which the document leaves out. A caller that may submit may also
+/// log runs. MLflow's clients search with POST.
 fn of_mlflow(route: &str, method: &Method) -> Scope {
     if method.is_safe() || route.ends_with("/search") { Scope::Read } else { Scope::Submit }
 }
 
-/// Whether the audit log has requests to a route. A metric that a client of MLflow logs is no deed of its own.
+/// Whether the audit log records requests to a route. It leaves out data that MLflow clients log to
+/// a run, because each request is only a small part of the run.
 pub fn is_recorded(route: Option<&str>) -> bool {
     let is_logged = |route: &str| route.starts_with(MLFLOW) && route.contains("/runs/log-");
     !route.is_some_and(is_logged)
 }
 
-/// The scope of what says nothing of it: whoever forgets to say opens nothing.
+/// The default scope. It is strict, so that forgetting to name one opens nothing.
 fn usual(method: &Method) -> Scope {
     if method.is_safe() { Scope::Read } else { Scope::Admin }
 }

@@ -3,13 +3,13 @@
 use base64::Engine as _;
 use base64::engine::general_purpose::URL_SAFE_NO_PAD;
 
-/// Tells scanners for leaked secrets, and people, what a token is of.
+/// The prefix by which people and scanners for leaked secrets recognize a token.
 const PREFIX: &str = "torqued_";
 
-/// A new token: 256 random bits behind a prefix.
+/// A new token: the prefix and 256 random bits.
 ///
 /// # Errors
-/// When the system gives no random bits.
+/// When the operating system gives no random bits.
 pub fn token() -> Result<String, getrandom::Error> {
     Ok(format!("{PREFIX}{}", session()?))
 }

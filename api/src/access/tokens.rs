@@ -1,4 +1,4 @@
-//! The tokens that the store has, as they were read a moment ago.
+//! A short-lived cache of the store's tokens.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -7,27 +7,28 @@ use std::time::{Duration, Instant};
 use spec::Digest;
 use store::{Store, StoreError, Token, TokenId};
 
-/// How long a list of tokens is taken for what it was. With [`READ_WITHIN`], a token that another server revoked opens this one
-/// for 5 s at most.
+/// How long a list of tokens is used. Together with [`READ_WITHIN`], a token that another server
+/// revoked works here for 5 s at most.
 const TOKENS_KEPT: Duration = Duration::from_secs(3);
 
-/// How long requests wait for a new list before they go on with the old one.
+/// How long requests wait for a new list before they use the old one.
 const READ_WITHIN: Duration = Duration::from_secs(2);
 
-/// After this time an unknown token has the list read again: it may be new.
+/// After this time an unknown token causes a new read of the list, because it may be new.
 const UNKNOWN_AGAIN: Duration = Duration::from_secs(1);
 
-/// How exactly the store knows when a token was used last.
+/// The precision of the time when a token was last used.
 const USE_RECORDED_EVERY: Duration = Duration::from_secs(60);
 
-/// The tokens of the store, shared by all requests. One request at a time reads them; the others go on with the list that
-/// there is, so that a database that hangs holds nobody up.
+/// The tokens of the store, shared by all requests. One request at a time reads them, and the
+/// others use the present list. So a database that hangs delays nobody.
 #[derive(Clone, Default)]
 pub struct KnownTokens {
     list: Arc<Mutex<Option<List>>>,
-    /// Held by the request that reads.
+    /// Held by the request that reads the list.
     reading: Arc<tokio::sync::Mutex<()>>,
-    /// Whether there have been any. A server that asked for a token never stops to while it runs.
+    /// Whether there have been any tokens. A server that required a token continues to do so while
+    /// it runs.
     some: Arc<AtomicBool>,
 }
 
@@ -41,16 +42,16 @@ struct Known {
     use_recorded: Option<Instant>,
 }
 
-/// The answer for a token that a request brings.
+/// The result of looking up a request's token.
 pub enum Found {
     Nothing,
     Token(Token),
-    /// It is the first use since a minute.
+    /// The token is valid, and its use must be recorded: the last record is a minute old.
     ToRecord(Token),
 }
 
 impl KnownTokens {
-    /// Whether the store has tokens, or had some since this server began.
+    /// Whether the store has tokens, or had some since this server started.
     pub async fn are_there(&self, store: &Store) -> Result<bool, StoreError> {
         if !self.some.load(Ordering::Relaxed) {
             self.refresh(store, TOKENS_KEPT).await?;
@@ -88,12 +89,13 @@ impl KnownTokens {
         Found::ToRecord(known.token.clone())
     }
 
-    /// Has the list read again at the next request: this server changed it.
+    /// Makes the next request read the list again, because this server changed it.
     pub fn forget(&self) {
         *self.list() = None;
     }
 
-    /// Reads the list if it is older than `age`. While the database is away or slow, the old one stays.
+    /// Reads the list if it is older than `age`. While the database is away or slow, the old list
+    /// stays.
     async fn refresh(&self, store: &Store, age: Duration) -> Result<(), StoreError> {
         if self.is_younger_than(age) {
             return Ok(());
@@ -135,7 +137,7 @@ impl KnownTokens {
     }
 
     fn list(&self) -> MutexGuard<'_, Option<List>> {
-        // Nothing panics while it holds the lock.
+        // No code panics while it holds the lock.
         self.list.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

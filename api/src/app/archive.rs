@@ -1,5 +1,5 @@
-//! Several files as one tar: its layout is known before a byte of a file is read, so that its size is stated and any part of it
-//! can be sent alone.
+//! Several files as one tar. Its layout is known before any file is read, so its size is known and
+//! any part of it can be sent alone.
 
 use std::io;
 use std::ops::Range;
@@ -10,7 +10,7 @@ use spec::Digest;
 use store::StoredObject;
 use tar::{EntryType, Header};
 
-/// The unit of a tar: headers have one, and files begin with a new one.
+/// The block size of a tar. Headers have one block, and each file begins with a new one.
 const BLOCK: u64 = 512;
 
 /// Two empty blocks end a tar.
@@ -23,12 +23,12 @@ pub struct Member {
     pub content: Content,
 }
 
-/// Where the bytes of a file are.
+/// The source of a file's bytes.
 #[derive(Clone, Debug)]
 pub enum Content {
-    /// In the store. `file` says which file it is to a reader.
+    /// In the store. `file` is the file's name in messages.
     Stored { object: StoredObject, file: String },
-    /// Here.
+    /// In memory.
     Made(Bytes),
 }
 
@@ -53,11 +53,11 @@ impl Content {
 pub struct Archive {
     segments: Arc<Vec<Segment>>,
     pub size: u64,
-    /// Names the bytes of the archive: the digest of what they are made from.
+    /// The digest of everything that the archive is made from. It identifies the archive's bytes.
     pub digest: Digest,
 }
 
-/// Bytes of a tar that have one source, and where they begin.
+/// Bytes of a tar with one source, and their position.
 #[derive(Clone, Debug)]
 struct Segment {
     start: u64,
@@ -65,10 +65,11 @@ struct Segment {
 }
 
 impl Archive {
-    /// Puts the files into a folder called `folder`. The same files give the same bytes: owners are 0, and the time is 1970.
+    /// An archive with the files in a folder called `folder`. The same files give the same bytes:
+    /// owners are 0, and the time is 1970.
     ///
     /// # Errors
-    /// When a name is too long for a tar, 100 bytes after its last slash.
+    /// When a name is too long for a tar: 100 bytes after its last slash.
     pub fn new(folder: &str, members: Vec<Member>) -> io::Result<Self> {
         let mut segments = Vec::new();
         let mut size = 0;
@@ -91,7 +92,7 @@ impl Archive {
         Ok(Self { segments: Arc::new(segments), size, digest })
     }
 
-    /// The contents that `part` of the archive has bytes of, each with those bytes.
+    /// The contents that overlap `part` of the archive, with the overlapping bytes of each.
     pub fn parts(&self, part: Range<u64>) -> impl Iterator<Item = (Content, Range<u64>)> + use<> {
         let first = self.segments.partition_point(|segment| segment.end() <= part.start);
         let segments = Arc::clone(&self.segments);
@@ -126,7 +127,7 @@ fn header(path: &str, size: u64) -> io::Result<Header> {
     Ok(header)
 }
 
-/// Fewer than a block has.
+/// Zeros, fewer than a block.
 fn zeros(count: u64) -> Content {
     let count = usize::try_from(count).unwrap_or(END.len()).min(END.len());
     Content::Made(Bytes::from_static(&END[..count]))

@@ -1,4 +1,4 @@
-//! Every time that a worker had a task.
+//! Attempts at tasks.
 
 use store::JobId;
 use wire::{Attempt, Attempts};

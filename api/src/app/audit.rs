@@ -1,4 +1,4 @@
-//! The audit log: who asked for a change, and what became of it.
+//! The audit log: who requested a change, and how the request was answered.
 
 use store::AuditRecord;
 use wire::{Audit, AuditEntry};
@@ -7,7 +7,8 @@ use crate::app::{App, Paging};
 use crate::error::ApiError;
 
 impl App {
-    /// Adds to the audit log. A request that has been answered is not refused when that fails: the server's log has it then.
+    /// Adds to the audit log. If that fails, the request has been answered already, so the entry
+    /// goes to the server's log.
     pub async fn record(&self, entry: &store::AuditEntry) {
         let store::AuditEntry { actor, address, method, path, status, made } = entry;
         tracing::info!(actor, address, method, path, status, made, "a request changed something");

@@ -13,7 +13,7 @@ use crate::app::files::Download;
 use crate::app::listing::ListRequest;
 use crate::error::ApiError;
 
-/// How many samples a model is given and how many it predicts.
+/// The numbers of samples in a model's context and horizon.
 #[derive(Clone, Copy, Debug, Deserialize)]
 pub struct Extents {
     pub context: u32,
@@ -21,7 +21,7 @@ pub struct Extents {
 }
 
 impl App {
-    /// From its `config.json`; `None` if that does not say.
+    /// The extents in `config.json`; `None` if it has none.
     pub async fn checkpoint_extents(&self, id: i64) -> Result<Option<Extents>, ApiError> {
         let row = self.store.checkpoint(CheckpointId(id)).await?;
         let Some(config) = row.file("config.json") else { return Ok(None) };
@@ -51,7 +51,7 @@ impl App {
         Ok(Checkpoints { checkpoints, next: request.next(end) })
     }
 
-    /// What a training has made so far, oldest first.
+    /// The checkpoints that a training has made so far, oldest first.
     pub async fn checkpoints_of_job(&self, job: i64) -> Result<Vec<Checkpoint>, ApiError> {
         let spec = self.store.job(JobId(job)).await?.spec;
         let rows = self.store.checkpoints_of_job(JobId(job)).await?;

@@ -27,7 +27,7 @@ impl App {
         Ok(dataset)
     }
 
-    /// Those of the datasets with these ids that there are, without their files, by id.
+    /// Those of the datasets with these ids that exist, by id and without their files.
     pub async fn datasets_by_id(&self, ids: &[i64]) -> Result<BTreeMap<i64, Dataset>, ApiError> {
         let ids: Vec<DatasetId> = ids.iter().copied().map(DatasetId).collect();
         let rows = self.store.datasets_by_id(&ids).await?;
@@ -59,7 +59,7 @@ impl App {
         Ok(Download::new(saved_as, PARQUET, file, format!("{name} of dataset {id}")))
     }
 
-    /// All files of a dataset that exist so far as a tar.
+    /// All files of a dataset so far, as a tar.
     pub async fn dataset_tar(&self, id: i64) -> Result<Download, ApiError> {
         let dataset = self.store.dataset(DatasetId(id)).await?;
         let shards = self.store.shards(dataset.id).await?;
@@ -78,7 +78,7 @@ impl App {
     }
 }
 
-/// `dataset.json` as it is now; `None` when the spec is of another version.
+/// The present `dataset.json`; `None` if another version wrote the spec.
 fn description(dataset: &store::Dataset, shards: &[Shard]) -> Option<Vec<u8>> {
     let spec: JobSpec = serde_json::from_value(dataset.spec.clone()).ok()?;
     let described =

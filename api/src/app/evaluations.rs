@@ -11,7 +11,7 @@ use crate::app::App;
 use crate::app::listing::ListRequest;
 use crate::error::ApiError;
 
-/// The artifact that the last task of an evaluation or of a control job leaves.
+/// The artifact of the last task of an evaluation or a control job.
 const REPORT: &str = "report.json";
 
 impl App {
@@ -20,7 +20,7 @@ impl App {
         if job.kind != JobKind::Evaluate.as_str() {
             return Err(ApiError::not_found("evaluation", id));
         }
-        // It may have been deleted by itself.
+        // The run may have been deleted separately.
         self.store.run_of_job(job.id).await?;
         let completed = self.complete_evaluations(vec![job]).await?.pop();
         let mut evaluation = completed.ok_or_else(|| ApiError::not_found("evaluation", id))?;
@@ -34,11 +34,11 @@ impl App {
         Ok(Evaluations { evaluations, next: request.next(end) })
     }
 
-    /// The report that the last task of a run's job left; `None` before its end, and of another version's
-    /// report.
+    /// The report of a run's job. `None` before its last task has ended, and for the report of
+    /// another version.
     ///
     /// # Errors
-    /// [`ApiError::Damaged`] when the file is.
+    /// [`ApiError::Damaged`] when the file is damaged.
     pub async fn report<T: DeserializeOwned>(&self, run: i64) -> Result<Option<T>, ApiError> {
         let artifacts = self.store.artifacts_named(&[RunId(run)], REPORT).await?;
         match artifacts.first() {
@@ -47,7 +47,7 @@ impl App {
         }
     }
 
-    /// Where the reports of `runs` lie, by run.
+    /// The report files of `runs`, by run.
     pub async fn report_files(&self, runs: &[i64]) -> Result<BTreeMap<i64, Artifact>, ApiError> {
         let runs: Vec<RunId> = runs.iter().copied().map(RunId).collect();
         let artifacts = self.store.artifacts_named(&runs, REPORT).await?;
@@ -55,7 +55,7 @@ impl App {
     }
 
     /// # Errors
-    /// As [`App::report`].
+    /// Like [`App::report`].
     pub async fn read_report<T: DeserializeOwned>(
         &self,
         artifact: &Artifact,
@@ -66,7 +66,8 @@ impl App {
         Ok(serde_json::from_slice(&bytes).ok())
     }
 
-    /// Adds to the jobs of evaluations what other tables know of them, with as many statements for one as for many.
+    /// Adds data from other tables to the jobs of evaluations. The number of statements does not
+    /// depend on the number of jobs.
     async fn complete_evaluations(
         &self,
         jobs: Vec<store::Job>,

@@ -1,5 +1,5 @@
-//! What the front page lists: the jobs that somebody asked for, without those that a pipeline
-//! made for itself.
+//! The list on the front page: jobs that somebody asked for, without those that a pipeline made for
+//! itself.
 
 use wire::Jobs;
 
@@ -8,7 +8,8 @@ use crate::app::listing::{EXPERIMENTS, ListRequest};
 use crate::error::ApiError;
 
 impl App {
-    /// Pipelines, and jobs that no pipeline made, newest first unless the parameters say otherwise.
+    /// Pipelines, and jobs that do not belong to one; newest first unless the parameters say
+    /// otherwise.
     pub async fn experiments(
         &self,
         parameters: &[(String, String)],

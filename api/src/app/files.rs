@@ -1,4 +1,4 @@
-//! Files that the store holds, and how they are sent.
+//! Sends files from the store.
 
 use std::ops::Range;
 
@@ -30,7 +30,7 @@ enum Source {
 }
 
 impl Download {
-    /// `file` names it where it is damaged, e.g. `config.json of checkpoint 7`.
+    /// A stored file. `file` names it in errors, e.g. `config.json of checkpoint 7`.
     pub fn new(name: String, media_type: &str, object: &StoredObject, file: String) -> Self {
         let info = FileInfo {
             name,
@@ -41,7 +41,7 @@ impl Download {
         Self { info, source: Source::One(Content::Stored { object: object.clone(), file }) }
     }
 
-    /// A file that is made when it is asked for.
+    /// A file that is made on request.
     pub fn made(name: String, media_type: &str, bytes: Vec<u8>) -> Self {
         let info = FileInfo {
             name,
@@ -52,10 +52,11 @@ impl Download {
         Self { info, source: Source::One(Content::Made(bytes.into())) }
     }
 
-    /// The files of something called `name`, such as `dataset-3`, in a folder of that name.
+    /// A tar of the files of the thing called `name`, such as `dataset-3`, in a folder of that
+    /// name.
     ///
     /// # Errors
-    /// [`ApiError::Internal`] when a name is too long for a tar, which none of ours is.
+    /// [`ApiError::Internal`] when a name is too long for a tar. None of ours is.
     pub fn tar(name: &str, files: Vec<Member>) -> Result<Self, ApiError> {
         let archive = Archive::new(name, files).map_err(|error| {
             tracing::error!("cannot put {name} into a tar: {error}");
@@ -70,7 +71,7 @@ impl Download {
         Ok(Self { info, source: Source::Many(archive) })
     }
 
-    /// The bytes of `part`, as contents and their bytes.
+    /// The contents that overlap `part`, with the overlapping bytes of each.
     fn parts(&self, part: Range<u64>) -> Vec<(Content, Range<u64>)> {
         match &self.source {
             Source::One(content) => vec![(content.clone(), part)],
@@ -78,19 +79,19 @@ impl Download {
         }
     }
 
-    /// Whether all of it is here, so that sending it reads nothing.
+    /// Whether all of it is in memory, so that sending it reads nothing.
     fn is_made(&self) -> bool {
         matches!(self.source, Source::One(Content::Made(_)))
     }
 }
 
 impl App {
-    /// The bytes of `part` of a file, read as they are sent. The body of a whole file that turns out damaged ends with
-    /// an error before its last bytes, so that nobody takes it for the file; that of a tar with a damaged file in it, before
-    /// the last bytes of that.
+    /// The bytes of `part` of a file, which are read while they are sent. If a whole file turns out
+    /// to be damaged, its body ends with an error before the last bytes, so nobody takes it for the
+    /// file. In a tar, the body ends before the last bytes of the damaged file.
     ///
     /// # Errors
-    /// [`ApiError::Damaged`] when the file is known to be, or shows it in its first piece.
+    /// [`ApiError::Damaged`] when the damage is known, or the first piece shows it.
     pub async fn read(&self, file: &Download, part: Range<u64>) -> Result<Body, ApiError> {
         if part.is_empty() {
             return Ok(Body::empty());
@@ -98,7 +99,8 @@ impl App {
         let mut parts = file.parts(part).into_iter();
         let Some((content, range)) = parts.next() else { return Ok(Body::empty()) };
         let place = if file.is_made() { None } else { Some(self.download_place()?) };
-        // With the first piece in hand, a small file that is damaged is still answered with a problem.
+        // The first piece is read before answering, so a small damaged file still gets a problem as
+        // its answer.
         let mut pieces = self.open(&content, range).await?;
         let first = pieces.try_next().await?;
         let app = self.clone();
@@ -109,7 +111,7 @@ impl App {
             })
             .try_flatten();
         let pieces = stream::iter(first.map(Ok)).chain(pieces).chain(others);
-        // The place is free again when the body is sent or given up.
+        // The permit is released when the body is sent or dropped.
         let pieces = pieces.map_err(BoxError::from).inspect_ok(move |_| {
             let _held = &place;
         });
@@ -136,8 +138,8 @@ impl App {
         }
     }
 
-    /// The address from which a bucket sends a file, to whoever has it, for [`SIGNED_FOR`]; `None` when the file does not lie in
-    /// one.
+    /// A URL at which anybody can get the file from its bucket, for [`SIGNED_FOR`]. `None` if the
+    /// file is not in a bucket.
     ///
     /// # Errors
     /// [`ApiError::Damaged`] when the file is missing or known to be damaged.
@@ -152,7 +154,7 @@ impl App {
         signed.map_err(|error| ApiError::reading(file, error))
     }
 
-    /// Looks whether the bytes of a file could be sent, as a request for its headers alone wants to know.
+    /// Checks that a file can be sent, for requests that only want its headers.
     ///
     /// # Errors
     /// [`ApiError::Damaged`] when the file is missing or known to be damaged.

@@ -23,14 +23,14 @@ impl App {
         Ok(Jobs { jobs: self.complete(items).await?, next: request.next(end) })
     }
 
-    /// Those of the jobs with these ids that there are, by id.
+    /// Those of the jobs with these ids that exist, by id.
     pub async fn jobs_by_id(&self, ids: &[i64]) -> Result<BTreeMap<i64, Job>, ApiError> {
         let ids: Vec<JobId> = ids.iter().copied().map(JobId).collect();
         let jobs = self.complete(self.store.jobs_by_id(&ids).await?).await?;
         Ok(jobs.into_iter().map(|job| (job.id, job)).collect())
     }
 
-    /// Cancels a job; one that was cancelled before stays so.
+    /// Cancels a job. A job that was cancelled before stays cancelled.
     pub async fn cancel(&self, id: i64) -> Result<Job, ApiError> {
         let before = self.store.job(JobId(id)).await?;
         if matches!(before.state, JobState::Succeeded | JobState::Failed) {
@@ -40,7 +40,8 @@ impl App {
         self.job(id).await
     }
 
-    /// Adds to jobs what other tables know of them, with as many statements for one job as for many.
+    /// Adds data from other tables to jobs. The number of statements does not depend on the number
+    /// of jobs.
     pub(super) async fn complete(&self, rows: Vec<store::Job>) -> Result<Vec<Job>, ApiError> {
         let mut known = self.known_of(&rows).await?;
         let specs: Vec<&Value> = rows.iter().map(|row| &row.spec).collect();
@@ -49,7 +50,7 @@ impl App {
         jobs.map(|(row, warnings)| known.complete(row, warnings)).collect()
     }
 
-    /// How jobs are getting on, with as many statements for one as for many.
+    /// The progress of jobs. The number of statements does not depend on the number of jobs.
     pub(super) async fn progress_of(
         &self,
         rows: Vec<store::Job>,
@@ -67,7 +68,7 @@ impl App {
         Ok(rows.into_iter().map(progress).collect())
     }
 
-    /// Why the queued jobs among these wait, in sentences.
+    /// For the queued jobs among these, a sentence about why they wait.
     async fn waits(&self, jobs: &[JobId]) -> Result<HashMap<JobId, String>, ApiError> {
         let waits = self.store.waits(jobs).await?;
         if waits.is_empty() {
@@ -121,15 +122,15 @@ impl App {
     }
 }
 
-/// The knowledge that other tables have of some jobs, by job.
+/// Data about jobs from other tables, by job.
 #[derive(Default)]
 struct Known {
     needs: HashMap<JobId, Vec<i64>>,
     members: HashMap<JobId, Vec<Member>>,
-    /// Why queued jobs wait, in sentences.
+    /// For queued jobs, a sentence about why they wait.
     waits: HashMap<JobId, String>,
     checkpoints: HashMap<JobId, Vec<i64>>,
-    /// The datasets that the jobs of verifications make again, by the job that fills each.
+    /// The datasets that verifications check, by the job that made each dataset.
     datasets: HashMap<i64, i64>,
 }
 
@@ -187,7 +188,7 @@ fn seen_by_pipeline(row: store::Member, waits_for: Option<String>) -> Result<Mem
     })
 }
 
-/// From start to end, in seconds, once both are known.
+/// Seconds from start to end, if both are known.
 #[expect(clippy::cast_precision_loss, reason = "milliseconds of a job are exact in f64")]
 fn duration_seconds(row: &store::Job) -> Option<f64> {
     let (started, finished) = (row.started_at?, row.finished_at?);

@@ -10,15 +10,15 @@ use crate::app::questions::Violations;
 use crate::error::ApiError;
 use crate::limits::{NAME_CHARACTERS, NOTE_BYTES, TAG_CHARACTERS, TAGS};
 
-/// The tags that there can be, in words.
+/// The allowed tags, in words.
 pub const TAG: &str = "1 to 64 letters, digits and . _ - : / @ + = without accents, beginning with a letter or a digit";
 
-/// The same as a regular expression.
+/// The allowed tags, as a regular expression.
 pub const TAG_PATTERN: &str = "^[A-Za-z0-9][A-Za-z0-9._:/@+=-]{0,63}$";
 
 impl App {
     /// # Errors
-    /// When the labels are not allowed, there would be too many tags, or there is no such thing.
+    /// When the labels are not allowed, there would be too many tags, or the thing does not exist.
     pub async fn label(&self, thing: Thing, id: i64, change: &LabelChange) -> Result<(), ApiError> {
         check(change)?;
         Ok(self.store.change_labels(thing, id, change).await?)
@@ -32,7 +32,7 @@ pub fn is_tag(tag: &str) -> bool {
         && tag.bytes().all(is_plain)
 }
 
-/// Whether a text has one line of so many characters at most, and is not blank.
+/// Whether a text is one line with at most `characters` characters, and not blank.
 pub fn is_line(text: &str, characters: usize) -> bool {
     let ends_a_line = |c: char| c.is_control() || matches!(c, '\u{2028}' | '\u{2029}');
     !text.trim().is_empty() && text.chars().count() <= characters && !text.contains(ends_a_line)
@@ -43,10 +43,10 @@ fn is_note(note: &str) -> bool {
     (1..=NOTE_BYTES).contains(&note.len()) && !note.contains(is_strange)
 }
 
-/// The labels of a submission, from what its query says.
+/// The labels in the query of a submission.
 ///
 /// # Errors
-/// Naming every one that is not allowed.
+/// Every label that is not allowed.
 pub fn submitted(
     name: Option<String>,
     note: Option<String>,
@@ -88,7 +88,7 @@ fn check(change: &LabelChange) -> Result<(), ApiError> {
     }
     for (field, tags) in [("add_tags", add_tags), ("remove_tags", remove_tags)] {
         if !tags.is_empty() && change.tags.is_some() {
-            violations.add(field, tags.join(", "), "left out beside tags, which says them all");
+            violations.add(field, tags.join(", "), "left out, because tags replaces all tags");
         }
     }
     violations.finish()
@@ -129,7 +129,7 @@ mod tests {
             add_tags: vec!["c".to_owned()],
             ..LabelChange::default()
         });
-        for part in ["name", "10001 bytes", "tags[0]", "add_tags", "left out beside tags"] {
+        for part in ["name", "10001 bytes", "tags[0]", "add_tags", "left out, because tags"] {
             assert!(error.contains(part), "{part}: {error}");
         }
         for name in ["", " ", "a\nb", "a\u{2028}b", "a\0"] {

@@ -16,12 +16,12 @@ use crate::limits::{SEARCH_CHARACTERS, TAGS};
 
 /// A list of the API or of the page.
 pub struct List {
-    /// As in its path.
+    /// The name in its path.
     pub name: &'static str,
     pub thing: Thing,
-    /// The kinds that can be asked for; none when all of it is of one kind.
+    /// The kinds that it can be filtered by. Empty if all items have the same kind.
     pub kinds: fn() -> Vec<&'static str>,
-    /// Kept to this kind.
+    /// Restricts the list to this kind.
     only: Option<JobKind>,
     pub states: fn() -> Vec<&'static str>,
     experiments_alone: bool,
@@ -38,7 +38,7 @@ const OF_JOBS: List = List {
 
 pub static JOBS: List = OF_JOBS;
 
-/// The front page's.
+/// The list on the front page.
 pub static EXPERIMENTS: List = List { name: "experiments", experiments_alone: true, ..OF_JOBS };
 
 pub static EVALUATIONS: List =
@@ -69,21 +69,21 @@ fn none() -> Vec<&'static str> {
 }
 
 impl List {
-    /// The orders that can be asked for, each in both directions.
+    /// The allowed orders, each in both directions.
     pub fn orders(&self) -> Vec<String> {
         let sorts = Sort::of(self.thing).iter();
         sorts.flat_map(|sort| [sort.as_str().to_owned(), format!("-{}", sort.as_str())]).collect()
     }
 }
 
-/// A page of a list, as it was asked for.
+/// A request for a page of a list.
 #[derive(Debug)]
 pub struct ListRequest {
     list: &'static str,
     pub listing: store::Listing,
 }
 
-/// Where a page begins. It is for one list in one order.
+/// The position at which a page begins. It is valid for one list in one order.
 #[derive(Serialize, Deserialize)]
 struct Cursor {
     list: String,
@@ -92,10 +92,10 @@ struct Cursor {
 }
 
 impl ListRequest {
-    /// Reads the parameters of a query; others than those of lists are passed over.
+    /// Reads the list parameters of a query, and ignores others.
     ///
     /// # Errors
-    /// [`ApiError::Parameter`] for the first that cannot be accepted.
+    /// [`ApiError::Parameter`] for the first invalid one.
     pub fn read(list: &'static List, parameters: &[(String, String)]) -> Result<Self, ApiError> {
         let mut listing = store::Listing {
             kind: list.only.map(|kind| kind.as_str().to_owned()),
@@ -132,10 +132,10 @@ impl ListRequest {
         Ok(request)
     }
 
-    /// The cursor of the page that follows one that ends at `end`.
+    /// The cursor of the page after one that ends at `end`.
     pub fn next(&self, end: Option<Position>) -> Option<String> {
         let cursor = Cursor { list: self.list.to_owned(), sort: self.sort(), after: end? };
-        // It holds strings and numbers only, so this cannot fail.
+        // It has only strings and numbers, so this cannot fail.
         serde_json::to_vec(&cursor).ok().map(|json| URL_SAFE_NO_PAD.encode(json))
     }
 
@@ -155,7 +155,7 @@ impl ListRequest {
             ));
         }
         let is_key = match &after.key {
-            // No name has a NUL, and PostgreSQL takes none.
+            // No name contains NUL, and PostgreSQL does not accept it.
             Key::Text(name) => self.listing.sort == Sort::Name && !name.contains('\0'),
             Key::Integer(_) => self.listing.sort != Sort::Name,
         };
@@ -175,7 +175,7 @@ impl ListRequest {
 }
 
 fn limit(value: &str) -> Result<u32, ApiError> {
-    // A number that is none is out of range as well.
+    // Text that is not a number counts as out of range.
     let limit = value.parse().unwrap_or(0);
     paging::checked(Some(limit)).map_err(|_| paging::limit_error(value))
 }

@@ -10,7 +10,7 @@ use crate::app::files::Download;
 use crate::error::ApiError;
 use crate::limits::{LOG_POLL, LOG_WAIT_SECONDS, LOGS_DEFAULT, LOGS_MAXIMUM};
 
-/// Which part of the logs of a job is asked for.
+/// The requested part of a job's logs.
 #[derive(Clone, Debug, Default)]
 pub struct LogQuery {
     /// The label or the id of a task.
@@ -18,16 +18,16 @@ pub struct LogQuery {
     pub attempt: Option<i64>,
     pub after: Option<i64>,
     pub before: Option<i64>,
-    /// Chunks at most.
+    /// Largest number of chunks.
     pub limit: Option<u32>,
-    /// Seconds to wait for something that follows `after`.
+    /// Seconds to wait for chunks after `after`.
     pub wait: Option<u32>,
 }
 
 /// The last lines of an attempt.
 pub struct LogEnd {
     pub attempt: i64,
-    /// Its task's.
+    /// The task's label.
     pub label: String,
     pub text: String,
 }
@@ -61,11 +61,11 @@ impl LogQuery {
 }
 
 impl App {
-    /// A page of the logs of a job, or of all jobs of a pipeline. Waits for what follows if it is asked to; when as many
-    /// wait as may, the answer comes at once.
+    /// A page of the logs of a job, or of all jobs of a pipeline. If requested, waits for new
+    /// lines. If too many requests wait already, the answer comes at once.
     ///
     /// # Errors
-    /// When there is no such job, or the task or the attempt is none of it.
+    /// When the job does not exist, or the task or attempt does not belong to it.
     pub async fn logs(&self, job: i64, query: &LogQuery) -> Result<Logs, ApiError> {
         let (page, wait) = (query.page()?, query.wait()?);
         let filter = self.log_filter(job, query).await?;
@@ -73,7 +73,7 @@ impl App {
         let until = Instant::now() + if place.is_some() { wait } else { Duration::ZERO };
         let mut closing = std::pin::pin!(self.closing());
         loop {
-            // First this: whatever ends in between has all of its lines in the page.
+            // This is read first, so a log that ends in between is complete in the page.
             let may_grow = self.store.may_log(&filter).await?;
             let chunks = self.store.log_page(&filter, page).await?;
             if !chunks.is_empty() || !may_grow || Instant::now() >= until {
@@ -133,7 +133,7 @@ impl App {
     /// The log of an attempt as a file.
     ///
     /// # Errors
-    /// When there is no such attempt, or its log is not kept any more.
+    /// When the attempt does not exist, or its log was deleted.
     pub async fn attempt_log(&self, id: i64) -> Result<Download, ApiError> {
         let attempt = self.store.attempt(id).await?;
         let task = self.store.task(attempt.task).await?;
@@ -147,10 +147,10 @@ impl App {
         Ok(Download::made(name, "text/plain; charset=utf-8", text.into_bytes()))
     }
 
-    /// The last lines of an attempt of a job, about as many as fit on a screen.
+    /// The last lines of an attempt's log, about one screen.
     pub async fn log_end(&self, job: i64, attempt: &wire::Attempt) -> Result<LogEnd, ApiError> {
         const LINES: usize = 40;
-        // A chunk has a line at least.
+        // A chunk has at least one line.
         const CHUNKS: u32 = 40;
         let filter = LogFilter { jobs: vec![JobId(job)], tasks: None, attempt: Some(attempt.id) };
         let page = LogPage::Before { id: None, limit: CHUNKS };
@@ -164,7 +164,7 @@ impl App {
     }
 }
 
-/// Chunks of one attempt in a row, with a line where something was left out between two.
+/// Consecutive chunks of one attempt, with a line for each gap.
 fn with_gaps(chunks: impl IntoIterator<Item = NewLogChunk>) -> String {
     let mut text = String::new();
     let mut end = None;

@@ -1,7 +1,9 @@
-//! What a job, a dataset, a run, a checkpoint and an evaluation are to a user.
+//! The operations of the service in the user's terms: jobs, datasets, runs, checkpoints,
+//! evaluations.
 //!
-//! One file per resource, with the methods of [`App`] that read or change it and answer with the
-//! types of [`wire`]. Routes and page call these, and nothing else calls the store.
+//! There is one file per resource. It has the methods of [`App`] that read or change the resource
+//! and answer with the types of [`wire`]. Routes and pages call these methods, and nothing else
+//! calls the store.
 
 mod archive;
 mod attempts;
@@ -65,34 +67,34 @@ pub use paging::Paging;
 pub use questions::read as read_question;
 pub use trash::dependent;
 
-/// The server's version, as `/healthz` and the page show it.
+/// The server's version, which `/healthz` and the page show.
 pub(crate) const VERSION: &str = env!("CARGO_PKG_VERSION");
 
-/// How the server is to behave.
+/// Options of the server.
 #[derive(Clone, Debug)]
 pub struct Options {
-    /// A token of scope admin beside those of the store. Without any token everyone on this machine may do
-    /// everything.
+    /// A token of scope admin, in addition to those in the store. Without any token, everybody on
+    /// this machine may do everything.
     pub token: Option<String>,
-    /// The token of the process that serves, in which it asks itself.
+    /// The token for the server process's own requests.
     pub own_token: Option<String>,
-    /// Trajectories of one simulation, at most.
+    /// Largest number of trajectories of a simulation.
     pub max_trajectories: u64,
-    /// Seconds that an attempt at a task may take, of the kinds of jobs that have a limit.
+    /// Time limit of an attempt at a task in seconds, by kind of job, for the kinds that have one.
     pub time_limits_s: HashMap<JobKind, u32>,
-    /// Bytes of one file that is sent to be imported, at most.
+    /// Largest number of bytes of a file that is sent for an import.
     pub max_upload_bytes: u64,
-    /// Bytes of all files together that are sent and kept, at most; as many as there is room for without.
+    /// Largest number of bytes of all sent files together; `None` for no limit.
     pub upload_quota_bytes: Option<u64>,
     /// How long a sender may take for the next bytes of a file.
     pub upload_stall: Duration,
-    /// How long what was deleted can be restored.
+    /// How long deleted things can be restored.
     pub keep_deleted: Duration,
-    /// Connections open at once.
+    /// Largest number of open connections.
     pub connections: usize,
-    /// Requests per second of one address.
+    /// Requests per second from one address.
     pub requests_per_second: NonZero<u32>,
-    /// How often a stream of events says that it is there while nothing happens.
+    /// How often a silent stream of events sends a sign of life.
     pub event_heartbeat: Duration,
 }
 
@@ -128,22 +130,22 @@ pub struct App {
     upload_stall: Duration,
     keep_deleted: Duration,
     memory_doubts: Option<Arc<MemoryDoubts>>,
-    /// For the files on their way in.
+    /// Permits for files that are being received.
     upload_places: Arc<Semaphore>,
-    /// For the requests that wait for lines of a log.
+    /// Permits for requests that wait for lines of a log.
     log_places: Arc<Semaphore>,
-    /// For the files on their way out.
+    /// Permits for files that are being sent.
     download_places: Arc<Semaphore>,
     connections: usize,
     requests_per_second: NonZero<u32>,
     events: Feed,
-    /// For the streams of events that are open.
+    /// Permits for open streams of events.
     event_places: Arc<Semaphore>,
     event_heartbeat: Duration,
     models: Option<Arc<dyn LiveModels>>,
-    /// For the streams that are open.
+    /// Permits for open prediction streams.
     stream_places: Arc<Semaphore>,
-    /// Whether streams are to end.
+    /// Whether streams have to end.
     closing: watch::Sender<bool>,
     ending: Arc<AtomicBool>,
     monitor: Monitor,
@@ -182,17 +184,18 @@ impl App {
         }
     }
 
-    /// The same with something that computes predictions.
+    /// The service with models for live predictions.
     pub fn with_models(self, models: Arc<dyn LiveModels>) -> Self {
         Self { models: Some(models), ..self }
     }
 
-    /// The same with something that knows what memory trainings need. Without it none is doubted.
+    /// The service with warnings about the memory of trainings. Without it there are none.
     pub fn with_memory_doubts(self, doubts: Arc<MemoryDoubts>) -> Self {
         Self { memory_doubts: Some(doubts), ..self }
     }
 
-    /// Says from now on that requests should be sent to another server, and still answers them.
+    /// From now on, announces that requests should go to another server. Requests are still
+    /// answered.
     pub fn announce_end(&self) {
         self.ending.store(true, Ordering::Relaxed);
     }
@@ -213,7 +216,7 @@ impl App {
         self.upload_stall
     }
 
-    /// `None` when as many requests wait for lines of a log as may.
+    /// A permit to wait for lines of a log; `None` if too many requests wait.
     pub(crate) fn log_place(&self) -> Option<OwnedSemaphorePermit> {
         Arc::clone(&self.log_places).try_acquire_owned().ok()
     }
@@ -245,11 +248,11 @@ impl App {
         places.try_acquire_owned().map_err(|_| ApiError::StreamsCrowded)
     }
 
-    /// Done when streams are to end, and whatever else waits.
+    /// Completes when streams and other waiting requests have to end.
     pub(crate) fn closing(&self) -> impl Future<Output = ()> + Send + 'static {
         let mut closing = self.closing.subscribe();
         async move {
-            // A sender that is gone says the same.
+            // If the sender is gone, they have to end too.
             let _ = closing.wait_for(|closing| *closing).await;
         }
     }
@@ -258,7 +261,7 @@ impl App {
         self.closing.send_replace(true);
     }
 
-    /// Done when no stream is open and none can be opened any more.
+    /// Completes when no stream is open and none can be opened any more.
     pub(crate) async fn streams_closed(&self) {
         let all = u32::try_from(STREAMS).unwrap_or(u32::MAX);
         let _ = self.stream_places.acquire_many(all).await;

@@ -1,4 +1,5 @@
-//! Metrics for a monitoring system: the server counts requests as it answers them, and the store when the system asks.
+//! Metrics for a monitoring system. The server counts requests as it answers them, and the store
+//! when the system asks.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -18,19 +19,19 @@ use wire::Worker;
 use crate::app::{App, VERSION};
 use crate::error::ApiError;
 
-/// How the answer is written.
+/// The media type of the answer.
 pub const MEDIA_TYPE: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";
 
-/// Names begin with it.
+/// The prefix of all names.
 const PREFIX: &str = "torqued";
 
-/// Upper bounds of the times to an answer that are counted, s.
+/// Upper bounds of the histogram of response times, s.
 const SECONDS: [f64; 11] = [0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 10.0];
 
-/// How long numbers of the store are taken for what they were: counting takes time where there is much.
+/// How long counts of the store are reused, because counting many rows takes time.
 const CENSUS_KEPT: Duration = Duration::from_secs(10);
 
-/// The route of requests that none answers.
+/// The route label of requests without a route.
 const NO_ROUTE: &str = "none";
 
 #[derive(Clone, Debug, Hash, PartialEq, Eq, EncodeLabelSet)]
@@ -62,7 +63,7 @@ struct OfVersion {
     version: &'static str,
 }
 
-/// The requests that this server has answered since it started, and the last census of the store.
+/// Counts of the requests since this server started, and the last census of the store.
 #[derive(Clone)]
 pub struct Monitor {
     requests: Family<Asked, Histogram>,
@@ -76,7 +77,7 @@ impl Monitor {
     }
 }
 
-/// A method by its name; there are few, whatever clients send.
+/// The label of a method. There are only a few, whatever clients send.
 fn name(method: &Method) -> &'static str {
     const KNOWN: [&str; 7] = ["GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS"];
     KNOWN.into_iter().find(|known| *known == method.as_str()).unwrap_or("other")
@@ -96,7 +97,7 @@ impl App {
         self.monitor.requests.get_or_create(&asked).observe(elapsed.as_secs_f64());
     }
 
-    /// Everything that a monitoring system is told, in the text format of OpenMetrics.
+    /// All metrics, in the text format of OpenMetrics.
     pub async fn metrics(&self) -> Result<String, ApiError> {
         let census = self.census().await?;
         let queue = self.store.queue().await?;
@@ -114,21 +115,31 @@ impl App {
         tell_queue(&mut registry, &queue);
         tell_workers(&mut registry, &workers);
         let DiskSpace { free_bytes, reserved_bytes } = self.store.disk_space()?;
-        gauge(&mut registry, "disk_free_bytes", "Room on the disk of the data folder", free_bytes);
-        let what = "Room with less of which no task is claimed";
+        gauge(
+            &mut registry,
+            "disk_free_bytes",
+            "Free space on the disk of the data folder",
+            free_bytes,
+        );
+        let what = "Free space below which no task is claimed";
         gauge(&mut registry, "disk_reserved_bytes", what, reserved_bytes);
-        let what = "Size of all files that were sent and are kept";
+        let what = "Size of all sent files that are kept";
         gauge(&mut registry, "sent_bytes", what, self.store.sent_bytes().await?);
         if let Some(quota) = self.upload_quota_bytes {
-            gauge(&mut registry, "sent_quota_bytes", "What they may take together", quota);
+            gauge(
+                &mut registry,
+                "sent_quota_bytes",
+                "Largest size of all sent files together",
+                quota,
+            );
         }
         let mut text = String::new();
-        // A String takes whatever is written.
+        // Writing to a String cannot fail.
         encode(&mut text, &registry).map_err(|_| ApiError::Internal)?;
         Ok(text)
     }
 
-    /// Several who ask at once have it counted once.
+    /// The census of the store. Concurrent requests share one count.
     async fn census(&self) -> Result<Census, ApiError> {
         let mut kept = self.monitor.census.lock().await;
         if let Some((at, census)) = &*kept
@@ -161,18 +172,14 @@ fn tell_census(registry: &mut Registry, census: Census) {
             attempts.get_or_create(&OfOutcome { kind, outcome: outcome.as_str() }).inc_by(number);
         }
     }
-    registry.register(
-        "attempts",
-        "Attempts at tasks that have ended, by kind of job and outcome",
-        attempts,
-    );
+    registry.register("attempts", "Ended attempts at tasks, by kind of job and outcome", attempts);
 }
 
 fn tell_queue(registry: &mut Registry, queue: &Queue) {
     gauge(registry, "queue_queued_tasks", "Tasks that may be claimed, now or later", queue.queued);
     gauge(registry, "queue_running_tasks", "Tasks that workers have", queue.running);
     let is_paused = u64::from(queue.paused_at.is_some());
-    gauge(registry, "queue_paused", "1 while no task is claimed", is_paused);
+    gauge(registry, "queue_paused", "1 while the queue is paused", is_paused);
 }
 
 fn tell_workers(registry: &mut Registry, workers: &[Worker]) {
@@ -183,16 +190,16 @@ fn tell_workers(registry: &mut Registry, workers: &[Worker]) {
     for worker in workers {
         states.get_or_create(&OfState { state: state(worker) }).inc();
     }
-    registry.register("workers", "Workers by what they do", states);
+    registry.register("workers", "Workers by state", states);
     let alive = || workers.iter().filter(|worker| worker.alive);
     let offers = || alive().map(|worker| &worker.offers);
     let cpus = alive().map(|worker| u64::from(worker.offers.cpus.unwrap_or(worker.threads))).sum();
-    gauge(registry, "worker_cpus", "Processors that living workers offer", cpus);
+    gauge(registry, "worker_cpus", "Processors that live workers offer", cpus);
     let gpus = offers().map(|offer| u64::from(offer.gpus)).sum();
-    gauge(registry, "worker_gpus", "GPUs that living workers offer", gpus);
+    gauge(registry, "worker_gpus", "GPUs that live workers offer", gpus);
 }
 
-/// A drained worker may have a task as well.
+/// The state of a worker. A drained worker may still have a task.
 fn state(worker: &Worker) -> &'static str {
     match worker {
         Worker { alive: false, .. } => "dead",

@@ -1,23 +1,23 @@
-//! Pages of lists without filters: newest first, by id; of tasks, in the order in which they run.
+//! Pages of lists without filters: newest first, and tasks in the order in which they run.
 
 use std::fmt::Display;
 
 use crate::error::ApiError;
 use crate::limits::{PAGE_DEFAULT, PAGE_MAXIMUM};
 
-/// Which part of a list is asked for.
+/// The requested part of a list.
 #[derive(Clone, Copy, Debug)]
 pub struct Paging {
-    /// Items at most.
+    /// Largest number of items.
     pub limit: u32,
     /// Only items with a smaller id.
     pub before: Option<i64>,
 }
 
-/// Which part of a job's tasks is asked for.
+/// The requested part of a job's tasks.
 #[derive(Clone, Copy, Debug)]
 pub struct TaskPaging {
-    /// Tasks at most.
+    /// Largest number of tasks.
     pub limit: u32,
     /// Only tasks that run after this one.
     pub after: Option<i64>,
@@ -31,12 +31,13 @@ impl From<Paging> for store::Page {
 
 impl Paging {
     /// # Errors
-    /// When `limit` is not in 1 to [`PAGE_MAXIMUM`].
+    /// When `limit` is not between 1 and [`PAGE_MAXIMUM`].
     pub fn new(limit: Option<u32>, before: Option<i64>) -> Result<Self, ApiError> {
         Ok(Self { limit: checked(limit)?, before })
     }
 
-    /// The `before` of the page that follows one whose last id is `last` among `found` items.
+    /// The `before` of the following page, if this page has `found` items and its last id is
+    /// `last`.
     pub fn next(self, found: usize, last: Option<i64>) -> Option<i64> {
         last.filter(|_| is_full(found, self.limit))
     }
@@ -44,19 +45,19 @@ impl Paging {
 
 impl TaskPaging {
     /// # Errors
-    /// When `limit` is not in 1 to [`PAGE_MAXIMUM`].
+    /// When `limit` is not between 1 and [`PAGE_MAXIMUM`].
     pub fn new(limit: Option<u32>, after: Option<i64>) -> Result<Self, ApiError> {
         Ok(Self { limit: checked(limit)?, after })
     }
 
-    /// The `after` of the page that follows one whose last id is `last` among `found` tasks.
+    /// The `after` of the following page, if this page has `found` tasks and its last id is `last`.
     pub fn next(self, found: usize, last: Option<i64>) -> Option<i64> {
         last.filter(|_| is_full(found, self.limit))
     }
 }
 
 /// # Errors
-/// When `limit` is not in 1 to [`PAGE_MAXIMUM`].
+/// When `limit` is not between 1 and [`PAGE_MAXIMUM`].
 pub fn checked(limit: Option<u32>) -> Result<u32, ApiError> {
     let limit = limit.unwrap_or(PAGE_DEFAULT);
     if !(1..=PAGE_MAXIMUM).contains(&limit) {
@@ -69,7 +70,7 @@ pub fn limit_error(limit: impl Display) -> ApiError {
     ApiError::parameter("limit", limit, format!("1 to {PAGE_MAXIMUM}"))
 }
 
-/// Whether more may follow.
+/// Whether the page is full, so more items may follow.
 fn is_full(found: usize, limit: u32) -> bool {
     u32::try_from(found).is_ok_and(|found| found >= limit)
 }

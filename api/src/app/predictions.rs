@@ -1,4 +1,4 @@
-//! Predictions of a checkpoint, for whoever waits for them.
+//! Live predictions with a checkpoint.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -16,7 +16,7 @@ use crate::app::questions::question;
 use crate::error::ApiError;
 use crate::live::{Answer, Lane, LiveError, LiveModel};
 
-/// A checkpoint's model, held for a question or for a stream of them.
+/// A checkpoint's model, kept loaded for a request or a stream.
 #[derive(Clone)]
 pub struct HeldModel {
     pub resource: PredictingModel,
@@ -25,8 +25,8 @@ pub struct HeldModel {
 
 impl App {
     /// # Errors
-    /// When there is no such checkpoint, or its model cannot be loaded or asked; [`ApiError::Damaged`] when a file of it
-    /// is.
+    /// When the checkpoint does not exist, or its model cannot be loaded or used.
+    /// [`ApiError::Damaged`] when a file of it is damaged.
     pub async fn held_model(&self, checkpoint: i64) -> Result<HeldModel, ApiError> {
         let models = self.models.as_ref().ok_or(ApiError::NoModels)?;
         let row = self.store.checkpoint(CheckpointId(checkpoint)).await?;
@@ -49,7 +49,8 @@ impl App {
     }
 
     /// # Errors
-    /// As [`App::held_model`]; [`ApiError::Question`] with everything that cannot be asked so.
+    /// Like [`App::held_model`]. [`ApiError::Question`] with everything that is wrong with the
+    /// request.
     pub async fn predict(
         &self,
         checkpoint: i64,
@@ -72,7 +73,7 @@ impl App {
     }
 }
 
-/// Why the model of `checkpoint` was not loaded; which file, where one is damaged.
+/// Why the model of `checkpoint` was not loaded. Names the damaged file, if there is one.
 fn not_loaded(checkpoint: &Checkpoint, error: LiveError) -> ApiError {
     let LiveError::Store(error) = error else { return error.into() };
     let is_of = |file: &&CheckpointFile| error.object_path() == Some(file.object.path.as_str());
@@ -89,7 +90,7 @@ pub fn milliseconds(duration: Duration) -> f64 {
 }
 
 impl Answer {
-    /// What is told of scenario `index` of `size`.
+    /// The prediction for scenario `index` of `size`.
     pub fn of(
         &self,
         index: usize,
@@ -134,7 +135,7 @@ impl Answer {
     }
 }
 
-/// A row per step of the horizon.
+/// One row per step of the horizon.
 fn rows(positions: &[f32], joints: usize) -> Vec<Vec<f32>> {
     positions.chunks_exact(joints.max(1)).map(<[f32]>::to_vec).collect()
 }
@@ -180,7 +181,7 @@ mod tests {
 
     #[test]
     fn of_several_samples_the_mean_is_told_and_quantiles_are_interpolated() {
-        // 0, 1, 4, 9, 16 and 10 more in the second scenario.
+        // The samples of the second scenario are 0, 1, 4, 9, 16, each plus 10.
         let told = answer(5, 2).of(1, 2, 2, &sampling(&[0.0, 0.5, 0.875, 1.0], true));
         assert_eq!(told.y, [[16.0; JOINTS]; 2]);
         let quantiles: Vec<(f64, f32)> =

@@ -1,4 +1,4 @@
-//! Questions to models in JSON: read, and held to what the model can be asked.
+//! Reads prediction requests from JSON, and checks that the model can answer them.
 
 use std::fmt::Display;
 
@@ -13,19 +13,20 @@ use crate::error::ApiError;
 use crate::limits::{PREDICTED_POSITIONS, QUANTILES, QUESTION_MAGNITUDE};
 use crate::live::{AboutModel, Question};
 
-/// JSON of a type, or an error that names the field.
+/// Reads a value of this type from JSON. An error names the field.
 ///
 /// # Errors
-/// [`ApiError::Json`] for what is no JSON, [`ApiError::Question`] for JSON of something else.
+/// [`ApiError::Json`] for invalid JSON, and [`ApiError::Question`] for JSON of another type.
 pub fn read<T: DeserializeOwned + ToSchema>(bytes: &[u8]) -> Result<T, ApiError> {
-    // serde would take a list for an object whose fields have no names.
+    // serde would accept a list in place of an object with named fields.
     let is_object = bytes.trim_ascii_start().starts_with(b"{");
     let reason = match serde_json::from_slice(bytes) {
         Ok(message) if is_object => return Ok(message),
         Ok(_) => "an object with named fields".to_owned(),
         Err(error) => error.to_string(),
     };
-    // The second reading finds all that is wrong, which costs time that a good question has not.
+    // A second pass finds everything that is wrong. It takes time, which valid requests do not
+    // lose.
     let message: Value = read_json(bytes).map_err(ApiError::Json)?;
     let mut violations = shape_violations::<T>(&message);
     if violations.is_empty() {
@@ -37,7 +38,7 @@ pub fn read<T: DeserializeOwned + ToSchema>(bytes: &[u8]) -> Result<T, ApiError>
     Err(ApiError::Question(SpecError { violations }))
 }
 
-/// Everything that is wrong with a question.
+/// Everything that is wrong with a request.
 #[derive(Default)]
 pub struct Violations(Vec<Violation>);
 
@@ -54,14 +55,15 @@ impl Violations {
         Err(ApiError::Question(SpecError { violations: self.0 }))
     }
 
-    /// As many rows as there must be.
+    /// Checks the number of rows.
     pub fn rows(&mut self, field: &str, rows: &[Vec<f32>], expected: usize, why: &str) {
         if rows.len() != expected {
             self.add(field, format!("{} rows", rows.len()), format!("{expected} rows, {why}"));
         }
     }
 
-    /// Every row has a value per joint, finite and within ±[`QUESTION_MAGNITUDE`].
+    /// Checks that every row has one value per joint, and that values are finite and within
+    /// ±[`QUESTION_MAGNITUDE`].
     pub fn values(&mut self, field: &str, rows: &[Vec<f32>], joints: usize) {
         let allowed = -QUESTION_MAGNITUDE..=QUESTION_MAGNITUDE;
         for (index, row) in rows.iter().enumerate() {
@@ -106,14 +108,14 @@ impl Violations {
             self.add("sampling.samples", samples, "at least 2, for quantiles");
         }
         if quantiles.len() > QUANTILES {
-            self.add("sampling.quantiles", quantiles.len(), format!("{QUANTILES} of them at most"));
+            self.add("sampling.quantiles", quantiles.len(), format!("at most {QUANTILES} of them"));
         }
         for (index, &quantile) in quantiles.iter().enumerate() {
             if !(0.0..=1.0).contains(&quantile) {
                 self.add(format!("sampling.quantiles[{index}]"), quantile, "0 to 1");
             }
         }
-        // The integers that JSON keeps exact.
+        // The largest integer that JSON keeps exactly.
         let most = (1u64 << 53) - 1;
         if sampling.seed > most {
             self.add("sampling.seed", sampling.seed, format!("0 to {most}"));
@@ -121,7 +123,7 @@ impl Violations {
     }
 }
 
-/// A request as a question to a model.
+/// Turns a request into the model's input.
 ///
 /// # Errors
 /// Every violation.
@@ -157,12 +159,12 @@ pub fn question(request: &PredictionRequest, about: &AboutModel) -> Result<Quest
     Ok(asked(sampling, series.with_noise(noise_of_positions(*position_noise_rad))))
 }
 
-/// Nothing is known of torques.
+/// The noise of torques is not known.
 pub fn noise_of_positions(position_rad: f64) -> MeasurementNoise {
     MeasurementNoise { position_rad, torque_nm: 0.0 }
 }
 
-/// The question to a model. Rows were checked before, so that an error is one of this program.
+/// The model's input. The rows were checked before, so an error is a fault of this program.
 pub fn series_of(
     shape: Shape,
     context: usize,

@@ -1,9 +1,9 @@
-//! The quota on files that are sent.
+//! The quota of sent files.
 
 use crate::app::App;
 use crate::error::ApiError;
 
-/// The bytes that may still be sent, as it was when a file began to come.
+/// The number of bytes that could still be sent when a file began to arrive.
 #[derive(Clone, Copy, Debug)]
 pub struct Room {
     used: u64,
@@ -12,7 +12,7 @@ pub struct Room {
 
 impl App {
     /// # Errors
-    /// When there is none.
+    /// When there is no room.
     pub(super) async fn room(&self) -> Result<Room, ApiError> {
         let Some(quota) = self.upload_quota_bytes else { return Ok(Room { used: 0, quota: None }) };
         let room = Room { used: self.store.sent_bytes().await?, quota: Some(quota) };
@@ -23,7 +23,7 @@ impl App {
 
 impl Room {
     /// # Errors
-    /// When it has no room for so many bytes.
+    /// When there is no room for this many bytes.
     pub fn hold(self, bytes: u64) -> Result<(), ApiError> {
         match self.quota {
             Some(quota) if self.used.saturating_add(bytes) > quota => {

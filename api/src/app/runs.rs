@@ -37,7 +37,7 @@ impl App {
         })
     }
 
-    /// The values that `runs` recorded last under `key`, by run.
+    /// The last recorded values of `runs` under `key`, by run.
     pub async fn latest_values(
         &self,
         runs: &[i64],
@@ -56,7 +56,7 @@ impl App {
         Ok(Download::new(saved_as, &artifact.media_type, &artifact.object, file))
     }
 
-    /// Training and validation loss of a run so far.
+    /// A figure of the training and validation loss so far.
     pub async fn loss_figure(&self, run: i64) -> Result<Figure, ApiError> {
         let run = self.store.run(RunId(run)).await?.id;
         let training = self.store.series(run, "train/loss", POINTS_DEFAULT).await?;
@@ -82,7 +82,8 @@ impl App {
         Ok(artifacts)
     }
 
-    /// Adds to runs what other tables know of them, with as many statements for one run as for many.
+    /// Adds data from other tables to runs. The number of statements does not depend on the number
+    /// of runs.
     async fn complete_runs(&self, rows: Vec<store::Run>) -> Result<Vec<Run>, ApiError> {
         let ids: Vec<RunId> = rows.iter().map(|row| row.id).collect();
         let mut metrics: HashMap<RunId, BTreeMap<String, LatestMetric>> = HashMap::new();
@@ -120,7 +121,7 @@ fn point(point: &SeriesPoint) -> MetricPoint {
     MetricPoint { step: point.step, time: point.time.to_string(), value: finite(point.value) }
 }
 
-/// JSON has no other numbers.
+/// The value, if it is finite. JSON has no other numbers.
 fn finite(value: f64) -> Option<f64> {
     Some(value).filter(|value| value.is_finite())
 }

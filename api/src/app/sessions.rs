@@ -1,4 +1,4 @@
-//! Browsers that log in with a token.
+//! Sessions of browsers that log in with a token.
 
 use crate::access::{Caller, Credentials, credentials, secret};
 use crate::app::App;
@@ -6,8 +6,8 @@ use crate::error::ApiError;
 use crate::limits::SESSION_LASTS;
 
 impl App {
-    /// Opens a session for whoever has `token`, and returns what the browser's cookie is to hold; `None` when the token
-    /// opens nothing.
+    /// Opens a session for the owner of `token`, and returns the value of the browser's cookie.
+    /// `None` if the token is not valid.
     ///
     /// # Errors
     /// When the database fails.

@@ -1,4 +1,4 @@
-//! Shards, open for reading single trajectories.
+//! Open shards, for reading single trajectories.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -16,14 +16,14 @@ pub struct OpenShard {
     pub robots: TableReader,
 }
 
-/// The shards that were read from last, kept open: opening one checks all its bytes.
+/// The most recently read shards. They are kept open, because opening one checks all its bytes.
 #[derive(Clone)]
 pub struct OpenShards {
     places: Arc<Semaphore>,
     slots: Arc<Mutex<VecDeque<Slot>>>,
 }
 
-/// A shard by the path of its trajectories, which no other shard ever has.
+/// A shard, identified by the path of its trajectories, which no other shard ever has.
 #[derive(Clone)]
 struct Slot {
     path: String,
@@ -38,10 +38,10 @@ impl OpenShards {
         }
     }
 
-    /// What `read` returns, on a thread where it may block.
+    /// The result of `read`, which runs on a thread where it may block.
     ///
     /// # Errors
-    /// [`ApiError::ShardUnreadable`] when a file is missing or not what was published.
+    /// [`ApiError::ShardUnreadable`] when a file is missing or differs from what was published.
     pub async fn read<T: Send + 'static>(
         &self,
         store: &Store,
@@ -58,17 +58,17 @@ impl OpenShards {
         let slot = self.slot(&shard.contents.trajectories.path);
         let (store, contents) = (store.clone(), shard.contents.clone());
         let reading = tokio::task::spawn_blocking(move || {
-            // Held to the end, even when nobody waits for it any more.
+            // The permit is held to the end, even if nobody waits any more.
             let _place = place;
             let open = slot.open(&store, &contents)?;
             read(&open)
         });
-        // The decoder may panic on a page that it does not understand.
+        // The decoder may panic on an invalid page.
         let read = reading.await.map_err(|panic| unreadable(panic.to_string()))?;
         read.map_err(|error| unreadable(faults::causes(&error)))
     }
 
-    /// The slot of a shard, which becomes the last to be given up.
+    /// The slot of a shard, which is then the last to be closed.
     fn slot(&self, path: &str) -> Slot {
         let mut slots = lock(&self.slots);
         let known = slots.iter().position(|slot| slot.path == path);
@@ -82,7 +82,7 @@ impl OpenShards {
 }
 
 impl Slot {
-    /// Opens the shard once; whoever comes meanwhile waits for that.
+    /// Opens the shard once. Other requests for it wait meanwhile.
     fn open(&self, store: &Store, shard: &ShardContents) -> Result<OpenShard, StoreError> {
         let mut open = lock(&self.shard);
         if let Some(open) = &*open {
@@ -96,7 +96,7 @@ impl Slot {
     }
 }
 
-/// What a panic left behind is whole: nothing is changed in two steps.
+/// Ignores a poisoned lock: no change takes two steps, so the values are consistent after a panic.
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -1,6 +1,6 @@
-//! A stream of predictions: keeps the context and the previous prediction between messages.
+//! A prediction stream. It keeps the context and the previous prediction between messages.
 //!
-//! What it says is documented in docs/prediction.md.
+//! docs/prediction.md documents its messages.
 
 use std::collections::{HashSet, VecDeque};
 use std::time::Instant;
@@ -18,7 +18,7 @@ use crate::error::ApiError;
 use crate::limits::REQUEST_TIMEOUT;
 use crate::live::{AboutModel, Answer, Lane, Previous, Question};
 
-/// The samples seen last, at most a context of them.
+/// The last samples, at most as many as the context has.
 #[derive(Default)]
 struct Window {
     u: VecDeque<Vec<f32>>,
@@ -34,10 +34,10 @@ impl Window {
     }
 }
 
-/// A prediction that the next one may begin with.
+/// A prediction from which the next one may start.
 struct Last {
     positions: Vec<f32>,
-    /// Samples seen since.
+    /// Number of samples since then.
     age: usize,
 }
 
@@ -47,7 +47,7 @@ pub struct PredictionStream {
     window: Window,
     last: Option<Last>,
     predictions: u64,
-    /// Kinds and joints that this connection was warned of.
+    /// Kinds and joints of the warnings that this connection got already.
     warned: HashSet<(WarningKind, Option<u32>)>,
 }
 
@@ -63,7 +63,7 @@ impl PredictionStream {
         }
     }
 
-    /// The answer to a message. One that cannot be accepted changes nothing.
+    /// The answer to a message. A refused message changes nothing.
     pub async fn answer(&mut self, message: &[u8]) -> StreamReply {
         let arrived = Instant::now();
         let answered = match read(message) {
@@ -86,8 +86,8 @@ impl PredictionStream {
         StreamReply::Error(error.to_problem())
     }
 
-    /// Tries the settings before they are needed, which also makes the first prediction as fast as
-    /// the others.
+    /// Makes a trial prediction with the settings. It also makes the first real prediction as fast
+    /// as the later ones.
     async fn open(&mut self, settings: StreamSettings) -> Result<StreamReply, ApiError> {
         let about = self.held.model.about();
         let AboutModel { context, horizon, joints, .. } = *about;
@@ -127,7 +127,7 @@ impl PredictionStream {
 
         let u = self.window.u.iter().chain(&future_u).flatten().copied().collect();
         let y = self.window.y.iter().flatten().copied().collect();
-        // Nothing of a prediction that is older than its horizon speaks of this one's.
+        // A prediction that is older than its horizon says nothing about this one.
         let last = self.last.take().filter(|last| last.age < horizon);
         let previous = settings.warm_start_steps.zip(last).map(|(steps, last)| Previous {
             positions: last.positions,
@@ -182,7 +182,7 @@ impl PredictionStream {
         violations.finish()
     }
 
-    /// One robot: torques of context and horizon, positions of the context.
+    /// One robot: torques of context and horizon, and positions of the context.
     fn scenario(&self, u: Vec<f32>, y: Vec<f32>) -> Result<Series, ApiError> {
         let AboutModel { context, horizon, joints, rate_hz, .. } = *self.held.model.about();
         let shape = Shape { robots: 1, samples: context + horizon, joints };

@@ -1,4 +1,4 @@
-//! Submissions: what becomes of them to a user. How a spec becomes jobs is told by the crate `jobs`.
+//! Submissions and their outcome for the user. The crate `jobs` turns specs into jobs.
 
 use spec::JobSpec;
 use store::{Idempotency, JobId, Labels};
@@ -9,11 +9,11 @@ use crate::error::ApiError;
 
 pub use store::Reuse;
 
-/// What became of a submission.
+/// The outcome of a submission.
 #[derive(Clone, Debug)]
 pub struct Submitted {
     pub job: Job,
-    /// Whether it is new.
+    /// Whether the job is new.
     pub created: bool,
 }
 
@@ -21,7 +21,7 @@ impl App {
     /// Submits the spec in `text`: a job, or a pipeline with all its jobs, in one transaction.
     ///
     /// # Errors
-    /// [`ApiError::Json`] or [`ApiError::Spec`] when it cannot be accepted; nothing is queued then.
+    /// [`ApiError::Json`] or [`ApiError::Spec`] when it is refused. Nothing is queued then.
     pub async fn submit(
         &self,
         text: &[u8],
@@ -35,11 +35,12 @@ impl App {
         self.submitted(submitted).await
     }
 
-    /// Submits the spec of a job that failed or was cancelled again. What succeeded is not done again:
-    /// the jobs of a pipeline, and the cells of an evaluation.
+    /// Submits the spec of a failed or cancelled job again. Completed parts are not done again: the
+    /// jobs of a pipeline, and the cells of an evaluation.
     ///
     /// # Errors
-    /// [`ApiError::NotFailed`] for any other job; [`ApiError::Spec`] when what it refers to is gone.
+    /// [`ApiError::NotFailed`] for any other job. [`ApiError::Spec`] when something that the spec
+    /// refers to is gone.
     pub async fn retry(&self, id: i64) -> Result<Submitted, ApiError> {
         let submitted = jobs::retry(&self.store, &self.limits, JobId(id)).await?;
         self.submitted(submitted).await

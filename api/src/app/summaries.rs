@@ -1,4 +1,4 @@
-//! What a dataset holds, in a few numbers.
+//! The summary of a dataset in a few numbers.
 
 use spec::{Column, DataSpec, JobSpec};
 use store::{DatasetId, ShardSummary, Spectrum};

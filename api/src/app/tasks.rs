@@ -1,4 +1,5 @@
-//! The pieces of jobs that workers lease, read in pages or without their results: a job may have 10 000 of them.
+//! Tasks of jobs. They are read page by page or without their results, because a job may have 10
+//! 000 tasks.
 
 use std::collections::BTreeMap;
 
@@ -14,13 +15,13 @@ use crate::error::ApiError;
 /// The first tasks of a job.
 pub struct FirstTasks {
     pub tasks: Vec<TaskOverview>,
-    /// How many there are with the others.
+    /// The number of all tasks.
     pub all: u64,
 }
 
 impl App {
     /// # Errors
-    /// When there is no such job, or the page is to begin after a task of another one.
+    /// When the job does not exist, or the page should begin after a task of another job.
     pub async fn tasks(&self, job: i64, paging: TaskPaging) -> Result<Tasks, ApiError> {
         let unit = self.store.job(JobId(job)).await?.progress.unit;
         let page = TaskPage { after: paging.after.map(TaskId), limit: paging.limit };
@@ -47,7 +48,8 @@ impl App {
         Ok(FirstTasks { tasks, all: self.store.count_tasks(JobId(job)).await? })
     }
 
-    /// By job, the result of the only task of its last stage; of jobs whose last stage has several, nothing.
+    /// The result of the only task in each job's last stage, by job. Jobs with several tasks in
+    /// that stage are left out.
     pub async fn sole_results(&self, jobs: &[i64]) -> Result<BTreeMap<i64, Value>, ApiError> {
         let jobs: Vec<JobId> = jobs.iter().copied().map(JobId).collect();
         let results = self.store.sole_results(&jobs).await?;
@@ -75,7 +77,7 @@ fn task(row: store::Task, unit: &str) -> Task {
     }
 }
 
-/// The progress of a task that does `total` units.
+/// The progress of a task with `total` units of work.
 pub fn progress(row: store::Progress, total: u64, unit: &str) -> Progress {
     Progress {
         done: row.done,
@@ -86,8 +88,8 @@ pub fn progress(row: store::Progress, total: u64, unit: &str) -> Progress {
     }
 }
 
-/// The ranges and spectra of a shard belong to its dataset, whose summary has those of all shards;
-/// the errors of a cell joint by joint belong to its evaluation's report.
+/// The result without details that are elsewhere. The dataset's summary has the ranges and spectra
+/// of all shards, and the evaluation's report has the errors of each joint.
 fn without_details(result: Value) -> Option<Value> {
     let Value::Object(mut entries) = result else { return Some(result) };
     entries.remove(ShardSummary::KEY);

@@ -1,4 +1,4 @@
-//! Tokens: who a caller is, and how tokens are made and revoked.
+//! Tokens: identifies callers, creates and revokes tokens.
 
 use std::time::Duration;
 
@@ -14,12 +14,12 @@ use crate::error::ApiError;
 use crate::limits::{TOKEN_LIFETIME_S, TOKEN_NAME_BYTES};
 
 impl App {
-    /// Whether everybody who reaches this server may do everything.
+    /// Whether everybody who can reach this server may do everything.
     pub(crate) async fn is_open(&self) -> Result<bool, store::StoreError> {
         Ok(self.token.is_none() && !self.tokens.are_there(&self.store).await?)
     }
 
-    /// Who asks; `None` for somebody who may not.
+    /// The caller with these credentials; `None` if they are not valid.
     pub(crate) async fn caller(&self, offered: Credentials) -> Result<Option<Caller>, ApiError> {
         let (token, is_logged_in) = match offered {
             Credentials::Token(token) => (Some(token), false),
@@ -54,7 +54,8 @@ impl App {
     }
 
     /// # Errors
-    /// When name or lifetime are not allowed, the name is taken, there are too many tokens, or nobody could make another.
+    /// When the name or the lifetime is not allowed, the name is taken, there are too many tokens,
+    /// or nobody could create another one.
     pub async fn create_token(&self, asked: &NewToken) -> Result<CreatedToken, ApiError> {
         check(asked)?;
         let secret = secret::token()?;
@@ -79,10 +80,10 @@ impl App {
     }
 }
 
-/// The names that a token may have, in words.
+/// The allowed names of tokens, in words.
 pub const TOKEN_NAMES: &str = "1 to 100 letters, digits, dashes, underscores, dots and @";
 
-/// Whether a token may be called so.
+/// Whether a token may have this name.
 pub fn is_token_name(name: &str) -> bool {
     let is_plain = |b: u8| b.is_ascii_alphanumeric() || b"-_.@".contains(&b);
     (1..=TOKEN_NAME_BYTES).contains(&name.len()) && name.bytes().all(is_plain)
@@ -95,7 +96,7 @@ fn check(asked: &NewToken) -> Result<(), ApiError> {
         violations.add("name", name, TOKEN_NAMES);
     }
     if [ANYONE, SERVERS_TOKEN].contains(&name.as_str()) {
-        violations.add("name", name, "a name that the audit log uses for nothing else");
+        violations.add("name", name, "a name without another meaning in the audit log");
     }
     let (shortest, longest) = TOKEN_LIFETIME_S;
     if let Some(seconds) = expires_in_s

@@ -18,27 +18,27 @@ use wire::{DatasetState, Trajectory};
 use crate::app::App;
 use crate::error::ApiError;
 
-/// A trajectory as it lies in its dataset.
+/// A trajectory as stored in its dataset.
 #[derive(Clone, Debug)]
 pub struct StoredTrajectory {
     pub dataset: i64,
     pub index: u64,
     pub shard: u32,
     pub rate_hz: f64,
-    /// A row per sample, with the columns that the spec asks for.
+    /// Rows with the columns that the spec asks for, one per sample.
     samples: RecordBatch,
-    /// What those columns are.
+    /// Descriptions of those columns.
     columns: Vec<Column>,
     pub robot: Map<String, Value>,
 }
 
-/// A series of a trajectory.
+/// One channel of a trajectory.
 pub struct Channel<'a> {
     pub column: &'a Column,
     pub values: &'a [f32],
 }
 
-/// Where a trajectory lies.
+/// The position of a trajectory.
 struct Place {
     shard: Shard,
     spec: DataSpec,
@@ -46,7 +46,7 @@ struct Place {
 
 impl App {
     /// # Errors
-    /// When there is no such trajectory, or its shard cannot be read.
+    /// When the trajectory does not exist, or its shard cannot be read.
     pub async fn trajectory(&self, dataset: i64, index: u64) -> Result<StoredTrajectory, ApiError> {
         let Place { shard, spec } = self.place(dataset, index).await?;
         let columns = spec.trajectory_columns();
@@ -69,10 +69,10 @@ impl App {
         })
     }
 
-    /// The row of a trajectory in the table beside the samples.
+    /// The trajectory's row in the table of robots.
     ///
     /// # Errors
-    /// When there is no such trajectory, or its shard cannot be read.
+    /// When the trajectory does not exist, or its shard cannot be read.
     pub async fn robot(&self, dataset: i64, index: u64) -> Result<Map<String, Value>, ApiError> {
         let Place { shard, .. } = self.place(dataset, index).await?;
         let row = index - shard.contents.first;
@@ -97,7 +97,7 @@ impl App {
     }
 }
 
-/// Which trajectories there are, in words.
+/// A sentence about the trajectories that exist.
 fn there_are(state: DatasetState, trajectories: u64, shards: &[Shard]) -> String {
     match (state, shards) {
         (DatasetState::Complete, _) => format!("there are 0 to {}", trajectories.saturating_sub(1)),
@@ -109,7 +109,7 @@ fn there_are(state: DatasetState, trajectories: u64, shards: &[Shard]) -> String
                 .chunk_by(|a, b| a.end == b.start)
                 .map(|run| format!("{} to {}", run[0].start, run[run.len() - 1].end - 1))
                 .collect();
-            format!("the shards that are finished hold {}", ranges.join(", "))
+            format!("the finished shards have {}", ranges.join(", "))
         }
     }
 }
@@ -134,7 +134,7 @@ fn row_of(batch: &RecordBatch, row: usize) -> Map<String, Value> {
     cells.map(|(field, values)| (field.name().clone(), cell(values, row))).collect()
 }
 
-/// Null where there is no value, and where it is no number.
+/// The value of a cell as JSON; null if there is none, or if it is not a finite number.
 fn cell(values: &dyn Array, row: usize) -> Value {
     if row >= values.len() || values.is_null(row) {
         return Value::Null;
@@ -152,7 +152,7 @@ fn cell(values: &dyn Array, row: usize) -> Value {
 }
 
 impl StoredTrajectory {
-    /// The series, without the two columns that number rows.
+    /// The channels, without the two columns of indices.
     pub fn channels(&self) -> impl Iterator<Item = Channel<'_>> {
         let columns = self.columns.iter().zip(self.samples.columns());
         columns.filter_map(|(column, values)| {
@@ -162,7 +162,7 @@ impl StoredTrajectory {
         })
     }
 
-    /// Of each sample, in s.
+    /// The time of each sample, s.
     pub fn times(&self) -> impl Iterator<Item = f64> {
         (0u32..).map(|step| f64::from(step) / self.rate_hz).take(self.samples.num_rows())
     }
@@ -188,11 +188,11 @@ impl StoredTrajectory {
         }
     }
 
-    /// An Arrow IPC stream of the samples. Fields tell their unit; the schema tells dataset,
+    /// An Arrow IPC stream of the samples. Fields have their units, and the schema has dataset,
     /// trajectory, rate and robot.
     ///
     /// # Errors
-    /// When arrow cannot write what it has read.
+    /// When arrow cannot write it.
     pub fn to_arrow(&self) -> Result<Vec<u8>, ArrowError> {
         let fields: Vec<Field> = self
             .samples
@@ -219,7 +219,7 @@ impl StoredTrajectory {
         writer.into_inner()
     }
 
-    /// A line per sample: its time, then every channel, headed by names and units.
+    /// CSV with one line per sample: its time, then every channel. The header has names and units.
     pub fn to_csv(&self) -> String {
         let channels: Vec<Channel<'_>> = self.channels().collect();
         let mut text = "time_s".to_owned();

@@ -1,4 +1,4 @@
-//! Deleting, restoring, and what depends on what.
+//! Deletes and restores things, and lists what depends on them.
 
 use store::{DeletionOrder, Item, Respect, Timestamp, TrashPlace};
 use wire::{Deleted, Dependent, Dependents, ItemKind, Restored, Trash, TrashedItem};
@@ -7,7 +7,7 @@ use crate::app::App;
 use crate::error::ApiError;
 
 impl App {
-    /// The things that a deletion would also delete, and the jobs that depend on them.
+    /// The things that would be deleted together with one, and the jobs that depend on them.
     pub async fn dependents(&self, kind: ItemKind, id: i64) -> Result<Dependents, ApiError> {
         let item = Item::new(kind, id);
         let (along, jobs) = self.store.dependents(item).await?;
@@ -17,7 +17,7 @@ impl App {
         Ok(Dependents { kind, id, along: items(along), bytes, jobs })
     }
 
-    /// Moves something into the trash, with all that it owns.
+    /// Moves a thing into the trash, with everything that it owns.
     pub async fn delete(
         &self,
         kind: ItemKind,
@@ -35,13 +35,13 @@ impl App {
         })
     }
 
-    /// Takes something out of the trash, with what went there with it.
+    /// Restores a thing from the trash, with everything that was deleted together with it.
     pub async fn restore(&self, kind: ItemKind, id: i64) -> Result<Restored, ApiError> {
         let along = self.store.restore(Item::new(kind, id)).await?;
         Ok(Restored { kind, id, along: items(along) })
     }
 
-    /// A page of the trash, what was deleted last first.
+    /// A page of the trash, latest deletion first.
     pub async fn trash(&self, limit: u32, before: Option<&str>) -> Result<Trash, ApiError> {
         let place = before.map(read_place).transpose()?;
         let found = self.store.trash(place, limit).await?;
@@ -79,7 +79,7 @@ fn items(items: Vec<Item>) -> Vec<wire::Item> {
     items.into_iter().map(|Item { kind, id }| wire::Item { kind, id }).collect()
 }
 
-/// A job that depends on something, as the API shows it.
+/// A dependent job, in the API's form.
 pub fn dependent(found: &store::Dependent) -> Result<Dependent, ApiError> {
     Ok(Dependent {
         id: found.job.0,

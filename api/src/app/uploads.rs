@@ -1,4 +1,4 @@
-//! Files that are sent to become datasets.
+//! Uploads: files that are sent to become datasets.
 
 use serde_json::{Map, Value};
 use spec::{Digest, FileFormat, ImportSpec, JobSpec, SpecError, read_json};
@@ -10,11 +10,11 @@ use crate::error::ApiError;
 use crate::upload::IncomingFile;
 
 impl App {
-    /// Keeps the file and submits its import.
+    /// Stores the file and submits its import.
     ///
     /// # Errors
-    /// When the spec cannot be accepted, before the file is received; or when the file does not come
-    /// whole, and then nothing of it is kept.
+    /// When the spec is refused, which is checked before the file is received. When the file does
+    /// not arrive completely; nothing of it is kept then.
     pub async fn import(
         &self,
         mut file: IncomingFile,
@@ -47,8 +47,8 @@ impl App {
     }
 }
 
-/// Reads an import spec in which `kind`, `file` and, where the media type tells it, `format` may be
-/// left out. Returns the digest that it claims for the file, which the spec does not have yet.
+/// Reads an import spec. It may leave out `kind`, `file` and, if the media type tells it, `format`.
+/// Returns the digest that it states for the file, which is not in the returned spec.
 fn import_spec(
     text: &[u8],
     declared: Option<FileFormat>,

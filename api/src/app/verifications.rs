@@ -1,4 +1,4 @@
-//! Verifications: datasets made again and compared with what is stored.
+//! Verifications: datasets that are made again and compared with the stored files.
 
 use std::collections::BTreeMap;
 
@@ -11,20 +11,20 @@ use crate::app::App;
 use crate::app::jobs::text;
 use crate::error::ApiError;
 
-/// The name of its job.
+/// The kind of its job.
 const KIND: &str = JobKind::Verify.as_str();
 
-/// Remarks shown of a verification; a dataset of another version has one per shard.
+/// Number of remarks that are shown. A dataset of another version has one remark per shard.
 const REMARKS: u32 = 5;
 
-/// The field of a [`VerifiedShard`] that says how its bytes agree.
+/// The field of a [`VerifiedShard`] that says how its bytes compare.
 const BYTES: &str = "bytes";
 
-/// Its value, or the beginning of it, where the bytes are the same.
+/// Its value, or the beginning of its value, if the bytes are the same.
 const EQUAL: &str = "equal";
 
 impl App {
-    /// Queues a verification of this very dataset, whatever was verified before.
+    /// Queues a verification of this dataset, even if it was verified before.
     ///
     /// # Errors
     /// [`ApiError::DatasetIncomplete`] while shards are missing.
@@ -60,7 +60,7 @@ impl App {
         }))
     }
 
-    /// The findings so far of the verifications that `jobs` are, by job.
+    /// The results so far of the verifications among `jobs`, by job.
     pub async fn agreements(&self, jobs: &[i64]) -> Result<BTreeMap<i64, Agreement>, ApiError> {
         let jobs: Vec<JobId> = jobs.iter().copied().map(JobId).collect();
         let mut agreements: BTreeMap<i64, Agreement> = BTreeMap::new();
@@ -76,7 +76,7 @@ impl App {
         Ok(agreements)
     }
 
-    /// Shards whose bytes are not simply equal.
+    /// Remarks on shards whose bytes are not simply equal.
     async fn remarks(&self, job: JobId) -> Result<Vec<String>, ApiError> {
         let unlike = self.store.results_unlike(job, BYTES, EQUAL, REMARKS).await?;
         let remark = |(label, result): (String, Value)| {
@@ -88,12 +88,12 @@ impl App {
     }
 }
 
-/// How many shards of a dataset were compared, and how well they agree.
+/// How many shards of a dataset were compared, and with which result.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Agreement {
     pub shards: u64,
-    /// Without a difference in any value.
+    /// Shards with the same values.
     pub verified: u64,
-    /// Those of them whose bytes are the same.
+    /// Those of them with the same bytes.
     pub identical: u64,
 }

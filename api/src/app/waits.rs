@@ -1,11 +1,12 @@
-//! Why queued tasks wait, in sentences.
+//! Sentences about why queued tasks wait.
 
 use std::fmt::Write;
 
 use spec::Resources;
 use store::Wait;
 
-/// Goes on from "queued, ". An `engine` is asked for workers that are lacking.
+/// The part of a sentence after "queued, ". `engine` is the engine that provides missing workers,
+/// if there is one.
 pub(super) fn sentence(wait: &Wait, engine: Option<&str>) -> String {
     match (wait, engine) {
         (Wait::Until(moment), _) => format!("from {moment} on"),
@@ -17,13 +18,13 @@ pub(super) fn sentence(wait: &Wait, engine: Option<&str>) -> String {
             flags(resources)
         ),
         (Wait::Drained { resources, workers }, None) => format!(
-            "only drained workers offer {resources}; end that with `torqued undrain {}`",
+            "only drained workers offer {resources}; undrain one with `torqued undrain {}`",
             workers.join("` or `torqued undrain ")
         ),
     }
 }
 
-/// What a worker is started with to offer `resources`.
+/// The flags with which a worker must be started to offer `resources`.
 fn flags(Resources { cpus, gpus, memory_gb, tags }: &Resources) -> String {
     let mut flags = String::new();
     let mut flag = |name: &str, value: &dyn std::fmt::Display| {
@@ -65,7 +66,7 @@ mod tests {
         let workers = vec!["w1".to_owned(), "w2".to_owned()];
         assert_eq!(
             sentence(&Wait::Drained { resources, workers }, None),
-            "only drained workers offer gpus >= 2; end that with `torqued undrain w1` or `torqued undrain w2`"
+            "only drained workers offer gpus >= 2; undrain one with `torqued undrain w1` or `torqued undrain w2`"
         );
         let moment = "2026-12-01T09:00:00+01:00".parse().unwrap();
         assert_eq!(sentence(&Wait::Until(moment), None), "from 2026-12-01T08:00:00Z on");

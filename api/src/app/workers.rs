@@ -1,4 +1,4 @@
-//! Workers, and whether all is well.
+//! Workers, and the health of the service.
 
 use store::WorkerProcess;
 use wire::{Health, Placement, Readiness, Worker, Workers, WorkersTask};
@@ -22,41 +22,42 @@ impl App {
         Ok(Workers { workers, placements })
     }
 
-    /// Why tasks wait although they could be executed, in sentences; empty when all is well.
+    /// Sentences about why tasks wait although they could be executed. Empty if all is well.
     pub async fn obstacles(&self, workers: &[Worker]) -> Result<Vec<String>, ApiError> {
         let mut obstacles = Vec::new();
         if let Some(since) = self.queue().await?.paused_at {
-            obstacles
-                .push(format!("the queue is paused since {since}; `torqued resume` ends that"));
+            obstacles.push(format!(
+                "the queue is paused since {since}; resume it with `torqued resume`"
+            ));
         }
         let engine = self.store.engine().await?;
         let are_alive = workers.iter().any(|worker| worker.alive);
         let are_free = workers.iter().any(|worker| worker.alive && worker.drained_at.is_none());
         if engine.is_some() {
-            // It is asked for whatever workers are lacking, and has an obstacle where that fails.
+            // The engine provides missing workers. If that fails, it has an obstacle of its own.
         } else if !are_alive {
-            let nobody = "no worker is alive, so that tasks wait; start one with `torqued worker`";
+            let nobody = "tasks wait, because no worker is alive; start one with `torqued worker`";
             obstacles.push(nobody.to_owned());
         } else if !are_free {
-            let nobody =
-                "every worker is drained, so that tasks wait; `torqued undrain NAME` ends that";
+            let nobody = "tasks wait, because every worker is drained; undrain one with `torqued undrain \
+                 NAME`";
             obstacles.push(nobody.to_owned());
         } else if let Some(wait) = self.store.why_all_wait().await? {
             let why = sentence(&wait, None);
-            obstacles.push(format!("no worker can take any task that waits: {why}"));
+            obstacles.push(format!("no worker can take any waiting task: {why}"));
         }
         obstacles.extend(engine.and_then(|engine| engine.obstacle));
         obstacles.extend(self.store.obstacle());
         Ok(obstacles)
     }
 
-    /// Has a worker claim no more tasks; it ends the one that it has.
+    /// Drains a worker: it claims no more tasks, and ends the one that it has.
     pub async fn drain_worker(&self, name: &str) -> Result<Worker, ApiError> {
         self.store.drain_worker(name).await?;
         self.worker(name).await
     }
 
-    /// Has a worker that was drained claim tasks again.
+    /// Undrains a worker: it claims tasks again.
     pub async fn undrain_worker(&self, name: &str) -> Result<Worker, ApiError> {
         self.store.undrain_worker(name).await?;
         self.worker(name).await
@@ -69,7 +70,8 @@ impl App {
     }
 
     /// # Errors
-    /// [`ApiError::Ending`] when the server is about to end, [`ApiError::Unwritable`] when the database cannot be written.
+    /// [`ApiError::Ending`] when the server is about to stop. [`ApiError::Unwritable`] when the
+    /// database cannot be written.
     pub async fn readiness(&self) -> Result<Readiness, ApiError> {
         if self.is_ending() {
             return Err(ApiError::Ending);

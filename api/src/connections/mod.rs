@@ -1,4 +1,4 @@
-//! Connections: where they come from, how many there are, and how long each may keep quiet.
+//! Connections: where they come from, how many there are, and how long each may be silent.
 
 mod quiet;
 
@@ -29,20 +29,21 @@ use tower::ServiceExt as _;
 
 use crate::limits::{HEAD_BYTES, HEAD_FIELDS, HEAD_WITHIN, WRITE_STALL};
 
-/// Before the next try when a connection could not be accepted, as when there are no descriptors left.
+/// Pause before the next try if a connection could not be accepted, e.g. because no descriptors are
+/// left.
 const RETRY: Duration = Duration::from_secs(1);
 
-/// How long the end of an answer may take to be sent whose connection gives its place to another.
+/// How long the end of an answer may take if its connection gives its place to another one.
 const LAST_BYTES: Duration = Duration::from_millis(100);
 
-/// How long a new connection keeps its place whatever happens, so that a request which came with it is read.
+/// How long a new connection always keeps its place, so that a request that came with it is read.
 const ARRIVAL: Duration = Duration::from_millis(50);
 
-/// Where a server listens.
+/// The listener of a server.
 #[derive(Debug)]
 pub enum Listener {
     Tcp(TcpListener),
-    /// Whoever may open the socket's file.
+    /// A Unix socket, for every user who may open its file.
     Unix(UnixListener),
 }
 
@@ -58,7 +59,7 @@ impl From<UnixListener> for Listener {
     }
 }
 
-/// The address of a request's client, for those that came over a network.
+/// The address of a request's client, if it came over a network.
 #[derive(Clone, Copy, Debug)]
 pub struct Peer(pub IpAddr);
 
@@ -68,7 +69,7 @@ enum Stream {
 }
 
 impl Listener {
-    /// The address that other machines can reach, if they can.
+    /// The address that other machines can reach, if there is one.
     pub fn open_address(&self) -> io::Result<Option<SocketAddr>> {
         match self {
             Self::Tcp(listener) => {
@@ -82,7 +83,8 @@ impl Listener {
         match self {
             Self::Tcp(listener) => {
                 let (stream, from) = listener.accept().await?;
-                // A prediction of a stream is small and late if it waits to be sent together with the next.
+                // Otherwise a prediction of a stream would be delayed, to be sent together with the
+                // next one.
                 let _ = stream.set_nodelay(true);
                 Ok(Stream::Tcp(stream, Peer(from.ip().to_canonical())))
             }
@@ -91,8 +93,8 @@ impl Listener {
     }
 }
 
-/// Answers requests on at most `connections` at once until `stop`, and returns when the last of them has ended: requests
-/// that are under way are answered, and connections between two requests closed.
+/// Answers requests on at most `connections` connections until `stop`. After that, running requests
+/// are answered and idle connections are closed. Returns when the last connection has ended.
 pub async fn serve(
     listener: Listener,
     router: Router,
@@ -117,7 +119,7 @@ pub async fn serve(
             }
             // The semaphore is never closed.
             let Ok(place) = Arc::clone(&places).acquire_owned().await else { return };
-            // Before the next one comes, which may need its place.
+            // Registered before the next connection comes, which may need this one's place.
             let visitor = quiet.visitor();
             let (router, stop) = (router.clone(), stop.clone());
             open.spawn(async move {
@@ -163,7 +165,7 @@ async fn answer<S>(
         }
         async move {
             let answer = router.oneshot(request.map(Body::new)).await?;
-            // The request is under way until its answer is sent.
+            // The request is running until its answer is sent.
             Ok::<_, Infallible>(answer.map(|body| {
                 body.map_frame(move |frame| {
                     let _held = &asking;

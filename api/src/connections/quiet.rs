@@ -1,5 +1,5 @@
-//! Connections on which nothing is under way: those that wait for the head of a request. When there is no place for a new
-//! one, the one goes that has waited for longest.
+//! Quiet connections: those without a running request, which wait for the next one. If there is no
+//! place for a new connection, the one that has been quiet for longest is closed.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use tokio_util::sync::CancellationToken;
 
-/// The quiet connections, by when they became quiet.
+/// The quiet connections, ordered by the time since when they are quiet.
 #[derive(Clone, Default)]
 pub struct QuietOnes(Arc<Mutex<Line>>);
 
@@ -15,11 +15,12 @@ pub struct QuietOnes(Arc<Mutex<Line>>);
 struct Line {
     next: u64,
     quiet: BTreeMap<u64, CancellationToken>,
-    /// Somebody waits for a place that no quiet connection had: the next to become quiet gives its own.
+    /// A new connection waits for a place, and none was quiet. The next one to become quiet gives
+    /// its place.
     is_wanted: bool,
 }
 
-/// A connection, quiet until a request comes.
+/// A connection, which is quiet until a request comes.
 pub struct Visitor {
     all: QuietOnes,
     close: CancellationToken,
@@ -33,11 +34,11 @@ enum Standing {
     Gone,
 }
 
-/// A request under way, with its answer.
+/// A running request, with its answer.
 pub struct Asking(Arc<Visitor>);
 
 impl QuietOnes {
-    /// One who has got a place.
+    /// Registers a connection that has got a place.
     pub fn visitor(&self) -> Arc<Visitor> {
         let close = CancellationToken::new();
         let mut line = lock(&self.0);
@@ -47,8 +48,8 @@ impl QuietOnes {
         Arc::new(Visitor { all: self.clone(), close, standing, has_asked: AtomicBool::new(false) })
     }
 
-    /// Has the connection closed that has been quiet for longest; while none is, the next that becomes quiet, until
-    /// somebody has got a place.
+    /// Closes the connection that has been quiet for longest. If none is quiet, closes the next one
+    /// that becomes quiet, unless a place becomes free before.
     pub fn close_one(&self) {
         let mut line = lock(&self.0);
         match line.quiet.pop_first() {
@@ -76,17 +77,17 @@ impl Line {
 }
 
 impl Visitor {
-    /// Done when the connection is to be closed for another.
+    /// Completes when the connection has to be closed for another one.
     pub async fn unwanted(&self) {
         self.close.cancelled().await;
     }
 
-    /// A request has come, and is under way until what this returns is dropped.
+    /// Marks the connection as having a request, until the returned value is dropped.
     pub fn asks(self: &Arc<Self>) -> Asking {
         self.has_asked.store(true, Ordering::Relaxed);
         self.change(Standing::Busy);
         if self.close.is_cancelled() {
-            // Its place was promised to somebody, who now needs another.
+            // The place was promised to another connection, which now needs a different one.
             self.all.close_one();
         }
         Asking(Arc::clone(self))
@@ -97,12 +98,12 @@ impl Visitor {
         self.has_asked.load(Ordering::Relaxed)
     }
 
-    /// Whether a request is under way.
+    /// Whether a request is running.
     pub fn is_asking(&self) -> bool {
         matches!(*lock(&self.standing), Standing::Busy)
     }
 
-    /// The connection is closed, or speaks something else than HTTP.
+    /// The connection is closed, or uses another protocol than HTTP.
     pub fn goes(&self) {
         self.change(Standing::Gone);
     }
@@ -127,7 +128,7 @@ impl Drop for Asking {
 }
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    // Nothing panics while it has the lock.
+    // No code panics while it holds the lock.
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
@@ -143,12 +144,12 @@ mod tests {
         third.goes();
         all.close_one();
         assert!(second.close.is_cancelled() && !first.close.is_cancelled());
-        // Nobody is quiet, until the first has its answer.
+        // None is quiet until the first has its answer.
         all.close_one();
         assert!(!first.close.is_cancelled() && !third.close.is_cancelled());
         drop(asking);
         assert!(first.close.is_cancelled());
-        // One place was wanted, and not every one.
+        // One place was wanted, not every place.
         assert!(!all.visitor().close.is_cancelled());
     }
 

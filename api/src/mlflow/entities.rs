@@ -1,4 +1,5 @@
-//! MLflow's entities as JSON of its `service.proto`: integers of 64 bits as numbers, and doubles that are not finite as words.
+//! MLflow's entities as JSON of its `service.proto`. Integers of 64 bits are numbers, and doubles
+//! that are not finite are words.
 
 use serde::{Serialize, Serializer};
 
@@ -22,7 +23,7 @@ pub struct Run {
 #[derive(Clone, Debug, Serialize)]
 pub struct RunInfo {
     pub run_id: String,
-    /// The same, for older clients.
+    /// The same id, for older clients.
     pub run_uuid: String,
     pub run_name: String,
     pub experiment_id: String,
@@ -77,7 +78,7 @@ pub enum Stage {
     Deleted,
 }
 
-/// Which stages a search finds.
+/// The stages that a search finds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum View {
     Active,

@@ -1,4 +1,4 @@
-//! Errors as MLflow has them: a code and a message.
+//! Errors in MLflow's form: a code and a message.
 
 use axum::Json;
 use axum::http::StatusCode;
@@ -9,7 +9,7 @@ use thiserror::Error;
 
 use crate::error::ApiError;
 
-/// The codes of `mlflow/protos/databricks.proto` that are answered here.
+/// The codes of `mlflow/protos/databricks.proto` that this server uses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ErrorCode {
     InvalidParameterValue,
@@ -28,7 +28,8 @@ pub enum MlflowError {
     #[error("{message}")]
     Refused { code: ErrorCode, message: String },
 
-    /// An error that any path of the server may answer with; [`super::translate`] says it in MLflow's way.
+    /// An error that any path of the server may have. [`super::translate`] puts it into MLflow's
+    /// form.
     #[error(transparent)]
     Api(#[from] ApiError),
 }
@@ -48,7 +49,7 @@ impl ErrorCode {
         }
     }
 
-    /// As `mlflow/exceptions.py` has it.
+    /// The status in `mlflow/exceptions.py`.
     const fn status(self) -> StatusCode {
         match self {
             Self::InvalidParameterValue | Self::ResourceAlreadyExists => StatusCode::BAD_REQUEST,
@@ -61,7 +62,7 @@ impl ErrorCode {
         }
     }
 
-    /// The code that says the most about an answer with this status.
+    /// The most specific code for an answer with this status.
     pub fn of_status(status: StatusCode) -> Self {
         match status {
             StatusCode::NOT_FOUND | StatusCode::GONE => Self::ResourceDoesNotExist,
@@ -83,7 +84,7 @@ impl MlflowError {
         Self::Refused { code, message }
     }
 
-    /// `value` is the field's as it came, or a part of it.
+    /// An invalid field. `value` is its value as received, or a part of it.
     pub fn invalid(field: &str, value: &str, allowed: &str) -> Self {
         let message = format!("{field} is {}, allowed: {allowed}", shortened(value));
         Self::refused(ErrorCode::InvalidParameterValue, message)
@@ -99,7 +100,7 @@ impl MlflowError {
     }
 }
 
-/// Quoted, and no longer than a line.
+/// The value in quotes, cut to one line.
 fn shortened(value: &str) -> String {
     const CHARACTERS: usize = 80;
     match value.char_indices().nth(CHARACTERS) {

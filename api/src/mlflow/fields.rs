@@ -1,4 +1,4 @@
-//! The fields of a request, which MLflow's clients send as JSON or, with GET, in the query.
+//! The fields of a request. MLflow's clients send them as JSON or, with GET, in the query.
 
 use std::borrow::Cow;
 
@@ -10,14 +10,14 @@ use super::MlflowError;
 use crate::error::ApiError;
 use crate::extract::JsonBytes;
 
-/// Everything that a request says; fields that nobody reads are ignored, as MLflow's own server does.
+/// All fields of a request. Unknown fields are ignored, as on MLflow's own server.
 pub struct Request(Map<String, Value>);
 
 /// The fields of a request, or of an object in one of its lists.
 #[derive(Clone, Copy)]
 pub struct Fields<'a> {
     map: &'a Map<String, Value>,
-    /// The list that the object is in, and its place there.
+    /// The list that contains the object, and its index there.
     within: Option<(&'static str, usize)>,
 }
 
@@ -46,7 +46,7 @@ impl<S: Send + Sync> FromRequest<S> for Request {
     }
 }
 
-/// A field that comes more than once is a list.
+/// The fields of a query. A field that comes more than once is a list.
 fn of_query(pairs: Vec<(String, String)>) -> Map<String, Value> {
     let mut fields = Map::new();
     for (name, value) in pairs {
@@ -68,7 +68,7 @@ impl<'a> Fields<'a> {
         }
     }
 
-    /// A field that is `null` is not there.
+    /// A field's value. `null` counts as missing.
     fn value(&self, name: &str) -> Option<&'a Value> {
         self.map.get(name).filter(|value| !value.is_null())
     }
@@ -78,11 +78,11 @@ impl<'a> Fields<'a> {
         MlflowError::invalid(&self.path(name), &value, allowed)
     }
 
-    /// Texts of `most` characters. No database keeps the character NUL.
+    /// A text with at most `most` characters. No database can store the character NUL.
     pub fn text(&self, name: &str, most: usize) -> Result<Option<&'a str>, MlflowError> {
         let Some(value) = self.value(name) else { return Ok(None) };
         match value.as_str() {
-            // Characters are no more than bytes, which are counted at once.
+            // There are at most as many characters as bytes, and bytes are counted faster.
             Some(text)
                 if (text.len() <= most || text.chars().count() <= most) && !text.contains('\0') =>
             {
@@ -100,7 +100,7 @@ impl<'a> Fields<'a> {
         text.ok_or_else(|| MlflowError::missing(&self.path(name)))
     }
 
-    /// A whole number of 64 bits, which JSON of protobuf writes as a text.
+    /// An integer of 64 bits, which protobuf's JSON writes as text.
     pub fn integer(&self, name: &str) -> Result<Option<i64>, MlflowError> {
         let Some(value) = self.value(name) else { return Ok(None) };
         let number = match value {
@@ -111,7 +111,7 @@ impl<'a> Fields<'a> {
         number.map(Some).ok_or_else(|| self.invalid(name, value, allowed))
     }
 
-    /// A double, or the words that JSON of protobuf has for what is not finite.
+    /// A double, or a word of protobuf's JSON for a number that is not finite.
     pub fn number(&self, name: &str) -> Result<Option<f64>, MlflowError> {
         let Some(value) = self.value(name) else { return Ok(None) };
         let number = match value {
@@ -127,7 +127,7 @@ impl<'a> Fields<'a> {
         number.map(Some).ok_or_else(|| self.invalid(name, value, allowed))
     }
 
-    /// The objects of a list of `most` items; none without the field.
+    /// The objects of a list with at most `most` items. Empty without the field.
     pub fn objects(&self, name: &'static str, most: usize) -> Result<Vec<Fields<'a>>, MlflowError> {
         let object = |(place, value): (usize, &'a Value)| match value.as_object() {
             Some(map) => Ok(Fields { map, within: Some((name, place)) }),
@@ -136,9 +136,9 @@ impl<'a> Fields<'a> {
         self.list(name, most)?.iter().enumerate().map(object).collect()
     }
 
-    /// The texts of a list of `most` items; none without the field.
+    /// The texts of a list with at most `most` items. Empty without the field.
     pub fn texts(&self, name: &'static str, most: usize) -> Result<Vec<&'a str>, MlflowError> {
-        // In a query a list of one looks like a text.
+        // In a query, a list with one item looks like a text.
         if let Some(text) = self.value(name).and_then(Value::as_str) {
             return Ok(vec![text]);
         }

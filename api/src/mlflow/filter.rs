@@ -3,7 +3,7 @@
 use super::scan::Scanner;
 use super::{Attribute, Datum, Field, MlflowError, limits};
 
-/// Clauses that must all be met.
+/// Clauses that must all be true.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Filter(Vec<Clause>);
 
@@ -17,17 +17,17 @@ struct Clause {
 enum Test {
     Number(Comparison, f64),
     Text(Comparison, String),
-    /// Whether the case of letters counts.
+    /// Whether upper and lower case differ.
     Like {
         pattern: String,
         any_case: bool,
     },
-    /// Whether it is, or is not, one of these.
+    /// Whether the value is, or is not, one of these.
     Among {
         texts: Vec<String>,
         is_in: bool,
     },
-    /// Whether there is none, or one.
+    /// Whether the value is missing, or present.
     Missing(bool),
 }
 
@@ -41,7 +41,7 @@ enum Comparison {
     GreaterOrEqual,
 }
 
-/// Longer ones first.
+/// Longer symbols come first.
 const SYMBOLS: [(&str, Comparison); 7] = [
     ("==", Comparison::Equal),
     ("!=", Comparison::Unequal),
@@ -53,7 +53,7 @@ const SYMBOLS: [(&str, Comparison); 7] = [
 ];
 
 impl Filter {
-    /// Reads a filter; `attributes` are those that there are.
+    /// Reads a filter. `attributes` are the allowed ones.
     pub fn parse(text: &str, attributes: &[Attribute]) -> Result<Self, MlflowError> {
         let mut scanner = Scanner::new(text);
         let mut clauses = Vec::new();
@@ -80,7 +80,7 @@ impl Filter {
         self.0.iter().map(|clause| &clause.field)
     }
 
-    /// Whether the thing whose fields `find` finds meets all clauses.
+    /// Whether all clauses are true. `find` returns the value of a field.
     pub fn is_met<'a>(&self, find: impl Fn(&Field) -> Option<Datum<'a>>) -> bool {
         self.0.iter().all(|clause| clause.test.is_met(find(&clause.field)))
     }
@@ -154,7 +154,8 @@ fn texts(scanner: &mut Scanner<'_>) -> Result<Vec<String>, MlflowError> {
 }
 
 impl Test {
-    /// A field that is not there meets no test but that it is missing.
+    /// Whether the clause is true. A missing field passes no test except the one for missing
+    /// fields.
     fn is_met(&self, found: Option<Datum<'_>>) -> bool {
         let Some(found) = found else { return *self == Self::Missing(true) };
         match (self, found) {
@@ -178,7 +179,8 @@ impl Test {
 }
 
 impl Comparison {
-    /// `None` is how a NaN compares: it is unequal to everything.
+    /// Whether the comparison is true. `None` is the result of comparing NaN, which is unequal to
+    /// everything.
     fn holds(self, order: Option<std::cmp::Ordering>) -> bool {
         let Some(order) = order else { return self == Self::Unequal };
         match self {
@@ -192,12 +194,13 @@ impl Comparison {
     }
 }
 
-/// SQL's LIKE: `%` is any text, `_` any character. Takes the product of both lengths at most.
+/// SQL's LIKE: `%` is any text, and `_` is any character. It takes at most the product of both
+/// lengths.
 fn like(pattern: &str, text: &str) -> bool {
     let (pattern, text): (Vec<char>, Vec<char>) =
         (pattern.chars().collect(), text.chars().collect());
     let (mut p, mut t) = (0, 0);
-    // The last `%`, and where in the text its share ends so far.
+    // The last `%`, and the end of its text so far.
     let mut back: Option<(usize, usize)> = None;
     while t < text.len() {
         match pattern.get(p) {

@@ -2,7 +2,7 @@
 
 use super::MlflowError;
 
-/// A value of a run or an experiment that a filter can ask for.
+/// A field of a run or an experiment that a filter can use.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub enum Field {
     Metric(String),
@@ -34,7 +34,7 @@ pub enum Datum<'a> {
 }
 
 impl Attribute {
-    /// Those of runs.
+    /// Attributes of runs.
     pub const OF_RUNS: [Self; 7] = [
         Self::RunId,
         Self::RunName,
@@ -45,7 +45,7 @@ impl Attribute {
         Self::ArtifactUri,
     ];
 
-    /// Those of experiments.
+    /// Attributes of experiments.
     pub const OF_EXPERIMENTS: [Self; 4] =
         [Self::Name, Self::ExperimentId, Self::CreationTime, Self::LastUpdateTime];
 
@@ -69,7 +69,7 @@ impl Attribute {
         matches!(self, Self::StartTime | Self::EndTime | Self::CreationTime | Self::LastUpdateTime)
     }
 
-    /// MLflow's page has these names, too.
+    /// Names that MLflow's page also uses.
     fn alias(name: &str) -> &str {
         match name {
             "created" | "Created" => "start_time",
@@ -81,7 +81,7 @@ impl Attribute {
 }
 
 impl Field {
-    /// Reads a name as it stands in a filter; `attributes` are those that there are.
+    /// Reads a name in a filter. `attributes` are the allowed ones.
     pub fn parse(text: &str, attributes: &[Attribute]) -> Result<Self, MlflowError> {
         let (kind, key) = match text.split_once('.') {
             Some((kind, key)) if !text.starts_with(['`', '"']) => (kind, key),
@@ -129,7 +129,7 @@ fn unquoted(text: &str) -> &str {
 }
 
 impl Datum<'_> {
-    /// Milliseconds since 1970; those of the next 285 000 years are exact.
+    /// Milliseconds since 1970. Times in the next 285 000 years are exact.
     #[expect(clippy::cast_precision_loss, reason = "times are compared, not calculated with")]
     pub const fn moment(milliseconds: i64) -> Self {
         Self::Number(milliseconds as f64)

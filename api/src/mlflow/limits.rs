@@ -1,4 +1,5 @@
-//! MLflow's own limits (`mlflow/utils/validation.py`), in characters or items. Crossing one is an INVALID_PARAMETER_VALUE.
+//! MLflow's own limits (`mlflow/utils/validation.py`), in characters or items. Exceeding one gives
+//! INVALID_PARAMETER_VALUE.
 
 /// Characters of the key of a metric, a param or a tag.
 pub const KEY: usize = 250;
@@ -15,7 +16,7 @@ pub const EXPERIMENT_TAG_VALUE: usize = 20_000;
 /// Characters of the name of an experiment.
 pub const EXPERIMENT_NAME: usize = 500;
 
-/// Characters of the name of a run, and of its user.
+/// Characters of the name of a run, and of its user's name.
 pub const RUN_NAME: usize = 500;
 
 /// Metrics of one batch.
@@ -27,17 +28,17 @@ pub const TEXTS_PER_BATCH: usize = 100;
 /// Metrics, params and tags of one batch together.
 pub const ENTITIES_PER_BATCH: usize = 1000;
 
-/// Runs or experiments of one page when the request does not say.
+/// Default number of runs or experiments on a page.
 pub const PAGE_DEFAULT: u32 = 1000;
 
-/// Runs or experiments of one page at most.
+/// Largest number of runs or experiments on a page.
 pub const PAGE_MAXIMUM: u32 = 50_000;
 
-/// Points of one page of a metric.
+/// Points on a page of a metric.
 pub const HISTORY_PAGE: u32 = 25_000;
 
-/// Bytes of the name of an artifact, its folders included.
+/// Bytes of the name of an artifact, including its folders.
 pub const ARTIFACT_NAME: usize = 1000;
 
-/// Clauses of one filter, and of one order.
+/// Clauses of a filter, and items of an order.
 pub const CLAUSES: usize = 100;

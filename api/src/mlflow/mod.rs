@@ -1,4 +1,5 @@
-//! The language of MLflow's REST API: its requests, entities, errors, filters and limits. Nothing here asks the store.
+//! MLflow's REST API: its requests, entities, errors, filters and limits. Nothing here uses the
+//! store.
 
 pub mod entities;
 mod error;

@@ -1,4 +1,4 @@
-//! The order of what a search finds: `metrics.loss ASC`, then `attributes.start_time DESC`.
+//! The order of search results: `metrics.loss ASC`, then `attributes.start_time DESC`.
 
 use std::cmp::Ordering;
 
@@ -19,7 +19,7 @@ impl Order {
         Self { field: Field::Attribute(attribute), is_descending: false }
     }
 
-    /// Reads one item of `order_by`; `attributes` are those that there are.
+    /// Reads one item of `order_by`. `attributes` are the allowed ones.
     pub fn parse(text: &str, attributes: &[Attribute]) -> Result<Self, MlflowError> {
         let text = text.trim();
         let split = text.rsplit_once(char::is_whitespace);
@@ -31,7 +31,8 @@ impl Order {
         Ok(Self { field: Field::parse(field.trim(), attributes)?, is_descending })
     }
 
-    /// In either direction what is not a number comes after what is, and what is missing comes last.
+    /// Compares two values. In either direction NaN comes after numbers, and a missing value comes
+    /// last.
     pub fn compare(&self, a: Option<Datum<'_>>, b: Option<Datum<'_>>) -> Ordering {
         let rank = |datum: &Option<Datum<'_>>| match datum {
             None => 2,

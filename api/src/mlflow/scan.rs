@@ -1,8 +1,8 @@
-//! The words of a filter, one after another.
+//! Splits a filter into words.
 
 use super::MlflowError;
 
-/// The part of a filter that is not read yet.
+/// The unread part of a filter.
 pub struct Scanner<'a> {
     rest: &'a str,
 }
@@ -26,7 +26,7 @@ impl<'a> Scanner<'a> {
         taken
     }
 
-    /// A name, whose parts may be in quotes: it ends at a space or a comparison.
+    /// Reads a name, whose parts may be in quotes. It ends at a space or a comparison.
     pub fn name(&mut self) -> Result<&'a str, MlflowError> {
         let mut quote = None;
         for (place, character) in self.rest.char_indices() {
@@ -56,7 +56,7 @@ impl<'a> Scanner<'a> {
         Ok(self.take(bytes))
     }
 
-    /// The next word if it is `word`, in any case.
+    /// Reads the next word if it is `word`, ignoring case.
     pub fn word(&mut self, word: &str) -> bool {
         let Some(found) = self.rest.get(..word.len()) else { return false };
         let ends = !self.rest[word.len()..].starts_with(|next: char| next.is_alphanumeric());
@@ -75,7 +75,7 @@ impl<'a> Scanner<'a> {
         is_next
     }
 
-    /// A text in single or double quotes; the quote inside is written twice.
+    /// Reads a text in single or double quotes. A quote inside is written twice.
     pub fn text(&mut self) -> Result<String, MlflowError> {
         let allowed = "a text in quotes, such as 'adam'";
         let invalid = |rest: &str| MlflowError::invalid("filter", rest, allowed);

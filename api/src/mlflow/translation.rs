@@ -1,4 +1,4 @@
-//! Errors of the guards, which stand before every path, in MLflow's shape where its clients ask.
+//! Puts errors of the guards, which stand before every path, into MLflow's form for its clients.
 
 use axum::body::Body;
 use axum::extract::Request;
@@ -11,10 +11,10 @@ use wire::Problem;
 
 use super::ErrorCode;
 
-/// Where clients of MLflow ask.
+/// The prefix of paths for MLflow's clients.
 const PREFIX: &str = "/api/";
 
-/// Says a problem as `error_code` and `message`, with the status and the headers that it has.
+/// Writes a problem as `error_code` and `message`, with its status and headers.
 pub async fn translate(request: Request, next: Next) -> Response {
     let is_mlflow = request.uri().path().starts_with(PREFIX);
     let response = next.run(request).await;

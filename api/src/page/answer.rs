@@ -1,4 +1,4 @@
-//! A page as an answer, and errors as pages.
+//! Answers with pages, and errors as pages.
 
 use askama::Template;
 use axum::extract::FromRequestParts;
@@ -9,7 +9,7 @@ use wire::Problem;
 
 use crate::error::ApiError;
 
-/// An error, told in HTML.
+/// An error that is shown as HTML.
 pub struct PageError(pub ApiError);
 
 impl<E: Into<ApiError>> From<E> for PageError {
@@ -18,7 +18,7 @@ impl<E: Into<ApiError>> From<E> for PageError {
     }
 }
 
-/// An extractor of the API whose rejection is told in HTML.
+/// An extractor of the API whose rejection is shown as HTML.
 pub struct InPage<E>(pub E);
 
 impl<E, S> FromRequestParts<S> for InPage<E>
@@ -53,7 +53,7 @@ impl IntoResponse for PageError {
     }
 }
 
-/// A page, never kept by the browser: it shows what is the case now.
+/// A page. The browser does not store it, because it shows the present state.
 pub fn html(page: &impl Template) -> Result<Response, ApiError> {
     let headers = [(CONTENT_TYPE, "text/html; charset=utf-8"), (CACHE_CONTROL, "no-store")];
     Ok((headers, page.render()?).into_response())

@@ -1,4 +1,4 @@
-//! The style sheets, the scripts and the icon, which travel inside the binary.
+//! The style sheets, the scripts and the icon, which are part of the binary.
 
 use axum::extract::Path;
 use axum::http::header::{CACHE_CONTROL, CONTENT_TYPE, ETAG, IF_NONE_MATCH};
@@ -50,14 +50,14 @@ pub async fn show(Path(name): Path<String>, headers: HeaderMap) -> Result<Respon
     Ok(answer(asset.media_type, asset.bytes, &headers))
 }
 
-/// A file that is part of the binary, unless the browser that asks has it.
+/// A file of the binary, unless the browser has it already.
 pub(super) fn answer(
     media_type: &'static str,
     bytes: &'static [u8],
     headers: &HeaderMap,
 ) -> Response {
     let tag = format!("\"{}\"", Digest::of(bytes));
-    // The next version of the binary may bring another file under the same name.
+    // The next version of the binary may have another file under the same name.
     let validators = [(ETAG, tag.clone()), (CACHE_CONTROL, "no-cache".to_owned())];
     if headers.get(IF_NONE_MATCH).is_some_and(|known| known.as_bytes() == tag.as_bytes()) {
         return (StatusCode::NOT_MODIFIED, validators).into_response();

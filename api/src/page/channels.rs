@@ -1,4 +1,4 @@
-//! The channels of a dataset in a table.
+//! A table of a dataset's channels.
 
 use wire::ChannelSummary;
 

@@ -1,4 +1,4 @@
-//! A checkpoint: its files, and how to open them elsewhere.
+//! The page of a checkpoint: its files, and how to open them in other tools.
 
 use askama::Template;
 use axum::extract::State;
@@ -70,7 +70,7 @@ pub async fn show(
     Ok(html(&page)?)
 }
 
-/// What it is besides: `final`, `best`, `last`.
+/// Its marks: `final`, `best`, `last`.
 pub fn marks(checkpoint: &Checkpoint) -> String {
     let Checkpoint { is_final, is_best, is_last, .. } = checkpoint;
     let marks = [(*is_final, "final"), (*is_best, "best"), (*is_last && !is_final, "last")];
@@ -101,7 +101,7 @@ impl FileRow {
     }
 }
 
-/// A command that works as printed: asks about an arm at rest that will be pushed.
+/// A complete command that predicts for an arm at rest that will be pushed.
 fn question(commands: &Commands, id: i64, Extents { context, horizon }: Extents) -> String {
     let Commands { curl, origin } = commands;
     format!(
@@ -112,7 +112,7 @@ fn question(commands: &Commands, id: i64, Extents { context, horizon }: Extents)
     )
 }
 
-/// Lines that work as printed, in a shell and then in Python.
+/// Complete lines for a shell and then for Python.
 fn snippet(commands: &Commands, files: &[StoredFile]) -> String {
     let downloads: Vec<String> =
         files.iter().map(|file| commands.download(&file.url, &file.name)).collect();

@@ -1,4 +1,4 @@
-//! What a control job found, on its page: figures, and numbers with their intervals.
+//! The results of a control job on its page: figures, and numbers with their intervals.
 
 use wire::{ControlReport, ControllerSummary, Job, Warning};
 
@@ -9,9 +9,9 @@ use crate::page::text;
 /// Figures and tables of a control job.
 pub struct ClosedLoop {
     pub setting: String,
-    /// Data that checkpoints were not trained on, a sentence each.
+    /// Sentences about data outside the checkpoints' training data.
     pub warnings: Vec<String>,
-    /// Of all robots, then of the first.
+    /// Figures of all robots, then of the first robot.
     pub figures: Vec<FigureLink>,
     pub controllers: Vec<ControllerRow>,
     pub paired: Vec<PairedRow>,
@@ -43,7 +43,7 @@ pub struct PairedRow {
 }
 
 impl ClosedLoop {
-    /// `None` of a job that has no report yet.
+    /// `None` for a job without a report.
     pub async fn of(app: &App, job: &Job) -> Result<Option<Self>, ApiError> {
         let Some(run) = job.run else { return Ok(None) };
         let Some(report) = app.report(run).await? else { return Ok(None) };
@@ -85,7 +85,7 @@ impl ClosedLoop {
     }
 }
 
-/// The tracking errors, in a line.
+/// The tracking errors in one line.
 pub fn headline(report: &ControlReport) -> String {
     let of = |controller: &ControllerSummary| match controller.rms_deg {
         Some(rms) => format!("{} {}°", controller.info.name, text::degrees(rms.mean)),

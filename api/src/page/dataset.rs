@@ -1,4 +1,4 @@
-//! A dataset: what it holds, single trajectories, its files, and how to read them.
+//! The page of a dataset: its contents, single trajectories, its files, and how to read them.
 
 use askama::Template;
 use axum::extract::State;
@@ -21,7 +21,7 @@ use crate::page::{recordings, text};
 
 #[derive(Deserialize)]
 pub struct View {
-    /// Shown in the viewer; the first one when left out.
+    /// The trajectory in the viewer. Default: the first one.
     trajectory: Option<u64>,
 }
 
@@ -41,7 +41,7 @@ struct DatasetPage {
     checked: Checked,
     channels: Vec<ChannelRow>,
     has_spectra: bool,
-    /// What the channels do not tell of, in words.
+    /// A sentence about trajectories that the channels do not cover.
     left_out: String,
     viewer: Option<Viewer>,
     files: Vec<FileRow>,
@@ -50,7 +50,7 @@ struct DatasetPage {
     spec: String,
 }
 
-/// Files shown; the rest is one link away.
+/// Number of files shown. A link leads to the others.
 const FILES: usize = 101;
 
 pub async fn show(
@@ -99,7 +99,7 @@ pub async fn show(
     Ok(html(&page)?)
 }
 
-/// Queues a verification and leads back to where its outcome will be.
+/// Queues a verification, and leads back to the place of its result.
 pub async fn verify(
     State(app): State<App>,
     InPage(Path(id)): InPage<Path<i64>>,
@@ -151,7 +151,7 @@ impl FileRow {
     }
 }
 
-/// Lines that work as printed once the first shard exists, in a shell and then in Python.
+/// Complete lines for a shell and then for Python; `None` until the first shard exists.
 fn snippet(commands: &Commands, dataset: &Dataset) -> Option<String> {
     let of = |content: FileKind| dataset.files.iter().find(|file| file.content == content);
     let (samples, robots) = (of(FileKind::Trajectories)?, of(FileKind::Robots)?);

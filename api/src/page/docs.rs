@@ -1,6 +1,6 @@
-//! The operations of the API to read and to try: Swagger UI on the server's own document.
+//! Swagger UI on the server's own document, to read and try the API's operations.
 //!
-//! The files of Swagger UI come with a crate and travel inside the binary.
+//! The files of Swagger UI come with a crate and are part of the binary.
 
 use std::borrow::Cow;
 use std::sync::Arc;
@@ -21,12 +21,12 @@ use crate::page::assets;
 #[template(path = "docs.html")]
 struct DocsPage;
 
-/// As for every page, except that style sheets of Swagger UI have small images in them.
+/// The policy of other pages, extended for the small images in Swagger UI's style sheets.
 const POLICY: &str = "default-src 'none'; style-src 'self'; script-src 'self'; \
                       img-src 'self' data:; connect-src 'self'; form-action 'self'; \
                       base-uri 'none'; frame-ancestors 'none'";
 
-/// The files of Swagger UI that the page loads; the crate has more.
+/// The files of Swagger UI that the page loads. The crate has more.
 const FILES: [(&str, &str); 2] = [
     ("swagger-ui.css", "text/css; charset=utf-8"),
     ("swagger-ui-bundle.js", "text/javascript; charset=utf-8"),
@@ -43,7 +43,7 @@ pub async fn file(Path(name): Path<String>, headers: HeaderMap) -> Result<Respon
         FILES.into_iter().find(|(known, _)| *known == name).ok_or_else(no_file)?;
     let found = utoipa_swagger_ui::serve(&name, Arc::new(Config::default()));
     let file = found.ok().flatten().ok_or_else(no_file)?;
-    // Only its initializer, which is none of ours, is made anew for each request.
+    // Only Swagger UI's initializer, which the page does not use, is made for each request.
     let Cow::Borrowed(bytes) = file.bytes else { return Err(no_file()) };
     let mut response = assets::answer(media_type, bytes, &headers);
     if file.gzpipped {

@@ -1,4 +1,4 @@
-//! An evaluation: its figure, and its numbers with their intervals.
+//! The page of an evaluation: its figures, and its numbers with their intervals.
 
 use askama::Template;
 use axum::extract::State;
@@ -27,7 +27,7 @@ struct EvaluationPage {
     spec: String,
 }
 
-/// A drawing among the artifacts.
+/// A figure among the artifacts.
 struct FigureView {
     url: String,
     alt: String,

@@ -1,4 +1,4 @@
-//! The front page: every experiment with its state, progress and key result.
+//! The front page: every experiment with its state, progress and main result.
 
 use askama::Template;
 use axum::extract::State;
@@ -14,7 +14,7 @@ use crate::page::labels::TagLink;
 use crate::page::parts::{Commands, Standing};
 use crate::page::rows::Row;
 
-/// Experiments of one page; each shows all its jobs.
+/// Number of experiments on a page. Each shows all its jobs.
 const PAGE: u32 = 20;
 
 #[derive(Template)]
@@ -22,14 +22,14 @@ const PAGE: u32 = 20;
 struct ExperimentsPage {
     commands: Commands,
     filters: Vec<Filter>,
-    /// The fields of the form, as they were filled in.
+    /// The fields of the form, as the user filled them in.
     text: String,
     tags: String,
     state: String,
     kinds: Vec<Choice>,
     filtered: bool,
     settled: bool,
-    /// Why experiments wait.
+    /// Sentences about why experiments wait.
     obstacles: Vec<String>,
     experiments: Vec<Experiment>,
     older: Option<String>,
@@ -49,22 +49,23 @@ struct Choice {
 struct Experiment {
     job: Standing,
     tags: Vec<TagLink>,
-    /// Its only row says the same as its heading.
+    /// Whether its only row repeats its heading.
     is_single: bool,
     rows: Vec<Row>,
 }
 
-/// The query of the form, without its empty fields.
+/// The query of the form, without empty fields.
 struct Asked(Vec<(String, String)>);
 
 impl Asked {
-    /// The values of a parameter, in one text.
+    /// The values of a parameter, joined to one text.
     fn value(&self, name: &str) -> String {
         let values = self.0.iter().filter(|(known, _)| known == name);
         values.map(|(_, value)| value.as_str()).collect::<Vec<_>>().join(" ")
     }
 
-    /// The address of the same with another value for a parameter, or without it. It begins with the first page.
+    /// The address of this page with another value for a parameter, or without it. It leads to the
+    /// first page of the list.
     fn with(&self, name: &str, value: Option<&str>) -> String {
         let keeps = |known: &&(String, String)| known.0 != name && known.0 != "cursor";
         let mut query = form_urlencoded::Serializer::new(String::new());

@@ -1,4 +1,4 @@
-//! One job or pipeline: its members or tasks, its results and its spec.
+//! The page of a job or pipeline: its members or tasks, its results and its spec.
 
 use std::slice;
 
@@ -24,10 +24,10 @@ use crate::page::rows::{Row, results};
 use crate::page::spec_text::spec_text;
 use crate::page::text::instant;
 
-/// Tasks shown; the rest is one link away.
+/// Number of tasks shown. A link leads to the others.
 const TASKS: u32 = 100;
 
-/// Attempts looked through for those that did not succeed.
+/// Number of attempts that are searched for failures.
 const ATTEMPTS: u32 = 50;
 
 #[derive(Template)]
@@ -36,7 +36,7 @@ struct JobPage {
     job: Standing,
     labelled: Labelled,
     warnings: Vec<String>,
-    /// What came of it, in words.
+    /// Its outcome in words.
     outcome: String,
     digest: String,
     short_digest: String,
@@ -46,11 +46,12 @@ struct JobPage {
     rows: Vec<Row>,
     tasks: Vec<TaskRow>,
     tasks_left_out: u64,
-    /// The id of the last one shown.
+    /// The id of the last task shown.
     last_task: i64,
-    /// The newest that ended without success.
+    /// The newest attempts that ended without success.
     attempts: Vec<AttemptRow>,
-    /// The last lines of the newest attempt that runs, or else of the newest that did not succeed.
+    /// The last lines of the newest running attempt. If none runs, those of the newest attempt that
+    /// failed.
     log: Option<LogEnd>,
     spec: String,
     commands: Commands,
@@ -71,7 +72,7 @@ struct AttemptRow {
     outcome: &'static str,
     reason: String,
     ended_at: String,
-    /// Where its log is; empty without one.
+    /// The address of its log. Empty without one.
     log: String,
 }
 
@@ -122,7 +123,7 @@ pub async fn show(
     Ok(html(&page)?)
 }
 
-/// The newest attempt that runs, or else that did not succeed, if it has a log.
+/// The newest running attempt, or the newest failed one if none runs. `None` if it has no log.
 fn with_log(attempts: &[Attempt]) -> Option<&Attempt> {
     let failed = |it: &&Attempt| it.outcome.is_some_and(|it| it != AttemptOutcome::Succeeded);
     let running = attempts.iter().find(|it| it.outcome.is_none());
@@ -158,7 +159,7 @@ impl TaskRow {
     }
 }
 
-/// Cancels and shows the job; one that has just ended by itself is no error to its reader.
+/// Cancels the job and shows it. A job that has just ended by itself is no error.
 pub async fn cancel(
     State(app): State<App>,
     InPage(Path(id)): InPage<Path<i64>>,

@@ -1,5 +1,5 @@
-//! Parts of the page that belong to single kinds of jobs. Any other kind is shown by its tasks, what the last of
-//! them reports, and the files that it left.
+//! Parts of the page for single kinds of jobs. Other kinds show their tasks, the result of the last
+//! task, and their files.
 
 use std::collections::BTreeMap;
 
@@ -14,7 +14,7 @@ use crate::page::parts::Link;
 use crate::page::verification::outcome;
 use crate::page::{control, report, text};
 
-/// The page that shows what a job with a run found, where that is not the job's.
+/// The page with the results of a job with a run, if it is not the job's own page.
 pub fn own_page(kind: JobKind, job: i64, run: i64) -> Option<Link> {
     match kind {
         JobKind::Train => Some(Link::new(format!("/runs/{run}"), "loss curve")),
@@ -23,7 +23,7 @@ pub fn own_page(kind: JobKind, job: i64, run: i64) -> Option<Link> {
     }
 }
 
-/// The findings that the page of a job shows, besides files.
+/// The results of a control job for the page of the job.
 pub async fn closed_loop(app: &App, job: &Job) -> Result<Option<ClosedLoop>, ApiError> {
     match job.kind {
         JobKind::Control => ClosedLoop::of(app, job).await,
@@ -31,14 +31,14 @@ pub async fn closed_loop(app: &App, job: &Job) -> Result<Option<ClosedLoop>, Api
     }
 }
 
-/// Where the numbers are that say how a job went.
+/// The source of the numbers that show how a job went.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Source {
     Dataset(i64),
     Agreement,
-    /// In the metrics of this run.
+    /// A metric of this run.
     Metric(i64),
-    /// In the report of this run.
+    /// The report of this run.
     Report(i64),
     Result,
 }
@@ -57,7 +57,7 @@ impl Source {
     }
 }
 
-/// The numbers that say how jobs went, by job. The database is asked as often for one job as for many.
+/// The main results of jobs, by job. The number of statements does not depend on the number of jobs.
 pub async fn headlines(app: &App, jobs: &[&Job]) -> Result<BTreeMap<i64, String>, ApiError> {
     let sources: Vec<(&Job, Source)> =
         jobs.iter().filter_map(|job| Some((*job, Source::of(job)?))).collect();
@@ -107,7 +107,8 @@ pub async fn headlines(app: &App, jobs: &[&Job]) -> Result<BTreeMap<i64, String>
     Ok(headlines)
 }
 
-/// A damaged report is the trouble of its own page, not of every list that has its job.
+/// The main result in a report. A damaged report only affects its own page, and not every list with
+/// its job.
 async fn of_report(app: &App, kind: JobKind, file: &Artifact) -> Result<Option<String>, ApiError> {
     let headline = match kind {
         JobKind::Control => {

@@ -1,4 +1,4 @@
-//! Name, note and tags of a thing: shown, and changed by a form.
+//! Name, note and tags of a thing: shows them, and changes them by a form.
 
 use axum::Form;
 use axum::extract::State;
@@ -13,21 +13,21 @@ use crate::error::ApiError;
 use crate::extract::Path;
 use crate::page::answer::{InPage, PageError};
 
-/// The labels of a thing as a page shows them.
+/// The labels of a thing in the form of a page.
 pub struct Labelled {
-    /// Where the form goes.
+    /// The path of the form.
     pub action: String,
     pub name: String,
     pub note: String,
-    /// Its own, if it is no job.
+    /// Its own tags, if it is not a job.
     pub tags: Vec<String>,
-    /// The job's.
+    /// The job's tags.
     pub job_tags: Vec<TagLink>,
-    /// Its own in a line.
+    /// Its own tags in one line.
     pub tag_line: String,
 }
 
-/// A tag, and the experiments that have it.
+/// A tag with a link to its experiments.
 pub struct TagLink {
     pub href: String,
     pub tag: String,
@@ -69,7 +69,7 @@ impl Labelled {
     }
 }
 
-/// The fields of the form. `shown` is the name that it began with.
+/// The fields of the form. `shown` is the name that it first showed.
 #[derive(Deserialize)]
 pub struct Fields {
     shown: String,
@@ -86,9 +86,9 @@ impl Fields {
         let name = self.name.trim().to_owned();
         let tags = self.tags.split([' ', ',', '\t']).filter(|tag| !tag.is_empty());
         LabelChange {
-            // A name that comes from the job stays the job's.
+            // If the name came from the job, it is still the job's.
             name: if name == self.shown { TextChange::Nothing } else { text(name) },
-            // Browsers send lines as mail has them.
+            // Browsers send CRLF line ends, as in mail.
             note: text(self.note.replace("\r\n", "\n").trim_end().to_owned()),
             tags: Some(tags.map(str::to_owned).collect()),
             ..LabelChange::default()
@@ -131,7 +131,7 @@ pub async fn checkpoint(
     change(&app, Thing::Checkpoint, id, form).await
 }
 
-/// Changes the labels and shows the thing.
+/// Changes the labels, and shows the thing.
 async fn change(app: &App, thing: Thing, id: i64, form: Asked) -> Answer {
     let unreadable = |rejection: FormRejection| ApiError::Form { reason: rejection.body_text() };
     let Form(fields) = form.map_err(unreadable)?;

@@ -1,4 +1,4 @@
-//! Logging in with a token, and out.
+//! Login with a token, and logout.
 
 use askama::Template;
 use axum::extract::rejection::FormRejection;
@@ -24,7 +24,7 @@ struct LoginPage {
 
 #[derive(Deserialize)]
 pub struct WayBack {
-    /// The page to go to afterwards.
+    /// The page to show after the login.
     #[serde(default)]
     back: String,
 }
@@ -36,7 +36,7 @@ pub struct Login {
     back: String,
 }
 
-/// The form for a token; a server that asks for none shows its first page.
+/// The form for a token. A server that requires none redirects to its first page.
 pub async fn show(
     State(app): State<App>,
     InPage(Query(WayBack { back })): InPage<Query<WayBack>>,
@@ -47,7 +47,8 @@ pub async fn show(
     Ok(html(&LoginPage { back: own_page(back), was_refused: false })?)
 }
 
-/// Opens a session and goes on to the page that was asked for; shows the form again for a token that opens nothing.
+/// Opens a session and redirects to the requested page. Shows the form again if the token is not
+/// valid.
 pub async fn log_in(
     State(app): State<App>,
     headers: HeaderMap,
@@ -57,7 +58,7 @@ pub async fn log_in(
     let Form(Login { token, back }) = form.map_err(unreadable)?;
     let back = own_page(back);
     let Some((caller, session)) = app.log_in(token.trim()).await? else {
-        tracing::warn!("somebody tried to log in with a token that opens nothing");
+        tracing::warn!("somebody tried to log in with a token that is not valid");
         let page = html(&LoginPage { back, was_refused: true })?;
         return Ok((StatusCode::UNAUTHORIZED, page).into_response());
     };
@@ -74,16 +75,17 @@ pub async fn log_out(State(app): State<App>, headers: HeaderMap) -> Result<Respo
     Ok(([(SET_COOKIE, cookie("", 0, &headers))], Redirect::to("/")).into_response())
 }
 
-/// A cookie that scripts cannot read and other sites cannot use. Behind a proxy with TLS it is sent over TLS alone.
+/// A cookie that scripts cannot read and other sites cannot use. Behind a proxy with TLS, it is
+/// sent only over TLS.
 fn cookie(value: &str, seconds: u64, headers: &HeaderMap) -> String {
     let is_https = headers.get("x-forwarded-proto").is_some_and(|scheme| scheme == "https");
     let secure = if is_https { "; Secure" } else { "" };
     format!("{SESSION_COOKIE}={value}; Path=/; Max-Age={seconds}; HttpOnly; SameSite=Lax{secure}")
 }
 
-/// A path of this server, whatever was asked for.
+/// The requested path, if it belongs to this server.
 fn own_page(back: String) -> String {
-    // A browser takes `//host` and `/\host` for another server.
+    // A browser takes `//host` and `/\host` as another server.
     let leads_away = back[1.min(back.len())..].starts_with(['/', '\\']);
     let is_plain = back.bytes().all(|byte| byte.is_ascii_graphic());
     if back.starts_with('/') && !leads_away && is_plain { back } else { "/".to_owned() }

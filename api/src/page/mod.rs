@@ -1,4 +1,4 @@
-//! The page: HTML that works without scripts, from the same data that the API answers with.
+//! The page: HTML that works without scripts, from the same data as the API.
 
 mod answer;
 mod assets;
@@ -41,7 +41,7 @@ pub fn routes() -> Router<App> {
     paths().into_iter().fold(Router::new(), |router, (path, methods)| router.route(path, methods))
 }
 
-/// Every path of the page, with what answers it.
+/// Every path of the page, with its handler.
 pub fn paths() -> [(&'static str, MethodRouter<App>); 27] {
     [
         ("/", get(experiments::show)),
@@ -74,7 +74,7 @@ pub fn paths() -> [(&'static str, MethodRouter<App>); 27] {
     ]
 }
 
-/// Answers what no route does: in HTML to a browser, as a problem to everyone else.
+/// Answers a request without a route: with HTML to a browser, and with a problem to other clients.
 pub async fn no_route(headers: HeaderMap, request: Request) -> Response {
     let error = ApiError::NoRoute { path: request.uri().path().to_owned() };
     if accepts_html(&headers) { PageError(error).into_response() } else { error.into_response() }

@@ -1,4 +1,4 @@
-//! What several pages show in the same way.
+//! Parts that several pages share.
 
 use axum::http::HeaderMap;
 use axum::http::header::HOST;
@@ -8,7 +8,7 @@ use wire::{Artifact, Job, JobState, Progress};
 use crate::access;
 use crate::page::text;
 
-/// A progress bar and the words below it.
+/// A progress bar with a text below it.
 #[derive(Debug, PartialEq)]
 pub struct Bar {
     pub done: u64,
@@ -17,7 +17,7 @@ pub struct Bar {
 }
 
 impl Bar {
-    /// The bar of a job that is running; others have nothing to show.
+    /// The bar of a running job. Other jobs have none.
     pub fn of(state: JobState, progress: &Progress) -> Option<Self> {
         (state == JobState::Running).then(|| Self::new(progress))
     }
@@ -54,7 +54,7 @@ impl Link {
     }
 }
 
-/// A value with its name and, smaller, what it needs beside it.
+/// A named value, with a smaller text beside it.
 pub struct Fact {
     pub name: String,
     pub value: String,
@@ -89,16 +89,16 @@ pub struct FileRow {
     pub sha256: String,
 }
 
-/// The job behind a page, and how far it is.
+/// The job of a page and its progress.
 pub struct Standing {
     pub id: i64,
     pub name: String,
     pub kind: JobKind,
     pub state: JobState,
     pub when: String,
-    /// Why its queued tasks wait, if it is not only for their turn.
+    /// Why its queued tasks wait, besides waiting for their turn.
     pub waits_for: String,
-    /// It has ended.
+    /// Whether it has ended.
     pub settled: bool,
     pub error: String,
     pub progress: Option<Bar>,
@@ -129,11 +129,11 @@ fn when(job: &Job) -> String {
     }
 }
 
-/// What commands to copy are made of.
+/// Parts of commands to copy.
 pub struct Commands {
-    /// `curl` with all that this server asks of it.
+    /// `curl` with the options that this server requires.
     pub curl: String,
-    /// The address that the reader used.
+    /// The address with which the reader reached the server.
     pub origin: String,
 }
 
@@ -151,7 +151,7 @@ impl Commands {
         }
     }
 
-    /// Saves what is at `path` as `name`.
+    /// A command that saves the file at `path` as `name`.
     pub fn download(&self, path: &str, name: &str) -> String {
         format!("{} -o {name} {}{path}", self.curl, self.origin)
     }

@@ -1,4 +1,4 @@
-//! What became of a file that was imported.
+//! The result of an import.
 
 use serde::Deserialize;
 use wire::{ImportCounts, Job};
@@ -8,7 +8,7 @@ use crate::error::ApiError;
 use crate::page::parts::Fact;
 use crate::page::text;
 
-/// Nothing until the import has ended.
+/// Empty until the import has ended.
 pub async fn facts(app: &App, import: &Job) -> Result<Vec<Fact>, ApiError> {
     let result = app.sole_results(&[import.id]).await?.remove(&import.id);
     let counts = result.as_ref().and_then(|result| result.get("import"));

@@ -10,14 +10,14 @@ use crate::page::text;
 
 pub struct ReportView {
     pub setting: String,
-    /// That there are latencies, and what they depend on.
+    /// A note about latencies and what they depend on. Empty without latencies.
     pub latency_note: String,
     pub failures: Vec<FailureRow>,
-    /// Data that checkpoints were not trained on, a sentence each.
+    /// Sentences about data outside the checkpoints' training data.
     pub warnings: Vec<String>,
-    /// Rows of what several samples are worth, by group.
+    /// Rows of scores for predictions with several samples, by group.
     pub distributions: Vec<DistributionRow>,
-    /// Rows of how predictions begin, jump and where they went, by group.
+    /// Rows of how predictions begin, how they jump and how far they go, by group.
     pub rollouts: Vec<RolloutRow>,
     pub latencies: Vec<LatencyRow>,
     pub worst: Vec<WorstRow>,
@@ -98,7 +98,7 @@ pub struct PairedRow {
 pub struct Cell {
     pub mean: String,
     pub interval: String,
-    /// The lowest mean among the predictors of the same scenarios.
+    /// Whether it is the lowest mean among the predictors of the same scenarios.
     pub best: bool,
 }
 
@@ -216,7 +216,7 @@ fn distributions(report: &Report) -> Vec<DistributionRow> {
     rows.collect()
 }
 
-/// Empty for a report that was written before this was measured.
+/// Empty for a report from before this was measured.
 fn rollouts(report: &Report) -> Vec<RolloutRow> {
     let row = |group: &GroupSummary, info: &PredictorInfo| {
         let scores = group.scores.iter().find(|it| it.predictor == info.name);
@@ -247,7 +247,7 @@ fn rollouts(report: &Report) -> Vec<RolloutRow> {
     report.groups.iter().flat_map(of_group).collect()
 }
 
-/// Of each predictor the worst, which comes first.
+/// The worst scenario of each predictor, which comes first in the report.
 fn worst(report: &Report) -> Vec<WorstRow> {
     let of = |info: &PredictorInfo| {
         let case = report.worst.iter().find(|case| case.predictor == info.name)?;
@@ -285,8 +285,8 @@ impl LatencyRow {
     }
 }
 
-/// The values of `found` in the order of `predictors`, the best marked of those that are not told the
-/// future.
+/// The values of `found` in the order of `predictors`. The best one is marked, among predictors
+/// that do not see the future.
 fn row(predictors: &[PredictorInfo], found: &[PredictorSummary]) -> Vec<Cell> {
     let of = |predictor: &PredictorInfo| found.iter().find(|rmse| rmse.predictor == predictor.name);
     let honest = || predictors.iter().filter(|it| !it.sees_the_future());
@@ -358,8 +358,8 @@ impl PairedRow {
     }
 }
 
-/// The key result of an evaluation in a line: the best checkpoint beside the best baseline, on
-/// what was seen in training.
+/// The main result of an evaluation in one line: the best checkpoint and the best baseline, in
+/// distribution.
 pub fn headline(report: &Report) -> String {
     let Some(group) = report.groups.first() else { return String::new() };
     let best = |kind: PredictorKind| {

@@ -1,4 +1,4 @@
-//! Jobs in a row: how far each is, what it found, and where to look.
+//! Rows for jobs: their progress, their main result, and links.
 
 use std::collections::BTreeSet;
 
@@ -18,9 +18,9 @@ pub struct Row {
     pub kind: JobKind,
     pub state: JobState,
     pub progress: Option<Bar>,
-    /// What there is to say instead of progress.
+    /// A text in place of the progress.
     pub remark: String,
-    /// What a reader looks for first.
+    /// The main result.
     pub metric: String,
     pub links: Vec<Link>,
 }
@@ -49,8 +49,8 @@ impl Row {
         Self { name: member.name.clone(), remark, ..row }
     }
 
-    /// The rows of each of `jobs`, in order: of a pipeline those of its members, of any other job its own. The database
-    /// is asked as often for one job as for many.
+    /// The rows of each of `jobs`, in order. A pipeline has the rows of its members, and any other
+    /// job its own row. The number of statements does not depend on the number of jobs.
     pub async fn of_each(app: &App, jobs: &[Job]) -> Result<Vec<Vec<Self>>, ApiError> {
         let members: BTreeSet<i64> =
             jobs.iter().flat_map(|job| &job.members).map(|member| member.job).collect();
@@ -71,7 +71,7 @@ impl Row {
     }
 }
 
-/// Where to see what a job has made so far.
+/// Links to the results of a job so far.
 pub fn results(job: &Job) -> Vec<Link> {
     let has_begun = job.started_at.is_some();
     let dataset = job.dataset.filter(|_| has_begun);

@@ -1,4 +1,4 @@
-//! A training: its loss curve, its latest metrics and its checkpoints.
+//! The page of a training: its loss curve, its latest metrics and its checkpoints.
 
 use askama::Template;
 use axum::extract::State;

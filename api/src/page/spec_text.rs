@@ -1,8 +1,8 @@
-//! Specs as people read them: indented, with lists of numbers on one line.
+//! Specs in a readable form: indented, with lists of numbers on one line.
 
 use serde_json::Value;
 
-/// JSON that can be read and submitted again.
+/// JSON that is easy to read and can be submitted again.
 pub fn spec_text(spec: &Value) -> String {
     let mut text = String::new();
     write(spec, 0, &mut text);
@@ -43,7 +43,7 @@ fn write_lines<'a>(
     text.push(close);
 }
 
-/// Whether a value needs lines of its own: it holds others that hold others, or is wide.
+/// Whether a value needs several lines: it is nested twice, or is wide.
 fn is_long(value: &Value) -> bool {
     const WIDTH: usize = 90;
     let holds_some = |inner: &Value| match inner {

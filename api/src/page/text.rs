@@ -1,8 +1,8 @@
-//! Numbers, times and sizes as people read them.
+//! Numbers, times and sizes in a readable form.
 
 use wire::Interval;
 
-/// A whole number with its digits in groups of three, set apart by thin spaces.
+/// An integer with its digits in groups of three, separated by thin spaces.
 pub fn count(n: u64) -> String {
     let digits = n.to_string();
     let mut grouped = String::with_capacity(digits.len() * 2);
@@ -15,7 +15,7 @@ pub fn count(n: u64) -> String {
     grouped
 }
 
-/// A size with a decimal prefix, as disks and networks are measured.
+/// A size with a decimal prefix, as for disks and networks.
 #[expect(clippy::cast_precision_loss, reason = "three digits are shown")]
 pub fn size(bytes: u64) -> String {
     const UNITS: [&str; 5] = ["kB", "MB", "GB", "TB", "PB"];
@@ -32,7 +32,7 @@ pub fn size(bytes: u64) -> String {
     format!("{value:.decimals$} {}", UNITS[unit])
 }
 
-/// A length of time in its two largest units.
+/// A duration in its two largest units.
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,
@@ -49,7 +49,7 @@ pub fn duration(seconds: f64) -> String {
     }
 }
 
-/// A rate, with the digits that matter.
+/// A rate with the significant digits.
 pub fn rate(per_second: f64) -> String {
     if per_second >= 100.0 {
         return format!("{per_second:.0}/s");
@@ -60,7 +60,7 @@ pub fn rate(per_second: f64) -> String {
     format!("{:.1}/min", per_second * 60.0)
 }
 
-/// A measured value with four significant digits, without the zeros that say nothing.
+/// A measured value with four significant digits, without trailing zeros.
 pub fn value(x: f64) -> String {
     if x == 0.0 || !x.is_finite() {
         return x.to_string();
@@ -82,7 +82,7 @@ pub fn value(x: f64) -> String {
     digits.trim_end_matches('0').trim_end_matches('.').to_owned()
 }
 
-/// As [`value`], with a minus that is as wide as a digit.
+/// Like [`value`], with a minus sign as wide as a digit.
 pub fn signed(x: f64) -> String {
     value(x).replace('-', "\u{2212}")
 }
@@ -93,7 +93,7 @@ pub fn instant(time: &str) -> String {
     format!("{} UTC", seconds.replace('T', " "))
 }
 
-/// An angle in degrees: hundredths, or of what is smaller two significant digits.
+/// An angle in degrees with two decimals. Smaller angles have two significant digits.
 pub fn degrees(x: f64) -> String {
     format!("{x:.*}", decimals(x))
 }
@@ -113,7 +113,8 @@ pub fn signed_interval(Interval { low, high, .. }: Interval) -> String {
     format!("[{}, {}]", signed_degrees(low), signed_degrees(high))
 }
 
-/// Two, and as many more as a value below 0.1 needs to show two digits, up to six.
+/// The number of decimals: two, and more for a value below 0.1, so that it has two significant
+/// digits; at most six.
 fn decimals(x: f64) -> usize {
     match x.abs() {
         0.0 | 0.1.. => 2,

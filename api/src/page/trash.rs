@@ -1,4 +1,4 @@
-//! Deleting with a look at what depends on it, and the trash.
+//! Pages for deleting things, which show what depends on them, and for the trash.
 
 use askama::Template;
 use axum::extract::State;
@@ -23,7 +23,7 @@ struct DeletePage {
     along: Vec<String>,
     along_left_out: usize,
     jobs: Vec<DependentRow>,
-    /// Whether a job that has not ended keeps it.
+    /// Whether a job that has not ended prevents the deletion.
     is_kept: bool,
     days: u64,
 }
@@ -63,10 +63,10 @@ pub struct Place {
     before: Option<String>,
 }
 
-/// Things named on the page of a deletion; the others are counted.
+/// Number of things listed on the page of a deletion. The others are counted.
 const ALONG: usize = 20;
 
-/// The page that asks whether to delete a thing of this kind, and the form that does.
+/// The page with the question whether to delete a thing of this kind, and the form that deletes it.
 pub fn deletion(kind: ItemKind) -> MethodRouter<App> {
     let ask = async move |State(app): State<App>, InPage(Path(id)): InPage<Path<i64>>| {
         let found = app.dependents(kind, id).await?;
@@ -84,7 +84,7 @@ pub fn deletion(kind: ItemKind) -> MethodRouter<App> {
     get(ask).post(delete)
 }
 
-/// The form that takes a thing of this kind out of the trash, and shows it.
+/// The form that restores a thing of this kind and shows it.
 pub fn restoration(kind: ItemKind) -> MethodRouter<App> {
     let restore = async move |State(app): State<App>, InPage(Path(id)): InPage<Path<i64>>| {
         app.restore(kind, id).await?;
@@ -111,7 +111,7 @@ fn page(found: &Dependents, days: u64) -> DeletePage {
         relation: match job.relation {
             Relation::Reads => "reads it",
             Relation::Needs => "needs it",
-            Relation::Continues => "goes on from it",
+            Relation::Continues => "continues from it",
             Relation::Holds => "has it as a member",
         },
     };

@@ -5,16 +5,16 @@ use wire::{JobState, Verification};
 use crate::app::verifications::Agreement;
 use crate::page::text;
 
-/// What there is to say about the newest verification of a dataset.
+/// A description of the newest verification of a dataset.
 pub struct Checked {
-    /// Of the job that verifies or verified; none when nobody asked for it yet.
+    /// The job of the verification; `None` if there was none.
     pub job: Option<i64>,
     pub state: JobState,
     pub outcome: String,
     pub remarks: Vec<String>,
     /// The first difference.
     pub error: String,
-    /// Nothing will change by itself.
+    /// Whether the result will not change by itself.
     pub settled: bool,
 }
 

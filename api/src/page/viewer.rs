@@ -1,4 +1,4 @@
-//! One trajectory of a dataset, and the way to the others.
+//! The viewer of single trajectories in a dataset.
 
 use serde_json::{Map, Value};
 use wire::{Dataset, Summary};
@@ -8,21 +8,21 @@ use crate::error::ApiError;
 use crate::page::parts::Fact;
 use crate::page::text;
 
-/// The trajectory that is looked at.
+/// The shown trajectory.
 pub struct Viewer {
     pub trajectory: u64,
     /// The largest index.
     pub last: u64,
     pub previous: Option<u64>,
     pub next: Option<u64>,
-    /// What made it; when it cannot be shown, nothing.
+    /// The main parameters of the trajectory. Empty if it cannot be shown.
     pub facts: Vec<Fact>,
     /// Why it cannot be shown.
     pub problem: String,
 }
 
 impl Viewer {
-    /// `None` while there is nothing to look at.
+    /// `None` while there is no trajectory.
     pub async fn new(
         app: &App,
         dataset: &Dataset,
@@ -53,7 +53,7 @@ impl Viewer {
     }
 }
 
-/// The parts of a row that say most, of simulations and of imports.
+/// The most informative fields of a row, for simulations and for imports.
 const SHOWN: [(&str, &str, &str); 7] = [
     ("family", "Excitation", ""),
     ("frequency_hz", "Frequency", "Hz"),

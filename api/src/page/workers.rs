@@ -1,4 +1,4 @@
-//! The workers, and what each does.
+//! The page of workers with their tasks.
 
 use askama::Template;
 use axum::extract::State;
@@ -29,15 +29,15 @@ struct WorkerRow {
     is_drained: bool,
     seen_at: String,
     task: Option<WorkersTask>,
-    /// In words, without a task.
+    /// A text for a worker without a task.
     does: String,
     placement: Option<PlacementRow>,
 }
 
-/// An engine's account of a worker.
+/// A worker in an engine's view.
 struct PlacementRow {
     worker: String,
-    /// The engine and what it calls the worker.
+    /// The engine, and its name for the worker.
     place: String,
     state: PlacementState,
     reason: String,
@@ -55,19 +55,19 @@ pub async fn show(State(app): State<App>) -> Result<Response, PageError> {
     Ok(html(&page)?)
 }
 
-/// Pauses the queue, and shows the page again.
+/// Pauses the queue and shows the page again.
 pub async fn pause(State(app): State<App>) -> Result<Redirect, PageError> {
     app.pause_queue().await?;
     Ok(Redirect::to("/workers"))
 }
 
-/// Lets the queue go on, and shows the page again.
+/// Resumes the queue and shows the page again.
 pub async fn resume(State(app): State<App>) -> Result<Redirect, PageError> {
     app.resume_queue().await?;
     Ok(Redirect::to("/workers"))
 }
 
-/// Drains a worker, and shows the page again.
+/// Drains a worker and shows the page again.
 pub async fn drain(
     State(app): State<App>,
     InPage(Path(name)): InPage<Path<String>>,
@@ -76,7 +76,7 @@ pub async fn drain(
     Ok(Redirect::to("/workers"))
 }
 
-/// Has a worker that was drained go on, and shows the page again.
+/// Undrains a worker and shows the page again.
 pub async fn undrain(
     State(app): State<App>,
     InPage(Path(name)): InPage<Path<String>>,

@@ -1,4 +1,4 @@
-//! Who did what.
+//! The audit log.
 
 use axum::Json;
 use axum::extract::State;
@@ -13,15 +13,15 @@ use crate::extract::Query;
 #[derive(Deserialize, IntoParams)]
 #[into_params(parameter_in = Query)]
 pub struct AuditParameters {
-    /// Only of the token with this name.
+    /// Only entries of the token with this name.
     actor: Option<String>,
-    /// Items at most, 1 to 500; 50 when left out.
+    /// Largest number of items, 1 to 500; 50 by default.
     limit: Option<u32>,
     /// Only items with a smaller id.
     before: Option<i64>,
 }
 
-/// Requests that changed something or tried to, newest first. The newest 100 000 are kept.
+/// Requests that changed something or were refused, newest first. The newest 100 000 are kept.
 #[utoipa::path(
     get,
     path = "/v1/audit",

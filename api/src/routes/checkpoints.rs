@@ -14,7 +14,7 @@ use crate::extract::{PatchBytes, Path, Query, QueryPairs};
 use crate::routes::files::{CheckpointFile, FileParameters, TarFile, send, send_or_redirect};
 use crate::routes::lists::CheckpointsParameters;
 
-/// Checkpoints, newest first unless `sort` says otherwise.
+/// List checkpoints, newest first unless `sort` says otherwise.
 #[utoipa::path(
     get,
     path = "/v1/checkpoints",
@@ -29,7 +29,7 @@ pub async fn list(
     Ok(Json(app.checkpoints(&ListRequest::read(&CHECKPOINTS, &pairs.0)?).await?))
 }
 
-/// A checkpoint with its files.
+/// Get a checkpoint with its files.
 #[utoipa::path(
     get,
     path = "/v1/checkpoints/{id}",
@@ -66,7 +66,7 @@ pub async fn label(
     Ok(Json(app.checkpoint(id).await?))
 }
 
-/// A file of a checkpoint: weights and optimizer as safetensors, configuration as JSON.
+/// Download a file of a checkpoint: weights and optimizer as safetensors, configuration as JSON.
 #[utoipa::path(
     get,
     path = "/v1/checkpoints/{id}/files/{name}",
@@ -85,7 +85,9 @@ pub async fn file(
     send_or_redirect(&app, &method, &headers, file, &parameters).await
 }
 
-/// All files of a checkpoint as one tar, which streams: its size is known at once, and parts of it can be asked for.
+/// Download all files of a checkpoint as one tar.
+///
+/// The tar is streamed. Its size is known at once, and ranges of it can be requested.
 #[utoipa::path(
     get,
     path = "/v1/checkpoints/{id}/tar",

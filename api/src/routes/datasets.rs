@@ -15,7 +15,7 @@ use crate::extract::{PatchBytes, Path, Query, QueryPairs};
 use crate::routes::files::{DatasetFile, FileParameters, TarFile, send, send_or_redirect};
 use crate::routes::lists::DatasetsParameters;
 
-/// Datasets, newest first unless `sort` says otherwise.
+/// List datasets, newest first unless `sort` says otherwise.
 #[utoipa::path(
     get,
     path = "/v1/datasets",
@@ -27,7 +27,7 @@ pub async fn list(State(app): State<App>, pairs: QueryPairs) -> Result<Json<Data
     Ok(Json(app.datasets(&ListRequest::read(&DATASETS, &pairs.0)?).await?))
 }
 
-/// A dataset with the files that exist so far.
+/// Get a dataset with the files that exist so far.
 #[utoipa::path(
     get,
     path = "/v1/datasets/{id}",
@@ -61,7 +61,8 @@ pub async fn label(
     Ok(Json(app.dataset(id).await?))
 }
 
-/// A Parquet file, the samples or the robots of a shard; or `dataset.json`, which explains them.
+/// Download a file of a dataset: a Parquet file with the samples or the robots of a shard, or
+/// `dataset.json`, which describes them.
 #[utoipa::path(
     get,
     path = "/v1/datasets/{id}/files/{name}",
@@ -80,7 +81,9 @@ pub async fn file(
     send_or_redirect(&app, &method, &headers, file, &parameters).await
 }
 
-/// All files of a dataset as one tar, which streams: its size is known at once, and parts of it can be asked for.
+/// Download all files of a dataset as one tar.
+///
+/// The tar is streamed. Its size is known at once, and ranges of it can be requested.
 #[utoipa::path(
     get,
     path = "/v1/datasets/{id}/tar",
@@ -97,7 +100,9 @@ pub async fn tar(
     send(&app, &method, &headers, app.dataset_tar(id).await?).await
 }
 
-/// Make every shard again and compare: a new job each time, of which the dataset tells the outcome.
+/// Verify a dataset: make every shard again and compare it.
+///
+/// Each request makes a new job. The dataset shows the result.
 #[utoipa::path(
     post,
     path = "/v1/datasets/{id}/verify",

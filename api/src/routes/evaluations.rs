@@ -10,7 +10,7 @@ use crate::error::ApiError;
 use crate::extract::{Path, QueryPairs};
 use crate::routes::lists::EvaluationsParameters;
 
-/// Evaluations, newest first unless `sort` says otherwise.
+/// List evaluations, newest first unless `sort` says otherwise.
 #[utoipa::path(
     get,
     path = "/v1/evaluations",
@@ -25,7 +25,7 @@ pub async fn list(
     Ok(Json(app.evaluations(&ListRequest::read(&EVALUATIONS, &pairs.0)?).await?))
 }
 
-/// An evaluation, by the id of its job; `report` is there once all its cells are.
+/// Get an evaluation by the id of its job. It has a `report` when all its cells are evaluated.
 #[utoipa::path(
     get,
     path = "/v1/evaluations/{id}",

@@ -18,12 +18,12 @@ use crate::error::ApiError;
 use crate::extract::{Path, Query};
 use crate::limits::EVENT_RETRY;
 
-/// The header with which a client that connects again says where it was.
+/// The header in which a client that connects again sends the id of its last event.
 const LAST_EVENT_ID: &str = "Last-Event-ID";
 
 const IDS: &str = "the id of an event, or 0";
 
-/// Has nginx pass each event on at once.
+/// Makes nginx pass each event on at once.
 const UNBUFFERED: (HeaderName, HeaderValue) =
     (HeaderName::from_static("x-accel-buffering"), HeaderValue::from_static("no"));
 
@@ -33,18 +33,21 @@ pub struct EventsParameters {
     /// Only events of this kind.
     #[param(inline)]
     kind: Option<EventKind>,
-    /// First the events with larger ids, as far as they are kept; all of those for 0. `Last-Event-ID` goes before it.
+    /// Begin with stored events that have a larger id; 0 for all stored events. `Last-Event-ID`
+    /// takes precedence.
     after: Option<i64>,
 }
 
 #[derive(Deserialize, IntoParams)]
 #[into_params(parameter_in = Query)]
 pub struct PlaceParameters {
-    /// First the events with larger ids, as far as they are kept; all of those for 0. `Last-Event-ID` goes before it.
+    /// Begin with stored events that have a larger id; 0 for all stored events. `Last-Event-ID`
+    /// takes precedence.
     after: Option<i64>,
 }
 
-/// The events of all jobs from now on, or after an event. The stream ends when the server stops.
+/// Follow the events of all jobs, from now on or after a given event. The stream ends when the
+/// server stops.
 #[utoipa::path(
     get,
     path = "/v1/events",
@@ -57,7 +60,7 @@ pub struct PlaceParameters {
         status = 200,
         body = String,
         content_type = "text/event-stream",
-        description = "Messages: `event` names the kind, `data` is an `Event`, and `id` the place of one that is kept",
+        description = "Messages: `event` is the kind, `data` is an `Event`, and `id` is the id of a stored event",
     )),
 )]
 pub async fn all(
@@ -68,7 +71,8 @@ pub async fn all(
     open(&app, Subject::Everything { kind }, after, &headers).await
 }
 
-/// The events of a job, or of a pipeline and its jobs. It begins with the progress and ends with the job.
+/// Follow the events of a job, or of a pipeline and its jobs. The stream begins with the job's
+/// progress and ends when the job ends.
 #[utoipa::path(
     get,
     path = "/v1/jobs/{id}/events",
@@ -82,7 +86,7 @@ pub async fn all(
         status = 200,
         body = String,
         content_type = "text/event-stream",
-        description = "Messages: `event` names the kind, `data` is an `Event`, and `id` the place of one that is kept",
+        description = "Messages: `event` is the kind, `data` is an `Event`, and `id` is the id of a stored event",
     )),
 )]
 pub async fn of_job(
@@ -94,7 +98,7 @@ pub async fn of_job(
     open(&app, Subject::Job(id), after, &headers).await
 }
 
-/// The events of the run's job.
+/// Follow the events of the run's job.
 #[utoipa::path(
     get,
     path = "/v1/runs/{id}/events",
@@ -108,7 +112,7 @@ pub async fn of_job(
         status = 200,
         body = String,
         content_type = "text/event-stream",
-        description = "Messages: `event` names the kind, `data` is an `Event`, and `id` the place of one that is kept",
+        description = "Messages: `event` is the kind, `data` is an `Event`, and `id` is the id of a stored event",
     )),
 )]
 pub async fn of_run(
@@ -136,7 +140,7 @@ async fn open(
     Ok(([UNBUFFERED], stream).into_response())
 }
 
-/// The id in the header. An empty one is none: that is what browsers have before the first event.
+/// The id in the header. An empty header means no id; browsers send it before the first event.
 fn last_event(headers: &HeaderMap) -> Result<Option<i64>, ApiError> {
     let Some(value) = headers.get(LAST_EVENT_ID) else { return Ok(None) };
     let text = String::from_utf8_lossy(value.as_bytes());
@@ -164,7 +168,7 @@ fn messages(reader: EventReader) -> impl Stream<Item = Result<Message, Infallibl
 }
 
 fn message(event: &wire::Event) -> Message {
-    // Every document of the API has JSON.
+    // Every document of the API can be written as JSON.
     let data = serde_json::to_string(event).unwrap_or_default();
     let message = Message::default().event(event.name()).data(data);
     match event.id() {

@@ -1,4 +1,4 @@
-//! A file as an answer.
+//! Answers with files.
 
 use std::collections::BTreeMap;
 
@@ -17,16 +17,16 @@ use crate::app::files::Download;
 use crate::download::Answer;
 use crate::error::ApiError;
 
-/// The sender of a file.
+/// Parameters of a download.
 #[derive(Deserialize, IntoParams)]
 #[into_params(parameter_in = Query)]
 pub struct FileParameters {
-    /// Whether a file in a bucket is sent by the bucket: the answer is then 307 with its address. A file that lies elsewhere is sent all the
-    /// same.
+    /// Whether a bucket should send a file that it holds: the answer is then 307 with the file's
+    /// address there. A file that is not in a bucket is sent as usual.
     pub redirect: Option<bool>,
 }
 
-/// Sends a file as [`send`] does, or says where its bucket sends it.
+/// Sends a file like [`send`], or redirects to its bucket.
 pub async fn send_or_redirect(
     app: &App,
     method: &Method,
@@ -45,7 +45,7 @@ pub async fn send_or_redirect(
     send(app, method, headers, file).await
 }
 
-/// Sends a file, or the part of it that the request asks for.
+/// Sends a file, or the requested part of it.
 pub async fn send(
     app: &App,
     method: &Method,
@@ -65,7 +65,7 @@ pub async fn send(
     Ok(answer.with_body(body))
 }
 
-/// The answers of a download, which may be of several media types.
+/// Defines the answers of a download with several media types.
 macro_rules! downloads {
     ($($(#[$about:meta])* $name:ident $(or $redirect:ident)?: $($media_type:literal => $schema:ident),*;)*) => {$(
         $(#[$about])*
@@ -106,11 +106,11 @@ fn any() -> RefOr<Schema> {
     Object::with_type(SchemaType::AnyValue).into()
 }
 
-/// The status and the answer of [`send_or_redirect`] that [`send`] does not give.
+/// The answer that [`send_or_redirect`] has in addition to those of [`send`].
 fn elsewhere() -> (&'static str, openapi::Response) {
     let location = HeaderBuilder::new().schema(Some(String::schema()));
     let answer = ResponseBuilder::new()
-        .description("With `redirect=true`: the bucket sends the file from the address in `Location`, for 15 minutes")
+        .description("With `redirect=true`: the bucket sends the file from the address in `Location`, which is valid for 15 minutes")
         .header("Location", location.build());
     ("307", answer.build())
 }
@@ -129,9 +129,9 @@ fn answers(
     let empty = |description: &str| ResponseBuilder::new().description(description);
     let answers = ResponsesBuilder::new()
         .response("200", of("The file"))
-        .response("206", of("The part asked for"))
-        .response("304", empty("The caller has the file"))
-        .response("416", empty("The part asked for lies beyond the end"));
+        .response("206", of("The requested part"))
+        .response("304", empty("The client has the file"))
+        .response("416", empty("The requested part lies beyond the end"));
     let further = further.iter().cloned();
     further
         .fold(answers, |answers, (status, answer)| answers.response(status, answer))

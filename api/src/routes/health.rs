@@ -1,4 +1,4 @@
-//! Whether the server works.
+//! Health and readiness of the server.
 
 use axum::Json;
 use axum::extract::State;
@@ -7,7 +7,7 @@ use wire::{Health, Readiness};
 use crate::app::App;
 use crate::error::ApiError;
 
-/// Answers when the database can be written; needs no token.
+/// Check the health of the server: whether the database can be written. Needs no token.
 #[utoipa::path(
     get,
     path = "/healthz",
@@ -19,7 +19,8 @@ pub async fn show(State(app): State<App>) -> Result<Json<Health>, ApiError> {
     Ok(Json(app.health().await?))
 }
 
-/// Answers when requests should be sent here: the database can be written, and the server does not end; needs no token.
+/// Check whether requests should be sent to this server: the database can be written, and the
+/// server is not stopping. Needs no token.
 #[utoipa::path(
     get,
     path = "/readyz",

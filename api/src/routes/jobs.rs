@@ -1,4 +1,4 @@
-//! Submitting, watching and cancelling jobs.
+//! Submits, shows and cancels jobs.
 
 use axum::Json;
 use axum::extract::State;
@@ -22,19 +22,22 @@ use crate::routes::lists::{JobsParameters, ListParameters, TagParameters};
 #[derive(Deserialize, IntoParams)]
 #[into_params(parameter_in = Query)]
 pub struct SubmitParameters {
-    /// Compute everything anew, even what was already done.
+    /// Compute everything again, even if it was done before.
     #[serde(default)]
     force: bool,
-    /// The job's name, in place of the spec's. A job that exists already keeps a name that somebody gave it.
+    /// The job's name, which replaces the one in its spec. An existing job keeps a name that
+    /// somebody gave it.
     #[param(min_length = 1, max_length = 200)]
     name: Option<String>,
-    /// A note on the job, Markdown. A job that exists already keeps a note that it has.
+    /// A note on the job, in Markdown. An existing job keeps its note.
     #[param(min_length = 1, max_length = 10_000)]
     note: Option<String>,
 }
 
-/// Submit a spec. A job whose digest was already done, or is on its way, is answered with 200. Its name, note and tags are no part of
-/// the spec, and change no digest.
+/// Submit a spec.
+///
+/// If a job with the same digest exists, done or not, the answer is 200 with that job. Name, note
+/// and tags are not part of the spec and do not change the digest.
 #[utoipa::path(
     post,
     path = "/v1/jobs",
@@ -46,7 +49,7 @@ pub struct SubmitParameters {
         (
             "Idempotency-Key" = Option<String>,
             Header,
-            description = "Sent again with the same spec, it names the same job",
+            description = "A repeated request with the same key and spec gets the same job",
         ),
     ),
     request_body = JobSpec,
@@ -74,8 +77,9 @@ fn answer(submitted: Submitted) -> Response {
     (status, [(LOCATION, location)], Json(submitted.job)).into_response()
 }
 
-/// Submit the spec of a job that failed or was cancelled again. What succeeded is not done again: jobs
-/// of a pipeline, and cells of an evaluation.
+/// Submit the spec of a failed or cancelled job again.
+///
+/// Completed parts are not done again: the jobs of a pipeline, and the cells of an evaluation.
 #[utoipa::path(
     post,
     path = "/v1/jobs/{id}/retry",
@@ -84,14 +88,14 @@ fn answer(submitted: Submitted) -> Response {
     params(("id" = i64, Path)),
     responses(
         (status = 201, body = Job, headers(("Location" = String))),
-        (status = 200, body = Job, description = "The spec is being tried again already"),
+        (status = 200, body = Job, description = "The spec is being retried already"),
     ),
 )]
 pub async fn retry(State(app): State<App>, Path(id): Path<i64>) -> Result<Response, ApiError> {
     Ok(answer(app.retry(id).await?))
 }
 
-/// Jobs and pipelines, newest first unless `sort` says otherwise.
+/// List jobs and pipelines, newest first unless `sort` says otherwise.
 #[utoipa::path(
     get,
     path = "/v1/jobs",
@@ -103,7 +107,7 @@ pub async fn list(State(app): State<App>, pairs: QueryPairs) -> Result<Json<Jobs
     Ok(Json(app.jobs(&ListRequest::read(&JOBS, &pairs.0)?).await?))
 }
 
-/// A job, how far it is and what it has made.
+/// Get a job with its progress and its results.
 #[utoipa::path(
     get,
     path = "/v1/jobs/{id}",
@@ -153,13 +157,13 @@ pub async fn cancel(State(app): State<App>, Path(id): Path<i64>) -> Result<Json<
 #[derive(Deserialize, IntoParams)]
 #[into_params(parameter_in = Query)]
 pub struct TaskParameters {
-    /// Tasks at most, 1 to 500; 50 when left out.
+    /// Largest number of tasks, 1 to 500; 50 by default.
     limit: Option<u32>,
-    /// Only tasks that run after this one: the `next` of the page before.
+    /// Only tasks that run after this one. Pass the `next` of the page before.
     after: Option<i64>,
 }
 
-/// The pieces that workers lease, in the order in which they run.
+/// List a job's tasks, in the order in which they run. Workers lease tasks.
 #[utoipa::path(
     get,
     path = "/v1/jobs/{id}/tasks",
@@ -176,7 +180,8 @@ pub async fn tasks(
     Ok(Json(app.tasks(id, paging).await?))
 }
 
-/// Every time that a worker had a task of the job, newest first: who, from when to when, and how it ended.
+/// List the attempts at a job's tasks, newest first: which worker, from when to when, and how each
+/// ended.
 #[utoipa::path(
     get,
     path = "/v1/jobs/{id}/attempts",

@@ -12,11 +12,11 @@ use crate::app::listing::{CHECKPOINTS, DATASETS, EVALUATIONS, JOBS, List, RUNS};
 use crate::error::ApiError;
 use crate::limits::{PAGE_DEFAULT, PAGE_MAXIMUM, SEARCH_CHARACTERS, TAGS};
 
-/// Which part of a list is asked for that has no filters.
+/// Parameters of a list without filters.
 #[derive(Deserialize, IntoParams)]
 #[into_params(parameter_in = Query)]
 pub struct ListParameters {
-    /// Items at most, 1 to 500; 50 when left out.
+    /// Largest number of items, 1 to 500; 50 by default.
     pub limit: Option<u32>,
     /// Only items with a smaller id.
     pub before: Option<i64>,
@@ -28,7 +28,7 @@ impl ListParameters {
     }
 }
 
-/// Documents the parameters of a list in the words that they are checked with.
+/// Documents the parameters of a list with the same limits that are checked.
 macro_rules! documented {
     ($($name:ident = $list:ident,)+) => {$(
         pub struct $name;
@@ -49,13 +49,13 @@ documented! {
     EvaluationsParameters = EVALUATIONS,
 }
 
-/// The tags that a submission labels a job with.
+/// The tags for a submitted job.
 pub struct TagParameters;
 
 impl IntoParams for TagParameters {
     fn into_params(_: impl Fn() -> Option<ParameterIn>) -> Vec<Parameter> {
         let about =
-            "A tag for the job, and for the jobs of a pipeline. It may be given several times.";
+            "A tag for the job and, for a pipeline, for its jobs. It may be given several times.";
         vec![parameter("tag", about, tags())]
     }
 }
@@ -85,29 +85,28 @@ fn parameters(list: &List) -> Vec<Parameter> {
         parameters.push(parameter(name, description, schema));
     };
     if !(list.kinds)().is_empty() {
-        add("kind", "Only of jobs of this kind.", one_of((list.kinds)()));
+        add("kind", "Only items of jobs of this kind.", one_of((list.kinds)()));
     }
     if !(list.states)().is_empty() {
-        add("state", "Only in this state.", one_of((list.states)()));
+        add("state", "Only items in this state.", one_of((list.states)()));
     }
     let about =
-        "Only with this tag, of its own or of its job. Given several times, with all of them.";
+        "Only items with this tag, on the item or on its job. With several tags, with all of them.";
     add("tag", about, tags());
-    let about = "Only with this in the name or the note, of its own or of its job: any part of it, in upper or lower case. No \
-                 character stands for others.";
+    let about = "Only items with this text in the name or the note of the item or of its job, ignoring case. No character is a \
+                 wildcard.";
     add("text", about, text().min_length(Some(1)).max_length(Some(SEARCH_CHARACTERS)).into());
-    add("since", "Only made at this moment or after, RFC 3339.", moment());
-    add("until", "Only made before this moment, RFC 3339.", moment());
-    let about = "The order; `-` before it turns it round. What is equal is in the order of ids, `-created` when left out.";
+    add("since", "Only items created at this time or later, RFC 3339.", moment());
+    add("until", "Only items created before this time, RFC 3339.", moment());
+    let about = "The order; `-` before it reverses it. Equal items are sorted by id. `-created` by default.";
     add("sort", about, text().enum_values(Some(list.orders())).into());
-    let about = format!("Items at most, 1 to {PAGE_MAXIMUM}; {PAGE_DEFAULT} when left out.");
+    let about = format!("Largest number of items, 1 to {PAGE_MAXIMUM}; {PAGE_DEFAULT} by default.");
     add(
         "limit",
         &about,
         number().format(Some(SchemaFormat::KnownFormat(KnownFormat::Int32))).into(),
     );
-    let about =
-        "Where the page begins: the `next` of the page before, of this list with the same `sort`.";
+    let about = "The beginning of the page: the `next` of the page before, in this list with the same `sort`.";
     add("cursor", about, text().into());
     let about = "Only items with a smaller id.";
     add(

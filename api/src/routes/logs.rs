@@ -1,4 +1,4 @@
-//! The logs of attempts at tasks, as they come or as a file.
+//! The logs of attempts at tasks, in pages or as a file.
 
 use axum::Json;
 use axum::extract::State;
@@ -17,21 +17,24 @@ use crate::routes::files::{LogFile, send};
 #[derive(Deserialize, IntoParams)]
 #[into_params(parameter_in = Query)]
 pub struct LogParameters {
-    /// Only of the task with this label or id.
+    /// Only logs of the task with this label or id.
     task: Option<String>,
-    /// Only of the attempt with this id.
+    /// Only the log of the attempt with this id.
     attempt: Option<i64>,
-    /// Only chunks with a larger id: the `next` of the page before. Without it and `before`, the newest.
+    /// Only chunks with a larger id. Pass the `next` of the page before. Without `after` and
+    /// `before`, the newest chunks.
     after: Option<i64>,
-    /// Only chunks with a smaller id: the `previous` of the page after.
+    /// Only chunks with a smaller id. Pass the `previous` of the page after.
     before: Option<i64>,
-    /// Chunks at most, 1 to 100; 50 when left out.
+    /// Largest number of chunks, 1 to 100; 50 by default.
     limit: Option<u32>,
-    /// Seconds to wait for what follows `after`, 0 to 20; 0 when left out. An answer without chunks is no end.
+    /// Seconds to wait for chunks after `after`, 0 to 20; 0 by default. An answer without chunks
+    /// does not mean the end.
     wait: Option<u32>,
 }
 
-/// What the tasks of a job logged, or of all jobs of a pipeline; the newest page, oldest line first.
+/// Get a page of the logs of a job's tasks, or of all jobs of a pipeline: the newest page, oldest
+/// line first.
 #[utoipa::path(
     get,
     path = "/v1/jobs/{id}/logs",
@@ -49,7 +52,8 @@ pub async fn list(
     Ok(Json(app.logs(id, &query).await?))
 }
 
-/// The whole log of an attempt as plain text; while it lasts, as far as it has come.
+/// Download the log of an attempt as plain text. While the attempt is running, the log is
+/// incomplete.
 #[utoipa::path(
     get,
     path = "/v1/attempts/{id}/log",

@@ -1,4 +1,4 @@
-//! Every path of the API, once: the router and the OpenAPI document are built from one list.
+//! All paths of the API. The router and the OpenAPI document are built from one list.
 
 mod audit;
 mod checkpoints;
@@ -114,7 +114,7 @@ pub fn openapi() -> serde_json::Value {
     openapi::complete(&operations().into_openapi())
 }
 
-/// The whole service: the API, the page, and the guards in front of them.
+/// The whole service: the API, the page, and the guards before them.
 pub fn router(app: App) -> Router {
     let (api, operations) = operations().split_for_parts();
     let known = KnownParameters::of(&operations);

@@ -1,4 +1,4 @@
-//! For what watches over servers.
+//! Metrics for monitoring systems.
 
 use axum::extract::State;
 use axum::http::header::CONTENT_TYPE;
@@ -8,8 +8,10 @@ use crate::app::App;
 use crate::app::monitoring::MEDIA_TYPE;
 use crate::error::ApiError;
 
-/// Numbers for Prometheus: jobs, tasks and attempts by kind, the queue, workers, room on the disk, and the times that
-/// requests took. Those of the store are up to 10 s old.
+/// Get metrics for Prometheus.
+///
+/// They have jobs, tasks and attempts by kind, the queue, workers, free disk space, and response
+/// times. Counts from the store are up to 10 s old.
 #[utoipa::path(
     get,
     path = "/metrics",

@@ -1,6 +1,7 @@
-//! Names of operations, for clients that are generated from the OpenAPI document: `get_job_tasks`.
+//! Names of operations, such as `get_job_tasks`, for clients that are generated from the OpenAPI
+//! document.
 
-/// The name of the operation that answers `method` at `path`; different for each.
+/// The unique name of the operation for `method` at `path`.
 pub fn of_operation(method: &str, path: &str) -> String {
     let mut words: Vec<String> = vec![method.to_owned()];
     let mut was_variable = false;
@@ -8,7 +9,7 @@ pub fn of_operation(method: &str, path: &str) -> String {
     for segment in segments {
         let variable = segment.strip_prefix('{').and_then(|it| it.strip_suffix('}'));
         match variable {
-            // One of many.
+            // The segment before a variable is singular.
             Some(_) if !was_variable => {
                 if let Some(last) = words.last_mut() {
                     *last = singular(last);

@@ -1,4 +1,4 @@
-//! The OpenAPI document: what the handlers do not say of themselves.
+//! Completes the OpenAPI document with parts that handlers do not declare.
 
 use std::collections::BTreeSet;
 
@@ -16,18 +16,19 @@ use crate::limits::{LOG_WAIT_SECONDS, LOGS_MAXIMUM, PAGE_MAXIMUM, POINTS_MAXIMUM
         description = "In-context identification of robot dynamics as a service: simulate, train, \
                        evaluate.\n\nErrors are RFC 9457 problem details. Lists are newest first \
                        unless they are sorted; `next` is the `cursor` of the following page, and \
-                       `null` on the last one. Of attempts and the audit log it is the `before`. Tasks are in the order in \
-                       which they run; `next` is the `after` of the following page; of logs it is there on every page. Downloads \
-                       answer HEAD, Range, If-Range and If-None-Match and carry the SHA-256 of the \
-                       whole file as ETag and Repr-Digest. They are compared with it: a file that is \
-                       damaged on disk breaks off before its last bytes, and is answered with a \
-                       problem of type `damaged` from then on.",
+                       `null` on the last one. In attempts and the audit log, `next` is the `before`. \
+                       Tasks are in the order in which they run, and `next` is the `after`; so it is \
+                       in logs, where every page has it. Downloads answer HEAD, Range, If-Range and \
+                       If-None-Match, and have the SHA-256 of the whole file as ETag and \
+                       Repr-Digest. The bytes are compared with it: a download of a damaged file \
+                       breaks off before its last bytes, and later requests get a problem of type \
+                       `damaged`.",
         license(name = "MIT OR Apache-2.0", identifier = "MIT OR Apache-2.0"),
     ),
     security((), ("token" = ["read"])),
-    // The schemas of a pipeline's member and of a job refer to each other, which the derive does not
-    // follow. The report of a control job is an artifact, and a stream speaks WebSocket. Events are the data of
-    // messages in a text.
+    // The schemas of a pipeline's member and of a job refer to each other, which the derive does
+    // not follow. The report of a control job is an artifact, and a stream uses WebSocket. The data
+    // of events is inside text messages.
     components(schemas(
         Problem, spec::PipelineMember, wire::ControlReport, wire::StreamMessage, wire::StreamReply,
         wire::Event,
@@ -45,8 +46,8 @@ impl utoipa::Modify for TokenScheme {
         let scheme = HttpBuilder::new()
             .scheme(HttpAuthScheme::Bearer)
             .description(Some(
-                "Once the server was started with a token or has made one. An operation lists the scope that it needs: \
-                 `read`, `submit` or `admin`, each of which holds those before it.",
+                "Required once the server has a token, from its start or created later. An operation lists the scope that it \
+                 needs: `read`, `submit` or `admin`. Each scope includes those before it.",
             ))
             .build();
         document
@@ -56,9 +57,10 @@ impl utoipa::Modify for TokenScheme {
     }
 }
 
-/// The document of the operations in `operations`, with exact schemas of specs, every bound and every error.
+/// The document of the operations in `operations`, with exact schemas of specs and with every bound
+/// and error.
 pub fn complete(operations: &openapi::OpenApi) -> Value {
-    // It holds strings, numbers and lists only, so this cannot fail.
+    // It has only strings, numbers and lists, so this cannot fail.
     let mut document = serde_json::to_value(operations).expect("a document is JSON");
     for (path, item) in document["paths"].as_object_mut().into_iter().flatten() {
         for (method, operation) in item.as_object_mut().into_iter().flatten() {
@@ -76,7 +78,7 @@ pub fn complete(operations: &openapi::OpenApi) -> Value {
     document
 }
 
-/// Every answer is described, if only by its status.
+/// Describes answers without a description by their status.
 fn describe_answers(operation: &mut Value) {
     for (status, response) in operation["responses"].as_object_mut().into_iter().flatten() {
         if response["description"].as_str().is_none_or(str::is_empty) {
@@ -90,7 +92,7 @@ fn describe_answers(operation: &mut Value) {
     }
 }
 
-/// Replaces the schemas of specs, and leaves out those that nothing refers to.
+/// Replaces the schemas of specs, and removes those that nothing refers to.
 fn add_specs(document: &mut Value) {
     let mut specs = spec::schemas();
     let Some(schemas) = document["components"]["schemas"].as_object_mut() else { return };
@@ -122,7 +124,7 @@ fn find_references(value: &Value, found: &mut Vec<String>) {
     }
 }
 
-/// Bounds of numbers in queries, from the limits that requests are held to.
+/// Adds bounds of numbers in queries, from the limits that requests are checked against.
 fn bound_parameters(operation: &mut Value, path: &str) {
     let page = if path.ends_with("/logs") { LOGS_MAXIMUM } else { PAGE_MAXIMUM };
     let bounds = [("limit", 1, page), ("points", 2, POINTS_MAXIMUM), ("wait", 0, LOG_WAIT_SECONDS)];
@@ -137,7 +139,7 @@ fn bound_parameters(operation: &mut Value, path: &str) {
     }
 }
 
-/// Bodies of bytes are binary, not lists of numbers.
+/// Declares bodies of bytes as binary, instead of as lists of numbers.
 fn declare_bytes(value: &mut Value) {
     match value {
         Value::Object(fields) => {

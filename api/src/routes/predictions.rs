@@ -1,4 +1,4 @@
-//! Predictions of a checkpoint: one question, or a stream of them.
+//! Predictions with a checkpoint: single ones, or a stream.
 
 use axum::Json;
 use axum::extract::State;
@@ -16,7 +16,7 @@ use crate::extract::{JsonBytes, Path};
 use crate::limits::QUESTION_BYTES;
 use crate::stream;
 
-/// Predicts joint positions at once, without a job.
+/// Predict joint positions at once, without a job.
 #[utoipa::path(
     post,
     path = "/v1/checkpoints/{id}/predict",
@@ -34,7 +34,8 @@ pub async fn predict(
     Ok(Json(app.predict(id, &read_question(&body)?).await?))
 }
 
-/// A WebSocket for predictions with a receding horizon; docs/prediction.md has its messages.
+/// Open a WebSocket for predictions with a receding horizon. docs/prediction.md describes its
+/// messages.
 #[utoipa::path(
     get,
     path = "/v1/checkpoints/{id}/stream",
@@ -58,8 +59,8 @@ pub async fn open_stream(
     Ok(upgrade.on_upgrade(move |socket| stream::serve(socket, stream, closing, place)))
 }
 
-/// Browsers open a WebSocket to any site, with the user's credentials, and say where the page is
-/// from.
+/// Refuses pages of other sites. Browsers open a WebSocket to any site with the user's credentials,
+/// and send the page's origin.
 fn refuse_other_sites(headers: &HeaderMap) -> Result<(), ApiError> {
     let text = |name| headers.get(name).map(|value| value.to_str().unwrap_or_default());
     let Some(origin) = text(ORIGIN) else { return Ok(()) };

@@ -1,9 +1,9 @@
-//! Named starting points of specs.
+//! Presets: named starting points of specs.
 
 use axum::Json;
 use wire::Presets;
 
-/// Every preset with the spec it stands for.
+/// List all presets with their specs.
 #[utoipa::path(
     get,
     path = "/v1/presets",

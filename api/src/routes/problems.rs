@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-/// Errors that depend on the operation alone.
+/// Errors that depend only on the operation.
 const OF_OPERATIONS: [(&str, &str, &[u16]); 20] = [
     ("post", "/v1/jobs", &[409, 410, 422, 507]),
     ("patch", "/v1/jobs/{id}", &[409, 422]),
@@ -29,7 +29,7 @@ const OF_OPERATIONS: [(&str, &str, &[u16]); 20] = [
 /// Errors of every request.
 const OF_ALL: [u16; 5] = [400, 421, 429, 500, 503];
 
-/// The beginnings of paths of what can be deleted, or belongs to something that can.
+/// Prefixes of paths of things that can be deleted, or that belong to such things.
 const DELETABLE: [&str; 6] = [
     "/v1/jobs/{id}",
     "/v1/runs/{id}",
@@ -42,7 +42,7 @@ const DELETABLE: [&str; 6] = [
 /// Errors of requests with a body.
 const OF_BODIES: [u16; 4] = [400, 408, 413, 415];
 
-/// Adds the errors that an operation can be answered with.
+/// Adds the possible errors of an operation.
 pub fn add(operation: &mut Value, method: &str, path: &str) {
     let mut statuses = OF_ALL.to_vec();
     let is_open = operation["security"].as_array().is_some_and(|it| it.contains(&json!({})))
@@ -83,20 +83,18 @@ fn meaning(status: u16) -> &'static str {
     match status {
         400 => "A parameter, or the body, cannot be read",
         401 => "A token is required",
-        403 => {
-            "The scope of the token does not reach so far, or the request came from another site"
-        }
+        403 => "The token's scope is too small, or the request came from another site",
         404 => "There is no such thing",
-        408 => "The body did not come in time",
-        409 => "The state of what is asked for does not allow it",
-        410 => "It was deleted; the problem says how to bring it back",
+        408 => "The body did not arrive in time",
+        409 => "The state of the resource does not allow it",
+        410 => "It was deleted; the problem says how to restore it",
         413 => "The body is too large",
-        415 => "The body is declared as something else",
+        415 => "The body has the wrong media type",
         421 => "The server does not have this name",
-        422 => "The spec or question cannot be accepted; `violations` names every field",
-        426 => "The path speaks WebSocket",
-        429 => "Too many requests per second; `Retry-After` says when to come again",
-        501 => "The server computes no predictions",
+        422 => "The spec or prediction request is not allowed; `violations` names every field",
+        426 => "The path needs a WebSocket",
+        429 => "Too many requests per second; `Retry-After` says when to try again",
+        501 => "The server has no models for predictions",
         503 => "Too many requests at once, or the database cannot be written",
         507 => "There is no room for it",
         _ => "The server failed",

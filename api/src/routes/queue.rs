@@ -7,13 +7,15 @@ use wire::Queue;
 use crate::app::App;
 use crate::error::ApiError;
 
-/// Whether tasks are claimed, and how many there are.
+/// Get the state of the queue: whether tasks are claimed, and how many there are.
 #[utoipa::path(get, path = "/v1/queue", tag = "queue", responses((status = 200, body = Queue)))]
 pub async fn show(State(app): State<App>) -> Result<Json<Queue>, ApiError> {
     Ok(Json(app.queue().await?))
 }
 
-/// Have no more tasks claimed. Those that workers have go on, and jobs can be submitted.
+/// Pause the queue.
+///
+/// No more tasks are claimed. Running tasks go on, and jobs can still be submitted.
 #[utoipa::path(
     post,
     path = "/v1/queue/pause",
@@ -25,7 +27,7 @@ pub async fn pause(State(app): State<App>) -> Result<Json<Queue>, ApiError> {
     Ok(Json(app.pause_queue().await?))
 }
 
-/// Have tasks claimed again.
+/// Resume the queue: tasks are claimed again.
 #[utoipa::path(
     post,
     path = "/v1/queue/resume",

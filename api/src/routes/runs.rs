@@ -22,7 +22,8 @@ use crate::routes::lists::RunsParameters;
 #[derive(Deserialize, IntoParams)]
 #[into_params(parameter_in = Query)]
 pub struct MetricParameters {
-    /// Points at most, 2 to 5000; of each part of the curve the lowest and the highest are kept.
+    /// Largest number of points, 2 to 5000. Each part of a longer curve keeps its lowest and
+    /// highest point.
     points: Option<u32>,
 }
 
@@ -36,7 +37,7 @@ impl MetricParameters {
     }
 }
 
-/// Runs, newest first unless `sort` says otherwise.
+/// List runs, newest first unless `sort` says otherwise.
 #[utoipa::path(
     get,
     path = "/v1/runs",
@@ -48,7 +49,7 @@ pub async fn list(State(app): State<App>, pairs: QueryPairs) -> Result<Json<Runs
     Ok(Json(app.runs(&ListRequest::read(&RUNS, &pairs.0)?).await?))
 }
 
-/// A run with the latest value of every metric and its artifacts.
+/// Get a run with the latest value of every metric and its artifacts.
 #[utoipa::path(
     get,
     path = "/v1/runs/{id}",
@@ -82,7 +83,7 @@ pub async fn label(
     Ok(Json(app.run(id).await?))
 }
 
-/// The values of one metric; a slash in its key is written `%2F`.
+/// Get the values of one metric. A slash in its key is written `%2F`.
 #[utoipa::path(
     get,
     path = "/v1/runs/{id}/metrics/{key}",
@@ -98,7 +99,7 @@ pub async fn metric(
     Ok(Json(app.metric(id, &key, parameters.points()?).await?))
 }
 
-/// The values of the metric `group/name`, such as `train/loss`.
+/// Get the values of the metric `group/name`, such as `train/loss`.
 #[utoipa::path(
     get,
     path = "/v1/runs/{id}/metrics/{group}/{name}",
@@ -119,7 +120,7 @@ pub async fn metric_of_group(
     Ok(Json(app.metric(id, &format!("{group}/{name}"), parameters.points()?).await?))
 }
 
-/// A file that the run left, such as `report.json` or `rmse-multisine.svg`.
+/// Download a file that the run left, such as `report.json` or `rmse-multisine.svg`.
 #[utoipa::path(
     get,
     path = "/v1/runs/{id}/artifacts/{name}",
@@ -138,7 +139,7 @@ pub async fn artifact(
     send_or_redirect(&app, &method, &headers, file, &parameters).await
 }
 
-/// The loss curve as it is now: `loss.svg`, or its numbers as `loss.csv`.
+/// Get the present loss curve as `loss.svg`, or its numbers as `loss.csv`.
 #[utoipa::path(
     get,
     path = "/v1/runs/{id}/figures/{name}",

@@ -1,4 +1,4 @@
-//! Tokens that let their bearers in.
+//! Tokens for access to the server.
 
 use axum::Json;
 use axum::extract::State;
@@ -9,7 +9,7 @@ use crate::app::{App, read_question};
 use crate::error::ApiError;
 use crate::extract::{JsonBytes, Path};
 
-/// All tokens, those that are revoked or expired included, oldest first.
+/// List all tokens, including revoked and expired ones, oldest first.
 #[utoipa::path(
     get,
     path = "/v1/tokens",
@@ -21,7 +21,9 @@ pub async fn list(State(app): State<App>) -> Result<Json<Tokens>, ApiError> {
     Ok(Json(app.tokens().await?))
 }
 
-/// Make a token. The answer shows it this once. From the first token on the server asks for one.
+/// Create a token.
+///
+/// Only this answer shows the token. From the first token on, the server requires one.
 #[utoipa::path(
     post,
     path = "/v1/tokens",
@@ -38,7 +40,9 @@ pub async fn create(
     Ok((StatusCode::CREATED, Json(app.create_token(&asked).await?)))
 }
 
-/// Revoke a token: it opens nothing any more, here at once and on other servers of the database within 5 s.
+/// Revoke a token.
+///
+/// It stops working on this server at once, and on other servers with the same database within 5 s.
 #[utoipa::path(
     delete,
     path = "/v1/tokens/{id}",

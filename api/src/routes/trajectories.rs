@@ -1,4 +1,4 @@
-//! Looking into datasets: single trajectories, and what all of them are like.
+//! Contents of datasets: single trajectories, and summaries of all.
 
 use axum::Json;
 use axum::extract::State;
@@ -28,12 +28,12 @@ pub enum Format {
 #[derive(Deserialize, IntoParams)]
 #[into_params(parameter_in = Query)]
 pub struct FormatParameters {
-    /// Instead of what `Accept` asks for; JSON when neither does.
+    /// Takes precedence over `Accept`. JSON by default.
     #[param(inline)]
     format: Option<Format>,
 }
 
-/// A trajectory with its robot: as JSON, or its samples as an Arrow IPC stream.
+/// Get a trajectory with its robot: as JSON, or its samples as an Arrow IPC stream.
 #[utoipa::path(
     get,
     path = "/v1/datasets/{id}/trajectories/{index}",
@@ -64,7 +64,7 @@ pub async fn show(
     }
 }
 
-/// Its torques, positions and what else was recorded, over time.
+/// Draw a trajectory's torques, positions and other recorded channels over time.
 #[utoipa::path(
     get,
     path = "/v1/datasets/{id}/trajectories/{index}/figure.svg",
@@ -80,7 +80,7 @@ pub async fn figure(
     Ok((saved_as(&format!("dataset-{id}-trajectory-{index}.svg"), SVG), drawn).into_response())
 }
 
-/// The same as a table: a line per sample.
+/// Get a trajectory as CSV, with one line per sample.
 #[utoipa::path(
     get,
     path = "/v1/datasets/{id}/trajectories/{index}/figure.csv",
@@ -96,7 +96,8 @@ pub async fn figure_data(
     Ok((saved_as(&format!("dataset-{id}-trajectory-{index}.csv"), CSV), table).into_response())
 }
 
-/// Counts, ranges of all channels and mean spectra, over the shards that are finished.
+/// Get the summary of a dataset: counts, ranges of all channels and mean spectra, over the finished
+/// shards.
 #[utoipa::path(
     get,
     path = "/v1/datasets/{id}/summary",
@@ -111,7 +112,7 @@ pub async fn summary(
     Ok(Json(app.summary(id).await?))
 }
 
-/// Mean spectra of torques and positions.
+/// Draw the mean spectra of torques and positions.
 #[utoipa::path(
     get,
     path = "/v1/datasets/{id}/spectrum.svg",
@@ -124,7 +125,7 @@ pub async fn spectrum(State(app): State<App>, Path(id): Path<i64>) -> Result<Res
     Ok((saved_as(&format!("dataset-{id}-spectrum.svg"), SVG), drawn).into_response())
 }
 
-/// The same as a table: a line per signal and band.
+/// Get the mean spectra as CSV, with one line per signal and frequency.
 #[utoipa::path(
     get,
     path = "/v1/datasets/{id}/spectrum.csv",
@@ -140,7 +141,7 @@ pub async fn spectrum_data(
     Ok((saved_as(&format!("dataset-{id}-spectrum.csv"), CSV), table).into_response())
 }
 
-/// Arrow when `Accept` names it, whatever else it names.
+/// Arrow if `Accept` names it, even beside other types.
 fn accepted(headers: &HeaderMap) -> Format {
     let named = headers
         .get_all(ACCEPT)

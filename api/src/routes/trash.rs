@@ -1,4 +1,4 @@
-//! Deleting what there is, looking at what depends on it, and the trash.
+//! Deletes things, shows what depends on them, and lists the trash.
 
 use axum::Json;
 use axum::extract::State;
@@ -14,7 +14,7 @@ use crate::extract::Query;
 #[derive(Deserialize, IntoParams)]
 #[into_params(parameter_in = Query)]
 pub struct DeleteParameters {
-    /// Delete it although jobs that have ended depend on it; they stay as they are.
+    /// Delete it even if ended jobs depend on it. These jobs stay as they are.
     #[serde(default)]
     force: bool,
 }
@@ -28,13 +28,13 @@ impl DeleteParameters {
 #[derive(Deserialize, IntoParams)]
 #[into_params(parameter_in = Query)]
 pub struct TrashParameters {
-    /// Items at most, 1 to 500; 50 when left out.
+    /// Largest number of items, 1 to 500; 50 by default.
     limit: Option<u32>,
-    /// Only items that come after this one: the `next` of the page before.
+    /// Only items that come after this one. Pass the `next` of the page before.
     before: Option<String>,
 }
 
-/// What is in the trash, what was deleted last first, with the date until which each can be restored.
+/// List the trash, latest deletion first. Each item has the date until which it can be restored.
 #[utoipa::path(
     get,
     path = "/v1/trash",
@@ -50,7 +50,7 @@ pub async fn list(
     Ok(Json(app.trash(limit, parameters.before.as_deref()).await?))
 }
 
-/// The three operations of one kind of things.
+/// Defines the three operations for one kind of thing.
 macro_rules! deletable {
     ($module:ident, $kind:ident, $tag:tt, $path:tt, $restore:tt, $dependents:tt, $about:tt) => {
         pub mod $module {
@@ -80,7 +80,7 @@ macro_rules! deletable {
                 Ok(Json(app.delete(ItemKind::$kind, id, parameters.respect()).await?))
             }
 
-            /// Take it out of the trash, with what went there with it.
+            /// Restore it from the trash, with everything that was deleted together with it.
             #[utoipa::path(
                                                 post,
                                                 path = $restore,
@@ -96,7 +96,8 @@ macro_rules! deletable {
                 Ok(Json(app.restore(ItemKind::$kind, id).await?))
             }
 
-            /// The things that its deletion would also delete, and its dependents.
+            /// List the things that would be deleted together with it, and the jobs that depend on
+            /// it.
             #[utoipa::path(
                                                 get,
                                                 path = $dependents,
@@ -121,7 +122,7 @@ deletable!(
     "/v1/jobs/{id}",
     "/v1/jobs/{id}/restore",
     "/v1/jobs/{id}/dependents",
-    "Move a job that has ended into the trash, with its logs and all that it left; a pipeline with the jobs that were made for it."
+    "Move an ended job into the trash, with its logs and all its results; a pipeline with the jobs that were made for it."
 );
 deletable!(
     run,

@@ -1,4 +1,4 @@
-//! Sending a file of one's own.
+//! Uploads of recordings.
 
 use axum::Json;
 use axum::extract::State;
@@ -20,12 +20,12 @@ use crate::upload::IncomingFile;
 #[into_params(parameter_in = Query)]
 #[expect(dead_code, reason = "`IncomingFile` reads spec and name; here they are documented")]
 pub struct UploadParameters {
-    /// When the body is the file itself: the import spec as JSON, in which `kind`, `file` and
-    /// `format` may be left out.
+    /// If the body is the file itself: the import spec as JSON. It may leave out `kind`, `file` and
+    /// `format`.
     spec: Option<String>,
-    /// When the body is the file itself: what it is called.
+    /// If the body is the file itself: the file's name.
     name: Option<String>,
-    /// Convert anew, even what was already imported in the same way.
+    /// Import again, even if the same file was imported in the same way before.
     #[serde(default)]
     force: bool,
 }
@@ -34,16 +34,17 @@ pub struct UploadParameters {
 #[derive(ToSchema)]
 #[expect(dead_code, reason = "a shape for the document; `IncomingFile` reads it")]
 pub struct UploadForm {
-    /// In which `kind`, `file` and, if the part `file` has a media type, `format` may be left out.
+    /// The import spec. It may leave out `kind`, `file` and, if the part `file` has a media type,
+    /// `format`.
     spec: ImportSpec,
     #[schema(value_type = String, format = Binary)]
     file: Vec<u8>,
 }
 
-/// Send recordings, as CSV or Parquet, and import them as a dataset.
+/// Upload recordings as CSV or Parquet, and import them as a dataset.
 ///
-/// The file is kept under its digest, so that `POST /v1/jobs` can import it again in another way.
-/// An import whose digest was already done, or is on its way, is answered with 200.
+/// The file is stored under its digest, so `POST /v1/jobs` can import it again in another way. If
+/// an import with the same digest exists, done or not, the answer is 200 with that job.
 #[utoipa::path(
     post,
     path = "/v1/datasets",
@@ -54,7 +55,7 @@ pub struct UploadForm {
         (
             "Idempotency-Key" = Option<String>,
             Header,
-            description = "Sent again with the same spec and file, it names the same job",
+            description = "A repeated request with the same key, spec and file gets the same job",
         ),
     ),
     request_body(content(

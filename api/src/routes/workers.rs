@@ -1,4 +1,4 @@
-//! The processes that execute tasks.
+//! Workers: the processes that execute tasks.
 
 use axum::Json;
 use axum::extract::State;
@@ -8,7 +8,7 @@ use crate::app::App;
 use crate::error::ApiError;
 use crate::extract::Path;
 
-/// Workers by name: those that are there, and those that died within a day.
+/// List workers by name: live ones, and those that died within a day.
 #[utoipa::path(
     get,
     path = "/v1/workers",
@@ -19,7 +19,9 @@ pub async fn list(State(app): State<App>) -> Result<Json<Workers>, ApiError> {
     Ok(Json(app.workers().await?))
 }
 
-/// Have a worker claim no more tasks; it ends the one that it has. That lasts until the worker ends, or is undrained.
+/// Drain a worker.
+///
+/// It claims no more tasks, and ends the one that it has. That lasts until it ends or is undrained.
 #[utoipa::path(
     post,
     path = "/v1/workers/{name}/drain",
@@ -35,7 +37,7 @@ pub async fn drain(
     Ok(Json(app.drain_worker(&name).await?))
 }
 
-/// Have a worker that was drained claim tasks again.
+/// Undrain a worker: it claims tasks again.
 #[utoipa::path(
     post,
     path = "/v1/workers/{name}/undrain",

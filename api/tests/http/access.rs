@@ -1,4 +1,4 @@
-//! Who may ask: tokens, other sites, other names.
+//! Access control: tokens, other sites, other host names.
 
 use api::Options;
 use axum::http::Method;
@@ -41,10 +41,7 @@ async fn the_token_opens_as_bearer_and_as_a_password() {
     for credentials in ["Bearer wrong", "Bearer", "secret", "Basic c2VjcmV0"] {
         let headers = [("authorization", credentials)];
         let problem = server.request(Method::GET, "/v1/jobs", &headers).await.problem(401);
-        assert_eq!(
-            problem["detail"],
-            "the token opens nothing here: it is unknown, expired or revoked"
-        );
+        assert_eq!(problem["detail"], "the token is not valid: it is unknown, expired or revoked");
     }
 }
 

@@ -1,4 +1,4 @@
-//! Clients that say nothing, half of something, too much, or ask too often.
+//! Clients that send nothing, half a request, too much, or too many requests.
 
 use std::net::SocketAddr;
 use std::num::NonZero;
@@ -16,7 +16,7 @@ use crate::fixture::Server;
 
 const REQUEST: &[u8] = b"GET /healthz HTTP/1.1\r\nHost: localhost\r\n\r\n";
 const HALF: &[u8] = b"GET /healthz HTTP/1.1\r\nHost: localhost\r\n";
-/// Beyond a deadline, on a machine that is busy.
+/// More than any deadline, for a busy machine.
 const LATE: Duration = Duration::from_secs(10);
 
 struct Listening {
@@ -39,7 +39,7 @@ impl Listening {
         TcpStream::connect(self.address).await.unwrap()
     }
 
-    /// A connection on which this was said.
+    /// A connection on which `said` was sent.
     async fn having_said(&self, said: &[u8]) -> TcpStream {
         let mut connection = self.connect().await;
         connection.write_all(said).await.unwrap();
@@ -58,7 +58,7 @@ async fn head(connection: &mut TcpStream) -> String {
 
 async fn everything(mut connection: TcpStream) -> String {
     let mut text = Vec::new();
-    // Whether by an end or by a reset, it is closed.
+    // The connection is closed, either normally or by a reset.
     let _ = connection.read_to_end(&mut text).await;
     String::from_utf8(text).unwrap()
 }
@@ -104,7 +104,7 @@ async fn many_half_requests_keep_nobody_out() {
     let mut late = server.having_said(REQUEST).await;
     assert!(head(&mut late).await.starts_with("HTTP/1.1 200"));
     assert!(is_closed(&mut half[0]).await, "the oldest is not closed");
-    // A request that is under way is not.
+    // A running request is not closed.
     asking.write_all(b"{\"kind\": \"nothing\"}\n").await.unwrap();
     let head = head(&mut asking).await;
     assert!(head.starts_with("HTTP/1.1 422"), "{head}");
@@ -116,7 +116,7 @@ async fn a_connection_that_is_answered_makes_room_for_one_that_waits() {
     let begun = b"POST /v1/jobs HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n\
                   Content-Length: 20\r\n\r\n";
     let mut first = server.having_said(begun).await;
-    // It is under way when the others come.
+    // The request is running when the others come.
     tokio::time::sleep(Duration::from_millis(200)).await;
     let (second, third) = (server.having_said(REQUEST).await, server.having_said(REQUEST).await);
     let began = Instant::now();
@@ -141,13 +141,13 @@ async fn a_body_that_does_not_come_is_a_timeout() {
 #[tokio::test]
 async fn a_head_that_is_too_large_is_refused() {
     let server = Listening::with(&Options::default()).await;
-    // A head a little longer than the limit is answered when its last bytes come at once.
+    // A head slightly longer than the limit is answered if its last bytes come at once.
     for (name, count) in
         [("X-Long: ".to_owned() + &"x".repeat(300_000), 1), ("X-A: b".to_owned(), 101)]
     {
         let mut connection = server.having_said(HALF).await;
         for _ in 0..count {
-            // It may be closed before all is said.
+            // It may be closed before everything is sent.
             let _ = connection.write_all(format!("{name}\r\n").as_bytes()).await;
         }
         let _ = connection.write_all(b"\r\n").await;
@@ -193,7 +193,7 @@ async fn as_many_files_are_sent_at_once_as_may_be() {
     let refused = server.send(get().body(Body::empty()).unwrap()).await;
     refused.problem(503);
     assert_eq!(refused.header("retry-after"), "1");
-    // Headers alone take no place.
+    // Requests for headers alone take no place.
     let asked = Request::head("/v1/checkpoints/1/files/model.safetensors");
     assert_eq!(server.send(asked.body(Body::empty()).unwrap()).await.status, 200);
     sending.pop();

@@ -1,4 +1,4 @@
-//! The promises of the committed OpenAPI document, held against every request and answer of these tests.
+//! Compares every request and answer of these tests with the committed OpenAPI document.
 
 use std::collections::HashMap;
 use std::sync::{Arc, LazyLock, Mutex};
@@ -16,13 +16,13 @@ static DOCUMENT: LazyLock<Value> = LazyLock::new(|| {
     serde_json::from_slice(&text).expect("the committed document is JSON")
 });
 
-/// A request, as far as the document speaks of it.
+/// A request, with the parts that the document describes.
 pub struct Asked {
     pub method: Method,
     pub path: String,
     pub query: String,
     pub content_type: String,
-    /// The body, where it is JSON.
+    /// The body, if it is JSON.
     pub json: Option<Value>,
 }
 
@@ -37,7 +37,7 @@ impl Asked {
         }
     }
 
-    /// Fails where the document says something else of the answer, or of a request that was accepted.
+    /// Fails if the answer differs from the document, or the request does although it was accepted.
     #[track_caller]
     pub fn check(&self, answer: &Answer) {
         let Some((place, operation)) = self.operation() else { return };
@@ -49,7 +49,7 @@ impl Asked {
             let found = media_type(&answer.headers);
             let content = response["content"].get(&found);
             let content = content.unwrap_or_else(|| panic!("{name}: {status} has {found}"));
-            // Nothing is said of the JSON in files.
+            // The document does not describe the JSON in files.
             let is_described = content["schema"] != json!({});
             if found.ends_with("json") && is_described {
                 let place = format!("{place}/responses/{status}/content/{}", escaped(&found));
@@ -93,7 +93,7 @@ impl Asked {
         }
     }
 
-    /// The operation that answers, and where in the document it is.
+    /// The operation that answers, and its place in the document.
     fn operation(&self) -> Option<(String, &'static Value)> {
         let method = match self.method {
             Method::HEAD => "get".to_owned(),
@@ -101,7 +101,7 @@ impl Asked {
         };
         let paths = DOCUMENT["paths"].as_object()?;
         let fitting = paths.iter().filter(|(path, _)| is_path(path, &self.path));
-        // A path with fewer variables is the more special one.
+        // A path with fewer variables is more specific.
         let (path, item) = fitting.min_by_key(|(path, _)| path.matches('{').count())?;
         Some((format!("/paths/{}/{method}", escaped(path)), item.get(&method)?))
     }
@@ -120,12 +120,12 @@ fn media_type(headers: &HeaderMap) -> String {
     value.split(';').next().unwrap_or_default().trim().to_lowercase()
 }
 
-/// As a JSON pointer has it.
+/// The text as part of a JSON pointer.
 fn escaped(text: &str) -> String {
     text.replace('~', "~0").replace('/', "~1")
 }
 
-/// Fails where `value` is not what the schema of `holder`, at `place` of the document, says.
+/// Fails if `value` does not match the schema of `holder`, which is at `place` in the document.
 #[track_caller]
 fn check(place: &str, holder: &Value, value: &Value, what: &str) {
     let validator = validator(place, &holder["schema"]);
@@ -136,7 +136,7 @@ fn check(place: &str, holder: &Value, value: &Value, what: &str) {
     assert!(errors.is_empty(), "{what} contradicts the document: {errors:#?}\n{value:#}");
 }
 
-/// Fails where the data of a server-sent event is not what the document says.
+/// Fails if the data of a server-sent event does not match the document.
 #[track_caller]
 pub fn check_event(data: &Value) {
     let holder = json!({"schema": {"$ref": "#/components/schemas/Event"}});

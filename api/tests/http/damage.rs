@@ -1,4 +1,4 @@
-//! Files that are not what was written: nobody gets them for what they should be.
+//! Damaged files: nobody receives them as if they were intact.
 
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -15,7 +15,7 @@ use crate::fixture::{Server, bytes_of, small_simulation, small_training};
 const SMALL: &str = "/v1/checkpoints/1/files/model.safetensors";
 const LARGE: &str = "/v1/runs/1/artifacts/large.bin";
 
-/// So large that it is sent in several pieces.
+/// Large enough to be sent in several pieces.
 const BYTES: usize = 1_000_000;
 
 /// A server with a large file among those of a run, and the object that holds it.
@@ -33,7 +33,7 @@ async fn with_large_file() -> (Server, StoredObject) {
     (server, object)
 }
 
-/// The file of an object that is going to be damaged.
+/// The file of an object that the test will damage.
 async fn small_file(server: &Server) -> PathBuf {
     let checkpoint = server.store.checkpoint(CheckpointId(1)).await.unwrap();
     server.object(&checkpoint.file("model.safetensors").unwrap().path)
@@ -53,7 +53,7 @@ fn check(problem: &Value, words: &[&str]) {
     }
 }
 
-/// Caught: all bytes of a damaged file were sent under the digest of the sound one.
+/// Regression: all bytes of a damaged file were sent under the original's digest.
 #[tokio::test]
 async fn a_damaged_file_is_never_sent_to_its_end() {
     let (server, object) = with_large_file().await;
@@ -63,7 +63,7 @@ async fn a_damaged_file_is_never_sent_to_its_end() {
     assert_eq!(status, 200, "the beginning is sent while the rest is read");
     assert!(body.is_err());
 
-    // It is known from then on.
+    // The damage is known from then on.
     for range in [None, Some("bytes=0-9"), Some("bytes=0-")] {
         let headers: Vec<_> = range.iter().map(|range| ("range", *range)).collect();
         let problem = server.request(Method::GET, LARGE, &headers).await.problem(500);
@@ -88,7 +88,7 @@ async fn a_connection_is_cut_before_the_last_bytes_of_a_damaged_file() {
     let request = format!("GET {LARGE} HTTP/1.1\r\nHost: {address}\r\n\r\n");
     connection.write_all(request.as_bytes()).await.unwrap();
     let mut answer = Vec::new();
-    // An error is another way of not getting to the end.
+    // An error also means that the end does not arrive.
     let _ = connection.read_to_end(&mut answer).await;
     let text = String::from_utf8_lossy(&answer);
     let (head, _) = text.split_once("\r\n\r\n").unwrap();
@@ -125,7 +125,7 @@ async fn a_file_of_another_size_or_none_is_refused_before_its_first_byte() {
     std::fs::write(&path, [&bytes[..], b"more"].concat()).unwrap();
     refused(&["expected 5000 bytes, found 5004 bytes"]).await;
     std::fs::remove_file(&path).unwrap();
-    refused(&["model.safetensors of checkpoint 1 is not in the data folder any more"]).await;
+    refused(&["model.safetensors of checkpoint 1 is missing"]).await;
 }
 
 #[tokio::test]
@@ -147,7 +147,7 @@ async fn a_part_of_a_damaged_file_is_refused_once_all_of_it_was_read() {
     check(&refused.problem(500), &["large.bin of run 1 is damaged"]);
 }
 
-/// Caught: one damaged report would have taken the front page with it.
+/// Regression: one damaged report broke the front page.
 #[tokio::test]
 async fn a_damaged_report_is_named_on_its_own_page_and_spoils_no_list() {
     let server = Server::with_small_pipeline().await;

@@ -1,4 +1,4 @@
-//! The OpenAPI document: committed, complete, and kept by what the server does.
+//! The OpenAPI document is committed and complete, and the server complies with it.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 use crate::fixture::{Server, small_pipeline, small_simulation};
 use crate::{labels, resources, uploads};
 
-/// Rewrites the committed document when `UPDATE` is set.
+/// Writes the committed document anew if `UPDATE` is set.
 #[test]
 fn the_committed_document_is_the_generated_one() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("openapi.json");
@@ -24,11 +24,11 @@ fn the_committed_document_is_the_generated_one() {
     );
 }
 
-/// What only a model that computes answers with success: the tests of `live` have one.
+/// Only a real model answers this with success. The tests of `live` have one.
 const PREDICT: &str = "/v1/checkpoints/{id}/predict";
 const STREAM: &str = "/v1/checkpoints/{id}/stream";
 
-/// Every operation, with a request that it answers with success.
+/// Every operation, with a request that succeeds.
 const OPERATIONS: [(&str, &str, &str); 69] = [
     ("get", "/healthz", "/healthz"),
     ("get", "/readyz", "/readyz"),
@@ -105,7 +105,7 @@ const OPERATIONS: [(&str, &str, &str); 69] = [
     ("delete", "/v1/jobs/{id}", "/v1/jobs/4?force=true"),
     ("post", "/v1/jobs/{id}/restore", "/v1/jobs/4/restore"),
     ("get", "/v1/trash", "/v1/trash"),
-    // The last ones: from the first token on the server asks for one.
+    // These come last, because the server requires a token from the first one on.
     ("delete", "/v1/tokens/{id}", "/v1/tokens/1"),
     ("post", "/v1/tokens", "/v1/tokens"),
 ];

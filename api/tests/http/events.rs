@@ -67,7 +67,7 @@ impl Client {
         }
     }
 
-    /// The next message with something in it, which is as the document says.
+    /// The next message with content. It must match the document.
     async fn next(&mut self) -> Option<Message> {
         loop {
             let block = self.block().await?;
@@ -101,7 +101,7 @@ impl Client {
         messages
     }
 
-    /// So many messages that are kept, others left out.
+    /// This number of stored messages; others are skipped.
     async fn kept(&mut self, count: usize) -> Vec<Message> {
         let mut messages = Vec::new();
         while messages.len() < count {
@@ -122,7 +122,7 @@ async fn ask(server: &Server, path: &str, headers: &[(&str, &str)]) -> Response 
     server.answer(request.body(Body::empty()).unwrap()).await
 }
 
-/// The event and the state of each.
+/// The event and the state of each message.
 fn told(messages: &[Message]) -> Vec<(&str, &str)> {
     messages.iter().map(|it| (&it.event[..], it.data["state"].as_str().unwrap_or(""))).collect()
 }
@@ -152,7 +152,7 @@ async fn a_job_is_told_from_its_progress_to_its_end() {
     );
     assert_eq!(end.data, json!({"event": "end", "job": 1, "state": "succeeded", "error": null}));
 
-    // Whoever comes later is told the same and that it has ended.
+    // A client that comes later gets the same events and the end.
     let mut client = Client::open(&server, "/v1/jobs/1/events?after=0", &[]).await;
     let replayed = client.rest().await;
     assert_eq!(replayed[1..5], kept, "after the event of its beginning");
@@ -233,10 +233,10 @@ async fn whoever_comes_too_late_or_from_elsewhere_is_told_of_a_gap() {
     assert_eq!(gap.data, json!({"event": "gap", "id": oldest - 1, "after": missed}));
     let rest = client.kept(10).await;
     assert_eq!((rest[0].id, rest[9].id), (Some(oldest), Some(newest)));
-    // It goes on from the gap without another.
+    // It continues after the gap without another one.
     let mut client = Client::after(&server, "/v1/events", oldest - 1).await;
     assert_eq!(client.must_next().await, rest[0]);
-    // The whole job is told once more.
+    // The progress of the whole job is sent again.
     let mut client = Client::after(&server, "/v1/jobs/1/events", missed).await;
     let events = client.rest().await;
     let names: Vec<&str> = events.iter().map(|it| it.event.as_str()).collect();
@@ -250,7 +250,7 @@ async fn whoever_comes_too_late_or_from_elsewhere_is_told_of_a_gap() {
     assert!(client.must_next().await.id > Some(newest));
 }
 
-/// More events than the server keeps in memory for anybody.
+/// More events than the server keeps in memory for any client.
 #[tokio::test]
 async fn a_client_that_falls_behind_misses_nothing() {
     let server = Server::start().await;
@@ -259,7 +259,7 @@ async fn a_client_that_falls_behind_misses_nothing() {
     server.submitted(&small_training()).await;
     let task = server.claim().await.unwrap();
     let mut client = Client::open(&server, "/v1/events", &[]).await;
-    // It has begun, and takes nothing any more.
+    // The stream has begun, and the client reads nothing more.
     client.block().await.unwrap();
     let count = u64::try_from(api::limits::EVENT_BACKLOG).unwrap() + 300;
     for step in 0..count {

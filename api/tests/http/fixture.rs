@@ -1,4 +1,4 @@
-//! A server on a store of its own, and a worker that finishes tasks with made-up results.
+//! A server with a store of its own, and a worker that completes tasks with invented results.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -31,7 +31,7 @@ pub struct Server {
     dir: TempDir,
 }
 
-/// An answer, read to its end.
+/// An answer that was read to its end.
 #[derive(Debug)]
 pub struct Answer {
     pub status: StatusCode,
@@ -71,7 +71,7 @@ impl Server {
         Self::start_with(&Options::default()).await
     }
 
-    /// With the jobs of [`small_pipeline`] done.
+    /// A server on which the jobs of [`small_pipeline`] are done.
     pub async fn with_small_pipeline() -> Self {
         let server = Self::start().await;
         server.submitted(&small_pipeline()).await;
@@ -83,7 +83,7 @@ impl Server {
         Self::start_app(options, |app| app).await
     }
 
-    /// One whose app is made ready by `prepare`.
+    /// A server whose app was changed by `prepare`.
     pub async fn start_app(options: &Options, prepare: impl FnOnce(App) -> App) -> Self {
         let dir = tempfile::tempdir().unwrap();
         let store = Store::open(dir.path(), Access::Server).await.unwrap();
@@ -91,26 +91,27 @@ impl Server {
         Self { store, router, dir }
     }
 
-    /// The same store, served with other options.
+    /// The same store on a server with other options.
     pub fn restarted_with(self, options: &Options) -> Self {
         let router = api::router(App::new(self.store.clone(), options));
         Self { router, ..self }
     }
 
-    /// The file that a stored object is.
+    /// The file of a stored object.
     pub fn object(&self, path: &str) -> std::path::PathBuf {
         self.dir.path().join("objects").join(path)
     }
 
-    /// An answer of which no byte of the body was read.
+    /// An answer whose body was not read.
     pub async fn answer(&self, request: Request<Body>) -> Response {
         self.router.clone().oneshot(request).await.unwrap()
     }
 
-    /// An answer that is what the OpenAPI document says, as the request is if it was accepted.
+    /// An answer that matches the OpenAPI document. The request must match it too, if it was
+    /// accepted.
     pub async fn send(&self, request: Request<Body>) -> Answer {
         let (parts, mut body) = request.into_parts();
-        // Only a body that is here already is looked at: those of uploads may come slowly.
+        // Only a complete body is checked, because those of uploads may come slowly.
         let json = if body.size_hint().exact().is_some() {
             let bytes = body.collect().await.unwrap().to_bytes();
             body = Body::from(bytes.clone());
@@ -130,7 +131,7 @@ impl Server {
         answer
     }
 
-    /// The status that GET answers with, and the body if it comes to its end.
+    /// The status of a GET, and its body if it arrives completely.
     pub async fn download(&self, path: &str) -> (StatusCode, Result<Bytes, axum::Error>) {
         let request = Request::get(path).header(HOST, "127.0.0.1:7070");
         let request = request.body(Body::empty()).unwrap();
@@ -154,7 +155,7 @@ impl Server {
         self.request(Method::GET, path, &[]).await
     }
 
-    /// The JSON that GET answers with.
+    /// The JSON of a GET.
     pub async fn json(&self, path: &str) -> Value {
         let answer = self.get(path).await;
         assert_eq!(answer.status, StatusCode::OK, "{path}: {answer:?}");
@@ -191,14 +192,14 @@ impl Server {
         self.store.claim("test-worker", &offers, Duration::from_secs(600)).await.unwrap()
     }
 
-    /// Claims and finishes every task that there is.
+    /// Claims and completes all tasks.
     pub async fn work(&self) {
         while let Some(task) = self.claim().await {
             self.finish(&task).await;
         }
     }
 
-    /// Fails the next task for good.
+    /// Fails the next task permanently.
     pub async fn fail_next(&self, error: &str) {
         let task = self.claim().await.unwrap();
         self.store.fail(task.fence, error, Retry::Never).await.unwrap();
@@ -238,7 +239,7 @@ impl Server {
         self.store.commit_shard(task.fence, &shard, Some(&summary)).await.unwrap();
     }
 
-    /// As if the file had held 3 trajectories and more.
+    /// Completes an import as if its file had at least 3 trajectories.
     async fn commit_import(&self, task: &ClaimedTask) {
         let data = data_of(task);
         let shard = self.write_shard(task, &data, 0..3).await;
@@ -271,7 +272,7 @@ impl Server {
         self.store.complete(task.fence, None).await.unwrap();
     }
 
-    /// Metrics of every step and a checkpoint at the last one.
+    /// Records metrics of every step, and a checkpoint at the last one.
     pub async fn train_to(&self, task: &ClaimedTask, steps: u64, is_final: bool) {
         #[expect(clippy::cast_precision_loss, reason = "a curve to look at")]
         let decay = |step: u64| (-(step as f64) / 30.0).exp();
@@ -297,7 +298,7 @@ impl Server {
         self.keep(task, checkpoint).await;
     }
 
-    /// Commits a checkpoint with made-up files.
+    /// Commits a checkpoint with invented files.
     pub async fn keep(&self, task: &ClaimedTask, new: NewCheckpoint) {
         let mut files = Vec::new();
         for (name, size) in [("config.json", 300), ("model.safetensors", 5000)] {
@@ -326,7 +327,7 @@ impl Server {
     }
 }
 
-/// The beginning of a stream of events, which may have no end.
+/// The beginning of a stream of events, which may never end.
 async fn begun(mut stream: Body) -> Bytes {
     const QUIET: Duration = Duration::from_millis(100);
     let mut text = Vec::new();
@@ -336,13 +337,13 @@ async fn begun(mut stream: Body) -> Bytes {
     text.into()
 }
 
-/// What the dataset that a task fills is made of.
+/// The spec of the dataset that a task makes.
 fn data_of(task: &ClaimedTask) -> DataSpec {
     let spec: JobSpec = serde_json::from_value(task.spec.clone()).unwrap();
     DataSpec::of(&spec).unwrap()
 }
 
-/// `size` bytes that differ from one `seed` to another.
+/// `size` bytes, which are different for each `seed`.
 pub fn bytes_of(size: usize, seed: u8) -> Bytes {
     (0..size).map(|i| u8::try_from(i % 251).unwrap() ^ seed).collect()
 }
@@ -372,12 +373,12 @@ pub fn small_pipeline() -> Value {
     })
 }
 
-/// 10 robots in one shard.
+/// A simulation of 10 robots in one shard.
 pub fn small_simulation(seed: u64) -> Value {
     json!({"preset": "D1-multisine", "trajectories": 10, "seed": seed})
 }
 
-/// A training on something that `data` refers to.
+/// A training on the dataset that `data` refers to.
 pub fn small_training(data: &Value) -> Value {
     json!({
         "kind": "train", "data": data, "steps": 20, "batch_size": 4,

@@ -1,4 +1,4 @@
-//! Whatever is sent, the answer is never a fault of the server.
+//! Whatever a client sends, the answer is never an internal error.
 
 use axum::body::Body;
 use axum::http::Request;
@@ -9,7 +9,7 @@ use tokio::runtime::Runtime;
 
 use crate::fixture::{Server, small_pipeline};
 
-/// JSON of every kind, with the words of specs among its keys.
+/// Any JSON, with words of specs among its keys.
 fn any_json() -> impl Strategy<Value = Value> {
     let leaf = prop_oneof![
         Just(Value::Null),
@@ -60,7 +60,7 @@ fn any_json() -> impl Strategy<Value = Value> {
     })
 }
 
-/// A spec that is good but for one field, which is anything.
+/// A valid spec with one arbitrary field.
 fn almost_a_spec() -> impl Strategy<Value = Value> {
     let base = prop_oneof![
         Just(json!({"preset": "D1-multisine", "trajectories": 10})),
@@ -105,7 +105,7 @@ fn submit(body: Vec<u8>, path: &str) -> Request<Body> {
         .unwrap()
 }
 
-/// Sends what `requests` draws to one server and checks every answer.
+/// Sends the drawn `requests` to one server and checks every answer.
 fn check(requests: impl Strategy<Value = Option<Request<Body>>>, cases: u32) {
     let runtime = Runtime::new().unwrap();
     let server = runtime.block_on(Server::with_small_pipeline());
@@ -167,7 +167,7 @@ fn no_path_query_or_header_is_a_fault_of_the_server() {
     let header =
         prop_oneof![Just("range"), Just("if-range"), Just("if-none-match"), Just("accept")];
     let requests = (path, header, "[ -~]{0,16}").prop_map(|(path, header, value)| {
-        // What is no URI at all does not come through hyper either.
+        // hyper does not let invalid URIs through either.
         Request::get(path)
             .header(HOST, "localhost")
             .header(header, value)
@@ -178,7 +178,7 @@ fn no_path_query_or_header_is_a_fault_of_the_server() {
     check(requests, 1500);
 }
 
-/// As above, close to paths that exist.
+/// The same for paths that are similar to existing ones.
 #[test]
 fn no_look_into_a_dataset_is_a_fault_of_the_server() {
     let number = prop_oneof![

@@ -1,4 +1,4 @@
-//! Names, notes and tags, and what lists do with them.
+//! Names, notes and tags, and their effect in lists.
 
 use axum::body::Body;
 use axum::http::header::{CONTENT_TYPE, HOST};
@@ -44,7 +44,7 @@ async fn labels_are_given_to_all_four_kinds_of_things_and_shown_in_lists() {
         assert_eq!(after["digest"], before["digest"]);
         let found = server.json(&format!("/v1/{list}?tag=b&tag=a/1&text=N%C3%84M")).await;
         let listed = found[list].as_array().unwrap();
-        // Those of the job are found by its labels, too.
+        // Results of the job are also found by its labels.
         let listed = listed.iter().find(|item| item["id"] == 1).unwrap();
         assert_eq!((&listed["name"], &listed["tags"]), (&after["name"], &after["tags"]));
 
@@ -110,7 +110,7 @@ async fn a_submission_is_labelled_beside_its_spec() {
     let labels = (&job["name"], &job["note"], &job["tags"]);
     assert_eq!(labels, (&json!("My run"), &json!("Why?"), &json!(["x", "y"])));
     assert_ne!(job["name"], plain["name"]);
-    // The spec alone decides what is the same.
+    // Only the spec decides whether two jobs are the same.
     let again = server.submit_to("/v1/jobs?name=Other&tag=z", &spec, &[]).await;
     assert_eq!(again.status, 200);
     let again = again.json();
@@ -119,7 +119,7 @@ async fn a_submission_is_labelled_beside_its_spec() {
     let refused = server.submit_to("/v1/jobs?tag=a%20b", &small_simulation(3), &[]).await;
     refused.problem(422);
     assert_eq!(ids(&server.json("/v1/jobs").await, "jobs").len(), 2);
-    // A job that is tried again keeps what it is called.
+    // A job that is retried keeps its name.
     server.post("/v1/jobs/2/cancel").await;
     let retried = server.post("/v1/jobs/2/retry").await;
     let retried = retried.json();

@@ -1,4 +1,4 @@
-//! Lists cost as many statements for one item as for many, and tasks come in pages.
+//! The cost of lists does not grow with the number of items, and tasks come in pages.
 
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -11,7 +11,7 @@ use crate::fixture::{Server, small_pipeline, small_simulation};
 
 static COUNT: AtomicUsize = AtomicUsize::new(0);
 
-/// Counts the events of sqlx, one for each statement. A test is a process of its own.
+/// Counts the events of sqlx, one per statement. Each test is a process of its own.
 struct Statements;
 
 impl Subscriber for Statements {
@@ -33,7 +33,8 @@ impl Subscriber for Statements {
     fn exit(&self, _: &Id) {}
 }
 
-/// The statements that GET needs: the fewest of a few times, since a connection that is opened meanwhile has some, too.
+/// The number of statements of a GET. It is the smallest of several tries, because opening a
+/// connection also takes some.
 async fn statements(server: &Server, path: &str) -> usize {
     static SUBSCRIBED: OnceLock<()> = OnceLock::new();
     SUBSCRIBED.get_or_init(|| tracing::subscriber::set_global_default(Statements).unwrap());
@@ -47,7 +48,7 @@ async fn statements(server: &Server, path: &str) -> usize {
     fewest
 }
 
-/// Another pipeline with a training, an evaluation and a verification beside it.
+/// Adds another pipeline with a training, an evaluation and a verification.
 async fn add_jobs(server: &Server, seed: u64) {
     let mut pipeline = small_pipeline();
     pipeline["name"] = json!(format!("pipeline {seed}"));
@@ -61,7 +62,7 @@ async fn add_jobs(server: &Server, seed: u64) {
     server.work().await;
 }
 
-/// Caught: a list of 500 jobs asked the database some 2000 questions.
+/// Regression: a list of 500 jobs took about 2000 statements.
 #[tokio::test]
 async fn a_list_costs_as_many_statements_for_many_items_as_for_few() {
     let server = Server::start().await;
@@ -91,14 +92,14 @@ async fn a_list_costs_as_many_statements_for_many_items_as_for_few() {
     }
 }
 
-/// The labels of a page, and the next one's `after`.
+/// The labels of a page, and the next page's `after`.
 fn read(page: &Value) -> (Vec<String>, Option<i64>) {
     let tasks = page["tasks"].as_array().unwrap();
     let labels = tasks.iter().map(|task| task["label"].as_str().unwrap().to_owned()).collect();
     (labels, page["next"].as_i64())
 }
 
-/// Caught: the page of a job with 10 000 tasks, and its list of them, held the result of each.
+/// Regression: the page of a job with 10 000 tasks, and its list of them, had the result of each.
 #[tokio::test]
 async fn tasks_are_listed_page_by_page_in_the_order_in_which_they_run() {
     let server = Server::start().await;

@@ -1,4 +1,4 @@
-//! The logs of attempts: in pages, as they come, as a file and on the page of the job.
+//! The logs of attempts: in pages, while they grow, as a file and on the page of the job.
 
 use std::time::Duration;
 
@@ -171,7 +171,7 @@ async fn the_page_of_a_job_has_the_last_lines_of_what_runs_or_failed() {
     let shown = answer.text();
     assert!(shown.contains("line 049&#60;") && !shown.contains("line 009"), "{shown}");
     assert!(
-        shown.contains("/v1/attempts/1/log") && shown.contains("shard 00000 logged"),
+        shown.contains("/v1/attempts/1/log") && shown.contains("log of shard 00000"),
         "{shown}"
     );
     server.store.fail(task.fence, "the arm fell off", store::Retry::Never).await.unwrap();

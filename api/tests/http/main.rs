@@ -1,4 +1,4 @@
-//! The service from outside: requests through the router, answers compared with what is promised.
+//! Tests of the service through its router: requests, and answers compared with the promises.
 
 #![expect(clippy::unwrap_used, reason = "a test stops where its case cannot be set up")]
 

@@ -1,4 +1,4 @@
-//! MLflow's REST API: what its clients send, answered as its own server answers.
+//! MLflow's REST API: requests of its clients, answered like its own server does.
 
 use api::Options;
 use axum::body::Body;
@@ -15,7 +15,7 @@ async fn post(server: &Server, path: &str, body: Value) -> Answer {
     server.submit_to(&format!("{TRACKING}/{path}"), &body, &[]).await
 }
 
-/// The answer to a request that must be accepted.
+/// The answer to a request that must succeed.
 async fn posted(server: &Server, path: &str, body: Value) -> Value {
     let answer = post(server, path, body).await;
     assert_eq!(answer.status, 200, "{path}: {answer:?}");
@@ -26,7 +26,7 @@ async fn got(server: &Server, path: &str) -> Value {
     server.json(&format!("{TRACKING}/{path}")).await
 }
 
-/// Checks that this is an error as MLflow has them, and returns its message.
+/// Checks that this is an error in MLflow's form, and returns its message.
 #[track_caller]
 fn refused(answer: &Answer, status: u16, code: &str) -> String {
     assert_eq!(answer.status.as_u16(), status, "{answer:?}");
@@ -112,7 +112,7 @@ async fn files_of_own_runs_and_their_checkpoints_are_artifacts() {
     refused(&missing, 404, "RESOURCE_DOES_NOT_EXIST");
 }
 
-/// A search saw the newest 500 alone, as many as the store hands out at once.
+/// Regression: a search only saw the newest 500 runs, which is a page of the store.
 #[tokio::test]
 async fn a_search_finds_all_of_torqueds_own_runs() {
     const RUNS: u64 = 501;
@@ -278,7 +278,7 @@ async fn a_file_that_is_too_large_is_refused_and_leaves_nothing() {
     let id = new_run(&server).await;
     let sent = put(&server, &format!("0/{id}/artifacts/a.txt"), b"hello").await;
     let message = refused(&sent, 413, "INVALID_PARAMETER_VALUE");
-    assert!(message.contains("4 bytes at most"), "{message}");
+    assert!(message.contains("allowed: 4 bytes"), "{message}");
     let files = got(&server, &format!("artifacts/list?run_id={id}")).await;
     assert_eq!(files["files"], json!([]));
 }

@@ -1,4 +1,4 @@
-//! Metrics and readiness, as a monitoring system reads them.
+//! Metrics and readiness, in the view of a monitoring system.
 
 use api::Options;
 
@@ -64,7 +64,7 @@ async fn a_server_that_is_about_to_end_answers_and_says_so() {
     assert_eq!(server.get("/readyz").await.status, 200);
     app.unwrap().announce_end();
     let problem = server.get("/readyz").await.problem(503);
-    assert_eq!(problem["detail"], "this server is about to end");
+    assert_eq!(problem["detail"], "this server is about to stop");
     assert_eq!(server.get("/healthz").await.status, 200);
     assert_eq!(server.get("/v1/jobs").await.status, 200);
 }

@@ -1,4 +1,4 @@
-//! The page, as a browser without scripts gets it.
+//! The page in a browser without scripts.
 
 use axum::http::Method;
 use serde_json::json;
@@ -18,7 +18,7 @@ async fn page(server: &Server, path: &str) -> String {
 async fn an_empty_server_explains_the_first_command() {
     let server = Server::start().await;
     let page = page(&server, "/").await;
-    assert!(page.contains("Nothing has been run yet"));
+    assert!(page.contains("No experiments yet"));
     assert!(page.contains("http://127.0.0.1:7070/v1/jobs"));
 }
 
@@ -51,7 +51,7 @@ async fn experiments_are_listed_page_by_page_and_by_state() {
     let second = page(&server, &older).await;
     assert_eq!(second.matches("<article").count(), 3);
     let failed = page(&server, "/?state=failed").await;
-    assert!(failed.contains("No experiment is like this"));
+    assert!(failed.contains("No experiment matches"));
 }
 
 #[tokio::test]

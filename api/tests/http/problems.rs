@@ -1,4 +1,4 @@
-//! Requests that cannot be accepted, and what they are told.
+//! Refused requests and their errors.
 
 use api::Options;
 use axum::body::Body;
@@ -203,7 +203,10 @@ async fn a_job_that_has_ended_by_itself_is_neither_cancelled_nor_tried_again() {
     let job = server.submitted(&small_simulation(1)).await;
     server.work().await;
     let retried = server.post(&format!("/v1/jobs/{}/retry", job["id"])).await.problem(409);
-    assert!(retried["detail"].as_str().unwrap().contains("failed or was cancelled"), "{retried}");
+    assert!(
+        retried["detail"].as_str().unwrap().contains("only failed and cancelled jobs"),
+        "{retried}"
+    );
     let problem = server.post(&format!("/v1/jobs/{}/cancel", job["id"])).await.problem(409);
     assert!(problem["detail"].as_str().unwrap().contains("succeeded"));
 }

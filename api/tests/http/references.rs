@@ -1,10 +1,10 @@
-//! References: by id, by digest, by name; and the ones that lead nowhere.
+//! References by id, by digest and by name, and invalid ones.
 
 use serde_json::{Value, json};
 
 use crate::fixture::{Server, small_pipeline, small_simulation, small_training};
 
-/// The only violation of a spec that is refused.
+/// The only violation of a spec that must be refused.
 async fn violation(server: &Server, spec: &Value) -> Value {
     let before = server.json("/v1/jobs").await["jobs"].as_array().unwrap().len();
     let problem = server.submit(spec).await.problem(422);

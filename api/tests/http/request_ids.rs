@@ -1,4 +1,4 @@
-//! Names of requests, the caller's or the server's own.
+//! Ids of requests, from the caller or from the server.
 
 use axum::http::Method;
 

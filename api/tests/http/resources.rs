@@ -1,4 +1,4 @@
-//! Jobs, datasets, runs, checkpoints and evaluations as they are read.
+//! Reading jobs, datasets, runs, checkpoints and evaluations.
 
 use serde_json::json;
 use spec::Resources;
@@ -25,7 +25,7 @@ async fn the_server_tells_its_health_and_version() {
 async fn workers_are_listed_and_shown_on_the_page() {
     let server = Server::start().await;
     assert_eq!(server.json("/v1/workers").await, json!({"workers": []}));
-    assert!(server.get("/workers").await.text().contains("No worker is there"));
+    assert!(server.get("/workers").await.text().contains("<h2>No workers</h2>"));
     server.store.register_worker(&worker()).await.unwrap();
     let listed = &server.json("/v1/workers").await["workers"][0];
     assert_eq!((&listed["name"], &listed["pid"]), (&json!("w1"), &json!(7)));

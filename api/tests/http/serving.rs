@@ -47,7 +47,7 @@ async fn an_open_connection_does_not_hold_up_the_end() {
     let mut answer = vec![0; 15];
     connection.read_exact(&mut answer).await.unwrap();
     assert_eq!(answer, b"HTTP/1.1 200 OK");
-    // Half a request, whose other half never comes.
+    // Half a request; the other half never comes.
     let mut half = TcpStream::connect(address).await.unwrap();
     half.write_all(b"GET /healthz HTTP/1.1\r\n").await.unwrap();
 

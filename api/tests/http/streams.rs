@@ -1,4 +1,4 @@
-//! Streams of predictions by a model that takes as long as a test wants.
+//! Prediction streams, with a model that takes as long as a test wants.
 
 use std::net::SocketAddr;
 use std::sync::Arc;
@@ -17,10 +17,11 @@ use tokio::time::timeout;
 
 use crate::fixture::Server;
 
-/// Longer than anything here takes, and shorter than what would otherwise end a prediction.
+/// Longer than anything here takes, and shorter than the limits that would end a prediction.
 const PATIENCE: Duration = Duration::from_secs(20);
 
-/// A model of one joint with a context and a horizon of one sample, which ends a prediction for each permit.
+/// A model of one joint with a context and a horizon of one sample. It ends one prediction per
+/// permit.
 #[derive(Clone)]
 struct Slow {
     about: AboutModel,
@@ -28,7 +29,7 @@ struct Slow {
     events: mpsc::UnboundedSender<&'static str>,
 }
 
-/// Says that a prediction was given up, unless it has ended.
+/// Reports that a prediction was cancelled, unless it has ended.
 struct Running {
     events: mpsc::UnboundedSender<&'static str>,
     has_ended: bool,
@@ -131,7 +132,7 @@ impl Service {
     }
 }
 
-/// As much of a WebSocket (RFC 6455) as is needed here, on a connection that a test can drop.
+/// The part of a WebSocket (RFC 6455) that is needed here, on a connection that a test can drop.
 struct Client(TcpStream);
 
 const TEXT: u8 = 1;
@@ -156,7 +157,7 @@ impl Client {
         Self(connection)
     }
 
-    /// Sends a frame whose mask changes nothing.
+    /// Sends a frame with a mask that changes nothing.
     async fn send(&mut self, kind: u8, payload: &[u8]) {
         let length = u16::try_from(payload.len()).unwrap();
         let mut frame = vec![0x80 | kind, 0x80 | 126];
@@ -180,7 +181,7 @@ impl Client {
         timeout(PATIENCE, frame).await.expect("a frame in time")
     }
 
-    /// The code that the server closes the stream with.
+    /// The code with which the server closes the stream.
     async fn closing_code(&mut self) -> u16 {
         let (kind, payload) = self.receive().await;
         assert_eq!(kind, CLOSE, "{}", String::from_utf8_lossy(&payload));
@@ -198,12 +199,12 @@ impl Client {
     }
 }
 
-/// Asks for a prediction of `future`, which is what [`Slow`] answers.
+/// A message that asks for a prediction of `future`, which [`Slow`] returns.
 fn step(future: u32) -> Value {
     json!({"step": {"u": [[0.5]], "y": [[0.5]], "future_u": [[future]]}})
 }
 
-/// Caught: a prediction went on to its end, and kept others waiting, after its client had gone.
+/// Regression: after its client had gone, a prediction ran to its end and kept others waiting.
 #[tokio::test]
 async fn a_client_that_leaves_interrupts_its_prediction() {
     let mut service = Service::start().await;
@@ -222,7 +223,8 @@ async fn a_client_that_leaves_interrupts_its_prediction() {
     }
 }
 
-/// More than are kept wait in the connection, so that its end cannot be read.
+/// There are more messages than the backlog holds. They wait in the connection, so the server
+/// cannot read its end.
 #[tokio::test]
 async fn a_client_that_leaves_many_messages_behind_interrupts_its_prediction_too() {
     let mut service = Service::start().await;
@@ -295,7 +297,7 @@ async fn text_that_is_no_utf_8_is_told_1007() {
     assert_eq!(client.closing_code().await, 1007);
 }
 
-/// RFC 6455, section 5.5.1. Caught: the server dropped the connection without an answer.
+/// RFC 6455, section 5.5.1. Regression: the server dropped the connection without an answer.
 #[tokio::test]
 async fn a_goodbye_is_answered_with_its_code() {
     let mut service = Service::start().await;

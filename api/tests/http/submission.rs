@@ -1,4 +1,4 @@
-//! Submitting: what is new, what is taken from before, and what must be the same.
+//! Submissions: new jobs, reused jobs, and equal specs.
 
 use api::Options;
 use axum::http::StatusCode;
@@ -153,7 +153,8 @@ async fn an_idempotency_key_names_one_request() {
     }
 }
 
-/// Caught: the repeat of an accepted request was refused once its dataset could not be found, or a limit was lower.
+/// Regression: the repeat of an accepted request was refused after its dataset was deleted, or a
+/// limit was lowered.
 #[tokio::test]
 async fn a_repeated_request_is_answered_whatever_has_changed_since() {
     let server = Server::start().await;

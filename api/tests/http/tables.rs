@@ -1,4 +1,4 @@
-//! Tables of shards whose every value follows from its place.
+//! Tables of shards in which every value follows from its place.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -12,13 +12,13 @@ use spec::{Column, ColumnType, DataSpec};
 use store::{ChannelSummary, ClaimedTask, FileContent, ShardSummary, Spectrum, Store, object_path};
 use store::{StoredObject, TableWriter, table_schema};
 
-/// What the column at `position` has for `trajectory` at `step`.
+/// The value in the column at `position` for `trajectory` at `step`.
 #[expect(clippy::cast_precision_loss, reason = "small numbers")]
 pub fn value(position: usize, trajectory: u64, step: u64) -> f64 {
     position as f64 + 10.0 * trajectory as f64 + step as f64 / 64.0
 }
 
-/// Writes a table of the shard that `task` makes, which holds `trajectories`.
+/// Writes a table of the shard that `task` makes, with `trajectories`.
 pub async fn write(
     store: &Store,
     task: &ClaimedTask,
@@ -71,7 +71,7 @@ fn array(position: usize, column: &Column, rows: &[(u64, u64)]) -> ArrayRef {
     }
 }
 
-/// Of a shard of so many trajectories.
+/// The summary of a shard with this many trajectories.
 pub fn summary(data: &DataSpec, trajectories: u64, rejected: u64) -> ShardSummary {
     let channels = data.trajectory_columns().into_iter().skip(2).map(|column| ChannelSummary {
         name: column.name,

@@ -1,4 +1,4 @@
-//! Tokens with scopes, logins with them, and the log of what was done.
+//! Tokens with scopes, logins with them, and the audit log.
 
 use std::collections::BTreeMap;
 
@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 
 use crate::fixture::{Answer, Server, small_simulation};
 
-/// A server with a token of each scope, named by it.
+/// A server with one token of each scope, named after its scope.
 struct Guarded {
     server: Server,
     /// Values of `Authorization`.
@@ -48,7 +48,7 @@ fn bearer(created: &Answer) -> String {
     format!("Bearer {}", created.json()["secret"].as_str().unwrap())
 }
 
-/// An operation's scope, as the document says it; `None` where no token is needed.
+/// An operation's scope in the document; `None` if it needs no token.
 fn needed(operation: &Value, whole: &Value) -> Option<String> {
     let security = operation.get("security").unwrap_or(&whole["security"]);
     let schemes = security.as_array().unwrap();
@@ -118,7 +118,7 @@ async fn who_may_only_read_submits_nothing_and_learns_why() {
     let problem = guarded.server.submit_to("/v1/jobs", &spec, &headers).await.problem(403);
     assert_eq!(
         problem["detail"],
-        "the token read has the scope read, and this needs submit; ask whoever administers the server for one"
+        "the token read has the scope read, but this request needs submit; ask the server's administrator for such a token"
     );
     let headers = [("authorization", guarded.credentials["submit"].as_str())];
     let answer = guarded.server.submit_to("/v1/jobs", &spec, &headers).await;
@@ -160,7 +160,10 @@ async fn a_token_that_cannot_be_made_is_refused_with_every_reason() {
     let server = Server::start().await;
     let problem =
         create(&server, &json!({"name": "ana", "scope": "read"}), None).await.problem(409);
-    assert!(problem["detail"].as_str().unwrap().starts_with("the first token must"), "{problem}");
+    assert!(
+        problem["detail"].as_str().unwrap().starts_with("the first token has the scope read"),
+        "{problem}"
+    );
     let asked = json!({"name": "a b", "scope": "admin", "expires_in_s": 1});
     let problem = create(&server, &asked, None).await.problem(422);
     let fields: Vec<_> =
@@ -169,7 +172,7 @@ async fn a_token_that_cannot_be_made_is_refused_with_every_reason() {
     for wrong in [json!({"name": "ana", "scope": "root"}), json!({"name": "ana"}), json!([])] {
         create(&server, &wrong, None).await.problem(422);
     }
-    // Nothing was made, so that the server is still open.
+    // No token was created, so the server is still open.
     assert_eq!(server.get("/v1/jobs").await.status, 200);
     let made = create(&server, &json!({"name": "ana", "scope": "admin"}), None).await;
     let (asked, admin) = (json!({"name": "ana", "scope": "admin"}), bearer(&made));
@@ -245,7 +248,7 @@ async fn the_audit_log_says_who_did_what_and_what_became_of_it() {
     guarded.request(Method::GET, "/v1/audit", "submit").await.problem(403);
 }
 
-/// Sends a request as a browser does, for a page or with the fields of a form.
+/// Sends a request like a browser, for a page or with the fields of a form.
 async fn browse(server: &Server, method: Method, path: &str, cookie: &str, body: &str) -> Answer {
     let request = Request::builder()
         .method(method)
@@ -266,14 +269,14 @@ async fn a_browser_logs_in_goes_on_to_the_page_it_wanted_and_logs_out() {
         (sent.status.as_u16(), sent.header("location")),
         (303, "/login?back=%2Fjobs%2F1%3Fx%3D1")
     );
-    // Programs that take HTML as well are told what is wrong.
+    // A program that also accepts HTML gets a problem.
     browse(&server, Method::GET, "/v1/jobs", "", "").await.problem(401);
     let form = browse(&server, Method::GET, sent.header("location"), "", "").await;
     assert!(form.text().contains("value=\"/jobs/1?x=1\""), "{}", form.text());
 
     let refused = browse(&server, Method::POST, "/login", "", "token=wrong&back=%2F").await;
     assert_eq!(refused.status, 401);
-    assert!(refused.text().contains("opens nothing here"));
+    assert!(refused.text().contains("The token is not valid"));
     assert!(refused.headers.get("set-cookie").is_none());
 
     let token = credentials["submit"].strip_prefix("Bearer ").unwrap();

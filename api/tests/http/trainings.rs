@@ -1,4 +1,4 @@
-//! Trainings: what is refused before anything is queued, what is warned about, what is kept.
+//! Trainings: violations before anything is queued, warnings, and results.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -10,7 +10,7 @@ use store::NewCheckpoint;
 
 use crate::fixture::{Server, small_pipeline, small_simulation, small_training};
 
-/// The violations of a spec that is refused, as `field is value, allowed: ...`.
+/// The violations of a spec that must be refused, as `field is value, allowed: ...`.
 async fn refused(server: &Server, spec: &Value) -> Vec<String> {
     let before = server.json("/v1/jobs").await["jobs"].as_array().unwrap().len();
     let problem = server.submit(spec).await.problem(422);
@@ -60,8 +60,8 @@ async fn a_model_that_does_not_fit_its_data_is_refused_with_both_numbers() {
         ),
         (
             json!({"early_stop": {}, "validation_fraction": 0.01}),
-            "validation_fraction is 0.01, allowed: so large that early_stop has trajectories to \
-             validate with: here it keeps 0 of 10",
+            "validation_fraction is 0.01, allowed: a larger value: early_stop needs trajectories to \
+             validate with, and this keeps 0 of 10",
         ),
     ];
     for (fields, expected) in cases {
@@ -129,7 +129,7 @@ async fn an_evaluation_of_other_data_than_the_model_is_for_is_refused_with_both_
     );
 }
 
-/// Doubts trainings of more than 8 trajectories at once.
+/// An app with a warning for batches of more than 8 trajectories.
 fn memory_doubts(app: App) -> App {
     app.with_memory_doubts(Arc::new(|training: &TrainSpec, data: &DataSpec| {
         (training.batch_size > 8).then(|| Doubt {

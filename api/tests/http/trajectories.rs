@@ -1,4 +1,4 @@
-//! Looking into datasets: single trajectories, summaries, figures.
+//! Contents of datasets: single trajectories, summaries, figures.
 
 use arrow_array::RecordBatch;
 use arrow_array::cast::AsArray;
@@ -102,7 +102,7 @@ async fn finished_shards_can_be_looked_into_while_others_are_missing() {
     server.finish(&server.claim().await.unwrap()).await;
     assert_eq!(server.json("/v1/datasets/1/trajectories/9").await["shard"], 0);
     let detail = server.get("/v1/datasets/1/trajectories/10").await.problem(404)["detail"].clone();
-    assert!(detail.as_str().unwrap().ends_with("the shards that are finished hold 0 to 9"));
+    assert!(detail.as_str().unwrap().ends_with("the finished shards have 0 to 9"));
     let summary = server.json("/v1/datasets/1/summary").await;
     assert_eq!((&summary["trajectories"], &summary["rejected"]), (&json!(10), &json!(3)));
 }
@@ -141,7 +141,7 @@ async fn a_summary_covers_all_shards() {
     assert_eq!(csv.text().lines().count(), 1 + 2 * 4);
 }
 
-/// Caught: the decoder panics on pages that it does not understand.
+/// Regression: the decoder panics on invalid pages.
 #[tokio::test]
 async fn a_damaged_shard_is_told_as_such_and_the_others_can_still_be_read() {
     let server = with_dataset().await;

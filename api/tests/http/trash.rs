@@ -70,7 +70,7 @@ async fn what_depends_on_it_is_respected_and_shown() {
     let problem = delete(&server, "/v1/datasets/2").await.problem(409);
     assert_eq!(problem["dependents"], shown["jobs"]);
     assert!(problem["detail"].as_str().unwrap().contains("train job 3 (succeeded) reads it"));
-    // A training that waits for its turn keeps it, whatever is asked for.
+    // A waiting training prevents the deletion, even with force.
     let spec = small_training(&json!({"dataset": 2}));
     let training = server.submit_to("/v1/jobs?force=true", &spec, &[]).await.json();
     let problem = delete(&server, "/v1/datasets/2?force=true").await.problem(409);
@@ -96,7 +96,7 @@ async fn a_spec_that_refers_to_what_was_deleted_is_refused_and_one_that_made_it_
     let problem = server.submit(&by_digest).await.problem(422);
     let value = problem["violations"][0]["value"].as_str().unwrap();
     assert!(value.contains("whose results were deleted"), "{problem}");
-    // Restored, it is reused; deleted, it is made anew.
+    // If it is restored, it is reused. If it is deleted, it is made again.
     server.post("/v1/datasets/1/restore").await;
     assert_eq!(server.submit(&small_simulation(1)).await.status, 200);
     deleted(&server, "/v1/datasets/1").await;
@@ -106,8 +106,8 @@ async fn a_spec_that_refers_to_what_was_deleted_is_refused_and_one_that_made_it_
     assert_eq!(server.submit(&by_digest).await.status, 201);
 }
 
-/// The file stays open, or the bucket's answer goes on, until the object itself is deleted for good; even then a file that
-/// was begun is sent to its end.
+/// The file stays open, or the bucket's answer continues, until the object itself is deleted
+/// permanently. Even then, a download that has begun is sent to its end.
 #[tokio::test]
 async fn a_download_that_has_begun_outlives_the_deletion_and_the_purge() {
     let server = Server::with_small_pipeline().await;
@@ -184,7 +184,7 @@ async fn the_page_asks_shows_what_depends_and_brings_back() {
     let form = server.post("/datasets/1/restore").await;
     assert_eq!((form.status.as_u16(), form.header("location")), (303, "/datasets/1"));
     text("/datasets/1").await;
-    // A pipeline takes its jobs along; one that goes on is kept.
+    // A pipeline is deleted with its jobs. An item that an open job needs is kept.
     let question = text("/jobs/5/delete").await;
     assert!(question.contains("dataset 1") && !question.contains("?force=true"), "{question}");
     server.submitted(&small_training(&json!({"dataset": 1}))).await;

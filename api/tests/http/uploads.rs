@@ -1,4 +1,4 @@
-//! Sending files: whole, in part, too large, too slow, and once more.
+//! Uploads: complete, partial, too large, too slow, and repeated.
 
 use std::convert::Infallible;
 use std::time::Duration;
@@ -16,7 +16,7 @@ use crate::fixture::{Answer, Server, bytes_of, small_training};
 
 const CSV: &[u8] = b"u1,u2\n1,2\n";
 
-/// An import spec as an upload has it.
+/// An import spec in an upload.
 fn mapping() -> Value {
     let names = |prefix: &str| (1..=7).map(|i| format!("{prefix}{i}")).collect::<Vec<_>>();
     json!({"columns": {"u": names("u"), "q": names("q")}})
@@ -53,7 +53,7 @@ fn form(parts: &[(&str, &str, &[u8])]) -> Body {
 const FORM: &str = "multipart/form-data; boundary=B";
 const FILE: &str = "; filename=\"arm.csv\"\r\nContent-Type: text/csv";
 
-/// What is kept of files in the server's folder, committed or not.
+/// The number of files in the server's folder that come from uploads, committed or not.
 async fn kept(server: &Server) -> usize {
     server.store.newest_uploads(100).await.unwrap().len()
 }
@@ -161,13 +161,13 @@ async fn a_file_beyond_the_limit_is_refused_with_it() {
     let options = Options { max_upload_bytes: 1000, ..Options::default() };
     let server = Server::start_with(&options).await;
     let large = bytes_of(1001, 0);
-    // Unannounced, as a stream.
+    // As a stream, without a declared length.
     let pieces = [large.slice(..600), large.slice(600..)].map(Ok::<_, Infallible>);
     let body = Body::from_stream(stream::iter(pieces));
     let problem = send(&server, &path(&mapping()), "text/csv", body).await.problem(413);
     let detail = problem["detail"].as_str().unwrap();
     assert!(detail.contains("1000") && detail.contains("--max-upload-bytes"), "{detail}");
-    // Announced, and nothing of it needs to come.
+    // With a declared length, and without any bytes.
     let request = Request::post(path(&mapping()))
         .header(HOST, "127.0.0.1:7070")
         .header(CONTENT_TYPE, "text/csv")

@@ -1,4 +1,4 @@
-//! Datasets checked again, and what is told of it.
+//! Verifications of datasets and their results.
 
 use serde_json::{Value, json};
 use store::Retry;

@@ -1,4 +1,4 @@
-//! Jobs that wait for a moment or for a worker, and workers that are drained: what API and page say.
+//! Jobs that wait for a time or for a worker, and drained workers, in the API and on the page.
 
 use std::collections::HashMap;
 
@@ -15,7 +15,7 @@ fn with_execution(mut spec: Value, execution: Value) -> Value {
     spec
 }
 
-/// So many hours from now, by the server's clock.
+/// The time this many hours from now, by the server's clock.
 async fn hours_ahead(server: &Server, hours: i64) -> String {
     let now = server.store.now().await.unwrap().milliseconds();
     Moment::from_milliseconds(now + hours * 3_600_000).to_string()
@@ -42,20 +42,20 @@ async fn a_job_that_no_worker_can_take_says_so_everywhere() {
     assert_eq!(health["status"], "degraded", "{health}");
     assert!(health["reasons"][0].as_str().unwrap().ends_with(expected), "{health}");
 
-    // An engine is asked for what is lacking.
+    // An engine provides missing workers.
     let engine = store::Engine { name: "Slurm".to_owned(), obstacle: None };
     server.store.set_engine(Some(&engine)).await.unwrap();
     assert_eq!(server.json("/healthz").await["status"], "ok");
     let asked = "no worker offers gpus >= 2 and tag a100; Slurm is asked for one";
     assert_eq!(server.json("/v1/jobs/1").await["waits_for"], asked);
-    let obstacle = Some("squeue of Slurm failed".to_owned());
+    let obstacle = Some("Slurm's squeue failed".to_owned());
     let engine = store::Engine { obstacle, ..engine };
     server.store.set_engine(Some(&engine)).await.unwrap();
     let health = server.json("/healthz").await;
-    assert_eq!(health["reasons"], json!(["squeue of Slurm failed"]));
+    assert_eq!(health["reasons"], json!(["Slurm's squeue failed"]));
     server.store.set_engine(None).await.unwrap();
 
-    // One that can be taken: the server is well, and the other waits still.
+    // This job can be executed: the server is well, and the other job still waits.
     server.submitted(&small_simulation(2)).await;
     assert_eq!(server.json("/healthz").await["status"], "ok");
     assert_eq!(server.json("/v1/jobs/1").await["waits_for"], expected);

@@ -1,4 +1,4 @@
-//! The Job of a worker.
+//! The Job of a worker, made from the template.
 
 use std::collections::BTreeMap;
 
@@ -14,25 +14,25 @@ use super::template::container;
 use crate::resources::written;
 use crate::{Ask, WorkerCommand};
 
-/// The label that says whose a Job or a Pod is.
+/// The label with the store that a Job or a Pod belongs to.
 pub const STORE: &str = "torqued/store";
 
-/// The annotation that says what a worker has.
+/// The annotation with the resources of a worker.
 pub const RESOURCES: &str = "torqued/resources";
 
-/// The annotation of a worker that stays when it finds no task.
+/// The annotation of a worker that keeps running when it finds no task.
 pub const STAYS: &str = "torqued/stays";
 
-/// The beginning of the label of a node that has a tag.
+/// The prefix of the labels of nodes that stand for tags.
 const TAG: &str = "torqued/";
 
 /// The label that Kubernetes gives the Pods of a Job.
 pub const JOB_NAME: &str = "batch.kubernetes.io/job-name";
 
-/// How a cluster counts GPUs unless the template names another kind.
+/// The resource that counts GPUs, unless the template names another one.
 const GPU: &str = "nvidia.com/gpu";
 
-/// How long a worker may take to put its task down. A checkpoint of a large model takes seconds.
+/// How long a worker may take to give its task back. A checkpoint of a large model takes seconds.
 const GRACE_SECONDS: i64 = 60;
 
 /// How long a Job is shown after its end.
@@ -63,8 +63,8 @@ pub fn of(template: &Job, store: &str, command: &WorkerCommand, ask: &Ask) -> Jo
     job
 }
 
-/// A worker that ends is not started again: whether another is needed is for the server to say. A Pod that something
-/// from outside ended fails its Job with that reason, which outlives the Pod.
+/// Runs a worker only once, because the server decides whether another is needed. A Pod that an
+/// outside cause ended fails its Job with that reason, which outlives the Pod.
 fn once(spec: &mut JobSpec) {
     spec.backoff_limit = Some(0);
     spec.completions = Some(1);
@@ -86,7 +86,8 @@ fn label(labels: &mut Option<BTreeMap<String, String>>, store: &str) {
     labels.get_or_insert_default().insert(STORE.to_owned(), store.to_owned());
 }
 
-/// The template says what is run and with which database and objects; what differs between workers is added.
+/// Adds the parts of a container that differ between workers. The template says what is run, and
+/// with which database and objects.
 fn run(container: &mut Container, command: &WorkerCommand, ask: &Ask) {
     let arguments = container.args.get_or_insert_with(|| vec!["worker".to_owned()]);
     arguments.extend(command.flags_of(ask));
@@ -109,13 +110,13 @@ fn run(container: &mut Container, command: &WorkerCommand, ask: &Ask) {
         limits.insert("memory".to_owned(), memory);
     }
     if *gpus > 0 {
-        // Of another maker, the template's limits say how it is called.
+        // The template's limits may name the GPU resource of another maker.
         let gpu = limits.keys().find(|name| name.ends_with("/gpu")).cloned();
         limits.insert(gpu.unwrap_or_else(|| GPU.to_owned()), Quantity(gpus.to_string()));
     }
 }
 
-/// The Pod of a template may hold anything; this is what a worker's Job always has.
+/// The template's Pod may hold anything. These tests check what a worker's Job always has.
 #[cfg(test)]
 mod tests {
     use std::time::Duration;

@@ -1,7 +1,8 @@
 //! Kubernetes, through its API: a worker is a Job of one Pod.
 //!
-//! What of a Job is the lab's own (image, volumes, secrets, service account) is in a template that the operator
-//! writes. Labels say whose a Job is, an annotation what its worker offers.
+//! A template that the operator writes has the lab's own parts of a Job (image, volumes, secrets,
+//! service account). Labels say which store a Job belongs to, and an annotation says what its
+//! worker offers.
 
 mod job;
 mod state;
@@ -18,10 +19,10 @@ use kube::{Client, Config};
 use crate::{Ask, EngineError, PlacedWorker, WorkerCommand};
 pub use template::TemplateError;
 
-/// Asks Kubernetes for workers of one store.
+/// Requests workers of one store from Kubernetes.
 #[derive(Debug)]
 pub struct Kubernetes {
-    /// The store's name among others.
+    /// The store's identity.
     store: String,
     command: WorkerCommand,
     template: Job,
@@ -29,12 +30,13 @@ pub struct Kubernetes {
     pods: Api<Pod>,
 }
 
-/// How long an answer may take.
+/// Time limit for an answer.
 const LIMIT: Duration = Duration::from_secs(15);
 
 impl Kubernetes {
-    /// Finds the cluster as `kubectl` does, or, in a Pod, by its service account. Workers come into the namespace that
-    /// the template names, or else that of the configuration or the service account.
+    /// Finds the cluster as `kubectl` does or, in a Pod, by its service account. Workers run in the
+    /// namespace that the template names; otherwise in that of the configuration or the service
+    /// account.
     ///
     /// # Errors
     /// When there is no configuration.
@@ -47,7 +49,7 @@ impl Kubernetes {
         Self::with_config(store, command, template, config)
     }
 
-    /// The same for a cluster that is found otherwise.
+    /// Like [`Self::connect`], for a cluster with a given configuration.
     ///
     /// # Errors
     /// When the template or the configuration cannot be used.
@@ -58,7 +60,7 @@ impl Kubernetes {
         mut config: Config,
     ) -> Result<Self, TemplateError> {
         let template = template::read(template)?;
-        // Who asks looks again, with pauses of its own.
+        // The control loop tries again, with its own pauses.
         config.default_retry = false;
         let namespace = template.metadata.namespace.clone();
         let namespace = namespace.unwrap_or_else(|| config.default_namespace.clone());
@@ -78,13 +80,13 @@ impl Kubernetes {
     pub(crate) async fn ask(&self, ask: &Ask) -> Result<String, EngineError> {
         let job = job::of(&self.template, &self.store, &self.command, ask);
         match within_limit(self.jobs.create(&PostParams::default(), &job)).await {
-            // An earlier request arrived whose answer did not.
+            // An earlier request arrived, but its answer was lost.
             Ok(_) | Err(EngineError::Refused { code: 409, .. }) => Ok(ask.name.clone()),
             Err(error) => Err(error),
         }
     }
 
-    /// Deletes the Job; its Pod has its grace period to put the task down.
+    /// Deletes the Job. Its Pod has a grace period to give its task back.
     pub(crate) async fn let_go(&self, name: &str) -> Result<(), EngineError> {
         match within_limit(self.jobs.delete(name, &DeleteParams::background())).await {
             Ok(_) | Err(EngineError::Refused { code: 404, .. }) => Ok(()),

@@ -10,10 +10,10 @@ use crate::local::GAVE_UP;
 use crate::resources::read;
 use crate::{Cause, End, Phase, PlacedWorker};
 
-/// A signal ended a program whose exit code is above this.
+/// Exit codes above this mean that a signal ended the program.
 const SIGNALS: i32 = 128;
 
-/// The worker of a Job; `None` where nobody here made it.
+/// The worker of a Job; `None` for a Job that torqued did not make.
 pub fn worker(job: &Job, pods: &[Pod]) -> Option<PlacedWorker> {
     let name = job.metadata.name.clone()?;
     let annotations = job.metadata.annotations.as_ref()?;
@@ -33,7 +33,7 @@ fn job_of(pod: &Pod) -> Option<&String> {
     pod.metadata.labels.as_ref()?.get(JOB_NAME)
 }
 
-/// The Pod knows more than the Job, but may be gone before anybody looked.
+/// The phase of a worker. The Pod knows more than the Job, but may be gone already.
 fn phase(job: &Job, pod: Option<&Pod>) -> Phase {
     let end_of_pod = pod.and_then(end_of_pod);
     if let Some(end) = end_of_job(job) {
@@ -96,18 +96,18 @@ fn end_of_pod(pod: &Pod) -> Option<End> {
     let message = status.message.clone().unwrap_or_default();
     let end = |cause, how: String| Some(End { cause, how });
     match (status.reason.as_deref(), disruption(status)) {
-        // A worker that takes more than it asked for may be its task's doing.
+        // A worker that takes more than it requested may do so because of its task.
         (Some("Evicted"), _) => end(Cause::Died, format!("was evicted: {}", message.trim())),
         (Some("NodeLost" | "NodeShutdown"), _) => end(Cause::Died, "lost its node".to_owned()),
         (_, Some(condition)) if is_lost_node(condition) => {
             end(Cause::Died, format!("lost its node: {}", text_of_condition(condition)))
         }
-        // It may have put its task down and ended in order.
+        // It may have given its task back and ended normally.
         (_, Some(condition)) => end(
             Cause::Interrupted,
             format!("was interrupted by Kubernetes: {}", text_of_condition(condition)),
         ),
-        // Its attempt has ended before.
+        // Its attempt was ended before.
         (_, None) if has_failed && gave_up(status) => {
             end(Cause::Finished, "ended because its task did not".to_owned())
         }
@@ -116,7 +116,7 @@ fn end_of_pod(pod: &Pod) -> Option<End> {
     }
 }
 
-/// The end of the container of the worker: the first that did not end in order.
+/// The end of the worker's container: the first container that did not end normally.
 fn failure(status: &PodStatus) -> Option<&ContainerStateTerminated> {
     let containers = status.container_statuses.iter().flatten();
     let mut ended =
@@ -124,12 +124,12 @@ fn failure(status: &PodStatus) -> Option<&ContainerStateTerminated> {
     ended.find(|state| state.exit_code != 0)
 }
 
-/// Whether the worker ended itself to end its task.
+/// Whether the worker ended itself because its task did not end.
 fn gave_up(status: &PodStatus) -> bool {
     failure(status).is_some_and(|state| state.exit_code == i32::from(GAVE_UP))
 }
 
-/// The reason why the worker's container died.
+/// Why the worker's container died.
 fn death(status: &PodStatus) -> String {
     let Some(death) = failure(status) else {
         let why = status.message.as_deref().or(status.reason.as_deref());
@@ -144,7 +144,7 @@ fn death(status: &PodStatus) -> String {
     format!("died: exit code {}", death.exit_code)
 }
 
-/// Why Kubernetes ends a Pod that did nothing wrong.
+/// The condition that says why Kubernetes ended a Pod that did nothing wrong.
 fn disruption(status: &PodStatus) -> Option<&PodCondition> {
     let mut conditions = status.conditions.iter().flatten();
     conditions.find(|condition| condition.type_ == "DisruptionTarget" && condition.status == "True")

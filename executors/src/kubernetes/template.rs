@@ -1,26 +1,29 @@
-//! The Job that the operator wrote, from which those of the workers are made.
+//! The operator's Job template, from which the workers' Jobs are made.
 
 use k8s_openapi::api::batch::v1::Job;
 use k8s_openapi::api::core::v1::{Container, PodSpec};
 
-/// Why no Jobs can be made.
+/// Why a template cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum TemplateError {
-    #[error("it is no Job of batch/v1")]
+    #[error("it is not a Job of batch/v1")]
     Unreadable(#[source] serde_saphyr::Error),
-    #[error("it is no Job of batch/v1: it holds {0}")]
+    #[error("it is not a Job of batch/v1, but {0}")]
     AnotherKind(String),
-    #[error("spec.template.spec.containers must hold one container called `worker`, or one alone")]
+    #[error(
+        "spec.template.spec.containers must have one container named `worker`, or only one \
+         container"
+    )]
     NoContainer,
     #[error(
-        "no cluster is configured here: neither a kubeconfig nor a Pod's service account is there"
+        "no cluster is configured here: there is no kubeconfig and no service account of a Pod"
     )]
     NoCluster(#[source] kube::config::InferConfigError),
     #[error("the cluster's configuration cannot be used")]
     Client(#[source] kube::Error),
 }
 
-/// The name of the worker's container where there are several.
+/// The name of the worker's container if there are several containers.
 const WORKER: &str = "worker";
 
 /// # Errors
@@ -55,6 +58,6 @@ mod tests {
         let said = |yaml: &str| read(yaml).unwrap_err().to_string();
         assert!(said("kind: Pod\napiVersion: v1\n").contains("\"Pod\" of \"v1\""));
         assert!(said("apiVersion: batch/v1\nkind: Job\n").contains("containers"));
-        assert!(said(": [").contains("no Job"));
+        assert!(said(": [").contains("not a Job"));
     }
 }

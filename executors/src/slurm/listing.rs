@@ -1,4 +1,4 @@
-//! Slurm's lists of its jobs, read.
+//! Reads Slurm's lists of jobs.
 
 use spec::Resources;
 
@@ -7,13 +7,13 @@ use crate::local::GAVE_UP;
 use crate::resources::{read, written};
 use crate::{Cause, End, EngineError, Phase, PlacedWorker};
 
-/// The fields that `squeue` prints of a job; the comment may hold anything and comes last.
+/// The fields that `squeue` prints for a job. The comment may hold anything, so it comes last.
 pub const FORMAT: &str = "--Format=JobID:|,Name:|,State:|,Reason:|,NodeList:|,exit_code:|,PreemptTime:|,TimeLeft:|,Comment:";
 
-/// Completes "worker NAME ..." of a worker whose place another job takes.
+/// Completes "worker NAME ..." for a worker whose place another job takes.
 pub const PREEMPTED: &str = "was preempted by Slurm";
 
-/// The word in the comment of a worker that stays when it finds no task.
+/// The mark in the comment of a worker that keeps running when it finds no task.
 const STAYS: &str = ";stays";
 
 /// The comment of a worker's job.
@@ -21,10 +21,10 @@ pub fn comment(resources: &Resources, stays: bool) -> String {
     format!("{}{}", written(resources), if stays { STAYS } else { "" })
 }
 
-/// The workers among the jobs that `squeue` printed. Jobs of other names are somebody else's.
+/// The workers among the jobs that `squeue` printed. Jobs with other names are not ours.
 ///
 /// # Errors
-/// When a worker's line has not the fields that were asked for.
+/// When a worker's line does not have the requested fields.
 pub fn workers(printed: &str, prefix: &str) -> Result<Vec<PlacedWorker>, EngineError> {
     let lines = printed
         .lines()
@@ -51,7 +51,7 @@ fn worker(line: &str) -> Option<PlacedWorker> {
         stays,
         node: Some(node).filter(|node| !node.is_empty()).map(str::to_owned),
         phase: match phase(state, reason, exit, seconds(time_left)) {
-            // One that was told in time ends in order.
+            // A worker that was told in time ends normally.
             Phase::Ended(End { cause: Cause::Finished, .. }) if is_moment(preempted_at) => {
                 Phase::Ended(End { cause: Cause::Interrupted, how: PREEMPTED.to_owned() })
             }
@@ -61,14 +61,14 @@ fn worker(line: &str) -> Option<PlacedWorker> {
     })
 }
 
-/// The states are those of `man squeue`; one that is not there is somebody who is still there.
+/// The phase of a state from `man squeue`. A worker in an unknown state counts as present.
 fn phase(state: &str, reason: &str, exit: &str, seconds_left: Option<u64>) -> Phase {
     let reason = Some(reason).filter(|reason| !["", "None"].contains(reason)).map(str::to_owned);
     match state {
         "PENDING" | "CONFIGURING" | "REQUEUED" | "REQUEUE_FED" | "REQUEUE_HOLD"
         | "RESV_DEL_HOLD" | "SPECIAL_EXIT" => Phase::Pending(reason),
         "COMPLETING" => Phase::Ending(None),
-        // A worker that was told in time ends in order.
+        // A worker that was told in time ends normally.
         "COMPLETED" if seconds_left.is_some_and(|left| left <= NOTICE.as_secs()) => {
             let how = "came to the end of Slurm's time limit".to_owned();
             Phase::Ended(End { cause: Cause::Interrupted, how })
@@ -80,7 +80,7 @@ fn phase(state: &str, reason: &str, exit: &str, seconds_left: Option<u64>) -> Ph
     }
 }
 
-/// `None` of a state in which a job has not ended.
+/// How a job ended; `None` for a state in which it has not ended.
 fn end(state: &str, reason: Option<&str>, exit: &str) -> Option<End> {
     let end = |cause, how: String| Some(End { cause, how });
     match state {
@@ -99,7 +99,7 @@ fn end(state: &str, reason: Option<&str>, exit: &str) -> Option<End> {
             let why = reason.map(|reason| format!(" ({reason})")).unwrap_or_default();
             end(Cause::Died, format!("lost its node{why}"))
         }
-        // Its attempt has ended before.
+        // Its attempt was ended before.
         "FAILED" if exit_of(exit) == (u32::from(GAVE_UP), 0) => {
             end(Cause::Finished, "ended because its task did not".to_owned())
         }
@@ -111,12 +111,12 @@ fn end(state: &str, reason: Option<&str>, exit: &str) -> Option<End> {
     }
 }
 
-/// A moment is `2026-11-24T07:08:33`, or `N/A` where there is none.
+/// Whether a text is a time such as `2026-11-24T07:08:33`. Slurm prints `N/A` for no time.
 fn is_moment(text: &str) -> bool {
     text.starts_with(|first: char| first.is_ascii_digit())
 }
 
-/// `[[DAYS-]HOURS:]MINUTES:SECONDS`; `None` without a limit.
+/// Reads `[[DAYS-]HOURS:]MINUTES:SECONDS`; `None` without a limit.
 fn seconds(time: &str) -> Option<u64> {
     let (days, clock) = time.split_once('-').unwrap_or(("0", time));
     let mut seconds = days.parse::<u64>().ok()?.checked_mul(24)?;
@@ -129,7 +129,8 @@ fn seconds(time: &str) -> Option<u64> {
     Some(seconds)
 }
 
-/// Code and signal: `squeue` prints the status that `wait` returns, `sacct` `CODE:SIGNAL`.
+/// Reads code and signal. `squeue` prints the status that `wait` returns, and `sacct` prints
+/// `CODE:SIGNAL`.
 fn exit_of(exit: &str) -> (u32, u32) {
     match exit.split_once(':') {
         Some((code, signal)) => (code.parse().unwrap_or(0), signal.parse().unwrap_or(0)),
@@ -144,14 +145,14 @@ fn exit_text(exit: &str) -> String {
     let (code, signal) = exit_of(exit);
     match (code, signal) {
         (_, signal) if signal > 0 => format!("signal {signal}"),
-        // A shell's words for a program that it cannot find or run.
+        // The exit codes of a shell for a program that it cannot find or run.
         (126 | 127, _) => format!("exit code {code}, as when the node does not have the program"),
         _ => format!("exit code {code}"),
     }
 }
 
-/// How a job ended that `sacct` remembers: `STATE|CODE:SIGNAL`, where the state may be `CANCELLED by 1000`. The last
-/// line is the latest.
+/// How a job ended, as `sacct` remembers it: `STATE|CODE:SIGNAL`. The state may be `CANCELLED by
+/// 1000`. The last line is the latest.
 pub fn remembered(printed: &str) -> Option<End> {
     let (state, exit) = printed.lines().last()?.split_once('|')?;
     end(state.split_whitespace().next()?, None, exit)
@@ -279,7 +280,7 @@ mod tests {
         assert_eq!(phase("PREEMPTED"), Phase::Ended(end));
     }
 
-    /// As `man sacct` describes it; the test cluster has no accounting.
+    /// The format of `man sacct`. The test cluster has no accounting.
     #[test]
     fn accounting_remembers_how_a_job_ended() {
         let cause = |printed: &str| remembered(printed).map(|end| end.cause);

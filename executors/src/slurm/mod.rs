@@ -1,6 +1,6 @@
-//! Slurm, through its commands: every release has them, and they find the cluster as they do for anybody.
+//! Slurm, through its commands. Every release has them, and they find the cluster by themselves.
 //!
-//! A worker is a job. Its name says whose it is, its comment what it offers.
+//! A worker is a job. Its name says which store it belongs to, and its comment says what it offers.
 
 mod listing;
 mod program;
@@ -13,19 +13,21 @@ use crate::worker_command::prefix;
 use crate::{Ask, End, EngineError, Phase, PlacedWorker, WorkerCommand};
 use program::Program;
 
-/// Asks Slurm for workers of one store.
+/// Requests workers of one store from Slurm.
 #[derive(Debug)]
 pub struct Slurm {
-    /// The store's name among others.
+    /// The store's identity.
     pub store: String,
     pub command: WorkerCommand,
-    /// Options of `sbatch` that the operator adds, such as `--partition=lab`.
+    /// Options that the operator adds to `sbatch`, such as `--partition=lab`.
     pub options: Vec<String>,
-    /// Folder that nodes and server see, for what workers print; without one it is lost.
+    /// Folder for the output of workers, which nodes and server can reach. Without it the output is
+    /// lost.
     pub logs: Option<PathBuf>,
 }
 
-/// How long before the end of its time a worker is told. A checkpoint of a large model takes seconds.
+/// How long before its time limit a worker is told to end. A checkpoint of a large model takes
+/// seconds.
 const NOTICE: Duration = Duration::from_secs(60);
 
 impl Slurm {
@@ -33,8 +35,9 @@ impl Slurm {
         let squeue = Program::new("squeue").args(["--me", "--noheader", "--states=all"]);
         let printed = squeue.arg(listing::FORMAT).run(Vec::new()).await?;
         let workers = listing::workers(&printed, &prefix(&self.store))?;
-        // Slurm itself tells a job of its preemption when the partition's grace is over, unless the cluster has
-        // `preempt_send_user_signal`. Told now, the worker has the grace, too; told twice, it does not mind.
+        // By default Slurm tells a job of its preemption only after the partition's grace time,
+        // unless the cluster has `preempt_send_user_signal`. Telling the worker now gives it the
+        // grace time too, and telling it twice does no harm.
         for worker in &workers {
             if worker.phase == Phase::Ending(Some(listing::PREEMPTED.to_owned())) {
                 signal(&worker.identifier).await?;
@@ -43,8 +46,8 @@ impl Slurm {
         Ok(workers)
     }
 
-    /// Two jobs of one name would be two workers; who asks knows after [`Slurm::workers`] whether a request that went
-    /// astray has arrived.
+    /// Requests a worker. Two jobs with one name would be two workers, so check with
+    /// [`Slurm::workers`] whether a request without an answer has arrived.
     pub(crate) async fn ask(&self, ask: &Ask) -> Result<String, EngineError> {
         let Ask { name, resources, stays } = ask;
         let output = match &self.logs {
@@ -61,7 +64,7 @@ impl Slurm {
             format!("--export={}", script::variables(&self.command)),
         ]);
         if resources.megabytes() > 0 {
-            // Slurm counts in 2^20 bytes.
+            // Slurm counts in units of 2^20 bytes.
             let mebibytes = (u64::from(resources.megabytes()) * 1_000_000).div_ceil(1 << 20);
             sbatch = sbatch.arg(format!("--mem={mebibytes}M"));
         }
@@ -72,7 +75,8 @@ impl Slurm {
             let tags: Vec<&str> = resources.tags.iter().map(String::as_str).collect();
             sbatch = sbatch.arg(format!("--constraint={}", tags.join("&")));
         }
-        // The last option wins: the operator's over these, and those that find workers again over all.
+        // The last option wins. So the operator's options override these, and the options by which
+        // workers are found override all.
         let printed = sbatch
             .args(&self.options)
             .args([
@@ -84,7 +88,7 @@ impl Slurm {
             .envs(&self.command.environment)
             .run(script::of(&self.command, ask))
             .await?;
-        // `NUMBER` or `NUMBER;CLUSTER`.
+        // The output is `NUMBER` or `NUMBER;CLUSTER`.
         let number = printed.trim().split(';').next().unwrap_or_default();
         if number.is_empty() || !number.bytes().all(|byte| byte.is_ascii_digit()) {
             return Err(EngineError::Unreadable { program: "sbatch", line: printed });
@@ -92,14 +96,14 @@ impl Slurm {
         Ok(number.to_owned())
     }
 
-    /// A job that waits is cancelled. To one that runs goes the signal alone: when its worker has put its task down is
-    /// for the worker to say.
+    /// Cancels a waiting job. A running job only gets the signal, because its worker decides when
+    /// it has given its task back.
     pub(crate) async fn let_go(&self, number: &str) -> Result<(), EngineError> {
         scancel(&["--state=PENDING", number]).await?;
         signal(number).await
     }
 
-    /// From Slurm's accounting, which not every cluster has.
+    /// Asks Slurm's accounting, which not every cluster has.
     pub(crate) async fn remembers(&self, name: &str) -> Option<End> {
         let sacct = Program::new("sacct").args([
             "--noheader",
@@ -114,12 +118,12 @@ impl Slurm {
     }
 }
 
-/// Has a running worker put its task down and end.
+/// Tells a running worker to give its task back and end.
 async fn signal(number: &str) -> Result<(), EngineError> {
     scancel(&["--state=RUNNING", "--batch", "--signal=TERM", number]).await
 }
 
-/// A job that has ended meanwhile needs no more.
+/// Runs `scancel`. A job that has ended meanwhile is no error.
 async fn scancel(arguments: &[&str]) -> Result<(), EngineError> {
     match Program::new("scancel").args(arguments).run(Vec::new()).await {
         Err(EngineError::ProgramFailed { message, .. }) if message.contains("Invalid job id") => {

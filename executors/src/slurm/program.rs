@@ -1,4 +1,4 @@
-//! One run of a command of Slurm.
+//! Runs Slurm's commands.
 
 use std::ffi::OsStr;
 use std::io;
@@ -10,10 +10,11 @@ use tokio::process::Command;
 
 use crate::EngineError;
 
-/// How long a command may take. Slurm's own give up on a controller that is away after some 10 to 100 s.
+/// Time limit of a command. Slurm's own commands give up on an absent controller after about 10 to
+/// 100 s.
 const LIMIT: Duration = Duration::from_secs(30);
 
-/// The part of an output that an error may quote.
+/// The largest part of an output that an error quotes, in characters.
 const QUOTED: usize = 500;
 
 pub struct Program {
@@ -25,7 +26,7 @@ impl Program {
     pub fn new(name: &'static str) -> Self {
         let mut command = Command::new(name);
         command.env("LC_ALL", "C").kill_on_drop(true);
-        // The operator's habits must not change what is asked for.
+        // The operator's own settings must not change the output.
         for variable in ["SQUEUE_FORMAT", "SQUEUE_FORMAT2", "SQUEUE_STATES", "SBATCH_EXPORT"] {
             command.env_remove(variable);
         }
@@ -47,7 +48,7 @@ impl Program {
         self
     }
 
-    /// Runs to the end with `input` on standard input; returns what it printed.
+    /// Runs the command with `input` on standard input. Returns its output.
     ///
     /// # Errors
     /// When it cannot be started, takes too long or fails.
@@ -91,8 +92,8 @@ mod tests {
             program.run(Vec::new()).await.unwrap_err().to_string()
         };
         let said = error("echo 'sh: error: Invalid partition' >&2; exit 1").await;
-        assert_eq!(said, "sh of Slurm failed: Invalid partition");
-        assert_eq!(error("exit 3").await, "sh of Slurm failed: exit status: 3");
+        assert_eq!(said, "Slurm's sh failed: Invalid partition");
+        assert_eq!(error("exit 3").await, "Slurm's sh failed: exit status: 3");
         let absent = Program::new("squeue-of-nobody").run(Vec::new()).await.unwrap_err();
         assert!(matches!(absent, EngineError::Program { .. }), "{absent}");
     }

@@ -1,10 +1,10 @@
-//! The script of a job, which everybody may read who may see the job.
+//! The script of a job. Everybody who may see the job can read it.
 
 use std::os::unix::ffi::OsStrExt;
 
 use crate::{Ask, WorkerCommand};
 
-/// Becomes the worker, so that Slurm's signals reach it.
+/// The script replaces itself by the worker (exec), so that Slurm's signals reach the worker.
 pub fn of(command: &WorkerCommand, ask: &Ask) -> Vec<u8> {
     let mut script = b"#!/bin/sh\nexec".to_vec();
     let mut push = |word: &[u8]| {
@@ -19,13 +19,14 @@ pub fn of(command: &WorkerCommand, ask: &Ask) -> Vec<u8> {
     script
 }
 
-/// The names of the worker's variables. Their values go from the environment of `sbatch` to that of the job.
+/// The names of the worker's variables. Their values are passed from the environment of `sbatch` to
+/// that of the job.
 pub fn variables(command: &WorkerCommand) -> String {
     let names: Vec<&str> = command.environment.iter().map(|(name, _)| name.as_str()).collect();
     if names.is_empty() { "NIL".to_owned() } else { names.join(",") }
 }
 
-/// As a shell reads it as one word.
+/// A word in quotes, so that a shell reads it as one word.
 fn quoted(word: &[u8]) -> Vec<u8> {
     let mut quoted = vec![b'\''];
     for &byte in word {
@@ -66,7 +67,7 @@ mod tests {
         let script = String::from_utf8(of(&command, &ask)).unwrap();
         assert!(!script.contains("secret"), "{script}");
         assert_eq!(variables(&command), "TORQUED_DATABASE");
-        // Printed by the shell in place of being run.
+        // The shell prints the command instead of running it.
         let printing = script.replace("exec '", "printf '%s\\n' '");
         let output = Command::new("sh").args(["-c", &printing]).output().unwrap();
         let words = String::from_utf8(output.stdout).unwrap();

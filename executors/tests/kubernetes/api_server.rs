@@ -1,5 +1,5 @@
-//! The part of Kubernetes' API that workers need, in this process: it keeps Jobs, gives each a Pod that waits, and
-//! answers as Kubernetes does, or as a test tells it to.
+//! The part of Kubernetes' API that workers need, in this process. It keeps Jobs, gives each a
+//! waiting Pod, and answers as Kubernetes does or as a test tells it to.
 
 use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex, MutexGuard};
@@ -27,20 +27,20 @@ struct World {
     asked: BTreeSet<(String, String)>,
 }
 
-/// What is wrong with the server.
+/// A fault of the server.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fault {
     /// Every request is refused.
     Refuses(u16, &'static str),
     /// New Jobs are refused.
     RefusesJobs(u16, &'static str),
-    /// New Jobs are made, but nobody hears of it.
+    /// New Jobs are made, but the answers are lost.
     LosesAnswers,
-    /// Nothing is ever answered.
+    /// No request is answered.
     Hangs,
 }
 
-/// For labels of the form `NAME=VALUE`.
+/// A selection by labels of the form `NAME=VALUE`.
 #[derive(serde::Deserialize)]
 #[serde(rename_all = "camelCase")]
 struct Selection {
@@ -48,7 +48,7 @@ struct Selection {
 }
 
 impl ApiServer {
-    /// Listens on a free port; returns the address.
+    /// Listens on a free port. Returns the address.
     pub async fn start() -> (Self, String) {
         let server = Self::default();
         let jobs = "/apis/batch/v1/namespaces/{namespace}/jobs";
@@ -68,13 +68,13 @@ impl ApiServer {
         self.world().fault = fault;
     }
 
-    /// Names of the Jobs, in the order in which they came.
+    /// Names of the Jobs, in order of creation.
     pub fn jobs(&self) -> Vec<String> {
         let name = |job: &Value| job["metadata"]["name"].as_str().unwrap().to_owned();
         self.world().jobs.iter().map(name).collect()
     }
 
-    /// As it was asked for.
+    /// The Job as it was requested.
     pub fn job(&self, name: &str) -> Value {
         let world = self.world();
         world.jobs.iter().find(|job| job["metadata"]["name"] == name).unwrap().clone()
@@ -137,7 +137,7 @@ async fn faults(State(server): State<ApiServer>, request: Request, next: Next) -
     }
 }
 
-/// An error as Kubernetes answers it.
+/// An error in Kubernetes' format.
 fn status(code: u16, message: &str) -> Response {
     let reason = match code {
         401 => "Unauthorized",

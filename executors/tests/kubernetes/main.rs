@@ -1,5 +1,5 @@
-//! Workers on Kubernetes, against an API server in this process. What Pods and Jobs say are shapes that Kubernetes
-//! 1.33 documents; no cluster was asked.
+//! Workers on Kubernetes, tested against an API server in this process. The states of Pods and Jobs
+//! follow the documentation of Kubernetes 1.33; no real cluster was used.
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod api_server;
@@ -28,12 +28,12 @@ spec:
       containers: [{name: worker, image: lab/torqued:1, args: [worker]}]
 ";
 
-/// What a worker offers at least.
+/// The least that a worker offers.
 fn usual() -> Resources {
     Resources { cpus: Some(4), memory_gb: Some(8.0), ..Resources::default() }
 }
 
-/// A store, and an API server whose cluster is asked for workers of it.
+/// A store, and an API server from which workers for it are requested.
 struct Lab {
     store: Store,
     _folder: tempfile::TempDir,
@@ -54,7 +54,7 @@ impl Lab {
         Self { store, _folder: folder, server, address }
     }
 
-    /// A control that looks and asks again after a moment.
+    /// A control loop with short pauses.
     async fn control(&self, max: usize) -> Control {
         self.control_with(max, Duration::from_millis(1)).await
     }
@@ -81,12 +81,12 @@ impl Lab {
         Control::new(self.store.clone(), engine, settings).await.unwrap()
     }
 
-    /// Submits a job of so many tasks.
+    /// Submits a job with this many tasks.
     async fn submit(&self, tasks: u32) -> JobId {
         self.submit_for(Resources::default(), tasks).await
     }
 
-    /// Submits a job of so many tasks, each of which asks for `resources`.
+    /// Submits a job with this many tasks that each ask for `resources`.
     async fn submit_for(&self, resources: Resources, tasks: u32) -> JobId {
         let spec = json!({"kind": "count", "tasks": tasks});
         let task = |ordinal| NewTask {
@@ -125,7 +125,7 @@ impl Lab {
         self.store.submit(submission).await.unwrap().job
     }
 
-    /// A worker that was asked for and has the only task.
+    /// A requested worker that has the only task.
     async fn working(&self, control: &mut Control) -> (String, ClaimedTask) {
         look(control).await;
         let worker = self.server.jobs()[0].clone();
@@ -244,14 +244,17 @@ async fn an_engine_that_refuses_or_is_away_is_told_and_waited_for() {
     lab.submit(1).await;
     let forbidden = "jobs.batch is forbidden: User \"system:serviceaccount:lab:torqued\" cannot create resource \"jobs\"";
     for (fault, expected) in [
-        (Fault::Refuses(401, "Unauthorized"), "does not know who asks (401)"),
-        (Fault::Refuses(403, forbidden), "does not allow it (403): jobs.batch is forbidden"),
+        (Fault::Refuses(401, "Unauthorized"), "does not accept the credentials (401)"),
+        (
+            Fault::Refuses(403, forbidden),
+            "does not allow the request (403): jobs.batch is forbidden",
+        ),
         (Fault::Refuses(429, "too many requests"), "refuses (429): too many requests"),
         (Fault::Refuses(500, "etcdserver: leader changed"), "refuses (500): etcdserver"),
-        (Fault::Hangs, "no workers can be asked for: cannot ask Kubernetes"),
+        (Fault::Hangs, "no workers can be requested: the request to Kubernetes failed"),
         (
             Fault::RefusesJobs(403, "exceeded quota: compute"),
-            "no more workers can be asked for: Kubernetes does not allow",
+            "no more workers can be requested: Kubernetes does not allow",
         ),
     ] {
         lab.server.set_fault(Some(fault));
@@ -268,7 +271,7 @@ async fn an_engine_that_refuses_or_is_away_is_told_and_waited_for() {
     assert_eq!(lab.obstacle().await, None);
 }
 
-/// There is one provider of cryptography in this program, so that nobody has to choose.
+/// The program has only one crypto provider, so nobody has to choose.
 #[tokio::test]
 async fn a_cluster_behind_tls_is_asked_by_tls() {
     let lab = Lab::new().await;
@@ -276,7 +279,10 @@ async fn a_cluster_behind_tls_is_asked_by_tls() {
     let mut control = lab.control(1).await;
     look(&mut control).await;
     let obstacle = lab.obstacle().await.unwrap();
-    assert!(obstacle.contains("no workers can be asked for: cannot ask Kubernetes"), "{obstacle}");
+    assert!(
+        obstacle.contains("no workers can be requested: the request to Kubernetes failed"),
+        "{obstacle}"
+    );
 }
 
 #[tokio::test]
@@ -320,7 +326,7 @@ async fn why_a_worker_waits_is_in_its_record() {
     assert_eq!(placed.identifier, Some(format!("{worker}-x7k2p")));
 }
 
-/// A Pod that failed with a condition that names who ended it.
+/// A Pod that failed with a condition that names the cause.
 fn disrupted(reason: &str, message: &str) -> Value {
     json!({"phase": "Failed", "conditions": [{
         "type": "DisruptionTarget", "status": "True", "reason": reason, "message": message,
@@ -421,7 +427,7 @@ async fn a_job_says_how_a_worker_ended_whose_pod_is_gone() {
     let mut control = lab.control(1).await;
     let job = lab.submit(1).await;
     let (worker, task) = lab.working(&mut control).await;
-    // It put its task down in time.
+    // It gave its task back in time.
     lab.store.release(task.fence).await.unwrap();
     lab.server.delete_pod(&worker);
     lab.server.end_job(&worker, &interrupted);
@@ -560,14 +566,14 @@ mod postgres {
 
     use super::*;
 
-    /// Waits until the cluster of a lab was asked for something.
+    /// Waits until the cluster of a lab has received a request.
     async fn is_asked(lab: &Lab) {
         while lab.server.asked().is_empty() {
             tokio::time::sleep(Duration::from_millis(10)).await;
         }
     }
 
-    /// Each asks a cluster of its own, so that it is seen who asks.
+    /// Each server has a cluster of its own, so the test sees which one requests workers.
     #[tokio::test]
     async fn of_two_servers_one_asks_for_workers_and_the_other_does_when_it_ends() {
         let database = Cluster::shared().database();

@@ -1,4 +1,4 @@
-//! Which objects belong together, by their paths.
+//! Groups objects by their paths.
 
 use std::collections::BTreeMap;
 
@@ -7,7 +7,7 @@ use store::{Epoch, FileContent, JobId, Store, StoreError};
 use super::work::{FoundObjects, Written};
 use super::{shards, trainings};
 
-/// Objects by what their paths say.
+/// Objects, sorted by the information in their paths.
 #[derive(Debug, Default)]
 pub(super) struct Sorted {
     pub shards: BTreeMap<JobId, BTreeMap<Written, BTreeMap<FileContent, String>>>,
@@ -16,7 +16,7 @@ pub(super) struct Sorted {
     uploads: Vec<String>,
 }
 
-/// Reads what all objects of a store say of themselves, and compares the digests that they state.
+/// Reads the descriptions that objects carry, and checks the digests that they state.
 ///
 /// # Errors
 /// When they cannot be listed. An object that cannot be read is left out.
@@ -26,7 +26,7 @@ pub async fn find_objects(store: &Store) -> Result<FoundObjects, StoreError> {
     for path in store.list_objects().await? {
         found.note_ids(&path);
         if !sorted.add(&path) {
-            found.leave_out(path, "it does not say what it is");
+            found.leave_out(path, "it does not describe itself");
         }
     }
     for path in std::mem::take(&mut sorted.uploads) {
@@ -41,7 +41,7 @@ pub async fn find_objects(store: &Store) -> Result<FoundObjects, StoreError> {
 }
 
 impl FoundObjects {
-    /// Ids that are never given again, whatever becomes of the object.
+    /// Records the ids in a path. They are never assigned again, whatever happens to the object.
     fn note_ids(&mut self, path: &str) {
         let mut parts = path.split('/');
         let (kind, id) = (parts.next(), parts.next().and_then(|id| id.parse::<i64>().ok()));
@@ -54,7 +54,7 @@ impl FoundObjects {
 }
 
 impl Sorted {
-    /// False when the path is none of those that describe themselves.
+    /// Returns false for the path of an object that does not describe itself.
     fn add(&mut self, path: &str) -> bool {
         let parts: Vec<&str> = path.split('/').collect();
         let added = match parts[..] {
@@ -85,7 +85,8 @@ impl Sorted {
     }
 }
 
-/// Number, epoch and the rest of `PREFIX-NUMBER-eEPOCH-REST`, as [`store::object_path`] writes it.
+/// Reads number, epoch and rest of `PREFIX-NUMBER-eEPOCH-REST`, as [`store::object_path`] writes
+/// it.
 fn written<'a>(name: &'a str, prefix: &str) -> Option<(Written, &'a str)> {
     let (number, rest) = name.strip_prefix(prefix)?.split_once("-e")?;
     let (epoch, rest) = rest.split_once('-').unwrap_or((rest, ""));

@@ -1,7 +1,8 @@
-//! A database made again from objects whose files say what they are.
+//! Rebuilds a database from objects whose files describe themselves.
 //!
-//! Every job is submitted again as it was, under its old id, and its tasks are completed with the objects that were found. So the
-//! new database has nothing in it that a server would not have written. What says nothing of itself is left out by name.
+//! Every job is submitted again as it was, under its old id. Its tasks are completed with the
+//! objects that were found. So the new database has only rows that a server would have written.
+//! Objects that do not describe themselves are left out and listed by name.
 
 mod found;
 mod rebuilding;

@@ -1,4 +1,4 @@
-//! Jobs submitted again, and completed with what was found.
+//! Submits jobs again, and completes them with the found objects.
 
 use std::time::Duration;
 
@@ -13,13 +13,14 @@ use crate::kind::Limits;
 use crate::submission::submit_spec;
 use crate::{SubmissionError, simulate::ShardTask};
 
-/// Who completes the tasks, as their attempts say.
+/// The name of the worker in the rebuilt attempts.
 const NAME: &str = "reindex";
 
-/// Nobody else is there to take a task.
+/// The lease is long, because no other worker takes tasks meanwhile.
 const LEASE: Duration = Duration::from_secs(24 * 60 * 60);
 
-/// Makes the rows of what was found in a database without jobs, which no server and no worker uses meanwhile.
+/// Writes the rows of the found objects into a database without jobs. No server and no worker may
+/// use it meanwhile.
 ///
 /// # Errors
 /// When the database has jobs, or fails.
@@ -34,7 +35,7 @@ pub async fn rebuild(store: &Store, found: FoundObjects) -> Result<Rebuilt, Rein
         store.adopt_upload(upload).await?;
         rebuilt.uploads += 1;
     }
-    // Tasks for which nothing was found, until all others are completed.
+    // Tasks without a found object, until all others are completed.
     let mut missing = Vec::new();
     for (id, FoundJob { spec, work }) in jobs {
         let run = match &work {
@@ -87,7 +88,7 @@ pub async fn rebuild(store: &Store, found: FoundObjects) -> Result<Rebuilt, Rein
     Ok(rebuilt)
 }
 
-/// Submits a job under the id that it had; returns the reason if it is refused.
+/// Submits a job under its old id. Returns the reason if it is refused.
 async fn submit_again(
     store: &Store,
     id: JobId,
@@ -102,7 +103,7 @@ async fn submit_again(
     }
 }
 
-/// The number of the shard that a task makes; an import makes one.
+/// The index of the shard that a task makes. An import has one shard.
 fn shard_of(task: &ClaimedTask) -> u32 {
     serde_json::from_value(task.payload.clone()).map_or(task.ordinal, |ShardTask { shard }| shard)
 }
@@ -119,7 +120,7 @@ async fn complete_shard(
     }
 }
 
-/// Commits the checkpoints of a training; returns its task if it had not ended.
+/// Commits the checkpoints of a training. Returns its task if it had not ended.
 async fn complete_training(
     store: &Store,
     task: &ClaimedTask,

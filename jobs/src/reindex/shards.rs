@@ -1,4 +1,4 @@
-//! Shards say in their footers which spec and which trajectories they are of.
+//! Rebuilds datasets. The footers of shards name their spec and their trajectories.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -18,7 +18,7 @@ pub(super) async fn read(
     for (job, written) in shards {
         let mut spec: Option<JobSpec> = None;
         let mut contents = BTreeMap::new();
-        // Of a shard that was written several times, the last one counts.
+        // If a shard was written several times, the last one counts.
         for (Written { number, .. }, files) in written.into_iter().rev() {
             let paths: Vec<String> = files.values().cloned().collect();
             let read = match u32::try_from(number) {
@@ -63,13 +63,13 @@ async fn read_shard(store: &Store, files: &Files) -> Result<(JobSpec, ShardConte
     let count = robots.reader.rows();
     let Range { start: first, end } = match robots.reader.footer("torqued.trajectories") {
         Some(range) => said_range(range)?,
-        // An import is one shard.
+        // An import has one shard.
         None => 0..count,
     };
     if end.checked_sub(first) != Some(count) {
         return Err(format!("it has {count} robots, and says trajectories {first} to {end}"));
     }
-    // A robot was drawn again until one stayed clear of the limits.
+    // A robot was drawn again until its motion kept away from the limits.
     let drawn = match &spec {
         JobSpec::Simulate(_) => robots.sum("draws").await.map_err(|error| error.to_string())?,
         _ => count,
@@ -90,7 +90,7 @@ fn said_spec(table: &FoundTable) -> Result<JobSpec, String> {
     };
     let digest: Digest = said("torqued.digest")?
         .parse()
-        .map_err(|_| "torqued.digest of its footer is no digest".to_owned())?;
+        .map_err(|_| "torqued.digest of its footer is not a digest".to_owned())?;
     checked_spec(said("torqued.spec")?.as_bytes(), digest)
 }
 

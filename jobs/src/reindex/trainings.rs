@@ -1,4 +1,5 @@
-//! Checkpoints have a file that says which training and which step they are of, with the digests of the others.
+//! Rebuilds trainings. A file of each checkpoint names its training, its step and the digests of
+//! its other files.
 
 use std::collections::BTreeMap;
 
@@ -28,7 +29,7 @@ pub(super) async fn read(
 ) {
     for (job, written) in checkpoints {
         let mut training: Option<(JobSpec, FoundTraining)> = None;
-        // Of a step that was reached several times, the last time counts.
+        // If a step was reached several times, the last time counts.
         for (Written { number: step, .. }, mut files) in written.into_iter().rev() {
             let paths: Vec<String> = files.values().cloned().collect();
             let known = training.as_ref();
@@ -50,7 +51,8 @@ pub(super) async fn read(
                         let checkpoints = BTreeMap::new();
                         (spec, FoundTraining { run, checkpoints, result: None })
                     });
-                    // From the last to the first: each best one has taken that from the one before.
+                    // The order is from last to first, because each best checkpoint replaced the
+                    // one before.
                     let has_best = training.checkpoints.values().any(|it| it.is_best);
                     checkpoint.is_best &= !has_best;
                     training.result = training.result.take().or(result);
@@ -70,7 +72,7 @@ pub(super) async fn read(
     }
 }
 
-/// Takes the files of a checkpoint out of `files`, or none of them.
+/// Takes the files of a checkpoint out of `files`, or none if it is incomplete.
 async fn read_checkpoint(store: &Store, step: u64, files: &mut Files) -> Result<Read, String> {
     let described = files.iter().filter_map(|(name, path)| {
         Some((object_path::described_run(name)?, name.clone(), path.clone()))
@@ -80,13 +82,13 @@ async fn read_checkpoint(store: &Store, step: u64, files: &mut Files) -> Result<
         let file = CheckpointDescription::FILE_NAME;
         return Err(format!("its checkpoint has no {file}: an older torqued wrote it"));
     }
-    // A checkpoint that became the last or the best was described again.
+    // A checkpoint that became the last or the best was described a second time.
     let mut best: Option<(CheckpointDescription, RunId, String, CheckpointFile)> = None;
     for (run, name, path) in described {
         let object = store.find_object(&path).await.map_err(|error| error.to_string())?;
         let text = store.read_object(&object).await.map_err(|error| error.to_string())?;
         let description: CheckpointDescription = serde_json::from_slice(&text)
-            .map_err(|error| format!("{path} is no description: {error}"))?;
+            .map_err(|error| format!("{path} is not a description: {error}"))?;
         let rank = |it: &CheckpointDescription| (it.is_final, it.is_best);
         if best.as_ref().is_none_or(|(other, ..)| rank(other) < rank(&description)) {
             let file = CheckpointDescription::FILE_NAME.to_owned();

@@ -1,4 +1,4 @@
-//! The objects found, the rows made of them, and the objects left out.
+//! The found objects, the rows made from them, and the objects left out.
 
 use std::collections::BTreeMap;
 
@@ -28,7 +28,7 @@ pub(super) struct FoundJob {
 
 #[derive(Debug)]
 pub(super) enum FoundWork {
-    /// By number.
+    /// Shards by index.
     Shards(BTreeMap<u32, ShardContents>),
     Training(FoundTraining),
 }
@@ -36,16 +36,16 @@ pub(super) enum FoundWork {
 #[derive(Debug)]
 pub(super) struct FoundTraining {
     pub run: RunId,
-    /// By step.
+    /// Checkpoints by step.
     pub checkpoints: BTreeMap<u64, NewCheckpoint>,
-    /// What it found, if it ended.
+    /// The result of the training, if it ended.
     pub result: Option<serde_json::Value>,
 }
 
-/// A place that an attempt at a shard or a checkpoint wrote to.
+/// The number and the epoch in the path of a shard's or a checkpoint's file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct Written {
-    /// Of the shard, or the step of the checkpoint.
+    /// The index of the shard, or the step of the checkpoint.
     pub number: u64,
     pub epoch: Epoch,
 }
@@ -65,28 +65,27 @@ pub struct Rebuilt {
     pub trainings: u64,
     pub checkpoints: u64,
     pub uploads: u64,
-    /// Jobs of which a part is missing: workers make it again.
+    /// Jobs with a missing part. Workers make it again.
     pub unfinished: Vec<JobId>,
     pub left_out: Vec<LeftOut>,
 }
 
-/// Why no database was made again.
+/// Why no database was rebuilt.
 #[derive(Debug, Error)]
 pub enum ReindexError {
     #[error(
-        "the database has job {0}; only one without jobs is made again: name a data folder or a database of which the jobs are lost"
+        "the database has job {0}; only a database without jobs can be rebuilt: choose a data \
+         folder or a database without jobs"
     )]
     HasJobs(JobId),
-    #[error(
-        "job {found} was made where job {expected} was asked for; repeat with an empty database"
-    )]
+    #[error("the rebuilt job has id {found} instead of {expected}; repeat with an empty database")]
     OtherId { expected: JobId, found: JobId },
     #[error(transparent)]
     Store(#[from] StoreError),
 }
 
 impl FoundObjects {
-    /// Datasets and trainings that can be made again.
+    /// Number of datasets and trainings that can be rebuilt.
     pub fn jobs(&self) -> usize {
         self.jobs.len()
     }
@@ -96,7 +95,7 @@ impl FoundObjects {
     }
 }
 
-/// The spec that `text` is, if its digest is the one that is stated beside it.
+/// The spec in `text`, if its digest is the stated one.
 pub(super) fn checked_spec(text: &[u8], stated: Digest) -> Result<JobSpec, String> {
     let spec = spec::parse(text).map_err(|error| format!("its spec cannot be used: {error}"))?;
     match spec.digest() {
@@ -120,7 +119,7 @@ impl FoundWork {
     }
 }
 
-/// The reason why a spec that was found cannot be submitted.
+/// Why a found spec cannot be submitted.
 pub(super) fn refused(error: &SubmissionError) -> String {
-    format!("its job cannot be made again: {error}")
+    format!("its job cannot be rebuilt: {error}")
 }

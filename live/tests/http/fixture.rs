@@ -22,7 +22,7 @@ use tokio::task::JoinHandle;
 
 pub const JOINTS: usize = 7;
 
-/// Of all checkpoints here but those of RoboMorph.
+/// Context length of all checkpoints here except those of RoboMorph.
 pub const CONTEXT: usize = 16;
 pub const HORIZON: usize = 8;
 
@@ -35,7 +35,7 @@ pub struct Server {
     folder: TempDir,
 }
 
-/// Checkpoints of PyTorch twins with random weights, one of each architecture at least.
+/// The folder of PyTorch twins: checkpoints with random weights, at least one of each architecture.
 fn twins_folder() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../models/tests/data")
 }
@@ -50,7 +50,7 @@ fn twin(name: &str, file: &str) -> Vec<u8> {
     std::fs::read(twins_folder().join(name).join(file)).unwrap()
 }
 
-/// The model that a checkpoint of [`Server::checkpoint`] is.
+/// The model of a checkpoint that [`Server::checkpoint`] makes.
 pub fn model(architecture: &str) -> TrainedModel {
     let (weights, config) = (twin(architecture, MODEL_FILE), twin(architecture, CONFIG_FILE));
     TrainedModel::load(&weights, &config, &Device::cpu()).unwrap()
@@ -84,7 +84,7 @@ impl Server {
         self.keep(&twin(architecture, MODEL_FILE), &twin(architecture, CONFIG_FILE)).await
     }
 
-    /// One whose weights are so large that no prediction is a number.
+    /// A checkpoint with weights so large that no prediction is a number.
     pub async fn exploded_checkpoint(&self, architecture: &str) -> i64 {
         let mut weights = twin(architecture, MODEL_FILE);
         let sizes: usize =
@@ -96,15 +96,15 @@ impl Server {
         self.keep(&weights, &twin(architecture, CONFIG_FILE)).await
     }
 
-    /// One that may only be asked with the future at hand.
+    /// A checkpoint with a normalization that needs the future.
     pub async fn leaky_checkpoint(&self, architecture: &str) -> i64 {
         let mut config: Value = serde_json::from_slice(&twin(architecture, CONFIG_FILE)).unwrap();
         config["normalizer"] = json!("paper-leaky");
         self.keep(&twin(architecture, MODEL_FILE), config.to_string().as_bytes()).await
     }
 
-    /// One that says the ranges it was trained on: `u_nm` and `y_rad` of each joint, rates within 100 rad/s,
-    /// and joints limited to ±`limit_rad`.
+    /// A checkpoint that records the ranges of its training: `u_nm` and `y_rad` of each joint,
+    /// rates within 100 rad/s, and joints limited to ±`limit_rad`.
     pub async fn checkpoint_of_ranges(
         &self,
         architecture: &str,
@@ -121,7 +121,7 @@ impl Server {
         self.keep(&twin(architecture, MODEL_FILE), config.to_string().as_bytes()).await
     }
 
-    /// Commits files as the checkpoint of a training of its own.
+    /// Commits files as the checkpoint of a training of their own.
     pub async fn keep(&self, weights: &[u8], config: &[u8]) -> i64 {
         let trainings = self.store.checkpoints(store::Page { before: None, limit: 100 }).await;
         let spec = json!({
@@ -174,19 +174,19 @@ impl Server {
         self.stop.take().unwrap().send(()).unwrap();
     }
 
-    /// Waits until it has.
+    /// Waits until the server has stopped.
     pub async fn stopped(self) {
         self.serving.await.unwrap().unwrap();
     }
 }
 
-/// `[count][7]`, another at every place.
+/// Rows of shape `[count][7]` with a different value at every place.
 pub fn rows(count: usize, scale: f32) -> Vec<[f32; JOINTS]> {
     let value = |row: usize, joint: usize| scale * ((row * JOINTS + joint) as f32 * 0.37).sin();
     (0..count).map(|row| std::array::from_fn(|joint| value(row, joint))).collect()
 }
 
-/// A robot that moves, as a request has it.
+/// A robot that moves, in a request's format.
 pub fn scenario(scale: f32) -> Value {
     scenario_of(CONTEXT, HORIZON, scale)
 }
@@ -196,7 +196,7 @@ pub fn scenario_of(context: usize, horizon: usize, scale: f32) -> Value {
     json!({"u": u[..context], "y": rows(context, scale), "future_u": u[context..]})
 }
 
-/// Numbers of nested arrays, in order.
+/// The numbers of nested arrays, in order.
 pub fn numbers(value: &Value) -> Vec<f32> {
     match value {
         Value::Array(items) => items.iter().flat_map(numbers).collect(),
@@ -205,7 +205,7 @@ pub fn numbers(value: &Value) -> Vec<f32> {
     }
 }
 
-/// Fields of a problem's violations.
+/// The fields of a problem's violations.
 pub fn fields(problem: &Value) -> Vec<&str> {
     let violations = problem["violations"].as_array().unwrap();
     violations.iter().map(|violation| violation["field"].as_str().unwrap()).collect()

@@ -1,4 +1,4 @@
-//! One question, one answer.
+//! Tests of single predictions.
 
 use models::{Sampling, TrainedModel};
 use serde_json::{Value, json};
@@ -9,7 +9,7 @@ use crate::fixture::{
     CONTEXT, HORIZON, JOINTS, Server, fields, model, numbers, rows, scenario, scenario_of, twins,
 };
 
-/// Two scenarios as the model itself is asked.
+/// Two scenarios as the model's own input.
 fn input(context: usize, horizon: usize) -> Series {
     let of = |scale: f32| (rows(context + horizon, 3.0 * scale), rows(context, scale));
     let (first, second) = (of(0.2), of(0.4));
@@ -22,7 +22,7 @@ fn two() -> Value {
     json!({"scenarios": [scenario(0.2), scenario(0.4)]})
 }
 
-/// The same for a model with another context and horizon.
+/// The same two scenarios as a request, for a model with another context and horizon.
 fn two_of(model: &TrainedModel) -> Value {
     let of = |scale| scenario_of(model.context(), model.horizon(), scale);
     json!({"scenarios": [of(0.2), of(0.4)]})
@@ -208,7 +208,7 @@ async fn a_model_that_fails_says_so_and_the_others_go_on() {
     assert_eq!(server.predict(sound, &two()).await.0, 200);
 }
 
-/// Caught: a damaged checkpoint was answered with a fault of the server that named nothing.
+/// Regression: a damaged checkpoint was answered with an internal error that named nothing.
 #[tokio::test]
 async fn a_damaged_checkpoint_is_named_with_its_file() {
     let server = Server::start().await;
@@ -228,7 +228,7 @@ async fn a_damaged_checkpoint_is_named_with_its_file() {
 
 #[tokio::test]
 async fn a_model_that_finds_no_room_waits_for_those_in_use_to_be_let_go() {
-    // Room for one CDT of 23 676 bytes, and not for a CDCNN of 80 188.
+    // There is room for one CDT of 23 676 bytes, but not for a CDCNN of 80 188.
     let server = Server::start_with(&api::Options::default(), 30_000).await;
     let first = server.checkpoint("cdt").await;
     let second = server.checkpoint("robomorph").await;

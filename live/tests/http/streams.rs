@@ -1,4 +1,4 @@
-//! Predictions with a receding horizon.
+//! Predictions with a receding horizon, over WebSocket.
 
 use std::time::{Duration, Instant};
 
@@ -32,7 +32,7 @@ pub async fn connect(server: &Server, checkpoint: i64) -> Socket {
     try_to_connect(server, checkpoint, &[]).await.unwrap()
 }
 
-/// The status that a handshake is refused with.
+/// The status with which a handshake is refused.
 pub async fn refusal(server: &Server, checkpoint: i64, headers: &[(&'static str, &str)]) -> u16 {
     match try_to_connect(server, checkpoint, headers).await {
         Err(Error::Http(response)) => response.status().as_u16(),
@@ -50,19 +50,19 @@ pub async fn ask(socket: &mut Socket, message: &Value) -> Value {
     serde_json::from_str(next(socket).await.to_text().unwrap()).unwrap()
 }
 
-/// Samples of a recording that goes on: torques and positions from `first` on.
+/// Samples of one continuous recording: torques and positions from `first` on.
 fn seen(first: usize, count: usize) -> (Vec<[f32; JOINTS]>, Vec<[f32; JOINTS]>) {
     let end = first + count;
     (rows(end, 0.6)[first..].to_vec(), rows(end, 0.2)[first..].to_vec())
 }
 
-/// The message that brings `count` samples from `first` on and asks for a prediction.
+/// A message with `count` samples from `first` on, which asks for a prediction.
 pub fn step(first: usize, count: usize) -> Value {
     let (u, y) = seen(first, count);
     json!({"step": {"u": u, "y": y, "future_u": seen(first + count, HORIZON).0}})
 }
 
-/// What the model is asked once `end` samples were seen.
+/// The model's input after `end` samples.
 fn question(end: usize) -> Series {
     let first = end - CONTEXT;
     let shape = Shape { robots: 1, samples: CONTEXT + HORIZON, joints: JOINTS };
@@ -91,7 +91,7 @@ async fn each_prediction_begins_with_the_one_before() {
     assert_eq!(numbers(&told["y"]), expected);
     assert_eq!((&told["number"], &told["warm_start_shift"]), (&json!(0), &Value::Null));
 
-    // One sample on, then three at once, two of them in a message of their own.
+    // First one more sample, then three at once, two of them in a message of their own.
     for (first, count, shift) in [(16, 1, 1), (19, 1, 3)] {
         if first == 19 {
             let (u, y) = seen(17, 2);
@@ -162,7 +162,7 @@ async fn a_message_beyond_the_limit_closes_the_stream() {
     let server = Server::start().await;
     let checkpoint = server.checkpoint("cdt").await;
     let mut socket = connect(&server, checkpoint).await;
-    // The server may have hung up before all of it is sent.
+    // The server may hang up before everything is sent.
     let _ = socket.send(Message::text(" ".repeat((8 << 20) + 1))).await;
     let closed = tokio::time::timeout(Duration::from_secs(60), socket.next()).await.unwrap();
     match closed {
@@ -182,7 +182,8 @@ async fn who_reads_nothing_holds_up_nobody_else() {
     let mut idle = connect(&server, checkpoint).await;
     ask(&mut idle, &open).await;
     ask(&mut idle, &fill).await;
-    // Ever more questions, whose answers fill the connection until nothing goes out any more.
+    // Sends questions without end. Their answers fill the connection until nothing more can be
+    // sent.
     let flood = tokio::spawn(async move {
         while idle.send(Message::text(step(16, 1).to_string())).await.is_ok() {}
     });
@@ -193,7 +194,7 @@ async fn who_reads_nothing_holds_up_nobody_else() {
         let told = ask(&mut other, &step(first, 1)).await;
         assert!(told["prediction"]["y"].is_array(), "{told}");
     }
-    // The one that does not read is let go.
+    // The server drops the client that does not read.
     tokio::time::timeout(Duration::from_secs(60), flood).await.unwrap().unwrap();
 }
 

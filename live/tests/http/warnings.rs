@@ -1,4 +1,4 @@
-//! Warnings of data that a checkpoint was never trained on.
+//! Warnings about data that differs from a checkpoint's training data.
 
 use serde_json::{Value, json};
 

@@ -1,7 +1,7 @@
-//! The child process of this crate's tests: with a spec as its argument it decodes its standard input,
-//! as the product's own child does; without one, it decodes one file after the other.
+//! The child process of this crate's tests. With a spec as its argument it decodes its standard
+//! input, like the product's own child. Without one it decodes one file after the other.
 //!
-//! A file follows its spec in JSON, each after its length in 4 bytes, little-endian.
+//! Each file follows its spec in JSON. Both come after their length in 4 bytes, little-endian.
 
 use std::io::{self, Read};
 
@@ -24,7 +24,7 @@ fn decode_many() -> io::Result<()> {
     Ok(())
 }
 
-/// `None` at the end of the input.
+/// Reads one piece; `None` at the end of the input.
 fn read_piece(input: &mut impl Read) -> io::Result<Option<Vec<u8>>> {
     let mut length = [0; 4];
     match input.read_exact(&mut length) {

@@ -14,14 +14,16 @@ use crate::rows::{
 };
 use crate::{Place, RowError};
 
-/// Rows parsed at a time.
+/// Number of rows that are parsed at once.
 const BATCH_ROWS: usize = 1024;
 const _: () = assert!(BATCH_ROWS <= MAX_BATCH_ROWS);
 
-/// Bytes of a line, or of several when a quoted value has line breaks in it.
+/// Largest number of bytes of a record. A record has several lines if a quoted value has line
+/// breaks.
 const MAX_RECORD_BYTES: usize = 64 * 1024;
 
-/// What the reader below takes at once: how far it may be ahead of the record it hands out.
+/// Number of bytes that the CSV reader takes at once. It may be ahead of the returned record by
+/// this much.
 const BUFFER_BYTES: usize = 64 * 1024;
 
 pub(super) struct CsvRows {
@@ -35,7 +37,7 @@ pub(super) struct CsvRows {
     next_row: u64,
 }
 
-/// A column that is asked for: its place in the file, and its name for errors.
+/// A requested column: its index in the file, and its name for errors.
 struct Column {
     place: usize,
     name: String,
@@ -43,7 +45,7 @@ struct Column {
 
 impl CsvRows {
     /// # Errors
-    /// When the file has no header, or one without a column that is asked for.
+    /// When the file has no header, or a requested column is missing.
     pub fn open(file: Box<dyn Read>, spec: &ImportSpec) -> Result<Self, DecodeError> {
         let budget = Budget::default();
         let lines = Rc::default();
@@ -62,7 +64,7 @@ impl CsvRows {
             let place = places.next().unwrap_or_default();
             Column { place, name: name.to_owned() }
         };
-        // The order of `ImportColumns::named`, which is that of the places.
+        // The order of `ImportColumns::named` is also that of the indices.
         let time = spec.columns.time.as_deref().map(&mut column);
         let recording = spec.columns.recording.as_deref().map(&mut column);
         let channels = channel_columns(&spec.columns).into_iter().map(&mut column).collect();
@@ -70,10 +72,11 @@ impl CsvRows {
         Ok(Self { reader, budget, lines, record, time, recording, channels, next_row: 0 })
     }
 
-    /// The rows that follow, or `None` at the end.
+    /// The next rows; `None` at the end.
     ///
     /// # Errors
-    /// When a line has other columns than the header, or a value is missing or no number.
+    /// When a line has a different number of columns than the header, or a value is missing or is
+    /// not a number.
     pub fn next(&mut self) -> Result<Option<Rows>, DecodeError> {
         let mut rows = Rows { first: self.next_row, ..Rows::default() };
         let mut lines = Vec::with_capacity(BATCH_ROWS);
@@ -104,7 +107,7 @@ impl CsvRows {
         Ok((rows.count > 0).then_some(rows))
     }
 
-    /// Reads the next record and returns the line in which it begins, or `None` at the end.
+    /// Reads the next record. Returns the line in which it begins, or `None` at the end.
     fn read_record(&mut self) -> Result<Option<u64>, DecodeError> {
         let before = self.lines.borrow().last();
         let more = self.reader.read_byte_record(&mut self.record);
@@ -118,10 +121,11 @@ impl CsvRows {
     }
 
     fn text(&self, column: &Column, place: Place) -> Result<&str, RowError> {
-        // The reader has refused records of other lengths than the header's.
+        // The reader has refused records with another length than the header.
         let bytes = self.record.get(column.place).unwrap_or_default();
-        let text = std::str::from_utf8(bytes)
-            .map_err(|_| RowError::value(place, &column.name, "bytes that are no text", "UTF-8"))?;
+        let text = std::str::from_utf8(bytes).map_err(|_| {
+            RowError::value(place, &column.name, "bytes that are not UTF-8 text", "UTF-8")
+        })?;
         let text = text.trim();
         if text.is_empty() { Err(absent(place, &column.name)) } else { Ok(text) }
     }
@@ -156,7 +160,7 @@ fn no_number(text: &str, place: Place, column: &str) -> RowError {
     RowError::value(place, column, format!("{shown:?}"), "a number such as -0.25 or 1e-3")
 }
 
-/// Times as they come, whole as long as all of them are.
+/// Times as they come. They stay integers as long as all of them are.
 #[derive(Default)]
 struct Times {
     integers: Vec<i64>,
@@ -186,13 +190,13 @@ impl Times {
     }
 }
 
-/// Bytes that may be read until the record at hand ends: a quote that is never closed would
-/// otherwise take the rest of the file into memory.
+/// Number of bytes that may be read until the present record ends. Without a limit, a quote that is
+/// never closed would read the rest of the file into memory.
 #[derive(Clone, Default)]
 struct Budget(Rc<Cell<usize>>);
 
 impl Budget {
-    /// Another record was read.
+    /// Resets the limit after another record was read.
     fn refill(&self) {
         self.0.set(0);
     }
@@ -210,7 +214,7 @@ impl<R: Read> Read for Metered<R> {
         self.lines.borrow_mut().see(&buffer[..read]);
         let total = self.budget.0.get() + read;
         self.budget.0.set(total);
-        // What was read before lies in the buffer whole or in part.
+        // All or a part of the earlier bytes are still in the buffer.
         if total > MAX_RECORD_BYTES + BUFFER_BYTES {
             return Err(io::Error::new(io::ErrorKind::InvalidData, RECORD_TOO_LONG));
         }
@@ -220,7 +224,7 @@ impl<R: Read> Read for Metered<R> {
 
 const RECORD_TOO_LONG: &str = "a line is too long";
 
-/// Puts into words why the record in `line`, which comes after `before`, cannot be read.
+/// Explains why the record in `line`, which comes after `before`, cannot be read.
 fn explained(error: csv::Error, before: u64, line: u64) -> DecodeError {
     match error.kind() {
         csv::ErrorKind::Io(reason) if reason.to_string() == RECORD_TOO_LONG => {

@@ -1,14 +1,15 @@
-//! The lines of a text, as an editor counts them.
+//! Counts the lines of a text as an editor does.
 
 use std::collections::VecDeque;
 
-/// Line breaks of a file that is read ahead of what is made of it. `\n`, `\r\n` and `\r` are one each.
+/// Counts the line breaks of a file that is read ahead of its records. `\n`, `\r\n` and `\r` are
+/// one break each.
 ///
-/// The reader of CSV counts lines as well, but a record of a file with `\r\n`, or after an empty line, has the number of the
-/// line before there.
+/// The CSV reader also counts lines. But in a file with `\r\n`, or after an empty line, it gives a
+/// record the number of the line before.
 #[derive(Debug, Default)]
 pub(super) struct Lines {
-    /// Bytes seen.
+    /// Number of bytes seen.
     bytes: u64,
     ends_in_return: bool,
     /// Positions of the breaks that were seen and not passed.
@@ -17,7 +18,7 @@ pub(super) struct Lines {
 }
 
 impl Lines {
-    /// Takes the bytes that follow in the file.
+    /// Takes the next bytes of the file.
     pub fn see(&mut self, bytes: &[u8]) {
         for (position, byte) in (self.bytes..).zip(bytes) {
             if is_break(*byte, self.ends_in_return) {
@@ -28,7 +29,8 @@ impl Lines {
         self.bytes += bytes.len() as u64;
     }
 
-    /// Goes on to where a record ends, `end` bytes into the file, and returns the line of its last byte.
+    /// Advances to the end of a record, `end` bytes into the file. Returns the line of the record's
+    /// last byte.
     pub fn pass(&mut self, end: u64) -> u64 {
         // The break that ends the record belongs to its line.
         while self.ahead.front().is_some_and(|position| position + 1 < end) {

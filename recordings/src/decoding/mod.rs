@@ -1,4 +1,4 @@
-//! The decoding itself, in the child process: rows of a file as frames on its standard output.
+//! Decodes in the child process: writes the rows of a file as frames to standard output.
 
 mod csv_rows;
 mod line_count;
@@ -33,26 +33,26 @@ pub(crate) enum DecodeError {
     Csv(#[from] CsvError),
     #[error(transparent)]
     Row(#[from] RowError),
-    #[error("the file is damaged: decoding it broke off ({0})")]
+    #[error("the file is damaged: decoding it failed ({0})")]
     Panic(String),
 }
 
-/// The whole work of a child process: decodes the file that is its standard input, as `spec` in JSON
-/// says, to its standard output.
+/// The main function of a child process. It decodes the file on its standard input according to
+/// `spec`, which is JSON, and writes to standard output.
 ///
 /// # Errors
-/// When the process cannot be limited, or nobody reads what it writes. A file that cannot be decoded
-/// is none: the other side is told.
+/// When the process cannot be limited, or nobody reads its output. A file that cannot be decoded is
+/// no error here: a frame reports it.
 pub fn decode_standard_input(spec: &str) -> io::Result<()> {
     let mut output = confine(io::stdout().lock())?;
-    // A panic is told in a frame; on standard error it would be told twice.
+    // A panic is reported in a frame, so standard error need not repeat it.
     std::panic::set_hook(Box::new(|_| {}));
     let spec: ImportSpec = serde_json::from_str(spec)?;
     let file = File::from(io::stdin().as_fd().try_clone_to_owned()?);
     decode(file, &spec, &mut output)
 }
 
-/// Decodes `file` and writes its rows as frames, which [`crate::Frames`] reads.
+/// Decodes `file` and writes its rows as frames. [`crate::Frames`] reads them.
 ///
 /// # Errors
 /// When `out` cannot be written.
@@ -97,12 +97,12 @@ impl<R: ChunkReader<T: 'static> + 'static> Source<R> {
     }
 }
 
-/// Tells the other side an error with all its causes.
+/// Reports an error with all its causes in a frame.
 fn refuse(error: &DecodeError, out: &mut impl Write) -> io::Result<()> {
     write_refusal(out, &faults::causes(error))
 }
 
-/// Decoders may panic over damaged bytes, which is the file's fault.
+/// Turns a panic into an error, because decoders may panic on damaged bytes.
 fn guarded<T>(decode: impl FnOnce() -> Result<T, DecodeError>) -> Result<T, DecodeError> {
     let panicked = |message: &str| Err(DecodeError::Panic(message.to_owned()));
     catch_unwind(AssertUnwindSafe(decode))

@@ -1,4 +1,4 @@
-//! Rows of a Parquet file, a row group after the other and a batch at a time.
+//! Rows of a Parquet file, one row group after the other and one batch at a time.
 
 use std::sync::Arc;
 
@@ -35,7 +35,7 @@ const MAGIC: &[u8] = b"PAR1";
 /// The footer's length and the magic bytes.
 const TAIL: usize = 8;
 
-/// Rows of a file: weeks at 1 kHz.
+/// The largest number of rows of a file: weeks at 1 kHz.
 const MAX_ROWS: u64 = 1_000_000_000;
 
 pub(super) struct ParquetRows<R> {
@@ -49,7 +49,7 @@ pub(super) struct ParquetRows<R> {
     next_row: u64,
 }
 
-/// The names of the columns by what they are.
+/// The names of the columns, by their meaning.
 struct Columns {
     time: Option<String>,
     recording: Option<String>,
@@ -58,10 +58,10 @@ struct Columns {
 
 impl<R: ChunkReader + 'static> ParquetRows<R> {
     /// # Errors
-    /// When the file is no Parquet, lacks a column, or has one that is not what is asked for.
+    /// When the file is not Parquet, a column is missing, or a column has an unsuitable type.
     pub fn open(file: R, spec: &ImportSpec) -> Result<Self, DecodeError> {
         check_ends(&file)?;
-        // The types are Parquet's own, whatever Arrow schema a writer left beside them.
+        // The types are Parquet's own. An Arrow schema that the writer added is ignored.
         let options = ArrowReaderOptions::new().with_skip_arrow_metadata(true);
         let metadata = ArrowReaderMetadata::load(&file, options)?;
         check_row_counts(metadata.metadata())?;
@@ -83,7 +83,7 @@ impl<R: ChunkReader + 'static> ParquetRows<R> {
         })
     }
 
-    /// The rows that follow, or `None` at the end.
+    /// The next rows; `None` at the end.
     ///
     /// # Errors
     /// When the file is damaged, or a value is missing.
@@ -106,7 +106,7 @@ impl<R: ChunkReader + 'static> ParquetRows<R> {
         }
     }
 
-    /// A decoder may come to its end early without saying so.
+    /// Checks that no rows are missing, because a decoder may end early without an error.
     fn check_end(&self) -> Result<(), DecodeError> {
         let claimed = self.metadata.metadata().file_metadata().num_rows().unsigned_abs();
         if self.next_row == claimed {
@@ -128,7 +128,8 @@ impl<R: ChunkReader + 'static> ParquetRows<R> {
         Ok(builder.with_batch_size(MAX_BATCH_ROWS).build()?)
     }
 
-    /// A decoder takes as many values as the row group has rows, and does not mind others.
+    /// Checks the number of values of a column. A decoder reads as many values as the row group has
+    /// rows, and ignores further ones.
     fn check_column(&self, row_group: usize, leaf: usize) -> Result<(), DecodeError> {
         let metadata = self.metadata.metadata().row_group(row_group);
         let column = metadata.column(leaf);
@@ -151,7 +152,7 @@ impl<R: ChunkReader + 'static> ParquetRows<R> {
     }
 }
 
-/// A file that the readers of its columns have at once.
+/// A file that several column readers share.
 struct SharedFile<R>(Arc<R>);
 
 impl<R> Clone for SharedFile<R> {
@@ -178,12 +179,14 @@ impl<R: ChunkReader> ChunkReader for SharedFile<R> {
     }
 }
 
-/// The decoder would refuse these as well, in words that help nobody.
+/// Checks the beginning and the end of the file. The decoder would also refuse these, but its
+/// messages do not help.
 fn check_ends<R: ChunkReader>(file: &R) -> Result<(), DecodeError> {
     let size = file.len();
-    let no_parquet = |reason: &str| Err(DecodeError::File(format!("it is no Parquet: {reason}")));
+    let no_parquet =
+        |reason: &str| Err(DecodeError::File(format!("it is not a Parquet file: {reason}")));
     if size < (MAGIC.len() + TAIL) as u64 {
-        return no_parquet(&format!("it has {size} bytes, and none has less than 12"));
+        return no_parquet(&format!("it has {size} bytes, and a Parquet file has at least 12"));
     }
     if *file.get_bytes(0, MAGIC.len())? != *MAGIC {
         return no_parquet("it does not begin with PAR1");
@@ -195,13 +198,13 @@ fn check_ends<R: ChunkReader>(file: &R) -> Result<(), DecodeError> {
     let length = u32::from_le_bytes([tail[0], tail[1], tail[2], tail[3]]);
     let room = size - (MAGIC.len() + TAIL) as u64;
     if u64::from(length) > room {
-        let reason = format!("its footer claims {length} bytes where {room} are");
+        let reason = format!("its footer claims {length} bytes, and there are {room}");
         return Err(DecodeError::File(reason));
     }
     Ok(())
 }
 
-/// The decoders of the other codecs are not part of this program.
+/// Checks the codec, because the program has no decoders for the others.
 fn check_codec(codec: Compression) -> Result<(), String> {
     match codec {
         Compression::UNCOMPRESSED
@@ -225,7 +228,7 @@ fn check_row_counts(metadata: &ParquetMetaData) -> Result<(), DecodeError> {
         rows = rows.saturating_add(count);
     }
     if rows > MAX_ROWS {
-        let reason = format!("it claims {rows} rows, allowed are {MAX_ROWS}");
+        let reason = format!("it claims {rows} rows, allowed: at most {MAX_ROWS}");
         return Err(DecodeError::File(reason));
     }
     if u64::try_from(claimed) != Ok(rows) {
@@ -235,7 +238,7 @@ fn check_row_counts(metadata: &ParquetMetaData) -> Result<(), DecodeError> {
     Ok(())
 }
 
-/// Columns inside others are not looked at.
+/// Finds the requested columns. Columns inside others are ignored.
 fn find_leaves(metadata: &ParquetMetaData, spec: &ImportSpec) -> Result<Vec<usize>, DecodeError> {
     let schema = metadata.file_metadata().schema_descr();
     let flat: Vec<(usize, &str)> = schema
@@ -308,7 +311,7 @@ impl Columns {
     }
 }
 
-/// A column without nulls.
+/// A column, after checking that it has no nulls.
 fn complete(batch: &RecordBatch, name: &str, first: u64) -> Result<ArrayRef, DecodeError> {
     let column = batch
         .column_by_name(name)
@@ -372,7 +375,7 @@ macro_rules! with_integers {
     };
 }
 
-/// Integers of more than 53 bits are rounded.
+/// The values as floats. Integers with more than 53 bits are rounded.
 fn floats(column: &ArrayRef) -> Result<Vec<f64>, DecodeError> {
     match column.data_type() {
         DataType::Float32 => {

@@ -1,4 +1,4 @@
-//! CSV files that are not as they should be.
+//! Faulty CSV files.
 
 use arrow_array::cast::AsArray;
 use arrow_array::types::Float64Type;
@@ -10,7 +10,7 @@ fn good() -> String {
     Recordings::of(&[40]).csv()
 }
 
-/// The file with the value of a column replaced in a row.
+/// The file with one value replaced, in this row and column.
 fn with(row: usize, column: usize, value: &str) -> String {
     let mut lines: Vec<String> = good().lines().map(str::to_owned).collect();
     let mut fields: Vec<&str> = lines[row + 1].split(',').collect();
@@ -59,7 +59,8 @@ fn a_value_that_is_no_number_is_named_with_its_place() {
     check_refused(with(7, 0, &"x".repeat(201)), &spec, &["line 9, column \"arm\"", "201 bytes"]);
 }
 
-/// The line that an editor shows, whatever ends the lines and however many are empty or belong to one value.
+/// The line number that an editor shows, for all line ends, with empty lines and with values of
+/// several lines.
 #[test]
 fn a_row_is_named_by_its_line_in_an_editor() {
     let spec = spec("csv", &json!({}));
@@ -77,7 +78,7 @@ fn a_row_is_named_by_its_line_in_an_editor() {
         let uneven = file.replacen("soon", "1,5", 1);
         check_refused(uneven, &spec, &[&format!("line {line} has 17 values")]);
     }
-    // Beyond what is read at once.
+    // More rows than are read at once.
     let good = Recordings::of(&[3000]).csv();
     let lines = good.lines().collect::<Vec<_>>();
     let late = format!("{}\r\narm 0,soon{}", lines[..2500].join("\r\n"), ",0".repeat(14));

@@ -1,4 +1,4 @@
-//! The child process: reused from file to file where many are decoded, and as the product has it.
+//! Child processes: one that is reused for many files, and one like the product's.
 
 use std::cell::RefCell;
 use std::io::{BufReader, Write};
@@ -33,7 +33,7 @@ impl Reused {
         Self { process, input, output }
     }
 
-    /// Says a file; a child that died over the file before is found by the answer.
+    /// Sends a file. If the child died over the file before, reading the answer detects it.
     fn say(&mut self, file: &[u8], spec: &ImportSpec) {
         let spec = serde_json::to_vec(spec).unwrap();
         let mut message = Vec::new();
@@ -56,9 +56,9 @@ thread_local! {
     static REUSED: RefCell<Option<Reused>> = const { RefCell::new(None) };
 }
 
-/// Has this thread's child decode a file, and `use_rows` use its rows.
+/// Decodes a file with this thread's child, and passes its rows to `use_rows`.
 ///
-/// A child that dies over a file is replaced.
+/// A child that dies is replaced.
 pub fn reused<T>(
     file: &[u8],
     spec: &ImportSpec,
@@ -69,7 +69,7 @@ pub fn reused<T>(
         reused.say(file, spec);
         let mut rows = Frames::new(&mut reused.output, spec);
         let result = use_rows(&mut rows);
-        // Rows that were not asked for would be taken for the next file's.
+        // Unread rows would be taken for those of the next file.
         let rest = rows.find(|rows| matches!(rows, Err(ImportError::Pipe(_))));
         if rest.is_some() || matches!(result, Err(ImportError::Pipe(_))) {
             *child = None;
@@ -82,7 +82,7 @@ fn program() -> DecoderProgram {
     DecoderProgram { program: PathBuf::from(PROGRAM), arguments: Vec::new() }
 }
 
-/// A file, decoded as the product does.
+/// Decodes a file in the same way as the product.
 pub fn import_alone(file: &[u8], spec: &ImportSpec) -> Result<Imported, ImportError> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("file");
@@ -120,7 +120,7 @@ fn a_program_that_cannot_be_started_may_be_there_at_the_next_attempt() {
     assert!(matches!(error, ImportError::Start(_)) && error.may_pass(), "{error:?}");
 }
 
-/// How the child `sh -c SCRIPT` ends.
+/// The error when the child is `sh -c SCRIPT`.
 fn end_of(script: &str) -> ImportError {
     let arguments = vec!["-c".to_owned(), script.to_owned()];
     let program = DecoderProgram { program: "/bin/sh".into(), arguments };
@@ -171,7 +171,8 @@ fn a_decoder_that_nobody_wants_any_more_ends() {
     assert!(!std::path::Path::new("/proc").join(pid.trim()).exists());
 }
 
-/// Its standard input, which this test holds, is still open. A shell gives what runs beside it another
+/// The child's standard input, which this test holds, is still open. A shell replaces the standard
+/// input of background commands, so it is passed as descriptor 3.
 /// one, so it goes by way of number 3.
 #[cfg(target_os = "linux")]
 #[test]

@@ -1,7 +1,7 @@
-//! Damaged files: an error is fine, a panic that gets out, an abort or a full memory is not.
+//! Damaged files. An error is fine; an escaped panic, an abort or full memory is not.
 //!
 //! `MUTATIONS=1000000 cargo nextest run --cargo-profile release -p worker -E 'test(damaged_file)'`
-//! tries so many instead of the usual.
+//! runs this many mutations instead of the usual number.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -13,7 +13,7 @@ use super::{Recordings, import, parquet, small_pages, spec};
 
 const USUAL_MUTATIONS: u64 = 100_000;
 
-/// Bytes of memory that converting a damaged file of a few kilobytes may take.
+/// Limit of the memory for converting a damaged file of a few kilobytes, in bytes.
 const ENOUGH: u64 = 1 << 30;
 
 #[test]
@@ -24,7 +24,7 @@ fn no_damaged_file_takes_the_worker_along() {
     for (file, spec) in &files {
         import(file.clone(), spec).unwrap();
     }
-    // The decoder's panics are caught; their messages would be thousands of lines.
+    // The decoder's panics are caught, and their messages would be thousands of lines.
     std::panic::set_hook(Box::new(|_| {}));
     let imported = AtomicUsize::new(0);
     let threads = 2;
@@ -65,7 +65,8 @@ fn originals() -> Vec<(Vec<u8>, ImportSpec)> {
     files
 }
 
-/// One to four damages: bits, bytes, numbers, cuts, doublings, most of them where structure is.
+/// Applies one to four damages: bits, bytes, numbers, cuts, doublings. Most of them hit the file's
+/// structure.
 fn damage(file: &[u8], random: &mut ChaCha8Rng) -> Vec<u8> {
     let mut file = file.to_vec();
     for _ in 0..=below(random, 4) {
@@ -97,7 +98,7 @@ fn damage(file: &[u8], random: &mut ChaCha8Rng) -> Vec<u8> {
     file
 }
 
-/// Half of the damages hit the last quarter, where Parquet keeps its footer.
+/// A place to damage. Half of them are in the last quarter, where Parquet has its footer.
 fn place(file: &[u8], random: &mut ChaCha8Rng) -> usize {
     let footer = file.len() / 4;
     match below(random, 2) {
@@ -110,7 +111,7 @@ fn below(random: &mut ChaCha8Rng, end: usize) -> usize {
     usize::try_from(random.next_u64() % end as u64).unwrap()
 }
 
-/// `VmHWM` of this process: the most it ever had.
+/// `VmHWM` of this process: the most memory that it ever used.
 fn peak_memory() -> u64 {
     let status = std::fs::read_to_string("/proc/self/status").unwrap();
     let line = status.lines().find(|line| line.starts_with("VmHWM:")).unwrap();

@@ -1,4 +1,4 @@
-//! Files that would take the memory of whoever decodes them.
+//! Files that would exhaust the memory of a process that decodes them.
 
 use std::sync::Arc;
 
@@ -15,7 +15,7 @@ fn error(file: &[u8]) -> ImportError {
     import_alone(file, &spec("parquet", &json!({}))).err().unwrap()
 }
 
-/// Recordings of 1000 rows with one name, `length` bytes long, once in a dictionary.
+/// Recordings of 1000 rows with one name of `length` bytes, which is stored once in a dictionary.
 fn long_name(length: usize) -> Vec<u8> {
     let mut columns = Recordings::of(&[1000]).columns();
     let names = Arc::new(StringArray::from(vec!["x".repeat(length)]));
@@ -35,7 +35,7 @@ fn a_long_name_is_refused_by_its_length() {
     );
 }
 
-/// Four gigabytes of names come out of a file of four megabytes.
+/// Four gigabytes of names come from a file of four megabytes.
 #[test]
 fn a_file_of_which_too_much_comes_out_is_refused_at_the_limit() {
     let error = error(&long_name(4 << 20));
@@ -45,7 +45,7 @@ fn a_file_of_which_too_much_comes_out_is_refused_at_the_limit() {
     assert!(text.contains("more than 1024 MiB of memory"), "{text}");
 }
 
-/// Positions sway from -1 to 1 rad, and joint 2 of this arm may go from -2.6 to 0.4.
+/// Positions move between -1 and 1 rad, and joint 2 of this arm may only move from -2.6 to 0.4.
 #[test]
 fn a_recording_that_leaves_the_limits_of_its_robot_is_refused_unless_ranges_allow_it() {
     let arm: serde_json::Value =
@@ -71,7 +71,8 @@ fn a_recording_that_leaves_the_limits_of_its_robot_is_refused_unless_ranges_allo
     assert!(imported.samples.column_by_name("u7").is_none());
 }
 
-/// `FileMetaData` whose field 2, the tree of columns, has `claimed` elements: these.
+/// `FileMetaData` whose field 2, the tree of columns, claims to have `claimed` elements, but has
+/// only these.
 fn with_footer(claimed: u32, columns: &[u8]) -> Vec<u8> {
     let mut footer = vec![0x15, 0x04, 0x19, 0xfc];
     let mut rest = claimed;
@@ -90,7 +91,7 @@ fn with_footer(claimed: u32, columns: &[u8]) -> Vec<u8> {
     file
 }
 
-/// A column or group that is called `c`.
+/// A column or group with the name `c`.
 fn column(children: u8) -> [u8; 6] {
     [0x48, 0x01, b'c', 0x15, children << 1, 0x00]
 }

@@ -1,4 +1,4 @@
-//! Files as others write them, good and bad, and what becomes of them.
+//! Imports of good and bad files from different writers.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -20,7 +20,7 @@ use serde_json::{Value, json};
 use spec::{ImportSpec, JobSpec};
 use wire::ImportCounts;
 
-/// Recordings of an arm that sways, as one table.
+/// Recordings of a moving arm, as one table.
 #[derive(Clone)]
 struct Recordings {
     names: Vec<String>,
@@ -30,7 +30,7 @@ struct Recordings {
 }
 
 impl Recordings {
-    /// One recording of each length, at 60 Hz.
+    /// One recording per length, at 60 Hz.
     fn of(lengths: &[usize]) -> Self {
         let mut recordings =
             Self { names: Vec::new(), times: Vec::new(), channels: vec![Vec::new(); 14] };
@@ -102,7 +102,7 @@ fn small_pages() -> WriterProperties {
         .build()
 }
 
-/// A spec for [`Recordings`]: trajectories of 40 samples, unless `fields` say otherwise.
+/// A spec for [`Recordings`], with trajectories of 40 samples unless `fields` change it.
 fn spec(format: &str, fields: &Value) -> ImportSpec {
     let names = channel_names();
     let mut spec = json!({
@@ -118,12 +118,12 @@ fn spec(format: &str, fields: &Value) -> ImportSpec {
     }
 }
 
-/// What comes out of a file.
+/// The result of importing a file.
 struct Imported {
     samples: RecordBatch,
     table: RecordBatch,
     counts: ImportCounts,
-    /// Rows of samples as they were handed on.
+    /// Number of rows of samples in each part that was handed on.
     parts: Vec<usize>,
 }
 
@@ -148,7 +148,8 @@ fn convert(
     Ok(Imported { samples: whole(&samples), table: whole(&table), counts, parts })
 }
 
-/// The trajectories of a file, or the error; decoded by a process that stays for the next file.
+/// The trajectories of a file, or the error. The file is decoded by a process that stays for the
+/// next file.
 fn import(file: impl Into<Vec<u8>>, spec: &ImportSpec) -> Result<Imported, String> {
     decoder::reused(&file.into(), spec, |rows| convert(rows, spec))
         .map_err(|error| error.to_string())

@@ -1,4 +1,4 @@
-//! Parquet files that are not as they should be.
+//! Faulty Parquet files.
 
 use std::sync::Arc;
 
@@ -14,7 +14,7 @@ use serde_json::json;
 
 use super::{Recordings, check_refused, error, import, ints, parquet_of, small_pages, spec};
 
-/// As different writers would.
+/// Options of different writers.
 pub(super) fn variants() -> Vec<WriterProperties> {
     let of = WriterProperties::builder;
     let encoded = |encoding| {
@@ -127,7 +127,7 @@ fn every_beginning_of_a_file_is_refused() {
 #[test]
 fn what_is_no_parquet_is_refused() {
     let spec = spec("parquet", &json!({}));
-    check_refused("", &spec, &["no Parquet", "0 bytes"]);
+    check_refused("", &spec, &["not a Parquet file", "0 bytes"]);
     check_refused(Recordings::of(&[40]).csv(), &spec, &["does not begin with PAR1"]);
     check_refused(b"PAR1........PAR1", &spec, &["footer claims"]);
     let mut encrypted = Recordings::of(&[40]).parquet(small_pages());
@@ -136,7 +136,7 @@ fn what_is_no_parquet_is_refused() {
     check_refused(encrypted, &spec, &["encrypted"]);
 }
 
-/// A billion equal rows fit into a few bytes; the decoder would believe the page.
+/// A billion equal rows fit into a few bytes, and the decoder would believe the page.
 #[test]
 fn a_page_with_more_values_than_the_row_group_is_refused() {
     let spec = spec("parquet", &json!({}));

@@ -1,4 +1,4 @@
-//! What the tables of a dataset get from a file.
+//! The contents of a dataset's tables after an import.
 
 use arrow_array::cast::AsArray;
 use arrow_array::types::{Float32Type, Float64Type, Int32Type, Int64Type};

@@ -1,6 +1,6 @@
 use std::fs;
 
-/// The machine in a few words: processor, cores, memory.
+/// A short description of the machine: processor, cores, memory.
 pub fn describe() -> String {
     let processor = fs::read_to_string("/proc/cpuinfo").ok().and_then(|text| {
         let line = text.lines().find(|line| line.starts_with("model name"))?;

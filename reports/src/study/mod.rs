@@ -1,4 +1,4 @@
-//! The paper's study: one pipeline, and a folder that says what came of it.
+//! The paper's study: one pipeline, and a folder with the report.
 
 mod machine;
 mod plan;

@@ -5,12 +5,12 @@ use clap::ValueEnum;
 use serde_json::json;
 use spec::{JobSpec, PipelineSpec, StudyPlan, StudyScale};
 
-/// How much of the study is done.
+/// The scale of the study.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Scale {
-    /// Every kind of job, in twenty minutes on two cores; too small to conclude from
+    /// Every kind of job, in twenty minutes on two cores; too small for conclusions
     Tiny,
-    /// Tiny models, trained for long enough to compare, in some hours on two cores
+    /// Tiny models, trained long enough to compare them, in some hours on two cores
     Small,
     /// The paper's sizes
     Paper,
@@ -45,7 +45,7 @@ impl Plan {
         Ok(Self { scale, parts: StudyPlan::of(scale.of_spec()), pipeline })
     }
 
-    /// What is submitted.
+    /// The JSON that is submitted.
     pub fn request(scale: Scale) -> Vec<u8> {
         json!({"preset": scale.of_spec().preset()}).to_string().into_bytes()
     }

@@ -1,4 +1,4 @@
-//! What a study computed: what its report is made of.
+//! The results of a study, from which its report is made.
 
 use serde::Serialize;
 use spec::{Digest, Family, PipelineSpec, StudyEvaluation, StudyQuestion, StudyTraining};
@@ -6,11 +6,11 @@ use wire::{PredictorInfo, Report, Shift, ShiftScores, ShiftSummary};
 
 use super::plan::Scale;
 
-/// What a study computed.
+/// The results of a study.
 #[derive(Debug)]
 pub struct Study {
     pub scale: Scale,
-    /// Every job with all its defaults.
+    /// Every job, with all defaults filled in.
     pub spec: PipelineSpec,
     /// The pipeline's job.
     pub pipeline: JobRecord,
@@ -18,17 +18,17 @@ pub struct Study {
     pub evaluations: Vec<Evaluation>,
 }
 
-/// Where numbers come from.
+/// The record of a job that computed numbers.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct JobRecord {
-    /// In the pipeline.
+    /// The job's name in the pipeline.
     pub name: String,
     pub job: i64,
-    /// Of its spec, and with it of everything it was made from.
+    /// The digest of its spec, which covers everything that it was made from.
     pub digest: Digest,
-    /// From start to end, on the machine that computed it.
+    /// Seconds from start to end, on the machine that computed it.
     pub seconds: Option<f64>,
-    /// It was computed before this study asked for it.
+    /// Whether it was computed before this study was submitted.
     pub reused: bool,
 }
 
@@ -50,7 +50,7 @@ pub struct Evaluation {
     pub files: Vec<File>,
 }
 
-/// Something that an evaluation left.
+/// A file that an evaluation left.
 #[derive(Debug)]
 pub struct File {
     pub name: String,
@@ -58,7 +58,7 @@ pub struct File {
 }
 
 impl Study {
-    /// The number of training sets, D1 being the first.
+    /// The number of training sets, beginning with D1.
     pub fn sets(&self) -> usize {
         self.evaluations.iter().map(|evaluation| evaluation.plan.set).max().unwrap_or(0)
     }
@@ -75,7 +75,7 @@ impl Study {
         training.map_or(&predictor.name, |training| &training.plan.model)
     }
 
-    /// The same of a predictor that the report of `evaluation` names.
+    /// The name of a predictor that the report of `evaluation` mentions.
     pub fn called<'a>(&'a self, evaluation: &'a Evaluation, predictor: &'a str) -> &'a str {
         let info = evaluation.report.predictors.iter().find(|info| info.name == predictor);
         info.map_or(predictor, |info| self.name_of(info))

@@ -3,25 +3,26 @@ use std::fmt;
 use super::spec::EvaluateSpec;
 use crate::{DataSpec, Family};
 
-/// Scenarios of data without a frequency grid, unless a spec asks for another number.
+/// Default number of scenarios for data without a frequency grid.
 pub const UNGRIDDED_SCENARIOS: u32 = 1000;
 
-/// Scenarios that are evaluated by one task and summarized together.
+/// Scenarios that one task evaluates and that are summarized together.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ScenarioCell {
-    /// Family and master frequency, Hz; `None` of data without a grid.
+    /// Family and master frequency in Hz; `None` for data without a grid.
     pub excitation: Option<(Family, f64)>,
     /// Index of the first trajectory.
     pub first: u64,
-    /// Number of trajectories; of recordings at most, since only their file tells how many there are.
+    /// Number of trajectories. For recordings it is an upper limit, because only their file tells
+    /// the number.
     pub count: u64,
-    /// Standard deviation of the noise that is added to the positions of contexts, rad.
+    /// Standard deviation of the noise added to the positions of contexts, rad.
     pub position_noise_rad: f64,
 }
 
 impl EvaluateSpec {
-    /// What is evaluated of `data`, in order: one cell per family and frequency of its grid, or one
-    /// of all. They come once for each level of noise, level after level.
+    /// The cells of an evaluation of `data`, in order: one per family and frequency of its grid, or
+    /// a single one. They are repeated for each level of noise.
     pub fn cells(&self, data: &DataSpec) -> Vec<ScenarioCell> {
         let levels = self.position_noise_rad.iter();
         levels.flat_map(|&level| self.cells_at(data, level)).collect()
@@ -46,7 +47,7 @@ impl EvaluateSpec {
     }
 }
 
-/// As tables and tasks call it.
+/// The cell's name in tables and tasks.
 impl fmt::Display for ScenarioCell {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.excitation {

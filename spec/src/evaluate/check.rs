@@ -1,13 +1,13 @@
-//! What values an evaluation may have.
+//! Checks the values of an evaluation.
 
 use super::spec::EvaluateSpec;
 use crate::MAX_POSITION_NOISE_RAD;
 use crate::check::{Check, Report};
 
-/// Samples of one scenario and predictor, at most.
+/// Largest number of samples of one predictor per scenario.
 const MAX_SAMPLES: u32 = 256;
 
-/// Levels of noise, each of which asks all there is to ask.
+/// Largest number of noise levels. Each repeats the whole evaluation.
 const MAX_LEVELS: usize = 10;
 
 impl Check for EvaluateSpec {

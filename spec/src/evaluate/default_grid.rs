@@ -1,4 +1,4 @@
-//! The data of an evaluation that names none.
+//! The default data of an evaluation.
 
 use serde_json::{Map, Value, json};
 
@@ -6,16 +6,16 @@ use super::spec::EvaluateSpec;
 use crate::fields::from_fields;
 use crate::{DataSource, SpecError, Violation};
 
-/// Samples in the horizon where neither the spec nor its data says how many.
+/// Default horizon in samples, if the data has no length either.
 const HORIZON: u32 = 80;
 
-/// Its own, so that no training shares its robots.
+/// A seed of its own, so that no training shares its robots.
 const SEED: u64 = 1_000_003;
 
-/// Robots at each frequency.
+/// Number of robots at each frequency.
 const SCENARIOS: u32 = 100;
 
-/// An evaluation from its JSON, without checking its values.
+/// Reads an evaluation from JSON, without checking its values.
 pub(super) fn read(
     mut fields: Map<String, Value>,
     found: Vec<Violation>,
@@ -31,7 +31,7 @@ pub(super) fn read(
     Ok(spec)
 }
 
-/// The frequencies of the test grids, Hz: of chirps, and of multisines.
+/// The frequencies of the test grids in Hz: of chirps and of multisines.
 fn test_grids() -> [Vec<f64>; 2] {
     let chirp = (1..=10).map(|k| f64::from(k) / 10.0).collect();
     [chirp, vec![0.01, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5]]
@@ -50,9 +50,10 @@ fn stream_over_grid() -> Value {
 }
 
 impl EvaluateSpec {
-    /// As many robots and samples as are asked for.
+    /// Sets the numbers of robots and samples that the evaluation needs.
     fn fit_grid(&mut self) {
-        /// Of a simulation; what is beyond is told of `context`, `horizon` or `rounds`.
+        /// The most samples of a simulation. If more are needed, the error is reported for
+        /// `context`, `horizon` or `rounds`.
         const MOST: u32 = 10_000;
         let asked = [self.context, self.horizon.unwrap_or(HORIZON), self.rounds()];
         let samples = asked.into_iter().fold(0, u32::saturating_add).clamp(2, MOST);

@@ -1,4 +1,4 @@
-//! Whether an evaluation fits the data and the checkpoints it refers to.
+//! Checks that an evaluation fits its data and its checkpoints.
 
 use super::check::first_repeated;
 use super::sampler::{SamplingRun, Start};
@@ -53,7 +53,7 @@ impl EvaluateSpec {
         report.finish()
     }
 
-    /// The horizon, of trajectories that are long enough.
+    /// The horizon, if the trajectories are long enough.
     fn check_length(&self, samples: u32, report: &mut Report) -> Option<u32> {
         let rounds = self.rounds();
         let horizon = self.horizon(samples).max(1);
@@ -81,7 +81,7 @@ impl EvaluateSpec {
         None
     }
 
-    /// Whether a training's denoiser can be sampled as this evaluation asks.
+    /// Checks that a training's denoiser supports the requested samplers.
     fn check_runs(&self, checkpoint: &str, training: &TrainSpec, report: &mut Report) {
         let Some(generation) = training.model.generation() else { return };
         let runs = self.sampling_runs(&training.model);

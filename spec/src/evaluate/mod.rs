@@ -1,4 +1,4 @@
-//! An evaluation: who predicts what, and how the answers are scored.
+//! Evaluations: the predictors, their task and the scores.
 
 mod cells;
 mod check;

@@ -1,4 +1,4 @@
-//! How denoisers are sampled in an evaluation.
+//! Samplers of denoisers in an evaluation.
 
 use std::fmt;
 
@@ -9,15 +9,15 @@ use super::spec::EvaluateSpec;
 use crate::check::{Check, Report};
 use crate::{ModelSpec, SamplerKind, SamplerSpec, Spacing};
 
-/// What each denoiser, flows included, is asked with if its kind suits it, once for each number of
-/// steps. What is left out is as its training says.
+/// A sampler for each denoiser, flows included, that supports its kind. It is used once for each
+/// number of steps. Options that are left out come from the training.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct EvaluationSampler {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub kind: Option<SamplerKind>,
-    /// Steps of the sampler, at most `diffusion.steps`: a number or a list of them. With a start that is
-    /// not cold, they are the last so many noise levels, one by one.
+    /// Steps of the sampler, at most `diffusion.steps`: a number or a list of numbers. With a warm
+    /// start, these are the last noise levels, one by one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub steps: Option<SamplerSteps>,
     /// Share of DDPM's noise that DDIM adds again at each step.
@@ -36,24 +36,26 @@ pub enum SamplerSteps {
     Each(Vec<u32>),
 }
 
-/// What a sampler begins with.
+/// The starting point of a sampler.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Start {
-    /// Noise.
+    /// Starts from noise.
     #[default]
     Cold,
-    /// The prediction of one sample ago, moved on by one, its last position held, and noised: honest
-    /// receding horizon, whose first prediction began cold with all steps.
+    /// Starts from the prediction of one sample ago, shifted by one, with its last position held,
+    /// and with noise. This is an honest receding horizon: the first prediction starts cold with
+    /// all steps.
     Shifted,
-    /// The true horizon, noised: it holds what is to be predicted, and is labelled so everywhere.
+    /// Starts from the true horizon with noise. It contains what is to be predicted, and is
+    /// labelled so everywhere.
     Oracle,
 }
 
-/// One way in which a denoiser is sampled.
+/// One way of sampling a denoiser.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SamplingRun {
-    /// Of a cold start; all others take as many of its last levels as there are `steps`.
+    /// The sampler of a cold start. Other starts take the last `steps` of its levels.
     pub sampler: SamplerSpec,
     pub steps: u32,
     pub start: Start,
@@ -79,12 +81,12 @@ impl fmt::Display for Start {
 }
 
 impl SamplingRun {
-    /// What runs that differ in steps alone have in common, e.g. `ddim shifted`.
+    /// The name that runs share if they differ only in steps, e.g. `ddim shifted`.
     pub fn curve(&self) -> String {
         self.label(None)
     }
 
-    /// E.g. `ddim 5 shifted`; different for different runs of one model.
+    /// The name of the run, e.g. `ddim 5 shifted`. It differs for each run of a model.
     pub fn name(&self) -> String {
         self.label(Some(self.steps))
     }
@@ -96,7 +98,7 @@ impl SamplingRun {
         if eta != 0.0 {
             parts.push(format!("eta {eta}"));
         }
-        // Nothing of the spacing shows where levels are visited one by one.
+        // The spacing has no effect if levels are visited one by one.
         if self.start == Start::Cold && spacing != Spacing::default() {
             parts.push(format!("{spacing:?}").to_lowercase());
         }
@@ -106,7 +108,7 @@ impl SamplingRun {
 }
 
 impl EvaluateSpec {
-    /// How `model` is sampled, in order; empty unless it can be with some of the `samplers`.
+    /// The ways of sampling `model`, in order. Empty if none of the `samplers` fits it.
     pub fn sampling_runs(&self, model: &ModelSpec) -> Vec<SamplingRun> {
         let (Some(generation), Some(own)) = (model.generation(), model.sampler()) else {
             return Vec::new();
@@ -117,7 +119,8 @@ impl EvaluateSpec {
 }
 
 impl EvaluationSampler {
-    /// Whether `model` can be sampled in this way: a flow in others than what removes noise by levels.
+    /// Whether the sampler fits `model`. Flows need other samplers than models that remove noise by
+    /// levels.
     pub(crate) fn suits(&self, model: &ModelSpec) -> bool {
         model.generation().is_some_and(|generation| {
             self.kind.is_none_or(|kind| generation.samplers().contains(&kind))
@@ -130,7 +133,8 @@ impl EvaluationSampler {
         let run = |steps: u32| {
             let sampler = SamplerSpec {
                 kind,
-                // A warm start visits levels one by one, and the first prediction visits all.
+                // A warm start visits levels one by one, and the first prediction visits all of
+                // them.
                 steps: (self.start == Start::Cold).then_some(steps),
                 eta: self.eta.unwrap_or(own_eta),
                 spacing: self.spacing.unwrap_or(own.spacing),

@@ -4,53 +4,56 @@ use utoipa::ToSchema;
 use super::sampler::{EvaluationSampler, Start};
 use crate::{CheckpointRef, DataSource, Execution};
 
-/// Windows before the scored one, where a sampler goes on from its own predictions.
+/// Default number of windows before the scored one, in which a sampler continues its own
+/// predictions.
 const ROUNDS: u32 = 8;
 
-/// Compare predictors on the same scenarios: in cells, one per excitation family and frequency of the
-/// data's grid. Data without a grid is one cell.
+/// Compares predictors on the same scenarios. There is one cell per excitation family and frequency
+/// of the data's grid. Data without a grid is one cell.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct EvaluateSpec {
-    /// Left out, a stream over the paper's frequencies and those beyond: chirps from 0.1 to 1 Hz and
-    /// multisines from 0.01 to 0.5 Hz, with as many samples as are needed.
+    /// Default: a stream over the paper's frequencies and beyond, with chirps from 0.1 to 1 Hz,
+    /// multisines from 0.01 to 0.5 Hz and the number of samples that is needed.
     #[schema(required = false)]
     pub data: DataSource,
     #[serde(default)]
     pub checkpoints: Vec<CheckpointRef>,
     #[serde(default = "Baseline::all")]
     pub baselines: Vec<Baseline>,
-    /// Samples every predictor is given.
+    /// Number of samples that every predictor is given.
     #[serde(default = "context")]
     pub context: u32,
-    /// Samples it has to predict; left out, what the data has after `rounds` and `context`.
+    /// Number of samples to predict. Default: all samples of the data after `rounds` and `context`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub horizon: Option<u32>,
-    /// Samples, and so windows, before the scored window: predictions that start `shifted` begin so
-    /// many control periods earlier. Left out, 8 when there are such, else 0.
+    /// Number of samples, and so of windows, before the scored window. Predictions that start
+    /// `shifted` begin this many control periods earlier. Default: 8 if there are such predictions,
+    /// and 0 otherwise.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rounds: Option<u32>,
-    /// Scenarios of each cell, its first; left out, all of them, and of data without a grid the first
-    /// 1000.
+    /// Number of scenarios of each cell, taken from its beginning. Default: all; for data without a
+    /// grid 1000.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub scenarios: Option<u32>,
-    /// How denoisers are sampled: each with each. Without any, each as its training says.
+    /// Samplers of denoisers. Each denoiser is evaluated with each of them. Without any, each uses
+    /// the sampler of its training.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub samplers: Vec<EvaluationSampler>,
-    /// Predictions of each scenario, 1 to 256, by the models that have several; from 2 on they are
-    /// scored as a distribution.
+    /// Number of predictions per scenario, 1 to 256, by models that can give several. From 2 on
+    /// they are scored as a distribution.
     #[serde(default = "one", skip_serializing_if = "is_one")]
     pub samples: u32,
-    /// Standard deviations of Gaussian noise that is added to the positions of contexts, rad: 1 to 10 of
-    /// them, 0 to 0.1. Every predictor is asked at each, and knows which. The noise of the data itself
-    /// comes on top. Errors are those against the true positions.
+    /// Standard deviations of Gaussian noise that is added to the positions of contexts, rad: 1 to
+    /// 10 values from 0 to 0.1. Every predictor is evaluated at each value, and knows it. The
+    /// data's own noise comes in addition. Errors are measured against the true positions.
     #[serde(default = "noiseless", skip_serializing_if = "is_noiseless")]
     pub position_noise_rad: Vec<f64>,
-    /// Key of the samples' noise and of that of positions.
+    /// Seed of the noise of samples and of positions.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub seed: u64,
-    /// Also measure how long one prediction takes. What comes out depends on the machine and its load,
-    /// unlike all else of an evaluation.
+    /// Also measures how long one prediction takes. Unlike everything else in an evaluation, the
+    /// result depends on the machine and its load.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub latency: Option<LatencySpec>,
     #[serde(default)]
@@ -59,11 +62,11 @@ pub struct EvaluateSpec {
     pub execution: Execution,
 }
 
-/// How latencies are measured: one prediction after the other, of a single robot.
+/// Options of the latency measurement: predictions for a single robot, one after the other.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct LatencySpec {
-    /// Predictions timed for each checkpoint and sampler, 20 to 10 000.
+    /// Number of timed predictions for each checkpoint and sampler, 20 to 10 000.
     pub repeats: u32,
 }
 
@@ -77,28 +80,29 @@ impl Default for LatencySpec {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Baseline {
-    /// The last context position, held.
+    /// Holds the last position of the context.
     HoldLast,
     /// q̇ = u / D with the nominal damping D, from the last context position.
     DampedIntegrator,
-    /// q̇ = u / D with D of each joint of each robot fitted to its context.
+    /// q̇ = u / D, with D of each joint fitted to each robot's context.
     FittedDamping,
-    /// v' = a·v + g·u + b per joint, with a, g and b of each robot fitted to its context.
+    /// v' = a·v + g·u + b per joint, with a, g and b fitted to each robot's context.
     LeastSquares,
-    /// As `least-squares`, of a higher order and coupled to the torques of all joints where that
-    /// predicts the end of the context better.
+    /// Like `least-squares`. It uses a higher order, and couples the torques of all joints, where
+    /// that predicts the end of the context better.
     Arx,
-    /// The nominal arm, simulated.
+    /// Simulates the nominal arm.
     NominalSimulator,
-    /// The same with the dampings of each robot fitted to its context through the simulator.
+    /// Simulates the nominal arm with dampings fitted to each robot's context through the
+    /// simulator.
     SimulatorFittedDamping,
-    /// The dynamic parameters of each robot fitted to its context through the simulator, from those of
-    /// the nominal arm: what an expert with a model at hand would do.
+    /// Fits the dynamic parameters of each robot to its context through the simulator, starting
+    /// from those of the nominal arm. An expert with a model would do this.
     Identification,
 }
 
 impl Baseline {
-    /// From the plainest to the one that knows most.
+    /// All baselines, from the simplest to the one that knows most.
     pub fn all() -> Vec<Self> {
         vec![
             Self::HoldLast,
@@ -112,7 +116,7 @@ impl Baseline {
         ]
     }
 
-    /// What it knows of the arms before it sees a context.
+    /// Its knowledge about the arms before it sees a context.
     pub const fn told(self) -> &'static str {
         match self {
             Self::HoldLast | Self::FittedDamping | Self::LeastSquares | Self::Arx => "nothing",
@@ -124,7 +128,7 @@ impl Baseline {
     }
 }
 
-/// Percentile bootstrap over scenarios for the 95 % intervals.
+/// Percentile bootstrap over scenarios, for the 95 % confidence intervals.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Bootstrap {
@@ -163,12 +167,12 @@ const fn is_zero(value: &u64) -> bool {
 }
 
 impl EvaluateSpec {
-    /// Windows before the scored one.
+    /// Number of windows before the scored one.
     pub fn rounds(&self) -> u32 {
         self.rounds.unwrap_or(if self.starts_shifted() { ROUNDS } else { 0 })
     }
 
-    /// Samples to predict, of trajectories with `samples`; 0 when they are too short for any.
+    /// Number of samples to predict in trajectories with `samples`; 0 if they are too short.
     pub fn horizon(&self, samples: u32) -> u32 {
         let rest = samples.saturating_sub(self.context).saturating_sub(self.rounds());
         self.horizon.unwrap_or(rest)

@@ -1,4 +1,4 @@
-//! What values an import may have.
+//! Checks the values of an import.
 
 use super::spec::{ImportColumns, ImportRanges, ImportSpec, Resampling, Split};
 use crate::check::{Check, Report};

@@ -4,7 +4,7 @@ use super::spec::ImportSpec;
 use crate::{Column, ColumnType};
 
 impl ImportSpec {
-    /// Of the table with a row per time step.
+    /// Columns of the table with one row per time step.
     pub fn trajectory_columns(&self) -> Vec<Column> {
         let joints = self.joints();
         let mut columns = vec![Column::trajectory(), Column::step()];
@@ -15,7 +15,7 @@ impl ImportSpec {
         columns
     }
 
-    /// Of the table with a row per trajectory: where in the file it comes from.
+    /// Columns of the table with one row per trajectory, which say where in the file it comes from.
     pub fn table_columns(&self) -> Vec<Column> {
         vec![
             Column::trajectory(),

@@ -36,7 +36,7 @@ impl KindSpec for ImportSpec {
     }
 }
 
-/// A recording of a robot that is named has its limits wherever `ranges` says nothing else.
+/// Leaves the limits to the named robot where `ranges` gives none.
 fn leave_ranges_to_robot(fields: &mut Map<String, Value>) {
     let ranges = fields.entry("ranges").or_insert_with(|| Map::new().into());
     let Value::Object(ranges) = ranges else { return };

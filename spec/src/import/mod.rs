@@ -1,4 +1,4 @@
-//! An import: somebody's own recordings, made a dataset like any other.
+//! Imports: recordings that become a dataset like any other.
 
 mod check;
 mod columns;

@@ -3,10 +3,10 @@ use utoipa::ToSchema;
 
 use crate::{Digest, Execution, Range, RobotModel, RobotSpec};
 
-/// Turn an uploaded file into a dataset.
+/// Turns an uploaded file into a dataset.
 ///
-/// Rows are samples in rising time: positions as they were, and the torques applied from then on.
-/// Each recording is cut into trajectories as `split` says.
+/// Rows are samples, sorted by time. They have the measured positions, and the torques applied from
+/// then on. `split` says how recordings are cut into trajectories.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ImportSpec {
@@ -14,8 +14,8 @@ pub struct ImportSpec {
     pub file: Digest,
     pub format: FileFormat,
     pub columns: ImportColumns,
-    /// The arm that was recorded, as a simulation has it; baselines know this much of it. Left out, it is a
-    /// Panda whose limits are not checked.
+    /// The recorded arm, with the same fields as in a simulation. Baselines know this about it.
+    /// Default: a Panda whose limits are not checked.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub robot: Option<RobotSpec>,
     #[serde(default)]
@@ -27,11 +27,11 @@ pub struct ImportSpec {
     pub rate_hz: f64,
     #[serde(default)]
     pub resampling: Resampling,
-    /// The longest time between two samples, in s, that resampling bridges; more is a pause, and the
-    /// file is refused.
+    /// The longest time between two samples that resampling bridges, s. A longer pause in the file
+    /// is refused.
     #[serde(default = "defaults::max_gap_s")]
     pub max_gap_s: f64,
-    /// Samples per trajectory.
+    /// Number of samples per trajectory.
     #[serde(default = "defaults::samples")]
     pub samples: u32,
     #[serde(default)]
@@ -44,7 +44,7 @@ pub struct ImportSpec {
 #[serde(rename_all = "kebab-case")]
 pub enum FileFormat {
     Parquet,
-    /// With a header line, comma-separated.
+    /// Comma-separated values with a header line.
     Csv,
 }
 
@@ -58,7 +58,7 @@ impl FileFormat {
         }
     }
 
-    /// The media type under which a file of this format is sent.
+    /// The media type of an uploaded file in this format.
     pub const fn media_type(self) -> &'static str {
         match self {
             Self::Parquet => "application/vnd.apache.parquet",
@@ -67,31 +67,33 @@ impl FileFormat {
     }
 }
 
-/// Which column of the file is what.
+/// The columns of the file, by their meaning.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ImportColumns {
-    /// Time of each sample, rising within a recording. Without it, rows are `rate_hz` apart.
+    /// Time of each sample, which increases within a recording. Without it, rows are 1 / `rate_hz`
+    /// apart.
     #[serde(default)]
     pub time: Option<String>,
-    /// Rows that follow each other with the same value are one recording. Without it, the file is one.
+    /// Consecutive rows with the same value are one recording. Without it, the file is one
+    /// recording.
     #[serde(default)]
     pub recording: Option<String>,
-    /// Torques, a column for each joint from the base: `u` at a sample is held until the next.
+    /// Torques, one column per joint from the base. `u` at a sample is held until the next one.
     pub u: Vec<String>,
-    /// Positions, a column for each joint.
+    /// Positions, one column per joint.
     pub q: Vec<String>,
-    /// Velocities, a column for each joint.
+    /// Velocities, one column per joint.
     #[serde(default)]
     pub qd: Option<Vec<String>>,
 }
 
-/// In what the file's numbers are written. The dataset has s, N·m, rad and rad/s.
+/// The units of the file's numbers. The dataset has s, N·m, rad and rad/s.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ImportUnits {
     pub time: TimeUnit,
-    /// Of positions, and per second of velocities.
+    /// Unit of positions; velocities have this unit per second.
     pub angle: AngleUnit,
 }
 
@@ -135,9 +137,9 @@ pub enum AngleUnit {
     Deg,
 }
 
-/// What values may lie in, after conversion: one outside is refused, which catches wrong units and
-/// wrong columns. `null`, the default where `robot` is given, takes the limits of each joint from the
-/// description of the robot.
+/// The allowed ranges of values after conversion. A value outside is refused, which detects wrong
+/// units and wrong columns. `null`, the default if `robot` is given, uses the limits of each joint
+/// in the robot's description.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ImportRanges {
@@ -156,38 +158,38 @@ impl Default for ImportRanges {
     }
 }
 
-/// What happens when samples are not `1 / rate_hz` apart.
+/// Handling of samples that are not `1 / rate_hz` apart.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Resampling {
-    /// The file is refused when a period is off by more than a tenth, or all of them together by
-    /// more than a hundredth.
+    /// Refuses the file if one period is off by more than a tenth, or all of them together by more
+    /// than a hundredth.
     #[default]
     None,
-    /// Positions and velocities between two samples lie on a line, torques are held. Sampling begins
-    /// with each recording.
+    /// Interpolates positions and velocities linearly between two samples, and holds torques.
+    /// Sampling begins anew with each recording.
     Linear,
 }
 
-/// How a recording becomes trajectories of `samples` samples.
+/// How a recording is cut into trajectories of `samples` samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "kebab-case", tag = "kind", deny_unknown_fields)]
 pub enum Split {
     /// Every recording is one trajectory and must have exactly `samples` samples.
     #[default]
     Whole,
-    /// As many as fit, each `stride` samples after the one before; what is left over at the end is
-    /// dropped and counted.
+    /// Each recording gives as many trajectories as fit, each `stride` samples after the one
+    /// before. The remaining samples at the end are dropped and counted.
     Windows { stride: u32 },
 }
 
 impl ImportSpec {
-    /// The arm that was recorded, a Panda unless the spec says otherwise.
+    /// The recorded arm; a Panda by default.
     pub fn robot(&self) -> RobotSpec {
         self.robot.clone().unwrap_or_default()
     }
 
-    /// Joints of the robot.
+    /// Number of joints of the robot.
     pub fn joints(&self) -> usize {
         match &self.robot {
             Some(robot) => robot.joints(),
@@ -197,7 +199,7 @@ impl ImportSpec {
 }
 
 impl ImportColumns {
-    /// Every column that is asked for, with the field that asks for it.
+    /// Every requested column, with the field that names it.
     pub fn named(&self) -> Vec<(String, &str)> {
         let mut named = Vec::new();
         for (field, name) in [("time", &self.time), ("recording", &self.recording)] {

@@ -4,41 +4,41 @@ use super::residual::Residual;
 use super::sampling::Generation;
 use crate::check::{Check, Report};
 
-/// The spec of one architecture: sizes, defaults, and what jobs must know of it. [`Check`] is for the
-/// sizes.
+/// The spec of one architecture: its sizes, its defaults, and the facts that jobs need to know
+/// about it. [`Check`] checks the sizes.
 pub(super) trait ArchitectureSpec: Check {
-    /// Samples per token: context and horizon must be multiples of it.
+    /// Number of samples per token. Context and horizon must be multiples of it.
     fn patch(&self) -> u32 {
         1
     }
 
-    /// Times that samples are halved inside.
+    /// Number of times that the model halves the samples.
     fn halvings(&self) -> usize {
         0
     }
 
     fn residual(&self) -> Residual;
 
-    /// Whether it computes in N·m and rad, so that nothing is normalized.
+    /// Whether it computes in N·m and rad, so nothing is normalized.
     fn is_physical(&self) -> bool {
         false
     }
 
-    /// The contexts and horizons that one training answers.
+    /// The contexts and horizons that one training supports.
     fn lengths(&self) -> Lengths {
         Lengths::Trained
     }
 
-    /// None of a model that answers in one pass.
+    /// How predictions are generated; `None` for a model that predicts in one pass.
     fn generation(&self) -> Option<Generation<'_>> {
         None
     }
 
-    /// The sampler of a model that makes its answers from noise, unless asked otherwise.
+    /// The default sampler of a model that generates predictions from noise.
     fn sampler(&self) -> Option<&SamplerSpec> {
         None
     }
 
-    /// Reports what is wrong with options of its own that are no sizes.
+    /// Checks the model's own options that are not sizes.
     fn report_options(&self, _report: &mut Report) {}
 }

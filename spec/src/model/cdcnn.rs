@@ -8,13 +8,13 @@ use super::sampling::Generation;
 use super::sizes::check_unet;
 use crate::check::{Check, Report};
 
-/// U-Net that removes noise from y, given u (Chi et al. 2023, the paper's CDCNN).
+/// U-Net that removes noise from y, given u (Chi et al. 2023; the paper's CDCNN).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CdcnnSpec {
-    /// Width of the embedding of the noise level, even. 128 in the paper.
+    /// Width of the embedding of the noise level; even. 128 in the paper.
     pub embedding: u32,
-    /// Channels of each stage, multiples of 8. Every stage but the last halves the samples.
+    /// Channels of each stage, multiples of 8. Every stage except the last halves the samples.
     pub widths: Vec<u32>,
     #[serde(default)]
     pub conditioning: Conditioning,
@@ -26,14 +26,16 @@ pub struct CdcnnSpec {
     pub residual: Residual,
 }
 
-/// How u enters.
+/// How u conditions the network.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Conditioning {
-    /// Sample by sample, through a block of its own that is added to the first.
+    /// Sample by sample, through a block of its own whose output is added to that of the first
+    /// block.
     #[default]
     Local,
-    /// Flattened, beside the noise level: scales and shifts the channels of every block (FiLM).
+    /// Flattened, together with the noise level. It scales and shifts the channels of every block
+    /// (FiLM).
     Global,
 }
 

@@ -9,29 +9,29 @@ use super::sampling::Generation;
 use super::sizes::{check_transformer, four, is_one, one};
 use crate::check::{Check, Report};
 
-/// Transformer that removes noise from y, given u through an encoder (Chi et al. 2023, the
-/// paper's CDT).
+/// Transformer that removes noise from y, given u through an encoder (Chi et al. 2023; the paper's
+/// CDT).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CdtSpec {
     /// Width of every token; even and a multiple of `heads`.
     pub d_model: u32,
     pub heads: u32,
-    /// Layers over the noise level and u. 4 in the paper's code.
+    /// Layers for the noise level and u. 4 in the paper's code.
     pub encoder_layers: u32,
-    /// Layers over the noisy y.
+    /// Layers for the noisy y.
     pub decoder_layers: u32,
-    /// Samples per token; divides context and horizon. 1 in the paper.
+    /// Number of samples per token; divides context and horizon. 1 in the paper.
     #[serde(default = "one", skip_serializing_if = "is_one")]
     pub patch: u32,
     /// Hidden width of the feed-forward blocks as a multiple of `d_model`.
     #[serde(default = "four")]
     pub mlp_ratio: u32,
-    /// Share of numbers that a step of training leaves out of attention's weights, after GELU, and of
-    /// what each part of a layer adds. 0.1 in the paper's code, `p_drop_attn`.
+    /// Dropout in training: the share of values that are dropped from attention's weights, after
+    /// GELU, and from the output of each part of a layer. 0.1 in the paper's code, `p_drop_attn`.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub dropout: f64,
-    /// The same of the tokens that layers begin with. 0.1 in the paper's code, `p_drop_emb`.
+    /// Dropout of the tokens at the input of the layers. 0.1 in the paper's code, `p_drop_emb`.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub embedding_dropout: f64,
     #[serde(default, skip_serializing_if = "Objective::is_default")]
@@ -47,14 +47,15 @@ pub struct CdtSpec {
     pub residual: Residual,
 }
 
-/// The task that a CDT is trained on.
+/// The objective on which a CDT is trained.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Objective {
-    /// To remove noise, as in the paper.
+    /// Removes noise, as in the paper.
     #[default]
     Denoising,
-    /// To predict the horizon in one pass, its places in y being 0; `diffusion` and `sampler` have no effect.
+    /// Predicts the horizon in one pass. Its places in y are 0, and `diffusion` and `sampler` have
+    /// no effect.
     Regression,
 }
 

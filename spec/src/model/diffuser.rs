@@ -8,19 +8,20 @@ use super::sampling::Generation;
 use super::sizes::check_width;
 use crate::check::{Check, Report};
 
-/// Temporal U-Net that removes noise from u and y of a whole trajectory at once, everything known
-/// painted over its answer at every step (Janner et al. 2022).
+/// Temporal U-Net that removes noise from u and y of a whole trajectory at once. At every step the
+/// known values replace its output (Janner et al. 2022).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct DiffuserSpec {
     /// Channels of the first stage; a multiple of 8. 128 in the paper.
     pub width: u32,
-    /// Channels of each stage as multiples of `width`. Every stage but the last halves the samples.
+    /// Channels of each stage as multiples of `width`. Every stage except the last halves the
+    /// samples.
     pub multipliers: Vec<u32>,
     #[serde(default)]
     pub known: Known,
-    /// Weights of the squared errors of u and of y, the paper's W. With `clean-and-masked` only y
-    /// has errors and the second is a mere scale.
+    /// Weights of the squared errors of u and of y; the paper's W. With `clean-and-masked` only y
+    /// has errors, and the second weight is only a scale.
     #[serde(default = "weights")]
     #[schema(min_items = 2, max_items = 2)]
     pub weights: [f64; 2],
@@ -32,16 +33,15 @@ pub struct DiffuserSpec {
     pub residual: Residual,
 }
 
-/// What training does with the torques, which are known, and with y of the context.
+/// How training treats known values: the torques, and y of the context.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Known {
-    /// All that is known goes in without noise, and its errors do not count: what the paper's
-    /// code does.
+    /// Known values have no noise, and their errors do not count. The paper's code does this.
     #[default]
     CleanAndMasked,
-    /// u is noised together with y, and its errors count with their own weight: a reading of the
-    /// paper's text in which W matters. Sampling then noises the known u to each step's level.
+    /// u gets noise together with y, and its errors count with their own weight. This is a reading
+    /// of the paper's text in which W matters. Sampling then adds each step's noise to the known u.
     JointNoise,
 }
 

@@ -5,32 +5,34 @@ use utoipa::ToSchema;
 
 use crate::check::{Check, Report};
 
-/// How noise is added, and what a model is trained to make of it. The defaults are the paper's.
+/// How noise is added, and what a model is trained to predict from it. The defaults are the
+/// paper's.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct DiffusionSpec {
-    /// Noise levels of the training, the paper's T.
+    /// Number of noise levels in training; the paper's T.
     pub steps: u32,
     pub schedule: NoiseSchedule,
     pub prediction: Prediction,
-    /// Bounds what a sampler takes for the clean series, in standard deviations of the
-    /// normalization; `null` does not. Below about 5 it cuts off positions that arms do reach.
+    /// Limit of a sampler's estimate of the clean series, in standard deviations of the
+    /// normalization; `null` for no limit. Below about 5 it cuts off positions that arms do reach.
     pub clip: Option<f64>,
     pub loss_mean: LossMean,
 }
 
-/// How much noise each level has.
+/// The noise of each level.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum NoiseSchedule {
-    /// ᾱ follows a squared cosine with offset 0.008, β not above 0.999 (Nichol and Dhariwal 2021).
+    /// ᾱ follows a squared cosine with offset 0.008; β is at most 0.999 (Nichol and Dhariwal 2021).
     #[default]
     Cosine,
-    /// β from 1e-4 to 0.02 at 1000 steps, and in proportion at others (Ho et al. 2020).
+    /// β from 1e-4 to 0.02 at 1000 steps, and in proportion for other numbers of steps (Ho et al.
+    /// 2020).
     Linear,
 }
 
-/// What a model is trained to predict.
+/// The quantity that a model is trained to predict.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub enum Prediction {
     /// The noise ε.
@@ -45,7 +47,7 @@ pub enum Prediction {
     Velocity,
 }
 
-/// What the sum of squared errors is divided by. Entries that are known have no errors.
+/// The divisor of the sum of squared errors. Known entries have no errors.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum LossMean {
@@ -56,15 +58,16 @@ pub enum LossMean {
     All,
 }
 
-/// How a series is made of noise.
+/// How a series is generated from noise.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct SamplerSpec {
     pub kind: SamplerKind,
-    /// Passes through the model, at most `diffusion.steps`; `null` is all of them. Of a flow steps of
-    /// its equation, at most 1000, `null` is 2; `heun` takes two passes for each but the last.
+    /// Number of passes through the model, at most `diffusion.steps`; `null` for all of them. For a
+    /// flow, the number of steps of its equation, at most 1000; `null` for 2. `heun` takes two
+    /// passes for each step except the last.
     pub steps: Option<u32>,
-    /// Share of DDPM's noise that DDIM adds again at each step; 0 for the other kinds.
+    /// Share of DDPM's noise that DDIM adds again at each step. 0 for other kinds.
     pub eta: f64,
     pub spacing: Spacing,
 }
@@ -75,25 +78,26 @@ pub enum SamplerKind {
     /// Ancestral sampling (Ho et al. 2020).
     #[default]
     Ddpm,
-    /// Without noise of its own unless `eta` is above 0 (Song et al. 2021).
+    /// Adds no noise of its own unless `eta` is above 0 (Song et al. 2021).
     Ddim,
-    /// DPM-Solver++ of second order, multistep (Lu et al. 2022).
+    /// Second-order multistep DPM-Solver++ (Lu et al. 2022).
     #[serde(rename = "dpm-solver++")]
     DpmSolver,
-    /// Of a flow only: straight along the velocity of each step's beginning.
+    /// For flows only. Follows the velocity at the beginning of each step.
     Euler,
-    /// Of a flow only: along the mean of the velocities of both ends (Heun 1900).
+    /// For flows only. Follows the mean of the velocities at both ends of each step (Heun 1900).
     Heun,
 }
 
 impl SamplerKind {
-    /// Whether it solves the equation of a flow; all others remove noise level by level.
+    /// Whether it solves the equation of a flow. All other kinds remove noise level by level.
     pub const fn is_of_flow(self) -> bool {
         matches!(self, Self::Euler | Self::Heun)
     }
 }
 
-/// Which of T training levels, counted from 0, K steps visit; index i counts steps from 0.
+/// The training levels that K steps visit, out of T levels counted from 0. Index i counts steps
+/// from 0.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Spacing {

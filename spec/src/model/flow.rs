@@ -8,28 +8,28 @@ use super::sampling::Generation;
 use super::sizes::check_unet;
 use crate::check::{Check, Report};
 
-/// Times that a flow is trained at, evenly from 1 / this to 1.
+/// Number of times at which a flow is trained, evenly from 1 / `FLOW_LEVELS` to 1.
 pub const FLOW_LEVELS: u32 = 1000;
 
-/// Steps of a flow's sampler that does not say how many.
+/// Default number of steps of a flow's sampler.
 pub const FLOW_STEPS: u32 = 2;
 
-/// U-Net of CDCNN's form that moves noise to y along straight lines (rectified flow, Liu et al. 2022),
-/// given u and the damped integrator's path.
+/// U-Net with CDCNN's form that moves noise to y along straight lines (rectified flow, Liu et al.
+/// 2022), given u and the damped integrator's path.
 ///
-/// At time t, from 1 to 0, the series is (1 - t) y + t ε with ε standard normal; its velocity is
-/// ε - y.
+/// At time t, from 1 to 0, the series is (1 - t) y + t ε with ε standard normal.
+/// Its velocity is ε - y.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct FlowSpec {
-    /// Width of the embedding of the time, even.
+    /// Width of the embedding of the time; even.
     pub embedding: u32,
-    /// Channels of each stage, multiples of 8. Every stage but the last halves the samples.
+    /// Channels of each stage, multiples of 8. Every stage except the last halves the samples.
     pub widths: Vec<u32>,
     #[serde(default)]
     pub prediction: FlowPrediction,
-    /// Time at which a warm start begins, between the clean series at 0 and noise at 1. Its steps are
-    /// even from there.
+    /// Time at which a warm start begins, between the clean series at 0 and noise at 1. The steps
+    /// from there are even.
     #[serde(default = "half")]
     pub warm_start_time: f64,
     #[serde(default = "few_steps")]
@@ -38,7 +38,7 @@ pub struct FlowSpec {
     pub residual: Residual,
 }
 
-/// What a flow's network answers; its velocity follows.
+/// The quantity that a flow's network predicts. The velocity follows from it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub enum FlowPrediction {
     /// The clean series.
@@ -63,8 +63,8 @@ fn integrator() -> Residual {
 }
 
 impl FlowSpec {
-    /// The level at which a warm start begins, counted from 1, is also the most steps that it can
-    /// take.
+    /// The level at which a warm start begins, counted from 1. It is also the largest number of
+    /// steps of a warm start.
     #[expect(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,

@@ -6,30 +6,31 @@ use super::lengths::Lengths;
 use super::residual::Residual;
 use crate::check::{Check, Report};
 
-/// The equations of motion of an arm with joints, learned from many robots, with the masses, forces,
-/// damping and friction of each robot fitted to its own context (after deep Lagrangian networks, Lutter et al. 2019, and Bayesian
-/// regression on learned features, Harrison et al. 2018). It computes in N·m, rad and s.
+/// The equations of motion of an arm with joints, learned from many robots. The masses, forces,
+/// damping and friction of each robot are fitted to its own context (after deep Lagrangian
+/// networks, Lutter et al. 2019, and Bayesian regression on learned features, Harrison et al.
+/// 2018). It computes in N·m, rad and s.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct LagrangianSpec {
     /// Width of every hidden layer.
     #[serde(default = "defaults::width")]
     pub width: u32,
-    /// Hidden layers.
+    /// Number of hidden layers.
     #[serde(default = "defaults::layers")]
     pub layers: u32,
-    /// Samples of each trajectory's context that a step of training looks at.
+    /// Number of samples of each trajectory's context that a training step uses.
     #[serde(default = "defaults::points")]
     pub points: u32,
-    /// Particles that the arm's inertia is made of, whose masses are fitted to each robot.
+    /// Number of particles that represent the arm's inertia. Their masses are fitted to each robot.
     #[serde(default = "defaults::particles")]
     pub particles: u32,
-    /// Torques that depend on the pose alone, as gravity does, whose strengths are fitted to each robot. With 0
-    /// there are none.
+    /// Number of torques that depend only on the pose, as gravity does. Their strengths are fitted
+    /// to each robot. 0 for none.
     #[serde(default = "defaults::forces")]
     pub forces: u32,
-    /// Whether the angle of the first joint is left out: turning it moves the whole arm and changes no
-    /// inertia.
+    /// Whether to ignore the angle of the first joint. Turning it moves the whole arm and does not
+    /// change the inertia.
     #[serde(default = "defaults::turns_freely")]
     pub turns_freely: bool,
 }

@@ -1,16 +1,16 @@
-/// The contexts and horizons that one training answers.
+/// The contexts and horizons that one training supports.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Lengths {
-    /// Those that it was trained with.
+    /// The lengths that it was trained with.
     Trained,
-    /// Contexts from this many samples up to the one that it was trained with, and horizons up to the end of its
-    /// trajectories, all multiples of its patch.
+    /// Contexts from this many samples up to the trained one, and horizons up to the end of the
+    /// training's trajectories. All must be multiples of the patch.
     From(u32),
-    /// Any: a model that integrates equations has no sizes of either.
+    /// Any length, because a model that integrates equations does not depend on it.
     Any,
 }
 
-/// Samples of a context, and of context and horizon together.
+/// Number of samples of a context, and of context and horizon together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Length {
     pub context: u32,
@@ -18,10 +18,11 @@ pub struct Length {
 }
 
 impl Lengths {
-    /// A sample with one before it and one after it.
+    /// One sample with a neighbour on each side.
     const LEAST_CONTEXT: u32 = 3;
 
-    /// The length nearest to `asked` that a training with `trained` samples and tokens of `patch` answers.
+    /// The supported length nearest to `asked`. The training has `trained` samples and tokens of
+    /// `patch` samples.
     #[must_use]
     pub fn nearest(self, asked: Length, trained: Length, patch: u32) -> Length {
         match self {

@@ -39,8 +39,8 @@ pub use sizes::GROUPS;
 
 use architecture::ArchitectureSpec;
 
-/// Hands every architecture to a macro: its name in Rust, the type of its spec, its name in JSON. This is
-/// the one list of them.
+/// Passes every architecture to a macro: its name in Rust, the type of its spec, and its name in
+/// JSON. This is the only list of architectures.
 #[macro_export]
 macro_rules! architectures {
     ($macro:ident) => {
@@ -58,7 +58,7 @@ macro_rules! architectures {
 
 macro_rules! model_spec {
     ($($name:ident($spec:ident) = $label:tt,)*) => {
-        /// A sequence model and its size.
+        /// A sequence model and its sizes.
         #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
         #[serde(tag = "architecture")]
         pub enum ModelSpec {
@@ -66,7 +66,7 @@ macro_rules! model_spec {
         }
 
         impl ModelSpec {
-            /// Every architecture, as specs call it.
+            /// The names of all architectures in specs.
             pub const ARCHITECTURES: &[&str] = &[$($label),*];
 
             pub const fn architecture(&self) -> &'static str {
@@ -83,13 +83,13 @@ macro_rules! model_spec {
 architectures!(model_spec);
 
 impl ModelSpec {
-    /// Samples per token: context and horizon must be multiples of it.
+    /// Number of samples per token. Context and horizon must be multiples of it.
     pub fn patch(&self) -> u32 {
         self.spec().patch()
     }
 
-    /// What the samples of a trajectory must be a multiple of: a U-Net halves them at every stage
-    /// but the last.
+    /// The number of samples of a trajectory must be a multiple of this. A U-Net halves them at
+    /// every stage except the last.
     pub fn stride(&self) -> u32 {
         let halvings = u32::try_from(self.spec().halvings()).unwrap_or(u32::MAX);
         1_u32.checked_shl(halvings).unwrap_or(u32::MAX)
@@ -99,30 +99,30 @@ impl ModelSpec {
         self.spec().residual()
     }
 
-    /// Whether it computes in N·m and rad, so that nothing is normalized.
+    /// Whether it computes in N·m and rad, so nothing is normalized.
     pub fn is_physical(&self) -> bool {
         self.spec().is_physical()
     }
 
-    /// The contexts and horizons that one training answers.
+    /// The contexts and horizons that one training supports.
     pub fn lengths(&self) -> Lengths {
         self.spec().lengths()
     }
 
-    /// None of a model that answers in one pass.
+    /// How predictions are generated; `None` for a model that predicts in one pass.
     pub fn generation(&self) -> Option<Generation<'_>> {
         self.spec().generation()
     }
 
-    /// The sampler of a model that makes its answers from noise, unless asked otherwise.
+    /// The default sampler of a model that generates predictions from noise.
     pub fn sampler(&self) -> Option<&SamplerSpec> {
         self.spec().sampler()
     }
 
-    /// Whether this model can be sampled with `sampler`.
+    /// Checks that this model can be sampled with `sampler`.
     ///
     /// # Errors
-    /// Every violation, fields as `sampler.…`.
+    /// Every violation, with fields as `sampler.…`.
     pub fn check_sampler(&self, sampler: &SamplerSpec) -> Result<(), SpecError> {
         let mut report = Report::default();
         match self.generation() {
@@ -135,7 +135,8 @@ impl ModelSpec {
         report.finish()
     }
 
-    /// Everything but the sizes, which whoever builds the model checks against its own limits.
+    /// Checks everything except the sizes. The code that builds the model checks these against its
+    /// own limits.
     ///
     /// # Errors
     /// Every violation.

@@ -7,9 +7,10 @@ use super::residual::{DampedIntegrator, Residual};
 use super::sizes::{check_transformer, four};
 use crate::check::{Check, Report};
 
-/// Transformer with one stream of tokens over the whole trajectory, those of the context seen from both sides
-/// and those of the horizon causally (a prefix language model, Raffel et al. 2020). It predicts in one pass how
-/// far the arm leaves a path that goes on from the context, and computes in N·m, rad and s.
+/// Transformer with one sequence of tokens over the whole trajectory. Attention is bidirectional in
+/// the context and causal in the horizon (a prefix language model, Raffel et al. 2020). It predicts
+/// in one pass how far the arm departs from a path that continues the context. It computes in N·m,
+/// rad and s.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PrefixTransformerSpec {
@@ -17,18 +18,18 @@ pub struct PrefixTransformerSpec {
     pub d_model: u32,
     pub heads: u32,
     pub layers: u32,
-    /// Samples per token; divides context and horizon.
+    /// Number of samples per token; divides context and horizon.
     #[serde(default = "five")]
     pub patch: u32,
     /// Hidden width of the feed-forward blocks as a multiple of `d_model`.
     #[serde(default = "four")]
     pub mlp_ratio: u32,
-    /// Samples of the shortest context that the model answers, a multiple of `patch`. Each step of its training then
-    /// ends the context at one random place from here on, and predicts all that follows. Not given: it answers the
-    /// context that it is trained with.
+    /// Length of the shortest context that the model supports, in samples; a multiple of `patch`.
+    /// Each training step then ends the context at one random place from here on, and predicts
+    /// everything after it. Default: the model supports only the context that it is trained with.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub least_context: Option<u32>,
-    /// The path; not `none`.
+    /// The path that predictions are added to; not `none`.
     #[serde(default = "lagged_integrator")]
     pub residual: Residual,
 }

@@ -3,22 +3,22 @@ use utoipa::ToSchema;
 
 use crate::check::{Check, Report};
 
-/// What a model's prediction is added to.
+/// The path that a model's prediction is added to.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "kebab-case", from = "Written")]
 pub enum Residual {
-    /// Nothing: the model predicts positions, as in the paper.
+    /// None: the model predicts positions, as in the paper.
     #[default]
     None,
-    /// The damped integrator q̇ = u / D from the last sample of the context on.
+    /// The damped integrator q̇ = u / D, from the last sample of the context on.
     Integrator(DampedIntegrator),
-    /// The same from the last measured position *and* velocity, which turns into u / D with the lag that the
-    /// context shows. Its scale grows from nothing as the path's own errors grow in the context, so that a
-    /// prediction goes on where the arm is.
+    /// The damped integrator from the last measured position *and* velocity. The velocity turns
+    /// into u / D with the lag that the context shows. The path's scale grows from 0 in the same
+    /// way as its errors grow in the context, so a prediction continues where the arm is.
     LaggedIntegrator(DampedIntegrator),
 }
 
-/// How a residual may be written: `"integrator"` alone is the one with the default damping.
+/// The forms in which a residual may be written. `"integrator"` alone has the default damping.
 #[derive(Deserialize)]
 #[serde(
     untagged,

@@ -16,7 +16,7 @@ pub struct RoboMorphSpec {
     pub heads: u32,
     pub encoder_layers: u32,
     pub decoder_layers: u32,
-    /// Samples per token; divides context and horizon. 1 in the paper.
+    /// Number of samples per token; divides context and horizon. 1 in the paper.
     #[serde(default = "one")]
     pub patch: u32,
     /// Hidden width of the feed-forward blocks as a multiple of `d_model`.
@@ -33,15 +33,15 @@ pub struct RoboMorphSpec {
     pub residual: Residual,
 }
 
-/// The numbers that the head of a RoboMorph gives.
+/// The numbers that a RoboMorph's head predicts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Output {
-    /// The position of each sample, as in the paper. Nothing ties a patch to the one before.
+    /// The position of each sample, as in the paper. Nothing connects a patch to the one before.
     #[default]
     Positions,
-    /// The displacement of each sample from the one before; positions are their running sum, so that a
-    /// seam between patches is no more than a step between samples. Of a gaussian head this is its mean.
+    /// The displacement of each sample from the one before. Positions are their running sum, so a
+    /// seam between patches is only a step between samples. For a gaussian head this is the mean.
     Displacements,
 }
 
@@ -51,15 +51,15 @@ impl Output {
     }
 }
 
-/// What a model says of each position.
+/// The form of the prediction of each position.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Head {
-    /// A number, trained by its squared error.
+    /// One number, trained with its squared error.
     #[default]
     Point,
-    /// Mean and variance, trained by the likelihood of a normal distribution
-    /// (Rufolo et al. 2024).
+    /// Mean and variance, trained with the likelihood of a normal distribution (Rufolo et al.
+    /// 2024).
     Gaussian,
 }
 

@@ -1,20 +1,20 @@
-//! What can be asked of a model that makes its answers of noise.
+//! Sampling of models that generate predictions from noise.
 
 use super::diffusion::{DiffusionSpec, SamplerKind, SamplerSpec};
 use super::flow::{FLOW_LEVELS, FLOW_STEPS, FlowSpec};
 use crate::check::Report;
 
-/// How such a model was trained to make them.
+/// How such a model was trained to generate them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Generation<'a> {
-    /// Noise is removed level by level.
+    /// Removes noise level by level.
     Diffusion(&'a DiffusionSpec),
-    /// Noise moves along a velocity.
+    /// Moves noise along a velocity.
     Flow(&'a FlowSpec),
 }
 
 impl Generation<'_> {
-    /// The samplers that it can be asked with.
+    /// The samplers that it supports.
     pub const fn samplers(&self) -> &'static [SamplerKind] {
         match self {
             Self::Diffusion(_) => &[SamplerKind::Ddpm, SamplerKind::Ddim, SamplerKind::DpmSolver],
@@ -22,7 +22,7 @@ impl Generation<'_> {
         }
     }
 
-    /// Steps of a sampler that does not say how many.
+    /// Default number of steps of a sampler.
     pub const fn all_steps(&self) -> u32 {
         match self {
             Self::Diffusion(diffusion) => diffusion.steps,
@@ -30,7 +30,7 @@ impl Generation<'_> {
         }
     }
 
-    /// The most steps that a warm start can take.
+    /// The largest number of steps of a warm start.
     pub fn most_warm_steps(&self) -> u32 {
         match self {
             Self::Diffusion(diffusion) => diffusion.steps,
@@ -38,7 +38,7 @@ impl Generation<'_> {
         }
     }
 
-    /// Where [`Generation::most_warm_steps`] comes from, as errors name it.
+    /// The source of [`Generation::most_warm_steps`], as errors name it.
     pub const fn limit_of_warm_steps(&self) -> &'static str {
         match self {
             Self::Diffusion(_) => "diffusion.steps",

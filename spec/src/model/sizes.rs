@@ -1,11 +1,11 @@
-//! Sizes that architectures have in common.
+//! Sizes that several architectures share.
 
 use crate::check::Report;
 
-/// Channels that group normalization takes together are a width's share of this many.
+/// Number of groups in group normalization. Each has the same share of a width's channels.
 pub const GROUPS: u32 = 8;
 
-/// Sizes that all Transformers have; of `layers` each field and its value.
+/// Checks sizes that all Transformers have. `layers` has fields with their values.
 pub(super) fn check_transformer(
     report: &mut Report,
     d_model: u32,
@@ -24,7 +24,7 @@ pub(super) fn check_transformer(
     }
 }
 
-/// Sizes of a U-Net that are the same in CDCNN and flow.
+/// Checks sizes that CDCNN and flow share.
 pub(super) fn check_unet(report: &mut Report, embedding: u32, widths: &[u32]) {
     report.within("embedding", embedding, 4..=4096);
     if !embedding.is_multiple_of(2) {
@@ -36,7 +36,7 @@ pub(super) fn check_unet(report: &mut Report, embedding: u32, widths: &[u32]) {
     }
 }
 
-/// A width of a U-Net, which group normalization divides.
+/// Checks a width of a U-Net, which group normalization divides.
 pub(super) fn check_width(report: &mut Report, field: &str, width: u32) {
     report.within(field, width, GROUPS..=4096);
     if !width.is_multiple_of(GROUPS) {

@@ -1,4 +1,4 @@
-//! The descriptions that come with the program, from the folder `robots`.
+//! Built-in descriptions of robots, from the folder `robots`.
 
 use std::fmt;
 use std::sync::LazyLock;
@@ -9,7 +9,7 @@ use utoipa::ToSchema;
 
 use super::description::RobotDescription;
 
-/// Name and text of each file; a test holds the list against the folder.
+/// Name and text of each file. A test compares the list with the folder.
 const FILES: [(&str, &str); 1] = [("panda", include_str!("../../robots/panda.json"))];
 
 static BUILT_IN: LazyLock<Vec<BuiltInRobot>> = LazyLock::new(|| {
@@ -21,7 +21,7 @@ static BUILT_IN: LazyLock<Vec<BuiltInRobot>> = LazyLock::new(|| {
     FILES.map(read).into()
 });
 
-/// A description that comes with the program.
+/// A built-in description.
 #[derive(Debug, PartialEq)]
 pub struct BuiltInRobot {
     pub name: &'static str,
@@ -39,12 +39,12 @@ pub enum RobotModel {
 }
 
 impl RobotModel {
-    /// All robots that have a name.
+    /// All built-in robots.
     pub fn built_in() -> impl Iterator<Item = Self> {
         BUILT_IN.iter().map(Self::BuiltIn)
     }
 
-    /// The Franka Emika Panda, the robot of specs that name none.
+    /// The Franka Emika Panda, the default robot of specs.
     pub fn panda() -> Self {
         Self::BuiltIn(&BUILT_IN[0])
     }

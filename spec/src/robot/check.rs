@@ -1,4 +1,4 @@
-//! Which descriptions are robots.
+//! Checks the descriptions of robots.
 
 use super::description::{BodyDescription, HandDescription, JointDescription, JointFriction};
 use super::description::{MAX_JOINTS, Randomization, RobotDescription};
@@ -120,14 +120,15 @@ impl Check for BodyDescription {
 }
 
 impl BodyDescription {
-    /// Whether Σ = ½ tr(I) 1 − I, the second moments of the mass, is positive definite, which bodies that
-    /// are not flat have and others have not (Wensing, Kim and Slotine 2018): by its leading minors.
+    /// Whether Σ = ½ tr(I) 1 − I, the second moments of the mass, is positive definite. Only bodies
+    /// that are not flat have such moments (Wensing, Kim and Slotine 2018). The test uses the
+    /// leading minors.
     fn has_second_moments(&self) -> bool {
         let [xx, xy, xz, yy, yz, zz] = self.inertia_kg_m2;
         let half_trace = 0.5 * (xx + yy + zz);
         let [a, b, c] = [half_trace - xx, half_trace - yy, half_trace - zz];
         let minor = a * b - xy * xy;
-        // The entries off the diagonal of Σ are those of I with the opposite sign.
+        // The off-diagonal entries of Σ are those of I with the opposite sign.
         let determinant = c * minor - a * yz * yz - b * xz * xz - 2.0 * xy * xz * yz;
         a > 0.0 && minor > 0.0 && determinant > 0.0
     }

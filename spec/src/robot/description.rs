@@ -6,27 +6,27 @@ use utoipa::ToSchema;
 use super::initial_state::InitialState;
 use crate::Range;
 
-/// The most joints that a robot may have.
+/// The largest number of joints of a robot.
 pub const MAX_JOINTS: usize = 8;
 
-/// An arm on a fixed, upright base: a chain of 1 to 8 revolute joints, each of which turns one link.
+/// An arm on a fixed, upright base: a chain of 1 to 8 revolute joints. Each joint turns one link.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RobotDescription {
-    /// What it is, in one line.
+    /// A description in one line.
     pub name: String,
-    /// Where numbers come from, by block.
+    /// The sources of the numbers, by block.
     #[serde(default)]
     pub sources: BTreeMap<String, String>,
-    /// From the base outwards.
+    /// Joints, from the base outwards.
     #[schema(min_items = 1, max_items = 8)]
     pub joints: Vec<JointDescription>,
     #[serde(default)]
     pub hand: HandDescription,
-    /// How far robots lie from these numbers where a spec does not say.
+    /// Default deviation of robots from these numbers.
     #[serde(default)]
     pub randomization: Randomization,
-    /// How motions begin where a spec does not say.
+    /// Default initial state of motions.
     pub initial_state: InitialState,
 }
 
@@ -37,16 +37,17 @@ impl RobotDescription {
     }
 }
 
-/// A joint, its row of the modified Denavit-Hartenberg table (Craig's), and the link that it turns.
+/// A joint, with its row of the modified Denavit-Hartenberg table (Craig's) and the link that it
+/// turns.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct JointDescription {
     pub name: String,
-    /// Along x of the frame before, m.
+    /// Length along x of the frame before, m.
     pub a_m: f64,
-    /// About x of the frame before, degrees; multiples of 45 are exact.
+    /// Angle about x of the frame before, degrees. Multiples of 45 are exact.
     pub alpha_deg: f64,
-    /// Along the joint's own axis, m.
+    /// Length along the joint's own axis, m.
     pub d_m: f64,
     /// Limits of the position, rad.
     pub position_rad: Range,
@@ -59,18 +60,18 @@ pub struct JointDescription {
     /// Nominal reflected rotor inertia, kg·m².
     #[serde(default)]
     pub armature_kg_m2: f64,
-    /// Friction besides the damping, for specs that ask for it; `null` when it is not known.
+    /// Friction in addition to the damping, for specs that ask for it; `null` if it is not known.
     #[serde(default)]
     pub friction: Option<JointFriction>,
-    /// κ of this joint in a multisine, where a spec does not say.
+    /// Default κ of this joint in a multisine.
     #[serde(default = "one")]
     pub multisine_divisor: f64,
-    /// The least inertia of the nominal arm's joint, over all configurations within the limits, where all
-    /// other joints swing freely, without armature, kg·m². It tells which explicit steps are stable;
-    /// `null` when it is not known.
+    /// The smallest inertia of the nominal arm's joint over all configurations within the limits,
+    /// if all other joints move freely, without armature, kg·m². It decides which explicit steps
+    /// are stable. `null` if it is not known.
     #[serde(default)]
     pub least_inertia_kg_m2: Option<f64>,
-    /// In the joint's frame, which moves with it.
+    /// The link, in the joint's frame, which moves with it.
     pub link: BodyDescription,
 }
 
@@ -101,21 +102,22 @@ pub struct BodyDescription {
     /// xx, xy, xz, yy, yz, zz about the centre of mass, kg·m².
     #[schema(min_items = 6, max_items = 6)]
     pub inertia_kg_m2: [f64; 6],
-    /// Takes the nearest inertia that a body can have; otherwise one that no body has is refused.
+    /// Whether to use the nearest inertia that a body can have. Otherwise an impossible inertia is
+    /// refused.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub nearest_physical: bool,
 }
 
-/// The hand's frame, and what is welded to the last link there.
+/// The hand's frame, and the bodies fixed to the last link there.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct HandDescription {
-    /// What `bodies` are, in words, for descriptions of columns.
+    /// A name for `bodies`, used in the descriptions of columns.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub contents: String,
-    /// From the last link's frame to the hand's, along their z, m.
+    /// Distance from the last link's frame to the hand's frame, along their z, m.
     pub flange_m: f64,
-    /// The hand's frame is turned by this about its z, degrees; multiples of 45 are exact.
+    /// Rotation of the hand's frame about its z, degrees. Multiples of 45 are exact.
     pub yaw_deg: f64,
     pub bodies: Vec<AttachedBody>,
 }
@@ -125,14 +127,14 @@ pub struct HandDescription {
 #[serde(deny_unknown_fields)]
 pub struct AttachedBody {
     pub name: String,
-    /// Origin of the body's frame in the hand's, m; their axes are parallel.
+    /// Origin of the body's frame in the hand's frame, m. Their axes are parallel.
     #[serde(default)]
     #[schema(min_items = 3, max_items = 3)]
     pub position_m: [f64; 3],
     pub body: BodyDescription,
 }
 
-/// Half-widths as a spec's `robot` has them.
+/// Half-widths of the randomization, like those in a spec's `robot`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Randomization {
@@ -163,8 +165,8 @@ impl Default for Randomization {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum InertiaScheme {
-    /// Congruence of the second-moment matrix: always physical.
+    /// Congruence of the second-moment matrix, which is always physical.
     PseudoInertia,
-    /// The paper's code: every entry on its own, then projected onto physical tensors.
+    /// The paper's code: every entry independently, then projected onto physical tensors.
     PerEntry,
 }

@@ -5,14 +5,15 @@ use crate::Range;
 
 /// How the state at t = 0 is drawn (source: the paper's code).
 ///
-/// q1 = k·(±1)·U(q1min, q1max) with k from `joint1_scale`; q2, q3, .. = center + s·spread·U(0, 1) with
-/// one sign s for all. Velocities: g from `velocity_scale`; q̇1 = g·(±1)·joint1_velocity·U(0, 1);
-/// q̇2, q̇3, .. = g·s'·velocity·U(0, 1) with one sign s' for all. Positions in rad, velocities in rad/s.
+/// q1 = k·(±1)·U(q1min, q1max) with k from `joint1_scale`. q2, q3, .. = center + s·spread·U(0, 1)
+/// with one sign s for all. Velocities: g from `velocity_scale`; q̇1 = g·(±1)·joint1_velocity·U(0,
+/// 1); q̇2, q̇3, .. = g·s'·velocity·U(0, 1) with one sign s' for all. Positions are in rad, and
+/// velocities in rad/s.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct InitialState {
     pub joint1_scale: Range,
-    /// Centers of all joints; that of joint 1 is unused.
+    /// Centers of all joints. That of joint 1 is not used.
     pub center_rad: Vec<f64>,
     pub spread_rad: f64,
     pub velocity_scale: Range,

@@ -1,4 +1,4 @@
-//! Robots as data: what an arm is made of, how it may move, and by which laws it is drawn.
+//! Robots as data: the parts of an arm, its limits, and the laws of its randomization.
 
 mod built_in;
 mod check;

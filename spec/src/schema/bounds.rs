@@ -1,7 +1,7 @@
-//! The bounds of numbers in the schemas: those that the checks hold values to.
+//! The bounds of numbers in the schemas. They come from the checks of values.
 //!
-//! A check tells its bounds when it is run. The specs of the folder `specimens` have every number there is, in full;
-//! a test finds numbers that none of them has.
+//! A check reports its bounds when it runs. The specs of the folder `specimens` contain every
+//! number that there is, and a test finds numbers that are missing there.
 
 use std::collections::BTreeMap;
 
@@ -18,7 +18,8 @@ const SPECIMENS: [&str; 4] = [
     include_str!("../../specimens/pipeline.json"),
 ];
 
-/// Adds the bounds to `components`. Where two places of a schema have different bounds, the wider ones hold.
+/// Adds the bounds to `components`. If two places of a schema have different bounds, the wider ones
+/// are used.
 pub(super) fn add(components: &mut Components) {
     let mut schemas = Value::Object(std::mem::take(components));
     let mut widest: BTreeMap<(String, &'static str), Value> = BTreeMap::new();
@@ -43,7 +44,7 @@ pub(super) fn add(components: &mut Components) {
 }
 
 /// # Panics
-/// If a file of the folder `specimens` is no list of specs, of which a test would have told.
+/// If a file of the folder `specimens` is not a list of specs. A test checks that each is.
 fn specimens() -> impl Iterator<Item = JobSpec> {
     SPECIMENS
         .into_iter()
@@ -73,7 +74,7 @@ fn places(schemas: &Value, root: &str, bound: &Bound) -> Vec<String> {
     if bound.of == Bounded::Length {
         return places;
     }
-    // The bound of a list's numbers.
+    // The bound applies to a list's numbers.
     let numbers = |place: String| match schemas.pointer(&format!("{place}/items")) {
         Some(_) => format!("{place}/items"),
         None => place,
@@ -81,7 +82,7 @@ fn places(schemas: &Value, root: &str, bound: &Bound) -> Vec<String> {
     places.into_iter().map(numbers).collect()
 }
 
-/// The schemas that a schema refers to or chooses from.
+/// The schemas that a schema refers to or offers as alternatives.
 fn alternatives(schemas: &Value, place: &str) -> Vec<String> {
     let Some(schema) = schemas.pointer(place) else { return Vec::new() };
     if let Some(name) = referred(schema) {
@@ -139,7 +140,8 @@ mod tests {
     use super::super::RESOLVED;
     use super::*;
 
-    /// Numbers that checks leave to what they name: ids, the steps of a training, and steps held to those of the spec.
+    /// Numbers without bounds in checks: ids, the steps of a training, and steps that must be below
+    /// those of the spec.
     const UNBOUNDED: [&str; 4] = ["dataset", "checkpoint", "step", "warmup_steps"];
 
     fn find_unbounded(schema: &Value, path: &str, found: &mut Vec<String>) {

@@ -1,4 +1,4 @@
-//! Everything that is wrong with the shape of a value, told by its schema.
+//! Explains everything that is wrong with the shape of a value, from its schema.
 
 use serde_json::{Map, Value};
 use strsim::damerau_levenshtein;
@@ -12,11 +12,11 @@ use crate::{Moment, Violation};
 #[derive(Default)]
 pub(crate) struct Explained {
     pub violations: Vec<Violation>,
-    /// Whether one of them is more than a number out of its range.
+    /// Whether a violation is more than a number out of its range.
     pub is_misshapen: bool,
 }
 
-/// Holds `value` to the schema called `name`.
+/// Checks `value` against the schema with this name.
 pub(crate) fn explain(name: &str, value: &Value) -> Explained {
     explain_in(&RESOLVED, name, value)
 }
@@ -162,7 +162,7 @@ impl<'a> Walk<'a> {
         self.refuse(path, shorten(&text.into()), words);
     }
 
-    /// One of several forms: told apart by a tag, by the only field of each, or by their types.
+    /// Checks one of several forms. They differ by a tag, by their only field, or by their types.
     fn choice(&mut self, schema: &'a Value, choices: &'a [Value], value: &Value, path: &str) {
         let choices: Vec<&'a Value> = choices.iter().map(|it| self.resolve(it)).collect();
         if let (Value::Object(fields), Some(tag)) = (value, tag_of(&choices)) {
@@ -215,7 +215,7 @@ pub(super) fn join(path: &str, field: &str) -> String {
     if path.is_empty() { field.to_owned() } else { format!("{path}.{field}") }
 }
 
-/// The field that all choices have, each with one value.
+/// The field that all choices have, each with one value of its own.
 fn tag_of<'a>(choices: &[&'a Value]) -> Option<&'a str> {
     let objects = || choices.iter().filter(|choice| choice.get("properties").is_some());
     let fields = objects().next()?["properties"].as_object()?;
@@ -232,7 +232,7 @@ fn label_of<'a>(choice: &'a Value, tag: &str) -> Option<&'a str> {
     label?.as_str()
 }
 
-/// The field of an object that has one, and must have it.
+/// The only field of an object with one required field.
 pub(super) fn only_field(schema: &Value) -> Option<&str> {
     let fields = schema.get("properties")?.as_object()?;
     let (field, _) = fields.iter().next().filter(|_| fields.len() == 1)?;

@@ -1,7 +1,8 @@
-//! JSON Schemas of specs: as they are after presets were merged, and as they may be submitted.
+//! JSON Schemas of specs: of resolved specs, after presets were merged, and of submitted specs.
 //!
-//! Shapes come from the types, and the bounds of numbers from the checks: see [`bounds`]. Errors about shapes are
-//! told by the same schemas ([`explain`]), so that the document and the server cannot differ.
+//! Shapes come from the types, and the bounds of numbers from the checks: see [`bounds`]. Errors
+//! about shapes come from the same schemas ([`explain`]), so the document and the server cannot
+//! differ.
 
 mod bounds;
 mod explain;
@@ -23,11 +24,11 @@ pub(crate) use words::listed;
 /// Schemas by name.
 pub(crate) type Components = Map<String, Value>;
 
-/// The schemas of specs without presets: what [`explain`] holds values to.
+/// The schemas of specs without presets. [`explain`] uses them.
 static RESOLVED: LazyLock<Components> = LazyLock::new(resolved::components);
 
-/// The schemas of all specs by name, for `components.schemas` of an OpenAPI 3.1 document. `SubmittedJob` is what can
-/// be submitted, and `JobSpec` a job whose kind is given.
+/// The schemas of all specs by name, for `components.schemas` of an OpenAPI 3.1 document.
+/// `SubmittedJob` is a job as submitted, and `JobSpec` is a job with its kind.
 pub fn schemas() -> Map<String, Value> {
     submitted::components(&RESOLVED)
 }

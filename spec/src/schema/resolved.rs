@@ -1,4 +1,4 @@
-//! Schemas of the types of specs, made exact.
+//! Exact schemas of the types of specs.
 
 use serde_json::{Map, Value, json};
 use utoipa::openapi::{RefOr, Schema};
@@ -7,7 +7,7 @@ use utoipa::{PartialSchema, ToSchema};
 use super::{Components, bounds, reference, referred};
 use crate::{Integrator, JobSpec, PipelineMember, PipelineSpec, RobotModel};
 
-/// Enums whose variants are told apart by a field beside the variant's own.
+/// Enums with a tag beside the fields of their variants.
 const TAGGED: [&str; 2] = ["JobSpec", "ModelSpec"];
 
 pub(super) fn components() -> Components {
@@ -22,7 +22,7 @@ pub(super) fn components() -> Components {
     components
 }
 
-/// The schemas as the types' attributes say them.
+/// The schemas from the types' attributes.
 fn types() -> Vec<(String, RefOr<Schema>)> {
     let mut found = vec![
         (JobSpec::name().into_owned(), JobSpec::schema()),
@@ -34,10 +34,10 @@ fn types() -> Vec<(String, RefOr<Schema>)> {
     found
 }
 
-/// `schemas` as JSON, with nothing allowed in objects that is not said.
+/// `schemas` as JSON. Objects allow only fields that are listed.
 pub(super) fn strict(schemas: Vec<(String, RefOr<Schema>)>) -> Components {
     let json = |(name, schema)| {
-        // Schemas hold strings, numbers and lists only, so this cannot fail.
+        // Schemas have only strings, numbers and lists, so this cannot fail.
         let mut schema = serde_json::to_value(schema).expect("a schema is JSON");
         make_strict(&mut schema);
         (name, schema)
@@ -45,7 +45,8 @@ pub(super) fn strict(schemas: Vec<(String, RefOr<Schema>)>) -> Components {
     schemas.into_iter().map(json).collect()
 }
 
-/// Objects have no unknown fields, and intervals two numbers of their own, which each use bounds.
+/// Forbids unknown fields in objects. Gives intervals two numbers of their own, because each use
+/// has its own bounds.
 fn make_strict(schema: &mut Value) {
     if referred(schema) == Some("Range") {
         let about = schema.get("description").cloned();
@@ -70,7 +71,7 @@ fn make_strict(schema: &mut Value) {
     }
 }
 
-/// A robot is one of the built-in names or a description.
+/// Allows the name of a built-in robot in place of a description.
 fn name_robots(components: &mut Components) {
     let names: Vec<Value> =
         RobotModel::built_in().filter_map(|model| serde_json::to_value(model).ok()).collect();
@@ -79,7 +80,7 @@ fn name_robots(components: &mut Components) {
     }
 }
 
-/// A residual may be given by its name alone.
+/// Allows the name of a residual alone.
 fn name_residuals(components: &mut Components) {
     let names = json!(["none", "integrator", "lagged-integrator"]);
     let schema = components.get_mut("Residual");
@@ -88,8 +89,8 @@ fn name_residuals(components: &mut Components) {
     }
 }
 
-/// Replaces "all of these fields and this tag", which strict fields contradict, by one object with both. The object
-/// of `TrainSpec` in `JobSpec` is called `TrainJob`.
+/// Merges "all of these fields and this tag" into one object with both. Otherwise strict fields
+/// would contradict the tag. The object of `TrainSpec` in `JobSpec` is called `TrainJob`.
 fn join_tags(components: &mut Components, name: &str) {
     let Some(union) = components.get(name).cloned() else { return };
     let suffix = name.strip_suffix("Spec").unwrap_or(name);
@@ -115,7 +116,7 @@ fn join_tags(components: &mut Components, name: &str) {
     components.insert(name.to_owned(), union);
 }
 
-/// The field that tells a variant, and its value there.
+/// The field that identifies a variant, and its value there.
 fn tag_of(schema: &Value) -> Option<(String, String)> {
     let (tag, values) = schema.get("properties")?.as_object()?.iter().next()?;
     Some((tag.clone(), values["enum"][0].as_str()?.to_owned()))
@@ -128,7 +129,7 @@ pub(super) fn require(object: &mut Value, field: &str) {
     }
 }
 
-/// A member of a pipeline is a job with `needs` among its fields, and no pipeline.
+/// A member of a pipeline: a job with `needs` among its fields, but no pipeline.
 fn join_members(components: &mut Components) {
     let Some(member) = components.get("PipelineMember").cloned() else { return };
     let needs = member["allOf"][1]["properties"]["needs"].clone();

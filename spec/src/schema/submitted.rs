@@ -1,4 +1,4 @@
-//! Schemas of specs as they may be submitted: with presets, whose fields may be left out.
+//! Schemas of submitted specs. They may have presets, which allow fields to be left out.
 
 use serde_json::{Map, Value, json};
 
@@ -7,7 +7,7 @@ use super::{Components, reference, referred};
 use crate::preset::REPLACED_WHOLE;
 use crate::{JobKind, PresetPlace, presets};
 
-/// All schemas for the document.
+/// All schemas of the document.
 pub(super) fn components(resolved: &Components) -> Components {
     let mut forms = Forms { resolved, added: Components::new() };
     let models = forms.models();
@@ -30,7 +30,7 @@ pub(super) fn components(resolved: &Components) -> Components {
     all
 }
 
-/// A union that can be one of `more`, too, which have no tag to tell them by.
+/// Adds `more` choices to a union. They have no tag that identifies them.
 fn add_choices(all: &mut Components, name: &str, more: &[String]) {
     let Some(union) = all.get_mut(name).and_then(Value::as_object_mut) else { return };
     if more.is_empty() {
@@ -42,7 +42,8 @@ fn add_choices(all: &mut Components, name: &str, more: &[String]) {
     }
 }
 
-/// A stream may have the `kind` of a copied job, and that of a training no number of trajectories.
+/// Allows the `kind` of a copied job in a stream, and a training's stream without a number of
+/// trajectories.
 fn loosen_stream(all: &mut Components) {
     let mut stream = all["SimulateSpec"].clone();
     stream["properties"]["kind"] = json!({"type": "string", "const": "simulate"});
@@ -61,27 +62,28 @@ fn loosen_stream(all: &mut Components) {
     }
 }
 
-/// The spec of an upload, which tells the digest and the format of the file it comes with.
+/// The spec of an upload. Its digest and format follow from the file that it comes with.
 fn loosen_import(all: &mut Components) {
     let Some(spec) = all.get_mut("ImportSpec") else { return };
     spec["properties"]["kind"] = json!({"type": "string", "const": "import"});
     spec["required"] = json!(["columns"]);
 }
 
-/// Forms with presets.
+/// Builds forms with presets.
 struct Forms<'a> {
     resolved: &'a Components,
     added: Components,
 }
 
 impl Forms<'_> {
-    /// A form for each architecture that has presets.
+    /// Adds a form for each architecture that has presets.
     fn models(&mut self) -> Vec<String> {
         let mapping = &self.resolved["ModelSpec"]["discriminator"]["mapping"];
         self.with_presets(mapping, "architecture", PresetPlace::Model)
     }
 
-    /// A form for each kind of job that has presets; `suffix` is `Job`, or `Member` of a pipeline.
+    /// Adds a form for each kind of job that has presets. `suffix` is `Job`, or `Member` in a
+    /// pipeline.
     fn jobs(&mut self, suffix: &str) -> Vec<String> {
         let union = if suffix == "Job" { "JobSpec" } else { "PipelineMember" };
         let mapping = &self.resolved[union]["discriminator"]["mapping"];
@@ -112,7 +114,7 @@ impl Forms<'_> {
         forms
     }
 
-    /// The object `name` with all fields optional, as it is merged over another.
+    /// The object `name` with all fields optional, because it is merged over another one.
     fn changed(&mut self, name: &str) -> Value {
         let mut object = self.resolved[name].clone();
         if let Some(fields) = object.as_object_mut() {
@@ -131,7 +133,7 @@ impl Forms<'_> {
         object
     }
 
-    /// Lets `schema` refer to the changes of an object instead of the object.
+    /// Makes `schema` refer to the changes of an object instead of the object.
     fn change(&mut self, schema: &mut Value) {
         if let Some(Value::Array(choices)) = schema.get_mut("oneOf") {
             return choices.iter_mut().for_each(|choice| self.change(choice));
@@ -156,7 +158,8 @@ impl Forms<'_> {
         schema["$ref"] = reference(&changes)["$ref"].clone();
     }
 
-    /// Changes of one of several objects, which a preset may have chosen; they may begin with another preset.
+    /// Changes of one of several objects that a preset may have chosen. They may begin with another
+    /// preset.
     fn change_union(&mut self, name: &str, mapping: &Map<String, Value>, changes: &str) {
         if self.added.contains_key(changes) {
             return;

@@ -1,4 +1,4 @@
-//! Schemas in words, as errors tell what is allowed.
+//! Describes schemas in words, for errors that say what is allowed.
 
 use serde_json::Value;
 
@@ -39,7 +39,7 @@ fn of_type(components: &Components, schema: &Value, name: &str) -> String {
     }
 }
 
-/// A choice as a value of JSON, names in their quotes.
+/// The values of a choice as JSON, with names in quotes.
 fn forms(components: &Components, choice: &Value) -> Vec<String> {
     let choice = referred(choice).and_then(|name| components.get(name)).unwrap_or(choice);
     if let Some(names) = choice.get("enum").and_then(Value::as_array) {
@@ -66,7 +66,7 @@ fn numbers(kind: &str, schema: &Value) -> String {
     }
 }
 
-/// The bounds of a number, as `1 to 1000`.
+/// The bounds of a number, e.g. `1 to 1000`.
 pub(super) fn range_of(schema: &Value) -> String {
     let number = |keyword: &str| {
         let value = schema.get(keyword)?;
@@ -120,7 +120,7 @@ fn object(schema: &Value) -> String {
     }
 }
 
-/// Names that are allowed, with the one that was probably meant.
+/// The allowed names, and the one that was probably meant.
 pub(crate) fn listed(names: &[String], meant: Option<&str>) -> String {
     let names = names.join(", ");
     match meant {

@@ -1,4 +1,4 @@
-//! What values a simulation may have.
+//! Checks the values of a simulation.
 
 use super::excitation::{Chirp, Excitation, Family, Frequency, Multisine, Steps};
 use super::integrator::Integrator;
@@ -7,7 +7,7 @@ use super::spec::{MAX_TRAJECTORIES, Rejection, SimulateSpec};
 use crate::RobotModel;
 use crate::check::{Check, Report};
 
-/// The most frequencies one grid may have.
+/// The largest number of frequencies of a grid.
 const MAX_GRID: usize = 200;
 const TORQUE_NM: std::ops::RangeInclusive<f64> = -1000.0..=1000.0;
 const FACTOR: std::ops::RangeInclusive<f64> = 0.01..=100.0;
@@ -46,7 +46,7 @@ impl Check for SimulateSpec {
 }
 
 impl SimulateSpec {
-    /// Torques are held between samples, so no component may lie above half the rate.
+    /// Refuses components above half the rate, because torques are held between samples.
     fn check_nyquist(&self, report: &mut Report) {
         let nyquist = self.rate_hz / 2.0;
         let mut check = |field: &str, highest: f64| {

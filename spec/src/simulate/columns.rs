@@ -1,7 +1,7 @@
 //! The columns of a dataset's two tables: names, units and frames.
 //!
-//! Columns of a joint or link end in its number, from 1. The tables are written from these lists,
-//! so what is said here is what the files have.
+//! The name of a joint's or link's column ends in its number, from 1. The tables are written from
+//! these lists, so the lists match the files.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -15,12 +15,12 @@ use crate::RobotDescription;
 pub struct Column {
     pub name: String,
     pub data_type: ColumnType,
-    /// Whether a row may have none.
+    /// Whether a row may have no value.
     pub nullable: bool,
-    /// In which a number is written, e.g. `N·m`; none for counts and names.
+    /// The unit of a number, e.g. `N·m`. `None` for counts and names.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub unit: Option<String>,
-    /// In whose axes a component is written.
+    /// The frame in whose axes a component is written.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub frame: Option<String>,
     pub about: String,
@@ -34,7 +34,7 @@ pub enum ColumnType {
     Int64,
     Float32,
     Float64,
-    /// UTF-8.
+    /// Text in UTF-8.
     Text,
 }
 
@@ -65,12 +65,12 @@ impl Column {
         self
     }
 
-    /// Index of the trajectory in its dataset: in both tables.
+    /// The index of the trajectory in its dataset; in both tables.
     pub fn trajectory() -> Self {
         Self::new("trajectory", ColumnType::Int32, "index of the trajectory in the dataset")
     }
 
-    /// Index of the sample in its trajectory.
+    /// The index of the sample in its trajectory.
     pub fn step() -> Self {
         Self::new("step", ColumnType::Int32, "index of the sample, which is at step / rate_hz")
     }
@@ -124,7 +124,7 @@ fn numbered(
 }
 
 impl SimulateSpec {
-    /// Of the table with a row per time step.
+    /// Columns of the table with one row per time step.
     pub fn trajectory_columns(&self) -> Vec<Column> {
         let joints = self.joints();
         let mut columns = vec![Column::trajectory(), Column::step()];
@@ -144,7 +144,8 @@ impl SimulateSpec {
         columns
     }
 
-    /// Of the table with a row per trajectory: all that another simulator needs to make it again.
+    /// Columns of the table with one row per trajectory. They have everything that another
+    /// simulator needs to make it again.
     pub fn robot_columns(&self) -> Vec<Column> {
         let robot = self.robot.description();
         let joints = robot.joints.len();
@@ -156,7 +157,7 @@ impl SimulateSpec {
         columns.extend(payload(robot));
         columns.extend(chirps(joints));
         columns.extend(multisines(joints));
-        // Only where there are any: tables without keep their columns.
+        // Only if there are steps, so that the columns of other tables do not change.
         if self.excitation.steps.is_some() {
             columns.extend(steps(joints));
         }
@@ -181,9 +182,9 @@ fn number(name: impl Into<String>, unit: &str, about: impl Into<String>) -> Colu
     Column::new(name, ColumnType::Float64, about).unit(unit)
 }
 
-/// What was asked for, the same for many trajectories.
+/// Columns of the design, which many trajectories share.
 fn design(excitation: &Excitation) -> Vec<Column> {
-    // Files hold these words: those of the others stay as they were.
+    // Files contain these words, so the words of the other families stay as they were.
     let family = match excitation.steps {
         None => "of the excitation: chirp or multisine",
         Some(_) => "of the excitation: chirp, multisine or steps",
@@ -214,7 +215,7 @@ fn initial_state(joints: usize) -> impl Iterator<Item = Column> {
     joint("q0", "rad", "position").chain(joint("qd0", "rad/s", "velocity"))
 }
 
-/// An angle in words: multiples of 45° as fractions of π, others in rad.
+/// An angle in words. Multiples of 45° are fractions of π, and others are in rad.
 fn angle(degrees: f64) -> String {
     let sign = if degrees < 0.0 { "-" } else { "" };
     match degrees.abs() {
@@ -227,7 +228,7 @@ fn angle(degrees: f64) -> String {
 }
 
 fn kinematics(robot: &RobotDescription) -> Vec<Column> {
-    // Twists of the modified DH table are never drawn.
+    // The twists of the modified DH table are never randomized.
     let twists: Vec<String> = robot.per_joint(|joint| angle(joint.alpha_deg));
     let twists = twists.join(", ");
     let joints = robot.joints.len();

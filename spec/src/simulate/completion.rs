@@ -1,4 +1,4 @@
-//! A robot's description as the defaults of a simulation.
+//! Defaults of a simulation that come from its robot's description.
 
 use serde::Serialize;
 use serde_json::{Map, Value};
@@ -8,8 +8,8 @@ use crate::fields::shorten;
 use crate::schema::explain;
 use crate::{RobotModel, SpecError};
 
-/// Completes a simulation's fields with what the description of its robot says. The defaults of the types
-/// are the Panda's, so that a spec of it needs nothing.
+/// Completes a simulation's fields from the description of its robot. The types' own defaults are
+/// for the Panda, so a spec for a Panda needs nothing.
 pub(crate) fn complete(fields: &mut Map<String, Value>) -> Result<(), SpecError> {
     let Some(model) = complete_robot(fields)? else { return Ok(()) };
     let description = model.description();
@@ -28,7 +28,7 @@ pub(crate) fn complete(fields: &mut Map<String, Value>) -> Result<(), SpecError>
     Ok(())
 }
 
-/// Completes the field `robot` alone. Returns its model, unless that is the Panda.
+/// Completes only the field `robot`. Returns its model, unless it is the Panda.
 pub(crate) fn complete_robot(
     fields: &mut Map<String, Value>,
 ) -> Result<Option<RobotModel>, SpecError> {
@@ -70,7 +70,7 @@ fn read_model(value: &Value) -> Result<RobotModel, SpecError> {
         .map_err(|error| SpecError::one("", shorten(value), error.to_string()))
 }
 
-/// Adds the fields of `defaults` that are not given.
+/// Adds those fields of `defaults` that are missing.
 fn add_missing(given: &mut Map<String, Value>, defaults: &impl Serialize) {
     let Ok(Value::Object(defaults)) = serde_json::to_value(defaults) else { return };
     for (field, value) in defaults {

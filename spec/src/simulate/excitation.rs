@@ -6,11 +6,11 @@ use utoipa::ToSchema;
 
 use crate::Range;
 
-/// Joint torques that excite the arm, drawn independently per joint.
+/// Joint torques that excite the arm. Each joint's torques are drawn independently.
 ///
-/// With chirps and multisines present, each trajectory draws its own: `chirp` with probability
-/// `chirp_fraction`, else `multisine`, unless their frequencies are grids. Steps stand alone, or beside
-/// others where all have a grid.
+/// With both chirps and multisines, each trajectory draws one of them: `chirp` with probability
+/// `chirp_fraction`, and otherwise `multisine`. If their frequencies are grids, the grids decide.
+/// Steps stand alone, or beside other families if all have a grid.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Excitation {
@@ -58,17 +58,17 @@ impl fmt::Display for Family {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Frequency {
-    /// The same for all.
+    /// The same for all trajectories.
     Fixed(f64),
     /// Drawn uniformly for each trajectory.
     Uniform(Range),
-    /// Equal contiguous blocks of trajectories, one per frequency. Of several families all have a grid
-    /// or none; those of chirps come first, those of steps last.
+    /// Equal contiguous blocks of trajectories, one per frequency. With several families, either
+    /// all have a grid or none has. Blocks of chirps come first, and blocks of steps last.
     Grid(Vec<f64>),
 }
 
 impl Frequency {
-    /// The interval of master frequencies that can be drawn: what "in distribution" means.
+    /// The interval of possible master frequencies. It defines "in distribution".
     pub fn support(&self) -> Range {
         match self {
             Self::Fixed(f) => Range::new(*f, *f),
@@ -83,8 +83,8 @@ impl Frequency {
 
 /// u(t) = (o + s·a·cos(2π f1 (1 + d·cos(2π f2 t)) t + φ)) / torque_divisor.
 ///
-/// The phase is multiplied by t as the paper prints it, so the instantaneous frequency grows
-/// with t. Offset, sign and divisor come from the paper's code, not its text.
+/// As the paper prints it, the phase is multiplied by t, so the instantaneous frequency grows with
+/// t. Offset, sign and divisor come from the paper's code, not from its text.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Chirp {
@@ -106,7 +106,7 @@ pub struct Chirp {
     pub random_sign: bool,
     #[serde(default = "chirp::torque_divisor")]
     pub torque_divisor: f64,
-    /// Where `low_band` ends and `high_band` begins, in Hz of the master frequency.
+    /// The end of `low_band` and the beginning of `high_band`, in Hz of the master frequency.
     #[serde(default = "chirp::band_split_hz")]
     pub band_split_hz: f64,
     #[serde(default = "chirp::low_band")]
@@ -123,8 +123,8 @@ pub struct ChirpBand {
     pub f2: Range,
 }
 
-/// u(t) = s·(a0 sin ωt + a1 cos m1ωt + a2 sin m2ωt + s'·a3 cos m3ωt) / torque_divisor,
-/// with ω = 2π·f·c, c drawn from `base`, and m0 = 1 in the default `multiples`.
+/// u(t) = s·(a0 sin ωt + a1 cos m1ωt + a2 sin m2ωt + s'·a3 cos m3ωt) / torque_divisor, with ω =
+/// 2π·f·c. c is drawn from `base`, and m0 = 1 in the default `multiples`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Multisine {
@@ -139,7 +139,7 @@ pub struct Multisine {
     #[serde(default = "multisine::multiples")]
     #[schema(min_items = 4, max_items = 4)]
     pub multiples: [f64; 4],
-    /// Whether s and s' are ±1 with equal probability; otherwise 1.
+    /// Whether s and s' are ±1 with equal probability; otherwise they are 1.
     #[serde(default = "yes")]
     pub random_sign: bool,
     /// κ of each joint.
@@ -147,8 +147,8 @@ pub struct Multisine {
     pub torque_divisor: Vec<f64>,
 }
 
-/// A torque that jumps: of each joint it is held at one of eight levels after the other, then again from
-/// the first on. Every level and how long it is held is drawn on its own.
+/// Torques that jump. Each joint's torque is held at one of eight levels after the other, and then
+/// begins again with the first. Every level and its duration is drawn independently.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Steps {
@@ -156,16 +156,16 @@ pub struct Steps {
     /// Interval of every level, in N·m.
     #[serde(default = "steps::level_nm")]
     pub level_nm: Range,
-    /// Interval of how long a level is held, in periods of the master frequency.
+    /// Interval of a level's duration, in periods of the master frequency.
     #[serde(default = "steps::hold_periods")]
     pub hold_periods: Range,
 }
 
-/// Levels that [`Steps`] have before they begin again.
+/// Number of levels of [`Steps`] before they begin again.
 pub const STEP_LEVELS: usize = 8;
 
 impl Excitation {
-    /// Families and frequencies of the grid, in the order of their blocks; empty without one.
+    /// Families and frequencies of the grid, in the order of their blocks. Empty without a grid.
     pub fn grid(&self) -> Vec<(Family, f64)> {
         Family::ALL
             .into_iter()
@@ -177,7 +177,7 @@ impl Excitation {
             .collect()
     }
 
-    /// The master frequencies of `family`; `None` when it does not occur.
+    /// The master frequencies of `family`; `None` if it does not occur.
     pub fn frequency_hz(&self, family: Family) -> Option<&Frequency> {
         match family {
             Family::Chirp => self.chirp.as_ref().map(|chirp| &chirp.frequency_hz),
@@ -186,8 +186,8 @@ impl Excitation {
         }
     }
 
-    /// The interval of amplitudes of `family`, N·m, of multisines N·m per Hz: of the joint whose torques are divided
-    /// the least. `None` when it does not occur.
+    /// The range of amplitudes of `family`, N·m; for multisines N·m per Hz. It is that of the joint
+    /// with the smallest divisor. `None` if the family does not occur.
     pub fn amplitude(&self, family: Family) -> Option<Range> {
         let over =
             |range: Range, divisor: f64| Range::new(range.min / divisor, range.max / divisor);
@@ -203,7 +203,7 @@ impl Excitation {
         }
     }
 
-    /// The master frequencies that `family` can have here; `None` when it does not occur.
+    /// The master frequencies that `family` can have here; `None` if it does not occur.
     pub fn support(&self, family: Family) -> Option<Range> {
         self.frequency_hz(family).map(Frequency::support)
     }
@@ -246,11 +246,11 @@ mod chirp {
 mod steps {
     use super::Range;
 
-    /// Most of the torques of slow chirps and multisines lie in between.
+    /// Most torques of slow chirps and multisines lie in this range.
     pub const fn level_nm() -> Range {
         Range::new(-3.0, 3.0)
     }
-    /// Half a period in the mean.
+    /// Half a period on average.
     pub const fn hold_periods() -> Range {
         Range::new(0.25, 0.75)
     }

@@ -1,8 +1,8 @@
-//! Which motions an integration scheme can follow, and what to say of the others.
+//! Whether an integration scheme can follow the motions of a simulation, and warnings if it cannot.
 //!
 //! Numbers are 99th percentiles, over robots, of the largest position error within 400 samples at
-//! 60 Hz, measured over damping, gravity, friction and excitation by
-//! `cargo run --release -p dynamics --example errors`. A motion counts as followed below 10⁻⁴ rad.
+//! 60 Hz. `cargo run --release -p dynamics --example errors` measures them over damping, gravity,
+//! friction and excitation. A motion is followed if its error is below 10⁻⁴ rad.
 
 use std::fmt;
 
@@ -14,26 +14,26 @@ use super::robot_spec::{Gravity, RobotSpec};
 use super::spec::SimulateSpec;
 use crate::check::Report;
 
-/// A value that is allowed and that a reader of the results should know about.
+/// A warning about a value that is allowed. A reader of the results should know about it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Doubt {
     /// Path of the field.
     pub field: String,
-    /// What it is.
+    /// The value.
     pub value: String,
-    /// Why that is doubtful, with numbers, and what to do about it.
+    /// Why the value is doubtful, with numbers, and what to do about it.
     pub reason: String,
 }
 
 impl Doubt {
-    /// The same about a spec that is found at `path` in another.
+    /// The same warning about a spec at `path` in another one.
     #[must_use]
     pub fn within(self, path: &str) -> Self {
         Self { field: format!("{path}.{}", self.field), ..self }
     }
 }
 
-/// A sentence.
+/// Displays the warning as a sentence.
 impl fmt::Display for Doubt {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { field, value, reason } = self;
@@ -41,12 +41,12 @@ impl fmt::Display for Doubt {
     }
 }
 
-/// Runge-Kutta of order 4 is stable while a step is shorter than this many time constants of the
-/// fastest decay (the method's interval of stability on the negative real axis).
+/// Runge-Kutta of order 4 is stable if a step is shorter than this many time constants of the
+/// fastest decay. It is the method's interval of stability on the negative real axis.
 const RUNGE_KUTTA_LIMIT: f64 = 2.785;
 
 impl SimulateSpec {
-    /// What the integrator cannot follow, or the robots cannot do, although the spec is valid.
+    /// Warnings about a valid spec that the integrator cannot follow, or that the robots cannot do.
     pub fn doubts(&self) -> Vec<Doubt> {
         let mut doubts = Vec::new();
         let mut doubt = |field: &str, value: String, reason: String| {
@@ -59,10 +59,10 @@ impl SimulateSpec {
             doubt(
                 "robot.damping_nm_s_rad",
                 format!("down to {least_damping}"),
-                "below 1 N·m·s/rad arms that reach their joint limits move chaotically: at 0.5, accurate schemes \
-                 part by 0.001 to 10 rad within 400 samples, and each shows one possible motion, not the \
-                 motion; chirps that stay inside the limits are still followed to 1e-4 rad with \
-                 {\"scheme\": \"rk4\", \"substeps\": 12}"
+                "below 1 N·m·s/rad, arms that reach their joint limits move chaotically: at 0.5, \
+                 accurate schemes differ by 0.001 to 10 rad within 400 samples, so a trajectory is \
+                 only one of the possible motions; chirps that stay inside the limits are still \
+                 followed to 1e-4 rad with {\"scheme\": \"rk4\", \"substeps\": 12}"
                     .to_owned(),
             );
         }
@@ -76,10 +76,10 @@ impl SimulateSpec {
             doubt(
                 "robot.gravity",
                 "on".to_owned(),
-                "an arm that nothing holds up falls onto its joint limits: of the default excitations, at every \
-                 damping from 0.1 to 30 N·m·s/rad, no draw stayed clear of them for 400 samples at 60 Hz, \
-                 and the simulation fails when rejection.max_draws are used up; compensate gravity, or set \
-                 rejection.position_margin_rad to null"
+                "gravity pulls the arm onto its joint limits: with the default excitations, at \
+                 every damping from 0.1 to 30 N·m·s/rad, no draw kept away from them for 400 \
+                 samples at 60 Hz, so the simulation fails when rejection.max_draws are used up; \
+                 compensate gravity, or set rejection.position_margin_rad to null"
                     .to_owned(),
             );
         }
@@ -91,9 +91,9 @@ impl SimulateSpec {
         let per_sixtieth = |substeps: u32| f64::from(substeps) * self.rate_hz / 60.0;
         match self.integrator {
             Integrator::Reference => Some(
-                "this is what the paper's simulator amounts to, not a solution: errors are 0.002 to 0.005 rad \
-                 without gravity and 0.01 to 0.03 rad with it at damping 10, and grow to more than 1 rad at \
-                 damping 1"
+                "this reproduces the paper's simulator and is not accurate: at damping 10, errors \
+                 are 0.002 to 0.005 rad without gravity and 0.01 to 0.03 rad with it, and at \
+                 damping 1 they grow to more than 1 rad"
                     .to_owned(),
             ),
             Integrator::Extrapolated { order: order @ 1..=2, .. } => Some(format!(
@@ -104,9 +104,10 @@ impl SimulateSpec {
                 if self.robot.friction.is_some() && least_damping * per_sixtieth(substeps) < 30.0 =>
             {
                 Some(format!(
-                    "extrapolation needs smooth motions and friction bends them where joints turn round: at \
-                     damping 10 errors reach 5e-4 rad with one substep and 6e-5 with four, at damping 2 \
-                     0.003 and 4e-4; {RUNGE_KUTTA} leaves 1e-4 at damping 2 to 10"
+                    "extrapolation needs smooth motions, and friction changes abruptly where \
+                     joints change direction: errors reach 5e-4 rad with one substep and 6e-5 with \
+                     four at damping 10, and 0.003 and 4e-4 at damping 2; {RUNGE_KUTTA} leaves 1e-4 \
+                     at damping 2 to 10"
                 ))
             }
             Integrator::Extrapolated { order: 3, substeps }
@@ -122,9 +123,9 @@ impl SimulateSpec {
                 if least_damping * per_sixtieth(substeps) < 6.0 =>
             {
                 Some(format!(
-                    "steps are long for damping as light as {least_damping} N·m·s/rad: with one substep errors reach \
-                     2e-4 rad at damping 5, 0.004 at 2 and more than 0.1 at 1; {RUNGE_KUTTA} leaves 1e-5 \
-                     at 2 and above"
+                    "the steps are too long for a damping of {least_damping} N·m·s/rad: with one \
+                     substep, errors reach 2e-4 rad at damping 5, 0.004 at 2 and more than 0.1 at \
+                     1; {RUNGE_KUTTA} leaves 1e-5 at 2 and above"
                 ))
             }
             Integrator::Extrapolated { .. } => None,
@@ -134,15 +135,16 @@ impl SimulateSpec {
         }
     }
 
-    /// Why some of the arms that can be drawn may diverge although the nominal one does not.
+    /// Why some of the possible arms may diverge although the nominal one does not.
     fn near_instability(&self, substeps: u32) -> Option<String> {
-        /// Of the limit; the least inertias are those of joints, and arms have slightly less.
+        /// Share of the limit that counts as safe. The smallest inertias are given for joints, and
+        /// those of arms are slightly smaller.
         const SAFE: f64 = 0.95;
 
         if !self.robot.knows_least_inertias() {
             return Some(
-                "the robot's description has no least_inertia_kg_m2 for every joint, so that nothing tells \
-                 whether explicit steps are stable; one unstable arm fails its shard"
+                "the robot's description does not have least_inertia_kg_m2 for every joint, so it \
+                 is not known whether explicit steps are stable; one unstable arm fails its shard"
                     .to_owned(),
             );
         }
@@ -150,10 +152,10 @@ impl SimulateSpec {
         let step = 1.0 / (self.rate_hz * f64::from(substeps));
         (rate * step > SAFE * RUNGE_KUTTA_LIMIT).then(|| {
             format!(
-                "the damping of joint {} decays at up to {rate:.0} /s in the lightest arms that can be drawn; \
-                 steps of {step:.1e} s make those unstable, or nearly so (the limit is \
-                 {RUNGE_KUTTA_LIMIT} / {step:.1e} s = {:.0} /s), and one unstable arm fails its shard; use {} \
-                 substeps",
+                "joint {} loses its velocity at up to {rate:.0} /s in the lightest possible arms; \
+                 steps of {step:.1e} s make these unstable, or nearly so (the limit is \
+                 {RUNGE_KUTTA_LIMIT} / {step:.1e} s = {:.0} /s), and one unstable arm fails its \
+                 shard; use {} substeps",
                 joint + 1,
                 RUNGE_KUTTA_LIMIT / step,
                 self.stable_substeps(rate / SAFE),
@@ -163,20 +165,22 @@ impl SimulateSpec {
 
     fn runge_kutta_too_coarse(&self, steps_per_sixtieth: f64) -> Option<String> {
         let (needed, errors) = match self.robot.friction {
-            None => (4.0, "reach 1e-4 rad with two or three and 0.005 with one"),
-            Some(_) => {
-                (6.0, "reach 1e-4 rad with four or five, 4e-4 with two or three and 0.2 with one")
-            }
+            None => (4.0, "reach 1e-4 rad with two or three steps per 1/60 s and 0.005 with one"),
+            Some(_) => (
+                6.0,
+                "reach 1e-4 rad with four or five steps per 1/60 s, 4e-4 with two or three and \
+                     0.2 with one",
+            ),
         };
         (steps_per_sixtieth < needed).then(|| {
             format!(
-                "errors {errors} per 1/60 s at damping 1 to 10, and stay within 1e-4 from {needed} on; here \
-                 there are {steps_per_sixtieth}"
+                "errors {errors} at damping 1 to 10, and stay within 1e-4 with {needed} or more; \
+                 this spec has {steps_per_sixtieth}"
             )
         })
     }
 
-    /// Refuses explicit damping with steps on which even the nominal arm diverges.
+    /// Refuses explicit damping with step sizes at which even the nominal arm diverges.
     pub(super) fn check_stability(&self, report: &mut Report) {
         let Integrator::Rk4 { substeps } = self.integrator else { return };
         let (joint, rate) = self.robot.fastest_decay(Draw::Nominal);
@@ -200,37 +204,38 @@ impl SimulateSpec {
         );
     }
 
-    /// The fewest Runge-Kutta steps per sample that are stable for a decay at `rate` per second.
+    /// The smallest number of stable Runge-Kutta steps per sample, for a decay with `rate` per
+    /// second.
     fn stable_substeps(&self, rate: f64) -> f64 {
         (rate / (self.rate_hz * RUNGE_KUTTA_LIMIT)).ceil()
     }
 }
 
-/// What to use where extrapolation does not follow.
+/// The integrator to use where extrapolation does not follow.
 const RUNGE_KUTTA: &str = "{\"scheme\": \"rk4\", \"substeps\": 6}";
 
 #[derive(Clone, Copy)]
 enum Draw {
     Nominal,
-    /// The most damping and the least inertia that fractions allow.
+    /// The largest damping and the smallest inertia that the fractions allow.
     Extreme,
 }
 
 impl RobotSpec {
-    /// Of any joint of any robot.
+    /// The smallest damping of any joint of any robot.
     fn least_damping(&self) -> f64 {
         let nominal = self.damping_nm_s_rad.iter().copied().fold(f64::INFINITY, f64::min);
         nominal * (1.0 - self.damping_fraction)
     }
 
-    /// The joint whose damping slows it down fastest, from 0, and the rate per second; a rate of 0 where
-    /// the least inertias are not known.
+    /// The joint with the fastest decay through damping, counted from 0, and its rate per second.
+    /// The rate is 0 if the smallest inertias are not known.
     fn fastest_decay(&self, draw: Draw) -> (usize, f64) {
         let fraction = |fraction: f64| match draw {
             Draw::Nominal => 0.0,
             Draw::Extreme => fraction,
         };
-        // Measured, inertia falls by less than the largest fraction of its ingredients.
+        // In measurements, inertia falls by less than the largest of these fractions.
         let lighter = self.mass_fraction.max(self.com_fraction).max(self.inertia_fraction);
         let nominal = self.damping_nm_s_rad.iter().zip(&self.armature_kg_m2);
         let joints = nominal.zip(&self.description().joints);

@@ -3,23 +3,23 @@ use std::fmt;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// How one sampling period is integrated, with the torque held and joint damping implicit.
+/// The integration of one sampling period. Torques are held, and joint damping is implicit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(tag = "scheme", rename_all = "kebab-case", deny_unknown_fields)]
 pub enum Integrator {
-    /// Implicit-damping Euler, Richardson-extrapolated over 1, 2, .. `order` steps.
+    /// Implicit-damping Euler with Richardson extrapolation over 1, 2, .. `order` steps.
     Extrapolated {
         #[serde(default = "four")]
         order: u32,
         #[serde(default = "one")]
         substeps: u32,
     },
-    /// Classical Runge-Kutta of order 4, damping explicit.
+    /// Classical Runge-Kutta of order 4 with explicit damping.
     Rk4 {
         #[serde(default = "six")]
         substeps: u32,
     },
-    /// Semi-implicit Euler with 2 substeps: what the paper's simulator setting amounts to.
+    /// Semi-implicit Euler with 2 substeps, which is equivalent to the paper's simulator settings.
     Reference,
 }
 
@@ -41,7 +41,7 @@ impl fmt::Display for Integrator {
     }
 }
 
-/// The arithmetic of the simulation; datasets hold f32 either way.
+/// The precision of the simulation. Datasets hold f32 in either case.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Precision {

@@ -1,4 +1,4 @@
-//! A simulation: many randomized arms, each driven by its own excitation.
+//! Simulations: many randomized arms, each driven by its own excitation.
 
 mod check;
 mod columns;

@@ -3,25 +3,25 @@ use utoipa::ToSchema;
 
 use crate::check::{Check, Report};
 
-/// What is recorded besides torques and joint positions, as further columns.
+/// Additional recorded quantities, besides torques and joint positions, and measurement noise.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Observations {
     /// Joint velocities `qd1` to `qd7`, rad/s.
     pub joint_velocities: bool,
-    /// Pose of the hand's frame in the base's: position `ee_x`, `ee_y`, `ee_z` in m and unit
-    /// quaternion `ee_qx`, `ee_qy`, `ee_qz`, `ee_qw`, whose sign is continuous in time.
+    /// Pose of the hand's frame in the base's frame: position `ee_x`, `ee_y`, `ee_z` in m and unit
+    /// quaternion `ee_qx`, `ee_qy`, `ee_qz`, `ee_qw`. The quaternion's sign is continuous in time.
     pub end_effector_pose: bool,
     /// Standard deviation of the Gaussian noise of measured positions, rad, 0 to 0.1. Models and
-    /// baselines then see `q_measured1`, ..; their errors are those against the positions `q1`, ..
+    /// baselines then see `q_measured1`, .., and errors are measured against the positions `q1`, ..
     #[serde(skip_serializing_if = "is_zero")]
     pub position_noise_rad: f64,
-    /// Step of the encoders, rad, 0 to 0.1: measured positions are multiples of it, after noise was
-    /// added. 0 rounds nothing.
+    /// Resolution of the encoders, rad, 0 to 0.1. Measured positions with noise are rounded to
+    /// multiples of it. 0 rounds nothing.
     #[serde(skip_serializing_if = "is_zero")]
     pub position_resolution_rad: f64,
     /// Standard deviation of the Gaussian noise of measured torques, N·m, 0 to 100. Models and
-    /// baselines then see `u_measured1`, .. over the context. The torques of the horizon are planned
+    /// baselines then see `u_measured1`, .. in the context. The torques of the horizon are planned
     /// and not measured.
     #[serde(skip_serializing_if = "is_zero")]
     pub torque_noise_nm: f64,
@@ -44,8 +44,8 @@ impl Observations {
         self.torque_noise_nm > 0.0
     }
 
-    /// Standard deviation of the error of a measured position, rad. Rounding to multiples of r has an
-    /// error of standard deviation r / √12.
+    /// Standard deviation of the error of a measured position, rad. Rounding to multiples of r has
+    /// an error with standard deviation r / √12.
     pub fn position_deviation_rad(&self) -> f64 {
         self.position_noise_rad.hypot(self.position_resolution_rad / 12.0_f64.sqrt())
     }

@@ -3,35 +3,35 @@ use utoipa::ToSchema;
 
 use crate::{InertiaScheme, Range, RobotDescription, RobotModel};
 
-/// The arm and how far each robot's parameters lie from the nominal ones.
+/// The arm, and how far each robot's parameters deviate from the nominal ones.
 ///
 /// Fractions are half-widths: 0.1 draws uniformly from 90 % to 110 % of the nominal value.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct RobotSpec {
-    /// What is left out below is what its description says.
+    /// The robot. Fields that are left out below have the values of its description.
     pub model: RobotModel,
-    /// Of each body's mass.
+    /// Fraction for each body's mass.
     pub mass_fraction: f64,
-    /// Of each coordinate of each body's centre of mass.
+    /// Fraction for each coordinate of each body's centre of mass.
     pub com_fraction: f64,
-    /// Of each body's inertia, as `inertia_scheme` says.
+    /// Fraction for each body's inertia, drawn according to `inertia_scheme`.
     pub inertia_fraction: f64,
     pub inertia_scheme: InertiaScheme,
-    /// Of each joint's damping.
+    /// Fraction for each joint's damping.
     pub damping_fraction: f64,
     /// Nominal viscous damping of each joint, N·m·s/rad.
     pub damping_nm_s_rad: Vec<f64>,
-    /// Of each joint's armature.
+    /// Fraction for each joint's armature.
     pub armature_fraction: f64,
     /// Nominal reflected rotor inertia of each joint, kg·m².
     pub armature_kg_m2: Vec<f64>,
-    /// Of each length of the kinematics: every a and d of the modified DH table that is not zero,
-    /// and the flange's distance. Twists stay as they are.
+    /// Fraction for each length of the kinematics: every a and d of the modified DH table that is
+    /// not zero, and the flange's distance. Twists do not change.
     pub geometry_fraction: f64,
-    /// Friction besides the viscous damping; `null` for none, as in the paper's simulator.
+    /// Friction in addition to the viscous damping; `null` for none, as in the paper's simulator.
     pub friction: Option<Friction>,
-    /// What the hand carries; `null` for nothing.
+    /// The load in the hand; `null` for none.
     pub payload: Option<Payload>,
     pub gravity: Gravity,
 }
@@ -43,7 +43,7 @@ impl Default for RobotSpec {
 }
 
 impl RobotSpec {
-    /// `model` with its own nominal values and law of randomization, without gravity.
+    /// `model` with its own nominal values and randomization, without gravity.
     pub fn of(model: RobotModel) -> Self {
         let description = model.description();
         let law = description.randomization;
@@ -76,18 +76,19 @@ impl RobotSpec {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Gravity {
-    /// As in the paper's dataset recipe.
+    /// No gravity, as in the paper's dataset recipe.
     Off,
     /// 9.81 m/s² along -z of the base, not compensated.
     On,
-    /// As `on`, and the arm's own controller adds the robot's exact gravity torque g(q) at every
-    /// sample to the excitation. Both are held until the next sample, and `u` is their sum.
+    /// Like `on`, but the arm's own controller adds the robot's exact gravity torque g(q) to the
+    /// excitation at every sample. Both are held until the next sample, and `u` is their sum.
     Compensated,
 }
 
-/// τ_f(q̇) = φ1 / (1 + exp(-φ2 (q̇ + φ3))) - φ1 / (1 + exp(-φ2 φ3)), one triple per joint.
+/// τ_f(q̇) = φ1 / (1 + exp(-φ2 (q̇ + φ3))) - φ1 / (1 + exp(-φ2 φ3)), with one triple per joint.
 ///
-/// Source: Gaz et al. 2019, equation 19. Values left out are those of the robot's description.
+/// Source: Gaz et al. 2019, equation 19. Values that are left out come from the robot's
+/// description.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Friction {
@@ -109,7 +110,7 @@ impl Default for Friction {
 }
 
 impl Friction {
-    /// What `robot` says of all its joints; `None` unless it says so of every one.
+    /// The friction in `robot`'s description; `None` unless every joint has one.
     pub(super) fn nominal(robot: &RobotDescription) -> Option<Self> {
         let joints: Option<Vec<_>> = robot.joints.iter().map(|joint| joint.friction).collect();
         let joints = joints?;
@@ -122,13 +123,14 @@ impl Friction {
     }
 }
 
-/// A solid sphere of even density, fixed to the hand; every number is drawn for each robot.
+/// A solid sphere of uniform density, fixed to the hand. Every number is drawn for each robot.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Payload {
-    /// kg.
+    /// Mass, kg.
     pub mass_kg: Range,
-    /// Centre along x, y and z of the hand's frame, whose z points from the flange to the fingers, m.
+    /// Centre along x, y and z of the hand's frame, m. Its z axis points from the flange to the
+    /// fingers.
     #[serde(default = "between_the_fingertips")]
     #[schema(min_items = 3, max_items = 3)]
     pub center_m: [Range; 3],

@@ -9,22 +9,22 @@ use super::observations::Observations;
 use super::robot_spec::RobotSpec;
 use crate::{Execution, InitialState};
 
-/// The largest dataset there can be: trajectories are numbered in 32 bits. A server's own limit is
+/// The largest possible dataset: trajectories are numbered in 32 bits. A server's own limit is
 /// lower.
 pub const MAX_TRAJECTORIES: u64 = 2_147_483_647;
 
-/// Simulate `trajectories` arms, each with its own parameters, initial state and excitation.
+/// Simulates `trajectories` arms, each with its own parameters, initial state and excitation.
 ///
-/// Trajectory `i` depends on (spec, `i`) alone: never on shards, workers or threads.
+/// Trajectory `i` depends only on the spec and `i`, and never on shards, workers or threads.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SimulateSpec {
-    /// Number of trajectories; each is one robot. A server takes 1 to 10 000 000 unless told otherwise.
+    /// Number of trajectories; each is one robot. A server accepts 1 to 10 000 000 by default.
     pub trajectories: u64,
-    /// Key of every random draw, 0 to 2^53 - 1.
+    /// Seed of every random draw, 0 to 2^53 - 1.
     #[serde(default)]
     pub seed: u64,
-    /// Samples per trajectory (the paper's N).
+    /// Number of samples per trajectory (the paper's N).
     #[serde(default = "defaults::samples")]
     pub samples: u32,
     /// Sampling rate in Hz; the torque is held over each period.
@@ -35,7 +35,7 @@ pub struct SimulateSpec {
     pub robot: RobotSpec,
     #[serde(default)]
     pub initial_state: InitialState,
-    /// What is recorded besides torques and joint positions.
+    /// Additional recorded quantities, besides torques and joint positions.
     #[serde(default)]
     pub observations: Observations,
     #[serde(default)]
@@ -44,21 +44,22 @@ pub struct SimulateSpec {
     pub integrator: Integrator,
     #[serde(default)]
     pub precision: Precision,
-    /// Trajectories per shard, that is, per task and per Parquet file.
+    /// Number of trajectories per shard. A shard is one task and one Parquet file.
     #[serde(default = "defaults::shard_trajectories")]
     pub shard_trajectories: u32,
     #[serde(default, skip_serializing_if = "Execution::is_default")]
     pub execution: Execution,
 }
 
-/// Which trajectories are drawn again (source: the paper's code keeps only runs that stay clear
-/// of the joint limits).
+/// When a trajectory is drawn again. (The paper's code keeps only runs that keep away from the
+/// joint limits.)
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Rejection {
-    /// Draw again when any joint comes within this distance of a limit, in rad; `null` keeps all.
+    /// Draws again if any joint comes within this distance of a limit, rad; `null` keeps all
+    /// trajectories.
     pub position_margin_rad: Option<f64>,
-    /// Draws per trajectory before the simulation fails.
+    /// Number of draws per trajectory before the simulation fails.
     pub max_draws: u32,
 }
 
@@ -68,7 +69,7 @@ impl Default for Rejection {
     }
 }
 
-/// One excitation family at one frequency, and the trajectories that have it.
+/// One excitation family at one frequency, and its trajectories.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Cell {
     pub family: Family,
@@ -80,7 +81,7 @@ pub struct Cell {
 }
 
 impl SimulateSpec {
-    /// Joints of the robot.
+    /// Number of joints of the robot.
     pub fn joints(&self) -> usize {
         self.robot.joints()
     }
@@ -95,7 +96,7 @@ impl SimulateSpec {
         first..(first + u64::from(self.shard_trajectories)).min(self.trajectories)
     }
 
-    /// The cells of a grid, in order; empty when the frequency is not a grid.
+    /// The cells of a grid, in order. Empty if the frequency is not a grid.
     ///
     /// Trajectories are divided among grid frequencies in contiguous blocks of equal size.
     pub fn cells(&self) -> Vec<Cell> {

@@ -6,32 +6,33 @@ use super::scale::StudyScale;
 use super::trainings::{CONTEXT, HORIZON, StudyTraining, checkpoints, lengths, prefix};
 use super::{Lengths, StudyModel, study_models};
 
-/// Robots of evaluations: beyond all seeds of trainings.
+/// Seed of the robots in evaluations, beyond all seeds of trainings.
 const SEED: u64 = 1_000_000;
 
-/// Windows before the scored one of a warm start.
+/// Number of windows before the scored one of a warm start.
 const ROUNDS: u32 = 4;
 
-/// How much larger torques are than those of the trainings, in the cells that ask for it.
+/// Factor of the torques over those of the trainings, in cells with larger torques.
 const LARGER: f64 = 2.0;
 
-/// The question of an evaluation of the study.
+/// The question of one of the study's evaluations.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum StudyQuestion {
-    /// All frequencies, and steps, which nothing is trained on; and latencies.
+    /// All frequencies, steps (on which nothing is trained), and latencies.
     Sweep,
-    /// Frequencies of the trainings with larger torques.
+    /// Frequencies of the trainings, with larger torques.
     Amplitude,
-    /// Several answers to each question, as distributions.
+    /// Several predictions per scenario, scored as distributions.
     Samples,
-    /// Contexts and horizons.
+    /// Other contexts and horizons.
     Lengths { context: u32, horizon: u32 },
-    /// Chains of denoisers cut short.
+    /// Denoisers with fewer steps and warm starts.
     WarmStart,
 }
 
 impl StudyQuestion {
-    /// Whether its figures belong into the report: those of lengths and larger torques say little one by one.
+    /// Whether its figures are in the report. Single figures about lengths and larger torques say
+    /// little.
     pub fn is_drawn(self) -> bool {
         matches!(self, Self::Sweep | Self::Samples | Self::WarmStart)
     }
@@ -43,7 +44,7 @@ pub struct StudyEvaluation {
     /// Its name in the pipeline.
     pub job: String,
     pub question: StudyQuestion,
-    /// 1 for D1.
+    /// The number of the training set; 1 for D1.
     pub set: usize,
     pub(super) spec: Value,
 }
@@ -63,7 +64,7 @@ pub(super) fn all(scale: StudyScale, trainings: &[StudyTraining]) -> Vec<StudyEv
     evaluations
 }
 
-/// The trainings on a set with 320 and 80 samples of the models that are `wanted`.
+/// The trainings of the `wanted` models on a set, with 320 and 80 samples.
 fn of_set(
     trainings: &[StudyTraining],
     set: usize,
@@ -79,7 +80,7 @@ fn of_set(
     })
 }
 
-/// Robots of evaluation `question` of a set: all ask about robots of their own.
+/// The robots of evaluation `question` of a set. Each evaluation has robots of its own.
 fn stream(excitation: &Value, cells: usize, robots: u64, samples: u32, seed: u64) -> Value {
     json!({"stream": {
         "trajectories": cells as u64 * robots,
@@ -136,7 +137,7 @@ fn amplitude(scale: StudyScale, set: usize, trainings: &[StudyTraining]) -> Stud
     StudyEvaluation { job: format!("d{set}-amplitude"), question, set, spec }
 }
 
-/// Two cells that every set has seen, and two above all bands but D4's.
+/// Two cells that every set has seen, and two above the bands of all sets except D4.
 fn four_cells() -> Value {
     json!({
         "chirp": {"frequency_hz": {"grid": [0.3, 1.0]}},
@@ -157,7 +158,8 @@ fn samples(scale: StudyScale, set: usize, trainings: &[StudyTraining]) -> StudyE
     StudyEvaluation { job: format!("d{set}-samples"), question, set, spec }
 }
 
-/// The same robots for all lengths, but those whose longer motions come too close to their limits.
+/// An evaluation at one length. The robots are the same for all lengths, except those whose longer
+/// motions come too close to their limits.
 fn length(
     scale: StudyScale,
     (context, horizon): (u32, u32),
@@ -184,7 +186,7 @@ fn length(
     StudyEvaluation { job: format!("{prefix}-lengths"), question, set, spec }
 }
 
-/// One training of each denoiser on D1, in every way to begin and to end early.
+/// One training of each denoiser on D1, with every start and with fewer steps.
 fn warm_start(scale: StudyScale, trainings: &[StudyTraining]) -> StudyEvaluation {
     let set = 1;
     let steps: &[u32] =

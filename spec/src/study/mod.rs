@@ -1,5 +1,5 @@
-//! The study of the paper, second edition: a pipeline made from a list of models (`study/models.json`, one line each)
-//! and the sizes of a scale.
+//! The study of the paper, second edition. It is a pipeline made from a list of models
+//! (`study/models.json`, one per line) and the sizes of a scale.
 
 mod evaluations;
 mod scale;
@@ -19,32 +19,32 @@ pub use trainings::StudyTraining;
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct StudyModel {
-    /// As tables call it.
+    /// The name in tables.
     pub name: String,
     /// Presets of the model, one for each scale: tiny, small, paper.
     presets: [String; 3],
     /// Fields of the model over its preset.
     #[serde(default)]
     model: Map<String, Value>,
-    /// Fields of the training over those of its scale.
+    /// Fields of the training, merged over those of its scale.
     #[serde(default)]
     training: Map<String, Value>,
-    /// The same at scale paper, where they replace `training`.
+    /// Fields that replace `training` at scale paper.
     #[serde(default)]
     paper: Map<String, Value>,
-    /// Optimizer steps, in multiples of the scale's.
+    /// Optimizer steps, as a multiple of the scale's.
     #[serde(default = "one")]
     steps: u64,
-    /// Trainings on each set, each with robots of its own.
+    /// Number of trainings on each set. Each has robots of its own.
     #[serde(default = "three")]
     seeds: u64,
-    /// It is trained on D1 to this one.
+    /// The last set on which it is trained, beginning with D1.
     #[serde(default = "four")]
     sets: usize,
-    /// Whether it has several answers, which are scored as a distribution.
+    /// Whether it gives several predictions, which are scored as a distribution.
     #[serde(default)]
     pub samples: bool,
-    /// Whether it removes noise step by step, so that its chain can be cut short and started warm.
+    /// Whether it removes noise step by step, so that it can use fewer steps and warm starts.
     #[serde(default)]
     pub denoiser: bool,
     #[serde(default)]
@@ -57,9 +57,9 @@ pub struct StudyModel {
 enum Lengths {
     #[default]
     None,
-    /// It is trained for each of them.
+    /// It is trained for each length.
     Trained,
-    /// One training answers all.
+    /// One training supports all lengths.
     Any,
 }
 
@@ -76,7 +76,7 @@ const fn four() -> usize {
 /// The models of the study, in the order of every table.
 ///
 /// # Panics
-/// If the list cannot be read, of which a test would have told.
+/// If the list cannot be read. A test checks that it can.
 pub fn study_models() -> &'static [StudyModel] {
     static MODELS: LazyLock<Vec<StudyModel>> = LazyLock::new(|| {
         let text = include_str!("../../study/models.json");
@@ -85,7 +85,7 @@ pub fn study_models() -> &'static [StudyModel] {
     &MODELS
 }
 
-/// The study at one scale: every training and evaluation, and what each is for.
+/// The study at one scale: all trainings and evaluations, with their purposes.
 #[derive(Clone, Debug)]
 pub struct StudyPlan {
     pub trainings: Vec<StudyTraining>,
@@ -108,7 +108,7 @@ impl StudyPlan {
     }
 }
 
-/// The presets of the study, with their places in the list of all.
+/// The presets of the study, with their positions in the list of all presets.
 pub(crate) fn presets() -> impl Iterator<Item = (String, Preset)> {
     StudyScale::ALL.into_iter().zip(["040", "050", "060"]).map(|(scale, place)| {
         let name = scale.preset().to_owned();

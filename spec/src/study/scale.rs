@@ -1,11 +1,11 @@
-//! How much of the study is done.
+//! The scales of the study.
 
 /// The sizes of the study.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StudyScale {
-    /// Every kind of job, in twenty minutes on two cores; too small to conclude from.
+    /// Every kind of job in twenty minutes on two cores. Too small for conclusions.
     Tiny,
-    /// Tiny models, trained for long enough to compare, in some hours on two cores.
+    /// Tiny models, trained long enough to compare them, in some hours on two cores.
     Small,
     /// The paper's sizes.
     Paper,
@@ -34,7 +34,7 @@ impl StudyScale {
         self.pick([0, 1, 2])
     }
 
-    /// One of three values, tiny, small and paper.
+    /// One of three values, for tiny, small and paper.
     pub(super) const fn pick<T: Copy>(self, [tiny, small, paper]: [T; 3]) -> T {
         match self {
             Self::Tiny => tiny,
@@ -43,37 +43,37 @@ impl StudyScale {
         }
     }
 
-    /// Training sets, from D1 on.
+    /// Number of training sets, beginning with D1.
     pub(super) const fn sets(self) -> usize {
         self.pick([2, 4, 4])
     }
 
-    /// The most seeds of a training.
+    /// The largest number of seeds of a training.
     pub(super) const fn seeds(self) -> u64 {
         self.pick([3, 5, 5])
     }
 
-    /// Optimizer steps of a training that asks for no multiple of them.
+    /// Optimizer steps of a training without a factor of its own.
     pub(super) const fn steps(self) -> u64 {
         self.pick([100, 2500, 54_688])
     }
 
-    /// Robots in each cell of a sweep.
+    /// Number of robots in each cell of a sweep.
     pub(super) const fn robots(self) -> u64 {
         self.pick([4, 50, 100])
     }
 
-    /// Robots in each of the four cells of samples and warm starts.
+    /// Number of robots in each of the four cells of samples and warm starts.
     pub(super) const fn sampled_robots(self) -> u64 {
         self.pick([4, 16, 100])
     }
 
-    /// Contexts beside 320 samples, with a horizon of 80.
+    /// Contexts besides 320 samples, with a horizon of 80.
     pub(super) const fn contexts(self) -> &'static [u32] {
         self.pick([&[20], &[20, 40, 80, 160], &[20, 40, 80, 160]])
     }
 
-    /// Horizons beside 80 samples, with a context of 320.
+    /// Horizons besides 80 samples, with a context of 320.
     pub(super) const fn horizons(self) -> &'static [u32] {
         self.pick([&[320], &[20, 160, 320], &[20, 160, 320]])
     }

@@ -7,14 +7,14 @@ use super::{Lengths, StudyModel, study_models};
 use crate::MAX_TRAJECTORIES;
 use crate::preset::merge;
 
-/// Samples that a model is given, and that it has to predict.
+/// Number of samples that a model is given, and number of samples that it predicts.
 pub(super) const CONTEXT: u32 = 320;
 pub(super) const HORIZON: u32 = 80;
 
-/// The most seeds that a set has room for.
+/// The largest number of seeds of a set.
 const SEEDS_OF_A_SET: u64 = 100;
 
-/// Seeds of a training for other lengths.
+/// Number of seeds of a training for another length.
 const SEEDS_OF_A_LENGTH: u64 = 3;
 
 /// One training of the study.
@@ -23,10 +23,10 @@ pub struct StudyTraining {
     /// Its name in the pipeline.
     pub job: String,
     pub model: String,
-    /// 1 for D1.
+    /// The number of the training set; 1 for D1.
     pub set: usize,
     pub seed: u64,
-    /// Context and horizon, where they are not 320 and 80.
+    /// Context and horizon, if they are not 320 and 80.
     pub length: Option<(u32, u32)>,
     pub(super) spec: Value,
 }
@@ -50,13 +50,13 @@ pub(super) fn all(scale: StudyScale) -> Vec<StudyTraining> {
     trainings
 }
 
-/// Contexts and horizons beside the usual ones.
+/// Contexts and horizons besides the usual ones.
 pub(super) fn lengths(scale: StudyScale) -> Vec<(u32, u32)> {
     let contexts = scale.contexts().iter().map(|&context| (context, HORIZON));
     contexts.chain(scale.horizons().iter().map(|&horizon| (CONTEXT, horizon))).collect()
 }
 
-/// `d1`, or `context-20` of other lengths, which are looked at on D1.
+/// The prefix of a name: `d1`, or `context-20` for another length, which is examined on D1.
 pub(super) fn prefix(set: usize, length: Option<(u32, u32)>) -> String {
     match length {
         None => format!("d{set}"),
@@ -94,11 +94,12 @@ fn training(
         "validate_every_steps": steps / 2,
     });
     let own = scale.pick([&model.training, &model.training, &model.paper]);
-    // The law is trained in the same way at every scale.
+    // The learned law is trained in the same way at every scale.
     let own = if own.is_empty() { &model.training } else { own };
     merge(&mut spec, Value::Object(own.clone()));
     if model.denoiser {
-        // At the paper's size as in the paper; at others few steps, which the warm start compares with all.
+        // At the paper's size as in the paper. At other sizes few steps, which the warm start
+        // compares with all of them.
         let sampler = scale.pick([("ddim", 10), ("ddim", 10), ("ddpm", 100)]);
         spec["model"]["sampler"] = json!({"kind": sampler.0, "steps": sampler.1});
     }
@@ -122,7 +123,7 @@ fn optimizer(scale: StudyScale) -> Value {
     }
 }
 
-/// Fields that refer to trainings.
+/// References to trainings as checkpoints.
 pub(super) fn checkpoints<'a>(trainings: impl Iterator<Item = &'a StudyTraining>) -> Value {
     trainings.map(|training| json!({"job": training.job})).collect()
 }

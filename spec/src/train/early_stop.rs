@@ -3,20 +3,21 @@ use utoipa::ToSchema;
 
 use crate::check::{Check, Report};
 
-/// A number that every validation gives and that is better the lower it is.
+/// A metric of every validation. Lower is better.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub enum ValidationMetric {
-    /// √(mean over the horizon of the squared error) of each joint and trajectory, averaged.
+    /// The root mean squared error over the horizon, averaged over joints and trajectories, in
+    /// degrees.
     #[default]
     #[serde(rename = "validation/rmse_deg")]
     RmseDeg,
-    /// What training makes small.
+    /// The loss.
     #[serde(rename = "validation/loss")]
     Loss,
 }
 
 impl ValidationMetric {
-    /// As it is recorded.
+    /// The metric's key in the records.
     pub const fn key(self) -> &'static str {
         match self {
             Self::RmseDeg => "validation/rmse_deg",
@@ -25,8 +26,8 @@ impl ValidationMetric {
     }
 }
 
-/// When a training has learned what it will learn: after `patience` validations in a row none of
-/// which was lower, by more than `min_delta`, than all before them. Looks at `monitor`.
+/// Ends a training when it no longer improves: after `patience` validations in a row that are not
+/// lower than all before them by more than `min_delta`. It uses `monitor`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct EarlyStopSpec {

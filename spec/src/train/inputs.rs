@@ -1,16 +1,17 @@
-//! Whether a training fits its data, and what of it is kept for validation.
+//! Checks that a training fits its data, and splits off the validation trajectories.
 
 use super::TrainSpec;
 use crate::check::Report;
 use crate::{DataSource, DataSpec, SpecError};
 
 impl TrainSpec {
-    /// Trajectories to train on, of a dataset with `all`: all but the validation share at the end.
+    /// Number of training trajectories of a dataset with `all`: all except the validation share at
+    /// the end.
     pub fn training_trajectories(&self, all: u64) -> u64 {
         all - self.validation_part(all)
     }
 
-    /// Trajectories kept for validation, of a dataset with `all`, rounded to the nearest whole number.
+    /// Number of validation trajectories of a dataset with `all`, rounded to the nearest integer.
     #[expect(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,
@@ -61,11 +62,11 @@ impl TrainSpec {
         report.finish()
     }
 
-    /// For data of which [`DataSpec::trajectories`] did not tell how many there are.
+    /// Checks data whose number of trajectories [`DataSpec::trajectories`] did not know.
     ///
     /// # Errors
-    /// When a batch needs more trajectories than there are to train on, or an early stop has none
-    /// to look at.
+    /// When a batch needs more trajectories than there are for training, or early stopping has no
+    /// validation trajectories.
     pub fn check_trajectories(&self, all: u64) -> Result<(), SpecError> {
         let mut report = Report::default();
         self.check_count(all, &mut report);
@@ -78,7 +79,8 @@ impl TrainSpec {
                 "validation_fraction",
                 self.validation_fraction,
                 format!(
-                    "so large that early_stop has trajectories to validate with: here it keeps 0 of {all}"
+                    "a larger value: early_stop needs trajectories to validate with, and this \
+                     keeps 0 of {all}"
                 ),
             );
         }

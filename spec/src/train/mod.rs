@@ -1,4 +1,4 @@
-//! A training: one model, learned from one dataset or stream.
+//! Trainings: one model, learned from one dataset or stream.
 
 mod early_stop;
 mod inputs;
@@ -17,72 +17,75 @@ use crate::{
 
 pub use early_stop::{EarlyStopSpec, ValidationMetric};
 
-/// Train one model on one dataset.
+/// Trains one model on one dataset or stream.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct TrainSpec {
     pub data: DataSource,
     pub model: ModelSpec,
-    /// Samples the model is given (the paper's m); the rest of the trajectory is the horizon.
+    /// Number of samples that the model is given (the paper's m). The rest of the trajectory is the
+    /// horizon.
     #[serde(default = "defaults::context")]
     pub context: u32,
-    /// `context` unless given, and `none` for a model that computes in N·m and rad.
+    /// Default: `context`, or `none` for a model that computes in N·m and rad.
     #[serde(default)]
     pub normalization: Normalization,
     #[serde(default)]
     pub optimizer: OptimizerSpec,
     #[serde(default = "defaults::batch_size")]
     pub batch_size: u32,
-    /// Parts that a batch is computed in, one after the other, their gradients added: less memory,
-    /// the same step up to rounding. Divides `batch_size`.
+    /// Number of parts of a batch that are computed one after the other. Their gradients are added,
+    /// so the step is the same up to rounding and needs less memory. Divides `batch_size`.
     #[serde(default = "defaults::one", skip_serializing_if = "defaults::is_one")]
     pub gradient_accumulation: u32,
-    /// Keeps an average of the weights, which is what is evaluated; `null` does not.
+    /// Keeps a moving average of the weights, which is evaluated in their place; `null` does not.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ema: Option<EmaSpec>,
-    /// Weights of the errors of each joint's position in the loss; `null` is 1 for all.
+    /// Weights of each joint's position error in the loss; `null` is 1 for all.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub loss_weights: Option<Vec<f64>>,
-    /// Optimizer steps, unless `early_stop` ends the training before.
+    /// Number of optimizer steps, unless `early_stop` ends the training earlier.
     pub steps: u64,
-    /// Key of initial weights and batch order, 0 to 2^53 - 1.
+    /// Seed of initial weights and batch order, 0 to 2^53 - 1.
     #[serde(default)]
     pub seed: u64,
-    /// Share of trajectories kept for validation: the last ones, never trained on. A stream has no
-    /// last ones: unless this is 0, it is validated with robots that training never reaches.
+    /// Share of trajectories for validation: the last ones, which are never trained on. A stream
+    /// has no last ones. Unless this is 0, it is validated with robots that the training never
+    /// reaches.
     #[serde(default = "defaults::validation_fraction")]
     pub validation_fraction: f64,
-    /// The training is validated at its end, too.
+    /// Number of steps between validations. The training is also validated at its end.
     #[serde(default = "defaults::validate_every_steps")]
     pub validate_every_steps: u64,
-    /// Trajectories that it is validated with, at most: the first of those kept for it.
+    /// Largest number of validation trajectories, taken from the beginning of those kept for
+    /// validation.
     #[serde(default = "defaults::validation_trajectories")]
     pub validation_trajectories: u32,
-    /// How many of these, at most, a denoiser's `validation/rmse_deg` is taken over: the first ones.
-    /// Each costs as many passes of the network as `model.sampler` has steps.
+    /// Largest number of these that are used for a denoiser's `validation/rmse_deg`, taken from the
+    /// beginning. Each costs as many passes of the network as `model.sampler` has steps.
     #[serde(default = "defaults::sampled_trajectories")]
     pub sampled_trajectories: u32,
-    /// What makes one validation better than another: the lowest is of the best checkpoint.
+    /// The metric that compares validations. The best checkpoint has the lowest value.
     #[serde(default)]
     pub monitor: ValidationMetric,
-    /// Ends the training when its validations do not get better any more; `null` does not.
+    /// Ends the training when its validations no longer improve; `null` does not.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub early_stop: Option<EarlyStopSpec>,
-    /// Steps between two checkpoints; `null` leaves it to `checkpoint_every_seconds`.
+    /// Number of steps between two checkpoints; `null` leaves it to `checkpoint_every_seconds`.
     #[serde(default = "defaults::checkpoint_every_steps")]
     pub checkpoint_every_steps: Option<u64>,
-    /// Longest time without a checkpoint; `null` leaves it to `checkpoint_every_steps`. It decides
-    /// when a checkpoint is written and never what is in it.
+    /// Longest time without a checkpoint, s; `null` leaves it to `checkpoint_every_steps`. It
+    /// decides when a checkpoint is written, but not what it contains.
     #[serde(default = "defaults::checkpoint_every_seconds")]
     pub checkpoint_every_seconds: Option<u32>,
-    /// The newest checkpoints that are kept, besides the best and the final one.
+    /// Number of newest checkpoints to keep, besides the best and the final one.
     #[serde(default = "defaults::keep_checkpoints")]
     pub keep_checkpoints: u32,
     #[serde(default, skip_serializing_if = "Execution::is_default")]
     pub execution: Execution,
 }
 
-/// A training that another job refers to, and the data it was trained on.
+/// A training that another job refers to, and its data.
 #[derive(Clone, Copy, Debug)]
 pub struct Training<'a> {
     pub spec: &'a TrainSpec,
@@ -90,29 +93,29 @@ pub struct Training<'a> {
 }
 
 impl Training<'_> {
-    /// The context, and the trajectories, that it was trained with.
+    /// The context and the trajectory length of the training.
     pub(crate) fn length(&self) -> Length {
         Length { context: self.spec.context, samples: self.data.samples() }
     }
 }
 
-/// Where the mean and standard deviation of u and y come from.
+/// The source of the mean and standard deviation of u and y.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Normalization {
     /// Each trajectory's own context, per channel.
     #[default]
     Context,
-    /// The training trajectories of the dataset, per channel, fixed.
+    /// The training trajectories of the dataset, per channel. The values are fixed.
     Dataset,
-    /// Each trajectory's own context *and horizon*, as in the paper's code: leaks the future.
+    /// Each trajectory's own context *and horizon*, as in the paper's code. This leaks the future.
     PaperLeaky,
-    /// Nowhere: a model sees N·m and rad.
+    /// No normalization: a model sees N·m and rad.
     None,
 }
 
 impl Normalization {
-    /// Of a training that names none.
+    /// The default normalization of a model.
     pub fn default_for(model: &ModelSpec) -> Self {
         if model.is_physical() { Self::None } else { Self::default() }
     }
@@ -127,7 +130,8 @@ impl Normalization {
     }
 }
 
-/// AdamW with an optional linear warmup and a cosine to a fraction of the learning rate.
+/// AdamW with optional linear warmup, followed by a cosine decay to a fraction of the learning
+/// rate.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct OptimizerSpec {
@@ -136,7 +140,7 @@ pub struct OptimizerSpec {
     pub warmup_steps: u64,
     #[schema(min_items = 2, max_items = 2)]
     pub betas: [f64; 2],
-    /// Added to the root of the second moment; 1e-8 as in PyTorch.
+    /// Added to the square root of the second moment; 1e-8 as in PyTorch.
     pub epsilon: f64,
     /// 0 makes it Adam.
     pub weight_decay: f64,
@@ -158,8 +162,8 @@ impl Default for OptimizerSpec {
     }
 }
 
-/// Exponential moving average of the weights, with a decay that grows as a power of the steps:
-/// after n steps min(`decay`, 1 - n^-`power`) (the warm-up of diffusion policy's code).
+/// Exponential moving average of the weights. Its decay grows as a power of the steps: after n
+/// steps it is min(`decay`, 1 - n^-`power`), which is the warm-up of diffusion policy's code.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct EmaSpec {

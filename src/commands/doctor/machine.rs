@@ -6,10 +6,10 @@ use worker::DeviceKind;
 use super::Report;
 use crate::device;
 
-/// No clock is right that shows an earlier time: 2026-01-01T00:00:00Z.
+/// A clock with an earlier time than this is wrong: 2026-01-01T00:00:00Z.
 const EARLIEST: Duration = Duration::from_secs(1_767_225_600);
 
-/// Files per connection that a server keeps free for everything else.
+/// A server uses at most one connection per this many files that it may open.
 const FILES_PER_CONNECTION: u64 = 4;
 
 pub async fn look(report: &mut Report) -> anyhow::Result<()> {
@@ -22,7 +22,7 @@ pub async fn look(report: &mut Report) -> anyhow::Result<()> {
                 report.good("device", format!("{kind}: {adapter}, {:.2} s", probed.seconds))?;
             }
             Err(error) => {
-                let remedy = "torqued devices says more; serve and worker take another --device";
+                let remedy = "see torqued devices; serve and worker take another --device";
                 report.wrong("device", format!("{kind}: {error}"), remedy)?;
             }
         }
@@ -39,7 +39,7 @@ fn clock(report: &mut Report) -> anyhow::Result<()> {
     }
 }
 
-/// A server raises its own limit as far as it may.
+/// Checks the limit of open files. A server raises its own limit as far as it may.
 fn files(report: &mut Report) -> anyhow::Result<()> {
     let (_, most) = getrlimit(Resource::RLIMIT_NOFILE)?;
     let needed = FILES_PER_CONNECTION * api::limits::CONNECTIONS as u64;

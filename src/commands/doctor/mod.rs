@@ -1,4 +1,4 @@
-//! Whether this machine, a data folder and a server are as they should be.
+//! Checks this machine, a data folder and a server.
 
 mod machine;
 mod server;
@@ -12,13 +12,14 @@ use serde::Serialize;
 use crate::arguments::{OutputArguments, ServerArguments, StoreArguments};
 use crate::output::write_json;
 
-/// Looks and changes nothing, beside a running server, too. Ends with 1 when something is wrong.
+/// Checks without changing anything; it can run beside a server. The exit code is 1 if something is
+/// wrong.
 #[derive(Debug, Args)]
 pub struct Arguments {
     #[command(flatten)]
     store: StoreArguments,
 
-    /// Read every file and compare its SHA-256 digest, which takes as long as reading all data
+    /// Read every file and compare its SHA-256 digest; this takes as long as reading all data
     #[arg(long)]
     bytes: bool,
 
@@ -36,12 +37,12 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     store::look(&arguments.store.location(), arguments.bytes, &mut report).await?;
     server::look(&client, &mut report).await?;
     if !arguments.output.json {
-        println!("{} wrong, {} to know about", report.wrong, report.doubtful);
+        println!("{} wrong, {} notes", report.wrong, report.doubtful);
     }
     Ok(if report.wrong == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
-/// Prints what was found, and counts.
+/// Prints findings and counts them.
 struct Report {
     output: OutputArguments,
     wrong: usize,
@@ -63,7 +64,7 @@ struct Finding<'a> {
 #[serde(rename_all = "lowercase")]
 enum State {
     Ok,
-    /// Nothing fails for it, but somebody may want to know.
+    /// Not a problem, but worth knowing.
     Note,
     Wrong,
 }

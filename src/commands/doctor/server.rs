@@ -12,7 +12,7 @@ pub async fn look(client: &Client, report: &mut Report) -> anyhow::Result<()> {
             return report.note("server", format!("none answers at {url}"), remedy);
         }
         Err(error) => {
-            return report.wrong("server", error.to_string(), "its log says more");
+            return report.wrong("server", error.to_string(), "its log has the details");
         }
     };
     let own = env!("CARGO_PKG_VERSION");
@@ -23,12 +23,10 @@ pub async fn look(client: &Client, report: &mut Report) -> anyhow::Result<()> {
         report.note("server", found, "install the same version for both")?;
     }
     for reason in &health.reasons {
-        report.wrong("server", reason, "tasks wait until that is put right")?;
+        report.wrong("server", reason, "tasks wait until this is fixed")?;
     }
     match client.queue().await {
-        Ok(queue) if queue.paused => {
-            report.note("queue", "paused", "torqued resume has tasks begun again")
-        }
+        Ok(queue) if queue.paused => report.note("queue", "paused", "torqued resume resumes it"),
         Ok(queue) => {
             let found = format!("{} tasks wait, {} run", queue.queued, queue.running);
             report.good("queue", found)

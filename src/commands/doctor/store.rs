@@ -9,13 +9,13 @@ use super::Report;
 use crate::exit::message;
 use crate::progress::measure;
 
-/// Files that are named one by one; the others are counted.
+/// Number of files that are listed by name. The others are counted.
 const NAMED: usize = 20;
 
-/// A store's clock and this machine's may differ by so much.
+/// The allowed difference between a store's clock and this machine's.
 const CLOCKS_MS: u64 = 5_000;
 
-/// Looks at the folder, then at the database, then at every file that it names.
+/// Checks the folder, then the database, then every file that rows name.
 pub async fn look(location: &Location, bytes: bool, report: &mut Report) -> anyhow::Result<()> {
     let is_there = folder(&location.folder, report)?;
     if !is_there && location.database.is_none() {
@@ -25,7 +25,7 @@ pub async fn look(location: &Location, bytes: bool, report: &mut Report) -> anyh
         Ok(store) => store,
         Err(error) => {
             let found = message(&error.into());
-            return report.wrong("database", found, "docs/queue.md and docs/scale.md say more");
+            return report.wrong("database", found, "see docs/queue.md and docs/scale.md");
         }
     };
     space(&store, report)?;
@@ -35,7 +35,7 @@ pub async fn look(location: &Location, bytes: bool, report: &mut Report) -> anyh
     Ok(())
 }
 
-/// Whether the folder is there.
+/// Whether the folder exists.
 fn folder(folder: &Path, report: &mut Report) -> anyhow::Result<bool> {
     let name = folder.display();
     let metadata = match std::fs::metadata(folder) {
@@ -68,7 +68,7 @@ fn space(store: &Store, report: &mut Report) -> anyhow::Result<()> {
     let space = store.disk_space()?;
     let [free, kept] = [space.free_bytes, space.reserved_bytes].map(measure::size);
     if space.is_low() {
-        let found = format!("{free} free, less than the {kept} with which tasks are begun");
+        let found = format!("{free} free, but tasks only begin with {kept} or more");
         return report.wrong("disk", found, "delete something else on it, or move the data folder");
     }
     report.good("disk", format!("{free} free"))
@@ -79,10 +79,12 @@ async fn database(store: &Store, location: &Location, report: &mut Report) -> an
     match store.database_damage().await {
         Ok(None) => report.good("database", format!("{location}, schema {version}, sound"))?,
         Ok(Some(damage)) => {
-            let remedy = "stop the server and take the newest backup";
+            let remedy = "stop the server and restore the newest backup";
             report.wrong("database", format!("damaged: {damage}"), remedy)?;
         }
-        Err(error) => report.wrong("database", message(&error.into()), "its log says more")?,
+        Err(error) => {
+            report.wrong("database", message(&error.into()), "its log has the details")?
+        }
     }
     let own = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH)?.as_millis();
     let there = store.now().await?.milliseconds();
@@ -108,14 +110,15 @@ async fn objects(store: &Store, bytes: bool, report: &mut Report) -> anyhow::Res
             let Some(problem) = problem(store, &object, bytes).await else { continue };
             bad += 1;
             if bad <= NAMED {
-                let remedy = "torqued submit --force makes it anew, or take it from a backup";
+                let remedy =
+                    "make it again with torqued submit --force, or restore it from a backup";
                 report.wrong("file", problem, remedy)?;
             }
         }
     }
     if bad > NAMED {
         let found = format!("and {} more are missing or damaged", bad - NAMED);
-        report.wrong("file", found, "take the newest backup")?;
+        report.wrong("file", found, "restore the newest backup")?;
     }
     let looked = if bytes { "every digest compared" } else { "--bytes compares their digests" };
     let [count, size] = [measure::count(count), measure::size(size)];

@@ -1,4 +1,5 @@
-//! A checkpoint as the Hugging Face hub has models: the weights, what they mean, and a card that people read.
+//! Exports a checkpoint as a model of the Hugging Face hub: the weights, their configuration, and a
+//! model card.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -10,10 +11,10 @@ use wire::Checkpoint;
 use super::Done;
 use crate::client::Client;
 
-/// The files of a checkpoint that predict; its optimizer only goes on training.
+/// The files of a checkpoint that a prediction needs. The optimizer is only for further training.
 const FILES: [&str; 2] = ["model.safetensors", "config.json"];
 
-/// Returns the checkpoint as the API has it.
+/// Returns the checkpoint in the API's form.
 pub async fn export(client: &Client, id: i64, out: &Path, done: &Done) -> anyhow::Result<Value> {
     let checkpoint: Checkpoint = client.get(&format!("/v1/checkpoints/{id}")).await?;
     let files: Vec<_> =
@@ -24,7 +25,7 @@ pub async fn export(client: &Client, id: i64, out: &Path, done: &Done) -> anyhow
         done.add(file.size);
     }
     let config = std::fs::read(out.join("config.json")).context("it has no config.json")?;
-    let config = serde_json::from_slice(&config).context("its config.json is no JSON")?;
+    let config = serde_json::from_slice(&config).context("its config.json is not JSON")?;
     let path = out.join("README.md");
     std::fs::write(&path, card(&checkpoint, &config))
         .with_context(|| format!("cannot write {}", path.display()))?;

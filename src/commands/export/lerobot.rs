@@ -1,5 +1,6 @@
-//! A dataset in LeRobot's format v3.0: an episode for each trajectory, `observation.state` with the positions and `action` with the
-//! torques of all joints. <https://huggingface.co/docs/lerobot/lerobot-dataset-v3>
+//! Exports a dataset in LeRobot's format v3.0. Each trajectory is an episode, with the positions of
+//! all joints in `observation.state` and their torques in `action`.
+//! <https://huggingface.co/docs/lerobot/lerobot-dataset-v3>
 
 use std::path::Path;
 
@@ -13,10 +14,10 @@ use super::lerobot_meta as meta;
 use super::lerobot_shard::{Features, convert};
 use crate::client::Client;
 
-/// Files of a folder at most, as LeRobot counts them.
+/// Largest number of files in a folder, as in LeRobot.
 pub const FILES_PER_CHUNK: u32 = 1000;
 
-/// Where the shards lie until they are written in the other format.
+/// The folder for shards until they are converted.
 const DOWNLOADS: &str = "downloads";
 
 /// Returns `meta/info.json`.

@@ -1,4 +1,4 @@
-//! The folder `meta` of a LeRobot dataset: what its features, episodes and tasks are.
+//! The folder `meta` of a LeRobot dataset, which describes its features, episodes and tasks.
 
 use std::collections::HashMap;
 use std::fs::File;
@@ -19,10 +19,10 @@ use super::lerobot_shard::{Feature, Features};
 /// The version of the format.
 const VERSION: &str = "v3.0";
 
-/// Episodes that are written at once.
+/// Number of episodes that are written at once.
 const EPISODES_AT_ONCE: u64 = 50_000;
 
-/// How long an episode is and how fast.
+/// The length and the rate of episodes.
 #[derive(Clone, Copy)]
 pub struct Timing {
     pub samples: u32,
@@ -30,7 +30,7 @@ pub struct Timing {
 }
 
 impl Timing {
-    /// The time of a frame from the first one on.
+    /// The time of a frame, counted from the first frame.
     pub fn seconds(self, frame: i64) -> f32 {
         #[expect(clippy::cast_possible_truncation, reason = "the format has 32 bits")]
         let seconds = (frame as f64 / self.rate_hz) as f32;
@@ -71,7 +71,7 @@ pub fn write(
 fn info(description: &DatasetDescription, features: &Features) -> Value {
     let episodes = description.trajectories;
     let robot = description.spec.pointer("/robot/model").and_then(Value::as_str);
-    // LeRobot writes a whole number where it is one.
+    // LeRobot writes an integer if the rate is one.
     let whole = format!("{}", description.rate_hz).parse::<u64>().ok();
     let rate = whole.map_or(json!(description.rate_hz), |whole| json!(whole));
     let own = |feature: &Feature| {
@@ -113,7 +113,7 @@ fn write_json(path: &Path, document: &Value) -> anyhow::Result<()> {
     std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))
 }
 
-/// The tasks are the index of a table of pandas, as pandas marks it.
+/// Writes the tasks. They are the index of a pandas table, with pandas' own marks.
 fn write_tasks(path: &Path, name: &str) -> anyhow::Result<()> {
     const INDEX: &str = "__index_level_0__";
     let pandas = json!({

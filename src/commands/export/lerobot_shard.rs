@@ -1,4 +1,4 @@
-//! The rows of a shard as LeRobot's rows.
+//! Converts the rows of a shard into LeRobot's rows.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -17,7 +17,7 @@ use store::TableReader;
 
 use super::lerobot_meta::Timing;
 
-/// Both features, with what is known of their values so far.
+/// Both features, with the statistics of their values so far.
 pub struct Features {
     /// Joint positions, rad.
     pub state: Feature,
@@ -33,7 +33,7 @@ pub struct Feature {
     statistics: Vec<Statistics>,
 }
 
-/// Values of one joint.
+/// Statistics of one joint's values.
 #[derive(Clone, Copy)]
 struct Statistics {
     count: u64,
@@ -104,7 +104,7 @@ impl Feature {
         Ok(Arc::new(FixedSizeListArray::try_new(element, self.width()?, Arc::new(vectors), None)?))
     }
 
-    /// As `meta/stats.json` has it.
+    /// The statistics in the form of `meta/stats.json`.
     pub fn statistics(&self) -> Value {
         let each = |of: fn(&Statistics) -> f64| self.statistics.iter().map(of).collect::<Vec<_>>();
         let count = self.statistics.first().map_or(0, |it| it.count);
@@ -137,7 +137,7 @@ impl Statistics {
     }
 }
 
-/// Writes the table `from` as a data file `to`. Blocks.
+/// Converts the table `from` into the data file `to`. Blocks.
 ///
 /// # Errors
 /// When a file cannot be read or written.
@@ -201,22 +201,26 @@ pub fn convert(
     Ok(features)
 }
 
-/// Whole numbers of a column.
+/// The integers of a column.
 fn numbers(column: &ArrayRef) -> anyhow::Result<Vec<i64>> {
     if let Some(column) = column.as_primitive_opt::<Int32Type>() {
         return Ok(column.values().iter().map(|value| i64::from(*value)).collect());
     }
-    let column = column.as_primitive_opt::<Int64Type>().context("a column holds no integers")?;
+    let column = column
+        .as_primitive_opt::<Int64Type>()
+        .context("a column has values that are not integers")?;
     Ok(column.values().to_vec())
 }
 
-/// Values of a column as LeRobot's policies take them, 32 bits each.
+/// The values of a column with 32 bits each, which LeRobot's policies need.
 fn values(column: &ArrayRef) -> anyhow::Result<Vec<f32>> {
     ensure!(column.null_count() == 0, "a column has values that are missing");
     if let Some(column) = column.as_primitive_opt::<Float32Type>() {
         return Ok(column.values().to_vec());
     }
-    let column = column.as_primitive_opt::<Float64Type>().context("a column holds no numbers")?;
+    let column = column
+        .as_primitive_opt::<Float64Type>()
+        .context("a column has values that are not numbers")?;
     #[expect(clippy::cast_possible_truncation, reason = "the format has 32 bits")]
     let values = column.values().iter().map(|value| *value as f32).collect();
     Ok(values)

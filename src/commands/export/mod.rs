@@ -1,4 +1,4 @@
-//! Data and models in others' formats, so that their tools open them.
+//! Exports data and models in formats that other tools can open.
 
 mod hugging_face;
 mod lerobot;
@@ -17,11 +17,12 @@ use crate::exit::INTERRUPTED;
 use crate::output::write_json;
 use crate::progress::{Part, follow_parts};
 
-/// Everything is downloaded with its digest compared. DIR appears when it is whole; what an interruption leaves in DIR.part goes on.
+/// Downloads everything and compares its digests. DIR appears when it is complete. If the export is
+/// interrupted, the next one continues with DIR.part.
 #[derive(Debug, Args)]
 #[command(group(ArgGroup::new("what").required(true)))]
 pub struct Arguments {
-    /// Write this dataset as LeRobot's format v3.0 has it
+    /// Write this dataset in LeRobot's format v3.0
     #[arg(long, value_name = "DATASET", group = "what")]
     lerobot: Option<i64>,
 
@@ -60,7 +61,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
         }
     };
     let Some(ended) = follow_parts(work, || vec![done.part()]).await? else {
-        eprintln!("interrupted; the command goes on when it is repeated");
+        eprintln!("interrupted; repeat the command to continue");
         return Ok(ExitCode::from(INTERRUPTED));
     };
     let (what, document) = ended?;
@@ -76,10 +77,10 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Where the folder is written until it is whole.
+/// The folder in which the export is written until it is complete.
 fn unfinished(dir: &Path) -> anyhow::Result<PathBuf> {
     if let Ok(mut entries) = std::fs::read_dir(dir) {
-        ensure!(entries.next().is_none(), "{} is not empty; name another folder", dir.display());
+        ensure!(entries.next().is_none(), "{} is not empty; choose another folder", dir.display());
     }
     let name = dir.file_name().with_context(|| format!("{} has no name", dir.display()))?;
     let mut name = name.to_owned();
@@ -87,7 +88,7 @@ fn unfinished(dir: &Path) -> anyhow::Result<PathBuf> {
     Ok(dir.with_file_name(name))
 }
 
-/// How many bytes were brought and written, of how many.
+/// Number of bytes downloaded and written, and their total.
 #[derive(Default)]
 struct Done {
     bytes: AtomicU64,

@@ -1,4 +1,4 @@
-//! One thing of a server, with all that is known of it.
+//! Shows one thing of a server, with everything known about it.
 
 mod checkpoint;
 mod dataset;
@@ -28,7 +28,7 @@ pub struct Arguments {
     #[arg(value_name = "ID")]
     id: i64,
 
-    /// Print its spec alone, which can be submitted again
+    /// Print only its spec, which can be submitted again
     #[arg(long, conflicts_with = "json")]
     spec: bool,
 
@@ -57,7 +57,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// What the server said of a thing, for people.
+/// The server's answer about a thing as text.
 pub fn text(resource: Resource, answer: &str) -> anyhow::Result<String> {
     Ok(match resource {
         Resource::Job => job::text(serde_json::from_str(answer)?),
@@ -68,7 +68,7 @@ pub fn text(resource: Resource, answer: &str) -> anyhow::Result<String> {
     })
 }
 
-/// Names and values, one a line; what has no value is left out.
+/// Names and values, one pair per line. A missing value is left out.
 struct Facts(Vec<(&'static str, String)>);
 
 impl Facts {
@@ -86,7 +86,7 @@ impl Facts {
         }
     }
 
-    /// The tags of a thing and of its job, and its note, each line of which is one.
+    /// Adds the tags of a thing and of its job, and each line of its note.
     fn add_labels(&mut self, tags: &[String], job_tags: &[String], note: Option<&str>) {
         self.add_some("tags", Some(tags.join(" ")).filter(|tags| !tags.is_empty()));
         self.add_some("job's tags", Some(job_tags.join(" ")).filter(|tags| !tags.is_empty()));
@@ -95,7 +95,7 @@ impl Facts {
         }
     }
 
-    /// An instant, and how long ago it was.
+    /// Adds a time, and how long ago it was.
     fn add_time(&mut self, name: &'static str, time: Option<&str>) {
         self.add_some(name, time.map(|time| format!("{time}, {}", measure::ago(time))));
     }
@@ -106,7 +106,7 @@ impl Facts {
     }
 }
 
-/// Files as rows of name, size and digest.
+/// A table of files with name, size and digest.
 fn file_table<'a>(files: impl Iterator<Item = (&'a str, u64, &'a spec::Digest)>) -> String {
     let mut table =
         Table::new([("file", Align::Left), ("size", Align::Right), ("sha256", Align::Left)]);

@@ -1,4 +1,4 @@
-//! What a study takes, before it runs: measured on this machine by doing a little of everything.
+//! Estimates the cost of a study before it runs, by doing a little of everything on this machine.
 
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
@@ -16,7 +16,8 @@ use worker::{DeviceKind, TrainingTimes};
 
 use crate::server::memory;
 
-/// Bytes of a trajectory of 400 samples in a shard, as measured on the paper's training sets.
+/// Bytes per sample in a shard, measured on the paper's training sets with trajectories of 400
+/// samples.
 const BYTES_PER_SAMPLE: u64 = 43;
 
 /// An estimate for every job.
@@ -32,15 +33,15 @@ struct Row {
     job: String,
     what: String,
     seconds: f64,
-    /// Resident at the highest.
+    /// Highest resident memory in bytes.
     memory: Option<u64>,
     disk: u64,
 }
 
-/// Does a little of every kind of job of the plan on this machine.
+/// Does a little of every kind of job in the plan on this machine.
 ///
 /// # Errors
-/// What the jobs themselves would fail of.
+/// When a job itself would fail.
 pub fn estimate(plan: &Plan, device: DeviceKind) -> anyhow::Result<Estimate> {
     let mut rehearsal = Rehearsal {
         pipeline: &plan.pipeline,
@@ -57,14 +58,14 @@ pub fn estimate(plan: &Plan, device: DeviceKind) -> anyhow::Result<Estimate> {
     Ok(Estimate { scale: plan.scale, rows, available: memory::bytes() })
 }
 
-/// What was measured so far: jobs that are alike are tried once.
+/// Measurements so far. Similar jobs are measured once.
 struct Rehearsal<'a> {
     pipeline: &'a PipelineSpec,
     device: DeviceKind,
-    /// By the spec without its data.
+    /// Training times, by the spec without its data.
     trainings: BTreeMap<String, TrainingTimes>,
     simulation: Option<f64>,
-    /// By name, context and samples.
+    /// Baselines' times, by name, context and samples.
     baselines: BTreeMap<(spec::Baseline, u32, u32), f64>,
 }
 
@@ -94,7 +95,8 @@ impl Rehearsal<'_> {
                     spec.batch_size,
                     memory.parameters as f64 / 1e6
                 );
-                // Weights, moments and those of the checkpoint before it.
+                // Weights and moments of each kept checkpoint, and of one more that is being
+                // written.
                 let disk = memory.parameters * 4 * 3 * u64::from(1 + spec.keep_checkpoints);
                 Ok(Row { memory: Some(memory.peak_bytes), disk, ..row(what, seconds) })
             }
@@ -128,7 +130,8 @@ impl Rehearsal<'_> {
         Ok(times)
     }
 
-    /// Passes of networks, baselines and simulation; how long latencies take to measure is left out.
+    /// Estimates the passes of networks, the baselines and the simulation. The time for measuring
+    /// latencies is left out.
     fn evaluation(&mut self, spec: &EvaluateSpec) -> anyhow::Result<(String, f64)> {
         let data = self.simulation_of(&spec.data)?.clone();
         let scenarios = data.trajectories as f64;
@@ -173,7 +176,7 @@ impl Rehearsal<'_> {
     }
 }
 
-/// Passes through a network for one scenario, over all samples and ways of sampling.
+/// Passes through a network per scenario, over all samples and ways of sampling.
 fn passes_per_scenario(spec: &EvaluateSpec, training: &TrainSpec) -> f64 {
     let samples = f64::from(spec.samples);
     let model = &training.model;
@@ -185,7 +188,7 @@ fn passes_per_scenario(spec: &EvaluateSpec, training: &TrainSpec) -> f64 {
     }
     let of_run = |run: &spec::SamplingRun| match run.start {
         Start::Cold | Start::Oracle => f64::from(run.steps),
-        // The first of its windows starts cold, the scored one is the last.
+        // The first window starts cold, and the last one is scored.
         Start::Shifted => f64::from(all) + f64::from(spec.rounds()) * f64::from(run.steps),
     };
     samples * runs.iter().map(of_run).sum::<f64>()
@@ -241,7 +244,7 @@ impl Display for Estimate {
             None => {
                 writeln!(
                     f,
-                    "memory: {} needed; how much there is here is not known",
+                    "memory: {} needed; this machine's memory is not known",
                     in_words(memory)
                 )
             }

@@ -1,4 +1,4 @@
-//! A study's results, asked of the server.
+//! Collects a study's results from the server.
 
 use std::collections::BTreeMap;
 
@@ -9,10 +9,10 @@ use wire::{Job, JobState, Member};
 
 use crate::client::Client;
 
-/// Collects what the pipeline `job` of `plan` computed.
+/// Collects the results of `plan`'s pipeline, which is the job `job`.
 ///
 /// # Errors
-/// An unreachable server, and a pipeline that has not succeeded.
+/// When the server cannot be reached, or the pipeline has not succeeded.
 pub async fn gather(client: &Client, plan: &Plan, job: &Job) -> anyhow::Result<Study> {
     ensure!(job.state == JobState::Succeeded, "job {} is {}", job.id, job.state);
     let members = Members {
@@ -69,7 +69,7 @@ impl Members<'_> {
         let evaluation = self.client.evaluation(record.job).await?;
         let mut files = Vec::new();
         for artifact in evaluation.artifacts {
-            // Tables shorten the names of evaluations that are one of many.
+            // Tables shorten the names of evaluations that belong to a series.
             if plan.question.is_drawn() || artifact.name == "report.json" {
                 let bytes = self.client.download(&artifact.url).await?;
                 files.push(File { name: artifact.name, bytes });

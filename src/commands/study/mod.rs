@@ -1,4 +1,4 @@
-//! The paper's study: its pipeline on a server of its own, and the report of what came of it.
+//! The paper's study: runs its pipeline on a server of its own, and writes the report.
 
 mod estimate;
 mod gather;
@@ -18,23 +18,23 @@ use crate::server::{Options, Server};
 
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// How much of it to do
+    /// Scale of the study
     #[arg(long, value_enum)]
     scale: Scale,
 
-    /// Folder for the report; replaced when it is one
+    /// Folder for the report; an older report is replaced
     #[arg(long, value_name = "DIR", default_value = "report")]
     out: PathBuf,
 
-    /// Only estimate time, memory and disk, from doing a little of everything
+    /// Only estimate time, memory and disk space, by doing a little of everything
     #[arg(long)]
     dry_run: bool,
 
-    /// End when the report is written, instead of serving until Ctrl-C
+    /// Exit after writing the report, instead of serving until Ctrl-C
     #[arg(long)]
     exit: bool,
 
-    /// Compute everything anew, even what was done before
+    /// Compute everything again, even what was done before
     #[arg(long)]
     force: bool,
 
@@ -65,7 +65,7 @@ async fn compute_and_write(
     let reuse = if arguments.force { Reuse::ComputeAnew } else { Reuse::ByDigest };
     let Submitted { job, existed } = client.submit(Plan::request(plan.scale), reuse).await?;
     let page = client.url(&format!("/jobs/{}", job.id));
-    let verb = if existed { "going on with " } else { "" };
+    let verb = if existed { "continuing with " } else { "" };
     eprintln!("{verb}job {}: {page}", job.id);
     let job: Job = progress::follow(&client, job.id).await?;
     if job.state != JobState::Succeeded {

@@ -1,4 +1,4 @@
-//! How objects are written and read.
+//! Writing and reading objects.
 
 use std::io::{self, Read};
 
@@ -12,11 +12,11 @@ use crate::objects::parse;
 use crate::{ObjectWriter, Store, StoreError, StoredObject};
 
 impl Store {
-    /// Publishes `bytes` under `path`. In a store that is no folder, an object is never replaced by another one.
+    /// Publishes `bytes` under `path`. In a bucket, an object is never replaced by another one.
     ///
     /// # Errors
-    /// When the disk is full or fails, the store of objects refuses or does not answer; nothing lies under `path` then.
-    /// [`StoreError::ObjectTaken`] when something else does.
+    /// When the disk is full or fails, or the object store refuses or does not answer. Nothing lies
+    /// under `path` then. [`StoreError::ObjectTaken`] when another object lies there.
     #[boxed]
     pub async fn put_object(&self, path: &str, bytes: Bytes) -> Result<StoredObject, StoreError> {
         let object = StoredObject {
@@ -34,7 +34,7 @@ impl Store {
         Ok(object)
     }
 
-    /// Begins an object that is written piece by piece.
+    /// Begins an object whose bytes are written in pieces.
     ///
     /// # Errors
     /// When the disk is full or fails.
@@ -47,10 +47,11 @@ impl Store {
             .map_err(|error| failed(io::Error::other(error)))?
     }
 
-    /// Reads an object whole and checks its digest.
+    /// Reads a whole object and checks its digest.
     ///
     /// # Errors
-    /// [`StoreError::DamagedObject`] when it has other bytes than were published; when it cannot be read.
+    /// [`StoreError::DamagedObject`] when its bytes differ from those that were published. It also
+    /// fails when the object cannot be read.
     #[boxed]
     pub async fn read_object(&self, object: &StoredObject) -> Result<Bytes, StoreError> {
         if self.objects().away().is_some() && object.size >= KEPT_FROM {
@@ -65,10 +66,10 @@ impl Store {
         Ok(bytes)
     }
 
-    /// Reads all of an object's bytes to learn their size and digest, whatever they were. Blocks.
+    /// Reads an object to learn its size and digest, without checking them. Blocks.
     ///
     /// # Errors
-    /// When it is not there or cannot be read.
+    /// When it does not exist or cannot be read.
     pub fn measure_object(&self, path: &str) -> Result<StoredObject, StoreError> {
         self.objects().measure(path)
     }

@@ -1,4 +1,4 @@
-//! Objects that are no files of the data folder.
+//! Remote objects: objects that are not files of the data folder.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -19,35 +19,35 @@ use super::{parse, unique_name};
 use crate::data_dir::DataDir;
 use crate::{Store, StoreError, StoredObject};
 
-/// A store of objects that is not the data folder, and how it is used.
+/// A remote object store and the options of its use.
 #[derive(Clone, Debug)]
 pub struct RemoteObjects {
     pub(super) store: Arc<dyn ObjectStore>,
     pub(super) answers: Answers,
     pub(super) cache_bytes: u64,
-    /// Of a bucket.
+    /// Signs URLs; only a bucket has one.
     pub(super) signer: Option<UrlSigner>,
 }
 
 #[derive(Debug)]
 pub(crate) struct Elsewhere {
     pub(super) remote: Arc<dyn ObjectStore>,
-    /// Files that objects are read from.
+    /// Local copies, from which objects are read.
     pub(super) cache: Cache,
     pub(super) signer: Option<UrlSigner>,
     answers: Answers,
-    /// Whether somebody is asking a store that fails whether it still does.
+    /// Whether a thread is checking whether a failing store still fails.
     asks_again: Arc<AtomicBool>,
-    /// Taken by each object that is fetched before it is opened.
+    /// Each object that is fetched ahead takes one permit.
     ahead: Arc<Semaphore>,
-    /// Waits for the network while a thread blocks.
+    /// Runs network requests while a thread blocks.
     runtime: Handle,
 }
 
-/// For how long a store may fail before tasks wait.
+/// How long a store may fail before tasks have to wait.
 const FAILS_BRIEFLY: Duration = Duration::from_secs(5);
 
-/// Objects that are fetched ahead at a time.
+/// Number of objects that are fetched ahead at a time.
 const FETCHED_AHEAD: usize = 4;
 
 impl From<Arc<dyn ObjectStore>> for RemoteObjects {
@@ -57,14 +57,14 @@ impl From<Arc<dyn ObjectStore>> for RemoteObjects {
 }
 
 impl RemoteObjects {
-    /// The objects themselves.
+    /// The `object_store` client.
     pub fn store(&self) -> Arc<dyn ObjectStore> {
         Arc::clone(&self.store)
     }
 }
 
 impl Elsewhere {
-    /// With copies in the data folder.
+    /// Remote objects with copies in the data folder.
     pub fn new(dir: &DataDir, objects: RemoteObjects) -> Result<Self, StoreError> {
         let RemoteObjects { store: remote, answers, cache_bytes, signer } = objects;
         let cache = Cache::new(dir.cache(), cache_bytes).map_err(|reason| dir.unusable(reason))?;
@@ -74,23 +74,24 @@ impl Elsewhere {
         Ok(Self { remote, cache, signer, answers, asks_again, ahead, runtime })
     }
 
-    /// Threads of the runtime may block when they say so.
+    /// Blocks on a future. A thread of the runtime tells the runtime that it blocks.
     pub(super) fn block_on<T>(&self, future: impl Future<Output = T>) -> T {
         tokio::task::block_in_place(|| self.runtime.block_on(future))
     }
 
-    /// Begins a file that is to be published.
+    /// Begins a file that will be published.
     pub fn begin(&self, path: &str) -> Result<UnfinishedCopy, StoreError> {
         self.cache.begin().map_err(StoreError::file("writing", path))
     }
 
-    /// Why no task should be claimed: it would fail when it reads or writes. Learns whether that is still so.
+    /// Why no task should be claimed: it would fail when it reads or writes. It also has the store
+    /// checked again.
     pub fn obstacle(&self) -> Option<String> {
         let failing = self.answers.failing_for()?;
         if !self.asks_again.swap(true, Ordering::Relaxed) {
             let (remote, asks_again) = (Arc::clone(&self.remote), Arc::clone(&self.asks_again));
             self.runtime.spawn(async move {
-                // Whatever it says, the answer is noted.
+                // The request is only made to note whether the store answers.
                 let _ = remote.head(&Path::from("probe/object")).await;
                 asks_again.store(false, Ordering::Relaxed);
             });
@@ -106,7 +107,7 @@ impl Elsewhere {
         let mut deleted = self.remote.delete_stream(locations);
         while let Some(deleted) = deleted.next().await {
             match deleted {
-                // Some stores say so of what was deleted already.
+                // Some stores return this for an object that is deleted already.
                 Ok(_) | Err(Error::NotFound { .. }) => {}
                 Err(error) => {
                     tracing::warn!(error = in_short(&error), "cannot delete objects");
@@ -115,7 +116,7 @@ impl Elsewhere {
         }
     }
 
-    /// Asks for the moment at which an object is published that is deleted again.
+    /// The store's clock: the time of publication of an object that is deleted again.
     pub(super) async fn now(&self) -> Result<SystemTime, StoreError> {
         let path = unique_name("probe/clock");
         let failed = || StoreError::object("asking for the time of", &path);
@@ -128,15 +129,15 @@ impl Elsewhere {
 }
 
 impl Store {
-    /// Begins to fetch an object that is to be opened soon, unless a few are being fetched already. Where objects are
-    /// files, there is nothing to fetch.
+    /// Begins to fetch an object that will be opened soon, unless several are being fetched
+    /// already. Does nothing if objects are local files.
     pub fn fetch_ahead(&self, object: &StoredObject) {
         let Some(elsewhere) = self.objects().away() else { return };
         let Ok(turn) = Arc::clone(&elsewhere.ahead).try_acquire_owned() else { return };
         let (store, object) = (self.clone(), object.clone());
         elsewhere.runtime.spawn_blocking(move || {
             let _turn = turn;
-            // Whoever opens it learns what is wrong.
+            // An error is reported when the object is opened.
             drop(store.objects().open_verified(&object));
         });
     }

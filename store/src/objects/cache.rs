@@ -1,8 +1,10 @@
-//! Copies of objects that lie elsewhere, in a folder of this machine, each under the digest of its bytes.
+//! Copies of remote objects in a folder of this machine. Each copy lies under the digest of its
+//! bytes.
 //!
-//! A copy appears under its digest once it is whole, compared with the digest and synced, so that opening it takes no
-//! look at its bytes. Processes share the folder: who wants an object that another one fetches waits for it. When
-//! there is no room for the next copy, those that were not opened for longest go; who has one open keeps its bytes.
+//! A copy gets its name when it is whole, compared with the digest and synced. So opening it does
+//! not read its bytes again. Processes share the folder: a process that wants an object waits if
+//! another one is fetching it. If there is no room for the next copy, the least recently opened
+//! copies are deleted; a process that has one open can still read it.
 
 use std::fs::{DirEntry, File, TryLockError};
 use std::io::{self, Seek};
@@ -15,16 +17,18 @@ use spec::Digest;
 use super::writer::unique_name;
 use crate::health::DiskSpace;
 
-/// Bytes of all copies together, unless half of the disk that they could have is less.
+/// Limit of the size of all copies together. Half of the available disk is the limit if that is
+/// less.
 pub(crate) const CACHE_LIMIT: u64 = 20 << 30;
 
-/// Smaller objects are fetched again: they are many, and come as fast as their names are looked up.
+/// Smaller objects are not cached: there are many, and fetching one takes no longer than looking it
+/// up.
 pub(crate) const KEPT_FROM: u64 = 64 << 10;
 
-/// What the file of a copy is called until it is whole. It is locked by the process that writes it.
+/// The name of a copy's file until it is whole. The process that writes it holds a lock on it.
 const UNFINISHED: &str = "part";
 
-/// After so long without a write, a copy that no process has locked was left by one that died.
+/// An unlocked copy without a write for this long was left by a process that died.
 const LEFT_BEHIND: Duration = Duration::from_secs(3600);
 
 #[derive(Debug)]
@@ -40,7 +44,7 @@ pub(crate) enum Place {
     Free(UnfinishedCopy),
 }
 
-/// A file on its way into the cache; dropped before it is kept, it is gone.
+/// A file on its way into the cache. It is deleted if it is dropped before it is kept.
 #[derive(Debug)]
 pub(crate) struct UnfinishedCopy {
     file: File,
@@ -54,7 +58,7 @@ impl Cache {
         Ok(Self { folder, limit })
     }
 
-    /// The place of the bytes with this digest. Waits while another process or thread fetches them.
+    /// Finds the copy with this digest. Waits while another process or thread fetches it.
     pub fn place(&self, digest: Digest, size: u64) -> io::Result<Place> {
         let at = self.folder.join(format!("{digest}.{UNFINISHED}"));
         loop {
@@ -64,7 +68,7 @@ impl Cache {
             let file =
                 File::options().read(true).write(true).create(true).truncate(false).open(&at)?;
             file.lock()?;
-            // Who had it locked before may have kept it, or given it up.
+            // The process that held the lock may have kept the copy, or given it up.
             if !has_name(&file, &at)? {
                 continue;
             }
@@ -85,7 +89,7 @@ impl Cache {
         Ok(UnfinishedCopy { file, at, kept: false })
     }
 
-    /// Whether a copy of this size is kept, after those were deleted that had to go for it.
+    /// Deletes old copies to make room. Returns whether a copy of this size can be kept.
     pub fn make_room(&self, size: u64) -> io::Result<bool> {
         let mut copies = Vec::new();
         for entry in std::fs::read_dir(&self.folder)? {
@@ -115,7 +119,7 @@ impl Cache {
         Ok(true)
     }
 
-    /// Gives a whole copy that was compared with its digest its name.
+    /// Gives its final name to a whole copy whose digest is right.
     pub fn keep(&self, mut copy: UnfinishedCopy, digest: Digest) -> io::Result<File> {
         copy.file.sync_all()?;
         std::fs::rename(&copy.at, self.path(digest))?;
@@ -124,7 +128,7 @@ impl Cache {
         copy.reader()
     }
 
-    /// Opens a copy, and remembers that it was wanted.
+    /// Opens a copy and marks it as used.
     fn open(&self, digest: Digest, size: u64) -> io::Result<Option<File>> {
         let file = match File::open(self.path(digest)) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
@@ -134,7 +138,7 @@ impl Cache {
             std::fs::remove_file(self.path(digest)).or_else(unless_gone)?;
             return Ok(None);
         }
-        // A file of another user cannot be marked, and goes sooner for it.
+        // The time of another user's file cannot be set, so that copy is deleted earlier.
         let _ = file.set_modified(SystemTime::now());
         Ok(Some(file))
     }
@@ -149,7 +153,8 @@ impl UnfinishedCopy {
         &self.file
     }
 
-    /// Its bytes, from the first one; when it was not kept they are gone once this is closed.
+    /// Opens the copy for reading from its first byte. If it was not kept, it is gone once this is
+    /// closed.
     pub fn reader(&self) -> io::Result<File> {
         let mut file = self.file.try_clone()?;
         file.rewind()?;
@@ -160,7 +165,7 @@ impl UnfinishedCopy {
 impl Drop for UnfinishedCopy {
     fn drop(&mut self) {
         if !self.kept {
-            // What cannot be deleted now is left behind.
+            // A file that cannot be deleted now is deleted later as left behind.
             let _ = std::fs::remove_file(&self.at);
         }
     }
@@ -171,7 +176,8 @@ fn is_copy(entry: &DirEntry) -> bool {
     name.to_str().is_some_and(|name| name.parse::<Digest>().is_ok())
 }
 
-/// Deletes an unfinished copy that no process works on any more. It is tried again another time.
+/// Deletes an unfinished copy that no process works on any more. An error is ignored, because there
+/// is a next time.
 fn delete_left_behind(path: &Path) {
     let is_old = || -> io::Result<bool> {
         let file = File::open(path)?;
@@ -184,7 +190,7 @@ fn delete_left_behind(path: &Path) {
     }
 }
 
-/// Whether the file at `path` is the one that is open.
+/// Whether the open file still has the name `path`.
 fn has_name(file: &File, path: &Path) -> io::Result<bool> {
     let open = file.metadata()?;
     match std::fs::metadata(path) {

@@ -1,4 +1,4 @@
-//! The objects whose bytes have been compared with their digests.
+//! Objects whose bytes have been compared with their digests.
 
 use std::collections::{HashMap, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -9,32 +9,32 @@ use tokio::sync::Semaphore;
 
 use crate::{StoreError, StoredObject};
 
-/// Objects that are remembered; the one that came first is forgotten for the next.
+/// Number of verdicts that are remembered. The oldest is forgotten first.
 const REMEMBERED: usize = 32_768;
 
-/// Objects that may wait to be checked in the background.
+/// Number of objects that may wait to be checked in the background.
 const WAITING: usize = 64;
 
-/// Verdicts on the objects that were read whole, and the places for those that are to be.
+/// Verdicts on objects that were read whole, and the permits of background checks.
 #[derive(Debug)]
 pub(crate) struct CheckedObjects {
     verdicts: Mutex<Verdicts>,
-    /// Taken by each check in the background from the moment it is asked for.
+    /// Each background check takes one permit when it is requested.
     pub places: Arc<Semaphore>,
-    /// Taken by the check that is reading.
+    /// The background check that is reading holds the permit.
     pub turn: Semaphore,
 }
 
 #[derive(Debug, Default)]
 struct Verdicts {
     by_path: HashMap<String, Entry>,
-    /// Paths, in the order in which they came.
+    /// Paths, oldest first.
     order: VecDeque<String>,
 }
 
 #[derive(Debug)]
 struct Entry {
-    /// Size, time of modification and the like: another file under the path has others.
+    /// Size, time of modification and the like. Another file under the same path has other values.
     version: ObjectMeta,
     expected: Digest,
     verdict: Verdict,
@@ -42,10 +42,10 @@ struct Entry {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Verdict {
-    /// Somebody is reading it.
+    /// A check is reading it.
     Pending,
     Sound,
-    /// It has this digest instead of its own.
+    /// It has this digest, which is wrong.
     Damaged(Digest),
 }
 
@@ -60,7 +60,7 @@ impl Default for CheckedObjects {
 }
 
 impl CheckedObjects {
-    /// The verdict on an object that still is as it was then.
+    /// The verdict on an object, if its file has not changed since.
     pub fn verdict(&self, object: &StoredObject, version: &ObjectMeta) -> Option<Verdict> {
         let verdicts = self.lock();
         let entry = verdicts.by_path.get(&object.path)?;
@@ -68,7 +68,7 @@ impl CheckedObjects {
         is_same.then_some(entry.verdict)
     }
 
-    /// Compares the digest that was `found` with that of the object, and remembers the verdict.
+    /// Compares the digest `found` with the object's digest, and remembers the verdict.
     ///
     /// # Errors
     /// [`StoreError::DamagedObject`] when they differ.
@@ -108,7 +108,7 @@ impl CheckedObjects {
         verdicts.order.retain(|path| *path != object.path);
     }
 
-    /// A panic leaves nothing half done here that matters: at worst an object is checked again.
+    /// Ignores a poisoned lock. At worst an object is checked again.
     fn lock(&self) -> MutexGuard<'_, Verdicts> {
         self.verdicts.lock().unwrap_or_else(PoisonError::into_inner)
     }

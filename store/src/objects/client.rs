@@ -1,4 +1,5 @@
-//! The HTTP client of a bucket: its requests make objects appear where none is, and their answers tell how the store is.
+//! The HTTP client of a bucket. Its requests only create objects where there is none, and it notes
+//! whether the store answers.
 
 use std::fmt;
 use std::future::Future;
@@ -11,23 +12,23 @@ use object_store::{ClientOptions, HeaderValue};
 
 use super::answers::Answers;
 
-/// What objects are created on.
+/// The condition under which an object is created.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Condition {
-    /// That there is none under their path.
+    /// No object exists under the path.
     NoneThere,
-    /// Nothing: the store knows no conditions.
+    /// No condition, because the store supports none.
     Unconditional,
 }
 
-/// Makes clients.
+/// Makes HTTP clients that set the condition.
 ///
-/// `object_store` can ask for an object to be created on a condition when it is sent whole, but then tries a request
-/// without an answer only once, and it cannot for one that is sent in parts.
+/// `object_store` can set it itself for an object that is sent whole. But then it does not retry a
+/// request without an answer, and it cannot set it for an object that is sent in parts.
 #[derive(Debug)]
 pub(crate) struct Connector {
     pub condition: Condition,
-    /// Told of every answer.
+    /// Notes every answer.
     pub answers: Answers,
 }
 
@@ -60,7 +61,7 @@ impl HttpService for Client {
         Self: 'b,
     {
         if self.condition == Condition::NoneThere && creates_object(&request) {
-            // The signature need not cover it.
+            // The signature need not cover this header.
             request.headers_mut().insert("if-none-match", HeaderValue::from_static("*"));
         }
         Box::pin(async move {
@@ -71,7 +72,7 @@ impl HttpService for Client {
     }
 }
 
-/// Whether an object is there once this succeeds: `PutObject` or `CompleteMultipartUpload`.
+/// Whether the request creates an object if it succeeds: `PutObject` or `CompleteMultipartUpload`.
 fn creates_object(request: &HttpRequest) -> bool {
     let query = request.uri().query().unwrap_or_default();
     let is_copy = request.headers().contains_key("x-amz-copy-source");

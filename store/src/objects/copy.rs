@@ -1,4 +1,4 @@
-//! One object's bytes under a second path.
+//! Copying an object to a second path.
 
 use std::fs::File;
 use std::io;
@@ -12,15 +12,16 @@ use super::{ObjectWriter, Objects, parse};
 use crate::boxed;
 use crate::{Store, StoreError, StoredObject};
 
-/// S3 copies no larger object by itself.
+/// The largest object that S3 copies in one request.
 const COPIED_AT_ONCE: u64 = 5 << 30;
 
 impl Store {
-    /// Publishes the bytes of `object` under `path`, too. Where objects are files, they are checked against their
-    /// digest, and both paths name one file as far as the file system allows that.
+    /// Publishes the bytes of `object` under `path` too. Local files are checked against their
+    /// digest, and both paths name one file if the file system supports that.
     ///
     /// # Errors
-    /// When the object is not there, or has not the bytes that were published; when the disk is full or fails.
+    /// When the object does not exist or its bytes differ from those that were published. When the
+    /// disk is full or fails.
     #[boxed]
     pub async fn copy_object(
         &self,
@@ -66,7 +67,7 @@ fn copy_file(
     let mut file = objects.open_verified(object)?;
     let folder = objects.folder().unwrap_or(Path::new("."));
     let (from, to) = (folder.join(&object.path), folder.join(path));
-    // The sweep takes an old file without a row for an orphan, and the row of this one is yet to come.
+    // The sweep takes an old file without a row for an orphan, and this one has no row yet.
     file.set_modified(SystemTime::now()).map_err(failed())?;
     if link(&from, &to).is_ok() {
         return Ok(StoredObject { path: path.to_owned(), ..object.clone() });
@@ -76,7 +77,7 @@ fn copy_file(
     writer.finish()
 }
 
-/// A second name for a file, durable when this returns.
+/// Gives a file a second name, which is durable when this returns.
 fn link(from: &Path, to: &Path) -> io::Result<()> {
     let folder = to.parent().unwrap_or(Path::new("."));
     create_folder(folder)?;

@@ -1,4 +1,4 @@
-//! Objects as they are sent: nobody gets the last bytes of one that is damaged.
+//! Downloads of objects. A client never receives the last bytes of a damaged object.
 
 use std::fs::File;
 use std::io::{self, Seek, SeekFrom};
@@ -21,13 +21,14 @@ use crate::{ObjectBytes, Store, StoreError, StoredObject};
 impl Store {
     /// Streams an object, or `range` of it.
     ///
-    /// A whole object is checked while it streams: its last piece comes once the digest has turned out right, and
-    /// [`StoreError::DamagedObject`] comes in its place otherwise. A range says nothing of the digest, so the first
-    /// range of an object has all of it checked in the background, for those that follow.
+    /// A whole object is checked while it streams. Its last piece is sent if the digest is right,
+    /// and otherwise the stream ends with [`StoreError::DamagedObject`]. A range cannot be checked
+    /// by itself, so the first range of an object starts a background check of the whole object,
+    /// for later requests.
     ///
     /// # Errors
-    /// [`StoreError::DamagedObject`] when the object has another size or was found to be damaged before; when it cannot
-    /// be opened, or `range` is not in it.
+    /// [`StoreError::DamagedObject`] when the object has another size or was found damaged before.
+    /// It also fails when the object cannot be opened or `range` is not in it.
     #[boxed]
     pub async fn open_object(
         &self,
@@ -58,10 +59,11 @@ impl Store {
         Ok(ObjectBytes { size: object.size, range, stream })
     }
 
-    /// Whether an object is there with its size and, as far as anybody looked, undamaged.
+    /// Checks that an object exists, has its size and was not found damaged.
     ///
     /// # Errors
-    /// [`StoreError::DamagedObject`] when it is not; when it is not there.
+    /// [`StoreError::DamagedObject`] when it was found damaged or has another size. It also fails
+    /// when the object does not exist.
     #[boxed]
     pub async fn look_up_object(&self, object: &StoredObject) -> Result<(), StoreError> {
         self.sound_version(object).await.map(|_| ())
@@ -77,8 +79,8 @@ impl Store {
         Ok(version)
     }
 
-    /// Has an object checked in the background that nobody has checked yet. One at a time is read; where too many wait
-    /// already, the next range has another chance.
+    /// Has an object checked in the background if it was not checked yet. One object is read at a
+    /// time. If too many wait already, the next range tries again.
     fn check_once(&self, object: &StoredObject, version: &ObjectMeta) {
         let checked = &self.objects().checked;
         if checked.verdict(object, version).is_some() {
@@ -108,7 +110,7 @@ impl Store {
     }
 }
 
-/// An object on its way out, whose last piece is held back until all of it has been digested.
+/// A download that holds its last piece back until all bytes have been digested.
 struct Checking {
     store: Store,
     object: StoredObject,
@@ -150,11 +152,11 @@ impl Checking {
     }
 }
 
-/// Bytes per piece of a download. The stream that object_store makes of a file takes 8 KiB at a
-/// time, each on a thread of its own.
+/// Bytes per piece of a download. The file stream of object_store has pieces of 8 KiB, each read on
+/// a thread of its own.
 const DOWNLOAD_PIECE: usize = 256 * 1024;
 
-/// The same pieces, and an error in place of the end when there were fewer bytes.
+/// The same pieces, with an error at the end if there were too few bytes.
 fn whole(
     pieces: BoxStream<'static, object_store::Result<Bytes>>,
     length: u64,

@@ -1,4 +1,4 @@
-//! How the bytes of objects that lie elsewhere come into files, where Parquet is read at positions.
+//! Fetching remote objects into local files, because Parquet is read at positions.
 
 use std::fs::File;
 use std::io::{self, Seek, Write};
@@ -16,26 +16,27 @@ use super::parse;
 use super::publish::digest_of;
 use crate::{StoreError, StoredObject};
 
-/// Times that a fetch goes on where it broke off, as far as it got on each time.
+/// How often a fetch continues where it broke off. Only tries that made progress count.
 const GOES_ON: u32 = 16;
 
-/// An object on its way into a file.
+/// An object that is being fetched into a file.
 struct Fetch<'a> {
     object: &'a StoredObject,
     location: Path,
     file: &'a File,
-    /// As it was when its first bytes came.
+    /// The object's version when its first bytes came.
     version: Option<ObjectMeta>,
     fetched: u64,
     digest: Sha256,
 }
 
 impl Elsewhere {
-    /// Opens a copy of an object, whose bytes were compared with its digest when they were fetched. Blocks.
+    /// Opens a copy of an object. Its bytes were compared with its digest when they were fetched.
+    /// Blocks.
     ///
     /// # Errors
-    /// [`StoreError::DamagedObject`] when it has other bytes than were published; when the store refuses or does not
-    /// answer; when the disk is full or fails.
+    /// [`StoreError::DamagedObject`] when the bytes differ from those that were published. It also
+    /// fails when the store refuses or does not answer, or when the disk is full or fails.
     pub fn open_verified(
         &self,
         object: &StoredObject,
@@ -52,10 +53,11 @@ impl Elsewhere {
         if is_kept { self.cache.keep(copy, object.sha256) } else { copy.reader() }.map_err(failed())
     }
 
-    /// Opens a copy of an object, whatever its bytes are; it is gone when it is closed. Blocks.
+    /// Opens a copy of an object without checking its bytes. The copy is deleted when it is closed.
+    /// Blocks.
     ///
     /// # Errors
-    /// As [`Self::open_verified`] but for damage.
+    /// Like [`Self::open_verified`], without the check for damage.
     pub fn open(&self, path: &str) -> Result<File, StoreError> {
         let failed = || StoreError::file("copying", path);
         let location = parse(path)?;
@@ -75,7 +77,7 @@ impl Elsewhere {
         copy.reader().map_err(failed())
     }
 
-    /// Size and digest of an object, whatever they are. Blocks.
+    /// The size and digest of an object's bytes, without checking them. Blocks.
     ///
     /// # Errors
     /// When the store refuses or does not answer.
@@ -86,8 +88,8 @@ impl Elsewhere {
         Ok(StoredObject { path: path.to_owned(), size, sha256 })
     }
 
-    /// Fetches an object whole. One with other bytes than were published is fetched again, since they may have changed
-    /// on the way.
+    /// Fetches a whole object. If its bytes differ from those that were published, it is fetched
+    /// again, because they may have changed on the way.
     async fn fetch(
         &self,
         object: &StoredObject,
@@ -105,7 +107,7 @@ impl Elsewhere {
         checked.judge(object, &version, found)
     }
 
-    /// The version that was fetched, and the digest of its bytes.
+    /// Fetches an object once. Returns its version and the digest of its bytes.
     async fn fetch_once(
         &self,
         object: &StoredObject,
@@ -132,7 +134,7 @@ impl Elsewhere {
         Ok((version, Digest::from_bytes(fetch.digest.finalize().into())))
     }
 
-    /// Fetches what is missing.
+    /// Fetches the missing bytes.
     async fn go_on(&self, fetch: &mut Fetch<'_>) -> Result<ObjectMeta, StoreError> {
         let path = &fetch.object.path;
         let failed = || StoreError::object("reading", path);

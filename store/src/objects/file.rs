@@ -1,4 +1,4 @@
-//! Files that hold objects, open for blocking reads.
+//! Files of objects, for blocking reads.
 
 use std::fs::File;
 use std::io::{self, Read};
@@ -10,10 +10,10 @@ use spec::Digest;
 
 use crate::{StoreError, StoredObject};
 
-/// As [`Store::measure_object`](crate::Store::measure_object), for a file of a folder.
+/// Like [`Store::measure_object`](crate::Store::measure_object), for a file in a folder.
 ///
 /// # Errors
-/// When it is not there or cannot be read.
+/// When it does not exist or cannot be read.
 pub fn measure_file(folder: &std::path::Path, name: &str) -> Result<StoredObject, StoreError> {
     let file = File::open(folder.join(name)).map_err(StoreError::file("opening", name))?;
     measure(&file, name)
@@ -37,7 +37,7 @@ fn digest_of(mut file: &File) -> io::Result<Digest> {
     }
 }
 
-/// An object's file, read at positions so that threads can share it.
+/// The file of an object. It is read at positions, so threads can share it.
 #[derive(Clone, Debug)]
 pub(crate) struct PositionedFile {
     file: Arc<File>,

@@ -1,4 +1,4 @@
-//! Objects told apart from others under the same path.
+//! Fingerprints that tell an object from other bytes under the same path.
 
 use std::fmt;
 
@@ -6,7 +6,7 @@ use spec::Digest;
 
 use crate::{StoreError, StoredObject};
 
-/// A property by which bytes are told from others.
+/// A property that tells bytes from other bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fingerprint {
     /// In bytes.

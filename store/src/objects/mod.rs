@@ -1,13 +1,14 @@
 //! Objects: the bytes of shards, checkpoints, artifacts and uploads, behind the trait of
 //! `object_store`.
 //!
-//! An object appears under its path whole and, on a local disk, synced, or not at all. Paths carry the
-//! epoch of the lease under which they were written, so that a worker that lost its lease never
-//! overwrites what another one committed.
+//! An object appears under its path whole or not at all, and on a local disk it is synced. Paths
+//! carry the epoch of the lease under which they were written, so a worker that lost its lease
+//! never overwrites a file that another worker committed.
 //!
-//! Parquet is read at positions, from a file. Objects of a local folder are files already: they are
-//! written and opened in place. Those that lie elsewhere are written to a file, which is published when it is
-//! whole, and copied to a file to be read; the cache keeps both kinds of files under their digests.
+//! Parquet is read at positions, from a file. Local objects are files already: they are written and
+//! opened in place. Remote objects are written to a file first, which is published when it is
+//! whole, and they are copied to a file to be read. The cache keeps both kinds of files under their
+//! digests.
 
 mod access;
 mod answers;
@@ -63,18 +64,18 @@ pub(crate) use writer::unique_name;
 /// An object that was published.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct StoredObject {
-    /// Within the store, or within the folder it was written to.
+    /// The path in the store, or in the folder that it was written to.
     pub path: String,
-    /// In bytes.
+    /// Size in bytes.
     pub size: u64,
     pub sha256: Digest,
 }
 
-/// An object, or a range of it, as it is downloaded.
+/// An object, or a range of one, that is being downloaded.
 pub struct ObjectBytes {
     /// Size of the whole object, in bytes.
     pub size: u64,
-    /// The bytes that follow.
+    /// The range of bytes that follow.
     pub range: Range<u64>,
     pub stream: BoxStream<'static, Result<Bytes, StoreError>>,
 }
@@ -91,7 +92,7 @@ enum Place {
     Elsewhere(Elsewhere),
 }
 
-/// Objects as files below a folder.
+/// Objects as files in a folder.
 #[derive(Debug)]
 struct Folder {
     path: PathBuf,
@@ -99,7 +100,7 @@ struct Folder {
 }
 
 impl Objects {
-    /// In the data folder.
+    /// Objects in the data folder.
     pub fn in_folder(dir: &DataDir) -> Result<Self, StoreError> {
         let local = LocalFileSystem::new_with_prefix(dir.objects())
             .map_err(|error| dir.unusable(io::Error::other(error)))?
@@ -107,7 +108,7 @@ impl Objects {
         Ok(Self::new(Place::Folder(Folder { path: dir.objects(), local })))
     }
 
-    /// Elsewhere, with copies in the data folder.
+    /// Remote objects, with copies in the data folder.
     pub fn elsewhere(dir: &DataDir, objects: RemoteObjects) -> Result<Self, StoreError> {
         Elsewhere::new(dir, objects).map(|elsewhere| Self::new(Place::Elsewhere(elsewhere)))
     }
@@ -123,7 +124,7 @@ impl Objects {
         }
     }
 
-    /// As errors name it.
+    /// The name of the place in errors.
     pub fn place(&self) -> String {
         match &self.place {
             Place::Folder(folder) => folder.path.display().to_string(),
@@ -131,7 +132,7 @@ impl Objects {
         }
     }
 
-    /// Where objects lie as files, if they do.
+    /// The folder, if objects are files.
     pub fn folder(&self) -> Option<&std::path::Path> {
         match &self.place {
             Place::Folder(folder) => Some(&folder.path),
@@ -139,7 +140,7 @@ impl Objects {
         }
     }
 
-    /// Where objects lie that are no files, if they do.
+    /// The remote objects, if objects are not files.
     pub fn away(&self) -> Option<&Elsewhere> {
         match &self.place {
             Place::Folder(_) => None,
@@ -147,7 +148,7 @@ impl Objects {
         }
     }
 
-    /// Makes sure that an object is there before a row says so.
+    /// Checks that an object exists before a row names it.
     pub async fn verify_published(&self, object: &StoredObject) -> Result<(), StoreError> {
         let found = self
             .remote()
@@ -157,8 +158,8 @@ impl Objects {
         object.check_size(found.size)
     }
 
-    /// Deletes objects that no row names any more. Those that cannot be deleted are left to the
-    /// next sweep.
+    /// Deletes objects that no row names any more. If one cannot be deleted, the next sweep tries
+    /// again.
     pub async fn delete(&self, paths: Vec<String>) {
         match &self.place {
             Place::Folder(folder) => {
@@ -173,7 +174,7 @@ impl Objects {
         }
     }
 
-    /// The path of an object, if there is one beside the store's own marks.
+    /// The path of any object besides the store's own marks, if there is one.
     pub async fn any(&self) -> Result<Option<String>, StoreError> {
         let mut listed = self.remote().list(None);
         let failed = || StoreError::object("listing", "objects");
@@ -185,7 +186,8 @@ impl Objects {
         Ok(None)
     }
 
-    /// The paths and sizes of all objects that were published before `limit`, without the store's own marks.
+    /// The paths and sizes of all objects that were published before `limit`, without the store's
+    /// own marks.
     pub async fn older_than(&self, limit: SystemTime) -> Result<Vec<(String, u64)>, StoreError> {
         self.remote()
             .list(None)
@@ -199,7 +201,7 @@ impl Objects {
             .map_err(StoreError::object("listing", "objects"))
     }
 
-    /// Now, by the clock that says when objects were published.
+    /// The current time, by the clock that dates objects.
     pub async fn now(&self) -> Result<SystemTime, StoreError> {
         match &self.place {
             Place::Folder(_) => Ok(SystemTime::now()),
@@ -207,7 +209,7 @@ impl Objects {
         }
     }
 
-    /// Deletes files that somebody began to write `age` ago; returns how many. The cache deletes its own.
+    /// Deletes unfinished files older than `age`, and returns how many. The cache deletes its own.
     pub async fn delete_unfinished(&self, age: Duration) -> Result<u64, StoreError> {
         let Some(folder) = self.folder().map(std::path::Path::to_owned) else { return Ok(0) };
         let failed = StoreError::file("sweeping unfinished files in", "objects");
@@ -216,8 +218,8 @@ impl Objects {
         swept.map_err(io::Error::other).flatten().map_err(failed)
     }
 
-    /// Opens an object for blocking reads, having read all of it once to check its digest. A file that this process
-    /// has read before and that did not change since is not read again.
+    /// Opens an object for blocking reads after checking its digest, which reads all of it once. A
+    /// file that this process has checked before and that did not change is not read again.
     pub fn open_verified(&self, object: &StoredObject) -> Result<File, StoreError> {
         let folder = match &self.place {
             Place::Folder(folder) => folder,
@@ -234,7 +236,7 @@ impl Objects {
         rewind(file, &object.path)
     }
 
-    /// Opens an object for blocking reads, whatever its bytes are.
+    /// Opens an object for blocking reads, without checking its bytes.
     pub fn open(&self, path: &str) -> Result<File, StoreError> {
         match &self.place {
             Place::Folder(folder) => folder.open(path),
@@ -242,7 +244,7 @@ impl Objects {
         }
     }
 
-    /// Reads all of an object's bytes to learn their size and digest, whatever they are. Blocks.
+    /// Reads an object to learn its size and digest, without checking them. Blocks.
     pub fn measure(&self, path: &str) -> Result<StoredObject, StoreError> {
         match &self.place {
             Place::Folder(folder) => measure(&folder.open(path)?, path),
@@ -257,13 +259,13 @@ impl Folder {
         File::open(self.path.join(location.as_ref())).map_err(StoreError::file("opening", path))
     }
 
-    /// Deletes the folder of a checkpoint when its last file is gone: no other checkpoint has it. Folders of other
-    /// objects are shared, and somebody may be about to write there.
+    /// Deletes the folder of a checkpoint after its last file. No other checkpoint uses that
+    /// folder. Other folders are shared, and somebody may be about to write there.
     fn delete_if_empty(&self, path: &str) {
         if path::is_of_checkpoint(path)
             && let Some(parent) = self.path.join(path).parent()
         {
-            // It is not empty while other files of the checkpoint are there.
+            // This fails while the folder holds other files of the checkpoint.
             let _ = std::fs::remove_dir(parent);
         }
     }

@@ -1,4 +1,4 @@
-//! Whether a bucket can be used, learnt before anything depends on it.
+//! Tests that a bucket can be used before anything depends on it.
 
 use futures::TryStreamExt;
 use object_store::path::Path;
@@ -52,7 +52,7 @@ pub(super) async fn probe(
         Ok(_) if options.condition() == Condition::NoneThere => {
             tracing::warn!(
                 %url,
-                "the object store replaces objects although it is asked not to; give no other database this bucket \
+                "the object store replaces existing objects; give no other database this bucket \
                  and prefix"
             );
             Ok(())

@@ -1,4 +1,4 @@
-//! How objects come to a store that is not a folder: whole or not at all, and never in the place of another.
+//! Publishing remote objects: whole or not at all, and never over another object.
 
 use std::fs::File;
 use std::io;
@@ -16,20 +16,21 @@ use super::cache::UnfinishedCopy;
 use super::parse;
 use crate::{StoreError, StoredObject};
 
-/// Bytes of a part; of an object that would have too many of them, more.
+/// Size of a part in bytes. It is larger for an object that would have too many parts.
 const PART_SIZE: u64 = 8 << 20;
 
-/// S3 takes 10 000 parts of an object.
+/// The number of parts that S3 allows for an object.
 const PARTS: u64 = 10_000;
 
-/// Parts on their way at a time, which bounds memory.
+/// Number of parts that are sent at a time. It bounds memory.
 const PARTS_IN_FLIGHT: usize = 4;
 
 impl Elsewhere {
     /// Publishes bytes.
     ///
     /// # Errors
-    /// [`StoreError::ObjectTaken`] when there is an object with other bytes; when the store refuses or does not answer.
+    /// [`StoreError::ObjectTaken`] when an object with other bytes lies there. It also fails when
+    /// the store refuses or does not answer.
     pub async fn put(&self, object: &StoredObject, bytes: Bytes) -> Result<(), StoreError> {
         let location = parse(&object.path)?;
         match self.remote.put(&location, bytes.into()).await {
@@ -38,13 +39,13 @@ impl Elsewhere {
         }
     }
 
-    /// Publishes a file that was written for that, and keeps it as the object's copy. Blocks.
+    /// Publishes a finished file, and keeps it as the cached copy of the object. Blocks.
     ///
     /// # Errors
-    /// As [`Self::put`]; when the file cannot be read.
+    /// Like [`Self::put`]. It also fails when the file cannot be read.
     pub fn publish(&self, copy: UnfinishedCopy, object: &StoredObject) -> Result<(), StoreError> {
         self.block_on(self.put_file(object, copy.file()))?;
-        // What was published needs no copy.
+        // The object is published, so an error of the cache does not matter.
         let kept = self.cache.make_room(object.size).and_then(|has_room| {
             if has_room { self.cache.keep(copy, object.sha256).map(drop) } else { Ok(()) }
         });
@@ -65,21 +66,22 @@ impl Elsewhere {
         let mut upload = upload.map_err(StoreError::object("writing", &object.path))?;
         let Err(error) = send_parts(&mut *upload, file, object.size).await else { return Ok(()) };
         if let Err(error) = upload.abort().await {
-            // It may be complete after all; otherwise a rule of the bucket deletes its parts.
+            // The upload may be complete after all. Otherwise a rule of the bucket deletes its
+            // parts.
             tracing::debug!(path = object.path, %error, "cannot give up an upload in parts");
         }
         self.settle(object, &location, error).await
     }
 
-    /// What an error means for the object: one that is there with the right bytes was published by an earlier try,
-    /// whose answer was lost.
+    /// Decides whether an error is one. If an object with the right bytes exists, an earlier try
+    /// published it and its answer was lost.
     async fn settle(
         &self,
         object: &StoredObject,
         location: &Path,
         error: Error,
     ) -> Result<(), StoreError> {
-        // An upload that was completed is not there any more, or permits nothing.
+        // A completed upload does not exist any more, or allows nothing.
         let is_refusal = matches!(
             error,
             Error::Precondition { .. }
@@ -98,7 +100,7 @@ impl Elsewhere {
     }
 }
 
-/// The size and the digest of an object's bytes, whatever they are.
+/// The size and the digest of an object's bytes, without checking them.
 pub(super) async fn digest_of(
     remote: &dyn ObjectStore,
     location: &Path,
@@ -114,7 +116,7 @@ pub(super) async fn digest_of(
 
 async fn send_parts(upload: &mut dyn MultipartUpload, file: &File, size: u64) -> Result<(), Error> {
     let part_size = PART_SIZE.max(size.div_ceil(PARTS));
-    // They are read and numbered in this order, as there is room for them.
+    // Parts are read and numbered in this order, as there is room for them.
     let parts = (0..size.div_ceil(part_size)).map(|part| {
         let start = part * part_size;
         read_part(file, start, part_size.min(size - start))

@@ -17,33 +17,33 @@ use super::signed::UrlSigner;
 use super::url::ObjectsUrl;
 use crate::StoreError;
 
-/// How a store is reached, and with whose keys.
+/// Options of the connection to an object store, with its keys.
 #[derive(Clone, Debug)]
 pub struct S3Options {
-    /// The usual variables: `AWS_ACCESS_KEY_ID`, `AWS_SECRET_ACCESS_KEY`, `AWS_REGION` and the like.
+    /// The usual variables: `AWS_ACCESS_KEY_ID`, `AWS_SECRET_ACCESS_KEY`, `AWS_REGION` and others.
     variables: Vec<(AmazonS3ConfigKey, String)>,
-    /// Amazon's own without one.
+    /// Amazon's own endpoint if `None`.
     endpoint: Option<String>,
-    /// Certificates to trust beside those of the system, as PEM.
+    /// A PEM file with certificates to trust besides those of the system.
     ca_bundle: Option<PathBuf>,
     pub patience: Patience,
-    /// Bytes of the copies that are kept on this machine.
+    /// Size limit of the copies on this machine, in bytes.
     pub cache_bytes: u64,
 }
 
-/// For how long a store is asked again that does not answer, or answers that it is too busy.
+/// How long requests are retried if a store does not answer, or answers that it is too busy.
 #[derive(Clone, Copy, Debug)]
 pub struct Patience {
-    /// From the first try of a request to its last.
+    /// Time from the first try of a request to the last.
     pub retry_for: Duration,
-    /// Until a connection stands.
+    /// Time limit for opening a connection.
     pub connect_within: Duration,
-    /// For the next bytes of an answer, and for a part to be sent.
+    /// Time limit for the next bytes of an answer, and for sending a part.
     pub silence: Duration,
 }
 
 impl Patience {
-    /// For learning whether a store is there at all.
+    /// For the first test whether the store is there.
     pub const BRIEF: Self = Self {
         retry_for: Duration::from_secs(3),
         connect_within: Duration::from_secs(3),
@@ -61,17 +61,17 @@ impl Default for Patience {
     }
 }
 
-/// Longest pause before a request is tried again.
+/// The longest pause before a request is tried again.
 const LONGEST_PAUSE: Duration = Duration::from_secs(5);
 
-/// Tries of a request; pauses grow to the longest one, so that time runs out before.
+/// Limit of tries per request. Pauses grow, so `retry_for` ends first.
 const TRIES: usize = 100;
 
 impl S3Options {
-    /// As the environment of this process says.
+    /// The options in the environment of this process.
     ///
     /// # Errors
-    /// [`StoreError::S3Options`] when the endpoint is none.
+    /// [`StoreError::S3Options`] when the endpoint is not a URL.
     pub fn from_env() -> Result<Self, StoreError> {
         let variables = std::env::vars_os();
         Self::new(variables.filter_map(|(name, value)| {
@@ -79,10 +79,12 @@ impl S3Options {
         }))
     }
 
-    /// As `variables` say. `TORQUED_S3_ENDPOINT` goes before `AWS_ENDPOINT_URL_S3` and `AWS_ENDPOINT_URL`.
+    /// The options in `variables`. `TORQUED_S3_ENDPOINT` takes precedence over
+    /// `AWS_ENDPOINT_URL_S3` and `AWS_ENDPOINT_URL`.
     ///
     /// # Errors
-    /// [`StoreError::S3Options`] when the endpoint is none, or the size of the cache no number.
+    /// [`StoreError::S3Options`] when the endpoint is not a URL, or the size of the cache is not a
+    /// number.
     pub fn new(variables: impl IntoIterator<Item = (String, String)>) -> Result<Self, StoreError> {
         let mut options = Self {
             variables: Vec::new(),
@@ -118,12 +120,13 @@ impl S3Options {
         Ok(options)
     }
 
-    /// The endpoint, for people.
+    /// The endpoint, for messages.
     pub(crate) fn endpoint(&self) -> &str {
         self.endpoint.as_deref().unwrap_or("Amazon S3")
     }
 
-    /// `AWS_CONDITIONAL_PUT=disabled` is for stores that refuse conditions.
+    /// The condition of writes. Set `AWS_CONDITIONAL_PUT=disabled` for stores that refuse
+    /// conditions.
     pub(crate) fn condition(&self) -> Condition {
         let disabled = (AmazonS3ConfigKey::ConditionalPut, "disabled".to_owned());
         if self.variables.contains(&disabled) {
@@ -134,13 +137,14 @@ impl S3Options {
     }
 }
 
-/// Bytes of all copies together, unless half of the disk is less.
+/// Size limit of all copies together, in bytes. Half of the disk is the limit if that is less.
 const CACHE_BYTES: &str = "TORQUED_CACHE_BYTES";
 
-/// The first that is set is used.
+/// The first variable that is set is used.
 const ENDPOINTS: [&str; 3] = ["TORQUED_S3_ENDPOINT", "AWS_ENDPOINT_URL_S3", "AWS_ENDPOINT_URL"];
 
-/// The URL names the bucket; the endpoint says whether plain HTTP is spoken.
+/// Whether an option has no effect here: the URL names the bucket, and the endpoint selects plain
+/// HTTP.
 const fn is_said_otherwise(key: AmazonS3ConfigKey) -> bool {
     use AmazonS3ConfigKey::{Bucket, Client, Endpoint, S3Endpoint};
     matches!(key, Bucket | Client(_) | Endpoint | S3Endpoint)
@@ -158,11 +162,11 @@ fn checked_endpoint(name: &'static str, value: &str) -> Result<String, StoreErro
 }
 
 impl ObjectsUrl {
-    /// Reaches the bucket, once it has taken, returned and deleted a small object.
+    /// Connects to the bucket, after a test that writes, reads and deletes a small object.
     ///
     /// # Errors
-    /// [`StoreError::ObjectsUnusable`], in one line that says what to do, when it does not exist, does not answer or
-    /// refuses; [`StoreError::S3Options`] when an option cannot be used.
+    /// [`StoreError::ObjectsUnusable`], in one line that says what to do, when the bucket does not
+    /// exist, does not answer or refuses. [`StoreError::S3Options`] when an option cannot be used.
     pub async fn connect(&self, options: &S3Options) -> Result<RemoteObjects, StoreError> {
         probe(self, options, &*self.objects(options, Patience::BRIEF)?.store).await?;
         self.objects(options, options.patience)
@@ -235,9 +239,9 @@ fn certificates(options: &S3Options) -> Result<Vec<Certificate>, StoreError> {
     bundle.map_err(|error| refused(format!("certificates in PEM ({error})")))
 }
 
-/// Has TLS computed by `ring` wherever this process asks for none in particular.
+/// Makes `ring` the default crypto provider of TLS in this process.
 fn install_tls() {
-    // It is refused where it was done before.
+    // This fails if a default is installed already.
     let _ = rustls::crypto::ring::default_provider().install_default();
 }
 

@@ -1,4 +1,4 @@
-//! Addresses under which a bucket itself sends an object to whoever has them.
+//! Signed URLs, from which a bucket itself sends an object to anybody who has the URL.
 
 use std::fmt;
 use std::sync::Arc;
@@ -14,7 +14,7 @@ use crate::{Store, StoreError, StoredObject, boxed};
 #[derive(Clone)]
 pub(super) struct UrlSigner {
     pub bucket: Arc<dyn Signer>,
-    /// Of all objects in the bucket; may be empty.
+    /// The prefix of all objects in the bucket; may be empty.
     pub prefix: Path,
 }
 
@@ -24,7 +24,7 @@ impl fmt::Debug for UrlSigner {
     }
 }
 
-/// What an address is signed for.
+/// The purpose for which a URL is signed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SignedFor {
     Get,
@@ -32,11 +32,13 @@ pub enum SignedFor {
 }
 
 impl Store {
-    /// An address from which anybody fetches an object for so long, ranges of it included; `None` where objects do not lie
-    /// in a bucket. Nobody compares the bytes with their digest on the way.
+    /// A URL from which anybody can fetch the object, or ranges of it, for the given time. `None`
+    /// where objects do not lie in a bucket. The bytes are not compared with their digest on the
+    /// way.
     ///
     /// # Errors
-    /// [`StoreError::DamagedObject`] when the object has another size or was found to be damaged; when it is not there.
+    /// [`StoreError::DamagedObject`] when the object has another size or was found damaged. It also
+    /// fails when the object does not exist.
     #[boxed]
     pub async fn signed_url(
         &self,

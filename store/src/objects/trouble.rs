@@ -1,10 +1,10 @@
-//! What is wrong with an object store that refuses or does not answer, and what to do about it.
+//! Problems of an object store that refuses or does not answer, and what to do about them.
 
 use std::error::Error;
 
 use object_store::client::{HttpError, HttpErrorKind};
 
-/// Why an object store did not do what it was asked for, as far as a person can help.
+/// Why an object store did not carry a request out, where a person can help.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Trouble {
     NoKeys,
@@ -22,7 +22,7 @@ pub(crate) enum Trouble {
 impl Trouble {
     pub fn of(error: &object_store::Error) -> Option<Self> {
         let texts = texts(error);
-        // Keys are asked for at these addresses where no variable has them.
+        // Credentials are requested at these addresses if no variable has them.
         if texts.contains("169.254.169.254") || texts.contains("169.254.170.2") {
             return Some(Self::NoKeys);
         }
@@ -66,7 +66,7 @@ impl Trouble {
         })
     }
 
-    /// What is the case, and what to do.
+    /// The problem, and what to do.
     pub const fn advice(self) -> &'static str {
         match self {
             Self::NoKeys => "there are no keys; set AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY",
@@ -84,23 +84,24 @@ impl Trouble {
             }
             Self::WrongClock => "the clock of this machine differs from the store's; set it",
             Self::NoConditions => {
-                "the store cannot create an object on the condition that there is none; set \
+                "the store cannot create an object only if there is none; set \
                  AWS_CONDITIONAL_PUT=disabled, and give no other database this bucket and prefix"
             }
-            Self::Busy => "the store says that it cannot answer now; see its log, and try again",
+            Self::Busy => "the store cannot answer now; see its log, and try again",
             Self::Unreachable => {
-                "the store does not answer; see that it runs, and that TORQUED_S3_ENDPOINT names it"
+                "the store does not answer; check that it runs, and that TORQUED_S3_ENDPOINT is \
+                 its address"
             }
         }
     }
 }
 
-/// For the end of a message.
+/// Advice for the end of an error message.
 pub(crate) fn advice(error: &object_store::Error) -> String {
     Trouble::of(error).map_or(String::new(), |trouble| format!("; {}", trouble.advice()))
 }
 
-/// What an error says without the body of an answer, which is XML of many lines.
+/// The error without the answer's body, which is XML of many lines.
 pub(crate) fn in_short(error: &object_store::Error) -> String {
     let text = error.to_string();
     let said = text.split(['<', '\n']).next().unwrap_or_default().trim_end_matches([':', ' ']);

@@ -6,11 +6,11 @@ use std::sync::mpsc::{SyncSender, sync_channel};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
-/// Bytes after which the disk is asked to write them.
+/// Number of bytes after which the disk is asked to write them.
 const SYNC_EVERY: usize = 8 * 1024 * 1024;
 
-/// A file on its way to another name, under which it appears whole and synced to disk, or not at
-/// all.
+/// A file that is being written under a temporary name. It appears under its final name whole and
+/// synced to disk, or not at all.
 #[derive(Debug)]
 pub(crate) struct UnfinishedFile {
     file: Arc<File>,
@@ -22,7 +22,7 @@ pub(crate) struct UnfinishedFile {
 }
 
 impl UnfinishedFile {
-    /// Begins the file `to` under the name `at`, in the same folder.
+    /// Creates the file that will be named `to`, under the name `at` in the same folder.
     pub fn create(at: PathBuf, to: PathBuf) -> io::Result<Self> {
         let file = Arc::new(File::create(&at)?);
         Ok(Self { file, at, to, unsynced: 0, sync: None, published: false })
@@ -39,7 +39,7 @@ impl UnfinishedFile {
         Ok(())
     }
 
-    /// Syncs the file and gives it its name.
+    /// Syncs the file and gives it its final name.
     pub fn publish(mut self) -> io::Result<()> {
         if let Some(sync) = self.sync.take() {
             sync.end()?;
@@ -47,7 +47,7 @@ impl UnfinishedFile {
         self.file.sync_all()?;
         std::fs::rename(&self.at, &self.to)?;
         self.published = true;
-        // The name is durable when the folder is.
+        // The name is durable after the folder is synced.
         File::open(self.to.parent().unwrap_or(Path::new(".")))?.sync_all()
     }
 }
@@ -60,13 +60,14 @@ impl Drop for UnfinishedFile {
         if let Some(sync) = self.sync.take() {
             let _ = sync.end();
         }
-        // What cannot be deleted now is no object, and is swept or overwritten later.
+        // A file that cannot be deleted now is not an object, and is swept or overwritten later.
         let _ = std::fs::remove_file(&self.at);
     }
 }
 
-/// Deletes unfinished files of objects below a folder that are older than `age`, `object_store`'s own
-/// included: it writes to `NAME#N` beside its destination, which it does not list.
+/// Deletes unfinished files of objects in a folder that are older than `age`. That includes files
+/// of `object_store`, which writes to `NAME#N` beside the destination and does not list those
+/// files.
 pub(crate) fn delete_below(root: &Path, age: Duration) -> io::Result<u64> {
     let mut deleted = 0;
     let mut folders: Vec<PathBuf> = vec![root.to_owned()];
@@ -87,7 +88,7 @@ pub(crate) fn delete_below(root: &Path, age: Duration) -> io::Result<u64> {
     Ok(deleted)
 }
 
-/// Workers publish and prune while somebody looks: a file that was there may not be any more.
+/// `None` if the file is gone: workers publish and prune during a sweep.
 fn unless_gone<T>(found: io::Result<T>) -> io::Result<Option<T>> {
     match found {
         Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
@@ -95,8 +96,8 @@ fn unless_gone<T>(found: io::Result<T>) -> io::Result<Option<T>> {
     }
 }
 
-/// Has the disk work all the time instead of at the end, without anybody waiting for it: a thread
-/// that syncs again and again while there is more.
+/// Keeps the disk busy during the whole write, instead of only at the end. Its thread syncs the
+/// file repeatedly while there is more, and nobody waits for it.
 #[derive(Debug)]
 struct Syncing {
     ask: SyncSender<()>,
@@ -107,13 +108,13 @@ impl Syncing {
     fn of(file: &Arc<File>) -> Self {
         let file = Arc::clone(file);
         let (ask, asked) = sync_channel(1);
-        // An error that the disk tells this thread may be told to nobody else.
+        // The disk may report an error only to this thread.
         let thread = thread::spawn(move || asked.iter().try_for_each(|()| file.sync_data()));
         Self { ask, thread }
     }
 
     fn ask(&self) {
-        // One sync that is waiting covers this request too.
+        // A sync that is waiting covers this request too.
         let _ = self.ask.try_send(());
     }
 

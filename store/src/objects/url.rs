@@ -9,11 +9,12 @@ use crate::StoreError;
 
 /// A bucket of an S3-compatible store, and the prefix of all objects in it: `s3://BUCKET/PREFIX`, or `s3://BUCKET`.
 ///
-/// A bucket and prefix belong to one database: the sweep deletes what no row of it names.
+/// A bucket and prefix belong to one database: the sweep deletes every object that has no row
+/// there.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ObjectsUrl {
     bucket: String,
-    /// Without slashes at its ends; perhaps empty.
+    /// Without slashes at its ends; may be empty.
     prefix: Path,
 }
 
@@ -26,7 +27,7 @@ impl ObjectsUrl {
         &self.prefix
     }
 
-    /// Whether objects of the one may lie below the other.
+    /// Whether objects of one may lie below the other.
     pub(crate) fn overlaps(&self, other: &Self) -> bool {
         let lies_in = |inner: &Self, outer: &Self| inner.prefix.prefix_matches(&outer.prefix);
         self.bucket == other.bucket && (lies_in(self, other) || lies_in(other, self))
@@ -43,12 +44,12 @@ impl FromStr for ObjectsUrl {
         };
         if let Some(refused_part) = rest.find(['?', '#', '@', ' ']) {
             let part = &rest[refused_part..];
-            return Err(refused(format!("`{part}` is neither bucket nor prefix")));
+            return Err(refused(format!("`{part}` is not a part of a bucket or prefix")));
         }
         let (bucket, prefix) = rest.split_once('/').unwrap_or((rest, ""));
         if !is_bucket(bucket) {
             let allowed = "3 to 63 of `a-z 0-9 . -`, a letter or digit at both ends";
-            return Err(refused(format!("the bucket is `{bucket}`, and allowed are {allowed}")));
+            return Err(refused(format!("the bucket is `{bucket}`, allowed: {allowed}")));
         }
         let prefix = prefix.trim_end_matches('/');
         let prefix = Path::parse(prefix)
@@ -98,11 +99,11 @@ mod tests {
         for (url, reason) in [
             ("/data/objects", "it does not begin with `s3://`"),
             ("https://lab.s3.amazonaws.com", "it does not begin with `s3://`"),
-            ("s3://", "the bucket is ``, and allowed are 3 to 63"),
-            ("s3://Lab/arm", "the bucket is `Lab`, and allowed are 3 to 63"),
-            ("s3://lab-/arm", "the bucket is `lab-`, and allowed are"),
-            ("s3://lab/arm?region=eu", "`?region=eu` is neither bucket nor prefix"),
-            ("s3://key:secret@lab/arm", "`@lab/arm` is neither bucket nor prefix"),
+            ("s3://", "the bucket is ``, allowed: 3 to 63"),
+            ("s3://Lab/arm", "the bucket is `Lab`, allowed: 3 to 63"),
+            ("s3://lab-/arm", "the bucket is `lab-`, allowed: "),
+            ("s3://lab/arm?region=eu", "`?region=eu` is not a part of a bucket or prefix"),
+            ("s3://key:secret@lab/arm", "`@lab/arm` is not a part of a bucket or prefix"),
             ("s3://lab/a//b", "the prefix is `a//b`"),
             ("s3://lab/../b", "the prefix is `../b`"),
         ] {

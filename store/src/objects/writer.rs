@@ -1,4 +1,4 @@
-//! Writes the bytes of an object: into the store, as a file of any folder, or nowhere.
+//! Writes the bytes of an object: into the store, to a file in any folder, or nowhere.
 
 use std::fs::File;
 use std::io;
@@ -13,13 +13,13 @@ use super::cache::UnfinishedCopy;
 use super::unfinished_file::UnfinishedFile;
 use crate::{Store, StoreError, StoredObject};
 
-/// What the file of an object is called until it is whole. `object_store` takes a number after a
-/// hash for its own unfinished files and does not list them; the sweep finds both.
+/// The suffix of an object's file until it is whole. `object_store` uses a hash and a number for
+/// its own unfinished files and does not list them. The sweep finds both.
 const UNFINISHED_OBJECT: &str = "#0";
 
-/// Writes an object piece by piece; dropped before [`ObjectWriter::finish`], it leaves nothing.
+/// Writes an object in pieces. If it is dropped before [`ObjectWriter::finish`], it leaves nothing.
 ///
-/// Blocks, so use it where blocking is allowed: under `spawn_blocking` or on a thread of its own.
+/// It blocks, so use it under `spawn_blocking` or on a thread of its own.
 #[derive(Debug)]
 pub struct ObjectWriter {
     to: Destination,
@@ -31,15 +31,15 @@ pub struct ObjectWriter {
 #[derive(Debug)]
 enum Destination {
     File(UnfinishedFile),
-    /// A file whose bytes are published where objects are no files.
+    /// A file whose bytes will be published to a remote store.
     Elsewhere(Store, UnfinishedCopy),
-    /// Only the digest is wanted.
+    /// Only computes the digest.
     Nowhere,
 }
 
 impl ObjectWriter {
-    /// Into the store. Where objects are no files, they are published once all bytes are there: an upload is short then
-    /// and can be tried again, however long the bytes took to make.
+    /// Writes into the store. For a remote store, publishing begins when all bytes are there: the
+    /// upload is then short and can be retried, however long it took to make the bytes.
     pub(crate) fn in_store(store: &Store, path: &str) -> Result<Self, StoreError> {
         let to = match store.objects().away() {
             Some(elsewhere) => Destination::Elsewhere(store.clone(), elsewhere.begin(path)?),
@@ -51,7 +51,7 @@ impl ObjectWriter {
         Ok(Self::new(to, path))
     }
 
-    /// Into a file below `root`.
+    /// Writes into a file below `root`.
     pub(crate) fn below(root: &Path, path: &str) -> Result<Self, StoreError> {
         let to = root.join(path);
         let at = PathBuf::from(format!("{}{UNFINISHED_OBJECT}", to.display()));
@@ -60,18 +60,18 @@ impl ObjectWriter {
         Ok(Self::new(Destination::File(created.map_err(failed(path))?), path))
     }
 
-    /// Into a file of a folder, which appears under `name` whole and synced to disk, or not at all.
+    /// Writes a file in a folder. It appears under `name` whole and synced to disk, or not at all.
     ///
     /// # Errors
     /// When the disk is full or fails.
     pub fn in_folder(folder: &Path, name: &str) -> Result<Self, StoreError> {
-        // Hidden, so that nobody takes it for a table.
+        // The name is hidden, so nobody takes the file for a table.
         let at = folder.join(format!(".{name}.unfinished"));
         let file = UnfinishedFile::create(at, folder.join(name)).map_err(failed(name))?;
         Ok(Self::new(Destination::File(file), name))
     }
 
-    /// Keeps nothing but size and digest.
+    /// Computes only size and digest.
     pub fn digest_only(name: &str) -> Self {
         Self::new(Destination::Nowhere, name)
     }
@@ -84,11 +84,11 @@ impl ObjectWriter {
         &self.path
     }
 
-    /// Syncs and publishes what was written.
+    /// Syncs and publishes the bytes.
     ///
     /// # Errors
-    /// When the disk is full or fails, the store of objects refuses or does not answer; nothing lies under the path
-    /// then. [`StoreError::ObjectTaken`] when something else does.
+    /// When the disk is full or fails, or the object store refuses or does not answer. Nothing lies
+    /// under the path then. [`StoreError::ObjectTaken`] when another object lies there.
     pub fn finish(self) -> Result<StoredObject, StoreError> {
         let sha256 = Digest::from_bytes(self.digest.finalize().into());
         let object = StoredObject { path: self.path, size: self.size, sha256 };
@@ -123,7 +123,7 @@ impl io::Write for ObjectWriter {
     }
 }
 
-/// A name that nothing else has, of this process or another.
+/// A name that no other file of any process has.
 pub(crate) fn unique_name(prefix: &str) -> String {
     static COUNT: AtomicU64 = AtomicU64::new(0);
     let count = COUNT.fetch_add(1, Ordering::Relaxed);
@@ -131,7 +131,7 @@ pub(crate) fn unique_name(prefix: &str) -> String {
     format!("{prefix}-{:x}-{:x}-{count:x}", since_1970.as_nanos(), std::process::id())
 }
 
-/// Creates a folder and those it is in; their names are durable when this returns.
+/// Creates a folder and its parents. Their names are durable when this returns.
 pub(super) fn create_folder(folder: &Path) -> io::Result<()> {
     if folder.is_dir() {
         return Ok(());
@@ -139,7 +139,7 @@ pub(super) fn create_folder(folder: &Path) -> io::Result<()> {
     let Some(parent) = folder.parent() else { return Ok(()) };
     create_folder(parent)?;
     match std::fs::create_dir(folder) {
-        // Another worker was faster; both make sure that the name lasts.
+        // Another worker was faster. Both make sure that the name is durable.
         Err(error) if error.kind() != io::ErrorKind::AlreadyExists => return Err(error),
         Ok(()) | Err(_) => {}
     }

@@ -1,4 +1,4 @@
-//! The SQL that PostgreSQL has in its own way.
+//! SQL fragments in PostgreSQL's dialect.
 
 use sqlx::Postgres;
 use sqlx::postgres::PgRow;
@@ -6,14 +6,15 @@ use sqlx::postgres::PgRow;
 pub(super) type Db = Postgres;
 pub(super) type DbRow = PgRow;
 
-/// The present by the database's clock, in milliseconds since 1970; it goes on within a transaction.
+/// The current time by the database's clock, in milliseconds since 1970. It advances within a
+/// transaction.
 macro_rules! now {
     () => {
         "CAST(EXTRACT(EPOCH FROM clock_timestamp()) * 1000 AS BIGINT)"
     };
 }
 
-/// The ids of a parameter that is a list of them in JSON.
+/// The ids of a parameter that is a JSON list of ids.
 macro_rules! listed_ids {
     ($parameter:literal) => {
         concat!("(SELECT CAST(value AS BIGINT) FROM jsonb_array_elements_text(", $parameter, "))")
@@ -24,7 +25,7 @@ macro_rules! listed_ids {
 pub(super) const LISTED_IDS: (&str, &str) =
     ("(SELECT CAST(value AS BIGINT) FROM jsonb_array_elements_text(", "))");
 
-/// The texts of a parameter that is a list of them in JSON.
+/// The texts of a parameter that is a JSON list of texts.
 macro_rules! listed_texts {
     ($parameter:literal) => {
         concat!("(SELECT value FROM jsonb_array_elements_text(", $parameter, "))")
@@ -35,7 +36,8 @@ macro_rules! listed_texts {
 pub(super) const LISTED_TEXTS: (&str, &str) =
     ("(SELECT value FROM jsonb_array_elements_text(", "))");
 
-/// The lists in a parameter that is a list of lists in JSON, as rows of `item` with their place `key`.
+/// The lists of a parameter that is a JSON list of lists, as rows of `item` with their position
+/// `key`.
 macro_rules! items {
     ($parameter:literal) => {
         concat!("jsonb_array_elements(", $parameter, ") WITH ORDINALITY AS item (value, key)")
@@ -52,21 +54,21 @@ macro_rules! item {
     };
 }
 
-/// A field of a column with JSON, as text; `NULL` if there is none.
+/// A field of a JSON column, as text; `NULL` if there is none.
 macro_rules! field {
     ($column:literal, $parameter:literal) => {
         concat!("(CAST(", $column, " AS json) ->> ", $parameter, ")")
     };
 }
 
-/// 32 hexadecimal digits that nothing else has.
+/// 32 hexadecimal digits that are unique.
 macro_rules! unique_digits {
     () => {
         "replace(CAST(gen_random_uuid() AS TEXT), '-', '')"
     };
 }
 
-/// The tags in a table of them, as JSON: those of the thing whose id is given; `NULL` for none.
+/// The tags of the thing with this id, from a table of tags, as JSON; `NULL` if it has none.
 macro_rules! tags_of {
     ($table:literal, $thing:literal, $id:literal) => {
         concat!(
@@ -83,24 +85,25 @@ macro_rules! tags_of {
     };
 }
 
-/// A number from 0 to 250 by chance.
+/// A random integer from 0 to 250.
 macro_rules! chance {
     () => {
         "CAST(floor(random() * 251) AS BIGINT)"
     };
 }
 
-/// Keeps the rows as they were read until the transaction ends, and waits for who keeps them already.
+/// Locks the rows that were read until the transaction ends. Waits if another transaction has
+/// locked them.
 macro_rules! locked {
     () => {
         " FOR NO KEY UPDATE"
     };
 }
 
-/// The same, passing over rows that somebody else keeps.
+/// Locks the rows that were read, and skips rows that another transaction has locked.
 pub(super) const LOCKED_OR_SKIPPED: &str = " FOR NO KEY UPDATE SKIP LOCKED";
 
-/// Two statements that change rows of different tables, as one.
+/// Combines two statements that change rows of different tables into one.
 macro_rules! together {
     ($first:expr, $second:expr) => {
         concat!("WITH first AS (", $first, ") ", $second)
@@ -114,8 +117,9 @@ macro_rules! larger {
     };
 }
 
-/// The first task in line of those that a worker could take, none if it is drained: its name is `$1`, and its offer
-/// are `$2` to `$5`. The first of each combination of resources is at the beginning of the index, however many wait.
+/// The first task in line that a worker could take; none if it is drained. The worker's name is
+/// `$1`, and its offer is `$2` to `$5`. The first task of each combination of resources is at the
+/// beginning of the index, however many wait.
 pub(super) fn first_in_line(may_be_claimed: &str, locked: &str) -> String {
     format!(
         "SELECT first.* FROM resources AS asked CROSS JOIN LATERAL \
@@ -129,11 +133,12 @@ pub(super) fn first_in_line(may_be_claimed: &str, locked: &str) -> String {
     )
 }
 
-/// The function that says where a text begins in another, counting from 1; 0 for nowhere.
+/// The function that returns the position of a text in another, counting from 1; 0 if it is not
+/// there.
 pub(super) const FIND: &str = "strpos";
 
-/// Behind a text, has it compared by its bytes.
+/// Placed after a text, it makes comparisons go by bytes.
 pub(super) const BY_BYTES: &str = " COLLATE \"C\"";
 
-/// The condition of the partial indexes of experiments, word for word.
+/// The condition of the partial indexes of experiments. It must be the same, word for word.
 pub(super) const IS_EXPERIMENT: &str = "NOT job.is_part";

@@ -1,4 +1,4 @@
-//! Locks by which servers that share a database agree on who does what.
+//! Locks that decide which of the servers that share a database has a duty.
 
 use std::time::Duration;
 
@@ -8,10 +8,10 @@ use sqlx::{ConnectOptions, PgConnection};
 use super::Database;
 use crate::duties::Duty;
 
-/// How long a connection that holds a lock may take to answer.
+/// Time limit for an answer of a connection that holds a lock.
 const ANSWER_WITHIN: Duration = Duration::from_secs(5);
 
-/// An advisory lock of a connection of its own: it lasts as long as the connection does.
+/// An advisory lock on its own connection. It lasts as long as the connection.
 #[derive(Debug)]
 pub(crate) struct DutyLock {
     options: Box<PgConnectOptions>,
@@ -26,7 +26,7 @@ impl Database {
 }
 
 impl DutyLock {
-    /// Whether this lock is held, taking it if nobody else has it.
+    /// Whether this lock is held. Takes it if nobody else has it.
     pub async fn is_held(&mut self) -> Result<bool, sqlx::Error> {
         if let Some(connection) = &mut self.held {
             let answer = sqlx::query("SELECT 1").execute(connection);

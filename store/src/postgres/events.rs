@@ -1,19 +1,21 @@
-//! Which events have settled. Transactions commit in another order than that in which their events were given ids: who sees
-//! number 7 may see number 6 later.
+//! Settled events. Transactions do not commit in the order in which their events got ids: a reader
+//! that sees event 7 may see event 6 later.
 
 use std::collections::VecDeque;
 
 use super::Database;
 
-/// Marks that wait for transactions to end. While more would wait no new ones are made, and events come later.
+/// Number of marks that wait for transactions to end. At this number no new marks are made, and
+/// events come later.
 const MARKS: usize = 64;
 
-/// How far events have settled, learned from look to look.
+/// How far events have settled. Each look updates it.
 ///
-/// A transaction has its number before its events have ids (`next_event_id`). A look at new ids reads the last one first, and
-/// then takes a transaction's number for itself: together a mark. Once all transactions up to that number have ended, those that
-/// are open were given theirs after the mark, and ids of events after the mark's. A snapshot's upper bound is no such number:
-/// open transactions may be beyond it.
+/// A transaction gets its number before its events get ids (`next_event_id`). A look at new ids
+/// reads the last id first, and then takes a transaction number for itself: together they form a
+/// mark. Once all transactions up to that number have ended, every open transaction got its number
+/// after the mark, and its events got larger ids than the mark's. A snapshot's upper bound cannot
+/// serve as that number, because open transactions may be beyond it.
 #[derive(Debug, Default)]
 pub(crate) struct Horizon {
     marks: VecDeque<Mark>,
@@ -27,7 +29,8 @@ struct Mark {
 }
 
 impl Database {
-    /// The id up to which no event will appear any more that cannot be read now; `None` as long as that is not known of any.
+    /// The id up to which all events can be read, so none will appear later. `None` as long as it
+    /// is not known.
     pub async fn settled_event(&self, horizon: &mut Horizon) -> Result<Option<i64>, sqlx::Error> {
         let last_event: i64 =
             sqlx::query_scalar("SELECT last_value FROM event_id").fetch_one(&self.reader).await?;
@@ -51,13 +54,13 @@ impl Database {
 }
 
 impl Horizon {
-    /// Whether ids were given that no mark covers, and there is room for another one.
+    /// Whether there are ids that no mark covers, and room for another mark.
     fn wants_mark(&self, last_event: i64) -> bool {
         let newest = self.marks.back().map(|newest| newest.last_event).or(self.settled);
         newest.is_none_or(|newest| newest < last_event) && self.marks.len() < MARKS
     }
 
-    /// All transactions before `oldest_open` have ended.
+    /// Settles the marks before `oldest_open`: all earlier transactions have ended.
     fn settle(&mut self, oldest_open: i64) {
         while let Some(mark) = self.marks.pop_front_if(|mark| mark.transaction < oldest_open) {
             self.settled = Some(mark.last_event);

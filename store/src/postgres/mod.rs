@@ -1,12 +1,13 @@
-//! PostgreSQL: how it is opened, checked and migrated, and what its SQL has of its own.
+//! PostgreSQL: opening, checking and migrating a database, and the SQL of its own dialect.
 //!
 //! Many transactions write at once, so two rules take the place of SQLite's single writer:
 //!
-//! - A transaction that moves jobs, or tasks between states, begins with [`Scope::Queue`] and holds one advisory lock to
-//!   its end: one such transaction at a time, on all machines together. One that only ends a task, with
-//!   [`Scope::Task`], shares that lock with others of its kind.
-//! - Each of the others holds the row of one task at most, which its first statement locks, and waits for nothing after it. So
-//!   no two transactions ever wait for each other.
+//! - A transaction that moves jobs, or tasks between states, begins with [`Scope::Queue`] and holds
+//!   one advisory lock to its end. So there is only one such transaction at a time on all machines
+//!   together. A transaction with [`Scope::Task`], which only ends a task, shares that lock with
+//!   others of its kind.
+//! - Each other transaction locks at most the row of one task, in its first statement, and waits
+//!   for nothing after it. So two transactions never wait for each other.
 
 #[macro_use]
 mod dialect;
@@ -34,13 +35,14 @@ pub(crate) use waiting::Bell;
 /// The advisory lock of transactions that move the queue: "torqueue" in ASCII.
 const QUEUE_LOCK: i64 = i64::from_be_bytes(*b"torqueue");
 
-/// The advisory lock that transactions with [`Scope::Lease`] share, by which others learn that none is open: "torlease".
+/// The advisory lock that transactions with [`Scope::Lease`] share: "torlease" in ASCII. Others
+/// learn from it that no such transaction is open.
 const LEASE_LOCK: i64 = i64::from_be_bytes(*b"torlease");
 
 /// The first of the advisory locks of jobs: "torq" and zeros.
 const TURN_LOCK: i64 = i64::from_be_bytes(*b"torq\0\0\0\0");
 
-/// A pool of connections, which are opened as they are needed.
+/// A pool of connections. Connections are opened as they are needed.
 #[derive(Debug)]
 pub(crate) struct Database {
     reader: PgPool,
@@ -57,7 +59,7 @@ impl Database {
         scope: Scope,
         operation: &'static str,
     ) -> Result<Transaction, StoreError> {
-        // Both statements go to the database at once.
+        // Both statements are sent to the database at once.
         let begin = match scope {
             Scope::Queue => format!("BEGIN; SELECT pg_advisory_xact_lock({QUEUE_LOCK})"),
             Scope::Task => format!("BEGIN; SELECT pg_advisory_xact_lock_shared({QUEUE_LOCK})"),
@@ -69,7 +71,7 @@ impl Database {
         Ok(Transaction { inner, operation })
     }
 
-    /// A transaction that reads what was there at one moment, beside those who write.
+    /// Begins a transaction that reads the state of one moment while others write.
     pub async fn begin_snapshot(&self, operation: &'static str) -> Result<Transaction, StoreError> {
         let begin = "BEGIN ISOLATION LEVEL REPEATABLE READ, READ ONLY; \
                      SET LOCAL idle_in_transaction_session_timeout = 0";
@@ -82,7 +84,7 @@ impl Database {
         self.reader.close().await;
     }
 
-    /// Nothing: PostgreSQL looks after its own files.
+    /// Returns `None`: PostgreSQL checks its own files.
     pub async fn damage(&self) -> Result<Option<String>, sqlx::Error> {
         Ok(None)
     }
@@ -96,7 +98,7 @@ pub(crate) struct Transaction {
 }
 
 impl Transaction {
-    /// The purpose; completes "while ..." in an error.
+    /// The purpose of the transaction. It completes "while ..." in an error.
     pub const fn operation(&self) -> &'static str {
         self.operation
     }
@@ -109,7 +111,8 @@ impl Transaction {
         self.inner.rollback().await.map_err(StoreError::database(self.operation))
     }
 
-    /// Takes the lock of [`Scope::Queue`] without waiting, which others might do for what this transaction has locked.
+    /// Takes the lock of [`Scope::Queue`] without waiting. Waiting could deadlock, because others
+    /// may wait for rows that this transaction has locked.
     pub async fn take_the_queue(&mut self) -> Result<bool, sqlx::Error> {
         sqlx::query_scalar("SELECT pg_try_advisory_xact_lock($1)")
             .bind(QUEUE_LOCK)
@@ -117,18 +120,19 @@ impl Transaction {
             .await
     }
 
-    /// Wakes workers that wait for a task when the transaction is committed.
+    /// Wakes workers that wait for a task. They are woken when the transaction commits.
     pub async fn ring(&mut self) -> Result<(), sqlx::Error> {
         self.execute(sqlx::query("SELECT pg_notify($1, '')").bind(waiting::CHANNEL)).await
     }
 
-    /// Returns when no other transaction that waited for a turn of the same job is open, and keeps others waiting.
+    /// Waits until no other transaction with a turn for the same job is open, and makes later ones
+    /// wait.
     pub async fn wait_for_turn(&mut self, of: JobId) -> Result<(), sqlx::Error> {
         let lock = sqlx::query("SELECT pg_advisory_xact_lock($1)").bind(TURN_LOCK ^ of.0);
         self.execute(lock).await
     }
 
-    /// Returns when all claims that have begun are committed.
+    /// Waits until all claims that have begun are committed.
     pub async fn wait_for_claims(&mut self) -> Result<(), sqlx::Error> {
         for lock in [QUEUE_LOCK, LEASE_LOCK] {
             self.execute(sqlx::query("SELECT pg_advisory_xact_lock($1)").bind(lock)).await?;
@@ -136,7 +140,7 @@ impl Transaction {
         Ok(())
     }
 
-    /// Executes a statement that answers nothing.
+    /// Executes a statement that returns no rows.
     async fn execute(
         &mut self,
         statement: Query<'_, Postgres, PgArguments>,

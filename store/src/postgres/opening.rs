@@ -1,4 +1,4 @@
-//! Opening a database: who may, and which schema it must have.
+//! Opening a database: the roles that may open it, and the schema that it must have.
 
 use std::sync::LazyLock;
 use std::time::Duration;
@@ -38,29 +38,30 @@ static MIGRATIONS: LazyLock<Migrator> = LazyLock::new(|| {
     Migrator::with_migrations(FILES.iter().map(migration).collect())
 });
 
-/// How long a request waits for a connection before it is answered 503.
+/// How long a request waits for a connection before the server answers 503.
 const REQUEST_WAITS: Duration = Duration::from_secs(10);
 
-/// Connections that nobody uses are closed after so long: a hundred workers keep about a hundred open.
+/// How long an unused connection stays open. A hundred workers keep about a hundred open.
 const IDLE_TIMEOUT: Duration = Duration::from_secs(30);
 
-/// By default a statement is planned anew for each of its first executions in a connection. Ours find rows by index, whatever
-/// the parameters are.
+/// By default PostgreSQL plans a statement anew for each of its first executions on a connection.
+/// Our statements find rows by index whatever their parameters are, so one plan is enough.
 const PLAN_ONCE: &str = "SET plan_cache_mode = force_generic_plan";
 
-/// A connection that nobody used for so long is asked whether it stands before it is used.
+/// A connection that was unused for this long is tested before it is used.
 const ASKED_AFTER: Duration = Duration::from_millis(200);
 
-/// Connections of a server, which answers many requests at once.
+/// Number of connections of a server, which answers many requests at once.
 const SERVER_CONNECTIONS: u32 = 16;
 
-/// Connections of a worker: one task and its heartbeat.
+/// Number of connections of a worker: one task and its heartbeat.
 const WORKER_CONNECTIONS: u32 = 3;
 
 pub async fn open(url: &DatabaseUrl, access: Access) -> Result<Database, StoreError> {
     let options = url.options().clone().application_name("torqued");
     let place = url.to_string();
-    // The first one tells at once what is wrong; those of the pool wait for a database that is away.
+    // The first connection reports at once what is wrong. Those of the pool wait for a database
+    // that is away.
     let first = options.connect().await;
     let mut connection = first.map_err(|source| unusable(&place, &options, source))?;
     let (connections, patience) = match access {
@@ -98,7 +99,7 @@ pub async fn open(url: &DatabaseUrl, access: Access) -> Result<Database, StoreEr
     Ok(Database { reader: pool, options: Box::new(options) })
 }
 
-/// Whether a connection still stands. One that was used a moment ago is not asked.
+/// Whether a connection still works. One that was used a moment ago is not tested.
 async fn is_alive(connection: &mut PgConnection, idle_for: Duration) -> Result<bool, sqlx::Error> {
     Ok(idle_for < ASKED_AFTER || connection.ping().await.is_ok())
 }
@@ -108,7 +109,7 @@ pub(crate) fn known_schema() -> i64 {
     MIGRATIONS.iter().map(|migration| migration.version).max().unwrap_or(0)
 }
 
-/// The schema of the database, 0 before the first.
+/// The version of the database's schema; 0 before the first migration.
 async fn found_schema(connection: &mut PgConnection) -> Result<i64, sqlx::Error> {
     let has_schema: bool = sqlx::query_scalar("SELECT to_regclass('_sqlx_migrations') IS NOT NULL")
         .fetch_one(&mut *connection)
@@ -121,7 +122,7 @@ async fn found_schema(connection: &mut PgConnection) -> Result<i64, sqlx::Error>
     Ok(applied.iter().map(|migration| migration.version).max().unwrap_or(0))
 }
 
-/// The reason why the database cannot be used, and what to do about it.
+/// Why the database cannot be used, and what to do about it.
 fn unusable(place: &str, options: &PgConnectOptions, source: sqlx::Error) -> StoreError {
     let user = options.get_username();
     let database = options.get_database().unwrap_or(user);

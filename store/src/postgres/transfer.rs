@@ -1,4 +1,4 @@
-//! Statements of a move that PostgreSQL has in its own way.
+//! Statements of a transfer in PostgreSQL's dialect.
 
 use sqlx::QueryBuilder;
 use sqlx::types::Json;
@@ -7,7 +7,7 @@ use super::Transaction;
 use crate::transfer::tables::FoundColumn;
 
 impl Transaction {
-    /// Nobody else writes to the tables while this transaction lasts, which is as long as it takes.
+    /// Locks the tables against all other writers until this transaction ends.
     pub async fn keep_still(&mut self, tables: &[&str]) -> Result<(), sqlx::Error> {
         let patient = sqlx::query("SET LOCAL idle_in_transaction_session_timeout = 0");
         self.execute(patient).await?;
@@ -16,7 +16,7 @@ impl Transaction {
         Ok(())
     }
 
-    /// The columns of these tables. Others may be in the database, and are none of ours.
+    /// The columns of these tables. The database may have other tables, which are not ours.
     pub async fn columns(&mut self, tables: &[&str]) -> Result<Vec<FoundColumn>, sqlx::Error> {
         let rows: Vec<(String, String, String)> = sqlx::query_as(concat!(
             "SELECT CAST(table_name AS TEXT), CAST(column_name AS TEXT), CAST(data_type AS TEXT) \
@@ -31,7 +31,7 @@ impl Transaction {
         Ok(rows.into_iter().map(column).collect())
     }
 
-    /// The largest id that a table has given so far; none of a table that gives no ids.
+    /// The largest id that a table has assigned so far; `None` for a table without assigned ids.
     pub async fn last_number(&mut self, table: &str) -> Result<Option<i64>, sqlx::Error> {
         sqlx::query_scalar(
             "SELECT pg_sequence_last_value(CAST(pg_get_serial_sequence($1, 'id') AS regclass))",
@@ -41,9 +41,9 @@ impl Transaction {
         .await
     }
 
-    /// The next id of the table is larger.
+    /// Makes the next id of the table larger than `last`.
     pub async fn set_last_number(&mut self, table: &str, last: i64) -> Result<(), sqlx::Error> {
-        // A sequence begins at 1, and nothing is to be done before it was used.
+        // A sequence begins at 1. Before its first use there is nothing to do.
         if last < 1 {
             return Ok(());
         }

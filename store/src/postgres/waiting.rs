@@ -6,7 +6,7 @@ use sqlx::postgres::PgListener;
 
 use super::Database;
 
-/// Notified when tasks were queued.
+/// The channel that is notified when tasks were queued.
 pub(super) const CHANNEL: &str = "torqued_queue";
 
 /// A connection that listens.
@@ -22,14 +22,14 @@ impl Database {
 }
 
 impl Bell {
-    /// Returns when tasks may have been queued, or after `longest`, and which of both it is.
+    /// Waits until tasks may have been queued, or for `longest`. Returns which of the two happened.
     pub async fn wait(&mut self, longest: Duration) -> Result<bool, sqlx::Error> {
-        // A connection that broke may have missed something: that is looked at like a notification.
+        // A connection that broke may have missed a notification, so this counts as one.
         let Ok(notification) = tokio::time::timeout(longest, self.0.try_recv()).await else {
             return Ok(false);
         };
         notification?;
-        // One look answers all that came meanwhile.
+        // One look at the queue covers all notifications that arrived meanwhile.
         while self.0.next_buffered().is_some() {}
         Ok(true)
     }

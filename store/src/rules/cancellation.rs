@@ -1,4 +1,4 @@
-//! Which members a cancelled pipeline takes along.
+//! The members that are cancelled together with their pipeline.
 
 use std::collections::BTreeSet;
 
@@ -11,15 +11,15 @@ use crate::JobId;
 pub(crate) struct Candidate {
     pub job: JobId,
     pub state: JobState,
-    /// Whether somebody asked for it by itself.
+    /// Whether somebody asked for the member by itself.
     pub asked_alone: bool,
-    /// Whether a live pipeline other than the cancelled has it too.
+    /// Whether another active pipeline has it too.
     pub is_shared: bool,
     /// The jobs that wait for it.
     pub needed_by: Vec<JobId>,
 }
 
-/// The members that have not ended and that nothing else alive needs.
+/// The members that have not ended and that no other active job needs.
 pub(crate) fn members_to_cancel(members: &[Candidate]) -> BTreeSet<JobId> {
     let is_free =
         |member: &&Candidate| !member.state.is_final() && !member.asked_alone && !member.is_shared;

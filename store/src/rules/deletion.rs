@@ -6,13 +6,14 @@ use crate::{Dependent, Respect};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Obstacle {
-    /// The job that makes it goes on.
+    /// The job that makes it has not ended.
     NotEnded,
     /// Jobs depend on it.
     Needed,
 }
 
-/// Jobs that have not ended always keep what they work with; those that have ended only say what they were made from.
+/// Jobs that have not ended always prevent the deletion of their inputs. Jobs that have ended only
+/// record what they were made from.
 pub(crate) fn obstacle(
     job: JobState,
     respect: Respect,

@@ -1,8 +1,8 @@
-//! A job, as its tasks end and as the jobs that it needs do.
+//! The state of a job, which follows from its tasks and from the jobs that it needs.
 
 use wire::JobState;
 
-/// The tasks of a job, counted.
+/// Counts of a job's tasks.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct TaskTally {
     /// Whether any failed.
@@ -11,7 +11,7 @@ pub(crate) struct TaskTally {
     pub cancelled: bool,
     /// The first stage with a task that has not ended.
     pub open_stage: Option<u32>,
-    /// The first stage with a task that waits; all tasks of a stage do, or none.
+    /// The first stage with a waiting task. Either all tasks of a stage wait, or none.
     pub waiting_stage: Option<u32>,
 }
 
@@ -25,11 +25,11 @@ pub(crate) enum Step {
     End(JobState),
 }
 
-/// The first failure ends a job. Otherwise it ends with its last task, and a stage begins when all
+/// The first failure ends a job. Otherwise it ends with its last task. A stage begins when all
 /// tasks of the stages before have ended.
 pub(crate) fn after_task(job: JobState, tasks: TaskTally) -> Step {
     match tasks {
-        // It failed while one of its tasks was still running.
+        // The job failed while one of its tasks was still running.
         _ if job.is_final() => Step::Nothing,
         TaskTally { failed: true, .. } => Step::End(JobState::Failed),
         TaskTally { open_stage: Some(stage), waiting_stage, .. } => match waiting_stage {

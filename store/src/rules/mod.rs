@@ -1,8 +1,8 @@
-//! The fate of tasks, jobs and pipelines: functions of plain values, which know no database.
+//! The states of tasks, jobs and pipelines: functions of plain values, without a database.
 //!
-//! The operations of [`Store`](crate::Store) read rows, ask these functions, and write what they
-//! answer. The only conditions that SQL holds by itself are that of time (which task may be claimed) and
-//! those that a row cannot tell (which jobs have a digest).
+//! The operations of [`Store`](crate::Store) read rows, call these functions and write the results.
+//! SQL itself holds only two kinds of conditions: conditions of time (which task may be claimed),
+//! and conditions that one row cannot answer (which jobs have a digest).
 
 pub(crate) mod cancellation;
 pub(crate) mod deletion;

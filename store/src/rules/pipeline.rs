@@ -1,4 +1,4 @@
-//! A pipeline, whose state follows from its members'.
+//! The state of a pipeline, which follows from its members' states.
 
 use wire::JobState;
 
@@ -9,10 +9,11 @@ pub(crate) struct MemberStanding {
     pub cancel_requested: bool,
 }
 
-/// The state of a pipeline, given the one it has and whether its cancellation was requested.
+/// The state of a pipeline, given its present state and whether its cancellation was requested.
 ///
-/// It runs from the first member's start until the last ends, even if one fails meanwhile. A
-/// cancelled pipeline leaves members to others that need them and does not wait for those.
+/// It runs from the start of the first member until the last one ends, even if one fails meanwhile.
+/// A cancelled pipeline leaves members to other jobs that need them, and does not wait for those
+/// members.
 pub(crate) fn settled(
     state: JobState,
     cancel_requested: bool,
@@ -37,8 +38,8 @@ pub(crate) fn settled(
     }
 }
 
-/// The member whose end is the reason for the pipeline's: the first that failed, or else was
-/// cancelled.
+/// The member that is the reason for the pipeline's end: the first that failed, or the first that
+/// was cancelled if none failed.
 pub(crate) fn culprit(members: &[MemberStanding]) -> Option<usize> {
     let first = |state| members.iter().position(|member| member.state == state);
     first(JobState::Failed).or_else(|| first(JobState::Cancelled))

@@ -1,15 +1,15 @@
-//! Which workers could take a task.
+//! The workers that could take a task.
 
 use spec::Resources;
 
 use crate::Worker;
 
-/// Where a task could go that asks for something.
+/// Where a task with given resource demands could run.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Placement {
-    /// To a worker that is alive, once that is free.
+    /// On a live worker, once it is free.
     Possible,
-    /// Only to these, which are alive and drained.
+    /// Only on these workers, which are alive and drained.
     Drained(Vec<String>),
     Nowhere,
 }

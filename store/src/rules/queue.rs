@@ -16,10 +16,11 @@ use crate::{Epoch, JobId, Retry, Timestamp};
 
 mod agreement;
 
-/// Steps of all walks together.
+/// Number of steps of all walks together.
 const STEPS: u32 = 1_200_000;
 
-/// After so many steps a walk begins anew, so that queues stay small and every state is met.
+/// Number of steps after which a walk begins anew, so that queues stay small and every state is
+/// reached.
 const STEPS_OF_A_WALK: u32 = 40;
 
 const HOUR: i64 = 3_600_000;
@@ -27,7 +28,7 @@ const HOUR: i64 = 3_600_000;
 #[derive(Clone, Debug)]
 struct Job {
     how: How,
-    /// In milliseconds, as all moments here.
+    /// In milliseconds, like all times in this file.
     waits_since: i64,
     state: JobState,
     cancel_requested: bool,
@@ -46,20 +47,20 @@ struct Task {
     delay: Duration,
 }
 
-/// How a job is to be run.
+/// How a job is to be executed.
 #[derive(Clone, Copy, Debug)]
 struct How {
     priority: i32,
-    /// Stands for all that a job can ask of a worker.
+    /// Stands for everything that a job can ask of a worker.
     gpus: u32,
     not_before: Option<i64>,
 }
 
-/// A job that is asked for.
+/// A job to be submitted.
 #[derive(Clone, Debug)]
 struct NewJob {
     how: How,
-    /// The stage of every task, in order.
+    /// The stage of each task, in order.
     stages: Vec<u32>,
     max_attempts: u32,
     needs: Vec<usize>,
@@ -67,7 +68,7 @@ struct NewJob {
 
 #[derive(Clone, Debug, Default)]
 struct Queue {
-    /// By a clock that may be set back.
+    /// The time, by a clock that may be set back.
     now: i64,
     jobs: Vec<Job>,
     tasks: Vec<Task>,
@@ -75,13 +76,13 @@ struct Queue {
 
 #[derive(Clone, Debug)]
 enum Action {
-    /// Each job may need those before it. A pipeline is made of them, or there is one.
+    /// Each job may need those before it. They form a pipeline, or there is only one.
     Submit(Vec<NewJob>),
-    /// By a worker with so many GPUs.
+    /// By a worker with this many GPUs.
     Claim(u32),
-    /// The clock goes on so far, or is set back.
+    /// The clock advances by this time, or is set back.
     Wait(i64),
-    /// Of a running task, by the worker that claimed it.
+    /// Ends a running task, as the worker that claimed it.
     End(usize, Ending),
     Cancel(usize),
 }
@@ -138,20 +139,20 @@ impl Queue {
         }
     }
 
-    /// Of a job that is submitted now.
+    /// The moment since when a job waits that is submitted now.
     fn waits_since(&self) -> i64 {
         let open = self.jobs.iter().filter(|job| !job.state.is_final());
         open.map(|job| job.waits_since).fold(self.now, i64::max)
     }
 
-    /// The smaller goes first.
+    /// The place in line: the smaller goes first.
     fn place(&self, task: usize) -> (i64, usize) {
         let Job { how, waits_since, .. } = &self.jobs[self.tasks[task].job];
         let not_before = how.not_before.map(Moment::from_milliseconds);
         (turn(Timestamp::from_milliseconds(*waits_since), not_before, how.priority), task)
     }
 
-    /// The laws of who goes first, of the tasks that a worker could have claimed.
+    /// Checks the laws of the queue's order, given the tasks that a worker could have claimed.
     fn check_turn(&self, claimed: usize, passed: &[usize]) {
         let job = |task: usize| &self.jobs[self.tasks[task].job];
         let since = |job: &Job| job.waits_since.max(job.how.not_before.unwrap_or(i64::MIN));
@@ -230,7 +231,7 @@ impl Queue {
         self.advance(job);
     }
 
-    /// A task that nobody has is cancelled; a worker that has it is asked to stop.
+    /// Cancels queued tasks, and asks workers to stop running tasks.
     fn stop_tasks(&mut self, job: usize) {
         for task in &mut self.tasks[self.jobs[job].tasks.clone()] {
             match task.standing.state {
@@ -304,7 +305,7 @@ impl Queue {
         }
     }
 
-    /// Something that could happen now.
+    /// A random action that is possible now.
     fn action(&self, dice: &mut Dice) -> Action {
         let running: Vec<usize> = (0..self.tasks.len())
             .filter(|task| self.tasks[*task].standing.state == TaskState::Running)
@@ -351,7 +352,7 @@ impl Queue {
     fn new_jobs(&self, dice: &mut Dice) -> Vec<NewJob> {
         let usable: Vec<usize> = (0..self.jobs.len())
             .filter(|job| !is_unsuccessful(self.jobs[*job].state))
-            // Nothing needs a pipeline, only its members.
+            // No job needs a pipeline, only its members.
             .filter(|job| self.jobs[*job].members.is_empty())
             .collect();
         let count = [1, 1, 2, 3][dice.below(4)];
@@ -370,7 +371,7 @@ impl Queue {
         (0..count).map(new_job).collect()
     }
 
-    /// Tasks that a worker with so many GPUs may claim once their delays have passed.
+    /// Tasks that a worker with this many GPUs may claim once their delays have passed.
     fn claimable(&self, gpus: u32) -> Vec<usize> {
         let may_be_claimed = |task: &usize| {
             let Task { job, standing, .. } = &self.tasks[*task];
@@ -381,7 +382,7 @@ impl Queue {
         (0..self.tasks.len()).filter(may_be_claimed).collect()
     }
 
-    /// The laws of every moment.
+    /// Checks the laws that hold at every moment.
     fn check(&self) {
         for task in &self.tasks {
             let (job, standing) = (&self.jobs[task.job], &task.standing);
@@ -426,7 +427,7 @@ impl Queue {
         }
     }
 
-    /// The laws of two moments, the second after one step.
+    /// Checks the laws between two moments, one step apart.
     fn check_since(&self, before: &Self) {
         for (now, before) in self.tasks.iter().zip(&before.tasks) {
             let (now, before) = (now.standing, before.standing);
@@ -447,7 +448,8 @@ impl Queue {
 }
 
 impl Job {
-    /// A cancelled pipeline may leave members that succeed later.
+    /// Whether it ended before its members: a cancelled pipeline may leave members that succeed
+    /// later.
     fn was_ended_early(&self) -> bool {
         self.state == JobState::Cancelled
     }
@@ -465,7 +467,7 @@ fn index(job: JobId) -> usize {
     usize::try_from(job.0).unwrap()
 }
 
-/// Xorshift: a few bits of chance per step, the same in every run.
+/// Xorshift: a few random bits per step, the same in every run.
 struct Dice(u64);
 
 impl Dice {
@@ -494,7 +496,7 @@ fn the_laws_of_the_queue_hold_whatever_happens() {
             Action::Submit(jobs) => queue.submit(&jobs),
             Action::Claim(gpus) => {
                 let mut claimable = queue.claimable(gpus);
-                // A delay may have passed, or not.
+                // A delay may have passed already.
                 claimable.retain(|task| queue.tasks[*task].delay.is_zero() || dice.below(2) == 0);
                 if let Some(task) = claimable.iter().copied().min_by_key(|it| queue.place(*it)) {
                     queue.check_turn(task, &claimable);

@@ -1,4 +1,4 @@
-//! One task, from claim to claim and to its end.
+//! The state of one task, from claim to claim and to its end.
 
 use std::time::Duration;
 
@@ -11,22 +11,22 @@ use crate::Epoch;
 pub enum Retry {
     /// While attempts are left.
     Allowed,
-    /// It would fail again.
+    /// No, because it would fail again.
     Never,
 }
 
-/// The columns of a task that decide what may become of it.
+/// The columns that decide about the next state of a task.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct TaskStanding {
     pub state: TaskState,
-    /// Times it was claimed and not released since it last got on.
+    /// Number of claims since the task last made progress. Claims that were released do not count.
     pub attempt: u32,
     pub max_attempts: u32,
     pub epoch: Epoch,
     pub cancel_requested: bool,
 }
 
-/// How a worker gives a task back. A lease that runs out is a failure that may be retried.
+/// How a worker gives a task back. An expired lease is a failure that may be retried.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Ending {
     Completed,
@@ -38,16 +38,16 @@ pub(crate) enum Ending {
 }
 
 impl TaskStanding {
-    /// A claim counts as an attempt at once, so that a task that kills its workers comes to an end.
-    /// It raises the epoch, which takes the right to write from whoever had the task before.
+    /// A claim counts as an attempt at once, so a task that kills its workers comes to an end. It
+    /// raises the epoch, so the worker that had the task before can no longer write.
     #[must_use]
     pub fn claimed(self) -> Self {
         let epoch = Epoch(self.epoch.0 + 1);
         Self { state: TaskState::Running, attempt: self.attempt + 1, epoch, ..self }
     }
 
-    /// Something lasts that the next attempt need not do again, such as a checkpoint: this attempt is the first of
-    /// those that count.
+    /// The task has saved something that the next attempt need not repeat, such as a checkpoint.
+    /// This attempt becomes the first of those that count.
     #[must_use]
     pub fn got_on(self) -> Self {
         Self { attempt: self.attempt.min(1), ..self }
@@ -58,7 +58,7 @@ impl TaskStanding {
         self.state == TaskState::Running && self.epoch == epoch
     }
 
-    /// The next state of a running task, and how long nobody may claim it if it is queued again.
+    /// The next state of a running task, and how long it cannot be claimed if it is queued again.
     #[must_use]
     pub fn after(self, ending: Ending) -> (Self, Duration) {
         let ended = |state| (Self { state, ..self }, Duration::ZERO);
@@ -84,11 +84,11 @@ impl TaskStanding {
 }
 
 const FIRST_DELAY: Duration = Duration::from_secs(5);
-/// Before a retry.
+/// The longest delay before a retry.
 pub(crate) const LONGEST_DELAY: Duration = Duration::from_secs(300);
 
-/// At once after the first attempt, since most deaths have nothing to do with the task; then
-/// twice as long each time.
+/// The delay before a retry. There is none after the first attempt, because most deaths have
+/// nothing to do with the task. After that it doubles each time.
 fn delay_after(attempt: u32) -> Duration {
     let Some(doublings) = attempt.checked_sub(2) else { return Duration::ZERO };
     FIRST_DELAY.saturating_mul(2u32.saturating_pow(doublings)).min(LONGEST_DELAY)
@@ -105,7 +105,7 @@ mod tests {
         assert_eq!(delay_after(20), LONGEST_DELAY);
     }
 
-    /// The state of a task whose workers die again and again, after each attempt.
+    /// The state of a task after each attempt, if each of its workers dies.
     fn dies(gets_on: impl Fn(u32) -> bool) -> Vec<TaskState> {
         let queued = TaskStanding {
             state: TaskState::Queued,

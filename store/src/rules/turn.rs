@@ -1,15 +1,15 @@
-//! Whose turn it is: the place of a task among those that wait.
+//! The order of the queue: the place of a task among the waiting tasks.
 
 use spec::Moment;
 
 use crate::Timestamp;
 
-/// How much longer than another a task must have waited to make up for a point of priority. So nobody waits for ever,
-/// and no place changes while tasks wait.
+/// How much longer a task must have waited to make up for one point of priority. So no task waits
+/// for ever, and the order does not change while tasks wait.
 const POINT_MS: i64 = 60 * 60 * 1000;
 
-/// The place in line of the tasks of a job, which has waited since then: the smaller goes first. One that may not begin
-/// before a moment queues up at that moment.
+/// The place in line of a job's tasks; the smaller goes first. The job has waited since
+/// `waits_since`. A job with a start time queues up at that time.
 pub(crate) fn turn(waits_since: Timestamp, not_before: Option<Moment>, priority: i32) -> i64 {
     let from = waits_since.milliseconds().max(not_before.map_or(i64::MIN, Moment::milliseconds));
     from.saturating_sub(i64::from(priority) * POINT_MS)

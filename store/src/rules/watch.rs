@@ -1,8 +1,8 @@
-//! Whose worker has died, as far as somebody can tell who looks at the leases again and again.
+//! Detects dead workers by looking at their leases regularly.
 //!
-//! No clock of the wall has a say: it jumps when it is set, and when a machine wakes up. A lease ends
-//! when it was not renewed for as long as it lasts *while somebody looked*. Where server and workers slept together,
-//! nobody looked, and workers have their leases still when they wake.
+//! The wall clock plays no part, because it jumps when it is set and when a machine wakes up. A
+//! lease ends when it was not renewed for its whole duration *while somebody looked*. If server and
+//! workers slept together, nobody looked, and workers still have their leases when they wake.
 
 use std::collections::HashMap;
 use std::time::Duration;
@@ -16,7 +16,7 @@ pub(crate) struct Leased {
     pub worker: String,
     /// Changes with every renewal.
     pub until: Timestamp,
-    /// How long it lasts after a renewal.
+    /// Duration of the lease after a renewal.
     pub lasts: Duration,
     /// Whether `until` has passed by the database's clock.
     pub has_passed: bool,
@@ -33,21 +33,21 @@ pub(crate) struct Watch {
 struct Seen {
     fence: Fence,
     until: Timestamp,
-    /// How long it has been looked at without a change.
+    /// How long it has been watched without a change.
     unchanged: Duration,
 }
 
-/// Two heartbeats: how long a worker has to show itself to a server that has just started and finds its lease
-/// run out.
+/// Two heartbeats. A server that has just started gives a worker with an expired lease this time to
+/// renew it.
 const GRACE: Duration = Duration::from_secs(2);
 
 impl Watch {
-    /// Forgets how long leases have been looked at.
+    /// Forgets how long leases have been watched.
     pub fn begin_anew(&mut self) {
         self.seen.clear();
     }
 
-    /// Looks at all leases there are, `since` after the look before, and returns those that have ended.
+    /// Looks at all leases, `since` after the last look, and returns those that have ended.
     pub fn look(&mut self, leases: Vec<Leased>, since: Duration) -> Vec<Leased> {
         let is_first = !std::mem::replace(&mut self.has_looked, true);
         let before = std::mem::take(&mut self.seen);
@@ -85,7 +85,7 @@ mod tests {
         }
     }
 
-    /// How many looks, a second apart, it takes until the lease has ended.
+    /// The number of looks, one second apart, until the lease has ended.
     fn looks_until_ended(watch: &mut Watch, lease: &Leased) -> usize {
         (1..100)
             .find(|_| !watch.look(vec![lease.clone()], SECOND).is_empty())

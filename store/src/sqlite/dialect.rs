@@ -1,4 +1,4 @@
-//! The SQL that SQLite has in its own way.
+//! SQL fragments in SQLite's dialect.
 
 use sqlx::Sqlite;
 use sqlx::sqlite::SqliteRow;
@@ -6,14 +6,14 @@ use sqlx::sqlite::SqliteRow;
 pub(super) type Db = Sqlite;
 pub(super) type DbRow = SqliteRow;
 
-/// The present by the database's clock, in milliseconds since 1970.
+/// The current time by the database's clock, in milliseconds since 1970.
 macro_rules! now {
     () => {
         "CAST(unixepoch('subsec') * 1000 AS INTEGER)"
     };
 }
 
-/// The ids of a parameter that is a list of them in JSON.
+/// The ids of a parameter that is a JSON list of ids.
 macro_rules! listed_ids {
     ($parameter:literal) => {
         concat!("(SELECT value FROM json_each(", $parameter, "))")
@@ -23,7 +23,7 @@ macro_rules! listed_ids {
 /// The SQL before and after such a parameter.
 pub(super) const LISTED_IDS: (&str, &str) = ("(SELECT value FROM json_each(", "))");
 
-/// The texts of a parameter that is a list of them in JSON.
+/// The texts of a parameter that is a JSON list of texts.
 macro_rules! listed_texts {
     ($parameter:literal) => {
         concat!("(SELECT value FROM json_each(", $parameter, "))")
@@ -33,7 +33,8 @@ macro_rules! listed_texts {
 /// The SQL before and after such a parameter.
 pub(super) const LISTED_TEXTS: (&str, &str) = LISTED_IDS;
 
-/// The lists in a parameter that is a list of lists in JSON, as rows of `item` with their place `key`.
+/// The lists of a parameter that is a JSON list of lists, as rows of `item` with their position
+/// `key`.
 macro_rules! items {
     ($parameter:literal) => {
         concat!("json_each(", $parameter, ") AS item")
@@ -47,21 +48,21 @@ macro_rules! item {
     };
 }
 
-/// A field of a column with JSON, as text; `NULL` if there is none.
+/// A field of a JSON column, as text; `NULL` if there is none.
 macro_rules! field {
     ($column:literal, $parameter:literal) => {
         concat!("CAST(", $column, " ->> ", $parameter, " AS TEXT)")
     };
 }
 
-/// 32 hexadecimal digits that nothing else has.
+/// 32 hexadecimal digits that are unique.
 macro_rules! unique_digits {
     () => {
         "lower(hex(randomblob(16)))"
     };
 }
 
-/// The tags in a table of them, as JSON: those of the thing whose id is given.
+/// The tags of the thing with this id, from a table of tags, as JSON.
 macro_rules! tags_of {
     ($table:literal, $thing:literal, $id:literal) => {
         concat!(
@@ -78,24 +79,25 @@ macro_rules! tags_of {
     };
 }
 
-/// A number from 0 to 250 by chance.
+/// A random integer from 0 to 250.
 macro_rules! chance {
     () => {
         "abs(random() % 251)"
     };
 }
 
-/// Keeps the rows as they were read until the transaction ends: nobody else writes meanwhile.
+/// Locks the rows that were read until the transaction ends. SQLite needs nothing for it, because
+/// nobody else writes meanwhile.
 macro_rules! locked {
     () => {
         ""
     };
 }
 
-/// The same, passing over rows that somebody else keeps.
+/// Locks the rows that were read, and skips rows that another transaction has locked.
 pub(super) const LOCKED_OR_SKIPPED: &str = "";
 
-/// Two statements that change rows of different tables, as one.
+/// Combines two statements that change rows of different tables into one.
 macro_rules! together {
     ($first:expr, $second:expr) => {
         concat!($first, "; ", $second)
@@ -109,8 +111,9 @@ macro_rules! larger {
     };
 }
 
-/// The first task in line of those that a worker could take, none if it is drained: its name is `$1`, and its offer
-/// are `$2` to `$5`. The first of each combination of resources is at the beginning of the index, however many wait.
+/// The first task in line that a worker could take; none if it is drained. The worker's name is
+/// `$1`, and its offer is `$2` to `$5`. The first task of each combination of resources is at the
+/// beginning of the index, however many wait.
 pub(super) fn first_in_line(may_be_claimed: &str, locked: &str) -> String {
     format!(
         "SELECT first.* FROM resources AS asked JOIN task AS first ON first.id = \
@@ -124,11 +127,12 @@ pub(super) fn first_in_line(may_be_claimed: &str, locked: &str) -> String {
     )
 }
 
-/// The function that says where a text begins in another, counting from 1; 0 for nowhere.
+/// The function that returns the position of a text in another, counting from 1; 0 if it is not
+/// there.
 pub(super) const FIND: &str = "instr";
 
-/// Behind a text, has it compared by its bytes.
+/// Placed after a text, it makes comparisons go by bytes.
 pub(super) const BY_BYTES: &str = "";
 
-/// The condition of the partial indexes of experiments, word for word.
+/// The condition of the partial indexes of experiments. It must be the same, word for word.
 pub(super) const IS_EXPERIMENT: &str = "job.is_part = 0";

@@ -1,4 +1,5 @@
-//! Which events have settled: in SQLite all that can be read, since one transaction writes at a time.
+//! Settled events. In SQLite every event that can be read has settled, because only one transaction
+//! writes at a time.
 
 use super::Database;
 
@@ -6,7 +7,7 @@ use super::Database;
 pub(crate) struct Horizon;
 
 impl Database {
-    /// The id up to which no event will appear any more that cannot be read now.
+    /// The id up to which all events can be read, so none will appear later.
     pub async fn settled_event(&self, _: &mut Horizon) -> Result<Option<i64>, sqlx::Error> {
         sqlx::query_scalar("SELECT MAX(id) FROM event").fetch_one(&self.reader).await
     }

@@ -1,4 +1,4 @@
-//! SQLite: how it is opened, checked and migrated, and what its SQL has of its own.
+//! SQLite: opening, checking and migrating a database, and the SQL of its own dialect.
 
 #[macro_use]
 mod dialect;
@@ -29,8 +29,8 @@ use crate::{Access, JobId, StoreError};
 pub(crate) use events::Horizon;
 pub(crate) use waiting::Bell;
 
-/// Number, name and statements of each file in `migrations/sqlite`. sqlx has a macro that lists them, which builds
-/// a second SQLite for the compiler.
+/// Number, name and statements of each file in `migrations/sqlite`. sqlx has a macro that lists
+/// them, but it builds a second SQLite for the compiler.
 const FILES: [(i64, &str, &str); 13] = [
     (1, "initial", include_str!("../../../migrations/sqlite/0001_initial.sql")),
     (2, "forgiving_queue", include_str!("../../../migrations/sqlite/0002_forgiving_queue.sql")),
@@ -57,18 +57,18 @@ fn migrations(files: &[(i64, &'static str, &'static str)]) -> Migrator {
     Migrator::with_migrations(files.iter().map(migration).collect())
 }
 
-/// How long a process waits for another's transaction before it gives up.
+/// How long a process waits for another process's transaction.
 const BUSY_TIMEOUT: Duration = Duration::from_secs(30);
 
 const READERS: u32 = 4;
 
-/// One connection that writes and a few that read: in WAL mode neither blocks the other, and
-/// writers of one process queue here, in order, instead of polling SQLite's lock.
+/// One connection that writes and a few that read. In WAL mode neither blocks the other. Writers of
+/// one process queue here, in order, instead of polling SQLite's lock.
 #[derive(Debug)]
 pub(crate) struct Database {
     writer: SqlitePool,
     reader: SqlitePool,
-    /// The file that is closed when tasks were queued.
+    /// The file that is closed to signal queued tasks.
     bell: PathBuf,
 }
 
@@ -106,14 +106,15 @@ impl Database {
         Ok(Self { writer, reader, bell: dir.bell() })
     }
 
-    /// A transaction that holds the write lock from its start, so that what it reads cannot
+    /// Begins a transaction that holds the write lock from its start, so nothing it reads can
     /// change before it writes.
     pub async fn begin(
         &self,
         scope: Scope,
         operation: &'static str,
     ) -> Result<Transaction, StoreError> {
-        // All processes are on this machine. What is not synced is so with the next commit that is.
+        // All processes are on this machine. A commit that is not synced becomes durable with the
+        // next one that is.
         let begun = self.writer.begin_with(match scope {
             Scope::Lease => "PRAGMA synchronous = NORMAL; BEGIN IMMEDIATE",
             Scope::Queue | Scope::Task | Scope::Rows => {
@@ -125,7 +126,7 @@ impl Database {
         Ok(Transaction { inner, operation, bell: self.bell.clone(), rings: false })
     }
 
-    /// A transaction that reads what was there at one moment, beside those who write.
+    /// Begins a transaction that reads the state of one moment while others write.
     pub async fn begin_snapshot(&self, operation: &'static str) -> Result<Transaction, StoreError> {
         let begun = self.reader.begin_with("BEGIN DEFERRED").await;
         let inner = begun.map_err(StoreError::database(operation))?;
@@ -137,7 +138,7 @@ impl Database {
         self.writer.close().await;
     }
 
-    /// The damage of the file, if there is any.
+    /// Damage of the file, if there is any.
     pub async fn damage(&self) -> Result<Option<String>, sqlx::Error> {
         let verdict: String =
             sqlx::query_scalar("PRAGMA integrity_check(1)").fetch_one(&self.reader).await?;
@@ -151,12 +152,12 @@ pub(crate) struct Transaction {
     inner: sqlx::Transaction<'static, Sqlite>,
     operation: &'static str,
     bell: PathBuf,
-    /// Whether it queued tasks.
+    /// Whether the transaction queued tasks.
     rings: bool,
 }
 
 impl Transaction {
-    /// The purpose; completes "while ..." in an error.
+    /// The purpose of the transaction. It completes "while ..." in an error.
     pub const fn operation(&self) -> &'static str {
         self.operation
     }
@@ -173,26 +174,26 @@ impl Transaction {
         self.inner.rollback().await.map_err(StoreError::database(self.operation))
     }
 
-    /// Wakes workers that wait for a task when the transaction is committed.
+    /// Wakes workers that wait for a task. They are woken when the transaction commits.
     #[expect(clippy::unused_async, reason = "other databases write here")]
     pub async fn ring(&mut self) -> Result<(), sqlx::Error> {
         self.rings = true;
         Ok(())
     }
 
-    /// Nobody else writes meanwhile.
+    /// Returns at once, because nobody else writes meanwhile.
     #[expect(clippy::unused_async, reason = "other databases wait here")]
     pub async fn wait_for_turn(&mut self, _of: JobId) -> Result<(), sqlx::Error> {
         Ok(())
     }
 
-    /// Nobody claims while this transaction writes.
+    /// Returns at once, because nobody claims while this transaction writes.
     #[expect(clippy::unused_async, reason = "other databases wait here")]
     pub async fn wait_for_claims(&mut self) -> Result<(), sqlx::Error> {
         Ok(())
     }
 
-    /// Executes a statement that answers nothing.
+    /// Executes a statement that returns no rows.
     async fn execute(
         &mut self,
         statement: Query<'_, Sqlite, SqliteArguments>,
@@ -206,12 +207,12 @@ impl Transaction {
     }
 }
 
-/// Whether no transaction is open; a connection that has one is replaced, or nothing could be
-/// written any more.
+/// Whether no transaction is open on the connection. A connection with an open one is replaced;
+/// otherwise nothing could be written any more.
 ///
 /// After an error such as a full disk, SQLite may have ended a transaction that sqlx believes open,
-/// or still have open one that sqlx believes ended. Only asking both tells: SQLite's answer is that
-/// there is nothing to roll back.
+/// or may still have one open that sqlx believes ended. Only asking both tells. SQLite says that no
+/// transaction is open by refusing to roll back.
 async fn is_idle(connection: &mut SqliteConnection) -> bool {
     !connection.is_in_transaction()
         && sqlx::query("ROLLBACK").execute(&mut *connection).await.is_err()
@@ -222,7 +223,7 @@ pub(crate) fn known_schema() -> i64 {
     MIGRATIONS.iter().map(|migration| migration.version).max().unwrap_or(0)
 }
 
-/// Looks at an existing database before anything could change it.
+/// Checks an existing database before anything could change it.
 async fn refuse_unknown(dir: &DataDir, access: Access) -> Result<(), StoreError> {
     let mut connection = SqliteConnectOptions::new()
         .filename(dir.database())
@@ -269,7 +270,7 @@ async fn refuse_unknown(dir: &DataDir, access: Access) -> Result<(), StoreError>
     Ok(())
 }
 
-/// Result codes that speak of the file itself (https://www.sqlite.org/rescode.html).
+/// Result codes about the file itself (https://www.sqlite.org/rescode.html).
 const SQLITE_READONLY: i32 = 8;
 const SQLITE_CORRUPT: i32 = 11;
 const SQLITE_CANTOPEN: i32 = 14;
@@ -313,7 +314,7 @@ mod tests {
         assert_eq!(files, listed);
     }
 
-    /// Tasks that another version left behind keep their places and the time limit of their job.
+    /// Tasks of an older version keep their places in line and the time limits of their jobs.
     #[tokio::test]
     async fn what_waited_before_tasks_asked_for_resources_goes_on() {
         let folder = tempfile::tempdir().unwrap();
@@ -352,7 +353,7 @@ mod tests {
         assert_eq!((next.task.job, next.task.time_limit), (JobId(2), limit));
     }
 
-    /// What was submitted before there was a trash keeps what it reads, too.
+    /// The inputs of jobs that were submitted before there was a trash are kept too.
     #[tokio::test]
     async fn the_digests_in_specs_of_before_the_trash_are_its_inputs() {
         let folder = tempfile::tempdir().unwrap();

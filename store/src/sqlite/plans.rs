@@ -1,4 +1,4 @@
-//! How SQLite finds what the statements ask for.
+//! Tests of the query plans that SQLite chooses.
 
 use spec::Resources;
 use sqlx::{AssertSqlSafe, Row};
@@ -12,7 +12,7 @@ use crate::data_dir::DataDir;
 use crate::database::Scope;
 use crate::{Access, Direction, Key, Listing, Position, Sort, Thing};
 
-/// However many jobs pipelines made, none of them is looked at.
+/// The cost does not grow with the number of jobs that pipelines made.
 #[tokio::test]
 async fn experiments_are_read_from_an_index_that_holds_nothing_else() {
     let folder = tempfile::tempdir().unwrap();
@@ -28,14 +28,14 @@ async fn experiments_are_read_from_an_index_that_holds_nothing_else() {
     }
 }
 
-/// How a page of a list is found.
+/// The steps of the plan that finds a page of a list.
 async fn steps(database: &Database, thing: Thing, listing: &Listing) -> Vec<String> {
     let mut query = page("EXPLAIN QUERY PLAN ", thing, listing);
     let plan = query.build().fetch_all(&database.reader).await.unwrap();
     plan.iter().map(|row| row.get("detail")).collect()
 }
 
-/// The orders that an index has, so that a page costs the same however long the list is.
+/// These orders have an index, so a page costs the same however long the list is.
 #[tokio::test]
 async fn a_page_behind_another_is_read_from_an_index_of_its_order() {
     let folder = tempfile::tempdir().unwrap();
@@ -68,7 +68,7 @@ async fn a_page_behind_another_is_read_from_an_index_of_its_order() {
 
 const TASKS: u32 = 100_000;
 
-/// A database with a job whose tasks all wait, some of them for a GPU and some for tomorrow.
+/// A database with a job whose tasks all wait: some for a GPU, and some until tomorrow.
 async fn with_many_tasks(dir: &DataDir) -> Database {
     dir.create().unwrap();
     let database = Database::open(dir, Access::Server).await.unwrap();
@@ -100,7 +100,7 @@ async fn with_many_tasks(dir: &DataDir) -> Database {
     database
 }
 
-/// However many wait, and whatever they ask for that this worker does not have.
+/// The cost does not grow with the number of waiting tasks that this worker cannot take.
 #[tokio::test]
 async fn the_first_in_line_is_found_in_an_index_without_sorting() {
     let folder = tempfile::tempdir().unwrap();
@@ -118,7 +118,7 @@ async fn the_first_in_line_is_found_in_an_index_without_sorting() {
     let steps: Vec<String> = plan.iter().map(|row| row.get("detail")).collect();
     let found = "SEARCH task USING COVERING INDEX task_to_claim (resources=?)";
     assert!(steps.iter().any(|step| step == found), "{steps:#?}");
-    // The few that are the first of those that ask for the same are.
+    // Only the first task of each combination of resources is sorted.
     let sorts = steps.iter().filter(|step| step.contains("B-TREE")).count();
     assert_eq!(sorts, 1, "{steps:#?}");
 

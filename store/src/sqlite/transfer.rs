@@ -1,16 +1,16 @@
-//! Statements of a move that SQLite has in its own way.
+//! Statements of a transfer in SQLite's dialect.
 
 use super::Transaction;
 use crate::transfer::tables::FoundColumn;
 
 impl Transaction {
-    /// Nobody writes while this transaction lasts.
+    /// Does nothing, because nobody else writes while this transaction lasts.
     #[expect(clippy::unused_async, reason = "other databases lock here")]
     pub async fn keep_still(&mut self, _: &[&str]) -> Result<(), sqlx::Error> {
         Ok(())
     }
 
-    /// The columns of all tables; the data folder has no others.
+    /// The columns of all tables. The database of a data folder has no others.
     pub async fn columns(&mut self, _: &[&str]) -> Result<Vec<FoundColumn>, sqlx::Error> {
         let rows: Vec<(String, String, String)> = sqlx::query_as(
             "SELECT found.name, \"column\".name, \"column\".type FROM sqlite_schema AS found \
@@ -23,7 +23,7 @@ impl Transaction {
         Ok(rows.into_iter().map(column).collect())
     }
 
-    /// The largest id that a table has given so far; none of a table that gives no ids.
+    /// The largest id that a table has assigned so far; `None` for a table without assigned ids.
     pub async fn last_number(&mut self, table: &str) -> Result<Option<i64>, sqlx::Error> {
         sqlx::query_scalar("SELECT seq FROM sqlite_sequence WHERE name = $1")
             .bind(table)
@@ -31,7 +31,7 @@ impl Transaction {
             .await
     }
 
-    /// The next id of the table is larger.
+    /// Makes the next id of the table larger than `last`.
     pub async fn set_last_number(&mut self, table: &str, last: i64) -> Result<(), sqlx::Error> {
         let forget = sqlx::query("DELETE FROM sqlite_sequence WHERE name = $1").bind(table);
         self.execute(forget).await?;

@@ -1,4 +1,5 @@
-//! Waiting for a task: processes that share a data folder watch a file, which whoever queues tasks closes.
+//! Waiting for a task. Processes that share a data folder watch a file, and a process that queues
+//! tasks closes it.
 
 use std::fs::File;
 use std::io::Read;
@@ -11,7 +12,7 @@ use tokio::io::unix::AsyncFd;
 
 use super::Database;
 
-/// Between two looks where the system watches no more files: by default a user may have 128 watched.
+/// Pause between two looks if the system watches no more files. By default a user may watch 128.
 const LOOK_EVERY: Duration = Duration::from_millis(100);
 
 #[derive(Debug)]
@@ -28,7 +29,7 @@ impl Database {
 }
 
 fn watch(path: &Path) -> std::io::Result<AsyncFd<File>> {
-    // It must be there to be watched.
+    // The file must exist to be watched.
     ring(path)?;
     let inotify = Inotify::init(InitFlags::IN_NONBLOCK | InitFlags::IN_CLOEXEC)?;
     inotify.add_watch(path, AddWatchFlags::IN_CLOSE_WRITE)?;
@@ -37,12 +38,12 @@ fn watch(path: &Path) -> std::io::Result<AsyncFd<File>> {
     Ok(watched?)
 }
 
-/// Wakes who watches. Nothing is written: that the file is closed is enough.
+/// Wakes the watchers by closing the file. It writes nothing.
 fn ring(path: &Path) -> std::io::Result<()> {
     File::options().append(true).create(true).open(path).map(|_| ())
 }
 
-/// Rings after a commit. Who does not hear it looks soon by itself.
+/// Rings after a commit. A worker that does not hear it looks soon anyway.
 pub(super) fn ring_after_commit(path: &Path) {
     if let Err(error) = ring(path) {
         tracing::debug!(%error, "cannot tell workers that tasks were queued");
@@ -50,7 +51,7 @@ pub(super) fn ring_after_commit(path: &Path) {
 }
 
 impl Bell {
-    /// Returns when tasks were queued, or after `longest`, and which of both it is.
+    /// Waits until tasks were queued, or for `longest`. Returns which of the two happened.
     pub async fn wait(&mut self, longest: Duration) -> bool {
         let Some(watched) = &self.0 else {
             tokio::time::sleep(longest.min(LOOK_EVERY)).await;

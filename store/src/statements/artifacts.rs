@@ -6,7 +6,7 @@ use super::{Database, DbRow, Transaction, integer};
 use crate::{Artifact, RunId, StoredObject};
 
 impl Database {
-    /// By run, then by name.
+    /// Sorted by run, then by name.
     pub async fn artifacts(&self, runs: &[RunId]) -> Result<Vec<Artifact>, sqlx::Error> {
         sqlx::query_as(concat!(
             "SELECT * FROM artifact WHERE run IN ",
@@ -57,7 +57,7 @@ impl Database {
 }
 
 impl Transaction {
-    /// Returns the path of what the run had under this name.
+    /// Returns the path of the artifact that had this name before.
     pub async fn upsert_artifact(
         &mut self,
         run: RunId,

@@ -31,7 +31,7 @@ impl Database {
 }
 
 impl Transaction {
-    /// Nothing of a task that was claimed by a version that kept no attempts.
+    /// Does nothing for a task that was claimed by a version without attempts.
     pub async fn end_attempt(
         &mut self,
         fence: Fence,
@@ -50,7 +50,7 @@ impl Transaction {
         self.execute(statement).await
     }
 
-    /// Says why a worker gave its last task back, unless that is known.
+    /// Records why a worker gave its last task back, unless a reason is known.
     pub async fn explain_release(&mut self, worker: &str, reason: &str) -> Result<(), sqlx::Error> {
         let statement = sqlx::query(
             "UPDATE attempt SET reason = $1 WHERE id = (SELECT MAX(id) FROM attempt WHERE worker = $2) \

@@ -46,7 +46,7 @@ impl Database {
         self.with_files(found).await
     }
 
-    /// By step.
+    /// Sorted by step.
     pub async fn checkpoints_of_job(&self, job: JobId) -> Result<Vec<Checkpoint>, sqlx::Error> {
         let found = sqlx::query_as(select_checkpoint!(
             "WHERE checkpoint.job = $1 AND checkpoint.deleted_at IS NULL ORDER BY checkpoint.step"
@@ -57,7 +57,7 @@ impl Database {
         self.with_files(found).await
     }
 
-    /// By job, then by step.
+    /// Sorted by job, then by step.
     pub async fn checkpoint_ids(
         &self,
         jobs: &[JobId],
@@ -134,14 +134,15 @@ impl Database {
         for checkpoint in &mut checkpoints {
             checkpoint.files = files.remove(&checkpoint.id).unwrap_or_default();
         }
-        // One that was pruned since its row was read; of one that was purged the row says so.
+        // A checkpoint without files was pruned after its row was read. A purged one says so in its
+        // row.
         checkpoints.retain(|it| !it.files.is_empty() || it.deletion.is_some());
         Ok(checkpoints)
     }
 }
 
 impl Transaction {
-    /// Replaces what is there of the same step, whose id it keeps.
+    /// Replaces a checkpoint of the same step and keeps its id.
     pub async fn upsert_checkpoint(
         &mut self,
         job: JobId,
@@ -208,7 +209,7 @@ impl Transaction {
             .await
     }
 
-    /// All but the final, the best and, of the others, the `keep` latest.
+    /// All checkpoints but the final one, the best one and the `keep` latest of the others.
     pub async fn outdated_checkpoints(
         &mut self,
         job: JobId,

@@ -8,7 +8,7 @@ use super::rows::{deletion, digest, file_content, json, number, state, stored_ob
 use super::{Database, DbRow, Transaction, integer};
 use crate::{Dataset, DatasetId, Fence, FileContent, JobId, Shard, ShardContents, StoredObject};
 
-/// A dataset is building as long as its job can still fill it.
+/// The state of a dataset. It is building as long as its job can still fill it.
 macro_rules! standing {
     () => {
         "CASE WHEN dataset.state = 'building' AND job.state IN ('failed', 'cancelled') \
@@ -47,7 +47,7 @@ impl Database {
             .await
     }
 
-    /// Whether the shard with these bytes was committed at the fence's epoch.
+    /// Whether the shard with this digest was committed at the fence's epoch.
     pub async fn is_committed(&self, fence: Fence, sha256: Digest) -> Result<bool, sqlx::Error> {
         sqlx::query_scalar(
             "SELECT EXISTS (SELECT 1 FROM shard JOIN shard_file AS file \
@@ -109,7 +109,7 @@ impl Database {
         shards_from_rows(&rows)
     }
 
-    /// The results of the tasks of a dataset's shards, as text.
+    /// The results of the tasks that made a dataset's shards, as text.
     pub async fn shard_results(&self, dataset: DatasetId) -> Result<Vec<String>, sqlx::Error> {
         let results: Vec<Option<String>> = sqlx::query_scalar(
             "SELECT task.result FROM shard JOIN task ON task.id = shard.task \
@@ -143,7 +143,7 @@ impl Transaction {
         self.execute(statement).await
     }
 
-    /// The shard of a task, whose ordinal it has.
+    /// Inserts the shard of a task. The task's ordinal is the shard's index.
     pub async fn insert_shard(
         &mut self,
         fence: Fence,
@@ -189,7 +189,7 @@ impl Transaction {
         self.execute(statement).await
     }
 
-    /// Completes the dataset of a job, if it has one and all its trajectories are there.
+    /// Completes the dataset of a job, if it has one and all its trajectories are committed.
     pub async fn complete_dataset(&mut self, job: JobId) -> Result<(), sqlx::Error> {
         let statement = sqlx::query(concat!(
             "UPDATE dataset SET state = 'complete', completed_at = ",

@@ -9,12 +9,14 @@ use crate::identifiers::ResourcesId;
 use crate::{Demand, JobId};
 
 impl Database {
-    /// The tasks that may be claimed, by what they ask for, those first in line first.
+    /// The tasks that may be claimed, grouped by the resources they ask for, in the order of the
+    /// queue.
     pub async fn demand(&self) -> Result<Vec<Demand>, sqlx::Error> {
         sqlx::query_as(AssertSqlSafe(demand())).fetch_all(&self.reader).await
     }
 
-    /// Of the jobs with queued tasks, those that ask for something or may not begin yet: for what, and from when on.
+    /// Jobs with queued tasks that ask for resources or may not begin yet, with these resources and
+    /// the start time.
     pub async fn asked_by(
         &self,
         jobs: &[JobId],
@@ -45,7 +47,7 @@ impl Database {
 }
 
 impl Transaction {
-    /// The row of a combination, which is made unless it is there.
+    /// The id of a combination of resources. Inserts it if it is new.
     pub async fn resources_id(&mut self, asked: &Resources) -> Result<ResourcesId, sqlx::Error> {
         if let Some(id) = self.find_resources(asked).await? {
             return Ok(id);

@@ -10,13 +10,13 @@ use crate::trash::Reach;
 const SELECT: &str = "SELECT job.id, job.kind, job.name, job.state, job.digest FROM job \
      WHERE job.deleted_at IS NULL AND job.id NOT IN ";
 
-/// The condition that a job goes on, or left something that is still there.
+/// The condition that a job has not ended, or has left something that still exists.
 const COUNTS: &str = " AND (job.state NOT IN ('succeeded', 'failed', 'cancelled') \
      OR EXISTS (SELECT 1 FROM dataset WHERE dataset.job = job.id AND dataset.deleted_at IS NULL) \
      OR EXISTS (SELECT 1 FROM run WHERE run.job = job.id AND run.deleted_at IS NULL))";
 
 impl Transaction {
-    /// Jobs whose specs name the digests, or that need the jobs.
+    /// Jobs whose specs name the digests, and jobs that need the jobs.
     pub async fn readers(&mut self, reach: &Reach) -> Result<Vec<Dependent>, sqlx::Error> {
         let mut query = others(reach);
         query.push(COUNTS).push(" AND job.id IN (SELECT job FROM job_input WHERE digest IN ");
@@ -31,8 +31,8 @@ impl Transaction {
         Ok(found)
     }
 
-    /// Later jobs of the same digests that copy what the jobs made, or have tasks whose results are of earlier ones: no worker
-    /// ever had such a task.
+    /// Later jobs of the same digests that copy the results of the jobs, or that have tasks with
+    /// results of earlier tasks. No worker ever had such a task.
     pub async fn successors(&mut self, reach: &Reach) -> Result<Vec<Dependent>, sqlx::Error> {
         let mut query = others(reach);
         query.push(" AND job.digest IN ").push(LISTED_TEXTS.0);
@@ -51,7 +51,7 @@ impl Transaction {
         self.jobs_that(Relation::Continues, query).await
     }
 
-    /// Pipelines that have the jobs as members.
+    /// Pipelines with the jobs as members.
     pub async fn holders(&mut self, reach: &Reach) -> Result<Vec<Dependent>, sqlx::Error> {
         let mut query = others(reach);
         query.push(" AND job.id IN (SELECT pipeline FROM pipeline_member WHERE job IN ");

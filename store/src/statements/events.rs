@@ -9,7 +9,7 @@ use super::{Database, Db, DbRow, LISTED_IDS, Transaction, milliseconds};
 use crate::{Event, EventFilter, EventKind, JobId};
 
 impl Database {
-    /// By id, those after `after` up to `up_to`.
+    /// Events after `after` up to `up_to`, sorted by id.
     pub async fn events(
         &self,
         filter: &EventFilter<'_>,
@@ -33,7 +33,7 @@ impl Database {
 
     /// The ids of the oldest and of the newest event that is kept.
     pub async fn kept_events(&self) -> Result<(i64, i64), sqlx::Error> {
-        // Each is an end of the index.
+        // Each is read from an end of the index.
         sqlx::query_as(
             "SELECT (SELECT MIN(id) FROM event) AS oldest, (SELECT MAX(id) FROM event) AS newest",
         )
@@ -60,9 +60,10 @@ impl Transaction {
         self.execute(statement).await
     }
 
-    /// Forgets all but the newest `keep`, and what is older than `age`; never the newest. Returns how many it were.
+    /// Deletes all but the newest `keep` events and those older than `age`, but never the newest.
+    /// Returns how many it deleted.
     pub async fn forget_events(&mut self, keep: u32, age: Duration) -> Result<u64, sqlx::Error> {
-        // Ids grow with time: the first that is young enough is found from the beginning.
+        // Ids grow with time, so the first young event is found by reading from the beginning.
         let forgotten = sqlx::query(concat!(
             "DELETE FROM event WHERE id <= (SELECT MAX(id) FROM event) - $1 \
              OR id < COALESCE((SELECT id FROM event WHERE at >= ",

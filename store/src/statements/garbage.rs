@@ -7,7 +7,7 @@ use super::{Database, Db, DbRow, Transaction};
 use crate::garbage::Limit;
 use crate::{Garbage, GarbageKind, Item, JobId, StoredObject, TrackedRunId};
 
-/// The table with the files of a kind of things, and its column that names them.
+/// The table with the files of a kind of item.
 const fn files_of(kind: ItemKind) -> Option<&'static str> {
     match kind {
         ItemKind::Job => None,
@@ -17,11 +17,11 @@ const fn files_of(kind: ItemKind) -> Option<&'static str> {
     }
 }
 
-/// Kinds of things that jobs leave.
+/// The kinds of items that jobs leave.
 const LEFT: [ItemKind; 3] = [ItemKind::Run, ItemKind::Dataset, ItemKind::Checkpoint];
 
 impl Database {
-    /// Things whose date has come, by id. A job waits for all that it left.
+    /// Items whose date has come, sorted by id. A job waits for all items that it left.
     pub async fn ripe_items(
         &self,
         kind: ItemKind,
@@ -87,7 +87,7 @@ impl Database {
         rows.iter().map(garbage).collect()
     }
 
-    /// Files that were sent and that no job has read but those that are purged, or are among `jobs`.
+    /// Sent files that only purged jobs have read, or jobs among `jobs`.
     pub async fn unread_uploads(&self, jobs: &[JobId]) -> Result<Vec<Garbage>, sqlx::Error> {
         let rows = sqlx::query(concat!(
             "SELECT * FROM upload WHERE EXISTS (SELECT 1 FROM job_input WHERE digest = upload.sha256) \
@@ -113,7 +113,8 @@ impl Database {
 }
 
 impl Transaction {
-    /// Whether it is ripe, and this transaction is the one that purges it. A job has to wait for all that it left.
+    /// Marks an item as purged. Returns whether it was ripe and this transaction is the one that
+    /// purges it. A job has to wait for all items that it left.
     pub async fn mark_purged(&mut self, item: Item, limit: Limit) -> Result<bool, sqlx::Error> {
         let kind = item.kind;
         let mut query = QueryBuilder::<Db>::new(format!("UPDATE {kind} SET purged_at = "));
@@ -132,7 +133,8 @@ impl Transaction {
         Ok(marked.rows_affected() > 0)
     }
 
-    /// All that other tables know of it. Returns the paths and sizes of the objects that they named.
+    /// Deletes the rows about an item in other tables. Returns the paths and sizes of the objects
+    /// that they named.
     pub async fn delete_details(&mut self, item: Item) -> Result<Vec<(String, u64)>, sqlx::Error> {
         let mut files = Vec::new();
         if let Some(table) = files_of(item.kind) {
@@ -145,7 +147,7 @@ impl Transaction {
             }
         }
         let more: &[&str] = match item.kind {
-            // Attempts and their logs go with their tasks.
+            // Attempts and their logs are deleted with their tasks.
             ItemKind::Job => &["task", "idempotency_key"],
             ItemKind::Run => &["metric", "metric_latest"],
             ItemKind::Dataset => &["shard"],
@@ -160,7 +162,7 @@ impl Transaction {
         Ok(files)
     }
 
-    /// Nobody else writes to it until the transaction ends.
+    /// Locks a ripe tracked run, so that nobody else writes to it until the transaction ends.
     pub async fn ripe_tracked_run(
         &mut self,
         identifier: &str,
@@ -173,7 +175,7 @@ impl Transaction {
         query.build_query_scalar().fetch_optional(self.connection()).await
     }
 
-    /// With all that it has. Returns the paths and sizes of its objects.
+    /// Deletes a tracked run with everything it has. Returns the paths and sizes of its objects.
     pub async fn delete_tracked_run(
         &mut self,
         run: TrackedRunId,
@@ -189,7 +191,7 @@ impl Transaction {
         rows.iter().map(|row| Ok((row.try_get("path")?, number(row, "size")?))).collect()
     }
 
-    /// Files that no job has read but purged ones, each with its name.
+    /// Deletes sent files that only purged jobs have read. Returns them with their names.
     pub async fn delete_unread_uploads(
         &mut self,
     ) -> Result<Vec<(StoredObject, String)>, sqlx::Error> {
@@ -203,7 +205,8 @@ impl Transaction {
         rows.iter().map(|row| Ok((stored_object(row)?, row.try_get("name")?))).collect()
     }
 
-    /// Rows of purged jobs to which no other job refers. Returns how many; without them, others may be free.
+    /// Deletes rows of purged jobs that no other job refers to. Returns how many it deleted. After
+    /// that, others may be free.
     pub async fn delete_purged_jobs(&mut self) -> Result<u64, sqlx::Error> {
         let deleted = sqlx::query(
             "DELETE FROM job WHERE deleted_at IS NOT NULL AND purged_at IS NOT NULL \
@@ -217,7 +220,7 @@ impl Transaction {
         Ok(deleted.rows_affected())
     }
 
-    /// But for the two that are always there.
+    /// Deletes experiments without runs, except the two that always exist.
     pub async fn delete_empty_experiments(&mut self, limit: Limit) -> Result<(), sqlx::Error> {
         let mut query = QueryBuilder::<Db>::new(format!(
             "DELETE FROM tracked_experiment WHERE is_deleted AND id > 1 AND {} <= ",

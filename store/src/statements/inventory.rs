@@ -4,7 +4,7 @@ use super::transfer::select_objects;
 use crate::StoredObject;
 
 impl Database {
-    /// The objects that a table names, by path, from the first after `path`.
+    /// The objects that a table names, sorted by path, beginning after `path`.
     pub async fn objects_named_by(
         &self,
         table: &str,

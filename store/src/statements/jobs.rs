@@ -12,7 +12,7 @@ use super::rows::{
 use super::{Database, Db, DbRow, LISTED_IDS, LISTED_TEXTS, Transaction};
 use crate::{DatasetId, Job, JobId, JobProgress};
 
-/// Completed by a condition.
+/// Followed by a condition.
 pub(crate) const SELECT_JOB: &str = concat!(
     "SELECT job.*, asked.cpus, asked.gpus, asked.memory_mb, asked.tags, ",
     tags_of!("job_tag", "job", "job.id"),
@@ -65,7 +65,7 @@ impl Database {
         Ok(self.jobs_of(query).await?.into_iter().next())
     }
 
-    /// By id.
+    /// Sorted by id.
     pub async fn jobs_by_id(&self, ids: &[JobId]) -> Result<Vec<Job>, sqlx::Error> {
         let mut query = QueryBuilder::new(SELECT_JOB);
         query.push("WHERE job.id IN ").push(LISTED_IDS.0).push_bind(Json(ids.to_vec()));
@@ -101,7 +101,7 @@ impl Database {
         rows.iter().map(|row| Ok((digest(row, "digest")?, json(row, "spec")?))).collect()
     }
 
-    /// Each job with one that it needs, by both ids.
+    /// Pairs of a job and a job that it needs, sorted by both ids.
     pub async fn needs(&self, jobs: &[JobId]) -> Result<Vec<(JobId, JobId)>, sqlx::Error> {
         sqlx::query_as(concat!(
             "SELECT job, needs FROM job_need WHERE job IN ",
@@ -132,7 +132,7 @@ impl Database {
         Ok(())
     }
 
-    /// The progress of jobs, each without its unit.
+    /// The progress of jobs, without their units.
     pub(super) async fn progress(
         &self,
         ids: &[JobId],
@@ -195,7 +195,7 @@ impl Transaction {
         self.execute(statement).await
     }
 
-    /// Whether the job was still queued.
+    /// Marks a job as running. Returns whether it was still queued.
     pub async fn start_job(&mut self, job: JobId) -> Result<bool, sqlx::Error> {
         let started = sqlx::query(concat!(
             "UPDATE job SET state = 'running', started_at = ",
@@ -241,7 +241,7 @@ fn of_digest(digest: Digest, states: &[JobState]) -> QueryBuilder<Db> {
     query
 }
 
-/// All but the unit.
+/// Everything but the unit.
 impl FromRow<'_, DbRow> for JobProgress {
     fn from_row(row: &DbRow) -> Result<Self, sqlx::Error> {
         Ok(Self {

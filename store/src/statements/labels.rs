@@ -5,7 +5,7 @@ use super::{Database, Db, LISTED_TEXTS, Transaction};
 use crate::{JobId, Labels, Thing};
 
 impl Database {
-    /// Some jobs in whose names words are not looked for yet.
+    /// Some jobs whose names are not searchable yet.
     pub async fn unfolded_names(&self, limit: i64) -> Result<Vec<(JobId, String)>, sqlx::Error> {
         sqlx::query_as("SELECT id, name FROM job WHERE searched IS NULL ORDER BY id LIMIT $1")
             .bind(limit)
@@ -23,7 +23,8 @@ impl Transaction {
         self.execute(statement).await
     }
 
-    /// The labels of a thing, kept until the transaction ends, and the name that a job was made with.
+    /// The labels of a thing and the name that a job was made with. The row is locked until the
+    /// transaction ends.
     pub async fn labels(
         &mut self,
         thing: Thing,
@@ -74,7 +75,7 @@ impl Transaction {
         self.execute(insert.build()).await
     }
 
-    /// The members of a pipeline, each once; of another job none.
+    /// The members of a pipeline, each once. Another job has none.
     pub async fn member_ids(&mut self, pipeline: JobId) -> Result<Vec<JobId>, sqlx::Error> {
         sqlx::query_scalar(
             "SELECT DISTINCT job FROM pipeline_member WHERE pipeline = $1 ORDER BY job",

@@ -1,4 +1,4 @@
-//! The line of tasks that wait, and who is next.
+//! The queue of waiting tasks, and which one is next.
 
 use spec::Resources;
 use sqlx::types::Text;
@@ -31,13 +31,14 @@ impl Database {
 }
 
 impl Transaction {
-    /// The task that `worker` is to claim next and that nobody else is about to claim.
+    /// The task that `worker` will claim next. Tasks that another worker is about to claim are
+    /// skipped.
     pub async fn next_task(
         &mut self,
         worker: &str,
         offers: &Resources,
     ) -> Result<Option<NextTask>, sqlx::Error> {
-        // Of a row that is locked, PostgreSQL shows the newest version.
+        // PostgreSQL returns the newest version of a locked row.
         let statement = format!(
             "SELECT next.*, job.kind, job.spec, job.digest, job.time_limit_s, job.state AS job_state, \
              run.id AS run FROM ({}) AS next JOIN job ON job.id = next.job \
@@ -62,9 +63,10 @@ impl Transaction {
     }
 }
 
-/// The condition of a task that may be claimed at once (0) or after a delay, of a job that may begin, unless the queue is
-/// paused. A delay that ends farther ahead than any lasts was set by a clock that went back since. A job's moment is
-/// what its user said, and waited for whatever the clock does.
+/// The condition that a task may be claimed, at once or after its delay. The queue must not be
+/// paused, and the job's start time must have come. A delay that ends later than the longest
+/// possible one was set by a clock that was set back since; it is ignored. The job's start time was
+/// set by its user and always counts.
 pub(crate) fn may_be_claimed() -> String {
     format!(
         "state = 'queued' AND (SELECT paused_at FROM queue) IS NULL AND not_before <= {now} \

@@ -5,7 +5,7 @@ use super::{BY_BYTES, Database, Db, DbRow, FIND, IS_EXPERIMENT};
 use crate::{Direction, Key, Listing, Position, Sort, Thing};
 
 impl Database {
-    /// The places of the rows of a page, and that of one more if there is one.
+    /// The positions of the rows of a page, and of one more row if there is one.
     pub async fn places(
         &self,
         thing: Thing,
@@ -23,7 +23,7 @@ impl Database {
     }
 }
 
-/// The statement that finds a page, which `start` may have explained.
+/// The statement that finds a page. `start` may put EXPLAIN before it.
 pub(crate) fn page(start: &str, thing: Thing, listing: &Listing) -> QueryBuilder<Db> {
     let table = thing.as_str();
     let source = match thing {
@@ -46,7 +46,7 @@ pub(crate) fn page(start: &str, thing: Thing, listing: &Listing) -> QueryBuilder
         if listing.sort == Sort::Created {
             query.push(format!(" AND {table}.id {beyond} ")).push_bind(*id);
         } else {
-            // The first condition is one that an index of the key answers.
+            // An index of the key answers the first condition.
             query.push(format!(" AND {key} {beyond}= "));
             push_key(&mut query, last);
             query.push(format!(" AND ({key} {beyond} "));
@@ -59,7 +59,7 @@ pub(crate) fn page(start: &str, thing: Thing, listing: &Listing) -> QueryBuilder
     query
 }
 
-/// The SQL expression that an order compares, as its index has it.
+/// The SQL expression of a sort key. It must be the same as in the index.
 fn key(thing: Thing, sort: Sort) -> String {
     let table = thing.as_str();
     match (sort, thing) {
@@ -118,7 +118,7 @@ fn filter(query: &mut QueryBuilder<Db>, thing: Thing, listing: &Listing) {
     if let Some(until) = listing.until {
         query.push(format!(" AND {table}.created_at < ")).push_bind(until);
     }
-    // Without it SQLite reads an index of nothing but experiments from its end as well.
+    // Without this condition, SQLite would also read an index of experiments alone from its end.
     if let Some(before) = listing.before {
         query.push(format!(" AND {table}.id < ")).push_bind(before);
     }

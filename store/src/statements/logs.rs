@@ -5,8 +5,8 @@ use super::rows::number;
 use super::{Database, DbRow, Transaction, integer};
 use crate::{Attempt, Fence, JobId, LogChunk, LogFilter, NewLogChunk, TaskId};
 
-/// The chunks whose ids are found first, since lines are long and are not to be sorted. `$1` to `$3` are the filter,
-/// `$4` is an id and `$5` how many.
+/// Finds the ids of chunks first, because texts are long and should not be sorted. `$1` to `$3` are
+/// the filter, `$4` is an id and `$5` the number of chunks.
 macro_rules! select_chunks {
     ($comparison:literal, $order:literal) => {
         concat!(
@@ -66,7 +66,7 @@ impl Database {
             .await
     }
 
-    /// By position.
+    /// Sorted by position.
     pub async fn attempt_log(&self, attempt: i64) -> Result<Vec<NewLogChunk>, sqlx::Error> {
         sqlx::query_as(
             "SELECT position, text FROM attempt_log WHERE attempt = $1 ORDER BY position",
@@ -108,7 +108,8 @@ impl Database {
         .await
     }
 
-    /// Whether any of the jobs has not ended, or has ended while a worker still has a task of it.
+    /// Whether any of the jobs has not ended, or has ended while a worker still has one of its
+    /// tasks.
     pub async fn are_jobs_open(&self, jobs: &[JobId]) -> Result<bool, sqlx::Error> {
         sqlx::query_scalar(concat!(
             "SELECT EXISTS (SELECT 1 FROM job WHERE id IN ",
@@ -152,8 +153,8 @@ impl Transaction {
             .await
     }
 
-    /// Replaces chunks at the same positions. Transactions that insert chunks of one job wait for each other, or a reader
-    /// would see an id before a smaller one.
+    /// Replaces chunks at the same positions. Transactions that insert chunks of one job wait for
+    /// each other. Otherwise a reader would see an id before a smaller one.
     pub async fn insert_log(
         &mut self,
         job: JobId,
@@ -200,7 +201,8 @@ impl Transaction {
         self.execute(statement).await
     }
 
-    /// Marks the attempts of a job that have ended as without a log, but for the newest `kept`, and returns them.
+    /// Marks the ended attempts of a job, except the newest `kept`, as having no log, and returns
+    /// them.
     pub async fn forget_logs(&mut self, job: JobId, kept: u32) -> Result<Vec<i64>, sqlx::Error> {
         sqlx::query_scalar(
             "UPDATE attempt SET log_bytes = NULL WHERE id IN (SELECT id FROM attempt \

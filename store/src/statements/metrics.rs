@@ -5,10 +5,12 @@ use super::rows::number;
 use super::{Database, Db, DbRow, Transaction, integer};
 use crate::{RunId, SeriesPoint};
 
-/// Rows per statement, of four values each: SQLite binds 32 766 at most, PostgreSQL 65 535.
+/// Rows per statement, with four values each. SQLite binds 32 766 values at most, PostgreSQL 65
+/// 535.
 const ROWS_PER_STATEMENT: usize = 4000;
 
-/// Steps whose lowest and highest point are kept together. The migration that filled the table says the same.
+/// Number of steps whose lowest and highest points are kept together. The migration that filled the
+/// table uses the same number.
 const SPAN: u64 = 64;
 
 impl Database {
@@ -48,7 +50,7 @@ impl Database {
         rows.iter().map(|row| Ok((row.try_get("run")?, SeriesPoint::from_row(row)?))).collect()
     }
 
-    /// Points of a metric, and spans that have any.
+    /// Number of points of a metric, and number of spans that have points.
     pub async fn recorded_points(&self, run: RunId, key: &str) -> Result<(u64, u64), sqlx::Error> {
         let (points, spans): (i64, i64) = sqlx::query_as(
             "SELECT CAST(COALESCE(SUM(points), 0) AS BIGINT), COUNT(*) FROM metric_extremes \
@@ -61,7 +63,7 @@ impl Database {
         Ok((points.unsigned_abs(), spans.unsigned_abs()))
     }
 
-    /// By step.
+    /// Sorted by step.
     pub async fn all_points(&self, run: RunId, key: &str) -> Result<Vec<SeriesPoint>, sqlx::Error> {
         sqlx::query_as(
             "SELECT step, time, value FROM metric WHERE run = $1 AND key = $2 ORDER BY step",
@@ -72,7 +74,7 @@ impl Database {
         .await
     }
 
-    /// By step: `limit` points after the first `skipped`.
+    /// Sorted by step: `limit` points after the first `skipped`.
     pub async fn points_after(
         &self,
         run: RunId,
@@ -92,7 +94,7 @@ impl Database {
         .await
     }
 
-    /// The lowest and the highest of each of `ranges` ranges of spans, by step.
+    /// The lowest and the highest point of each of `ranges` ranges of spans, sorted by step.
     pub async fn extremes_of_spans(
         &self,
         run: RunId,
@@ -121,7 +123,7 @@ impl Database {
         .await
     }
 
-    /// The lowest and the highest of each of `ranges` equal ranges of steps, by step.
+    /// The lowest and the highest point of each of `ranges` equal ranges of steps, sorted by step.
     pub async fn extreme_points(
         &self,
         run: RunId,
@@ -150,7 +152,8 @@ impl Database {
 }
 
 impl Transaction {
-    /// Replaces what was recorded at the same steps. Key, step and value of each; no step of a key twice.
+    /// Inserts key, step and value of each metric, and replaces values at the same steps. No key
+    /// may have a step twice.
     pub async fn insert_metrics(
         &mut self,
         run: RunId,
@@ -170,14 +173,14 @@ impl Transaction {
                 " ON CONFLICT (run, key, step) DO UPDATE SET time = excluded.time, \
                  value = excluded.value",
             );
-            // Batches differ in length, so each statement is another one: keeping them would only
-            // fill the cache.
+            // Batches differ in length, so each statement is a different one. Keeping them would
+            // only fill the cache.
             query.build().persistent(false).execute(self.connection()).await?;
         }
         Ok(())
     }
 
-    /// Brings the latest value of a key up to date.
+    /// Updates the latest value of a key.
     pub async fn set_latest(&mut self, run: RunId, key: &str) -> Result<(), sqlx::Error> {
         let statement = sqlx::query(
             "INSERT INTO metric_latest (run, key, step, time, value) \
@@ -191,7 +194,8 @@ impl Transaction {
         self.execute(statement).await
     }
 
-    /// Brings the extremes of the spans from the step `first` to `last` up to date. Spans without points stay as they are.
+    /// Updates the extremes of the spans from the step `first` to `last`. Spans without points stay
+    /// as they are.
     pub async fn set_extremes(
         &mut self,
         run: RunId,
@@ -223,7 +227,7 @@ impl Transaction {
         self.execute(statement).await
     }
 
-    /// Forgets the extremes of the span of `step` and of those after it.
+    /// Deletes the extremes of the span of `step` and of all later spans.
     pub async fn delete_extremes_from(
         &mut self,
         run: RunId,
@@ -238,7 +242,7 @@ impl Transaction {
         self.execute(statement).await
     }
 
-    /// Returns the keys whose latest value is gone.
+    /// Returns the keys whose latest value was deleted.
     pub async fn delete_metrics_after(
         &mut self,
         run: RunId,
@@ -259,7 +263,7 @@ impl Transaction {
 
 impl FromRow<'_, DbRow> for SeriesPoint {
     fn from_row(row: &DbRow) -> Result<Self, sqlx::Error> {
-        // SQLite has no NaN; NULL is in its place.
+        // SQLite has no NaN. It is stored as NULL.
         let value: Option<f64> = row.try_get("value")?;
         Ok(Self {
             step: number(row, "step")?,

@@ -1,14 +1,16 @@
-//! The statements, one file per resource, in the SQL that all databases here read alike.
+//! The SQL statements, with one file per resource, in the SQL that all our databases share.
 //!
-//! This folder is compiled once for each database, as a module of it. Where they differ a statement uses a macro of the
-//! database's `dialect`. A function is one statement, or a few that belong together. It decides nothing: the conditions
-//! that it holds are of time, of identity and of what a list asks for.
+//! This folder is compiled once for each database, as a module of it. Where databases differ, a
+//! statement uses a macro of the database's `dialect`. A function is one statement, or a few that
+//! belong together. It makes no decisions: its conditions are about time, identity and the query of
+//! a list.
 //!
-//! These rules keep the statements common: parameters are numbered (`$1`), integers have 64 bits and a sign (`rows::number`),
-//! truth values are compared with nothing (`WHERE NOT is_part`), sums are cast to `BIGINT`, and no column stands beside
-//! an aggregate without being grouped by.
+//! These rules keep the statements portable. Parameters are numbered (`$1`). Integers have 64 bits
+//! and a sign (`rows::number`). Booleans are not compared with anything (`WHERE NOT is_part`). Sums
+//! are cast to `BIGINT`. A column beside an aggregate is always grouped by.
 
-/// Whether a job, or something of what it was for, was deleted: it stands in for no other, and nobody can read its results.
+/// Whether a job or one of its results was deleted. It then stands in for no other job, and nobody
+/// can read its results.
 macro_rules! is_gone {
     ($job:literal) => {
         concat!(
@@ -63,12 +65,13 @@ use std::time::Duration;
 use super::dialect::{BY_BYTES, Db, DbRow, FIND, IS_EXPERIMENT, LISTED_IDS, LISTED_TEXTS};
 use super::{Database, Transaction};
 
-/// A count as SQL's integer. Counts come from checked specs and sizes of files, far below 2^63.
+/// A count as SQL's integer. Counts come from checked specs and from sizes of files, and are far
+/// below 2^63.
 fn integer(count: u64) -> i64 {
     i64::try_from(count).unwrap_or(i64::MAX)
 }
 
-/// A duration in the unit of the clock that `now!` reads.
+/// A duration in milliseconds, which is the unit of `now!`.
 fn milliseconds(duration: Duration) -> i64 {
     i64::try_from(duration.as_millis()).unwrap_or(i64::MAX / 2)
 }

@@ -11,7 +11,7 @@ use crate::rules::cancellation::Candidate;
 use crate::{JobId, JobProgress, Member};
 
 impl Database {
-    /// By pipeline, in the order of submission.
+    /// Sorted by pipeline, then in the order of submission.
     pub async fn members(&self, pipelines: &[JobId]) -> Result<Vec<Member>, sqlx::Error> {
         let mut members: Vec<Member> = sqlx::query_as(concat!(
             "SELECT member.pipeline, member.name, member.reused, member.job, \
@@ -72,7 +72,7 @@ impl Transaction {
             .await
     }
 
-    /// State and whether its cancellation was requested.
+    /// The state of a pipeline, and whether its cancellation was requested.
     pub async fn pipeline(&mut self, pipeline: JobId) -> Result<(JobState, bool), sqlx::Error> {
         let (Text(state), cancel_requested) =
             sqlx::query_as("SELECT state, cancel_requested FROM job WHERE id = $1")
@@ -94,7 +94,7 @@ impl Transaction {
         .await
     }
 
-    /// Times follow from the state.
+    /// Sets the state of a pipeline. Its times follow from the state.
     pub async fn set_pipeline(
         &mut self,
         pipeline: JobId,
@@ -140,7 +140,7 @@ impl Transaction {
     }
 }
 
-/// Without what is known of its progress but its unit.
+/// Reads only the unit of the progress.
 impl FromRow<'_, DbRow> for Member {
     fn from_row(row: &DbRow) -> Result<Self, sqlx::Error> {
         Ok(Self {

@@ -14,7 +14,7 @@ impl Database {
         Ok(row.map(|(name, obstacle)| Engine { name, obstacle }))
     }
 
-    /// By name.
+    /// Sorted by name.
     pub async fn placements(&self) -> Result<Vec<Placement>, sqlx::Error> {
         sqlx::query_as("SELECT * FROM placement ORDER BY worker").fetch_all(&self.reader).await
     }
@@ -35,7 +35,7 @@ impl Transaction {
         self.execute(sqlx::query("DELETE FROM engine")).await
     }
 
-    /// A worker that has ended stays as it ended.
+    /// Inserts or updates a worker. A worker that has ended does not change any more.
     pub async fn upsert_placement(&mut self, placed: &Placed) -> Result<(), sqlx::Error> {
         let statement = sqlx::query(concat!(
             "INSERT INTO placement (worker, engine, identifier, state, reason, node, asked_at, \
@@ -57,7 +57,7 @@ impl Transaction {
         self.execute(statement).await
     }
 
-    /// But for the newest `keep`, and of these those that ended longer ago.
+    /// Deletes workers that ended long ago, and all ended workers except the newest `keep`.
     pub async fn forget_ended_placements(
         &mut self,
         after: Duration,

@@ -15,7 +15,7 @@ impl Database {
 }
 
 impl Transaction {
-    /// Keeps the moment of a pause that lasts.
+    /// Pauses the queue. If it is paused already, the time of the pause stays.
     pub async fn pause_queue(&mut self) -> Result<(), sqlx::Error> {
         let statement =
             sqlx::query(concat!("UPDATE queue SET paused_at = COALESCE(paused_at, ", now!(), ")"));

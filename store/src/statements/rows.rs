@@ -1,4 +1,4 @@
-//! Columns of text that hold something else.
+//! Values of other types in columns of text.
 
 use serde::de::DeserializeOwned;
 use spec::{Digest, Moment, Resources};
@@ -8,7 +8,7 @@ use sqlx::types::Text;
 use super::{Db, DbRow};
 use crate::{Deletion, FileContent, StoredObject, Timestamp};
 
-/// From the column `state`.
+/// Reads a state from the column `state`.
 pub(super) fn state<S>(row: &DbRow) -> Result<S, sqlx::Error>
 where
     Text<S>: for<'r> sqlx::Decode<'r, Db> + sqlx::Type<Db>,
@@ -17,7 +17,7 @@ where
     Ok(state)
 }
 
-/// From a column with one of a few words.
+/// Reads an enum from a column with one of a few words.
 pub(super) fn word<W>(row: &DbRow, column: &str) -> Result<W, sqlx::Error>
 where
     Text<W>: for<'r> sqlx::Decode<'r, Db> + sqlx::Type<Db>,
@@ -26,7 +26,7 @@ where
     Ok(word)
 }
 
-/// From the columns `deleted_at`, `purge_at`, `purged_at` and `deletion_reason`.
+/// Reads the columns `deleted_at`, `purge_at`, `purged_at` and `deletion_reason`.
 pub(super) fn deletion(row: &DbRow) -> Result<Option<Deletion>, sqlx::Error> {
     let deleted_at: Option<Timestamp> = row.try_get("deleted_at")?;
     let Some(deleted_at) = deleted_at else { return Ok(None) };
@@ -49,7 +49,7 @@ pub(super) fn json<T: DeserializeOwned>(row: &DbRow, column: &str) -> Result<T, 
     serde_json::from_str(text).map_err(|error| undecodable(column, error.into()))
 }
 
-/// From the columns `cpus`, `gpus`, `memory_mb` and `tags`, where 0 says nothing.
+/// Reads the columns `cpus`, `gpus`, `memory_mb` and `tags`, where 0 means unspecified.
 pub(super) fn resources(row: &DbRow) -> Result<Resources, sqlx::Error> {
     let cpus: u32 = number(row, "cpus")?;
     let tags: &str = row.try_get("tags")?;
@@ -61,12 +61,12 @@ pub(super) fn resources(row: &DbRow) -> Result<Resources, sqlx::Error> {
     })
 }
 
-/// Names in order, as JSON.
+/// Names as a sorted JSON list.
 pub(super) fn text_of_tags<T: serde::Serialize>(tags: &T) -> String {
     serde_json::json!(tags).to_string()
 }
 
-/// From a column of `tags_of!`, in order.
+/// Reads tags, sorted, from a column of `tags_of!`.
 pub(super) fn tags(row: &DbRow, column: &str) -> Result<Vec<String>, sqlx::Error> {
     let text: Option<&str> = row.try_get(column)?;
     let tags: Result<Vec<String>, _> = text.map_or(Ok(Vec::new()), serde_json::from_str);
@@ -75,13 +75,13 @@ pub(super) fn tags(row: &DbRow, column: &str) -> Result<Vec<String>, sqlx::Error
     Ok(tags)
 }
 
-/// From a column where 0 is none.
+/// Reads a moment from a column where 0 means none.
 pub(super) fn moment(row: &DbRow, column: &str) -> Result<Option<Moment>, sqlx::Error> {
     let milliseconds: i64 = row.try_get(column)?;
     Ok((milliseconds > 0).then(|| Moment::from_milliseconds(milliseconds)))
 }
 
-/// From the column `content`.
+/// Reads the column `content`.
 pub(super) fn file_content(row: &DbRow) -> Result<FileContent, sqlx::Error> {
     let text: &str = row.try_get("content")?;
     FileContent::ALL
@@ -90,7 +90,7 @@ pub(super) fn file_content(row: &DbRow) -> Result<FileContent, sqlx::Error> {
         .ok_or_else(|| undecodable("content", format!("there is no content {text:?}").into()))
 }
 
-/// From the columns `path`, `size` and `sha256`.
+/// Reads the columns `path`, `size` and `sha256`.
 pub(super) fn stored_object(row: &DbRow) -> Result<StoredObject, sqlx::Error> {
     Ok(StoredObject {
         path: row.try_get("path")?,
@@ -99,7 +99,7 @@ pub(super) fn stored_object(row: &DbRow) -> Result<StoredObject, sqlx::Error> {
     })
 }
 
-/// A count, which every database keeps as an integer of 64 bits with a sign.
+/// Reads a count. Every database stores it as a signed integer of 64 bits.
 pub(super) fn number<N>(row: &DbRow, column: &str) -> Result<N, sqlx::Error>
 where
     N: TryFrom<i64>,
@@ -109,7 +109,7 @@ where
     N::try_from(integer).map_err(|error| undecodable(column, error.into()))
 }
 
-/// The same from a column that may be `NULL`.
+/// Reads a count from a column that may be `NULL`.
 pub(super) fn optional_number<N>(row: &DbRow, column: &str) -> Result<Option<N>, sqlx::Error>
 where
     N: TryFrom<i64>,

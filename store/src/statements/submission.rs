@@ -12,7 +12,7 @@ use crate::submission::{CompletedTask, JobRow};
 use crate::{JobId, Labels, NewTask, Submitted, TaskId, Timestamp};
 
 impl Database {
-    /// As [`Transaction::request`], for a key that is not older than so many milliseconds.
+    /// Like [`Transaction::request`], for a key that is at most this many milliseconds old.
     pub async fn recent_request(
         &self,
         key: &str,
@@ -32,7 +32,7 @@ impl Database {
 }
 
 impl Transaction {
-    /// The outcome of a request with this key, and the request's digest.
+    /// The outcome of the request with this key, and the request's digest.
     pub async fn request(&mut self, key: &str) -> Result<Option<(String, Submitted)>, sqlx::Error> {
         let known: Option<(String, JobId, bool)> =
             sqlx::query_as("SELECT request, job, reused FROM idempotency_key WHERE key = $1")
@@ -71,7 +71,8 @@ impl Transaction {
         self.execute(statement).await
     }
 
-    /// All jobs of a digest that did not fail, were not cancelled, and lost nothing that they left.
+    /// All jobs with this digest that did not fail, were not cancelled, and still have all their
+    /// results.
     pub async fn earlier_jobs(&mut self, digest: Digest) -> Result<Vec<Earlier>, sqlx::Error> {
         let rows = sqlx::query(concat!(
             "SELECT id, state, cancel_requested, EXISTS (SELECT 1 FROM pipeline_member \
@@ -139,7 +140,7 @@ impl Transaction {
         self.execute(statement).await
     }
 
-    /// The digests that a job's spec refers to.
+    /// Inserts the digests that a job's spec refers to.
     pub async fn insert_inputs(
         &mut self,
         job: JobId,
@@ -156,7 +157,7 @@ impl Transaction {
         self.execute(statement).await
     }
 
-    /// Whether a job was deleted, or something of what it was for.
+    /// Whether a job or one of its results was deleted.
     pub async fn job_is_gone(&mut self, job: JobId) -> Result<bool, sqlx::Error> {
         sqlx::query_scalar(concat!("SELECT ", is_gone!("job"), " FROM job WHERE job.id = $1"))
             .bind(job)
@@ -170,8 +171,9 @@ impl Transaction {
         self.execute(statement).await
     }
 
-    /// From when on a job that is submitted now has waited. Not before another that is there, also when the clock was set
-    /// back: of one priority the older goes first, and nobody waits for those that a clock far ahead let in.
+    /// The moment since when a job waits that is submitted now. It is never earlier than that of
+    /// another open job, even if the clock was set back. So an older job of the same priority goes
+    /// first, and nobody waits for jobs that were submitted while a clock was far ahead.
     pub async fn waits_since(&mut self) -> Result<Timestamp, sqlx::Error> {
         sqlx::query_scalar(concat!(
             "SELECT ",
@@ -185,7 +187,8 @@ impl Transaction {
         .await
     }
 
-    /// Waiting, at the place `turn` in line; the job's attempts, resources and moment are theirs.
+    /// Inserts waiting tasks at the place `turn` in line, with the job's attempts, resources and
+    /// start time.
     pub async fn insert_tasks(
         &mut self,
         job: JobId,
@@ -221,7 +224,7 @@ impl Transaction {
         self.execute(statement).await
     }
 
-    /// The newest task with a result at each place of the jobs of a digest.
+    /// The newest task with a result at each place of the jobs with this digest.
     pub async fn completed_tasks(
         &mut self,
         digest: Digest,
@@ -246,7 +249,7 @@ impl Transaction {
         Ok(newest.into_values().collect())
     }
 
-    /// Gives a new task the result of `from`, and who made it when.
+    /// Gives a new task the result of `from`, with its worker and times.
     pub async fn take_over(
         &mut self,
         job: JobId,

@@ -57,7 +57,7 @@ impl Database {
 }
 
 impl Transaction {
-    /// Returns the keys that were copied.
+    /// Returns the copied keys.
     pub async fn copy_metrics(
         &mut self,
         from: RunId,

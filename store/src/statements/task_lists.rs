@@ -117,7 +117,7 @@ impl Database {
         Ok(rows.into_iter().map(tally).collect())
     }
 
-    /// Label and result, in the order in which the tasks run.
+    /// Label and result of tasks, in the order in which the tasks run.
     pub async fn results_unlike(
         &self,
         job: JobId,

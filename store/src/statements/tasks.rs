@@ -11,7 +11,7 @@ use crate::rules::task::TaskStanding;
 use crate::rules::watch::Leased;
 use crate::{ClaimedTask, Epoch, Fence, JobId, Progress, Task, TaskId, Timestamp};
 
-/// Rows of a version that did not tell how long leases last.
+/// The duration of leases in rows of a version that did not record it.
 const USUAL_LEASE_MS: i64 = 15_000;
 
 impl Database {
@@ -43,7 +43,7 @@ impl Database {
 }
 
 impl Transaction {
-    /// Leases a task to `worker`, whose attempt begins; its progress begins anew.
+    /// Leases a task to `worker` and begins an attempt. The task's progress begins at 0.
     pub async fn lease(
         &mut self,
         task: TaskId,
@@ -74,8 +74,8 @@ impl Transaction {
         self.execute(statement).await
     }
 
-    /// A task's job and where it stands, which stays so until the transaction ends: every write of a worker rests on
-    /// the answer.
+    /// The job and the state of a task. The row is locked until the transaction ends, because every
+    /// write of a worker depends on the answer.
     pub async fn standing(
         &mut self,
         task: TaskId,
@@ -91,7 +91,7 @@ impl Transaction {
         row.map(|row| Ok((row.try_get("job")?, TaskStanding::from_row(&row)?))).transpose()
     }
 
-    /// The same, and whether another task of its stage is queued.
+    /// Like [`Self::standing`], and tells whether another task of the same stage is queued.
     pub async fn standing_in_stage(
         &mut self,
         task: TaskId,
@@ -131,7 +131,7 @@ impl Transaction {
         self.execute(statement).await
     }
 
-    /// When the lease of a running task ends, which stays so until the transaction does.
+    /// The end of a running task's lease. The row is locked until the transaction ends.
     pub async fn lease_until(&mut self, task: TaskId) -> Result<Option<Timestamp>, sqlx::Error> {
         sqlx::query_scalar(concat!(
             "SELECT lease_until FROM task WHERE id = $1 AND state = 'running'",
@@ -165,7 +165,7 @@ impl Transaction {
         self.execute(statement).await
     }
 
-    /// Ends a task that succeeded, and the attempt: no error is left.
+    /// Ends a task that succeeded, and its attempt. Removes the task's error.
     pub async fn complete_task(
         &mut self,
         task: TaskId,
@@ -193,7 +193,7 @@ impl Transaction {
         self.execute(statement).await
     }
 
-    /// Without an `error` it keeps that of the last attempt.
+    /// Ends a task. Without an `error` it keeps that of the last attempt.
     pub async fn end_task(
         &mut self,
         task: TaskId,
@@ -212,8 +212,9 @@ impl Transaction {
         self.execute(statement).await
     }
 
-    /// Nobody may claim it before `delay` has passed, less up to a quarter of it by chance: tasks that failed together
-    /// do not come back together. Without a delay anybody may at once.
+    /// Queues a task again. It cannot be claimed before `delay` has passed, less a random part of
+    /// up to a quarter, so tasks that failed together do not come back together. Without a delay it
+    /// can be claimed at once.
     pub async fn requeue_task(
         &mut self,
         task: TaskId,
@@ -240,7 +241,8 @@ impl Transaction {
         self.ring().await
     }
 
-    /// Each part is the first entry of an index, however many tasks the job has.
+    /// Counts a job's tasks. Each part reads the first entry of an index, however many tasks the
+    /// job has.
     pub async fn tally(&mut self, job: JobId) -> Result<TaskTally, sqlx::Error> {
         let row = sqlx::query(
             "SELECT EXISTS (SELECT 1 FROM task WHERE job = $1 AND state = 'failed') AS failed, \
@@ -263,7 +265,7 @@ impl Transaction {
         })
     }
 
-    /// The first task of a job that failed, and why.
+    /// The error of the first task of a job that failed.
     pub async fn first_failure(&mut self, job: JobId) -> Result<Option<String>, sqlx::Error> {
         sqlx::query_scalar(
             "SELECT label || ': ' || COALESCE(error, 'failed') FROM task \
@@ -274,7 +276,7 @@ impl Transaction {
         .await
     }
 
-    /// Queues the tasks of a stage that wait; they all do at once.
+    /// Queues the waiting tasks of a stage, all at once.
     pub async fn queue_stage(&mut self, job: JobId, stage: u32) -> Result<(), sqlx::Error> {
         let statement = sqlx::query(
             "UPDATE task SET state = 'queued', run_at = 0 \
@@ -286,8 +288,8 @@ impl Transaction {
         self.ring().await
     }
 
-    /// Cancels tasks that nobody has and asks for the end of those that somebody has. The tests of
-    /// `rules` walk through this and through a model of it.
+    /// Cancels queued tasks, and requests the cancellation of running tasks. The tests of `rules`
+    /// check this against a model.
     pub async fn stop_tasks(&mut self, job: JobId) -> Result<(), sqlx::Error> {
         sqlx::query(concat!(
             "UPDATE task SET state = 'cancelled', finished_at = ",

@@ -8,7 +8,7 @@ use super::rows::digest;
 use super::{Database, DbRow, Transaction, milliseconds};
 use crate::{NewToken, Timestamp, Token, TokenId};
 
-/// Columns of a token, and the present.
+/// The columns of a token, and the current time.
 macro_rules! token {
     () => {
         concat!("*, ", now!(), " AS present")
@@ -41,7 +41,7 @@ impl Transaction {
             .await
     }
 
-    /// `None` when the name is taken.
+    /// Returns `None` when the name is taken.
     pub async fn insert_token(
         &mut self,
         token: &NewToken<'_>,
@@ -102,7 +102,7 @@ impl Transaction {
         self.execute(statement).await
     }
 
-    /// Those that have expired, and all but the `keep` that last longest.
+    /// Deletes expired sessions, and all but the `keep` that last longest.
     pub async fn forget_sessions(&mut self, keep: u32) -> Result<(), sqlx::Error> {
         let statement = sqlx::query(concat!(
             "DELETE FROM session WHERE expires_at <= ",

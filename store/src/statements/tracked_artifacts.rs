@@ -6,7 +6,7 @@ use super::{Database, DbRow, Transaction, integer};
 use crate::{StoredObject, TrackedArtifact, TrackedRunId};
 
 impl Database {
-    /// By name.
+    /// Sorted by name.
     pub async fn tracked_artifacts(
         &self,
         run: TrackedRunId,
@@ -31,7 +31,7 @@ impl Database {
 }
 
 impl Transaction {
-    /// Returns the path of what the run had under this name.
+    /// Returns the path of the artifact that had this name before.
     pub async fn upsert_tracked_artifact(
         &mut self,
         run: TrackedRunId,
@@ -61,7 +61,7 @@ impl Transaction {
         Ok(replaced)
     }
 
-    /// Returns the paths of their objects.
+    /// Returns the paths of the artifacts' objects.
     pub async fn delete_tracked_artifacts(
         &mut self,
         run: TrackedRunId,

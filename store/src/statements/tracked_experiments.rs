@@ -47,7 +47,7 @@ impl Database {
 }
 
 impl Transaction {
-    /// Returns nothing when the name is taken.
+    /// Returns `None` when the name is taken.
     pub async fn insert_experiment(
         &mut self,
         name: &str,
@@ -71,7 +71,7 @@ impl Transaction {
             .await
     }
 
-    /// Whether the experiment is deleted; keeps the row as it is until the transaction ends.
+    /// Whether the experiment is deleted. The row is locked until the transaction ends.
     pub async fn experiment_is_deleted(
         &mut self,
         id: ExperimentId,
@@ -85,7 +85,7 @@ impl Transaction {
         .await
     }
 
-    /// Returns whether there is such an experiment, as the following do.
+    /// Returns whether the experiment exists; so do the functions below.
     pub async fn rename_experiment(
         &mut self,
         id: ExperimentId,
@@ -111,7 +111,7 @@ impl Transaction {
         for (table, column) in [("tracked_run", "experiment"), ("tracked_experiment", "id")] {
             let mut query = QueryBuilder::<Db>::new(format!("UPDATE {table} SET is_deleted = "));
             match keep {
-                // The date of a run that is there already stays.
+                // A run that was deleted before keeps its date.
                 Some(keep) => {
                     query.push("TRUE, deleted_at = ").push(now!()).push(", purge_at = ");
                     query.push(now!()).push(" + ").push_bind(milliseconds(keep));
@@ -155,7 +155,7 @@ impl Transaction {
         self.execute(statement).await
     }
 
-    /// Returns whether it was there.
+    /// Returns whether the tag existed.
     pub async fn delete_experiment_tag(
         &mut self,
         id: ExperimentId,

@@ -4,7 +4,8 @@ use sqlx::{FromRow, QueryBuilder, Row};
 use super::{Database, Db, DbRow, LISTED_IDS, LISTED_TEXTS, Transaction, integer};
 use crate::{TrackedMetric, TrackedRunId};
 
-/// Rows per statement, of six values each: SQLite binds 32 766 at most, PostgreSQL 65 535. A batch of MLflow has 1000.
+/// Rows per statement, with six values each. SQLite binds 32 766 values at most, PostgreSQL 65 535.
+/// A batch of MLflow has 1000 rows.
 const ROWS_PER_STATEMENT: usize = 1000;
 
 impl Database {
@@ -47,7 +48,7 @@ impl Database {
 }
 
 impl Transaction {
-    /// Passes over points that are there already.
+    /// Inserts points, and skips those that exist.
     pub async fn insert_tracked_metrics(
         &mut self,
         run: TrackedRunId,
@@ -56,14 +57,14 @@ impl Transaction {
         for part in metrics.chunks(ROWS_PER_STATEMENT) {
             let mut query = points("tracked_metric", run, part);
             query.push(" ON CONFLICT DO NOTHING");
-            // Batches differ in length; those that are full are one statement.
+            // Batches differ in length, but all full ones are the same statement.
             let is_common = part.len() == ROWS_PER_STATEMENT;
             query.build().persistent(is_common).execute(self.connection()).await?;
         }
         Ok(())
     }
 
-    /// Replaces latest points by later ones. No key twice.
+    /// Replaces latest points by later ones. No key may appear twice.
     pub async fn raise_latest(
         &mut self,
         run: TrackedRunId,

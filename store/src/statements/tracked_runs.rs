@@ -13,7 +13,7 @@ macro_rules! select_tracked_run {
     };
 }
 
-/// Rows per statement, of three values each: SQLite binds 32 766 at most.
+/// Rows per statement, with three values each. SQLite binds 32 766 values at most.
 const ROWS_PER_STATEMENT: usize = 4000;
 
 impl Database {
@@ -38,7 +38,7 @@ impl Database {
         .await
     }
 
-    /// From a table of texts with keys.
+    /// Reads a table of texts with keys.
     pub async fn tracked_texts(
         &self,
         table: &str,
@@ -58,7 +58,7 @@ impl Database {
 }
 
 impl Transaction {
-    /// A run that nobody else writes to until the transaction ends.
+    /// A run, locked so that nobody else writes to it until the transaction ends.
     pub async fn kept_run(&mut self, identifier: &str) -> Result<Option<TrackedRun>, sqlx::Error> {
         sqlx::query_as(select_tracked_run!("WHERE identifier = $1", locked!()))
             .bind(identifier)
@@ -70,7 +70,7 @@ impl Transaction {
         &mut self,
         new: &NewTrackedRun,
     ) -> Result<TrackedRun, sqlx::Error> {
-        // Drawn once, for both of its places.
+        // The identifier is drawn once and used in both places.
         sqlx::query_as(concat!(
             "WITH drawn (identifier) AS MATERIALIZED (SELECT ",
             unique_digits!(),
@@ -100,7 +100,8 @@ impl Transaction {
         self.execute(statement).await
     }
 
-    /// In the trash for so long, or out of it; the date of what is there already stays.
+    /// Moves a run into the trash for `keep`, or out of it. A run that is in the trash already
+    /// keeps its date.
     pub async fn set_tracked_run_deleted(
         &mut self,
         run: TrackedRunId,
@@ -125,7 +126,7 @@ impl Transaction {
         self.execute(statement).await
     }
 
-    /// No key twice.
+    /// Sets tags. No key may appear twice.
     pub async fn set_tracked_tags(
         &mut self,
         run: TrackedRunId,
@@ -139,7 +140,7 @@ impl Transaction {
         Ok(())
     }
 
-    /// Leaves those that are there as they are. No key twice.
+    /// Adds params and leaves existing ones as they are. No key may appear twice.
     pub async fn add_tracked_params(
         &mut self,
         run: TrackedRunId,
@@ -168,7 +169,7 @@ impl Transaction {
         .await
     }
 
-    /// Returns whether it was there.
+    /// Returns whether the tag existed.
     pub async fn delete_tracked_tag(
         &mut self,
         run: TrackedRunId,

@@ -7,13 +7,13 @@ use super::{Database, Db, DbRow, Transaction};
 use crate::StoredObject;
 use crate::transfer::rows::{Column, Kind, Table, Value, Values};
 
-/// Values of a statement: SQLite binds 32 766 at most, PostgreSQL 65 535.
+/// Values per statement. SQLite binds 32 766 at most, PostgreSQL 65 535.
 const VALUES_PER_STATEMENT: usize = 32_000;
 
-/// About how many bytes the rows have that are read or written at once.
+/// Approximate number of bytes of rows that are read or written at once.
 const BYTES_PER_BATCH: usize = 4 * 1024 * 1024;
 
-/// Objects that a table names, by path, from the first after `path`.
+/// Objects that a table names, sorted by path, beginning after `path`.
 pub(super) fn select_objects(table: &str, path: &str, limit: i64) -> QueryBuilder<Db> {
     let mut query = QueryBuilder::new(format!("SELECT path, size, sha256 FROM {table}"));
     query.push(" WHERE path > ").push_bind(path.to_owned());
@@ -32,7 +32,7 @@ impl Database {
 }
 
 impl Transaction {
-    /// Forgets the checkpoint with a file at `path`.
+    /// Deletes the checkpoint with a file at `path`.
     pub async fn forget_checkpoint_with(&mut self, path: &str) -> Result<(), sqlx::Error> {
         let statement = sqlx::query(
             "DELETE FROM checkpoint WHERE id IN (SELECT checkpoint FROM checkpoint_file WHERE path = $1)",
@@ -48,7 +48,7 @@ impl Transaction {
         Ok(count.unsigned_abs())
     }
 
-    /// The sum of their sizes.
+    /// The sum of the sizes of a table's objects.
     pub async fn bytes_of_objects(&mut self, table: &str) -> Result<u64, sqlx::Error> {
         let select = format!("SELECT CAST(COALESCE(SUM(size), 0) AS BIGINT) FROM {table}");
         let bytes: i64 = QueryBuilder::<Db>::new(select)
@@ -58,7 +58,7 @@ impl Transaction {
         Ok(bytes.unsigned_abs())
     }
 
-    /// By path, from the first after `path`.
+    /// Objects sorted by path, beginning after `path`.
     pub async fn objects_after(
         &mut self,
         table: &str,
@@ -70,7 +70,7 @@ impl Transaction {
         rows.iter().map(stored_object).collect()
     }
 
-    /// Some tasks whose leases last, each with its job and its worker.
+    /// Some tasks with a valid lease, each with its job and its worker.
     pub async fn leased_tasks(&mut self, limit: i64) -> Result<Vec<String>, sqlx::Error> {
         let rows = sqlx::query(concat!(
             "SELECT id, job, label, worker, lease_until - ",
@@ -96,7 +96,7 @@ impl Transaction {
         rows.iter().map(name).collect()
     }
 
-    /// Sends all rows of a table, a batch at a time, until nobody receives them any more.
+    /// Sends all rows of a table in batches, until the receiver is gone.
     pub async fn send_rows(
         &mut self,
         table: &Table,
@@ -119,13 +119,13 @@ impl Transaction {
             }
         }
         if !batch.is_empty() {
-            // A receiver that is gone has an error of its own to tell.
+            // If the receiver is gone, it reports its own error.
             let _ = to.send(batch).await;
         }
         Ok(())
     }
 
-    /// Inserts a batch that [`Transaction::send_rows`] has sent.
+    /// Inserts a batch from [`Transaction::send_rows`].
     pub async fn insert_rows(&mut self, table: &Table, rows: &[Values]) -> Result<(), sqlx::Error> {
         let insert = format!("INSERT INTO {} ({}) ", table.name, table.column_list());
         let mut query = QueryBuilder::<Db>::new(insert);

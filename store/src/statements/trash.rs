@@ -10,7 +10,7 @@ use super::{Database, Db, DbRow, LISTED_IDS, Transaction, milliseconds};
 use crate::trash::ItemRow;
 use crate::{Deletion, Item, JobId, Timestamp, TrashPlace, Trashed};
 
-/// Rows of things, each with its job's state and with the moment at which its owner was deleted.
+/// Selects items, each with its job's state and the moment at which its owner was deleted.
 const fn select_item(kind: ItemKind) -> &'static str {
     match kind {
         ItemKind::Job => {
@@ -36,7 +36,8 @@ const fn select_item(kind: ItemKind) -> &'static str {
     }
 }
 
-/// What is in the trash and was not taken along by what owns it, with the size of its files and of those that went with it.
+/// The items in the trash, without those that were deleted together with their owner. The size
+/// covers their own files and the files of items that were deleted with them.
 const TRASH: &str = "SELECT * FROM (\
      SELECT 'job' AS kind, job.id, job.name, job.deleted_at, job.purge_at, job.purged_at, job.deletion_reason, \
          (SELECT CAST(COALESCE(SUM(file.size), 0) AS BIGINT) FROM dataset \
@@ -92,7 +93,8 @@ impl Database {
         rows.iter().map(trashed).collect()
     }
 
-    /// Jobs that failed or were cancelled so long ago; of pipelines, those without a member that succeeded.
+    /// Jobs that failed or were cancelled at least this long ago. Pipelines only count if no member
+    /// succeeded.
     pub async fn failed_jobs(
         &self,
         age: Duration,
@@ -114,7 +116,7 @@ impl Database {
         .await
     }
 
-    /// Of all files that somebody sent, to be imported or as files of a run.
+    /// The size of all sent files, for imports and for tracked runs.
     pub async fn sent_bytes(&self) -> Result<u64, sqlx::Error> {
         let bytes: i64 = sqlx::query_scalar(
             "SELECT (SELECT CAST(COALESCE(SUM(size), 0) AS BIGINT) FROM upload) \
@@ -125,7 +127,7 @@ impl Database {
         Ok(bytes.unsigned_abs())
     }
 
-    /// Of the files of things of one kind.
+    /// The size of the files of items of one kind.
     pub async fn size_of(&self, kind: ItemKind, ids: &[i64]) -> Result<u64, sqlx::Error> {
         let (table, column) = match kind {
             ItemKind::Job => return Ok(0),
@@ -143,7 +145,7 @@ impl Database {
 }
 
 impl Transaction {
-    /// By the database's clock.
+    /// The current time by the database's clock.
     pub async fn present(&mut self) -> Result<Timestamp, sqlx::Error> {
         sqlx::query_scalar(concat!("SELECT ", now!())).fetch_one(self.connection()).await
     }
@@ -165,8 +167,8 @@ impl Transaction {
         row.map(found).transpose()
     }
 
-    /// Members of a pipeline that were made for it, that nobody asked for by itself, that no other pipeline has and that have
-    /// ended.
+    /// Ended members of a pipeline that belong to it alone: they were made for it, nobody asked for
+    /// them by themselves, and no other pipeline has them.
     pub async fn owned_members(
         &mut self,
         pipeline: JobId,
@@ -186,7 +188,7 @@ impl Transaction {
         rows.iter().map(|row| Ok((row.try_get("id")?, digest(row, "digest")?))).collect()
     }
 
-    /// Members that went into the trash together with their pipeline.
+    /// Members that were deleted together with their pipeline.
     pub async fn members_deleted_with(
         &mut self,
         pipeline: JobId,
@@ -202,7 +204,8 @@ impl Transaction {
         .await
     }
 
-    /// The things of a kind that `column` names by `ids` and that were not deleted before; returns them.
+    /// Marks items of a kind as deleted, where `column` is in `ids`. Returns those that were not
+    /// deleted before.
     pub async fn mark_deleted(
         &mut self,
         kind: ItemKind,
@@ -219,7 +222,7 @@ impl Transaction {
         self.items(kind, query).await
     }
 
-    /// Those that were deleted at this moment and not purged; returns them.
+    /// Restores items that were deleted at this moment and not purged. Returns them.
     pub async fn mark_restored(
         &mut self,
         kind: ItemKind,

@@ -29,7 +29,7 @@ impl Transaction {
             .await
     }
 
-    /// A row that is there already lost its object, so it gets this one.
+    /// An existing row has lost its object, so it gets this one.
     pub async fn insert_upload(
         &mut self,
         name: &str,

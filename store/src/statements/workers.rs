@@ -7,7 +7,7 @@ use super::{Database, DbRow, Transaction, milliseconds};
 use crate::{Timestamp, Worker, WorkerProcess, WorkersTask};
 
 impl Database {
-    /// By name, with the newest task that each has.
+    /// Workers sorted by name, each with the newest task that it has.
     pub async fn workers(&self, seen_within: Duration) -> Result<Vec<Worker>, sqlx::Error> {
         sqlx::query_as(concat!(
             "SELECT worker.*, seen_at > ",
@@ -69,7 +69,7 @@ impl Transaction {
         self.execute(statement).await
     }
 
-    /// Nothing of a worker whose name another has taken.
+    /// Does nothing for a worker whose name another one has taken.
     pub async fn see_worker(
         &mut self,
         worker: &WorkerProcess,
@@ -87,7 +87,7 @@ impl Transaction {
         self.execute(statement).await
     }
 
-    /// Whether there is such a worker. Keeps the moment of a drain that lasts.
+    /// Returns whether the worker exists. If it is drained already, the time of the drain stays.
     pub async fn drain_worker(&mut self, name: &str) -> Result<bool, sqlx::Error> {
         let drained = sqlx::query(concat!(
             "UPDATE worker SET drained_at = COALESCE(drained_at, ",
@@ -100,7 +100,7 @@ impl Transaction {
         Ok(drained.rows_affected() > 0)
     }
 
-    /// Whether there is such a worker.
+    /// Returns whether the worker exists.
     pub async fn undrain_worker(&mut self, name: &str) -> Result<bool, sqlx::Error> {
         let undrained = sqlx::query("UPDATE worker SET drained_at = NULL WHERE name = $1")
             .bind(name)
@@ -136,7 +136,7 @@ impl Transaction {
         self.execute(statement).await
     }
 
-    /// Writes.
+    /// Writes a row, to test that the database can be written to.
     pub async fn probe(&mut self) -> Result<(), sqlx::Error> {
         let statement = sqlx::query(concat!(
             "INSERT INTO probe (id, written_at) VALUES (1, ",

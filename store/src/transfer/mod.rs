@@ -1,15 +1,17 @@
-//! A store moves to another place: from the data folder to PostgreSQL, or back. Or it is copied while it is used: a backup.
+//! Transfers: a store moves to another place, from the data folder to PostgreSQL or back. A backup
+//! copies a store while it is used.
 //!
-//! Objects go first, and then all rows in one transaction, so that the target has everything or no jobs at all. Until it
-//! has, a mark among its objects (`store::identity`) says so: no server serves it, and the move can be done again. Both
-//! stores are kept still by their own means: by their transactions, the folder's lock, and the duties of servers.
+//! Objects are copied first, and then all rows in one transaction, so the target has everything or
+//! no jobs at all. Until then a mark among its objects (`store::identity`) says so: no server
+//! serves it, and the move can be repeated. During a move nobody may change either store.
+//! Transactions, the folder's lock and the duties of servers ensure that.
 //!
-//! The target is a store of its own, with another identity and with objects of its own: a server of the source
-//! that somebody starts by mistake cannot sweep them.
+//! The target is a store of its own, with its own identity and its own objects. A server of the
+//! source that somebody starts by mistake cannot sweep them.
 //!
-//! A backup has the rows of one moment, which a transaction that only reads keeps. Of the objects that they name those of
-//! checkpoints alone may vanish before they are copied, since trainings delete outdated ones; such a checkpoint is left
-//! out of the backup.
+//! A backup has the rows of one moment, which a read-only transaction holds. While objects are
+//! copied, only objects of checkpoints can vanish, because trainings delete outdated ones. Such a
+//! checkpoint is left out of the backup.
 
 mod objects;
 mod place;
@@ -27,27 +29,28 @@ use self::tables::{NEVER_EMPTY, TABLES};
 use crate::database::{Scope, Transaction, sql};
 use crate::{DutyClaim, Location, S3Options, Store, StoreError};
 
-/// Objects that are looked up at once.
+/// Number of objects that are looked up at once.
 const OBJECTS_PER_PAGE: i64 = 1000;
 
-/// The table that names files which vanish while a backup is made.
+/// The table that names files that may vanish during a backup.
 const CHECKPOINT_FILES: &str = "checkpoint_file";
 
-/// Batches of rows that have been read and wait to be written.
+/// Number of batches of rows that are read ahead.
 const BATCHES_AHEAD: usize = 2;
 
-/// A move that has been prepared: nothing stands in its way.
+/// A move that has been prepared: all checks have passed.
 pub struct Transfer {
     source: Side,
     target: Side,
     contents: StoreContents,
-    /// Whether the rows are in the target already, from a move that ended just before it was finished.
+    /// Whether the target has the rows already, from an earlier move that was interrupted just
+    /// before its end.
     has_rows: bool,
-    /// Objects of checkpoints that were deleted since the source's moment.
+    /// Objects of checkpoints that were deleted after the moment of the backup.
     vanished: Vec<String>,
 }
 
-/// A store that is kept as it is.
+/// One of the two stores, which nobody may change.
 struct Side {
     store: Store,
     place: String,
@@ -60,18 +63,18 @@ struct Side {
     _duties: Vec<DutyClaim>,
 }
 
-/// How much a store holds.
+/// The size of a store.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct StoreContents {
     pub jobs: u64,
-    /// In all tables that move.
+    /// Number of rows in all tables that move.
     pub rows: u64,
     pub objects: u64,
-    /// In all objects.
+    /// Size of all objects.
     pub bytes: u64,
 }
 
-/// How far a move is. Clones share it.
+/// The progress of a move. Clones share it.
 #[derive(Clone, Debug, Default)]
 pub struct TransferProgress(Arc<Done>);
 
@@ -84,12 +87,12 @@ struct Done {
 }
 
 impl Transfer {
-    /// Looks whether a store can move, and keeps both sides still for as long as this lives. Buckets of both are reached as
-    /// `s3` says.
+    /// Checks that a store can move, and keeps both sides unchanged as long as this lives. `s3` has
+    /// the options for buckets on both sides.
     ///
     /// # Errors
-    /// When one of them is used, cannot be opened, has a schema of another version, or shares something with the other; when
-    /// the target holds something already that is not of an earlier try.
+    /// When one of them is in use, cannot be opened, has a schema of another version, or shares
+    /// something with the other. When the target holds something that is not from an earlier try.
     pub async fn prepare(
         from: &Location,
         to: &Location,
@@ -100,10 +103,11 @@ impl Transfer {
         Self::prepare_from(source, from, to, s3).await
     }
 
-    /// The same as a copy of what is there at this moment, while servers and workers go on.
+    /// Like [`Transfer::prepare`], but copies the state of this moment while servers and workers go
+    /// on.
     ///
     /// # Errors
-    /// As [`Transfer::prepare`], but for the use of the source.
+    /// Like [`Transfer::prepare`], but the source may be in use.
     pub async fn prepare_backup(
         from: &Location,
         to: &Location,
@@ -151,9 +155,10 @@ impl Transfer {
     /// Copies everything, and compares both sides.
     ///
     /// # Errors
-    /// [`StoreError::DamagedObject`] when an object is not what was published; [`StoreError::RowsDiffer`] when a table is
-    /// not the same on both sides; when a database, an object or the disk fails. The source is as it was, and the target
-    /// is unfinished.
+    /// [`StoreError::DamagedObject`] when an object differs from what was published.
+    /// [`StoreError::RowsDiffer`] when a table differs between the sides. It also fails when a
+    /// database, an object or the disk fails. The source is unchanged then, and the target is
+    /// unfinished.
     pub async fn run(mut self, progress: &TransferProgress) -> Result<(), StoreError> {
         self.copy_objects(progress).await?;
         for place in 0..TABLES.len() {
@@ -171,7 +176,7 @@ impl Transfer {
             sql!(&mut self.target.transaction, forget_checkpoint_with(path))?;
         }
         if self.source.is_in_use {
-            // They work for the source, and not for its copy.
+            // These workers work for the source, and not for its copy.
             sql!(&mut self.target.transaction, delete_rows("worker"))?;
         }
         self.target.transaction.commit().await?;
@@ -186,7 +191,7 @@ impl Transfer {
         let source = &mut self.source;
         let mut tables: Vec<&Table> =
             source.tables.iter().filter(|table| table.has("path")).collect();
-        // Trainings delete files of checkpoints, so that these cannot wait for the others.
+        // Trainings delete files of checkpoints, so these are copied first.
         tables.sort_by_key(|table| source.is_in_use && table.name != CHECKPOINT_FILES);
         for table in tables {
             let mut after = String::new();
@@ -207,7 +212,7 @@ impl Transfer {
         Ok(())
     }
 
-    /// Returns the digest of what was read.
+    /// Returns the digest of the rows that were read.
     async fn copy_rows(
         &mut self,
         place: usize,
@@ -257,7 +262,7 @@ async fn objects_after(
 }
 
 impl Side {
-    /// Begins a transaction that reads what is there now, and goes on doing so.
+    /// Begins a transaction that reads the present state, and keeps reading that state.
     async fn snapshot(store: Store, place: String) -> Result<Self, StoreError> {
         let mut transaction = store.begin_snapshot("copying a store").await?;
         let columns = sql!(&mut transaction, columns(&TABLES))?;
@@ -284,7 +289,7 @@ impl Side {
         Ok(!is_there)
     }
 
-    /// Begins a transaction that nobody else writes beside.
+    /// Begins a transaction that excludes all other writers.
     async fn keep_still(
         store: Store,
         scope: Scope,
@@ -323,7 +328,7 @@ impl Side {
         Ok(contents)
     }
 
-    /// Rows that a store has which was used.
+    /// A description of rows that only a store in use has.
     async fn first_content(&mut self) -> Result<Option<String>, StoreError> {
         for name in TABLES.into_iter().filter(|name| !NEVER_EMPTY.contains(name)) {
             let rows = sql!(&mut self.transaction, count_rows(name))?;
@@ -366,7 +371,7 @@ impl Side {
 }
 
 impl TransferProgress {
-    /// Bytes of objects that are in the target.
+    /// Bytes of objects in the target so far.
     pub fn bytes(&self) -> u64 {
         self.0.bytes.load(Ordering::Relaxed)
     }
@@ -376,12 +381,12 @@ impl TransferProgress {
         self.0.found.load(Ordering::Relaxed)
     }
 
-    /// Rows that were copied.
+    /// Rows copied so far.
     pub fn rows(&self) -> u64 {
         self.0.written.load(Ordering::Relaxed)
     }
 
-    /// Rows of the target that were compared with those of the source.
+    /// Rows of the target compared with the source so far.
     pub fn compared(&self) -> u64 {
         self.0.compared.load(Ordering::Relaxed)
     }

@@ -1,4 +1,4 @@
-//! Objects, from store to store.
+//! Copies objects from store to store.
 
 use std::io::{self, Write};
 
@@ -9,19 +9,20 @@ use tokio::sync::mpsc;
 use super::TransferProgress;
 use crate::{Store, StoreError, StoredObject};
 
-/// Objects on their way at a time: each is synced, and many are small.
+/// Number of objects that are copied at a time. Each is synced, and many are small.
 const AT_A_TIME: usize = 4;
 
-/// Pieces of an object that have been read and wait to be written.
+/// Number of pieces of an object that are read ahead.
 const PIECES_AHEAD: usize = 4;
 
 enum Piece {
     Bytes(Bytes),
-    /// All were sent, and have the right digest.
+    /// All pieces were sent, and their digest is right.
     End,
 }
 
-/// Copies objects and compares each with its digest while it passes. Returns those that are not there, with the error.
+/// Copies objects and checks each against its digest on the way. Returns the objects that do not
+/// exist, with the error.
 pub(super) async fn copy_all(
     objects: Vec<StoredObject>,
     source: &Store,
@@ -64,7 +65,7 @@ async fn copy(
                 break;
             }
         }
-        // A writer that does not receive has an error of its own to tell.
+        // If the writer is gone, it reports its own error.
         let _ = sender.send(Piece::End).await;
         Ok(())
     };
@@ -72,7 +73,8 @@ async fn copy(
     tokio::try_join!(reading, writing).map(|_| ())
 }
 
-/// Publishes the pieces of an object once they are all there. Without an end, nothing is published.
+/// Publishes the pieces of an object once all are there. Without a [`Piece::End`], nothing is
+/// published.
 async fn write(
     object: &StoredObject,
     target: &Store,

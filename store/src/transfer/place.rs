@@ -1,4 +1,5 @@
-//! The two places of a move: who may not use them meanwhile, and what must be there.
+//! The two places of a move: checks that nobody uses them meanwhile, and that they hold what they
+//! must.
 
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -12,13 +13,14 @@ const SOURCE_REMEDY: &str =
 
 const TARGET_REMEDY: &str = "stop it first";
 
-/// How long PostgreSQL may take to notice that a process ended which had a duty, as an interrupted move has.
+/// How long PostgreSQL may take to notice that a process with a duty has ended, e.g. an interrupted
+/// move.
 const RELEASED_WITHIN: Duration = Duration::from_secs(1);
 
-/// Tasks that an error names.
+/// Number of tasks that an error names.
 const NAMED_TASKS: i64 = 3;
 
-/// Refuses places of which one lies in the other. Databases are told apart once they are open.
+/// Refuses two places if one lies in the other. Databases are compared once they are open.
 pub(super) fn refuse_shared(from: &Location, to: &Location) -> Result<(), StoreError> {
     let (from_folder, to_folder) = (resolved(&from.folder), resolved(&to.folder));
     let has_folder = from_folder.starts_with(&to_folder) || to_folder.starts_with(&from_folder);
@@ -33,7 +35,7 @@ pub(super) fn shared(from: &Location, to: &Location) -> StoreError {
     StoreError::SharedPlace { from: from.to_string(), to: to.to_string() }
 }
 
-/// Without links, as far as the folder exists.
+/// The folder's path without links, as far as the folder exists.
 fn resolved(folder: &Path) -> PathBuf {
     let absolute = std::path::absolute(folder).unwrap_or_else(|_| folder.to_owned());
     let existing = absolute.ancestors().find_map(|ancestor| {
@@ -43,14 +45,15 @@ fn resolved(folder: &Path) -> PathBuf {
     existing.unwrap_or(absolute)
 }
 
-/// Opens the store that moves. It must have the schema that this program knows, and nobody may use it.
+/// Opens the store that moves. It must have the schema that this program knows, and must not be in
+/// use.
 pub(super) async fn open_source(location: &Location, s3: &S3Options) -> Result<Side, StoreError> {
     let (store, place) = (open(location, Access::Worker, s3).await?, location.to_string());
-    // A folder with SQLite is locked by its server. PostgreSQL knows who keeps house.
+    // The server of a folder with SQLite locks it. PostgreSQL knows which server has the duties.
     let lock = location.database.is_none().then(|| store.dir().lock()).transpose()?;
     let duties = refuse_users(&store, &place, SOURCE_REMEDY).await?;
     let mut side = Side::keep_still(store, Scope::Queue, place.clone(), lock, duties).await?;
-    // Those of workers that died move as they are: the next server takes them back.
+    // Tasks of dead workers move as they are. The next server takes them back.
     let leased = sql!(&mut side.transaction, leased_tasks(NAMED_TASKS))?;
     if !leased.is_empty() {
         return Err(StoreError::InService { place, by: leased.join(", "), remedy: SOURCE_REMEDY });
@@ -58,16 +61,17 @@ pub(super) async fn open_source(location: &Location, s3: &S3Options) -> Result<S
     Ok(side)
 }
 
-/// Opens a store as it is at this moment, beside its servers and workers.
+/// Opens the present state of a store, beside its servers and workers.
 pub(super) async fn open_snapshot(location: &Location, s3: &S3Options) -> Result<Side, StoreError> {
     let (store, place) = (open(location, Access::Worker, s3).await?, location.to_string());
     Side::snapshot(store, place).await
 }
 
-/// The identity of the store that is at a place, if one is, looked up before anything there could change.
+/// The identity of the store at a place, if there is one. It is looked up before anything there
+/// could change.
 ///
 /// # Errors
-/// When it is of another version, or cannot be opened.
+/// When the store has another version, or cannot be opened.
 pub(super) async fn identity(
     location: &Location,
     s3: &S3Options,
@@ -87,7 +91,7 @@ pub(super) async fn identity(
     }
 }
 
-/// Opens the place that a store moves into; makes it, if it is new.
+/// Opens the target of a move. Creates it if it is new.
 pub(super) async fn open_target(location: &Location, s3: &S3Options) -> Result<Side, StoreError> {
     let (store, place) = (open(location, Access::Transfer, s3).await?, location.to_string());
     let duties = refuse_users(&store, &place, TARGET_REMEDY).await?;
@@ -101,7 +105,7 @@ async fn open(location: &Location, access: Access, s3: &S3Options) -> Result<Sto
     }
 }
 
-/// Takes the duties of servers, so that none keeps house meanwhile.
+/// Takes the duties of servers, so that no server does housekeeping meanwhile.
 async fn refuse_users(
     store: &Store,
     place: &str,

@@ -1,8 +1,8 @@
-//! Rows of any table, between databases.
+//! Rows of any table, in a form that all databases share.
 
 use sha2::{Digest as _, Sha256};
 
-/// A table of a database, with its columns by name.
+/// A table of a database, with its columns sorted by name.
 #[derive(Clone, Debug)]
 pub(crate) struct Table {
     pub name: &'static str,
@@ -15,17 +15,17 @@ pub(crate) struct Column {
     pub kind: Kind,
 }
 
-/// How a database keeps the values of a column.
+/// How a database stores the values of a column.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Kind {
     Integer,
-    /// SQLite keeps these as integers.
+    /// A boolean, which SQLite stores as an integer.
     Truth,
     Real,
     Text,
 }
 
-/// A value of a column, the same in every database: a truth value is 0 or 1.
+/// A value of a column, the same in every database. A boolean is 0 or 1.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Value {
     Nothing,
@@ -34,10 +34,11 @@ pub(crate) enum Value {
     Text(String),
 }
 
-/// Values by the names of their columns.
+/// Values in the order of their columns' names.
 pub(crate) type Values = Vec<Value>;
 
-/// A digest of rows that does not depend on their order: the sum of their SHA-256, as four numbers.
+/// A digest of rows that does not depend on their order. It is the sum of their SHA-256, as four
+/// numbers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct RowsDigest {
     rows: u64,
@@ -49,7 +50,7 @@ impl Table {
         self.columns.iter().any(|it| it.name == column)
     }
 
-    /// Their names, separated by commas.
+    /// The names of the columns, separated by commas.
     pub fn column_list(&self) -> String {
         let quoted: Vec<String> =
             self.columns.iter().map(|column| format!("\"{}\"", column.name)).collect();
@@ -58,7 +59,7 @@ impl Table {
 }
 
 impl Kind {
-    /// The kind of a column of this type, of SQLite or PostgreSQL.
+    /// The kind of a column with this type in SQLite or PostgreSQL.
     pub fn of_type(name: &str) -> Option<Self> {
         Some(match name {
             "INTEGER" | "bigint" => Self::Integer,
@@ -71,7 +72,7 @@ impl Kind {
 }
 
 impl Value {
-    /// About how many bytes it has in memory.
+    /// Its approximate size in memory, in bytes.
     pub fn size(&self) -> usize {
         let text = if let Self::Text(text) = self { text.len() } else { 0 };
         size_of::<Self>() + text
@@ -93,7 +94,7 @@ impl Value {
         if let Self::Text(text) = self { Some(text) } else { None }
     }
 
-    /// NaN is nothing, as in SQLite.
+    /// A floating-point value. NaN becomes NULL, as in SQLite.
     pub fn of_real(real: f64) -> Self {
         if real.is_nan() { Self::Nothing } else { Self::Real(real) }
     }
@@ -107,7 +108,7 @@ impl Value {
             }
             Self::Real(real) => {
                 digest.update([2]);
-                // Not every database keeps the sign of a zero.
+                // Not every database stores the sign of a zero.
                 digest.update((real + 0.0).to_bits().to_be_bytes());
             }
             Self::Text(text) => {

@@ -1,11 +1,12 @@
-//! Which tables move. Their columns are asked of the database, so that a new one cannot be forgotten.
+//! The tables that move. Their columns are read from the database, so a new column cannot be
+//! forgotten.
 
 use std::collections::BTreeMap;
 
 use super::rows::{Column, Kind, Table};
 use crate::StoreError;
 
-/// The tables that move, each after those that its rows refer to.
+/// The tables that move. Each comes after those that its rows refer to.
 pub(crate) const TABLES: [&str; 36] = [
     "resources",
     "job",
@@ -45,11 +46,11 @@ pub(crate) const TABLES: [&str; 36] = [
     "tracked_artifact",
 ];
 
-/// Those of them that may have rows in a store without jobs.
+/// Those of [`TABLES`] that may have rows in a store without jobs.
 pub(super) const NEVER_EMPTY: [&str; 4] = ["resources", "worker", "queue", "tracked_experiment"];
 
-/// Tables that speak of their database and not of what it holds: which store it is, when it was written to last, which
-/// server was started on it, who is logged in to it, what a cluster's engine says of its workers, and what happened in it.
+/// Tables about the database itself, which do not move: the store's identity, the last write, the
+/// server started last, open sessions, the engine's view of workers, and events.
 const STAYING: [&str; 7] = ["store", "probe", "server", "session", "engine", "placement", "event"];
 
 /// A column, as a database describes it.
@@ -63,7 +64,7 @@ pub(crate) struct FoundColumn {
 /// The tables that move, with the columns that they have in a database.
 ///
 /// # Errors
-/// [`StoreError::UnknownTable`] when there is a table, or a type of column, that nobody thought of.
+/// [`StoreError::UnknownTable`] when there is a table or a type of column that is not listed here.
 pub(super) fn tables(found: Vec<FoundColumn>, place: &str) -> Result<Vec<Table>, StoreError> {
     let unknown = |table: &str, column: &str| {
         let column = if column.is_empty() { String::new() } else { format!(".{column}") };

@@ -142,7 +142,7 @@ pub async fn a_param_keeps_its_first_value_and_a_tag_its_last(f: Fixture) {
     changed.metrics.push(point("m", 0, 0, 1.0));
     let error = log(changed).await.unwrap_err();
     let expected = format!(
-        "param \"b\" of run {} is \"2\" since it was first logged; \"9\" cannot replace it",
+        "param \"b\" of run {} was logged as \"2\" and cannot be changed to \"9\"",
         run.identifier
     );
     assert_eq!(error.to_string(), expected);

@@ -59,7 +59,7 @@ async fn a_place_with_jobs_is_not_moved_to() {
     other.close().await;
     drop(other);
     let error = places.refusal(&places.first(), &places.postgres()).await;
-    assert!(error.contains("has 1 job already; name an empty place"), "{error}");
+    assert!(error.contains("has 1 job already; choose an empty place"), "{error}");
     Store::open_at(&places.postgres(), Access::Server).await.unwrap();
 }
 
@@ -124,7 +124,7 @@ async fn schemas_of_other_versions_stay_as_they_are() {
     let older = "DELETE FROM _sqlx_migrations WHERE version > 1";
     sqlx::query(older).execute(&mut connection).await.unwrap();
     let error = places.refusal(&places.first(), &places.postgres()).await;
-    assert!(error.contains("has schema 1, this torqued needs"), "{error}");
+    assert!(error.contains("has schema 1, but this torqued needs"), "{error}");
 }
 
 #[tokio::test(flavor = "multi_thread")]

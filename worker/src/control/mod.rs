@@ -1,4 +1,5 @@
-//! Closed loop: one task per robot, in which every controller has it in turn; then the report.
+//! Closed loop: one task per robot, which every controller controls in turn. The last task makes
+//! the report.
 
 mod report;
 mod table;
@@ -29,7 +30,8 @@ fn run(attempt: &Attempt) -> Result<(), TaskError> {
     }
 }
 
-/// Lets every controller have one robot; its motions are `robot-NN.csv` and `robot-NN.svg`.
+/// Lets every controller control one robot. Writes its motions to `robot-NN.csv` and
+/// `robot-NN.svg`.
 fn robot(attempt: &Attempt, spec: &ControlSpec, index: u64) -> Result<(), TaskError> {
     let simulation = simulation(attempt, spec)?;
     let checkpoints = LoadedCheckpoint::load_all(attempt, &spec.checkpoints)?;
@@ -80,7 +82,8 @@ fn robot(attempt: &Attempt, spec: &ControlSpec, index: u64) -> Result<(), TaskEr
     })
 }
 
-/// A denoiser is asked for one sample, by the sampler of its checkpoint.
+/// A controller that predicts with a checkpoint. A denoiser draws one sample, with the sampler of
+/// its checkpoint.
 fn learned<'a>(checkpoint: &'a LoadedCheckpoint, spec: &ControlSpec) -> Controller<'a> {
     let LoadedCheckpoint { info, model, .. } = checkpoint;
     let predictor = Learned {
@@ -99,7 +102,7 @@ fn learned<'a>(checkpoint: &'a LoadedCheckpoint, spec: &ControlSpec) -> Controll
     Controller { name: info.name.clone(), forecast: Some(Box::new(forecast)) }
 }
 
-/// In the order of every table: baselines first.
+/// All controllers, in the order of every table: baselines first.
 fn controllers(spec: &ControlSpec, checkpoints: &[LoadedCheckpoint]) -> Vec<ControllerInfo> {
     let baselines = spec.baselines.iter().map(|baseline| ControllerInfo {
         name: baseline.as_str().to_owned(),
@@ -114,7 +117,7 @@ fn controllers(spec: &ControlSpec, checkpoints: &[LoadedCheckpoint]) -> Vec<Cont
     baselines.chain(learned).collect()
 }
 
-/// What the robots are drawn by.
+/// The spec that the robots are drawn from.
 fn simulation(attempt: &Attempt, spec: &ControlSpec) -> Result<SimulateSpec, TaskError> {
     let data = TrajectorySource::open(attempt, &spec.data)?;
     let missing =

@@ -7,7 +7,7 @@ use crate::attempt::Attempt;
 use crate::error::TaskError;
 use crate::evaluate::LoadedCheckpoint;
 
-/// Puts the robots together: `report.json`, `trials.csv`, `tracking.svg`, `tracking.csv`.
+/// Combines the robots: writes `report.json`, `trials.csv`, `tracking.svg` and `tracking.csv`.
 pub(super) fn report(attempt: &Attempt, spec: &ControlSpec) -> Result<(), TaskError> {
     let simulation = simulation(attempt, spec)?;
     let checkpoints = LoadedCheckpoint::load_all(attempt, &spec.checkpoints)?;
@@ -21,7 +21,7 @@ pub(super) fn report(attempt: &Attempt, spec: &ControlSpec) -> Result<(), TaskEr
     attempt.complete(&report)
 }
 
-/// The results of the tasks before this one, by robot.
+/// The results of the tasks before this one, sorted by robot.
 fn trials(attempt: &Attempt) -> Result<Vec<RobotTrials>, TaskError> {
     let tasks = attempt.wait(attempt.store.tasks(attempt.task.job))?;
     tasks

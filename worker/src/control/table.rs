@@ -2,7 +2,8 @@
 
 use evaluation::control::{RobotTrials, Trace};
 
-/// A row per controller and sample: time, path and positions after the torque, torques.
+/// A table with one row per controller and sample: time, path and positions after the torque,
+/// torques.
 pub(super) fn csv(rate_hz: f64, traces: &[(String, Trace)]) -> Result<Vec<u8>, csv::Error> {
     let mut table = csv::Writer::from_writer(Vec::new());
     let joints = traces.iter().flat_map(|(_, trace)| trace.path.first()).map(|q| q.len()).max();
@@ -25,7 +26,7 @@ pub(super) fn csv(rate_hz: f64, traces: &[(String, Trace)]) -> Result<Vec<u8>, c
     written(table)
 }
 
-/// A row per robot and controller.
+/// A table with one row per robot and controller.
 pub(super) fn trials_csv(robots: &[RobotTrials]) -> Result<Vec<u8>, csv::Error> {
     let mut table = csv::Writer::from_writer(Vec::new());
     let names =

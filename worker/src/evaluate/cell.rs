@@ -1,4 +1,4 @@
-//! Asks every predictor for the scenarios of one cell, and keeps their errors.
+//! Evaluates one cell: asks every predictor about its scenarios, and stores the errors.
 
 use std::time::Instant;
 
@@ -20,12 +20,12 @@ use crate::attempt::Attempt;
 use crate::error::TaskError;
 use crate::trajectories::TrajectorySource;
 
-/// The result of a cell's task: what of it is not in the table.
+/// The result of a cell's task, without the values in its table.
 #[derive(Serialize, Deserialize)]
 pub(super) struct CellRecord {
     #[serde(flatten)]
     pub result: CellResult,
-    /// Where its table is: in the run of the job that evaluated it, which need not be this one.
+    /// The place of its table: the run of the job that evaluated it, which may be another job.
     pub table: TableAt,
 }
 
@@ -92,7 +92,7 @@ pub(super) fn cell(attempt: &Attempt, spec: &EvaluateSpec, index: usize) -> Resu
     attempt.complete(&CellRecord { result, table: TableAt { run, artifact } })
 }
 
-/// Warnings of each checkpoint that tells its training's ranges, and of the contexts of all.
+/// Warnings of each checkpoint that knows the ranges of its training, for all contexts.
 fn warnings(checkpoints: &[LoadedCheckpoint], observed: &Observed<'_>) -> Vec<Warning> {
     let of_checkpoint = |checkpoint: &LoadedCheckpoint| {
         let ranges = checkpoint.model.config().ranges.as_ref();
@@ -103,8 +103,8 @@ fn warnings(checkpoints: &[LoadedCheckpoint], observed: &Observed<'_>) -> Vec<Wa
     context_warnings(observed).into_iter().chain(of_checkpoints).collect()
 }
 
-/// The trajectories of a cell, or as many of them as there are, with the cell's noise on the positions of
-/// their contexts. Torques after those are planned.
+/// The trajectories of a cell, or as many as there are. The positions of their contexts have the
+/// cell's noise. The torques of the horizon are planned, so they have none.
 pub(super) fn scenarios(
     attempt: &Attempt,
     data: &TrajectorySource,
@@ -120,15 +120,15 @@ pub(super) fn scenarios(
     Ok(recorded)
 }
 
-/// The samples of trajectories that an evaluation looks at: pre-roll, context and horizon.
+/// The samples of trajectories that an evaluation uses: pre-roll, context and horizon.
 pub(super) fn asked_about<'a>(spec: &EvaluateSpec, recorded: &'a Series) -> SeriesView<'a> {
     let samples = u32::try_from(recorded.samples()).unwrap_or(u32::MAX);
     let end = spec.rounds() + spec.context + spec.horizon(samples);
     recorded.view().window(0..end as usize)
 }
 
-/// Where jitter begins: above all that the cell's excitation can contain, or, where that is not known,
-/// what the torques do.
+/// The frequency above which torques count as jitter. It lies above the cell's excitation or, where
+/// that is not known, above the torques' own spectrum.
 fn band_edge(
     data: &DataSpec,
     cell: &ScenarioCell,

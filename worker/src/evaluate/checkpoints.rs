@@ -10,11 +10,11 @@ use wire::{PredictorInfo, PredictorKind, TrainedOn};
 use crate::attempt::Attempt;
 use crate::error::TaskError;
 
-/// A checkpoint of an evaluation or a control job, with what is known of its training.
+/// A checkpoint of an evaluation or a control job, with the known facts of its training.
 pub(crate) struct LoadedCheckpoint {
     pub info: PredictorInfo,
     pub model: TrainedModel,
-    /// The training's name, which is its name in its pipeline if it has one.
+    /// The training's name. It is the name in its pipeline if it has one.
     job: String,
     pub trained_on: Vec<TrainedOn>,
 }
@@ -36,7 +36,7 @@ impl LoadedCheckpoint {
     fn load(attempt: &Attempt, reference: &CheckpointRef) -> Result<Self, TaskError> {
         let missing =
             |name: String| TaskError::Missing { what: "the checkpoint of training", name };
-        // Submission turned every other form of reference into one of these.
+        // Submission replaced every other form of reference by one of these.
         let (digest, which, mark) = match reference {
             CheckpointRef::Digest(digest) => (digest, WhichCheckpoint::Final, String::new()),
             CheckpointRef::Best(TrainingRef::Digest(digest)) => {
@@ -63,7 +63,7 @@ impl LoadedCheckpoint {
         let (id, step) = (checkpoint.id, checkpoint.step);
         tracing::info!(checkpoint = %id, job = %checkpoint.job, step, "loaded");
 
-        // A checkpoint of a training that failed or was cancelled can be evaluated, too.
+        // A checkpoint of a training that failed or was cancelled can be evaluated too.
         let job = attempt.wait(store.job(checkpoint.job))?;
         let job_name = job.name.clone();
         let JobSpec::Train(training) = serde_json::from_value(job.spec)? else {
@@ -72,7 +72,7 @@ impl LoadedCheckpoint {
         let data = match &training.data {
             DataSource::Digest(data) => match stored_spec(attempt, *data)? {
                 JobSpec::Simulate(data) => Some(data),
-                // Recordings do not say what excited them.
+                // Recordings do not say what excited the robots.
                 _ => None,
             },
             DataSource::Stream(data) => Some(data.as_ref().clone()),
@@ -102,7 +102,8 @@ impl LoadedCheckpoint {
     }
 }
 
-/// The common part of trainings that differ in nothing but their seeds and those of their simulated data.
+/// The digest of a training and its simulated data without their seeds. Trainings that differ only
+/// in seeds share it.
 fn without_seeds(training: TrainSpec, data: SimulateSpec) -> Digest {
     let data = SimulateSpec { seed: 0, ..data };
     let data = match training.data {
@@ -112,7 +113,7 @@ fn without_seeds(training: TrainSpec, data: SimulateSpec) -> Digest {
     JobSpec::Train(TrainSpec { seed: 0, data, ..training }).digest()
 }
 
-/// The spec of a job that succeeded, by its digest.
+/// The spec of a succeeded job with this digest.
 fn stored_spec(attempt: &Attempt, digest: Digest) -> Result<JobSpec, TaskError> {
     let job = attempt
         .wait(attempt.store.job_by_digest(digest, &[JobState::Succeeded]))?
@@ -120,8 +121,8 @@ fn stored_spec(attempt: &Attempt, digest: Digest) -> Result<JobSpec, TaskError> 
     Ok(serde_json::from_value(job.spec)?)
 }
 
-/// Names of checkpoints of the same architecture are those of their trainings in a pipeline; where
-/// those are the same, too, the digest is added.
+/// Gives distinct names to checkpoints. Checkpoints of the same architecture get the names of their
+/// trainings in a pipeline. Where those are equal too, the digest is added.
 fn tell_apart(loaded: &mut [LoadedCheckpoint]) {
     rename_shared(loaded, |checkpoint| checkpoint.job.clone());
     rename_shared(loaded, |checkpoint| {

@@ -6,7 +6,7 @@ use figures::Figure;
 use spec::Family;
 use wire::{GroupSummary, PredictorInfo, Report, at_noise};
 
-/// The figures that a report has something for, by the name of their files.
+/// The figures that a report has data for, with the names of their files.
 pub(super) fn all(report: &Report) -> Vec<(String, Figure)> {
     let mut figures = Vec::new();
     let has_samples = scores(report).any(|scores| scores.crps_deg.is_some());
@@ -51,7 +51,7 @@ fn scores(report: &Report) -> impl Iterator<Item = &wire::PredictorScores> {
     report.groups.iter().flat_map(|group: &GroupSummary| &group.scores)
 }
 
-/// Whether some predictors differ in nothing but the steps of their sampler.
+/// Whether some predictors differ only in the steps of their sampler.
 fn varies_steps(report: &Report) -> bool {
     let curve = |info: &PredictorInfo| info.sampling.as_ref().map(|it| it.curve.clone());
     let curves: Vec<String> = report.predictors.iter().filter_map(curve).collect();

@@ -1,5 +1,5 @@
-//! How long one prediction takes: of one robot, one after the other, each going on from the one before
-//! where it starts shifted.
+//! Measures the latency of predictions: of one robot, one after the other. With a warm start each
+//! prediction starts from the one before.
 
 use std::time::Instant;
 
@@ -23,7 +23,8 @@ pub(super) struct LatencyRecord {
     pub latencies: Vec<(String, Latency)>,
 }
 
-/// Predictions before the first that is timed: what is made once is made then.
+/// Number of predictions before the first timed one. Things that are made only once are made in
+/// them.
 const WARM_UP: usize = 3;
 
 pub(super) fn latency(attempt: &Attempt, spec: &EvaluateSpec) -> Result<(), TaskError> {
@@ -36,7 +37,7 @@ pub(super) fn latency(attempt: &Attempt, spec: &EvaluateSpec) -> Result<(), Task
     let recorded = scenarios(attempt, &data, spec, &cell)?;
     let (pre_roll, context) = (spec.rounds() as usize, spec.context as usize);
     let observed = asked_about(spec, &recorded).observed(pre_roll, context);
-    // Windows in the order of time; where they end, the loop begins again with the first.
+    // Windows in the order of time. After the last, the loop begins again with the first.
     let windows: Vec<Observed<'_>> = (0..=observed.pre_roll() / SHIFT)
         .rev()
         .filter_map(|back| observed.earlier(back * SHIFT))
@@ -67,7 +68,7 @@ pub(super) fn latency(attempt: &Attempt, spec: &EvaluateSpec) -> Result<(), Task
     attempt.complete(&LatencyRecord { latencies })
 }
 
-/// In rising order.
+/// Latencies in ascending order.
 fn times_ms(
     attempt: &Attempt,
     spec: &EvaluateSpec,
@@ -90,8 +91,8 @@ fn times_ms(
         };
         let warm_start = match (start, previous.take()) {
             ((Start::Cold, _), _) => None,
-            // What a prediction starts with does not change how long it takes: without the truth at
-            // hand, the oracle's is an earlier prediction as well.
+            // The start of a prediction does not change its latency. The truth is not known here,
+            // so the oracle also starts from an earlier prediction.
             ((_, steps), Some(previous)) => Some(WarmStart { previous, shift: SHIFT, steps }),
             (_, None) => {
                 previous = Some(ask(None)?);
@@ -104,7 +105,8 @@ fn times_ms(
         if asked > WARM_UP {
             times_ms.push(time_ms);
         }
-        // The window that follows the last is an earlier one, which nothing goes on from.
+        // The window after the last one is an earlier one, so its prediction cannot start from the
+        // one before.
         let goes_on = asked % windows.len() != 0 || windows.len() == 1;
         previous = goes_on.then_some(predicted);
     }
@@ -112,7 +114,8 @@ fn times_ms(
     Ok(times_ms)
 }
 
-/// Mean number of running threads of this machine in the last minute, where the system tells.
+/// Mean number of running threads on this machine over the last minute, where the system provides
+/// it.
 fn load() -> Option<f64> {
     std::fs::read_to_string("/proc/loadavg").ok()?.split_whitespace().next()?.parse().ok()
 }

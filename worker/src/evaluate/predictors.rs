@@ -1,5 +1,5 @@
-//! Who is asked in an evaluation: baselines first, then checkpoints, each sampled in each way. The
-//! order of every table.
+//! The predictors of an evaluation, in the order of every table: first the baselines, then the
+//! checkpoints with each way of sampling.
 
 use std::collections::HashMap;
 
@@ -13,18 +13,18 @@ use wire::{PredictorInfo, PredictorKind, SamplingInfo};
 
 use super::checkpoints::LoadedCheckpoint;
 
-/// Between two windows, as in the paper: a prediction at every sample.
+/// Distance of two windows in samples. As in the paper, there is a prediction at every sample.
 pub(super) const SHIFT: usize = 1;
 
 pub(super) struct Predictors<'a> {
     arm: NominalArm,
     spec: &'a EvaluateSpec,
     pub learned: Vec<LearnedRun<'a>>,
-    /// Of those that start shifted with the same checkpoint and sampler.
+    /// First predictions of warm-started runs that share a checkpoint and a sampler.
     first: HashMap<FirstKey, FirstPrediction>,
 }
 
-/// A checkpoint, and how it is sampled where that is asked for.
+/// A checkpoint and, where the spec asks for one, its sampler.
 pub(super) struct LearnedRun<'a> {
     pub info: PredictorInfo,
     pub checkpoint: &'a LoadedCheckpoint,
@@ -32,7 +32,7 @@ pub(super) struct LearnedRun<'a> {
     index: usize,
 }
 
-/// Index of the checkpoint, and what else decides over a prediction that begins cold.
+/// Index of the checkpoint, and everything else that determines a prediction without a warm start.
 type FirstKey = (usize, String);
 
 impl<'a> Predictors<'a> {
@@ -50,7 +50,7 @@ impl<'a> Predictors<'a> {
         Self { arm: NominalArm::of(data), spec, learned, first }
     }
 
-    /// In the order of every table.
+    /// The predictors, in the order of every table.
     pub fn infos(&self) -> Vec<PredictorInfo> {
         let baselines = self.spec.baselines.iter().map(|&name| PredictorInfo {
             name: baseline(name, &self.arm).name().to_owned(),
@@ -65,7 +65,7 @@ impl<'a> Predictors<'a> {
         baselines.chain(self.learned.iter().map(|learned| learned.info.clone())).collect()
     }
 
-    /// For the scenarios of one cell, `first` the index of the first.
+    /// The predictors for the scenarios of one cell, which begin with the index `first`.
     pub fn of_cell<'b>(
         &'b self,
         scenarios: &'b SeriesView<'b>,
@@ -102,7 +102,7 @@ impl<'a> Predictors<'a> {
 impl<'a> LearnedRun<'a> {
     fn all(spec: &EvaluateSpec, index: usize, checkpoint: &'a LoadedCheckpoint) -> Vec<Self> {
         let model = checkpoint.model.architecture();
-        // Statistics of the horizon come with a sampler of the training's own.
+        // Statistics of the horizon require the training's own sampler.
         let runs =
             if checkpoint.model.needs_leak() { Vec::new() } else { spec.sampling_runs(model) };
         if runs.is_empty() {
@@ -134,7 +134,7 @@ impl<'a> LearnedRun<'a> {
         each.collect()
     }
 
-    /// Without samples and warm start, for the scenarios from `first` on.
+    /// Sampling options for the scenarios from `first` on, without samples and warm start.
     pub fn sampling(&self, spec: &EvaluateSpec, first: u64) -> Sampling {
         let sampler: Option<SamplerSpec> = self.run.as_ref().map(|run| run.sampler);
         Sampling { sampler, seed: spec.seed, first_scenario: first, ..Sampling::default() }

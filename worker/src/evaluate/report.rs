@@ -16,7 +16,7 @@ use crate::attempt::Attempt;
 use crate::error::TaskError;
 use crate::trajectories::TrajectorySource;
 
-/// Puts the cells together: `report.json`, `scenarios.parquet`, and figures with their tables.
+/// Combines the cells: writes `report.json`, `scenarios.parquet`, and figures with their tables.
 pub(super) fn report(attempt: &Attempt, spec: &EvaluateSpec) -> Result<(), TaskError> {
     let data = TrajectorySource::open(attempt, &spec.data)?;
     let checkpoints = LoadedCheckpoint::load_all(attempt, &spec.checkpoints)?;
@@ -91,7 +91,7 @@ fn read_table(attempt: &Attempt, at: &TableAt) -> Result<Vec<RecordBatch>, TaskE
     Ok(rows::read(&attempt.store.open_table(&artifact.object)?)?)
 }
 
-/// Results of the tasks that are `wanted`.
+/// The results of the `wanted` tasks.
 fn results<T: DeserializeOwned>(
     tasks: &[Task],
     wanted: impl Fn(EvaluateTask) -> bool,

@@ -14,7 +14,7 @@ use store::{TableReader, table_schema};
 
 const PREDICTOR: &str = "predictor";
 
-/// All columns, in order: what each row is about, and what was measured.
+/// All columns, in order: first those that identify a row, then the measured values.
 pub(super) fn columns(joints: usize) -> Vec<Column> {
     let nullable = |column: Column| Column { nullable: true, ..column };
     let about = [
@@ -43,7 +43,7 @@ pub(super) fn columns(joints: usize) -> Vec<Column> {
     about.into_iter().chain(measured).collect()
 }
 
-/// What the file says of itself.
+/// The file's metadata.
 pub(super) fn footer(spec: &Value, joints: usize) -> BTreeMap<String, String> {
     let columns = serde_json::to_string(&columns(joints)).unwrap_or_default();
     BTreeMap::from([
@@ -89,7 +89,7 @@ pub(super) fn read(table: &TableReader) -> Result<Vec<RecordBatch>, store::Store
     (0..table.row_groups().count()).map(|group| table.read_row_group(group, &names)).collect()
 }
 
-/// Puts the errors of scenarios back into a result that was stored without them.
+/// Puts the errors of scenarios back into a result, which is stored without them.
 pub(super) fn complete(result: &mut CellResult, table: &[RecordBatch]) -> Result<(), ArrowError> {
     let joints = result.joints.max(1);
     let mut rows = Vec::new();
@@ -103,7 +103,7 @@ pub(super) fn complete(result: &mut CellResult, table: &[RecordBatch]) -> Result
         }));
         for measure in MEASURES {
             if batch.column_by_name(measure.name).is_none() {
-                // A cell that was evaluated before this was measured.
+                // The cell was evaluated by a version that did not measure this.
                 continue;
             }
             let values = column::<Float32Array>(batch, measure.name)?;
@@ -115,7 +115,8 @@ pub(super) fn complete(result: &mut CellResult, table: &[RecordBatch]) -> Result
     if result.take_rows(&rows) {
         return Ok(());
     }
-    let detail = format!("the table of cell {} has not the rows of its predictors", result.cell);
+    let detail =
+        format!("the table of cell {} does not have the rows of its predictors", result.cell);
     Err(ArrowError::InvalidArgumentError(detail))
 }
 

@@ -1,4 +1,4 @@
-//! Somebody's own recordings, written as a dataset like a simulation.
+//! Imports of recordings, which are written as a dataset like a simulation.
 
 #[cfg(test)]
 mod tests;
@@ -51,19 +51,19 @@ pub(crate) fn decode(
     Ok(Decoder::start(&attempt.decoder, file, &upload.name, spec)?)
 }
 
-/// A file that became the one shard of a dataset.
+/// An imported file, written as the only shard of a dataset.
 pub(crate) struct WrittenImport {
     pub shard: ShardContents,
     pub counts: ImportCounts,
     pub summary: ShardSummary,
 }
 
-/// Converts the rows of a file into the two tables of a dataset, whose bytes are a function of the
-/// file's and of `spec`.
+/// Converts the rows of a file into the two tables of a dataset. Their bytes depend only on the
+/// file and on `spec`.
 ///
 /// # Errors
-/// [`TaskError::Import`] when the file cannot be imported as `spec` says, [`TaskError::Stopped`]
-/// when `progress` breaks; nothing is published then.
+/// [`TaskError::Import`] when the file cannot be imported as `spec` says. [`TaskError::Stopped`]
+/// when `progress` breaks. Nothing is published then.
 pub(crate) fn convert(
     rows: impl Iterator<Item = Result<Rows, ImportError>>,
     spec: &ImportSpec,
@@ -102,7 +102,7 @@ pub(crate) fn convert(
     Ok(WrittenImport { shard, counts, summary: summary.finish() })
 }
 
-/// What a file says of itself: enough to make it again, byte for byte, from the same upload.
+/// The file's metadata: enough to make it again, byte for byte, from the same upload.
 fn footer_entries(
     spec: &ImportSpec,
     columns: &[Column],

@@ -22,7 +22,7 @@ fn spec(fields: &Value) -> ImportSpec {
     }
 }
 
-/// Written nowhere, so that only digests and counts remain.
+/// A conversion that writes no files and keeps only digests and counts.
 fn converted(spec: &ImportSpec) -> WrittenImport {
     let mut file = spec.columns.named().iter().map(|(_, name)| *name).collect::<Vec<_>>().join(",");
     for row in 0..100 {

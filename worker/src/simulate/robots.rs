@@ -1,4 +1,4 @@
-//! The table of robots: one row per trajectory, with all that made it.
+//! The table of robots: one row per trajectory, with all values that determine it.
 
 use std::sync::Arc;
 
@@ -9,15 +9,15 @@ use arrow_schema::SchemaRef;
 use dynamics::{Scenario, Torques};
 use spec::{Gravity, STEP_LEVELS, SimulateSpec};
 
-/// Arrays of the same length, each with the name of its column.
+/// Arrays of the same length, each with its column's name.
 #[derive(Default)]
 struct Arrays {
     names: Vec<String>,
     arrays: Vec<ArrayRef>,
 }
 
-/// Parameters, initial state and excitation of each scenario, with the columns of `schema`: those of
-/// [`SimulateSpec::robot_columns`].
+/// Parameters, initial state and excitation of each scenario. The columns are those of `schema`,
+/// see [`SimulateSpec::robot_columns`].
 pub(super) fn record_batch(
     schema: &SchemaRef,
     spec: &SimulateSpec,
@@ -38,7 +38,7 @@ pub(super) fn record_batch(
     }
     let named = schema.fields().iter().map(|field| field.name());
     if !named.eq(&arrays.names) {
-        let detail = "robots have not the columns that their spec names".to_owned();
+        let detail = "robots do not have the columns that their spec names".to_owned();
         return Err(ArrowError::SchemaError(detail));
     }
     RecordBatch::try_new(Arc::clone(schema), arrays.arrays)
@@ -60,7 +60,7 @@ impl Arrays {
         self.push(name, Arc::new(Float64Array::from(values)));
     }
 
-    /// Null where a scenario has none.
+    /// The numbers; null for scenarios without one.
     fn number_or_null(
         &mut self,
         name: impl Into<String>,

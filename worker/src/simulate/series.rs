@@ -8,10 +8,10 @@ use arrow_schema::SchemaRef;
 use dynamics::Trajectories;
 use rayon::prelude::*;
 
-/// Numbers of a pose.
+/// Number of values of a pose.
 const POSE: usize = 7;
 
-/// The rows of `simulated`, with the columns of `schema`: those that its spec asks for.
+/// The rows of `simulated`, with the columns of `schema`, which the spec asks for.
 pub(super) fn record_batch(
     schema: &SchemaRef,
     simulated: &Trajectories,
@@ -37,7 +37,7 @@ pub(super) fn record_batch(
     RecordBatch::try_new(Arc::clone(schema), columns)
 }
 
-/// `trajectory` and `step`.
+/// The columns `trajectory` and `step`.
 fn ids(simulated: &Trajectories) -> Result<[ArrayRef; 2], ArrowError> {
     let (robots, steps) = (simulated.series.robots(), simulated.series.samples());
     let id = |value: u64| {
@@ -53,7 +53,7 @@ fn ids(simulated: &Trajectories) -> Result<[ArrayRef; 2], ArrowError> {
     Ok([trajectory, step].map(|ids| Arc::new(Int32Array::from(ids)) as ArrayRef))
 }
 
-/// One of the columns of `[.., width]`.
+/// One column of a series with the shape `[.., width]`.
 fn column(series: &[f32], width: usize, place: usize) -> ArrayRef {
     let samples = series.chunks_exact(width);
     let values: Vec<f32> = samples.map(|sample| sample[place]).collect();

@@ -1,4 +1,5 @@
-//! A shard of a simulation, made from (spec, index) alone: the same bytes wherever they go.
+//! A shard of a simulation. It depends only on the spec and the shard's index, so its bytes are
+//! always the same.
 
 use std::collections::BTreeMap;
 use std::ops::{ControlFlow, Range};
@@ -16,20 +17,20 @@ use super::{robots, series};
 use crate::error::TaskError;
 use crate::summary::SummaryBuilder;
 
-/// Called with the number of trajectories done so far; stops the work by breaking.
+/// A callback that gets the number of finished trajectories, and stops the work by breaking.
 pub(crate) type ProgressOf<'a> = &'a (dyn Fn(u64) -> ControlFlow<()> + Sync);
 
-/// The version of what a file is written with.
+/// The version that is written into files.
 pub(crate) const VERSION: &str = env!("CARGO_PKG_VERSION");
 
-/// Key of the footer's entry with the version.
+/// The key of the version in the footer.
 pub(crate) const VERSION_KEY: &str = "torqued.version";
 
-/// Which shard of which simulation.
+/// A shard, given by its simulation and its index.
 #[derive(Clone, Debug)]
 pub(crate) struct SimulatedShard<'a> {
     spec: &'a SimulateSpec,
-    /// Under which the dataset is known.
+    /// The digest that identifies the dataset.
     digest: Digest,
     trajectories: Range<u64>,
     trajectory_schema: SchemaRef,
@@ -42,13 +43,14 @@ pub(crate) struct WrittenShard {
     pub summary: ShardSummary,
 }
 
-/// Row groups on their way to the disk.
+/// Row groups that are being sent to the disk.
 enum Encoded {
     Trajectories(EncodedRows),
     Robots(EncodedRows),
 }
 
-/// Row groups that wait for the disk: with those being written and encoded, a few dozen megabytes.
+/// Number of row groups that wait for the disk. With those that are being written and encoded, they
+/// take a few dozen megabytes.
 const WAITING: usize = 1;
 
 impl<'a> SimulatedShard<'a> {
@@ -80,13 +82,13 @@ impl<'a> SimulatedShard<'a> {
 
     /// Simulates the shard and writes its two tables.
     ///
-    /// Simulation, encoding and writing overlap: while a row group is encoded, the next one is
-    /// simulated, both on the threads of the current rayon pool, and the one before is written by a
-    /// thread of its own. Memory does not grow with the shard.
+    /// Simulation, encoding and writing overlap. While a row group is encoded, the next one is
+    /// simulated, both on the threads of the current rayon pool. A separate thread writes the one
+    /// before. Memory does not grow with the shard.
     ///
     /// # Errors
-    /// [`TaskError::Stopped`] when `progress` breaks; nothing is published then, nor after any other
-    /// error.
+    /// [`TaskError::Stopped`] when `progress` breaks. After this or any other error, nothing is
+    /// published.
     pub fn write(
         &self,
         trajectories: ObjectWriter,
@@ -108,7 +110,7 @@ impl<'a> SimulatedShard<'a> {
             (made, disk.join())
         });
         let files = files.map_err(|_| TaskError::Panicked("the disk's thread".to_owned()))?;
-        // A failed disk is also why nothing more could be made.
+        // If the disk failed, it is also the reason why no more was made.
         let (trajectory_file, robot_file) = files?;
         let summary = made?;
         let Range { start, end } = self.trajectories;
@@ -122,7 +124,7 @@ impl<'a> SimulatedShard<'a> {
         Ok(WrittenShard { shard, summary })
     }
 
-    /// Simulates, encodes and sends until all is done or nobody listens.
+    /// Simulates, encodes and sends until all is done or the receiver is gone.
     fn make(
         &self,
         trajectories: &mut TableEncoder,
@@ -189,7 +191,7 @@ impl<'a> SimulatedShard<'a> {
         Ok(ControlFlow::Continue(()))
     }
 
-    /// Simulates trajectories of this shard in the memory of others.
+    /// Simulates trajectories of this shard, reusing the memory of earlier ones.
     pub fn simulate(
         &self,
         part: Range<u64>,
@@ -225,7 +227,7 @@ impl<'a> SimulatedShard<'a> {
         Ok(robots::record_batch(&self.robot_schema, self.spec, &simulated.scenarios)?)
     }
 
-    /// What a file says of itself: enough to make it again, byte for byte.
+    /// The file's metadata: enough to make it again, byte for byte.
     fn footer(&self, columns: &[Column]) -> Result<BTreeMap<String, String>, TaskError> {
         let spec = DataSpec::Simulation(self.spec.clone()).job().to_json().to_string();
         let Range { start, end } = self.trajectories;
@@ -240,7 +242,7 @@ impl<'a> SimulatedShard<'a> {
     }
 }
 
-/// Writes what is sent, until nothing more comes.
+/// Writes the row groups that it receives, until no more come.
 fn write_all(
     rows: Receiver<Encoded>,
     mut trajectories: TableFile,

@@ -1,4 +1,4 @@
-//! A shard that another job of the same digest has made already.
+//! Takes over a shard that another job with the same digest has made.
 
 use std::ops::ControlFlow;
 
@@ -7,8 +7,8 @@ use store::{EarlierShard, FileContent, ShardContents, StoreError, StoredObject, 
 use crate::attempt::Attempt;
 use crate::error::TaskError;
 
-/// Commits the shard of an earlier job that failed or was cancelled, and breaks; goes on where there is none, or none
-/// that is whole.
+/// Commits the shard of an earlier job that failed or was cancelled, and breaks. Continues if there
+/// is no such shard, or it is damaged.
 pub(super) fn take_over(attempt: &Attempt) -> Result<ControlFlow<()>, TaskError> {
     let (store, task) = (&attempt.store, &attempt.task);
     let earlier = attempt.wait(store.earlier_shard(task.job, task.ordinal))?;

@@ -1,4 +1,4 @@
-//! Batches, read or simulated ahead of the training that uses them.
+//! Batches, which are read or simulated ahead of the training.
 
 use std::collections::HashMap;
 use std::ops::{ControlFlow, Range};
@@ -12,24 +12,24 @@ use crate::dataset::{Block, DatasetReader};
 use crate::error::TaskError;
 use crate::stream::Stream;
 
-/// Trajectories of a stream that are simulated at once, at least: enough to keep all lanes busy while
-/// the last of them are drawn again.
+/// Smallest number of trajectories of a stream that are simulated at once. It keeps all lanes busy
+/// while the last robots are drawn again.
 const SIMULATED_AT_ONCE: usize = 256;
 
-/// A batch, and which trajectories it has, in its order.
+/// A batch, with the indices of its trajectories in order.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct TrainingBatch {
     pub series: Series,
     pub trajectories: Vec<u64>,
 }
 
-/// Where batches go.
+/// The channel for batches.
 pub(super) type Send = SyncSender<Result<TrainingBatch, TaskError>>;
 
-/// Sends the batches of optimizer steps `first` to `end` (excluded) of a stream until nobody
-/// listens or `stopped`: step `s` has trajectories `s · size` to `(s + 1) · size`.
+/// Sends the batches of optimizer steps `first` to `end` (excluded) of a stream, until the receiver
+/// is gone or `stopped`. Step `s` has the trajectories `s · size` to `(s + 1) · size`.
 ///
-/// Simulates on one thread, which leaves the others to the training.
+/// It simulates on one thread and leaves the others to the training.
 pub(super) fn simulate_ahead(
     stream: &Stream,
     size: usize,
@@ -39,7 +39,7 @@ pub(super) fn simulate_ahead(
     send: &Send,
 ) {
     if let Err(error) = send_stream(stream, size, first, end, stopped, send) {
-        // A receiver that is gone has its own reason.
+        // If the receiver is gone, it has its own reason.
         let _ = send.send(Err(error));
     }
 }
@@ -72,7 +72,7 @@ fn send_stream(
     Ok(())
 }
 
-/// Sends the batches of optimizer steps `first` to `end` (excluded) until nobody listens.
+/// Sends the batches of optimizer steps `first` to `end` (excluded), until the receiver is gone.
 pub(super) fn read_ahead(data: &DatasetReader, order: &Order, first: u64, end: u64, send: &Send) {
     let mut step = first;
     while step < end {
@@ -82,7 +82,7 @@ pub(super) fn read_ahead(data: &DatasetReader, order: &Order, first: u64, end: u
             Ok(ControlFlow::Continue(())) => step += batches,
             Ok(ControlFlow::Break(())) => return,
             Err(error) => {
-                // A receiver that is gone has its own reason.
+                // If the receiver is gone, it has its own reason.
                 let _ = send.send(Err(error));
                 return;
             }
@@ -90,7 +90,8 @@ pub(super) fn read_ahead(data: &DatasetReader, order: &Order, first: u64, end: u
     }
 }
 
-/// Sends `count` batches of an epoch from its batch `skipped` on; breaks when nobody listens.
+/// Sends `count` batches of an epoch, beginning with batch `skipped`. Breaks when the receiver is
+/// gone.
 fn send_epoch(
     data: &DatasetReader,
     order: &Order,
@@ -138,7 +139,7 @@ fn send_epoch(
     Ok(ControlFlow::Continue(()))
 }
 
-/// Where a trajectory lies among the blocks of a window.
+/// The position of a trajectory in the blocks of a window.
 #[derive(Clone, Copy)]
 struct Place {
     block: usize,
@@ -153,7 +154,7 @@ fn read_blocks(data: &DatasetReader, ranges: &[Range<u64>]) -> Result<Vec<Block>
     Ok(blocks)
 }
 
-/// By index in the dataset.
+/// The positions of trajectories, by index in the dataset.
 fn places(blocks: &[Block]) -> HashMap<u64, Place> {
     let of_block = |(block, held): (usize, &Block)| {
         let robots = held.trajectories.clone().enumerate();

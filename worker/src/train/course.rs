@@ -1,4 +1,4 @@
-//! Which trajectories a training sees, and when.
+//! The course of a training: which trajectories it sees, and when.
 
 use std::ops::Range;
 
@@ -14,29 +14,29 @@ use crate::error::TaskError;
 use crate::stream::Stream;
 use crate::trajectories::TrajectorySource;
 
-/// First trajectory that a training on a stream is validated with: no training gets that far, as
-/// 10^7 steps of 4096 trajectories, the most there can be, end before 2^36.
+/// Index of the first trajectory of a stream that is used for validation. No training reaches it:
+/// the most there can be, 10^7 steps of 4096 trajectories, end before 2^36.
 const STREAM_VALIDATION: u64 = 1 << 40;
 
-/// First trajectories of a stream that fixed statistics are taken over: their error is below a
-/// hundredth of a standard deviation.
+/// Number of trajectories of a stream for fixed statistics. Their error is below a hundredth of a
+/// standard deviation.
 const STREAM_STATISTICS: u64 = 4096;
 
-/// What a training is fed with.
+/// The data of a training, and their order.
 pub(super) struct Course {
     source: Source,
     batch_size: u32,
-    /// Trajectories that fixed statistics are taken over: all that are trained on, if there is an
-    /// end of them.
+    /// Trajectories for fixed statistics: all training trajectories of a dataset, and the first
+    /// ones of a stream.
     statistics: Range<u64>,
     validation: Range<u64>,
 }
 
 #[expect(clippy::large_enum_variant, reason = "one or two exist at a time")]
 enum Source {
-    /// Epochs over a dataset.
+    /// Trains on a dataset, epoch after epoch.
     Dataset { data: DatasetReader, order: Order },
-    /// Each robot once.
+    /// Trains on each robot of a stream once.
     Stream(Stream),
 }
 
@@ -46,7 +46,7 @@ impl Course {
         let used = u64::from(spec.validation_trajectories);
         match TrajectorySource::open(attempt, &spec.data)? {
             TrajectorySource::Dataset(data) => {
-                // Of imported data nobody knew how much there is when the training was submitted.
+                // The size of imported data was not known when the training was submitted.
                 spec.check_trajectories(data.count())?;
                 let trained = spec.training_trajectories(data.count());
                 let kept = spec.validation_part(data.count()).min(used);
@@ -78,8 +78,8 @@ impl Course {
         }
     }
 
-    /// Sends the batches of optimizer steps `first` to `end` (excluded) until nobody listens. The
-    /// batch of a step is a function of the step alone.
+    /// Sends the batches of optimizer steps `first` to `end` (excluded), until the receiver is
+    /// gone. The batch of a step depends only on the step.
     pub fn send_batches(&self, attempt: &Attempt, first: u64, end: u64, send: &Send) {
         match &self.source {
             Source::Dataset { data, order } => batches::read_ahead(data, order, first, end, send),
@@ -91,7 +91,8 @@ impl Course {
         }
     }
 
-    /// In the order of the trajectories, so that they come out the same every time.
+    /// Statistics of the trajectories. They are added in order, so the result is the same every
+    /// time.
     pub fn statistics(&self, attempt: &Attempt) -> Result<Statistics, TaskError> {
         attempt.progress.say("statistics of the dataset".to_owned());
         let mut accumulator = StatisticsAccumulator::new(self.data().joints());
@@ -103,7 +104,7 @@ impl Course {
         Ok(accumulator.finish())
     }
 
-    /// What a training is validated with, in batches.
+    /// The validation trajectories, in batches.
     pub fn validation(&self, attempt: &Attempt) -> Result<Vec<Series>, TaskError> {
         parts(&self.validation, u64::from(self.batch_size))
             .map(|part| {
@@ -121,7 +122,7 @@ impl Course {
     }
 }
 
-/// `range` in pieces of `size`, the last one perhaps shorter.
+/// `range` in parts of `size`. The last part may be shorter.
 fn parts(range: &Range<u64>, size: u64) -> impl Iterator<Item = Range<u64>> + use<> {
     let Range { start, end } = *range;
     (0..)

@@ -9,7 +9,7 @@ use store::{
 use crate::attempt::Attempt;
 use crate::simulate::VERSION;
 
-/// Publishes the description of a checkpoint, which becomes one of its files.
+/// Publishes the description of a checkpoint as one of its files.
 pub(super) fn describe(
     attempt: &Attempt,
     checkpoint: &mut NewCheckpoint,
@@ -17,7 +17,7 @@ pub(super) fn describe(
 ) -> Result<(), StoreError> {
     let (store, task) = (&attempt.store, &attempt.task);
     let Some(run) = task.run else { return Ok(()) };
-    // Another execution changes no result, and so not what is said of it.
+    // The execution changes no result, so the description leaves it out.
     let mut spec = task.spec.clone();
     if let Some(fields) = spec.as_object_mut() {
         fields.remove("execution");

@@ -1,17 +1,17 @@
 use spec::EarlyStopSpec;
 
-/// What the validations of a training have shown so far.
+/// The best result of a training's validations so far, for early stopping.
 ///
-/// A function of their values, in order: a training that resumes replays what it had recorded and
+/// It depends only on the values, in order. A training that resumes replays the recorded values and
 /// goes on as if it had never stopped.
 #[derive(Clone, Debug)]
 pub(super) struct Improvement {
     early_stop: Option<EarlyStopSpec>,
-    /// The lowest value, and after how many steps it came.
+    /// The lowest value, and the step at which it came.
     best: Option<(u64, f64)>,
-    /// The lowest value but for changes that are too small to count.
+    /// The value to beat: the lowest, except for improvements that are too small to count.
     to_beat: f64,
-    /// Validations since then.
+    /// Number of validations since then.
     without: u32,
 }
 
@@ -20,10 +20,10 @@ impl Improvement {
         Self { early_stop, best: None, to_beat: f64::INFINITY, without: 0 }
     }
 
-    /// Takes in the validation after `step` steps; whether it is the best so far.
+    /// Adds the validation after `step` steps. Returns whether it is the best so far.
     pub fn observe(&mut self, step: u64, value: f64) -> bool {
         let min_delta = self.early_stop.map_or(0.0, |spec| spec.min_delta);
-        // NaN is below nothing.
+        // A comparison with NaN is false.
         if value < self.to_beat - min_delta {
             self.to_beat = value;
             self.without = 0;
@@ -41,7 +41,7 @@ impl Improvement {
         self.best
     }
 
-    /// How many validations brought nothing, when those are enough.
+    /// The number of validations without improvement, if it ends the training.
     pub fn has_ended(&self) -> Option<u32> {
         let patience = self.early_stop?.patience;
         (self.without >= patience).then_some(self.without)
@@ -73,7 +73,7 @@ mod tests {
         let improvement = after(2, 0.5, &[3.0, 2.8, 2.6]);
         assert_eq!(improvement.has_ended(), Some(2));
         assert_eq!(improvement.best(), Some((3, 2.6)));
-        // Small ones that add up to a large one do count.
+        // Small improvements count once they add up to a large one.
         assert_eq!(after(2, 0.5, &[3.0, 2.8, 2.4]).has_ended(), None);
     }
 

@@ -1,4 +1,4 @@
-//! A training: from its newest checkpoint, or from the beginning, to its last step.
+//! Trainings: from the newest checkpoint, or from the beginning, to the last step.
 
 mod batches;
 mod course;
@@ -26,15 +26,15 @@ use crate::kinds::KindModule;
 use course::Course;
 use training::Training;
 
-/// Batches kept ready.
+/// Number of batches that are read ahead.
 const READ_AHEAD: usize = 4;
 
-/// Between two looks for a reason to stop, while the next batch is not there yet.
+/// Pause between two checks for a reason to stop, while waiting for the next batch.
 const LOOK_EVERY: Duration = Duration::from_millis(100);
 
 pub(crate) const MODULE: KindModule = KindModule { run, computes_models: true };
 
-/// Trains, keeps checkpoints, and ends with the final one.
+/// Trains, writes checkpoints, and ends with the final one.
 fn run(attempt: &Attempt) -> Result<(), TaskError> {
     let spec: TrainSpec = attempt.spec()?;
     let course = Course::open(attempt, &spec)?;
@@ -59,7 +59,7 @@ fn run(attempt: &Attempt) -> Result<(), TaskError> {
                 let going_on = match receive.recv_timeout(LOOK_EVERY) {
                     Ok(Ok(batch)) => training.step(batch)?,
                     Err(RecvTimeoutError::Disconnected) => break,
-                    // Whoever makes the batches was stopped first.
+                    // The thread that makes batches noticed the stop first.
                     Ok(Err(TaskError::Stopped)) | Err(RecvTimeoutError::Timeout) => {
                         training.stop_if_asked()?;
                         continue;
@@ -76,8 +76,8 @@ fn run(attempt: &Attempt) -> Result<(), TaskError> {
     training.finish()
 }
 
-/// Goes on from the newest checkpoint whose bytes are whole, which comes along, or begins. Newer ones are of no use to
-/// anybody and are discarded: the same steps make them again.
+/// Resumes from the newest undamaged checkpoint, which it also returns, or begins anew. Newer,
+/// damaged checkpoints are discarded: the same steps make them again.
 fn trainer(
     attempt: &Attempt,
     spec: &TrainSpec,
@@ -105,7 +105,7 @@ fn trainer(
     Ok((trainer.with_limits(course.data().limits_rad()), None))
 }
 
-/// Goes on from a checkpoint.
+/// Resumes from a checkpoint.
 fn resume(
     attempt: &Attempt,
     spec: &TrainSpec,

@@ -1,19 +1,19 @@
-//! In which order trajectories are trained on: a function of (seed, step) alone.
+//! The order of training trajectories. It depends only on the seed and the step.
 //!
-//! Reading rows at random from Parquet is slow, reading row groups is fast. So an epoch shuffles
-//! blocks (row groups), takes them a few at a time into a window, and shuffles within it.
+//! Reading random rows from Parquet is slow, and reading row groups is fast. So an epoch shuffles
+//! blocks (row groups), takes a few at a time into a window, and shuffles within the window.
 
 use std::ops::Range;
 
 use random::{ChaCha8Rng, shuffle};
 
-/// Blocks that are shuffled together.
+/// Number of blocks that are shuffled together.
 const BLOCKS_PER_WINDOW: usize = 4;
 
-/// Consecutive trajectories of one shard that are read at once, by their indices in the dataset.
+/// Consecutive trajectories of one shard that are read together, as indices in the dataset.
 type Block = Range<u64>;
 
-/// Which trajectories make which batch.
+/// Assigns trajectories to batches.
 #[derive(Clone, Debug)]
 pub(crate) struct Order {
     blocks: Vec<Block>,
@@ -35,7 +35,8 @@ pub(crate) struct Window {
 }
 
 impl Order {
-    /// Over `shards`, given as the trajectories each holds, up to trajectory `end`.
+    /// An order over `shards`, up to trajectory `end`. Each shard is given by its range of
+    /// trajectories.
     pub fn new(shards: &[Range<u64>], end: u64, block: u64, batch_size: usize, seed: u64) -> Self {
         let blocks = shards.iter().flat_map(|shard| {
             let (start, end) = (shard.start, shard.end.min(end));
@@ -47,13 +48,14 @@ impl Order {
         Self { blocks: blocks.collect(), batch_size, seed }
     }
 
-    /// Whole batches in an epoch; the trajectories left over wait for the next shuffle.
+    /// Number of whole batches in an epoch. Remaining trajectories are left out until the next
+    /// shuffle.
     pub fn batches_per_epoch(&self) -> u64 {
         let trajectories: u64 = self.blocks.iter().map(|block| block.end - block.start).sum();
         trajectories / self.batch_size as u64
     }
 
-    /// The epoch of optimizer step `step` (from 0) and the step's place within it.
+    /// The epoch of optimizer step `step` (from 0), and the step's index in it.
     pub fn place(&self, step: u64) -> (u64, u64) {
         let batches = self.batches_per_epoch().max(1);
         (step / batches, step % batches)

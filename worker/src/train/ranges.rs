@@ -1,9 +1,9 @@
 use std::fmt;
 
-/// Numbers for people to read, in order: `3, 17, 20 to 25`.
+/// Sorted numbers as text: `3, 17, 20 to 25`.
 pub(super) struct Ranges<'a>(pub &'a [u64]);
 
-/// Written out, at most; a batch can have thousands.
+/// Largest number of ranges that are written out. A batch can have thousands.
 const SHOWN: usize = 64;
 
 impl fmt::Display for Ranges<'_> {

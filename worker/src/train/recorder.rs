@@ -7,21 +7,21 @@ use store::Metric;
 use crate::attempt::Attempt;
 use crate::error::TaskError;
 
-/// Values recorded per metric over a whole training, at most.
+/// Largest number of recorded values per metric over a whole training.
 const RECORDED_STEPS: u64 = 2000;
 /// Seconds between two writes of metrics.
 const RECORD_INTERVAL: f32 = 1.0;
-/// Steps that the pace is a mean of.
+/// Number of steps over which the pace is averaged.
 const PACE_STEPS: usize = 50;
 
-/// Metrics on their way to the store, in batches.
+/// Collects metrics and writes them to the store in batches.
 pub(super) struct Recorder<'a> {
     attempt: &'a Attempt,
     pending: Vec<Metric>,
     written: Instant,
-    /// Every how many steps the metrics of a step are recorded.
+    /// Metrics of every `every`-th step are recorded.
     every: u64,
-    /// When each of the last steps ended, and the trajectories it took.
+    /// The end time of each of the last steps, with its number of trajectories.
     recent: VecDeque<(Instant, usize)>,
 }
 
@@ -40,7 +40,8 @@ impl<'a> Recorder<'a> {
         self.pending.push(Metric { key: key.to_owned(), step, value });
     }
 
-    /// A step on so many trajectories that began at `began`, and the pace, the mean over the last steps.
+    /// Records a step on this many trajectories that began at `began`, and the mean pace of the
+    /// last steps.
     pub fn step(&mut self, report: &StepReport, trajectories: usize, began: Instant) {
         self.recent.push_back((Instant::now(), trajectories));
         if self.recent.len() > PACE_STEPS {
@@ -88,7 +89,7 @@ impl<'a> Recorder<'a> {
     }
 }
 
-/// What this process has in memory, where Linux tells it.
+/// Resident memory of this process in bytes, where Linux provides it.
 fn resident_bytes() -> Option<f64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"))?;

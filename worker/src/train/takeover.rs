@@ -1,4 +1,4 @@
-//! The way that another training of the same digest has gone already.
+//! Takes over checkpoints of another training with the same digest.
 
 use models::Trainer;
 use store::{
@@ -10,9 +10,10 @@ use crate::attempt::Attempt;
 use crate::error::TaskError;
 use crate::train::described::describe;
 
-/// Copies the last checkpoint of an earlier training that failed or was cancelled, the best if that is another, and
-/// the metrics up to there, unless this training has a checkpoint of its own. One that is damaged, or that `resume`
-/// finds to be of another version of torqued, is passed over for the one before.
+/// Copies the last checkpoint of an earlier training that failed or was cancelled, its best
+/// checkpoint if that is another one, and the metrics up to there. Does nothing if this training
+/// has a checkpoint of its own. If a checkpoint is damaged, or `resume` finds that another version
+/// of torqued wrote it, the one before is tried.
 pub(super) fn take_over(
     attempt: &Attempt,
     resume: impl Fn(&Checkpoint) -> Result<Trainer, TaskError>,
@@ -53,7 +54,7 @@ fn pass_over(checkpoint: &Checkpoint, reason: &dyn std::error::Error) {
     tracing::warn!(%job, step, reason = faults::causes(reason), "passes over a checkpoint");
 }
 
-/// Metrics first: a checkpoint never stands for steps whose metrics are lost.
+/// Copies metrics first: a checkpoint never stands for steps whose metrics are lost.
 fn copy(attempt: &Attempt, earlier: &Checkpoint) -> Result<(), StoreError> {
     let (store, task) = (&attempt.store, &attempt.task);
     let mut files = Vec::new();
@@ -66,7 +67,7 @@ fn copy(attempt: &Attempt, earlier: &Checkpoint) -> Result<(), StoreError> {
     attempt.wait(store.take_over_metrics(task.fence, earlier.run, earlier.step))?;
     let mut checkpoint = NewCheckpoint {
         step: earlier.step,
-        // Ending is up to this training.
+        // Only this training decides about its end.
         is_final: false,
         is_best: earlier.is_best,
         metrics: earlier.metrics.clone(),

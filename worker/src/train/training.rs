@@ -29,17 +29,17 @@ pub(super) struct Training<'a> {
     validation: Vec<Series>,
     recorder: Recorder<'a>,
     improvement: Improvement,
-    /// The step that was validated last.
+    /// The last validated step.
     validated: Option<u64>,
     /// The newest checkpoint and its step.
     kept: Option<(CheckpointId, u64)>,
     kept_at: Instant,
-    /// Trajectories of the newest batch.
+    /// Indices of the trajectories of the newest batch.
     batch: Vec<u64>,
 }
 
 impl<'a> Training<'a> {
-    /// Goes on after `kept`, the newest checkpoint, of which `trainer` is.
+    /// Continues after `kept`, the newest checkpoint, from which `trainer` was made.
     pub fn new(
         attempt: &'a Attempt,
         spec: TrainSpec,
@@ -50,11 +50,12 @@ impl<'a> Training<'a> {
         validation.iter_mut().for_each(|series| series.plan_from(spec.context as usize));
         let mut improvement = Improvement::new(spec.early_stop);
         let mut validated = None;
-        // What was recorded after the checkpoint was deleted before.
+        // Values recorded after the checkpoint were deleted before.
         for (step, value) in recorded(attempt, spec.monitor)? {
             let noted = trainer.metrics().get(spec.monitor.key());
             if step == trainer.steps_done() && noted != Some(&value) {
-                // Validated after the checkpoint was written: once more, for it to know.
+                // This value was recorded after the checkpoint was written. It is validated once
+                // more, so that the next checkpoint includes it.
                 break;
             }
             improvement.observe(step, value);
@@ -74,8 +75,8 @@ impl<'a> Training<'a> {
         })
     }
 
-    /// Validates where an earlier attempt was stopped before it did; breaks when there is nothing
-    /// left to do but to finish.
+    /// Validates if an earlier attempt was stopped before it did. Breaks when only the end of the
+    /// training is left to do.
     pub fn resume(&mut self) -> Result<ControlFlow<()>, TaskError> {
         let step = self.trainer.steps_done();
         let is_due = step > 0 && step.is_multiple_of(self.spec.validate_every_steps);
@@ -85,7 +86,7 @@ impl<'a> Training<'a> {
         Ok(self.whether_to_go_on())
     }
 
-    /// One step, and what is due after it; breaks after the last one.
+    /// Takes one step and does everything that is due after it. Breaks after the last step.
     pub fn step(&mut self, mut batch: TrainingBatch) -> Result<ControlFlow<()>, TaskError> {
         batch.series.plan_from(self.spec.context as usize);
         self.stop_if_asked()?;
@@ -119,7 +120,8 @@ impl<'a> Training<'a> {
         }
     }
 
-    /// Whatever the clock says changes which checkpoints there are, and nothing that is in one.
+    /// Whether a checkpoint is due. The clock decides which checkpoints there are, but not what
+    /// they contain.
     fn is_checkpoint_due(&self, step: u64) -> bool {
         let by_steps =
             self.spec.checkpoint_every_steps.is_some_and(|every| step.is_multiple_of(every));
@@ -141,7 +143,7 @@ impl<'a> Training<'a> {
         }
     }
 
-    /// What the task has to say of itself.
+    /// The result of the task.
     fn result(&self) -> Value {
         let mut result = json!({"steps": self.trainer.steps_done()});
         if let Some((step, value)) = self.improvement.best() {
@@ -156,8 +158,8 @@ impl<'a> Training<'a> {
     }
 
     /// # Errors
-    /// [`TaskError::Stopped`] when the attempt is to end, after a checkpoint where it stands, so that
-    /// whoever goes on loses nothing.
+    /// [`TaskError::Stopped`] when the attempt has to end. A checkpoint is written first, so the
+    /// next attempt loses nothing.
     pub fn stop_if_asked(&mut self) -> Result<(), TaskError> {
         match self.attempt.stop.get() {
             None => Ok(()),
@@ -175,8 +177,8 @@ impl<'a> Training<'a> {
         Ok(TaskError::Stopped)
     }
 
-    /// Whether it is the best so far; no without trajectories to validate with, or when this step was
-    /// validated before.
+    /// Validates, and returns whether the result is the best so far. Returns false without
+    /// validation trajectories, or if this step was validated before.
     fn validate(&mut self) -> Result<bool, TaskError> {
         let step = self.trainer.steps_done();
         if self.validation.is_empty() || self.validated == Some(step) {
@@ -218,7 +220,7 @@ impl<'a> Training<'a> {
             Ok(files) => files,
             Err(error) => return Err(self.failed(error)),
         };
-        // Metrics first: a checkpoint never stands for steps whose metrics are lost.
+        // Writes metrics first: a checkpoint never stands for steps whose metrics are lost.
         self.recorder.write()?;
         let (store, task) = (&self.attempt.store, &self.attempt.task);
         let step = self.trainer.steps_done();
@@ -248,7 +250,7 @@ impl<'a> Training<'a> {
         Ok(())
     }
 
-    /// Says of numbers that are not finite where they came from, and what is left.
+    /// Describes where non-finite numbers came from, and which checkpoint is left.
     fn failed(&mut self, error: ModelError) -> TaskError {
         let (loss, gradient_norm, step) = match error {
             ModelError::LossNotFinite { step, loss, .. } => (Some(loss), None, step),
@@ -275,7 +277,7 @@ impl<'a> Training<'a> {
     }
 }
 
-/// What a checkpoint is besides.
+/// The kind of a checkpoint.
 #[derive(Clone, Copy, Debug)]
 enum Kind {
     Passing,
@@ -284,7 +286,7 @@ enum Kind {
     FinalAndBest,
 }
 
-/// The values of `metric` so far, by step.
+/// The recorded values of `metric`, by step.
 fn recorded(attempt: &Attempt, metric: ValidationMetric) -> Result<BTreeMap<u64, f64>, TaskError> {
     let Some(run) = attempt.task.run else { return Ok(BTreeMap::new()) };
     let series = attempt.wait(attempt.store.series(run, metric.key(), u32::MAX))?;

@@ -1,4 +1,4 @@
-//! Where two tables differ first.
+//! Finds the first difference of two tables.
 
 use std::fmt;
 
@@ -16,11 +16,11 @@ pub(crate) struct Tolerance {
 }
 
 impl Tolerance {
-    /// Equal to the last bit.
+    /// Only bitwise equal numbers count as equal.
     pub const NONE: Self = Self { absolute: 0.0, relative: 0.0 };
 
     fn allows(self, a: f64, b: f64) -> bool {
-        // Bits before numbers: a value that is not a number equals itself here, and -0 is not 0.
+        // Bits are compared first, so NaN equals itself, and -0 differs from 0.
         a.to_bits() == b.to_bits()
             || self != Self::NONE && (a - b).abs() <= self.absolute + self.relative * b.abs()
     }
@@ -36,7 +36,7 @@ impl fmt::Display for Tolerance {
     }
 }
 
-/// The first value that is not as it was made again.
+/// The first value that differs when it is computed again.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Difference {
     pub row: usize,
@@ -45,9 +45,10 @@ pub(crate) struct Difference {
     pub made: String,
 }
 
-/// In the earliest row, and there in the first column; `None` when all values agree.
+/// The first difference: in the earliest row, and there in the first column. `None` when all values
+/// agree.
 ///
-/// Both have the same columns and as many rows.
+/// Both tables have the same columns and the same number of rows.
 pub(crate) fn first_difference(
     stored: &RecordBatch,
     made: &RecordBatch,
@@ -69,7 +70,7 @@ pub(crate) fn first_difference(
     first
 }
 
-/// The first of the rows below `before` that differs.
+/// The first row below `before` that differs.
 fn first_row(
     stored: &ArrayRef,
     made: &ArrayRef,
@@ -112,7 +113,7 @@ fn first_number<T: ArrowPrimitiveType>(
     (0..made.len()).find(|&row| !same(row))
 }
 
-/// A value as people read it, numbers with all their digits.
+/// A value as text, numbers with all their digits.
 fn text(values: &ArrayRef, row: usize) -> String {
     if values.is_null(row) {
         return "null".to_owned();

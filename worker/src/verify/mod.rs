@@ -1,4 +1,5 @@
-//! A verification: one task per shard, which is made again and compared with what is stored.
+//! Verifications: one task per shard, which makes the shard again and compares it with the stored
+//! one.
 
 mod difference;
 mod place;
@@ -44,13 +45,13 @@ fn run(attempt: &Attempt) -> Result<(), TaskError> {
     attempt.complete(&VerifiedShard { shard: ordinal, dataset: dataset.id.0, bytes, values })
 }
 
-/// The dataset that the task names, or else the newest of the digest.
+/// The dataset that the task names, or the newest with the digest.
 fn dataset(attempt: &Attempt, spec: &VerifySpec, id: Option<i64>) -> Result<Dataset, TaskError> {
     let missing = |name: String| TaskError::Missing { what: "dataset", name };
     if let Some(id) = id {
         return Ok(attempt.wait(attempt.store.dataset(DatasetId(id)))?);
     }
-    // Submission turned every other form of reference into a digest.
+    // Submission replaced every other form of reference by a digest.
     let DataSource::Digest(digest) = &spec.data else {
         return Err(missing(format!("{:?}", spec.data)));
     };
@@ -58,7 +59,7 @@ fn dataset(attempt: &Attempt, spec: &VerifySpec, id: Option<i64>) -> Result<Data
     found.ok_or_else(|| missing(digest.to_string()))
 }
 
-/// Converts the upload again; without it, only the recorded digests are left to compare with.
+/// Converts the upload again. Without the upload, only the recorded digests are compared.
 fn verify_import(
     attempt: &Attempt,
     spec: &ImportSpec,
@@ -95,7 +96,7 @@ fn verify_import(
     Ok(Agreement::Bytes.words())
 }
 
-/// How bytes agree and, where they differ, values.
+/// How the bytes agree and, where they differ, how the values do, in words.
 type Words = (String, Option<String>);
 
 impl Agreement {

@@ -2,7 +2,7 @@ use std::path::Path;
 
 use store::{Store, StoreError, StoredObject, TableReader};
 
-/// Where the files to verify lie.
+/// The place of the files to verify.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Place<'a> {
     Store(&'a Store),
@@ -10,7 +10,7 @@ pub(crate) enum Place<'a> {
 }
 
 impl Place<'_> {
-    /// Size and SHA-256 of a file, as they are now.
+    /// Size and SHA-256 of a file's present bytes.
     pub fn measure(&self, path: &str) -> Result<StoredObject, StoreError> {
         match self {
             Self::Store(store) => store.measure_object(path),
@@ -18,7 +18,7 @@ impl Place<'_> {
         }
     }
 
-    /// Opens a file without a look at its digest: the decoder may panic on damaged pages.
+    /// Opens a file without checking its digest. The decoder may panic on damaged pages.
     pub fn open(&self, object: &StoredObject) -> Result<TableReader, StoreError> {
         match self {
             Self::Store(store) => store.open_unchecked(object),

@@ -1,4 +1,4 @@
-//! One shard of a simulation, made again and compared.
+//! Verifies one shard of a simulation by making it again.
 
 use std::ops::ControlFlow;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -12,21 +12,22 @@ use super::place::Place;
 use crate::error::TaskError;
 use crate::simulate::{ProgressOf, SimulatedShard, VERSION, VERSION_KEY};
 
-/// How a stored shard agrees with one made again.
+/// How a stored shard agrees with the one made again.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Agreement {
-    /// Every byte.
+    /// Every byte is equal.
     Bytes,
-    /// Every value, within what another version may compute otherwise.
+    /// Every value is equal within the tolerance for another version.
     Values {
-        /// Of the torqued that wrote the file.
+        /// The version of torqued that wrote the file.
         version: String,
         tolerance: String,
     },
 }
 
-/// What values of another version may differ by: it may round otherwise on the way, which a motion
-/// of hundreds of samples multiplies; parameters are drawn, not integrated.
+/// How much values of another version may differ. It may round differently, and a motion of
+/// hundreds of samples multiplies the difference. Parameters are drawn and not integrated, so their
+/// tolerance is smaller.
 const fn tolerance_between_versions(content: FileContent) -> Tolerance {
     match content {
         FileContent::Trajectories => Tolerance { absolute: 1e-4, relative: 1e-5 },
@@ -34,11 +35,12 @@ const fn tolerance_between_versions(content: FileContent) -> Tolerance {
     }
 }
 
-/// Makes a shard again and compares both files with what lies in `place`, and with what they were
-/// `recorded` to be.
+/// Makes a shard again. Compares both files with the files in `place`, and with their `recorded`
+/// sizes and digests.
 ///
 /// # Errors
-/// [`TaskError::Differs`] names the first difference; [`TaskError::Stopped`] when `progress` breaks.
+/// [`TaskError::Differs`] names the first difference. [`TaskError::Stopped`] when `progress`
+/// breaks.
 pub(crate) fn verify(
     shard: &SimulatedShard<'_>,
     recorded: &ShardContents,
@@ -46,7 +48,7 @@ pub(crate) fn verify(
     progress: ProgressOf<'_>,
 ) -> Result<Agreement, TaskError> {
     let files = recorded.files();
-    // What is missing or damaged is known at once.
+    // A missing or damaged file is reported before the shard is made again.
     let mut stored = Vec::new();
     for (content, recorded) in files {
         stored.push((content, recorded, measure(place, recorded)?));
@@ -79,7 +81,7 @@ pub(super) fn measure(
     })
 }
 
-/// A file whose bytes are not what they should be.
+/// A file whose bytes differ from the expected ones.
 struct File<'a> {
     shard: &'a SimulatedShard<'a>,
     content: FileContent,
@@ -89,19 +91,19 @@ struct File<'a> {
 }
 
 impl File<'_> {
-    /// Another version's file may still have the same values; all else is an error that says what
-    /// is wrong.
+    /// Compares the values of a file that another version wrote. Everything else is an error that
+    /// says what is wrong.
     fn explain(&self, made: &StoredObject) -> Result<Agreement, TaskError> {
         let path = &self.recorded.path;
         if self.stored.sha256 != self.recorded.sha256 {
             let what = match self.first_difference(Tolerance::NONE)? {
-                Ok(None) => "its values are those of the simulation, though".to_owned(),
+                Ok(None) => "its values are those of the simulation".to_owned(),
                 Ok(Some(difference)) => difference,
                 Err(unreadable) => unreadable,
             };
             return Err(TaskError::Differs(format!(
-                "{path} is not what was written ({} bytes of SHA-256 {} instead of {} bytes of {}): \
-                 {what}",
+                "checksum mismatch of {path}: {} bytes with SHA-256 {} instead of {} bytes with \
+                 {}: {what}",
                 self.stored.size,
                 self.stored.sha256.short(),
                 self.recorded.size,
@@ -115,7 +117,9 @@ impl File<'_> {
                 Ok(Some(difference)) => difference,
                 Err(unreadable) => unreadable,
             };
-            return Err(TaskError::Differs(format!("{path} is made differently again: {what}")));
+            return Err(TaskError::Differs(format!(
+                "{path} differs when it is made again: {what}"
+            )));
         }
         let version = version.unwrap_or_else(|| "unknown".to_owned());
         let tolerance = tolerance_between_versions(self.content);
@@ -132,7 +136,7 @@ impl File<'_> {
         table.footer(VERSION_KEY).map(str::to_owned)
     }
 
-    /// The first difference in words; the inner error says why the file cannot be read.
+    /// Describes the first difference. The inner error says why the file cannot be read.
     fn first_difference(
         &self,
         tolerance: Tolerance,
@@ -168,7 +172,7 @@ impl File<'_> {
         Ok(ShardReader::new(table, self.shard.trajectories())?)
     }
 
-    /// What the footer claims is what memory is reserved for.
+    /// Checks the sizes that the footer claims, because memory is reserved for them.
     fn check_claims(&self, table: &TableReader) -> Result<(), TaskError> {
         let trajectories = self.shard.trajectories();
         let expected =
@@ -206,7 +210,7 @@ impl File<'_> {
         }
     }
 
-    /// Runs what may panic on damaged pages; says why it did not work.
+    /// Runs code that may panic on damaged pages, and turns a panic into an error.
     fn decode<T>(&self, read: impl FnOnce() -> Result<T, TaskError>) -> Result<T, String> {
         match catch_unwind(AssertUnwindSafe(read)) {
             Ok(Ok(read)) => Ok(read),

@@ -7,7 +7,7 @@ use store::TableReader;
 
 use super::fixture::{description, make, rows, spec_with, verify};
 
-/// Everything that can be recorded, of robots with everything that can be drawn.
+/// A simulation that records and draws everything possible.
 fn rich() -> spec::SimulateSpec {
     spec_with(&json!({
         "seed": 12,
@@ -24,7 +24,7 @@ fn rich() -> spec::SimulateSpec {
     }))
 }
 
-/// Arms of six joints, by a description.
+/// Arms with six joints, given by a description.
 fn arms_of_six() -> spec::SimulateSpec {
     let model: serde_json::Value =
         serde_json::from_str(include_str!("../../../tests/data/arm_of_six.json")).unwrap();
@@ -106,7 +106,7 @@ fn what_is_off_is_null_and_what_is_on_is_told() {
     assert!(seed.values().iter().all(|&seed| seed == 12));
 }
 
-/// A simulation without noise has no columns of measurements: it is what it was.
+/// A simulation without noise has no columns of measurements, and its other columns do not change.
 #[test]
 fn measured_values_have_columns_where_there_is_noise() {
     let names = |observations: serde_json::Value| {

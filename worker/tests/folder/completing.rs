@@ -75,7 +75,7 @@ fn a_folder_with_anything_else_is_left_alone() {
     make(dir.path(), &spec());
     let before = digests(dir.path());
     let error = DatasetFolder::begin(dir.path(), &spec_with(&json!({"seed": 5}))).unwrap_err();
-    assert!(error.to_string().contains("holds another dataset"), "{error}");
+    assert!(error.to_string().contains("has a dataset with digest"), "{error}");
     assert_eq!(digests(dir.path()), before);
 
     let other = tempfile::tempdir().unwrap();

@@ -30,13 +30,13 @@ pub fn make(dir: &Path, spec: &SimulateSpec) {
     folder.complete(&|_| ControlFlow::Continue(())).unwrap();
 }
 
-/// What `verify` says of a folder.
+/// The result of `verify` on a folder.
 pub fn verify(dir: &Path) -> Result<worker::Verified, String> {
     let folder = DatasetFolder::open(dir).map_err(|error| error.to_string())?;
     folder.verify(&|_| ControlFlow::Continue(())).map_err(|error| error.to_string())
 }
 
-/// SHA-256 of every file by name, hidden ones included.
+/// SHA-256 of every file, by name. Hidden files are included.
 pub fn digests(dir: &Path) -> BTreeMap<String, Digest> {
     let files = std::fs::read_dir(dir).unwrap().map(Result::unwrap);
     files
@@ -62,7 +62,7 @@ pub fn rows(dir: &Path, name: &str) -> RecordBatch {
     arrow_select::concat::concat_batches(&groups[0].schema(), &groups).unwrap()
 }
 
-/// Writes trajectories as a torqued of `version` would, and has `dataset.json` say so.
+/// Writes trajectories as version `version` of torqued would, and updates `dataset.json`.
 pub fn rewrite_trajectories(dir: &Path, shard: usize, rows: RecordBatch, version: &str) {
     let mut description = description(dir);
     let file = &mut description.shards[shard].files[0];

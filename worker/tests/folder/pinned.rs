@@ -1,8 +1,8 @@
-//! The bytes of datasets, pinned: a change of how robots, kernels or files are built must not change
-//! what a spec gives.
+//! The bytes of datasets, pinned. A change to the construction of robots, kernels or files must not
+//! change the result of a spec.
 //!
-//! A digest covers every file of the folder but `dataset.json`. It may change only with the science or
-//! with the version of the Parquet writer, and then the changelog says so.
+//! A digest covers every file of the folder except `dataset.json`. It may change only with the
+//! science or with the version of the Parquet writer, and then the changelog says so.
 
 use serde_json::{Value, json};
 use spec::Digest;

@@ -21,7 +21,7 @@ fn fails(dir: &Path) -> String {
     verify(dir).expect_err("a changed dataset was verified")
 }
 
-/// The rows with `q3` of trajectory 42 at step 7 moved by `by`.
+/// The rows, with `q3` of trajectory 42 at step 7 changed by `by`.
 fn moved(rows: &RecordBatch, by: f32) -> RecordBatch {
     let place = rows.schema().index_of("q3").unwrap();
     let mut values = rows.column(place).as_primitive::<Float32Type>().values().to_vec();
@@ -66,10 +66,7 @@ fn a_truncated_or_missing_file_is_told() {
     for length in [0, 3, 100, bytes.len() / 2, bytes.len() - 1] {
         std::fs::write(&path, &bytes[..length]).unwrap();
         let error = fails(dir.path());
-        assert!(
-            error.contains(&format!("{FILE} is not what was written ({length} bytes")),
-            "{error}"
-        );
+        assert!(error.contains(&format!("checksum mismatch of {FILE}: {length} bytes")), "{error}");
     }
     std::fs::remove_file(&path).unwrap();
     assert_eq!(fails(dir.path()), format!("shard 00001: {FILE} is missing"));
@@ -92,13 +89,13 @@ fn a_changed_value_is_named_with_its_place_and_both_values() {
     let error = fails(dir.path());
     assert!(error.contains(&expected), "{error}");
 
-    // Nor does it help that only the file was changed.
+    // Changing only the file does not help either.
     let path = dir.path().join(FILE);
     let bytes = std::fs::read(&path).unwrap();
     let honest = made();
     std::fs::write(honest.path().join(FILE), bytes).unwrap();
     let error = fails(honest.path());
-    assert!(error.contains(&expected) && error.contains("not what was written"), "{error}");
+    assert!(error.contains(&expected) && error.contains("checksum mismatch"), "{error}");
 }
 
 #[test]

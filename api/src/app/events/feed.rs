@@ -1,4 +1,5 @@
-//! The events as they settle, read once for all who listen. Nobody reads while nobody listens.
+//! The feed of settled events, which is read once for all listeners. Nothing is read while nobody
+//! listens.
 
 use std::collections::{BTreeMap, HashMap};
 use std::sync::atomic::{AtomicI64, Ordering};
@@ -14,26 +15,26 @@ use crate::app::App;
 use crate::error::ApiError;
 use crate::limits::{EVENT_BACKLOG, EVENT_POLL, EVENT_PROGRESS};
 
-/// Before the next look when the database did not answer.
+/// Pause before the next look after the database did not answer.
 const RETRY: Duration = Duration::from_secs(1);
 
-/// Clones share it.
+/// The feed. Clones share it.
 #[derive(Clone)]
 pub struct Feed(Arc<Inner>);
 
 struct Inner {
     news: broadcast::Sender<Arc<Event>>,
-    /// All events up to this id were sent, or were there before.
+    /// Events up to this id were sent, or existed before.
     settled: AtomicI64,
-    /// The task that reads events, while somebody listens.
+    /// The task that reads events while somebody listens.
     reading: tokio::sync::Mutex<Option<JoinHandle<()>>>,
-    /// The jobs whose progress is told.
+    /// The jobs whose progress is sent.
     watched: Mutex<HashMap<i64, Watched>>,
 }
 
 type Watched = watch::Sender<Option<Arc<JobProgress>>>;
 
-/// Somebody who listens: every event after `position` comes, or it is said that some were passed over.
+/// A listener. It gets every event after `position`, or learns that some were skipped.
 pub struct Listener {
     pub news: broadcast::Receiver<Arc<Event>>,
     pub position: i64,
@@ -50,8 +51,8 @@ impl Feed {
     }
 
     /// # Errors
-    /// [`ApiError::Timeout`] when somebody else's open transaction keeps the first listener from knowing where to begin; when
-    /// the database fails.
+    /// [`ApiError::Timeout`] when another open transaction prevents the first listener from
+    /// learning where to begin. Also when the database fails.
     pub async fn listen(&self, app: &App) -> Result<Listener, ApiError> {
         let mut reading = self.0.reading.lock().await;
         let news = self.0.news.subscribe();
@@ -60,21 +61,21 @@ impl Feed {
             self.0.settled.store(tail.position(), Ordering::Release);
             *reading = Some(tokio::spawn(self.clone().read(app.clone(), tail)));
         }
-        // Who sends an event moves this first: what is not in the position is in the news.
+        // The sender of an event moves the position first, so every later event is in the news.
         Ok(Listener { news, position: self.settled() })
     }
 
-    /// All events up to this id can be read from the store.
+    /// Events up to this id can be read from the store.
     pub fn settled(&self) -> i64 {
         self.0.settled.load(Ordering::Acquire)
     }
 
-    /// The progress of a job, whenever it has changed.
+    /// The progress of a job, each time it changes.
     pub fn watch(&self, job: i64) -> watch::Receiver<Option<Arc<JobProgress>>> {
         self.watched().entry(job).or_default().subscribe()
     }
 
-    /// Sends what settles until nobody listens.
+    /// Sends events as they settle, until nobody listens.
     async fn read(self, app: App, mut tail: EventTail) {
         let mut told_at = Instant::now();
         loop {
@@ -108,7 +109,7 @@ impl Feed {
             let is_last = events.is_empty();
             for event in events {
                 self.0.settled.store(event.id, Ordering::Release);
-                // Those who listened may have gone meanwhile.
+                // The listeners may have gone meanwhile.
                 let _ = self.0.news.send(Arc::new(event));
             }
             self.0.settled.store(tail.position(), Ordering::Release);
@@ -148,7 +149,7 @@ impl Feed {
     }
 
     fn watched(&self) -> MutexGuard<'_, HashMap<i64, Watched>> {
-        // Nothing panics while it holds the lock.
+        // No code panics while it holds the lock.
         self.0.watched.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

@@ -1,7 +1,8 @@
-//! Events for one who follows everything, or a job.
+//! Events for a client that follows all jobs, or one job.
 //!
-//! A reader has its place among the events, `position`. It reads what was kept from the store, a page at a time, and goes on with
-//! what the feed sends. Who falls so far behind that the feed passes events over reads these from the store again.
+//! A reader has a `position` among the events. It reads stored events page by page, and then
+//! continues with the feed. If it falls so far behind that the feed skips events, it reads these
+//! from the store again.
 
 mod feed;
 
@@ -23,7 +24,7 @@ use crate::limits::{EVENT_ACCESS_CHECKED, EVENT_PAGE};
 pub use feed::Feed;
 use feed::Listener;
 
-/// Whose events are asked for.
+/// The subject whose events are requested.
 #[derive(Clone, Copy, Debug)]
 pub enum Subject {
     Everything {
@@ -37,17 +38,17 @@ pub enum Subject {
 /// Reads events for one connection until it ends.
 pub struct EventReader {
     app: App,
-    /// Whether they may still be read is asked again and again.
+    /// They are checked regularly, to stop when access ends.
     credentials: Credentials,
     access_checked: Interval,
     closing: Pin<Box<dyn Future<Output = ()> + Send>>,
-    /// With those of a pipeline; all without.
+    /// The followed jobs, including those of a pipeline; `None` for all jobs.
     jobs: Option<Vec<JobId>>,
     kind: Option<EventKind>,
     news: broadcast::Receiver<Arc<store::Event>>,
-    /// All events up to this id were sent, or are not asked for.
+    /// Events up to this id were sent, or were not requested.
     position: i64,
-    /// Up to here events are read from the store.
+    /// Events up to this id are read from the store.
     replay_to: i64,
     followed: Option<Followed>,
     to_send: VecDeque<wire::Event>,
@@ -55,16 +56,17 @@ pub struct EventReader {
     _place: OwnedSemaphorePermit,
 }
 
-/// The job that a stream is of.
+/// The job of a stream.
 struct Followed {
     job: i64,
     changes: watch::Receiver<Option<Arc<JobProgress>>>,
-    /// As it was told last.
+    /// Its progress as sent last.
     told: Option<JobProgress>,
 }
 
 impl App {
-    /// Opens a stream of events after the id `after`, or from now on. The stream of a job begins with its progress.
+    /// Opens a stream of events: those after the id `after`, or new ones. A job's stream begins
+    /// with its progress.
     ///
     /// # Errors
     /// When there is no such job or run, or too many streams are open.
@@ -113,7 +115,7 @@ impl App {
         Ok(reader)
     }
 
-    /// Jobs as they are now, by id.
+    /// The present progress of jobs, by id.
     pub(super) async fn job_progress(
         &self,
         jobs: &[i64],
@@ -126,8 +128,9 @@ impl App {
 }
 
 impl EventReader {
-    /// The next event, when it is there; `None` at the end: the job has ended, the server stops, the token is not valid any
-    /// more, or the database does not answer. Whoever connects again goes on where this ended.
+    /// Waits for the next event. `None` at the end: the job has ended, the server stops, the token
+    /// is no longer valid, or the database does not answer. A client that connects again continues
+    /// here.
     pub async fn next(&mut self) -> Option<wire::Event> {
         loop {
             if let Some(event) = self.to_send.pop_front() {
@@ -176,22 +179,22 @@ impl EventReader {
         Ok(())
     }
 
-    /// Reads on from `after`, if what follows is kept.
+    /// Continues from `after`, if the events after it are stored.
     async fn go_back_to(&mut self, after: i64) -> Result<(), ApiError> {
         let (oldest, newest) = self.app.store.kept_events().await?;
         let next_that_is_kept = oldest - 1;
         self.position = match after {
-            // All that is kept.
+            // All stored events.
             0 => next_that_is_kept,
             _ if after < next_that_is_kept => self.gap(after, next_that_is_kept),
-            // The id belongs to another database.
+            // The id comes from another database.
             _ if after > newest => self.gap(after, self.replay_to),
             _ => after,
         };
         Ok(())
     }
 
-    /// Tells of a gap up to `id`. The end of the job may be in it, so that its progress is told anew.
+    /// Reports a gap up to `id`. The end of the job may lie in it, so its progress is sent again.
     fn gap(&mut self, after: i64, id: i64) -> i64 {
         if let Some(followed) = &mut self.followed {
             followed.told = None;
@@ -218,8 +221,8 @@ impl EventReader {
         Ok(())
     }
 
-    /// Has an event sent if it is asked for and was not sent before. After the final one of the job that is followed, the stream
-    /// ends.
+    /// Sends an event if it was requested and not sent before. The stream ends after the final
+    /// event of a followed job.
     async fn take(&mut self, event: &store::Event) -> Result<(), ApiError> {
         if event.id <= self.position {
             return Ok(());
@@ -244,12 +247,12 @@ impl EventReader {
         Ok(())
     }
 
-    /// Has the present progress of the job sent, and the end if that is its last.
+    /// Sends the present progress of the job, and ends the stream if it is final.
     async fn tell_progress(&mut self) -> Result<(), ApiError> {
         let Some(followed) = &mut self.followed else { return Ok(()) };
         let progress = self.app.job_progress(&[followed.job]).await?.remove(&followed.job);
         let Some(progress) = progress else {
-            // It was deleted.
+            // The job was deleted.
             self.has_ended = true;
             return Ok(());
         };
@@ -267,8 +270,8 @@ impl EventReader {
         Ok(())
     }
 
-    /// Has the progress sent that the feed has read. Its state may be final before the event of that has settled, with which the
-    /// stream ends.
+    /// Sends the progress that the feed has read. Its state may be final before the final event has
+    /// settled, and only that event ends the stream.
     fn take_progress(&mut self) {
         let Some(followed) = &mut self.followed else { return };
         let progress = followed.changes.borrow_and_update().as_deref().cloned();
@@ -281,7 +284,7 @@ impl EventReader {
     }
 }
 
-/// An event as it is told; none of a kind of job that this version does not know.
+/// The event in the API's form; `None` for a kind of job that this version does not know.
 fn told(event: &store::Event) -> Option<wire::Event> {
     let mut data = json!({
         "event": event.kind, "id": event.id, "at": event.at, "job": event.job,

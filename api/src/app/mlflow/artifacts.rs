@@ -1,4 +1,4 @@
-//! Files of runs: what torqued's own left, checkpoints included, and what clients sent.
+//! Files of runs: those of torqued's own runs, including checkpoints, and those that clients sent.
 
 use std::collections::BTreeMap;
 
@@ -13,16 +13,17 @@ use crate::mlflow::entities::FileInfo;
 use crate::mlflow::limits::ARTIFACT_NAME;
 use crate::upload::IncomingBytes;
 
-/// A file or folder of a run, as its URI names it: `EXPERIMENT/RUN/artifacts/NAME`.
+/// A file or folder of a run, as in its URI: `EXPERIMENT/RUN/artifacts/NAME`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ArtifactPlace {
     pub run: RunName,
-    /// With slashes between folders; empty for all that the run has.
+    /// The name, with slashes between folders. Empty for all files of the run.
     pub name: String,
 }
 
 impl ArtifactPlace {
-    /// Reads a path after `mlflow-artifacts:/`. Names of experiments are not looked at: runs have names of their own.
+    /// Reads a path after `mlflow-artifacts:/`. The experiment is ignored, because runs have unique
+    /// names.
     pub fn parse(path: &str) -> Result<Self, MlflowError> {
         let mut parts = path.trim_matches('/').splitn(4, '/');
         let (Some(_), Some(run), Some("artifacts")) = (parts.next(), parts.next(), parts.next())
@@ -36,7 +37,7 @@ impl ArtifactPlace {
     }
 }
 
-/// A relative path that leads nowhere else.
+/// A relative path that does not leave its folder.
 pub fn artifact_name(name: &str) -> Result<String, MlflowError> {
     let is_part = |part: &str| !part.is_empty() && part != "." && part != "..";
     let is_plain = !name.contains(|it: char| it.is_control() || it == '\\');
@@ -51,7 +52,7 @@ pub fn artifact_name(name: &str) -> Result<String, MlflowError> {
 }
 
 impl App {
-    /// The files and folders right in a folder of a run, by name.
+    /// The files and folders directly in a folder of a run, sorted by name.
     pub async fn list_artifacts(
         &self,
         place: &ArtifactPlace,
@@ -80,7 +81,7 @@ impl App {
         }
     }
 
-    /// Keeps a file that a client sends. It takes the place of what the run had under this name.
+    /// Stores a file from a client. It replaces the run's file with the same name.
     pub async fn receive_artifact(
         &self,
         place: &ArtifactPlace,
@@ -98,7 +99,7 @@ impl App {
         Ok(writer.finish_as_artifact(&run.identifier, &place.name).await?)
     }
 
-    /// A run that can have a file of this name beside those that it has.
+    /// The run, if a file with this name fits among its files.
     async fn run_to_fill(&self, place: &ArtifactPlace) -> Result<TrackedRun, MlflowError> {
         let run = self.store.tracked_run(place.run.writable()?).await?;
         if place.name.is_empty() {
@@ -109,14 +110,15 @@ impl App {
         };
         for artifact in self.store.tracked_artifacts(run.id).await? {
             if is_above(&artifact.name, &place.name) || is_above(&place.name, &artifact.name) {
-                let allowed = format!("one that is no folder of {:?}, or in it", artifact.name);
+                let allowed =
+                    format!("one that is not a folder of {:?}, and not below it", artifact.name);
                 return Err(MlflowError::invalid("path", &place.name, &allowed));
             }
         }
         Ok(run)
     }
 
-    /// Deletes a file, or a folder with all that is in it.
+    /// Deletes a file, or a folder with everything in it.
     pub async fn delete_artifacts(&self, place: &ArtifactPlace) -> Result<(), MlflowError> {
         let identifier = place.run.writable()?;
         let sizes = self.artifact_sizes(&place.run).await?;
@@ -128,7 +130,7 @@ impl App {
         Ok(self.store.delete_tracked_artifacts(identifier, &names).await?)
     }
 
-    /// All files of a run by name, with their bytes.
+    /// All files of a run by name, with their sizes.
     async fn artifact_sizes(&self, run: &RunName) -> Result<BTreeMap<String, u64>, MlflowError> {
         let mut sizes = BTreeMap::new();
         match run {
@@ -154,7 +156,7 @@ impl App {
         Ok(sizes)
     }
 
-    /// A file that is named after the checkpoints' folder.
+    /// The checkpoint of a file in the checkpoints' folder.
     async fn checkpoint_of(
         &self,
         run: &store::Run,

@@ -1,4 +1,4 @@
-//! Experiments, which clients name and fill.
+//! Experiments, which clients create and fill.
 
 use store::{ExperimentId, TrackedExperiment};
 
@@ -34,7 +34,7 @@ impl App {
         Ok(entity(self.store.experiment_named(name).await?))
     }
 
-    /// The experiments of a page, and the token of the next one.
+    /// A page of experiments, and the token of the next page.
     pub async fn search_experiments(
         &self,
         search: &ExperimentSearch,
@@ -74,7 +74,7 @@ impl App {
         Ok(self.store.set_experiment_deleted(id, keep).await?)
     }
 
-    /// Sets a tag, or with `None` removes it.
+    /// Sets a tag. With `None`, removes it.
     pub async fn tag_experiment(
         &self,
         id: &str,
@@ -85,7 +85,7 @@ impl App {
     }
 }
 
-/// The experiment of torqued's own runs stays.
+/// Refuses to change the experiment of torqued's own runs.
 fn refuse_own(id: ExperimentId, change: &str) -> Result<(), MlflowError> {
     if id != ExperimentId::TORQUED {
         return Ok(());
@@ -94,7 +94,7 @@ fn refuse_own(id: ExperimentId, change: &str) -> Result<(), MlflowError> {
     Err(MlflowError::refused(ErrorCode::PermissionDenied, message))
 }
 
-/// An experiment with its id as a text.
+/// An experiment, with its id as text.
 struct Found {
     experiment: TrackedExperiment,
     id: String,

@@ -1,4 +1,5 @@
-//! MLflow's view of the service: experiments, torqued's own runs, and the runs that clients log beside them.
+//! The service in MLflow's terms: experiments, torqued's own runs, and the runs that clients log
+//! beside them.
 
 mod artifacts;
 mod experiments;
@@ -19,9 +20,9 @@ pub use search::RunSearch;
 /// A run as clients name it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum RunName {
-    /// Torqued's own: `torqued-17`.
+    /// One of torqued's own runs: `torqued-17`.
     Own(RunId),
-    /// One that a client logs.
+    /// A run that a client logs.
     Tracked(String),
 }
 
@@ -33,7 +34,7 @@ impl RunName {
         number.map_or_else(|| Self::Tracked(text.to_owned()), |id| Self::Own(RunId(id)))
     }
 
-    /// The name of a run that clients may write to.
+    /// The name, if clients may write to the run.
     pub fn writable(&self) -> Result<&str, MlflowError> {
         match self {
             Self::Tracked(identifier) => Ok(identifier),
@@ -56,13 +57,13 @@ impl fmt::Display for RunName {
     }
 }
 
-/// Reads an id as clients send it, which is a text.
+/// Reads an id, which clients send as text.
 pub fn experiment_id(text: &str) -> Result<ExperimentId, MlflowError> {
     let id = text.parse().map(ExperimentId);
     id.map_err(|_| MlflowError::not_found(format!("there is no experiment {text:?}")))
 }
 
-/// Where clients ask for the files of an experiment, and with a run for those of it.
+/// The location of an experiment's files for clients. A run's name is appended for its files.
 fn artifact_location(experiment: ExperimentId) -> String {
     format!("mlflow-artifacts:/{experiment}")
 }
@@ -71,7 +72,7 @@ fn artifact_uri(experiment: ExperimentId, run: &RunName) -> String {
     format!("mlflow-artifacts:/{experiment}/{run}/artifacts")
 }
 
-/// The part of a list that a page shows, and the token of the next one: how many items come before it.
+/// The items of a page, and the token of the next one: the number of items before it.
 fn page<T>(items: Vec<T>, skipped: usize, limit: u32) -> (Vec<T>, Option<String>) {
     let end = skipped.saturating_add(usize::try_from(limit).unwrap_or(usize::MAX));
     let next = (end < items.len()).then(|| end.to_string());

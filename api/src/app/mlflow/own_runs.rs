@@ -1,4 +1,4 @@
-//! Torqued's own runs in MLflow's terms: the job's spec as params, and what leads to the page as tags.
+//! Torqued's own runs in MLflow's terms: the job's spec as params, and links to the page as tags.
 
 use serde_json::Value;
 use store::ExperimentId;
@@ -7,7 +7,7 @@ use wire::JobState;
 use super::{RunName, artifact_uri};
 use crate::mlflow::entities::{Pair, RunInfo, Stage};
 
-/// The user of all of them.
+/// The user of these runs.
 const USER: &str = "torqued";
 
 pub fn info(run: &store::Run) -> RunInfo {
@@ -37,7 +37,8 @@ const fn status(state: JobState) -> &'static str {
     }
 }
 
-/// Every value of the spec under its path, such as `optimizer.learning_rate`; a list is one value, as JSON.
+/// Every value of the spec under its path, such as `optimizer.learning_rate`. A list is one value,
+/// as JSON.
 pub fn params(spec: &Value) -> Vec<Pair> {
     let mut params = Vec::new();
     flatten(String::new(), spec, &mut params);

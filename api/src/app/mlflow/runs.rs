@@ -1,4 +1,4 @@
-//! Runs, one at a time: torqued's own are read, those of clients are written, too.
+//! Single runs. Torqued's own can be read, and those of clients can also be written.
 
 use store::{ExperimentId, NewTrackedRun, Timestamp, TrackedBatch, TrackedRun, TrackedRunChange};
 
@@ -9,7 +9,7 @@ use crate::mlflow::entities::{Metric, Run, RunInfo, Stage};
 use crate::mlflow::limits::HISTORY_PAGE;
 
 impl App {
-    /// `start_time` is the present without one.
+    /// The default of `start_time` is the present.
     pub async fn create_tracked_run(
         &self,
         experiment: ExperimentId,
@@ -61,7 +61,7 @@ impl App {
         limit: u32,
     ) -> Result<(Vec<Metric>, Option<String>), MlflowError> {
         let limit = limit.min(HISTORY_PAGE);
-        // One more than is shown tells whether there is another page.
+        // One point more than the limit tells whether there is another page.
         let mut points: Vec<Metric> = match run {
             RunName::Own(id) => {
                 let run = self.store.run(*id).await?;

@@ -1,7 +1,8 @@
-//! Searches of runs: torqued's own and those of clients pass the same filter and come in one order.
+//! Searches of runs. Torqued's own runs and those of clients pass the same filter and are sorted
+//! together.
 //!
-//! A search reads a row of every run of the experiments, and of metrics, params and tags only what the filter and the
-//! order ask for. The runs of the page alone are read whole.
+//! A search reads one row of every run of the experiments. Of metrics, params and tags it reads
+//! only those in the filter and the order. Only the runs of the page are read whole.
 
 use std::cmp::Ordering;
 use std::collections::{BTreeSet, HashMap};
@@ -25,13 +26,13 @@ pub struct RunSearch {
     pub skipped: usize,
 }
 
-/// Which of both kinds a run is, with its key in the store.
+/// Which of both kinds a run is, and its key in the store.
 enum Source {
     Own(Box<store::Run>),
     Tracked(TrackedRunId),
 }
 
-/// A run that a search may find, with the values that it asks for.
+/// A run that a search may find, with the values that the search needs.
 struct Candidate {
     source: Source,
     info: RunInfo,
@@ -39,7 +40,7 @@ struct Candidate {
     texts: HashMap<Field, String>,
 }
 
-/// The keys that a search asks for.
+/// The keys that a search needs.
 #[derive(Default)]
 struct Keys {
     metrics: Vec<String>,
@@ -59,7 +60,7 @@ impl App {
         run.ok_or_else(|| crate::error::ApiError::Internal.into())
     }
 
-    /// The runs of a page, and the token of the next one.
+    /// A page of runs, and the token of the next page.
     pub async fn search_runs(
         &self,
         search: &RunSearch,
@@ -139,7 +140,7 @@ impl App {
         Ok(candidates)
     }
 
-    /// Newest first, read in pages.
+    /// All of torqued's own runs, newest first. They are read page by page.
     async fn all_own_runs(&self) -> Result<Vec<store::Run>, MlflowError> {
         let mut listing = Listing { limit: Page::MAX_LIMIT, ..Listing::default() };
         let mut runs = Vec::new();
@@ -153,7 +154,7 @@ impl App {
         }
     }
 
-    /// With all of their metrics, params and tags.
+    /// Runs with all their metrics, params and tags.
     async fn whole_runs(&self, candidates: Vec<Candidate>) -> Result<Vec<Run>, MlflowError> {
         let (mut own, mut tracked) = (Vec::new(), Vec::new());
         for candidate in &candidates {

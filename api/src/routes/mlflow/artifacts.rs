@@ -1,4 +1,5 @@
-//! Files of runs, as `artifacts/list` lists them and as clients ask for what `mlflow-artifacts:` URIs name.
+//! Files of runs: lists them for `artifacts/list`, and handles requests for `mlflow-artifacts:`
+//! URIs.
 
 use axum::Json;
 use axum::extract::State;
@@ -16,10 +17,10 @@ use crate::upload::IncomingBytes;
 
 type Answer = Result<Json<Value>, MlflowError>;
 
-/// Bytes of a path that names an experiment and a run, too.
+/// Bytes of a path that also names an experiment and a run.
 const PATH: usize = 2 * limits::ARTIFACT_NAME;
 
-/// Paths begin at the run.
+/// Lists files with paths that begin at the run.
 pub async fn list_of_run(State(app): State<App>, request: Request) -> Answer {
     let fields = request.fields();
     let name = fields.text("path", PATH)?.unwrap_or_default();
@@ -29,7 +30,7 @@ pub async fn list_of_run(State(app): State<App>, request: Request) -> Answer {
     Ok(Json(json!({"root_uri": root, "files": app.list_artifacts(&place).await?})))
 }
 
-/// Paths begin at the folder that is listed.
+/// Lists files with paths that begin at the listed folder.
 pub async fn list(State(app): State<App>, request: Request) -> Answer {
     let path = request.fields().required_text("path", PATH)?;
     let mut files = app.list_artifacts(&ArtifactPlace::parse(path)?).await?;

@@ -1,4 +1,4 @@
-//! Logging to a run: metrics, params and tags, alone or many at once.
+//! Logs to a run: metrics, params and tags, one or many at once.
 
 use axum::Json;
 use axum::extract::State;
@@ -95,7 +95,7 @@ pub(super) fn tags(fields: Fields<'_>, most: usize) -> Result<Vec<(String, Strin
     tags.into_iter().map(|tag| pair(tag, most)).collect()
 }
 
-/// A key that MLflow's own server takes, whose file store uses keys as paths.
+/// A key that MLflow's own server also accepts. Its file store uses keys as paths.
 pub(super) fn key<'a>(fields: Fields<'a>) -> Result<&'a str, MlflowError> {
     let key = fields.required_text("key", limits::KEY)?;
     let is_allowed = |c: char| c.is_alphanumeric() || "_-. :/".contains(c);

@@ -15,7 +15,7 @@ type Answer = Result<Json<Value>, MlflowError>;
 pub async fn create(State(app): State<App>, request: Request) -> Answer {
     let fields = request.fields();
     let name = name(fields, "name")?;
-    // Files lie in torqued's own store.
+    // Files are in torqued's own store, so no other location is accepted.
     let location = fields.text("artifact_location", limits::EXPERIMENT_NAME)?;
     if let Some(location) = location.filter(|location| !location.is_empty()) {
         let allowed = "left out: torqued keeps the files of runs itself";

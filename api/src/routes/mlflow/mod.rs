@@ -1,7 +1,8 @@
 //! The part of MLflow's REST API that its clients need to read torqued's runs and to log their own.
 //!
-//! These paths and their answers are MLflow's (`mlflow/protos/service.proto`, `mlflow_artifacts.proto`). They pass all
-//! guards and are no part of torqued's own API, so the OpenAPI document leaves them out.
+//! These paths and their answers are MLflow's (`mlflow/protos/service.proto`,
+//! `mlflow_artifacts.proto`). They pass all guards. They are not part of torqued's own API, so the
+//! OpenAPI document leaves them out.
 
 mod artifacts;
 mod batches;
@@ -52,15 +53,15 @@ pub fn routes() -> Router<App> {
         .route("/api/{*path}", any(absent))
 }
 
-/// Clients look for logged models whenever they list the files of a run. There are none here.
+/// Answers with no logged models. Clients ask for them whenever they list the files of a run.
 async fn no_models(_: Request) -> Json<Value> {
     Json(json!({"models": []}))
 }
 
-/// Clients take it for a server that is older than what they ask for.
+/// Answers for a missing endpoint. Clients then assume a server that is older than the endpoint.
 async fn absent(method: Method, uri: Uri) -> MlflowError {
     let message = format!(
-        "{method} {} is not among the paths of MLflow that torqued has; docs/mlflow.md lists them",
+        "torqued does not have MLflow's {method} {}; docs/mlflow.md lists the paths that it has",
         uri.path()
     );
     MlflowError::refused(ErrorCode::EndpointNotFound, message)

@@ -13,7 +13,7 @@ use crate::mlflow::{Attribute, Fields, MlflowError, Request, limits};
 
 type Answer = Result<Json<Value>, MlflowError>;
 
-/// Experiments of one search.
+/// The largest number of experiments in one search.
 const EXPERIMENTS: usize = 10_000;
 
 pub async fn create(State(app): State<App>, request: Request) -> Answer {
@@ -86,10 +86,10 @@ pub async fn history(State(app): State<App>, request: Request) -> Answer {
     Ok(Json(answer))
 }
 
-/// The tag in which clients send a run's name once more.
+/// The tag in which clients send a run's name a second time.
 pub(super) const NAME_TAG: &str = "mlflow.runName";
 
-/// Older clients call the field `run_uuid`.
+/// The run of a request. Older clients call the field `run_uuid`.
 pub(super) fn run(fields: Fields<'_>) -> Result<RunName, MlflowError> {
     let known = fields.text("run_id", limits::KEY)?.filter(|id| !id.is_empty());
     let id = match known {

@@ -1,11 +1,11 @@
-//! The fields that searches have in common.
+//! Fields that all searches share.
 
 use crate::mlflow::entities::View;
 use crate::mlflow::filter::Filter;
 use crate::mlflow::order::Order;
 use crate::mlflow::{Attribute, Fields, MlflowError, limits};
 
-/// Bytes of a filter, far more than its clauses need.
+/// The largest number of bytes of a filter, far more than its clauses need.
 const FILTER: usize = 100_000;
 
 pub fn filter(fields: Fields<'_>, attributes: &[Attribute]) -> Result<Filter, MlflowError> {
@@ -26,7 +26,7 @@ pub fn view(fields: Fields<'_>, name: &str) -> Result<View, MlflowError> {
     }
 }
 
-/// Items of a page.
+/// Number of items on a page.
 pub fn limit(fields: Fields<'_>, default: u32, most: u32) -> Result<u32, MlflowError> {
     let Some(asked) = fields.integer("max_results")? else { return Ok(default) };
     match u32::try_from(asked) {
@@ -35,7 +35,7 @@ pub fn limit(fields: Fields<'_>, default: u32, most: u32) -> Result<u32, MlflowE
     }
 }
 
-/// Items before the page, which is what tokens say.
+/// Number of items before the page. It is the content of tokens.
 pub fn skipped(fields: Fields<'_>) -> Result<u64, MlflowError> {
     let token = fields.text("page_token", limits::KEY)?.filter(|token| !token.is_empty());
     let Some(token) = token else { return Ok(0) };
@@ -44,7 +44,7 @@ pub fn skipped(fields: Fields<'_>) -> Result<u64, MlflowError> {
     skipped.map_err(|_| MlflowError::invalid("page_token", token, allowed))
 }
 
-/// The same as a number of items in memory.
+/// The number of items before the page, for items in memory.
 pub fn skipped_items(fields: Fields<'_>) -> Result<usize, MlflowError> {
     Ok(usize::try_from(skipped(fields)?).unwrap_or(usize::MAX))
 }

@@ -1,4 +1,4 @@
-//! The paper's three claims, and what needs no training, beside what was measured.
+//! The paper's three claims and the baselines without training, compared with the measurements.
 
 use spec::{Start, StudyQuestion, study_models};
 use wire::{Latency, PredictorInfo, Report};
@@ -10,16 +10,16 @@ use super::columns::{COLUMNS, Column};
 use super::errors::{IN_DISTRIBUTION, OUT_OF_DISTRIBUTION, difference, rmse};
 use super::text::{markdown, none, with_interval};
 
-/// The deterministic model that the paper compares with.
+/// The deterministic model of the paper's comparison.
 const REFERENCE: &str = "robomorph";
-/// The model that inpaints.
+/// The model that uses inpainting.
 const INPAINTING: &str = "diffuser";
-/// What the paper allows one prediction to take.
+/// The paper's time limit for one prediction.
 const BUDGET_MS: f64 = 40.0;
-/// Passes that fit into it there.
+/// Number of passes that fit into the limit in the paper.
 const FEW_STEPS: u32 = 5;
 
-/// How often one model was better and worse than another.
+/// How often one model was better and worse than another one.
 #[derive(Clone, Copy, Debug, Default)]
 struct Tally {
     better: usize,
@@ -28,7 +28,7 @@ struct Tally {
 }
 
 impl Tally {
-    /// Over all training sets that have both.
+    /// Counts over all training sets that have both models.
     fn of(study: &Study, column: &Column, name: &str, against: &str) -> Self {
         let mut tally = Self::default();
         for set in 1..=study.sets() {
@@ -49,7 +49,8 @@ impl Tally {
     }
 }
 
-/// On how many sets each of `names` is better and worse than `against`, by column.
+/// For each of `names`, the number of sets on which it is better and worse than `against`, by
+/// column.
 fn standings<'a>(study: &Study, names: impl Iterator<Item = &'a str>, against: &[&str]) -> String {
     let mut rows = Vec::new();
     for name in names {
@@ -71,10 +72,10 @@ pub fn robustness(study: &Study) -> String {
     standings(study, generative.map(|model| model.name.as_str()), &[REFERENCE])
 }
 
-/// What needs no training, beside which a model has to show what it is worth.
+/// Baselines without training, which a model has to beat.
 const UNTRAINED: [&str; 3] = ["damped-integrator", "arx", "simulator-fitted-damping"];
 
-/// How every model stands against baselines on the training sets.
+/// How every model compares with baselines on the training sets.
 pub fn against_baselines(study: &Study) -> String {
     standings(study, study_models().iter().map(|model| model.name.as_str()), &UNTRAINED)
 }
@@ -166,7 +167,7 @@ fn warm_start_row(
     ]
 }
 
-/// What five warm steps cost and give, beside all steps and five cold ones.
+/// The cost and the accuracy of five warm steps, compared with all steps and with five cold steps.
 fn sentence(
     report: &Report,
     model: &str,

@@ -1,11 +1,11 @@
-//! The columns of the headline: how far torques are from those of the training.
+//! The columns of the headline table: how far the torques are from those of the training.
 
 use spec::{Family, StudyQuestion};
 use wire::{Interval, Shift, ShiftScores, ShiftSummary};
 
 use super::super::results::{Evaluation, Study};
 
-/// Cells of one evaluation with one shift.
+/// Cells of one evaluation that share a shift.
 #[derive(Clone, Copy, Debug)]
 pub struct Column {
     pub title: &'static str,
@@ -14,8 +14,8 @@ pub struct Column {
     family: Option<Family>,
 }
 
-/// Chirps have the same torques at every frequency, those of multisines grow with it: above the band the first are a
-/// shift of frequency alone, the second of frequency and torques.
+/// Chirps have the same torques at every frequency, while those of multisines grow with it. So
+/// above the band, chirps only shift the frequency, and multisines shift frequency and torques.
 pub const COLUMNS: [Column; 6] = [
     Column::new("within", StudyQuestion::Sweep, Shift::Within, None),
     Column::new("below the band", StudyQuestion::Sweep, Shift::Below, None),
@@ -44,7 +44,7 @@ impl Column {
         Some((evaluation, evaluation.shift(self.shift, self.family)?))
     }
 
-    /// The same shift in another evaluation.
+    /// The column's shift in an evaluation.
     pub fn in_evaluation<'a>(&self, evaluation: &'a Evaluation) -> Option<&'a ShiftSummary> {
         evaluation.shift(self.shift, self.family)
     }
@@ -54,7 +54,7 @@ impl Column {
         study.scores(evaluation, shift, name)
     }
 
-    /// RMSE of `name` less that of `against` on the same scenarios; below 0 is better.
+    /// RMSE of `name` minus that of `against` on the same scenarios. Below 0 is better.
     pub fn difference(
         &self,
         study: &Study,

@@ -1,4 +1,4 @@
-//! The errors of predictors, looked up in an evaluation's report.
+//! Looks up the errors of predictors in an evaluation's report.
 
 use wire::{Interval, Report};
 
@@ -12,7 +12,7 @@ pub fn rmse(report: &Report, group: &str, predictor: &str) -> Option<Interval> {
     Some(error.interval)
 }
 
-/// RMSE of `predictor` less that of `against` on the same scenarios; below 0 is better.
+/// RMSE of `predictor` minus that of `against` on the same scenarios. Below 0 is better.
 pub fn difference(
     report: &Report,
     group: &str,

@@ -7,10 +7,10 @@ use wire::Interval;
 use super::super::results::{Evaluation, File, Study};
 use super::columns::{COLUMNS, Column};
 
-/// Baselines to compare with; all others are in the tables.
+/// Baselines in the figures. The tables have all of them.
 const BASELINES: [&str; 3] = ["damped-integrator", "arx", "simulator-fitted-damping"];
 
-/// Columns of the headline that are drawn, by the names of their files.
+/// Drawn columns of the headline table, with the names of their files.
 const DRAWN: [(usize, &str); 4] =
     [(0, "within"), (2, "above-chirps"), (3, "above-multisines"), (5, "steps")];
 
@@ -32,13 +32,14 @@ fn drawn(evaluation: &Evaluation) -> impl Iterator<Item = File> {
     })
 }
 
-/// RMSE of every model and some baselines on each training set, in one column of the headline.
+/// RMSE of every model and some baselines on each training set, for one column of the headline
+/// table.
 fn over_training_sets(study: &Study, column: &Column) -> Figure {
     let models = study_models().iter().map(|model| model.name.as_str());
     let series = models.chain(BASELINES).map(|name| {
         let points = (1..=study.sets()).filter_map(|set| {
             let Interval { mean, low, high } = column.scores(study, set, name)?.rmse_deg?;
-            // The axis is logarithmic, and an interval of few seeds may reach below 0.
+            // The axis is logarithmic, and an interval over few seeds may reach below 0.
             let low = low.max(0.1 * mean);
             Some(Point::with_interval(set as f64, mean, low, high))
         });

@@ -1,5 +1,5 @@
-//! A study of made-up numbers: on every shift a model errs by its place in the list plus the number of its set, seeds
-//! half a degree apart, and everything above the band twice as much.
+//! A study with invented numbers. On every shift the error of a model is its place in the list plus
+//! the number of its set. Seeds differ by half a degree, and errors above the band are doubled.
 
 use serde_json::{Value, json};
 use spec::{Digest, Family, StudyEvaluation, StudyQuestion};
@@ -63,7 +63,7 @@ fn interval(mean: f64) -> Value {
     json!({"mean": mean, "low": mean - 0.1, "high": mean + 0.1})
 }
 
-/// The trainings of a set with the usual lengths, model by model, and ARX before them.
+/// The trainings of a set with the usual lengths, model by model, after ARX.
 fn sweep(trainings: &[Training], set: usize) -> Report {
     let of_set = || trainings.iter().filter(|it| it.plan.set == set && it.plan.length.is_none());
     let mut predictors = vec![json!({"name": "arx", "kind": "baseline"})];

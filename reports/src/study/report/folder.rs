@@ -3,7 +3,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
 
-/// What shows that a folder is a study's report, and may be replaced by a newer one.
+/// The file that marks a folder as a study's report, which a newer one may replace.
 const MARK: &str = "study.json";
 
 /// Files that appear all at once or not at all.
@@ -21,7 +21,7 @@ impl Folder {
         self.files.push((path.into(), bytes.into()));
     }
 
-    /// Writes beside `out` and then takes its place.
+    /// Writes the folder beside `out`, and then replaces `out`.
     pub fn write(&self, out: &Path) -> anyhow::Result<()> {
         check_replaceable(out)?;
         let staged = beside(out, "partial")?;
@@ -43,7 +43,7 @@ impl Folder {
 }
 
 /// # Errors
-/// When `out` holds something that is not a study's report.
+/// When `out` has other contents than a study's report.
 pub fn check_replaceable(out: &Path) -> anyhow::Result<()> {
     let is_empty = match fs::read_dir(out) {
         Ok(mut entries) => entries.next().is_none(),

@@ -1,4 +1,4 @@
-//! Errors and skill of every model and baseline, by shift.
+//! Tables of errors and skill of every model and baseline, by shift.
 
 use std::fmt::Write;
 
@@ -11,14 +11,14 @@ use super::super::results::Study;
 use super::columns::COLUMNS;
 use super::text::{markdown, none, with_interval};
 
-/// A table for each training set.
+/// Tables of errors, one per training set.
 pub fn errors(study: &Study) -> String {
     let of_set =
         |set: usize| table(study, set, |scores| scores.rmse_deg.map_or_else(none, with_interval));
     each_set(study, of_set)
 }
 
-/// The same of 1 - RMSE / RMSE of the damped integrator.
+/// Tables of skill: 1 - RMSE / RMSE of the damped integrator.
 pub fn skill(study: &Study) -> String {
     let share = |Interval { mean, low, high }: Interval| format!("{mean:.2} [{low:.2}, {high:.2}]");
     let of_set = |set: usize| table(study, set, |scores| scores.skill.map_or_else(none, share));
@@ -60,7 +60,8 @@ fn table(study: &Study, set: usize, cell: impl Fn(&ShiftScores) -> String) -> St
     markdown(&columns, &rows)
 }
 
-/// The worst scenario, the share that diverged and the latency beside the error: over all columns of a set.
+/// Tables of the worst scenario, the diverged share and the latency beside the error, over all
+/// columns of a set.
 pub fn worst(study: &Study) -> String {
     let of_set = |set: usize| {
         let columns = ["", "worst RMSE", "diverged", "median latency", "p99"];
@@ -90,7 +91,7 @@ pub fn worst(study: &Study) -> String {
     each_set(study, of_set)
 }
 
-/// RMSE of each joint, within what was trained.
+/// Tables of each joint's RMSE within the training distribution.
 pub fn joints(study: &Study) -> String {
     let set = 1;
     let within = &COLUMNS[0];
@@ -108,7 +109,7 @@ pub fn joints(study: &Study) -> String {
     markdown(&columns, &rows)
 }
 
-/// RMSE over contexts, and over horizons, of what was trained on D1.
+/// Tables of RMSE by context and by horizon, for models trained on D1.
 pub fn lengths(study: &Study) -> String {
     let mut text = String::new();
     for (column, what) in [(0, "within what was trained"), (2, "chirps above the band")] {

@@ -1,4 +1,4 @@
-//! The folder that says what a study found: text, tables, figures, and where each number comes from.
+//! The folder with a study's report: text, tables, figures, and the source of each number.
 
 mod claims;
 mod columns;
@@ -19,10 +19,10 @@ use super::results::Study;
 use folder::Folder;
 pub use folder::check_replaceable;
 
-/// Writes the report of a study into `out`, which it replaces when it is such a report.
+/// Writes the report of a study into `out`. An older report there is replaced.
 ///
 /// # Errors
-/// A folder that holds anything else, and what the disk refuses.
+/// When the folder has other contents, or on an error of the disk.
 pub fn write(out: &Path, study: &Study) -> anyhow::Result<()> {
     let mut folder = Folder::new();
     for table in tables::all(study) {
@@ -42,7 +42,7 @@ pub fn write(out: &Path, study: &Study) -> anyhow::Result<()> {
     folder.write(out).with_context(|| format!("cannot write {}", out.display()))
 }
 
-/// Every job with its digest, for whoever wants to know where a number comes from.
+/// Every job with its digest, as the source of the numbers.
 fn provenance(study: &Study) -> anyhow::Result<Vec<u8>> {
     let mut jobs = vec![&study.pipeline];
     jobs.extend(study.trainings.iter().map(|training| &training.record));
@@ -93,7 +93,7 @@ mod tests {
         let study = fixture::study();
         let found =
             |name: &str, against: &str| COLUMNS[0].difference(&study, 1, name, against).unwrap();
-        // Lagrangian is the first of the list, RoboMorph the second.
+        // The Lagrangian is the first in the list, and RoboMorph the second.
         let forwards = found("robomorph", "lagrangian");
         assert_eq!((forwards.mean, forwards.low), (1.0, 0.9));
         let backwards = found("lagrangian", "robomorph");

@@ -1,4 +1,4 @@
-//! Models that have several answers, scored as distributions.
+//! Scores of models with several predictions per scenario, as distributions.
 
 use spec::StudyQuestion;
 use wire::{GroupSummary, PredictorScores};
@@ -8,7 +8,7 @@ use crate::degrees;
 use super::super::results::{Evaluation, Study};
 use super::text::{markdown, none};
 
-/// A row for each training set, group of cells and model.
+/// A table with one row for each training set, group of cells and model.
 pub fn table(study: &Study) -> String {
     let mut rows = Vec::new();
     for evaluation in
@@ -34,7 +34,7 @@ pub fn table(study: &Study) -> String {
     markdown(&columns, &rows)
 }
 
-/// `None` of a predictor without samples.
+/// A row of the table; `None` for a predictor without samples.
 fn row(
     study: &Study,
     evaluation: &Evaluation,
@@ -75,7 +75,7 @@ fn row(
     ])
 }
 
-/// The mean over trainings, with the least and the most.
+/// The mean over trainings, with the smallest and the largest value.
 fn spread(values: Option<Vec<f64>>, show: impl Fn(f64) -> String) -> String {
     let Some(values) = values.filter(|values| !values.is_empty()) else { return none() };
     let mean = values.iter().sum::<f64>() / values.len() as f64;

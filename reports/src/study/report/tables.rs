@@ -1,4 +1,4 @@
-//! Every number of the study as rows, each with the job it comes from.
+//! Tables with every number of the study. Each row names its job.
 
 use spec::StudyQuestion;
 use wire::{Interval, Latency, PredictorInfo, PredictorScores, ShiftSummary};
@@ -14,7 +14,7 @@ pub struct Table {
 }
 
 impl Table {
-    /// `columns` are words.
+    /// `columns` has the names, separated by spaces.
     fn new(name: &'static str, columns: &'static str) -> Self {
         Self { name, columns: columns.split_whitespace().collect(), rows: Vec::new() }
     }
@@ -43,7 +43,7 @@ pub fn all(study: &Study) -> Vec<Table> {
     ]
 }
 
-/// Rows of every shift of every evaluation, after what says which.
+/// Adds rows for every shift of every evaluation, after the identifying columns.
 fn of_shifts(
     study: &Study,
     table: &mut Table,
@@ -89,7 +89,7 @@ fn shifts(study: &Study) -> Table {
     table
 }
 
-/// The error of each training.
+/// A table of each training's error.
 fn seeds(study: &Study) -> Table {
     let mut table = Table::new(
         "seeds",
@@ -143,7 +143,7 @@ fn differences(study: &Study) -> Table {
     table
 }
 
-/// Every predictor in every cell, over all scenarios.
+/// A table of every predictor in every cell, over all scenarios.
 fn cells(study: &Study) -> Table {
     let mut table = Table::new(
         "cells",
@@ -173,7 +173,7 @@ fn cells(study: &Study) -> Table {
     table
 }
 
-/// Several predictions of each scenario, as distributions, training by training.
+/// A table of several predictions per scenario, scored as distributions, training by training.
 fn samples(study: &Study) -> Table {
     let mut table = Table::new(
         "samples",
@@ -294,12 +294,12 @@ fn trainings(study: &Study) -> Table {
     table
 }
 
-/// The model of replications, or a baseline.
+/// The name of the model, for its replications, or of the baseline.
 fn name(study: &Study, evaluation: &Evaluation, predictors: &[String]) -> String {
     predictors.first().map_or_else(String::new, |first| study.called(evaluation, first).to_owned())
 }
 
-/// Start and number of passes.
+/// The start and the number of passes.
 fn how(info: &PredictorInfo) -> [String; 2] {
     match &info.sampling {
         Some(sampling) => [sampling.start.to_string(), sampling.steps.to_string()],
@@ -323,7 +323,7 @@ fn mean(interval: Option<Interval>) -> String {
     text(interval.map(|interval| interval.mean))
 }
 
-/// Nothing where nothing is known.
+/// The value as text; empty if there is none.
 fn text(value: Option<impl ToString>) -> String {
     value.map_or_else(String::new, |value| value.to_string())
 }

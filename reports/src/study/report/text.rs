@@ -11,7 +11,7 @@ use super::super::plan::Scale;
 use super::super::results::Study;
 use super::{claims, headline, samples};
 
-/// What a reader opens first.
+/// The first page for readers.
 pub fn readme(study: &Study) -> String {
     let mut text = String::new();
     let scale = study.scale.name();
@@ -47,7 +47,7 @@ pub fn readme(study: &Study) -> String {
     text
 }
 
-/// A part of the report under a title.
+/// A section of the report with a title.
 struct Section {
     title: &'static str,
     about: &'static str,
@@ -164,7 +164,7 @@ fn setting(study: &Study) -> String {
     markdown(&["", ""], &rows)
 }
 
-/// Of what all jobs draw, each once.
+/// A list of the seeds of all jobs, each once.
 fn seeds(pipeline: &PipelineSpec) -> String {
     let mut drawn: BTreeMap<&str, BTreeSet<u64>> = BTreeMap::new();
     for member in pipeline.jobs.values() {

@@ -1,4 +1,4 @@
-//! The store does what the queue in memory does.
+//! Checks that the store does the same as the queue in memory.
 
 use std::time::Duration;
 
@@ -16,20 +16,20 @@ use crate::{
 const WALKS: u64 = 8;
 const STEPS_OF_A_WALK: u32 = 60;
 
-/// A store, and what stands in it for the jobs and tasks of a [`Queue`].
+/// A store, with the ids of the jobs and tasks of a [`Queue`] in it.
 struct Twin {
     store: Store,
     jobs: Vec<JobId>,
-    /// By the index of the task, with what the last claim returned.
+    /// The result of the last claim of each task, by the task's index.
     claims: Vec<Option<ClaimedTask>>,
-    /// What the clocks of the store and of the queue show, of which neither goes on.
+    /// The times of the store's clock and of the queue's clock. Both clocks stand still.
     clocks: (i64, i64),
-    /// Digests differ, so that nothing stands in for anything.
+    /// Makes digests differ, so that no job stands in for another.
     submissions: u64,
 }
 
 impl Twin {
-    /// As far from the store's present as `moment` is from the queue's.
+    /// The moment that is as far from the store's present as `moment` is from the queue's.
     fn moment(&self, moment: i64) -> Moment {
         let (store, queue) = self.clocks;
         Moment::from_milliseconds(store + (moment - queue))
@@ -109,7 +109,7 @@ impl Twin {
         ended.unwrap();
     }
 
-    /// The index in `queue` of a task that was claimed.
+    /// The index in `queue` of a claimed task.
     async fn index_of(&self, queue: &Queue, claimed: &ClaimedTask) -> usize {
         let job = self.jobs.iter().position(|job| *job == claimed.job).unwrap();
         let tasks = self.store.tasks(claimed.job).await.unwrap();
@@ -154,7 +154,7 @@ async fn a_store_follows_the_rules_through_any_walk() {
                     twin.submit(&jobs).await;
                 }
                 Action::Claim(gpus) => claim(&mut queue, &mut twin, &mut dice, gpus).await,
-                // The store's clock is the system's.
+                // The store uses the system's clock.
                 Action::Wait(_) => {}
                 Action::End(task, ending) => {
                     queue.end(task, ending);
@@ -174,7 +174,7 @@ fn offer(gpus: u32) -> Resources {
     Resources { gpus, ..Resources::default() }
 }
 
-/// A delay may have passed by the store's clock. Some workers die at once.
+/// Claims a task. A delay may have passed by the store's clock. Some workers die at once.
 async fn claim(queue: &mut Queue, twin: &mut Twin, dice: &mut Dice, gpus: u32) {
     let dies = dice.below(5) == 0;
     let ttl = if dies { Duration::ZERO } else { Duration::from_secs(600) };
