@@ -1,6 +1,6 @@
 use thiserror::Error;
 
-/// Why a model cannot be built, trained, saved, loaded or asked.
+/// An error in building, training, saving or loading a model, or in a prediction.
 #[derive(Debug, Error)]
 pub enum ModelError {
     #[error("the model cannot be built: {field} is {value}, allowed: {allowed}")]
