@@ -1,6 +1,6 @@
 use std::ops::Range;
 
-/// Why a simulation has no result.
+/// The reason why a simulation has no result.
 #[derive(Debug, thiserror::Error)]
 pub enum DynamicsError {
     /// The progress callback asked to stop.
