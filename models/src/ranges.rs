@@ -224,13 +224,13 @@ mod tests {
         // 0.3 rad per sample at 60 Hz.
         assert!((trained.rate_rad_s[1].max - 18.0).abs() < 0.5, "{trained:?}");
         assert_eq!(trained.warnings(&robot(2.8, 1.0, 60).observed(40)), []);
-        let told = |u: f32, q: f32| -> Vec<(WarningKind, u32)> {
+        let kinds = |u: f32, q: f32| -> Vec<(WarningKind, u32)> {
             let warnings = trained.warnings(&robot(u, q, 60).observed(40));
             warnings.iter().map(|it| (it.kind, it.joint.unwrap())).collect()
         };
-        assert_eq!(told(30.0, 1.0), [(WarningKind::TorqueRange, 1), (WarningKind::TorqueRange, 2)]);
+        assert_eq!(kinds(30.0, 1.0), [(WarningKind::TorqueRange, 1), (WarningKind::TorqueRange, 2)]);
         let moved = [WarningKind::PositionRange, WarningKind::RateRange];
-        assert_eq!(told(2.8, 1.5), moved.map(|kind| [(kind, 1), (kind, 2)]).concat());
+        assert_eq!(kinds(2.8, 1.5), moved.map(|kind| [(kind, 1), (kind, 2)]).concat());
         let message = &trained.warnings(&robot(30.0, 1.0, 60).observed(40))[0].message;
         assert!(message.ends_with("trained on -2.79 to 2.80 N·m"), "{message}");
     }

@@ -226,8 +226,8 @@ impl Regression {
         let spread = |number: usize| if held[number] { 0.0 } else { prior.spread[number] };
         let precision = DMatrix::from_fn(count, count, |row, column| {
             let (row, column) = (row.max(column), row.min(column));
-            let told = spread(row) * spread(column) * squares[(row, column)];
-            if row == column { told + 1.0 } else { told }
+            let entry = spread(row) * spread(column) * squares[(row, column)];
+            if row == column { entry + 1.0 } else { entry }
         });
         let right = DVector::from_fn(count, |number, _| match held[number] {
             true => 0.0,

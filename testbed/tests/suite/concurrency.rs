@@ -470,14 +470,14 @@ async fn agrees(f: &Fixture, job: &store::Job) {
     let tasks = f.store.tasks(job.id).await.unwrap();
     let any = |state| tasks.iter().any(|task| task.state == state);
     let is_open = any(TaskState::Queued) || any(TaskState::Running) || any(TaskState::Waiting);
-    let told = |task: &store::Task| task.state != TaskState::Running || task.cancel_requested;
+    let ending = |task: &store::Task| task.state != TaskState::Running || task.cancel_requested;
     let fits = match job.state {
         JobState::Waiting => tasks.iter().all(|task| task.state == TaskState::Waiting),
         JobState::Queued => any(TaskState::Queued) && !any(TaskState::Running),
         JobState::Running => is_open,
         JobState::Succeeded => tasks.iter().all(|task| task.state == TaskState::Succeeded),
-        JobState::Failed => any(TaskState::Failed) && tasks.iter().all(told),
-        JobState::Cancelled => tasks.iter().all(told) && !any(TaskState::Queued),
+        JobState::Failed => any(TaskState::Failed) && tasks.iter().all(ending),
+        JobState::Cancelled => tasks.iter().all(ending) && !any(TaskState::Queued),
     };
     let states: Vec<_> = tasks.iter().map(|task| task.state.as_str()).collect();
     assert!(fits, "job {} is {} with tasks {states:?}", job.id, job.state);

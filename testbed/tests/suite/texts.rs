@@ -28,9 +28,9 @@ pub async fn an_unusual_error_comes_back(f: Fixture) {
 pub async fn an_unusual_message_comes_back(f: Fixture) {
     f.submit_one(train(&simulate(1), vec![])).await;
     let task = f.must_claim().await;
-    let told = Progress { done: 3, rate_per_second: Some(0.25), message: Some(UNUSUAL.to_owned()) };
-    f.store.renew(task.fence, LONG, &told).await.unwrap();
-    assert_eq!(f.store.task(task.fence.task).await.unwrap().progress, told);
+    let sent = Progress { done: 3, rate_per_second: Some(0.25), message: Some(UNUSUAL.to_owned()) };
+    f.store.renew(task.fence, LONG, &sent).await.unwrap();
+    assert_eq!(f.store.task(task.fence.task).await.unwrap().progress, sent);
 }
 
 pub async fn a_spec_keeps_every_digit_and_sign(f: Fixture) {
