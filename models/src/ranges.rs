@@ -228,7 +228,10 @@ mod tests {
             let warnings = trained.warnings(&robot(u, q, 60).observed(40));
             warnings.iter().map(|it| (it.kind, it.joint.unwrap())).collect()
         };
-        assert_eq!(kinds(30.0, 1.0), [(WarningKind::TorqueRange, 1), (WarningKind::TorqueRange, 2)]);
+        assert_eq!(
+            kinds(30.0, 1.0),
+            [(WarningKind::TorqueRange, 1), (WarningKind::TorqueRange, 2)]
+        );
         let moved = [WarningKind::PositionRange, WarningKind::RateRange];
         assert_eq!(kinds(2.8, 1.5), moved.map(|kind| [(kind, 1), (kind, 2)]).concat());
         let message = &trained.warnings(&robot(30.0, 1.0, 60).observed(40))[0].message;
