@@ -1,4 +1,4 @@
-//! How tasks end, beside what leases have to do with it.
+//! The ends of tasks, apart from leases.
 
 use serde_json::json;
 use store::{AttemptOutcome, JobState, Page, Retry, TaskState};
