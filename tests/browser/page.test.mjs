@@ -58,7 +58,7 @@ beforeEach(async () => {
 
 const member = (name) => product.pipeline.members.find((it) => it.name === name).job;
 
-/** Nothing was wrong in the console and nothing was asked of another machine. */
+/** Asserts that the console has no errors and that no request went to another machine. */
 function assertClean() {
   assert.deepEqual(complaints, []);
   assert.deepEqual(strangers, []);
@@ -199,7 +199,7 @@ test("the page works without scripts", async () => {
   await context.close();
 });
 
-/** The image that `selector` names has come and is not tiny. */
+/** Asserts that the image at `selector` loads and is not tiny. */
 async function assertLoaded(selector) {
   const image = page.locator(selector);
   await image.waitFor();
@@ -208,7 +208,7 @@ async function assertLoaded(selector) {
   assert.ok(box.width > 200 && box.height > 100, JSON.stringify(box));
 }
 
-/** A figure is an image or inline SVG with a size on the screen. */
+/** Asserts that a figure, an image or inline SVG, has a size on the screen. */
 async function assertFigureIsDrawn() {
   const figure = page.locator("img[src*='.svg'], figure svg, object[data*='.svg']").first();
   await figure.waitFor();
