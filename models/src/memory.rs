@@ -118,22 +118,21 @@ pub fn memory_doubt(spec: &TrainSpec, data: &DataSpec, available: u64) -> Option
         .find(|&parts| counts.memory(spec, parts).peak_bytes <= available);
     let advice = match enough {
         Some(parts) => format!(
-            "with \"gradient_accumulation\": {parts} about {} would do, for the same steps",
+            "with \"gradient_accumulation\": {parts} it needs about {}, and takes the same steps",
             gigabytes(counts.memory(spec, parts).peak_bytes)
         ),
-        None => "no gradient_accumulation makes it fit; a smaller model does".to_owned(),
+        None => "no gradient_accumulation makes it fit; use a smaller model".to_owned(),
     };
     Some(Doubt {
         field: "batch_size".to_owned(),
         value: format!(
-            "{} in {} at once",
+            "{}, {} at a time",
             spec.batch_size,
             spec.batch_size.div_ceil(spec.gradient_accumulation.max(1))
         ),
         reason: format!(
-            "the training needs about {} of memory, {} of it for what its {} parameters bring \
-                 along and {} for a step; the server's machine has {}, and if a worker has no more, \
-                 the system may end it; {advice}",
+            "the training needs about {} of memory: {} for its {} parameters and {} for a step; \
+             the server's machine has {}, and the system may end a worker that has no more; {advice}",
             gigabytes(needed.peak_bytes),
             gigabytes(needed.state_bytes),
             needed.parameters,
@@ -293,7 +292,7 @@ mod tests {
         let small = TrainSpec { batch_size: 64, ..training("cdcnn-tiny", &json!({})) };
         assert_eq!(memory_doubt(&small, &data, 1 << 30), None);
         let Doubt { field, value, reason } = memory_doubt(&large, &data, 1 << 30).unwrap();
-        assert_eq!((field.as_str(), value.as_str()), ("batch_size", "64 in 64 at once"));
+        assert_eq!((field.as_str(), value.as_str()), ("batch_size", "64, 64 at a time"));
         for part in ["parameters", "has 1.00 GiB", "a worker"] {
             assert!(reason.contains(part), "{reason:?} lacks {part:?}");
         }
@@ -304,6 +303,6 @@ mod tests {
 
         let too_large = training("diffuser-paper", &json!({}));
         let doubt = memory_doubt(&too_large, &data, 1 << 30).unwrap();
-        assert!(doubt.reason.contains("a smaller model does"), "{}", doubt.reason);
+        assert!(doubt.reason.contains("use a smaller model"), "{}", doubt.reason);
     }
 }

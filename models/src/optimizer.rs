@@ -68,7 +68,7 @@ impl ModelOptimizer {
             } else if let Some(name) = key.strip_prefix(FIRST_MOMENT) {
                 first.insert(name.to_owned(), tensor);
             } else {
-                return Err(format!("tensor `{key}` is no moment of an optimizer"));
+                return Err(format!("tensor `{key}` is not a moment of an optimizer"));
             }
         }
         check_shapes(model, &first).map_err(|reason| format!("{FIRST_MOMENT}: {reason}"))?;

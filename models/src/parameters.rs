@@ -99,7 +99,7 @@ pub(crate) fn check_shapes(model: &SequenceModel, tensors: &NamedTensors) -> Res
         }
     }
     match tensors.keys().find(|name| !shapes.contains_key(*name)) {
-        Some(name) => Err(format!("tensor `{name}` is no parameter of this model")),
+        Some(name) => Err(format!("tensor `{name}` is not a parameter of this model")),
         None => Ok(()),
     }
 }

@@ -117,6 +117,6 @@ impl Predictor<'_> {
 }
 
 fn not_a_denoiser(field: &'static str) -> ModelError {
-    let allowed = "none, for a model that removes no noise".to_owned();
+    let allowed = "left out, because this model is no denoiser".to_owned();
     ModelError::Sampling { field, value: "given".to_owned(), allowed }
 }

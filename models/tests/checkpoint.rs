@@ -193,7 +193,7 @@ fn moments_that_no_optimizer_has_are_refused() {
         (name, shape, bytes)
     });
     let error = resume_error(&CheckpointFiles { optimizer: negative, ..files });
-    assert!(error.contains("`exp_avg_sq.head.bias` of squares is below 0"), "{error}");
+    assert!(error.contains("`exp_avg_sq.head.bias` has a value below 0"), "{error}");
 }
 
 #[test]
@@ -293,7 +293,7 @@ fn a_weight_that_is_not_a_number_is_refused_by_name() {
     });
     check_refused(
         &CheckpointFiles { model: poisoned, ..files },
-        "tensor `encoder_norm.bias` holds NaN",
+        "tensor `encoder_norm.bias` has NaN",
     );
 }
 
@@ -302,7 +302,7 @@ fn optimizer_state_that_is_missing_or_foreign_is_refused() {
     let files = files();
     let weights = CheckpointFiles { optimizer: files.model.clone(), ..files.clone() };
     let error = resume(&weights).err().unwrap().to_string();
-    assert!(error.contains("optimizer.safetensors") && error.contains("no moment"), "{error}");
+    assert!(error.contains("optimizer.safetensors") && error.contains("not a moment"), "{error}");
 
     let renamed = rewrite(&files.optimizer, |name, shape, bytes| {
         (name.replace("exp_avg_sq.head.bias", "exp_avg_sq.tail"), shape, bytes)

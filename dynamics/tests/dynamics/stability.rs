@@ -47,7 +47,7 @@ fn the_least_inertias_that_stability_is_judged_by_are_those_of_the_nominal_arm()
     }
 }
 
-/// Whether some of 64 trajectories leave the finite numbers.
+/// Whether some of 64 trajectories are not finite.
 fn diverges(damping: f64, substeps: u32) -> bool {
     let fields = json!({
         "robot": {"damping_nm_s_rad": vec![damping; JOINTS], "damping_fraction": 0},

@@ -140,7 +140,7 @@ impl<'a> Experiment<'a> {
             plant.apply(&torques);
             step += count;
             if !plant.is_finite() {
-                failure = Some(format!("the robot left the finite numbers by sample {step}"));
+                failure = Some(format!("the robot's state is not finite at sample {step}"));
             }
             advance(&mut plan, count);
         }

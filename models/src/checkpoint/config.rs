@@ -93,7 +93,7 @@ impl CheckpointConfig {
     pub fn parse(bytes: &[u8]) -> Result<Self, ModelError> {
         let damaged = |reason| ModelError::CheckpointFile { file: CONFIG_FILE, reason };
         let value: serde_json::Value = serde_json::from_slice(bytes)
-            .map_err(|error| damaged(format!("is no JSON: {error}")))?;
+            .map_err(|error| damaged(format!("is not JSON: {error}")))?;
         // The version is checked first, because a newer version may have changed all other fields.
         let version = value.get("format_version").and_then(serde_json::Value::as_u64);
         match version {
@@ -132,29 +132,29 @@ impl CheckpointConfig {
             .map_err(|error| error.to_string())?;
         if self.horizon != horizon {
             let found = self.horizon;
-            return Err(format!("horizon is {found}, samples less context are {horizon}"));
+            return Err(format!("horizon is {found}, expected {horizon}, samples - context"));
         }
         self.model.check_options().map_err(|error| error.to_string())?;
         let parameters =
             parameter_count(&self.model, self.extents()).map_err(|error| error.to_string())?;
         if self.parameters != parameters {
             let found = self.parameters;
-            return Err(format!("parameters is {found}, a model of this spec has {parameters}"));
+            return Err(format!("parameters is {found}, expected {parameters} for this model"));
         }
         if !(self.rate_hz.is_finite() && self.rate_hz > 0.0) {
             return Err(format!("rate_hz is {}, expected a positive number", self.rate_hz));
         }
         if !self.ranges.as_ref().is_none_or(|ranges| ranges.is_usable(self.joints)) {
             let joints = self.joints;
-            return Err(format!("ranges needs [min, max] of {joints} joints, finite and in order"));
+            return Err(format!("ranges needs finite [min, max] of {joints} joints, min first"));
         }
         if ![0, self.joints].contains(&self.limits_rad.len()) {
             let (found, joints) = (self.limits_rad.len(), self.joints);
-            return Err(format!("limits_rad has {found} ranges, the arm has {joints} joints"));
+            return Err(format!("limits_rad has {found} ranges, expected {joints}, one per joint"));
         }
         match &self.normalizer {
             Normalizer::Dataset(statistics) if !statistics.is_usable(self.joints) => Err(format!(
-                "normalizer needs finite means and deviations above 0 of {} joints",
+                "normalizer needs a finite mean and a deviation above 0 for each of {} joints",
                 self.joints
             )),
             _ => Ok(()),

@@ -130,7 +130,10 @@ impl TrainingState {
         steps: u64,
     ) -> Result<ModelOptimizer, ModelError> {
         if let Some(name) = self.weights.keys().next() {
-            let reason = format!("tensor `{WEIGHTS}{name}` is of a training with averaged weights");
+            let reason = format!(
+                "tensor `{WEIGHTS}{name}` belongs to a training with averaged weights, and \
+                 {CONFIG_FILE} has no `ema`"
+            );
             return Err(damaged_optimizer(reason));
         }
         let negative = |(name, tensor): (&String, &NamedTensor)| {
@@ -138,12 +141,12 @@ impl TrainingState {
             (is_square && tensor.values.iter().any(|&value| value < 0.0)).then(|| name.clone())
         };
         if let Some(name) = self.moments.iter().find_map(negative) {
-            return Err(damaged_optimizer(format!("tensor `{name}` of squares is below 0")));
+            return Err(damaged_optimizer(format!("tensor `{name}` has a value below 0")));
         }
         // Adam's bias correction raises its betas to this power, an `i32` in burn.
         let steps =
             i32::try_from(steps).ok().and_then(|steps| usize::try_from(steps).ok()).ok_or_else(
-                || damaged_optimizer(format!("step {steps} is beyond the {} of Adam", i32::MAX)),
+                || damaged_optimizer(format!("step is {steps}, Adam allows up to {}", i32::MAX)),
             )?;
         ModelOptimizer::from_state(spec, model, self.moments, steps).map_err(damaged_optimizer)
     }

@@ -52,7 +52,7 @@ pub(crate) fn encode(file: &'static str, tensors: &NamedTensors) -> Result<Vec<u
 pub(crate) fn decode(file: &'static str, bytes: &[u8]) -> Result<NamedTensors, ModelError> {
     let damaged = |reason| ModelError::CheckpointFile { file, reason };
     let parsed = SafeTensors::deserialize(bytes)
-        .map_err(|error| damaged(format!("is no safetensors file: {error}")))?;
+        .map_err(|error| damaged(format!("is not a safetensors file: {error}")))?;
     let mut tensors = NamedTensors::new();
     for (name, view) in parsed.iter() {
         if view.dtype() != Dtype::F32 {
@@ -62,7 +62,7 @@ pub(crate) fn decode(file: &'static str, bytes: &[u8]) -> Result<NamedTensors, M
         let (numbers, _) = view.data().as_chunks::<4>();
         let values: Vec<f32> = numbers.iter().map(|&bytes| f32::from_le_bytes(bytes)).collect();
         if let Some(value) = values.iter().find(|value| !value.is_finite()) {
-            return Err(damaged(format!("tensor `{name}` holds {value}")));
+            return Err(damaged(format!("tensor `{name}` has {value}, expected finite values")));
         }
         tensors.insert(name.to_owned(), NamedTensor { shape: view.shape().to_vec(), values });
     }

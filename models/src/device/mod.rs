@@ -51,11 +51,12 @@ pub(crate) fn host_values<const D: usize>(tensor: Tensor<D>) -> Result<Vec<f32>,
 /// Why a device cannot be used.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum DeviceError {
-    #[error("there is no device `{name}`, this program has {}", built())]
+    #[error("unknown device `{name}`, allowed: {}", built())]
     Unknown { name: String },
 
     #[error(
-        "this program was built without device `{kind}`: build it with `--features {kind}`; it has {}",
+        "this program was built without device `{kind}`, allowed: {}; build it with \
+         `--features {kind}`",
         built()
     )]
     NotBuilt { kind: DeviceKind },
