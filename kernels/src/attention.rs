@@ -98,9 +98,9 @@ pub(super) fn plain(
     mixed.swap_dims(1, 2).reshape([batch, tokens, d_model])
 }
 
-/// With P = softmax(S), S = Q Kᵀ / √width and O = P V: dV = Pᵀ dO, dP = dO Vᵀ, dS = P (dP - Σ P
-/// dP), dQ = dS K / √width, dK = dSᵀ Q / √width. With a dropout mask M, O = (M P) V, dV = (M P)ᵀ dO
-/// and dP = M (dO Vᵀ).
+/// With P = softmax(S), S = Q Kᵀ / √width and O = P V:
+/// dV = Pᵀ dO, dP = dO Vᵀ, dS = P (dP - Σ P dP), dQ = dS K / √width, dK = dSᵀ Q / √width.
+/// With a dropout mask M, O = (M P) V, dV = (M P)ᵀ dO and dP = M (dO Vᵀ).
 ///
 /// A block of rows of P is computed at a time and stays in a core's cache. The backward pass
 /// computes it again, as in FlashAttention (Dao et al. 2022), because P is by far the largest array

@@ -1,8 +1,8 @@
 //! Velocities, accelerations and torques around one sample of a trajectory.
 //!
-//! Positions are sampled, and everything else is a difference. The mean velocity between samples k
-//! - 1 and k is (q_k - q_{k-1}) / h, with the sampling time h. From there to the next sampling time
-//! it changes by h times the acceleration at sample k.
+//! Positions are sampled, and everything else is a difference. The mean velocity from sample k - 1
+//! to sample k is (q_k - q_{k-1}) / h, with the sampling time h. From there to the next sampling
+//! time it changes by h times the acceleration at sample k.
 
 /// The velocity and torque of one joint around one sample, as the law takes them.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
