@@ -3,7 +3,8 @@ use std::f64::consts::TAU;
 use crate::metrics::LowPass;
 
 /// The frequency above which the power of a prediction is jitter, Hz. It is 1.5 times the signal's
-/// highest component, plus the width by which a series as short as the horizon smears a component.
+/// highest component, and at least that component plus the width by which a series as short as the
+/// horizon smears it.
 ///
 /// `None` if less than a tenth of all frequencies lies above.
 pub fn band_edge_hz(highest_component_hz: f64, horizon: usize, rate_hz: f64) -> Option<f64> {
